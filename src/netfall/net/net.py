@@ -1,0 +1,99 @@
+"""The net: nodes and cables as they were given, before anything is computed. Plain arrays, in global order.
+
+At the level of the net one speaks of nodes and cables; the solver's particles and elements are these same
+rows, in the same order, after subdivision.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+GRAVITY = 9.81  # m/s2, for self weight and for the mass of the dead load
+
+
+@dataclass
+class Net:
+    """Particles and elements of a net with their sections.
+
+    x : (n, 3) [m] start geometry; fixed : (n, 3) bool, per axis
+    load : (n, 3) [N]; mass : (n,) [kg] carried; area : (n,) [m2] tributary, nan: from the faces
+    elements : (m, 2) particle numbers; group : (m,) row of group_names
+    section : (m,) [m2]; modulus, yield_stress : (m,) [Pa], inf: elastic; density : (m,) [kg/m3]
+    fracture_strain : (m,), inf: never breaks; bar : (m,) bool, carries compression
+    prestress : (m,) [N]; force_density : (m,) [N/m], nan: none; unstressed_length : (m,) [m], nan: none
+    outline : (s, 2) segments of the rigid boundary in plan, which close faces but are no elements; numbers from
+        n on are rows of `corners` (k, 3) [m], points of the boundary without a particle
+    """
+
+    x: np.ndarray
+    fixed: np.ndarray
+    elements: np.ndarray
+    group: np.ndarray
+    group_names: list[str]
+    node_id: np.ndarray = None
+    element_id: np.ndarray = None
+    load: np.ndarray = None
+    mass: np.ndarray = None
+    area: np.ndarray = None
+    force_density: np.ndarray = None
+    unstressed_length: np.ndarray = None
+    section: np.ndarray = None
+    modulus: np.ndarray = None
+    density: np.ndarray = None
+    prestress: np.ndarray = None
+    yield_stress: np.ndarray = None
+    fracture_strain: np.ndarray = None
+    bar: np.ndarray = None
+    outline: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.int64))
+    corners: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+
+    def __post_init__(self):
+        n, m = len(self.x), len(self.elements)
+        empty = {"node_id": np.arange(n), "element_id": np.arange(m), "load": np.zeros((n, 3)), "mass": np.zeros(n),
+                 "area": np.full(n, np.nan), "force_density": np.full(m, np.nan), "unstressed_length": np.full(m, np.nan)}
+        for name, value in empty.items():
+            if getattr(self, name) is None:
+                setattr(self, name, value)
+
+    @property
+    def n(self) -> int:
+        """Number of particles."""
+        return len(self.x)
+
+    @property
+    def m(self) -> int:
+        """Number of elements."""
+        return len(self.elements)
+
+    def lengths(self) -> np.ndarray:
+        """Lengths of the elements (m,) [m] in the start geometry."""
+        return np.linalg.norm(self.x[self.elements[:, 1]] - self.x[self.elements[:, 0]], axis=1)
+
+    def element_mass(self) -> np.ndarray:
+        """Masses of the elements (m,) [kg] over the start geometry's lengths."""
+        return self.density * self.section * self.lengths()
+
+
+def subdivide(net: Net, parts: int) -> Net:
+    """The net with each element in `parts` equal ones; new particles follow the old ones, free and without load."""
+    if parts == 1:
+        return net
+    n, m = net.n, net.m
+    inner = n + np.arange(m * (parts - 1)).reshape(m, parts - 1)
+    chain = np.column_stack([net.elements[:, :1], inner, net.elements[:, 1:]])
+    share = (np.arange(1, parts) / parts)[None, :, None]
+    start, end = net.x[net.elements[:, 0], None], net.x[net.elements[:, 1], None]
+    new = ((1 - share) * start + share * end).reshape(-1, 3)
+    k = len(new)
+    grow = lambda a, value: np.concatenate([a, np.full((k,) + a.shape[1:], value, a.dtype)])
+    each = lambda a: np.repeat(a, parts, axis=0)
+    per_element = ("group", "element_id", "force_density", "section", "modulus", "density", "prestress",
+                   "yield_stress", "fracture_strain", "bar")
+    return replace(
+        net, x=np.concatenate([net.x, new]), fixed=grow(net.fixed, False), load=grow(net.load, 0.0), mass=grow(net.mass, 0.0),
+        area=grow(net.area, np.nan if np.isnan(net.area).any() else 0.0),
+        node_id=np.concatenate([net.node_id, net.node_id.max() + 1 + np.arange(k)]),
+        elements=np.stack([chain[:, :-1], chain[:, 1:]], -1).reshape(-1, 2),
+        unstressed_length=each(net.unstressed_length) / parts, outline=np.where(net.outline >= n, net.outline + k, net.outline),
+        **{name: each(getattr(net, name)) for name in per_element if getattr(net, name) is not None} | {
+            "force_density": each(net.force_density) * parts})

@@ -1,0 +1,66 @@
+"""Progress on rank 0: a bar on a terminal (tqdm), sparse plain lines elsewhere, nothing when quiet."""
+
+import sys
+import time
+
+from tqdm import tqdm
+
+LINE_EVERY = 10.0  # s between plain lines, at the least
+
+
+class Progress:
+    """Messages and progress of a run. On ranks other than 0, and when quiet, it prints nothing."""
+
+    def __init__(self, shown: bool, verbose: bool = False, stream=None):
+        self.shown, self.verbose = shown, verbose
+        self.stream = stream or sys.stdout
+        self._bar = None
+        self._started = self._last = time.perf_counter()
+        self._percent = -100.0
+
+    def say(self, text: str) -> None:
+        """A line of its own."""
+        if self.shown:
+            self.end()
+            print(text, file=self.stream, flush=True)
+
+    def detail(self, text: str) -> None:
+        """A line for --verbose."""
+        if self.verbose:
+            self.say(text)
+
+    def start(self) -> None:
+        """A new stage begins: time left counts from here."""
+        self.end()
+        self._started = self._last = time.perf_counter()
+        self._percent = -100.0
+
+    def at(self, share: float, done: str, rate: str, note: str) -> None:
+        """share : of the stage, 0 to 1; done : "t = 1.2 s"; note : slack and broken counts."""
+        if not self.shown:
+            return
+        now = time.perf_counter()
+        passed = now - self._started
+        left = passed * (1 - share) / share if share > 0 else float("nan")
+        if self.stream.isatty():
+            if self._bar is None:
+                self._bar = tqdm(total=100, file=self.stream, bar_format="{percentage:3.0f}% |{bar:24}| {postfix}", leave=True)
+            self._bar.n = 100 * share
+            self._bar.set_postfix_str(f"{done}  {rate}  left {_duration(left)}  {note}")
+        elif now - self._last >= LINE_EVERY and 100 * share - self._percent >= 5 or share >= 1.0:
+            print(f"{100 * share:3.0f} %  {done}  {rate}  left {_duration(left)}  {note}", file=self.stream, flush=True)
+            self._last, self._percent = now, 100 * share
+
+    def end(self) -> None:
+        """Close the bar, if there is one."""
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None
+
+
+def _duration(seconds: float) -> str:
+    if not seconds < 1e9:
+        return "?"
+    minutes, seconds = divmod(int(round(seconds)), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"

@@ -1,0 +1,98 @@
+"""The /VTKHDF group: a temporal UnstructuredGrid of lines, one part a step, that ParaView opens as a series.
+
+Rows are in global order: the net's particles, then those that split off, by number; the elements by number.
+Every step has its own Points; the connectivity is written anew only when elements have parted since the step
+before. (VTKHDF 2.2; the reader wants one more entry in Offsets than cells, for each part.)
+"""
+
+import h5py
+import numpy as np
+
+from netfall.output.h5 import SharedFile
+
+LINE = 3  # VTK's number for this kind of cell
+POINT_FIELDS = {"displacement": (np.float32, (3,)), "velocity": (np.float32, (3,)), "GlobalPointId": (np.int64, ())}
+CELL_FIELDS = {"tension": (np.float32, ()), "strain": (np.float32, ()), "plastic_strain": (np.float32, ()),
+               "broken": (np.uint8, ()), "group": (np.int32, ()), "GlobalCellId": (np.int64, ())}
+
+
+class VtkSeries:
+    """Appends steps to /VTKHDF. Methods are collective; offsets are kept and written by `finish`."""
+
+    def __init__(self, file: SharedFile):
+        self.file = file
+        file.create("VTKHDF/Points", np.float64, (3,))
+        for name, dtype in (("Connectivity", np.int64), ("Offsets", np.int64), ("Types", np.uint8)):
+            file.create(f"VTKHDF/{name}", dtype)
+        for group, fields in (("PointData", POINT_FIELDS), ("CellData", CELL_FIELDS)):
+            for name, (dtype, tail) in fields.items():
+                file.create(f"VTKHDF/{group}/{name}", dtype, tail)
+        self.parts: list[tuple[int, int]] = []  # points and cells of each part
+        self.steps: list[dict] = []
+        self._mesh: dict = {}
+
+    def write_mesh(self, connectivity: np.ndarray, point_data: dict, cell_data: dict, points: int, cells: int) -> None:
+        """New connectivity, this rank's block (c, 2) of global point rows, and the fields that change only with it."""
+        low = int(self.file.blocks.bounds(cells)[self.file.comm.rank])
+        self._mesh = {"part": len(self.parts), "cells": self.file.append("VTKHDF/Types", np.full(len(connectivity), LINE), cells)}
+        self._mesh["connectivity"] = self._append_pairs(connectivity, cells)
+        self._append_offsets(low, len(connectivity), cells)
+        self._mesh |= self._append_fields(point_data, cell_data, points, cells)
+        self.parts.append((points, cells))
+
+    def _append_fields(self, point_data, cell_data, points, cells):
+        return {f"{group}/{name}": self.file.append(f"VTKHDF/{group}/{name}", block, total)
+                for group, data, total in (("PointData", point_data, points), ("CellData", cell_data, cells))
+                for name, block in data.items()}
+
+    def _append_pairs(self, connectivity, cells):
+        file = self.file
+        if not file.writes:
+            return 0
+        dataset = file.file["VTKHDF/Connectivity"]
+        first = dataset.shape[0]
+        dataset.resize(first + 2 * cells, axis=0)
+        file._write(dataset, connectivity.reshape(-1), first + 2 * file.blocks.bounds(cells)[file.comm.rank])
+        return first
+
+    def _append_offsets(self, low, count, cells):
+        file = self.file
+        if not file.writes:
+            return
+        dataset = file.file["VTKHDF/Offsets"]
+        first = dataset.shape[0]
+        dataset.resize(first + cells + 1, axis=0)
+        leading = low == 0 and file.comm.rank == 0
+        offsets = 2 * np.arange(low + (0 if leading else 1), low + count + 1)
+        file._write(dataset, offsets, first + (0 if leading else low + 1))
+
+    def write_step(self, time: float, positions: np.ndarray, point_data: dict, cell_data: dict, points: int, cells: int) -> None:
+        """A step on the mesh written last: this rank's blocks of positions and fields; points and cells in all."""
+        start = self.file.append("VTKHDF/Points", positions, points)
+        self.steps.append({"time": time, "points": start, **self._mesh, **self._append_fields(point_data, cell_data, points, cells)})
+
+    def finish(self, file: h5py.File) -> None:
+        """Attributes, part sizes and step offsets, written by rank 0 into the reopened file."""
+        group = file["VTKHDF"]
+        group.attrs["Version"] = np.array([2, 2], np.int64)
+        kind = b"UnstructuredGrid"
+        group.attrs.create("Type", kind, dtype=h5py.string_dtype("ascii", len(kind)))
+        sizes = np.array(self.parts, np.int64).reshape(-1, 2)
+        for name, values in (("NumberOfPoints", sizes[:, 0]), ("NumberOfCells", sizes[:, 1]), ("NumberOfConnectivityIds", 2 * sizes[:, 1])):
+            _growing(group, name, values)
+        steps = group.create_group("Steps")
+        steps.attrs["NSteps"] = np.int64(len(self.steps))
+        column = lambda key: np.array([s[key] for s in self.steps], np.int64)
+        _growing(steps, "Values", np.array([s["time"] for s in self.steps], np.float64))
+        _growing(steps, "PartOffsets", column("part"))
+        _growing(steps, "NumberOfParts", np.ones(len(self.steps), np.int64))
+        _growing(steps, "PointOffsets", column("points"))
+        _growing(steps, "CellOffsets", column("cells")[:, None])
+        _growing(steps, "ConnectivityIdOffsets", column("connectivity")[:, None])
+        for data, fields in (("PointData", POINT_FIELDS), ("CellData", CELL_FIELDS)):
+            for name in fields:
+                _growing(steps, f"{data}Offsets/{name}", column(f"{data}/{name}"))
+
+
+def _growing(group, name, values):
+    group.create_dataset(name, data=values, maxshape=(None, *values.shape[1:]), chunks=(max(1, min(len(values), 1024)), *values.shape[1:]))

@@ -1,0 +1,46 @@
+"""From owned rows, scattered over the global order, to contiguous blocks of it that can be written in one piece."""
+
+import numpy as np
+from mpi4py import MPI
+
+
+class Blocks:
+    """Cuts the global rows 0 to total into one block for each writing rank: all of them, or rank 0 alone."""
+
+    def __init__(self, comm: MPI.Comm, all_write: bool):
+        self.comm = comm
+        self.all_write = all_write
+
+    def bounds(self, total: int) -> np.ndarray:
+        """First row of each rank's block, and the end (ranks + 1,)."""
+        ranks = self.comm.size
+        if self.all_write:
+            return np.arange(ranks + 1) * total // ranks
+        return np.array([0] + [total] * ranks)
+
+    def collect(self, row: np.ndarray, values: np.ndarray, total: int) -> np.ndarray:
+        """This rank's block (rows, k) of a global array (total, k). Collective.
+
+        row : (r,) global rows that this rank holds; values : (r, k). Each global row is held by one rank.
+        """
+        bounds = self.bounds(total)
+        to = np.searchsorted(bounds, row, side="right") - 1
+        if not self.all_write:
+            to[:] = 0
+        order = np.argsort(to, kind="stable")
+        sends = np.bincount(to, minlength=self.comm.size)
+        receives = np.empty_like(sends)
+        self.comm.Alltoall(sends, receives)
+        rows = self._move(np.ascontiguousarray(row[order], np.int64)[:, None], sends, receives)[:, 0]
+        moved = self._move(np.ascontiguousarray(values[order], np.float64), sends, receives)
+        low, high = bounds[self.comm.rank], bounds[self.comm.rank + 1]
+        block = np.empty((high - low, values.shape[1]))
+        block[rows - low] = moved
+        return block
+
+    def _move(self, values, sends, receives):
+        k = values.shape[1]
+        out = np.empty((int(receives.sum()), k), values.dtype)
+        kind = MPI.DOUBLE if values.dtype == np.float64 else MPI.INT64_T
+        self.comm.Alltoallv([values, sends * k, kind], [out, receives * k, kind])
+        return out

@@ -1,0 +1,95 @@
+"""METIS partitions of the net's graph, and their files in METIS's own text formats.
+
+A particle is a vertex, weighted by its elements; an element is an edge. The files are those of gpmetis:
+NAME.graph (`n edges 010`, then for each vertex its weight and its neighbours, from 1) and NAME.graph.part.P
+(for each vertex its part, from 0).
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pymetis
+
+from netfall.errors import InputError
+
+SEED = 1
+FOLDER = Path("partitions")
+
+
+def graph_of(n: int, elements: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Adjacency of the net's graph: xadj (n + 1,), adjncy, and vertex weights (n,), the number of elements."""
+    both = np.concatenate([elements, elements[:, ::-1]])
+    key = np.unique(both[:, 0] * np.int64(n) + both[:, 1])  # elements side by side are one edge
+    xadj = np.zeros(n + 1, np.int64)
+    np.cumsum(np.bincount(key // n, minlength=n), out=xadj[1:])
+    return xadj, key % n, np.bincount(elements.ravel(), minlength=n)
+
+
+def metis_partition(n: int, elements: np.ndarray, parts: int) -> np.ndarray:
+    """Part of each particle (n,), by METIS's k-way method with a fixed seed."""
+    if parts == 1 or n == 0:
+        return np.zeros(n, np.int32)
+    xadj, adjncy, weight = graph_of(n, elements)
+    options = pymetis.Options(seed=SEED)
+    _, part = pymetis.part_graph(parts, pymetis.CSRAdjacency(xadj, adjncy), vweights=weight, recursive=False, options=options)
+    return np.array(part, np.int32)
+
+
+def graph_text(n: int, elements: np.ndarray) -> str:
+    """The net's graph as the text of a METIS graph file."""
+    xadj, adjncy, weight = graph_of(n, elements)
+    neighbours = (adjncy + 1).astype(str).tolist()
+    lines = [f"{n} {len(adjncy) // 2} 010"]
+    lines += [" ".join([str(weight[p])] + neighbours[xadj[p]:xadj[p + 1]]) for p in range(n)]
+    return "\n".join(lines) + "\n"
+
+
+def edge_cut(elements: np.ndarray, part: np.ndarray) -> int:
+    """Number of elements whose ends are in different parts."""
+    return int((part[elements[:, 0]] != part[elements[:, 1]]).sum())
+
+
+def imbalance(elements: np.ndarray, part: np.ndarray, parts: int) -> float:
+    """Work of the fullest part over the mean; 1 is perfect."""
+    load = np.bincount(part[elements.ravel()], minlength=parts)
+    return float(load.max() / max(load.mean(), 1e-300))
+
+
+def write_partition(name: str, n: int, elements: np.ndarray, parts: int, folder: Path = FOLDER) -> np.ndarray:
+    """Partition the net and write NAME.graph and NAME.graph.part.P; the part of each particle (n,)."""
+    part = metis_partition(n, elements, parts)
+    folder.mkdir(parents=True, exist_ok=True)
+    for path, text in ((folder / f"{name}.graph", graph_text(n, elements)),
+                       (folder / f"{name}.graph.part.{parts}", "".join(f"{p}\n" for p in part))):
+        new = path.with_name(path.name + ".new")
+        new.write_text(text)
+        new.replace(path)
+    return part
+
+
+def read_partition(name: str, n: int, elements: np.ndarray, parts: int, folder: Path = FOLDER) -> np.ndarray | None:
+    """The part of each particle (n,) from the files of `netfall partition`, None where there are none.
+
+    Raises InputError if the files belong to another net or are damaged.
+    """
+    graph, path = folder / f"{name}.graph", folder / f"{name}.graph.part.{parts}"
+    if parts == 1 or not path.exists():
+        return None
+    again = f"run `netfall partition JOB -n {parts}` again, or remove the file"
+    try:
+        lines = [line.split() for line in graph.read_text().splitlines() if not line.startswith("%")]
+        words = path.read_text().split()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{graph}: cannot be read ({error}); {path} needs it; {again}") from None
+    if lines != [line.split() for line in graph_text(n, elements).splitlines()]:
+        head = " ".join(lines[0][:2]) if lines else "nothing"
+        edges = len(graph_of(n, elements)[1]) // 2
+        raise InputError(f"{graph}: belongs to another net (it has {head} vertices and edges, the job's net {n} {edges}); {again}")
+    try:
+        part = np.array(words, np.int64)
+        valid = len(part) == n and (n == 0 or (part.min() >= 0 and part.max() < parts))
+    except (ValueError, OverflowError):
+        valid = False
+    if not valid:
+        raise InputError(f"{path}: damaged; expected {n} numbers from 0 to {parts - 1}, a line each; {again}")
+    return part.astype(np.int32)

@@ -1,0 +1,33 @@
+"""Work that rank 0 does alone, so that an error there reaches every rank before any of them waits for another."""
+
+from collections.abc import Callable
+from typing import Any
+
+from mpi4py import MPI
+
+
+def on_root(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
+    """Result of `work()` on rank 0, None elsewhere; what it raises there is raised on every rank. Collective."""
+    result = error = None
+    if comm.rank == 0:
+        try:
+            result = work()
+        except Exception as raised:
+            error = raised
+    error = comm.bcast(error)
+    if error is not None:
+        raise error
+    return result
+
+
+def on_all(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
+    """Result of `work()` on every rank; an error on any of them is raised on all, the lowest rank's. Collective."""
+    result = error = None
+    try:
+        result = work()
+    except Exception as raised:
+        error = raised
+    errors = [e for e in comm.allgather(error) if e is not None]
+    if errors:
+        raise errors[0]
+    return result

@@ -1,0 +1,229 @@
+"""The dynamic stage: from the initial state through gusts and fractures to the end (paper 2.5 step 3, 3, 4)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.errors import DivergedError
+from netfall.mechanics.state import State
+from netfall.net.net import Net
+from netfall.output.progress import Progress
+from netfall.output.result import Result
+from netfall.parallel.halo import Halo
+from netfall.solve.energy import take_snapshot, total_energies
+from netfall.solve.fracture import split_particles
+from netfall.solve.stepping import halo_width, run_steps
+from netfall.solve.windload import WindLoad
+
+ROUNDING = 1e-9  # of a step: a time this close to one counts as on it
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Steps of one length dt [s], and the step numbers at which something is due."""
+
+    dt: float
+    steps: int
+    history: np.ndarray
+    frames: np.ndarray
+
+    def step_at(self, time: float) -> int:
+        """First step at or after a time [s]."""
+        return int(np.ceil(time / self.dt - ROUNDING))
+
+
+def make_schedule(limit: float, dynamics, output) -> Schedule:
+    """Steps for the job: its own length, or for "auto" the largest within `limit` [s] that fits the history rows."""
+    if dynamics.time_step == "auto":
+        every = min(output.history, dynamics.duration)
+        dt = every / np.ceil(every / (dynamics.safety * limit) - ROUNDING)
+    else:
+        dt = dynamics.time_step
+    steps = max(1, int(np.ceil(dynamics.duration / dt - ROUNDING)))
+    rows = np.arange(int(np.floor(steps * dt / output.history + ROUNDING)) + 1) * output.history
+    frames = np.linspace(0.0, steps * dt, output.frames + 1)
+    at = lambda times: np.unique(np.append(np.minimum(np.ceil(times / dt - ROUNDING), steps), steps)).astype(np.int64)
+    return Schedule(float(dt), steps, at(rows), at(frames))
+
+
+@dataclass
+class Probes:
+    """Particles and elements whose histories are kept, in global numbers."""
+
+    particles: np.ndarray
+    elements: np.ndarray
+
+
+def find_probes(net: Net, places) -> Probes:
+    """The particles nearest in plan to the places (p, 2) [m], and the elements that meet there."""
+    particles = [int(np.argmin(np.sum((net.x[:, :2] - np.array(place)) ** 2, axis=1))) for place in places]
+    return Probes(np.array(particles, np.int64), np.flatnonzero(np.isin(net.elements, particles).any(1)))
+
+
+class Simulation:
+    """One run of the dynamic stage on all ranks.
+
+    Order of events at a step n: the wind moves on to the samples around t(n); the history row; the frame; then
+    the steps to the next target, in which elements part as they reach their fracture strain.
+    """
+
+    def __init__(self, comm: MPI.Comm, state: State, result: Result, schedule: Schedule, job, wind: WindLoad | None,
+                 probes: Probes, start_strain: float, start_plastic: float, progress: Progress):
+        self.comm, self.state, self.result, self.schedule = comm, state, result, schedule
+        self.zeta = job.dynamics.damping
+        self.self_weight = bool(job.load and job.load.self_weight)
+        self.after_fracture = job.wind.after_fracture if job.wind else "none"
+        self.wind = wind
+        self.progress = progress
+        self.halo = Halo(comm, result.distribution.piece, halo_width(state))
+        self.n = 0  # step number: x(n), v(n-1/2)
+        self.before_dt = 0.0
+        self.events: list = []  # of this rank, not yet shared
+        self.start_strain, self.start_plastic = start_strain, start_plastic  # J; energies count from here
+        self.largest_work = 0.0
+        self.slack = 0
+        self._find_probes(probes)
+
+    @property
+    def time(self) -> float:
+        """Time [s] of the present step."""
+        return self.n * self.schedule.dt
+
+    def run(self) -> None:
+        """From step 0 to the last."""
+        history, frames = set(self.schedule.history.tolist()), set(self.schedule.frames.tolist())
+        targets = np.union1d(self.schedule.history, self.schedule.frames).tolist()
+        self.progress.start()
+        for target in targets:
+            self.advance_to(target)
+            if self.wind:
+                self.wind.advance(self.state, self.time + ROUNDING * self.schedule.dt)
+            snapshot = take_snapshot(self.state, self.before_dt, self.schedule.dt, self.zeta, self.wind_share())
+            self.share_events(self._slack_here(snapshot))
+            if target in history:
+                self.write_history(snapshot)
+            if target in frames:
+                self.result.write_frame(self.time, self.state, snapshot)
+            self.report()
+        self.result.write_final(self.state, snapshot)
+        self.halo.free()
+
+    def wind_share(self) -> float:
+        """Place of the present time between the wind's two samples."""
+        return (self.time - self.wind.time) / self.wind.dt if self.wind else 0.0
+
+    def advance_to(self, target: int) -> None:
+        """Step to number `target`, with the wind moving on where it is due."""
+        while self.n < target:
+            if self.wind:
+                self.wind.advance(self.state, self.time + ROUNDING * self.schedule.dt)
+                due = self.wind.next_time
+                stop = min(target, self.schedule.step_at(due)) if due < np.inf else target
+            else:
+                stop = target
+            if self.after_fracture == "all" and not self.result.events:
+                self.advance_until_first_fracture(stop)
+            else:
+                self.advance_block(stop)
+
+    def advance_block(self, stop: int) -> None:
+        """Step to number `stop` without a word to ranks that are not neighbours."""
+        wind_time, wind_dt = (self.wind.time, self.wind.dt) if self.wind else (0.0, 1.0)
+        dt = self.schedule.dt
+        while self.n < stop:
+            done, count, error = run_steps(self.state, self.halo, self.n, stop - self.n, self.before_dt, dt, self.zeta, wind_time, wind_dt)
+            if error:
+                raise MPI.Exception(error)
+            self.n += done
+            self.before_dt = dt
+            if count:
+                piece = self.result.distribution.piece
+                parted = split_particles(self.state, count, self.n - 1, self.result.distribution.n, piece.element_gid,
+                                         self.self_weight, self.after_fracture != "particle", dt)
+                self.events += [((self.n - 1) * dt, event) for event in parted]
+
+    def advance_until_first_fracture(self, stop: int) -> None:
+        """For after_fracture = "all": the whole wind ends with the first fracture, at the same step on all ranks.
+
+        A rank learns of a fracture elsewhere only at the end of a block. The block that holds the first one is
+        therefore taken back and stepped again to just behind it; no step waits for a reduction.
+        """
+        begin, kept = (self.n, self.before_dt, len(self.events)), self.state.copy()
+        self.advance_block(stop)
+        mine = min((event.step for _, event in self.events), default=stop)
+        first = self.comm.allreduce(mine, MPI.MIN)
+        if first < stop:
+            self.n, self.before_dt, count = begin
+            self.events, self.state = self.events[:count], kept
+            self.advance_block(first + 1)
+            self.state.wind[:] = 0.0
+            self.share_events()
+
+    def share_events(self, slack_here: int = 0) -> None:
+        """Broadcast the fractures since the last time, so that every rank knows all of them; count slack cables."""
+        events, self.slack = self.comm.allreduce(np.array([len(self.events), slack_here])).tolist()
+        if events:
+            self.result.add_events([event for part in self.comm.allgather(self.events) for event in part])
+            self.events = []
+
+    def _slack_here(self, snapshot) -> int:
+        s = self.state
+        return int(((snapshot.N == 0.0) & (s.bar == 0) & (s.broken == 0) & (s.owned == 1)).sum())
+
+    def write_history(self, snapshot) -> None:
+        """One row of /history, and the probes'."""
+        e = total_energies(self.comm, self.state, snapshot)
+        strain, plastic = e.strain - self.start_strain, e.plastic - self.start_plastic
+        self.largest_work = max(self.largest_work, abs(e.external))
+        scale = self.largest_work or 1.0
+        identity = e.kinetic + e.internal + e.damping - e.external
+        balance = e.kinetic + strain + plastic + e.damping - e.external
+        self.result.history.append([self.time, self.schedule.dt, e.kinetic, strain, plastic, e.damping, e.external,
+                                    identity / scale, balance / scale, self.slack, len(self.result.broken)])
+        self.result.probes.append(self._probe_values(snapshot))
+        if not np.isfinite(e.kinetic) or e.kinetic > 2 * (self.largest_work + self.start_strain) + 1e-9:
+            self.stop_diverged(snapshot, e.kinetic)
+
+    def stop_diverged(self, snapshot, kinetic: float) -> None:
+        """Name the fastest particle and the element with the largest strain, and stop on every rank."""
+        speed = np.nan_to_num(np.abs(snapshot.velocity).max(1, initial=0.0), nan=np.inf)
+        strain = np.nan_to_num(np.abs(snapshot.eps), nan=np.inf)
+        piece = self.result.distribution.piece
+        here = (speed.max(initial=-1.0), int(self.state.gid[snapshot.rows[speed.argmax()]]) if len(speed) else -1,
+                strain.max(initial=-1.0), int(piece.element_gid[strain.argmax()]) if len(strain) else -1)
+        every = self.comm.allgather(here)
+        particle, element = max(every, key=lambda h: h[0])[1], max(every, key=lambda h: h[2])[3]
+        raise DivergedError(f"diverged at t = {self.time:.6g} s (step {self.n}): kinetic energy {kinetic:.3g} J is out of all proportion to the "
+                            f"external work; fastest particle {particle}, most strained element {element}; take a smaller time_step")
+
+    def _find_probes(self, probes: Probes) -> None:
+        piece = self.result.distribution.piece
+        self.probes = probes
+        self._probe_rows = [(k, int(row)) for k, gid in enumerate(probes.particles)
+                            for row in np.flatnonzero(piece.particle_gid[: piece.n_owned] == gid)]
+        self._probe_elements = [(k, int(row)) for k, gid in enumerate(probes.elements) for row in np.flatnonzero(piece.element_gid == gid)]
+
+    def _probe_values(self, snapshot) -> np.ndarray:
+        """Displacements (p, 3) and tensions (k,) of the probes in one row, the same on every rank."""
+        values = np.zeros(3 * len(self.probes.particles) + len(self.probes.elements))
+        for k, row in self._probe_rows:
+            values[3 * k:3 * k + 3] = self.state.x[row] - self.state.x_start[row]
+        for k, row in self._probe_elements:
+            if self.state.owned[row]:
+                values[3 * len(self.probes.particles) + k] = snapshot.N[row]
+        return self.comm.allreduce(values + 0.0) + 0.0  # one term each but for zeros, so exact; no negative zeros
+
+    def wind_record(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Times (t,) [s] and gusts (t, c) [m/s] of the samples over the simulated time, for the result file."""
+        if not self.wind:
+            return None
+        last = next((k for k, (time, _) in enumerate(self.wind.samples) if time >= self.time), len(self.wind.samples) - 1)
+        used = self.wind.samples[: last + 1]
+        return np.array([time for time, _ in used]), np.array([gust for _, gust in used])
+
+    def report(self) -> None:
+        """Progress on rank 0."""
+        s = self.schedule
+        share = self.n / s.steps
+        self.progress.at(share, f"t = {self.time:.3f} s", "", f"slack {self.slack}, broken {len(self.result.broken)}")

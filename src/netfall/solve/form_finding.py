@@ -1,0 +1,131 @@
+"""Form finding: the shape in which the net is in equilibrium under its prestress (paper 2.5, steps 1 and 2).
+
+By the particles (FPM), with the tension N = T0 + s EA (L - L_start) / L_start, s a small share of the modulus
+or 0 for constant tension; or by force density, one sparse linear solve (Schek 1974). The unstressed lengths of
+the real material follow in closed form.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from scipy.sparse import coo_array
+from scipy.sparse.linalg import splu
+
+from netfall.errors import DivergedError, InputError
+from netfall.mechanics.compile import kernel
+from netfall.mechanics.kernels import add_tensions
+from netfall.net.net import Net
+from netfall.parallel.distribute import Distribution
+from netfall.parallel.halo import Halo
+from netfall.parallel.root import on_root
+from netfall.solve.relax import largest_residual, relax
+
+
+@dataclass
+class Form:
+    """Result of form finding.
+
+    x : (n, 3) [m], owned and halo; N : (m,) [N]; residual : largest residual force [N] over the free axes
+    reference : largest prestress [N], which the tolerance refers to
+    """
+
+    x: np.ndarray
+    N: np.ndarray
+    iterations: int
+    residual: float
+    reference: float
+
+
+@kernel
+def form_tensions(x, ends, T0, stiffness, L_start, bar, N, L):
+    """Tensions N (m,) [N] and lengths L (m,) [m] of the form-finding elements; a cable never pushes."""
+    for e in range(ends.shape[0]):
+        a, b = ends[e, 0], ends[e, 1]
+        dx, dy, dz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
+        L[e] = np.sqrt(dx * dx + dy * dy + dz * dz)
+        N[e] = T0[e] + stiffness[e] * (L[e] - L_start[e])
+        if N[e] < 0.0 and not bar[e]:
+            N[e] = 0.0
+
+
+def force_density_form(net: Net) -> np.ndarray:
+    """Equilibrium positions (n, 3) [m] for given force densities, or prestress / length where none are given.
+
+    sum_e q_e (x_other - x_p) = 0 on each free axis: one sparse system per axis. Only on rank 0.
+
+    Raises InputError where the system is singular: the densities then define no shape.
+    """
+    q = np.where(np.isfinite(net.force_density), net.force_density, net.prestress / net.lengths())
+    start, end = net.elements.T
+    n = net.n
+    matrix = coo_array((np.concatenate([q, q, -q, -q]), (np.concatenate([start, end, start, end]), np.concatenate([start, end, end, start]))),
+                       shape=(n, n)).tocsr()
+    x = net.x.copy()
+    for k in range(3):
+        free = np.flatnonzero(~net.fixed[:, k])
+        if not len(free):
+            continue
+        held = np.flatnonzero(net.fixed[:, k])
+        rows = matrix[free]
+        try:
+            x[free, k] = splu(rows[:, free].tocsc()).solve(-rows[:, held] @ net.x[held, k])
+        except RuntimeError:
+            x[free, k] = np.nan
+    if not np.isfinite(x).all():
+        p = int(np.flatnonzero(~np.isfinite(x).all(1))[0])
+        raise InputError(f"form finding by force density has no solution around node {net.node_id[p]}: "
+                         "give force densities (or prestress) that hold every free node")
+    return x
+
+
+class _Elements:
+    """The form-finding elements of one rank: tensions by `form_tensions` and the forces that follow."""
+
+    def __init__(self, distribution: Distribution, net: Net | None, x: np.ndarray, modulus_factor: float):
+        column = lambda name: distribution.elements(None if net is None else getattr(net, name))
+        self.ends = distribution.piece.ends
+        self.bar = column("bar").astype(np.uint8)
+        self.T0, self.q, EA = column("prestress"), column("force_density"), column("modulus") * column("section")
+        self.N, self.L = np.empty_like(EA), np.empty_like(EA)
+        self.stiffness = np.zeros_like(EA)
+        self.L_start = np.zeros_like(EA)
+        self.forces(x, np.zeros_like(x))
+        self.L_start = self.L.copy()
+        self.stiffness = modulus_factor * EA / self.L_start
+
+    def forces(self, x, f):
+        """Write the forces f (n, 3) [N] of the elements at x."""
+        form_tensions(x, self.ends, self.T0, self.stiffness, self.L_start, self.bar, self.N, self.L)
+        f[:] = 0.0
+        add_tensions(x, self.ends, self.N, self.L, f)
+
+    def bound(self, x):
+        """Upper bound (m,) [N/m] of the stiffness, axial and transverse."""
+        return self.stiffness + np.abs(self.N) / np.maximum(self.L, 1e-300)
+
+
+def find_form(comm: MPI.Comm, net: Net | None, distribution: Distribution, settings, halo: Halo, report) -> Form:
+    """The form of the net by the job's method. Collective. net : on rank 0, None elsewhere."""
+    x = distribution.particles(None if net is None else net.x)
+    free = 1 - distribution.particles(None if net is None else net.fixed).astype(np.uint8)
+    given = _Elements(distribution, net, x, settings.modulus_factor)
+    largest = lambda values: comm.allreduce(float(np.abs(values).max(initial=0.0)), MPI.MAX)
+    if settings.method == "force_density" or settings.start == "force_density":
+        x = distribution.particles(on_root(comm, lambda: force_density_form(net)))
+        elements = _Elements(distribution, net, x, settings.modulus_factor)
+    else:
+        elements = given
+    if settings.method == "force_density":
+        N = np.where(np.isfinite(given.q), given.q, given.T0 / given.L_start) * elements.L_start
+        f = np.zeros_like(x)
+        add_tensions(x, elements.ends, N, elements.L_start, f)
+        residual, reference = comm.allreduce(largest_residual(f, free, halo.n_owned), MPI.MAX), largest(N)
+        if not residual <= settings.tolerance * reference:
+            raise DivergedError(f"form finding by force density: largest residual {residual:.3g} N, asked {settings.tolerance * reference:.3g} N; "
+                                "the densities are nearly singular")
+        return Form(x, N, 1, residual, reference)
+    reference = largest(elements.T0)
+    iterations, residual = relax(comm, halo, x, free, elements.ends, elements.forces, elements.bound,
+                                 settings.tolerance * reference, settings.max_iterations, "form finding", report)
+    return Form(x, elements.N, iterations, residual, reference)

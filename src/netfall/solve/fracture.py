@@ -1,0 +1,115 @@
+"""Fracture by splitting particles (paper 2.4).
+
+An element whose strain passes eps_u at step n parts, at x(n+1), from the end with the larger resultant force;
+from both if they are equal. A new particle takes the place and velocity of the end and half of the element's
+mass. It belongs to the rank that owns the element's other end, so a fracture never adds to the halo.
+
+Every rank that holds the element decides alike: strain, resultant forces and valences are equal to the bit on
+all of them. The valence is that before the step, whatever else parts in it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.mechanics.state import State
+from netfall.net.net import GRAVITY
+
+EQUAL_FORCES = 1e-6  # relative: a symmetric net breaks symmetrically in spite of rounding
+
+
+class Event(NamedTuple):
+    """One fracture at one end of an element, in global numbers; new_particle = -1: a loose end, nothing split."""
+
+    step: int
+    element: int
+    particle: int
+    new_particle: int
+    strain: float
+
+
+def split_number(n: int, element: int, end: int) -> int:
+    """Global number of the particle that splits off at an end (0, 1) of an element; n : particles of the net."""
+    return n + 2 * element + end
+
+
+def parting_ends(state: State, e: int) -> tuple[int, ...]:
+    """The ends (0, 1) from which element e parts: that with the larger resultant force, or both."""
+    force = [float(np.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])) for f in state.f[state.ends[e]]]
+    if abs(force[0] - force[1]) <= EQUAL_FORCES * max(force):
+        return (0, 1)
+    return (0,) if force[0] > force[1] else (1,)
+
+
+def is_loose(state: State, p: int) -> bool:
+    """Whether the particle hangs on a single element and on no support: then there is nothing left to split."""
+    return state.valence[p] == 1 and bool(state.free[p].all())
+
+
+def split_particles(state: State, count: int, step: int, n: int, element_gid: np.ndarray, self_weight: bool, wind_stays: bool,
+                    dt: float) -> list[Event]:
+    """Part the `count` elements in state.pending; the events at particles that this rank owns.
+
+    n : particles of the net; dt : [s] length of the step that was taken since x(n), for the strain that is reported
+    """
+    elements = state.pending[:count].tolist()
+    decisions = [(e, [(end, is_loose(state, state.ends[e, end])) for end in parting_ends(state, e)]) for e in elements]
+    state.reserve(2 * count)
+    events = []
+    for e, parting in decisions:
+        ends = state.ends[e].copy()
+        strain = _strain_before(state, e, dt)
+        state.broken[e] = 1
+        state.eps_u[e] = np.inf
+        split = [end for end, loose in parting if not loose]
+        # the rank that keeps the element: the owner of the end that holds on; of its start if none does
+        keeper = ends[1 - split[0]] if len(split) == 1 else ends[0]
+        kept = state.own(keeper)
+        for end, loose in parting:
+            p = int(ends[end])
+            number = -1 if loose else split_number(n, int(element_gid[e]), end)
+            if not loose:
+                if state.own(p):
+                    _take_off(state, p, state.half_mass[e], self_weight)
+                if kept:
+                    state.ends[e, end] = _new_particle(state, p, number, state.half_mass[e], self_weight)
+            if state.own(p):
+                if state.wind is not None and not wind_stays:
+                    state.wind[p] = 0.0
+                events.append(Event(step, int(element_gid[e]), int(state.gid[p]), number, strain))
+        if split:
+            state.owned[e] = kept
+            if not kept:
+                state.EA[e] = 0.0  # it lives on the keeper's rank alone from here on
+    return events
+
+
+def _strain_before(state: State, e: int, dt: float) -> float:
+    """Strain of element e at x(n), one drift ago."""
+    a, b = state.ends[e]
+    d = (state.x[b] - dt * state.v[b]) - (state.x[a] - dt * state.v[a])
+    L = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    return float(np.log(L / state.L0[e]) if state.scene.logarithmic else (L - state.L0[e]) / state.L0[e])
+
+
+def _take_off(state: State, p: int, half: float, self_weight: bool) -> None:
+    """Take half an element, its mass and its weight, off particle p."""
+    state.valence[p] -= 1
+    state.mass[p] -= half
+    if self_weight:
+        state.load[p, 2] += GRAVITY * half
+    if state.valence[p] == 0 and state.mass[p] < 1e-9 * half:
+        state.mass[p] = 0.0  # nothing was carried: what is left is rounding
+
+
+def _new_particle(state: State, p: int, number: int, half: float, self_weight: bool) -> int:
+    """Local row of the particle that takes half an element off particle p."""
+    j = state.n_local
+    state.n_local += 1
+    state.x[j], state.v[j], state.x_start[j] = state.x[p], state.v[p], state.x_start[p]
+    state.free[j], state.valence[j], state.gid[j], state.mass[j] = 1, 1, number, half
+    state.load[j] = (0.0, 0.0, -GRAVITY * half) if self_weight else 0.0
+    state.work[j] = 0.0
+    if state.wind is not None:
+        state.wind[j] = state.speed_before[j] = state.speed_after[j] = 0.0
+    return j

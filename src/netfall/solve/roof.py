@@ -1,0 +1,232 @@
+"""A job made ready to step: net, form, unstressed lengths, masses, loads, limits, split over the ranks.
+
+What is a constant of a particle or an element is computed once, on rank 0, and sent to whoever holds it; so it
+has the same bits on any number of ranks.
+"""
+
+import time
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.errors import InputError
+from netfall.job.read import Job
+from netfall.mechanics.material import unstressed_length
+from netfall.mechanics.stability import Limit, after_fracture_limit, any_shape_limit, assembled_limit
+from netfall.mechanics.state import Scene, State
+from netfall.net.build import build_net, roof_areas
+from netfall.net.faces import Faces, normals
+from netfall.net.net import GRAVITY, Net
+from netfall.parallel import partition
+from netfall.parallel.distribute import Distribution, cut_net
+from netfall.parallel.halo import Halo
+from netfall.parallel.root import on_root
+from netfall.solve.form_finding import Form, find_form
+from netfall.solve.relax import state_residual
+from netfall.wind.field import GeneratedHistory, make_wind_field, read_measured
+
+
+class Phases:
+    """Wall time [s] of each phase of a run on this rank."""
+
+    def __init__(self):
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def phase(self, name: str):
+        """Count the time of a block under a name."""
+        begin = time.perf_counter()
+        yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
+
+
+@dataclass
+class Whole:
+    """What rank 0 knows of the whole roof, in global order; None on the other ranks."""
+
+    net: Net
+    area: np.ndarray
+    faces: Faces
+    part: np.ndarray
+    partition_source: str
+    remark: str
+    x: np.ndarray = None  # initial state
+    N: np.ndarray = None
+    L0: np.ndarray = None
+    mass: np.ndarray = None
+    load: np.ndarray = None
+    field: object = None
+    history: object = None
+
+
+@dataclass
+class Roof:
+    """The roof on one rank, ready for statics or dynamics."""
+
+    whole: Whole | None
+    distribution: Distribution
+    state: State
+    halo: Halo
+    form: Form | None
+    residual: float  # N, of the prestressed net with the real material
+    reference: float  # N, largest tension of the initial state
+    limits: dict[str, Limit] = field(default_factory=dict)
+
+
+def scene_of(job: Job, net: Net) -> Scene:
+    """What the scene has, as the job names it."""
+    return Scene(plastic=bool(np.isfinite(net.yield_stress).any()), fracture=bool(np.isfinite(net.fracture_strain).any()),
+                 wind=job.wind is not None, logarithmic=job.cable.strain == "logarithmic")
+
+
+def make_whole(job: Job, ranks: int) -> Whole:
+    """Net, areas and partition of a job, on rank 0. Raises InputError."""
+    net = build_net(job)
+    area, faces, remark = roof_areas(job, net)
+    part, source = None, "METIS, k-way"
+    if not job.changes_net():
+        part = partition.read_partition(job.name, net.n, net.elements, ranks)
+        if part is not None:
+            source = f"{partition.FOLDER / job.name}.graph.part.{ranks}"
+    if part is None:
+        part = partition.metis_partition(net.n, net.elements, ranks)
+    whole = Whole(net, area, faces, part, source, remark)
+    if job.wind and job.wind.file:
+        whole.history = read_measured(job)
+    return whole
+
+
+def prepare(comm: MPI.Comm, job: Job, phases: Phases, report: Callable = lambda iteration, residual: None) -> Roof:
+    """The roof in its initial state: form found, prestressed, loaded. Collective.
+
+    Raises InputError for what is wrong in the job, DivergedError if form finding does not converge.
+    """
+    with phases.phase("net and partition"):
+        whole = on_root(comm, lambda: make_whole(job, comm.size))
+        n, m, scene = comm.bcast((whole.net.n, whole.net.m, scene_of(job, whole.net)) if whole else None)
+        distribution = Distribution(comm, n, m, on_root(comm, lambda: cut_net(n, whole.net.elements, whole.part, comm.size)))
+        halo = Halo(comm, distribution.piece, 3)
+    net = whole.net if whole else None
+    form = None
+    with phases.phase("form finding"):
+        if job.form_finding is not None:
+            form = find_form(comm, net, distribution, job.form_finding, halo, report)
+            x, N = distribution.gather_particles(form.x), distribution.gather_elements(form.N)
+            on_root(comm, lambda: _set_initial(job, whole, x, N))
+        else:
+            on_root(comm, lambda: _set_initial(job, whole, net.x, None))
+    with phases.phase("state"):
+        state = make_state(distribution, whole, scene)
+        residual = state_residual(comm, state, 0.0)
+        reference = comm.bcast(float(np.abs(whole.N).max(initial=0.0)) if whole else None)
+        if form is not None and not residual <= 1.001 * job.form_finding.tolerance * form.reference:
+            raise InputError(f"{job.path}: [form_finding] tolerance = {job.form_finding.tolerance:g}: the prestressed net with the real material has a "
+                             f"residual of {residual / form.reference:.3g} of the prestress; expected a tolerance that rounding allows")
+        limits = comm.bcast(step_limits(whole, scene) if whole else None)
+    return Roof(whole, distribution, state, halo, form, residual, reference, limits)
+
+
+def _set_initial(job: Job, whole: Whole, x: np.ndarray, N: np.ndarray | None) -> None:
+    """Unstressed lengths, masses, loads and wind of the initial state x (n, 3) [m] with tensions N (m,) [N]."""
+    net = whole.net
+    EA = net.modulus * net.section
+    L = np.sqrt(np.sum((x[net.elements[:, 1]] - x[net.elements[:, 0]]) ** 2, axis=1))
+    logarithmic = job.cable.strain == "logarithmic"
+    if N is None:
+        N = net.prestress
+    _check_tensions(job, net, N, L)
+    L0 = unstressed_length(L, N, EA, logarithmic)
+    given = np.isfinite(net.unstressed_length)
+    if given.any():
+        L0 = np.where(given, net.unstressed_length, L0)
+        eps = np.log(L / L0) if logarithmic else (L - L0) / L0
+        N = np.where(given, np.where(net.bar, EA * eps, np.maximum(EA * eps, 0.0)), N)
+    whole.x, whole.N, whole.L0 = x, N, L0
+    half = 0.5 * net.density * net.section * L0
+    own = np.bincount(net.elements[:, 0], half, net.n) + np.bincount(net.elements[:, 1], half, net.n)
+    whole.mass = own + net.mass
+    whole.load = net.load.copy()
+    normal = normals(x, net, whole.faces)
+    if job.load is not None:
+        if job.load.self_weight:
+            whole.load[:, 2] -= GRAVITY * own
+        if job.load.dead:
+            whole.mass += job.load.dead * whole.area / GRAVITY
+            whole.load[:, 2] -= job.load.dead * whole.area
+        pressure = job.load.pressure
+        if pressure is not None:
+            along = normal * pressure if isinstance(pressure, (int, float)) else np.array(pressure)[None]
+            whole.load += whole.area[:, None] * along
+    if job.wind is not None:
+        whole.field = make_wind_field(x, whole.area, normal, job.wind)
+        whole.history = whole.history or GeneratedHistory(whole.field, job.wind)
+
+
+def _check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
+    errors = []
+    wrong = np.flatnonzero((N < 0) & ~net.bar)
+    if len(wrong):
+        e = wrong[0]
+        errors.append(f"{job.path}: element {net.element_id[e]}: its axial force is {N[e]:.4g} N in the initial state: a cable carries no compression; "
+                      'give its group kind = "bar"')
+    over = np.flatnonzero(np.abs(N) > net.yield_stress * net.section)
+    if len(over):
+        e = over[0]
+        errors.append(f"{job.path}: element {net.element_id[e]}: its axial force is {N[e]:.4g} N in the initial state, above the yield force "
+                      f"{net.yield_stress[e] * net.section[e]:.4g} N; lower the prestress or choose a larger area")
+    over = np.flatnonzero(1.0 + N / (net.modulus * net.section) <= 0)
+    if len(over):
+        e = over[0]
+        errors.append(f"{job.path}: element {net.element_id[e]}: its axial force {N[e]:.4g} N is beyond its stiffness EA; choose a larger area")
+    short = np.flatnonzero(~(L > 0))
+    if len(short):
+        errors.append(f"{job.path}: element {net.element_id[short[0]]} has no length in the form that was found; choose other prestresses")
+    if errors:
+        raise InputError(errors)
+
+
+def make_state(distribution: Distribution, whole: Whole | None, scene: Scene) -> State:
+    """The state of one rank from the global arrays of rank 0. Collective."""
+    piece = distribution.piece
+    state = State(scene, piece.n_owned, piece.n_halo, len(piece.element_gid))
+    net = whole.net if whole else None
+    particles = lambda get: distribution.particles(None if whole is None else get())
+    elements = lambda get: distribution.elements(None if whole is None else get())
+    state.gid[:] = piece.particle_gid
+    state.ends[:] = piece.ends
+    state.owned[:] = piece.element_owned
+    state.x[:] = state.x_start[:] = particles(lambda: whole.x)
+    state.free[:] = particles(lambda: 1 - net.fixed.astype(np.uint8))
+    state.mass[:], state.load[:] = particles(lambda: whole.mass), particles(lambda: whole.load)
+    state.L0[:], state.EA[:] = elements(lambda: whole.L0), elements(lambda: net.modulus * net.section)
+    state.bar[:] = elements(lambda: net.bar.astype(np.uint8))
+    state.half_mass[:] = elements(lambda: 0.5 * net.density * net.section * whole.L0)
+    if scene.plastic:
+        state.yield_force[:] = elements(lambda: net.yield_stress * net.section)
+    if scene.fracture:
+        state.eps_u[:] = elements(lambda: net.fracture_strain)
+        state.valence[:] = particles(lambda: np.bincount(net.elements.ravel(), minlength=net.n))
+    return state
+
+
+def step_limits(whole: Whole, scene: Scene) -> dict[str, Limit]:
+    """Limits of the explicit step that hold whatever the roof does, by name. Rank 0."""
+    net = whole.net
+    limits = [any_shape_limit(net.elements, net.modulus * net.section, whole.L0, whole.mass, ~net.fixed.all(1))]
+    if scene.fracture:
+        limits.append(after_fracture_limit(net.modulus, net.density, whole.L0, net.fracture_strain))
+    return {limit.name: limit for limit in limits}
+
+
+def sharp_limit(whole: Whole) -> Limit:
+    """Limit of the net as it starts, by Lanczos iteration. Rank 0."""
+    net = whole.net
+    return assembled_limit(whole.x, net.elements, net.modulus * net.section, whole.L0, whole.N, whole.mass, net.fixed)
+
+
+def smallest(limits: dict[str, Limit]) -> Limit:
+    """The limit that governs."""
+    return min(limits.values(), key=lambda limit: limit.dt)

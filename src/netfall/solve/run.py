@@ -1,0 +1,216 @@
+"""A whole job: form finding, statics, dynamics, one result file. The program in the order in which it runs."""
+
+import os
+import platform
+from pathlib import Path
+
+import h5py
+import mpi4py
+import numba
+import numpy as np
+from mpi4py import MPI
+
+import netfall
+from netfall.errors import InputError
+from netfall.job.read import Job
+from netfall.net.net import Net
+from netfall.output.h5 import PARALLEL
+from netfall.output.progress import Progress
+from netfall.output.result import Result, net_section
+from netfall.parallel import partition
+from netfall.parallel.root import on_all, on_root
+from netfall.solve.dynamics import Probes, Schedule, Simulation, find_probes, make_schedule
+from netfall.solve.energy import take_snapshot, total_energies
+from netfall.solve.roof import Phases, Roof, Whole, prepare, sharp_limit, smallest
+from netfall.solve.statics import StaticPath, find_equilibrium
+from netfall.solve.windload import WindLoad
+
+
+def how_it_writes() -> str:
+    """Which of the two stacks is in use."""
+    library = MPI.Get_library_version().split(",")[0].split("\n")[0].strip()
+    return f"{library}, " + ("parallel HDF5 (MPI-IO)" if PARALLEL else "serial HDF5 (rank 0 gathers and writes)")
+
+
+def run_job(comm: MPI.Comm, job: Job, path: Path, progress: Progress) -> None:
+    """Run the stages that the job has and write the result file. Collective.
+
+    Raises InputError before anything is computed or written, DivergedError where a stage has no solution.
+    """
+    phases = Phases()
+    on_root(comm, lambda: check_place(path))
+    progress.say(f"netfall {netfall.__version__}: {job.title or job.name}, {comm.size} rank{'s' if comm.size > 1 else ''}, {how_it_writes()}")
+    roof = prepare(comm, job, phases, lambda i, r: progress.detail(f"form finding: iteration {i}, largest residual {r:.3g} N"))
+    schedule = on_root(comm, lambda: schedule_of(job, roof)) if job.dynamics else None
+    schedule = comm.bcast(schedule)
+    describe(roof, schedule, progress)
+    result = Result(comm, path, roof.distribution, roof.distribution.elements(roof.whole.net.group if roof.whole else None))
+    try:
+        statics = run_statics(comm, job, roof, result, progress, phases)
+        probes = run_dynamics(comm, job, roof, result, schedule, progress, phases)
+        sections = sections_of(job, roof, statics, result, probes)
+        result.close(sections, provenance_of(comm, job, roof, schedule), phases.seconds)
+    except BaseException:
+        result.file.discard()
+        raise
+    progress.end()
+    finish(result, path, phases, progress)
+
+
+def check_place(path: Path) -> None:
+    """Refuse a result file that could not be written at the end. Raises InputError."""
+    folder = path.parent
+    if not folder.is_dir():
+        raise InputError(f"{path}: the folder {folder} does not exist; make it, or give another place with -o")
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; give the name of a file with -o")
+    if not os.access(folder, os.W_OK):
+        raise InputError(f"{path}: the folder {folder.resolve()} cannot be written to; give another place with -o")
+
+
+def schedule_of(job: Job, roof: Roof) -> Schedule:
+    """The steps of the dynamic stage. Raises InputError for a fixed step that is not stable. Rank 0."""
+    limit = smallest(roof.limits)
+    net = roof.whole.net
+    if job.dynamics.time_step != "auto" and job.dynamics.time_step > limit.dt:
+        refuse_step(job, limit, roof, net)
+    if not np.isfinite(limit.dt):
+        raise InputError(f"{job.path}: [dynamics]: no particle of the net can move; free a node")
+    return make_schedule(limit.dt, job.dynamics, job.output)
+
+
+def refuse_step(job: Job, limit, roof: Roof, net: Net) -> None:
+    """Raise InputError unless the step is below the sharp limit and nothing can break."""
+    if limit.name == "any_shape":
+        limit = sharp_limit(roof.whole)
+        if job.dynamics.time_step <= limit.dt:
+            return
+    ids = "-".join(str(net.node_id[p]) for p in net.elements[limit.element])
+    why = {"assembled": "of the intact net", "after_fracture": "of the fragments that a fracture leaves"}[limit.name]
+    raise InputError(f"{job.path}: [dynamics] time_step = {job.dynamics.time_step:g}: above the stable step {limit.dt:.4g} s {why}, set by element "
+                     f'{net.element_id[limit.element]} (nodes {ids}, {roof.whole.L0[limit.element]:.3g} m); expected less, or "auto"; '
+                     "longer elements there would allow more")
+
+
+def run_statics(comm, job: Job, roof: Roof, result: Result, progress: Progress, phases: Phases) -> StaticPath | None:
+    """The static stage, if the job has it."""
+    if job.load is None or job.load.steps == 0:
+        return None
+    progress.say(f"statics: {job.load.steps} load steps")
+    with phases.phase("statics"):
+        path = find_equilibrium(comm, roof.state, job.load, roof.halo, result, progress)
+    progress.say(f"statics: in equilibrium, largest residual {path.residual[-1]:.3g} N, slack {path.slack[-1]} of {roof.distribution.m}")
+    return path
+
+
+def run_dynamics(comm, job: Job, roof: Roof, result: Result, schedule: Schedule | None, progress: Progress, phases: Phases) -> Probes | None:
+    """The dynamic stage if the job has it, else one frame of the state that was reached."""
+    state = roof.state
+    if job.dynamics is None:
+        snapshot = take_snapshot(state, 0.0, 1.0, 0.0, 0.0)
+        result.write_frame(0.0, state, snapshot)
+        result.write_final(state, snapshot)
+        return None
+    with phases.phase("wind"):
+        wind = None
+        if job.wind:
+            wind = WindLoad(comm, roof.distribution, state, roof.whole and roof.whole.field, roof.whole and roof.whole.history)
+    start = total_energies(comm, state, take_snapshot(state, 0.0, 1.0, 0.0, 0.0))
+    probes = comm.bcast(find_probes(roof.whole.net, job.output.probes) if roof.whole else None)
+    progress.say(f"dynamics: {job.dynamics.duration:g} s in {schedule.steps} steps of {schedule.dt:.4g} s")
+    simulation = Simulation(comm, state, result, schedule, job, wind, probes, start.strain, start.plastic, progress)
+    with phases.phase("dynamics"):
+        simulation.run()
+    if roof.whole:
+        roof.whole.history = simulation.wind_record()
+    return probes
+
+
+def describe(roof: Roof, schedule: Schedule | None, progress: Progress) -> None:
+    """The lines that a user reads before the run, on rank 0."""
+    if roof.whole is None:
+        return
+    net, part = roof.whole.net, roof.whole.part
+    ranks = roof.distribution.comm.size
+    progress.say(f"net: {net.n} particles ({int(net.fixed.all(1).sum())} fixed), {net.m} elements, roof {roof.whole.area.sum():.1f} m2")
+    if roof.whole.remark:
+        progress.say(f"note: {roof.whole.remark}")
+    if ranks > 1:
+        progress.say(f"partition: {roof.whole.partition_source}, {partition.edge_cut(net.elements, part)} elements cut, "
+                     f"fullest part {partition.imbalance(net.elements, part, ranks):.2f} of the mean")
+    N = roof.whole.N
+    if roof.form:
+        progress.say(f"form finding: {roof.form.iterations} iterations, largest residual {roof.form.residual / max(roof.form.reference, 1e-300):.2g} "
+                     f"of the prestress; with the real material {roof.residual / max(roof.form.reference, 1e-300):.2g}; tensions {N.min():.4g} to {N.max():.4g} N")
+    elif roof.residual > 1e-6 * max(roof.reference, 1e-300) and roof.residual > 0:
+        progress.say(f"note: the start is not in equilibrium: largest residual {roof.residual:.3g} N, largest tension {roof.reference:.3g} N")
+    if schedule:
+        for limit in roof.limits.values():
+            progress.detail(limit_line(limit, roof.whole))
+
+
+def limit_line(limit, whole: Whole) -> str:
+    """A step limit in words."""
+    meaning = {"any_shape": "stable step, intact, in any shape", "after_fracture": "stable step after any fracture",
+               "assembled": "stable step of the net as it starts"}[limit.name]
+    if limit.element < 0:
+        return f"{meaning}: no limit"
+    net = whole.net
+    ids = "-".join(str(net.node_id[p]) for p in net.elements[limit.element])
+    return f"{meaning}: {limit.dt:.4g} s, set by element {net.element_id[limit.element]} (nodes {ids}, {whole.L0[limit.element]:.4g} m)"
+
+
+def sections_of(job: Job, roof: Roof, statics: StaticPath | None, result: Result, probes: Probes | None) -> dict[str, dict]:
+    """The small datasets of the result file, by group, on rank 0."""
+    if roof.whole is None:
+        return {}
+    whole = roof.whole
+    sections = {"net": net_section(whole.net, whole.area)}
+    if roof.form:
+        sections["form_finding"] = {
+            "iterations": np.int64(roof.form.iterations), "residual": np.float64(roof.form.residual / roof.form.reference if roof.form.reference else 0.0),
+            "residual_real_material": np.float64(roof.residual / roof.form.reference if roof.form.reference else 0.0),
+            "position": whole.x, "tension": whole.N, "unstressed_length": whole.L0}
+    if statics:
+        sections["statics"] = {"load_factor": np.array(statics.load_factor), "residual": np.array(statics.residual),
+                               "slack": np.array(statics.slack), "iterations": np.array(statics.iterations)}
+    if probes is not None and len(probes.particles):
+        rows = np.array(result.probes)
+        count = 3 * len(probes.particles)
+        sections["history"] = {"probe_displacement": rows[:, :count].reshape(len(rows), -1, 3), "probe_tension": rows[:, count:],
+                               "probe_particle": probes.particles, "probe_element": probes.elements}
+    elif probes is not None:
+        sections["history"] = {"probe_displacement": np.zeros((len(result.history), 0, 3))}
+    if job.wind:
+        time, gust = whole.history
+        sections["wind"] = {"control_point": whole.field.control_point, "time": time, "speed": whole.field.control_mean + gust,
+                            "mean_speed": whole.field.control_mean if not job.wind.file else np.atleast_1d(np.trapezoid(gust[:, 0], time) / np.ptp(time))}
+    return sections
+
+
+def provenance_of(comm: MPI.Comm, job: Job, roof: Roof, schedule: Schedule | None) -> dict:
+    """Where the numbers come from: job, versions, ranks, partition, limits."""
+    values = {"job": job.text, "job_name": job.name, "overrides": "\n".join(job.overrides), "title": job.title, "netfall": netfall.__version__,
+              "python": platform.python_version(), "numpy": np.__version__, "numba": numba.__version__, "mpi4py": mpi4py.__version__,
+              "h5py": h5py.__version__, "hdf5": h5py.version.hdf5_version, "mpi": MPI.Get_library_version().split("\n")[0].strip("\x00 "),
+              "writing": how_it_writes(), "ranks": comm.size, "exit_state": "finished"}
+    if roof.whole:
+        net = roof.whole.net
+        values |= {"partition": roof.whole.partition_source, "metis_seed": partition.SEED, "edge_cut": partition.edge_cut(net.elements, roof.whole.part)}
+        if schedule:
+            values |= {"time_step": schedule.dt, "steps": schedule.steps}
+            for name, limit in roof.limits.items():
+                values |= {f"limit_{name}": limit.dt, f"limit_{name}_element": limit.element}
+    return values
+
+
+def finish(result: Result, path: Path, phases: Phases, progress: Progress) -> None:
+    """The last lines of a run."""
+    if result.events:
+        time, first = result.events[0]
+        progress.say(f"fractures: {len(result.broken)} elements, the first at t = {time:.4f} s (element {first.element})")
+    if result.history:
+        identity, balance = (max(abs(row[k]) for row in result.history) for k in (7, 8))
+        progress.say(f"energy: work identity to {identity:.1e}, physical balance to {balance:.1e} of the largest external work")
+    progress.say("time: " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in phases.seconds.items()))
+    progress.say(f"written: {path}")

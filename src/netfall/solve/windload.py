@@ -1,0 +1,55 @@
+"""The wind's two samples around the present time, kept in the state of every rank."""
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.mechanics.state import State
+from netfall.parallel.distribute import Distribution
+from netfall.wind.field import WindField, particle_speeds
+
+CHUNK = 64  # samples that rank 0 sends at once
+
+
+class WindLoad:
+    """Advances the wind in time: rank 0 generates, every rank interpolates to its particles."""
+
+    def __init__(self, comm: MPI.Comm, distribution: Distribution, state: State, field: WindField | None, history):
+        """Collective. field, history : on rank 0. Sets state.wind and the first two samples."""
+        self.comm = comm
+        self.history = history
+        column = lambda name: distribution.particles(None if field is None else getattr(field, name))
+        self.mean, self.corner, self.weight = column("mean"), column("corner"), column("weight")
+        state.wind[:] = column("force")
+        self.samples: list[tuple[float, np.ndarray]] = []  # all so far, for the result file
+        self.k = 0
+        self._set(state, self._sample(0), self._sample(1))
+
+    def _sample(self, k: int) -> tuple[float, np.ndarray]:
+        while len(self.samples) <= k:
+            chunk = None
+            if self.comm.rank == 0:
+                chunk = [self.history.sample(len(self.samples) + i) for i in range(CHUNK)]
+            self.samples += self.comm.bcast(chunk)
+        return self.samples[k]
+
+    def _set(self, state: State, before, after) -> None:
+        self.time, self.dt = before[0], max(after[0] - before[0], 1e-300)
+        rows = len(self.mean)
+        for (_, gust), speed in ((before, state.speed_before), (after, state.speed_after)):
+            particle_speeds(self.mean, self.corner, self.weight, gust, speed[:rows])
+
+    @property
+    def next_time(self) -> float:
+        """Time [s] of the sample after the present, at which `advance` is due; inf after the last."""
+        return self.time + self.dt if self.samples[self.k + 1][0] > self.time else np.inf
+
+    def advance(self, state: State, time: float) -> None:
+        """Move on to the two samples around `time` [s]. Collective."""
+        moved = False
+        while self.next_time <= time:
+            self.k += 1
+            moved = True
+            before, after = self._sample(self.k), self._sample(self.k + 1)
+            self.time, self.dt = before[0], max(after[0] - before[0], 1e-300)
+        if moved:
+            self._set(state, before, after)
