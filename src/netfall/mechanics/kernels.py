@@ -104,11 +104,22 @@ def external_force(p, k, load, wind, speed_before, speed_after, share):
 
 
 @kernel
-def kick(v, f, mass, zeta, dt):
-    """Velocity [m/s] half a step later: v(n+1/2) of v(n-1/2), with the mean velocity in the damping.
-
-    (1 + zeta dt/2) v(n+1/2) = (1 - zeta dt/2) v(n-1/2) + dt f / m
-    """
+def kick_factors(zeta, dt):
+    """Factors c_v, c_a of `kick` for a kick of length dt [s] and damping zeta [1/s]."""
     h = 0.5 * zeta * dt
-    a = f / mass if mass > 0.0 else 0.0  # a particle left without mass keeps its velocity
-    return ((1.0 - h) * v + dt * a) / (1.0 + h)
+    return (1.0 - h) / (1.0 + h), dt / (1.0 + h)
+
+
+@kernel
+def kick(v, a, c_v, c_a):
+    """Velocity [m/s] v(n+1/2) of v(n-1/2) and acceleration a [m/s2], with the mean velocity in the damping.
+
+    (1 + zeta dt/2) v(n+1/2) = (1 - zeta dt/2) v(n-1/2) + dt a
+    """
+    return c_v * v + c_a * a
+
+
+@kernel
+def inverse_mass(mass):
+    """1 / mass [1/kg]; 0 for a particle left without mass, which keeps its velocity."""
+    return 1.0 / mass if mass > 0.0 else 0.0

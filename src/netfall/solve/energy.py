@@ -12,7 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.mechanics.compile import kernel
-from netfall.mechanics.kernels import add_tensions, element_energies, external_force, kick
+from netfall.mechanics.kernels import add_tensions, element_energies, external_force, inverse_mass, kick, kick_factors
 from netfall.mechanics.state import State
 from netfall.parallel.exact import exact_sums
 
@@ -36,15 +36,17 @@ def particle_energies(rows, part, kick_dt, zeta, share, v, f_int, free, mass, lo
     rows : (r,) local numbers; part : share of the kick that comes before n, 1/2 between equal steps
     velocity : (r, 3) [m/s], out; terms : (4, r) [J], out: kinetic, damping, external, internal
     """
+    c_v, c_a = kick_factors(zeta, kick_dt)
     for i in range(rows.shape[0]):
         p = rows[i]
+        per_mass = inverse_mass(mass[p])
         kinetic, damping, external, internal = 0.0, work[p, 2], work[p, 0], work[p, 1]
         for k in range(3):
             ext = external_force(p, k, load, wind, speed_before, speed_after, share)
             old = v[p, k]
             now = old
             if free[p, k]:
-                new = kick(old, f_int[p, k] + ext, mass[p], zeta, kick_dt)
+                new = kick(old, (f_int[p, k] + ext) * per_mass, c_v, c_a)
                 now = old + part * (new - old)
                 way = part * kick_dt * (0.5 * (old + now))
                 external += way * ext

@@ -9,7 +9,7 @@ A step n takes x(n) and v(n-1/2):
 """
 
 from netfall.mechanics.compile import kernel
-from netfall.mechanics.kernels import element_forces, external_force, kick
+from netfall.mechanics.kernels import element_forces, external_force, inverse_mass, kick, kick_factors
 from netfall.mechanics.state import State
 from netfall.parallel.halo import IGNORE_STATUSES, Halo, start_all, wait_all
 
@@ -17,14 +17,16 @@ from netfall.parallel.halo import IGNORE_STATUSES, Halo, start_all, wait_all
 @kernel
 def move_owned(first, last, kick_dt, dt, zeta, share, x, v, f, f_int, free, mass, load, work, wind, speed_before, speed_after):
     """Kick, drift and work of the owned particles in rows first to last, under internal and external force."""
+    c_v, c_a = kick_factors(zeta, kick_dt)
     for p in range(first, last):
         m = mass[p]
+        per_mass = inverse_mass(m)
         done_ext, done_int, done_damp = 0.0, 0.0, 0.0
         for k in range(3):
             ext = external_force(p, k, load, wind, speed_before, speed_after, share)
             f[p, k] = f_int[p, k] + ext
             if free[p, k]:
-                new = kick(v[p, k], f[p, k], m, zeta, kick_dt)
+                new = kick(v[p, k], f[p, k] * per_mass, c_v, c_a)
                 mean = 0.5 * (v[p, k] + new)
                 done_ext += mean * ext
                 done_int += mean * f_int[p, k]
@@ -39,10 +41,12 @@ def move_owned(first, last, kick_dt, dt, zeta, share, x, v, f, f_int, free, mass
 @kernel
 def move_halo(first, last, kick_dt, dt, zeta, x, v, f, free, mass):
     """The same kick and drift for halo particles, whose total force the owner has sent."""
+    c_v, c_a = kick_factors(zeta, kick_dt)
     for p in range(first, last):
+        per_mass = inverse_mass(mass[p])
         for k in range(3):
             if free[p, k]:
-                v[p, k] = kick(v[p, k], f[p, k], mass[p], zeta, kick_dt)
+                v[p, k] = kick(v[p, k], f[p, k] * per_mass, c_v, c_a)
                 x[p, k] += dt * v[p, k]
 
 
