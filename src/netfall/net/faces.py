@@ -72,6 +72,8 @@ def tributary_areas(net: Net, faces: Faces) -> np.ndarray:
     Each face is cut into triangles from its centroid to its sides; half of each goes to either end of the side.
     Shares of points without a particle go to the rigid boundary.
     """
+    if not len(faces):
+        return np.zeros(net.n)
     points = np.concatenate([net.x, net.corners])[:, :2]
     of_corner, nxt = faces.of_corner(), faces.next_corner()
     p = points[faces.corner]
@@ -94,6 +96,8 @@ def normals(x: np.ndarray, net: Net, faces: Faces) -> np.ndarray:
 
     Sum of the vector areas of the faces around the particle (Newell).
     """
+    if not len(faces):
+        return np.zeros((net.n, 3))
     points = np.concatenate([x, net.corners])
     p, q = points[faces.corner], points[faces.corner[faces.next_corner()]]
     of_corner = faces.of_corner()

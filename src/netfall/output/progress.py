@@ -1,5 +1,6 @@
 """Progress on rank 0: a bar on a terminal (tqdm), sparse plain lines elsewhere, nothing when quiet."""
 
+import os
 import sys
 import time
 
@@ -14,6 +15,7 @@ class Progress:
     def __init__(self, shown: bool, verbose: bool = False, stream=None):
         self.shown, self.verbose = shown, verbose
         self.stream = stream or sys.stdout
+        self._terminal = _is_terminal(self.stream)
         self._bar = None
         self._started = self._last = time.perf_counter()
         self._percent = -100.0
@@ -35,14 +37,15 @@ class Progress:
         self._started = self._last = time.perf_counter()
         self._percent = -100.0
 
-    def at(self, share: float, done: str, rate: str, note: str) -> None:
-        """share : of the stage, 0 to 1; done : "t = 1.2 s"; note : slack and broken counts."""
+    def at(self, share: float, done: str, count: int, unit: str, note: str) -> None:
+        """share : of the stage, 0 to 1; done : "t = 1.2 s"; count of `unit` so far, for the rate; note : slack and broken."""
         if not self.shown:
             return
         now = time.perf_counter()
         passed = now - self._started
         left = passed * (1 - share) / share if share > 0 else float("nan")
-        if self.stream.isatty():
+        rate = f"{count / max(passed, 1e-9):.3g} {unit}/s"
+        if self._terminal:
             if self._bar is None:
                 self._bar = tqdm(total=100, file=self.stream, bar_format="{percentage:3.0f}% |{bar:24}| {postfix}", leave=True)
             self._bar.n = 100 * share
@@ -56,6 +59,18 @@ class Progress:
         if self._bar is not None:
             self._bar.close()
             self._bar = None
+
+
+def _is_terminal(stream) -> bool:
+    """Whether a person watches: under mpirun the stream is a terminal of mpirun's making, so its own is asked for."""
+    if not stream.isatty():
+        return False
+    if "OMPI_COMM_WORLD_SIZE" not in os.environ and "PMI_SIZE" not in os.environ:
+        return True
+    try:
+        return os.readlink(f"/proc/{os.getppid()}/fd/1").startswith(("/dev/pts/", "/dev/tty"))
+    except OSError:
+        return False
 
 
 def _duration(seconds: float) -> str:

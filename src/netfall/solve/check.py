@@ -26,6 +26,8 @@ def check_job(job: Job, say: Callable[[str], None]) -> None:
         short = Job(**{**vars(job), "form_finding": None})
     roof = prepare(comm, short, Phases())
     net, whole = roof.whole.net, roof.whole
+    if job.dynamics:
+        schedule = schedule_of(job, roof)
     say(f"{job.path}: {job.title or job.name}: valid")
     say(f"net: {net.n} particles ({int(net.fixed.all(1).sum())} fixed), {net.m} elements in groups "
         + ", ".join(f"{name or '(none)'} {int((net.group == g).sum())}" for g, name in enumerate(net.group_names)))
@@ -42,7 +44,7 @@ def check_job(job: Job, say: Callable[[str], None]) -> None:
     say("stages: " + ", ".join(stages(job)))
     say(f"the scene has: {features(job, roof)}")
     if job.dynamics:
-        _describe_steps(job, roof, say)
+        _describe_steps(job, roof, schedule, say)
     _describe_memory(job, roof, say)
 
 
@@ -74,10 +76,9 @@ def features(job: Job, roof: Roof) -> str:
     return ", ".join(word for word, there in words if there) or "elastic elements alone"
 
 
-def _describe_steps(job: Job, roof: Roof, say) -> None:
+def _describe_steps(job: Job, roof: Roof, schedule: Schedule, say) -> None:
     for limit in (*roof.limits.values(), sharp_limit(roof.whole)):
         say(limit_line(limit, roof.whole))
-    schedule: Schedule = schedule_of(job, roof)
     m = roof.whole.net.m
     seconds = schedule.steps * (m * STEP_NS * 1e-9 + 2e-6)
     say(f"steps: {schedule.steps} of {schedule.dt:.4g} s" + (" (auto)" if job.dynamics.time_step == "auto" else "")

@@ -226,4 +226,4 @@ class Simulation:
         """Progress on rank 0."""
         s = self.schedule
         share = self.n / s.steps
-        self.progress.at(share, f"t = {self.time:.3f} s", "", f"slack {self.slack}, broken {len(self.result.broken)}")
+        self.progress.at(share, f"t = {self.time:.3f} s", self.n, "steps", f"slack {self.slack}, broken {len(self.result.broken)}")

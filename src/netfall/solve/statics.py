@@ -52,7 +52,7 @@ def find_equilibrium(comm: MPI.Comm, state: State, settings, halo: Halo, result:
         path.slack.append(slack)
         path.iterations.append(iterations)
         result.write_static_step(state, snapshot)
-        progress.at(share, f"load factor {share:.3f}", f"{iterations} iterations", f"slack {slack}")
+        progress.at(share, f"load factor {share:.3f}", sum(path.iterations), "iterations", f"slack {slack}")
     return path
 
 

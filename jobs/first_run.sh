@@ -1,0 +1,10 @@
+#!/usr/bin/env bash
+# Sets up what is missing, runs the stadium's collapse on two ranks, and draws its pictures into results/.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+bash jobs/setup.sh
+mkdir -p results
+.venv/bin/mpirun -n 2 .venv/bin/netfall run jobs/stadium.toml -o results/stadium.vtkhdf
+.venv/bin/netfall info results/stadium.vtkhdf
+.venv/bin/netfall plot results/stadium.vtkhdf
+echo "In ParaView (5.12 or newer) open results/stadium.vtkhdf as a time series."
