@@ -219,12 +219,13 @@ class _Validation:
                 self.wrong("net", f"{missing}: missing; tables come as a pair, nodes and elements")
             elif "generator" not in net and not tables:
                 self.wrong("net", 'generator: missing; expected generator = "saddle" or "stadium", or nodes and elements')
-            if tables or net.get("generator") in GENERATOR_KEYS:
-                own = () if tables else GENERATOR_KEYS[net["generator"]]
-                for generator, names in GENERATOR_KEYS.items():
+            generator = net.get("generator")
+            if tables or isinstance(generator, str) and generator in GENERATOR_KEYS:
+                own = () if tables else GENERATOR_KEYS[generator]
+                for other, names in GENERATOR_KEYS.items():
                     for name in names:
                         if name in net and name not in own:
-                            self.wrong("net", f"{name} = {shown(net[name])}: only for generator = \"{generator}\"; remove it")
+                            self.wrong("net", f"{name} = {shown(net[name])}: only for generator = \"{other}\"; remove it")
         wind = sections.get("wind")
         if wind is not None:
             if "speed" in wind and "file" in wind:
@@ -235,4 +236,4 @@ class _Validation:
             self.wrong("wind", "there is no [dynamics] that the wind could act in; add it or remove [wind]")
         if "form_finding" in sections and "cable" in parts and sections["form_finding"].get("method", "fpm") == "fpm":
             if not (parts["cable"].prestress or any("prestress" in g for g in sections["cable"].values() if isinstance(g, dict)) or (net or {}).get("elements")):
-                self.wrong("cable", "prestress: missing; form finding needs the tension to find the form with")
+                self.wrong("cable", "prestress: missing or 0; form finding needs the tension to find the form with, a number of N > 0")

@@ -1,0 +1,89 @@
+"""What the tests share: running netfall as a user does, on any number of ranks, from job texts and tables."""
+
+import os
+import subprocess
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+ENVIRONMENT = dict(os.environ)  # as it was before any MPI start-up in this process: mpirun fails silently with more
+ROOT = Path(__file__).resolve().parents[1]
+BIN = ROOT / ".venv" / "bin"
+
+STEEL = """
+[cable]
+modulus = 1.95e11
+area = 683.08e-6
+density = 7850.0
+prestress = 100e3
+"""
+
+
+def pytest_addoption(parser):
+    parser.addoption("--long", action="store_true", help="also the tests that take minutes")
+
+
+def pytest_collection_modifyitems(config, items):
+    if not config.getoption("--long"):
+        for item in items:
+            if "long" in item.keywords:
+                item.add_marker(pytest.mark.skip(reason="takes minutes; --long runs it"))
+
+
+def run_netfall(*arguments, ranks=1, cwd=None, timeout=300):
+    """netfall with arguments on some ranks: the finished process, output captured."""
+    command = [str(BIN / "netfall"), *map(str, arguments)]
+    if ranks > 1:
+        command = [str(BIN / "mpirun"), "-n", str(ranks), *command]
+    return subprocess.run(command, cwd=cwd, env=ENVIRONMENT, capture_output=True, text=True, timeout=timeout, stdin=subprocess.DEVNULL)
+
+
+class Workshop:
+    """A folder with job files and what came of them."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+
+    def job(self, text: str, nodes: str = "", elements: str = "", name: str = "job") -> Path:
+        """Write a job file, and tables where given."""
+        if nodes:
+            (self.folder / "nodes.csv").write_text(nodes)
+            (self.folder / "elements.csv").write_text(elements)
+            text = '[net]\nnodes = "nodes.csv"\nelements = "elements.csv"\n' + text
+        path = self.folder / f"{name}.toml"
+        path.write_text(text)
+        return path
+
+    def run(self, job: Path, *arguments, ranks=1, output="result.vtkhdf", code=0):
+        """Run a job; its result file, open, after checking the exit code."""
+        done = run_netfall("run", job, "-o", self.folder / output, *arguments, ranks=ranks, cwd=self.folder)
+        assert done.returncode == code, done.stdout + done.stderr
+        return h5py.File(self.folder / output) if code == 0 else done
+
+
+@pytest.fixture
+def workshop(tmp_path):
+    return Workshop(tmp_path)
+
+
+@pytest.fixture(scope="session")
+def shared_workshop(tmp_path_factory):
+    return Workshop(tmp_path_factory.mktemp("shared"))
+
+
+def assert_same_results(one: h5py.File, other: h5py.File) -> int:
+    """Every dataset but those of /provenance is equal to the last bit; how many there were."""
+    names = lambda f: {name for name in _datasets(f) if not name.startswith("provenance")}
+    assert names(one) == names(other)
+    for name in names(one):
+        a, b = one[name][()], other[name][()]
+        assert np.shape(a) == np.shape(b) and np.asarray(a).tobytes() == np.asarray(b).tobytes(), name
+    return len(names(one))
+
+
+def _datasets(f):
+    found = []
+    f.visititems(lambda name, item: found.append(name) if isinstance(item, h5py.Dataset) else None)
+    return found

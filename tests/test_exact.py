@@ -1,0 +1,35 @@
+"""Sums over ranks are correctly rounded, whatever the order."""
+
+import math
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.parallel.exact import LIMBS, add_exactly, exact_sums, rounded
+
+
+def test_sum_is_correctly_rounded():
+    """Against math.fsum, over the whole range of magnitudes and with cancellation."""
+    rng = np.random.default_rng(1)
+    for spread in (1, 30, 300):
+        values = rng.standard_normal(2000) * 10.0 ** rng.uniform(-spread, min(spread, 290), 2000)
+        values = np.concatenate([values, -values[:1500] * (1 + 1e-15)])
+        assert exact_sums(MPI.COMM_SELF, values)[0] == math.fsum(values)
+
+
+def test_sum_does_not_depend_on_order_or_parts():
+    """Shuffled, and added in two parts as two ranks would."""
+    rng = np.random.default_rng(2)
+    values = rng.standard_normal(999) * 10.0 ** rng.uniform(-20, 20, 999)
+    parts = np.zeros((2, LIMBS), np.int64)
+    add_exactly(values[:400].copy(), parts[0])
+    add_exactly(values[400:].copy(), parts[1])
+    assert rounded(parts.sum(0)) == exact_sums(MPI.COMM_SELF, rng.permutation(values))[0]
+
+
+def test_special_values():
+    """Zeros, subnormal numbers and the largest double are exact; what is not finite gives nan."""
+    for values in ([0.0, -0.0], [5e-324, 5e-324], [1.7976931348623157e308], [1e308, -1e308, 3.0]):
+        assert exact_sums(MPI.COMM_SELF, np.array(values))[0] == math.fsum(values)
+    assert math.isnan(exact_sums(MPI.COMM_SELF, np.array([1.0, np.inf]))[0])
+    assert math.isnan(exact_sums(MPI.COMM_SELF, np.array([1.0, np.nan]))[0])

@@ -1,0 +1,215 @@
+"""Wrong input gives one clear line for each error, and nothing is computed or left behind."""
+
+import re
+
+import pytest
+from conftest import STEEL, run_netfall
+
+from netfall.errors import InputError
+from netfall.job.read import read_job
+from netfall.job.schema import REQUIRED, SECTIONS
+
+WHOLE = """
+title = "all sections"
+[net]
+generator = "saddle"
+cells = 4
+[cable]
+modulus = 1.95e11
+area = 683.08e-6
+density = 7850.0
+prestress = 100e3
+[form_finding]
+[load]
+[wind]
+speed = 30.0
+shape_coefficient = -1.0
+[dynamics]
+duration = 0.1
+[output]
+"""
+ALL_KEYS = [(section, key) for section, keys in SECTIONS.items() for key in keys]
+NAMES = [f"{section}.{key.name}".lstrip(".") for section, key in ALL_KEYS]
+
+
+def wrong_values(key):
+    """Values that the key's own row of the schema forbids."""
+    values = ["[[1]]", "{a = 1}"]
+    if key.kind in ("number", "integer", "vector", "points"):
+        values += ['"fast"', "true", "nan", "inf", "-inf", "1979-05-27"]
+    if key.kind == "integer":
+        values += ["1.5", "1e3"]
+    if key.kind in ("number", "integer"):
+        if key.low is not None:
+            values += [str(key.low - 1)] + ([str(key.low)] if key.low_open else [])
+        if key.high is not None:
+            values += [str(key.high + 1)]
+    if key.kind == "vector":
+        values += ["[1, 2]", '[1, 2, "x"]', "[1, 2, nan]"]
+    if key.kind == "pressure":
+        values += ["[1, 2]", "nan", '"up"', "true"]
+    if key.kind == "points":
+        values += ["[1, 2]", "[[1, 2, 3]]", "[[1, inf]]"]
+    if key.kind == "choice":
+        values += ['"nonsense"', "1", "true", '""']
+    if key.kind == "flag":
+        values += ["1", '"yes"']
+    if key.kind == "text":
+        values += ["1", "true"] + ([] if key.name == "title" else ['""'])
+    return values
+
+
+def errors_of(path, overrides):
+    with pytest.raises(InputError) as raised:
+        read_job(path, overrides)
+    return raised.value.lines
+
+
+@pytest.mark.parametrize("section, key", ALL_KEYS, ids=NAMES)
+def test_each_key_refuses_what_its_row_forbids(workshop, section, key):
+    """The line names file, section, key, value and what is allowed."""
+    path = workshop.job(WHOLE)
+    for value in wrong_values(key):
+        name = f"{section}.{key.name}".lstrip(".")
+        lines = errors_of(path, [f"{name}={value}"])
+        place = f"{path}: [{section}] {key.name}" if section else f"{path}: {key.name}"
+        about = [line for line in lines if line.startswith(place)]
+        # a table where a value belongs is reported as such; a list of pairs accepts no scalar, and so on
+        assert about or any(key.name in line for line in lines), (value, lines)
+        assert all("\n" not in line and "Traceback" not in line for line in lines)
+
+
+@pytest.mark.parametrize("section, key", [pair for pair in ALL_KEYS if pair[1].default is REQUIRED])
+def test_missing_required_key_is_named(workshop, section, key):
+    """Each required key, left out, is asked for with its unit."""
+    path = workshop.job(re.sub(rf"^{key.name} = .*$", "", WHOLE, flags=re.M))
+    assert errors_of(path, []) == [f"{path}: [{section}] {key.name}: missing; expected {key.expected()}"]
+
+
+def test_every_key_accepts_its_default(workshop):
+    """The defaults of the schema are themselves valid."""
+    path = workshop.job(WHOLE)
+    for section, key in ALL_KEYS:
+        if key.default in (REQUIRED, None) or key.kind in ("vector", "points"):
+            continue
+        if section == "net" and key.name in ("length", "width", "arch_rise", "spacing"):
+            continue  # of the other generator
+        if key.name == "prestress":
+            continue  # 0 is valid, but not with form finding
+        value = str(key.default).lower() if key.kind == "flag" else repr(key.default).replace("'", '"')
+        read_job(path, [f"{section}.{key.name}={value}".lstrip(".")])
+
+
+def test_the_contracts_own_message(workshop):
+    """The sample line of the documentation, to the letter."""
+    path = workshop.job(WHOLE)
+    assert errors_of(path, ["wind.speed=fast"]) == [f'{path}: [wind] speed = "fast": expected a number of m/s > 0']
+
+
+def test_unknown_key_and_section_name_the_nearest(workshop):
+    """A slip of the pen is answered with the word that was meant."""
+    path = workshop.job(WHOLE.replace("duration = 0.1", "duration = 0.1\ndampin = 0.5") + "[winds]\nspeed = 3.0\n")
+    lines = errors_of(path, [])
+    assert f'{path}: [dynamics] dampin: unknown key; did you mean "damping"?' in lines
+    assert f'{path}: [winds]: unknown section; did you mean "wind"?' in lines
+
+
+def test_all_errors_come_at_once(workshop):
+    """Three mistakes, three lines."""
+    path = workshop.job(WHOLE)
+    assert len(errors_of(path, ["wind.speed=-1", "cable.area=0", "dynamics.duration=inf"])) == 3
+
+
+@pytest.mark.parametrize("content", [b"", b"[net\n", b"\x00\x01\x02\xff\xfe", b"a = [[[[", b'title = "\xff"', b"[net]\ngenerator = 'saddle'\n[net]\n"])
+def test_damaged_job_file_is_refused(workshop, content):
+    """Empty, truncated, binary and doubled files give lines, not tracebacks."""
+    path = workshop.folder / "broken.toml"
+    path.write_bytes(content)
+    assert all(line.startswith(str(path)) for line in errors_of(path, []))
+
+
+def test_missing_job_file_is_refused(workshop):
+    """A path that leads nowhere is named."""
+    assert "No such file" in errors_of(workshop.folder / "absent.toml", [])[0]
+
+
+@pytest.mark.parametrize("override", ["speed", "wind.speed", "=3", "wind=3", ".x=1"])
+def test_malformed_override_is_refused(workshop, override):
+    """--set wants SECTION.KEY=VALUE."""
+    assert errors_of(workshop.job(WHOLE), [override])
+
+
+NODES = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n"
+ELEMENTS = "start,end\n1,2\n2,3\n"
+BAD_TABLES = {
+    "duplicate id": (NODES + "2,5,5,5,0\n", ELEMENTS, "stands on line 3 already"),
+    "dangling end": (NODES, ELEMENTS + "2,9\n", "no such node"),
+    "loop": (NODES, ELEMENTS + "2,2\n", "both node 2"),
+    "word for number": (NODES.replace("2,1,0", "2,one,0"), ELEMENTS, "x = 'one': expected a number of m"),
+    "nan": (NODES.replace("2,1,0", "2,nan,0"), ELEMENTS, "x = 'nan'"),
+    "infinite": (NODES.replace("2,1,0", "2,1e999,0"), ELEMENTS, "x = '1e999'"),
+    "empty cell": (NODES.replace("2,1,0", "2,,0"), ELEMENTS, "x is empty"),
+    "missing column": (NODES.replace("id,x,y,z", "id,x,y,h"), ELEMENTS, "column z is missing"),
+    "unknown column": (NODES.replace("fixed", "fixd"), ELEMENTS, "unknown column; did you mean \"fixed\"?"),
+    "short row": (NODES + "4,1\n", ELEMENTS, "2 values, but the header has 5 columns"),
+    "fixed is 2": (NODES.replace("1,0,0,0,1", "1,0,0,0,2"), ELEMENTS, "expected 0 or 1"),
+    "no length": (NODES.replace("2,1,0", "2,0,0"), ELEMENTS, "has no length"),
+    "lonely node": (NODES + "4,1,1,1,0\n", ELEMENTS, "belongs to no element"),
+    "no rows": ("id,x,y,z\n", ELEMENTS, "no rows below the header"),
+    "empty file": ("\n", ELEMENTS, "empty; expected a header"),
+    "id not an integer": (NODES.replace("\n2,", "\n2.5,"), ELEMENTS, "expected an integer"),
+    "negative area": (NODES, "start,end,area\n1,2,-1\n2,3,1\n", "area = '-1': expected a number of m2 > 0"),
+    "cable pushed": (NODES, "start,end,prestress\n1,2,-5\n2,3,-5\n", "a cable carries no compression"),
+    "no support": (NODES.replace(",1\n", ",0\n"), ELEMENTS, "has no support"),
+    "part without support": (NODES + "4,5,5,0,0\n5,6,5,0,0\n", ELEMENTS + "4,5\n", "has no support"),
+    "binary": ("\x00\x01\x02", ELEMENTS, "nodes.csv"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_TABLES)
+def test_malformed_table_is_refused_with_its_line(workshop, name):
+    """Each mistake in a table is named with file and line or element."""
+    from netfall.net.build import build_net
+
+    nodes, elements, message = BAD_TABLES[name]
+    job = read_job(workshop.job(STEEL + "[form_finding]\n", nodes, elements))
+    with pytest.raises(InputError) as raised:
+        build_net(job)
+    assert any(message in line for line in raised.value.lines), raised.value.lines
+
+
+@pytest.mark.parametrize("overrides, message", [
+    (["net.cells=20000", "net.subdivide=10000"], "at most"), (["net.generator=stadium", "net.spacing=1e-5"], "spacing"),
+    (["net.generator=stadium", "net.spacing=60"], "too wide"), (["cable.q.area=1"], "no element is of this group"),
+    (["cable.prestress=2e6", "cable.yield_stress=1e6"], "yield force"), (["net.nodes=n.csv"], "exclude each other"),
+    (["wind.file=speed.csv"], "exclude each other"), (["net.spacing=2.0"], "only for generator")])
+def test_impossible_combinations_are_refused(workshop, overrides, message):
+    """Values that are fine alone but not together, and sizes that no machine holds."""
+    from netfall.net.build import build_net
+
+    text = WHOLE if "stadium" not in str(overrides) else WHOLE.replace("cells = 4", "")
+    with pytest.raises(InputError) as raised:
+        build_net(read_job(workshop.job(text), overrides))
+    assert any(message in line for line in raised.value.lines), raised.value.lines
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize("override, message", [
+    ("wind.speed=fast", "expected a number of m/s"), ("cable.q.area=1.0", "no element is of this group"),
+    ("dynamics.time_step=1.0", "above the stable step"), ("net.side=-1", "[net] side")])
+def test_command_line_answers_wrong_input(workshop, ranks, override, message):
+    """Exit code 2 on every rank, one line on standard error, no file left, no traceback; read before and after the net is built."""
+    job = workshop.job(WHOLE)
+    done = run_netfall("run", job, "--set", override, ranks=ranks, cwd=workshop.folder)
+    assert done.returncode == 2, done.stdout + done.stderr
+    lines = [line for line in done.stderr.splitlines() if line.startswith(str(job))]
+    assert len(lines) == 1 and message in lines[0], done.stderr
+    assert "Traceback" not in done.stdout + done.stderr
+    assert {path.name for path in workshop.folder.iterdir()} == {"job.toml"}
+
+
+def test_unwritable_place_is_refused(workshop):
+    """A result that could not be written at the end is refused at the start."""
+    job = workshop.job(WHOLE)
+    done = run_netfall("run", job, "-o", workshop.folder / "nowhere" / "x.vtkhdf")
+    assert done.returncode == 2 and "does not exist" in done.stderr
