@@ -1,6 +1,7 @@
 """Dynamic relaxation: the particles move under their residual forces until these vanish.
 
-Kinetic damping (Barnes 1999): velocities are set to zero whenever the kinetic energy has passed a peak. The
+Kinetic damping (Barnes 1999): whenever the kinetic energy has passed a peak, the particles are put back to where
+it peaked, at rest. (Without going back, rests can fall into step with a mode that is then never damped.) The
 virtual mass M = dt^2/2 sum(k) of the attached elements' stiffness lets every particle take its largest stable
 step dt = 1. Serves form finding and statics alike; only the forces differ.
 """
@@ -17,7 +18,7 @@ from netfall.mechanics.state import State
 from netfall.parallel.exact import LIMBS, add_exactly, rounded
 from netfall.parallel.halo import Halo
 
-MARGIN = 1.1  # on the virtual mass: the stiffness grows a little between two peaks
+MARGIN = 1.2  # on the virtual mass: the stiffness grows a little between two peaks
 LOOK_EVERY = 10  # iterations between looks at the residual, which take a reduction
 
 
@@ -34,6 +35,19 @@ def relax_step(x, v, f, mass, free, first, n_owned, kinetic):
                 energy += v[p, k] * v[p, k]
         if p < n_owned:
             kinetic[p] = 0.5 * mass[p, 0] * energy
+
+
+@kernel
+def return_to_peak(x, v, f, mass, free):
+    """Put the particles back where the kinetic energy peaked, half a step before the last but one, and at rest.
+
+    x* = x - 3/2 v + 1/2 f / M, dt = 1 (Barnes 1999)
+    """
+    for p in range(mass.shape[0]):
+        for k in range(3):
+            if free[p, k]:
+                x[p, k] += 0.5 * f[p, k] / mass[p, k] - 1.5 * v[p, k]
+            v[p, k] = 0.0
 
 
 @kernel
@@ -107,7 +121,7 @@ def relax(
         rested = not energy > previous
         previous = energy
         if rested:
-            v[:] = 0.0
+            return_to_peak(x, v, f, mass, free)
             previous = 0.0
     raise DivergedError(f"{what}: not in equilibrium after {max_iterations} iterations: largest residual {residual:.3g} N, "
                         f"asked {tolerance:.3g} N; raise max_iterations or tolerance, or look for a mechanism")

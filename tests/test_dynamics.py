@@ -1,0 +1,138 @@
+"""Motion against closed forms, and the two energy audits."""
+
+import numpy as np
+import pytest
+from conftest import STEEL
+
+ELASTIC = STEEL.replace("prestress = 100e3\n", "")
+EA, HALF_ELEMENT = 1.95e11 * 683.08e-6, 0.5 * 7850.0 * 683.08e-6  # N; kg for each metre
+
+
+def test_free_fall(workshop):
+    """Two particles without support fall by g t^2 / 2 exactly: central difference is exact for a constant force."""
+    job = workshop.job(ELASTIC + "[load]\nself_weight = true\n[dynamics]\nduration = 1.0\n", "id,x,y,z\n1,0,0,0\n2,3,0,1\n", "start,end\n1,2\n")
+    f = workshop.run(job)
+    assert np.allclose(f["final/position"][:, 2], np.array([0.0, 1.0]) - 0.5 * 9.81, rtol=1e-9)
+    assert np.allclose(f["final/velocity"][:, 2], -9.81, rtol=1e-9)
+    assert np.isclose(f["history/external_work"][-1], f["history/kinetic_energy"][-1], rtol=1e-12)
+
+
+def oscillator(step, damping=0.0, ranks=1):
+    """A mass of 1000 kg on a 10 m cable, let go 1 mm below its rest; weight keeps the cable taut."""
+    stretch, hold = 1e-3, 20e3
+    L0 = 10.0
+    L = L0 * (1 + hold / EA) + stretch
+    nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,{-L!r},0,1000,{-hold}\n"
+    text = ELASTIC + f"[dynamics]\nduration = 0.5\ntime_step = {step}\ndamping = {damping}\n[output]\nhistory = 0.005\nprobes = [[0.0, 0.0]]\n"
+    return text, nodes, f"start,end,unstressed_length\n1,2,{L0}\n"
+
+
+def probe_z(f):
+    particle = f["history/probe_particle"][0]
+    assert particle == 0
+    return f
+
+
+def closed_form(t, damping):
+    omega2 = EA / 10.0 / (1000.0 + HALF_ELEMENT * 10.0)
+    decay = 0.5 * damping
+    omega = np.sqrt(omega2 - decay**2)
+    return 1e-3 * np.exp(-decay * t) * (np.cos(omega * t) + decay / omega * np.sin(omega * t))
+
+
+@pytest.mark.parametrize("damping", [0.0, 4.0])
+def test_oscillator_converges_at_second_order(workshop, damping):
+    """Damped and undamped oscillation of a mass on a cable: half the step, a quarter of the error."""
+    errors = []
+    for step in (1e-3, 5e-4, 2.5e-4):
+        f = workshop.run(workshop.job(*oscillator(step, damping)))
+        steps = f["VTKHDF/Steps"]
+        z = np.array([f["VTKHDF/Points"][int(o) + 1, 2] for o in steps["PointOffsets"][:]])
+        rest = -10.0 * (1 + 20e3 / EA)
+        errors.append(np.abs(z - (rest - closed_form(steps["Values"][:], damping))).max())
+    assert errors[-1] < 2e-5
+    assert np.allclose(np.divide(errors[:-1], errors[1:]), 4.0, rtol=0.05)
+
+
+def test_slack_cable_gives_no_force_until_it_snaps_taut(workshop):
+    """A mass falls freely for the length of slack, then is caught; the energy comes back in the elastic rebound."""
+    nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-9,0,100,-981\n"
+    text = ELASTIC + "[dynamics]\nduration = 1.2\ntime_step = 2e-4\n[output]\nhistory = 0.002\nframes = 600\n"
+    f = workshop.run(workshop.job(text, nodes, "start,end,unstressed_length\n1,2,10\n"))
+    steps = f["VTKHDF/Steps"]
+    t = steps["Values"][:]
+    z = np.array([f["VTKHDF/Points"][int(o) + 1, 2] for o in steps["PointOffsets"][:]])
+    tension = np.array([f["VTKHDF/CellData/tension"][int(o)] for o in steps["CellDataOffsets/tension"][:]])
+    a = 981 / (100 + HALF_ELEMENT * 10)
+    taut = np.sqrt(2 * 1.0 / a)
+    falling = t < taut - 1e-3
+    assert np.allclose(z[falling], -9 - 0.5 * a * t[falling] ** 2, atol=1e-9)
+    assert (tension[falling] == 0).all() and tension.max() > 0
+    assert abs(z[t > taut].max() + 9) < 0.02  # back to where it was let go
+    assert np.abs(f["history/balance_error"][:]).max() < 1e-3
+
+
+def test_pendulum_keeps_its_energy(workshop):
+    """A stiff pendulum swings with the period of the elliptic integral (amplitude 90 degrees: 1.18034 of the small one)."""
+    nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,2,0,0,0,1000,-9810\n"
+    text = ELASTIC.replace("modulus", 'kind = "bar"\nmodulus') + "[dynamics]\nduration = 3.4\ntime_step = 1e-4\n[output]\nhistory = 0.002\nprobes = [[2.0, 0.0]]\n"
+    f = workshop.run(workshop.job(text, nodes, "start,end\n1,2\n"))
+    x = 2.0 + f["history/probe_displacement"][:, 0, 0]
+    t = f["history/time"][:]
+    g = 9810 / (1000 + HALF_ELEMENT * 2)
+    cross = np.flatnonzero((x[:-1] > 0) & (x[1:] <= 0))[0]
+    quarter = t[cross] + (t[cross + 1] - t[cross]) * x[cross] / (x[cross] - x[cross + 1])
+    assert abs(4 * quarter / (2 * np.pi * np.sqrt(2 / g) * 1.180340599) - 1) < 1e-3  # the bar stretches by 1e-4 under the swing
+    assert np.abs(f["history/balance_error"][:]).max() < 1e-5
+
+
+@pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
+def test_plastic_oscillation_balances(workshop, strain):
+    """A weight dropped on a cable makes it flow: stored energy, dissipation and external work balance for both measures."""
+    nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,20000,-700000\n"
+    text = ELASTIC + f'yield_stress = 1.75e9\nstrain = "{strain}"\n[dynamics]\nduration = 0.5\ntime_step = 2e-5\n[output]\nhistory = 0.01\n'
+    f = workshop.run(workshop.job(text, nodes, "start,end,unstressed_length\n1,2,10\n"))
+    h = f["history"]
+    assert h["plastic_dissipation"][-1] > 0.2 * np.abs(h["external_work"][:]).max()
+    assert np.abs(h["balance_error"][:]).max() < 1e-4 and np.abs(h["identity_error"][:]).max() < 1e-11
+    total = h["kinetic_energy"][:] + h["strain_energy"][:] + h["plastic_dissipation"][:] + h["damping_work"][:]
+    assert np.abs(total - h["external_work"][:]).max() < 1e-4 * np.abs(h["external_work"][:]).max()
+
+
+def test_fixed_step_above_the_limit_is_refused_below_it_runs(workshop):
+    """The sharp limit of an elastic net: 1.01 of it is exit code 2 with the limit and its element, 0.99 stays bounded."""
+    L0, M = 10.0, 1000.0 + HALF_ELEMENT * 10.0
+    limit = 2 / np.sqrt(EA / L0 / M)
+    text, nodes, elements = oscillator(0.99 * limit)
+    f = workshop.run(workshop.job(text.replace("duration = 0.5", "duration = 20.0"), nodes, elements))
+    assert np.abs(f["history/probe_displacement"][:]).max() < 0.1
+    done = workshop.run(workshop.job(*oscillator(1.01 * limit)), code=2)
+    assert f"above the stable step {limit:.4g} s" in done.stderr and "element" in done.stderr
+
+
+def test_elements_of_different_speed_are_in_the_limits(workshop):
+    """The reported limits: sharp one of a chain in closed form, and L0 / c after fracture."""
+    from netfall.mechanics.stability import after_fracture_limit, any_shape_limit, assembled_limit
+
+    n, k, m = 40, 1e6, 2.0
+    x = np.column_stack([np.arange(n + 1.0), np.zeros(n + 1), np.zeros(n + 1)])
+    elements = np.column_stack([np.arange(n), np.arange(1, n + 1)])
+    fixed = np.zeros((n + 1, 3), bool)
+    fixed[[0, -1]] = True
+    ones = np.ones(n)
+    sharp = assembled_limit(x, elements, k * ones, ones, 1e-6 * ones, m * np.ones(n + 1), fixed)
+    omega = 2 * np.sqrt(k / m) * np.cos(np.pi / (2 * n))  # largest frequency of a chain fixed at both ends
+    assert np.isclose(sharp.dt, 2 / omega, rtol=1e-6)
+    safe = any_shape_limit(elements, k * ones, ones, m * np.ones(n + 1), ~fixed.all(1))
+    assert 0.7 * sharp.dt < safe.dt <= sharp.dt
+    after = after_fracture_limit(2e11 * ones, 8000.0 * ones, np.r_[0.5, ones[1:]], 0.04 * ones)
+    assert np.isclose(after.dt, 0.5 / 5000.0) and after.element == 0
+
+
+def test_run_that_diverges_is_stopped(workshop):
+    """Forces out of all range: exit code 3, the time named, no file left behind."""
+    nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,0,0,-10,0,1e300\n3,5,5,-10,1,0\n"
+    job = workshop.job(ELASTIC + "[dynamics]\nduration = 0.1\n", nodes, "start,end\n1,2\n2,3\n")
+    done = workshop.run(job, code=3)
+    assert "diverged at t =" in done.stderr
+    assert not (workshop.folder / "result.vtkhdf").exists()

@@ -1,0 +1,98 @@
+"""The generators give the paper's nets; faces, areas and normals are those of the plan."""
+
+import numpy as np
+import pytest
+from conftest import STEEL
+
+from netfall.job.read import read_job
+from netfall.net import generators
+from netfall.net.build import build_net, roof_areas
+from netfall.net.faces import find_faces, normals, tributary_areas
+from netfall.net.net import subdivide
+
+
+def test_stadium_has_the_papers_counts():
+    """Paper 4.2 on its own grid: 544 particles, 102 of them fixed, 937 elements; shortest element 0.117 m."""
+    net = generators.stadium(88.0, 66.0, 10.0, 2.2)
+    assert (net.n, int(net.fixed.all(1).sum()), net.m) == (544, 102, 937)
+    assert 0.11 < net.lengths().min() < 0.12
+
+
+@pytest.mark.parametrize("spacing", [0.7, 1.0, 1.37, 2.2, 3.3, 5.1])
+def test_stadium_supports_lie_on_arch_and_ellipse(spacing):
+    """At any spacing every support is on the arch or the ellipse, and every free particle has four elements."""
+    net = generators.stadium(88.0, 66.0, 10.0, spacing)
+    held = net.fixed.all(1)
+    x, y, z = net.x[held].T
+    on_arch, on_edge = y == 0, np.abs((x / 44) ** 2 + (y / 33) ** 2 - 1) < 1e-3
+    assert (on_arch | on_edge).all()
+    assert np.allclose(z[on_arch], 10 * (1 - (x[on_arch] / 44) ** 2)) and np.allclose(z[on_edge & ~on_arch], 0)
+    assert (np.bincount(net.elements.ravel(), minlength=net.n)[~held] == 4).all()
+
+
+def test_saddle_boundary_is_the_hypar():
+    """Supports on z = 3.66 (x/36.6)^2 - 3.66 (y/36.6)^2, free particles on z = 0."""
+    net = generators.saddle(73.2, 3.66, 8)
+    held = net.fixed.all(1)
+    x, y, z = net.x.T
+    assert (net.n, int(held.sum()), net.m) == (77, 28, 112)
+    assert np.allclose(z[held], (3.66 * (x / 36.6) ** 2 - 3.66 * (y / 36.6) ** 2)[held])
+    assert (z[~held] == 0).all()
+
+
+def test_tributary_areas_cover_the_roof():
+    """A cell's area for each inner particle of a square grid; all shares sum up to the roof, subdivided or not."""
+    net = generators.saddle(80.0, 4.0, 8)
+    area = tributary_areas(net, find_faces(net))
+    assert np.allclose(area[~net.fixed.all(1)], 100.0)
+    assert np.isclose(area.sum(), 6400.0 - 4 * 25.0)  # the corners' quarters go straight to the rigid boundary
+    fine = subdivide(net, 3)
+    fine_area = tributary_areas(fine, find_faces(fine))
+    assert np.isclose(fine_area.sum(), area.sum()) and (fine_area[net.n:] > 0).all()
+
+
+def test_stadium_area_is_half_an_ellipse():
+    """The chords of the edge miss a little of pi a b / 2 (0.2 % here, with the corners' shares)."""
+    net = generators.stadium(88.0, 66.0, 10.0, 2.2)
+    assert abs(tributary_areas(net, find_faces(net)).sum() / (np.pi * 44 * 33 / 2) - 1) < 3e-3
+
+
+def test_normals_of_an_inclined_plane():
+    """A plane roof has its plane's normal everywhere, upward."""
+    net = generators.saddle(80.0, 0.0, 6)
+    net.x[:, 2] = 0.3 * net.x[:, 0] - 0.2 * net.x[:, 1]
+    net.corners[:, 2] = 0.3 * net.corners[:, 0] - 0.2 * net.corners[:, 1]
+    expected = np.array([-0.3, 0.2, 1.0]) / np.linalg.norm([-0.3, 0.2, 1.0])
+    assert np.allclose(normals(net.x, net, find_faces(net)), expected)
+
+
+def test_subdivision_keeps_lengths_masses_and_density_of_force():
+    """k elements in place of one: k times the force density, a k-th of the length, the same tension."""
+    net = generators.saddle(80.0, 4.0, 4)
+    net.force_density[:] = 7.0
+    fine = subdivide(net, 4)
+    assert fine.m == 4 * net.m and fine.n == net.n + 3 * net.m
+    assert np.isclose(fine.lengths().sum(), net.lengths().sum())
+    assert np.allclose(fine.force_density * fine.lengths(), np.repeat(net.force_density * net.lengths(), 4))
+
+
+TABLE_SADDLE = STEEL + "[load]\ndead = 100.0\n"
+
+
+def tables_of(net, closed):
+    """nodes.csv and elements.csv of a net; `closed` adds elements between the supports along the outline."""
+    nodes = "id,x,y,z,fixed\n" + "".join(f"{p + 10},{x!r},{y!r},{z!r},{int(f)}\n" for p, ((x, y, z), f) in enumerate(zip(net.x.tolist(), net.fixed[:, 0])))
+    outline = [pair for pair in net.outline if (pair < net.n).all()] if closed else []
+    return nodes, "start,end\n" + "".join(f"{a + 10},{b + 10}\n" for a, b in [*net.elements, *outline])
+
+
+def test_areas_of_tables_need_a_closed_outline(workshop):
+    """An outline drawn with elements between supports closes the faces; where it is open, the remark says so."""
+    net = generators.saddle(80.0, 4.0, 4)
+    job = read_job(workshop.job(TABLE_SADDLE, *tables_of(net, closed=True)))
+    area, _, remark = roof_areas(job, build_net(job))
+    inner = ~net.fixed.all(1)
+    assert remark == "" and np.allclose(area[inner][4], 400.0)
+    job = read_job(workshop.job(TABLE_SADDLE, *tables_of(generators.saddle(80.0, 4.0, 2), closed=False)))
+    with pytest.raises(Exception, match="no closed face"):
+        roof_areas(job, build_net(job))

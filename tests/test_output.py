@@ -1,0 +1,203 @@
+"""The result file: read back by VTK as ParaView does, complete by the contract, whole or absent; pictures and words."""
+
+import h5py
+import numpy as np
+import pytest
+from conftest import ROOT, STEEL, run_netfall
+
+STORM = """title = "Storm over a saddle"
+[net]
+generator = "saddle"
+side = 40.0
+cells = 6
+[cable]
+modulus = 1.95e11
+area = 400e-6
+density = 7850.0
+prestress = 100e3
+yield_stress = 1.75e9
+fracture_strain = 0.0404
+[form_finding]
+modulus_factor = 0
+[load]
+pressure = [0.0, 0.0, 200.0]
+steps = 3
+[wind]
+speed = 60.0
+shape_coefficient = -3.0
+seed = 3
+[dynamics]
+duration = 0.8
+damping = 0.2
+[output]
+history = 0.004
+frames = 16
+probes = [[0.0, 0.0]]
+"""
+
+
+@pytest.fixture(scope="module")
+def storm(shared_workshop):
+    """A small collapse written by two ranks."""
+    job = shared_workshop.job(STORM, name="storm")
+    return shared_workshop.run(job, ranks=2, output="storm.vtkhdf")
+
+
+def test_file_has_what_the_contract_names(storm):
+    """Every group and dataset, with its shape."""
+    f = storm
+    n, m, steps = len(f["net/particles"]), len(f["net/elements"]), 3
+    rows, events, ends = len(f["history/time"]), len(f["events/time"]), len(f["final/position"])
+    shapes = {
+        "form_finding/position": (n, 3), "form_finding/tension": (m,), "form_finding/unstressed_length": (m,), "form_finding/iterations": (),
+        "form_finding/residual": (), "statics/load_factor": (steps,), "statics/displacement": (steps, n, 3), "statics/residual": (steps,),
+        "statics/tension": (steps, m), "history/probe_displacement": (rows, 1, 3), "final/position": (ends, 3), "final/velocity": (ends, 3),
+        "final/tension": (m,), "final/plastic_strain": (m,), "final/particle_id": (ends,), "final/element_id": (m,),
+        "net/fixed": (n, 3), "net/group": (m,), "net/tributary_area": (n,), "wind/control_point": (f["wind/mean_speed"].shape[0], 3),
+        "wind/speed": (len(f["wind/time"]), len(f["wind/mean_speed"]))}
+    shapes |= {f"history/{name}": (rows,) for name in ("time", "time_step", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work",
+                                                       "external_work", "identity_error", "balance_error", "slack", "broken")}
+    shapes |= {f"events/{name}": (events,) for name in ("time", "step", "element", "particle", "new_particle", "strain")}
+    assert {name: f[name].shape for name in shapes} == shapes
+    assert events > 3 and ends == n + (f["events/new_particle"][:] >= 0).sum()
+    p = f["provenance"]
+    assert p["job"].asstr()[()] == STORM and p.attrs["exit_state"] == "finished" and p.attrs["limit_after_fracture"] > p.attrs["time_step"]
+    assert f["final/position"].dtype == np.float64
+
+
+def test_frames_and_history_are_where_they_were_asked(storm):
+    """frames + the initial state, evenly over the duration; history rows every 4 ms, the last at the end."""
+    t = storm["VTKHDF/Steps/Values"][:]
+    assert len(t) == 17 and np.allclose(t, np.linspace(0, 0.8, 17), atol=storm["provenance"].attrs["time_step"])
+    assert np.allclose(storm["history/time"][:], np.arange(201) * 0.004, atol=1e-9)
+
+
+def vtk_steps(path):
+    """Each step as VTK's own reader gives it: time, points, lines, arrays by name."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkIOHDF import vtkHDFReader
+
+    reader = vtkHDFReader()
+    reader.SetFileName(str(path))
+    reader.UpdateInformation()
+    for step in range(reader.GetNumberOfSteps()):
+        reader.SetStep(step)
+        reader.Update()
+        grid = reader.GetOutputDataObject(0)
+        if grid.IsA("vtkPartitionedDataSet"):
+            assert grid.GetNumberOfPartitions() == 1
+            grid = grid.GetPartition(0)
+        arrays = {data.GetArrayName(k): vtk_to_numpy(data.GetArray(k)).copy() for data in (grid.GetPointData(), grid.GetCellData())
+                  for k in range(data.GetNumberOfArrays())}
+        lines = vtk_to_numpy(grid.GetCells().GetConnectivityArray()).reshape(-1, 2).copy()
+        yield reader.GetTimeValue(), vtk_to_numpy(grid.GetPoints().GetData()).copy(), lines, arrays
+
+
+def test_vtk_reads_the_series_back(storm):
+    """Times, counts, arrays and connectivity at each step, before and after fractures, as VTK's reader sees them."""
+    n, elements = len(storm["net/particles"]), storm["net/elements"][:]
+    steps, when = storm["events/step"][:] * storm["provenance"].attrs["time_step"], storm["events/time"][:]
+    assert np.allclose(steps, when)
+    seen = list(vtk_steps(storm.filename))
+    assert len(seen) == 17
+    start = storm["form_finding/position"][:]
+    for time, points, lines, arrays in seen:
+        past = when < time - 1e-12
+        new = np.sort(storm["events/new_particle"][:][past])
+        new = new[new >= 0]
+        assert len(points) == n + len(new) and len(lines) == len(elements)
+        assert np.array_equal(arrays["GlobalPointId"], np.concatenate([np.arange(n), new]))
+        assert np.array_equal(arrays["GlobalCellId"], np.arange(len(elements)))
+        expected = elements.copy()
+        for e, p in zip(storm["events/element"][:][past], storm["events/new_particle"][:][past]):
+            if p >= 0:
+                expected[e, (p - n) % 2] = n + np.searchsorted(new, p)
+        assert np.array_equal(lines, expected)
+        assert np.array_equal(np.flatnonzero(arrays["broken"]), np.unique(storm["events/element"][:][past]))
+        assert np.allclose(points[:n] - arrays["displacement"][:n], start, atol=1e-4)
+        assert np.array_equal(arrays["group"], storm["net/group"][:])
+    _, points, _, arrays = seen[-1]
+    assert np.array_equal(points, storm["final/position"][:])
+    for name in ("tension", "plastic_strain"):
+        assert np.allclose(arrays[name], storm[f"final/{name}"][:], rtol=1e-6)
+    assert np.allclose(arrays["velocity"], storm["final/velocity"][:], rtol=1e-6)
+    assert len(seen[0][1]) == n < len(points)
+
+
+def test_job_without_dynamics_is_one_frame(workshop):
+    """Form finding alone: VTK reads one step, the prestressed net."""
+    f = workshop.run(workshop.job('[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\n"))
+    (time, points, lines, arrays), = vtk_steps(f.filename)
+    assert time == 0 and np.array_equal(points, f["form_finding/position"][:])
+    assert np.allclose(arrays["tension"], f["form_finding/tension"][:], rtol=1e-6)
+    assert "history" not in f
+
+
+def test_pictures_are_drawn_without_a_display(storm, shared_workshop):
+    """One PNG for each subject that the file has data for, none of them blank."""
+    from matplotlib.image import imread
+
+    done = run_netfall("plot", storm.filename, "-o", shared_workshop.folder / "pictures")
+    assert done.returncode == 0, done.stderr
+    names = {path.name for path in (shared_workshop.folder / "pictures").iterdir()}
+    assert names == {f"storm_{k}.png" for k in ("form", "load_displacement", "collapse", "energies", "tensions", "displacements", "wind")}
+    for name in names:
+        assert imread(shared_workshop.folder / "pictures" / name)[..., :3].std() > 0.02
+
+
+def test_info_tells_what_happened(storm):
+    """Ranks, residuals, energies, audits and the first fracture are in the summary."""
+    text = run_netfall("info", storm.filename).stdout
+    for words in ("Storm over a saddle", "on 2 ranks", "finished", "form finding:", "statics: 3 load steps", "work identity", f"element {storm['events/element'][0]} "):
+        assert words in text, words
+
+
+@pytest.mark.parametrize("verb", ["info", "plot"])
+@pytest.mark.parametrize("content", [None, b"", b"not HDF5", "other"])
+def test_file_of_another_kind_is_refused(tmp_path, verb, content):
+    """Absent, empty, foreign: one line and exit code 2."""
+    path = tmp_path / "x.vtkhdf"
+    if content == "other":
+        h5py.File(path, "w").close()
+    elif content is not None:
+        path.write_bytes(content)
+    done = run_netfall(verb, path)
+    assert done.returncode == 2 and done.stderr.startswith(str(path)) and "Traceback" not in done.stderr
+
+
+def test_result_keeps_the_old_file_until_the_new_one_is_whole(workshop):
+    """A run that fails leaves an earlier result as it was."""
+    job = workshop.job('[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\n")
+    workshop.run(job).close()
+    before = (workshop.folder / "result.vtkhdf").read_bytes()
+    workshop.run(job, "--set", "form_finding.max_iterations=5", code=3)
+    assert (workshop.folder / "result.vtkhdf").read_bytes() == before
+    assert {p.name for p in workshop.folder.iterdir()} == {"job.toml", "result.vtkhdf"}
+
+
+@pytest.mark.parametrize("name", ["saddle", "stadium", "olympia"])
+def test_shipped_jobs_are_valid_and_described(name):
+    """`netfall check` of each shipped job: sizes, limits, memory and expected run time."""
+    done = run_netfall("check", ROOT / "jobs" / f"{name}.toml")
+    assert done.returncode == 0, done.stderr
+    for words in ("valid", "particles", "stable step", "memory:", "expected run time"):
+        assert words in done.stdout, words
+
+
+@pytest.mark.parametrize("name", ["saddle", "stadium"])
+def test_shipped_jobs_run_shortened(workshop, name):
+    """The shipped jobs, cut to their beginning, run on two ranks."""
+    f = workshop.run(ROOT / "jobs" / f"{name}.toml", "--set", "dynamics.duration=0.05", ranks=2)
+    assert f["provenance"].attrs["partition"].startswith(("METIS", "partitions/"))
+    assert np.abs(f["history/identity_error"][:]).max() < 1e-10
+
+
+def test_progress_is_plain_lines_when_nobody_watches(workshop):
+    """No carriage returns in a log; quiet prints nothing; the lines tell percent, time, rate, slack and broken counts."""
+    job = workshop.job('[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\n[dynamics]\nduration = 0.05\n")
+    done = run_netfall("run", job, "-o", workshop.folder / "x.vtkhdf", ranks=2)
+    assert "\r" not in done.stdout and done.stdout.count("100 %") == 1
+    line = next(line for line in done.stdout.splitlines() if "100 %" in line)
+    assert all(words in line for words in ("t = 0.050 s", "steps/s", "left", "slack 0", "broken 0"))
+    quiet = run_netfall("run", job, "-o", workshop.folder / "x.vtkhdf", "--quiet")
+    assert quiet.stdout == "" and quiet.stderr == "" and quiet.returncode == 0

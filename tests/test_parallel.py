@@ -1,0 +1,182 @@
+"""The same job gives the same bits on any number of ranks; partitions are read, written, and refused when foreign."""
+
+import numpy as np
+import pytest
+from conftest import ROOT, STEEL, assert_same_results, run_netfall
+
+from netfall.net import generators
+from netfall.parallel.distribute import cut_net
+from netfall.parallel.partition import metis_partition, read_partition, write_partition
+
+COLLAPSE = """[net]
+generator = "stadium"
+[cable]
+modulus = 1.95e11
+area = 683.08e-6
+density = 7850.0
+prestress = 100e3
+yield_stress = 1.75e9
+fracture_strain = 0.0404
+[form_finding]
+[load]
+dead = 1000.0
+self_weight = true
+pressure = [0.0, 0.0, 300.0]
+steps = 2
+[wind]
+speed = 80.0
+shape_coefficient = -1.3
+after_fracture = "{after}"
+[dynamics]
+duration = 1.4
+damping = 0.5
+[output]
+frames = 14
+history = 0.02
+probes = [[0.0, 15.0], [22.0, 10.0]]
+"""
+
+
+@pytest.fixture(scope="module")
+def collapse_on_one_rank(shared_workshop):
+    """A collapse of the stadium with over 100 fractures, all stages and loads."""
+    job = shared_workshop.job(COLLAPSE.format(after="particle"), name="collapse")
+    return job, shared_workshop.run(job, output="one.vtkhdf")
+
+
+@pytest.mark.parametrize("ranks", [2, 3, 4])
+def test_collapse_is_the_same_on_any_number_of_ranks(shared_workshop, collapse_on_one_rank, ranks):
+    """Every dataset but /provenance to the last bit, events included."""
+    job, one = collapse_on_one_rank
+    assert one["history/broken"][-1] > 100
+    other = shared_workshop.run(job, ranks=ranks, output=f"{ranks}.vtkhdf")
+    assert assert_same_results(one, other) > 40
+    assert other["provenance"].attrs["ranks"] == ranks
+
+
+def test_audits_through_the_collapse(collapse_on_one_rank):
+    """Over 100 fractures: the work identity to 1e-10 of the external work, the physical balance to 1e-3."""
+    _, f = collapse_on_one_rank
+    assert np.abs(f["history/identity_error"][:]).max() < 1e-10
+    assert np.abs(f["history/balance_error"][:]).max() < 1e-3
+
+
+@pytest.mark.parametrize("after", ["all", "none"])
+def test_other_choices_after_fracture_on_three_ranks(shared_workshop, after):
+    """The whole wind ends at the same step on all ranks; or never does."""
+    job = shared_workshop.job(COLLAPSE.format(after=after), name=after)
+    files = [shared_workshop.run(job, "--set", "dynamics.duration=0.8", ranks=ranks, output=f"{after}{ranks}.vtkhdf") for ranks in (1, 3)]
+    assert len(files[0]["events/step"]) > 0
+    assert_same_results(*files)
+
+
+@pytest.mark.parametrize("ranks", [3, 5])
+def test_more_ranks_than_free_particles(workshop, ranks):
+    """Ranks that own one particle, or nothing: a single cable and a small net, with fracture, on up to five ranks."""
+    nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,10000,-98100\n"
+    cable = STEEL.replace("prestress = 100e3\n", "fracture_strain = 1e-3\n") + "[dynamics]\nduration = 0.1\n[output]\nframes = 5\n"
+    job = workshop.job(cable, nodes, "start,end\n1,2\n", name="cable")
+    one, many = workshop.run(job, output="a.vtkhdf"), workshop.run(job, ranks=ranks, output="b.vtkhdf")
+    assert len(one["events/step"]) == 1
+    assert_same_results(one, many)
+
+
+def test_three_stages_with_slack_and_logarithmic_strain(workshop):
+    """Statics with slack cables, then motion, in the other strain measure, on two and three ranks."""
+    text = '[net]\ngenerator = "saddle"\ncells = 7\nsubdivide = 2\n' + STEEL.replace("683.08e-6", "3600e-6") + """strain = "logarithmic"
+yield_stress = 1.75e9
+[form_finding]
+start = "force_density"
+[load]
+pressure = -800.0
+steps = 2
+tolerance = 1e-4
+[wind]
+speed = 20.0
+shape_coefficient = 0.8
+[dynamics]
+duration = 0.2
+[output]
+frames = 3
+"""
+    job = workshop.job(text)
+    one = workshop.run(job, output="1.vtkhdf")
+    for ranks in (2, 3):
+        assert_same_results(one, workshop.run(job, ranks=ranks, output=f"{ranks}.vtkhdf"))
+
+
+def test_pieces_cover_the_net_once():
+    """Each particle is owned once, each element reported once; what is sent to a rank is what it holds as halo."""
+    net = generators.stadium(88.0, 66.0, 10.0, 2.2)
+    for ranks in (1, 2, 5, 16):
+        part = metis_partition(net.n, net.elements, ranks)
+        pieces = cut_net(net.n, net.elements, part, ranks)
+        assert np.array_equal(np.sort(np.concatenate([p.particle_gid[: p.n_owned] for p in pieces])), np.arange(net.n))
+        assert np.array_equal(np.sort(np.concatenate([p.element_gid[p.element_owned] for p in pieces])), np.arange(net.m))
+        for rank, piece in enumerate(pieces):
+            assert np.array_equal(piece.particle_gid[piece.ends], net.elements[piece.element_gid])
+            received, first = piece.particle_gid[piece.n_owned:], 0
+            for neighbour, count in zip(piece.neighbours, piece.receive_counts):
+                other = pieces[neighbour]
+                k = other.neighbours.index(rank)
+                begin = sum(other.send_counts[:k])
+                sent = other.particle_gid[other.send_index[begin:begin + other.send_counts[k]]]
+                assert np.array_equal(sent, received[first:first + count])
+                first += count
+            assert first == len(received)
+
+
+SMALL = '[net]\ngenerator = "saddle"\ncells = 6\n' + STEEL + "[form_finding]\nmodulus_factor = 0\n[dynamics]\nduration = 0.02\n"
+
+
+def test_partition_by_hand_is_used_and_changes_no_bit(workshop):
+    """Any valid partition file serves, an uneven one too; the result is that of METIS's."""
+    job = workshop.job(SMALL)
+    done = run_netfall("partition", job, "-n", 3, cwd=workshop.folder)
+    assert done.returncode == 0 and "edge cut" in done.stdout
+    graph = (workshop.folder / "partitions" / "job.graph").read_text().split("\n")
+    assert graph[0].split() == ["45", "60", "010"]
+    first = workshop.run(job, ranks=3, output="a.vtkhdf")
+    path = workshop.folder / "partitions" / "job.graph.part.3"
+    path.write_text("".join(f"{0 if k < 40 else 2}\n" for k in range(45)))  # rank 1 owns nothing
+    second = workshop.run(job, ranks=3, output="b.vtkhdf")
+    assert second["provenance"].attrs["partition"] == "partitions/job.graph.part.3"
+    assert_same_results(first, second)
+
+
+@pytest.mark.parametrize("damage, message", [
+    (lambda folder: (folder / "job.graph").write_text("3 2 010\n1 2\n2 1 3\n1 2\n"), "belongs to another net"),
+    (lambda folder: (folder / "job.graph").unlink(), "cannot be read"),
+    (lambda folder: (folder / "job.graph.part.2").write_text("0\n1\n"), "damaged"),
+    (lambda folder: (folder / "job.graph.part.2").write_text("7\n" * 45), "damaged"),
+    (lambda folder: (folder / "job.graph.part.2").write_bytes(b"\x00\xff" * 45), "cannot be read")])
+def test_foreign_or_damaged_partition_is_refused(workshop, damage, message):
+    """One line with the file, what is wrong, and what to do; exit code 2 on both ranks."""
+    job = workshop.job(SMALL)
+    run_netfall("partition", job, "-n", 2, cwd=workshop.folder)
+    damage(workshop.folder / "partitions")
+    done = workshop.run(job, ranks=2, code=2)
+    assert message in done.stderr and "netfall partition" in done.stderr
+
+
+@pytest.mark.parametrize("name", ["saddle", "stadium", "olympia"])
+def test_shipped_partitions_belong_to_the_shipped_jobs(name):
+    """partitions/ holds what `netfall partition` writes for the jobs as they are."""
+    from netfall.job.read import read_job
+    from netfall.net.build import build_net
+
+    net = build_net(read_job(ROOT / "jobs" / f"{name}.toml"))
+    for parts in (2, 3, 4):
+        part = read_partition(name, net.n, net.elements, parts, ROOT / "partitions")
+        assert part is not None and set(part) == set(range(parts))
+
+
+def test_partition_files_are_metis_own(tmp_path):
+    """Neighbours from 1, symmetric, edges counted once; the part file has a line for each vertex."""
+    net = generators.saddle(40.0, 2.0, 5)
+    write_partition("x", net.n, net.elements, 2, tmp_path)
+    lines = [line.split() for line in (tmp_path / "x.graph").read_text().splitlines()]
+    rows = [[int(word) for word in line[1:]] for line in lines[1:]]
+    assert int(lines[0][1]) == net.m == sum(map(len, rows)) // 2
+    assert all(p + 1 in rows[q - 1] for p, row in enumerate(rows) for q in row)
+    assert len((tmp_path / "x.graph.part.2").read_text().split()) == net.n

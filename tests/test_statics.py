@@ -1,0 +1,107 @@
+"""Static equilibrium under load, against Newton's method on the same net and against balance of forces."""
+
+import numpy as np
+from conftest import STEEL
+from scipy.sparse import coo_array
+from scipy.sparse.linalg import spsolve
+
+SADDLE = '[net]\ngenerator = "saddle"\n' + STEEL.replace("683.08e-6", "3600e-6").replace("100e3", "1800e3")
+LOADED = SADDLE + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-8\n[load]\npressure = [0.0, 0.0, 2000.0]\nsteps = 4\ntolerance = 1e-9\n"
+EA = 1.95e11 * 3600e-6
+
+
+def newton(x, elements, L0, fixed, load, bar=False):
+    """Equilibrium of elastic elements by Newton iteration with the exact tangent stiffness."""
+    x = x.copy()
+    n, free = len(x), np.flatnonzero(~fixed.ravel())
+    for _ in range(60):
+        d = x[elements[:, 1]] - x[elements[:, 0]]
+        L = np.linalg.norm(d, axis=1)
+        N = np.maximum(EA * (L - L0) / L0, 0.0)
+        e = d / L[:, None]
+        residual = load.copy()
+        np.add.at(residual, elements[:, 0], N[:, None] * e)
+        np.subtract.at(residual, elements[:, 1], N[:, None] * e)
+        if np.abs(residual.ravel()[free]).max() < 1e-5:
+            return x, N
+        block = (np.where(N > 0, EA / L0, 0) - N / L)[:, None, None] * e[:, :, None] * e[:, None, :] + (N / L)[:, None, None] * np.eye(3)
+        rows, columns, values = [], [], []
+        for a, b, sign in ((0, 0, 1), (1, 1, 1), (0, 1, -1), (1, 0, -1)):
+            i = 3 * elements[:, a, None, None] + np.arange(3)[None, :, None]
+            j = 3 * elements[:, b, None, None] + np.arange(3)[None, None, :]
+            shape = block.shape
+            rows.append(np.broadcast_to(i, shape).ravel())
+            columns.append(np.broadcast_to(j, shape).ravel())
+            values.append(sign * block.ravel())
+        K = coo_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(3 * n, 3 * n)).tocsr()
+        step = np.zeros(3 * n)
+        step[free] = spsolve(K[free][:, free].tocsc(), residual.ravel()[free])
+        x += step.reshape(n, 3)
+    raise AssertionError("Newton did not converge")
+
+
+def test_load_case_of_the_paper_against_newton(workshop):
+    """2 kN/m2 on the saddle (paper 4.1.2): displacements to 1e-6 of the largest, y cables gain tension, x cables lose it, all stay taut."""
+    f = workshop.run(workshop.job(LOADED))
+    start, elements, L0 = f["form_finding/position"][:], f["net/elements"][:], f["form_finding/unstressed_length"][:]
+    load = f["net/tributary_area"][:][:, None] * np.array([0.0, 0.0, 2000.0])
+    x, N = newton(start, elements, L0, f["net/fixed"][:].astype(bool), load)
+    d = f["statics/displacement"][-1]
+    assert np.abs(d - (x - start)).max() < 1e-6 * np.abs(d).max()
+    assert np.allclose(f["statics/tension"][-1], N, rtol=1e-6)
+    group = f["net/group"][:]
+    assert (N[group == 1] > 1800e3).all() and (N[group == 0] < 1800e3).all() and N.min() > 0
+    assert f["statics/slack"][-1] == 0
+
+
+def test_history_of_the_load_steps(workshop):
+    """One row a step, factors to 1, residuals below the tolerance, displacements that grow."""
+    f = workshop.run(workshop.job(LOADED))
+    s = f["statics"]
+    assert np.allclose(s["load_factor"][:], [0.25, 0.5, 0.75, 1.0])
+    reference = max(f["form_finding/tension"][:].max(), 2000 * f["net/tributary_area"][:].max())
+    assert (s["residual"][:] <= 1e-9 * reference).all()
+    assert (np.diff(np.abs(s["displacement"][:]).max((1, 2))) > 0).all()
+
+
+def test_slack_cables_are_counted_and_carry_nothing(workshop):
+    """Too strong a load for the prestress: the slack cables' tension is exactly zero, and Newton agrees on the rest."""
+    job = workshop.job(LOADED.replace("1800e3", "600e3"))
+    f = workshop.run(job)
+    N = f["statics/tension"][-1]
+    assert f["statics/slack"][-1] == (N == 0).sum() > 0
+    load = f["net/tributary_area"][:][:, None] * np.array([0.0, 0.0, 2000.0])
+    x = f["form_finding/position"][:] + f["statics/displacement"][-1]
+    _, expected = newton(x, f["net/elements"][:], f["form_finding/unstressed_length"][:], f["net/fixed"][:].astype(bool), load)
+    assert np.abs(N - expected).max() < 1e-5 * N.max()
+
+
+def test_self_weight_of_a_hanging_cable(workshop):
+    """A cable hanging straight down: the support carries its whole weight, and each link what is below it."""
+    n = 10
+    nodes = "id,x,y,z,fixed\n" + "".join(f"{k},0,0,{-k},{int(k == 0)}\n" for k in range(n + 1))
+    elements = "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(n))
+    f = workshop.run(workshop.job(STEEL.replace("prestress = 100e3\n", "") + "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-7\n", nodes, elements))
+    weight = 7850.0 * 683.08e-6 * 9.81
+    assert np.allclose(f["statics/tension"][-1], weight * (n - 0.5 - np.arange(n)), rtol=1e-6)  # 1e-7 of the largest, in the lowest link 20 times as much
+
+
+def test_bars_carry_compression(workshop):
+    """A strut under a weight is compressed by it."""
+    job = workshop.job(STEEL.replace("prestress = 100e3", 'kind = "bar"') + "[load]\nsteps = 2\ntolerance = 1e-10\n",
+                       "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,0,0,3,1,1,0,-5000\n", "start,end\n1,2\n")
+    assert np.allclose(workshop.run(job)["statics/tension"][-1], -5000.0)
+
+
+def test_dynamics_starts_from_the_static_equilibrium(workshop):
+    """Without wind nothing moves after the load steps."""
+    f = workshop.run(workshop.job(LOADED + "[dynamics]\nduration = 0.2\n"))
+    d = f["final/position"][:] - f["form_finding/position"][:] - f["statics/displacement"][-1]
+    assert np.abs(d).max() < 1e-6
+    assert f["history/kinetic_energy"][-1] < 1e-3
+
+
+def test_static_load_that_breaks_the_net_is_reported(workshop):
+    """No static equilibrium to start from: exit code 3 with element and load factor."""
+    job = workshop.job(LOADED.replace("2000.0]", "9000.0]").replace("prestress", "yield_stress = 1.75e9\nfracture_strain = 0.0404\nprestress"))
+    assert "breaks element" in workshop.run(job, code=3).stderr
