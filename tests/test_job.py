@@ -213,3 +213,15 @@ def test_unwritable_place_is_refused(workshop):
     job = workshop.job(WHOLE)
     done = run_netfall("run", job, "-o", workshop.folder / "nowhere" / "x.vtkhdf")
     assert done.returncode == 2 and "does not exist" in done.stderr
+
+
+def test_readme_lists_every_key_with_its_default():
+    """The README's tables of keys are those of the schema."""
+    from conftest import ROOT
+
+    text = (ROOT / "README.md").read_text()
+    for section, key in ALL_KEYS:
+        if section:
+            part = text.split(f"**[{section}]**")[1].split("**[")[0]
+            row = next((line for line in part.splitlines() if line.startswith(f"| `{key.name}`")), "")
+            assert key.meaning in row and (key.unit in row), (section, key.name)

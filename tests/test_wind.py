@@ -66,7 +66,8 @@ def test_noise_is_a_function_of_seed_and_step():
 @pytest.mark.parametrize("speed, dt, order", [(5, 0.5, 1), (10, 0.05, 4), (40, 0.01, 3), (80, 0.1, 8), (60, 2.0, 30)])
 def test_lags_are_as_many_as_asked_and_the_model_is_stable(speed, dt, order):
     """At slow and fast winds, short and long steps."""
-    lags = spread_lags(speed, dt, order)
+    lags, gain = spread_lags(POINTS[:4], np.full(4, speed), speed, DECAY, dt, order)
+    assert 0.8 < gain < 1.25
     assert 1 <= len(lags) <= order and lags[0] == 1 and (np.diff(lags) > 0).all()
     model = fit_gust_model(POINTS[:4], np.full(4, speed), speed, K, DECAY, dt, order)
     g = GustRecursion(model, 1, speed, dt)

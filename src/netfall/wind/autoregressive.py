@@ -6,7 +6,7 @@ Psi and Sigma follow from the covariances R(tau) = integral S(n) coh(n) cos(2 pi
 Yule-Walker equations at the lags l_j. The lags are not consecutive: four lags of 0.05 s see 0.2 s of a
 process whose memory is half a minute, and such a model misses the spectrum by a third around its peak.
 The same number of lags, spread from one step to the memory of the gust and chosen for the best fit,
-keeps the half octaves above x = 0.4 within some 20 % (`spread_lags`).
+keeps the half octaves within some 15 % (`spread_lags`).
 """
 
 import itertools
@@ -16,8 +16,9 @@ import numpy as np
 
 from netfall.wind.davenport import GUST_LENGTH, davenport_coherence, davenport_spectrum
 
-LOWEST_BAND = 0.2  # x = 1200 n / U0 where the fit begins; less than 3 % of the variance lies below
+LOWEST_BAND = 0.3  # x = 1200 n / U0 where the fit begins; some 3 % of the variance lies below
 BURN_IN = 8.0  # in units of 1200 m / U0: the memory of the start is gone
+SOME_POINTS = 6  # control points on which the lags are chosen
 NUGGET = 1e-9  # of the variance, on the diagonal: control points close together make R nearly singular
 
 
@@ -27,44 +28,78 @@ def frequencies(speed: float, dt: float) -> np.ndarray:
     return (np.arange(count) + 0.5) * (0.5 / dt / count)
 
 
-def spread_lags(speed: float, dt: float, order: int) -> np.ndarray:
-    """The `order` lags (in steps of dt) whose AR spectrum is closest to Davenport's, by half octaves.
+def covariances(points, mean, decay, n, weight, dt, lags) -> dict[int, np.ndarray]:
+    """Covariances R(lag dt) (c, c) of the gusts at points (c, 3) [m] for each lag [steps].
 
-    Chosen from a geometric set between one step and half of 1200 m / U0: one step, then the best three
-    together (a long lag and a short one only help each other), then one by one.
+    mean : (c,) [m/s]; weight : spectrum times frequency step at the frequencies n [Hz]
     """
+    c = len(points)
+    lags = np.unique(lags)
+    waves = np.cos(2 * np.pi * np.outer(lags * dt, n)) * weight
+    R = np.empty((len(lags), c, c))
+    for i in range(c):
+        for j in range(i, c):
+            R[:, i, j] = R[:, j, i] = waves @ davenport_coherence(n, points[i] - points[j], decay, 0.5 * (mean[i] + mean[j]))
+    R += NUGGET * R[0, 0, 0] * (lags == 0)[:, None, None] * np.eye(c)
+    return {int(lag): R[k] for k, lag in enumerate(lags)}
+
+
+def yule_walker(R: dict[int, np.ndarray], lags) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients Psi (p, c, c) at the lags and covariance Sigma (c, c) of the noise.
+
+    The coherence is real, so R(tau) = R(-tau) = R(tau)^T and the blocks need no transposes.
+    """
+    p, c = len(lags), len(R[0])
+    matrix = np.block([[R[abs(int(i - j))] for j in lags] for i in lags])
+    right = np.vstack([R[int(lag)] for lag in lags])
+    stacked = np.linalg.solve(matrix, right)  # (p c, c): Psi_j^T one below the other
+    return stacked.reshape(p, c, c).transpose(0, 2, 1), R[0] - right.T @ stacked
+
+
+def spread_lags(points, mean, speed, decay, dt, order) -> tuple[np.ndarray, float]:
+    """The `order` lags [steps] whose AR spectrum is closest to Davenport's, by half octaves, and a gain.
+
+    Chosen from a geometric set between one step and half of 1200 m / U0, on a few of the points: one step, the
+    best pair, then one by one, then each once more against all others. The gain is the factor on the spectrum
+    that centres what misfit is left, weighted by variance.
+    """
+    few = np.unique(np.linspace(0, len(points) - 1, SOME_POINTS).astype(int))
     memory = max(2.0, 0.5 * GUST_LENGTH / (speed * dt))
     candidates = np.unique(np.round(np.geomspace(1.0, memory, 24)).astype(int))
     n = frequencies(speed, dt)
     weight = davenport_spectrum(n, speed, 1.0) * (n[1] - n[0])
-    differences = np.unique(np.abs(np.append(candidates, candidates[:, None] - candidates)))
-    covariance = {int(lag): weight @ np.cos(2 * np.pi * n * lag * dt) for lag in differences}
-    misfit = _spectral_misfit(speed, dt, candidates, covariance)
-    lags, rest = (1,), [int(lag) for lag in candidates if lag > 1]
-    while len(lags) < order and rest:
-        count = min(3, order - 1, len(rest)) if len(lags) == 1 else 1
-        chosen = min(itertools.combinations(rest, count), key=lambda some: misfit(tuple(sorted(lags + some))))
-        lags, rest = tuple(sorted(lags + chosen)), [lag for lag in rest if lag not in chosen]
-    return np.array(lags)
+    R = covariances(points[few], mean[few], decay, n, weight, dt, np.abs(np.append([0, *candidates], candidates[:, None] - candidates)))
+    misfit, share = _spectral_misfit(R, speed, dt)
+    size = lambda lags: float(np.sqrt(np.mean(misfit(np.sort(lags)) ** 2)))
+    rest = [int(lag) for lag in candidates if lag > 1]
+    order = min(order, 1 + len(rest))
+    pairs = itertools.combinations(rest, min(2, order - 1))
+    lags = [1, *min(pairs, key=lambda pair: size([1, *pair]))]
+    while len(lags) < order:
+        lags.append(min((lag for lag in rest if lag not in lags), key=lambda lag: size([*lags, lag])))
+    for k in range(1, order):
+        others = lags[:k] + lags[k + 1:]
+        lags[k] = min((lag for lag in rest if lag not in others), key=lambda lag: size([*others, lag]))
+    lags = np.sort(lags)
+    return lags, float(np.exp(-share @ misfit(lags)))
 
 
-def _spectral_misfit(speed, dt, candidates, covariance):
-    """Function of the lags: root mean square of the log ratio of the AR spectrum to Davenport's, by half octaves."""
-    lowest, highest, per_band = LOWEST_BAND * speed / GUST_LENGTH, 0.5 / dt, 12
+def _spectral_misfit(R, speed, dt):
+    """Function of the lags: log ratio of the AR spectrum to Davenport's by half octaves; and their share of the variance."""
+    lowest, highest, per_band = LOWEST_BAND * speed / GUST_LENGTH, 0.5 / dt, 6
     bands = max(1, int(2 * np.log2(highest / lowest)))
     n = np.geomspace(lowest, highest, bands * per_band)
     target = davenport_spectrum(n, speed, 1.0)
-    wave = {int(lag): np.exp(-2j * np.pi * n * dt * lag) for lag in candidates}
+    share = (target * n).reshape(bands, per_band).sum(1)
 
     def misfit(lags):
-        right = np.array([covariance[lag] for lag in lags])
-        psi = np.linalg.solve([[covariance[abs(i - j)] for j in lags] for i in lags], right)
-        variance = covariance[0] - psi @ right
-        response = 1.0 - sum(coefficient * wave[lag] for coefficient, lag in zip(psi, lags))
-        ratio = 2 * dt * variance / np.abs(response) ** 2 / target
-        return np.sqrt(np.mean(np.log(ratio.reshape(bands, per_band).mean(1)) ** 2))
+        psi, sigma = yule_walker(R, lags)
+        waves = np.exp(-2j * np.pi * dt * np.outer(n, lags))
+        transfer = np.linalg.inv(np.eye(len(sigma)) - np.tensordot(waves, psi, 1))
+        spectrum = 2 * dt * np.einsum("fij,jk,fik->f", transfer, sigma, transfer.conj()).real / len(sigma)
+        return np.log((spectrum / target).reshape(bands, per_band).mean(1))
 
-    return misfit
+    return misfit, share / share.sum()
 
 
 @dataclass(frozen=True)
@@ -87,27 +122,13 @@ def fit_gust_model(points, mean, speed, roughness, decay, dt, order) -> GustMode
     points : (c, 3) [m] control points; mean : (c,) [m/s] their mean speeds
     speed : U0 [m/s]; decay : (Cx, Cy, Cz); dt : [s] time step of the histories; order : number of lags
     """
-    lags = spread_lags(speed, dt, order)
-    needed = np.unique(np.abs(np.concatenate([[0], lags, (lags[:, None] - lags[None]).ravel()])))
+    lags, gain = spread_lags(points, mean, speed, decay, dt, order)
     n = frequencies(speed, dt)
-    waves = np.cos(2 * np.pi * np.outer(needed * dt, n)) * (davenport_spectrum(n, speed, roughness) * (n[1] - n[0]))
-    c = len(points)
-    R = np.empty((len(needed), c, c))
-    for i in range(c):
-        for j in range(i, c):
-            coherence = davenport_coherence(n, points[i] - points[j], decay, 0.5 * (mean[i] + mean[j]))
-            R[:, i, j] = R[:, j, i] = waves @ coherence
-    at = {int(lag): R[k] for k, lag in enumerate(needed)}
-    at[0] = at[0] + NUGGET * np.trace(at[0]) / c * np.eye(c)
-    p = len(lags)
-    # The coherence is real, so R(tau) = R(-tau) = R(tau)^T: blocks need no transposes.
-    matrix = np.block([[at[abs(int(lags[i] - lags[j]))] for j in range(p)] for i in range(p)])
-    right = np.vstack([at[int(lag)] for lag in lags])
-    stacked = np.linalg.solve(matrix, right)  # (p c, c): Psi_j^T one below the other
-    psi = np.array([stacked[k * c:(k + 1) * c].T for k in range(p)])
-    sigma = at[0] - right.T @ stacked
+    weight = gain * davenport_spectrum(n, speed, roughness) * (n[1] - n[0])
+    R = covariances(points, mean, decay, n, weight, dt, np.abs(np.append([0, *lags], lags[:, None] - lags)))
+    psi, sigma = yule_walker(R, lags)
     values, vectors = np.linalg.eigh(0.5 * (sigma + sigma.T))
-    return GustModel(lags, psi, vectors * np.sqrt(np.maximum(values, 0.0)), at[0])
+    return GustModel(lags, psi, vectors * np.sqrt(np.maximum(values, 0.0)), R[0])
 
 
 class GustRecursion:
