@@ -7,6 +7,7 @@ import time
 from tqdm import tqdm
 
 LINE_EVERY = 10.0  # s between plain lines, at the least
+DRAW_EVERY = 0.2  # s between drawings of the bar
 
 
 class Progress:
@@ -47,9 +48,11 @@ class Progress:
         rate = f"{count / max(passed, 1e-9):.3g} {unit}/s"
         if self._terminal:
             if self._bar is None:
-                self._bar = tqdm(total=100, file=self.stream, bar_format="{percentage:3.0f}% |{bar:24}| {postfix}", leave=True)
-            self._bar.n = 100 * share
-            self._bar.set_postfix_str(f"{done}  {rate}  left {_duration(left)}  {note}")
+                self._bar = tqdm(total=100, file=self.stream, bar_format="{percentage:3.0f} % |{bar:24}| {desc}", leave=True)
+            if now - self._last >= DRAW_EVERY or share >= 1.0:
+                self._bar.n = 100 * share
+                self._bar.set_description_str(f"{done}  {rate}  left {_duration(left)}  {note}")
+                self._last = now
         elif now - self._last >= LINE_EVERY and 100 * share - self._percent >= 5 or share >= 1.0:
             print(f"{100 * share:3.0f} %  {done}  {rate}  left {_duration(left)}  {note}", file=self.stream, flush=True)
             self._last, self._percent = now, 100 * share
@@ -65,7 +68,7 @@ def _is_terminal(stream) -> bool:
     """Whether a person watches: under mpirun the stream is a terminal of mpirun's making, so its own is asked for."""
     if not stream.isatty():
         return False
-    if "OMPI_COMM_WORLD_SIZE" not in os.environ and "PMI_SIZE" not in os.environ:
+    if not any(name in os.environ for name in ("PMIX_RANK", "OMPI_COMM_WORLD_SIZE", "PMI_SIZE")):
         return True
     try:
         return os.readlink(f"/proc/{os.getppid()}/fd/1").startswith(("/dev/pts/", "/dev/tty"))
