@@ -40,7 +40,7 @@ FIELDS = (
     Field("gid", "particle", (), np.int64, "", "global number"),
     Field("f", "particle", (3,), np.float64, "N", "total force", restart=False),
     Field("f_int", "particle", (3,), np.float64, "N", "internal force", restart=False),
-    Field("ends", "element", (2,), np.int32, "", "local numbers of the two particles"),
+    Field("ends", "element", (2,), np.uint32, "", "local numbers of the two particles"),
     Field("L0", "element", (), np.float64, "m", "unstressed length"),
     Field("EA", "element", (), np.float64, "N", "axial stiffness"),
     Field("bar", "element", (), np.uint8, "", "1 where compression is carried"),

@@ -16,7 +16,7 @@ from mpi4py import MPI
 class Piece:
     """What one rank holds of the net. Immutable.
 
-    particle_gid : (n_owned + n_halo,); element_gid : (m,) ascending; ends : (m, 2) int32 local rows
+    particle_gid : (n_owned + n_halo,); element_gid : (m,) ascending; ends : (m, 2) uint32 local rows (unsigned: compiled code then needs no test for negative ones)
     element_owned : (m,) bool, each element on one rank: the owner of its start
     neighbours, send_counts, receive_counts : one entry for each neighbouring rank
     send_index : local rows of the boundary particles, neighbour by neighbour
@@ -63,9 +63,9 @@ def cut_net(n: int, elements: np.ndarray, part: np.ndarray, ranks: int) -> list[
         counts = np.bincount(part[halos[rank]], minlength=ranks)
         neighbours = tuple(int(other) for other, _ in wanted[rank])
         pieces.append(Piece(
-            len(owned[rank]), gid, held[rank], local[elements[held[rank]]].astype(np.int32), owner[held[rank], 0] == rank,
+            len(owned[rank]), gid, held[rank], local[elements[held[rank]]].astype(np.uint32), owner[held[rank], 0] == rank,
             neighbours, tuple(len(s) for s in sends), tuple(int(counts[other]) for other in neighbours),
-            np.concatenate(sends + [np.zeros(0, np.int64)]).astype(np.int32)))
+            np.concatenate(sends + [np.zeros(0, np.int64)]).astype(np.uint32)))
     return pieces
 
 
