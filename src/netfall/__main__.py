@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import netfall
-from netfall.errors import DivergedError, InputError
+from netfall.errors import DivergedError, InputError, Interrupted
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # before numpy and numba load: a rank is one thread
@@ -31,6 +31,8 @@ def parser() -> argparse.ArgumentParser:
     cut.add_argument("-n", type=int, required=True, metavar="P", dest="parts", help="number of parts")
     run = verb("run", "run a job; on P ranks: mpirun -n P netfall run JOB", "job")
     run.add_argument("-o", type=Path, metavar="FILE", dest="output", help="result file (default: the job's name with .vtkhdf, here)")
+    run.add_argument("--restart", type=Path, metavar="CHECKPOINT", help="go on from a checkpoint, on any number of ranks")
+    run.add_argument("--walltime", type=_duration, metavar="HH:MM:SS", help="stop with a checkpoint (exit code 4) after this time")
     loud = run.add_mutually_exclusive_group()
     loud.add_argument("--quiet", action="store_true", help="print errors only")
     loud.add_argument("--verbose", action="store_true", help="print residuals and step limits too")
@@ -38,6 +40,15 @@ def parser() -> argparse.ArgumentParser:
     plot = verb("plot", "pictures from a result file", "result")
     plot.add_argument("-o", type=Path, default=None, metavar="DIR", dest="folder", help="folder of the pictures (default: beside the result file)")
     return top
+
+
+def _duration(text: str) -> float:
+    """Seconds of HH:MM:SS."""
+    parts = text.split(":")
+    if len(parts) != 3 or not all(part.isdigit() for part in parts):
+        raise argparse.ArgumentTypeError(f"{text}: expected HH:MM:SS")
+    hours, minutes, seconds = map(int, parts)
+    return 3600.0 * hours + 60.0 * minutes + seconds
 
 
 def check(arguments) -> None:
@@ -71,11 +82,13 @@ def run(arguments) -> None:
     from netfall.output.progress import Progress
     from netfall.parallel.root import on_root
     from netfall.solve.run import run_job
+    from netfall.solve.stop import StopRequest
 
+    stop = StopRequest(arguments.walltime)
     comm = MPI.COMM_WORLD
     job = comm.bcast(on_root(comm, lambda: read_job(arguments.job, arguments.overrides)))
     progress = Progress(comm.rank == 0 and not arguments.quiet, arguments.verbose)
-    run_job(comm, job, arguments.output or Path(f"{job.name}.vtkhdf"), progress)
+    run_job(comm, job, arguments.output or Path(f"{job.name}.vtkhdf"), progress, arguments.restart, stop)
 
 
 def info(arguments) -> None:
@@ -109,7 +122,7 @@ def main() -> None:
         sys.exit(2)
     try:
         version() if arguments.version else globals()[arguments.verb](arguments)
-    except (InputError, DivergedError) as error:
+    except (InputError, DivergedError, Interrupted) as error:
         if _rank() == 0:
             print(error, file=sys.stderr, flush=True)
         sys.exit(error.exit_code)

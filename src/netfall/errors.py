@@ -15,3 +15,9 @@ class DivergedError(Exception):
     """The computation left all proportion, or did not converge, and was stopped. Exit code 3."""
 
     exit_code = 3
+
+
+class Interrupted(Exception):
+    """The run stopped at a common step with a checkpoint. Exit code 4."""
+
+    exit_code = 4

@@ -22,36 +22,36 @@ class Field:
     unit: str
     meaning: str
     needs: str = ""  # "" always, or a feature of `Scene`
-    restart: bool = True  # part of the state that a run continues from
+    kept: bool = False  # changes in the course of a run, so a checkpoint holds it
 
 
 FIELDS = (
-    Field("x", "particle", (3,), np.float64, "m", "position"),
-    Field("v", "particle", (3,), np.float64, "m/s", "velocity, half a step behind the position"),
-    Field("x_start", "particle", (3,), np.float64, "m", "position in the initial state, from which displacements count"),
-    Field("free", "particle", (3,), np.uint8, "", "1 where the axis can move"),
-    Field("mass", "particle", (), np.float64, "kg", "lumped mass: halves of the elements and what is carried"),
-    Field("load", "particle", (3,), np.float64, "N", "constant external force"),
-    Field("wind", "particle", (3,), np.float64, "N s2/m2", "wind force at 1 m/s", "wind"),
+    Field("x", "particle", (3,), np.float64, "m", "position", kept=True),
+    Field("v", "particle", (3,), np.float64, "m/s", "velocity, half a step behind the position", kept=True),
+    Field("x_start", "particle", (3,), np.float64, "m", "position in the initial state, from which displacements count", kept=True),
+    Field("free", "particle", (3,), np.uint8, "", "1 where the axis can move", kept=True),
+    Field("mass", "particle", (), np.float64, "kg", "lumped mass: halves of the elements and what is carried", kept=True),
+    Field("load", "particle", (3,), np.float64, "N", "constant external force", kept=True),
+    Field("wind", "particle", (3,), np.float64, "N s2/m2", "wind force at 1 m/s", "wind", kept=True),
     Field("speed_before", "particle", (), np.float64, "m/s", "wind speed at the last sample", "wind"),
     Field("speed_after", "particle", (), np.float64, "m/s", "wind speed at the next sample", "wind"),
-    Field("valence", "particle", (), np.int32, "", "elements attached", "fracture"),
-    Field("work", "particle", (3,), np.float64, "J", "work of external, internal and damping forces"),
+    Field("valence", "particle", (), np.int32, "", "elements attached", "fracture", kept=True),
+    Field("work", "particle", (3,), np.float64, "J", "work of external, internal and damping forces", kept=True),
     Field("gid", "particle", (), np.int64, "", "global number"),
-    Field("f", "particle", (3,), np.float64, "N", "total force", restart=False),
-    Field("f_int", "particle", (3,), np.float64, "N", "internal force", restart=False),
+    Field("f", "particle", (3,), np.float64, "N", "total force"),
+    Field("f_int", "particle", (3,), np.float64, "N", "internal force"),
     Field("ends", "element", (2,), np.uint32, "", "local numbers of the two particles"),
     Field("L0", "element", (), np.float64, "m", "unstressed length"),
     Field("EA", "element", (), np.float64, "N", "axial stiffness"),
     Field("bar", "element", (), np.uint8, "", "1 where compression is carried"),
     Field("half_mass", "element", (), np.float64, "kg", "half of the element's own mass"),
     Field("owned", "element", (), np.uint8, "", "1 on the one rank that reports the element"),
-    Field("broken", "element", (), np.uint8, "", "1 once it has parted"),
+    Field("broken", "element", (), np.uint8, "", "1 once it has parted", kept=True),
     Field("yield_force", "element", (), np.float64, "N", "axial force at yield", "plastic"),
-    Field("eps_p", "element", (), np.float64, "", "plastic strain", "plastic"),
-    Field("dissipated", "element", (), np.float64, "J", "energy turned into heat by flow", "plastic"),
-    Field("eps_u", "element", (), np.float64, "", "strain at fracture, inf once broken", "fracture"),
-    Field("pending", "element", (), np.int32, "", "elements that reached eps_u in a step", "fracture", restart=False),
+    Field("eps_p", "element", (), np.float64, "", "plastic strain", "plastic", kept=True),
+    Field("dissipated", "element", (), np.float64, "J", "energy turned into heat by flow", "plastic", kept=True),
+    Field("eps_u", "element", (), np.float64, "", "strain at fracture, inf once broken", "fracture", kept=True),
+    Field("pending", "element", (), np.int32, "", "elements that reached eps_u in a step", "fracture"),
 )
 
 

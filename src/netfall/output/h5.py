@@ -4,6 +4,7 @@ It is written under a temporary name and renamed at the end. Rows are appended i
 with an empty one included (h5py's own slicing would leave the others waiting for it in a collective write).
 """
 
+import hashlib
 import os
 from pathlib import Path
 
@@ -18,12 +19,19 @@ PARALLEL = bool(h5py.get_config().mpi)
 CHUNK_BYTES = 1 << 18
 
 
-class SharedFile:
-    """Appends global rows to datasets of one file. Every method is collective."""
+SEAL = b"netfall-sha256:"  # behind the HDF5 file, before the digest of all that precedes
 
-    def __init__(self, comm: MPI.Comm, path: Path):
+
+class SharedFile:
+    """Appends global rows to datasets of one file. Every method is collective.
+
+    base : rows that each dataset has in files written before this one, of which this is the continuation
+    """
+
+    def __init__(self, comm: MPI.Comm, path: Path, base: dict[str, int] | None = None):
         self.comm = comm
         self.path = path
+        self.base = dict(base or {})
         self.temporary = path.with_name(f".{path.name}.part")
         self.blocks = Blocks(comm, PARALLEL)
         self.writes = PARALLEL or comm.rank == 0
@@ -49,15 +57,27 @@ class SharedFile:
                 chunks = (max(1, CHUNK_BYTES // row),) + tail
             self.file.create_dataset(name, (0, *tail), maxshape=(None, *tail), chunks=chunks, dtype=dtype)
 
+    def rows(self) -> dict[str, int]:
+        """Rows of each dataset so far, those of earlier files included. On ranks that write."""
+        found = dict(self.base)
+
+        def add(name, item):
+            if isinstance(item, h5py.Dataset):
+                found[name] = found.get(name, 0) + item.shape[0]
+
+        if self.writes:
+            self.file.visititems(add)
+        return found
+
     def append(self, name: str, block: np.ndarray, total: int) -> int:
-        """Append `total` rows, of which this rank gives its block; the first new row."""
+        """Append `total` rows, of which this rank gives its block; the first new row, earlier files included."""
         if not self.writes:
             return 0
         dataset = self.file[name]
         first = dataset.shape[0]
         dataset.resize(first + total, axis=0)
         self._write(dataset, block, first + self.blocks.bounds(total)[self.comm.rank])
-        return first
+        return first + self.base.get(name, 0)
 
     def append_state(self, name: str, block: np.ndarray, total: int) -> None:
         """Append one state: a row (total, ...) of which this rank gives its block along the first axis."""
@@ -80,8 +100,11 @@ class SharedFile:
             memory.select_none()
         dataset.id.write(memory, space, block, dxpl=self._transfer)
 
-    def close(self, finish) -> None:
-        """Close, let rank 0 add the small datasets by finish(file), and give the file its name."""
+    def close(self, finish=lambda file: None, seal: bool = False) -> None:
+        """Close, let rank 0 add the small datasets by finish(file), and give the file its name.
+
+        seal : append a digest of the whole file, which `check_seal` verifies
+        """
         on_all(self.comm, lambda: self.file.close() if self.writes else None)
         self.comm.Barrier()
         self.file = None
@@ -90,9 +113,7 @@ class SharedFile:
             if self.comm.rank == 0:
                 with h5py.File(self.temporary, "r+") as file:
                     finish(file)
-                with open(self.temporary, "rb") as written:
-                    os.fsync(written.fileno())
-                os.replace(self.temporary, self.path)
+                publish(self.temporary, self.path, seal)
 
         on_all(self.comm, last)
 
@@ -100,3 +121,44 @@ class SharedFile:
         """Leave nothing behind. Not collective: for the way out after an error."""
         if self.comm.rank == 0:
             self.temporary.unlink(missing_ok=True)
+
+    def discard_all(self) -> None:
+        """Close without keeping anything. Collective."""
+        if self.writes:
+            self.file.close()
+        self.comm.Barrier()
+        self.discard()
+        self.comm.Barrier()
+
+
+def publish(temporary: Path, path: Path, seal: bool = False) -> None:
+    """Give a finished file its name, once it is on disk; with a digest behind it if sealed."""
+    if seal:
+        with open(temporary, "r+b") as file:
+            digest = hashlib.file_digest(file, "sha256").digest()
+            file.seek(0, os.SEEK_END)
+            file.write(SEAL + digest)
+    with open(temporary, "rb") as written:
+        os.fsync(written.fileno())
+    os.replace(temporary, path)
+
+
+def check_seal(path: Path) -> bool:
+    """Whether a sealed file is whole: its digest stands behind it and fits."""
+    tail = len(SEAL) + 32
+    try:
+        with open(path, "rb") as file:
+            size = file.seek(0, os.SEEK_END)
+            if size < tail:
+                return False
+            file.seek(size - tail)
+            mark, digest = file.read(len(SEAL)), file.read()
+            file.seek(0)
+            total, left = hashlib.sha256(), size - tail
+            while left:
+                piece = file.read(min(left, 1 << 24))
+                total.update(piece)
+                left -= len(piece)
+    except OSError:
+        return False
+    return mark == SEAL and total.digest() == digest

@@ -20,6 +20,7 @@ class Progress:
         self._bar = None
         self._started = self._last = time.perf_counter()
         self._percent = -100.0
+        self._begun = (0.0, 0)
 
     def say(self, text: str) -> None:
         """A line of its own."""
@@ -32,9 +33,10 @@ class Progress:
         if self.verbose:
             self.say(text)
 
-    def start(self) -> None:
-        """A new stage begins: time left counts from here."""
+    def start(self, share: float = 0.0, count: int = 0) -> None:
+        """A stage begins, or goes on from a share and a count: rate and time left refer to what follows."""
         self.end()
+        self._begun = (share, count)
         self._started = self._last = time.perf_counter()
         self._percent = -100.0
 
@@ -44,8 +46,9 @@ class Progress:
             return
         now = time.perf_counter()
         passed = now - self._started
-        left = passed * (1 - share) / share if share > 0 else float("nan")
-        rate = f"{count / max(passed, 1e-9):.3g} {unit}/s"
+        done_share, done_count = share - self._begun[0], count - self._begun[1]
+        left = passed * (1 - share) / done_share if done_share > 0 else float("nan")
+        rate = f"{done_count / max(passed, 1e-9):.3g} {unit}/s"
         if self._terminal:
             if self._bar is None:
                 self._bar = tqdm(total=100, file=self.stream, bar_format="{percentage:3.0f} % |{bar:24}| {desc}", leave=True)

@@ -1,21 +1,38 @@
 """The result file of a run: frames while it goes on, everything small at the end. Layout: README, "The result file"."""
 
+import secrets
 from pathlib import Path
+from typing import NamedTuple
 
 import h5py
 import numpy as np
 from mpi4py import MPI
 
+from netfall.errors import InputError
 from netfall.mechanics.state import State
 from netfall.net.net import Net
-from netfall.output.h5 import SharedFile
+from netfall.output.h5 import SharedFile, publish
 from netfall.output.vtkhdf import VtkSeries
 from netfall.parallel.distribute import Distribution
+from netfall.parallel.root import on_root
 
 HISTORY = {  # column of /history: unit
     "time": "s", "time_step": "s", "kinetic_energy": "J", "strain_energy": "J", "plastic_dissipation": "J", "damping_work": "J",
     "external_work": "J", "identity_error": "share of the largest external work", "balance_error": "share of the largest external work",
     "slack": "cables", "broken": "elements"}
+COPY_BYTES = 1 << 26  # held at once while segments are joined
+
+
+class Event(NamedTuple):
+    """One fracture at one end of an element, in global numbers; new_particle = -1: a loose end, nothing split."""
+
+    step: int
+    element: int
+    particle: int
+    new_particle: int
+    strain: float
+
+
 EVENTS = {"time": np.float64, "step": np.int64, "element": np.int64, "particle": np.int64, "new_particle": np.int64, "strain": np.float64}
 
 
@@ -25,9 +42,12 @@ class Result:
     def __init__(self, comm: MPI.Comm, path: Path, distribution: Distribution, group: np.ndarray):
         """group : (m_local,) group of the rank's elements."""
         self.comm = comm
+        self.path = path
         self.distribution = distribution
         self.group = group
         self.file = SharedFile(comm, path)
+        self.segments: list[Path] = []  # whole parts of the file so far, if there are checkpoints
+        self.token = comm.bcast(secrets.token_hex(4))  # keeps this run's segments apart from another's
         self.series = VtkSeries(self.file)
         self.split_gid = np.zeros(0, np.int64)  # numbers of the particles that have split off, ascending
         self.events: list[tuple] = []  # (time, Event)
@@ -35,6 +55,42 @@ class Result:
         self._drawn_events = -1
         self.history: list[list[float]] = []
         self.probes: list[np.ndarray] = []
+
+    # --- segments, records
+
+    def cut(self) -> dict[str, int]:
+        """Close what has been written as a segment and go on in a new one; the rows so far, on ranks that write."""
+        rows = self.file.rows()
+        self._end_segment()
+        self._begin_segment(rows)
+        return rows
+
+    def _end_segment(self) -> None:
+        segment = self.path.with_name(f".{self.path.name}.segment-{self.token}-{len(self.segments):06d}")
+        self.file.path = segment
+        self.file.close()
+        self.segments.append(segment)
+
+    def _begin_segment(self, rows: dict[str, int]) -> None:
+        self.file = SharedFile(self.comm, self.path, rows)
+        self.series.continue_in(self.file)
+
+    def record(self) -> tuple[dict, dict[str, np.ndarray]]:
+        """What a continuation needs, for `restore`: small values and arrays."""
+        arrays = {f"events_{name}": values for name, values in self._event_columns().items()}
+        arrays |= {"history": np.array(self.history), "probes": np.array(self.probes)}
+        return {"series": self.series.record(), "drawn_events": self._drawn_events, "segments": [s.name for s in self.segments]}, arrays
+
+    def restore(self, record: dict, arrays: dict[str, np.ndarray], rows: dict[str, int], segments: list[Path]) -> None:
+        """Take up the record of an earlier run, whose segments are those given."""
+        self.file.discard_all()
+        events = zip(*(arrays[f"events_{name}"].tolist() for name in EVENTS))
+        self.add_events([(time, Event(*rest)) for time, *rest in events])
+        self.history, self.probes = arrays["history"].tolist(), list(arrays["probes"])
+        self.segments = segments
+        self._begin_segment(rows)
+        self.series.restore(record["series"])
+        self._drawn_events = record["drawn_events"]
 
     # --- numbering
 
@@ -123,12 +179,72 @@ class Result:
                     file.create_dataset(f"{group}/{name}", data=values)
             _write_provenance(file.create_group("provenance"), provenance, phases)
 
-        self.file.close(finish)
+        if not self.segments:
+            self.file.close(finish)
+            return
+        self._end_segment()
+        on_root(self.comm, lambda: join_segments(self.segments, self.file.temporary, self.path, finish))
+
+    def _event_columns(self) -> dict[str, np.ndarray]:
+        rows = [(time, *event) for time, event in self.events]
+        return {name: np.array([row[k] for row in rows], dtype) for k, (name, dtype) in enumerate(EVENTS.items())}
 
     def _write_events(self, file):
-        rows = [(time, e.step, e.element, e.particle, e.new_particle, e.strain) for time, e in self.events]
-        for k, (name, dtype) in enumerate(EVENTS.items()):
-            file.create_dataset(f"events/{name}", data=np.array([row[k] for row in rows], dtype))
+        for name, values in self._event_columns().items():
+            file.create_dataset(f"events/{name}", data=values)
+
+
+def append_rows(source: h5py.File, target: h5py.File, limit: dict[str, int] | None = None) -> None:
+    """Append the rows of every dataset of one file to the other's, up to `limit` rows of it where given."""
+
+    def copy(name, item):
+        if not isinstance(item, h5py.Dataset) or limit is not None and name not in limit:
+            return
+        rows = item.shape[0] if limit is None else limit[name]
+        if name not in target:
+            target.create_dataset(name, (0, *item.shape[1:]), maxshape=(None, *item.shape[1:]), chunks=item.chunks, dtype=item.dtype)
+        out, first = target[name], target[name].shape[0]
+        out.resize(first + rows, axis=0)
+        slab = max(1, COPY_BYTES // max(1, item.dtype.itemsize * int(np.prod(item.shape[1:], dtype=np.int64))))
+        for begin in range(0, rows, slab):
+            end = min(begin + slab, rows)
+            out[first + begin:first + end] = item[begin:end]
+
+    source.visititems(copy)
+
+
+def join_segments(segments: list[Path], temporary: Path, path: Path, finish) -> None:
+    """The result file from its segments and the small datasets; the segments are then removed. Rank 0."""
+    with h5py.File(temporary, "w") as file:
+        for segment in segments:
+            with h5py.File(segment, "r") as part:
+                append_rows(part, file)
+        finish(file)
+    publish(temporary, path)
+    for segment in path.parent.glob(f".{path.name}.segment-*"):
+        segment.unlink(missing_ok=True)
+
+
+def find_segments(folder: Path, names: list[str], rows: dict[str, int], results: list[Path], digest: str, target: Path) -> list[Path]:
+    """The segments of an interrupted run; or, if it went on and finished, one made from its result file. Rank 0.
+
+    results : where that may be; target : name of the segment that is then made. Raises InputError if there is neither.
+    """
+    found = [folder / name for name in names]
+    if all(segment.exists() for segment in found):
+        return found
+    for result in results:
+        try:
+            with h5py.File(result, "r") as file:
+                if file["provenance"].attrs["job_digest"] == digest:
+                    with h5py.File(target, "w") as part:
+                        append_rows(file, part, rows)
+                    return [target]
+        except (OSError, KeyError):
+            continue
+    missing = next(segment for segment in found if not segment.exists())
+    raise InputError(f"{missing}: this part of the interrupted run's result is missing, and {results[0]} is not that run's result; "
+                     "keep both beside the checkpoint")
 
 
 def _write_provenance(group, values, phases):

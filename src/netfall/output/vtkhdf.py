@@ -20,6 +20,13 @@ class VtkSeries:
     """Appends steps to /VTKHDF. Methods are collective; offsets are kept and written by `finish`."""
 
     def __init__(self, file: SharedFile):
+        self.parts: list[tuple[int, int]] = []  # points and cells of each part
+        self.steps: list[dict] = []
+        self._mesh: dict = {}
+        self.continue_in(file)
+
+    def continue_in(self, file: SharedFile) -> None:
+        """Append to a file (the first, or one that continues it) from here on."""
         self.file = file
         file.create("VTKHDF/Points", np.float64, (3,))
         for name, dtype in (("Connectivity", np.int64), ("Offsets", np.int64), ("Types", np.uint8)):
@@ -27,9 +34,14 @@ class VtkSeries:
         for group, fields in (("PointData", POINT_FIELDS), ("CellData", CELL_FIELDS)):
             for name, (dtype, tail) in fields.items():
                 file.create(f"VTKHDF/{group}/{name}", dtype, tail)
-        self.parts: list[tuple[int, int]] = []  # points and cells of each part
-        self.steps: list[dict] = []
-        self._mesh: dict = {}
+
+    def record(self) -> dict:
+        """What a continuation in another run needs, for `restore`."""
+        return {"parts": self.parts, "steps": self.steps, "mesh": self._mesh}
+
+    def restore(self, record: dict) -> None:
+        """Take up the record of an earlier run."""
+        self.parts, self.steps, self._mesh = [tuple(p) for p in record["parts"]], record["steps"], record["mesh"]
 
     def write_mesh(self, connectivity: np.ndarray, point_data: dict, cell_data: dict, points: int, cells: int) -> None:
         """New connectivity, this rank's block (c, 2) of global point rows, and the fields that change only with it."""
@@ -53,7 +65,7 @@ class VtkSeries:
         first = dataset.shape[0]
         dataset.resize(first + 2 * cells, axis=0)
         file._write(dataset, connectivity.reshape(-1), first + 2 * file.blocks.bounds(cells)[file.comm.rank])
-        return first
+        return first + file.base.get("VTKHDF/Connectivity", 0)
 
     def _append_offsets(self, low, count, cells):
         file = self.file

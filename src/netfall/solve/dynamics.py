@@ -1,11 +1,12 @@
 """The dynamic stage: from the initial state through gusts and fractures to the end (paper 2.5 step 3, 3, 4)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
 
-from netfall.errors import DivergedError
+from netfall.errors import DivergedError, Interrupted
 from netfall.mechanics.state import State
 from netfall.net.net import Net
 from netfall.output.progress import Progress
@@ -14,6 +15,7 @@ from netfall.parallel.halo import Halo
 from netfall.solve.energy import take_snapshot, total_energies
 from netfall.solve.fracture import split_particles
 from netfall.solve.stepping import halo_width, run_steps
+from netfall.solve.stop import StopRequest
 from netfall.solve.windload import WindLoad
 
 ROUNDING = 1e-9  # of a step: a time this close to one counts as on it
@@ -27,6 +29,7 @@ class Schedule:
     steps: int
     history: np.ndarray
     frames: np.ndarray
+    checkpoints: np.ndarray
 
     def step_at(self, time: float) -> int:
         """First step at or after a time [s]."""
@@ -44,7 +47,10 @@ def make_schedule(limit: float, dynamics, output) -> Schedule:
     rows = np.arange(int(np.floor(steps * dt / output.history + ROUNDING)) + 1) * output.history
     frames = np.linspace(0.0, steps * dt, output.frames + 1)
     at = lambda times: np.unique(np.append(np.minimum(np.ceil(times / dt - ROUNDING), steps), steps)).astype(np.int64)
-    return Schedule(float(dt), steps, at(rows), at(frames))
+    every = output.checkpoint
+    saves = np.arange(1, int(np.floor(steps * dt / every)) + 1) * every if every > 0 else np.zeros(0)
+    saves = np.ceil(saves / dt - ROUNDING).astype(np.int64)
+    return Schedule(float(dt), steps, at(rows), at(frames), saves[saves < steps])
 
 
 @dataclass
@@ -69,7 +75,8 @@ class Simulation:
     """
 
     def __init__(self, comm: MPI.Comm, state: State, result: Result, schedule: Schedule, job, wind: WindLoad | None,
-                 probes: Probes, start_strain: float, start_plastic: float, progress: Progress):
+                 probes: Probes, start_strain: float, start_plastic: float, progress: Progress, stop: StopRequest, save: Callable):
+        """save(simulation) : writes a checkpoint and returns its path. Collective."""
         self.comm, self.state, self.result, self.schedule = comm, state, result, schedule
         self.zeta = job.dynamics.damping
         self.self_weight = bool(job.load and job.load.self_weight)
@@ -83,6 +90,8 @@ class Simulation:
         self.start_strain, self.start_plastic = start_strain, start_plastic  # J; energies count from here
         self.largest_work = 0.0
         self.slack = 0
+        self.stop, self.save = stop, save
+        self.stopping = False
         self._find_probes(probes)
 
     @property
@@ -91,23 +100,39 @@ class Simulation:
         return self.n * self.schedule.dt
 
     def run(self) -> None:
-        """From step 0 to the last."""
-        history, frames = set(self.schedule.history.tolist()), set(self.schedule.frames.tolist())
-        targets = np.union1d(self.schedule.history, self.schedule.frames).tolist()
-        self.progress.start()
-        for target in targets:
+        """From the present step to the last. Raises Interrupted, with a checkpoint, if that is asked for."""
+        history, frames, saves = (set(steps.tolist()) for steps in (self.schedule.history, self.schedule.frames, self.schedule.checkpoints))
+        self.progress.start(self.n / self.schedule.steps, self.n)
+        for target in sorted(step for step in history | frames | saves if step > self.n or self.n == 0 and not self.result.history):
             self.advance_to(target)
-            if self.wind:
-                self.wind.advance(self.state, self.time + ROUNDING * self.schedule.dt)
-            snapshot = take_snapshot(self.state, self.before_dt, self.schedule.dt, self.zeta, self.wind_share())
+            snapshot = self.look()
             self.share_events(self._slack_here(snapshot))
             if target in history:
                 self.write_history(snapshot)
             if target in frames:
                 self.result.write_frame(self.time, self.state, snapshot)
             self.report()
-        self.result.write_final(self.state, snapshot)
+            if self.stopping and target < self.schedule.steps:
+                raise Interrupted(f"interrupted at t = {self.time:.6g} s (step {self.n}); resume with --restart {self.save(self)}")
+            if target in saves:
+                self.save(self)
+        self.result.write_final(self.state, self.look())
         self.halo.free()
+
+    def look(self):
+        """Snapshot of the present step, with the wind at its time."""
+        if self.wind:
+            self.wind.advance(self.state, self.time + ROUNDING * self.schedule.dt)
+        return take_snapshot(self.state, self.before_dt, self.schedule.dt, self.zeta, self.wind_share())
+
+    def record(self) -> dict:
+        """Where the run stands, for `restore`."""
+        return {"step": self.n, "before_dt": self.before_dt, "largest_work": self.largest_work,
+                "start_strain": self.start_strain, "start_plastic": self.start_plastic}
+
+    def restore(self, record: dict) -> None:
+        """Take up the record of an earlier run."""
+        self.n, self.before_dt, self.largest_work = record["step"], record["before_dt"], record["largest_work"]
 
     def wind_share(self) -> float:
         """Place of the present time between the wind's two samples."""
@@ -161,8 +186,9 @@ class Simulation:
             self.share_events()
 
     def share_events(self, slack_here: int = 0) -> None:
-        """Broadcast the fractures since the last time, so that every rank knows all of them; count slack cables."""
-        events, self.slack = self.comm.allreduce(np.array([len(self.events), slack_here])).tolist()
+        """Broadcast the fractures since the last time, so that every rank knows all of them; count slack cables; hear of a wish to stop."""
+        events, self.slack, stopping = self.comm.allreduce(np.array([len(self.events), slack_here, self.stop.wanted])).tolist()
+        self.stopping = stopping > 0
         if events:
             self.result.add_events([event for part in self.comm.allgather(self.events) for event in part])
             self.events = []

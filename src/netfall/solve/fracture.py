@@ -8,24 +8,13 @@ Every rank that holds the element decides alike: strain, resultant forces and va
 all of them. The valence is that before the step, whatever else parts in it.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from netfall.mechanics.state import State
 from netfall.net.net import GRAVITY
+from netfall.output.result import Event
 
 EQUAL_FORCES = 1e-6  # relative: a symmetric net breaks symmetrically in spite of rounding
-
-
-class Event(NamedTuple):
-    """One fracture at one end of an element, in global numbers; new_particle = -1: a loose end, nothing split."""
-
-    step: int
-    element: int
-    particle: int
-    new_particle: int
-    strain: float
 
 
 def split_number(n: int, element: int, end: int) -> int:

@@ -4,6 +4,7 @@ What is a constant of a particle or an element is computed once, on rank 0, and 
 has the same bits on any number of ranks.
 """
 
+import hashlib
 import time
 from collections.abc import Callable
 from contextlib import contextmanager
@@ -74,6 +75,16 @@ class Roof:
     residual: float  # N, of the prestressed net with the real material
     reference: float  # N, largest tension of the initial state
     limits: dict[str, Limit] = field(default_factory=dict)
+    digest: str = ""  # of job and net, for checkpoints
+
+
+def job_digest(job: Job, net: Net) -> str:
+    """Fingerprint of a job and of the net that its tables gave."""
+    total = hashlib.sha256(job.digest().encode())
+    for values in (net.x, net.fixed, net.elements, net.load, net.mass, net.area, net.section, net.modulus, net.density, net.prestress,
+                   net.force_density, net.unstressed_length):
+        total.update(np.ascontiguousarray(values).tobytes())
+    return total.hexdigest()
 
 
 def scene_of(job: Job, net: Net) -> Scene:
@@ -99,8 +110,10 @@ def make_whole(job: Job, ranks: int) -> Whole:
     return whole
 
 
-def prepare(comm: MPI.Comm, job: Job, phases: Phases, report: Callable = lambda iteration, residual: None) -> Roof:
+def prepare(comm: MPI.Comm, job: Job, phases: Phases, report: Callable = lambda iteration, residual: None, known: Callable | None = None) -> Roof:
     """The roof in its initial state: form found, prestressed, loaded. Collective.
+
+    known : function of the digest that gives, on rank 0, a form that was found already: (Form, x, N); None: find it
 
     Raises InputError for what is wrong in the job, DivergedError if form finding does not converge.
     """
@@ -111,8 +124,13 @@ def prepare(comm: MPI.Comm, job: Job, phases: Phases, report: Callable = lambda 
         halo = Halo(comm, distribution.piece, 3)
     net = whole.net if whole else None
     form = None
+    digest = comm.bcast(job_digest(job, net) if whole else None)
     with phases.phase("form finding"):
-        if job.form_finding is not None:
+        if known is not None:
+            found = on_root(comm, lambda: known(digest))
+            form = comm.bcast(found and found[0])
+            on_root(comm, lambda: _set_initial(job, whole, found[1], found[2] if job.form_finding else None))
+        elif job.form_finding is not None:
             form = find_form(comm, net, distribution, job.form_finding, halo, report)
             x, N = distribution.gather_particles(form.x), distribution.gather_elements(form.N)
             on_root(comm, lambda: _set_initial(job, whole, x, N))
@@ -126,7 +144,7 @@ def prepare(comm: MPI.Comm, job: Job, phases: Phases, report: Callable = lambda 
             raise InputError(f"{job.path}: [form_finding] tolerance = {job.form_finding.tolerance:g}: the prestressed net with the real material has a "
                              f"residual of {residual / form.reference:.3g} of the prestress; expected a tolerance that rounding allows")
         limits = comm.bcast(step_limits(whole, scene) if whole else None)
-    return Roof(whole, distribution, state, halo, form, residual, reference, limits)
+    return Roof(whole, distribution, state, halo, form, residual, reference, limits, digest)
 
 
 def _set_initial(job: Job, whole: Whole, x: np.ndarray, N: np.ndarray | None) -> None:

@@ -14,6 +14,7 @@ import netfall
 from netfall.errors import InputError
 from netfall.job.read import Job
 from netfall.net.net import Net
+from netfall.output.checkpoint import Checkpoint
 from netfall.output.h5 import PARALLEL
 from netfall.output.progress import Progress
 from netfall.output.result import Result, net_section
@@ -21,8 +22,10 @@ from netfall.parallel import partition
 from netfall.parallel.root import on_all, on_root
 from netfall.solve.dynamics import Probes, Schedule, Simulation, find_probes, make_schedule
 from netfall.solve.energy import take_snapshot, total_energies
+from netfall.solve.restart import Saver, restore_result, restore_state, restore_wind, restored_form
 from netfall.solve.roof import Phases, Roof, Whole, prepare, sharp_limit, smallest
 from netfall.solve.statics import StaticPath, find_equilibrium
+from netfall.solve.stop import StopRequest
 from netfall.solve.windload import WindLoad
 
 
@@ -32,22 +35,42 @@ def how_it_writes() -> str:
     return f"{library}, " + ("parallel HDF5 (MPI-IO)" if PARALLEL else "serial HDF5 (rank 0 gathers and writes)")
 
 
-def run_job(comm: MPI.Comm, job: Job, path: Path, progress: Progress) -> None:
+def run_job(comm: MPI.Comm, job: Job, path: Path, progress: Progress, restart: Path | None = None, stop: StopRequest | None = None) -> None:
     """Run the stages that the job has and write the result file. Collective.
 
-    Raises InputError before anything is computed or written, DivergedError where a stage has no solution.
+    restart : a checkpoint to go on from; stop : a wish to stop early
+
+    Raises InputError before anything is computed or written, DivergedError where a stage has no solution,
+    Interrupted after a checkpoint if `stop` asks for it.
     """
     phases = Phases()
     on_root(comm, lambda: check_place(path))
     progress.say(f"netfall {netfall.__version__}: {job.title or job.name}, {comm.size} rank{'s' if comm.size > 1 else ''}, {how_it_writes()}")
-    roof = prepare(comm, job, phases, lambda i, r: progress.detail(f"form finding: iteration {i}, largest residual {r:.3g} N"))
+    found: list[Checkpoint] = []  # on rank 0, the checkpoint to go on from
+
+    def known(digest):
+        found.append(Checkpoint(restart, digest))
+        return restored_form(found[0].record), found[0].arrays["x"], found[0].arrays["N"]
+
+    roof = prepare(comm, job, phases, lambda i, r: progress.detail(f"form finding: iteration {i}, largest residual {r:.3g} N"),
+                   known if restart else None)
+    checkpoint = found[0] if found else None
     schedule = on_root(comm, lambda: schedule_of(job, roof)) if job.dynamics else None
     schedule = comm.bcast(schedule)
     describe(roof, schedule, progress)
     result = Result(comm, path, roof.distribution, roof.distribution.elements(roof.whole.net.group if roof.whole else None))
     try:
-        statics = run_statics(comm, job, roof, result, progress, phases)
-        probes = run_dynamics(comm, job, roof, result, schedule, progress, phases)
+        if restart:
+            restore_result(comm, result, checkpoint, roof.digest)
+            restore_state(roof.distribution, roof.state, checkpoint)
+            record = comm.bcast(checkpoint.record if checkpoint else None)
+            statics = StaticPath(**record["statics"]) if record["statics"] else None
+            progress.say(f"going on from {restart}")
+        else:
+            record = None
+            statics = run_statics(comm, job, roof, result, progress, phases)
+        saver = Saver(comm, job, roof, statics, [restart] if restart else [])
+        probes = run_dynamics(comm, job, roof, result, schedule, progress, phases, stop or StopRequest(catch=False), saver, record, checkpoint)
         sections = sections_of(job, roof, statics, result, probes)
         result.close(sections, provenance_of(comm, job, roof, schedule), phases.seconds)
     except BaseException:
@@ -103,8 +126,12 @@ def run_statics(comm, job: Job, roof: Roof, result: Result, progress: Progress, 
     return path
 
 
-def run_dynamics(comm, job: Job, roof: Roof, result: Result, schedule: Schedule | None, progress: Progress, phases: Phases) -> Probes | None:
-    """The dynamic stage if the job has it, else one frame of the state that was reached."""
+def run_dynamics(comm, job: Job, roof: Roof, result: Result, schedule: Schedule | None, progress: Progress, phases: Phases,
+                 stop: StopRequest, saver: Saver, record: dict | None, checkpoint: Checkpoint | None) -> Probes | None:
+    """The dynamic stage if the job has it, else one frame of the state that was reached.
+
+    record : of the run that is taken up, on all ranks; checkpoint : the same with its arrays, on rank 0
+    """
     state = roof.state
     if job.dynamics is None:
         snapshot = take_snapshot(state, 0.0, 1.0, 0.0, 0.0)
@@ -114,11 +141,21 @@ def run_dynamics(comm, job: Job, roof: Roof, result: Result, schedule: Schedule 
     with phases.phase("wind"):
         wind = None
         if job.wind:
+            force = state.wind.copy()
             wind = WindLoad(comm, roof.distribution, state, roof.whole and roof.whole.field, roof.whole and roof.whole.history)
-    start = total_energies(comm, state, take_snapshot(state, 0.0, 1.0, 0.0, 0.0))
+            if record:
+                state.wind[:] = force  # as it was left by the fractures so far
+                restore_wind(comm, wind, state, checkpoint)
+    if record:
+        begun = record["simulation"]["start_strain"], record["simulation"]["start_plastic"]
+    else:
+        start = total_energies(comm, state, take_snapshot(state, 0.0, 1.0, 0.0, 0.0))
+        begun = start.strain, start.plastic
     probes = comm.bcast(find_probes(roof.whole.net, job.output.probes) if roof.whole else None)
     progress.say(f"dynamics: {job.dynamics.duration:g} s in {schedule.steps} steps of {schedule.dt:.4g} s")
-    simulation = Simulation(comm, state, result, schedule, job, wind, probes, start.strain, start.plastic, progress)
+    simulation = Simulation(comm, state, result, schedule, job, wind, probes, *begun, progress, stop, saver)
+    if record:
+        simulation.restore(record["simulation"])
     with phases.phase("dynamics"):
         simulation.run()
     if roof.whole:
@@ -190,7 +227,7 @@ def sections_of(job: Job, roof: Roof, statics: StaticPath | None, result: Result
 
 def provenance_of(comm: MPI.Comm, job: Job, roof: Roof, schedule: Schedule | None) -> dict:
     """Where the numbers come from: job, versions, ranks, partition, limits."""
-    values = {"job": job.text, "job_name": job.name, "overrides": "\n".join(job.overrides), "title": job.title, "netfall": netfall.__version__,
+    values = {"job": job.text, "job_name": job.name, "overrides": "\n".join(job.overrides), "job_digest": roof.digest, "title": job.title, "netfall": netfall.__version__,
               "python": platform.python_version(), "numpy": np.__version__, "numba": numba.__version__, "mpi4py": mpi4py.__version__,
               "h5py": h5py.__version__, "hdf5": h5py.version.hdf5_version, "mpi": MPI.Get_library_version().split("\n")[0].strip("\x00 "),
               "writing": how_it_writes(), "ranks": comm.size, "exit_state": "finished"}

@@ -19,10 +19,23 @@ class WindLoad:
         self.history = history
         column = lambda name: distribution.particles(None if field is None else getattr(field, name))
         self.mean, self.corner, self.weight = column("mean"), column("corner"), column("weight")
-        state.wind[:] = column("force")
+        state.wind[: len(self.mean)] = column("force")
         self.samples: list[tuple[float, np.ndarray]] = []  # all so far, for the result file
         self.k = 0
         self._set(state, self._sample(0), self._sample(1))
+
+    def record(self) -> dict:
+        """What a continuation needs, for `restore`; the history's state on rank 0."""
+        return {"k": self.k, "time": np.array([t for t, _ in self.samples]), "gust": np.array([g for _, g in self.samples]),
+                "history": self.history.record() if self.history else {}}
+
+    def restore(self, state: State, record: dict) -> None:
+        """Take up the record of an earlier run."""
+        self.k = int(record["k"])
+        self.samples = [(float(t), g) for t, g in zip(record["time"], record["gust"])]
+        if self.history:
+            self.history.restore(record["history"])
+        self._set(state, self._sample(self.k), self._sample(self.k + 1))
 
     def _sample(self, k: int) -> tuple[float, np.ndarray]:
         while len(self.samples) <= k:

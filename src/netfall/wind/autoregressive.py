@@ -145,6 +145,14 @@ class GustRecursion:
         for _ in range(int(np.ceil(BURN_IN * GUST_LENGTH / (speed * dt)))):
             self.advance()
 
+    def record(self) -> dict:
+        """The state that a continuation needs, for `restore`."""
+        return {"past": self.past, "step": self.step}
+
+    def restore(self, record: dict) -> None:
+        """Take up the record of an earlier run."""
+        self.past[:], self.step = record["past"], int(record["step"])
+
     def noise(self, step: int) -> np.ndarray:
         """Independent standard normal numbers (c,) of one step."""
         bits = np.random.Philox(key=self.seed, counter=[0, 0, 0, step])

@@ -111,6 +111,15 @@ class GeneratedHistory:
         """Time [s] and gusts (c,) [m/s] of sample k; samples are asked for in order."""
         return k * self.dt, self.recursion.advance() if self.recursion else self.still
 
+    def record(self) -> dict:
+        """The state that a continuation needs, for `restore`."""
+        return self.recursion.record() if self.recursion else {}
+
+    def restore(self, record: dict) -> None:
+        """Take up the record of an earlier run."""
+        if self.recursion:
+            self.recursion.restore(record)
+
 
 class MeasuredHistory:
     """A table of times (t,) [s] and speeds (t,) [m/s] at 10 m, from time 0 on."""
@@ -123,6 +132,13 @@ class MeasuredHistory:
         """Time [s] and speed (1,) [m/s] of row k; the last one stands for all that follow."""
         k = min(k, len(self.time) - 1)
         return float(self.time[k]), self.speed[k:k + 1]
+
+    def record(self) -> dict:
+        """Nothing: a row depends on its number alone."""
+        return {}
+
+    def restore(self, record: dict) -> None:
+        """Nothing to take up."""
 
 
 def read_measured(job) -> MeasuredHistory:

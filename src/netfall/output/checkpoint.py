@@ -1,0 +1,92 @@
+"""Checkpoints: the whole state of a run by global numbers, sealed with a digest, for any number of ranks.
+
+A checkpoint is a file NAME.checkpoint-STEP.h5 beside the result file; the last two are kept. What the result
+file has so far is not in it: that stands in segments, closed at each checkpoint, which the end of the run joins
+to the result file. A kill at any moment leaves whole segments and a whole checkpoint that names them.
+"""
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+from mpi4py import MPI
+
+from netfall.errors import InputError
+from netfall.mechanics.state import FIELDS, State
+from netfall.output.h5 import SharedFile, check_seal
+
+FORMAT = 1
+KEPT = 2
+
+
+def kept_fields(state: State, entity: str):
+    """Fields that a checkpoint holds of a state's particles or elements."""
+    return [f for f in FIELDS if f.kept and f.entity == entity and getattr(state, f.name) is not None]
+
+
+def checkpoint_path(result: Path, step: int) -> Path:
+    """Name of a checkpoint of a run that writes `result`."""
+    return result.with_name(f"{result.stem}.checkpoint-{step:012d}.h5")
+
+
+def write_checkpoint(comm: MPI.Comm, path: Path, state: State, result, record: dict, arrays: dict[str, np.ndarray]) -> None:
+    """Write the state and the run's records. Collective.
+
+    result : numbers the rows; record : small values of every kind that JSON knows, arrays : small arrays, both on rank 0
+    """
+    file = SharedFile(comm, path)
+    try:
+        n, m = result.distribution.n, result.distribution.m
+        points = n + len(result.split_gid)
+        rows = state.owned_rows()
+        for field in kept_fields(state, "particle"):
+            values = getattr(state, field.name)[rows].reshape(len(rows), -1)
+            file.create(f"particles/{field.name}", field.dtype, (values.shape[1],))
+            file.append(f"particles/{field.name}", file.blocks.collect(result.row_of(state.gid[rows]), values, points), points)
+        mine = state.owned.astype(bool)
+        gid = result.distribution.piece.element_gid[mine]
+        for field in kept_fields(state, "element"):
+            file.create(f"elements/{field.name}", field.dtype)
+            file.append(f"elements/{field.name}", file.blocks.collect(gid, getattr(state, field.name)[mine][:, None], m)[:, 0], m)
+        file.create("elements/ends", np.int64, (2,))
+        file.append("elements/ends", file.blocks.collect(gid, state.gid[state.ends[mine]].reshape(-1, 2), m), m)
+
+        def finish(h5: h5py.File):
+            h5.attrs["format"] = FORMAT
+            h5.create_dataset("record", data=json.dumps(record), dtype=h5py.string_dtype())
+            for name, values in arrays.items():
+                h5.create_dataset(f"arrays/{name}", data=values)
+
+        file.close(finish, seal=True)
+    except BaseException:
+        file.discard()
+        raise
+
+
+class Checkpoint:
+    """A checkpoint that was read, on rank 0: `record`, `arrays`, `particles` and `elements` by name."""
+
+    def __init__(self, path: Path, job_digest: str):
+        """Raises InputError for a file that is missing, damaged, or belongs to another job; names the one before it."""
+        if not path.is_file():
+            raise InputError(f"{path}: no such checkpoint{_offer(path)}")
+        if not check_seal(path):
+            raise InputError(f"{path}: damaged or no checkpoint of netfall (its digest does not fit){_offer(path)}")
+        with h5py.File(path, "r") as file:
+            if file.attrs.get("format") != FORMAT:
+                raise InputError(f"{path}: a checkpoint of another version of netfall; expected format {FORMAT}")
+            self.record = json.loads(file["record"].asstr()[()])
+            read = lambda group: {name: file[f"{group}/{name}"][()] for name in file.get(group, ())}
+            self.arrays, self.particles, self.elements = read("arrays"), read("particles"), read("elements")
+        self.path = path
+        if self.record["job"] != job_digest:
+            raise InputError(f"{path}: belongs to another job or net ({self.record['name']}); expected a checkpoint of this very job file, tables and --set")
+
+
+def _offer(path: Path) -> str:
+    """Advice that names the newest other checkpoint beside it that is whole."""
+    prefix = path.name.split(".checkpoint-")[0]
+    others = sorted((p for p in path.parent.glob(f"{prefix}.checkpoint-*.h5") if p != path), reverse=True)
+    good = next((p for p in others if check_seal(p)), None)
+    return f"; {good} is whole: give that" if good else ""
