@@ -47,14 +47,14 @@ class SharedFile:
             self.file = h5py.File(self.temporary, "w")
             self._transfer = h5py.h5p.create(h5py.h5p.DATASET_XFER)
 
-    def create(self, name: str, dtype, tail: tuple[int, ...] = ()) -> None:
-        """An empty dataset that grows by rows of shape `tail`."""
+    def create(self, name: str, dtype, tail: tuple[int, ...] = (), rows: int = 1024) -> None:
+        """An empty dataset that grows by rows of shape `tail`, some `rows` of them at a time."""
         if self.writes:
             row = int(np.prod(tail, dtype=np.int64)) * np.dtype(dtype).itemsize
             if len(tail) == 2:  # whole states (rows of n x 3): chunks of one state
                 chunks = (1, min(tail[0], max(1, CHUNK_BYTES // (tail[1] * np.dtype(dtype).itemsize))), tail[1])
             else:
-                chunks = (max(1, CHUNK_BYTES // row),) + tail
+                chunks = (max(1, min(rows, CHUNK_BYTES // row)),) + tail
             self.file.create_dataset(name, (0, *tail), maxshape=(None, *tail), chunks=chunks, dtype=dtype)
 
     def rows(self) -> dict[str, int]:

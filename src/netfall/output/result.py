@@ -48,7 +48,7 @@ class Result:
         self.file = SharedFile(comm, path)
         self.segments: list[Path] = []  # whole parts of the file so far, if there are checkpoints
         self.token = comm.bcast(secrets.token_hex(4))  # keeps this run's segments apart from another's
-        self.series = VtkSeries(self.file)
+        self.series = VtkSeries(self.file, distribution.n, distribution.m)
         self.split_gid = np.zeros(0, np.int64)  # numbers of the particles that have split off, ascending
         self.events: list[tuple] = []  # (time, Event)
         self.broken: set[int] = set()
@@ -152,7 +152,7 @@ class Result:
                 ("particle_id", np.int64, (), p[:, 0], points), ("position", np.float64, (3,), p[:, 1:4], points),
                 ("velocity", np.float64, (3,), p[:, 4:], points), ("element_id", np.int64, (), None, cells),
                 ("tension", np.float64, (), c[:, 0], cells), ("plastic_strain", np.float64, (), c[:, 1], cells)):
-            self.file.create(f"final/{name}", dtype, tail)
+            self.file.create(f"final/{name}", dtype, tail, total)
             if block is None:
                 low, high = self.file.blocks.bounds(cells)[self.comm.rank:self.comm.rank + 2]
                 block = np.arange(low, high)

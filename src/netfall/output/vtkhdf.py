@@ -19,7 +19,9 @@ CELL_FIELDS = {"tension": (np.float32, ()), "strain": (np.float32, ()), "plastic
 class VtkSeries:
     """Appends steps to /VTKHDF. Methods are collective; offsets are kept and written by `finish`."""
 
-    def __init__(self, file: SharedFile):
+    def __init__(self, file: SharedFile, points: int, cells: int):
+        """points, cells : how many a step has at first, for the size of chunks"""
+        self.sizes = {"PointData": points, "CellData": cells}
         self.parts: list[tuple[int, int]] = []  # points and cells of each part
         self.steps: list[dict] = []
         self._mesh: dict = {}
@@ -28,12 +30,12 @@ class VtkSeries:
     def continue_in(self, file: SharedFile) -> None:
         """Append to a file (the first, or one that continues it) from here on."""
         self.file = file
-        file.create("VTKHDF/Points", np.float64, (3,))
+        file.create("VTKHDF/Points", np.float64, (3,), self.sizes["PointData"])
         for name, dtype in (("Connectivity", np.int64), ("Offsets", np.int64), ("Types", np.uint8)):
-            file.create(f"VTKHDF/{name}", dtype)
+            file.create(f"VTKHDF/{name}", dtype, (), self.sizes["CellData"])
         for group, fields in (("PointData", POINT_FIELDS), ("CellData", CELL_FIELDS)):
             for name, (dtype, tail) in fields.items():
-                file.create(f"VTKHDF/{group}/{name}", dtype, tail)
+                file.create(f"VTKHDF/{group}/{name}", dtype, tail, self.sizes[group])
 
     def record(self) -> dict:
         """What a continuation in another run needs, for `restore`."""

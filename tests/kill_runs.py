@@ -1,0 +1,151 @@
+"""Kill runs at random moments and restart them on other numbers of ranks: every final file must be the undisturbed one.
+
+    .venv/bin/python tests/kill_runs.py --kills 100 --seed 1
+
+A run is killed with SIGKILL: one of its ranks, its mpirun, or all of them at once; at a random moment, with frames and
+checkpoints written so often that many kills fall into a writing. It is then restarted from its newest whole
+checkpoint (or begun again, if there is none yet) on one to four ranks, maybe killed again, and at last left alone.
+"""
+
+import argparse
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import h5py
+
+sys.path.insert(0, str(Path(__file__).parent))
+from conftest import BIN, ENVIRONMENT, assert_same_results
+
+JOB = """[net]
+generator = "saddle"
+side = 40.0
+cells = 8
+[cable]
+modulus = 1.95e11
+area = 400e-6
+density = 7850.0
+prestress = 100e3
+yield_stress = 1.75e9
+fracture_strain = 0.0404
+[form_finding]
+modulus_factor = 0
+[load]
+self_weight = true
+[wind]
+speed = 60.0
+shape_coefficient = -3.0
+seed = 3
+[dynamics]
+duration = 0.4
+time_step = 2e-5
+damping = 0.2
+[output]
+history = 0.005
+frames = 80
+checkpoint = 0.02
+probes = [[0.0, 0.0]]
+"""
+HANG = 60.0  # s after which what is left of a killed run counts as hanging
+
+
+def command(folder: Path, ranks: int, restart: Path | None) -> list[str]:
+    """The command line of a run."""
+    line = [str(BIN / "mpirun"), "-n", str(ranks), str(BIN / "netfall"), "run", str(folder / "job.toml"), "-o", str(folder / "result.vtkhdf"), "--quiet"]
+    return line + (["--restart", str(restart)] if restart else [])
+
+
+def processes_of(folder: Path) -> list[int]:
+    """Numbers of the running processes whose command line names the folder: mpirun and the ranks."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit() and int(entry.name) != os.getpid():
+            try:
+                if str(folder).encode() in (entry / "cmdline").read_bytes() and "Z" not in (entry / "stat").read_text().rsplit(")", 1)[1].split()[0]:
+                    found.append(int(entry.name))
+            except OSError:
+                continue
+    return found
+
+
+def newest_checkpoint(folder: Path) -> Path | None:
+    """The checkpoint with the largest step."""
+    return max(folder.glob("result.checkpoint-*.h5"), default=None)
+
+
+def kill(folder: Path, process: subprocess.Popen, choice: random.Random) -> str:
+    """Kill one rank, mpirun, or everything; what was killed."""
+    everything = processes_of(folder)
+    ranks = [p for p in everything if p != process.pid]
+    what = choice.choice(["rank", "mpirun", "group"])
+    victims = {"rank": ranks[:1] if not ranks else [choice.choice(ranks)], "mpirun": [process.pid], "group": everything}[what]
+    for victim in victims:
+        try:
+            os.kill(victim, signal.SIGKILL)
+        except ProcessLookupError:
+            pass
+    process.wait(HANG)
+    end = time.monotonic() + HANG
+    while processes_of(folder):
+        if time.monotonic() > end:
+            raise AssertionError(f"hangs after the kill of {what}: {processes_of(folder)}")
+        time.sleep(0.05)
+    return what
+
+
+def one_story(folder: Path, choice: random.Random, longest: float, kills_left: int) -> int:
+    """Run with one to three kills and restarts until the result is there; the number of kills."""
+    done = 0
+    wanted = choice.randint(1, min(3, kills_left))
+    while True:
+        ranks, restart = choice.randint(1, 4), newest_checkpoint(folder)
+        process = subprocess.Popen(command(folder, ranks, restart), env=ENVIRONMENT, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        if done < wanted:
+            time.sleep(choice.uniform(0.3, longest))
+            if process.poll() is None:
+                what = kill(folder, process, choice)
+                done += 1
+                print(f"  {ranks} ranks, from {restart.name if restart else 'the start'}: killed {what}", flush=True)
+                continue
+        out, error = process.communicate(timeout=300)
+        assert process.returncode == 0, (out + error).decode()
+        print(f"  {ranks} ranks, from {restart.name if restart else 'the start'}: finished", flush=True)
+        return done
+
+
+def main() -> None:
+    """Tell stories until there were enough kills; exit code 1 at the first that ends otherwise than the undisturbed run."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--kills", type=int, default=20)
+    options.add_argument("--seed", type=int, default=1)
+    arguments = options.parse_args()
+    choice = random.Random(arguments.seed)
+    with tempfile.TemporaryDirectory(prefix="netfall-kill-") as top:
+        calm = Path(top) / "calm"
+        calm.mkdir()
+        (calm / "job.toml").write_text(JOB)
+        begin = time.monotonic()
+        subprocess.run(command(calm, 2, None), env=ENVIRONMENT, check=True, stdin=subprocess.DEVNULL)
+        longest = time.monotonic() - begin
+        kills = story = 0
+        while kills < arguments.kills:
+            folder = Path(top) / f"story{story}"
+            folder.mkdir()
+            (folder / "job.toml").write_text(JOB)
+            kills += one_story(folder, choice, longest, arguments.kills - kills)
+            with h5py.File(calm / "result.vtkhdf") as one, h5py.File(folder / "result.vtkhdf") as other:
+                datasets = assert_same_results(one, other)
+            left = sorted(p.name for p in folder.iterdir() if ".part" in p.name or ".segment" in p.name)
+            assert not left, left
+            story += 1
+            print(f"story {story}: {kills} kills so far, {datasets} datasets equal to the bit", flush=True)
+    print(f"{kills} kills in {story} runs, every result equal to the undisturbed one")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,146 @@
+"""A run that was interrupted and taken up again, on another number of ranks, gives the same bits."""
+
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import h5py
+import pytest
+from conftest import BIN, ENVIRONMENT, ROOT, assert_same_results, run_netfall
+from kill_runs import JOB
+
+SLOW = JOB.replace("checkpoint = 0.02", "checkpoint = 0.1")
+
+
+@pytest.fixture(scope="module")
+def calm(shared_workshop):
+    """The undisturbed run, without checkpoints."""
+    job = shared_workshop.job(JOB.replace("checkpoint = 0.02", "checkpoint = 0"), name="calm")
+    return shared_workshop.run(job, output="calm.vtkhdf")
+
+
+def same_but_for_the_job(calm, other):
+    """Equal in every dataset; the two job texts differ in their checkpoint interval only."""
+    return assert_same_results(calm, other)
+
+
+@pytest.mark.parametrize("ranks, later", [(1, 3), (3, 1), (2, 4)])
+def test_restart_on_other_ranks_gives_the_same_bits(workshop, calm, ranks, later):
+    """From either of the two checkpoints that are kept, before and after fractures, also when the run had finished."""
+    job = workshop.job(SLOW)
+    first = workshop.run(job, ranks=ranks)
+    assert len(first["events/step"]) > 3
+    same_but_for_the_job(calm, first)
+    kept = sorted(workshop.folder.glob("*checkpoint*"))
+    assert [int(p.stem.split("-")[-1]) for p in kept] == [10_000, 15_000]  # steps of 2e-5 s: the last two of 0.1, 0.2, 0.3 s
+    first.close()
+    for checkpoint in kept:
+        same_but_for_the_job(calm, workshop.run(job, "--restart", checkpoint, ranks=later, output="result.vtkhdf"))
+    assert not list(workshop.folder.glob(".*"))
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize("number", [signal.SIGUSR1, signal.SIGTERM])
+def test_signal_ends_the_run_with_a_checkpoint(workshop, calm, ranks, number):
+    """Exit code 4, a line that names the checkpoint, no result file; taken up, the same bits."""
+    job = workshop.job(JOB.replace("checkpoint = 0.02", "checkpoint = 0"))
+    line = [str(BIN / "netfall"), "run", str(job), "-o", str(workshop.folder / "result.vtkhdf")]
+    if ranks > 1:
+        line = [str(BIN / "mpirun"), "-n", str(ranks), *line]
+    process = subprocess.Popen(line, env=ENVIRONMENT, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    while "dynamics:" not in process.stdout.readline():
+        assert process.poll() is None
+    time.sleep(0.3)
+    if ranks == 1 or number == signal.SIGUSR1:
+        process.send_signal(number)  # mpirun hands SIGUSR1 on to the ranks
+    else:
+        subprocess.run(["pkill", f"-{int(number)}", "-f", f"python.*netfall run {job}"], check=True)
+    _, error = process.communicate(timeout=60)
+    assert process.returncode == 4, error
+    assert "interrupted at t =" in error and "--restart" in error and not (workshop.folder / "result.vtkhdf").exists()
+    checkpoint, = workshop.folder.glob("*checkpoint*")
+    same_but_for_the_job(calm, workshop.run(job, "--restart", checkpoint, ranks=3 - ranks))
+
+
+def test_walltime_ends_the_run_with_a_checkpoint(workshop, calm):
+    """--walltime stops at a common step; restarts until done, as the Slurm scripts do."""
+    job = workshop.job(JOB.replace("checkpoint = 0.02", "checkpoint = 0"))
+    done = workshop.run(job, "--walltime", "00:00:00", ranks=2, code=4)
+    assert "interrupted at t = 0 s" in done.stderr
+    checkpoint, = workshop.folder.glob("*checkpoint*")
+    same_but_for_the_job(calm, workshop.run(job, "--restart", checkpoint, "--walltime", "01:00:00"))
+
+
+def test_statics_are_not_lost_in_a_restart(workshop):
+    """Load steps before the interruption are in the final file, with bars, plasticity and both ends of the stage."""
+    text = SLOW.replace("[load]", "[load]\npressure = [0.0, 0.0, 300.0]\nsteps = 3").replace("duration = 0.4", "duration = 0.15")
+    job = workshop.job(text)
+    whole = workshop.run(job, output="whole.vtkhdf")
+    checkpoint, = workshop.folder.glob("whole.checkpoint*")
+    again = workshop.run(job, "--restart", checkpoint, ranks=2, output="again.vtkhdf")
+    assert whole["statics/displacement"].shape[0] == 3
+    assert_same_results(whole, again)
+
+
+@pytest.fixture(scope="module")
+def checkpoints(shared_workshop):
+    """A job and its two checkpoints."""
+    job = shared_workshop.job(SLOW, name="kept")
+    shared_workshop.run(job, output="kept.vtkhdf").close()
+    return job, *sorted(shared_workshop.folder.glob("kept.checkpoint*"))
+
+
+@pytest.mark.parametrize("damage", [lambda b: b[:-1], lambda b: b[: len(b) // 2], lambda b: b"", lambda b: b[:5000] + bytes([b[5000] ^ 1]) + b[5001:],
+                                    lambda b: b[:-3] + b"abc"], ids=["one byte short", "half", "empty", "one bit", "digest"])
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_damaged_checkpoint_is_refused_and_the_other_offered(checkpoints, ranks, damage):
+    """One line, exit code 2 on every rank, the whole one named."""
+    job, old, new = checkpoints
+    good = new.read_bytes()
+    try:
+        new.write_bytes(damage(good))
+        done = run_netfall("run", job, "--restart", new, "-o", job.parent / "kept.vtkhdf", ranks=ranks)
+        line, = [line for line in done.stderr.splitlines() if "checkpoint" in line]
+        assert done.returncode == 2 and "damaged" in line and str(old) in line and "Traceback" not in done.stderr
+    finally:
+        new.write_bytes(good)
+
+
+@pytest.mark.parametrize("override, message", [("wind.seed=4", "another job or net"), ("net.cells=6", "another job or net")])
+def test_checkpoint_of_another_job_is_refused(checkpoints, override, message):
+    """A changed key is another job."""
+    job, _, new = checkpoints
+    done = run_netfall("run", job, "--restart", new, "--set", override, "-o", job.parent / "kept.vtkhdf")
+    assert done.returncode == 2 and message in done.stderr
+
+
+def test_missing_checkpoint_is_refused(checkpoints):
+    """A path that leads nowhere."""
+    job, _, new = checkpoints
+    done = run_netfall("run", job, "--restart", new.with_name("kept.checkpoint-000000000001.h5"), "-o", job.parent / "kept.vtkhdf")
+    assert done.returncode == 2 and "no such checkpoint" in done.stderr and str(new) in done.stderr
+
+
+def test_missing_parts_of_the_result_are_named(checkpoints, tmp_path):
+    """A checkpoint without the run's result or segments beside it cannot give the whole file: refused."""
+    job, _, new = checkpoints
+    (tmp_path / new.name).write_bytes(new.read_bytes())
+    done = run_netfall("run", job, "--restart", tmp_path / new.name, "-o", tmp_path / "x.vtkhdf")
+    assert done.returncode == 2 and "is missing" in done.stderr
+    assert {p.name for p in tmp_path.iterdir()} == {new.name}
+
+
+def test_twenty_kills_change_no_bit():
+    """kill -9 of a rank, of mpirun, of all, at random moments; restarted on other ranks (kill_runs.py; --kills 100 by hand)."""
+    done = subprocess.run([sys.executable, str(ROOT / "tests" / "kill_runs.py"), "--kills", "20", "--seed", str(random.randrange(10**6))],
+                          env=ENVIRONMENT, capture_output=True, text=True, timeout=900)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    assert done.stdout.splitlines()[-1].startswith("20 kills")
+
+
+def test_sealed_file_stays_readable(checkpoints):
+    """The digest behind a checkpoint does not disturb HDF5."""
+    with h5py.File(checkpoints[1]) as file:
+        assert "particles/x" in file and file["record"].asstr()[()].startswith("{")
