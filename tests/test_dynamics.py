@@ -129,10 +129,11 @@ def test_elements_of_different_speed_are_in_the_limits(workshop):
     assert np.isclose(after.dt, 0.5 / 5000.0) and after.element == 0
 
 
-def test_run_that_diverges_is_stopped(workshop):
-    """Forces out of all range: exit code 3, the time named, no file left behind."""
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_run_that_diverges_is_stopped(workshop, ranks):
+    """Forces out of all range: exit code 3 on every rank, the time named, no file left behind."""
     nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,0,0,-10,0,1e300\n3,5,5,-10,1,0\n"
     job = workshop.job(ELASTIC + "[dynamics]\nduration = 0.1\n", nodes, "start,end\n1,2\n2,3\n")
-    done = workshop.run(job, code=3)
+    done = workshop.run(job, code=3, ranks=ranks)
     assert "diverged at t =" in done.stderr
-    assert not (workshop.folder / "result.vtkhdf").exists()
+    assert {p.name for p in workshop.folder.iterdir()} == {"job.toml", "nodes.csv", "elements.csv"}

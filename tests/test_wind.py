@@ -122,6 +122,13 @@ def test_wrong_wind_table_is_refused(workshop, table, message):
     assert message in workshop.run(workshop.job(text), code=2).stderr
 
 
+def test_wind_without_normals_is_refused(workshop):
+    """Areas from the table but no face in plan: the wind would have no direction, and is not dropped silently."""
+    nodes = "id,x,y,z,fixed,area\n1,0,0,0,1,5\n2,10,0,0,0,10\n3,20,0,0,1,5\n"
+    job = workshop.job(STEEL + BLOW.format(k=0.0, u=-1.0), nodes, "start,end\n1,2\n2,3\n")
+    assert "have no normal to act along (first: node 2)" in workshop.run(job, code=2).stderr
+
+
 STORM = """[net]
 generator = "saddle"
 side = 40.0

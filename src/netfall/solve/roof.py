@@ -168,6 +168,7 @@ def _set_initial(job: Job, whole: Whole, x: np.ndarray, N: np.ndarray | None) ->
     whole.mass = own + net.mass
     whole.load = net.load.copy()
     normal = normals(x, net, whole.faces)
+    _check_normals(job, whole, normal)
     if job.load is not None:
         if job.load.self_weight:
             whole.load[:, 2] -= GRAVITY * own
@@ -181,6 +182,15 @@ def _set_initial(job: Job, whole: Whole, x: np.ndarray, N: np.ndarray | None) ->
     if job.wind is not None:
         whole.field = make_wind_field(x, whole.area, normal, job.wind)
         whole.history = whole.history or GeneratedHistory(whole.field, job.wind)
+
+
+def _check_normals(job: Job, whole: Whole, normal: np.ndarray) -> None:
+    """Wind and pressure along normals must not vanish silently on particles that meet no face."""
+    along = job.wind is not None or job.load is not None and isinstance(job.load.pressure, (int, float))
+    bare = (whole.area > 0) & ~normal.any(1) & ~whole.net.fixed.all(1)
+    if along and bare.any():
+        raise InputError(f"{job.path}: {int(bare.sum())} free nodes with a roof area meet no closed face in plan, so wind and pressure have no normal "
+                         f"to act along (first: node {whole.net.node_id[bare][0]}); close the faces with elements, or give pressure as [x, y, z]")
 
 
 def _check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:

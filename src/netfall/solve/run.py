@@ -11,7 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 import netfall
-from netfall.errors import InputError
+from netfall.errors import DivergedError, InputError, Interrupted
 from netfall.job.read import Job
 from netfall.net.net import Net
 from netfall.output.checkpoint import Checkpoint
@@ -73,6 +73,9 @@ def run_job(comm: MPI.Comm, job: Job, path: Path, progress: Progress, restart: P
         probes = run_dynamics(comm, job, roof, result, schedule, progress, phases, stop or StopRequest(catch=False), saver, record, checkpoint)
         sections = sections_of(job, roof, statics, result, probes)
         result.close(sections, provenance_of(comm, job, roof, schedule), phases.seconds)
+    except (InputError, DivergedError, Interrupted):  # raised on every rank alike
+        result.file.discard_all()
+        raise
     except BaseException:
         result.file.discard()
         raise
