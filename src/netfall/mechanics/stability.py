@@ -14,8 +14,9 @@ Central difference is stable for dt < 2 / omega_max. Three figures, each with it
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator, eigsh
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
+RESTARTS = 60  # of the Lanczos iteration; large uniform nets have eigenvalues too close to one another
 
 @dataclass(frozen=True)
 class Limit:
@@ -47,8 +48,8 @@ def after_fracture_limit(E, rho, L0, eps_u) -> Limit:
     return Limit("after_fracture", float(dt[worst]), worst)
 
 
-def assembled_limit(x, elements, EA, L0, N, mass, fixed) -> Limit:
-    """2 / omega_max of the net in shape x (n, 3) [m] under tensions N (m,) [N], by Lanczos iteration."""
+def assembled_limit(x, elements, EA, L0, N, mass, fixed) -> Limit | None:
+    """2 / omega_max of the net in shape x (n, 3) [m] under tensions N (m,) [N], by Lanczos iteration; None if that fails."""
     d = x[elements[:, 1]] - x[elements[:, 0]]
     L = np.linalg.norm(d, axis=1)
     direction = d / L[:, None]
@@ -72,7 +73,10 @@ def assembled_limit(x, elements, EA, L0, N, mass, fixed) -> Limit:
         values, vectors = np.linalg.eigh(0.5 * (dense + dense.T))
         value, vector = values[-1], vectors[:, -1]
     else:
-        values, vectors = eigsh(LinearOperator((3 * n, 3 * n), matvec=apply, dtype=float), k=1, which="LA", v0=start.ravel(), tol=1e-6)
+        try:
+            values, vectors = eigsh(LinearOperator((3 * n, 3 * n), matvec=apply, dtype=float), k=1, which="LA", v0=start.ravel(), tol=1e-6, maxiter=RESTARTS)
+        except ArpackNoConvergence:
+            return None
         value, vector = values[0], vectors[:, 0]
     if not value > 0:
         return Limit("assembled", np.inf, -1)

@@ -249,8 +249,8 @@ def step_limits(whole: Whole, scene: Scene) -> dict[str, Limit]:
     return {limit.name: limit for limit in limits}
 
 
-def sharp_limit(whole: Whole) -> Limit:
-    """Limit of the net as it starts, by Lanczos iteration. Rank 0."""
+def sharp_limit(whole: Whole) -> Limit | None:
+    """Limit of the net as it starts, by Lanczos iteration; None if that does not converge. Rank 0."""
     net = whole.net
     return assembled_limit(whole.x, net.elements, net.modulus * net.section, whole.L0, whole.N, whole.mass, net.fixed)
 

@@ -108,11 +108,11 @@ def schedule_of(job: Job, roof: Roof) -> Schedule:
 def refuse_step(job: Job, limit, roof: Roof, net: Net) -> None:
     """Raise InputError unless the step is below the sharp limit and nothing can break."""
     if limit.name == "any_shape":
-        limit = sharp_limit(roof.whole)
+        limit = sharp_limit(roof.whole) or limit
         if job.dynamics.time_step <= limit.dt:
             return
     ids = "-".join(str(net.node_id[p]) for p in net.elements[limit.element])
-    why = {"assembled": "of the intact net", "after_fracture": "of the fragments that a fracture leaves"}[limit.name]
+    why = {"assembled": "of the intact net", "any_shape": "of the net in any shape", "after_fracture": "of the fragments that a fracture leaves"}[limit.name]
     raise InputError(f"{job.path}: [dynamics] time_step = {job.dynamics.time_step:g}: above the stable step {limit.dt:.4g} s {why}, set by element "
                      f'{net.element_id[limit.element]} (nodes {ids}, {roof.whole.L0[limit.element]:.3g} m); expected less, or "auto"; '
                      "longer elements there would allow more")
