@@ -106,7 +106,7 @@ def one_story(folder: Path, choice: random.Random, longest: float, kills_left: i
         ranks, restart = choice.randint(1, 4), newest_checkpoint(folder)
         process = subprocess.Popen(command(folder, ranks, restart), env=ENVIRONMENT, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         if done < wanted:
-            time.sleep(choice.uniform(0.3, longest))
+            time.sleep(choice.uniform(0.3, 0.7 * longest))
             if process.poll() is None:
                 what = kill(folder, process, choice)
                 done += 1
