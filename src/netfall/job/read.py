@@ -10,7 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from netfall.errors import InputError
-from netfall.job.schema import ABSENT, GENERATOR_KEYS, GROUP_KEYS, REQUIRED, SECTIONS, Key
+from netfall.job.schema import GENERATOR_KEYS, GROUP_KEYS, REQUIRED, SECTIONS, Key
 
 
 @dataclass(frozen=True)

@@ -69,10 +69,6 @@ class Net:
         """Lengths of the elements (m,) [m] in the start geometry."""
         return np.linalg.norm(self.x[self.elements[:, 1]] - self.x[self.elements[:, 0]], axis=1)
 
-    def element_mass(self) -> np.ndarray:
-        """Masses of the elements (m,) [kg] over the start geometry's lengths."""
-        return self.density * self.section * self.lengths()
-
 
 def subdivide(net: Net, parts: int) -> Net:
     """The net with each element in `parts` equal ones; new particles follow the old ones, free and without load."""

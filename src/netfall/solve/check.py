@@ -7,6 +7,7 @@ from mpi4py import MPI
 
 from netfall.job.read import Job
 from netfall.mechanics.state import FIELDS
+from netfall.net.build import build_net
 from netfall.solve.dynamics import Schedule
 from netfall.solve.roof import Phases, Roof, prepare, scene_of, sharp_limit
 from netfall.solve.run import limit_line, schedule_of
@@ -49,8 +50,6 @@ def check_job(job: Job, say: Callable[[str], None]) -> None:
 
 
 def _small(job: Job) -> bool:
-    from netfall.net.build import build_net
-
     return build_net(job).m <= LARGEST_FORM
 
 

@@ -237,6 +237,8 @@ def make_state(distribution: Distribution, whole: Whole | None, scene: Scene) ->
     if scene.fracture:
         state.eps_u[:] = elements(lambda: net.fracture_strain)
         state.valence[:] = particles(lambda: np.bincount(net.elements.ravel(), minlength=net.n))
+    if scene.wind:
+        state.wind[:] = particles(lambda: whole.field.force)
     return state
 
 

@@ -19,7 +19,7 @@ from netfall.output.h5 import PARALLEL
 from netfall.output.progress import Progress
 from netfall.output.result import Result, net_section
 from netfall.parallel import partition
-from netfall.parallel.root import on_all, on_root
+from netfall.parallel.root import on_root
 from netfall.solve.dynamics import Probes, Schedule, Simulation, find_probes, make_schedule
 from netfall.solve.energy import take_snapshot, total_energies
 from netfall.solve.restart import Saver, restore_result, restore_state, restore_wind, restored_form
@@ -144,10 +144,8 @@ def run_dynamics(comm, job: Job, roof: Roof, result: Result, schedule: Schedule 
     with phases.phase("wind"):
         wind = None
         if job.wind:
-            force = state.wind.copy()
             wind = WindLoad(comm, roof.distribution, state, roof.whole and roof.whole.field, roof.whole and roof.whole.history)
             if record:
-                state.wind[:] = force  # as it was left by the fractures so far
                 restore_wind(comm, wind, state, checkpoint)
     if record:
         begun = record["simulation"]["start_strain"], record["simulation"]["start_plastic"]

@@ -14,12 +14,11 @@ class WindLoad:
     """Advances the wind in time: rank 0 generates, every rank interpolates to its particles."""
 
     def __init__(self, comm: MPI.Comm, distribution: Distribution, state: State, field: WindField | None, history):
-        """Collective. field, history : on rank 0. Sets state.wind and the first two samples."""
+        """Collective. field, history : on rank 0. Sets the first two samples."""
         self.comm = comm
         self.history = history
         column = lambda name: distribution.particles(None if field is None else getattr(field, name))
         self.mean, self.corner, self.weight = column("mean"), column("corner"), column("weight")
-        state.wind[: len(self.mean)] = column("force")
         self.samples: list[tuple[float, np.ndarray]] = []  # all so far, for the result file
         self.k = 0
         self._set(state, self._sample(0), self._sample(1))
