@@ -1,9 +1,11 @@
 """Wrong input gives one clear line for each error, and nothing is computed or left behind."""
 
 import re
+import subprocess
+import sys
 
 import pytest
-from conftest import STEEL, run_netfall
+from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall
 
 from netfall.errors import InputError
 from netfall.job.read import read_job
@@ -158,7 +160,7 @@ BAD_TABLES = {
     "no rows": ("id,x,y,z\n", ELEMENTS, "no rows below the header"),
     "empty file": ("\n", ELEMENTS, "empty; expected a header"),
     "id not an integer": (NODES.replace("\n2,", "\n2.5,"), ELEMENTS, "expected an integer"),
-    "negative area": (NODES, "start,end,area\n1,2,-1\n2,3,1\n", "area = '-1': expected a number of m2 > 0"),
+    "negative area": (NODES, "start,end,area\n1,2,-1\n2,3,1\n", "area = '-1': expected a number of m2 >= 1e-12"),
     "cable pushed": (NODES, "start,end,prestress\n1,2,-5\n2,3,-5\n", "a cable carries no compression"),
     "no support": (NODES.replace(",1\n", ",0\n"), ELEMENTS, "has no support"),
     "part without support": (NODES + "4,5,5,0,0\n5,6,5,0,0\n", ELEMENTS + "4,5\n", "has no support"),
@@ -217,11 +219,18 @@ def test_unwritable_place_is_refused(workshop):
 
 def test_readme_lists_every_key_with_its_default():
     """The README's tables of keys are those of the schema."""
-    from conftest import ROOT
-
     text = (ROOT / "README.md").read_text()
     for section, key in ALL_KEYS:
         if section:
             part = text.split(f"**[{section}]**")[1].split("**[")[0]
             row = next((line for line in part.splitlines() if line.startswith(f"| `{key.name}`")), "")
             assert key.meaning in row and (key.unit in row), (section, key.name)
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_malformed_inputs_made_from_the_schema_are_refused(ranks):
+    """400 jobs and tables by hypothesis (bad_inputs.py): exit code 2 on each rank, a line for each error on one, no file left."""
+    command = [str(BIN / "mpirun"), "-n", str(ranks), sys.executable, str(ROOT / "tests" / "bad_inputs.py"), "--cases", "400"]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=300, stdin=subprocess.DEVNULL)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.splitlines()[-1] == f"400 malformed inputs on {ranks} ranks, 0 answered wrong"

@@ -1,9 +1,12 @@
 """The result file: read back by VTK as ParaView does, complete by the contract, whole or absent; pictures and words."""
 
+import subprocess
+
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT, STEEL, run_netfall
+from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall
+from kill_runs import JOB
 
 STORM = """title = "Storm over a saddle"
 [net]
@@ -201,3 +204,36 @@ def test_progress_is_plain_lines_when_nobody_watches(workshop):
     assert all(words in line for words in ("t = 0.050 s", "steps/s", "left", "slack 0", "broken 0"))
     quiet = run_netfall("run", job, "-o", workshop.folder / "x.vtkhdf", "--quiet")
     assert quiet.stdout == "" and quiet.stderr == "" and quiet.returncode == 0
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_full_disk_is_one_line(workshop, ranks):
+    """A limit on file sizes stands for the full disk: exit code 1, one line that names file and room, nothing left."""
+    job = workshop.job(JOB.replace("checkpoint = 0.02", "checkpoint = 0"))
+    limited = "from mpi4py import MPI; import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000)); from netfall.__main__ import main; main()"
+    command = [BIN / "mpirun", "-n", str(ranks), BIN / "python", "-c", limited, "run", job, "-o", workshop.folder / "full.vtkhdf", "--quiet"]
+    done = subprocess.run([*map(str, command), "--set", "output.frames=2000"], env=ENVIRONMENT, capture_output=True, text=True, timeout=120, stdin=subprocess.DEVNULL)
+    lines = [line for line in done.stderr.splitlines() if "netfall" in line]
+    assert done.returncode == 1 and "Traceback" not in done.stderr, done.stderr
+    assert len(lines) == 1 and "full.vtkhdf: cannot be written" in lines[0] and "MB are free in" in lines[0], done.stderr
+    assert {path.name for path in workshop.folder.iterdir()} == {"job.toml"}
+
+
+def test_a_place_that_is_taken_is_refused(workshop):
+    """A file that is no result stays; so does a result that is open for writing, or that another run is writing. An old result is replaced."""
+    import fcntl
+
+    job = workshop.job(JOB.replace("duration = 0.4", "duration = 0.002"))
+    place = workshop.folder / "result.vtkhdf"
+    place.write_text("precious")
+    assert "is no result of netfall" in workshop.run(job, code=2).stderr and place.read_text() == "precious"
+    place.unlink()
+    workshop.run(job).close()
+    workshop.run(job).close()
+    with h5py.File(place, "r+"):
+        assert "open for writing" in workshop.run(job, code=2).stderr
+    with open(workshop.folder / ".result.vtkhdf.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        assert "another run is writing it" in workshop.run(job, code=2).stderr
+    workshop.run(job).close()
+    assert not (workshop.folder / ".result.vtkhdf.lock").exists()

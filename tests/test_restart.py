@@ -68,7 +68,7 @@ def test_walltime_ends_the_run_with_a_checkpoint(workshop, calm):
     """--walltime stops at a common step; restarts until done, as the Slurm scripts do."""
     job = workshop.job(JOB.replace("checkpoint = 0.02", "checkpoint = 0"))
     done = workshop.run(job, "--walltime", "00:00:00", ranks=2, code=4)
-    assert "interrupted at t = 0 s" in done.stderr
+    assert "interrupted in form finding, iteration 0" in done.stderr
     checkpoint, = workshop.folder.glob("*checkpoint*")
     same_but_for_the_job(calm, workshop.run(job, "--restart", checkpoint, "--walltime", "01:00:00"))
 
@@ -144,3 +144,37 @@ def test_sealed_file_stays_readable(checkpoints):
     """The digest behind a checkpoint does not disturb HDF5."""
     with h5py.File(checkpoints[1]) as file:
         assert "particles/x" in file and file["record"].asstr()[()].startswith("{")
+
+
+PAUSED = JOB.replace("[load]", "[load]\npressure = [0.0, 0.0, 300.0]\nsteps = 4\ntolerance = 1e-10").replace("modulus_factor = 0", "modulus_factor = 0\ntolerance = 1e-10")
+PAUSED = PAUSED.replace("duration = 0.4", "duration = 0.02").replace("checkpoint = 0.02", "checkpoint = 0")
+
+
+@pytest.mark.parametrize("after, stage", [(0, "form finding"), (20, "form finding"), (36, "statics"), (60, "statics")])
+def test_a_pause_in_form_finding_or_statics_changes_no_bit(workshop, after, stage):
+    """Stopped after some looks at the residual, taken up on two ranks: the same file as from a run left alone."""
+    from mpi4py import MPI
+
+    from netfall.errors import Interrupted
+    from netfall.job.read import read_job
+    from netfall.output.progress import Progress
+    from netfall.solve.run import run_job
+
+    class After:
+        """A wish to stop that comes with a certain look."""
+
+        looks = 0
+
+        @property
+        def wanted(self):
+            self.looks += 1
+            return self.looks > after
+
+    job = workshop.job(PAUSED)
+    whole = workshop.run(job, output="whole.vtkhdf")
+    with pytest.raises(Interrupted) as raised:
+        run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False, False), stop=After())
+    checkpoint, = workshop.folder.glob("result.checkpoint*")
+    assert f"in {stage}" in str(raised.value) and str(checkpoint) in str(raised.value)
+    assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))
+    assert {p.name for p in workshop.folder.iterdir() if p.name.startswith(".")} == set()

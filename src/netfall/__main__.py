@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import netfall
-from netfall.errors import DivergedError, InputError, Interrupted
+from netfall.errors import DivergedError, InputError, Interrupted, OutputError
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # before numpy and numba load: a rank is one thread
@@ -149,13 +149,18 @@ def _abort(error: BaseException) -> None:
         import traceback
 
         traceback.print_exception(error)
-    print(f"netfall: rank {_rank()}: {type(error).__name__}: {error} (NETFALL_TRACEBACK=1 shows where)", file=sys.stderr, flush=True)
+    common = getattr(error, "on_every_rank", False)
+    if not common or _rank() == 0:
+        what = str(error) if isinstance(error, OutputError) else f"rank {_rank()}: {type(error).__name__}: {error} (NETFALL_TRACEBACK=1 shows where)"
+        print(f"netfall: {what}", file=sys.stderr, flush=True)
     if "mpi4py.MPI" in sys.modules:
         from mpi4py import MPI
 
         if MPI.COMM_WORLD.size > 1 and not MPI.Is_finalized():
+            if common:
+                MPI.COMM_WORLD.Barrier()  # rank 0 has told
             MPI.COMM_WORLD.Abort(1)
-    sys.exit(1)
+    os._exit(1)  # HDF5 would try again, at exit, to write what it could not
 
 
 if __name__ == "__main__":

@@ -21,3 +21,9 @@ class Interrupted(Exception):
     """The run stopped at a common step with a checkpoint. Exit code 4."""
 
     exit_code = 4
+
+
+class OutputError(Exception):
+    """A file could not be written: a full disk, a quota, a folder that went away. Raised on the ranks that saw it. Exit code 1."""
+
+    exit_code = 1

@@ -12,6 +12,9 @@ from types import SimpleNamespace
 from netfall.errors import InputError
 from netfall.job.schema import GENERATOR_KEYS, GROUP_KEYS, REQUIRED, SECTIONS, Key
 
+MOST_ROWS = 2e6  # some 500 bytes each on every rank
+MOST_SAMPLES = 1e8  # 8 bytes each on every rank
+
 
 @dataclass(frozen=True)
 class Job:
@@ -66,9 +69,24 @@ def read_job(path: str | Path, overrides: list[str] = ()) -> Job:
     errors: list[str] = []
     _apply_overrides(data, overrides, errors)
     job = _Validation(str(path), errors).job(path, text, tuple(overrides), data)
+    errors = errors or _absurd_counts(job)
     if errors:
         raise InputError(errors)
     return job
+
+
+def _absurd_counts(job: Job) -> list[str]:
+    """Numbers of rows and samples that no machine holds."""
+    if job.dynamics is None:
+        return []
+    duration, wind = job.dynamics.duration, job.wind
+    asked = [("output", "history", duration / job.output.history, "rows", MOST_ROWS)]
+    if job.output.checkpoint:
+        asked.append(("output", "checkpoint", duration / job.output.checkpoint, "checkpoints", MOST_ROWS))
+    if wind and not wind.file:
+        asked.append(("wind", "time_step", duration / wind.time_step * wind.control_points, "wind speeds", MOST_SAMPLES))
+    return [f"{job.path}: [{section}] {key} = {getattr(getattr(job, section), key):g}: asks for {number:.3g} {what} over the duration; "
+            f"at most {most:.0e} are possible" for section, key, number, what, most in asked if number > most]
 
 
 def _apply_overrides(data: dict, overrides: list[str], errors: list[str]) -> None:

@@ -58,6 +58,11 @@ class Key:
         return (" " if parts else "") + " and ".join(parts)
 
 
+def between(low, high, name, unit, default, meaning):
+    """Row of a number within what is physically possible; far beyond, products overflow."""
+    return Key(name, "number", default, unit, meaning, low=low, high=high)
+
+
 def positive(name, unit, default, meaning, high=None, also=()):
     """Row of a number > 0."""
     return Key(name, "number", default, unit, meaning, low=0.0, low_open=True, high=high, also=also)
@@ -80,20 +85,20 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         Key("nodes", "text", ABSENT, "", "path of nodes.csv, relative to the job file"),
         Key("elements", "text", ABSENT, "", "path of elements.csv, relative to the job file"),
         count("subdivide", 1, "elements for each net segment", high=10_000),
-        positive("side", "m", 73.2, "saddle: side of the square in plan"),
-        Key("rise", "number", 3.66, "m", "saddle: height of the boundary's high points above the middle"),
+        between(1e-3, 1e6, "side", "m", 73.2, "saddle: side of the square in plan"),
+        between(-1e6, 1e6, "rise", "m", 3.66, "saddle: height of the boundary's high points above the middle"),
         count("cells", 8, "saddle: cells along a side", low=2, high=20_000),
-        positive("length", "m", 88.0, "stadium: long axis of the ellipse"),
-        positive("width", "m", 66.0, "stadium: short axis of the ellipse"),
-        Key("arch_rise", "number", 10.0, "m", "stadium: rise of the parabolic arch"),
+        between(1e-3, 1e6, "length", "m", 88.0, "stadium: long axis of the ellipse"),
+        between(1e-3, 1e6, "width", "m", 66.0, "stadium: short axis of the ellipse"),
+        between(-1e6, 1e6, "arch_rise", "m", 10.0, "stadium: rise of the parabolic arch"),
         positive("spacing", "m", 2.2, "stadium: distance of the cables"),
     ),
     "cable": (
         Key("kind", "choice", "cable", "", "cable: tension only; bar: tension and compression", choices=("cable", "bar")),
-        positive("modulus", "Pa", REQUIRED, "Young's modulus"),
-        positive("area", "m2", REQUIRED, "cross-section"),
-        positive("density", "kg/m3", REQUIRED, "mass density"),
-        Key("prestress", "number", 0.0, "N", "axial force to form-find with, tension positive"),
+        between(1.0, 1e15, "modulus", "Pa", REQUIRED, "Young's modulus"),
+        between(1e-12, 1e4, "area", "m2", REQUIRED, "cross-section"),
+        between(1e-3, 1e6, "density", "kg/m3", REQUIRED, "mass density"),
+        between(-1e12, 1e12, "prestress", "N", 0.0, "axial force to form-find with, tension positive"),
         positive("yield_stress", "Pa", ABSENT, "yield stress; absent: elastic"),
         positive("fracture_strain", "", ABSENT, "total strain at fracture; absent: nothing breaks"),
         Key("strain", "choice", "engineering", "", "strain measure", choices=("engineering", "logarithmic")),
@@ -119,7 +124,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         Key("roughness", "number", 0.03, "", "k of Davenport's spectrum; 0: no gusts", low=0.0, high=0.2),
         Key("shape_coefficient", "number", REQUIRED, "", "u_s, force along the upward normal; negative: suction, which lifts"),
         positive("air_density", "kg/m3", 1.25, "density of the air"),
-        positive("time_step", "s", 0.05, "time step of the generated histories"),
+        between(1e-4, 60.0, "time_step", "s", 0.05, "time step of the generated histories"),
         count("ar_order", 4, "lags of the autoregressive model", high=30),
         count("seed", 1, "number that the random histories are a function of", low=0, high=2**63 - 1),
         count("control_points", 25, "largest number of points at which histories are generated", low=1, high=400),

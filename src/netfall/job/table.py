@@ -9,6 +9,7 @@ from netfall.errors import InputError
 from netfall.job.read import nearest
 
 MOST_ERRORS = 20  # lines reported for one table
+LARGEST = 1e15  # of any number; far beyond, products overflow
 
 
 class Table:
@@ -66,8 +67,8 @@ class Table:
         """A column as it stands."""
         return self.columns[name]
 
-    def numbers(self, name: str, default=np.nan, low=-np.inf, low_open=False, unit="") -> np.ndarray:
-        """A column of finite numbers; an empty cell gives `default`, which may be an array."""
+    def numbers(self, name: str, default=np.nan, low=-LARGEST, unit="") -> np.ndarray:
+        """A column of numbers from low to LARGEST; an empty cell gives `default`, which may be an array."""
         default = np.broadcast_to(np.asarray(default, float), len(self)).copy()
         if name not in self.columns:
             return default
@@ -77,9 +78,9 @@ class Table:
         except ValueError:
             values = np.array([_number(word) for word in words])
         empty = np.array([word == "" for word in words])
-        bad = ~empty & ~(np.isfinite(values) & ((values > low) if low_open else (values >= low)))
+        bad = ~empty & ~((values >= low) & (values <= LARGEST))
         for row in np.flatnonzero(bad)[:MOST_ERRORS]:
-            limit = "" if low == -np.inf else f" {'>' if low_open else '>='} {low:g}"
+            limit = f" >= {low:g}" + (f" and <= {LARGEST:g}" if values[row] > LARGEST else "")
             of = f" of {unit}" if unit else ""
             self.wrong(f"{self.at(row)}: {name} = {words[row][:40]!r}: expected a number{of}{limit}")
         return np.where(empty, default, values)

@@ -81,9 +81,9 @@ def _from_tables(job: Job) -> Net:
     words = cables.words("group") if "group" in cables else [""] * len(cables)
     names, group = np.unique(words, return_inverse=True)
     columns_e = dict(prestress=cables.numbers("prestress", unit="N"), force_density=cables.numbers("force_density", unit="N/m"),
-                     unstressed_length=cables.numbers("unstressed_length", low=0.0, low_open=True, unit="m"),
-                     section=cables.numbers("area", low=0.0, low_open=True, unit="m2"),
-                     modulus=cables.numbers("modulus", low=0.0, low_open=True, unit="Pa"))
+                     unstressed_length=cables.numbers("unstressed_length", low=1e-9, unit="m"),
+                     section=cables.numbers("area", low=1e-12, unit="m2"),
+                     modulus=cables.numbers("modulus", low=1.0, unit="Pa"))
     raise_all(nodes, cables)
     net = Net(np.column_stack(columns), fixed, ends, group, [str(name) for name in names], node_id, element_id, load, mass, area,
               columns_e["force_density"], columns_e["unstressed_length"])

@@ -1,6 +1,7 @@
 """Checkpoints: the whole state of a run by global numbers, sealed with a digest, for any number of ranks.
 
-A checkpoint is a file NAME.checkpoint-STEP.h5 beside the result file; the last two are kept. What the result
+A checkpoint is a file NAME.checkpoint-STAGE-STEP.h5 beside the result file; the last two are kept. STAGE is 1 for
+form finding and 2 for statics, where STEP counts iterations, and 3 for dynamics. What the result
 file has so far is not in it: that stands in segments, closed at each checkpoint, which the end of the run joins
 to the result file. A kill at any moment leaves whole segments and a whole checkpoint that names them.
 """
@@ -16,7 +17,8 @@ from netfall.errors import InputError
 from netfall.mechanics.state import FIELDS, State
 from netfall.output.h5 import SharedFile, check_seal
 
-FORMAT = 1
+FORMAT = 2
+STAGES = {"form finding": 1, "statics": 2, "dynamics": 3}
 KEPT = 2
 
 
@@ -25,32 +27,20 @@ def kept_fields(state: State, entity: str):
     return [f for f in FIELDS if f.kept and f.entity == entity and getattr(state, f.name) is not None]
 
 
-def checkpoint_path(result: Path, step: int) -> Path:
-    """Name of a checkpoint of a run that writes `result`."""
-    return result.with_name(f"{result.stem}.checkpoint-{step:012d}.h5")
+def checkpoint_path(result: Path, stage: str, step: int) -> Path:
+    """Name of a checkpoint of a run that writes `result`; names sort by age."""
+    return result.with_name(f"{result.stem}.checkpoint-{STAGES[stage]}-{step:012d}.h5")
 
 
-def write_checkpoint(comm: MPI.Comm, path: Path, state: State, result, record: dict, arrays: dict[str, np.ndarray]) -> None:
-    """Write the state and the run's records. Collective.
+def write_checkpoint(comm: MPI.Comm, path: Path, state: State | None, result, record: dict, arrays: dict[str, np.ndarray]) -> None:
+    """Write the state, if there is one yet, and the run's records. Collective.
 
-    result : numbers the rows; record : small values of every kind that JSON knows, arrays : small arrays, both on rank 0
+    result : numbers the rows; record : small values of every kind that JSON knows, arrays : arrays in global order, both on rank 0
     """
     file = SharedFile(comm, path)
     try:
-        n, m = result.distribution.n, result.distribution.m
-        points = n + len(result.split_gid)
-        rows = state.owned_rows()
-        for field in kept_fields(state, "particle"):
-            values = getattr(state, field.name)[rows].reshape(len(rows), -1)
-            file.create(f"particles/{field.name}", field.dtype, (values.shape[1],), points)
-            file.append(f"particles/{field.name}", file.blocks.collect(result.row_of(state.gid[rows]), values, points), points)
-        mine = state.owned.astype(bool)
-        gid = result.distribution.piece.element_gid[mine]
-        for field in kept_fields(state, "element"):
-            file.create(f"elements/{field.name}", field.dtype, (), m)
-            file.append(f"elements/{field.name}", file.blocks.collect(gid, getattr(state, field.name)[mine][:, None], m)[:, 0], m)
-        file.create("elements/ends", np.int64, (2,), m)
-        file.append("elements/ends", file.blocks.collect(gid, state.gid[state.ends[mine]].reshape(-1, 2), m), m)
+        if state is not None:
+            _write_state(file, state, result)
 
         def finish(h5: h5py.File):
             h5.attrs["format"] = FORMAT
@@ -62,6 +52,23 @@ def write_checkpoint(comm: MPI.Comm, path: Path, state: State, result, record: d
     except BaseException:
         file.discard()
         raise
+
+
+def _write_state(file: SharedFile, state: State, result) -> None:
+    n, m = result.distribution.n, result.distribution.m
+    points = n + len(result.split_gid)
+    rows = state.owned_rows()
+    for field in kept_fields(state, "particle"):
+        values = getattr(state, field.name)[rows].reshape(len(rows), -1)
+        file.create(f"particles/{field.name}", field.dtype, (values.shape[1],), points)
+        file.append(f"particles/{field.name}", file.blocks.collect(result.row_of(state.gid[rows]), values, points), points)
+    mine = state.owned.astype(bool)
+    gid = result.distribution.piece.element_gid[mine]
+    for field in kept_fields(state, "element"):
+        file.create(f"elements/{field.name}", field.dtype, (), m)
+        file.append(f"elements/{field.name}", file.blocks.collect(gid, getattr(state, field.name)[mine][:, None], m)[:, 0], m)
+    file.create("elements/ends", np.int64, (2,), m)
+    file.append("elements/ends", file.blocks.collect(gid, state.gid[state.ends[mine]].reshape(-1, 2), m), m)
 
 
 class Checkpoint:

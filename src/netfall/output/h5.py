@@ -4,22 +4,65 @@ It is written under a temporary name and renamed at the end. Rows are appended i
 with an empty one included (h5py's own slicing would leave the others waiting for it in a collective write).
 """
 
+import fcntl
 import hashlib
 import os
+import shutil
+from contextlib import contextmanager
 from pathlib import Path
 
 import h5py
 import numpy as np
 from mpi4py import MPI
 
+from netfall.errors import InputError, OutputError
 from netfall.parallel.blocks import Blocks
-from netfall.parallel.root import on_all
+from netfall.parallel.root import on_all, on_root
 
 PARALLEL = bool(h5py.get_config().mpi)
 CHUNK_BYTES = 1 << 18
-
-
 SEAL = b"netfall-sha256:"  # behind the HDF5 file, before the digest of all that precedes
+
+
+@contextmanager
+def writing(path: Path):
+    """What goes wrong in this block is reported as a failure to write `path`. Raises OutputError."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:  # h5py raises either
+        reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error).split(", errno")[0].strip()
+        try:
+            room = f"{shutil.disk_usage(path.parent).free / 1e6:.0f} MB are free in {path.parent.resolve()}"
+        except OSError:
+            room = f"the folder {path.parent} is gone"
+        raise OutputError(f"{path}: cannot be written ({reason}); {room}; make room there or give another place with -o") from error
+
+
+def claim(path: Path):
+    """Reserve the name of a result for this process: an open lock file, for `release`. Raises InputError if another run has it.
+
+    The system gives up the lock of a process that ends, however it ends.
+    """
+    lock = path.with_name(f".{path.name}.lock")
+    while True:
+        with writing(path):
+            file = open(lock, "a")
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            file.close()
+            raise InputError(f"{path}: another run is writing it at this moment; wait for it, or give another name with -o") from None
+        except OSError:
+            return file  # a file system without locks
+        if lock.exists() and os.path.samestat(lock.stat(), os.fstat(file.fileno())):
+            return file
+        file.close()  # the run before removed it between the two calls
+
+
+def release(file) -> None:
+    """Give up what `claim` reserved."""
+    Path(file.name).unlink(missing_ok=True)
+    file.close()
 
 
 class SharedFile:
@@ -39,13 +82,14 @@ class SharedFile:
         on_all(comm, self._open)
 
     def _open(self):
-        if PARALLEL:
-            self.file = h5py.File(self.temporary, "w", driver="mpio", comm=self.comm)
-            self._transfer = h5py.h5p.create(h5py.h5p.DATASET_XFER)
-            self._transfer.set_dxpl_mpio(h5py.h5fd.MPIO_COLLECTIVE)
-        elif self.comm.rank == 0:
-            self.file = h5py.File(self.temporary, "w")
-            self._transfer = h5py.h5p.create(h5py.h5p.DATASET_XFER)
+        with writing(self.path):
+            if PARALLEL:
+                self.file = h5py.File(self.temporary, "w", driver="mpio", comm=self.comm)
+                self._transfer = h5py.h5p.create(h5py.h5p.DATASET_XFER)
+                self._transfer.set_dxpl_mpio(h5py.h5fd.MPIO_COLLECTIVE)
+            elif self.comm.rank == 0:
+                self.file = h5py.File(self.temporary, "w")
+                self._transfer = h5py.h5p.create(h5py.h5p.DATASET_XFER)
 
     def create(self, name: str, dtype, tail: tuple[int, ...] = (), rows: int = 1024) -> None:
         """An empty dataset that grows by rows of shape `tail`, some `rows` of them at a time."""
@@ -55,7 +99,8 @@ class SharedFile:
                 chunks = (1, min(tail[0], max(1, CHUNK_BYTES // (tail[1] * np.dtype(dtype).itemsize))), tail[1])
             else:
                 chunks = (max(1, min(rows, CHUNK_BYTES // row)),) + tail
-            self.file.create_dataset(name, (0, *tail), maxshape=(None, *tail), chunks=chunks, dtype=dtype)
+            with writing(self.path):
+                self.file.create_dataset(name, (0, *tail), maxshape=(None, *tail), chunks=chunks, dtype=dtype)
 
     def rows(self) -> dict[str, int]:
         """Rows of each dataset so far, those of earlier files included. On ranks that write."""
@@ -75,8 +120,9 @@ class SharedFile:
             return 0
         dataset = self.file[name]
         first = dataset.shape[0]
-        dataset.resize(first + total, axis=0)
-        self._write(dataset, block, first + self.blocks.bounds(total)[self.comm.rank])
+        with writing(self.path):
+            dataset.resize(first + total, axis=0)
+            self._write(dataset, block, first + self.blocks.bounds(total)[self.comm.rank])
         return first + self.base.get(name, 0)
 
     def append_state(self, name: str, block: np.ndarray, total: int) -> None:
@@ -84,8 +130,9 @@ class SharedFile:
         if not self.writes:
             return
         dataset = self.file[name]
-        dataset.resize(dataset.shape[0] + 1, axis=0)
-        self._write(dataset, block[None], dataset.shape[0] - 1, self.blocks.bounds(total)[self.comm.rank])
+        with writing(self.path):
+            dataset.resize(dataset.shape[0] + 1, axis=0)
+            self._write(dataset, block[None], dataset.shape[0] - 1, self.blocks.bounds(total)[self.comm.rank])
 
     def _write(self, dataset, block, *first):
         block = np.ascontiguousarray(block, dataset.dtype)
@@ -105,29 +152,31 @@ class SharedFile:
 
         seal : append a digest of the whole file, which `check_seal` verifies
         """
-        on_all(self.comm, lambda: self.file.close() if self.writes else None)
+        with writing(self.path):
+            if self.writes:
+                self.file.close()
         self.comm.Barrier()
         self.file = None
 
         def last():
-            if self.comm.rank == 0:
+            with writing(self.path):
                 with h5py.File(self.temporary, "r+") as file:
                     finish(file)
                 publish(self.temporary, self.path, seal)
 
-        on_all(self.comm, last)
+        on_root(self.comm, last)
 
     def discard(self) -> None:
-        """Leave nothing behind. Not collective: for the way out after an error."""
-        if self.comm.rank == 0:
-            self.temporary.unlink(missing_ok=True)
+        """Leave nothing behind. Not collective: for the way out after an error, on the rank that saw it."""
+        self.temporary.unlink(missing_ok=True)
 
     def discard_all(self) -> None:
         """Close without keeping anything. Collective."""
         if self.writes:
             self.file.close()
         self.comm.Barrier()
-        self.discard()
+        if self.comm.rank == 0:
+            self.discard()
         self.comm.Barrier()
 
 

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from netfall.errors import InputError
 from netfall.mechanics.state import State
 from netfall.net.net import Net
-from netfall.output.h5 import SharedFile, publish
+from netfall.output.h5 import SharedFile, publish, writing
 from netfall.output.vtkhdf import VtkSeries
 from netfall.parallel.distribute import Distribution
 from netfall.parallel.root import on_root
@@ -215,12 +215,13 @@ def append_rows(source: h5py.File, target: h5py.File, limit: dict[str, int] | No
 
 def join_segments(segments: list[Path], temporary: Path, path: Path, finish) -> None:
     """The result file from its segments and the small datasets; the segments are then removed. Rank 0."""
-    with h5py.File(temporary, "w") as file:
-        for segment in segments:
-            with h5py.File(segment, "r") as part:
-                append_rows(part, file)
-        finish(file)
-    publish(temporary, path)
+    with writing(path):
+        with h5py.File(temporary, "w") as file:
+            for segment in segments:
+                with h5py.File(segment, "r") as part:
+                    append_rows(part, file)
+            finish(file)
+        publish(temporary, path)
     for segment in path.parent.glob(f".{path.name}.segment-*"):
         segment.unlink(missing_ok=True)
 

@@ -16,6 +16,7 @@ def on_root(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
             error = raised
     error = comm.bcast(error)
     if error is not None:
+        error.on_every_rank = True
         raise error
     return result
 
@@ -29,5 +30,6 @@ def on_all(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
         error = raised
     errors = [e for e in comm.allgather(error) if e is not None]
     if errors:
+        errors[0].on_every_rank = True
         raise errors[0]
     return result

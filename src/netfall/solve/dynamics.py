@@ -6,14 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from netfall.errors import DivergedError, Interrupted
+from netfall.errors import DivergedError
 from netfall.mechanics.state import State
 from netfall.net.net import Net
 from netfall.output.progress import Progress
 from netfall.output.result import Result
 from netfall.parallel.halo import Halo
-from netfall.solve.energy import take_snapshot, total_energies
+from netfall.solve.energy import Energies, take_snapshot, total_energies
 from netfall.solve.fracture import split_particles
+from netfall.solve.restart import interrupted
 from netfall.solve.stepping import halo_width, run_steps
 from netfall.solve.stop import StopRequest
 from netfall.solve.windload import WindLoad
@@ -107,13 +108,15 @@ class Simulation:
             self.advance_to(target)
             snapshot = self.look()
             self.share_events(self._slack_here(snapshot))
+            if target in history or target in saves:
+                energies = self.check_energies(snapshot)
             if target in history:
-                self.write_history(snapshot)
+                self.write_history(snapshot, energies)
             if target in frames:
                 self.result.write_frame(self.time, self.state, snapshot)
             self.report()
             if self.stopping and target < self.schedule.steps:
-                raise Interrupted(f"interrupted at t = {self.time:.6g} s (step {self.n}); resume with --restart {self.save(self)}")
+                raise interrupted(f"at t = {self.time:.6g} s (step {self.n})", self.save(self))
             if target in saves:
                 self.save(self)
         self.result.write_final(self.state, self.look())
@@ -197,9 +200,15 @@ class Simulation:
         s = self.state
         return int(((snapshot.N == 0.0) & (s.bar == 0) & (s.broken == 0) & (s.owned == 1)).sum())
 
-    def write_history(self, snapshot) -> None:
-        """One row of /history, and the probes'."""
+    def check_energies(self, snapshot) -> Energies:
+        """The energies, before they are reported or the state is kept; stops a run that has diverged."""
         e = total_energies(self.comm, self.state, snapshot)
+        if not np.isfinite(e.kinetic) or e.kinetic > 2 * (max(self.largest_work, abs(e.external)) + self.start_strain) + 1e-9:
+            self.stop_diverged(snapshot, e.kinetic)
+        return e
+
+    def write_history(self, snapshot, e: Energies) -> None:
+        """One row of /history, and the probes'."""
         strain, plastic = e.strain - self.start_strain, e.plastic - self.start_plastic
         self.largest_work = max(self.largest_work, abs(e.external))
         scale = self.largest_work or 1.0
@@ -208,8 +217,6 @@ class Simulation:
         self.result.history.append([self.time, self.schedule.dt, e.kinetic, strain, plastic, e.damping, e.external,
                                     identity / scale, balance / scale, self.slack, len(self.result.broken)])
         self.result.probes.append(self._probe_values(snapshot))
-        if not np.isfinite(e.kinetic) or e.kinetic > 2 * (self.largest_work + self.start_strain) + 1e-9:
-            self.stop_diverged(snapshot, e.kinetic)
 
     def stop_diverged(self, snapshot, kinetic: float) -> None:
         """Name the fastest particle and the element with the largest strain, and stop on every rank."""

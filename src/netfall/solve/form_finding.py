@@ -19,7 +19,8 @@ from netfall.net.net import Net
 from netfall.parallel.distribute import Distribution
 from netfall.parallel.halo import Halo
 from netfall.parallel.root import on_root
-from netfall.solve.relax import largest_residual, relax
+from netfall.solve.relax import Relaxation, largest_residual, relax
+from netfall.solve.stop import NEVER, StopRequest
 
 
 @dataclass
@@ -105,8 +106,9 @@ class _Elements:
         return self.stiffness + np.abs(self.N) / np.maximum(self.L, 1e-300)
 
 
-def find_form(comm: MPI.Comm, net: Net | None, distribution: Distribution, settings, halo: Halo, report) -> Form:
-    """The form of the net by the job's method. Collective. net : on rank 0, None elsewhere."""
+def find_form(comm: MPI.Comm, net: Net | None, distribution: Distribution, settings, halo: Halo, report, stop: StopRequest = NEVER,
+              resume: Relaxation | None = None) -> Form:
+    """The form of the net by the job's method. Collective. net : on rank 0, None elsewhere; stop, resume : as in `relax`."""
     x = distribution.particles(None if net is None else net.x)
     free = 1 - distribution.particles(None if net is None else net.fixed).astype(np.uint8)
     given = _Elements(distribution, net, x, settings.modulus_factor)
@@ -127,5 +129,5 @@ def find_form(comm: MPI.Comm, net: Net | None, distribution: Distribution, setti
         return Form(x, N, 1, residual, reference)
     reference = largest(elements.T0)
     iterations, residual = relax(comm, halo, x, free, elements.ends, elements.forces, elements.bound,
-                                 settings.tolerance * reference, settings.max_iterations, "form finding", report)
+                                 settings.tolerance * reference, settings.max_iterations, "form finding", report, stop, resume)
     return Form(x, elements.N, iterations, residual, reference)

@@ -7,6 +7,7 @@ step dt = 1. Serves form finding and statics alike; only the forces differ.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
@@ -17,9 +18,29 @@ from netfall.mechanics.kernels import add_tensions
 from netfall.mechanics.state import State
 from netfall.parallel.exact import LIMBS, add_exactly, rounded
 from netfall.parallel.halo import Halo
+from netfall.solve.stop import NEVER, StopRequest
 
 MARGIN = 1.2  # on the virtual mass: the stiffness grows a little between two peaks
 LOOK_EVERY = 10  # iterations between looks at the residual, which take a reduction
+
+
+@dataclass
+class Relaxation:
+    """Where a relaxation stands before an iteration: arrays (n, 3) of owned and halo particles."""
+
+    iteration: int
+    previous: float
+    rested: bool
+    x: np.ndarray
+    v: np.ndarray
+    mass: np.ndarray
+
+
+class Paused(Exception):
+    """A relaxation was asked to stop, at the same iteration on every rank."""
+
+    def __init__(self, at: Relaxation):
+        self.at = at
 
 
 @kernel
@@ -84,29 +105,38 @@ def relax(
     max_iterations: int,
     what: str,
     report: Callable[[int, float], None] = lambda iteration, residual: None,
+    stop: StopRequest = NEVER,
+    resume: Relaxation | None = None,
 ) -> tuple[int, float]:
     """Move x (n, 3) [m], owned and halo, to equilibrium; the iterations and the largest residual [N]. Collective.
 
     forces(x, f) : writes the total force f (n, 3) [N] of the owned particles
     stiffness(x) : upper bound (m,) [N/m] of the elements' stiffness at x
-    tolerance : [N] of the largest residual
+    tolerance : [N] of the largest residual; stop : a wish to pause; resume : where an earlier relaxation was paused
 
-    Raises DivergedError when the iterations run out or the residual is no number.
+    Raises DivergedError when the iterations run out or the residual is no number, Paused if asked to stop.
     """
     n_owned = halo.n_owned
     f, v = np.zeros_like(x), np.zeros_like(x)
     kinetic, limbs = np.zeros(n_owned), np.zeros(LIMBS, np.int64)
     mass = np.ones_like(x)  # a column for each axis, all equal, to travel like a force
-    previous, rested = 0.0, True
-    for iteration in range(max_iterations + 1):
+    previous, rested, first = 0.0, True, 0
+    if resume:
+        previous, rested, first = resume.previous, resume.rested, resume.iteration
+        x[:], v[:], mass[:] = resume.x, resume.v, resume.mass
+    for iteration in range(first, max_iterations + 1):
         forces(x, f)
         if iteration % LOOK_EVERY == 0 or rested:
-            residual = comm.allreduce(largest_residual(f, free, n_owned), MPI.MAX)
+            look = np.array([largest_residual(f, free, n_owned), stop.wanted])
+            comm.Allreduce(MPI.IN_PLACE, look, MPI.MAX)
+            residual, stopping = look.tolist()
             if residual <= tolerance:
                 return iteration, residual
             if not np.isfinite(residual):
                 raise DivergedError(f"{what}: the residual is no number after {iteration} iterations; check the net's geometry and sections")
             report(iteration, residual)
+            if stopping:
+                raise Paused(Relaxation(iteration, previous, rested, x, v, mass))
         halo.update(f)
         if rested:
             total = np.zeros(len(x))

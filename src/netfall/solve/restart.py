@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from netfall.errors import Interrupted
 from netfall.job.read import Job
 from netfall.mechanics.state import State
 from netfall.output.checkpoint import KEPT, Checkpoint, checkpoint_path, kept_fields, write_checkpoint
@@ -13,39 +14,85 @@ from netfall.output.result import Result, find_segments
 from netfall.parallel.distribute import Distribution
 from netfall.parallel.root import on_root
 from netfall.solve.form_finding import Form
+from netfall.solve.relax import Paused, Relaxation
 
 PREFIX = "wind_"  # of the wind's arrays in a checkpoint
+RELAXED = ("x", "v", "mass")  # arrays of a relaxation
 
 
 class Saver:
     """Writes the checkpoints of a run and keeps the last two."""
 
-    def __init__(self, comm: MPI.Comm, job: Job, roof, statics, kept: list[Path]):
-        self.comm, self.job, self.roof, self.statics, self.kept = comm, job, roof, statics, kept
+    def __init__(self, comm: MPI.Comm, job: Job, roof, kept: list[Path]):
+        self.comm, self.job, self.roof, self.kept = comm, job, roof, kept
+        self.statics = None  # the static stage, as far as it is done
+
+    def naming_the_last(self, error: Exception) -> Exception:
+        """The same error, with the checkpoint to go on from, if there is one."""
+        if self.kept:
+            error.args = (f"{error}; the last good checkpoint is {self.kept[-1]} (--restart)",)
+        return error
 
     def __call__(self, simulation) -> Path:
         """Write a checkpoint of the simulation at its present step; its path. Collective."""
-        result: Result = simulation.result
-        rows = result.cut()
-        path = checkpoint_path(result.path, simulation.n)
-        record, arrays = result.record()
-        record |= {"job": self.roof.digest, "name": self.job.title or self.job.name, "result": result.path.name, "rows": rows,
-                   "simulation": simulation.record(), "residual": self.roof.residual, "statics": asdict(self.statics) if self.statics else None}
-        if self.roof.form:
-            record["form"] = {"iterations": self.roof.form.iterations, "residual": self.roof.form.residual, "reference": self.roof.form.reference}
+        record, arrays = {"simulation": simulation.record()}, {}
         if simulation.wind:
             wind = simulation.wind.record()
             record["wind"] = {"k": wind["k"], "step": wind["history"].get("step")}
-            arrays |= {f"{PREFIX}time": wind["time"], f"{PREFIX}gust": wind["gust"], f"{PREFIX}past": wind["history"].get("past", np.zeros(0))}
+            arrays = {f"{PREFIX}time": wind["time"], f"{PREFIX}gust": wind["gust"], f"{PREFIX}past": wind["history"].get("past", np.zeros(0))}
+        return self._write("dynamics", simulation.n, simulation.state, simulation.result, record, arrays)
+
+    def pause_statics(self, result: Result, pause: Paused) -> Path:
+        """Write a checkpoint of the static stage where its relaxation was paused; its path. Collective."""
+        self.statics = pause.path
+        record, arrays = relaxation_record(result.distribution, pause.at)
+        return self._write("statics", sum(pause.path.iterations) + pause.at.iteration, self.roof.state, result, record, arrays)
+
+    def _write(self, stage: str, step: int, state: State, result: Result, own_record: dict, own_arrays: dict) -> Path:
+        rows = result.cut()
+        path = checkpoint_path(result.path, stage, step)
+        record, arrays = result.record()
+        record |= {"job": self.roof.digest, "name": self.job.title or self.job.name, "stage": stage, "result": result.path.name, "rows": rows,
+                   "residual": self.roof.residual, "statics": asdict(self.statics) if self.statics else None} | own_record
+        if self.roof.form:
+            record["form"] = {"iterations": self.roof.form.iterations, "residual": self.roof.form.residual, "reference": self.roof.form.reference}
         if self.roof.whole:
             arrays |= {"x": self.roof.whole.x, "N": self.roof.whole.N}
-        write_checkpoint(self.comm, path, simulation.state, result, record, arrays)
+        write_checkpoint(self.comm, path, state, result, record, arrays | own_arrays)
         self.kept = [p for p in self.kept if p != path] + [path]
         while len(self.kept) > KEPT:
             old = self.kept.pop(0)
             if self.comm.rank == 0:
                 old.unlink(missing_ok=True)
         return path
+
+
+def interrupted(when: str, path: Path) -> Interrupted:
+    """The end of a run that was asked to stop."""
+    return Interrupted(f"interrupted {when}; resume with --restart {path}")
+
+
+def pause_form_finding(job: Job, result_path: Path, digest: str, distribution: Distribution, pause: Paused) -> Path:
+    """Write a checkpoint of the form finding where it was paused; its path. Collective."""
+    path = checkpoint_path(result_path, "form finding", pause.at.iteration)
+    record, arrays = relaxation_record(distribution, pause.at)
+    record |= {"job": digest, "name": job.title or job.name, "stage": "form finding"}
+    write_checkpoint(distribution.comm, path, None, None, record, arrays)
+    return path
+
+
+def relaxation_record(distribution: Distribution, at: Relaxation) -> tuple[dict, dict[str, np.ndarray]]:
+    """A relaxation as small values and, on rank 0, global arrays, for `restore_relaxation`. Collective."""
+    arrays = {f"relax_{name}": distribution.gather_particles(getattr(at, name)) for name in RELAXED}
+    return {"relax": {"iteration": at.iteration, "previous": at.previous, "rested": bool(at.rested)}}, arrays if distribution.comm.rank == 0 else {}
+
+
+def restore_relaxation(distribution: Distribution, checkpoint: Checkpoint | None) -> Relaxation | None:
+    """The relaxation that a checkpoint was written in, None if it was none. Collective."""
+    record = distribution.comm.bcast(checkpoint and checkpoint.record.get("relax"))
+    if record is None:
+        return None
+    return Relaxation(**record, **{name: distribution.particles(checkpoint and checkpoint.arrays[f"relax_{name}"]) for name in RELAXED})
 
 
 def restored_form(record: dict) -> Form | None:

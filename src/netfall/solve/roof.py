@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
@@ -21,12 +22,15 @@ from netfall.mechanics.state import Scene, State
 from netfall.net.build import build_net, roof_areas
 from netfall.net.faces import Faces, normals
 from netfall.net.net import GRAVITY, Net
+from netfall.output.checkpoint import Checkpoint
 from netfall.parallel import partition
 from netfall.parallel.distribute import Distribution, cut_net
 from netfall.parallel.halo import Halo
 from netfall.parallel.root import on_root
 from netfall.solve.form_finding import Form, find_form
-from netfall.solve.relax import state_residual
+from netfall.solve.relax import Paused, state_residual
+from netfall.solve.restart import interrupted, pause_form_finding, restore_relaxation, restored_form
+from netfall.solve.stop import NEVER, StopRequest
 from netfall.wind.field import GeneratedHistory, make_wind_field, read_measured
 
 
@@ -76,6 +80,8 @@ class Roof:
     reference: float  # N, largest tension of the initial state
     limits: dict[str, Limit] = field(default_factory=dict)
     digest: str = ""  # of job and net, for checkpoints
+    stage: str | None = None  # in which the run that is taken up was interrupted; None: a new run
+    checkpoint: Checkpoint | None = None  # of that run, on rank 0
 
 
 def job_digest(job: Job, net: Net) -> str:
@@ -110,12 +116,13 @@ def make_whole(job: Job, ranks: int) -> Whole:
     return whole
 
 
-def prepare(comm: MPI.Comm, job: Job, phases: Phases, report: Callable = lambda iteration, residual: None, known: Callable | None = None) -> Roof:
+def prepare(comm: MPI.Comm, job: Job, phases: Phases, report: Callable = lambda iteration, residual: None, result: Path | None = None,
+            restart: Path | None = None, stop: StopRequest = NEVER) -> Roof:
     """The roof in its initial state: form found, prestressed, loaded. Collective.
 
-    known : function of the digest that gives, on rank 0, a form that was found already: (Form, x, N); None: find it
+    result : path of the result file, beside which a form finding that is stopped leaves a checkpoint; restart : the checkpoint to go on from
 
-    Raises InputError for what is wrong in the job, DivergedError if form finding does not converge.
+    Raises InputError for what is wrong in the job, DivergedError if form finding does not converge, Interrupted if `stop` asks for it.
     """
     with phases.phase("net and partition"):
         whole = on_root(comm, lambda: make_whole(job, comm.size))
@@ -125,13 +132,17 @@ def prepare(comm: MPI.Comm, job: Job, phases: Phases, report: Callable = lambda 
     net = whole.net if whole else None
     form = None
     digest = comm.bcast(job_digest(job, net) if whole else None)
+    checkpoint = on_root(comm, lambda: Checkpoint(restart, digest)) if restart else None
+    stage = comm.bcast(checkpoint and checkpoint.record["stage"])
     with phases.phase("form finding"):
-        if known is not None:
-            found = on_root(comm, lambda: known(digest))
-            form = comm.bcast(found and found[0])
-            on_root(comm, lambda: _set_initial(job, whole, found[1], found[2] if job.form_finding else None))
+        if stage in ("statics", "dynamics"):
+            form = comm.bcast(checkpoint and restored_form(checkpoint.record))
+            on_root(comm, lambda: _set_initial(job, whole, checkpoint.arrays["x"], checkpoint.arrays["N"] if job.form_finding else None))
         elif job.form_finding is not None:
-            form = find_form(comm, net, distribution, job.form_finding, halo, report)
+            try:
+                form = find_form(comm, net, distribution, job.form_finding, halo, report, stop, restore_relaxation(distribution, checkpoint))
+            except Paused as pause:
+                raise interrupted(f"in form finding, iteration {pause.at.iteration}", pause_form_finding(job, result, digest, distribution, pause)) from None
             x, N = distribution.gather_particles(form.x), distribution.gather_elements(form.N)
             on_root(comm, lambda: _set_initial(job, whole, x, N))
         else:
@@ -144,7 +155,7 @@ def prepare(comm: MPI.Comm, job: Job, phases: Phases, report: Callable = lambda 
             raise InputError(f"{job.path}: [form_finding] tolerance = {job.form_finding.tolerance:g}: the prestressed net with the real material has a "
                              f"residual of {residual / form.reference:.3g} of the prestress; expected a tolerance that rounding allows")
         limits = comm.bcast(step_limits(whole, scene) if whole else None)
-    return Roof(whole, distribution, state, halo, form, residual, reference, limits, digest)
+    return Roof(whole, distribution, state, halo, form, residual, reference, limits, digest, stage, checkpoint)
 
 
 def _set_initial(job: Job, whole: Whole, x: np.ndarray, N: np.ndarray | None) -> None:

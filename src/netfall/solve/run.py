@@ -11,22 +11,24 @@ import numpy as np
 from mpi4py import MPI
 
 import netfall
-from netfall.errors import DivergedError, InputError, Interrupted
+from netfall.errors import DivergedError, InputError, Interrupted, OutputError
 from netfall.job.read import Job
 from netfall.net.net import Net
-from netfall.output.checkpoint import Checkpoint
-from netfall.output.h5 import PARALLEL
+from netfall.output.h5 import PARALLEL, claim, release
 from netfall.output.progress import Progress
 from netfall.output.result import Result, net_section
 from netfall.parallel import partition
 from netfall.parallel.root import on_root
 from netfall.solve.dynamics import Probes, Schedule, Simulation, find_probes, make_schedule
 from netfall.solve.energy import take_snapshot, total_energies
-from netfall.solve.restart import Saver, restore_result, restore_state, restore_wind, restored_form
+from netfall.solve.restart import Saver, interrupted, restore_relaxation, restore_result, restore_state, restore_wind
+from netfall.solve.relax import Paused
 from netfall.solve.roof import Phases, Roof, Whole, prepare, sharp_limit, smallest
 from netfall.solve.statics import StaticPath, find_equilibrium
-from netfall.solve.stop import StopRequest
+from netfall.solve.stop import NEVER, StopRequest
 from netfall.solve.windload import WindLoad
+
+MOST_STEPS = 1e12  # weeks for the smallest net
 
 
 def how_it_writes() -> str:
@@ -35,7 +37,7 @@ def how_it_writes() -> str:
     return f"{library}, " + ("parallel HDF5 (MPI-IO)" if PARALLEL else "serial HDF5 (rank 0 gathers and writes)")
 
 
-def run_job(comm: MPI.Comm, job: Job, path: Path, progress: Progress, restart: Path | None = None, stop: StopRequest | None = None) -> None:
+def run_job(comm: MPI.Comm, job: Job, path: Path, progress: Progress, restart: Path | None = None, stop: StopRequest = NEVER) -> None:
     """Run the stages that the job has and write the result file. Collective.
 
     restart : a checkpoint to go on from; stop : a wish to stop early
@@ -44,43 +46,53 @@ def run_job(comm: MPI.Comm, job: Job, path: Path, progress: Progress, restart: P
     Interrupted after a checkpoint if `stop` asks for it.
     """
     phases = Phases()
-    on_root(comm, lambda: check_place(path))
+    claimed = on_root(comm, lambda: (check_place(path), claim(path))[1])
+    try:
+        _run_job(comm, job, path, progress, phases, restart, stop)
+    finally:
+        if claimed:
+            release(claimed)
+
+
+def _run_job(comm, job, path, progress, phases, restart, stop):
     progress.say(f"netfall {netfall.__version__}: {job.title or job.name}, {comm.size} rank{'s' if comm.size > 1 else ''}, {how_it_writes()}")
-    found: list[Checkpoint] = []  # on rank 0, the checkpoint to go on from
-
-    def known(digest):
-        found.append(Checkpoint(restart, digest))
-        return restored_form(found[0].record), found[0].arrays["x"], found[0].arrays["N"]
-
-    roof = prepare(comm, job, phases, lambda i, r: progress.detail(f"form finding: iteration {i}, largest residual {r:.3g} N"),
-                   known if restart else None)
-    checkpoint = found[0] if found else None
+    roof = prepare(comm, job, phases, lambda i, r: progress.detail(f"form finding: iteration {i}, largest residual {r:.3g} N"), path, restart, stop)
     schedule = on_root(comm, lambda: schedule_of(job, roof)) if job.dynamics else None
     schedule = comm.bcast(schedule)
     describe(roof, schedule, progress)
+    saver = Saver(comm, job, roof, [restart] if restart else [])
     result = Result(comm, path, roof.distribution, roof.distribution.elements(roof.whole.net.group if roof.whole else None))
     try:
         if restart:
-            restore_result(comm, result, checkpoint, roof.digest)
-            restore_state(roof.distribution, roof.state, checkpoint)
-            record = comm.bcast(checkpoint.record if checkpoint else None)
-            statics = StaticPath(**record["statics"]) if record["statics"] else None
             progress.say(f"going on from {restart}")
-        else:
-            record = None
-            statics = run_statics(comm, job, roof, result, progress, phases)
-        saver = Saver(comm, job, roof, statics, [restart] if restart else [])
-        probes = run_dynamics(comm, job, roof, result, schedule, progress, phases, stop or StopRequest(catch=False), saver, record, checkpoint)
-        sections = sections_of(job, roof, statics, result, probes)
+        record = take_up(comm, roof, result, saver)
+        if roof.stage != "dynamics":
+            saver.statics = run_statics(comm, job, roof, result, progress, phases, saver, stop)
+        probes = run_dynamics(comm, job, roof, result, schedule, progress, phases, stop, saver, record)
+        sections = sections_of(job, roof, saver.statics, result, probes)
         result.close(sections, provenance_of(comm, job, roof, schedule), phases.seconds)
-    except (InputError, DivergedError, Interrupted):  # raised on every rank alike
+    except (InputError, DivergedError, Interrupted) as error:  # raised on every rank alike
         result.file.discard_all()
-        raise
+        raise saver.naming_the_last(error) if isinstance(error, DivergedError) else error
+    except OutputError as error:
+        result.file.discard()
+        raise saver.naming_the_last(error)
     except BaseException:
         result.file.discard()
         raise
     progress.end()
     finish(result, path, phases, progress)
+
+
+def take_up(comm: MPI.Comm, roof: Roof, result: Result, saver: Saver) -> dict | None:
+    """State, results and statics of the run that is taken up, and its record; None for one that has no state yet. Collective."""
+    if roof.stage not in ("statics", "dynamics"):
+        return None
+    restore_result(comm, result, roof.checkpoint, roof.digest)
+    restore_state(roof.distribution, roof.state, roof.checkpoint)
+    record = comm.bcast(roof.checkpoint and roof.checkpoint.record)
+    saver.statics = StaticPath(**record["statics"]) if record["statics"] else None
+    return record
 
 
 def check_place(path: Path) -> None:
@@ -92,6 +104,21 @@ def check_place(path: Path) -> None:
         raise InputError(f"{path}: is a folder; give the name of a file with -o")
     if not os.access(folder, os.W_OK):
         raise InputError(f"{path}: the folder {folder.resolve()} cannot be written to; give another place with -o")
+    if path.exists():
+        _check_replaceable(path)
+
+
+def _check_replaceable(path: Path) -> None:
+    """Refuse to write over what is no result of netfall, or is open elsewhere. (An old result is replaced, once the new one is whole.)"""
+    try:
+        with h5py.File(path, "r") as file:
+            ours = "provenance" in file
+    except BlockingIOError:
+        raise InputError(f"{path}: another program has it open for writing; close it there, or give another name with -o") from None
+    except OSError:
+        ours = False
+    if not ours:
+        raise InputError(f"{path}: exists and is no result of netfall; move it away, or give another name with -o")
 
 
 def schedule_of(job: Job, roof: Roof) -> Schedule:
@@ -102,6 +129,10 @@ def schedule_of(job: Job, roof: Roof) -> Schedule:
         refuse_step(job, limit, roof, net)
     if not np.isfinite(limit.dt):
         raise InputError(f"{job.path}: [dynamics]: no particle of the net can move; free a node")
+    dt = job.dynamics.safety * limit.dt if job.dynamics.time_step == "auto" else job.dynamics.time_step
+    if job.dynamics.duration / dt > MOST_STEPS:
+        raise InputError(f"{job.path}: [dynamics] duration = {job.dynamics.duration:g}: asks for {job.dynamics.duration / dt:.3g} steps of {dt:.3g} s; "
+                         f"at most {MOST_STEPS:.0e} are possible")
     return make_schedule(limit.dt, job.dynamics, job.output)
 
 
@@ -118,24 +149,29 @@ def refuse_step(job: Job, limit, roof: Roof, net: Net) -> None:
                      "longer elements there would allow more")
 
 
-def run_statics(comm, job: Job, roof: Roof, result: Result, progress: Progress, phases: Phases) -> StaticPath | None:
-    """The static stage, if the job has it."""
+def run_statics(comm, job: Job, roof: Roof, result: Result, progress: Progress, phases: Phases, saver: Saver, stop: StopRequest) -> StaticPath | None:
+    """The static stage, if the job has it, from where an earlier run was interrupted in it."""
     if job.load is None or job.load.steps == 0:
         return None
     progress.say(f"statics: {job.load.steps} load steps")
+    resume = restore_relaxation(roof.distribution, roof.checkpoint) if roof.stage == "statics" else None
     with phases.phase("statics"):
-        path = find_equilibrium(comm, roof.state, job.load, roof.halo, result, progress)
+        try:
+            path = find_equilibrium(comm, roof.state, job.load, roof.halo, result, progress, stop, saver.statics, resume)
+        except Paused as pause:
+            raise interrupted(f"in statics, load step {len(pause.path.load_factor) + 1}", saver.pause_statics(result, pause)) from None
     progress.say(f"statics: in equilibrium, largest residual {path.residual[-1]:.3g} N, slack {path.slack[-1]} of {roof.distribution.m}")
     return path
 
 
 def run_dynamics(comm, job: Job, roof: Roof, result: Result, schedule: Schedule | None, progress: Progress, phases: Phases,
-                 stop: StopRequest, saver: Saver, record: dict | None, checkpoint: Checkpoint | None) -> Probes | None:
+                 stop: StopRequest, saver: Saver, record: dict | None) -> Probes | None:
     """The dynamic stage if the job has it, else one frame of the state that was reached.
 
-    record : of the run that is taken up, on all ranks; checkpoint : the same with its arrays, on rank 0
+    record : of the run that is taken up
     """
     state = roof.state
+    record = record if roof.stage == "dynamics" else None
     if job.dynamics is None:
         snapshot = take_snapshot(state, 0.0, 1.0, 0.0, 0.0)
         result.write_frame(0.0, state, snapshot)
@@ -146,7 +182,7 @@ def run_dynamics(comm, job: Job, roof: Roof, result: Result, schedule: Schedule 
         if job.wind:
             wind = WindLoad(comm, roof.distribution, state, roof.whole and roof.whole.field, roof.whole and roof.whole.history)
             if record:
-                restore_wind(comm, wind, state, checkpoint)
+                restore_wind(comm, wind, state, roof.checkpoint)
     if record:
         begun = record["simulation"]["start_strain"], record["simulation"]["start_plastic"]
     else:

@@ -10,37 +10,47 @@ from netfall.mechanics.state import State
 from netfall.output.result import Result
 from netfall.parallel.halo import Halo
 from netfall.solve.energy import take_snapshot
-from netfall.solve.relax import net_forces, relax
+from netfall.solve.relax import Paused, Relaxation, net_forces, relax
+from netfall.solve.stop import StopRequest
 
 
 @dataclass
 class StaticPath:
-    """Load-displacement history: one entry for each load step."""
+    """Load-displacement history: one entry for each load step that is done."""
 
+    reference: float = 0.0  # N, which the tolerance refers to
     load_factor: list[float] = field(default_factory=list)
     residual: list[float] = field(default_factory=list)  # N
     slack: list[int] = field(default_factory=list)
     iterations: list[int] = field(default_factory=list)
 
 
-def find_equilibrium(comm: MPI.Comm, state: State, settings, halo: Halo, result: Result, progress) -> StaticPath:
+def find_equilibrium(comm: MPI.Comm, state: State, settings, halo: Halo, result: Result, progress, stop: StopRequest, path: StaticPath | None,
+                     resume: Relaxation | None) -> StaticPath:
     """Bring the state to equilibrium under its load in equal steps. Collective.
+
+    path, resume : how far an earlier run came, and where within the load step after that; None: from the start
 
     Within a load step the plastic strains are those of the step before; what has flowed is kept at its end.
     """
-    path = StaticPath()
-    N = state.elements_now()[0]
-    reference = comm.allreduce(max(np.abs(N).max(initial=0.0), np.abs(state.load[: state.n_owned]).max(initial=0.0)), MPI.MAX)
+    if path is None:
+        N = state.elements_now()[0]
+        path = StaticPath(comm.allreduce(max(np.abs(N).max(initial=0.0), np.abs(state.load[: state.n_owned]).max(initial=0.0)), MPI.MAX))
     progress.start()
 
     def bound(x):
         N, _, _, L = state.elements_now()
         return state.EA / state.L0 + np.abs(N) / np.maximum(L, 1e-300)
 
-    for step in range(1, settings.steps + 1):
+    for step in range(len(path.load_factor) + 1, settings.steps + 1):
         share = step / settings.steps
-        iterations, residual = relax(comm, halo, state.x, state.free, state.ends, net_forces(state, share), bound,
-                                     settings.tolerance * reference, settings.max_iterations, f"static load step {step} of {settings.steps}")
+        try:
+            iterations, residual = relax(comm, halo, state.x, state.free, state.ends, net_forces(state, share), bound, settings.tolerance * path.reference,
+                                         settings.max_iterations, f"static load step {step} of {settings.steps}", stop=stop, resume=resume)
+        except Paused as pause:
+            pause.path = path
+            raise
+        resume = None
         snapshot = take_snapshot(state, 0.0, 1.0, 0.0, 0.0)
         _stop_at_fracture(comm, state, snapshot, share, result)
         if state.scene.plastic:

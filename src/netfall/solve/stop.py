@@ -23,3 +23,6 @@ class StopRequest:
     def wanted(self) -> bool:
         """Whether this rank has been asked to stop."""
         return self.signal is not None or self.deadline is not None and time.monotonic() >= self.deadline
+
+
+NEVER = StopRequest(catch=False)
