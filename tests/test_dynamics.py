@@ -1,5 +1,6 @@
 """Motion against closed forms, and the two energy audits."""
 
+import h5py
 import numpy as np
 import pytest
 from conftest import STEEL
@@ -132,8 +133,39 @@ def test_elements_of_different_speed_are_in_the_limits(workshop):
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_run_that_diverges_is_stopped(workshop, ranks):
     """Forces out of all range: exit code 3 on every rank, the time named, no file left behind."""
-    nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,0,0,-10,0,1e300\n3,5,5,-10,1,0\n"
-    job = workshop.job(ELASTIC + "[dynamics]\nduration = 0.1\n", nodes, "start,end\n1,2\n2,3\n")
+    nodes = "id,x,y,z,fixed,area\n1,0,0,0,1,0\n2,0,0,-10,0,1\n3,5,5,-10,1,0\n"
+    job = workshop.job(ELASTIC + "[load]\npressure = [0.0, 0.0, 1e300]\n[dynamics]\nduration = 0.1\n", nodes, "start,end\n1,2\n2,3\n")
     done = workshop.run(job, code=3, ranks=ranks)
     assert "diverged at t =" in done.stderr
     assert {p.name for p in workshop.folder.iterdir()} == {"job.toml", "nodes.csv", "elements.csv"}
+
+
+def test_divergence_names_the_last_good_checkpoint(workshop, monkeypatch):
+    """A velocity that is no number at 0.06 s: stopped before it is saved, with time, particle, element and the checkpoint before."""
+    from mpi4py import MPI
+
+    from netfall.errors import DivergedError
+    from netfall.job.read import read_job
+    from netfall.output.checkpoint import Checkpoint
+    from netfall.output.progress import Progress
+    from netfall.solve import dynamics
+    from netfall.solve.run import run_job
+
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,-10,0\n3,5,5,-10,1\n"
+    job = workshop.job(ELASTIC + "[dynamics]\nduration = 0.1\n[output]\ncheckpoint = 0.02\nhistory = 0.05\n", nodes, "start,end\n1,2\n2,3\n")
+    steps = dynamics.run_steps
+
+    def broken(state, halo, plan, first, count, before_dt, dt, *rest):
+        if (first + count) * dt > 0.055:
+            state.v[1] = np.nan
+        return steps(state, halo, plan, first, count, before_dt, dt, *rest)
+
+    monkeypatch.setattr(dynamics, "run_steps", broken)
+    with pytest.raises(DivergedError) as raised:
+        run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False, False))
+    kept = sorted(workshop.folder.glob("*checkpoint*"))
+    message = str(raised.value)
+    assert "diverged at t = 0.061" in message and "fastest particle 1" in message and "element" in message and str(kept[-1]) in message
+    for path in kept:
+        with h5py.File(path) as file:
+            assert np.isfinite(file["particles/v"][()]).all()

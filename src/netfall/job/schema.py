@@ -143,6 +143,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
     "output": (
         count("frames", 120, "states written over the duration", low=1, high=1_000_000),
         positive("history", "s", 0.01, "between rows of /history"),
+        Key("energy", "flag", True, "", "audit of the energies; false saves its cost, and leaves the works and both errors of /history nan"),
         Key("probes", "points", (), "m", "x, y of particles whose histories are kept"),
         not_negative("checkpoint", "s", 0.0, "simulated time between checkpoints; 0: none"),
     ),

@@ -1,51 +1,124 @@
-"""Forces, kick and drift over the arrays of one rank. p is a particle, e an element.
+"""Forces, kick and drift over the arrays of one rank. p is a particle, e an element, s a slot.
 
 What a scene does not have is passed as None; the compiler then drops the branch and the array with it.
-Elements stand in ascending global number and each adds to its two ends in turn, so the sum on a particle has
-the same order, and the same bits, on any number of ranks.
+Each particle sums over its own elements, which stand in its slots in ascending global number; so the sum has the
+same order, and the same bits, on any number of ranks. Every element is computed at both ends, from the same
+bits: twice the arithmetic, but nothing is scattered, and the loop over particles runs in vector registers.
 """
 
 import math
 
-from netfall.mechanics.compile import kernel
+import numpy as np
+
+from netfall.mechanics.compile import kernel, vector_kernel
 from netfall.mechanics.material import (
-    dissipated_by_flow, elastic_force, plastic_force, stored_energy, strain)
+    dissipated_by_flow, elastic_force, force_density, plastic_force, stored_energy, strain)
+
+SLOTS = 4  # in the vector loop; particles with more elements have layers of their own
+
+
+@vector_kernel
+def slot_forces(first, last, width, x, other, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach, f_int, near_of):
+    """Internal forces f_int (last - first, 3) [N], out, of particles first to last; elements near yield or fracture.
+
+    x : (n, 3) [m]; other : (slots, n) local number of the far end, the particle's own in an empty slot; inv_L0 : (slots, n) [1/m], 0: empty
+    EA : [N] of all elements, unless slot_EA (slots, n) gives it; the same for yield_force [N] and slot_yield; None: elastic
+    measure : None: engineering strain, else logarithmic; slot_bar : (slots, n), None: cables alone; slot_eps_p : (slots, n) plastic strain
+    reach : L / L0 from which an element is looked at for fracture; width : slots in use, if more than SLOTS
+    near_of : (last - first,), out, elements of each particle that are near; None: elastic
+    """
+    first, last = np.uint64(first), np.uint64(last)  # unsigned: no index then counts from the end
+    near = 0
+    for p in range(first, last):
+        fx, fy, fz = 0.0, 0.0, 0.0
+        found = 0
+        for s in range(SLOTS):
+            o = other[s, p]
+            dx, dy, dz = x[o, 0] - x[p, 0], x[o, 1] - x[p, 1], x[o, 2] - x[p, 2]
+            q, over = force_density(dx, dy, dz, s, p, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+            found += over
+            fx += q * dx
+            fy += q * dy
+            fz += q * dz
+        f_int[p - first, 0], f_int[p - first, 1], f_int[p - first, 2] = fx, fy, fz
+        if near_of is not None:
+            near_of[p - first] = found
+            near += found
+    for s in range(SLOTS, width):
+        for p in range(first, last):
+            o = other[s, p]
+            dx, dy, dz = x[o, 0] - x[p, 0], x[o, 1] - x[p, 1], x[o, 2] - x[p, 2]
+            q, over = force_density(dx, dy, dz, s, p, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+            if near_of is not None:
+                near_of[p - first] += over
+                near += over
+            f_int[p - first, 0] += q * dx
+            f_int[p - first, 1] += q * dy
+            f_int[p - first, 2] += q * dz
+    return near
 
 
 @kernel
-def element_forces(x, ends, L0, EA, logarithmic, bar, yield_force, eps_p, dissipated, eps_u, pending, f_int):
-    """Add the elements' forces to their ends; the number of elements that reach their fracture strain.
+def flow(first, last, width, n_owned, first_split, x, other, inv_L0, slot_element, slot_eps_p, ends, L0, EA, logarithmic, bar, yield_force,
+         eps_p, dissipated, eps_u, pending, count, near_of):
+    """Plastic flow of the elements of particles first to last at x, and those that reach their fracture strain, where near_of is not 0.
 
-    x : (n, 3) [m]; ends : (m, 2) local particle numbers; L0 : (m,) [m]; EA : (m,) [N]; bar : (m,) 0 or 1
-    yield_force : (m,) [N], eps_p : (m,), dissipated : (m,) [J], in and out; None: elastic
-    eps_u : (m,) fracture strain, None: nothing breaks; pending : (m,), out, elements that reach it
-    f_int : (n, 3) [N], in and out
+    Both ends come to the same plastic strain by themselves; that which `reports` keeps the element's record.
+    pending : (m,), out, elements from place `count` on; the new count
     """
-    count = 0
-    for e in range(ends.shape[0]):
-        a, b = ends[e, 0], ends[e, 1]
-        dx, dy, dz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
-        L = math.sqrt(dx * dx + dy * dy + dz * dz)
-        eps = strain(L, L0[e], logarithmic)
-        if yield_force is None:
-            N = elastic_force(eps, EA[e], bar[e])
-        else:
-            N, flowed = plastic_force(eps, eps_p[e], EA[e], yield_force[e], bar[e])
-            if flowed != eps_p[e]:
-                dissipated[e] += dissipated_by_flow(eps_p[e], flowed, L0[e], EA[e], yield_force[e], logarithmic)
-                eps_p[e] = flowed
-        if eps_u is not None:
-            if eps > eps_u[e]:
-                pending[count] = e
-                count += 1
-        q = N / L if L > 0.0 else 0.0  # without a length there is no direction
-        f_int[a, 0] += q * dx
-        f_int[a, 1] += q * dy
-        f_int[a, 2] += q * dz
-        f_int[b, 0] -= q * dx
-        f_int[b, 1] -= q * dy
-        f_int[b, 2] -= q * dz
+    for p in range(first, last):
+        if near_of[p - first] == 0:
+            continue
+        for s in range(max(width, SLOTS)):
+            if inv_L0[s, p] == 0.0:
+                continue
+            e, o = slot_element[s, p], other[s, p]
+            dx, dy, dz = x[o, 0] - x[p, 0], x[o, 1] - x[p, 1], x[o, 2] - x[p, 2]
+            eps = strain(math.sqrt(dx * dx + dy * dy + dz * dz), L0[e], logarithmic)
+            reports = ends[e, 0] == p or (n_owned <= ends[e, 0] and ends[e, 0] < first_split)
+            if yield_force is not None:
+                _, flowed = plastic_force(eps, slot_eps_p[s, p], EA[e], yield_force[e], bar[e])
+                if flowed != slot_eps_p[s, p]:
+                    if reports:
+                        dissipated[e] += dissipated_by_flow(eps_p[e], flowed, L0[e], EA[e], yield_force[e], logarithmic)
+                        eps_p[e] = flowed
+                    slot_eps_p[s, p] = flowed
+            if eps_u is not None:
+                if reports and eps > eps_u[e]:
+                    pending[count] = e
+                    count += 1
     return count
+
+
+@kernel
+def fill_slots(n_owned, first_split, n_local, ends, L0, EA, bar, yield_force, eps_p, other, inv_L0, slot_element, slot_EA, slot_bar, slot_yield,
+               slot_eps_p, filled):
+    """Put every element into a slot of each of its ends that this rank steps, in ascending order. filled : (n,), scratch."""
+    for s in range(other.shape[0]):
+        for p in range(n_local):
+            other[s, p] = p
+            inv_L0[s, p] = 0.0
+    filled[:n_local] = 0
+    for e in range(ends.shape[0]):
+        if EA[e] == 0.0:
+            continue  # another rank has kept it
+        for end in range(2):
+            p = ends[e, end]
+            if n_owned <= p and p < first_split:
+                continue
+            s = filled[p]
+            filled[p] += 1
+            other[s, p], inv_L0[s, p] = ends[e, 1 - end], 1.0 / L0[e]
+            if slot_element is not None:
+                slot_element[s, p] = e
+            if slot_EA is not None:
+                slot_EA[s, p] = EA[e]
+            if slot_bar is not None:
+                slot_bar[s, p] = bar[e]
+            if slot_yield is not None:
+                slot_yield[s, p] = yield_force[e]
+            if slot_eps_p is not None:
+                slot_eps_p[s, p] = eps_p[e]
 
 
 @kernel

@@ -12,6 +12,9 @@ import numpy as np
 
 from netfall.mechanics.compile import kernel
 
+NEARLY = 1.0 - 1e-9  # a force or a strain this close to its limit is looked at again, exactly
+TINY = 1e-300  # keeps an element without length from dividing zero by zero
+
 
 @kernel
 def strain(L, L0, logarithmic):
@@ -42,6 +45,37 @@ def plastic_force(eps, eps_p, EA, yield_force, bar):
         if N < -yield_force:
             return -yield_force, eps_p + (N + yield_force) / EA
     return N, eps_p
+
+
+@kernel
+def force_density(dx, dy, dz, s, p, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
+    """N / L [N/m] of the element in slot s of particle p, and 1 if it is near flow or fracture, else 0.
+
+    `plastic_force` over the length, arranged for one root and one division: EA (L / L0 - 1 - eps_p) / L = EA (1 / L0 - (1 + eps_p) / L).
+    Arguments as in `kernels.slot_forces`. An empty slot, 1 / L0 = 0, gives zero.
+    """
+    L = math.sqrt(dx * dx + dy * dy + dz * dz + TINY)
+    per_length = 1.0 / L
+    stiffness = EA if slot_EA is None else slot_EA[s, p]
+    eps_p = 0.0 if slot_eps_p is None else slot_eps_p[s, p]
+    if measure is not None:
+        q = stiffness * (math.log(max(L * inv_L0[s, p], TINY)) - eps_p) * per_length
+    else:
+        q = stiffness * (inv_L0[s, p] - (1.0 + eps_p) * per_length)
+    near = 0
+    lowest = 0.0  # slack
+    if slot_bar is not None:
+        lowest = -np.inf if slot_bar[s, p] else 0.0
+    if yield_force is not None:
+        highest = (yield_force if slot_yield is None else slot_yield[s, p]) * per_length
+        near = 1 if q > highest * NEARLY else 0
+        q = highest if q > highest else q
+        if slot_bar is not None:
+            lowest = -highest if slot_bar[s, p] else 0.0
+            near |= 1 if q < lowest * NEARLY and lowest < 0.0 else 0
+    if reach is not None:
+        near |= 1 if L * inv_L0[s, p] > reach else 0
+    return q if q > lowest else lowest, near
 
 
 @kernel

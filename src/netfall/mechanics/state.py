@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.mechanics.kernels import element_state
+from netfall.mechanics.kernels import SLOTS, element_state, fill_slots
+from netfall.mechanics.material import NEARLY
 
 
 @dataclass(frozen=True)
@@ -16,7 +17,7 @@ class Field:
     """One array: what it holds, for each particle or element, and which scenes have it."""
 
     name: str
-    entity: str  # "particle" | "element"
+    entity: str  # "particle" | "element" | "slot" (an element at one of its ends: rows of (slots, particles))
     tail: tuple[int, ...]
     dtype: type
     unit: str
@@ -36,10 +37,9 @@ FIELDS = (
     Field("speed_before", "particle", (), np.float64, "m/s", "wind speed at the last sample", "wind"),
     Field("speed_after", "particle", (), np.float64, "m/s", "wind speed at the next sample", "wind"),
     Field("valence", "particle", (), np.int32, "", "elements attached", "fracture", kept=True),
-    Field("work", "particle", (3,), np.float64, "J", "work of external, internal and damping forces", kept=True),
+    Field("work", "particle", (3,), np.float64, "J", "work of external, internal and damping forces", "energy", kept=True),
     Field("gid", "particle", (), np.int64, "", "global number"),
-    Field("f", "particle", (3,), np.float64, "N", "total force"),
-    Field("f_int", "particle", (3,), np.float64, "N", "internal force"),
+    Field("f", "particle", (3,), np.float64, "N", "total force; kept of all particles if something can break, else of those that are sent"),
     Field("ends", "element", (2,), np.uint32, "", "local numbers of the two particles"),
     Field("L0", "element", (), np.float64, "m", "unstressed length"),
     Field("EA", "element", (), np.float64, "N", "axial stiffness"),
@@ -52,6 +52,13 @@ FIELDS = (
     Field("dissipated", "element", (), np.float64, "J", "energy turned into heat by flow", "plastic", kept=True),
     Field("eps_u", "element", (), np.float64, "", "strain at fracture, inf once broken", "fracture", kept=True),
     Field("pending", "element", (), np.int32, "", "elements that reached eps_u in a step", "fracture"),
+    Field("other", "slot", (), np.uint32, "", "local number of the far end; the particle's own in an empty slot"),
+    Field("inv_L0", "slot", (), np.float64, "1/m", "1 / unstressed length, 0 in an empty slot"),
+    Field("slot_element", "slot", (), np.uint32, "", "local number of the element", "inelastic"),
+    Field("slot_EA", "slot", (), np.float64, "N", "axial stiffness, unless it is the same everywhere", "sections"),
+    Field("slot_bar", "slot", (), np.uint8, "", "1 where compression is carried", "bars"),
+    Field("slot_yield", "slot", (), np.float64, "N", "axial force at yield, unless it is the same everywhere", "plastic_sections"),
+    Field("slot_eps_p", "slot", (), np.float64, "", "plastic strain", "plastic"),
 )
 
 
@@ -63,19 +70,54 @@ class Scene:
     fracture: bool = False
     wind: bool = False
     logarithmic: bool = False
+    bars: bool = False
+    sections: bool = False  # more than one stiffness or yield force
+    energy: bool = True  # the audit of work
+
+    @property
+    def inelastic(self) -> bool:
+        """Whether elements flow or break."""
+        return self.plastic or self.fracture
+
+    @property
+    def plastic_sections(self) -> bool:
+        """Whether elements flow at different forces."""
+        return self.plastic and self.sections
 
 
 class State:
     """Arrays of one rank as attributes, named as in FIELDS; absent ones are None."""
 
-    def __init__(self, scene: Scene, n_owned: int, n_halo: int, m: int):
+    def __init__(self, scene: Scene, n_owned: int, n_halo: int, m: int, width: int = SLOTS):
+        """width : most elements at a particle"""
         self.scene = scene
+        self.width = max(width, SLOTS)
         self.n_owned, self.n_halo, self.m = n_owned, n_halo, m
         self.n_local = n_owned + n_halo  # rows of particles in use; more after splits
         for field in FIELDS:
             rows = m if field.entity == "element" else self.n_local
             there = not field.needs or getattr(scene, field.needs)
-            setattr(self, field.name, np.zeros((rows, *field.tail), field.dtype) if there else None)
+            setattr(self, field.name, self._zeros(field, rows) if there else None)
+
+    def _zeros(self, field: Field, rows: int) -> np.ndarray:
+        """An array of that many elements or particles; a particle's axes stand apart, each contiguous, for vector loops."""
+        if field.entity == "slot":
+            return np.zeros((self.width, rows), field.dtype)
+        return np.zeros((rows, *field.tail), field.dtype, order="C" if field.entity == "element" else "F")
+
+    def fill_slots(self) -> None:
+        """Put the elements, as they are attached now, into the slots of the particles that this rank steps."""
+        s = self
+        fill_slots(s.n_owned, s.first_split, s.n_local, s.ends, s.L0, s.EA, s.bar, s.yield_force, s.eps_p, s.other, s.inv_L0, s.slot_element,
+                   s.slot_EA, s.slot_bar, s.slot_yield, s.slot_eps_p, np.zeros(s.n_local, np.int32))
+
+    @property
+    def reach(self) -> float | None:
+        """L / L0 beyond which some element may break; None if nothing can."""
+        if self.eps_u is None:
+            return None
+        least = self.eps_u.min(initial=np.inf)
+        return float(np.exp(least) if self.scene.logarithmic else 1.0 + least) * NEARLY
 
     @property
     def first_split(self) -> int:
@@ -98,15 +140,16 @@ class State:
         spare = max(64, particles, capacity // 8)
         for field in FIELDS:
             array = getattr(self, field.name)
-            if field.entity == "particle" and array is not None:
-                grown = np.zeros((self.n_local + spare, *field.tail), field.dtype)
-                grown[: self.n_local] = array[: self.n_local]
+            if field.entity != "element" and array is not None:
+                grown = self._zeros(field, self.n_local + spare)
+                used = (slice(None), slice(self.n_local)) if field.entity == "slot" else slice(self.n_local)
+                grown[used] = array[used]
                 setattr(self, field.name, grown)
 
     def copy(self) -> "State":
         """A copy of all arrays."""
         other = object.__new__(State)
-        other.__dict__ = {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in self.__dict__.items()}
+        other.__dict__ = {k: v.copy(order="K") if isinstance(v, np.ndarray) else v for k, v in self.__dict__.items()}
         return other
 
     def elements_now(self):

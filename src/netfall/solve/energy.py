@@ -6,6 +6,7 @@ the same with the elements' own stored and dissipated energy instead of the work
 the step and is the error that users should see.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,7 +41,10 @@ def particle_energies(rows, part, kick_dt, zeta, share, v, f_int, free, mass, lo
     for i in range(rows.shape[0]):
         p = rows[i]
         per_mass = inverse_mass(mass[p])
-        kinetic, damping, external, internal = 0.0, work[p, 2], work[p, 0], work[p, 1]
+        kinetic = 0.0
+        damping, external, internal = math.nan, math.nan, math.nan
+        if work is not None:
+            damping, external, internal = work[p, 2], work[p, 0], work[p, 1]
         for k in range(3):
             ext = external_force(p, k, load, wind, speed_before, speed_after, share)
             old = v[p, k]

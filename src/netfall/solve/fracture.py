@@ -41,7 +41,7 @@ def split_particles(state: State, count: int, step: int, n: int, element_gid: np
 
     n : particles of the net; dt : [s] length of the step that was taken since x(n), for the strain that is reported
     """
-    elements = state.pending[:count].tolist()
+    elements = sorted(state.pending[:count].tolist())
     decisions = [(e, [(end, is_loose(state, state.ends[e, end])) for end in parting_ends(state, e)]) for e in elements]
     state.reserve(2 * count)
     events = []

@@ -95,8 +95,10 @@ def job_digest(job: Job, net: Net) -> str:
 
 def scene_of(job: Job, net: Net) -> Scene:
     """What the scene has, as the job names it."""
+    differ = lambda values: bool((values != values[:1]).any())
     return Scene(plastic=bool(np.isfinite(net.yield_stress).any()), fracture=bool(np.isfinite(net.fracture_strain).any()),
-                 wind=job.wind is not None, logarithmic=job.cable.strain == "logarithmic")
+                 wind=job.wind is not None, logarithmic=job.cable.strain == "logarithmic", bars=bool(net.bar.any()),
+                 sections=differ(net.modulus * net.section) or differ(net.yield_stress * net.section), energy=job.output.energy)
 
 
 def make_whole(job: Job, ranks: int) -> Whole:
@@ -230,7 +232,7 @@ def _check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
 def make_state(distribution: Distribution, whole: Whole | None, scene: Scene) -> State:
     """The state of one rank from the global arrays of rank 0. Collective."""
     piece = distribution.piece
-    state = State(scene, piece.n_owned, piece.n_halo, len(piece.element_gid))
+    state = State(scene, piece.n_owned, piece.n_halo, len(piece.element_gid), int(np.bincount(piece.ends.ravel()).max(initial=0)))
     net = whole.net if whole else None
     particles = lambda get: distribution.particles(None if whole is None else get())
     elements = lambda get: distribution.elements(None if whole is None else get())
