@@ -1,0 +1,92 @@
+"""Times the step of netfall on the benchmark's net: mpirun -n P python step.py N SCENE [--rounds R] [--no-order]
+
+SCENE: elastic, or one or more of plastic, fracture, wind, energy joined by + (all: all four, and damping). Prints a line of JSON.
+"""
+
+import argparse
+import json
+import resource
+import sys
+import time
+
+import numba
+import numpy as np
+from mpi4py import MPI
+
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("N", type=int)
+parser.add_argument("scene")
+parser.add_argument("--rounds", type=int, default=5)
+parser.add_argument("--seconds", type=float, default=1.0, help="of a round")
+parser.add_argument("--no-order", action="store_true", help="let the compiler reorder sums, for the cost of the order")
+arguments = parser.parse_args()
+if arguments.no_order:
+    from netfall.mechanics import compile
+
+    compile.vector_kernel = numba.njit(error_model="numpy", fastmath=True, noalias=True)
+    compile.kernel = numba.njit(error_model="numpy", fastmath=True)
+
+import net
+from netfall.mechanics.state import FIELDS, Scene, State
+from netfall.parallel.distribute import Distribution, cut_net
+from netfall.parallel.halo import Halo
+from netfall.parallel.partition import metis_partition
+from netfall.solve.stepping import halo_width, make_plan, run_steps
+
+comm = MPI.COMM_WORLD
+words = {"plastic", "fracture", "wind", "energy"} if arguments.scene == "all" else set(arguments.scene.split("+")) - {"elastic"}
+scene = Scene(**{word: True for word in words if word != "energy"}, energy="energy" in words)
+
+begin = time.perf_counter()
+whole = net.make_net(arguments.N)
+n, m = len(whole.x), len(whole.elements)
+pieces = cut_net(n, whole.elements, metis_partition(n, whole.elements, comm.size), comm.size) if comm.rank == 0 else None
+distribution = Distribution(comm, n, m, pieces)
+del pieces
+piece = distribution.piece
+state = State(scene, piece.n_owned, piece.n_halo, len(piece.element_gid))
+state.gid[:], state.ends[:], state.owned[:] = piece.particle_gid, piece.ends, piece.element_owned
+state.x[:] = state.x_start[:] = whole.x[piece.particle_gid]
+state.free[:] = ~whole.fixed[piece.particle_gid][:, None]
+state.mass[:], state.load[:, 2] = net.MASS, -net.LOAD
+state.L0[:], state.EA[:], state.half_mass[:] = whole.L0[piece.element_gid], net.EA, 1.0
+if scene.plastic:
+    state.yield_force[:] = 100 * net.PRESTRESS
+if scene.fracture:
+    state.eps_u[:] = 1.0
+if scene.wind:
+    state.wind[:, 2], state.speed_before[:], state.speed_after[:] = 1e-12, 1.0, 2.0
+state.fill_slots()
+halo = Halo(comm, piece, halo_width(state))
+plan = make_plan(state, halo)
+centre = whole.centre
+del whole
+set_up = time.perf_counter() - begin
+
+
+def advance(first: int, steps: int) -> float:
+    """Seconds for some steps, the slowest rank's."""
+    comm.Barrier()
+    begin = time.perf_counter()
+    done, _, error = run_steps(state, halo, plan, first, steps, net.DT if first else 0.0, net.DT, 1.0 if arguments.scene == "all" else 0.0, 0.0, 1e9)
+    assert done == steps and not error
+    return comm.allreduce(time.perf_counter() - begin, MPI.MAX)
+
+
+mine = np.flatnonzero(piece.particle_gid[: piece.n_owned] == centre)
+advance(0, net.CHECKED)
+z = comm.allreduce(float(state.x[mine[0], 2] - state.x_start[mine[0], 2]) if len(mine) else 0.0)
+steps = max(5, int(arguments.seconds / max(advance(net.CHECKED, 5) / 5, 1e-6)))
+steps = comm.bcast(steps)
+seconds = [advance(net.CHECKED + 5 + k * steps, steps) / steps for k in range(arguments.rounds)]
+kept, halo.requests = halo.requests, halo.requests[:0]  # the step without its exchange, for the exchange's share
+halo.receive[:, :3] = 0.0
+without = min(advance(0, steps) / steps for _ in range(2))
+halo.requests = kept
+held = sum(getattr(state, f.name).nbytes for f in FIELDS if getattr(state, f.name) is not None)
+held, peak = comm.allreduce(held), comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+if comm.rank == 0:
+    best = min(seconds)
+    json.dump({"program": "netfall", "N": arguments.N, "elements": m, "ranks": comm.size, "scene": arguments.scene, "rate": m / best, "median": m / sorted(seconds)[len(seconds) // 2],
+               "exchange": max(0.0, 1.0 - without / best), "displacement": z, "set_up": set_up, "state_bytes": held / m, "peak_bytes": peak}, sys.stdout)
+    print()
