@@ -31,7 +31,7 @@ from netfall.mechanics.state import FIELDS, Scene, State
 from netfall.parallel.distribute import Distribution, cut_net
 from netfall.parallel.halo import Halo
 from netfall.parallel.partition import metis_partition
-from netfall.solve.stepping import halo_width, make_plan, run_steps
+from netfall.solve.stepping import Plan, halo_width, run_steps
 
 comm = MPI.COMM_WORLD
 words = {"plastic", "fracture", "wind", "energy"} if arguments.scene == "all" else set(arguments.scene.split("+")) - {"elastic"}
@@ -56,9 +56,8 @@ if scene.fracture:
     state.eps_u[:] = 1.0
 if scene.wind:
     state.wind[:, 2], state.speed_before[:], state.speed_after[:] = 1e-12, 1.0, 2.0
-state.fill_slots()
 halo = Halo(comm, piece, halo_width(state))
-plan = make_plan(state, halo)
+plan = Plan(state, halo)
 centre = whole.centre
 del whole
 set_up = time.perf_counter() - begin

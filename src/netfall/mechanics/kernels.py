@@ -14,47 +14,70 @@ from netfall.mechanics.compile import kernel, vector_kernel
 from netfall.mechanics.material import (
     dissipated_by_flow, elastic_force, force_density, plastic_force, stored_energy, strain)
 
+SHORTEST_RUN = 12  # particles; below that the general loop is as fast
 SLOTS = 4  # in the vector loop; particles with more elements have layers of their own
 
 
+@kernel
+def far_force(p, o, s, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
+    """Force [N] on particle p of the element in its slot s, whose far end is o; and 1 if it is near flow or fracture."""
+    dx, dy, dz = x[o, 0] - x[p, 0], x[o, 1] - x[p, 1], x[o, 2] - x[p, 2]
+    q, near = force_density(dx, dy, dz, s, p, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+    return q * dx, q * dy, q * dz, near
+
+
 @vector_kernel
-def slot_forces(first, last, width, x, other, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach, f_int, near_of):
-    """Internal forces f_int (last - first, 3) [N], out, of particles first to last; elements near yield or fracture.
+def run_forces(first, last, origin, step, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach, f_int, near_of):
+    """`slot_forces` of a run: particles first to last whose far ends are `step` (SLOTS,) numbers away, so that they load in one piece."""
+    first, last, origin = np.uint64(first), np.uint64(last), np.uint64(origin)
+    step0, step1, step2, step3 = np.uint64(step[0]), np.uint64(step[1]), np.uint64(step[2]), np.uint64(step[3])
+    near = 0
+    for p in range(first, last):
+        ax, ay, az, a = far_force(p, p + step0, 0, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+        bx, by, bz, b = far_force(p, p + step1, 1, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+        cx, cy, cz, c = far_force(p, p + step2, 2, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+        dx, dy, dz, d = far_force(p, p + step3, 3, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+        f_int[p - origin, 0], f_int[p - origin, 1], f_int[p - origin, 2] = 0.0 + ax + bx + cx + dx, 0.0 + ay + by + cy + dy, 0.0 + az + bz + cz + dz
+        if near_of is not None:
+            near_of[p - origin] = a + b + c + d
+            near += a + b + c + d
+    return near
+
+
+@vector_kernel
+def slot_forces(first, last, origin, width, x, other, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach, f_int, near_of):
+    """Internal forces [N] of particles first to last, to rows of f_int counted from `origin`, out; elements near yield or fracture.
 
     x : (n, 3) [m]; other : (slots, n) local number of the far end, the particle's own in an empty slot; inv_L0 : (slots, n) [1/m], 0: empty
     EA : [N] of all elements, unless slot_EA (slots, n) gives it; the same for yield_force [N] and slot_yield; None: elastic
     measure : None: engineering strain, else logarithmic; slot_bar : (slots, n), None: cables alone; slot_eps_p : (slots, n) plastic strain
     reach : L / L0 from which an element is looked at for fracture; width : slots in use, if more than SLOTS
-    near_of : (last - first,), out, elements of each particle that are near; None: elastic
+    near_of : rows as f_int, out, elements of each particle that are near; None: elastic
     """
-    first, last = np.uint64(first), np.uint64(last)  # unsigned: no index then counts from the end
+    first, last, origin = np.uint64(first), np.uint64(last), np.uint64(origin)  # unsigned: no index then counts from the end
     near = 0
     for p in range(first, last):
         fx, fy, fz = 0.0, 0.0, 0.0
         found = 0
         for s in range(SLOTS):
-            o = other[s, p]
-            dx, dy, dz = x[o, 0] - x[p, 0], x[o, 1] - x[p, 1], x[o, 2] - x[p, 2]
-            q, over = force_density(dx, dy, dz, s, p, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+            qx, qy, qz, over = far_force(p, other[s, p], s, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
             found += over
-            fx += q * dx
-            fy += q * dy
-            fz += q * dz
-        f_int[p - first, 0], f_int[p - first, 1], f_int[p - first, 2] = fx, fy, fz
+            fx += qx
+            fy += qy
+            fz += qz
+        f_int[p - origin, 0], f_int[p - origin, 1], f_int[p - origin, 2] = fx, fy, fz
         if near_of is not None:
-            near_of[p - first] = found
+            near_of[p - origin] = found
             near += found
     for s in range(SLOTS, width):
         for p in range(first, last):
-            o = other[s, p]
-            dx, dy, dz = x[o, 0] - x[p, 0], x[o, 1] - x[p, 1], x[o, 2] - x[p, 2]
-            q, over = force_density(dx, dy, dz, s, p, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+            qx, qy, qz, over = far_force(p, other[s, p], s, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
             if near_of is not None:
-                near_of[p - first] += over
+                near_of[p - origin] += over
                 near += over
-            f_int[p - first, 0] += q * dx
-            f_int[p - first, 1] += q * dy
-            f_int[p - first, 2] += q * dz
+            f_int[p - origin, 0] += qx
+            f_int[p - origin, 1] += qy
+            f_int[p - origin, 2] += qz
     return near
 
 
@@ -87,6 +110,39 @@ def flow(first, last, width, n_owned, first_split, x, other, inv_L0, slot_elemen
                 if reports and eps > eps_u[e]:
                     pending[count] = e
                     count += 1
+    return count
+
+
+@kernel
+def find_runs(n_owned, chunk, chunk_width, other, first, last, step, chunk_run):
+    """Cut the chunks of particles 0 to n_owned into runs, whose far ends are all as far away in number, and what lies between; their number.
+
+    first, last : (runs,), out; step : (runs, SLOTS), out, distances, 0 in the first place: no run; chunk_run : (chunks + 1,), out, first run of each chunk
+    """
+    count = 0
+    for c in range(chunk_width.shape[0]):
+        chunk_run[c] = count
+        low, high = c * chunk, min((c + 1) * chunk, n_owned)
+        between = p = low
+        while p < high:
+            end = p + 1
+            while end < high and (other[0, end] - end == other[0, p] - p and other[1, end] - end == other[1, p] - p
+                                  and other[2, end] - end == other[2, p] - p and other[3, end] - end == other[3, p] - p):
+                end += 1
+            if end - p >= SHORTEST_RUN and chunk_width[c] <= SLOTS and other[0, p] != p:
+                if between < p:
+                    first[count], last[count], step[count, 0] = between, p, 0
+                    count += 1
+                first[count], last[count] = p, end
+                for s in range(SLOTS):
+                    step[count, s] = np.int64(other[s, p]) - p
+                count += 1
+                between = end
+            p = end
+        if between < high:
+            first[count], last[count], step[count, 0] = between, high, 0
+            count += 1
+    chunk_run[chunk_width.shape[0]] = count
     return count
 
 
@@ -172,8 +228,14 @@ def external_force(p, k, load, wind, speed_before, speed_after, share):
     """
     if wind is None:
         return load[p, k]
+    return load[p, k] + wind[p, k] * squared_speed(p, speed_before, speed_after, share)
+
+
+@kernel
+def squared_speed(p, speed_before, speed_after, share):
+    """Square [m2/s2] of the wind speed at particle p, `share` of the way between two samples."""
     speed = speed_before[p] + share * (speed_after[p] - speed_before[p])
-    return load[p, k] + wind[p, k] * (speed * speed)
+    return speed * speed
 
 
 @kernel

@@ -32,6 +32,7 @@ FIELDS = (
     Field("x_start", "particle", (3,), np.float64, "m", "position in the initial state, from which displacements count", kept=True),
     Field("free", "particle", (3,), np.uint8, "", "1 where the axis can move", kept=True),
     Field("mass", "particle", (), np.float64, "kg", "lumped mass: halves of the elements and what is carried", kept=True),
+    Field("per_mass", "particle", (), np.float64, "1/kg", "1 / mass; 0 without mass, and where every axis is held"),
     Field("load", "particle", (3,), np.float64, "N", "constant external force", kept=True),
     Field("wind", "particle", (3,), np.float64, "N s2/m2", "wind force at 1 m/s", "wind", kept=True),
     Field("speed_before", "particle", (), np.float64, "m/s", "wind speed at the last sample", "wind"),
@@ -72,6 +73,7 @@ class Scene:
     logarithmic: bool = False
     bars: bool = False
     sections: bool = False  # more than one stiffness or yield force
+    part_held: bool = False  # some particle is held on some axes and not on others
     energy: bool = True  # the audit of work
 
     @property
@@ -110,6 +112,11 @@ class State:
         s = self
         fill_slots(s.n_owned, s.first_split, s.n_local, s.ends, s.L0, s.EA, s.bar, s.yield_force, s.eps_p, s.other, s.inv_L0, s.slot_element,
                    s.slot_EA, s.slot_bar, s.slot_yield, s.slot_eps_p, np.zeros(s.n_local, np.int32))
+
+    def invert_masses(self) -> None:
+        """Bring per_mass up to date."""
+        moves = self.free.any(1) & (self.mass > 0.0)
+        self.per_mass[:] = np.divide(1.0, self.mass, out=np.zeros_like(self.mass), where=moves)
 
     @property
     def reach(self) -> float | None:

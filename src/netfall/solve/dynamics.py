@@ -15,7 +15,7 @@ from netfall.parallel.halo import Halo
 from netfall.solve.energy import Energies, take_snapshot, total_energies
 from netfall.solve.fracture import split_particles
 from netfall.solve.restart import interrupted
-from netfall.solve.stepping import halo_width, make_plan, run_steps
+from netfall.solve.stepping import Plan, halo_width, run_steps
 from netfall.solve.stop import StopRequest
 from netfall.solve.windload import WindLoad
 
@@ -85,8 +85,7 @@ class Simulation:
         self.wind = wind
         self.progress = progress
         self.halo = Halo(comm, result.distribution.piece, halo_width(state))
-        state.fill_slots()
-        self.plan = make_plan(state, self.halo)
+        self.plan = Plan(state, self.halo)
         self.n = 0  # step number: x(n), v(n-1/2)
         self.before_dt = 0.0
         self.events: list = []  # of this rank, not yet shared
@@ -171,7 +170,7 @@ class Simulation:
                 piece = self.result.distribution.piece
                 parted = split_particles(self.state, count, self.n - 1, self.result.distribution.n, piece.element_gid,
                                          self.self_weight, self.after_fracture != "particle", dt)
-                self.state.fill_slots()
+                self.plan.attach(self.state)
                 self.events += [((self.n - 1) * dt, event) for event in parted]
 
     def advance_until_first_fracture(self, stop: int) -> None:
@@ -187,6 +186,7 @@ class Simulation:
         if first < stop:
             self.n, self.before_dt, count = begin
             self.events, self.state = self.events[:count], kept
+            self.plan.attach(kept)
             self.advance_block(first + 1)
             self.state.wind[:] = 0.0
             self.share_events()
