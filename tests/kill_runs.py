@@ -2,8 +2,8 @@
 
     .venv/bin/python tests/kill_runs.py --kills 100 --seed 1
 
-A run is killed with SIGKILL: one of its ranks, its mpirun, or all of them at once; at a random moment, with frames and
-checkpoints written so often that many kills fall into a writing. It is then restarted from its newest whole
+A run is killed with SIGKILL: one of its ranks, its mpirun, or all of them at once; at a random moment, mostly after some
+of its checkpoints, with frames and checkpoints written so often that many kills fall into a writing. It is then restarted from its newest whole
 checkpoint (or begun again, if there is none yet) on one to four ranks, maybe killed again, and at last left alone.
 """
 
@@ -98,6 +98,23 @@ def kill(folder: Path, process: subprocess.Popen, choice: random.Random) -> str:
     return what
 
 
+def wait_for_a_moment(folder: Path, process: subprocess.Popen, restart: Path | None, choice: random.Random, longest: float) -> None:
+    """Until any moment of the run (one time in four), or until some checkpoints more are there and a little later.
+
+    Checkpoints and the frames between them follow so closely that most of the latter fall into a writing.
+    """
+    if choice.random() < 0.25:
+        time.sleep(choice.uniform(0.3, longest))
+        return
+    last, wanted, end = restart, choice.randint(1, 12), time.monotonic() + longest
+    while wanted and process.poll() is None and time.monotonic() < end:
+        newest = newest_checkpoint(folder)
+        if newest != last:
+            last, wanted = newest, wanted - 1
+        time.sleep(0.002)
+    time.sleep(choice.uniform(0.0, 0.1))
+
+
 def one_story(folder: Path, choice: random.Random, longest: float, kills_left: int) -> int:
     """Run with one to three kills and restarts until the result is there; the number of kills."""
     done = 0
@@ -106,7 +123,7 @@ def one_story(folder: Path, choice: random.Random, longest: float, kills_left: i
         ranks, restart = choice.randint(1, 4), newest_checkpoint(folder)
         process = subprocess.Popen(command(folder, ranks, restart), env=ENVIRONMENT, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         if done < wanted:
-            time.sleep(choice.uniform(0.3, 0.7 * longest))
+            wait_for_a_moment(folder, process, restart, choice, longest)
             if process.poll() is None:
                 what = kill(folder, process, choice)
                 done += 1
