@@ -225,6 +225,7 @@ class Simulation:
     def stop_diverged(self, snapshot, kinetic: float) -> None:
         """Name the fastest particle and the element with the largest strain, and stop on every rank."""
         speed = np.nan_to_num(np.abs(snapshot.velocity).max(1, initial=0.0), nan=np.inf)
+        speed[~self.state.free[snapshot.rows].any(1)] = -1.0  # a support takes over what is no number from its neighbours
         strain = np.nan_to_num(np.abs(snapshot.eps), nan=np.inf)
         piece = self.result.distribution.piece
         here = (speed.max(initial=-1.0), int(self.state.gid[snapshot.rows[speed.argmax()]]) if len(speed) else -1,

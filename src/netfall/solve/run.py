@@ -285,6 +285,7 @@ def finish(result: Result, path: Path, phases: Phases, progress: Progress) -> No
         progress.say(f"fractures: {len(result.broken)} elements, the first at t = {time:.4f} s (element {first.element})")
     if result.history:
         identity, balance = (max(abs(row[k]) for row in result.history) for k in (7, 8))
-        progress.say(f"energy: work identity to {identity:.1e}, physical balance to {balance:.1e} of the largest external work")
+        if np.isfinite(identity):  # not without the audit
+            progress.say(f"energy: work identity to {identity:.1e}, physical balance to {balance:.1e} of the largest external work")
     progress.say("time: " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in phases.seconds.items()))
     progress.say(f"written: {path}")
