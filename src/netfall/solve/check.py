@@ -12,7 +12,7 @@ from netfall.solve.dynamics import Schedule
 from netfall.solve.roof import Phases, Roof, prepare, scene_of, sharp_limit
 from netfall.solve.run import limit_line, schedule_of
 
-STEP_NS = 30.0  # ns for an element and step on one core, all features on (README, "How fast")
+STEP_NS = 20.0  # ns for an element and step on one core, all features on (README, "How fast")
 LARGEST_FORM = 50_000  # elements up to which check also finds the form and the sharp limit of the step
 FRAME_BYTES = {"particle": 24 + 12 + 12, "element": 4 + 4 + 4 + 1}  # of the result file, for each state
 SETUP_BYTES = 500  # per element on rank 0, while the net is read, cut and sent
