@@ -1,8 +1,9 @@
 """The split of a net over ranks: who owns what, who holds whose particles as halo, and moving rows about.
 
 A rank owns the particles of its part and steps them. It holds every element that meets one of them, and, as
-halo, the far ends of those that cross the cut. Rows are in ascending global number: owned first, then halo by
-owner and number, so that what a neighbour sends is received in place. Positions never travel: owner and
+halo, the far ends of those that cross the cut. Rows: owned boundary particles (those that neighbours hold), so that
+their forces can be sent before the rest is moved; owned interior ones; then halo by owner and number, so that what a
+neighbour sends is received in place. Each of the three is in ascending global number. Positions never travel: owner and
 holders apply the same force to equal copies.
 """
 
@@ -57,7 +58,8 @@ def cut_net(n: int, elements: np.ndarray, part: np.ndarray, ranks: int) -> list[
     wanted = [[(other, halos[other][part[halos[other]] == rank]) for other in np.unique(part[halos[rank]])] for rank in range(ranks)]
     pieces = []
     for rank in range(ranks):
-        gid = np.concatenate([owned[rank], halos[rank]])
+        boundary = np.isin(owned[rank], np.concatenate([rows for _, rows in wanted[rank]])) if wanted[rank] else np.zeros(len(owned[rank]), bool)
+        gid = np.concatenate([owned[rank][boundary], owned[rank][~boundary], halos[rank]])
         local[gid] = np.arange(len(gid))
         sends = [local[rows] for _, rows in wanted[rank]]
         counts = np.bincount(part[halos[rank]], minlength=ranks)
