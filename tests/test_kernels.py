@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from netfall.mechanics.kernels import add_tensions, run_forces, slot_forces
+from netfall.mechanics.kernels import add_tensions, kick_rows
 from netfall.mechanics.state import Scene, State
 from netfall.parallel.distribute import cut_net
 from netfall.solve.stepping import CHUNK, Plan
@@ -17,7 +17,7 @@ class NoHalo:
     send_index = np.zeros(0, np.uint32)
 
 
-def random_state(scene: Scene, seed: int, n: int = 3 * CHUNK + 7) -> State:
+def random_state(scene: Scene, seed: int, n: int = CHUNK + 7) -> State:
     """Particles near a line, each tied to a few others, one to thirteen."""
     rng = np.random.default_rng(seed)
     hub = np.column_stack([np.zeros(13, np.int64), np.arange(20, 33)])
@@ -47,6 +47,36 @@ def make_state(scene: Scene, n: int, elements: np.ndarray, x: np.ndarray, seed: 
     return state
 
 
+def forces_of(state: State, in_runs: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    """Forces (n, 3) [N] by the vector loop, from rest without load; and whether a particle has elements near their limits."""
+    plan, s = Plan(state, NoHalo()), state
+    first, last, step, rest = plan.runs
+    covered = [rest, *(np.arange(a, b) for a, b in zip(first, last))]
+    assert np.array_equal(np.sort(np.concatenate(covered)), np.arange(s.n_owned))
+    every = np.arange(s.n_owned, dtype=np.uint32)
+    found, near = np.zeros_like(s.x), np.zeros(s.n_owned, bool)
+    none = (None, None, None)
+    for c, (low, high) in enumerate(zip(plan.low, plan.high)):
+        runs, rests = ((plan.run[c], plan.run[c + 1]), (plan.rest[c], plan.rest[c + 1])) if in_runs else ((0, 0), (low, high))
+        count = kick_rows(runs, rests, low, plan.width[c], first, last, step, rest if in_runs else every, plan.f_rest, plan.near_rest, 0.0, 0.0, 0.0,
+                          tuple(s.x.T), tuple(s.v.T), plan.f_chunk, plan.near_of if s.scene.inelastic else None, s.per_mass, none, s.mass, none, *none, none, None, None,
+                          s.other, s.inv_L0, s.EA.max(), s.slot_EA, s.scene.logarithmic or None, s.slot_bar,
+                          s.yield_force.max() if s.scene.plastic else None, s.slot_yield, s.slot_eps_p, s.reach)
+        found[low:high] = np.column_stack(plan.f_chunk)[: high - low]
+        if s.scene.inelastic:
+            near[low:high] = plan.near_of[: high - low] > 0
+            assert count == plan.near_of[: high - low].sum()
+    return found, near
+
+
+def lattice(side: int) -> np.ndarray:
+    """Elements (m, 2) of a square lattice, in ascending order."""
+    number = np.arange(side * side).reshape(side, side)
+    along, across = np.column_stack([number[:, :-1].ravel(), number[:, 1:].ravel()]), np.column_stack([number[:-1].ravel(), number[1:].ravel()])
+    elements = np.concatenate([along, across])
+    return elements[np.lexsort((elements[:, 1], elements[:, 0]))]
+
+
 SCENES = list(itertools.product([False, True], repeat=5))
 
 
@@ -58,13 +88,7 @@ def test_vector_kernel_gives_the_forces_of_the_element_law(plastic, fracture, lo
     N, eps, eps_p, L = state.elements_now()
     expected = np.zeros_like(state.x)
     add_tensions(state.x, state.ends, N, L, expected)
-    plan, found, near = Plan(state, NoHalo()), np.zeros_like(state.x), np.zeros(state.n_owned, bool)
-    for c, width in enumerate(plan.chunk_width):
-        low, high = c * CHUNK, min((c + 1) * CHUNK, state.n_owned)
-        slot_forces(low, high, low, width, state.x, state.other, state.inv_L0, state.EA.max(), state.slot_EA, logarithmic or None, state.slot_bar,
-                    state.yield_force.max() if plastic else None, state.slot_yield, state.slot_eps_p, state.reach, plan.f_int,
-                    plan.near_of if scene.inelastic else None)
-        found[low:high], near[low:high] = plan.f_int[: high - low], plan.near_of[: high - low] > 0
+    found, near = forces_of(state)
     assert np.abs(found - expected).max() <= 1e-13 * np.abs(expected).max() * 10  # thirteen terms at the hub
     if scene.inelastic:
         over = np.zeros(state.m, bool)
@@ -79,26 +103,36 @@ def test_vector_kernel_gives_the_forces_of_the_element_law(plastic, fracture, lo
 def test_runs_give_the_bits_of_the_general_loop(plastic, fracture, logarithmic, bars, sections):
     """On a grid of 40 x 40, whose rows are runs: the same forces and the same particles pointed at."""
     scene = Scene(plastic=plastic, fracture=fracture, logarithmic=logarithmic, bars=bars, sections=sections)
-    number = np.arange(1600).reshape(40, 40)
-    along, across = np.column_stack([number[:, :-1].ravel(), number[:, 1:].ravel()]), np.column_stack([number[:-1].ravel(), number[1:].ravel()])
-    elements = np.concatenate([along, across])
-    elements = elements[np.lexsort((elements[:, 1], elements[:, 0]))]
-    state = make_state(scene, 1600, elements, np.column_stack([number.ravel() % 40, number.ravel() // 40, np.zeros(1600)]), 2)
-    plan = Plan(state, NoHalo())
-    first, last, step, chunk_run = plan.runs
-    regular = np.flatnonzero(step[:, 0] != 0)
-    assert (last - first)[regular].sum() > 1300
-    assert np.array_equal(np.concatenate([np.arange(a, b) for a, b in zip(first, last)]), np.arange(1600))
-    common = (state.EA.max(), state.slot_EA, logarithmic or None, state.slot_bar, state.yield_force.max() if plastic else None, state.slot_yield,
-              state.slot_eps_p, state.reach)
-    for r in regular:
-        rows = last[r] - first[r]
-        outcomes = []
-        for run in (True, False):
-            f_int, near_of = np.full((CHUNK, 3), np.nan, order="F"), np.full(CHUNK, -1) if scene.inelastic else None
-            if run:
-                near = run_forces(first[r], last[r], first[r], step[r], state.x, state.inv_L0, *common, f_int, near_of)
-            else:
-                near = slot_forces(first[r], last[r], first[r], 4, state.x, state.other, state.inv_L0, *common, f_int, near_of)
-            outcomes.append((near, f_int[:rows].tobytes(), near_of[:rows].tobytes() if scene.inelastic else b""))
-        assert outcomes[0] == outcomes[1]
+    state = make_state(scene, 1600, lattice(40), np.column_stack([np.arange(1600) % 40, np.arange(1600) // 40, np.zeros(1600)]), 2)
+    first, last, _, _ = Plan(state, NoHalo()).runs
+    assert (last - first).sum() > 1300
+    outcomes = [[values.tobytes() for values in forces_of(state, in_runs)] for in_runs in (True, False)]
+    assert outcomes[0] == outcomes[1]
+
+
+def test_a_lattice_with_gaps_is_one_run_for_each_chunk():
+    """Where a particle lacks an element that its neighbours have, empty slots stand so that the run goes on; the forces have the same bits."""
+    elements = lattice(40)
+    elements = elements[np.random.default_rng(4).random(len(elements)) > 0.05]
+    x = np.column_stack([np.arange(1600) % 40, np.arange(1600) // 40, 0.1 * np.sin(np.arange(1600))])
+    state = make_state(Scene(bars=True), 1600, elements, x, 2)
+    first, last, _, _ = Plan(state, NoHalo()).runs
+    assert (last - first).max() > 1500
+    N, _, _, L = state.elements_now()
+    expected = np.zeros_like(state.x)
+    add_tensions(state.x, state.ends, N, L, expected)
+    found = forces_of(state)[0]
+    assert np.abs(found - expected).max() <= 1e-13 * np.abs(expected).max() * 4
+    assert found.tobytes() == forces_of(state, in_runs=False)[0].tobytes()
+
+
+def test_a_net_numbered_at_random_is_stepped_in_layers():
+    """Neighbours then stand near each other in a rank's rows; a net in good order keeps it."""
+    elements = lattice(40)
+    shuffled = np.random.default_rng(5).permutation(1600)[elements]
+    for given, in_order in ((elements, True), (shuffled, False)):
+        piece, = cut_net(1600, given, np.zeros(1600, np.int32), 1)
+        assert np.array_equal(piece.particle_gid, np.arange(1600)) == in_order
+        rows = piece.ends.astype(np.int64)
+        assert np.abs(rows[:, 0] - rows[:, 1]).mean() < 60
+        assert np.array_equal(piece.particle_gid[rows], given)

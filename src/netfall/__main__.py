@@ -1,4 +1,4 @@
-"""The command line: netfall check | partition | run | info | plot."""
+"""The command line: netfall check | partition | run | info | plot | scale."""
 
 import argparse
 import os
@@ -16,7 +16,7 @@ def parser() -> argparse.ArgumentParser:
     """The commands and their options."""
     top = argparse.ArgumentParser(prog="netfall", description="Form finding, load and collapse analysis of cable roofs on MPI ranks.")
     top.add_argument("--version", action="store_true", help="print the version and the MPI and HDF5 in use")
-    verbs = top.add_subparsers(dest="verb", metavar="check | partition | run | info | plot")
+    verbs = top.add_subparsers(dest="verb", metavar="check | partition | run | info | plot | scale")
 
     def verb(name, text, about):
         sub = verbs.add_parser(name, help=text, description=text)
@@ -33,13 +33,31 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument("-o", type=Path, metavar="FILE", dest="output", help="result file (default: the job's name with .vtkhdf, here)")
     run.add_argument("--restart", type=Path, metavar="CHECKPOINT", help="go on from a checkpoint, on any number of ranks")
     run.add_argument("--walltime", type=_duration, metavar="HH:MM:SS", help="stop with a checkpoint (exit code 4) after this time")
+    run.add_argument("--profile", action="store_true", help="time forces, exchange and drift of every step too (some 0.2 microseconds a step)")
     loud = run.add_mutually_exclusive_group()
     loud.add_argument("--quiet", action="store_true", help="print errors only")
     loud.add_argument("--verbose", action="store_true", help="print residuals and step limits too")
     verb("info", "what ran, how it ended, the energies, the first fractures", "result")
     plot = verb("plot", "pictures from a result file", "result")
     plot.add_argument("-o", type=Path, default=None, metavar="DIR", dest="folder", help="folder of the pictures (default: beside the result file)")
+    scale = verb("scale", "run a job on several numbers of ranks: strong and weak scaling, times of the phases", "job")
+    scale.add_argument("--ranks", type=_counts, required=True, metavar="1,2,...", help="numbers of ranks")
+    scale.add_argument("--launcher", metavar="COMMAND", help='what starts the ranks (default: "mpirun -n {ranks}")')
+    scale.add_argument("--repeats", type=_count, default=3, metavar="N", help="runs of each case, of which the best counts (default: 3)")
+    scale.add_argument("-o", type=Path, default=Path("."), metavar="DIR", dest="folder", help="folder of the table and the picture (default: here)")
     return top
+
+
+def _count(text: str) -> int:
+    """A whole number >= 1."""
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text}: expected a whole number >= 1")
+    return int(text)
+
+
+def _counts(text: str) -> list[int]:
+    """Different whole numbers >= 1, in ascending order."""
+    return sorted({_count(word.strip()) for word in text.split(",")})
 
 
 def _duration(text: str) -> float:
@@ -88,7 +106,8 @@ def run(arguments) -> None:
     comm = MPI.COMM_WORLD
     job = comm.bcast(on_root(comm, lambda: read_job(arguments.job, arguments.overrides)))
     progress = Progress(comm.rank == 0 and not arguments.quiet, arguments.verbose)
-    run_job(comm, job, arguments.output or Path(f"{job.name}.vtkhdf"), progress, arguments.restart, stop)
+    run_job(comm, job, arguments.output or Path(f"{job.name}.vtkhdf"), progress, arguments.restart, stop,
+            arguments.profile)
 
 
 def info(arguments) -> None:
@@ -104,6 +123,16 @@ def plot(arguments) -> None:
 
     for picture in plot_all(arguments.result, arguments.folder or arguments.result.parent):
         print(picture)
+
+
+def scale(arguments) -> None:
+    """netfall scale JOB --ranks 1,2"""
+    from netfall.study.launch import default_launcher
+    from netfall.study.scale import scale as run_scale
+
+    for path in run_scale(arguments.job, arguments.overrides, arguments.ranks, arguments.launcher or default_launcher(), arguments.repeats,
+                          arguments.folder, lambda line: print(line, flush=True)):
+        print(path)
 
 
 def version() -> None:

@@ -4,11 +4,38 @@ No fast-math: sums keep their order, so that the bits do not depend on the numbe
 a division by zero gives inf and not an exception (and does not stop vectorisation).
 """
 
+import hashlib
+import shutil
+from pathlib import Path
+
 import llvmlite.binding
 import numba
 from numba.core.cpu import CPUTargetOptions
 from numba.core.options import TargetOptions
 
+PACKAGE = Path(__file__).parents[1]
+
+
+def _choose_cache() -> str:
+    """Folder of the compiled code of these very sources; that of other versions beside it is removed.
+
+    numba looks only at the file of the function that is called, and would run on with an old law after a change in another file.
+    """
+    total = hashlib.sha256(b"".join(path.read_bytes() for path in sorted([*PACKAGE.glob("*.py"), *PACKAGE.glob("*/*.py")])))
+    parent = Path(numba.config.CACHE_DIR or PACKAGE / "__pycache__")
+    folder = parent / f"netfall-{total.hexdigest()[:16]}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:  # installed where nobody may write
+        parent = Path.home() / ".cache" / "netfall"
+        folder = parent / folder.name
+    for old in parent.glob("netfall-*"):
+        if old != folder:
+            shutil.rmtree(old, ignore_errors=True)
+    return str(folder)
+
+
+numba.config.CACHE_DIR = _choose_cache()
 FLAGS = {"cache": True, "error_model": "numpy", "fastmath": False}
 
 # Hardware gathers are a trap on processors whose microcode was mended against leaks through them: four times slower
@@ -19,5 +46,8 @@ numba.config.CPU_FEATURES = (numba.config.CPU_FEATURES or llvmlite.binding.get_h
 # arrays. numba has the flag (its own parallel loops use it) but gives it no name in the decorator: this does.
 CPUTargetOptions.noalias = TargetOptions.Mapping("noalias")
 
-kernel = numba.njit(**FLAGS)
-vector_kernel = numba.njit(**FLAGS, noalias=True)  # no two array arguments may overlap
+allocating_kernel = numba.njit(**FLAGS)
+# What makes no arrays needs no count of their owners, which would take a microsecond of every step.
+kernel = numba.njit(**FLAGS, _nrt=False)
+part_of_kernel = numba.njit(**FLAGS, _nrt=False, forceinline=True)  # a call within a loop would keep it from being vectorised
+vector_kernel = numba.njit(**FLAGS, _nrt=False, noalias=True)  # no two array arguments may overlap

@@ -10,74 +10,124 @@ import math
 
 import numpy as np
 
-from netfall.mechanics.compile import kernel, vector_kernel
+from netfall.mechanics.compile import allocating_kernel, kernel, part_of_kernel, vector_kernel
 from netfall.mechanics.material import (
     dissipated_by_flow, elastic_force, force_density, plastic_force, stored_energy, strain)
 
-SHORTEST_RUN = 12  # particles; below that the general loop is as fast
+LANES = 8  # particles that the widest registers take at once: runs are a multiple of it
+SHORTEST_RUN = 16  # particles
 SLOTS = 4  # in the vector loop; particles with more elements have layers of their own
+EMPTY = np.uint32(0xFFFFFFFF)  # in place of an element's number
 
 
-@kernel
+@part_of_kernel
 def far_force(p, o, s, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
     """Force [N] on particle p of the element in its slot s, whose far end is o; and 1 if it is near flow or fracture."""
-    dx, dy, dz = x[o, 0] - x[p, 0], x[o, 1] - x[p, 1], x[o, 2] - x[p, 2]
+    dx, dy, dz = x[0][o] - x[0][p], x[1][o] - x[1][p], x[2][o] - x[2][p]
     q, near = force_density(dx, dy, dz, s, p, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
     return q * dx, q * dy, q * dz, near
 
 
-@vector_kernel
-def run_forces(first, last, origin, step, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach, f_int, near_of):
-    """`slot_forces` of a run: particles first to last whose far ends are `step` (SLOTS,) numbers away, so that they load in one piece."""
-    first, last, origin = np.uint64(first), np.uint64(last), np.uint64(origin)
-    step0, step1, step2, step3 = np.uint64(step[0]), np.uint64(step[1]), np.uint64(step[2]), np.uint64(step[3])
-    near = 0
-    for p in range(first, last):
-        ax, ay, az, a = far_force(p, p + step0, 0, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
-        bx, by, bz, b = far_force(p, p + step1, 1, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
-        cx, cy, cz, c = far_force(p, p + step2, 2, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
-        dx, dy, dz, d = far_force(p, p + step3, 3, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
-        f_int[p - origin, 0], f_int[p - origin, 1], f_int[p - origin, 2] = 0.0 + ax + bx + cx + dx, 0.0 + ay + by + cy + dy, 0.0 + az + bz + cz + dz
-        if near_of is not None:
-            near_of[p - origin] = a + b + c + d
-            near += a + b + c + d
-    return near
+@part_of_kernel
+def four_forces(p, o0, o1, o2, o3, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
+    """Sum of the forces [N] of the first four slots of particle p, with far ends o0 to o3, in this order; and how many are near."""
+    ax, ay, az, a = far_force(p, o0, 0, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+    bx, by, bz, b = far_force(p, o1, 1, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+    cx, cy, cz, c = far_force(p, o2, 2, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+    dx, dy, dz, d = far_force(p, o3, 3, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+    return 0.0 + ax + bx + cx + dx, 0.0 + ay + by + cy + dy, 0.0 + az + bz + cz + dz, a + b + c + d
 
 
-@vector_kernel
-def slot_forces(first, last, origin, width, x, other, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach, f_int, near_of):
-    """Internal forces [N] of particles first to last, to rows of f_int counted from `origin`, out; elements near yield or fracture.
+@part_of_kernel
+def kick_axis(p, i, internal, square, kick_dt, c_v, c_a, zeta, v, f, per_mass, free, mass, load, wind, work_ext):
+    """Kick of particle p along one axis under its internal force [N] and the external one; total force to row i of f.
 
-    x : (n, 3) [m]; other : (slots, n) local number of the far end, the particle's own in an empty slot; inv_L0 : (slots, n) [1/m], 0: empty
-    EA : [N] of all elements, unless slot_EA (slots, n) gives it; the same for yield_force [N] and slot_yield; None: elastic
-    measure : None: engineering strain, else logarithmic; slot_bar : (slots, n), None: cables alone; slot_eps_p : (slots, n) plastic strain
-    reach : L / L0 from which an element is looked at for fracture; width : slots in use, if more than SLOTS
-    near_of : rows as f_int, out, elements of each particle that are near; None: elastic
+    load, wind : of this axis, None where there is none. Returns the work [J] of the external, internal and damping forces
     """
-    first, last, origin = np.uint64(first), np.uint64(last), np.uint64(origin)  # unsigned: no index then counts from the end
+    external = 0.0
+    if load is not None:
+        external += load[p]
+    if wind is not None:
+        external += wind[p] * square
+    total = internal + external
+    f[i] = total
+    old = v[p]
+    new = kick(old, total * per_mass[p], c_v, c_a)  # v to n + 1/2
+    if free is not None:
+        new = new if free[p] else old
+    v[p] = new
+    if work_ext is None:
+        return 0.0, 0.0, 0.0
+    way = kick_dt * (0.5 * (old + new))  # zero where held
+    return way * external, way * internal, way * (zeta * mass[p] * (0.5 * (old + new)))
+
+
+@part_of_kernel
+def kick_particle(p, i, fx, fy, fz, kick_dt, c_v, c_a, zeta, share, v, f, per_mass, free, mass, load, work_ext, work_int, work_damp, wind,
+                  speed_before, speed_after):
+    """Kick and work of particle p under its internal forces [N] and the external ones; total force to row i of f."""
+    square = 0.0
+    if speed_before is not None:
+        square = squared_speed(p, speed_before, speed_after, share)
+    ax, bx, cx = kick_axis(p, i, fx, square, kick_dt, c_v, c_a, zeta, v[0], f[0], per_mass, free[0], mass, load[0], wind[0], work_ext)
+    ay, by, cy = kick_axis(p, i, fy, square, kick_dt, c_v, c_a, zeta, v[1], f[1], per_mass, free[1], mass, load[1], wind[1], work_ext)
+    az, bz, cz = kick_axis(p, i, fz, square, kick_dt, c_v, c_a, zeta, v[2], f[2], per_mass, free[2], mass, load[2], wind[2], work_ext)
+    if work_ext is not None:
+        work_ext[p] = work_ext[p] + ax + ay + az
+        work_int[p] = work_int[p] + bx + by + bz
+        work_damp[p] = work_damp[p] + cx + cy + cz
+
+
+@vector_kernel
+def kick_rows(runs, rests, origin, width, run_first, run_last, run_step, rest, f_rest, near_rest, kick_dt, zeta, share, x, v, f, near_of,
+              per_mass, free, mass, load, work_ext, work_int, work_damp, wind, speed_before, speed_after,
+              other, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
+    """Forces, kick and work of particles; how many elements are near yield or fracture.
+
+    Three arrays for three axes stand in a tuple: then the compiler sees that nothing written is read again.
+    runs : from and up to which run; run_first, run_last, run_step : of `find_runs`; the far ends of a run load in one piece
+    rests : from and up to which place of rest, particles in no run; f_rest, near_rest : scratch
+    x : (n,) [m]; v : (n,) [m/s]; f : rows counted from `origin`, out, total force [N]; near_of : rows as f, out, elements of each
+        particle that are near, None: elastic; width : slots in use, if more than SLOTS
+    free : (n,) each, None where every particle is free or held on all axes (per_mass = 0)
+    other : (slots, n) local number of the far end, the particle's own or any in an empty slot; inv_L0 : (slots, n) [1/m], 0: empty
+    EA : [N] of all elements, unless slot_EA (slots, n) gives it; the same for yield_force [N] and slot_yield; None: elastic
+    measure : None: engineering strain, else logarithmic; slot_bar : (slots, n), None: cables alone
+    slot_eps_p : (slots, n) plastic strain, None: zero; reach : L / L0 from which an element is looked at for fracture
+    """
+    c_v, c_a = kick_factors(zeta, kick_dt)
+    origin = np.uint64(origin)  # unsigned: no index then counts from the end
     near = 0
-    for p in range(first, last):
-        fx, fy, fz = 0.0, 0.0, 0.0
-        found = 0
-        for s in range(SLOTS):
-            qx, qy, qz, over = far_force(p, other[s, p], s, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
-            found += over
-            fx += qx
-            fy += qy
-            fz += qz
-        f_int[p - origin, 0], f_int[p - origin, 1], f_int[p - origin, 2] = fx, fy, fz
-        if near_of is not None:
-            near_of[p - origin] = found
-            near += found
-    for s in range(SLOTS, width):
-        for p in range(first, last):
-            qx, qy, qz, over = far_force(p, other[s, p], s, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+    for r in range(runs[0], runs[1]):
+        s0, s1, s2, s3 = np.uint64(run_step[r, 0]), np.uint64(run_step[r, 1]), np.uint64(run_step[r, 2]), np.uint64(run_step[r, 3])
+        for p in range(np.uint64(run_first[r]), np.uint64(run_last[r])):
+            fx, fy, fz, found = four_forces(p, p + s0, p + s1, p + s2, p + s3, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force,
+                                            slot_yield, slot_eps_p, reach)
             if near_of is not None:
-                near_of[p - origin] += over
-                near += over
-            f_int[p - origin, 0] += qx
-            f_int[p - origin, 1] += qy
-            f_int[p - origin, 2] += qz
+                near_of[p - origin] = found
+                near += found
+            kick_particle(p, p - origin, fx, fy, fz, kick_dt, c_v, c_a, zeta, share, v, f, per_mass, free, mass, load, work_ext, work_int, work_damp,
+                          wind, speed_before, speed_after)
+    first, last = np.uint64(rests[0]), np.uint64(rests[1])
+    for i in range(first, last):
+        p = rest[i]
+        f_rest[0][i - first], f_rest[1][i - first], f_rest[2][i - first], near_rest[i - first] = four_forces(
+            p, other[0, p], other[1, p], other[2, p], other[3, p], x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+    for s in range(SLOTS, width):
+        for i in range(first, last):
+            p = rest[i]
+            fx, fy, fz, found = far_force(p, other[s, p], s, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+            f_rest[0][i - first] += fx
+            f_rest[1][i - first] += fy
+            f_rest[2][i - first] += fz
+            near_rest[i - first] += found
+    for i in range(first, last):
+        p = rest[i]
+        if near_of is not None:
+            near_of[p - origin] = near_rest[i - first]
+            near += near_rest[i - first]
+        kick_particle(p, p - origin, f_rest[0][i - first], f_rest[1][i - first], f_rest[2][i - first], kick_dt, c_v, c_a, zeta, share, v, f, per_mass, free,
+                      mass, load, work_ext, work_int, work_damp, wind, speed_before, speed_after)
     return near
 
 
@@ -87,8 +137,9 @@ def flow(first, last, width, n_owned, first_split, x, other, inv_L0, slot_elemen
     """Plastic flow of the elements of particles first to last at x, and those that reach their fracture strain, where near_of is not 0.
 
     Both ends come to the same plastic strain by themselves; that which `reports` keeps the element's record.
-    pending : (m,), out, elements from place `count` on; the new count
+    pending : (m,), out, elements from place `count` on; the new count, and whether anything flowed
     """
+    any_flow = False
     for p in range(first, last):
         if near_of[p - first] == 0:
             continue
@@ -102,6 +153,7 @@ def flow(first, last, width, n_owned, first_split, x, other, inv_L0, slot_elemen
             if yield_force is not None:
                 _, flowed = plastic_force(eps, slot_eps_p[s, p], EA[e], yield_force[e], bar[e])
                 if flowed != slot_eps_p[s, p]:
+                    any_flow = True
                     if reports:
                         dissipated[e] += dissipated_by_flow(eps_p[e], flowed, L0[e], EA[e], yield_force[e], logarithmic)
                         eps_p[e] = flowed
@@ -110,50 +162,19 @@ def flow(first, last, width, n_owned, first_split, x, other, inv_L0, slot_elemen
                 if reports and eps > eps_u[e]:
                     pending[count] = e
                     count += 1
-    return count
+    return count, any_flow
 
 
 @kernel
-def find_runs(n_owned, chunk, chunk_width, other, first, last, step, chunk_run):
-    """Cut the chunks of particles 0 to n_owned into runs, whose far ends are all as far away in number, and what lies between; their number.
+def attach_slots(n_owned, first_split, n_local, ends, EA, other, slot_element, filled):
+    """Put every element into a slot of each of its ends that this rank steps, in ascending order.
 
-    first, last : (runs,), out; step : (runs, SLOTS), out, distances, 0 in the first place: no run; chunk_run : (chunks + 1,), out, first run of each chunk
+    other : (slots, n), out, far ends, the particle's own in an empty slot; slot_element : (slots, n), out, EMPTY there
+    filled : (n,), out, slots in use, the first ones
     """
-    count = 0
-    for c in range(chunk_width.shape[0]):
-        chunk_run[c] = count
-        low, high = c * chunk, min((c + 1) * chunk, n_owned)
-        between = p = low
-        while p < high:
-            end = p + 1
-            while end < high and (other[0, end] - end == other[0, p] - p and other[1, end] - end == other[1, p] - p
-                                  and other[2, end] - end == other[2, p] - p and other[3, end] - end == other[3, p] - p):
-                end += 1
-            if end - p >= SHORTEST_RUN and chunk_width[c] <= SLOTS and other[0, p] != p:
-                if between < p:
-                    first[count], last[count], step[count, 0] = between, p, 0
-                    count += 1
-                first[count], last[count] = p, end
-                for s in range(SLOTS):
-                    step[count, s] = np.int64(other[s, p]) - p
-                count += 1
-                between = end
-            p = end
-        if between < high:
-            first[count], last[count], step[count, 0] = between, high, 0
-            count += 1
-    chunk_run[chunk_width.shape[0]] = count
-    return count
-
-
-@kernel
-def fill_slots(n_owned, first_split, n_local, ends, L0, EA, bar, yield_force, eps_p, other, inv_L0, slot_element, slot_EA, slot_bar, slot_yield,
-               slot_eps_p, filled):
-    """Put every element into a slot of each of its ends that this rank steps, in ascending order. filled : (n,), scratch."""
     for s in range(other.shape[0]):
         for p in range(n_local):
-            other[s, p] = p
-            inv_L0[s, p] = 0.0
+            other[s, p], slot_element[s, p] = p, EMPTY
     filled[:n_local] = 0
     for e in range(ends.shape[0]):
         if EA[e] == 0.0:
@@ -162,11 +183,49 @@ def fill_slots(n_owned, first_split, n_local, ends, L0, EA, bar, yield_force, ep
             p = ends[e, end]
             if n_owned <= p and p < first_split:
                 continue
-            s = filled[p]
+            other[filled[p], p], slot_element[filled[p], p] = ends[e, 1 - end], e
             filled[p] += 1
-            other[s, p], inv_L0[s, p] = ends[e, 1 - end], 1.0 / L0[e]
-            if slot_element is not None:
-                slot_element[s, p] = e
+
+
+@allocating_kernel
+def align_slots(first, last, direction, n_local, other, slot_element, filled):
+    """Move the empty slots of particles first to last (counted in `direction`, 1 or -1) so that far ends are as far away in number as their predecessor's.
+
+    So a run goes on where a particle lacks an element that its neighbour has: an empty slot may name any particle, and adds zero.
+    The elements keep their order. slot_element : (slots, n), EMPTY in empty slots
+    """
+    far, mine = np.empty(SLOTS, np.int64), np.empty(SLOTS, np.uint32)
+    for p in range(first, last, direction):
+        if filled[p] > SLOTS or filled[p - direction] > SLOTS:
+            continue
+        k, placed, fits = 0, 0, True
+        for s in range(SLOTS):
+            far[s] = np.int64(other[s, p - direction]) + direction
+            fits &= 0 <= far[s] and far[s] < n_local
+            while k < SLOTS and slot_element[k, p] == EMPTY:
+                k += 1
+            mine[s] = EMPTY
+            if k < SLOTS and np.int64(other[k, p]) == far[s]:
+                mine[s] = slot_element[k, p]
+                placed += 1
+                k += 1
+        if fits and placed == filled[p]:
+            for s in range(SLOTS):
+                other[s, p], slot_element[s, p] = far[s], mine[s]
+
+
+@kernel
+def fill_slots(n_local, slot_element, L0, EA, bar, yield_force, eps_p, inv_L0, slot_EA, slot_bar, slot_yield, slot_eps_p):
+    """What the vector loop reads of each element, at both of its ends; inv_L0 = 0 in an empty slot."""
+    for s in range(inv_L0.shape[0]):
+        for p in range(n_local):
+            e = slot_element[s, p]
+            if e == EMPTY:
+                inv_L0[s, p] = 0.0
+                if slot_bar is not None:
+                    slot_bar[s, p] = 0
+                continue
+            inv_L0[s, p] = 1.0 / L0[e]
             if slot_EA is not None:
                 slot_EA[s, p] = EA[e]
             if slot_bar is not None:
@@ -175,6 +234,37 @@ def fill_slots(n_owned, first_split, n_local, ends, L0, EA, bar, yield_force, ep
                 slot_yield[s, p] = yield_force[e]
             if slot_eps_p is not None:
                 slot_eps_p[s, p] = eps_p[e]
+
+
+@kernel
+def find_runs(chunk_low, chunk_high, chunk_width, other, first, last, step, chunk_run, rest, chunk_rest):
+    """Cut chunks of particles into runs, whose far ends are all as far away in number, and a rest; the number of runs.
+
+    first, last : (runs,), out, a multiple of LANES apart; step : (runs, SLOTS), out, distances; chunk_run : (chunks + 1,), out, first run of each chunk
+    rest : (n,), out, particles in no run; chunk_rest : (chunks + 1,), out, first place of each chunk in it
+    """
+    count = rests = 0
+    for c in range(chunk_width.shape[0]):
+        chunk_run[c], chunk_rest[c] = count, rests
+        p = chunk_low[c]
+        while p < chunk_high[c]:
+            end = p + 1
+            while end < chunk_high[c] and (other[0, end] - end == other[0, p] - p and other[1, end] - end == other[1, p] - p
+                                           and other[2, end] - end == other[2, p] - p and other[3, end] - end == other[3, p] - p):
+                end += 1
+            regular = p
+            if end - p >= SHORTEST_RUN and chunk_width[c] <= SLOTS:
+                regular = end - (end - p) % LANES
+                first[count], last[count] = p, regular
+                for s in range(SLOTS):
+                    step[count, s] = np.int64(other[s, p]) - p
+                count += 1
+            for p in range(regular, end):
+                rest[rests] = p
+                rests += 1
+            p = end
+    chunk_run[chunk_width.shape[0]], chunk_rest[chunk_width.shape[0]] = count, rests
+    return count
 
 
 @kernel
@@ -231,7 +321,7 @@ def external_force(p, k, load, wind, speed_before, speed_after, share):
     return load[p, k] + wind[p, k] * squared_speed(p, speed_before, speed_after, share)
 
 
-@kernel
+@part_of_kernel
 def squared_speed(p, speed_before, speed_after, share):
     """Square [m2/s2] of the wind speed at particle p, `share` of the way between two samples."""
     speed = speed_before[p] + share * (speed_after[p] - speed_before[p])
@@ -245,7 +335,7 @@ def kick_factors(zeta, dt):
     return (1.0 - h) / (1.0 + h), dt / (1.0 + h)
 
 
-@kernel
+@part_of_kernel
 def kick(v, a, c_v, c_a):
     """Velocity [m/s] v(n+1/2) of v(n-1/2) and acceleration a [m/s2], with the mean velocity in the damping.
 

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from netfall.mechanics.compile import kernel
+from netfall.mechanics.compile import kernel, part_of_kernel
 
 NEARLY = 1.0 - 1e-9  # a force or a strain this close to its limit is looked at again, exactly
 TINY = 1e-300  # keeps an element without length from dividing zero by zero
@@ -47,7 +47,7 @@ def plastic_force(eps, eps_p, EA, yield_force, bar):
     return N, eps_p
 
 
-@kernel
+@part_of_kernel
 def force_density(dx, dy, dz, s, p, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
     """N / L [N/m] of the element in slot s of particle p, and 1 if it is near flow or fracture, else 0.
 

@@ -14,7 +14,6 @@ Central difference is stable for dt < 2 / omega_max. Three figures, each with it
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 RESTARTS = 60  # of the Lanczos iteration; large uniform nets have eigenvalues too close to one another
 
@@ -50,6 +49,8 @@ def after_fracture_limit(E, rho, L0, eps_u) -> Limit:
 
 def assembled_limit(x, elements, EA, L0, N, mass, fixed) -> Limit | None:
     """2 / omega_max of the net in shape x (n, 3) [m] under tensions N (m,) [N], by Lanczos iteration; None if that fails."""
+    from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh  # here: few runs need it, and it takes 0.2 s to load
+
     d = x[elements[:, 1]] - x[elements[:, 0]]
     L = np.linalg.norm(d, axis=1)
     direction = d / L[:, None]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.mechanics.kernels import SLOTS, element_state, fill_slots
+from netfall.mechanics.kernels import SLOTS, align_slots, attach_slots, element_state, fill_slots
 from netfall.mechanics.material import NEARLY
 
 
@@ -107,11 +107,19 @@ class State:
             return np.zeros((self.width, rows), field.dtype)
         return np.zeros((rows, *field.tail), field.dtype, order="C" if field.entity == "element" else "F")
 
-    def fill_slots(self) -> None:
-        """Put the elements, as they are attached now, into the slots of the particles that this rank steps."""
+    def fill_slots(self, chunks) -> None:
+        """Put the elements, as they are attached now, into the slots of the particles that this rank steps.
+
+        chunks : first and last particle of each stretch that is stepped at once, in which runs are worth having
+        """
         s = self
-        fill_slots(s.n_owned, s.first_split, s.n_local, s.ends, s.L0, s.EA, s.bar, s.yield_force, s.eps_p, s.other, s.inv_L0, s.slot_element,
-                   s.slot_EA, s.slot_bar, s.slot_yield, s.slot_eps_p, np.zeros(s.n_local, np.int32))
+        filled = np.zeros(s.n_local, np.int32)
+        slot_element = np.empty_like(s.other) if s.slot_element is None else s.slot_element
+        attach_slots(s.n_owned, s.first_split, s.n_local, s.ends, s.EA, s.other, slot_element, filled)
+        for low, high in chunks:
+            align_slots(low + 1, high, 1, s.n_local, s.other, slot_element, filled)
+            align_slots(high - 2, low - 1, -1, s.n_local, s.other, slot_element, filled)
+        fill_slots(s.n_local, slot_element, s.L0, s.EA, s.bar, s.yield_force, s.eps_p, s.inv_L0, s.slot_EA, s.slot_bar, s.slot_yield, s.slot_eps_p)
 
     def invert_masses(self) -> None:
         """Bring per_mass up to date."""

@@ -48,7 +48,7 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
         if "history" in f:
             _dynamics(f, say)
         seconds = f["provenance/timings"].attrs
-        say("time: " + ", ".join(f"{name} {seconds[name]:.2f} s" for name in seconds))
+        say("time: " + ", ".join(f"{name} {np.max(seconds[name]):.2f} s" for name in seconds))
 
 
 def _dynamics(f, say):

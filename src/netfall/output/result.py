@@ -160,10 +160,10 @@ class Result:
 
     # --- the end
 
-    def close(self, sections: dict[str, dict], provenance: dict, phases: dict[str, float]) -> None:
+    def close(self, sections: dict[str, dict], provenance: dict, phases: dict[str, np.ndarray]) -> None:
         """Write what is small and give the file its name.
 
-        sections : on rank 0, datasets by group ("net", "form_finding", ...); provenance : attributes and texts
+        sections : on rank 0, datasets by group ("net", "form_finding", ...); provenance : attributes and texts; phases : of `Phases.over_ranks`
         """
 
         def finish(file: h5py.File):
@@ -256,7 +256,7 @@ def _write_provenance(group, values, phases):
             group.attrs[name] = value
     timings = group.create_group("timings")
     for name, seconds in phases.items():
-        timings.attrs[name] = seconds
+        timings.attrs[name] = seconds  # least, mean and largest of the ranks
 
 
 def net_section(net: Net, area: np.ndarray) -> dict[str, np.ndarray]:

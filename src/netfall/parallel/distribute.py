@@ -3,8 +3,8 @@
 A rank owns the particles of its part and steps them. It holds every element that meets one of them, and, as
 halo, the far ends of those that cross the cut. Rows: owned boundary particles (those that neighbours hold), so that
 their forces can be sent before the rest is moved; owned interior ones; then halo by owner and number, so that what a
-neighbour sends is received in place. Each of the three is in ascending global number. Positions never travel: owner and
-holders apply the same force to equal copies.
+neighbour sends is received in place. Each of the three is in ascending global number, but for nets numbered at random
+(`order_of_rows`). Positions never travel: owner and holders apply the same force to equal copies.
 """
 
 from dataclasses import dataclass
@@ -12,12 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
+from netfall.mechanics.compile import allocating_kernel
+
+FAR = 4.0  # times farther apart in number than they need to be: then the given order of the particles is given up
+
 
 @dataclass(frozen=True)
 class Piece:
     """What one rank holds of the net. Immutable.
 
-    particle_gid : (n_owned + n_halo,); element_gid : (m,) ascending; ends : (m, 2) uint32 local rows (unsigned: compiled code then needs no test for negative ones)
+    particle_gid : (n_owned + n_halo,) global numbers of the rows; element_gid : (m,) ascending; ends : (m, 2) uint32 local rows (unsigned: compiled code then needs no test for negative ones)
     element_owned : (m,) bool, each element on one rank: the owner of its start
     neighbours, send_counts, receive_counts : one entry for each neighbouring rank
     send_index : local rows of the boundary particles, neighbour by neighbour
@@ -59,7 +63,9 @@ def cut_net(n: int, elements: np.ndarray, part: np.ndarray, ranks: int) -> list[
     pieces = []
     for rank in range(ranks):
         boundary = np.isin(owned[rank], np.concatenate([rows for _, rows in wanted[rank]])) if wanted[rank] else np.zeros(len(owned[rank]), bool)
-        gid = np.concatenate([owned[rank][boundary], owned[rank][~boundary], halos[rank]])
+        local[owned[rank]] = np.arange(len(owned[rank]))
+        inner = held[rank][(owner[held[rank]] == rank).all(1)]
+        gid = np.concatenate([owned[rank][order_of_rows(boundary, local[elements[inner]])], halos[rank]])
         local[gid] = np.arange(len(gid))
         sends = [local[rows] for _, rows in wanted[rank]]
         counts = np.bincount(part[halos[rank]], minlength=ranks)
@@ -69,6 +75,65 @@ def cut_net(n: int, elements: np.ndarray, part: np.ndarray, ranks: int) -> list[
             neighbours, tuple(len(s) for s in sends), tuple(int(counts[other]) for other in neighbours),
             np.concatenate(sends + [np.zeros(0, np.int64)]).astype(np.uint32)))
     return pieces
+
+
+@allocating_kernel
+def order_by_layers(first, ends, start, at, order):
+    """Breadth-first order (Cuthill and McKee 1969, without sorting by valence): neighbours in the net stand near each other, and layers side by side.
+
+    first : (f,) particles to start from, in this order; ends : (m, 2); start : (n + 1,) and at : (2 m,), scratch; order : (n,), out
+    """
+    n = order.shape[0]
+    start[:] = 0
+    for e in range(ends.shape[0]):
+        start[ends[e, 0] + 1] += 1
+        start[ends[e, 1] + 1] += 1
+    for p in range(n):
+        start[p + 1] += start[p]
+    for e in range(ends.shape[0]):
+        for end in range(2):
+            p = ends[e, end]
+            at[start[p]] = ends[e, 1 - end]
+            start[p] += 1
+    seen = np.zeros(n, np.bool_)
+    count = 0
+    for p in first:
+        seen[p] = True
+        order[count] = p
+        count += 1
+    done, unseen = 0, 0
+    while count < n or done < count:
+        if done == count:  # another part of the net, tied to nothing before
+            while seen[unseen]:
+                unseen += 1
+            seen[unseen] = True
+            order[count] = unseen
+            count += 1
+        p = order[done]
+        done += 1
+        for k in range(start[p - 1] if p > 0 else 0, start[p]):
+            if not seen[at[k]]:
+                seen[at[k]] = True
+                order[count] = at[k]
+                count += 1
+
+
+def order_of_rows(boundary: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """The order (n,) in which a rank steps its own particles: boundary first, each part as given or, if neighbours then stand far apart, by layers.
+
+    boundary : (n,) bool; ends : (m, 2) of the elements between them
+    """
+    n = len(boundary)
+    given, layers = np.argsort(~boundary, kind="stable"), np.empty(n, np.int64)
+    order_by_layers(np.flatnonzero(boundary), ends, np.empty(n + 1, np.int64), np.empty(2 * len(ends), np.int64), layers)
+    return given if apart(given, ends) <= FAR * apart(layers, ends) else layers
+
+
+def apart(order: np.ndarray, ends: np.ndarray) -> int:
+    """Sum of the distances between the rows of two particles that an element (m, 2) ties together."""
+    row = np.empty(len(order), np.int64)
+    row[order] = np.arange(len(order))
+    return int(np.abs(row[ends[:, 0]] - row[ends[:, 1]]).sum())
 
 
 class Distribution:

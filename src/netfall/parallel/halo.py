@@ -7,11 +7,11 @@ library's own symbols, so that the time loop never returns to Python between ste
 import re
 
 import llvmlite.binding
-import numba
 import numpy as np
 from mpi4py import MPI
 from numba import types
 
+from netfall.mechanics.compile import kernel
 from netfall.parallel.distribute import Piece
 
 
@@ -31,10 +31,11 @@ _OPEN_MPI = MPI.get_vendor()[0] == "Open MPI"
 HANDLE = np.uint64 if _OPEN_MPI else np.int32  # a request is a pointer in Open MPI, an integer in MPICH
 IGNORE_STATUSES = 0 if _OPEN_MPI else 1  # MPI_STATUSES_IGNORE
 _startall = types.ExternalFunction("MPI_Startall", types.intc(types.intc, types.uintp))
+_wall_time = types.ExternalFunction("MPI_Wtime", types.float64())
 _waitall = types.ExternalFunction("MPI_Waitall", types.intc(types.intc, types.uintp, types.uintp))
 
 
-@numba.njit(cache=True)
+@kernel
 def start_all(requests):
     """Start the requests; MPI's error code, 0 for success."""
     if requests.shape[0] == 0:
@@ -42,7 +43,7 @@ def start_all(requests):
     return _startall(requests.shape[0], requests.ctypes.data)
 
 
-@numba.njit(cache=True)
+@kernel
 def wait_all(requests, ignore_statuses):
     """Wait for the requests; MPI's error code, 0 for success."""
     if requests.shape[0] == 0:
@@ -50,7 +51,18 @@ def wait_all(requests, ignore_statuses):
     return _waitall(requests.shape[0], requests.ctypes.data, ignore_statuses)
 
 
-@numba.njit(cache=True)
+@kernel
+def lap(seconds, k, since):
+    """Add the time since a lap began to seconds[k] [s]; when the next begins. None for seconds: nothing is timed."""
+    if seconds is None:
+        return 0.0
+    now = _wall_time()
+    if k >= 0:
+        seconds[k] += now - since
+    return now
+
+
+@kernel
 def exchange_rows(rows, n_owned, send_index, send, receive, requests, ignore_statuses):
     """Owners' rows (n, width) to the halo copies; MPI's error code, 0 for success."""
     for i in range(send_index.shape[0]):

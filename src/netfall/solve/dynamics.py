@@ -76,8 +76,8 @@ class Simulation:
     """
 
     def __init__(self, comm: MPI.Comm, state: State, result: Result, schedule: Schedule, job, wind: WindLoad | None,
-                 probes: Probes, start_strain: float, start_plastic: float, progress: Progress, stop: StopRequest, save: Callable):
-        """save(simulation) : writes a checkpoint and returns its path. Collective."""
+                 probes: Probes, start_strain: float, start_plastic: float, progress: Progress, stop: StopRequest, save: Callable, phases):
+        """save(simulation) : writes a checkpoint and returns its path. Collective. phases : `roof.Phases`"""
         self.comm, self.state, self.result, self.schedule = comm, state, result, schedule
         self.zeta = job.dynamics.damping
         self.self_weight = bool(job.load and job.load.self_weight)
@@ -92,7 +92,7 @@ class Simulation:
         self.start_strain, self.start_plastic = start_strain, start_plastic  # J; energies count from here
         self.largest_work = 0.0
         self.slack = 0
-        self.stop, self.save = stop, save
+        self.stop, self.save, self.phases = stop, save, phases
         self.stopping = False
         self._find_probes(probes)
 
@@ -107,19 +107,20 @@ class Simulation:
         self.progress.start(self.n / self.schedule.steps, self.n)
         for target in sorted(step for step in history | frames | saves if step > self.n or self.n == 0 and not self.result.history):
             self.advance_to(target)
-            snapshot = self.look()
-            self.share_events(self._slack_here(snapshot))
-            if target in history or target in saves:
-                energies = self.check_energies(snapshot)
-            if target in history:
-                self.write_history(snapshot, energies)
-            if target in frames:
-                self.result.write_frame(self.time, self.state, snapshot)
-            self.report()
-            if self.stopping and target < self.schedule.steps:
-                raise interrupted(f"at t = {self.time:.6g} s (step {self.n})", self.save(self))
-            if target in saves:
-                self.save(self)
+            with self.phases.phase("dynamics: output"):
+                snapshot = self.look()
+                self.share_events(self._slack_here(snapshot))
+                if target in history or target in saves:
+                    energies = self.check_energies(snapshot)
+                if target in history:
+                    self.write_history(snapshot, energies)
+                if target in frames:
+                    self.result.write_frame(self.time, self.state, snapshot)
+                self.report()
+                if self.stopping and target < self.schedule.steps:
+                    raise interrupted(f"at t = {self.time:.6g} s (step {self.n})", self.save(self))
+                if target in saves:
+                    self.save(self)
         self.result.write_final(self.state, self.look())
         self.halo.free()
 
@@ -161,7 +162,8 @@ class Simulation:
         wind_time, wind_dt = (self.wind.time, self.wind.dt) if self.wind else (0.0, 1.0)
         dt = self.schedule.dt
         while self.n < stop:
-            done, count, error = run_steps(self.state, self.halo, self.plan, self.n, stop - self.n, self.before_dt, dt, self.zeta, wind_time, wind_dt)
+            done, count, error = run_steps(self.state, self.halo, self.plan, self.n, stop - self.n, self.before_dt, dt, self.zeta, wind_time, wind_dt,
+                                           self.phases.of_steps)
             if error:
                 raise MPI.Exception(error)
             self.n += done

@@ -33,12 +33,16 @@ from netfall.solve.restart import interrupted, pause_form_finding, restore_relax
 from netfall.solve.stop import NEVER, StopRequest
 from netfall.wind.field import GeneratedHistory, make_wind_field, read_measured
 
+STEP_PHASES = ("dynamics: forces and kick", "dynamics: exchange", "dynamics: drift")
+
 
 class Phases:
     """Wall time [s] of each phase of a run on this rank."""
 
-    def __init__(self):
+    def __init__(self, steps: bool = False):
+        """steps : whether the parts of a step are timed too, which takes some 0.2 microseconds a step"""
         self.seconds: dict[str, float] = {}
+        self.of_steps = np.zeros(3) if steps else None  # of `stepping.time_loop`
 
     @contextmanager
     def phase(self, name: str):
@@ -46,6 +50,14 @@ class Phases:
         begin = time.perf_counter()
         yield
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
+
+    def over_ranks(self, comm: MPI.Comm) -> dict[str, np.ndarray]:
+        """Least, mean and largest time [s] over the ranks of each phase. Collective."""
+        mine = dict(self.seconds)
+        if self.of_steps is not None:
+            mine |= dict(zip(STEP_PHASES, self.of_steps.tolist()))
+        every = comm.allgather(mine)
+        return {name: np.array([f([other.get(name, 0.0) for other in every]) for f in (min, np.mean, max)]) for name in mine}
 
 
 @dataclass

@@ -37,15 +37,16 @@ def how_it_writes() -> str:
     return f"{library}, " + ("parallel HDF5 (MPI-IO)" if PARALLEL else "serial HDF5 (rank 0 gathers and writes)")
 
 
-def run_job(comm: MPI.Comm, job: Job, path: Path, progress: Progress, restart: Path | None = None, stop: StopRequest = NEVER) -> None:
+def run_job(comm: MPI.Comm, job: Job, path: Path, progress: Progress, restart: Path | None = None, stop: StopRequest = NEVER,
+            profile: bool = False) -> None:
     """Run the stages that the job has and write the result file. Collective.
 
-    restart : a checkpoint to go on from; stop : a wish to stop early
+    restart : a checkpoint to go on from; stop : a wish to stop early; profile : time the parts of a step too
 
     Raises InputError before anything is computed or written, DivergedError where a stage has no solution,
     Interrupted after a checkpoint if `stop` asks for it.
     """
-    phases = Phases()
+    phases = Phases(profile)
     claimed = on_root(comm, lambda: (check_place(path), claim(path))[1])
     try:
         _run_job(comm, job, path, progress, phases, restart, stop)
@@ -70,7 +71,7 @@ def _run_job(comm, job, path, progress, phases, restart, stop):
             saver.statics = run_statics(comm, job, roof, result, progress, phases, saver, stop)
         probes = run_dynamics(comm, job, roof, result, schedule, progress, phases, stop, saver, record)
         sections = sections_of(job, roof, saver.statics, result, probes)
-        result.close(sections, provenance_of(comm, job, roof, schedule), phases.seconds)
+        result.close(sections, provenance_of(comm, job, roof, schedule), phases.over_ranks(comm))
     except (InputError, DivergedError, Interrupted) as error:  # raised on every rank alike
         result.file.discard_all()
         raise saver.naming_the_last(error) if isinstance(error, DivergedError) else error
@@ -190,7 +191,7 @@ def run_dynamics(comm, job: Job, roof: Roof, result: Result, schedule: Schedule 
         begun = start.strain, start.plastic
     probes = comm.bcast(find_probes(roof.whole.net, job.output.probes) if roof.whole else None)
     progress.say(f"dynamics: {job.dynamics.duration:g} s in {schedule.steps} steps of {schedule.dt:.4g} s")
-    simulation = Simulation(comm, state, result, schedule, job, wind, probes, *begun, progress, stop, saver)
+    simulation = Simulation(comm, state, result, schedule, job, wind, probes, *begun, progress, stop, saver, phases)
     if record:
         simulation.restore(record["simulation"])
     with phases.phase("dynamics"):

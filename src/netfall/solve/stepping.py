@@ -12,52 +12,22 @@ A step n takes x(n) and v(n-1/2). Particles go through it in chunks that stay in
 import numpy as np
 
 from netfall.mechanics.compile import kernel, vector_kernel
-from netfall.mechanics.kernels import SHORTEST_RUN, SLOTS, find_runs, flow, inverse_mass, kick, kick_factors, run_forces, slot_forces, squared_speed
+from netfall.mechanics.kernels import SHORTEST_RUN, SLOTS, find_runs, flow, inverse_mass, kick, kick_factors, kick_rows
 from netfall.mechanics.state import State
-from netfall.parallel.halo import IGNORE_STATUSES, Halo, start_all, wait_all
+from netfall.parallel.halo import IGNORE_STATUSES, Halo, lap, start_all, wait_all
 
-CHUNK = 256  # particles; some 30 KB
-
-
-@vector_kernel
-def kick_rows(first, last, to, kick_dt, zeta, share, v, f, f_int, square, per_mass, free, mass, load, work_ext, work_int, work_damp, wind, speed_before, speed_after):
-    """Kick and work of particles first to last under f_int (last - first, 3) and external force; total force to rows from `to` on of f.
-
-    square : (last - first,), scratch; free : (n, 3), None where every particle is free or held on all axes (per_mass = 0)
-    An axis at a time: within one the compiler sees that nothing written is read again.
-    """
-    first, last, to = np.uint64(first), np.uint64(last), np.uint64(to)  # unsigned: no index then counts from the end
-    c_v, c_a = kick_factors(zeta, kick_dt)
-    if wind is not None:
-        for p in range(first, last):
-            square[p - first] = squared_speed(p, speed_before, speed_after, share)
-    for k in range(3):
-        for p in range(first, last):
-            ext = load[p, k]
-            if wind is not None:
-                ext += wind[p, k] * square[p - first]
-            internal = f_int[p - first, k]
-            total = internal + ext
-            f[to + p - first, k] = total
-            old = v[p, k]
-            new = kick(old, total * per_mass[p], c_v, c_a)  # v to n + 1/2
-            if free is not None:
-                new = new if free[p, k] else old
-            v[p, k] = new
-            if work_ext is not None:
-                way = kick_dt * (0.5 * (old + new))  # zero where held
-                work_ext[p] += way * ext
-                work_int[p] += way * internal
-                work_damp[p] += way * (zeta * mass[p] * (0.5 * (old + new)))
+FORCES, EXCHANGE, INTEGRATION = 0, 1, 2  # what the time of a step goes into; the kick counts with the forces, whose loop it shares
+CHUNK = 2048  # particles, 300 KB; fewer end the runs too often, more leave the second cache
 
 
 @vector_kernel
 def drift_rows(first, last, dt, x, v):
-    """x to n + 1 of particles first to last; where held, v = 0."""
-    first, last = np.uint64(first), np.uint64(last)
-    for k in range(3):
-        for p in range(first, last):
-            x[p, k] += dt * v[p, k]
+    """x to n + 1 of particles first to last; where held, v = 0. x, v : three of (n,)"""
+    first, last = np.uint64(first), np.uint64(last)  # unsigned: no index then counts from the end
+    for p in range(first, last):
+        x[0][p] += dt * v[0][p]
+        x[1][p] += dt * v[1][p]
+        x[2][p] += dt * v[2][p]
 
 
 @vector_kernel
@@ -75,51 +45,47 @@ def move_halo(first, last, kick_dt, dt, zeta, x, v, f, per_mass, free):
 
 
 @kernel
-def time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, n_owned, n_halo, n_local, chunk_width, last_use, boundary, run_first, run_last, run_step, chunk_run,
-              x, v, f, f_int, square, near_of, per_mass, free, mass, load, work_ext, work_int, work_damp, wind, speed_before, speed_after, valence,
-              ends, L0, EA, logarithmic, bar, yield_force, eps_p, dissipated, eps_u, pending,
+def time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, n_owned, n_halo, chunk_low, chunk_high, chunk_width, chunk_run, chunk_rest, last_use, splits, boundary, has_flowed,
+              run_first, run_last, run_step, rest, f_rest, near_rest, x, v, f, xs, vs, f_chunk, near_of, per_mass, free, frees, mass, loads, work_ext, work_int, work_damp, winds, speed_before,
+              speed_after, valence, ends, L0, EA, logarithmic, bar, yield_force, eps_p, dissipated, eps_u, pending,
               other, inv_L0, slot_element, the_EA, slot_EA, measure, slot_bar, the_yield, slot_yield, slot_eps_p, reach,
-              send_index, send, receive, requests, ignore_statuses):
+              send_index, send, receive, requests, ignore_statuses, seconds):
     """Up to `steps` steps of length dt [s]; steps done, elements that reached their fracture strain, MPI error.
 
     first : number of the first step, at time first * dt; before_dt : length of the step before it, 0 at the start
     wind_time, wind_dt : [s] time of the wind's sample before, and from it to the one after
-    chunk_width to chunk_run : of `Plan`; the other arrays are the fields of `State`, f_int (CHUNK, 3), square and near_of (CHUNK,) scratch.
+    chunk_low to near_rest, f_chunk, near_of : of `Plan`; xs, vs, frees, loads, winds : axes of x, v, free, load, wind; the others are the fields of `State`
+    seconds : (3,) [s], added to, time of FORCES, EXCHANGE, INTEGRATION; None: not measured
     """
-    chunks = chunk_width.shape[0]
     first_split = n_owned + n_halo
     for s in range(steps):
         kick_dt = 0.5 * (before_dt + dt)
         before_dt = dt
         share = ((first + s) * dt - wind_time) / wind_dt  # of the step's number alone, wherever the loop was entered
-        count, error, drifted = 0, 0, 0
-        splits = (n_local - first_split + CHUNK - 1) // CHUNK
-        for c in range(-splits, chunks):  # those that split off first: no chunk then waits for them
-            if c < 0:
-                low, width = first_split + (c + splits) * CHUNK, SLOTS
-                high = min(low + CHUNK, n_local)
-                near = slot_forces(low, high, low, width, x, other, inv_L0, the_EA, slot_EA, measure, slot_bar, the_yield, slot_yield, slot_eps_p, reach,
-                                   f_int, near_of)
-            else:
-                low, width, near = c * CHUNK, chunk_width[c], 0
-                high = min(low + CHUNK, n_owned)
-                for r in range(chunk_run[c], chunk_run[c + 1]):
-                    if run_step[r, 0] != 0:
-                        near += run_forces(run_first[r], run_last[r], low, run_step[r], x, inv_L0, the_EA, slot_EA, measure, slot_bar, the_yield, slot_yield,
-                                           slot_eps_p, reach, f_int, near_of)
-                    else:
-                        near += slot_forces(run_first[r], run_last[r], low, width, x, other, inv_L0, the_EA, slot_EA, measure, slot_bar, the_yield,
-                                            slot_yield, slot_eps_p, reach, f_int, near_of)
+        count, error, drifted = 0, 0, splits
+        mark = lap(seconds, -1, 0.0)
+        for c in range(chunk_low.shape[0]):
+            low, high, width = chunk_low[c], chunk_high[c], chunk_width[c]
+            runs, rests = (chunk_run[c], chunk_run[c + 1]), (chunk_rest[c], chunk_rest[c + 1])
+            if has_flowed[c]:
+                near = kick_rows(runs, rests, low, width, run_first, run_last, run_step, rest, f_rest, near_rest, kick_dt, zeta, share, xs, vs, f_chunk,
+                                 near_of, per_mass, frees, mass, loads, work_ext, work_int, work_damp, winds, speed_before, speed_after,
+                                 other, inv_L0, the_EA, slot_EA, measure, slot_bar, the_yield, slot_yield, slot_eps_p, reach)
+            else:  # the same without plastic strains, which would be zero
+                near = kick_rows(runs, rests, low, width, run_first, run_last, run_step, rest, f_rest, near_rest, kick_dt, zeta, share, xs, vs, f_chunk,
+                                 near_of, per_mass, frees, mass, loads, work_ext, work_int, work_damp, winds, speed_before, speed_after,
+                                 other, inv_L0, the_EA, slot_EA, measure, slot_bar, the_yield, slot_yield, None, reach)
             if slot_element is not None:
                 if near > 0:
-                    count = flow(low, high, width, n_owned, first_split, x, other, inv_L0, slot_element, slot_eps_p, ends, L0, EA, logarithmic, bar,
-                                 yield_force, eps_p, dissipated, eps_u, pending, count, near_of)
-            to = low
-            if eps_u is None:
-                to = min(low, boundary * CHUNK)  # the forces of the interior are not kept
-            kick_rows(low, high, to, kick_dt, zeta, share, v, f, f_int, square, per_mass, free, mass, load, work_ext, work_int, work_damp, wind,
-                      speed_before, speed_after)
-            if c == boundary - 1:
+                    count, flowed = flow(low, high, width, n_owned, first_split, x, other, inv_L0, slot_element, slot_eps_p, ends, L0, EA, logarithmic, bar,
+                                         yield_force, eps_p, dissipated, eps_u, pending, count, near_of)
+                    has_flowed[c] |= flowed
+            if c < splits + boundary or near > 0:  # forces are kept where they are sent, or where something may break
+                for k in range(3):
+                    for p in range(low, high):
+                        f[p, k] = f_chunk[k][p - low]
+            mark = lap(seconds, FORCES, mark)
+            if c == splits + boundary - 1:
                 for i in range(send_index.shape[0]):
                     p = send_index[i]
                     for k in range(3):
@@ -130,12 +96,16 @@ def time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, n_owned, n_
                 error = start_all(requests)
                 if error != 0:
                     return s, 0, error
+                mark = lap(seconds, EXCHANGE, mark)
             while drifted <= c and last_use[drifted] <= c:
-                drift_rows(drifted * CHUNK, min((drifted + 1) * CHUNK, n_owned), dt, x, v)
+                drift_rows(chunk_low[drifted], chunk_high[drifted], dt, xs, vs)
                 drifted += 1
-        if eps_u is not None:
-            drift_rows(first_split, n_local, dt, x, v)
+            mark = lap(seconds, INTEGRATION, mark)
+        for c in range(splits):  # any chunk may need them
+            drift_rows(chunk_low[c], chunk_high[c], dt, xs, vs)
+        mark = lap(seconds, INTEGRATION, mark)
         error = wait_all(requests, ignore_statuses)
+        mark = lap(seconds, EXCHANGE, mark)
         if error != 0:
             return s, 0, error
         for i in range(n_halo):
@@ -147,6 +117,7 @@ def time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, n_owned, n_
                     per_mass[n_owned + i] = inverse_mass(mass[n_owned + i])
                 valence[n_owned + i] = int(receive[i, 4])
         move_halo(n_owned, n_owned + n_halo, kick_dt, dt, zeta, x, v, f, per_mass, free)
+        mark = lap(seconds, INTEGRATION, mark)
         if count > 0:
             return s + 1, count, 0
     return steps, 0, 0
@@ -158,44 +129,66 @@ def halo_width(state: State) -> int:
 
 
 class Plan:
-    """How the time loop goes through the owned particles; made when the slots are filled, and holding through fractures, but for the runs.
+    """How the time loop goes through the particles that a rank steps: chunk by chunk, each small enough for the cache.
 
-    chunk_width : (chunks,) most elements at a particle of the chunk
+    First come the chunks of the particles that split off, `splits` of them, then those of the owned ones, of which the first `boundary`
+    hold the boundary particles.
+    low, high : (chunks,) particles of each chunk; width : (chunks,) most elements at one of them
     last_use : (chunks,) the last chunk that reads positions of the chunk, itself if none comes after it
-    boundary : chunks that hold the boundary particles, which stand first
-    runs : of `kernels.find_runs`, for the slots as they are
+    has_flowed : (chunks,) whether any of its elements has plastic strain
+    run, rest : (chunks + 1,) and runs : of `kernels.find_runs`, for the slots as they are
     """
 
     def __init__(self, state: State, halo: Halo):
-        chunks = (state.n_owned + CHUNK - 1) // CHUNK
-        self.chunk_width, self.last_use = np.full(chunks, SLOTS, np.int64), np.arange(chunks)
+        boundary = int(halo.send_index.max()) + 1 if len(halo.send_index) else 0
+        before, after = np.arange(0, boundary, CHUNK), np.arange(boundary, state.n_owned, CHUNK)
+        self.owned_low, self.boundary = np.concatenate([before, after]), len(before)
+        self.owned_high = np.append(self.owned_low[1:], state.n_owned)[: len(self.owned_low)]
+        self.f_chunk, self.near_of = tuple(np.zeros((3, CHUNK))), np.zeros(CHUNK, np.int64)
+        self.f_rest, self.near_rest = tuple(np.zeros((3, CHUNK))), np.zeros(CHUNK, np.int64)
         valence = np.bincount(state.ends.ravel(), minlength=state.n_local)[: state.n_owned]
-        np.maximum.at(self.chunk_width, np.arange(state.n_owned) // CHUNK, valence)
-        chunk = state.ends[(state.ends < state.n_owned).all(1)].astype(np.int64) // CHUNK
-        np.maximum.at(self.last_use, chunk[:, 0], chunk[:, 1])
-        np.maximum.at(self.last_use, chunk[:, 1], chunk[:, 0])
-        self.boundary = int(halo.send_index.max()) // CHUNK + 1 if len(halo.send_index) else 0
-        self.f_int, self.square, self.near_of = np.zeros((CHUNK, 3), order="F"), np.zeros(CHUNK), np.zeros(CHUNK, np.int64)
+        self.owned_width, self.owned_use = np.full(len(self.owned_low), SLOTS, np.int64), np.arange(len(self.owned_low))
+        chunk_of = lambda particles: np.searchsorted(self.owned_low, particles, side="right") - 1
+        np.maximum.at(self.owned_width, chunk_of(np.arange(state.n_owned)), valence)
+        chunk = chunk_of(state.ends[(state.ends < state.n_owned).all(1)])
+        np.maximum.at(self.owned_use, chunk[:, 0], chunk[:, 1])
+        np.maximum.at(self.owned_use, chunk[:, 1], chunk[:, 0])
         self.attach(state)
 
     def attach(self, state: State) -> None:
-        """Bring slots, masses and runs up to date with what is attached to what."""
-        state.fill_slots()
+        """Bring chunks, slots, masses and runs up to date with what is attached to what."""
+        new = np.arange(state.first_split, state.n_local, CHUNK)
+        self.splits = len(new)
+        self.low = np.concatenate([new, self.owned_low])
+        self.high = np.concatenate([np.minimum(new + CHUNK, state.n_local), self.owned_high])
+        self.width = np.concatenate([np.full(len(new), SLOTS), self.owned_width])
+        self.last_use = np.concatenate([np.zeros(len(new), np.int64), self.owned_use + len(new)])
+        state.fill_slots(zip(self.low.tolist(), self.high.tolist()))
         state.invert_masses()
-        most = 2 * (state.n_owned // SHORTEST_RUN + len(self.chunk_width)) + 1
-        first, last, step, chunk_run = np.zeros(most, np.int64), np.zeros(most, np.int64), np.zeros((most, SLOTS), np.int64), np.zeros(len(self.chunk_width) + 1, np.int64)
-        count = find_runs(state.n_owned, CHUNK, self.chunk_width, state.other, first, last, step, chunk_run)
-        self.runs = first[:count], last[:count], step[:count], chunk_run
+        self.has_flowed = np.zeros(len(self.low), np.uint8)
+        if state.slot_eps_p is not None:
+            self.has_flowed[:] = [state.slot_eps_p[:, low:high].any() for low, high in zip(self.low, self.high)]
+        most = (state.n_owned + state.n_local) // SHORTEST_RUN + len(self.low)
+        first, last, step = np.zeros(most, np.int64), np.zeros(most, np.int64), np.zeros((most, SLOTS), np.int64)
+        rest = np.zeros(state.n_local, np.uint32)
+        self.run, self.rest = np.zeros((2, len(self.low) + 1), np.int64)
+        count = find_runs(self.low, self.high, self.width, state.other, first, last, step, self.run, rest, self.rest)
+        self.runs = first[:count].copy(), last[:count].copy(), step[:count].copy(), rest[: self.rest[-1]].copy()
+        self.loads = tuple(state.load.T) if state.load[:, :2].any() else (None, None, state.load[:, 2])
 
 
-def run_steps(state: State, halo: Halo, plan: Plan, first: int, steps: int, before_dt: float, dt: float, zeta: float, wind_time: float, wind_dt: float):
+def run_steps(state: State, halo: Halo, plan: Plan, first: int, steps: int, before_dt: float, dt: float, zeta: float, wind_time: float, wind_dt: float,
+              seconds: np.ndarray | None = None):
     """Advance the state by up to `steps` steps; as `time_loop`. Collective among neighbours."""
     s = state
     the_EA = s.EA.max(initial=0.0) if s.slot_EA is None else 0.0
     the_yield = None if s.yield_force is None else float(s.yield_force.max(initial=0.0)) if s.slot_yield is None else 0.0
     work = (None, None, None) if s.work is None else s.work.T
-    return time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, s.n_owned, s.n_halo, s.n_local, plan.chunk_width, plan.last_use, plan.boundary, *plan.runs,
-                     s.x, s.v, s.f, plan.f_int, plan.square, plan.near_of if s.scene.inelastic else None, s.per_mass, s.free if s.scene.part_held else None, s.mass, s.load, *work, s.wind, s.speed_before, s.speed_after, s.valence,
+    free = s.free if s.scene.part_held else None
+    axes = lambda array: (None, None, None) if array is None else tuple(array.T)
+    return time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, s.n_owned, s.n_halo, plan.low, plan.high, plan.width, plan.run, plan.rest, plan.last_use, plan.splits, plan.boundary,
+                     plan.has_flowed, *plan.runs, plan.f_rest, plan.near_rest, s.x, s.v, s.f, axes(s.x), axes(s.v), plan.f_chunk, plan.near_of if s.scene.inelastic else None, s.per_mass, free, axes(free),
+                     s.mass, plan.loads, *work, axes(s.wind), s.speed_before, s.speed_after, s.valence,
                      s.ends, s.L0, s.EA, s.scene.logarithmic, s.bar, s.yield_force, s.eps_p, s.dissipated, s.eps_u, s.pending,
                      s.other, s.inv_L0, s.slot_element, the_EA, s.slot_EA, s.scene.logarithmic or None, s.slot_bar, the_yield, s.slot_yield, s.slot_eps_p, s.reach,
-                     halo.send_index, halo.send, halo.receive, halo.requests, IGNORE_STATUSES)
+                     halo.send_index, halo.send, halo.receive, halo.requests, IGNORE_STATUSES, seconds)

@@ -1,0 +1,47 @@
+"""Runs of a job as commands of their own, for studies that vary what stands in it."""
+
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from netfall.errors import InputError
+
+LAUNCHER = "mpirun -n {ranks}"
+
+
+def default_launcher() -> str:
+    """mpirun of the environment that netfall is installed in, else of the path."""
+    beside = Path(sys.executable).with_name("mpirun")
+    found = str(beside) if beside.exists() else shutil.which("mpirun")
+    return LAUNCHER.replace("mpirun", shlex.quote(found or "mpirun"), 1)
+
+
+def run_job_command(launcher: str, ranks: int, job: Path, output: Path, overrides: list[str], *options: str) -> None:
+    """`netfall run` on so many ranks; returns when the result is written.
+
+    launcher : command with {ranks} in it
+
+    Raises InputError if the run does not end with exit code 0, with what it printed last.
+    """
+    command = [*shlex.split(launcher.format(ranks=ranks)), sys.executable, "-m", "netfall", "run", str(job), "-o", str(output), "--quiet", *options]
+    for override in overrides:
+        command += ["--set", override]
+    try:
+        ended = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    except OSError as error:
+        raise InputError(f'--launcher "{launcher}": {error.strerror}: {error.filename}; give the command that starts MPI ranks here') from None
+    if ended.returncode:
+        lines = (ended.stderr.strip() or ended.stdout.strip() or "no message").splitlines()
+        raise InputError([f"a run on {ranks} ranks ended with exit code {ended.returncode}: {shlex.join(command)}", *lines[:5]])
+
+
+def check_launcher(launcher: str) -> None:
+    """Raises InputError for a launcher without its {ranks}."""
+    try:
+        good = "{ranks}" in launcher and bool(shlex.split(launcher.format(ranks=1)))
+    except (ValueError, KeyError, IndexError):
+        good = False
+    if not good:
+        raise InputError(f'--launcher "{launcher}": expected a command with {{ranks}} in it, for example "srun -n {{ranks}}"')
