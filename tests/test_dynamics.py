@@ -126,8 +126,42 @@ def test_elements_of_different_speed_are_in_the_limits(workshop):
     assert np.isclose(sharp.dt, 2 / omega, rtol=1e-6)
     safe = any_shape_limit(elements, k * ones, ones, m * np.ones(n + 1), ~fixed.all(1))
     assert 0.7 * sharp.dt < safe.dt <= sharp.dt
-    after = after_fracture_limit(2e11 * ones, 8000.0 * ones, np.r_[0.5, ones[1:]], 0.04 * ones)
-    assert np.isclose(after.dt, 0.5 / 5000.0) and after.element == 0
+    L0 = np.r_[0.5, ones[1:]]
+    own = np.bincount(elements.ravel(), np.repeat(4.0 * L0, 2))
+    for share in (0.0, 0.5):  # nothing is carried that a fragment could take
+        after = after_fracture_limit(elements, 2e8 * ones, L0, 4.0 * L0, own, fixed.all(1), 0.04 * ones, share)
+        assert np.isclose(after.dt, 0.5 / 5000.0) and after.element == 0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_any_fragments_are_stable_within_the_limit_after_fracture(seed):
+    """Random nets torn apart at random, fragment by fragment: the bound of what is left never falls below the limit, no mass is lost, none is negative."""
+    from netfall.mechanics.stability import after_fracture_limit, any_shape_limit, fragment_mass
+
+    rng = np.random.default_rng(seed)
+    n, m = 40, 90
+    elements = np.array([rng.choice(n, 2, replace=False) for _ in range(m)])
+    EA, L0 = 10.0 ** rng.uniform(6, 9, m), 10.0 ** rng.uniform(-1, 1, m)
+    half = 10.0 ** rng.uniform(-1, 1, m) * L0
+    held = rng.random(n) < 0.2
+    mass = np.bincount(elements.ravel(), np.repeat(half, 2), n) + rng.choice([0.0, 1.0, 1000.0], n, p=[0.1, 0.3, 0.6])
+    share = rng.choice([0.02, 0.05, 0.5])
+    limit = after_fracture_limit(elements, EA, L0, half, mass, held, np.full(m, 0.04), share)
+    strict = after_fracture_limit(elements, EA, L0, half, mass, held, np.full(m, 0.04), 0.0)
+    assert limit.dt >= strict.dt * (1 - 1e-12)
+    ends, masses, free, total = elements.copy(), mass.tolist(), (~held).tolist(), mass.sum()
+    for e in rng.permutation(m):
+        for end in rng.permutation(2)[: rng.integers(1, 3)]:
+            if (ends == ends[e, end]).sum() == 1 and free[ends[e, end]]:
+                continue  # a loose end
+            part = fragment_mass(EA[e], L0[e], half[e], limit.dt)
+            masses[ends[e, end]] -= part
+            masses.append(part)
+            free.append(True)
+            ends[e, end] = len(masses) - 1
+        assert min(masses) > -1e-9 and np.isclose(sum(masses), total)
+        alive = np.array(free) & (np.array(masses) > 1e-9)
+        assert any_shape_limit(ends, EA, L0, np.array(masses), alive).dt >= limit.dt * (1 - 1e-6)
 
 
 @pytest.mark.parametrize("ranks", [1, 2])

@@ -52,7 +52,7 @@ def test_signal_ends_the_run_with_a_checkpoint(workshop, calm, ranks, number):
     process = subprocess.Popen(line, env=ENVIRONMENT, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     while "dynamics:" not in process.stdout.readline():
         assert process.poll() is None
-    time.sleep(0.3)
+    time.sleep(0.02)
     if ranks == 1 or number == signal.SIGUSR1:
         process.send_signal(number)  # mpirun hands SIGUSR1 on to the ranks
     else:

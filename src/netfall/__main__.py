@@ -1,4 +1,4 @@
-"""The command line: netfall check | partition | run | info | plot | scale."""
+"""The command line: netfall check | partition | run | info | plot | scale | trade."""
 
 import argparse
 import os
@@ -16,7 +16,7 @@ def parser() -> argparse.ArgumentParser:
     """The commands and their options."""
     top = argparse.ArgumentParser(prog="netfall", description="Form finding, load and collapse analysis of cable roofs on MPI ranks.")
     top.add_argument("--version", action="store_true", help="print the version and the MPI and HDF5 in use")
-    verbs = top.add_subparsers(dest="verb", metavar="check | partition | run | info | plot | scale")
+    verbs = top.add_subparsers(dest="verb", metavar="check | partition | run | info | plot | scale | trade")
 
     def verb(name, text, about):
         sub = verbs.add_parser(name, help=text, description=text)
@@ -45,6 +45,13 @@ def parser() -> argparse.ArgumentParser:
     scale.add_argument("--launcher", metavar="COMMAND", help='what starts the ranks (default: "mpirun -n {ranks}")')
     scale.add_argument("--repeats", type=_count, default=3, metavar="N", help="runs of each case, of which the best counts (default: 3)")
     scale.add_argument("-o", type=Path, default=Path("."), metavar="DIR", dest="folder", help="folder of the table and the picture (default: here)")
+    trade = verb("trade", "what each saving costs: run time against error over a grid of settings", "job")
+    trade.add_argument("--vary", action="append", default=[], metavar="SECTION.KEY=V1,V2,...", help="key and values; several: every combination (default: one key at a time)")
+    trade.add_argument("--reference", action="append", default=[], metavar="SECTION.KEY=VALUE", help="setting of the reference (default: a tenth of the automatic step)")
+    trade.add_argument("--tolerance", type=float, default=0.05, metavar="E", help="largest relative error of the setting that is recommended (default: 0.05)")
+    trade.add_argument("--ranks", type=_count, default=1, metavar="P", help="ranks of each run (default: 1)")
+    trade.add_argument("--launcher", metavar="COMMAND", help='what starts the ranks (default: "mpirun -n {ranks}")')
+    trade.add_argument("-o", type=Path, default=Path("."), metavar="DIR", dest="folder", help="folder of the table (HDF5) and the picture (default: here)")
     return top
 
 
@@ -132,6 +139,16 @@ def scale(arguments) -> None:
 
     for path in run_scale(arguments.job, arguments.overrides, arguments.ranks, arguments.launcher or default_launcher(), arguments.repeats,
                           arguments.folder, lambda line: print(line, flush=True)):
+        print(path)
+
+
+def trade(arguments) -> None:
+    """netfall trade JOB"""
+    from netfall.study.launch import default_launcher
+    from netfall.study.trade import trade as run_trade
+
+    for path in run_trade(arguments.job, arguments.overrides, arguments.vary, arguments.reference, arguments.ranks, arguments.launcher or default_launcher(),
+                          arguments.tolerance, arguments.folder, lambda line: print(line, flush=True)):
         print(path)
 
 

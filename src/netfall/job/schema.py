@@ -138,6 +138,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         positive("time_step", "s", "auto", "step of the particles", also=("auto",)),
         positive("safety", "", 0.8, "of the stable step, for \"auto\"", high=1.0),
         not_negative("damping", "1/s", 0.0, "mass-proportional damping zeta"),
+        not_negative("fragment_mass", "", 0.05, "largest share of what a particle carries (dead load, `mass`) that one fragment takes along if the step needs it; 0: its half element alone, as in the paper", high=0.5),
         Key("precision", "choice", "double", "", "of the arithmetic", choices=("double",)),
     ),
     "output": (

@@ -5,9 +5,11 @@ Central difference is stable for dt < 2 / omega_max. Three figures, each with it
   elements in proportion to their stiffness k = EA / L0; an element alone then has
   omega^2 = Omega_a^2 + Omega_b^2, Omega_p^2 = sum(k) / M, and omega_max of the assembly is at most the largest
   of these (Rayleigh quotient). The transverse stiffness N / L is below k and needs no extra.
-- `after_fracture`: a particle that splits off has half of its element's own mass; with such a particle at both
-  ends omega^2 = 4 E / (rho L0^2), that is dt < L0 / c. No particle ever carries less than the halves of its
-  own elements, so this holds in any shape after any fractures.
+- `after_fracture`: holds after any fractures in any shape. A fragment, that is a particle that splits off, takes half of
+  its element's own mass and, if the step needs it, some of what its end carried besides (cladding): its mass is at least
+  k dt^2 / 2. Then omega_p^2 = sum(k) / M <= 2 / dt^2 at every particle, fragments and what they leave alike, and as above
+  omega^2 <= 4 / dt^2 for every element. What may be taken is bounded (`fragment_limit`); nothing is made from nothing.
+  Where nothing is carried this is dt < L0 / c of the shortest element.
 - `assembled`: 2 / omega_max of the assembled net as it stands (Lanczos), the sharp limit of the start.
 """
 
@@ -15,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+ROUNDING = 1e-9  # of a particle's mass: what it carries besides its elements, if more
 RESTARTS = 60  # of the Lanczos iteration; large uniform nets have eigenvalues too close to one another
 
 @dataclass(frozen=True)
@@ -38,13 +41,43 @@ def any_shape_limit(elements, EA, L0, mass, free) -> Limit:
     return Limit("any_shape", 2.0 / float(np.sqrt(omega2[worst])), worst)
 
 
-def after_fracture_limit(E, rho, L0, eps_u) -> Limit:
-    """Limit for any fragment of the net. eps_u : (m,) fracture strains; inf: the element never breaks."""
+def after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, share: float) -> Limit:
+    """Limit for any fragment of the net, if fragments take along up to `share` of what their ends carry.
+
+    half : (m,) [kg], half of each element's own mass; mass : (n,) [kg]; held : (n,) bool, supports, whose fragments may take all of it
+    eps_u : (m,) fracture strains; inf: the element never breaks
+
+    The largest dt for which at no end more is needed than may be taken, max(0, k dt^2 / 2 - half) <= share * carried, nor at any
+    particle by all of its elements together more than it carries.
+    """
     if not np.isfinite(eps_u).any():
         return Limit("after_fracture", np.inf, -1)
-    dt = L0 * np.sqrt(rho / E)
-    worst = int(np.argmin(dt))
-    return Limit("after_fracture", float(dt[worst]), worst)
+    k = EA / L0
+    carried = mass - np.bincount(elements.ravel(), np.repeat(half, 2), len(mass))
+    carried = np.where(carried > ROUNDING * mass, carried, 0.0)
+    may_take = np.where(held, 1.0, share) * carried
+    alone = np.sqrt(2.0 * (half + may_take[elements].min(1)) / k)  # the largest dt of each element by itself
+    worst = int(np.argmin(alone))
+    dt = float(alone[worst])
+
+    def lacking(dt: float) -> np.ndarray:
+        need = np.maximum(0.0, 0.5 * k * dt * dt - half)
+        return np.where(held, 0.0, np.bincount(elements.ravel(), np.repeat(need, 2), len(mass)) - carried)
+
+    if lacking(dt).max(initial=0.0) > 0.0:
+        low, high = float(np.sqrt(2.0 * half / k).min()), dt  # at low nothing is needed
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if lacking(middle).max(initial=0.0) > 0.0 else (middle, high)
+        dt = low
+        at = np.flatnonzero((elements == np.argmax(lacking(high))).any(1))
+        worst = int(at[np.argmax((k / np.maximum(half, 1e-300))[at])])
+    return Limit("after_fracture", dt, worst)
+
+
+def fragment_mass(EA: float, L0: float, half: float, dt: float) -> float:
+    """Mass [kg] of a particle that splits off with an element, in a run whose steps ask for stability at dt [s]."""
+    return max(half, 0.5 * EA / L0 * dt * dt)
 
 
 def assembled_limit(x, elements, EA, L0, N, mass, fixed) -> Limit | None:

@@ -31,9 +31,10 @@ class Event(NamedTuple):
     particle: int
     new_particle: int
     strain: float
+    mass: float  # kg, of the new particle
 
 
-EVENTS = {"time": np.float64, "step": np.int64, "element": np.int64, "particle": np.int64, "new_particle": np.int64, "strain": np.float64}
+EVENTS = {"time": np.float64, "step": np.int64, "element": np.int64, "particle": np.int64, "new_particle": np.int64, "strain": np.float64, "mass": np.float64}
 
 
 class Result:

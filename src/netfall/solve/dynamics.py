@@ -31,6 +31,7 @@ class Schedule:
     history: np.ndarray
     frames: np.ndarray
     checkpoints: np.ndarray
+    stable_dt: float  # s, for which fragments are stable: longer than the step by the margin of safety
 
     def step_at(self, time: float) -> int:
         """First step at or after a time [s]."""
@@ -51,7 +52,7 @@ def make_schedule(limit: float, dynamics, output) -> Schedule:
     every = output.checkpoint
     saves = np.arange(1, int(np.floor(steps * dt / every)) + 1) * every if every > 0 else np.zeros(0)
     saves = np.ceil(saves / dt - ROUNDING).astype(np.int64)
-    return Schedule(float(dt), steps, at(rows), at(frames), saves[saves < steps])
+    return Schedule(float(dt), steps, at(rows), at(frames), saves[saves < steps], float(min(dt / dynamics.safety, limit)))
 
 
 @dataclass
@@ -81,6 +82,7 @@ class Simulation:
         self.comm, self.state, self.result, self.schedule = comm, state, result, schedule
         self.zeta = job.dynamics.damping
         self.self_weight = bool(job.load and job.load.self_weight)
+        self.carried_weight = bool(job.load and job.load.dead)
         self.after_fracture = job.wind.after_fracture if job.wind else "none"
         self.wind = wind
         self.progress = progress
@@ -171,7 +173,7 @@ class Simulation:
             if count:
                 piece = self.result.distribution.piece
                 parted = split_particles(self.state, count, self.n - 1, self.result.distribution.n, piece.element_gid,
-                                         self.self_weight, self.after_fracture != "particle", dt)
+                                         self.self_weight, self.carried_weight, self.after_fracture != "particle", dt, self.schedule.stable_dt)
                 self.plan.attach(self.state)
                 self.events += [((self.n - 1) * dt, event) for event in parted]
 

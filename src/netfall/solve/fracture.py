@@ -1,8 +1,9 @@
 """Fracture by splitting particles (paper 2.4).
 
 An element whose strain passes eps_u at step n parts, at x(n+1), from the end with the larger resultant force;
-from both if they are equal. A new particle takes the place and velocity of the end and half of the element's
-mass. It belongs to the rank that owns the element's other end, so a fracture never adds to the halo.
+from both if they are equal. A new particle takes the place and velocity of the end, half of the element's mass and, if
+the step is too long for that alone, some of what the end carried, with its weight (`stability.fragment_mass`); so mass,
+momentum and energy stay as they are. It belongs to the rank that owns the element's other end, so a fracture never adds to the halo.
 
 Every rank that holds the element decides alike: strain, resultant forces and valences are equal to the bit on
 all of them. The valence is that before the step, whatever else parts in it.
@@ -10,6 +11,7 @@ all of them. The valence is that before the step, whatever else parts in it.
 
 import numpy as np
 
+from netfall.mechanics.stability import fragment_mass
 from netfall.mechanics.state import State
 from netfall.net.net import GRAVITY
 from netfall.output.result import Event
@@ -35,11 +37,12 @@ def is_loose(state: State, p: int) -> bool:
     return state.valence[p] == 1 and bool(state.free[p].all())
 
 
-def split_particles(state: State, count: int, step: int, n: int, element_gid: np.ndarray, self_weight: bool, wind_stays: bool,
-                    dt: float) -> list[Event]:
+def split_particles(state: State, count: int, step: int, n: int, element_gid: np.ndarray, self_weight: bool, carried_weight: bool,
+                    wind_stays: bool, dt: float, stable_dt: float) -> list[Event]:
     """Part the `count` elements in state.pending; the events at particles that this rank owns.
 
-    n : particles of the net; dt : [s] length of the step that was taken since x(n), for the strain that is reported
+    n : particles of the net; self_weight, carried_weight : whether the elements' own mass and what the particles carry have weight
+    dt : [s] length of the step that was taken since x(n), for the strain that is reported; stable_dt : [s] for which fragments are stable
     """
     elements = sorted(state.pending[:count].tolist())
     decisions = [(e, [(end, is_loose(state, state.ends[e, end])) for end in parting_ends(state, e)]) for e in elements]
@@ -51,6 +54,8 @@ def split_particles(state: State, count: int, step: int, n: int, element_gid: np
         state.broken[e] = 1
         state.eps_u[e] = np.inf
         split = [end for end, loose in parting if not loose]
+        mass = fragment_mass(state.EA[e], state.L0[e], state.half_mass[e], stable_dt)
+        weight = GRAVITY * (state.half_mass[e] * self_weight + (mass - state.half_mass[e]) * carried_weight)
         # the rank that keeps the element: the owner of the end that holds on; of its start if none does
         keeper = ends[1 - split[0]] if len(split) == 1 else ends[0]
         kept = state.own(keeper)
@@ -59,13 +64,13 @@ def split_particles(state: State, count: int, step: int, n: int, element_gid: np
             number = -1 if loose else split_number(n, int(element_gid[e]), end)
             if not loose:
                 if state.own(p):
-                    _take_off(state, p, state.half_mass[e], self_weight)
+                    _take_off(state, p, mass, weight)
                 if kept:
-                    state.ends[e, end] = _new_particle(state, p, number, state.half_mass[e], self_weight)
+                    state.ends[e, end] = _new_particle(state, p, number, mass, weight)
             if state.own(p):
                 if state.wind is not None and not wind_stays:
                     state.wind[p] = 0.0
-                events.append(Event(step, int(element_gid[e]), int(state.gid[p]), number, strain))
+                events.append(Event(step, int(element_gid[e]), int(state.gid[p]), number, strain, 0.0 if loose else float(mass)))
         if split:
             state.owned[e] = kept
             if not kept:
@@ -81,23 +86,22 @@ def _strain_before(state: State, e: int, dt: float) -> float:
     return float(np.log(L / state.L0[e]) if state.scene.logarithmic else (L - state.L0[e]) / state.L0[e])
 
 
-def _take_off(state: State, p: int, half: float, self_weight: bool) -> None:
-    """Take half an element, its mass and its weight, off particle p."""
+def _take_off(state: State, p: int, mass: float, weight: float) -> None:
+    """Take a fragment's mass [kg] and weight [N] off particle p."""
     state.valence[p] -= 1
-    state.mass[p] -= half
-    if self_weight:
-        state.load[p, 2] += GRAVITY * half
-    if state.valence[p] == 0 and state.mass[p] < 1e-9 * half:
+    state.mass[p] -= mass
+    state.load[p, 2] += weight
+    if state.valence[p] == 0 and state.mass[p] < 1e-9 * mass:
         state.mass[p] = 0.0  # nothing was carried: what is left is rounding
 
 
-def _new_particle(state: State, p: int, number: int, half: float, self_weight: bool) -> int:
-    """Local row of the particle that takes half an element off particle p."""
+def _new_particle(state: State, p: int, number: int, mass: float, weight: float) -> int:
+    """Local row of the particle that takes a fragment's mass [kg] and weight [N] off particle p."""
     j = state.n_local
     state.n_local += 1
     state.x[j], state.v[j], state.x_start[j] = state.x[p], state.v[p], state.x_start[p]
-    state.free[j], state.valence[j], state.gid[j], state.mass[j] = 1, 1, number, half
-    state.load[j] = (0.0, 0.0, -GRAVITY * half) if self_weight else 0.0
+    state.free[j], state.valence[j], state.gid[j], state.mass[j] = 1, 1, number, mass
+    state.load[j] = (0.0, 0.0, -weight)
     state.work[j] = 0.0
     if state.wind is not None:
         state.wind[j] = state.speed_before[j] = state.speed_after[j] = 0.0

@@ -168,7 +168,7 @@ def prepare(comm: MPI.Comm, job: Job, phases: Phases, report: Callable = lambda 
         if form is not None and not residual <= 1.001 * job.form_finding.tolerance * form.reference:
             raise InputError(f"{job.path}: [form_finding] tolerance = {job.form_finding.tolerance:g}: the prestressed net with the real material has a "
                              f"residual of {residual / form.reference:.3g} of the prestress; expected a tolerance that rounding allows")
-        limits = comm.bcast(step_limits(whole, scene) if whole else None)
+        limits = comm.bcast(step_limits(whole, scene, job.dynamics.fragment_mass if job.dynamics else 0.0) if whole else None)
     return Roof(whole, distribution, state, halo, form, residual, reference, limits, digest, stage, checkpoint)
 
 
@@ -267,12 +267,13 @@ def make_state(distribution: Distribution, whole: Whole | None, scene: Scene) ->
     return state
 
 
-def step_limits(whole: Whole, scene: Scene) -> dict[str, Limit]:
+def step_limits(whole: Whole, scene: Scene, fragment_mass: float) -> dict[str, Limit]:
     """Limits of the explicit step that hold whatever the roof does, by name. Rank 0."""
     net = whole.net
+    half = 0.5 * net.density * net.section * whole.L0
     limits = [any_shape_limit(net.elements, net.modulus * net.section, whole.L0, whole.mass, ~net.fixed.all(1))]
     if scene.fracture:
-        limits.append(after_fracture_limit(net.modulus, net.density, whole.L0, net.fracture_strain))
+        limits.append(after_fracture_limit(net.elements, net.modulus * net.section, whole.L0, half, whole.mass, net.fixed.all(1), net.fracture_strain, fragment_mass))
     return {limit.name: limit for limit in limits}
 
 

@@ -145,9 +145,10 @@ def refuse_step(job: Job, limit, roof: Roof, net: Net) -> None:
             return
     ids = "-".join(str(net.node_id[p]) for p in net.elements[limit.element])
     why = {"assembled": "of the intact net", "any_shape": "of the net in any shape", "after_fracture": "of the fragments that a fracture leaves"}[limit.name]
+    more = " (or a larger [dynamics] fragment_mass)" if limit.name == "after_fracture" else ""
     raise InputError(f"{job.path}: [dynamics] time_step = {job.dynamics.time_step:g}: above the stable step {limit.dt:.4g} s {why}, set by element "
                      f'{net.element_id[limit.element]} (nodes {ids}, {roof.whole.L0[limit.element]:.3g} m); expected less, or "auto"; '
-                     "longer elements there would allow more")
+                     f"longer elements there would allow more{more}")
 
 
 def run_statics(comm, job: Job, roof: Roof, result: Result, progress: Progress, phases: Phases, saver: Saver, stop: StopRequest) -> StaticPath | None:

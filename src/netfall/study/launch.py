@@ -8,6 +8,17 @@ from pathlib import Path
 
 from netfall.errors import InputError
 
+
+
+class RunFailed(InputError):
+    """A run that did not end with exit code 0."""
+
+    def __init__(self, command: str, exit_code: int, printed: str):
+        lines = [line for line in printed.strip().splitlines() if line] or ["no message"]
+        self.exit_code, self.reason = exit_code, lines[0]
+        super().__init__([f"a run ended with exit code {exit_code}: {command}", *lines[:5]])
+
+
 LAUNCHER = "mpirun -n {ranks}"
 
 
@@ -23,7 +34,7 @@ def run_job_command(launcher: str, ranks: int, job: Path, output: Path, override
 
     launcher : command with {ranks} in it
 
-    Raises InputError if the run does not end with exit code 0, with what it printed last.
+    Raises RunFailed if it does not end with exit code 0, with what it printed.
     """
     command = [*shlex.split(launcher.format(ranks=ranks)), sys.executable, "-m", "netfall", "run", str(job), "-o", str(output), "--quiet", *options]
     for override in overrides:
@@ -33,8 +44,7 @@ def run_job_command(launcher: str, ranks: int, job: Path, output: Path, override
     except OSError as error:
         raise InputError(f'--launcher "{launcher}": {error.strerror}: {error.filename}; give the command that starts MPI ranks here') from None
     if ended.returncode:
-        lines = (ended.stderr.strip() or ended.stdout.strip() or "no message").splitlines()
-        raise InputError([f"a run on {ranks} ranks ended with exit code {ended.returncode}: {shlex.join(command)}", *lines[:5]])
+        raise RunFailed(shlex.join(command), ended.returncode, ended.stderr or ended.stdout)
 
 
 def check_launcher(launcher: str) -> None:
