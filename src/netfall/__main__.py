@@ -49,6 +49,7 @@ def parser() -> argparse.ArgumentParser:
     trade.add_argument("--vary", action="append", default=[], metavar="SECTION.KEY=V1,V2,...", help="key and values; several: every combination (default: one key at a time)")
     trade.add_argument("--reference", action="append", default=[], metavar="SECTION.KEY=VALUE", help="setting of the reference (default: a tenth of the automatic step)")
     trade.add_argument("--tolerance", type=float, default=0.05, metavar="E", help="largest relative error of the setting that is recommended (default: 0.05)")
+    trade.add_argument("--repeats", type=_count, default=2, metavar="N", help="runs of each setting, of which the fastest counts (default: 2)")
     trade.add_argument("--ranks", type=_count, default=1, metavar="P", help="ranks of each run (default: 1)")
     trade.add_argument("--launcher", metavar="COMMAND", help='what starts the ranks (default: "mpirun -n {ranks}")')
     trade.add_argument("-o", type=Path, default=Path("."), metavar="DIR", dest="folder", help="folder of the table (HDF5) and the picture (default: here)")
@@ -148,7 +149,7 @@ def trade(arguments) -> None:
     from netfall.study.trade import trade as run_trade
 
     for path in run_trade(arguments.job, arguments.overrides, arguments.vary, arguments.reference, arguments.ranks, arguments.launcher or default_launcher(),
-                          arguments.tolerance, arguments.folder, lambda line: print(line, flush=True)):
+                          arguments.repeats, arguments.tolerance, arguments.folder, lambda line: print(line, flush=True)):
         print(path)
 
 

@@ -15,6 +15,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 from mpl_toolkits.mplot3d.art3d import Line3DCollection  # noqa: E402
 
+from netfall.output.frames import Frames  # noqa: E402
 from netfall.output.info import open_result  # noqa: E402
 
 STAGES = 6  # pictures of the collapse
@@ -123,28 +124,6 @@ def load_displacement(f):
     right.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=4, frameon=False)
     figure.suptitle(f"{_title(f)}: static load")
     return figure
-
-
-class Frames:
-    """Steps of /VTKHDF: positions, connectivity and cell fields."""
-
-    def __init__(self, f):
-        self.g = f["VTKHDF"]
-        self.times = self.g["Steps/Values"][:]
-        self.cells = len(f["net/elements"])
-
-    def cell(self, name, step):
-        """A cell field (m,) at a step."""
-        start = int(self.g[f"Steps/CellDataOffsets/{name}"][step])
-        return self.g[f"CellData/{name}"][start:start + self.cells]
-
-    def lines(self, step):
-        """End points (m, 2, 3) [m] of the elements at a step."""
-        s = self.g["Steps"]
-        n = int(self.g["NumberOfPoints"][int(s["PartOffsets"][step])])
-        first, link = int(s["PointOffsets"][step]), int(s["ConnectivityIdOffsets"][step, 0])
-        points = self.g["Points"][first:first + n]
-        return points[self.g["Connectivity"][link:link + 2 * self.cells].reshape(-1, 2)]
 
 
 def stage_steps(frames: Frames, events: np.ndarray) -> list[int]:

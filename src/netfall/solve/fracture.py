@@ -102,7 +102,8 @@ def _new_particle(state: State, p: int, number: int, mass: float, weight: float)
     state.x[j], state.v[j], state.x_start[j] = state.x[p], state.v[p], state.x_start[p]
     state.free[j], state.valence[j], state.gid[j], state.mass[j] = 1, 1, number, mass
     state.load[j] = (0.0, 0.0, -weight)
-    state.work[j] = 0.0
+    if state.work is not None:
+        state.work[j] = 0.0
     if state.wind is not None:
         state.wind[j] = state.speed_before[j] = state.speed_after[j] = 0.0
     return j
