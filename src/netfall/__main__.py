@@ -47,7 +47,7 @@ def parser() -> argparse.ArgumentParser:
     scale.add_argument("-o", type=Path, default=Path("."), metavar="DIR", dest="folder", help="folder of the table and the picture (default: here)")
     trade = verb("trade", "what each saving costs: run time against error over a grid of settings", "job")
     trade.add_argument("--vary", action="append", default=[], metavar="SECTION.KEY=V1,V2,...", help="key and values; several: every combination (default: one key at a time)")
-    trade.add_argument("--reference", action="append", default=[], metavar="SECTION.KEY=VALUE", help="setting of the reference (default: a tenth of the automatic step)")
+    trade.add_argument("--reference", action="append", default=[], metavar="SECTION.KEY=VALUE", help="setting of the reference (default: a tenth of the automatic step, or of the job's if that is shorter)")
     trade.add_argument("--tolerance", type=float, default=0.05, metavar="E", help="largest relative error of the setting that is recommended (default: 0.05)")
     trade.add_argument("--repeats", type=_count, default=2, metavar="N", help="runs of each setting, of which the fastest counts (default: 2)")
     trade.add_argument("--ranks", type=_count, default=1, metavar="P", help="ranks of each run (default: 1)")

@@ -237,7 +237,7 @@ class Simulation:
         every = self.comm.allgather(here)
         particle, element = max(every, key=lambda h: h[0])[1], max(every, key=lambda h: h[2])[3]
         raise DivergedError(f"diverged at t = {self.time:.6g} s (step {self.n}): kinetic energy {kinetic:.3g} J is out of all proportion to the "
-                            f"external work; fastest particle {particle}, most strained element {element}; take a smaller time_step")
+                            f"external work; fastest particle {particle}, most strained element {element}; take a smaller time_step or safety")
 
     def _find_probes(self, probes: Probes) -> None:
         piece = self.result.distribution.piece

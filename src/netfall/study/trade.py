@@ -1,7 +1,7 @@
 """`netfall trade`: what each saving of a job costs in accuracy, against a reference of its own.
 
-Every setting is a run of the job with some keys changed. The reference is the job at a tenth of its automatic step, or what
-the user names. Errors are in what an engineer reads; before the reference's first fracture a roof has one answer, after it a
+Every setting is a run of the job with some keys changed. The reference is the job at a tenth of its automatic step
+(or of its own, if that is shorter), or what the user names. Errors are in what an engineer reads; before the reference's first fracture a roof has one answer, after it a
 collapse is chaotic, and single figures scatter. (The wind's time step and seed are no accuracy: they change the gusts themselves.)
 """
 
@@ -20,7 +20,7 @@ from netfall.job.read import Job, read_job
 from netfall.output.frames import Frames
 from netfall.study.launch import RunFailed, check_launcher, run_job_command
 
-FINER = 10.0  # how much shorter the reference's step is than the automatic one
+FINER = 10.0  # how much shorter the reference's step is
 FORMAT = 1
 
 
@@ -74,8 +74,10 @@ def trade(path: Path, overrides: list[str], vary: list[str], reference: list[str
     store = Store(folder / f"{job.name}_trade.h5", hashlib.sha256(json.dumps([job.digest(), ranks, FORMAT]).encode()).hexdigest())
     run = lambda setting, until: store.outcome(setting, until, lambda: best_of(repeats, lambda: measure(path, [*overrides, *setting], ranks, launcher, folder, until)))
     if not reference:
-        automatic = automatic_step(path, overrides, ranks, launcher, folder)
-        reference = [f"dynamics.time_step={automatic / FINER!r}"]
+        coarse = automatic_step(path, overrides, ranks, launcher, folder)
+        if job.dynamics.time_step != "auto":
+            coarse = min(coarse, job.dynamics.time_step)
+        reference = [f"dynamics.time_step={coarse / FINER:.6g}"]
     say(f"reference: {text_of(reference)}")
     exact = store.outcome(reference, np.inf, lambda: measure(path, [*overrides, *reference], ranks, launcher, folder, np.inf))
     if exact.state != "finished":

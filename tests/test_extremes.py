@@ -1,0 +1,236 @@
+"""The extremes: each runs right, or is refused with the reason. `pytest tests/test_extremes.py -s` prints the table of the README."""
+
+import numpy as np
+import pytest
+from conftest import STEEL
+from scipy.optimize import brentq
+
+BARE = STEEL.replace("prestress = 100e3\n", "")
+A, E = 683.08e-6, 1.95e11
+EA, HALF = E * A, 0.5 * 7850.0 * A  # N; kg for each metre
+QUICK = "[output]\nhistory = {}\nframes = {}\n"
+
+
+def reached(what: str, asked: str, figure: float, within: float) -> None:
+    """Assert and print a row of the table."""
+    print(f"| {what} | {asked} | {figure:.2g} |")
+    assert figure <= within, what
+
+
+def positions(f, particle: int) -> np.ndarray:
+    """Positions (frames, 3) [m] of a particle of the net."""
+    return np.array([f["VTKHDF/Points"][int(o) + particle] for o in f["VTKHDF/Steps/PointOffsets"][:]])
+
+
+def audits(f) -> tuple[float, float]:
+    return np.abs(f["history/identity_error"][:]).max(), np.abs(f["history/balance_error"][:]).max()
+
+
+def oscillator(time_step, duration, zeta=0.0, history=1.0, stretch=1e-3):
+    """1000 kg on a cable of 10 m under 20 kN, let go `stretch` below its rest."""
+    L = 10.0 * (1 + 20e3 / EA) + stretch
+    nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,{-L!r},0,1000,-20000\n"
+    text = BARE + f"[dynamics]\nduration = {duration!r}\ntime_step = {time_step!r}\ndamping = {zeta!r}\n" + QUICK.format(history, 10)
+    return text, nodes, "start,end,unstressed_length\n1,2,10\n"
+
+
+LIMIT = float(2 / np.sqrt(EA / 10.0 / (1000.0 + 10 * HALF)))
+
+
+def test_a_million_steps_just_below_the_limit(workshop):
+    """At 0.99 of the limit over 1e6 steps the amplitude stays what central difference makes of it, 1 / sqrt(1 - 0.99^2) of the start."""
+    dt = 0.99 * LIMIT
+    f = workshop.run(workshop.job(*oscillator(dt, 1e6 * dt, history=1e3 * dt)))
+    rest = -10.0 * (1 + 20e3 / EA)
+    assert int(f["provenance"].attrs["steps"]) == 1_000_000
+    amplitude = np.abs(positions(f, 1)[:, 2] - rest).max()
+    reached("0.99 of the limit, 1e6 steps: amplitude, of the first", "bounded (7.1)", amplitude / 1e-3, 7.2)
+    done = workshop.run(workshop.job(*oscillator(1.01 * LIMIT, 1.0)), code=2)
+    assert "above the stable step" in done.stderr
+
+
+@pytest.mark.parametrize("steps", [1_000_000, pytest.param(10_000_000, marks=pytest.mark.long)])
+def test_no_damping_no_drift(workshop, steps):
+    """Energy of the undamped oscillator: no drift beyond the audits' own rounding."""
+    dt = 0.1 * LIMIT
+    f = workshop.run(workshop.job(*oscillator(dt, steps * dt, history=steps * dt / 10_007)))
+    total = f["history/kinetic_energy"][:] + f["history/strain_energy"][:] - f["history/external_work"][:]
+    swing = f["history/kinetic_energy"][:].max()
+    drift = abs(np.polyfit(np.linspace(0, 1, len(total)), total, 1)[0]) / swing
+    reached(f"no damping, {steps:.0e} steps: drift of the energy, of the swing", "1e-3", drift, 1e-3)
+
+
+def test_damping_far_over_critical(workshop):
+    """zeta = 1e4 1/s, 40 times critical: creeps to its rest without a swing."""
+    f = workshop.run(workshop.job(*oscillator(0.5 * LIMIT, 20.0, zeta=1e4, history=0.01)))
+    z = positions(f, 1)[:, 2] + 10.0 * (1 + 20e3 / EA)
+    assert (np.diff(z) >= -1e-12).all()
+    k = EA / 10.0 / (1000.0 + 10 * HALF)
+    slow = 5e3 - np.sqrt(25e6 - k)
+    expected = -1e-3 * np.exp(-slow * f["VTKHDF/Steps/Values"][:])
+    reached("damping 40 times critical: error of the creep", "1e-3 of the first", np.abs(z - expected).max() / 1e-3, 1e-3)
+
+
+def chain(lengths, moduli, masses, load, fixed=(0,)):
+    """Tables of a straight chain along x, unstressed, with a load on its last particle."""
+    x = np.concatenate([[0.0], np.cumsum(lengths)])
+    last = len(x) - 1
+    nodes = "id,x,y,z,fixed,mass,load_x\n" + "".join(f"{k},{float(x[k])!r},0,0,{int(k in fixed)},{masses[k]},{load if k == last else 0}\n" for k in range(last + 1))
+    return nodes, "start,end,modulus\n" + "".join(f"{k},{k + 1},{moduli[k]!r}\n" for k in range(last))
+
+
+def test_stiffness_and_mass_ratios_of_a_million(workshop):
+    """Neighbours 1e6 times as stiff and as heavy: both audits hold."""
+    nodes, elements = chain([2.0] * 6, [1.95e11, 1.95e5] * 3, [0.0, 1e6, 1.0, 1e6, 1.0, 1e6, 1.0], 10.0)
+    f = workshop.run(workshop.job(BARE + "[dynamics]\nduration = 2.0\n" + QUICK.format(0.01, 5), nodes, elements))
+    identity, balance = audits(f)
+    reached("stiffness and mass ratios of 1e6: work identity", "1e-10", identity, 1e-10)
+    reached("the same: physical balance", "1e-3", balance, 1e-3)
+
+
+def test_a_millimetre_beside_a_kilometre(workshop):
+    """Elements of 1 mm, 1 m and 1 km in one chain, pulled: it stretches to twice the static elongation, again and again.
+
+    Whenever the long one goes slack, the short one rattles between slack and taut within three steps of 0.8 of the limit, and that feeds
+    energy in, until the run is stopped; with 0.4 of the limit it is right.
+    """
+    nodes, elements = chain([1e-3, 1.0, 1e3], [1.95e11] * 3, [0.0, 100.0, 100.0, 1e5], 1000.0)
+    text = BARE + "[dynamics]\nduration = 20.0\nsafety = {}\n[output]\nhistory = 0.02\nframes = 5\nprobes = [[1001.001, 0.0]]\n"
+    assert "take a smaller time_step or safety" in workshop.run(workshop.job(text.format(0.8), nodes, elements), code=3).stderr
+    f = workshop.run(workshop.job(text.format(0.4), nodes, elements))
+    identity, balance = audits(f)
+    u = f["history/probe_displacement"][:, 0, 0]
+    rest = 1000.0 * 1001.001 / EA
+    reached("lengths from 1 mm to 1 km: largest elongation against twice the static one", "1 %", abs(u.max() / (2 * rest) - 1), 0.01)
+    reached("the same: work identity", "1e-9", identity, 1e-9)
+
+
+def test_a_net_far_from_the_origin(workshop):
+    """A net 1e6 m from the origin moves as at the origin, to the rounding of its coordinates."""
+    found = []
+    for shift in (0.0, 1e6):
+        k = np.arange(6)
+        x, z = 2.0 * k + shift, -0.1 * k * (5 - k) + shift
+        nodes = "id,x,y,z,fixed,mass,load_z\n" + "".join(f"{p},{float(x[p])!r},{shift!r},{float(z[p])!r},{int(p in (0, 5))},100,-500\n" for p in k)
+        job = workshop.job(STEEL.replace("100e3", "5e3") + "[dynamics]\nduration = 2.0\ndamping = 0.5\n" + QUICK.format(0.01, 20), nodes, "start,end\n" + "".join(f"{p},{p + 1}\n" for p in range(5)))
+        f = workshop.run(job, output=f"{shift:g}.vtkhdf")
+        found.append(f["final/position"][:] - f["net/particles"][:])
+    reached("1e6 m from the origin: error of the displacements [m]", "1e-6", np.abs(found[1] - found[0]).max(), 1e-6)
+
+
+def test_no_prestress_and_almost_yield(workshop):
+    """Prestress zero and 99 % of the yield force at rest: nothing moves, nothing flows."""
+    for prestress in (0.0, 0.99 / 1.0277 * 1.75e9 * A):  # the steepest cable carries 1.0277 times the prestress
+        text = '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n' + STEEL.replace("100e3", repr(prestress)) + "yield_stress = 1.75e9\nfracture_strain = 0.04\n"
+        text += ('[form_finding]\nmethod = "force_density"\n' if prestress else "") + "[dynamics]\nduration = 0.5\n" + QUICK.format(0.05, 2)
+        f = workshop.run(workshop.job(text))
+        moved = np.abs(f["final/position"][:] - (f["form_finding/position"][:] if prestress else f["net/particles"][:])).max()
+        reached(f"prestress {1.0277 * prestress / (1.75e9 * A):.0%} of yield at rest: motion [m]", "1e-9", moved, 1e-9)
+        assert not f["final/plastic_strain"][:].any()
+    done = workshop.run(workshop.job(text.replace(repr(prestress), repr(1.02 * prestress))), code=2)
+    assert "above the yield force" in done.stderr
+
+
+def test_a_net_that_is_slack_everywhere_falls_freely(workshop):
+    """No cable is taut: the free particles fall like stones until one is."""
+    nodes = "id,x,y,z,fixed,mass,load_z\n0,0,0,0,1,0,0\n1,1,0,0,0,10,-98.1\n2,2,0,0,0,10,-98.1\n3,3,0,0,1,0,0\n"
+    f = workshop.run(workshop.job(BARE + "[dynamics]\nduration = 0.3\n" + QUICK.format(0.01, 10), nodes, "start,end,unstressed_length\n0,1,2\n1,2,2\n2,3,2\n"))
+    t, z = f["VTKHDF/Steps/Values"][:], positions(f, 1)[:, 2]
+    fall = -0.5 * 98.1 / (10 + 4 * HALF) * t**2
+    reached("slack everywhere: error of the fall [m]", "1e-9", np.abs(z - fall).max(), 1e-9)
+
+
+def test_snap_from_slack_at_high_speed(workshop):
+    """A mass that has fallen 20 m into a cable, at 18 m/s: the largest tension by energy, k e^2 / 2 = F (h + e)."""
+    nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,10,0,100,-981\n"
+    f = workshop.run(workshop.job(BARE + "[dynamics]\nduration = 2.6\n[output]\nhistory = 0.0002\nframes = 2\nprobes = [[0.0, 0.0]]\n", nodes, "start,end,unstressed_length\n1,2,10\n"))
+    k, F = EA / 10, 981.0
+    e = (F + np.sqrt(F * F + 2 * k * F * 20.0)) / k
+    reached("slack to taut at 18 m/s: largest tension", "0.5 %", abs(f["history/probe_tension"][:].max() / (k * e) - 1), 0.005)
+    reached("the same: work identity", "1e-10", audits(f)[0], 1e-10)
+
+
+@pytest.mark.parametrize("kind", ["cable", "bar"])
+def test_an_element_pushed_through_zero_length(workshop, kind):
+    """The free end is driven through the support: a cable is slack all the way, a bar pushes back with a bounded force; no audit breaks."""
+    force = -50.0 if kind == "cable" else -3.0 * EA
+    nodes = f"id,x,y,z,fixed,mass,load_x\n1,0,0,0,1,0,0\n2,1,0,0,0,10,{force!r}\n"
+    text = BARE.replace("modulus", f'kind = "{kind}"\nmodulus', 1) + f"[dynamics]\nduration = {1.0 if kind == 'cable' else 0.001}\n" + QUICK.format(1e-3 if kind == "cable" else 1e-6, 20)
+    f = workshop.run(workshop.job(text, nodes, "start,end\n1,2\n"))
+    x = positions(f, 1)[:, 0]
+    assert x.min() < -0.1 and np.isfinite(f["final/tension"][:]).all()
+    identity, balance = audits(f)
+    reached(f"a {kind} through zero length: work identity", "1e-10", identity, 1e-10)
+    reached(f"a {kind} through zero length: physical balance", "1 %", balance, 0.01)
+
+
+STORM = '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n' + STEEL + """yield_stress = 1.75e9
+fracture_strain = 0.0404
+[form_finding]
+method = "force_density"
+[load]
+dead = 300.0
+"""
+
+
+def test_wind_of_150_metres_a_second(workshop):
+    """The roof is torn off; both audits hold through it. No wind at all is refused as a speed: leave the section out."""
+    wind = "[wind]\nspeed = {}\nshape_coefficient = -1.5\n[dynamics]\nduration = 1.0\ndamping = 0.5\n" + QUICK.format(0.01, 5)
+    f = workshop.run(workshop.job(STORM + wind.format(150.0)))
+    assert f["history/broken"][-1] > 10
+    identity, balance = audits(f)
+    reached("wind of 150 m/s: work identity", "1e-9", identity, 1e-9)
+    reached("the same: physical balance", "1 %", balance, 0.01)
+    done = workshop.run(workshop.job(STORM + wind.format(0.0)), code=2)
+    assert "[wind] speed = 0.0: expected" in done.stderr
+
+
+def test_a_gust_from_nothing_within_a_step(workshop):
+    """From calm to 120 m/s within a microsecond."""
+    (workshop.folder / "gust.csv").write_text("time,speed\n0,0\n0.1,0\n0.100001,120\n2,120\n")
+    f = workshop.run(workshop.job(STORM.replace("[load]\ndead = 300.0\n", "") + '[wind]\nfile = "gust.csv"\nshape_coefficient = -1.5\n[dynamics]\nduration = 1.0\ndamping = 0.5\n' + QUICK.format(0.01, 5)))
+    assert f["events/time"][0] > 0.1 and not f["history/kinetic_energy"][:9].max() > 1e-6
+    identity, balance = audits(f)
+    reached("gust from nothing to 120 m/s in 1e-6 s: work identity", "1e-9", identity, 1e-9)
+    reached("the same: physical balance", "1 %", balance, 0.01)
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_all_elements_break_in_the_same_step(workshop, ranks):
+    """A star of twelve equal cables, its hub pulled up: all part in one step, the hub flies on alone."""
+    angle = 2 * np.pi * np.arange(12) / 12
+    nodes = "id,x,y,z,fixed,mass,load_z\n0,0,0,0,0,100,200000\n" + "".join(f"{k + 1},{float(5 * np.cos(a))!r},{float(5 * np.sin(a))!r},-5,1,0,0\n" for k, a in enumerate(angle))
+    text = BARE + "fracture_strain = 2e-4\n[dynamics]\nduration = 0.2\n" + QUICK.format(0.001, 5)
+    f = workshop.run(workshop.job(text, nodes, "start,end\n" + "".join(f"0,{k + 1}\n" for k in range(12))), ranks=ranks)
+    assert f["history/broken"][-1] == 12
+    steps = f["events/step"][:]
+    reached(f"all twelve of a star break, {ranks} ranks: steps between the first and the last", "1", float(np.ptp(steps)), 1.0)
+    reached("the same: work identity", "1e-10", audits(f)[0], 1e-10)
+
+
+def test_a_straight_cable_loaded_across(workshop):
+    """No stiffness across at first: the equilibrium solves 2 N(d) d / L(d) = P."""
+    nodes = "id,x,y,z,fixed,load_z\n0,0,0,0,1,0\n1,10,0,0,0,-1000\n2,20,0,0,1,0\n"
+    f = workshop.run(workshop.job(BARE + "[load]\nsteps = 4\ntolerance = 1e-9\n", nodes, "start,end\n0,1\n1,2\n"))
+    balance = lambda d: 2 * EA * (np.hypot(10, d) / 10 - 1) * d / np.hypot(10, d) - 1000
+    reached("straight cable loaded across, at rest: error of the sag", "1e-8", abs(-f["statics/displacement"][-1, 1, 2] / brentq(balance, 1e-6, 5, xtol=1e-14) - 1), 1e-8)
+
+
+def test_a_mechanism_swings(workshop):
+    """A hanging chain without prestress, let go sideways: a mechanism, whose energy stays."""
+    nodes = "id,x,y,z,fixed,mass,load_z\n" + "".join(f"{k},{2.0 * k},0,0,{int(k == 0)},50,-490.5\n" for k in range(4))
+    f = workshop.run(workshop.job(BARE + "[dynamics]\nduration = 3.0\n" + QUICK.format(0.01, 5), nodes, "start,end\n0,1\n1,2\n2,3\n"))
+    identity, balance = audits(f)
+    reached("a mechanism, a chain let go sideways: physical balance", "1e-3", balance, 1e-3)
+
+
+def test_a_chain_of_100000_elements(workshop):
+    """Pulled at its end for 200 steps: the wave has come as far as its speed allows, on two ranks."""
+    m = 100_000
+    nodes, elements = chain([1.0] * m, [1.95e11] * m, [0.0] * (m + 1), 1e5)
+    c = np.sqrt(E / 7850.0)
+    f = workshop.run(workshop.job(BARE + f"[dynamics]\nduration = {float(200 / c)!r}\n" + QUICK.format(float(100 / c), 1), nodes, elements), ranks=2)
+    u = (f["final/position"][:] - f["net/particles"][:])[:, 0]
+    moved = np.flatnonzero(u > 1e-3 * u.max())
+    reached("a chain of 1e5 elements: reach of the wave against c t", "3 %", abs((m - moved[0]) / 200 - 1), 0.03)
+    reached("the same: end displacement against P c t / EA", "1 %", abs(u[-1] / (1e5 * 200 / EA) - 1), 0.01)
