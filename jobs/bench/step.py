@@ -1,6 +1,6 @@
 """Times the step of netfall on the benchmark's net: mpirun -n P python step.py N SCENE [--rounds R] [--no-order]
 
-SCENE: elastic, or one or more of plastic, fracture, wind, energy joined by + (all: all four, and damping). Prints a line of JSON.
+SCENE: elastic, or one or more of plastic, fracture, wind, energy, sections, bars joined by + (all: the first four, and damping). Prints a line of JSON.
 """
 
 import argparse
@@ -23,8 +23,10 @@ arguments = parser.parse_args()
 if arguments.no_order:
     from netfall.mechanics import compile
 
-    compile.vector_kernel = numba.njit(error_model="numpy", fastmath=True, noalias=True)
-    compile.kernel = numba.njit(error_model="numpy", fastmath=True)
+    reordering = {"error_model": "numpy", "fastmath": True, "_nrt": False}
+    compile.vector_kernel = numba.njit(**reordering, noalias=True)
+    compile.part_of_kernel = numba.njit(**reordering, forceinline=True)
+    compile.kernel = numba.njit(**reordering)
 
 import net
 from netfall.mechanics.state import FIELDS, Scene, State
