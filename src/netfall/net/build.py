@@ -3,8 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from netfall.errors import InputError
 from netfall.job.read import Job, nearest
@@ -163,6 +161,9 @@ def _whole_net_errors(job: Job, net: Net) -> list[str]:
         errors.append(f"{job.path}: node {net.node_id[p]} belongs to no element; remove it or connect it")
     equilibrium = job.form_finding is not None or (job.load is not None and job.load.steps > 0)
     if equilibrium and not errors:
+        from scipy.sparse import coo_array  # here: it takes 0.1 s to load, and most runs of a motion do without
+        from scipy.sparse.csgraph import connected_components
+
         graph = coo_array((np.ones(net.m), (net.elements[:, 0], net.elements[:, 1])), shape=(net.n, net.n))
         parts, label = connected_components(graph, directed=False)
         held = np.zeros(parts, bool)

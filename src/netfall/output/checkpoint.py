@@ -17,7 +17,7 @@ from netfall.errors import InputError
 from netfall.mechanics.state import FIELDS, State
 from netfall.output.h5 import SharedFile, check_seal
 
-FORMAT = 2
+FORMAT = 3
 STAGES = {"form finding": 1, "statics": 2, "dynamics": 3}
 KEPT = 2
 

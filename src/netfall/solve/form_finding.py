@@ -9,8 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
-from scipy.sparse import coo_array
-from scipy.sparse.linalg import splu
 
 from netfall.errors import DivergedError, InputError
 from netfall.mechanics.compile import kernel
@@ -57,6 +55,9 @@ def force_density_form(net: Net) -> np.ndarray:
 
     Raises InputError where the system is singular: the densities then define no shape.
     """
+    from scipy.sparse import coo_array  # here: it takes 0.2 s to load, and relaxation does without
+    from scipy.sparse.linalg import splu
+
     q = np.where(np.isfinite(net.force_density), net.force_density, net.prestress / net.lengths())
     start, end = net.elements.T
     n = net.n

@@ -257,15 +257,21 @@ def draw(job: Job, rows: list[Row], exact: Outcome, tolerance: float, path: Path
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(figsize=(9, 6), layout="constrained")
+    figure, (axes, names) = plt.subplots(1, 2, figsize=(11, 6), width_ratios=(3, 1.3), layout="constrained")
     finished = sorted((row for row in rows if row.outcome.state == "finished" and np.isfinite(row.error)), key=lambda row: row.outcome.seconds)
     floor = min([row.error for row in finished if row.error > 0], default=1e-6) / 3
     place = lambda row: (row.outcome.seconds, max(row.error, floor))
     front = [row for row in finished if row.best]
     axes.plot([place(row)[0] for row in front], [place(row)[1] for row in front], color="C0", lw=1, zorder=1, label="nothing is both faster and closer")
-    axes.scatter(*zip(*map(place, finished)), c=["C0" if row.best else "0.6" for row in finished], zorder=2) if finished else None
-    for k, row in enumerate(finished):
-        axes.annotate(row.setting.replace(", ", "\n"), place(row), xytext=(5, (4, -12)[k % 2]), textcoords="offset points", fontsize=6.5)
+    together: dict[tuple, list[int]] = {}  # numbers of points that would hide one another
+    for number, row in enumerate(finished, 1):
+        axes.plot(*place(row), "o", color="C0" if row.best else "0.6")
+        together.setdefault(tuple(np.round(8 * np.log10(place(row)))), []).append(number)
+    for numbers in together.values():
+        axes.annotate(", ".join(map(str, numbers)), place(finished[numbers[0] - 1]), xytext=(5, 5), textcoords="offset points", fontsize=8)
+    names.axis("off")
+    names.text(0.0, 1.0, "\n".join(f"{number:2d}  {row.setting}" for number, row in enumerate(finished, 1)).replace(", ", ",\n      "),
+               va="top", fontsize=8, transform=names.transAxes)
     axes.axhline(tolerance, color="C3", lw=0.8, ls="--", label=f"tolerance {tolerance:g}")
     axes.axvline(exact.seconds, color="0.5", lw=0.8, ls=":", label="reference")
     axes.set(xscale="log", yscale="log", xlabel="dynamic stage [s]", ylabel="largest relative error", title=f"{job.title or job.name}: run time against error")
