@@ -4,8 +4,10 @@ No fast-math: sums keep their order, so that the bits do not depend on the numbe
 a division by zero gives inf and not an exception (and does not stop vectorisation).
 """
 
+import contextlib
 import hashlib
 import shutil
+import time
 from pathlib import Path
 
 import llvmlite.binding
@@ -13,11 +15,12 @@ import numba
 from numba.core.cpu import CPUTargetOptions
 from numba.core.options import TargetOptions
 
+KEPT_DAYS = 30  # of compiled code that these sources did not make; a run of theirs may still be going on
 PACKAGE = Path(__file__).parents[1]
 
 
 def _choose_cache() -> str:
-    """Folder of the compiled code of these very sources; that of other versions beside it is removed.
+    """Folder of the compiled code of these very sources; that of versions that nobody runs any more is removed.
 
     numba looks only at the file of the function that is called, and would run on with an old law after a change in another file.
     """
@@ -30,8 +33,9 @@ def _choose_cache() -> str:
         parent = Path.home() / ".cache" / "netfall"
         folder = parent / folder.name
     for old in parent.glob("netfall-*"):
-        if old != folder:
-            shutil.rmtree(old, ignore_errors=True)
+        with contextlib.suppress(OSError):  # another rank may be removing it
+            if old != folder and time.time() - old.stat().st_mtime > KEPT_DAYS * 86400:
+                shutil.rmtree(old, ignore_errors=True)
     return str(folder)
 
 

@@ -271,7 +271,7 @@ def find_runs(chunk_low, chunk_high, chunk_width, other, first, last, step, chun
 def element_state(x, ends, L0, EA, logarithmic, bar, yield_force, eps_p, N, eps, eps_p_now, L):
     """Force, strain, plastic strain and length of each element at x, changing nothing else.
 
-    N : (m,) [N], eps : (m,), eps_p_now : (m,), L : (m,) [m], out; the other arguments as in `element_forces`
+    N : (m,) [N], eps : (m,), eps_p_now : (m,), L : (m,) [m], out; the other arguments are the fields of `State`
     """
     for e in range(ends.shape[0]):
         a, b = ends[e, 0], ends[e, 1]

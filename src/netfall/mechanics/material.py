@@ -52,7 +52,7 @@ def force_density(dx, dy, dz, s, p, inv_L0, EA, slot_EA, measure, slot_bar, yiel
     """N / L [N/m] of the element in slot s of particle p, and 1 if it is near flow or fracture, else 0.
 
     `plastic_force` over the length, arranged for one root and one division: EA (L / L0 - 1 - eps_p) / L = EA (1 / L0 - (1 + eps_p) / L).
-    Arguments as in `kernels.slot_forces`. An empty slot, 1 / L0 = 0, gives zero.
+    Arguments as in `kernels.kick_rows`. An empty slot, 1 / L0 = 0, gives zero.
     """
     L = math.sqrt(dx * dx + dy * dy + dz * dz + TINY)
     per_length = 1.0 / L

@@ -8,6 +8,8 @@ from pathlib import Path
 
 from netfall.errors import InputError
 
+LAUNCHER = "mpirun -n {ranks}"
+
 
 
 class RunFailed(InputError):
@@ -17,9 +19,6 @@ class RunFailed(InputError):
         lines = [line for line in printed.strip().splitlines() if line] or ["no message"]
         self.exit_code, self.reason = exit_code, lines[0]
         super().__init__([f"a run ended with exit code {exit_code}: {command}", *lines[:5]])
-
-
-LAUNCHER = "mpirun -n {ranks}"
 
 
 def default_launcher() -> str:
