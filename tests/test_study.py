@@ -5,7 +5,7 @@ import csv
 import h5py
 import numpy as np
 import pytest
-from conftest import BIN, STEEL, run_netfall
+from conftest import STEEL, run_netfall
 
 JOB = '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n' + STEEL + """yield_stress = 1.75e9
 fracture_strain = 0.0404

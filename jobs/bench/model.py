@@ -12,7 +12,6 @@ the cuts: a part's boundary is a multiple of the root of its particles (fitted, 
 import argparse
 import time
 
-import net
 import numpy as np
 from mpi4py import MPI
 

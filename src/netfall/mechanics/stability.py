@@ -8,7 +8,7 @@ Central difference is stable for dt < 2 / omega_max. Three figures, each with it
 - `after_fracture`: holds after any fractures in any shape. A fragment, that is a particle that splits off, takes half of
   its element's own mass and, if the step needs it, some of what its end carried besides (cladding): its mass is at least
   k dt^2 / 2. Then omega_p^2 = sum(k) / M <= 2 / dt^2 at every particle, fragments and what they leave alike, and as above
-  omega^2 <= 4 / dt^2 for every element. What may be taken is bounded (`fragment_limit`); nothing is made from nothing.
+  omega^2 <= 4 / dt^2 for every element. What may be taken is bounded (`after_fracture_limit`); nothing is made from nothing.
   Where nothing is carried this is dt < L0 / c of the shortest element.
 - `assembled`: 2 / omega_max of the assembled net as it stands (Lanczos), the sharp limit of the start.
 """

@@ -11,7 +11,6 @@ from netfall.errors import InputError
 LAUNCHER = "mpirun -n {ranks}"
 
 
-
 class RunFailed(InputError):
     """A run that did not end with exit code 0."""
 
