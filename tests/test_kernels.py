@@ -8,6 +8,7 @@ import pytest
 from netfall.mechanics.kernels import add_tensions, kick_rows
 from netfall.mechanics.state import Scene, State
 from netfall.parallel.distribute import cut_net
+from netfall.parallel.partition import metis_partition
 from netfall.solve.stepping import CHUNK, Plan
 
 
@@ -64,7 +65,7 @@ def forces_of(state: State, in_runs: bool = True) -> tuple[np.ndarray, np.ndarra
                           s.yield_force.max() if s.scene.plastic else None, s.slot_yield, s.slot_eps_p, s.reach)
         found[low:high] = np.column_stack(plan.f_chunk)[: high - low]
         if s.scene.inelastic:
-            near[low:high] = plan.near_of[: high - low] > 0
+            near[low:high] = plan.near_of[: high - low]
             assert count == plan.near_of[: high - low].sum()
     return found, near
 
@@ -136,3 +137,15 @@ def test_a_net_numbered_at_random_is_stepped_in_layers():
         rows = piece.ends.astype(np.int64)
         assert np.abs(rows[:, 0] - rows[:, 1]).mean() < 60
         assert np.array_equal(piece.particle_gid[rows], given)
+
+
+def test_a_rank_whose_rows_the_cut_shortens_is_stepped_by_columns():
+    """METIS's halves of a lattice, cut across its rows: runs are longer than a row, and few particles are in none."""
+    side = 120
+    for piece in cut_net(side**2, lattice(side), metis_partition(side**2, lattice(side), 2), 2):
+        state = State(Scene(), piece.n_owned, piece.n_halo, len(piece.element_gid))
+        state.ends[:], state.EA[:], state.L0[:] = piece.ends, 1.0, 1.0
+        halo = NoHalo()
+        halo.send_index = piece.send_index
+        first, last, _, rest = Plan(state, halo).runs
+        assert (last - first).max() > 4 * side and len(rest) < 0.05 * piece.n_owned

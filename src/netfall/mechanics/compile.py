@@ -43,8 +43,9 @@ numba.config.CACHE_DIR = _choose_cache()
 FLAGS = {"cache": True, "error_model": "numpy", "fastmath": False}
 
 # Hardware gathers are a trap on processors whose microcode was mended against leaks through them: four times slower
-# there than plain loads into the lanes of a vector, which are as fast elsewhere or nearly so.
-numba.config.CPU_FEATURES = (numba.config.CPU_FEATURES or llvmlite.binding.get_host_cpu_features().flatten()) + ",+prefer-no-gather"
+# there than plain loads into the lanes of a vector, which are as fast elsewhere or nearly so. And where there are registers
+# of 512 bits, the step is a third faster with them, also on processors for which the compiler prefers halves.
+numba.config.CPU_FEATURES = (numba.config.CPU_FEATURES or llvmlite.binding.get_host_cpu_features().flatten()) + ",+prefer-no-gather,-prefer-256-bit"
 
 # The compiler vectorises a loop that reads x of neighbours and writes v only if it knows that the two are different
 # arrays. numba has the flag (its own parallel loops use it) but gives it no name in the decorator: this does.

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from netfall.mechanics.arithmetic import fused
 from netfall.mechanics.compile import allocating_kernel, kernel, part_of_kernel, vector_kernel
 from netfall.mechanics.material import (
     dissipated_by_flow, elastic_force, force_density, plastic_force, stored_energy, strain)
@@ -21,21 +22,20 @@ EMPTY = np.uint32(0xFFFFFFFF)  # in place of an element's number
 
 
 @part_of_kernel
-def far_force(p, o, s, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
-    """Force [N] on particle p of the element in its slot s, whose far end is o; and 1 if it is near flow or fracture."""
+def add_force(p, o, s, fx, fy, fz, near, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
+    """Forces [N] on particle p so far, and those of the element in its slot s, whose far end is o; near: whether one is near flow or fracture."""
     dx, dy, dz = x[0][o] - x[0][p], x[1][o] - x[1][p], x[2][o] - x[2][p]
-    q, near = force_density(dx, dy, dz, s, p, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
-    return q * dx, q * dy, q * dz, near
+    q, found = force_density(dx, dy, dz, s, p, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+    return fused(q, dx, fx), fused(q, dy, fy), fused(q, dz, fz), near | found
 
 
 @part_of_kernel
 def four_forces(p, o0, o1, o2, o3, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
-    """Sum of the forces [N] of the first four slots of particle p, with far ends o0 to o3, in this order; and how many are near."""
-    ax, ay, az, a = far_force(p, o0, 0, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
-    bx, by, bz, b = far_force(p, o1, 1, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
-    cx, cy, cz, c = far_force(p, o2, 2, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
-    dx, dy, dz, d = far_force(p, o3, 3, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
-    return 0.0 + ax + bx + cx + dx, 0.0 + ay + by + cy + dy, 0.0 + az + bz + cz + dz, a + b + c + d
+    """Sum of the forces [N] of the first four slots of particle p, with far ends o0 to o3, in this order; and whether one is near flow or fracture."""
+    fx, fy, fz, near = add_force(p, o0, 0, 0.0, 0.0, 0.0, False, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+    fx, fy, fz, near = add_force(p, o1, 1, fx, fy, fz, near, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+    fx, fy, fz, near = add_force(p, o2, 2, fx, fy, fz, near, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+    return add_force(p, o3, 3, fx, fy, fz, near, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
 
 
 @part_of_kernel
@@ -82,13 +82,13 @@ def kick_particle(p, i, fx, fy, fz, kick_dt, c_v, c_a, zeta, share, v, f, per_ma
 def kick_rows(runs, rests, origin, width, run_first, run_last, run_step, rest, f_rest, near_rest, kick_dt, zeta, share, x, v, f, near_of,
               per_mass, free, mass, load, work_ext, work_int, work_damp, wind, speed_before, speed_after,
               other, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
-    """Forces, kick and work of particles; how many elements are near yield or fracture.
+    """Forces, kick and work of particles; how many have an element near yield or fracture.
 
     Three arrays for three axes stand in a tuple: then the compiler sees that nothing written is read again.
     runs : from and up to which run; run_first, run_last, run_step : of `find_runs`; the far ends of a run load in one piece
     rests : from and up to which place of rest, particles in no run; f_rest, near_rest : scratch
-    x : (n,) [m]; v : (n,) [m/s]; f : rows counted from `origin`, out, total force [N]; near_of : rows as f, out, elements of each
-        particle that are near, None: elastic; width : slots in use, if more than SLOTS
+    x : (n,) [m]; v : (n,) [m/s]; f : rows counted from `origin`, out, total force [N]; near_of : rows as f, out, 1 where an element
+        of the particle is near, None: elastic; width : slots in use, if more than SLOTS
     free : (n,) each, None where every particle is free or held on all axes (per_mass = 0)
     other : (slots, n) local number of the far end, the particle's own or any in an empty slot; inv_L0 : (slots, n) [1/m], 0: empty
     EA : [N] of all elements, unless slot_EA (slots, n) gives it; the same for yield_force [N] and slot_yield; None: elastic
@@ -104,23 +104,23 @@ def kick_rows(runs, rests, origin, width, run_first, run_last, run_step, rest, f
             fx, fy, fz, found = four_forces(p, p + s0, p + s1, p + s2, p + s3, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force,
                                             slot_yield, slot_eps_p, reach)
             if near_of is not None:
-                near_of[p - origin] = found
-                near += found
+                near_of[p - origin] = 1 if found else 0
+                near += 1 if found else 0
             kick_particle(p, p - origin, fx, fy, fz, kick_dt, c_v, c_a, zeta, share, v, f, per_mass, free, mass, load, work_ext, work_int, work_damp,
                           wind, speed_before, speed_after)
     first, last = np.uint64(rests[0]), np.uint64(rests[1])
     for i in range(first, last):
         p = rest[i]
-        f_rest[0][i - first], f_rest[1][i - first], f_rest[2][i - first], near_rest[i - first] = four_forces(
-            p, other[0, p], other[1, p], other[2, p], other[3, p], x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+        fx, fy, fz, found = four_forces(p, other[0, p], other[1, p], other[2, p], other[3, p], x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force,
+                                        slot_yield, slot_eps_p, reach)
+        f_rest[0][i - first], f_rest[1][i - first], f_rest[2][i - first], near_rest[i - first] = fx, fy, fz, 1 if found else 0
     for s in range(SLOTS, width):
         for i in range(first, last):
             p = rest[i]
-            fx, fy, fz, found = far_force(p, other[s, p], s, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
-            f_rest[0][i - first] += fx
-            f_rest[1][i - first] += fy
-            f_rest[2][i - first] += fz
-            near_rest[i - first] += found
+            k = i - first
+            fx, fy, fz, found = add_force(p, other[s, p], s, f_rest[0][k], f_rest[1][k], f_rest[2][k], near_rest[k] != 0, x, inv_L0, EA, slot_EA, measure,
+                                          slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+            f_rest[0][k], f_rest[1][k], f_rest[2][k], near_rest[k] = fx, fy, fz, 1 if found else 0
     for i in range(first, last):
         p = rest[i]
         if near_of is not None:

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from netfall.mechanics.arithmetic import fused, inverse_root, logarithm
 from netfall.mechanics.compile import kernel, part_of_kernel
 
 NEARLY = 1.0 - 1e-9  # a force or a strain this close to its limit is looked at again, exactly
@@ -49,32 +50,32 @@ def plastic_force(eps, eps_p, EA, yield_force, bar):
 
 @part_of_kernel
 def force_density(dx, dy, dz, s, p, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
-    """N / L [N/m] of the element in slot s of particle p, and 1 if it is near flow or fracture, else 0.
+    """N / L [N/m] of the element in slot s of particle p, and whether it is near flow or fracture.
 
-    `plastic_force` over the length, arranged for one root and one division: EA (L / L0 - 1 - eps_p) / L = EA (1 / L0 - (1 + eps_p) / L).
+    `plastic_force` over the length, arranged for one inverse root: EA (L / L0 - 1 - eps_p) / L = EA (1 / L0 - (1 + eps_p) / L).
     Arguments as in `kernels.kick_rows`. An empty slot, 1 / L0 = 0, gives zero.
     """
-    L = math.sqrt(dx * dx + dy * dy + dz * dz + TINY)
-    per_length = 1.0 / L
+    square = fused(dz, dz, fused(dy, dy, fused(dx, dx, TINY)))
+    per_length = inverse_root(square)
     stiffness = EA if slot_EA is None else slot_EA[s, p]
     eps_p = 0.0 if slot_eps_p is None else slot_eps_p[s, p]
     if measure is not None:
-        q = stiffness * (math.log(max(L * inv_L0[s, p], TINY)) - eps_p) * per_length
+        q = stiffness * (logarithm(max(square * per_length * inv_L0[s, p], TINY)) - eps_p) * per_length
     else:
-        q = stiffness * (inv_L0[s, p] - (1.0 + eps_p) * per_length)
-    near = 0
+        q = stiffness * fused(-1.0 - eps_p, per_length, inv_L0[s, p])
+    near = False
     lowest = 0.0  # slack
     if slot_bar is not None:
         lowest = -np.inf if slot_bar[s, p] else 0.0
     if yield_force is not None:
         highest = (yield_force if slot_yield is None else slot_yield[s, p]) * per_length
-        near = 1 if q > highest * NEARLY else 0
+        near = q > highest * NEARLY
         q = highest if q > highest else q
         if slot_bar is not None:
             lowest = -highest if slot_bar[s, p] else 0.0
-            near |= 1 if q < lowest * NEARLY and lowest < 0.0 else 0
+            near |= (q < lowest * NEARLY) & (lowest < 0.0)
     if reach is not None:
-        near |= 1 if L * inv_L0[s, p] > reach else 0
+        near |= inv_L0[s, p] > reach * per_length
     return q if q > lowest else lowest, near
 
 

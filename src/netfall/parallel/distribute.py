@@ -3,7 +3,7 @@
 A rank owns the particles of its part and steps them. It holds every element that meets one of them, and, as
 halo, the far ends of those that cross the cut. Rows: owned boundary particles (those that neighbours hold), so that
 their forces can be sent before the rest is moved; owned interior ones; then halo by owner and number, so that what a
-neighbour sends is received in place. Each of the three is in ascending global number, but for nets numbered at random
+neighbour sends is received in place. Each of the three is in ascending global number where that suits the step
 (`order_of_rows`). Positions never travel: owner and holders apply the same force to equal copies.
 """
 
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from netfall.mechanics.compile import allocating_kernel
+from netfall.mechanics.compile import allocating_kernel, kernel
 
 FAR = 4.0  # times farther apart in number than they need to be: then the given order of the particles is given up
 
@@ -118,22 +118,62 @@ def order_by_layers(first, ends, start, at, order):
                 count += 1
 
 
+@kernel
+def find_columns(pairs, first_of, column):
+    """The column (n,) of each particle of a lattice numbered row by row: one after its predecessor's in the row, or that of its neighbour in the row before.
+
+    pairs : (m, 2) numbers of the ends, the lower one first, sorted by the higher, then by the lower; first_of : (n + 1,) first pair of each higher number
+    """
+    for p in range(column.shape[0]):
+        column[p] = 0
+        if first_of[p] < first_of[p + 1]:
+            lowest = pairs[first_of[p], 0]
+            column[p] = column[lowest] + (1 if lowest == p - 1 else 0)
+
+
+def order_by_columns(n: int, ends: np.ndarray) -> np.ndarray:
+    """Order (n,) by columns in place of rows: long runs where a cut crosses the rows."""
+    pairs = np.sort(ends, axis=1)
+    pairs = pairs[np.lexsort((pairs[:, 0], pairs[:, 1]))]
+    column = np.empty(n, np.int64)
+    find_columns(pairs, np.searchsorted(pairs[:, 1], np.arange(n + 1)), column)
+    return np.argsort(column, kind="stable")
+
+
 def order_of_rows(boundary: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """The order (n,) in which a rank steps its own particles: boundary first, each part as given or, if neighbours then stand far apart, by layers.
+    """The order (n,) in which a rank steps its own particles, boundary first: as given, or by columns if fewer runs then break off, or,
+    if neighbours stand far apart, by layers.
 
     boundary : (n,) bool; ends : (m, 2) of the elements between them
     """
     n = len(boundary)
-    given, layers = np.argsort(~boundary, kind="stable"), np.empty(n, np.int64)
+    order = np.argsort(~boundary, kind="stable")
+    if boundary.any():
+        columns = order_by_columns(n, ends)
+        columns = columns[np.argsort(~boundary[columns], kind="stable")]
+        order = min(order, columns, key=lambda candidate: breaks(candidate, ends))
+    layers = np.empty(n, np.int64)
     order_by_layers(np.flatnonzero(boundary), ends, np.empty(n + 1, np.int64), np.empty(2 * len(ends), np.int64), layers)
-    return given if apart(given, ends) <= FAR * apart(layers, ends) else layers
+    return order if apart(order, ends) <= FAR * apart(layers, ends) else layers
+
+
+def rows_of(order: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Rows (m, 2) of the ends of elements (m, 2) in an order (n,)."""
+    row = np.empty(len(order), np.int64)
+    row[order] = np.arange(len(order))
+    return row[ends]
+
+
+def breaks(order: np.ndarray, ends: np.ndarray) -> int:
+    """Number of elements (m, 2) such that none ties together the two particles before its own, where runs end."""
+    rows = np.sort(rows_of(order, ends), axis=1)
+    key = rows[:, 0] * len(order) + rows[:, 1]
+    return len(key) - int(np.isin(key - len(order) - 1, key).sum())
 
 
 def apart(order: np.ndarray, ends: np.ndarray) -> int:
     """Sum of the distances between the rows of two particles that an element (m, 2) ties together."""
-    row = np.empty(len(order), np.int64)
-    row[order] = np.arange(len(order))
-    return int(np.abs(row[ends[:, 0]] - row[ends[:, 1]]).sum())
+    return int(np.abs(np.diff(rows_of(order, ends))).sum())
 
 
 class Distribution:
