@@ -7,6 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from validation_table import Table
 
 ENVIRONMENT = dict(os.environ)  # as it was before any MPI start-up in this process: mpirun fails silently with more
 ROOT = Path(__file__).resolve().parents[1]
@@ -23,6 +24,7 @@ prestress = 100e3
 
 def pytest_addoption(parser):
     parser.addoption("--long", action="store_true", help="also the tests that take minutes")
+    parser.addoption("--table", help="write the comparisons of tests/validation to this file")
 
 
 def pytest_collection_modifyitems(config, items):
@@ -66,6 +68,39 @@ class Workshop:
 @pytest.fixture
 def workshop(tmp_path):
     return Workshop(tmp_path)
+
+
+class BothWays(Workshop):
+    """A workshop whose jobs run on one rank and on several, with the same bits."""
+
+    def run(self, job: Path, *arguments, ranks=3, output="result.vtkhdf", code=0):
+        """Run a job on one rank and on `ranks`; the result file, open, after checking that both are equal to the bit."""
+        one = super().run(job, *arguments, output=output, code=code)
+        if code == 0 and ranks > 1:
+            with super().run(job, *arguments, ranks=ranks, output=f"ranks-{output}") as several:
+                assert_same_results(one, several)
+        return one
+
+
+@pytest.fixture
+def both_ways(tmp_path):
+    """For validation: each job on one rank and on three."""
+    return BothWays(tmp_path)
+
+
+TABLE = Table()
+
+
+@pytest.fixture
+def compare():
+    """`Table.compare`: a figure beside an independent one, asserted, and a row of the table that `--table FILE` writes."""
+    return TABLE.compare
+
+
+def pytest_sessionfinish(session):
+    """Write the table of comparisons where asked."""
+    if session.config.getoption("--table"):
+        TABLE.write(Path(session.config.getoption("--table")))
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,57 @@
+"""The rows of the validation table: netfall's figure beside an independent one, with the tolerance that theory gives."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+HEAD = "| case | source | netfall | theirs | difference | within | because |\n|---|---|---|---|---|---|---|\n"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One comparison. difference and within: relative ones, unless a unit is given with them."""
+
+    theme: str
+    case: str
+    source: str
+    ours: str
+    theirs: str
+    difference: float
+    within: float
+    unit: str
+    because: str
+
+    def text(self) -> str:
+        """The row in Markdown."""
+        mark = "" if self.met else " (NOT MET)"
+        unit = f" {self.unit}" if self.unit else ""
+        return f"| {self.case} | {self.source} | {self.ours} | {self.theirs} | {self.difference:.1e}{unit}{mark} | {self.within:.0e}{unit} | {self.because} |\n"
+
+    @property
+    def met(self) -> bool:
+        """Whether the difference lies within the tolerance."""
+        return abs(self.difference) <= self.within
+
+
+class Table:
+    """Rows in the order in which the tests made them."""
+
+    def __init__(self):
+        self.rows: list[Row] = []
+
+    def compare(self, theme: str, case: str, source: str, ours: float, theirs: float, within: float, because: str, unit: str = "", scale: float | None = None) -> None:
+        """Add a row and assert it.
+
+        unit : of the figures; difference : (ours - theirs) / scale; scale : |theirs| unless given, needed where theirs is zero (1: absolute, with the unit)
+        """
+        ours, theirs = float(ours), float(theirs)
+        size = abs(theirs) if scale is None else scale
+        with_unit = lambda value: f"{value:.6g}" + (f" {unit}" if unit else "")
+        row = Row(theme, case, source, with_unit(ours), with_unit(theirs), (ours - theirs) / size, within, unit if scale == 1.0 else "", because)
+        self.rows.append(row)
+        assert math.isfinite(row.difference) and row.met, row.text()
+
+    def write(self, path: Path) -> None:
+        """The table as a page of Markdown."""
+        themes = list(dict.fromkeys(row.theme for row in self.rows))
+        path.write_text("\n".join(f"**{theme}**\n\n{HEAD}{''.join(row.text() for row in self.rows if row.theme == theme)}" for theme in themes))
