@@ -298,6 +298,20 @@ def add_tensions(x, ends, N, L, f_int):
 
 
 @kernel
+def add_stiffness(u, ends, direction, axial, transverse, force):
+    """Add to force (n, 3) what elements answer to displacements u (n, 3) with, along their direction (m, 3) and across it; axial, transverse : (m,) [N/m]."""
+    for e in range(ends.shape[0]):
+        a, b = ends[e, 0], ends[e, 1]
+        along = 0.0
+        for k in range(3):
+            along += (u[b, k] - u[a, k]) * direction[e, k]
+        for k in range(3):
+            d = transverse[e] * (u[b, k] - u[a, k]) + (axial[e] - transverse[e]) * along * direction[e, k]
+            force[b, k] += d
+            force[a, k] -= d
+
+
+@kernel
 def element_energies(N, eps_p_now, L0, EA, logarithmic, yield_force, eps_p, dissipated, stored, heat):
     """Stored and dissipated energy (m,) [J] of each element, for the state of `element_state`."""
     for e in range(N.shape[0]):

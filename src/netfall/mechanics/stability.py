@@ -10,7 +10,7 @@ Central difference is stable for dt < 2 / omega_max. Three figures, each with it
   k dt^2 / 2. Then omega_p^2 = sum(k) / M <= 2 / dt^2 at every particle, fragments and what they leave alike, and as above
   omega^2 <= 4 / dt^2 for every element. What may be taken is bounded (`after_fracture_limit`); nothing is made from nothing.
   Where nothing is carried this is dt < L0 / c of the shortest element.
-- `assembled`: 2 / omega_max of the assembled net as it stands (Lanczos), the sharp limit of the start.
+- `assembled`: 2 / omega_max of the assembled net as it stands, the sharp limit of the start (`solve/spectrum.py`).
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 ROUNDING = 1e-9  # of a particle's mass: what it carries besides its elements, if more
-RESTARTS = 60  # of the Lanczos iteration; large uniform nets have eigenvalues too close to one another
+
 
 @dataclass(frozen=True)
 class Limit:
@@ -78,42 +78,3 @@ def after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, share: float
 def fragment_mass(EA: float, L0: float, half: float, dt: float) -> float:
     """Mass [kg] of a particle that splits off with an element, in a run whose steps ask for stability at dt [s]."""
     return max(half, 0.5 * EA / L0 * dt * dt)
-
-
-def assembled_limit(x, elements, EA, L0, N, mass, fixed) -> Limit | None:
-    """2 / omega_max of the net in shape x (n, 3) [m] under tensions N (m,) [N], by Lanczos iteration; None if that fails."""
-    from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh  # here: few runs need it, and it takes 0.2 s to load
-
-    d = x[elements[:, 1]] - x[elements[:, 0]]
-    L = np.linalg.norm(d, axis=1)
-    direction = d / L[:, None]
-    axial, transverse = np.where(N == 0, 0.0, EA / L0), np.maximum(N, 0.0) / L
-    root = np.where(fixed, 0.0, 1.0 / np.sqrt(np.maximum(mass, 1e-300))[:, None])
-    n = len(x)
-
-    def apply(u):
-        w = u.reshape(n, 3) * root
-        stretch = w[elements[:, 1]] - w[elements[:, 0]]
-        along = np.sum(stretch * direction, axis=1)
-        force = transverse[:, None] * stretch + ((axial - transverse) * along)[:, None] * direction
-        out = np.stack([np.bincount(elements[:, 1], force[:, k], n) - np.bincount(elements[:, 0], force[:, k], n) for k in range(3)], -1)
-        return (out * root).ravel()
-
-    start = np.random.default_rng(1).standard_normal((n, 3)) * (root > 0)
-    if not start.any():
-        return Limit("assembled", np.inf, -1)
-    if start.size < 10 or (root > 0).sum() < 3:
-        dense = np.array([apply(column) for column in np.eye(3 * n)])
-        values, vectors = np.linalg.eigh(0.5 * (dense + dense.T))
-        value, vector = values[-1], vectors[:, -1]
-    else:
-        try:
-            values, vectors = eigsh(LinearOperator((3 * n, 3 * n), matvec=apply, dtype=float), k=1, which="LA", v0=start.ravel(), tol=1e-6, maxiter=RESTARTS)
-        except ArpackNoConvergence:
-            return None
-        value, vector = values[0], vectors[:, 0]
-    if not value > 0:
-        return Limit("assembled", np.inf, -1)
-    shape = vector.reshape(n, 3) * root
-    stretch = np.abs(np.sum((shape[elements[:, 1]] - shape[elements[:, 0]]) * direction, axis=1))
-    return Limit("assembled", 2.0 / float(np.sqrt(value)), int(np.argmax(stretch * np.sqrt(axial))))

@@ -9,11 +9,11 @@ from netfall.job.read import Job
 from netfall.mechanics.state import FIELDS
 from netfall.net.build import build_net
 from netfall.solve.dynamics import Schedule
-from netfall.solve.roof import Phases, Roof, prepare, scene_of, sharp_limit
+from netfall.solve.roof import Phases, Roof, prepare, scene_of
 from netfall.solve.run import limit_line, schedule_of
 
 STEP_NS, STEP_US = 8.0, 2.0  # for an element and step, and for a step, on one core with all features on (README, "How fast")
-LARGEST_FORM = 50_000  # elements up to which check also finds the form and the sharp limit of the step
+LARGEST_FORM = 50_000  # elements up to which check also finds the form
 FRAME_BYTES = {"particle": 24 + 12 + 12, "element": 4 + 4 + 4 + 1}  # of the result file, for each state
 SETUP_BYTES = 500  # per element on rank 0, while the net is read, cut and sent
 
@@ -77,9 +77,8 @@ def features(job: Job, roof: Roof) -> str:
 
 def _describe_steps(job: Job, roof: Roof, schedule: Schedule, say) -> None:
     m = roof.whole.net.m
-    for limit in (*roof.limits.values(), sharp_limit(roof.whole) if m <= LARGEST_FORM else None):
-        if limit:
-            say(limit_line(limit, roof.whole))
+    for limit in roof.limits.values():
+        say(limit_line(limit, roof.whole))
     seconds = schedule.steps * (m * STEP_NS * 1e-9 + STEP_US * 1e-6)
     say(f"steps: {schedule.steps} of {schedule.dt:.4g} s" + (" (auto)" if job.dynamics.time_step == "auto" else "")
         + f"; expected run time about {seconds:.2g} s on one core")

@@ -17,7 +17,7 @@ from mpi4py import MPI
 from netfall.errors import InputError
 from netfall.job.read import Job
 from netfall.mechanics.material import unstressed_length
-from netfall.mechanics.stability import Limit, after_fracture_limit, any_shape_limit, assembled_limit
+from netfall.mechanics.stability import Limit, after_fracture_limit, any_shape_limit
 from netfall.mechanics.state import Scene, State
 from netfall.net.build import build_net, roof_areas
 from netfall.net.faces import Faces, normals
@@ -30,9 +30,11 @@ from netfall.parallel.root import on_root
 from netfall.solve.form_finding import Form, find_form
 from netfall.solve.relax import Paused, state_residual
 from netfall.solve.restart import interrupted, pause_form_finding, restore_relaxation, restored_form
+from netfall.solve.spectrum import assembled_limit
 from netfall.solve.stop import NEVER, StopRequest
 from netfall.wind.field import GeneratedHistory, make_wind_field, read_measured
 
+LARGEST_SHARP = 50_000  # elements up to which each run finds the sharp limit of its step, in some milliseconds; beyond, where a fixed step needs it
 STEP_PHASES = ("dynamics: forces and kick", "dynamics: exchange", "dynamics: drift")
 
 
@@ -169,6 +171,9 @@ def prepare(comm: MPI.Comm, job: Job, phases: Phases, report: Callable = lambda 
             raise InputError(f"{job.path}: [form_finding] tolerance = {job.form_finding.tolerance:g}: the prestressed net with the real material has a "
                              f"residual of {residual / form.reference:.3g} of the prestress; expected a tolerance that rounding allows")
         limits = comm.bcast(step_limits(whole, scene, job.dynamics.fragment_mass if job.dynamics else 0.0) if whole else None)
+        asked = job.dynamics.time_step if job.dynamics else "auto"
+        if job.dynamics and (m <= LARGEST_SHARP or asked != "auto" and asked > limits["any_shape"].dt):
+            limits["assembled"] = assembled_limit(comm, state, distribution.piece.element_gid, halo)
     return Roof(whole, distribution, state, halo, form, residual, reference, limits, digest, stage, checkpoint)
 
 
@@ -277,12 +282,6 @@ def step_limits(whole: Whole, scene: Scene, fragment_mass: float) -> dict[str, L
     return {limit.name: limit for limit in limits}
 
 
-def sharp_limit(whole: Whole) -> Limit | None:
-    """Limit of the net as it starts, by Lanczos iteration; None if that does not converge. Rank 0."""
-    net = whole.net
-    return assembled_limit(whole.x, net.elements, net.modulus * net.section, whole.L0, whole.N, whole.mass, net.fixed)
-
-
-def smallest(limits: dict[str, Limit]) -> Limit:
-    """The limit that governs."""
-    return min(limits.values(), key=lambda limit: limit.dt)
+def governing(limits: dict[str, Limit]) -> Limit:
+    """The limit that the step must keep whatever the roof does."""
+    return min((limit for limit in limits.values() if limit.name != "assembled"), key=lambda limit: limit.dt)

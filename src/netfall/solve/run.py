@@ -23,7 +23,7 @@ from netfall.solve.dynamics import Probes, Schedule, Simulation, find_probes, ma
 from netfall.solve.energy import take_snapshot, total_energies
 from netfall.solve.restart import Saver, interrupted, restore_relaxation, restore_result, restore_state, restore_wind
 from netfall.solve.relax import Paused
-from netfall.solve.roof import Phases, Roof, Whole, prepare, sharp_limit, smallest
+from netfall.solve.roof import Phases, Roof, Whole, governing, prepare
 from netfall.solve.statics import StaticPath, find_equilibrium
 from netfall.solve.stop import NEVER, StopRequest
 from netfall.solve.windload import WindLoad
@@ -124,7 +124,7 @@ def _check_replaceable(path: Path) -> None:
 
 def schedule_of(job: Job, roof: Roof) -> Schedule:
     """The steps of the dynamic stage. Raises InputError for a fixed step that is not stable. Rank 0."""
-    limit = smallest(roof.limits)
+    limit = governing(roof.limits)
     net = roof.whole.net
     if job.dynamics.time_step != "auto" and job.dynamics.time_step > limit.dt:
         refuse_step(job, limit, roof, net)
@@ -140,7 +140,7 @@ def schedule_of(job: Job, roof: Roof) -> Schedule:
 def refuse_step(job: Job, limit, roof: Roof, net: Net) -> None:
     """Raise InputError unless the step is below the sharp limit and nothing can break."""
     if limit.name == "any_shape":
-        limit = sharp_limit(roof.whole) or limit
+        limit = roof.limits["assembled"]
         if job.dynamics.time_step <= limit.dt:
             return
     ids = "-".join(str(net.node_id[p]) for p in net.elements[limit.element])
