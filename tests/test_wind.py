@@ -6,7 +6,7 @@ from conftest import STEEL
 from scipy.signal import csd, welch
 
 from netfall.wind.autoregressive import GustRecursion, fit_gust_model, spread_lags
-from netfall.wind.davenport import davenport_coherence, davenport_spectrum, gust_variance, mean_speed
+from netfall.wind.davenport import davenport_coherence, davenport_spectrum, gust_variance
 
 U0, K, DT, ORDER, DECAY = 40.0, 0.03, 0.05, 4, np.array([8.0, 16.0, 10.0])
 POINTS = np.array([[x, y, 0.0] for x in (-30.0, -10.0, 10.0, 30.0) for y in (0.0, 15.0, 30.0)])
@@ -89,16 +89,6 @@ def test_force_on_a_flat_roof_by_hand(workshop, coefficient):
     expected = -coefficient * 100.0 * 0.5 * 1.25 * 30**2 / mass * 0.002
     assert np.allclose(v[:, 2], expected, rtol=1e-3)  # the net barely resists within 2 ms
     assert np.sign(v[0, 2]) == -np.sign(coefficient)
-
-
-def test_profile_of_the_mean_speed(workshop):
-    """The power law at each control point's height above ground."""
-    f = workshop.run(workshop.job('[net]\ngenerator = "saddle"\nrise = 8.0\n' + STEEL + "[form_finding]\nmodulus_factor = 0\n"
-                                  + BLOW.format(k=0.03, u=-1.0).replace("profile_exponent = 0.0", "profile_exponent = 0.2\nbase_height = 30.0")))
-    z = f["wind/control_point"][:, 2] + 30.0
-    assert np.ptp(z) > 5 and np.allclose(f["wind/mean_speed"][:], 30 * (z / 10) ** 0.2)
-    assert np.allclose(mean_speed(np.array([10.0, 40.0]), 30.0, 0.5), [30.0, 60.0])
-    assert f["wind/speed"].shape == (len(f["wind/time"]), len(z))
 
 
 def test_measured_wind_from_a_table(workshop):

@@ -42,7 +42,7 @@ def make_schedule(limit: float, dynamics, output) -> Schedule:
     """Steps for the job: its own length, or for "auto" the largest within `limit` [s] that fits the history rows."""
     if dynamics.time_step == "auto":
         every = min(output.history, dynamics.duration)
-        dt = every / np.ceil(every / (dynamics.safety * limit) - ROUNDING)
+        dt = every / max(1.0, np.ceil(every / (dynamics.safety * limit) - ROUNDING))
     else:
         dt = dynamics.time_step
     steps = max(1, int(np.ceil(dynamics.duration / dt - ROUNDING)))

@@ -5,8 +5,8 @@ from both if they are equal. A new particle takes the place and velocity of the 
 the step is too long for that alone, some of what the end carried, with its weight (`stability.fragment_mass`); so mass,
 momentum and energy stay as they are. It belongs to the rank that owns the element's other end, so a fracture never adds to the halo.
 
-Every rank that holds the element decides alike: strain, resultant forces and valences are equal to the bit on
-all of them. The valence is that before the step, whatever else parts in it.
+Every rank that holds the element decides alike: strain, resultant forces, masses and valences are equal to the bit on
+all of them. Mass and valence are those before the step, whatever else parts in it.
 """
 
 import numpy as np
@@ -17,6 +17,7 @@ from netfall.net.net import GRAVITY
 from netfall.output.result import Event
 
 EQUAL_FORCES = 1e-6  # relative: a symmetric net breaks symmetrically in spite of rounding
+CARRIES = 1e-9  # of a particle's mass: more than rounding
 
 
 def split_number(n: int, element: int, end: int) -> int:
@@ -32,9 +33,12 @@ def parting_ends(state: State, e: int) -> tuple[int, ...]:
     return (0,) if force[0] > force[1] else (1,)
 
 
-def is_loose(state: State, p: int) -> bool:
-    """Whether the particle hangs on a single element and on no support: then there is nothing left to split."""
-    return state.valence[p] == 1 and bool(state.free[p].all())
+def is_loose(state: State, p: int, e: int) -> bool:
+    """Whether the particle is but the end of element e, on no other element and no support, and carries nothing: then there is nothing left to split.
+
+    What it carries (cladding, a weight) falls off with the element that held it, or it would hang on a broken one for ever.
+    """
+    return state.valence[p] == 1 and bool(state.free[p].all()) and bool(state.mass[p] - state.half_mass[e] <= CARRIES * state.mass[p])
 
 
 def split_particles(state: State, count: int, step: int, n: int, element_gid: np.ndarray, self_weight: bool, carried_weight: bool,
@@ -45,7 +49,7 @@ def split_particles(state: State, count: int, step: int, n: int, element_gid: np
     dt : [s] length of the step that was taken since x(n), for the strain that is reported; stable_dt : [s] for which fragments are stable
     """
     elements = sorted(state.pending[:count].tolist())
-    decisions = [(e, [(end, is_loose(state, state.ends[e, end])) for end in parting_ends(state, e)]) for e in elements]
+    decisions = [(e, [(end, is_loose(state, state.ends[e, end], e)) for end in parting_ends(state, e)]) for e in elements]
     state.reserve(2 * count)
     events = []
     for e, parting in decisions:
