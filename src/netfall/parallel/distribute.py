@@ -14,6 +14,7 @@ from mpi4py import MPI
 
 from netfall.mechanics.compile import allocating_kernel, kernel
 
+RAGGED = 1 / 256  # of the elements: breaks of runs from which on another order of the particles is tried
 FAR = 4.0  # times farther apart in number than they need to be: then the given order of the particles is given up
 
 
@@ -119,24 +120,23 @@ def order_by_layers(first, ends, start, at, order):
 
 
 @kernel
-def find_columns(pairs, first_of, column):
+def find_columns(lower, first_of, column):
     """The column (n,) of each particle of a lattice numbered row by row: one after its predecessor's in the row, or that of its neighbour in the row before.
 
-    pairs : (m, 2) numbers of the ends, the lower one first, sorted by the higher, then by the lower; first_of : (n + 1,) first pair of each higher number
+    lower : (m,) lower number of each element's two, sorted by the higher one, then by itself; first_of : (n + 1,) first place of each higher number
     """
     for p in range(column.shape[0]):
         column[p] = 0
         if first_of[p] < first_of[p + 1]:
-            lowest = pairs[first_of[p], 0]
+            lowest = lower[first_of[p]]
             column[p] = column[lowest] + (1 if lowest == p - 1 else 0)
 
 
 def order_by_columns(n: int, ends: np.ndarray) -> np.ndarray:
     """Order (n,) by columns in place of rows: long runs where a cut crosses the rows."""
-    pairs = np.sort(ends, axis=1)
-    pairs = pairs[np.lexsort((pairs[:, 0], pairs[:, 1]))]
+    higher, lower = np.divmod(np.sort(ends.max(1) * n + ends.min(1)), n)
     column = np.empty(n, np.int64)
-    find_columns(pairs, np.searchsorted(pairs[:, 1], np.arange(n + 1)), column)
+    find_columns(lower, np.searchsorted(higher, np.arange(n + 1)), column)
     return np.argsort(column, kind="stable")
 
 
@@ -148,7 +148,7 @@ def order_of_rows(boundary: np.ndarray, ends: np.ndarray) -> np.ndarray:
     """
     n = len(boundary)
     order = np.argsort(~boundary, kind="stable")
-    if boundary.any():
+    if boundary.any() and breaks(order, ends) > RAGGED * len(ends):
         columns = order_by_columns(n, ends)
         columns = columns[np.argsort(~boundary[columns], kind="stable")]
         order = min(order, columns, key=lambda candidate: breaks(candidate, ends))
@@ -166,9 +166,11 @@ def rows_of(order: np.ndarray, ends: np.ndarray) -> np.ndarray:
 
 def breaks(order: np.ndarray, ends: np.ndarray) -> int:
     """Number of elements (m, 2) such that none ties together the two particles before its own, where runs end."""
-    rows = np.sort(rows_of(order, ends), axis=1)
-    key = rows[:, 0] * len(order) + rows[:, 1]
-    return len(key) - int(np.isin(key - len(order) - 1, key).sum())
+    rows = rows_of(order, ends)
+    key = np.sort(rows.min(1) * len(order) + rows.max(1))
+    before = key - len(order) - 1
+    place = np.searchsorted(key, before)
+    return len(key) - int((key[np.minimum(place, len(key) - 1)] == before).sum())
 
 
 def apart(order: np.ndarray, ends: np.ndarray) -> int:
