@@ -9,6 +9,7 @@ import hashlib
 import os
 import shutil
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
@@ -65,6 +66,15 @@ def release(file) -> None:
     file.close()
 
 
+@dataclass
+class Growing:
+    """A dataset that rows are appended to, kept open: looking it up takes longer than writing a row."""
+
+    id: h5py.h5d.DatasetID
+    dtype: np.dtype
+    shape: tuple[int, ...]
+
+
 class SharedFile:
     """Appends global rows to datasets of one file. Every method is collective.
 
@@ -79,6 +89,7 @@ class SharedFile:
         self.blocks = Blocks(comm, PARALLEL)
         self.writes = PARALLEL or comm.rank == 0
         self.file = None
+        self._growing: dict[str, Growing] = {}
         on_all(comm, self._open)
 
     def _open(self):
@@ -118,40 +129,50 @@ class SharedFile:
         """Append `total` rows, of which this rank gives its block; the first new row, earlier files included."""
         if not self.writes:
             return 0
-        dataset = self.file[name]
-        first = dataset.shape[0]
         with writing(self.path):
-            dataset.resize(first + total, axis=0)
-            self._write(dataset, block, first + self.blocks.bounds(total)[self.comm.rank])
+            first = self.grow(name, total)
+            self.write(name, block, first + self.blocks.bounds(total)[self.comm.rank])
         return first + self.base.get(name, 0)
 
     def append_state(self, name: str, block: np.ndarray, total: int) -> None:
         """Append one state: a row (total, ...) of which this rank gives its block along the first axis."""
         if not self.writes:
             return
-        dataset = self.file[name]
         with writing(self.path):
-            dataset.resize(dataset.shape[0] + 1, axis=0)
-            self._write(dataset, block[None], dataset.shape[0] - 1, self.blocks.bounds(total)[self.comm.rank])
+            self.write(name, block[None], self.grow(name, 1), self.blocks.bounds(total)[self.comm.rank])
 
-    def _write(self, dataset, block, *first):
-        block = np.ascontiguousarray(block, dataset.dtype)
-        space = dataset.id.get_space()
+    def grow(self, name: str, rows: int) -> int:
+        """Make room for more rows of a dataset; the first new one in this file. On ranks that write."""
+        if name not in self._growing:
+            dataset = self.file[name]
+            self._growing[name] = Growing(dataset.id, dataset.dtype, dataset.shape)
+        kept = self._growing[name]
+        first = kept.shape[0]
+        kept.shape = (first + rows, *kept.shape[1:])
+        kept.id.set_extent(kept.shape)
+        return first
+
+    def write(self, name: str, block: np.ndarray, *first: int) -> None:
+        """Write this rank's block into rows that `grow` has made, from the place `first` on."""
+        kept = self._growing[name]
+        block = np.ascontiguousarray(block, kept.dtype)
+        space = kept.id.get_space()
         if block.size:
             space.select_hyperslab((*map(int, first), *([0] * (block.ndim - len(first)))), block.shape)
             memory = h5py.h5s.create_simple(block.shape)
         else:
-            block = np.zeros((1,) * block.ndim, dataset.dtype)
+            block = np.zeros((1,) * block.ndim, kept.dtype)
             space.select_none()
             memory = h5py.h5s.create_simple(block.shape)
             memory.select_none()
-        dataset.id.write(memory, space, block, dxpl=self._transfer)
+        kept.id.write(memory, space, block, dxpl=self._transfer)
 
     def close(self, finish=lambda file: None, seal: bool = False) -> None:
         """Close, let rank 0 add the small datasets by finish(file), and give the file its name.
 
         seal : append a digest of the whole file, which `check_seal` verifies
         """
+        self._growing.clear()
         with writing(self.path):
             if self.writes:
                 self.file.close()
@@ -172,6 +193,7 @@ class SharedFile:
 
     def discard_all(self) -> None:
         """Close without keeping anything. Collective."""
+        self._growing.clear()
         if self.writes:
             self.file.close()
         self.comm.Barrier()

@@ -63,22 +63,18 @@ class VtkSeries:
         file = self.file
         if not file.writes:
             return 0
-        dataset = file.file["VTKHDF/Connectivity"]
-        first = dataset.shape[0]
-        dataset.resize(first + 2 * cells, axis=0)
-        file._write(dataset, connectivity.reshape(-1), first + 2 * file.blocks.bounds(cells)[file.comm.rank])
+        first = file.grow("VTKHDF/Connectivity", 2 * cells)
+        file.write("VTKHDF/Connectivity", connectivity.reshape(-1), first + 2 * file.blocks.bounds(cells)[file.comm.rank])
         return first + file.base.get("VTKHDF/Connectivity", 0)
 
     def _append_offsets(self, low, count, cells):
         file = self.file
         if not file.writes:
             return
-        dataset = file.file["VTKHDF/Offsets"]
-        first = dataset.shape[0]
-        dataset.resize(first + cells + 1, axis=0)
+        first = file.grow("VTKHDF/Offsets", cells + 1)
         leading = low == 0 and file.comm.rank == 0
         offsets = 2 * np.arange(low + (0 if leading else 1), low + count + 1)
-        file._write(dataset, offsets, first + (0 if leading else low + 1))
+        file.write("VTKHDF/Offsets", offsets, first + (0 if leading else low + 1))
 
     def write_step(self, time: float, positions: np.ndarray, point_data: dict, cell_data: dict, points: int, cells: int) -> None:
         """A step on the mesh written last: this rank's blocks of positions and fields; points and cells in all."""

@@ -42,7 +42,7 @@ def rounded(limbs: np.ndarray) -> float:
     """The double nearest to the fixed-point number, nan if a term was not finite."""
     if limbs[-1]:
         return float("nan")
-    total = sum(int(limb) << (32 * k) for k, limb in enumerate(limbs[:-1]) if limb)
+    total = sum(int(limbs[k]) << (32 * k) for k in np.flatnonzero(limbs[:-1]).tolist())
     try:
         return total / (1 << LOWEST)
     except OverflowError:
