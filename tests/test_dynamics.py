@@ -182,3 +182,10 @@ def test_the_audit_changes_nothing_and_can_be_left_out(workshop):
         assert np.array_equal(audited[name], bare[name]), name
     for name in ("external_work", "damping_work", "identity_error", "balance_error"):
         assert np.isfinite(audited[f"history/{name}"]).all() and np.isnan(bare[f"history/{name}"]).all()
+
+
+def test_a_step_that_could_be_far_longer_than_the_run(workshop):
+    """A net so soft that its limit is 1e9 history rows long: a step for each row."""
+    text = "[cable]\nmodulus = 1.0\narea = 1e-12\ndensity = 7850.0\n[dynamics]\nduration = 0.1\n"
+    f = workshop.run(workshop.job(text, "id,x,y,z,fixed,mass\n1,0,0,0,1,0\n2,1,0,0,0,1000\n", "start,end\n1,2\n"))
+    assert f["history/time_step"][1] == 0.01 and len(f["history/time"]) == 11
