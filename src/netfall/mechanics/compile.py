@@ -56,3 +56,13 @@ allocating_kernel = numba.njit(**FLAGS)
 kernel = numba.njit(**FLAGS, _nrt=False)
 part_of_kernel = numba.njit(**FLAGS, _nrt=False, forceinline=True)  # a call within a loop would keep it from being vectorised
 vector_kernel = numba.njit(**FLAGS, _nrt=False, noalias=True)  # no two array arguments may overlap
+
+
+@kernel
+def _nothing():
+    return 0
+
+
+def wake() -> None:
+    """Pay for the first call of compiled code, some 0.3 s, at a time when there is nothing else to do."""
+    _nothing()

@@ -16,6 +16,7 @@ from mpi4py import MPI
 
 from netfall.errors import InputError
 from netfall.job.read import Job
+from netfall.mechanics.compile import wake
 from netfall.mechanics.material import unstressed_length
 from netfall.mechanics.stability import Limit, after_fracture_limit, any_shape_limit
 from netfall.mechanics.state import Scene, State
@@ -141,6 +142,8 @@ def prepare(comm: MPI.Comm, job: Job, phases: Phases, report: Callable = lambda 
     Raises InputError for what is wrong in the job, DivergedError if form finding does not converge, Interrupted if `stop` asks for it.
     """
     with phases.phase("net and partition"):
+        if comm.rank > 0:
+            wake()  # while rank 0 reads the net
         whole = on_root(comm, lambda: make_whole(job, comm.size))
         n, m, scene = comm.bcast((whole.net.n, whole.net.m, scene_of(job, whole.net)) if whole else None)
         distribution = Distribution(comm, n, m, on_root(comm, lambda: cut_net(n, whole.net.elements, whole.part, comm.size)))
