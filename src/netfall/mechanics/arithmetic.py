@@ -1,8 +1,8 @@
 """Inverse root and logarithm of vector registers.
 
-A processor's own root and division take some twenty cycles for a register, four times as long as all the rest of an
+A processor's own root and division together take some 35 cycles for a register, four times as long as all the rest of an
 element; a guess and two rounds of fused multiply-add take seven, and give the same bits on every processor. The logarithm
-of the mathematical library works on one number at a time. Both are right to 1.5 units in the last place (tests/test_material.py).
+of the mathematical library works on one number at a time. Both are right to two units in the last place (tests/test_arithmetic.py).
 """
 
 import numpy as np
@@ -57,7 +57,7 @@ def logarithm(a):
     a = 2^k m with m from sqrt(1/2) to sqrt(2); ln m = 2 artanh s, s = (m - 1) / (m + 1) < 0.172, whose series is cut after s^21: 1e-18.
     """
     bits = bits_of(a)
-    k = ((bits - bits_of(SQRT_HALF)) >> 52)
+    k = (bits - bits_of(SQRT_HALF)) >> 52
     m = number_of(bits - (k << 52))
     f = m - 1.0
     s = f / (2.0 + f)
