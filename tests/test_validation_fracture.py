@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from conftest import STEEL
 from scipy.optimize import brentq
+from test_fracture import PULLED
 
 THEME = "Fracture"
 E, A, RHO, G = 1.95e11, 683.08e-6, 7850.0, 9.81
@@ -187,13 +188,9 @@ def test_equal_forces_part_both_ends(both_ways, compare):
             3 * (ringing * dt) ** 2 / 8, "second order in the step: (omega dt)^2 / 8", "m/s")
 
 
-PULLED = ('[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n' + STEEL + "yield_stress = 1.75e9\nfracture_strain = 0.0404\n[form_finding]\nmodulus_factor = 0\n"
-          "[load]\npressure = [0.0, 0.0, 12000.0]\n[dynamics]\nduration = 0.3\n")
-
-
 def test_symmetric_net_breaks_symmetrically(both_ways, compare):
     """Under uniform load the saddle's fractures come in mirror images, in the same step."""
-    f = both_ways.run(both_ways.job(PULLED))
+    f = both_ways.run(both_ways.job(PULLED.format(0.3)))
     x, elements, element, step = f["net/particles"][:, :2], f["net/elements"][:], f["events/element"][:], f["events/step"][:]
     middle = 0.5 * (x[elements[:, 0]] + x[elements[:, 1]])
     image = {mirror: np.array([np.linalg.norm(middle - place * mirror, axis=1).argmin() for place in middle]) for mirror in ((-1, 1), (1, -1))}

@@ -148,10 +148,11 @@ def order_of_rows(boundary: np.ndarray, ends: np.ndarray) -> np.ndarray:
     """
     n = len(boundary)
     order = np.argsort(~boundary, kind="stable")
-    if boundary.any() and breaks(order, ends) > RAGGED * len(ends):
+    broken = breaks(order, ends) if boundary.any() else 0
+    if broken > RAGGED * len(ends):
         columns = order_by_columns(n, ends)
         columns = columns[np.argsort(~boundary[columns], kind="stable")]
-        order = min(order, columns, key=lambda candidate: breaks(candidate, ends))
+        order = columns if breaks(columns, ends) < broken else order
     layers = np.empty(n, np.int64)
     order_by_layers(np.flatnonzero(boundary), ends, np.empty(n + 1, np.int64), np.empty(2 * len(ends), np.int64), layers)
     return order if apart(order, ends) <= FAR * apart(layers, ends) else layers

@@ -11,13 +11,12 @@ all of them. Mass and valence are those before the step, whatever else parts in 
 
 import numpy as np
 
-from netfall.mechanics.stability import fragment_mass
+from netfall.mechanics.stability import ROUNDING, fragment_mass
 from netfall.mechanics.state import State
 from netfall.net.net import GRAVITY
 from netfall.output.result import Event
 
 EQUAL_FORCES = 1e-6  # relative: a symmetric net breaks symmetrically in spite of rounding
-CARRIES = 1e-9  # of a particle's mass: more than rounding
 
 
 def split_number(n: int, element: int, end: int) -> int:
@@ -38,7 +37,7 @@ def is_loose(state: State, p: int, e: int) -> bool:
 
     What it carries (cladding, a weight) falls off with the element that held it, or it would hang on a broken one for ever.
     """
-    return state.valence[p] == 1 and bool(state.free[p].all()) and bool(state.mass[p] - state.half_mass[e] <= CARRIES * state.mass[p])
+    return state.valence[p] == 1 and bool(state.free[p].all()) and bool(state.mass[p] - state.half_mass[e] <= ROUNDING * state.mass[p])
 
 
 def split_particles(state: State, count: int, step: int, n: int, element_gid: np.ndarray, self_weight: bool, carried_weight: bool,

@@ -35,7 +35,7 @@ from netfall.solve.spectrum import assembled_limit
 from netfall.solve.stop import NEVER, StopRequest
 from netfall.wind.field import GeneratedHistory, make_wind_field, read_measured
 
-LARGEST_SHARP = 50_000  # elements up to which each run finds the sharp limit of its step, in some milliseconds; beyond, where a fixed step needs it
+LARGEST_SHARP = 50_000  # elements up to which each run finds the sharp limit of its step, in 10 ms at stadium size, half a second here; beyond, where a fixed step needs it
 STEP_PHASES = ("dynamics: forces and kick", "dynamics: exchange", "dynamics: drift")
 
 
