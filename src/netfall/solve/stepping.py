@@ -14,7 +14,7 @@ import numpy as np
 from netfall.mechanics.compile import kernel, vector_kernel
 from netfall.mechanics.kernels import SHORTEST_RUN, SLOTS, find_runs, flow, inverse_mass, kick, kick_factors, kick_rows
 from netfall.mechanics.state import State
-from netfall.parallel.halo import IGNORE_STATUSES, Halo, lap, start_all, wait_all
+from netfall.parallel.halo import Halo, lap, open_box, send_box, wait_for_boxes
 
 FORCES, EXCHANGE, INTEGRATION = 0, 1, 2  # what the time of a step goes into; the kick counts with the forces, whose loop it shares
 CHUNK = 2048  # particles, 300 KB; fewer end the runs too often, more leave the second cache
@@ -49,7 +49,7 @@ def time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, n_owned, n_
               run_first, run_last, run_step, rest, f_rest, near_rest, x, v, f, xs, vs, f_chunk, near_of, per_mass, free, frees, mass, loads, work_ext, work_int, work_damp, winds, speed_before,
               speed_after, valence, ends, L0, EA, logarithmic, bar, yield_force, eps_p, dissipated, eps_u, pending,
               other, inv_L0, slot_element, the_EA, slot_EA, measure, slot_bar, the_yield, slot_yield, slot_eps_p, reach,
-              send_index, send, receive, requests, ignore_statuses, seconds):
+              send_index, mail, seconds):
     """Up to `steps` steps of length dt [s]; steps done, elements that reached their fracture strain, MPI error.
 
     first : number of the first step, at time first * dt; before_dt : length of the step before it, 0 at the start
@@ -58,11 +58,12 @@ def time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, n_owned, n_
     seconds : (3,) [s], added to, time of FORCES, EXCHANGE, INTEGRATION; None: not measured
     """
     first_split = n_owned + n_halo
+    numbers = 3 if eps_u is None else 5  # as `halo_width`
     for s in range(steps):
         kick_dt = 0.5 * (before_dt + dt)
         before_dt = dt
         share = ((first + s) * dt - wind_time) / wind_dt  # of the step's number alone, wherever the loop was entered
-        count, error, drifted = 0, 0, splits
+        count, error, drifted, box = 0, 0, splits, open_box(mail)
         mark = lap(seconds, -1, 0.0)
         for c in range(chunk_low.shape[0]):
             low, high, width = chunk_low[c], chunk_high[c], chunk_width[c]
@@ -87,13 +88,13 @@ def time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, n_owned, n_
             mark = lap(seconds, FORCES, mark)
             if c == splits + boundary - 1:
                 for i in range(send_index.shape[0]):
-                    p = send_index[i]
+                    p, row = send_index[i], mail.send_at + box + i * numbers
                     for k in range(3):
-                        send[i, k] = f[p, k]
+                        mail.boxes[row + k] = f[p, k]
                     if eps_u is not None:  # what the halo cannot know after a fracture elsewhere
-                        send[i, 3] = mass[p]
-                        send[i, 4] = valence[p]
-                error = start_all(requests)
+                        mail.boxes[row + 3] = mass[p]
+                        mail.boxes[row + 4] = valence[p]
+                error = send_box(mail)
                 if error != 0:
                     return s, 0, error
                 mark = lap(seconds, EXCHANGE, mark)
@@ -104,18 +105,19 @@ def time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, n_owned, n_
         for c in range(splits):  # any chunk may need them
             drift_rows(chunk_low[c], chunk_high[c], dt, xs, vs)
         mark = lap(seconds, INTEGRATION, mark)
-        error = wait_all(requests, ignore_statuses)
+        error = wait_for_boxes(mail)
         mark = lap(seconds, EXCHANGE, mark)
         if error != 0:
             return s, 0, error
         for i in range(n_halo):
+            row = mail.receive_at[i] + box
             for k in range(3):
-                f[n_owned + i, k] = receive[i, k]
+                f[n_owned + i, k] = mail.boxes[row + k]
             if eps_u is not None:
-                mass[n_owned + i] = receive[i, 3]
+                mass[n_owned + i] = mail.boxes[row + 3]
                 if per_mass[n_owned + i] != 0.0:
                     per_mass[n_owned + i] = inverse_mass(mass[n_owned + i])
-                valence[n_owned + i] = int(receive[i, 4])
+                valence[n_owned + i] = int(mail.boxes[row + 4])
         move_halo(n_owned, n_owned + n_halo, kick_dt, dt, zeta, x, v, f, per_mass, free)
         mark = lap(seconds, INTEGRATION, mark)
         if count > 0:
@@ -191,4 +193,4 @@ def run_steps(state: State, halo: Halo, plan: Plan, first: int, steps: int, befo
                      s.mass, plan.loads, *work, axes(s.wind), s.speed_before, s.speed_after, s.valence,
                      s.ends, s.L0, s.EA, s.scene.logarithmic, s.bar, s.yield_force, s.eps_p, s.dissipated, s.eps_u, s.pending,
                      s.other, s.inv_L0, s.slot_element, the_EA, s.slot_EA, s.scene.logarithmic or None, s.slot_bar, the_yield, s.slot_yield, s.slot_eps_p, s.reach,
-                     halo.send_index, halo.send, halo.receive, halo.requests, IGNORE_STATUSES, seconds)
+                     halo.send_index, halo.mail, seconds)
