@@ -7,6 +7,7 @@ bits: twice the arithmetic, but nothing is scattered, and the loop over particle
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,10 +16,30 @@ from netfall.mechanics.compile import allocating_kernel, kernel, part_of_kernel,
 from netfall.mechanics.material import (
     dissipated_by_flow, elastic_force, force_density, plastic_force, stored_energy, strain)
 
-LANES = 8  # particles that the widest registers take at once: runs are a multiple of it
-SHORTEST_RUN = 16  # particles
+LANES = 8  # particles that the widest registers take at once
+FEWEST = 3  # particles that are worth a register of their own
+MANY_LOOSE = 8  # one particle in so many outside the whole runs of a chunk: then the kick goes through all of it at once
 SLOTS = 4  # in the vector loop; particles with more elements have layers of their own
 EMPTY = np.uint32(0xFFFFFFFF)  # in place of an element's number
+
+
+class Runs(NamedTuple):
+    """How the vector loop goes through the particles of each chunk. A run's far ends are all as far away in number, so they load in one piece.
+
+    spans : (chunks, 8) from and up to which row of each of the next four
+    whole : (., 2 + SLOTS) first and last particle of runs, a multiple of LANES apart, and how far away the far ends are
+    parts : (., 4 + SLOTS) what remains of runs, or all of one: first and last particle, a multiple of LANES apart; from and up to
+        which of them it is the run; and how far away the far ends are
+    rest : (.,) particles in no run, the last of a chunk repeated up to a multiple of LANES
+    loose : (., 2) first and last particle of stretches outside the whole runs, whose kick comes after all forces; the whole chunk where
+        it has many
+    """
+
+    spans: np.ndarray
+    whole: np.ndarray
+    parts: np.ndarray
+    rest: np.ndarray
+    loose: np.ndarray
 
 
 @part_of_kernel
@@ -79,55 +100,72 @@ def kick_particle(p, i, fx, fy, fz, kick_dt, c_v, c_a, zeta, share, v, f, per_ma
 
 
 @vector_kernel
-def kick_rows(runs, rests, origin, width, run_first, run_last, run_step, rest, f_rest, near_rest, kick_dt, zeta, share, x, v, f, near_of,
+def kick_rows(c, low, width, runs, f_rest, near_rest, kick_dt, zeta, share, x, v, f, near_of,
               per_mass, free, mass, load, work_ext, work_int, work_damp, wind, speed_before, speed_after,
               other, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
-    """Forces, kick and work of particles; how many have an element near yield or fracture.
+    """Forces, kick and work of the particles of chunk c, from `low` on; how many have an element near yield or fracture.
 
     Three arrays for three axes stand in a tuple: then the compiler sees that nothing written is read again.
-    runs : from and up to which run; run_first, run_last, run_step : of `find_runs`; the far ends of a run load in one piece
-    rests : from and up to which place of rest, particles in no run; f_rest, near_rest : scratch
-    x : (n,) [m]; v : (n,) [m/s]; f : rows counted from `origin`, out, total force [N]; near_of : rows as f, out, 1 where an element
-        of the particle is near, None: elastic; width : slots in use, if more than SLOTS
+    runs : `Runs`; f_rest, near_rest : scratch; width : slots in use, if more than SLOTS
+    x : (n,) [m]; v : (n,) [m/s]; f : rows counted from `low`, out, total force [N]; near_of : rows as f, out, 1 where an element
+        of the particle is near, None: elastic
     free : (n,) each, None where every particle is free or held on all axes (per_mass = 0)
     other : (slots, n) local number of the far end, the particle's own or any in an empty slot; inv_L0 : (slots, n) [1/m], 0: empty
     EA : [N] of all elements, unless slot_EA (slots, n) gives it; the same for yield_force [N] and slot_yield; None: elastic
     measure : None: engineering strain, else logarithmic; slot_bar : (slots, n), None: cables alone
     slot_eps_p : (slots, n) plastic strain, None: zero; reach : L / L0 from which an element is looked at for fracture
     """
+    origin = np.uint64(low)  # unsigned: no index then counts from the end
+    spans, whole, parts, rest, loose = runs
     c_v, c_a = kick_factors(zeta, kick_dt)
-    origin = np.uint64(origin)  # unsigned: no index then counts from the end
     near = 0
-    for r in range(runs[0], runs[1]):
-        s0, s1, s2, s3 = np.uint64(run_step[r, 0]), np.uint64(run_step[r, 1]), np.uint64(run_step[r, 2]), np.uint64(run_step[r, 3])
-        for p in range(np.uint64(run_first[r]), np.uint64(run_last[r])):
+    for r in range(spans[c, 0], spans[c, 1]):
+        s0, s1, s2, s3 = np.uint64(whole[r, 2]), np.uint64(whole[r, 3]), np.uint64(whole[r, 4]), np.uint64(whole[r, 5])
+        for p in range(np.uint64(whole[r, 0]), np.uint64(whole[r, 1])):
+            i = p - origin
             fx, fy, fz, found = four_forces(p, p + s0, p + s1, p + s2, p + s3, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force,
                                             slot_yield, slot_eps_p, reach)
             if near_of is not None:
-                near_of[p - origin] = 1 if found else 0
+                near_of[i] = 1 if found else 0
                 near += 1 if found else 0
-            kick_particle(p, p - origin, fx, fy, fz, kick_dt, c_v, c_a, zeta, share, v, f, per_mass, free, mass, load, work_ext, work_int, work_damp,
-                          wind, speed_before, speed_after)
-    first, last = np.uint64(rests[0]), np.uint64(rests[1])
-    for i in range(first, last):
-        p = rest[i]
-        fx, fy, fz, found = four_forces(p, other[0, p], other[1, p], other[2, p], other[3, p], x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force,
-                                        slot_yield, slot_eps_p, reach)
-        f_rest[0][i - first], f_rest[1][i - first], f_rest[2][i - first], near_rest[i - first] = fx, fy, fz, 1 if found else 0
+            kick_particle(p, i, fx, fy, fz, kick_dt, c_v, c_a, zeta, share, v, f, per_mass, free, mass, load, work_ext, work_int, work_damp, wind,
+                          speed_before, speed_after)
+    for r in range(spans[c, 2], spans[c, 3]):
+        s0, s1, s2, s3 = np.uint64(parts[r, 4]), np.uint64(parts[r, 5]), np.uint64(parts[r, 6]), np.uint64(parts[r, 7])
+        from_, up_to = np.uint64(parts[r, 2]), np.uint64(parts[r, 3])
+        for p in range(np.uint64(parts[r, 0]), np.uint64(parts[r, 1])):
+            i = p - origin
+            mine = (p >= from_) & (p < up_to)
+            fx, fy, fz, found = four_forces(p, p + s0, p + s1, p + s2, p + s3, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force,
+                                            slot_yield, slot_eps_p, reach)
+            f[0][i], f[1][i], f[2][i] = fx if mine else f[0][i], fy if mine else f[1][i], fz if mine else f[2][i]
+            if near_of is not None:
+                near_of[i] = (1 if found else 0) if mine else near_of[i]
+                near += 1 if found & mine else 0
+    first, last = np.uint64(spans[c, 4]), np.uint64(spans[c, 5])
+    filled_up = first + np.uint64((spans[c, 5] - spans[c, 4] + LANES - 1) // LANES * LANES)
+    for i in range(first, filled_up):
+        p, k = rest[i], i - first
+        f_rest[0][k], f_rest[1][k], f_rest[2][k], found = four_forces(p, other[0, p], other[1, p], other[2, p], other[3, p], x, inv_L0, EA, slot_EA,
+                                                                      measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+        near_rest[k] = 1 if found else 0
     for s in range(SLOTS, width):
         for i in range(first, last):
-            p = rest[i]
-            k = i - first
-            fx, fy, fz, found = add_force(p, other[s, p], s, f_rest[0][k], f_rest[1][k], f_rest[2][k], near_rest[k] != 0, x, inv_L0, EA, slot_EA, measure,
-                                          slot_bar, yield_force, slot_yield, slot_eps_p, reach)
-            f_rest[0][k], f_rest[1][k], f_rest[2][k], near_rest[k] = fx, fy, fz, 1 if found else 0
+            p, k = rest[i], i - first
+            f_rest[0][k], f_rest[1][k], f_rest[2][k], found = add_force(p, other[s, p], s, f_rest[0][k], f_rest[1][k], f_rest[2][k], near_rest[k] != 0, x,
+                                                                        inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+            near_rest[k] = 1 if found else 0
     for i in range(first, last):
-        p = rest[i]
+        k, row = i - first, rest[i] - origin
+        f[0][row], f[1][row], f[2][row] = f_rest[0][k], f_rest[1][k], f_rest[2][k]
         if near_of is not None:
-            near_of[p - origin] = near_rest[i - first]
-            near += near_rest[i - first]
-        kick_particle(p, p - origin, f_rest[0][i - first], f_rest[1][i - first], f_rest[2][i - first], kick_dt, c_v, c_a, zeta, share, v, f, per_mass, free,
-                      mass, load, work_ext, work_int, work_damp, wind, speed_before, speed_after)
+            near_of[row] = near_rest[k]
+            near += near_rest[k]
+    for r in range(spans[c, 6], spans[c, 7]):
+        for p in range(np.uint64(loose[r, 0]), np.uint64(loose[r, 1])):
+            i = p - origin
+            kick_particle(p, i, f[0][i], f[1][i], f[2][i], kick_dt, c_v, c_a, zeta, share, v, f, per_mass, free, mass, load, work_ext, work_int, work_damp,
+                          wind, speed_before, speed_after)
     return near
 
 
@@ -237,34 +275,74 @@ def fill_slots(n_local, slot_element, L0, EA, bar, yield_force, eps_p, inv_L0, s
 
 
 @kernel
-def find_runs(chunk_low, chunk_high, chunk_width, other, first, last, step, chunk_run, rest, chunk_rest):
-    """Cut chunks of particles into runs, whose far ends are all as far away in number, and a rest; the number of runs.
+def end_of_run(p, high, other):
+    """The first particle after p, at most `high`, whose far ends are not as far away in number as those of p."""
+    end = p + 1
+    while end < high and (other[0, end] - end == other[0, p] - p and other[1, end] - end == other[1, p] - p
+                          and other[2, end] - end == other[2, p] - p and other[3, end] - end == other[3, p] - p):
+        end += 1
+    return end
 
-    first, last : (runs,), out, a multiple of LANES apart; step : (runs, SLOTS), out, distances; chunk_run : (chunks + 1,), out, first run of each chunk
-    rest : (n,), out, particles in no run; chunk_rest : (chunks + 1,), out, first place of each chunk in it
+
+@kernel
+def kick_at_once(low, high, width, other):
+    """Whether so few particles of a chunk are in whole runs that the kick had better go through all of it, after the forces."""
+    outside, p = high - low, low
+    while p < high and width <= SLOTS:
+        end = end_of_run(p, high, other)
+        outside -= (end - p) // LANES * LANES
+        p = end
+    return outside * MANY_LOOSE > high - low
+
+
+@kernel
+def find_runs(chunk_low, chunk_high, chunk_width, other, spans, whole, parts, rest, loose):
+    """Write the `Runs` of the chunks, whose arrays have room for the most there could be.
+
+    other : (slots, n) local number of the far end
     """
-    count = rests = 0
+    wholes = partials = rests = stretches = 0
     for c in range(chunk_width.shape[0]):
-        chunk_run[c], chunk_rest[c] = count, rests
-        p = chunk_low[c]
-        while p < chunk_high[c]:
-            end = p + 1
-            while end < chunk_high[c] and (other[0, end] - end == other[0, p] - p and other[1, end] - end == other[1, p] - p
-                                           and other[2, end] - end == other[2, p] - p and other[3, end] - end == other[3, p] - p):
-                end += 1
-            regular = p
-            if end - p >= SHORTEST_RUN and chunk_width[c] <= SLOTS:
-                regular = end - (end - p) % LANES
-                first[count], last[count] = p, regular
+        low, high = chunk_low[c], chunk_high[c]
+        at_once = kick_at_once(low, high, chunk_width[c], other)
+        spans[c, 0], spans[c, 2], spans[c, 4], spans[c, 6] = wholes, partials, rests, stretches
+        p = covered = low  # covered: where the last whole run ends
+        while p < high:
+            end = end_of_run(p, high, other)
+            left = p  # so far in nothing
+            if not at_once and end - p >= LANES:
+                left = end - (end - p) % LANES
+                whole[wholes, 0], whole[wholes, 1] = p, left
                 for s in range(SLOTS):
-                    step[count, s] = np.int64(other[s, p]) - p
-                count += 1
-            for p in range(regular, end):
+                    whole[wholes, 2 + s] = np.int64(other[s, p]) - p
+                wholes += 1
+                if covered < p:
+                    loose[stretches, 0], loose[stretches, 1] = covered, p
+                    stretches += 1
+                covered = left
+            length = (end - left + LANES - 1) // LANES * LANES
+            begin = min(left, high - length)
+            fits = end - left >= FEWEST and begin >= low and chunk_width[c] <= SLOTS
+            for s in range(SLOTS):
+                far = begin + np.int64(other[s, p]) - p
+                fits &= 0 <= far and far + length <= other.shape[1]
+            if fits:
+                parts[partials, 0], parts[partials, 1], parts[partials, 2], parts[partials, 3] = begin, begin + length, left, end
+                for s in range(SLOTS):
+                    parts[partials, 4 + s] = np.int64(other[s, p]) - p
+                partials += 1
+                left = end
+            for p in range(left, end):
                 rest[rests] = p
                 rests += 1
             p = end
-    chunk_run[chunk_width.shape[0]], chunk_rest[chunk_width.shape[0]] = count, rests
-    return count
+        if covered < high:
+            loose[stretches, 0], loose[stretches, 1] = covered, high
+            stretches += 1
+        spans[c, 1], spans[c, 3], spans[c, 5], spans[c, 7] = wholes, partials, rests, stretches
+        while rests % LANES > 0:
+            rest[rests] = rest[rests - 1]
+            rests += 1
 
 
 @kernel

@@ -12,7 +12,7 @@ A step n takes x(n) and v(n-1/2). Particles go through it in chunks that stay in
 import numpy as np
 
 from netfall.mechanics.compile import kernel, vector_kernel
-from netfall.mechanics.kernels import SHORTEST_RUN, SLOTS, find_runs, flow, inverse_mass, kick, kick_factors, kick_rows
+from netfall.mechanics.kernels import FEWEST, LANES, SLOTS, Runs, find_runs, flow, inverse_mass, kick, kick_factors, kick_rows
 from netfall.mechanics.state import State
 from netfall.parallel.halo import Halo, lap, open_box, send_box, wait_for_boxes
 
@@ -45,8 +45,8 @@ def move_halo(first, last, kick_dt, dt, zeta, x, v, f, per_mass, free):
 
 
 @kernel
-def time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, n_owned, n_halo, chunk_low, chunk_high, chunk_width, chunk_run, chunk_rest, last_use, splits, boundary, has_flowed,
-              run_first, run_last, run_step, rest, f_rest, near_rest, x, v, f, xs, vs, f_chunk, near_of, per_mass, free, frees, mass, loads, work_ext, work_int, work_damp, winds, speed_before,
+def time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, n_owned, n_halo, chunk_low, chunk_high, chunk_width, last_use, splits, boundary, has_flowed,
+              runs, f_rest, near_rest, x, v, f, xs, vs, f_chunk, near_of, per_mass, free, frees, mass, loads, work_ext, work_int, work_damp, winds, speed_before,
               speed_after, valence, ends, L0, EA, logarithmic, bar, yield_force, eps_p, dissipated, eps_u, pending,
               other, inv_L0, slot_element, the_EA, slot_EA, measure, slot_bar, the_yield, slot_yield, slot_eps_p, reach,
               send_index, mail, seconds):
@@ -67,13 +67,12 @@ def time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, n_owned, n_
         mark = lap(seconds, -1, 0.0)
         for c in range(chunk_low.shape[0]):
             low, high, width = chunk_low[c], chunk_high[c], chunk_width[c]
-            runs, rests = (chunk_run[c], chunk_run[c + 1]), (chunk_rest[c], chunk_rest[c + 1])
             if has_flowed[c]:
-                near = kick_rows(runs, rests, low, width, run_first, run_last, run_step, rest, f_rest, near_rest, kick_dt, zeta, share, xs, vs, f_chunk,
+                near = kick_rows(c, low, width, runs, f_rest, near_rest, kick_dt, zeta, share, xs, vs, f_chunk,
                                  near_of, per_mass, frees, mass, loads, work_ext, work_int, work_damp, winds, speed_before, speed_after,
                                  other, inv_L0, the_EA, slot_EA, measure, slot_bar, the_yield, slot_yield, slot_eps_p, reach)
             else:  # the same without plastic strains, which would be zero
-                near = kick_rows(runs, rests, low, width, run_first, run_last, run_step, rest, f_rest, near_rest, kick_dt, zeta, share, xs, vs, f_chunk,
+                near = kick_rows(c, low, width, runs, f_rest, near_rest, kick_dt, zeta, share, xs, vs, f_chunk,
                                  near_of, per_mass, frees, mass, loads, work_ext, work_int, work_damp, winds, speed_before, speed_after,
                                  other, inv_L0, the_EA, slot_EA, measure, slot_bar, the_yield, slot_yield, None, reach)
             if slot_element is not None:
@@ -138,7 +137,7 @@ class Plan:
     low, high : (chunks,) particles of each chunk; width : (chunks,) most elements at one of them
     last_use : (chunks,) the last chunk that reads positions of the chunk, itself if none comes after it
     has_flowed : (chunks,) whether any of its elements has plastic strain
-    run, rest : (chunks + 1,) and runs : of `kernels.find_runs`, for the slots as they are
+    runs : `kernels.Runs`, for the slots as they are
     """
 
     def __init__(self, state: State, halo: Halo):
@@ -147,7 +146,7 @@ class Plan:
         self.owned_low, self.boundary = np.concatenate([before, after]), len(before)
         self.owned_high = np.append(self.owned_low[1:], state.n_owned)[: len(self.owned_low)]
         self.f_chunk, self.near_of = tuple(np.zeros((3, CHUNK))), np.zeros(CHUNK, np.int64)
-        self.f_rest, self.near_rest = tuple(np.zeros((3, CHUNK))), np.zeros(CHUNK, np.int64)
+        self.f_rest, self.near_rest = tuple(np.zeros((3, CHUNK + LANES))), np.zeros(CHUNK + LANES, np.int64)
         valence = np.bincount(state.ends.ravel(), minlength=state.n_local)[: state.n_owned]
         self.owned_width, self.owned_use = np.full(len(self.owned_low), SLOTS, np.int64), np.arange(len(self.owned_low))
         chunk_of = lambda particles: np.searchsorted(self.owned_low, particles, side="right") - 1
@@ -170,12 +169,10 @@ class Plan:
         self.has_flowed = np.zeros(len(self.low), np.uint8)
         if state.slot_eps_p is not None:
             self.has_flowed[:] = [state.slot_eps_p[:, low:high].any() for low, high in zip(self.low, self.high)]
-        most = (state.n_owned + state.n_local) // SHORTEST_RUN + len(self.low)
-        first, last, step = np.zeros(most, np.int64), np.zeros(most, np.int64), np.zeros((most, SLOTS), np.int64)
-        rest = np.zeros(state.n_local, np.uint32)
-        self.run, self.rest = np.zeros((2, len(self.low) + 1), np.int64)
-        count = find_runs(self.low, self.high, self.width, state.other, first, last, step, self.run, rest, self.rest)
-        self.runs = first[:count].copy(), last[:count].copy(), step[:count].copy(), rest[: self.rest[-1]].copy()
+        chunks, n = len(self.low), state.n_local
+        self.runs = Runs(np.zeros((chunks, 8), np.int64), np.zeros((n // LANES, 2 + SLOTS), np.int64), np.zeros((n // FEWEST, 4 + SLOTS), np.int64),
+                         np.zeros(n + LANES * chunks, np.uint32), np.zeros((n // LANES + chunks, 2), np.int64))
+        find_runs(self.low, self.high, self.width, state.other, *self.runs)
         self.loads = tuple(state.load.T) if state.load[:, :2].any() else (None, None, state.load[:, 2])
 
 
@@ -188,8 +185,8 @@ def run_steps(state: State, halo: Halo, plan: Plan, first: int, steps: int, befo
     work = (None, None, None) if s.work is None else s.work.T
     free = s.free if s.scene.part_held else None
     axes = lambda array: (None, None, None) if array is None else tuple(array.T)
-    return time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, s.n_owned, s.n_halo, plan.low, plan.high, plan.width, plan.run, plan.rest, plan.last_use, plan.splits, plan.boundary,
-                     plan.has_flowed, *plan.runs, plan.f_rest, plan.near_rest, s.x, s.v, s.f, axes(s.x), axes(s.v), plan.f_chunk, plan.near_of if s.scene.inelastic else None, s.per_mass, free, axes(free),
+    return time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, s.n_owned, s.n_halo, plan.low, plan.high, plan.width, plan.last_use, plan.splits, plan.boundary,
+                     plan.has_flowed, plan.runs, plan.f_rest, plan.near_rest, s.x, s.v, s.f, axes(s.x), axes(s.v), plan.f_chunk, plan.near_of if s.scene.inelastic else None, s.per_mass, free, axes(free),
                      s.mass, plan.loads, *work, axes(s.wind), s.speed_before, s.speed_after, s.valence,
                      s.ends, s.L0, s.EA, s.scene.logarithmic, s.bar, s.yield_force, s.eps_p, s.dissipated, s.eps_u, s.pending,
                      s.other, s.inv_L0, s.slot_element, the_EA, s.slot_EA, s.scene.logarithmic or None, s.slot_bar, the_yield, s.slot_yield, s.slot_eps_p, s.reach,
