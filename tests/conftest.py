@@ -34,12 +34,12 @@ def pytest_collection_modifyitems(config, items):
                 item.add_marker(pytest.mark.skip(reason="takes minutes; --long runs it"))
 
 
-def run_netfall(*arguments, ranks=1, cwd=None, timeout=300):
-    """netfall with arguments on some ranks: the finished process, output captured."""
+def run_netfall(*arguments, ranks=1, cwd=None, timeout=300, environment=None):
+    """netfall with arguments on some ranks, and more variables in its environment: the finished process, output captured."""
     command = [str(BIN / "netfall"), *map(str, arguments)]
     if ranks > 1:
         command = [str(BIN / "mpirun"), "-n", str(ranks), *command]
-    return subprocess.run(command, cwd=cwd, env=ENVIRONMENT, capture_output=True, text=True, timeout=timeout, stdin=subprocess.DEVNULL)
+    return subprocess.run(command, cwd=cwd, env=ENVIRONMENT | (environment or {}), capture_output=True, text=True, timeout=timeout, stdin=subprocess.DEVNULL)
 
 
 class Workshop:
@@ -58,9 +58,9 @@ class Workshop:
         path.write_text(text)
         return path
 
-    def run(self, job: Path, *arguments, ranks=1, output="result.vtkhdf", code=0):
+    def run(self, job: Path, *arguments, ranks=1, output="result.vtkhdf", code=0, environment=None):
         """Run a job; its result file, open, after checking the exit code."""
-        done = run_netfall("run", job, "-o", self.folder / output, *arguments, ranks=ranks, cwd=self.folder)
+        done = run_netfall("run", job, "-o", self.folder / output, *arguments, ranks=ranks, cwd=self.folder, environment=environment)
         assert done.returncode == code, done.stdout + done.stderr
         return h5py.File(self.folder / output) if code == 0 else done
 

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from netfall.mechanics.kernels import add_tensions, kick_rows
+from netfall.mechanics.kernels import LANES, Runs, add_tensions, kick_rows
 from netfall.mechanics.state import Scene, State
 from netfall.parallel.distribute import cut_net
 from netfall.parallel.partition import metis_partition
@@ -51,15 +51,22 @@ def make_state(scene: Scene, n: int, elements: np.ndarray, x: np.ndarray, seed: 
 def forces_of(state: State, in_runs: bool = True) -> tuple[np.ndarray, np.ndarray]:
     """Forces (n, 3) [N] by the vector loop, from rest without load; and whether a particle has elements near their limits."""
     plan, s = Plan(state, NoHalo()), state
-    first, last, step, rest = plan.runs
-    covered = [rest, *(np.arange(a, b) for a, b in zip(first, last))]
+    runs = plan.runs
+    spans = runs.spans.max(0)
+    covered = [*(np.arange(*row[:2]) for row in runs.whole[:spans[1]]), *(np.arange(*row[2:4]) for row in runs.parts[:spans[3]]),
+               *(runs.rest[first:last] for first, last in runs.spans[:, 4:6])]
     assert np.array_equal(np.sort(np.concatenate(covered)), np.arange(s.n_owned))
-    every = np.arange(s.n_owned, dtype=np.uint32)
+    if not in_runs:  # each particle by itself
+        count = plan.high - plan.low
+        places = np.concatenate([[0], np.cumsum((count + LANES - 1) // LANES * LANES)])
+        rest = np.concatenate([np.append(np.arange(low, high), np.full(-(high - low) % LANES, low)) for low, high in zip(plan.low, plan.high)])
+        nothing, chunk = 0 * count, np.arange(len(count))
+        runs = Runs(np.column_stack([nothing, nothing, nothing, nothing, places[:-1], places[:-1] + count, chunk, chunk + 1]), runs.whole, runs.parts,
+                    rest.astype(np.uint32), np.column_stack([plan.low, plan.high]))
     found, near = np.zeros_like(s.x), np.zeros(s.n_owned, bool)
     none = (None, None, None)
     for c, (low, high) in enumerate(zip(plan.low, plan.high)):
-        runs, rests = ((plan.run[c], plan.run[c + 1]), (plan.rest[c], plan.rest[c + 1])) if in_runs else ((0, 0), (low, high))
-        count = kick_rows(runs, rests, low, plan.width[c], first, last, step, rest if in_runs else every, plan.f_rest, plan.near_rest, 0.0, 0.0, 0.0,
+        count = kick_rows(c, low, plan.width[c], runs, plan.f_rest, plan.near_rest, 0.0, 0.0, 0.0,
                           tuple(s.x.T), tuple(s.v.T), plan.f_chunk, plan.near_of if s.scene.inelastic else None, s.per_mass, none, s.mass, none, *none, none, None, None,
                           s.other, s.inv_L0, s.EA.max(), s.slot_EA, s.scene.logarithmic or None, s.slot_bar,
                           s.yield_force.max() if s.scene.plastic else None, s.slot_yield, s.slot_eps_p, s.reach)
@@ -105,8 +112,8 @@ def test_runs_give_the_bits_of_the_general_loop(plastic, fracture, logarithmic, 
     """On a grid of 40 x 40, whose rows are runs: the same forces and the same particles pointed at."""
     scene = Scene(plastic=plastic, fracture=fracture, logarithmic=logarithmic, bars=bars, sections=sections)
     state = make_state(scene, 1600, lattice(40), np.column_stack([np.arange(1600) % 40, np.arange(1600) // 40, np.zeros(1600)]), 2)
-    first, last, _, _ = Plan(state, NoHalo()).runs
-    assert (last - first).sum() > 1300
+    whole = Plan(state, NoHalo()).runs.whole
+    assert (whole[:, 1] - whole[:, 0]).sum() > 1300
     outcomes = [[values.tobytes() for values in forces_of(state, in_runs)] for in_runs in (True, False)]
     assert outcomes[0] == outcomes[1]
 
@@ -117,8 +124,8 @@ def test_a_lattice_with_gaps_is_one_run_for_each_chunk():
     elements = elements[np.random.default_rng(4).random(len(elements)) > 0.05]
     x = np.column_stack([np.arange(1600) % 40, np.arange(1600) // 40, 0.1 * np.sin(np.arange(1600))])
     state = make_state(Scene(bars=True), 1600, elements, x, 2)
-    first, last, _, _ = Plan(state, NoHalo()).runs
-    assert (last - first).max() > 1500
+    whole = Plan(state, NoHalo()).runs.whole
+    assert (whole[:, 1] - whole[:, 0]).max() > 1500
     N, _, _, L = state.elements_now()
     expected = np.zeros_like(state.x)
     add_tensions(state.x, state.ends, N, L, expected)
@@ -139,13 +146,32 @@ def test_a_net_numbered_at_random_is_stepped_in_layers():
         assert np.array_equal(piece.particle_gid[rows], given)
 
 
-def test_a_rank_whose_rows_the_cut_shortens_is_stepped_by_columns():
-    """METIS's halves of a lattice, cut across its rows: runs are longer than a row, and few particles are in none."""
+def test_a_net_of_short_rows_is_stepped_in_parts():
+    """A disc, whose rows differ in length: forces come first and the kick goes through the whole chunk; the same bits."""
+    side = 24
+    column, row = np.arange(side**2) % side, np.arange(side**2) // side
+    inside = np.hypot(column - 11.5, 1.3 * (row - 11.5)) < 12
+    number = np.cumsum(inside) - 1
+    elements = lattice(side)
+    elements = number[elements[inside[elements].all(1)]]
+    x = np.column_stack([column, 1.1 * row, 0.1 * np.sin(np.arange(side**2))])[inside]
+    state = make_state(Scene(bars=True, fracture=True), len(x), elements, x, 2)
+    runs = Plan(state, NoHalo()).runs
+    assert runs.spans[0, 3] > 10 and runs.spans[0, 1] == 0 and np.array_equal(runs.loose[0], [0, len(x)])
+    outcomes = [[values.tobytes() for values in forces_of(state, in_runs)] for in_runs in (True, False)]
+    assert outcomes[0] == outcomes[1]
+
+
+def test_a_cut_leaves_the_rows_of_a_lattice_whole():
+    """METIS's halves of a lattice: almost no element along the rows is cut, runs are longer than a row, and few particles are in none."""
     side = 120
-    for piece in cut_net(side**2, lattice(side), metis_partition(side**2, lattice(side), 2), 2):
+    part = metis_partition(side**2, lattice(side), 2)
+    cut = lattice(side)[(part[lattice(side)] != part[lattice(side)[:, :1]]).any(1)]
+    assert len(cut) < 1.2 * side and (np.diff(cut) == 1).sum() < 0.1 * side
+    for piece in cut_net(side**2, lattice(side), part, 2):
         state = State(Scene(), piece.n_owned, piece.n_halo, len(piece.element_gid))
         state.ends[:], state.EA[:], state.L0[:] = piece.ends, 1.0, 1.0
         halo = NoHalo()
         halo.send_index = piece.send_index
-        first, last, _, rest = Plan(state, halo).runs
-        assert (last - first).max() > 4 * side and len(rest) < 0.05 * piece.n_owned
+        runs = Plan(state, halo).runs
+        assert (runs.whole[:, 1] - runs.whole[:, 0]).max() > 4 * side and (runs.spans[:, 5] - runs.spans[:, 4]).sum() < 0.02 * piece.n_owned

@@ -54,6 +54,20 @@ def test_collapse_is_the_same_on_any_number_of_ranks(shared_workshop, collapse_o
     assert other["provenance"].attrs["ranks"] == ranks
 
 
+@pytest.mark.parametrize("ranks, per_node", [(2, 1), (3, 2)])
+def test_messages_and_shared_memory_give_the_same_bits(shared_workshop, collapse_on_one_rank, ranks, per_node):
+    """Every neighbour on another node; and one on the same, one on another."""
+    job, one = collapse_on_one_rank
+    other = shared_workshop.run(job, ranks=ranks, output=f"{ranks}-{per_node}.vtkhdf", environment={"NETFALL_RANKS_PER_NODE": str(per_node)})
+    assert_same_results(one, other)
+
+
+def test_a_number_of_ranks_on_a_node_that_is_none_is_refused(workshop):
+    """One line that names the variable; exit code 2."""
+    done = workshop.run(workshop.job(SMALL), ranks=2, code=2, environment={"NETFALL_RANKS_PER_NODE": "two"})
+    assert "NETFALL_RANKS_PER_NODE" in done.stderr and "'two'" in done.stderr and "Traceback" not in done.stderr
+
+
 def test_audits_through_the_collapse(collapse_on_one_rank):
     """Over 100 fractures: the work identity to 1e-10 of the external work, the physical balance to 1e-3."""
     _, f = collapse_on_one_rank
@@ -135,7 +149,7 @@ def test_partition_by_hand_is_used_and_changes_no_bit(workshop):
     done = run_netfall("partition", job, "-n", 3, cwd=workshop.folder)
     assert done.returncode == 0 and "edge cut" in done.stdout
     graph = (workshop.folder / "partitions" / "job.graph").read_text().split("\n")
-    assert graph[0].split() == ["45", "60", "010"]
+    assert graph[0].split() == ["45", "60", "011"]
     first = workshop.run(job, ranks=3, output="a.vtkhdf")
     path = workshop.folder / "partitions" / "job.graph.part.3"
     path.write_text("".join(f"{0 if k < 40 else 2}\n" for k in range(45)))  # rank 1 owns nothing
@@ -172,11 +186,12 @@ def test_shipped_partitions_belong_to_the_shipped_jobs(name):
 
 
 def test_partition_files_are_metis_own(tmp_path):
-    """Neighbours from 1, symmetric, edges counted once; the part file has a line for each vertex."""
+    """Neighbours from 1 with the weights of the edges, symmetric, edges counted once; the part file has a line for each vertex."""
     net = generators.saddle(40.0, 2.0, 5)
     write_partition("x", net.n, net.elements, 2, tmp_path)
     lines = [line.split() for line in (tmp_path / "x.graph").read_text().splitlines()]
-    rows = [[int(word) for word in line[1:]] for line in lines[1:]]
+    rows = [[int(word) for word in line[1::2]] for line in lines[1:]]
+    assert all(int(weight) == (2 if abs(q - p) == 1 else 1) for p, line in enumerate(lines[1:], 1) for q, weight in zip(map(int, line[1::2]), line[2::2]))
     assert int(lines[0][1]) == net.m == sum(map(len, rows)) // 2
     assert all(p + 1 in rows[q - 1] for p, row in enumerate(rows) for q in row)
     assert len((tmp_path / "x.graph.part.2").read_text().split()) == net.n

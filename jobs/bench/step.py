@@ -80,10 +80,10 @@ z = comm.allreduce(float(state.x[mine[0], 2] - state.x_start[mine[0], 2]) if len
 steps = max(5, int(arguments.seconds / max(advance(net.CHECKED, 5) / 5, 1e-6)))
 steps = comm.bcast(steps)
 seconds = [advance(net.CHECKED + 5 + k * steps, steps) / steps for k in range(arguments.rounds)]
-kept, halo.requests = halo.requests, halo.requests[:0]  # the step without its exchange, for the exchange's share
-halo.receive[:, :3] = 0.0
+mail = halo.mail
+halo.mail = mail._replace(counts=mail.counts[:0], requests=mail.requests[:, :0])  # the step without its exchange, for the exchange's share
 without = min(advance(0, steps) / steps for _ in range(2))
-halo.requests = kept
+halo.mail = mail
 held = sum(getattr(state, f.name).nbytes for f in FIELDS if getattr(state, f.name) is not None)
 held, peak = comm.allreduce(held), comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
 if comm.rank == 0:

@@ -6,6 +6,7 @@ with an empty one included (h5py's own slicing would leave the others waiting fo
 
 import fcntl
 import hashlib
+import itertools
 import os
 import shutil
 from contextlib import contextmanager
@@ -22,6 +23,7 @@ from netfall.parallel.root import on_all, on_root
 
 PARALLEL = bool(h5py.get_config().mpi)
 CHUNK_BYTES = 1 << 18
+HELD_BYTES = 1 << 18  # of all ranks, that a dataset's blocks may wait for one another to be written together
 SEAL = b"netfall-sha256:"  # behind the HDF5 file, before the digest of all that precedes
 
 
@@ -68,11 +70,16 @@ def release(file) -> None:
 
 @dataclass
 class Growing:
-    """A dataset that rows are appended to, kept open: looking it up takes longer than writing a row."""
+    """A dataset that rows are appended to, kept open: looking it up takes longer than writing a row.
+
+    rows : with those that wait; waiting : (first row of all ranks' blocks, rows of them, this rank's block)
+    """
 
     id: h5py.h5d.DatasetID
     dtype: np.dtype
-    shape: tuple[int, ...]
+    rows: int
+    tail: tuple[int, ...]
+    waiting: list[tuple[int, int, np.ndarray]]
 
 
 class SharedFile:
@@ -115,6 +122,7 @@ class SharedFile:
 
     def rows(self) -> dict[str, int]:
         """Rows of each dataset so far, those of earlier files included. On ranks that write."""
+        self._write_all()
         found = dict(self.base)
 
         def add(name, item):
@@ -126,12 +134,17 @@ class SharedFile:
         return found
 
     def append(self, name: str, block: np.ndarray, total: int) -> int:
-        """Append `total` rows, of which this rank gives its block; the first new row, earlier files included."""
+        """Append `total` rows, of which this rank gives its block, at once or with later ones; the first new row, earlier files included."""
         if not self.writes:
             return 0
         with writing(self.path):
-            first = self.grow(name, total)
-            self.write(name, block, first + self.blocks.bounds(total)[self.comm.rank])
+            kept = self._open_dataset(name)
+            first = kept.rows
+            kept.rows += total
+            kept.waiting.append((first, total, np.array(block, kept.dtype, order="C")))  # a copy: its owner goes on
+            row = kept.dtype.itemsize * int(np.prod(kept.tail, dtype=np.int64))
+            if (kept.rows - kept.waiting[0][0]) * row >= HELD_BYTES:
+                self._write_waiting(kept)
         return first + self.base.get(name, 0)
 
     def append_state(self, name: str, block: np.ndarray, total: int) -> None:
@@ -143,22 +156,41 @@ class SharedFile:
 
     def grow(self, name: str, rows: int) -> int:
         """Make room for more rows of a dataset; the first new one in this file. On ranks that write."""
-        if name not in self._growing:
-            dataset = self.file[name]
-            self._growing[name] = Growing(dataset.id, dataset.dtype, dataset.shape)
-        kept = self._growing[name]
-        first = kept.shape[0]
-        kept.shape = (first + rows, *kept.shape[1:])
-        kept.id.set_extent(kept.shape)
+        kept = self._open_dataset(name)
+        first = kept.rows
+        kept.rows += rows
+        kept.id.set_extent((kept.rows, *kept.tail))
         return first
 
     def write(self, name: str, block: np.ndarray, *first: int) -> None:
         """Write this rank's block into rows that `grow` has made, from the place `first` on."""
-        kept = self._growing[name]
+        kept = self._open_dataset(name)
         block = np.ascontiguousarray(block, kept.dtype)
+        start = (*map(int, first), *([0] * (block.ndim - len(first))))
+        self._transfer_block(kept, block, start, (1,) * block.ndim, (1,) * block.ndim, block.shape)
+
+    def _open_dataset(self, name: str) -> Growing:
+        if name not in self._growing:
+            dataset = self.file[name]
+            self._growing[name] = Growing(dataset.id, dataset.dtype, dataset.shape[0], dataset.shape[1:], [])
+        return self._growing[name]
+
+    def _write_waiting(self, kept: Growing) -> None:
+        """Write the blocks that wait; those of equal size as one."""
+        if kept.waiting:
+            kept.id.set_extent((kept.rows, *kept.tail))
+        for total, group in itertools.groupby(kept.waiting, key=lambda waits: waits[1]):
+            firsts, _, blocks = zip(*group)
+            one = (1,) * len(kept.tail)
+            start = (firsts[0] + int(self.blocks.bounds(total)[self.comm.rank]), *(0,) * len(kept.tail))
+            self._transfer_block(kept, np.concatenate(blocks) if len(blocks) > 1 else blocks[0], start, (max(total, 1), *one), (len(blocks), *one), blocks[0].shape)
+        kept.waiting.clear()
+
+    def _transfer_block(self, kept: Growing, block: np.ndarray, start, stride, count, shape) -> None:
+        """Write a block into `count` pieces of a shape, `stride` apart; a rank with an empty block included."""
         space = kept.id.get_space()
         if block.size:
-            space.select_hyperslab((*map(int, first), *([0] * (block.ndim - len(first)))), block.shape)
+            space.select_hyperslab(start, count, stride, shape)
             memory = h5py.h5s.create_simple(block.shape)
         else:
             block = np.zeros((1,) * block.ndim, kept.dtype)
@@ -167,11 +199,18 @@ class SharedFile:
             memory.select_none()
         kept.id.write(memory, space, block, dxpl=self._transfer)
 
+    def _write_all(self) -> None:
+        """Nothing waits any more."""
+        with writing(self.path):
+            for kept in self._growing.values():
+                self._write_waiting(kept)
+
     def close(self, finish=lambda file: None, seal: bool = False) -> None:
         """Close, let rank 0 add the small datasets by finish(file), and give the file its name.
 
         seal : append a digest of the whole file, which `check_seal` verifies
         """
+        self._write_all()
         self._growing.clear()
         with writing(self.path):
             if self.writes:

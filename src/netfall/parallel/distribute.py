@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from netfall.mechanics.compile import allocating_kernel, kernel
+from netfall.mechanics.compile import allocating_kernel
 
-RAGGED = 1 / 256  # of the elements: breaks of runs from which on another order of the particles is tried
 FAR = 4.0  # times farther apart in number than they need to be: then the given order of the particles is given up
 
 
@@ -119,64 +118,23 @@ def order_by_layers(first, ends, start, at, order):
                 count += 1
 
 
-@kernel
-def find_columns(lower, first_of, column):
-    """The column (n,) of each particle of a lattice numbered row by row: one after its predecessor's in the row, or that of its neighbour in the row before.
-
-    lower : (m,) lower number of each element's two, sorted by the higher one, then by itself; first_of : (n + 1,) first place of each higher number
-    """
-    for p in range(column.shape[0]):
-        column[p] = 0
-        if first_of[p] < first_of[p + 1]:
-            lowest = lower[first_of[p]]
-            column[p] = column[lowest] + (1 if lowest == p - 1 else 0)
-
-
-def order_by_columns(n: int, ends: np.ndarray) -> np.ndarray:
-    """Order (n,) by columns in place of rows: long runs where a cut crosses the rows."""
-    higher, lower = np.divmod(np.sort(ends.max(1) * n + ends.min(1)), n)
-    column = np.empty(n, np.int64)
-    find_columns(lower, np.searchsorted(higher, np.arange(n + 1)), column)
-    return np.argsort(column, kind="stable")
-
-
 def order_of_rows(boundary: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """The order (n,) in which a rank steps its own particles, boundary first: as given, or by columns if fewer runs then break off, or,
-    if neighbours stand far apart, by layers.
+    """The order (n,) in which a rank steps its own particles, boundary first: as given, or by layers if neighbours stand far apart.
 
     boundary : (n,) bool; ends : (m, 2) of the elements between them
     """
     n = len(boundary)
     order = np.argsort(~boundary, kind="stable")
-    broken = breaks(order, ends) if boundary.any() else 0
-    if broken > RAGGED * len(ends):
-        columns = order_by_columns(n, ends)
-        columns = columns[np.argsort(~boundary[columns], kind="stable")]
-        order = columns if breaks(columns, ends) < broken else order
     layers = np.empty(n, np.int64)
     order_by_layers(np.flatnonzero(boundary), ends, np.empty(n + 1, np.int64), np.empty(2 * len(ends), np.int64), layers)
     return order if apart(order, ends) <= FAR * apart(layers, ends) else layers
 
 
-def rows_of(order: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Rows (m, 2) of the ends of elements (m, 2) in an order (n,)."""
+def apart(order: np.ndarray, ends: np.ndarray) -> int:
+    """Sum of the distances between the rows of two particles that an element (m, 2) ties together, in an order (n,)."""
     row = np.empty(len(order), np.int64)
     row[order] = np.arange(len(order))
-    return row[ends]
-
-
-def breaks(order: np.ndarray, ends: np.ndarray) -> int:
-    """Number of elements (m, 2) such that none ties together the two particles before its own, where runs end."""
-    rows = rows_of(order, ends)
-    key = np.sort(rows.min(1) * len(order) + rows.max(1))
-    before = key - len(order) - 1
-    place = np.searchsorted(key, before)
-    return len(key) - int((key[np.minimum(place, len(key) - 1)] == before).sum())
-
-
-def apart(order: np.ndarray, ends: np.ndarray) -> int:
-    """Sum of the distances between the rows of two particles that an element (m, 2) ties together."""
-    return int(np.abs(np.diff(rows_of(order, ends))).sum())
+    return int(np.abs(np.diff(row[ends])).sum())
 
 
 class Distribution:

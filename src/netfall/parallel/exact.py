@@ -5,6 +5,8 @@ in 64-bit integers. Limbs of different ranks add up as integers, exactly; one ro
 (A plain MPI sum rounds in an order that changes with the ranks.)
 """
 
+import math
+
 import numba
 import numpy as np
 from mpi4py import MPI
@@ -38,15 +40,43 @@ def add_exactly(values, limbs):
         limbs[k + 2] += sign * (high >> 32)
 
 
-def rounded(limbs: np.ndarray) -> float:
-    """The double nearest to the fixed-point number, nan if a term was not finite."""
-    if limbs[-1]:
-        return float("nan")
-    total = sum(int(limbs[k]) << (32 * k) for k in np.flatnonzero(limbs[:-1]).tolist())
-    try:
-        return total / (1 << LOWEST)
-    except OverflowError:
-        return float("inf") if total > 0 else float("-inf")
+@numba.njit(cache=True, error_model="numpy")
+def rounded(limbs):
+    """The double nearest to the fixed-point number, nan if a term was not finite. Uses up the limbs."""
+    if limbs[LIMBS - 1] != 0:
+        return math.nan
+    carry = np.int64(0)
+    for k in range(LIMBS - 1):
+        total = limbs[k] + carry
+        limbs[k], carry = total & MASK, total >> 32
+    negative = carry < 0
+    if negative:
+        borrow = np.int64(1)
+        for k in range(LIMBS - 1):
+            total = MASK - limbs[k] + borrow
+            limbs[k], borrow = total & MASK, total >> 32
+        carry = borrow - carry - 1
+    limbs[LIMBS - 1] = carry
+    highest = LIMBS - 1
+    while highest >= 0 and limbs[highest] == 0:
+        highest -= 1
+    if highest < 0:
+        return 0.0
+    second = limbs[highest - 1] if highest > 0 else np.int64(0)
+    third = limbs[highest - 2] if highest > 1 else np.int64(0)
+    bits, shift = (np.uint64(limbs[highest]) << np.uint64(32)) | np.uint64(second), 0
+    while bits >> np.uint64(63) == 0:
+        bits <<= np.uint64(1)
+        shift += 1
+    bits |= np.uint64((third << shift) >> 32)
+    more = (third << shift) & MASK != 0
+    for k in range(highest - 2):
+        more |= limbs[k] != 0
+    kept, cut = np.int64(bits >> np.uint64(11)), np.int64(bits & np.uint64(0x7FF))
+    if cut > 0x400 or cut == 0x400 and (more or kept & 1 == 1):  # nearest, ties to even; below 2^-1022 nothing is cut
+        kept += 1
+    amount = math.ldexp(float(kept), 32 * (highest - 1) - shift + 11 - LOWEST)
+    return -amount if negative else amount
 
 
 def exact_sums(comm: MPI.Comm, *terms: np.ndarray) -> list[float]:

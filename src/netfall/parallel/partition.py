@@ -88,7 +88,7 @@ def read_partition(name: str, n: int, elements: np.ndarray, parts: int, folder: 
     if lines != [line.split() for line in graph_text(n, elements).splitlines()]:
         head = " ".join(lines[0][:2]) if lines else "nothing"
         edges = len(graph_of(n, elements)[1]) // 2
-        raise InputError(f"{graph}: belongs to another net (it has {head} vertices and edges, the job's net {n} {edges}); {again}")
+        raise InputError(f"{graph}: belongs to another net, or was not written by this version (it has {head} vertices and edges, the job's net {n} {edges}); {again}")
     try:
         part = np.array(words, np.int64)
         valid = len(part) == n and (n == 0 or (part.min() >= 0 and part.max() < parts))

@@ -197,7 +197,9 @@ class Simulation:
 
     def share_events(self, slack_here: int = 0) -> None:
         """Broadcast the fractures since the last time, so that every rank knows all of them; count slack cables; hear of a wish to stop."""
-        events, self.slack, stopping = self.comm.allreduce(np.array([len(self.events), slack_here, self.stop.wanted])).tolist()
+        counts = np.array([len(self.events), slack_here, self.stop.wanted], np.int64)
+        self.comm.Allreduce(MPI.IN_PLACE, counts, MPI.SUM)
+        events, self.slack, stopping = counts.tolist()
         self.stopping = stopping > 0
         if events:
             self.result.add_events([event for part in self.comm.allgather(self.events) for event in part])
@@ -254,7 +256,9 @@ class Simulation:
         for k, row in self._probe_elements:
             if self.state.owned[row]:
                 values[3 * len(self.probes.particles) + k] = snapshot.N[row]
-        return self.comm.allreduce(values + 0.0) + 0.0  # one term each but for zeros, so exact; no negative zeros
+        values += 0.0  # no negative zeros
+        self.comm.Allreduce(MPI.IN_PLACE, values, MPI.SUM)  # one term each but for zeros, so exact
+        return values
 
     def wind_record(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Times (t,) [s] and gusts (t, c) [m/s] of the samples over the simulated time, for the result file."""
