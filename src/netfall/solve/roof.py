@@ -18,7 +18,7 @@ from netfall.errors import InputError
 from netfall.job.read import Job
 from netfall.mechanics.compile import wake
 from netfall.mechanics.material import unstressed_length
-from netfall.mechanics.stability import Limit, after_fracture_limit, any_shape_limit
+from netfall.mechanics.stability import Limit, after_fracture_limit, any_shape_limits
 from netfall.mechanics.state import Scene, State
 from netfall.net.build import build_net, roof_areas
 from netfall.net.faces import Faces, normals
@@ -279,12 +279,12 @@ def step_limits(whole: Whole, scene: Scene, fragment_mass: float) -> dict[str, L
     """Limits of the explicit step that hold whatever the roof does, by name. Rank 0."""
     net = whole.net
     half = 0.5 * net.density * net.section * whole.L0
-    limits = [any_shape_limit(net.elements, net.modulus * net.section, whole.L0, whole.mass, ~net.fixed.all(1))]
+    limits = any_shape_limits(net.elements, net.modulus * net.section, whole.L0, whole.mass, ~net.fixed.all(1), net.bar)
     if scene.fracture:
         limits.append(after_fracture_limit(net.elements, net.modulus * net.section, whole.L0, half, whole.mass, net.fixed.all(1), net.fracture_strain, fragment_mass))
     return {limit.name: limit for limit in limits}
 
 
-def governing(limits: dict[str, Limit]) -> Limit:
-    """The limit that the step must keep whatever the roof does."""
-    return min((limit for limit in limits.values() if limit.name != "assembled"), key=lambda limit: limit.dt)
+def governing(limits: dict[str, Limit], automatic: bool) -> Limit:
+    """The limit that the step must keep whatever the roof does, and one that is chosen here also for the sake of slack cables."""
+    return min((limit for limit in limits.values() if limit.name != "assembled" and (automatic or limit.name != "slackening")), key=lambda limit: limit.dt)

@@ -60,7 +60,7 @@ def _run_job(comm, job, path, progress, phases, restart, stop):
     roof = prepare(comm, job, phases, lambda i, r: progress.detail(f"form finding: iteration {i}, largest residual {r:.3g} N"), path, restart, stop)
     schedule = on_root(comm, lambda: schedule_of(job, roof)) if job.dynamics else None
     schedule = comm.bcast(schedule)
-    describe(roof, schedule, progress)
+    describe(job, roof, schedule, progress)
     saver = Saver(comm, job, roof, [restart] if restart else [])
     result = Result(comm, path, roof.distribution, roof.distribution.elements(roof.whole.net.group if roof.whole else None))
     try:
@@ -124,13 +124,14 @@ def _check_replaceable(path: Path) -> None:
 
 def schedule_of(job: Job, roof: Roof) -> Schedule:
     """The steps of the dynamic stage. Raises InputError for a fixed step that is not stable. Rank 0."""
-    limit = governing(roof.limits)
+    automatic = job.dynamics.time_step == "auto"
+    limit = governing(roof.limits, automatic)
     net = roof.whole.net
-    if job.dynamics.time_step != "auto" and job.dynamics.time_step > limit.dt:
+    if not automatic and job.dynamics.time_step > limit.dt:
         refuse_step(job, limit, roof, net)
     if not np.isfinite(limit.dt):
         raise InputError(f"{job.path}: [dynamics]: no particle of the net can move; free a node")
-    dt = job.dynamics.safety * limit.dt if job.dynamics.time_step == "auto" else job.dynamics.time_step
+    dt = job.dynamics.safety * limit.dt if automatic else job.dynamics.time_step
     if job.dynamics.duration / dt > MOST_STEPS:
         raise InputError(f"{job.path}: [dynamics] duration = {job.dynamics.duration:g}: asks for {job.dynamics.duration / dt:.3g} steps of {dt:.3g} s; "
                          f"at most {MOST_STEPS:.0e} are possible")
@@ -202,7 +203,7 @@ def run_dynamics(comm, job: Job, roof: Roof, result: Result, schedule: Schedule 
     return probes
 
 
-def describe(roof: Roof, schedule: Schedule | None, progress: Progress) -> None:
+def describe(job: Job, roof: Roof, schedule: Schedule | None, progress: Progress) -> None:
     """The lines that a user reads before the run, on rank 0."""
     if roof.whole is None:
         return
@@ -223,12 +224,23 @@ def describe(roof: Roof, schedule: Schedule | None, progress: Progress) -> None:
     if schedule:
         for limit in roof.limits.values():
             progress.detail(limit_line(limit, roof.whole))
+        if remark := step_remark(job, roof):
+            progress.say(remark)
+
+
+def step_remark(job: Job, roof: Roof) -> str:
+    """What a user should know of a fixed step that is stable; "" for nothing."""
+    limit = roof.limits["slackening"]
+    if job.dynamics.time_step == "auto" or job.dynamics.time_step <= limit.dt:
+        return ""
+    return (f"note: time_step = {job.dynamics.time_step:g} is above {limit.dt:.4g} s, from which on cables that go slack and come taut again gain energy "
+            f"(first: element {roof.whole.net.element_id[limit.element]}, {roof.whole.L0[limit.element]:.3g} m): it is right as long as short cables stay taut")
 
 
 def limit_line(limit, whole: Whole) -> str:
     """A step limit in words."""
-    meaning = {"any_shape": "stable step, intact, in any shape", "after_fracture": "stable step after any fracture",
-               "assembled": "stable step of the net as it starts"}[limit.name]
+    meaning = {"any_shape": "stable step, intact, in any shape", "slackening": "step for cables that go slack and come taut again",
+               "after_fracture": "stable step after any fracture", "assembled": "stable step of the net as it starts"}[limit.name]
     if limit.element < 0:
         return f"{meaning}: no limit"
     net = whole.net
