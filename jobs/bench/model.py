@@ -5,7 +5,7 @@
 Square nets as in the benchmark. The step of a rank takes
     T = elements t_element + calls t_call + messages t_message + bytes / bandwidth
 with t_element in and out of the cache from the step's benchmark (two ranks at once), t_message and bandwidth from an exchange between
-two ranks of this machine, and, for a network, from --network-message and --network-bandwidth. Sizes that are not cut here follow from
+two ranks of this machine as the step does it, and, for a network, from --network-message and --network-bandwidth. Sizes that are not cut here follow from
 the cuts: a part's boundary is a multiple of the root of its particles (fitted, printed with its spread).
 """
 
@@ -16,7 +16,8 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.mechanics.compile import kernel
-from netfall.parallel.halo import HANDLE, IGNORE_STATUSES, start_all, wait_all
+from netfall.parallel.distribute import Piece
+from netfall.parallel.halo import Halo, exchange_rows
 from netfall.parallel.partition import metis_partition
 
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -34,25 +35,26 @@ comm = MPI.COMM_WORLD
 
 
 @kernel
-def exchanges(requests, ignore, times):
-    """So many exchanges, one after another."""
+def exchanges(rows, n_owned, send_index, mail, times):
+    """So many exchanges, one after another; MPI's error code."""
+    error = 0
     for _ in range(times):
-        start_all(requests)
-        wait_all(requests, ignore)
+        error |= exchange_rows(rows, n_owned, send_index, mail)
+    return error
 
 
-def seconds_of_exchange(numbers: int) -> float:
-    """Of one exchange of so many doubles each way between ranks 0 and 1."""
-    send, receive = np.zeros(numbers), np.zeros(numbers)
-    made = [comm.Recv_init(receive, 1 - comm.rank), comm.Send_init(send, 1 - comm.rank)]
-    requests = np.array([MPI._handleof(request) % 2**64 for request in made], np.uint64).astype(HANDLE)
-    exchanges(requests, IGNORE_STATUSES, 100)
+def seconds_of_exchange(particles: int) -> float:
+    """Of one exchange of three numbers for so many particles each way between ranks 0 and 1, as the step does it."""
+    index, nothing = np.arange(particles, dtype=np.uint32), np.zeros((0, 2), np.uint32)
+    halo = Halo(comm, Piece(particles, np.arange(2 * particles), nothing[:, 0], nothing, nothing[:, 0] > 0, (1 - comm.rank,), (particles,), (particles,), index), 3)
+    rows = np.zeros((2 * particles, 3), order="F")
     best = np.inf
-    for _ in range(7):
+    for times in [100] + 7 * [2000]:
         comm.Barrier()
         begin = time.perf_counter()
-        exchanges(requests, IGNORE_STATUSES, 2000)
-        best = min(best, (time.perf_counter() - begin) / 2000)
+        assert exchanges(rows, particles, index, halo.mail, times) == 0
+        best = min(best, (time.perf_counter() - begin) / times)
+    halo.free()
     return comm.allreduce(best, MPI.MAX)
 
 
@@ -80,10 +82,10 @@ def step_time(work: float, halo: float, messages: float, message: float, bandwid
 
 if comm.size != 2:
     raise SystemExit("model.py: run it on two ranks; it measures the exchange between them")
-small, large = seconds_of_exchange(3), seconds_of_exchange(30_000)
+small, large = seconds_of_exchange(1), seconds_of_exchange(10_000)
 if comm.rank == 0:
-    message, bandwidth = small, 30_000 * 8 / (large - small)
-    print(f"exchange between two ranks here: {1e6 * message:.2f} us a message, {bandwidth / 1e9:.1f} GB/s each way")
+    message, bandwidth = small, 10_000 * 24 / (large - small)
+    print(f"exchange between two ranks here: {1e6 * message:.2f} us, {bandwidth / 1e9:.1f} GB/s each way (NETFALL_RANKS_PER_NODE=1: by a message)")
     print(f"element and step: {1e9 * arguments.element_in_cache:.2f} ns in the cache, {1e9 * arguments.element_in_memory:.2f} ns beyond")
     rows = [cut(elements, parts) for elements in arguments.elements for parts in arguments.parts]
     roots = [row["halo"] / np.sqrt(row["elements"] / 2 / row["parts"]) for row in rows]

@@ -31,6 +31,16 @@ def drift_rows(first, last, dt, x, v):
 
 
 @vector_kernel
+def keep_forces(low, high, f_chunk, f):
+    """Total forces of a chunk, particles low to high, from its scratch to f. f_chunk, f : three of (n,)"""
+    low, high = np.uint64(low), np.uint64(high)
+    for p in range(low, high):
+        f[0][p] = f_chunk[0][p - low]
+        f[1][p] = f_chunk[1][p - low]
+        f[2][p] = f_chunk[2][p - low]
+
+
+@vector_kernel
 def move_halo(first, last, kick_dt, dt, zeta, x, v, f, per_mass, free):
     """Kick and drift of halo particles, whose total force f the owner has sent."""
     first, last = np.uint64(first), np.uint64(last)
@@ -46,7 +56,7 @@ def move_halo(first, last, kick_dt, dt, zeta, x, v, f, per_mass, free):
 
 @kernel
 def time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, n_owned, n_halo, chunk_low, chunk_high, chunk_width, last_use, splits, boundary, has_flowed,
-              runs, f_rest, near_rest, x, v, f, xs, vs, f_chunk, near_of, per_mass, free, frees, mass, loads, work_ext, work_int, work_damp, winds, speed_before,
+              runs, f_rest, near_rest, x, v, f, xs, vs, fs, f_chunk, near_of, per_mass, free, frees, mass, loads, work_ext, work_int, work_damp, winds, speed_before,
               speed_after, valence, ends, L0, EA, logarithmic, bar, yield_force, eps_p, dissipated, eps_u, pending,
               other, inv_L0, slot_element, the_EA, slot_EA, measure, slot_bar, the_yield, slot_yield, slot_eps_p, reach,
               send_index, mail, seconds):
@@ -54,7 +64,7 @@ def time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, n_owned, n_
 
     first : number of the first step, at time first * dt; before_dt : length of the step before it, 0 at the start
     wind_time, wind_dt : [s] time of the wind's sample before, and from it to the one after
-    chunk_low to near_rest, f_chunk, near_of : of `Plan`; xs, vs, frees, loads, winds : axes of x, v, free, load, wind; the others are the fields of `State`
+    chunk_low to near_rest, f_chunk, near_of : of `Plan`; xs, vs, fs, frees, loads, winds : axes of x, v, f, free, load, wind; the others are the fields of `State`
     seconds : (3,) [s], added to, time of FORCES, EXCHANGE, INTEGRATION; None: not measured
     """
     first_split = n_owned + n_halo
@@ -81,9 +91,7 @@ def time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, n_owned, n_
                                          yield_force, eps_p, dissipated, eps_u, pending, count, near_of)
                     has_flowed[c] |= flowed
             if c < splits + boundary or near > 0:  # forces are kept where they are sent, or where something may break
-                for k in range(3):
-                    for p in range(low, high):
-                        f[p, k] = f_chunk[k][p - low]
+                keep_forces(low, high, f_chunk, fs)
             mark = lap(seconds, FORCES, mark)
             if c == splits + boundary - 1:
                 for i in range(send_index.shape[0]):
@@ -186,7 +194,7 @@ def run_steps(state: State, halo: Halo, plan: Plan, first: int, steps: int, befo
     free = s.free if s.scene.part_held else None
     axes = lambda array: (None, None, None) if array is None else tuple(array.T)
     return time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, s.n_owned, s.n_halo, plan.low, plan.high, plan.width, plan.last_use, plan.splits, plan.boundary,
-                     plan.has_flowed, plan.runs, plan.f_rest, plan.near_rest, s.x, s.v, s.f, axes(s.x), axes(s.v), plan.f_chunk, plan.near_of if s.scene.inelastic else None, s.per_mass, free, axes(free),
+                     plan.has_flowed, plan.runs, plan.f_rest, plan.near_rest, s.x, s.v, s.f, axes(s.x), axes(s.v), axes(s.f), plan.f_chunk, plan.near_of if s.scene.inelastic else None, s.per_mass, free, axes(free),
                      s.mass, plan.loads, *work, axes(s.wind), s.speed_before, s.speed_after, s.valence,
                      s.ends, s.L0, s.EA, s.scene.logarithmic, s.bar, s.yield_force, s.eps_p, s.dissipated, s.eps_u, s.pending,
                      s.other, s.inv_L0, s.slot_element, the_EA, s.slot_EA, s.scene.logarithmic or None, s.slot_bar, the_yield, s.slot_yield, s.slot_eps_p, s.reach,
