@@ -199,10 +199,10 @@ class Halo:
         node.Free()
         self._made = requests[0] + requests[1]
         address = boxes.ctypes.data
-        handles = np.array([[MPI._handleof(request) % 2**64 for request in of_box] for of_box in requests], np.uint64).astype(_HANDLE)
+        handles = lambda made: np.array([MPI._handleof(one) % 2**64 for one in made], np.uint64).astype(_HANDLE)
         self.mail = Mail(boxes, mine + LINE, receive_at, box, np.zeros(1, np.int64), np.uint64(address + 8 * mine),
                          np.array([address + 8 * others[neighbour][0] for neighbour, is_near in zip(piece.neighbours, near) if is_near], np.uint64),
-                         handles, _HANDLE(MPI._handleof(comm) % 2**64), np.zeros(1, np.int32))
+                         np.stack([handles(of_box) for of_box in requests]), handles([comm])[0], np.zeros(1, np.int32))
 
     def _share(self, node: MPI.Comm, whole: int) -> np.ndarray:
         """The boxes of all ranks of the node, `whole` numbers each."""
