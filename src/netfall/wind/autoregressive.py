@@ -139,9 +139,11 @@ class GustRecursion:
 
     def __init__(self, model: GustModel, seed: int, speed: float, dt: float):
         self.model = model
-        self.seed = seed
         self.past = np.zeros((int(model.lags[-1]), model.psi.shape[1]))  # row s % len: speeds of step s
         self.step = 0
+        self._bits = np.random.Philox(key=seed)
+        self._start = self._bits.state  # with nothing drawn
+        self._generator = np.random.Generator(self._bits)
         for _ in range(int(np.ceil(BURN_IN * GUST_LENGTH / (speed * dt)))):
             self.advance()
 
@@ -155,8 +157,9 @@ class GustRecursion:
 
     def noise(self, step: int) -> np.ndarray:
         """Independent standard normal numbers (c,) of one step."""
-        bits = np.random.Philox(key=self.seed, counter=[0, 0, 0, step])
-        return np.random.Generator(bits).standard_normal(self.past.shape[1])
+        self._start["state"]["counter"][:] = (0, 0, 0, step)
+        self._bits.state = self._start
+        return self._generator.standard_normal(self.past.shape[1])
 
     def advance(self) -> np.ndarray:
         """Gust speeds (c,) [m/s] of the next step."""
