@@ -2,7 +2,9 @@
 
 import argparse
 import os
+import signal
 import sys
+import time
 from pathlib import Path
 
 import netfall
@@ -196,6 +198,9 @@ def _abort(error: BaseException) -> None:
         import traceback
 
         traceback.print_exception(error)
+    if isinstance(error, OutputError):
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        time.sleep(min(5.0, 0.5 * _rank()))  # what ranks meet at the same moment the lowest of them tells, and ends the others
     common = getattr(error, "on_every_rank", False)
     if not common or _rank() == 0:
         what = str(error) if isinstance(error, OutputError) else f"rank {_rank()}: {type(error).__name__}: {error} (NETFALL_TRACEBACK=1 shows where)"
