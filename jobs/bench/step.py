@@ -1,4 +1,4 @@
-"""Times the step of netfall on the benchmark's net: mpirun -n P python step.py N SCENE [--rounds R] [--no-order]
+"""Times the step of netfall on the benchmark's net: mpirun -n P python step.py N SCENE [--precision P] [--rounds R] [--no-order]
 
 SCENE: elastic, or one or more of plastic, fracture, wind, energy, sections, bars joined by + (all: the first four, and damping). Prints a line of JSON.
 """
@@ -16,6 +16,7 @@ from mpi4py import MPI
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("N", type=int)
 parser.add_argument("scene")
+parser.add_argument("--precision", choices=("double", "mixed", "single"), default="double")
 parser.add_argument("--rounds", type=int, default=5)
 parser.add_argument("--seconds", type=float, default=1.0, help="of a round")
 parser.add_argument("--no-order", action="store_true", help="let the compiler reorder sums, for the cost of the order")
@@ -37,7 +38,7 @@ from netfall.solve.stepping import Plan, halo_width, run_steps
 
 comm = MPI.COMM_WORLD
 words = {"plastic", "fracture", "wind", "energy"} if arguments.scene == "all" else set(arguments.scene.split("+")) - {"elastic"}
-scene = Scene(**{word: True for word in words if word != "energy"}, energy="energy" in words)
+scene = Scene(**{word: True for word in words if word != "energy"}, energy="energy" in words, precision=arguments.precision)
 
 begin = time.perf_counter()
 whole = net.make_net(arguments.N)
@@ -71,7 +72,9 @@ def advance(first: int, steps: int) -> float:
     begin = time.perf_counter()
     done, _, error = run_steps(state, halo, plan, first, steps, net.DT if first else 0.0, net.DT, 1.0 if arguments.scene == "all" else 0.0, 0.0, 1e9)
     assert done == steps and not error
-    return comm.allreduce(time.perf_counter() - begin, MPI.MAX)
+    seconds = time.perf_counter() - begin
+    state.end_block()
+    return comm.allreduce(seconds, MPI.MAX)
 
 
 mine = np.flatnonzero(piece.particle_gid[: piece.n_owned] == centre)

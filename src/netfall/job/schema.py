@@ -139,7 +139,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         positive("safety", "", 0.8, "of the stable step, for \"auto\"", high=1.0),
         not_negative("damping", "1/s", 0.0, "mass-proportional damping zeta"),
         not_negative("fragment_mass", "", 0.05, "largest share of what a particle carries (dead load, `mass`) that one fragment takes along if the step needs it; 0: its half element alone, as in the paper", high=0.5),
-        Key("precision", "choice", "double", "", "of the arithmetic", choices=("double",)),
+        Key("precision", "choice", "double", "", "of the steps; mixed: single for forces and velocities; single: for displacements too", choices=("double", "mixed", "single")),
     ),
     "output": (
         count("frames", 120, "states written over the duration", low=1, high=1_000_000),

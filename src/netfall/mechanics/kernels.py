@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.mechanics.arithmetic import fused
+from netfall.mechanics.arithmetic import fused, like
 from netfall.mechanics.compile import allocating_kernel, kernel, part_of_kernel, vector_kernel
 from netfall.mechanics.material import (
     dissipated_by_flow, elastic_force, force_density, plastic_force, stored_energy, strain)
 
-LANES = 8  # particles that the widest registers take at once
+REGISTER = 64  # bytes of the widest registers
 FEWEST = 3  # particles that are worth a register of their own
 MANY_LOOSE = 8  # one particle in so many outside the whole runs of a chunk: then the kick goes through all of it at once
 SLOTS = 4  # in the vector loop; particles with more elements have layers of their own
@@ -26,15 +26,17 @@ EMPTY = np.uint32(0xFFFFFFFF)  # in place of an element's number
 class Runs(NamedTuple):
     """How the vector loop goes through the particles of each chunk. A run's far ends are all as far away in number, so they load in one piece.
 
+    lanes : particles that a register takes at once
     spans : (chunks, 8) from and up to which row of each of the next four
-    whole : (., 2 + SLOTS) first and last particle of runs, a multiple of LANES apart, and how far away the far ends are
-    parts : (., 4 + SLOTS) what remains of runs, or all of one: first and last particle, a multiple of LANES apart; from and up to
+    whole : (., 2 + SLOTS) first and last particle of runs, a multiple of lanes apart, and how far away the far ends are
+    parts : (., 4 + SLOTS) what remains of runs, or all of one: first and last particle, a multiple of lanes apart; from and up to
         which of them it is the run; and how far away the far ends are
-    rest : (.,) particles in no run, the last of a chunk repeated up to a multiple of LANES
+    rest : (.,) particles in no run, the last of a chunk repeated up to a multiple of lanes
     loose : (., 2) first and last particle of stretches outside the whole runs, whose kick comes after all forces; the whole chunk where
         it has many
     """
 
+    lanes: int
     spans: np.ndarray
     whole: np.ndarray
     parts: np.ndarray
@@ -43,20 +45,29 @@ class Runs(NamedTuple):
 
 
 @part_of_kernel
-def add_force(p, o, s, fx, fy, fz, near, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
+def add_force(p, o, s, fx, fy, fz, near, x, start, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
     """Forces [N] on particle p so far, and those of the element in its slot s, whose far end is o; near: whether one is near flow or fracture."""
     dx, dy, dz = x[0][o] - x[0][p], x[1][o] - x[1][p], x[2][o] - x[2][p]
-    q, found = force_density(dx, dy, dz, s, p, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
-    return fused(q, dx, fx), fused(q, dy, fy), fused(q, dz, fz), near | found
+    if start is None:
+        q, found = force_density(dx, dy, dz, None, s, p, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+        return like(fx, fused(q, dx, fx)), like(fx, fused(q, dy, fy)), like(fx, fused(q, dz, fz)), near | found
+    # of displacements: L^2 - L_start^2 = (d - d_start) (d + d_start), to their own last digits
+    sx, sy, sz, per_L0 = start[0][s, p], start[1][s, p], start[2][s, p], inv_L0[s, p]
+    ux, uy, uz = like(sx, dx), like(sy, dy), like(sz, dz)
+    ex, ey, ez = sx + ux, sy + uy, sz + uz
+    excess = fused(fused(uz, ez + sz, fused(uy, ey + sy, ux * (ex + sx))), per_L0 * per_L0, start[3][s, p])
+    q, found = force_density(ex, ey, ez, excess, s, p, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+    return fused(q, ex, fx), fused(q, ey, fy), fused(q, ez, fz), near | found
 
 
 @part_of_kernel
-def four_forces(p, o0, o1, o2, o3, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
+def four_forces(p, o0, o1, o2, o3, x, start, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
     """Sum of the forces [N] of the first four slots of particle p, with far ends o0 to o3, in this order; and whether one is near flow or fracture."""
-    fx, fy, fz, near = add_force(p, o0, 0, 0.0, 0.0, 0.0, False, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
-    fx, fy, fz, near = add_force(p, o1, 1, fx, fy, fz, near, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
-    fx, fy, fz, near = add_force(p, o2, 2, fx, fy, fz, near, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
-    return add_force(p, o3, 3, fx, fy, fz, near, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+    none = like(inv_L0, 0.0)
+    fx, fy, fz, near = add_force(p, o0, 0, none, none, none, False, x, start, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+    fx, fy, fz, near = add_force(p, o1, 1, fx, fy, fz, near, x, start, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+    fx, fy, fz, near = add_force(p, o2, 2, fx, fy, fz, near, x, start, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+    return add_force(p, o3, 3, fx, fy, fz, near, x, start, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
 
 
 @part_of_kernel
@@ -65,7 +76,7 @@ def kick_axis(p, i, internal, square, kick_dt, c_v, c_a, zeta, v, f, per_mass, f
 
     load, wind : of this axis, None where there is none. Returns the work [J] of the external, internal and damping forces
     """
-    external = 0.0
+    external = like(internal, 0.0)
     if load is not None:
         external += load[p]
     if wind is not None:
@@ -78,16 +89,17 @@ def kick_axis(p, i, internal, square, kick_dt, c_v, c_a, zeta, v, f, per_mass, f
         new = new if free[p] else old
     v[p] = new
     if work_ext is None:
-        return 0.0, 0.0, 0.0
-    way = kick_dt * (0.5 * (old + new))  # zero where held
-    return way * external, way * internal, way * (zeta * mass[p] * (0.5 * (old + new)))
+        return external, external, external  # of no use
+    mean = like(old, 0.5) * (old + new)
+    way = kick_dt * mean  # zero where held
+    return way * external, way * internal, way * (zeta * mass[p] * mean)
 
 
 @part_of_kernel
 def kick_particle(p, i, fx, fy, fz, kick_dt, c_v, c_a, zeta, share, v, f, per_mass, free, mass, load, work_ext, work_int, work_damp, wind,
                   speed_before, speed_after):
     """Kick and work of particle p under its internal forces [N] and the external ones; total force to row i of f."""
-    square = 0.0
+    square = like(per_mass, 0.0)
     if speed_before is not None:
         square = squared_speed(p, speed_before, speed_after, share)
     ax, bx, cx = kick_axis(p, i, fx, square, kick_dt, c_v, c_a, zeta, v[0], f[0], per_mass, free[0], mass, load[0], wind[0], work_ext)
@@ -102,32 +114,32 @@ def kick_particle(p, i, fx, fy, fz, kick_dt, c_v, c_a, zeta, share, v, f, per_ma
 @vector_kernel
 def kick_rows(c, low, width, runs, f_rest, near_rest, kick_dt, zeta, share, x, v, f, near_of,
               per_mass, free, mass, load, work_ext, work_int, work_damp, wind, speed_before, speed_after,
-              other, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
-    """Forces, kick and work of the particles of chunk c, from `low` on; how many have an element near yield or fracture.
+              other, start, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
+    """Forces, kick and work of the particles of chunk c, from `low` on.
 
     Three arrays for three axes stand in a tuple: then the compiler sees that nothing written is read again.
     runs : `Runs`; f_rest, near_rest : scratch; width : slots in use, if more than SLOTS
-    x : (n,) [m]; v : (n,) [m/s]; f : rows counted from `low`, out, total force [N]; near_of : rows as f, out, 1 where an element
+    x : (n,) [m], positions, or displacements where start is not None; v : (n,) [m/s]; f : rows counted from `low`, out, total force [N]; near_of : rows as f, out, 1 where an element
         of the particle is near, None: elastic
     free : (n,) each, None where every particle is free or held on all axes (per_mass = 0)
     other : (slots, n) local number of the far end, the particle's own or any in an empty slot; inv_L0 : (slots, n) [1/m], 0: empty
+    start : four of (slots, n), the differences [m] to the far end from which displacements count, and (L / L0)^2 - 1 there; None: x are positions
     EA : [N] of all elements, unless slot_EA (slots, n) gives it; the same for yield_force [N] and slot_yield; None: elastic
     measure : None: engineering strain, else logarithmic; slot_bar : (slots, n), None: cables alone
     slot_eps_p : (slots, n) plastic strain, None: zero; reach : L / L0 from which an element is looked at for fracture
     """
     origin = np.uint64(low)  # unsigned: no index then counts from the end
-    spans, whole, parts, rest, loose = runs
+    lanes, spans, whole, parts, rest, loose = runs
     c_v, c_a = kick_factors(zeta, kick_dt)
-    near = 0
+    c_v, c_a, kick_dt, zeta, share = like(v[0], c_v), like(v[0], c_a), like(v[0], kick_dt), like(v[0], zeta), like(v[0], share)
     for r in range(spans[c, 0], spans[c, 1]):
         s0, s1, s2, s3 = np.uint64(whole[r, 2]), np.uint64(whole[r, 3]), np.uint64(whole[r, 4]), np.uint64(whole[r, 5])
         for p in range(np.uint64(whole[r, 0]), np.uint64(whole[r, 1])):
             i = p - origin
-            fx, fy, fz, found = four_forces(p, p + s0, p + s1, p + s2, p + s3, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force,
+            fx, fy, fz, found = four_forces(p, p + s0, p + s1, p + s2, p + s3, x, start, inv_L0, EA, slot_EA, measure, slot_bar, yield_force,
                                             slot_yield, slot_eps_p, reach)
             if near_of is not None:
                 near_of[i] = 1 if found else 0
-                near += 1 if found else 0
             kick_particle(p, i, fx, fy, fz, kick_dt, c_v, c_a, zeta, share, v, f, per_mass, free, mass, load, work_ext, work_int, work_damp, wind,
                           speed_before, speed_after)
     for r in range(spans[c, 2], spans[c, 3]):
@@ -136,23 +148,22 @@ def kick_rows(c, low, width, runs, f_rest, near_rest, kick_dt, zeta, share, x, v
         for p in range(np.uint64(parts[r, 0]), np.uint64(parts[r, 1])):
             i = p - origin
             mine = (p >= from_) & (p < up_to)
-            fx, fy, fz, found = four_forces(p, p + s0, p + s1, p + s2, p + s3, x, inv_L0, EA, slot_EA, measure, slot_bar, yield_force,
+            fx, fy, fz, found = four_forces(p, p + s0, p + s1, p + s2, p + s3, x, start, inv_L0, EA, slot_EA, measure, slot_bar, yield_force,
                                             slot_yield, slot_eps_p, reach)
             f[0][i], f[1][i], f[2][i] = fx if mine else f[0][i], fy if mine else f[1][i], fz if mine else f[2][i]
             if near_of is not None:
                 near_of[i] = (1 if found else 0) if mine else near_of[i]
-                near += 1 if found & mine else 0
     first, last = np.uint64(spans[c, 4]), np.uint64(spans[c, 5])
-    filled_up = first + np.uint64((spans[c, 5] - spans[c, 4] + LANES - 1) // LANES * LANES)
+    filled_up = first + np.uint64((spans[c, 5] - spans[c, 4] + lanes - 1) // lanes * lanes)
     for i in range(first, filled_up):
         p, k = rest[i], i - first
-        f_rest[0][k], f_rest[1][k], f_rest[2][k], found = four_forces(p, other[0, p], other[1, p], other[2, p], other[3, p], x, inv_L0, EA, slot_EA,
+        f_rest[0][k], f_rest[1][k], f_rest[2][k], found = four_forces(p, other[0, p], other[1, p], other[2, p], other[3, p], x, start, inv_L0, EA, slot_EA,
                                                                       measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
         near_rest[k] = 1 if found else 0
     for s in range(SLOTS, width):
         for i in range(first, last):
             p, k = rest[i], i - first
-            f_rest[0][k], f_rest[1][k], f_rest[2][k], found = add_force(p, other[s, p], s, f_rest[0][k], f_rest[1][k], f_rest[2][k], near_rest[k] != 0, x,
+            f_rest[0][k], f_rest[1][k], f_rest[2][k], found = add_force(p, other[s, p], s, f_rest[0][k], f_rest[1][k], f_rest[2][k], near_rest[k] != 0, x, start,
                                                                         inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
             near_rest[k] = 1 if found else 0
     for i in range(first, last):
@@ -160,21 +171,29 @@ def kick_rows(c, low, width, runs, f_rest, near_rest, kick_dt, zeta, share, x, v
         f[0][row], f[1][row], f[2][row] = f_rest[0][k], f_rest[1][k], f_rest[2][k]
         if near_of is not None:
             near_of[row] = near_rest[k]
-            near += near_rest[k]
     for r in range(spans[c, 6], spans[c, 7]):
         for p in range(np.uint64(loose[r, 0]), np.uint64(loose[r, 1])):
             i = p - origin
             kick_particle(p, i, f[0][i], f[1][i], f[2][i], kick_dt, c_v, c_a, zeta, share, v, f, per_mass, free, mass, load, work_ext, work_int, work_damp,
                           wind, speed_before, speed_after)
+
+
+@vector_kernel
+def count_near(near_of, particles):
+    """How many of the first so many particles of a chunk have an element near yield or fracture."""
+    near = 0
+    for i in range(np.uint64(particles)):
+        near += near_of[i]
     return near
 
 
 @kernel
-def flow(first, last, width, n_owned, first_split, x, other, inv_L0, slot_element, slot_eps_p, ends, L0, EA, logarithmic, bar, yield_force,
+def flow(first, last, width, n_owned, first_split, x, x_start, other, inv_L0, slot_element, slot_eps_p, ends, L0, EA, logarithmic, bar, yield_force,
          eps_p, dissipated, eps_u, pending, count, near_of):
     """Plastic flow of the elements of particles first to last at x, and those that reach their fracture strain, where near_of is not 0.
 
     Both ends come to the same plastic strain by themselves; that which `reports` keeps the element's record.
+    x : (n, 3) positions [m], or displacements from x_start, which is None otherwise
     pending : (m,), out, elements from place `count` on; the new count, and whether anything flowed
     """
     any_flow = False
@@ -185,11 +204,14 @@ def flow(first, last, width, n_owned, first_split, x, other, inv_L0, slot_elemen
             if inv_L0[s, p] == 0.0:
                 continue
             e, o = slot_element[s, p], other[s, p]
-            dx, dy, dz = x[o, 0] - x[p, 0], x[o, 1] - x[p, 1], x[o, 2] - x[p, 2]
+            dx, dy, dz = np.float64(x[o, 0]) - x[p, 0], np.float64(x[o, 1]) - x[p, 1], np.float64(x[o, 2]) - x[p, 2]
+            if x_start is not None:
+                dx, dy, dz = dx + (x_start[o, 0] - x_start[p, 0]), dy + (x_start[o, 1] - x_start[p, 1]), dz + (x_start[o, 2] - x_start[p, 2])
             eps = strain(math.sqrt(dx * dx + dy * dy + dz * dz), L0[e], logarithmic)
             reports = ends[e, 0] == p or (n_owned <= ends[e, 0] and ends[e, 0] < first_split)
             if yield_force is not None:
-                _, flowed = plastic_force(eps, slot_eps_p[s, p], EA[e], yield_force[e], bar[e])
+                _, flowed = plastic_force(eps, np.float64(slot_eps_p[s, p]), EA[e], yield_force[e], bar[e])
+                flowed = np.float64(like(slot_eps_p, flowed))
                 if flowed != slot_eps_p[s, p]:
                     any_flow = True
                     if reports:
@@ -253,8 +275,11 @@ def align_slots(first, last, direction, n_local, other, slot_element, filled):
 
 
 @kernel
-def fill_slots(n_local, slot_element, L0, EA, bar, yield_force, eps_p, inv_L0, slot_EA, slot_bar, slot_yield, slot_eps_p):
-    """What the vector loop reads of each element, at both of its ends; inv_L0 = 0 in an empty slot."""
+def fill_slots(n_local, slot_element, L0, EA, bar, yield_force, eps_p, x_start, other, start, inv_L0, slot_EA, slot_bar, slot_yield, slot_eps_p):
+    """What the vector loop reads of each element, at both of its ends; inv_L0 = 0 in an empty slot.
+
+    start : as in `kick_rows`, out, of the positions x_start (n, 3); None where it is
+    """
     for s in range(inv_L0.shape[0]):
         for p in range(n_local):
             e = slot_element[s, p]
@@ -262,8 +287,16 @@ def fill_slots(n_local, slot_element, L0, EA, bar, yield_force, eps_p, inv_L0, s
                 inv_L0[s, p] = 0.0
                 if slot_bar is not None:
                     slot_bar[s, p] = 0
+                if start is not None:
+                    start[0][s, p] = start[1][s, p] = start[2][s, p] = start[3][s, p] = 0.0
                 continue
             inv_L0[s, p] = 1.0 / L0[e]
+            if start is not None:
+                o = other[s, p]
+                dx, dy, dz = x_start[o, 0] - x_start[p, 0], x_start[o, 1] - x_start[p, 1], x_start[o, 2] - x_start[p, 2]
+                L = math.sqrt(dx * dx + dy * dy + dz * dz)
+                start[0][s, p], start[1][s, p], start[2][s, p] = dx, dy, dz
+                start[3][s, p] = (L - L0[e]) * (L + L0[e]) / (L0[e] * L0[e])
             if slot_EA is not None:
                 slot_EA[s, p] = EA[e]
             if slot_bar is not None:
@@ -285,18 +318,18 @@ def end_of_run(p, high, other):
 
 
 @kernel
-def kick_at_once(low, high, width, other):
+def kick_at_once(low, high, width, lanes, other):
     """Whether so few particles of a chunk are in whole runs that the kick had better go through all of it, after the forces."""
     outside, p = high - low, low
     while p < high and width <= SLOTS:
         end = end_of_run(p, high, other)
-        outside -= (end - p) // LANES * LANES
+        outside -= (end - p) // lanes * lanes
         p = end
     return outside * MANY_LOOSE > high - low
 
 
 @kernel
-def find_runs(chunk_low, chunk_high, chunk_width, other, spans, whole, parts, rest, loose):
+def find_runs(chunk_low, chunk_high, chunk_width, other, lanes, spans, whole, parts, rest, loose):
     """Write the `Runs` of the chunks, whose arrays have room for the most there could be.
 
     other : (slots, n) local number of the far end
@@ -304,14 +337,14 @@ def find_runs(chunk_low, chunk_high, chunk_width, other, spans, whole, parts, re
     wholes = partials = rests = stretches = 0
     for c in range(chunk_width.shape[0]):
         low, high = chunk_low[c], chunk_high[c]
-        at_once = kick_at_once(low, high, chunk_width[c], other)
+        at_once = kick_at_once(low, high, chunk_width[c], lanes, other)
         spans[c, 0], spans[c, 2], spans[c, 4], spans[c, 6] = wholes, partials, rests, stretches
         p = covered = low  # covered: where the last whole run ends
         while p < high:
             end = end_of_run(p, high, other)
             left = p  # so far in nothing
-            if not at_once and end - p >= LANES:
-                left = end - (end - p) % LANES
+            if not at_once and end - p >= lanes:
+                left = end - (end - p) % lanes
                 whole[wholes, 0], whole[wholes, 1] = p, left
                 for s in range(SLOTS):
                     whole[wholes, 2 + s] = np.int64(other[s, p]) - p
@@ -320,7 +353,7 @@ def find_runs(chunk_low, chunk_high, chunk_width, other, spans, whole, parts, re
                     loose[stretches, 0], loose[stretches, 1] = covered, p
                     stretches += 1
                 covered = left
-            length = (end - left + LANES - 1) // LANES * LANES
+            length = (end - left + lanes - 1) // lanes * lanes
             begin = min(left, high - length)
             fits = end - left >= FEWEST and begin >= low and chunk_width[c] <= SLOTS
             for s in range(SLOTS):
@@ -340,7 +373,7 @@ def find_runs(chunk_low, chunk_high, chunk_width, other, spans, whole, parts, re
             loose[stretches, 0], loose[stretches, 1] = covered, high
             stretches += 1
         spans[c, 1], spans[c, 3], spans[c, 5], spans[c, 7] = wholes, partials, rests, stretches
-        while rests % LANES > 0:
+        while rests % lanes > 0:
             rest[rests] = rest[rests - 1]
             rests += 1
 

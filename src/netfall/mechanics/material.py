@@ -10,10 +10,11 @@ import math
 
 import numpy as np
 
-from netfall.mechanics.arithmetic import fused, inverse_root, logarithm
+from netfall.mechanics.arithmetic import fused, inverse_root, like, logarithm, shortening
 from netfall.mechanics.compile import kernel, part_of_kernel
 
 NEARLY = 1.0 - 1e-9  # a force or a strain this close to its limit is looked at again, exactly
+NEARLY_SINGLE = 1.0 - 1e-5  # the same where it was computed in single precision
 TINY = 1e-300  # keeps an element without length from dividing zero by zero
 
 
@@ -49,33 +50,45 @@ def plastic_force(eps, eps_p, EA, yield_force, bar):
 
 
 @part_of_kernel
-def force_density(dx, dy, dz, s, p, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
+def force_density(dx, dy, dz, excess, s, p, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
     """N / L [N/m] of the element in slot s of particle p, and whether it is near flow or fracture.
 
     `plastic_force` over the length, arranged for one inverse root: EA (L / L0 - 1 - eps_p) / L = EA (1 / L0 - (1 + eps_p) / L).
-    Arguments as in `kernels.kick_rows`. An empty slot, 1 / L0 = 0, gives zero.
+    excess : (L / L0)^2 - 1 where forces are in single precision, for which 1 / L0 and 1 / L are too close; else None
+    The others as in `kernels.kick_rows`. An empty slot, 1 / L0 = 0, gives zero.
     """
-    square = fused(dz, dz, fused(dy, dy, fused(dx, dx, TINY)))
-    per_length = inverse_root(square)
-    stiffness = EA if slot_EA is None else slot_EA[s, p]
-    eps_p = 0.0 if slot_eps_p is None else slot_eps_p[s, p]
-    if measure is not None:
-        q = stiffness * (logarithm(max(square * per_length * inv_L0[s, p], TINY)) - eps_p) * per_length
+    per_L0 = inv_L0[s, p]
+    stiffness = like(per_L0, EA) if slot_EA is None else slot_EA[s, p]
+    eps_p = like(per_L0, 0.0) if slot_eps_p is None else slot_eps_p[s, p]
+    nearly = like(per_L0, NEARLY if excess is None else NEARLY_SINGLE)
+    if excess is None:
+        square = fused(dz, dz, fused(dy, dy, fused(dx, dx, TINY)))
+        per_length = like(per_L0, inverse_root(square))
+        if measure is not None:
+            q = like(per_L0, stiffness * (logarithm(max(square * per_length * per_L0, TINY)) - eps_p) * per_length)
+        else:
+            q = like(per_L0, stiffness * fused(-1.0 - eps_p, per_length, per_L0))
     else:
-        q = stiffness * fused(-1.0 - eps_p, per_length, inv_L0[s, p])
+        shorter = shortening(excess)
+        per_length = fused(-shorter, per_L0, per_L0)
+        if measure is not None:
+            q = stiffness * (like(per_L0, 0.5 * logarithm(max(1.0 + excess, TINY))) - eps_p) * per_length
+        else:
+            q = stiffness * fused(-eps_p, per_length, shorter * per_L0)
     near = False
-    lowest = 0.0  # slack
+    slack = like(per_L0, 0.0)
+    lowest = slack
     if slot_bar is not None:
-        lowest = -np.inf if slot_bar[s, p] else 0.0
+        lowest = like(per_L0, -np.inf) if slot_bar[s, p] else slack
     if yield_force is not None:
-        highest = (yield_force if slot_yield is None else slot_yield[s, p]) * per_length
-        near = q > highest * NEARLY
+        highest = (like(per_L0, yield_force) if slot_yield is None else slot_yield[s, p]) * per_length
+        near = q > highest * nearly
         q = highest if q > highest else q
         if slot_bar is not None:
-            lowest = -highest if slot_bar[s, p] else 0.0
-            near |= (q < lowest * NEARLY) & (lowest < 0.0)
+            lowest = -highest if slot_bar[s, p] else slack
+            near |= (q < lowest * nearly) & (lowest < slack)
     if reach is not None:
-        near |= inv_L0[s, p] > reach * per_length
+        near |= per_L0 > like(per_L0, reach) * per_length
     return q if q > lowest else lowest, near
 
 

@@ -171,11 +171,13 @@ class Simulation:
             self.n += done
             self.before_dt = dt
             if count:
+                self.state.place()
                 piece = self.result.distribution.piece
                 parted = split_particles(self.state, count, self.n - 1, self.result.distribution.n, piece.element_gid,
                                          self.self_weight, self.carried_weight, self.after_fracture != "particle", dt, self.schedule.stable_dt)
                 self.plan.attach(self.state)
                 self.events += [((self.n - 1) * dt, event) for event in parted]
+        self.state.end_block()
 
     def advance_until_first_fracture(self, stop: int) -> None:
         """For after_fracture = "all": the whole wind ends with the first fracture, at the same step on all ranks.

@@ -103,10 +103,14 @@ def _new_particle(state: State, p: int, number: int, mass: float, weight: float)
     j = state.n_local
     state.n_local += 1
     state.x[j], state.v[j], state.x_start[j] = state.x[p], state.v[p], state.x_start[p]
+    if state.u is not None:
+        state.u[j] = state.u[p]
     state.free[j], state.valence[j], state.gid[j], state.mass[j] = 1, 1, number, mass
     state.load[j] = (0.0, 0.0, -weight)
     if state.work is not None:
         state.work[j] = 0.0
+    if state.block_work is not None:
+        state.block_work[j] = 0.0
     if state.wind is not None:
         state.wind[j] = state.speed_before[j] = state.speed_after[j] = 0.0
     return j

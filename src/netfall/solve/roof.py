@@ -111,7 +111,7 @@ def job_digest(job: Job, net: Net) -> str:
 def scene_of(job: Job, net: Net) -> Scene:
     """What the scene has, as the job names it."""
     differ = lambda values: bool((values != values[:1]).any())
-    return Scene(plastic=bool(np.isfinite(net.yield_stress).any()), fracture=bool(np.isfinite(net.fracture_strain).any()),
+    return Scene(precision=job.dynamics.precision if job.dynamics else "double", plastic=bool(np.isfinite(net.yield_stress).any()), fracture=bool(np.isfinite(net.fracture_strain).any()),
                  wind=job.wind is not None, logarithmic=job.cable.strain == "logarithmic", bars=bool(net.bar.any()), part_held=bool((net.fixed.any(1) & ~net.fixed.all(1)).any()),
                  sections=differ(net.modulus * net.section) or differ(net.yield_stress * net.section), energy=job.output.energy)
 

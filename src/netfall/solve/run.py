@@ -189,6 +189,7 @@ def run_dynamics(comm, job: Job, roof: Roof, result: Result, schedule: Schedule 
     if record:
         begun = record["simulation"]["start_strain"], record["simulation"]["start_plastic"]
     else:
+        state.count_displacements()
         start = total_energies(comm, state, take_snapshot(state, 0.0, 1.0, 0.0, 0.0))
         begun = start.strain, start.plastic
     probes = comm.bcast(find_probes(roof.whole.net, job.output.probes) if roof.whole else None)

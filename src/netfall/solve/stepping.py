@@ -12,8 +12,9 @@ A step n takes x(n) and v(n-1/2). Particles go through it in chunks that stay in
 import numpy as np
 
 from netfall.mechanics.compile import kernel, vector_kernel
-from netfall.mechanics.kernels import FEWEST, LANES, SLOTS, Runs, find_runs, flow, inverse_mass, kick, kick_factors, kick_rows
-from netfall.mechanics.state import State
+from netfall.mechanics.arithmetic import like
+from netfall.mechanics.kernels import FEWEST, SLOTS, Runs, count_near, find_runs, flow, inverse_mass, kick, kick_factors, kick_rows
+from netfall.mechanics.state import STEPPED, State
 from netfall.parallel.halo import Halo, lap, open_box, send_box, wait_for_boxes
 
 FORCES, EXCHANGE, INTEGRATION = 0, 1, 2  # what the time of a step goes into; the kick counts with the forces, whose loop it shares
@@ -21,13 +22,16 @@ CHUNK = 2048  # particles, 300 KB; fewer end the runs too often, more leave the 
 
 
 @vector_kernel
-def drift_rows(first, last, dt, x, v):
-    """x to n + 1 of particles first to last; where held, v = 0. x, v : three of (n,)"""
+def drift_rows(first, last, dt, x, x_rounded, v):
+    """x to n + 1 of particles first to last; where held, v = 0. x, v : three of (n,); x_rounded : x in the precision of v, None: it is"""
     first, last = np.uint64(first), np.uint64(last)  # unsigned: no index then counts from the end
+    dt = like(x[0], dt)
     for p in range(first, last):
         x[0][p] += dt * v[0][p]
         x[1][p] += dt * v[1][p]
         x[2][p] += dt * v[2][p]
+        if x_rounded is not None:
+            x_rounded[0][p], x_rounded[1][p], x_rounded[2][p] = x[0][p], x[1][p], x[2][p]
 
 
 @vector_kernel
@@ -41,10 +45,11 @@ def keep_forces(low, high, f_chunk, f):
 
 
 @vector_kernel
-def move_halo(first, last, kick_dt, dt, zeta, x, v, f, per_mass, free):
+def move_halo(first, last, kick_dt, dt, zeta, x, x_rounded, v, f, per_mass, free):
     """Kick and drift of halo particles, whose total force f the owner has sent."""
     first, last = np.uint64(first), np.uint64(last)
     c_v, c_a = kick_factors(zeta, kick_dt)
+    c_v, c_a, dt = like(v, c_v), like(v, c_a), like(x, dt)
     for k in range(3):
         for p in range(first, last):
             new = kick(v[p, k], f[p, k] * per_mass[p], c_v, c_a)
@@ -52,13 +57,15 @@ def move_halo(first, last, kick_dt, dt, zeta, x, v, f, per_mass, free):
                 new = new if free[p, k] else v[p, k]
             v[p, k] = new
             x[p, k] += dt * new
+            if x_rounded is not None:
+                x_rounded[p, k] = x[p, k]
 
 
 @kernel
 def time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, n_owned, n_halo, chunk_low, chunk_high, chunk_width, last_use, splits, boundary, has_flowed,
-              runs, f_rest, near_rest, x, v, f, xs, vs, fs, f_chunk, near_of, per_mass, free, frees, mass, loads, work_ext, work_int, work_damp, winds, speed_before,
+              runs, f_rest, near_rest, x, x_start, x_rounded, v, f, xs, xs_rounded, xs_read, vs, fs, f_chunk, near_of, per_mass, free, frees, mass, stepped_mass, loads, work_ext, work_int, work_damp, winds, speed_before,
               speed_after, valence, ends, L0, EA, logarithmic, bar, yield_force, eps_p, dissipated, eps_u, pending,
-              other, inv_L0, slot_element, the_EA, slot_EA, measure, slot_bar, the_yield, slot_yield, slot_eps_p, reach,
+              other, start, inv_L0, slot_element, the_EA, slot_EA, measure, slot_bar, the_yield, slot_yield, slot_eps_p, reach,
               send_index, mail, seconds):
     """Up to `steps` steps of length dt [s]; steps done, elements that reached their fracture strain, MPI error.
 
@@ -78,16 +85,18 @@ def time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, n_owned, n_
         for c in range(chunk_low.shape[0]):
             low, high, width = chunk_low[c], chunk_high[c], chunk_width[c]
             if has_flowed[c]:
-                near = kick_rows(c, low, width, runs, f_rest, near_rest, kick_dt, zeta, share, xs, vs, f_chunk,
-                                 near_of, per_mass, frees, mass, loads, work_ext, work_int, work_damp, winds, speed_before, speed_after,
-                                 other, inv_L0, the_EA, slot_EA, measure, slot_bar, the_yield, slot_yield, slot_eps_p, reach)
+                kick_rows(c, low, width, runs, f_rest, near_rest, kick_dt, zeta, share, xs_read, vs, f_chunk,
+                          near_of, per_mass, frees, stepped_mass, loads, work_ext, work_int, work_damp, winds, speed_before, speed_after,
+                          other, start, inv_L0, the_EA, slot_EA, measure, slot_bar, the_yield, slot_yield, slot_eps_p, reach)
             else:  # the same without plastic strains, which would be zero
-                near = kick_rows(c, low, width, runs, f_rest, near_rest, kick_dt, zeta, share, xs, vs, f_chunk,
-                                 near_of, per_mass, frees, mass, loads, work_ext, work_int, work_damp, winds, speed_before, speed_after,
-                                 other, inv_L0, the_EA, slot_EA, measure, slot_bar, the_yield, slot_yield, None, reach)
+                kick_rows(c, low, width, runs, f_rest, near_rest, kick_dt, zeta, share, xs_read, vs, f_chunk,
+                          near_of, per_mass, frees, stepped_mass, loads, work_ext, work_int, work_damp, winds, speed_before, speed_after,
+                          other, start, inv_L0, the_EA, slot_EA, measure, slot_bar, the_yield, slot_yield, None, reach)
+            near = 0
             if slot_element is not None:
+                near = count_near(near_of, high - low)
                 if near > 0:
-                    count, flowed = flow(low, high, width, n_owned, first_split, x, other, inv_L0, slot_element, slot_eps_p, ends, L0, EA, logarithmic, bar,
+                    count, flowed = flow(low, high, width, n_owned, first_split, x, x_start, other, inv_L0, slot_element, slot_eps_p, ends, L0, EA, logarithmic, bar,
                                          yield_force, eps_p, dissipated, eps_u, pending, count, near_of)
                     has_flowed[c] |= flowed
             if c < splits + boundary or near > 0:  # forces are kept where they are sent, or where something may break
@@ -106,11 +115,11 @@ def time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, n_owned, n_
                     return s, 0, error
                 mark = lap(seconds, EXCHANGE, mark)
             while drifted <= c and last_use[drifted] <= c:
-                drift_rows(chunk_low[drifted], chunk_high[drifted], dt, xs, vs)
+                drift_rows(chunk_low[drifted], chunk_high[drifted], dt, xs, xs_rounded, vs)
                 drifted += 1
             mark = lap(seconds, INTEGRATION, mark)
         for c in range(splits):  # any chunk may need them
-            drift_rows(chunk_low[c], chunk_high[c], dt, xs, vs)
+            drift_rows(chunk_low[c], chunk_high[c], dt, xs, xs_rounded, vs)
         mark = lap(seconds, INTEGRATION, mark)
         error = wait_for_boxes(mail)
         mark = lap(seconds, EXCHANGE, mark)
@@ -125,7 +134,7 @@ def time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, n_owned, n_
                 if per_mass[n_owned + i] != 0.0:
                     per_mass[n_owned + i] = inverse_mass(mass[n_owned + i])
                 valence[n_owned + i] = int(mail.boxes[row + 4])
-        move_halo(n_owned, n_owned + n_halo, kick_dt, dt, zeta, x, v, f, per_mass, free)
+        move_halo(n_owned, n_owned + n_halo, kick_dt, dt, zeta, x, x_rounded, v, f, per_mass, free)
         mark = lap(seconds, INTEGRATION, mark)
         if count > 0:
             return s + 1, count, 0
@@ -153,8 +162,9 @@ class Plan:
         before, after = np.arange(0, boundary, CHUNK), np.arange(boundary, state.n_owned, CHUNK)
         self.owned_low, self.boundary = np.concatenate([before, after]), len(before)
         self.owned_high = np.append(self.owned_low[1:], state.n_owned)[: len(self.owned_low)]
-        self.f_chunk, self.near_of = tuple(np.zeros((3, CHUNK))), np.zeros(CHUNK, np.int64)
-        self.f_rest, self.near_rest = tuple(np.zeros((3, CHUNK + LANES))), np.zeros(CHUNK + LANES, np.int64)
+        number, lanes = state.scene.number, state.scene.lanes
+        self.f_chunk, self.near_of = tuple(np.zeros((3, CHUNK), number(STEPPED))), np.zeros(CHUNK, np.int32)
+        self.f_rest, self.near_rest = tuple(np.zeros((3, CHUNK + lanes), number(STEPPED))), np.zeros(CHUNK + lanes, np.int32)
         valence = np.bincount(state.ends.ravel(), minlength=state.n_local)[: state.n_owned]
         self.owned_width, self.owned_use = np.full(len(self.owned_low), SLOTS, np.int64), np.arange(len(self.owned_low))
         chunk_of = lambda particles: np.searchsorted(self.owned_low, particles, side="right") - 1
@@ -174,12 +184,13 @@ class Plan:
         self.last_use = np.concatenate([np.zeros(len(new), np.int64), self.owned_use + len(new)])
         state.fill_slots(zip(self.low.tolist(), self.high.tolist()))
         state.invert_masses()
+        state.round_displacements()
         self.has_flowed = np.zeros(len(self.low), np.uint8)
         if state.slot_eps_p is not None:
             self.has_flowed[:] = [state.slot_eps_p[:, low:high].any() for low, high in zip(self.low, self.high)]
-        chunks, n = len(self.low), state.n_local
-        self.runs = Runs(np.zeros((chunks, 8), np.int64), np.zeros((n // LANES, 2 + SLOTS), np.int64), np.zeros((n // FEWEST, 4 + SLOTS), np.int64),
-                         np.zeros(n + LANES * chunks, np.uint32), np.zeros((n // LANES + chunks, 2), np.int64))
+        chunks, n, lanes = len(self.low), state.n_local, state.scene.lanes
+        self.runs = Runs(lanes, np.zeros((chunks, 8), np.int64), np.zeros((n // lanes, 2 + SLOTS), np.int64), np.zeros((n // FEWEST, 4 + SLOTS), np.int64),
+                         np.zeros(n + lanes * chunks, np.uint32), np.zeros((n // lanes + chunks, 2), np.int64))
         find_runs(self.low, self.high, self.width, state.other, *self.runs)
         self.loads = tuple(state.load.T) if state.load[:, :2].any() else (None, None, state.load[:, 2])
 
@@ -190,12 +201,16 @@ def run_steps(state: State, halo: Halo, plan: Plan, first: int, steps: int, befo
     s = state
     the_EA = s.EA.max(initial=0.0) if s.slot_EA is None else 0.0
     the_yield = None if s.yield_force is None else float(s.yield_force.max(initial=0.0)) if s.slot_yield is None else 0.0
-    work = (None, None, None) if s.work is None else s.work.T
+    work = s.work if s.block_work is None else s.block_work
+    work = (None, None, None) if work is None else work.T
+    x, x_start = (s.u, s.x_start) if s.scene.displaced else (s.x, None)
+    mass = s.mass if s.stepped_mass is None else s.stepped_mass
     free = s.free if s.scene.part_held else None
     axes = lambda array: (None, None, None) if array is None else tuple(array.T)
+    xs_rounded = None if s.u_rounded is None else axes(s.u_rounded)
     return time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, s.n_owned, s.n_halo, plan.low, plan.high, plan.width, plan.last_use, plan.splits, plan.boundary,
-                     plan.has_flowed, plan.runs, plan.f_rest, plan.near_rest, s.x, s.v, s.f, axes(s.x), axes(s.v), axes(s.f), plan.f_chunk, plan.near_of if s.scene.inelastic else None, s.per_mass, free, axes(free),
-                     s.mass, plan.loads, *work, axes(s.wind), s.speed_before, s.speed_after, s.valence,
+                     plan.has_flowed, plan.runs, plan.f_rest, plan.near_rest, x, x_start, s.u_rounded, s.v, s.f, axes(x), xs_rounded, xs_rounded or axes(x), axes(s.v), axes(s.f), plan.f_chunk, plan.near_of if s.scene.inelastic else None, s.per_mass, free, axes(free),
+                     s.mass, mass, plan.loads, *work, axes(s.wind), s.speed_before, s.speed_after, s.valence,
                      s.ends, s.L0, s.EA, s.scene.logarithmic, s.bar, s.yield_force, s.eps_p, s.dissipated, s.eps_u, s.pending,
-                     s.other, s.inv_L0, s.slot_element, the_EA, s.slot_EA, s.scene.logarithmic or None, s.slot_bar, the_yield, s.slot_yield, s.slot_eps_p, s.reach,
+                     s.other, s.start, s.inv_L0, s.slot_element, the_EA, s.slot_EA, s.scene.logarithmic or None, s.slot_bar, the_yield, s.slot_yield, s.slot_eps_p, s.reach,
                      halo.send_index, halo.mail, seconds)
