@@ -250,6 +250,10 @@ class _Validation:
                 self.wrong("wind", "speed and file exclude each other; keep one of the two")
             elif "speed" not in wind and "file" not in wind:
                 self.wrong("wind", "speed: missing; expected a number of m/s > 0, or file = a table of time, speed")
+        moves, cable = parts.get("dynamics"), sections.get("cable", {})
+        breaks = any("fracture_strain" in table for table in (cable, *cable.values()) if isinstance(table, dict))
+        if moves is not None and moves.mass_scaling and moves.fragments and breaks:
+            self.wrong("dynamics", f"mass_scaling = {shown(moves.mass_scaling)}: a fragment would take the added inertia along as mass; allowed with fragments = false, or where nothing can break")
         if wind is not None and "dynamics" not in sections:
             self.wrong("wind", "there is no [dynamics] that the wind could act in; add it or remove [wind]")
         if "form_finding" in sections and "cable" in parts and sections["form_finding"].get("method", "fpm") == "fpm":

@@ -139,6 +139,8 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         positive("safety", "", 0.8, "of the stable step, for \"auto\"", high=1.0),
         not_negative("damping", "1/s", 0.0, "mass-proportional damping zeta"),
         not_negative("fragment_mass", "", 0.05, "largest share of what a particle carries (dead load, `mass`) that one fragment takes along if the step needs it; 0: its half element alone, as in the paper", high=0.5),
+        Key("fragments", "flag", True, "", "whether a particle splits off where an element breaks, as in the paper; false: the element is taken out of the net, its mass stays with its ends"),
+        not_negative("mass_scaling", "", 0.0, "largest share of the moving mass that is added, as inertia alone, where the stiffest elements ask for a short step; with fracture only without fragments", high=1.0),
         Key("precision", "choice", "double", "", "of the steps; mixed: single for forces and velocities; single: for displacements too", choices=("double", "mixed", "single")),
     ),
     "output": (

@@ -238,7 +238,7 @@ def attach_slots(n_owned, first_split, n_local, ends, EA, other, slot_element, f
     filled[:n_local] = 0
     for e in range(ends.shape[0]):
         if EA[e] == 0.0:
-            continue  # another rank has kept it
+            continue  # another rank has kept it, or it is out of the net
         for end in range(2):
             p = ends[e, end]
             if n_owned <= p and p < first_split:
@@ -427,10 +427,9 @@ def element_energies(N, eps_p_now, L0, EA, logarithmic, yield_force, eps_p, diss
     """Stored and dissipated energy (m,) [J] of each element, for the state of `element_state`."""
     for e in range(N.shape[0]):
         stored[e] = stored_energy(N[e], eps_p_now[e], L0[e], EA[e], logarithmic)
-        if yield_force is None:
-            heat[e] = 0.0
-        else:
-            heat[e] = dissipated[e] + dissipated_by_flow(eps_p[e], eps_p_now[e], L0[e], EA[e], yield_force[e], logarithmic)
+        heat[e] = 0.0 if dissipated is None else dissipated[e]
+        if yield_force is not None and EA[e] > 0.0:
+            heat[e] += dissipated_by_flow(eps_p[e], eps_p_now[e], L0[e], EA[e], yield_force[e], logarithmic)
 
 
 @kernel

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+CLOSE = 1e-6  # of a step, to which mass scaling finds it
 ROUNDING = 1e-9  # of a particle's mass: what it carries besides its elements, if more
 
 
@@ -78,6 +79,36 @@ def after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, share: float
         at = np.flatnonzero((elements == np.argmax(lacking(high))).any(1))
         worst = int(at[np.argmax((k / np.maximum(half, 1e-300))[at])])
     return Limit("after_fracture", dt, worst)
+
+
+def scaled_mass(elements, EA, L0, mass, free, share: float) -> np.ndarray:
+    """Masses (n,) [kg] with up to `share` of the moving ones' sum added where that makes the step for slack cables, omega dt = 1, longest.
+
+    An element asks for Omega_a^2 + Omega_b^2 <= 1 / dt^2, Omega_p^2 = sum(k) / M. A particle that is above half of that gets as much as leaves the
+    rest to its neighbours, or half if one of them is above it too. free : (n,) bool, whether any axis is free
+    """
+    k = EA / L0
+    stiffness = np.where(free, np.bincount(elements[:, 0], k, len(mass)) + np.bincount(elements[:, 1], k, len(mass)), 0.0)
+    square = stiffness / np.where(free, mass, 1.0)
+    budget = share * mass[free].sum()
+
+    def added(dt: float) -> np.ndarray:
+        whole = 1.0 / (dt * dt)
+        beside = np.zeros(len(mass))
+        for a, b in ((0, 1), (1, 0)):
+            np.maximum.at(beside, elements[:, a], np.minimum(square[elements[:, b]], 0.5 * whole))
+        return np.maximum(stiffness / np.maximum(0.5 * whole, whole - beside) - mass, 0.0) * free
+
+    low = 1.0 / np.sqrt(2.0 * square.max(initial=0.0)) if square.any() else 0.0  # nothing is needed
+    if not (low > 0.0 and budget > 0.0):
+        return mass
+    high = 2.0 * low
+    while added(high).sum() <= budget:
+        low, high = high, 2.0 * high
+    while high - low > CLOSE * low:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if added(middle).sum() <= budget else (low, middle)
+    return mass + added(low)
 
 
 def fragment_mass(EA: float, L0: float, half: float, dt: float) -> float:

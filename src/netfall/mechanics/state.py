@@ -56,7 +56,7 @@ FIELDS = (
     Field("broken", "element", (), np.uint8, "", "1 once it has parted", kept=True),
     Field("yield_force", "element", (), np.float64, "N", "axial force at yield", "plastic"),
     Field("eps_p", "element", (), np.float64, "", "plastic strain", "plastic", kept=True),
-    Field("dissipated", "element", (), np.float64, "J", "energy turned into heat by flow", "plastic", kept=True),
+    Field("dissipated", "element", (), np.float64, "J", "energy turned into heat by flow, and what was stored in an element that was taken out", "dissipating", kept=True),
     Field("eps_u", "element", (), np.float64, "", "strain at fracture, inf once broken", "fracture", kept=True),
     Field("pending", "element", (), np.int32, "", "elements that reached eps_u in a step", "fracture"),
     Field("other", "slot", (), np.uint32, "", "local number of the far end; the particle's own in an empty slot"),
@@ -85,6 +85,7 @@ class Scene:
     sections: bool = False  # more than one stiffness or yield force
     part_held: bool = False  # some particle is held on some axes and not on others
     energy: bool = True  # the audit of work
+    fragments: bool = True  # a particle splits off where an element breaks
     precision: str = "double"  # mixed: forces and velocities in single precision; single: displacements too
 
     @property
@@ -117,6 +118,11 @@ class Scene:
     def inelastic(self) -> bool:
         """Whether elements flow or break."""
         return self.plastic or self.fracture
+
+    @property
+    def dissipating(self) -> bool:
+        """Whether elements turn energy into heat."""
+        return self.plastic or self.fracture and not self.fragments
 
     @property
     def plastic_sections(self) -> bool:

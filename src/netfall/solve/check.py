@@ -10,7 +10,7 @@ from netfall.mechanics.state import FIELDS
 from netfall.net.build import build_net
 from netfall.solve.dynamics import Schedule
 from netfall.solve.roof import Phases, Roof, prepare, scene_of
-from netfall.solve.run import limit_line, schedule_of, step_remark
+from netfall.solve.run import limit_line, schedule_of, step_remarks
 
 STEP_NS, STEP_US = 8.0, 2.0  # for an element and step, and for a step, on one core with all features on (README, "How fast")
 LARGEST_FORM = 50_000  # elements up to which check also finds the form
@@ -82,7 +82,7 @@ def _describe_steps(job: Job, roof: Roof, schedule: Schedule, say) -> None:
     seconds = schedule.steps * (m * STEP_NS * 1e-9 + STEP_US * 1e-6)
     say(f"steps: {schedule.steps} of {schedule.dt:.4g} s" + (" (auto)" if job.dynamics.time_step == "auto" else "")
         + f"; expected run time about {seconds:.2g} s on one core")
-    if remark := step_remark(job, roof):
+    for remark in step_remarks(job, roof):
         say(remark)
 
 

@@ -13,7 +13,7 @@ from netfall.output.progress import Progress
 from netfall.output.result import Result
 from netfall.parallel.halo import Halo
 from netfall.solve.energy import Energies, take_snapshot, total_energies
-from netfall.solve.fracture import split_particles
+from netfall.solve.fracture import split_particles, take_out
 from netfall.solve.restart import interrupted
 from netfall.solve.stepping import Plan, halo_width, run_steps
 from netfall.solve.stop import StopRequest
@@ -173,8 +173,12 @@ class Simulation:
             if count:
                 self.state.place()
                 piece = self.result.distribution.piece
-                parted = split_particles(self.state, count, self.n - 1, self.result.distribution.n, piece.element_gid,
-                                         self.self_weight, self.carried_weight, self.after_fracture != "particle", dt, self.schedule.stable_dt)
+                wind_stays = self.after_fracture != "particle"
+                if self.state.scene.fragments:
+                    parted = split_particles(self.state, count, self.n - 1, self.result.distribution.n, piece.element_gid,
+                                             self.self_weight, self.carried_weight, wind_stays, dt, self.schedule.stable_dt)
+                else:
+                    parted = take_out(self.state, count, self.n - 1, piece.element_gid, wind_stays, dt)
                 self.plan.attach(self.state)
                 self.events += [((self.n - 1) * dt, event) for event in parted]
         self.state.end_block()

@@ -5,12 +5,15 @@ from both if they are equal. A new particle takes the place and velocity of the 
 the step is too long for that alone, some of what the end carried, with its weight (`stability.fragment_mass`); so mass,
 momentum and energy stay as they are. It belongs to the rank that owns the element's other end, so a fracture never adds to the halo.
 
+Without fragments the element is taken out of the net at x(n+1): its mass stays with its ends, and what was stored in it counts as dissipated.
+
 Every rank that holds the element decides alike: strain, resultant forces, masses and valences are equal to the bit on
 all of them. Mass and valence are those before the step, whatever else parts in it.
 """
 
 import numpy as np
 
+from netfall.mechanics.material import dissipated_by_flow, elastic_force, plastic_force, stored_energy, strain
 from netfall.mechanics.stability import ROUNDING, fragment_mass
 from netfall.mechanics.state import State
 from netfall.net.net import GRAVITY
@@ -79,6 +82,41 @@ def split_particles(state: State, count: int, step: int, n: int, element_gid: np
             if not kept:
                 state.EA[e] = 0.0  # it lives on the keeper's rank alone from here on
     return events
+
+
+def take_out(state: State, count: int, step: int, element_gid: np.ndarray, wind_stays: bool, dt: float) -> list[Event]:
+    """Take the `count` elements in state.pending out of the net; the events at particles that this rank owns. Arguments as of `split_particles`."""
+    elements = sorted(state.pending[:count].tolist())
+    decisions = [(e, parting_ends(state, e)) for e in elements]
+    events = []
+    for e, parting in decisions:
+        before = _strain_before(state, e, dt)
+        _dissipate(state, e)
+        state.broken[e], state.eps_u[e], state.EA[e] = 1, np.inf, 0.0
+        for end, p in enumerate(state.ends[e].tolist()):
+            if not state.own(p):
+                continue
+            state.valence[p] -= 1
+            if end in parting:
+                if state.wind is not None and not wind_stays:
+                    state.wind[p] = 0.0
+                events.append(Event(step, int(element_gid[e]), int(state.gid[p]), -1, before, 0.0))
+    return events
+
+
+def _dissipate(state: State, e: int) -> None:
+    """Count the energy that is stored in element e as dissipated."""
+    a, b = state.ends[e]
+    EA, L0, logarithmic, bar = float(state.EA[e]), float(state.L0[e]), state.scene.logarithmic, bool(state.bar[e])
+    eps = strain.py_func(float(np.linalg.norm(state.x[b] - state.x[a])), L0, logarithmic)
+    if state.yield_force is None:
+        N, eps_p = elastic_force.py_func(eps, EA, bar), 0.0
+    else:
+        eps_p, limit = float(state.eps_p[e]), float(state.yield_force[e])
+        N, flowed = plastic_force.py_func(eps, eps_p, EA, limit, bar)
+        state.dissipated[e] += dissipated_by_flow.py_func(eps_p, flowed, L0, EA, limit, logarithmic)
+        state.eps_p[e] = eps_p = flowed
+    state.dissipated[e] += stored_energy.py_func(N, eps_p, L0, EA, logarithmic)
 
 
 def _strain_before(state: State, e: int, dt: float) -> float:

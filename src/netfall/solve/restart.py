@@ -116,6 +116,8 @@ def restore_state(distribution: Distribution, state: State, checkpoint: Checkpoi
         getattr(state, field.name)[: state.n_local] = rows.reshape(len(rows), *field.tail)
     for field in kept_fields(state, "element"):
         getattr(state, field.name)[:] = distribution.elements(checkpoint.elements[field.name] if checkpoint else None)
+    if not state.scene.fragments:
+        state.EA[state.broken == 1] = 0.0
     ends = distribution.elements(checkpoint.elements["ends"] if checkpoint else None)
     state.reserve(int((ends >= n).sum()))
     for e in np.flatnonzero((ends >= n).any(1)).tolist():

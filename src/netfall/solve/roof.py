@@ -18,7 +18,7 @@ from netfall.errors import InputError
 from netfall.job.read import Job
 from netfall.mechanics.compile import wake
 from netfall.mechanics.material import unstressed_length
-from netfall.mechanics.stability import Limit, after_fracture_limit, any_shape_limits
+from netfall.mechanics.stability import Limit, after_fracture_limit, any_shape_limits, scaled_mass
 from netfall.mechanics.state import Scene, State
 from netfall.net.build import build_net, roof_areas
 from netfall.net.faces import Faces, normals
@@ -77,6 +77,7 @@ class Whole:
     N: np.ndarray = None
     L0: np.ndarray = None
     mass: np.ndarray = None
+    added: np.ndarray = None  # kg, of it, by mass scaling: inertia without weight
     load: np.ndarray = None
     field: object = None
     history: object = None
@@ -111,7 +112,7 @@ def job_digest(job: Job, net: Net) -> str:
 def scene_of(job: Job, net: Net) -> Scene:
     """What the scene has, as the job names it."""
     differ = lambda values: bool((values != values[:1]).any())
-    return Scene(precision=job.dynamics.precision if job.dynamics else "double", plastic=bool(np.isfinite(net.yield_stress).any()), fracture=bool(np.isfinite(net.fracture_strain).any()),
+    return Scene(precision=job.dynamics.precision if job.dynamics else "double", fragments=not job.dynamics or job.dynamics.fragments, plastic=bool(np.isfinite(net.yield_stress).any()), fracture=bool(np.isfinite(net.fracture_strain).any()),
                  wind=job.wind is not None, logarithmic=job.cable.strain == "logarithmic", bars=bool(net.bar.any()), part_held=bool((net.fixed.any(1) & ~net.fixed.all(1)).any()),
                  sections=differ(net.modulus * net.section) or differ(net.yield_stress * net.section), energy=job.output.energy)
 
@@ -212,6 +213,9 @@ def _set_initial(job: Job, whole: Whole, x: np.ndarray, N: np.ndarray | None) ->
         if pressure is not None:
             along = normal * pressure if isinstance(pressure, (int, float)) else np.array(pressure)[None]
             whole.load += whole.area[:, None] * along
+    if job.dynamics is not None and job.dynamics.mass_scaling:
+        scaled = scaled_mass(net.elements, EA, L0, whole.mass, ~net.fixed.all(1), job.dynamics.mass_scaling)
+        whole.added, whole.mass = scaled - whole.mass, scaled
     if job.wind is not None:
         whole.field = make_wind_field(x, whole.area, normal, job.wind)
         whole.history = whole.history or GeneratedHistory(whole.field, job.wind)
@@ -280,7 +284,7 @@ def step_limits(whole: Whole, scene: Scene, fragment_mass: float) -> dict[str, L
     net = whole.net
     half = 0.5 * net.density * net.section * whole.L0
     limits = any_shape_limits(net.elements, net.modulus * net.section, whole.L0, whole.mass, ~net.fixed.all(1), net.bar)
-    if scene.fracture:
+    if scene.fracture and scene.fragments:
         limits.append(after_fracture_limit(net.elements, net.modulus * net.section, whole.L0, half, whole.mass, net.fixed.all(1), net.fracture_strain, fragment_mass))
     return {limit.name: limit for limit in limits}
 

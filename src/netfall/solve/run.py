@@ -225,17 +225,23 @@ def describe(job: Job, roof: Roof, schedule: Schedule | None, progress: Progress
     if schedule:
         for limit in roof.limits.values():
             progress.detail(limit_line(limit, roof.whole))
-        if remark := step_remark(job, roof):
+        for remark in step_remarks(job, roof):
             progress.say(remark)
 
 
-def step_remark(job: Job, roof: Roof) -> str:
-    """What a user should know of a fixed step that is stable; "" for nothing."""
+def step_remarks(job: Job, roof: Roof) -> list[str]:
+    """What a user should know of mass that was added, and of a fixed step that is stable."""
+    remarks = []
+    if roof.whole.added is not None:
+        added, own = roof.whole.added, roof.whole.mass - roof.whole.added
+        most = int(np.argmax(added / np.where(own > 0.0, own, 1.0)))
+        remarks.append(f"mass scaling: {added.sum():.4g} kg of inertia added at {int((added > 0.0).sum())} of {len(added)} particles, "
+                       f"{added.sum() / own[~roof.whole.net.fixed.all(1)].sum():.2%} of what moves; at most {added[most] / own[most]:.2g} times a particle's own (node {roof.whole.net.node_id[most]})")
     limit = roof.limits["slackening"]
     if job.dynamics.time_step == "auto" or job.dynamics.time_step <= limit.dt:
-        return ""
-    return (f"note: time_step = {job.dynamics.time_step:g} is above {limit.dt:.4g} s, from which on cables that go slack and come taut again gain energy "
-            f"(first: element {roof.whole.net.element_id[limit.element]}, {roof.whole.L0[limit.element]:.3g} m): it is right as long as short cables stay taut")
+        return remarks
+    return remarks + [(f"note: time_step = {job.dynamics.time_step:g} is above {limit.dt:.4g} s, from which on cables that go slack and come taut again gain energy "
+            f"(first: element {roof.whole.net.element_id[limit.element]}, {roof.whole.L0[limit.element]:.3g} m): it is right as long as short cables stay taut")]
 
 
 def limit_line(limit, whole: Whole) -> str:
@@ -286,6 +292,8 @@ def provenance_of(comm: MPI.Comm, job: Job, roof: Roof, schedule: Schedule | Non
     if roof.whole:
         net = roof.whole.net
         values |= {"partition": roof.whole.partition_source, "metis_seed": partition.SEED, "edge_cut": partition.edge_cut(net.elements, roof.whole.part)}
+        if roof.whole.added is not None:
+            values["added_mass"] = float(roof.whole.added.sum())
         if schedule:
             values |= {"time_step": schedule.dt, "steps": schedule.steps}
             for name, limit in roof.limits.items():
