@@ -155,14 +155,14 @@ def test_divergence_names_the_last_good_checkpoint(workshop, monkeypatch):
 
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,-10,0\n3,5,5,-10,1\n"
     job = workshop.job(ELASTIC + "[dynamics]\nduration = 0.1\n[output]\ncheckpoint = 0.02\nhistory = 0.05\n", nodes, "start,end\n1,2\n2,3\n")
-    steps = dynamics.run_steps
+    advance = dynamics.Simulation.advance_block
 
-    def broken(state, halo, plan, first, count, before_dt, dt, *rest):
-        if (first + count) * dt > 0.055:
-            state.v[1] = np.nan
-        return steps(state, halo, plan, first, count, before_dt, dt, *rest)
+    def broken(simulation, stop):
+        if stop * simulation.schedule.dt > 0.055:
+            simulation.state.v[1] = np.nan
+        advance(simulation, stop)
 
-    monkeypatch.setattr(dynamics, "run_steps", broken)
+    monkeypatch.setattr(dynamics.Simulation, "advance_block", broken)
     with pytest.raises(DivergedError) as raised:
         run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False, False))
     kept = sorted(workshop.folder.glob("*checkpoint*"))

@@ -129,7 +129,7 @@ def test_energy_that_a_slack_cable_returns(phase, least, most):
     state.x[far, 0] = 1.0 - reach * (np.arange(n) + 0.5) / n
     state.v[far, 0] = reach / dt
     halo = Halo(MPI.COMM_SELF, piece, 3)
-    run_steps(state, halo, Plan(state, halo), 1, 40, dt, dt, 0.0, 0.0, 1e9)
+    run_steps(halo, Plan(state, halo), 1, 40, dt, dt, 0.0, 0.0, 1e9)
     assert (state.x[far, 0] < 1.0).all()  # slack again
     gain = float(np.mean((state.v[far, 0] * dt / reach) ** 2)) - 1.0
     assert least <= gain <= most

@@ -70,7 +70,7 @@ def advance(first: int, steps: int) -> float:
     """Seconds for some steps, the slowest rank's."""
     comm.Barrier()
     begin = time.perf_counter()
-    done, _, error = run_steps(state, halo, plan, first, steps, net.DT if first else 0.0, net.DT, 1.0 if arguments.scene == "all" else 0.0, 0.0, 1e9)
+    done, _, error = run_steps(halo, plan, first, steps, net.DT if first else 0.0, net.DT, 1.0 if arguments.scene == "all" else 0.0, 0.0, 1e9)
     assert done == steps and not error
     seconds = time.perf_counter() - begin
     state.end_block()

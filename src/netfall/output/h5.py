@@ -72,13 +72,14 @@ def release(file) -> None:
 class Growing:
     """A dataset that rows are appended to, kept open: looking it up takes longer than writing a row.
 
-    rows : with those that wait; waiting : (first row of all ranks' blocks, rows of them, this rank's block)
+    row_bytes : of one row; rows : with those that wait; waiting : (first row of all ranks' blocks, rows of them, this rank's block)
     """
 
     id: h5py.h5d.DatasetID
     dtype: np.dtype
     rows: int
     tail: tuple[int, ...]
+    row_bytes: int
     waiting: list[tuple[int, int, np.ndarray]]
 
 
@@ -142,8 +143,7 @@ class SharedFile:
             first = kept.rows
             kept.rows += total
             kept.waiting.append((first, total, np.array(block, kept.dtype, order="C")))  # a copy: its owner goes on
-            row = kept.dtype.itemsize * int(np.prod(kept.tail, dtype=np.int64))
-            if (kept.rows - kept.waiting[0][0]) * row >= HELD_BYTES:
+            if (kept.rows - kept.waiting[0][0]) * kept.row_bytes >= HELD_BYTES:
                 self._write_waiting(kept)
         return first + self.base.get(name, 0)
 
@@ -172,7 +172,8 @@ class SharedFile:
     def _open_dataset(self, name: str) -> Growing:
         if name not in self._growing:
             dataset = self.file[name]
-            self._growing[name] = Growing(dataset.id, dataset.dtype, dataset.shape[0], dataset.shape[1:], [])
+            tail = dataset.shape[1:]
+            self._growing[name] = Growing(dataset.id, dataset.dtype, dataset.shape[0], tail, dataset.dtype.itemsize * int(np.prod(tail, dtype=np.int64)), [])
         return self._growing[name]
 
     def _write_waiting(self, kept: Growing) -> None:

@@ -79,10 +79,25 @@ def rounded(limbs):
     return -amount if negative else amount
 
 
+@numba.njit(cache=True, error_model="numpy")
+def add_each(terms, limbs):
+    """Add each of several arrays (n,) to a fixed-point number of its own, limbs (arrays, LIMBS)."""
+    for k in range(len(terms)):
+        add_exactly(terms[k], limbs[k])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def round_each(limbs):
+    """The doubles (k,) nearest to fixed-point numbers (k, LIMBS), which are used up."""
+    amounts = np.empty(limbs.shape[0])
+    for k in range(limbs.shape[0]):
+        amounts[k] = rounded(limbs[k])
+    return amounts
+
+
 def exact_sums(comm: MPI.Comm, *terms: np.ndarray) -> list[float]:
     """Sums over all ranks of several arrays of terms, correctly rounded. Collective."""
     limbs = np.zeros((len(terms), LIMBS), np.int64)
-    for row, values in zip(limbs, terms):
-        add_exactly(np.ascontiguousarray(values, np.float64).ravel(), row)
+    add_each(tuple(np.ascontiguousarray(values, np.float64).ravel() for values in terms), limbs)
     comm.Allreduce(MPI.IN_PLACE, limbs, MPI.SUM)
-    return [rounded(row) for row in limbs]
+    return round_each(limbs).tolist()

@@ -97,6 +97,8 @@ class Simulation:
         self.stop, self.save, self.phases = stop, save, phases
         self.stopping = False
         self._find_probes(probes)
+        with phases.phase("time loop"):  # compiled, or loaded
+            run_steps(self.halo, self.plan, 0, 0, 0.0, schedule.dt, self.zeta, 0.0, 1.0, phases.of_steps)
 
     @property
     def time(self) -> float:
@@ -111,7 +113,7 @@ class Simulation:
             self.advance_to(target)
             with self.phases.phase("dynamics: output"):
                 snapshot = self.look()
-                self.share_events(self._slack_here(snapshot))
+                self.share_events(snapshot.slack)
                 if target in history or target in saves:
                     energies = self.check_energies(snapshot)
                 if target in history:
@@ -164,7 +166,7 @@ class Simulation:
         wind_time, wind_dt = (self.wind.time, self.wind.dt) if self.wind else (0.0, 1.0)
         dt = self.schedule.dt
         while self.n < stop:
-            done, count, error = run_steps(self.state, self.halo, self.plan, self.n, stop - self.n, self.before_dt, dt, self.zeta, wind_time, wind_dt,
+            done, count, error = run_steps(self.halo, self.plan, self.n, stop - self.n, self.before_dt, dt, self.zeta, wind_time, wind_dt,
                                            self.phases.of_steps)
             if error:
                 raise MPI.Exception(error)
@@ -210,10 +212,6 @@ class Simulation:
         if events:
             self.result.add_events([event for part in self.comm.allgather(self.events) for event in part])
             self.events = []
-
-    def _slack_here(self, snapshot) -> int:
-        s = self.state
-        return int(((snapshot.N == 0.0) & (s.bar == 0) & (s.broken == 0) & (s.owned == 1)).sum())
 
     def check_energies(self, snapshot) -> Energies:
         """The energies, before they are reported or the state is kept; stops a run that has diverged."""

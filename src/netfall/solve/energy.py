@@ -13,7 +13,7 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.mechanics.compile import kernel
-from netfall.mechanics.kernels import add_tensions, element_energies, external_force, inverse_mass, kick, kick_factors
+from netfall.mechanics.kernels import add_tensions, element_energies, element_state, external_force, inverse_mass, kick, kick_factors
 from netfall.mechanics.state import State
 from netfall.parallel.exact import exact_sums
 
@@ -61,9 +61,23 @@ def particle_energies(rows, part, kick_dt, zeta, share, v, f_int, free, mass, lo
         terms[0, i], terms[1, i], terms[2, i], terms[3, i] = kinetic, damping, external, -internal
 
 
+@kernel
+def look(rows, part, kick_dt, zeta, share, x, v, f_int, free, mass, load, work, wind, speed_before, speed_after, ends, L0, EA, logarithmic, bar, yield_force,
+         eps_p, dissipated, broken, owned, velocity, terms, N, eps, eps_p_now, L, stored, heat):
+    """All of a snapshot at once, for a call takes as long as any of its parts; the number of owned cables that are whole and slack."""
+    element_state(x, ends, L0, EA, logarithmic, bar, yield_force, eps_p, N, eps, eps_p_now, L)
+    add_tensions(x, ends, N, L, f_int)
+    particle_energies(rows, part, kick_dt, zeta, share, v, f_int, free, mass, load, work, wind, speed_before, speed_after, velocity, terms)
+    element_energies(N, eps_p_now, L0, EA, logarithmic, yield_force, eps_p, dissipated, stored, heat)
+    slack = 0
+    for e in range(N.shape[0]):
+        slack += N[e] == 0.0 and bar[e] == 0 and broken[e] == 0 and owned[e] == 1
+    return slack
+
+
 @dataclass
 class Snapshot:
-    """The state at a step n as it is reported: owned particles (rows) and all elements of a rank."""
+    """The state at a step n as it is reported: owned particles (rows) and all elements of a rank; slack : cables of this rank that are whole and slack."""
 
     rows: np.ndarray
     velocity: np.ndarray
@@ -73,21 +87,19 @@ class Snapshot:
     terms: np.ndarray
     stored: np.ndarray
     heat: np.ndarray
+    slack: int
 
 
 def take_snapshot(state: State, before_dt: float, dt: float, zeta: float, share: float) -> Snapshot:
     """Forces, velocities and energies at the present step. before_dt, dt : [s] the steps before and after it."""
-    N, eps, eps_p, L = state.elements_now()
-    f_int = np.zeros_like(state.x)
-    add_tensions(state.x, state.ends, N, L, f_int)
-    rows = state.owned_rows()
+    s, rows = state, state.owned_rows()
+    f_int = np.zeros_like(s.x)
     velocity, terms = np.empty((len(rows), 3)), np.empty((4, len(rows)))
+    N, eps, eps_p, L, stored, heat = np.empty((6, s.m))
     part = before_dt / (before_dt + dt)
-    particle_energies(rows, part, 0.5 * (before_dt + dt), zeta, share, state.v, f_int, state.free, state.mass, state.load, state.work,
-                      state.wind, state.speed_before, state.speed_after, velocity, terms)
-    stored, heat = np.empty(state.m), np.empty(state.m)
-    element_energies(N, eps_p, state.L0, state.EA, state.scene.logarithmic, state.yield_force, state.eps_p, state.dissipated, stored, heat)
-    return Snapshot(rows, velocity, N, eps, eps_p, terms, stored, heat)
+    slack = look(rows, part, 0.5 * (before_dt + dt), zeta, share, s.x, s.v, f_int, s.free, s.mass, s.load, s.work, s.wind, s.speed_before, s.speed_after,
+                 s.ends, s.L0, s.EA, s.scene.logarithmic, s.bar, s.yield_force, s.eps_p, s.dissipated, s.broken, s.owned, velocity, terms, N, eps, eps_p, L, stored, heat)
+    return Snapshot(rows, velocity, N, eps, eps_p, terms, stored, heat, slack)
 
 
 def total_energies(comm: MPI.Comm, state: State, snapshot: Snapshot) -> Energies:

@@ -56,7 +56,7 @@ def find_equilibrium(comm: MPI.Comm, state: State, settings, halo: Halo, result:
         if state.scene.plastic:
             state.dissipated[:] = snapshot.heat
             state.eps_p[:] = snapshot.eps_p
-        slack = comm.allreduce(int(((snapshot.N == 0.0) & (state.bar == 0) & (state.owned == 1)).sum()))
+        slack = comm.allreduce(snapshot.slack)
         path.load_factor.append(share)
         path.residual.append(residual)
         path.slack.append(slack)

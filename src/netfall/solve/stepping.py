@@ -192,25 +192,27 @@ class Plan:
         self.runs = Runs(lanes, np.zeros((chunks, 8), np.int64), np.zeros((n // lanes, 2 + SLOTS), np.int64), np.zeros((n // FEWEST, 4 + SLOTS), np.int64),
                          np.zeros(n + lanes * chunks, np.uint32), np.zeros((n // lanes + chunks, 2), np.int64))
         find_runs(self.low, self.high, self.width, state.other, *self.runs)
-        self.loads = tuple(state.load.T) if state.load[:, :2].any() else (None, None, state.load[:, 2])
+        self.arguments = self._arguments(state)
+
+    def _arguments(self, state: State) -> tuple:
+        """What `time_loop` gets of the state, from n_owned to reach, which stays the same until something parts."""
+        s = state
+        axes = lambda array: (None, None, None) if array is None else tuple(array.T)
+        the_EA = s.EA.max(initial=0.0) if s.slot_EA is None else 0.0
+        the_yield = None if s.yield_force is None else float(s.yield_force.max(initial=0.0)) if s.slot_yield is None else 0.0
+        free = s.free if s.scene.part_held else None
+        x, x_start = (s.u, s.x_start) if s.scene.displaced else (s.x, None)
+        xs_rounded = None if s.u_rounded is None else axes(s.u_rounded)
+        loads = axes(s.load) if s.load[:, :2].any() else (None, None, s.load[:, 2])
+        return (s.n_owned, s.n_halo, self.low, self.high, self.width, self.last_use, self.splits, self.boundary, self.has_flowed,
+                self.runs, self.f_rest, self.near_rest, x, x_start, s.u_rounded, s.v, s.f, axes(x), xs_rounded, xs_rounded or axes(x), axes(s.v), axes(s.f),
+                self.f_chunk, self.near_of if s.scene.inelastic else None, s.per_mass, free, axes(free), s.mass, s.mass if s.stepped_mass is None else s.stepped_mass,
+                loads, *axes(s.work if s.block_work is None else s.block_work), axes(s.wind), s.speed_before, s.speed_after,
+                s.valence, s.ends, s.L0, s.EA, s.scene.logarithmic, s.bar, s.yield_force, s.eps_p, s.dissipated, s.eps_u, s.pending,
+                s.other, s.start, s.inv_L0, s.slot_element, the_EA, s.slot_EA, s.scene.logarithmic or None, s.slot_bar, the_yield, s.slot_yield, s.slot_eps_p, s.reach)
 
 
-def run_steps(state: State, halo: Halo, plan: Plan, first: int, steps: int, before_dt: float, dt: float, zeta: float, wind_time: float, wind_dt: float,
+def run_steps(halo: Halo, plan: Plan, first: int, steps: int, before_dt: float, dt: float, zeta: float, wind_time: float, wind_dt: float,
               seconds: np.ndarray | None = None):
-    """Advance the state by up to `steps` steps; as `time_loop`. Collective among neighbours."""
-    s = state
-    the_EA = s.EA.max(initial=0.0) if s.slot_EA is None else 0.0
-    the_yield = None if s.yield_force is None else float(s.yield_force.max(initial=0.0)) if s.slot_yield is None else 0.0
-    work = s.work if s.block_work is None else s.block_work
-    work = (None, None, None) if work is None else work.T
-    x, x_start = (s.u, s.x_start) if s.scene.displaced else (s.x, None)
-    mass = s.mass if s.stepped_mass is None else s.stepped_mass
-    free = s.free if s.scene.part_held else None
-    axes = lambda array: (None, None, None) if array is None else tuple(array.T)
-    xs_rounded = None if s.u_rounded is None else axes(s.u_rounded)
-    return time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, s.n_owned, s.n_halo, plan.low, plan.high, plan.width, plan.last_use, plan.splits, plan.boundary,
-                     plan.has_flowed, plan.runs, plan.f_rest, plan.near_rest, x, x_start, s.u_rounded, s.v, s.f, axes(x), xs_rounded, xs_rounded or axes(x), axes(s.v), axes(s.f), plan.f_chunk, plan.near_of if s.scene.inelastic else None, s.per_mass, free, axes(free),
-                     s.mass, mass, plan.loads, *work, axes(s.wind), s.speed_before, s.speed_after, s.valence,
-                     s.ends, s.L0, s.EA, s.scene.logarithmic, s.bar, s.yield_force, s.eps_p, s.dissipated, s.eps_u, s.pending,
-                     s.other, s.start, s.inv_L0, s.slot_element, the_EA, s.slot_EA, s.scene.logarithmic or None, s.slot_bar, the_yield, s.slot_yield, s.slot_eps_p, s.reach,
-                     halo.send_index, halo.mail, seconds)
+    """Advance the state that the plan is attached to by up to `steps` steps; as `time_loop`. Collective among neighbours."""
+    return time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, *plan.arguments, halo.send_index, halo.mail, seconds)
