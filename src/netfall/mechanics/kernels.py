@@ -308,6 +308,18 @@ def fill_slots(n_local, slot_element, L0, EA, bar, yield_force, eps_p, x_start, 
 
 
 @kernel
+def empty_slots(e, p, slot_element, start, inv_L0, slot_bar):
+    """Leave the slot of element e at particle p empty, where it is; runs stay as they are."""
+    for s in range(inv_L0.shape[0]):
+        if slot_element[s, p] == e:
+            slot_element[s, p], inv_L0[s, p] = EMPTY, 0.0
+            if slot_bar is not None:
+                slot_bar[s, p] = 0
+            if start is not None:
+                start[0][s, p] = start[1][s, p] = start[2][s, p] = start[3][s, p] = 0.0
+
+
+@kernel
 def end_of_run(p, high, other):
     """The first particle after p, at most `high`, whose far ends are not as far away in number as those of p."""
     end = p + 1

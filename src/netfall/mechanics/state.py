@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.mechanics.kernels import REGISTER, SLOTS, align_slots, attach_slots, element_state, fill_slots
+from netfall.mechanics.kernels import REGISTER, SLOTS, align_slots, attach_slots, element_state, empty_slots, fill_slots
 from netfall.mechanics.material import NEARLY, NEARLY_SINGLE
 
 STEPPED, SUMMED = "precision of the steps", "precision of the displacements"  # instead of a data type: `Scene` has it
@@ -164,6 +164,11 @@ class State:
             align_slots(low + 1, high, 1, s.n_local, s.other, slot_element, filled)
             align_slots(high - 2, low - 1, -1, s.n_local, s.other, slot_element, filled)
         fill_slots(s.n_local, slot_element, s.L0, s.EA, s.bar, s.yield_force, s.eps_p, s.x_start, s.other, s.start, s.inv_L0, s.slot_EA, s.slot_bar, s.slot_yield, s.slot_eps_p)
+
+    def empty_slots(self, e: int) -> None:
+        """Take element e out of the slots of its ends, where nothing else changes."""
+        for p in self.ends[e].tolist():
+            empty_slots(np.uint32(e), p, self.slot_element, self.start, self.inv_L0, self.slot_bar)
 
     def invert_masses(self) -> None:
         """Bring per_mass up to date."""

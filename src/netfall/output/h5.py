@@ -23,7 +23,7 @@ from netfall.parallel.root import on_all, on_root
 
 PARALLEL = bool(h5py.get_config().mpi)
 CHUNK_BYTES = 1 << 18
-HELD_BYTES = 1 << 18  # of all ranks, that a dataset's blocks may wait for one another to be written together
+HELD_BYTES = 1 << 20  # of all ranks, that a dataset's blocks may wait for one another to be written together
 SEAL = b"netfall-sha256:"  # behind the HDF5 file, before the digest of all that precedes
 
 
@@ -72,7 +72,7 @@ def release(file) -> None:
 class Growing:
     """A dataset that rows are appended to, kept open: looking it up takes longer than writing a row.
 
-    row_bytes : of one row; rows : with those that wait; waiting : (first row of all ranks' blocks, rows of them, this rank's block)
+    row_bytes : of one row; rows : with those that wait; waiting : (first row of all ranks' blocks, rows of them, place of this rank's block in them, this block)
     """
 
     id: h5py.h5d.DatasetID
@@ -80,7 +80,7 @@ class Growing:
     rows: int
     tail: tuple[int, ...]
     row_bytes: int
-    waiting: list[tuple[int, int, np.ndarray]]
+    waiting: list[tuple[int, int, int, np.ndarray]]
 
 
 class SharedFile:
@@ -134,15 +134,19 @@ class SharedFile:
             self.file.visititems(add)
         return found
 
-    def append(self, name: str, block: np.ndarray, total: int) -> int:
-        """Append `total` rows, of which this rank gives its block, at once or with later ones; the first new row, earlier files included."""
+    def append(self, name: str, block: np.ndarray, total: int, place: int | None = None) -> int:
+        """Append `total` rows, of which this rank gives its block, at once or with later ones; the first new row, earlier files included.
+
+        place : of the block in them, where it is not that of the rank's block of so many rows
+        """
         if not self.writes:
             return 0
         with writing(self.path):
             kept = self._open_dataset(name)
             first = kept.rows
             kept.rows += total
-            kept.waiting.append((first, total, np.array(block, kept.dtype, order="C")))  # a copy: its owner goes on
+            place = int(self.blocks.bounds(total)[self.comm.rank]) if place is None else place
+            kept.waiting.append((first, total, place, np.array(block, kept.dtype, order="C")))  # a copy: its owner goes on
             if (kept.rows - kept.waiting[0][0]) * kept.row_bytes >= HELD_BYTES:
                 self._write_waiting(kept)
         return first + self.base.get(name, 0)
@@ -181,9 +185,9 @@ class SharedFile:
         if kept.waiting:
             kept.id.set_extent((kept.rows, *kept.tail))
         for total, group in itertools.groupby(kept.waiting, key=lambda waits: waits[1]):
-            firsts, _, blocks = zip(*group)
+            firsts, _, places, blocks = zip(*group)
             one = (1,) * len(kept.tail)
-            start = (firsts[0] + int(self.blocks.bounds(total)[self.comm.rank]), *(0,) * len(kept.tail))
+            start = (firsts[0] + places[0], *(0,) * len(kept.tail))
             self._transfer_block(kept, np.concatenate(blocks) if len(blocks) > 1 else blocks[0], start, (max(total, 1), *one), (len(blocks), *one), blocks[0].shape)
         kept.waiting.clear()
 

@@ -49,7 +49,7 @@ class VtkSeries:
         """New connectivity, this rank's block (c, 2) of global point rows, and the fields that change only with it."""
         low = int(self.file.blocks.bounds(cells)[self.file.comm.rank])
         self._mesh = {"part": len(self.parts), "cells": self.file.append("VTKHDF/Types", np.full(len(connectivity), LINE), cells)}
-        self._mesh["connectivity"] = self._append_pairs(connectivity, cells)
+        self._mesh["connectivity"] = self._append_pairs(connectivity, low, cells)
         self._append_offsets(low, len(connectivity), cells)
         self._mesh |= self._append_fields(point_data, cell_data, points, cells)
         self.parts.append((points, cells))
@@ -59,22 +59,13 @@ class VtkSeries:
                 for group, data, total in (("PointData", point_data, points), ("CellData", cell_data, cells))
                 for name, block in data.items()}
 
-    def _append_pairs(self, connectivity, cells):
-        file = self.file
-        if not file.writes:
-            return 0
-        first = file.grow("VTKHDF/Connectivity", 2 * cells)
-        file.write("VTKHDF/Connectivity", connectivity.reshape(-1), first + 2 * file.blocks.bounds(cells)[file.comm.rank])
-        return first + file.base.get("VTKHDF/Connectivity", 0)
+    def _append_pairs(self, connectivity, low, cells):
+        return self.file.append("VTKHDF/Connectivity", connectivity.reshape(-1), 2 * cells, 2 * low)
 
     def _append_offsets(self, low, count, cells):
-        file = self.file
-        if not file.writes:
-            return
-        first = file.grow("VTKHDF/Offsets", cells + 1)
-        leading = low == 0 and file.comm.rank == 0
+        leading = low == 0 and self.file.comm.rank == 0
         offsets = 2 * np.arange(low + (0 if leading else 1), low + count + 1)
-        file.write("VTKHDF/Offsets", offsets, first + (0 if leading else low + 1))
+        self.file.append("VTKHDF/Offsets", offsets, cells + 1, 0 if leading else low + 1)
 
     def write_step(self, time: float, positions: np.ndarray, point_data: dict, cell_data: dict, points: int, cells: int) -> None:
         """A step on the mesh written last: this rank's blocks of positions and fields; points and cells in all."""

@@ -179,9 +179,9 @@ class Simulation:
                 if self.state.scene.fragments:
                     parted = split_particles(self.state, count, self.n - 1, self.result.distribution.n, piece.element_gid,
                                              self.self_weight, self.carried_weight, wind_stays, dt, self.schedule.stable_dt)
+                    self.plan.attach(self.state)
                 else:
                     parted = take_out(self.state, count, self.n - 1, piece.element_gid, wind_stays, dt)
-                self.plan.attach(self.state)
                 self.events += [((self.n - 1) * dt, event) for event in parted]
         self.state.end_block()
 

@@ -93,6 +93,7 @@ def take_out(state: State, count: int, step: int, element_gid: np.ndarray, wind_
         before = _strain_before(state, e, dt)
         _dissipate(state, e)
         state.broken[e], state.eps_u[e], state.EA[e] = 1, np.inf, 0.0
+        state.empty_slots(e)
         for end, p in enumerate(state.ends[e].tolist()):
             if not state.own(p):
                 continue
