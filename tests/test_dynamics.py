@@ -189,3 +189,39 @@ def test_a_step_that_could_be_far_longer_than_the_run(workshop):
     text = "[cable]\nmodulus = 1.0\narea = 1e-12\ndensity = 7850.0\n[dynamics]\nduration = 0.1\n"
     f = workshop.run(workshop.job(text, "id,x,y,z,fixed,mass\n1,0,0,0,1,0\n2,1,0,0,0,1000\n", "start,end\n1,2\n"))
     assert f["history/time_step"][1] == 0.01 and len(f["history/time"]) == 11
+
+
+@pytest.mark.parametrize("share", [0.01, 0.05, 0.5])
+def test_mass_scaling_keeps_its_budget_and_its_step(share):
+    """The stadium: no more than the share is added, nothing taken, and no element asks for more than the step that it was added for."""
+    from netfall.mechanics.stability import any_shape_limits, scaled_mass
+    from netfall.net import generators
+
+    net = generators.stadium(88.0, 66.0, 10.0, 2.2)
+    L = np.linalg.norm(np.diff(net.x[net.elements], axis=1)[:, 0], axis=1)
+    free, stiffness = ~net.fixed.all(1), np.full(net.m, EA)
+    mass = 300.0 + np.random.default_rng(1).uniform(0.0, 200.0, net.n)
+    scaled = scaled_mass(net.elements, stiffness, L, mass, free, share)
+    assert (scaled >= mass).all() and (scaled == mass)[~free].all()
+    assert 0.9 * share < (scaled - mass).sum() / mass[free].sum() <= share
+    limits = [{limit.name: limit.dt for limit in any_shape_limits(net.elements, stiffness, L, m, free, np.zeros(net.m, bool))}["slackening"] for m in (mass, scaled)]
+    assert limits[1] > 1.5 * limits[0]
+    needed = scaled > mass  # these are as heavy as their step needs, not more
+    Omega2 = np.bincount(net.elements.ravel(), np.repeat(EA / L, 2), net.n) / scaled
+    assert (Omega2[needed] * limits[1] ** 2 > 0.49).all()
+
+
+def test_added_inertia_has_no_weight(workshop):
+    """A net at rest under its dead load stays at rest with mass scaling; on an oscillator the frequency falls as the mass says."""
+    text = '[net]\ngenerator = "stadium"\n' + STEEL + "[form_finding]\n[load]\ndead = 1000.0\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n[dynamics]\nduration = 0.2\nmass_scaling = 0.05\n[output]\nframes = 2\n"
+    f = workshop.run(workshop.job(text))
+    assert f["provenance"].attrs["added_mass"] > 1000.0
+    moved = np.diff(f["VTKHDF/PointData/displacement"][:].reshape(3, -1, 3), axis=0)
+    assert np.abs(moved).max() < 1e-6 and f["provenance"].attrs["time_step"] > 6e-4
+
+
+def test_mass_scaling_with_fragments_is_refused(workshop):
+    """Fragments would take inertia along that has no weight."""
+    text = '[net]\ngenerator = "saddle"\n' + STEEL + "fracture_strain = 0.04\n[form_finding]\n[dynamics]\nduration = 0.1\nmass_scaling = 0.05\n"
+    done = workshop.run(workshop.job(text), code=2)
+    assert "mass_scaling = 0.05" in done.stderr and "fragments = false" in done.stderr

@@ -149,17 +149,18 @@ def test_short_edge_cables_stay_right_without_fracture(workshop):
     reached("largest strain of the stadium's cables below 0.5 m, auto against a quarter of its step", "0.002", abs(strains[0] - strains[1]), 0.002)
 
 
-def test_a_net_far_from_the_origin(workshop):
-    """A net 1e6 m from the origin moves as at the origin, to the rounding of its coordinates."""
+@pytest.mark.parametrize("precision, asked", [("double", 1e-6), ("mixed", 1e-5), ("single", 1e-5)])
+def test_a_net_far_from_the_origin(workshop, precision, asked):
+    """A net 1e6 m from the origin moves as at the origin in double precision: to the rounding of its coordinates, and of single precision."""
     found = []
-    for shift in (0.0, 1e6):
+    for shift, keys in ((0.0, []), (1e6, ["--set", f"dynamics.precision={precision}"])):
         k = np.arange(6)
         x, z = 2.0 * k + shift, -0.1 * k * (5 - k) + shift
         nodes = "id,x,y,z,fixed,mass,load_z\n" + "".join(f"{p},{float(x[p])!r},{shift!r},{float(z[p])!r},{int(p in (0, 5))},100,-500\n" for p in k)
         job = workshop.job(STEEL.replace("100e3", "5e3") + "[dynamics]\nduration = 2.0\ndamping = 0.5\n" + QUICK.format(0.01, 20), nodes, "start,end\n" + "".join(f"{p},{p + 1}\n" for p in range(5)))
-        f = workshop.run(job, output=f"{shift:g}.vtkhdf")
+        f = workshop.run(job, *keys, output=f"{shift:g}.vtkhdf")
         found.append(f["final/position"][:] - f["net/particles"][:])
-    reached("1e6 m from the origin: error of the displacements [m]", "1e-6", np.abs(found[1] - found[0]).max(), 1e-6)
+    reached(f"1e6 m from the origin, {precision} precision: error of the displacements [m]", f"{asked:g}", np.abs(found[1] - found[0]).max(), asked)
 
 
 def test_no_prestress_and_almost_yield(workshop):

@@ -70,3 +70,25 @@ def test_refused_step_names_the_fragments(workshop):
     """A step that only the intact net would stand is refused, with the element that sets the limit."""
     done = workshop.run(workshop.job(PULLED.format(0.3)), "--set", "dynamics.time_step=2e-3", code=2)
     assert "fragments that a fracture leaves" in done.stderr and "set by element" in done.stderr
+
+
+@pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
+def test_elements_taken_out_balance_and_leave_the_mass(both_ways, strain):
+    """Without fragments: no particle comes, what was stored in the broken elements counts as dissipated, both audits hold; the step is that of the intact net."""
+    text = PULLED.format(0.6).replace("fracture_strain", f'strain = "{strain}"\nfracture_strain')
+    f = both_ways.run(both_ways.job(text), "--set", "dynamics.fragments=false", "--set", "dynamics.safety=0.1")
+    assert f["history/broken"][-1] > 10 and (f["events/new_particle"][:] == -1).all() and not f["events/mass"][:].any()
+    assert len(f["final/position"]) == len(f["net/particles"]) and "limit_after_fracture" not in f["provenance"].attrs
+    assert np.abs(f["history/identity_error"][:]).max() < 1e-10
+    assert np.abs(f["history/balance_error"][:]).max() < 1e-3
+    broken = np.unique(f["events/element"][:])
+    assert not f["final/tension"][:][broken].any() and f["VTKHDF/CellData/broken"][-len(f["net/elements"]):].sum() == len(broken)
+
+
+def test_an_elastic_element_taken_out_balances(workshop):
+    """Where nothing flows, too: a chain that is pulled apart."""
+    nodes = "id,x,y,z,fixed,mass,load_x\n" + "".join(f"{k},{k},0,0,{int(k == 0)},50,{150000 if k == 8 else 0}\n" for k in range(9))
+    f = workshop.run(workshop.job(BRITTLE + DYNAMICS.format(0.05, 10), nodes, "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(8))), "--set", "dynamics.fragments=false",
+                     "--set", "dynamics.safety=0.05")
+    assert f["history/broken"][-1] >= 1 and f["history/plastic_dissipation"][-1] > 0.0
+    assert np.abs(f["history/identity_error"][:]).max() < 1e-10 and np.abs(f["history/balance_error"][:]).max() < 1e-3

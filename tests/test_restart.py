@@ -41,6 +41,16 @@ def test_restart_on_other_ranks_gives_the_same_bits(workshop, calm, ranks, later
     assert not list(workshop.folder.glob(".*"))
 
 
+def test_elements_that_were_taken_out_stay_out_after_a_restart(workshop):
+    """Without fragments, with inertia added before: the same bits from a checkpoint after fractures, on other ranks."""
+    job = workshop.job(SLOW.replace("[dynamics]", "[dynamics]\nfragments = false\nmass_scaling = 0.01"))
+    whole = workshop.run(job, output="whole.vtkhdf")
+    checkpoint = sorted(workshop.folder.glob("whole.checkpoint*"))[-1]
+    with h5py.File(checkpoint) as f:
+        assert f["elements/broken"][:].sum() > 3
+    assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=3, output="again.vtkhdf"))
+
+
 @pytest.mark.parametrize("ranks", [1, 2])
 @pytest.mark.parametrize("number", [signal.SIGUSR1, signal.SIGTERM])
 def test_signal_ends_the_run_with_a_checkpoint(workshop, calm, ranks, number):

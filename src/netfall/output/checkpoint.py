@@ -60,12 +60,12 @@ def _write_state(file: SharedFile, state: State, result) -> None:
     rows = state.owned_rows()
     for field in kept_fields(state, "particle"):
         values = getattr(state, field.name)[rows].reshape(len(rows), -1)
-        file.create(f"particles/{field.name}", field.dtype, (values.shape[1],), points)
+        file.create(f"particles/{field.name}", state.scene.number(field.dtype), (values.shape[1],), points)
         file.append(f"particles/{field.name}", file.blocks.collect(result.row_of(state.gid[rows]), values, points), points)
     mine = state.owned.astype(bool)
     gid = result.distribution.piece.element_gid[mine]
     for field in kept_fields(state, "element"):
-        file.create(f"elements/{field.name}", field.dtype, (), m)
+        file.create(f"elements/{field.name}", state.scene.number(field.dtype), (), m)
         file.append(f"elements/{field.name}", file.blocks.collect(gid, getattr(state, field.name)[mine][:, None], m)[:, 0], m)
     file.create("elements/ends", np.int64, (2,), m)
     file.append("elements/ends", file.blocks.collect(gid, state.gid[state.ends[mine]].reshape(-1, 2), m), m)

@@ -82,7 +82,7 @@ def _describe_steps(job: Job, roof: Roof, schedule: Schedule, say) -> None:
     seconds = schedule.steps * (m * STEP_NS * 1e-9 + STEP_US * 1e-6)
     say(f"steps: {schedule.steps} of {schedule.dt:.4g} s" + (" (auto)" if job.dynamics.time_step == "auto" else "")
         + f"; expected run time about {seconds:.2g} s on one core")
-    for remark in step_remarks(job, roof):
+    for remark in step_remarks(job, roof, schedule.dt):
         say(remark)
 
 

@@ -5,7 +5,7 @@ from both if they are equal. A new particle takes the place and velocity of the 
 the step is too long for that alone, some of what the end carried, with its weight (`stability.fragment_mass`); so mass,
 momentum and energy stay as they are. It belongs to the rank that owns the element's other end, so a fracture never adds to the halo.
 
-Without fragments the element is taken out of the net at x(n+1): its mass stays with its ends, and what was stored in it counts as dissipated.
+Without fragments the element is taken out of the net at x(n+1): its mass stays with its ends, and what is stored in it counts as dissipated.
 
 Every rank that holds the element decides alike: strain, resultant forces, masses and valences are equal to the bit on
 all of them. Mass and valence are those before the step, whatever else parts in it.
@@ -91,7 +91,7 @@ def take_out(state: State, count: int, step: int, element_gid: np.ndarray, wind_
     events = []
     for e, parting in decisions:
         before = _strain_before(state, e, dt)
-        _dissipate(state, e)
+        _dissipate(state, e, dt)
         state.broken[e], state.eps_u[e], state.EA[e] = 1, np.inf, 0.0
         state.empty_slots(e)
         for end, p in enumerate(state.ends[e].tolist()):
@@ -105,11 +105,12 @@ def take_out(state: State, count: int, step: int, element_gid: np.ndarray, wind_
     return events
 
 
-def _dissipate(state: State, e: int) -> None:
-    """Count the energy that is stored in element e as dissipated."""
+def _dissipate(state: State, e: int, dt: float) -> None:
+    """Count the energy that is stored in element e as dissipated: that half a drift ago, up to where its forces have done work."""
     a, b = state.ends[e]
+    d = (state.x[b] - 0.5 * dt * state.v[b]) - (state.x[a] - 0.5 * dt * state.v[a])
     EA, L0, logarithmic, bar = float(state.EA[e]), float(state.L0[e]), state.scene.logarithmic, bool(state.bar[e])
-    eps = strain.py_func(float(np.linalg.norm(state.x[b] - state.x[a])), L0, logarithmic)
+    eps = strain.py_func(float(np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])), L0, logarithmic)
     if state.yield_force is None:
         N, eps_p = elastic_force.py_func(eps, EA, bar), 0.0
     else:

@@ -28,6 +28,7 @@ from netfall.solve.statics import StaticPath, find_equilibrium
 from netfall.solve.stop import NEVER, StopRequest
 from netfall.solve.windload import WindLoad
 
+HALF_DIGIT = 2.0**-25  # of a single-precision number just below 1: what is less is lost when added to it
 MOST_STEPS = 1e12  # weeks for the smallest net
 
 
@@ -225,18 +226,20 @@ def describe(job: Job, roof: Roof, schedule: Schedule | None, progress: Progress
     if schedule:
         for limit in roof.limits.values():
             progress.detail(limit_line(limit, roof.whole))
-        for remark in step_remarks(job, roof):
+        for remark in step_remarks(job, roof, schedule.dt):
             progress.say(remark)
 
 
-def step_remarks(job: Job, roof: Roof) -> list[str]:
-    """What a user should know of mass that was added, and of a fixed step that is stable."""
+def step_remarks(job: Job, roof: Roof, dt: float) -> list[str]:
+    """What a user should know of mass that was added, of the precision at steps of dt [s], and of a fixed step that is stable."""
     remarks = []
     if roof.whole.added is not None:
         added, own = roof.whole.added, roof.whole.mass - roof.whole.added
         most = int(np.argmax(added / np.where(own > 0.0, own, 1.0)))
         remarks.append(f"mass scaling: {added.sum():.4g} kg of inertia added at {int((added > 0.0).sum())} of {len(added)} particles, "
                        f"{added.sum() / own[~roof.whole.net.fixed.all(1)].sum():.2%} of what moves; at most {added[most] / own[most]:.2g} times a particle's own (node {roof.whole.net.node_id[most]})")
+    if job.dynamics.precision == "single":
+        remarks.append(f'note: in single precision a displacement near 1 m stands still below {HALF_DIGIT / dt:.2g} m/s with this step; precision = "mixed" sums displacements up in double')
     limit = roof.limits["slackening"]
     if job.dynamics.time_step == "auto" or job.dynamics.time_step <= limit.dt:
         return remarks
