@@ -14,7 +14,9 @@ Central difference is stable for dt < 2 / omega_max. Four figures, each with its
   k dt^2 / 2. Then omega_p^2 = sum(k) / M <= 2 / dt^2 at every particle, fragments and what they leave alike, and as above
   omega^2 <= 4 / dt^2 for every element. What may be taken is bounded (`after_fracture_limit`); nothing is made from nothing.
   Where nothing is carried this is dt < L0 / c of the shortest element.
+  Without fragments there is no such limit: what breaks is taken out, which makes nothing stiffer and nothing lighter.
 - `assembled`: 2 / omega_max of the assembled net as it stands, the sharp limit of the start (`solve/spectrum.py`).
+`scaled_mass` adds inertia where that makes `slackening` longest; the limits are then those of the heavier net.
 """
 
 from dataclasses import dataclass

@@ -22,6 +22,7 @@ from netfall.study.launch import RunFailed, check_launcher, run_job_command
 
 FINER = 10.0  # how much shorter the reference's step is
 FORMAT = 1
+NEAR = 0.08  # decades, in which points of the picture share a name
 
 
 @dataclass
@@ -114,9 +115,16 @@ def combinations(vary: list[str]) -> list[list[str]]:
 
 def usual_settings(job: Job) -> list[list[str]]:
     """The job as it is, and with one key at a time changed, of those that it has."""
-    settings = [[]] + [["dynamics.time_step=auto", f"dynamics.safety={safety}"] for safety in (0.95, 0.4, 0.2)]
+    automatic = ["dynamics.time_step=auto"]
+    settings = [[]] + [[*automatic, f"dynamics.safety={safety}"] for safety in (0.95, 0.4, 0.2)]
+    scaled = automatic
     if np.isfinite([float(job.cable.fracture_strain or np.inf)] + [float(values.get("fracture_strain") or np.inf) for values in job.groups.values()]).any():
-        settings += [["dynamics.time_step=auto", f"dynamics.fragment_mass={share}"] for share in (0.0, 0.01, 0.02, 0.1)]
+        settings += [[*automatic, f"dynamics.fragment_mass={share}"] for share in (0.0, 0.01, 0.02, 0.1)]
+        scaled = [*automatic, "dynamics.fragments=false"]
+        settings.append(scaled)
+    settings += [[*scaled, f"dynamics.mass_scaling={share}"] for share in (0.02, 0.05, 0.1)]
+    settings.append([*scaled, "dynamics.mass_scaling=0.05", "dynamics.safety=0.95", f"output.history={5.0 * job.output.history:g}"])
+    settings += [[f"dynamics.precision={precision}"] for precision in ("double", "mixed", "single") if precision != job.dynamics.precision]
     settings.append(["output.energy=false"])
     other = "logarithmic" if job.cable.strain == "engineering" else "engineering"
     settings += [[f"cable.strain={other}"], [f"net.subdivide={2 * job.net.subdivide}"]]
@@ -263,11 +271,16 @@ def draw(job: Job, rows: list[Row], exact: Outcome, tolerance: float, path: Path
     place = lambda row: (row.outcome.seconds, max(row.error, floor))
     front = [row for row in finished if row.best]
     axes.plot([place(row)[0] for row in front], [place(row)[1] for row in front], color="C0", lw=1, zorder=1, label="nothing is both faster and closer")
-    together: dict[tuple, list[int]] = {}  # numbers of points that would hide one another
+    together: list[list[int]] = []  # numbers of points whose names would hide one another
+    near = lambda one, other: np.abs(np.log10(place(finished[one - 1])) - np.log10(place(finished[other - 1]))).max() < NEAR
     for number, row in enumerate(finished, 1):
         axes.plot(*place(row), "o", color="C0" if row.best else "0.6")
-        together.setdefault(tuple(np.round(8 * np.log10(place(row)))), []).append(number)
-    for numbers in together.values():
+        group = next((group for group in together if near(group[0], number)), None)
+        if group is None:
+            together.append([number])
+        else:
+            group.append(number)
+    for numbers in together:
         axes.annotate(", ".join(map(str, numbers)), place(finished[numbers[0] - 1]), xytext=(5, 5), textcoords="offset points", fontsize=8)
     names.axis("off")
     names.text(0.0, 1.0, "\n".join(f"{number:2d}  {row.setting}" for number, row in enumerate(finished, 1)).replace(", ", ",\n      "),
