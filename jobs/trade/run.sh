@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Run time against error of the saddle and of the stadium: the tables of the README, "Speed against accuracy".
 #
-#   bash jobs/trade/run.sh [--ranks P]      tables (HDF5) and pictures into results/; three minutes, nothing else may run
+#   bash jobs/trade/run.sh [--ranks P]      tables (HDF5) and pictures into results/; some eight minutes, nothing else may run
 #
 # Stopped, it goes on where it was. The last line shows how to choose the grid.
 set -euo pipefail

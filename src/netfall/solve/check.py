@@ -71,7 +71,7 @@ def features(job: Job, roof: Roof) -> str:
     words = [("plastic flow", scene.plastic), ("fracture", scene.fracture), ("wind", scene.wind),
              ("damping", bool(job.dynamics and job.dynamics.damping)), ("self weight", bool(job.load and job.load.self_weight)),
              ("dead load", bool(job.load and job.load.dead)), ("static pressure", bool(job.load and job.load.pressure is not None)),
-             ("logarithmic strain", scene.logarithmic)]
+             ("logarithmic strain", scene.logarithmic), ("broken elements taken out", scene.fracture and not scene.fragments), (f"{scene.precision} precision", scene.displaced)]
     return ", ".join(word for word, there in words if there) or "elastic elements alone"
 
 

@@ -238,8 +238,12 @@ def step_remarks(job: Job, roof: Roof, dt: float) -> list[str]:
         most = int(np.argmax(added / np.where(own > 0.0, own, 1.0)))
         remarks.append(f"mass scaling: {added.sum():.4g} kg of inertia added at {int((added > 0.0).sum())} of {len(added)} particles, "
                        f"{added.sum() / own[~roof.whole.net.fixed.all(1)].sum():.2%} of what moves; at most {added[most] / own[most]:.2g} times a particle's own (node {roof.whole.net.node_id[most]})")
-    if job.dynamics.precision == "single":
-        remarks.append(f'note: in single precision a displacement near 1 m stands still below {HALF_DIGIT / dt:.2g} m/s with this step; precision = "mixed" sums displacements up in double')
+    if job.dynamics.precision != "double":
+        stiffness = roof.whole.net.modulus * roof.whole.net.section / roof.whole.L0
+        stiffest = int(np.argmax(stiffness))
+        remarks.append(f"note: {job.dynamics.precision} precision: where displacements are near 1 m, tensions are rounded to {2.0 * HALF_DIGIT * stiffness[stiffest]:.2g} N in element "
+                       f"{roof.whole.net.element_id[stiffest]} ({roof.whole.L0[stiffest]:.3g} m)" + ("" if job.dynamics.precision == "mixed" else
+                       f', and what is slower than {HALF_DIGIT / dt:.2g} m/s stands still with this step (precision = "mixed" lets it move)'))
     limit = roof.limits["slackening"]
     if job.dynamics.time_step == "auto" or job.dynamics.time_step <= limit.dt:
         return remarks
