@@ -82,6 +82,8 @@ def test_elements_taken_out_balance_and_leave_the_mass(both_ways, strain):
     assert np.abs(f["history/identity_error"][:]).max() < 1e-10
     assert np.abs(f["history/balance_error"][:]).max() < 1e-3
     broken = np.unique(f["events/element"][:])
+    last = f["VTKHDF/Connectivity"][:][-2 * len(f["net/elements"]):].reshape(-1, 2)
+    assert np.array_equal(np.flatnonzero(last[:, 0] == last[:, 1]), broken) and f["VTKHDF/CellData/strain"][-len(last):].max() < 0.0405  # drawn as points
     assert not f["final/tension"][:][broken].any() and f["VTKHDF/CellData/broken"][-len(f["net/elements"]):].sum() == len(broken)
 
 

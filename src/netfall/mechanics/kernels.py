@@ -400,6 +400,9 @@ def element_state(x, ends, L0, EA, logarithmic, bar, yield_force, eps_p, N, eps,
         a, b = ends[e, 0], ends[e, 1]
         dx, dy, dz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
         L[e] = math.sqrt(dx * dx + dy * dy + dz * dz)
+        if EA[e] == 0.0:  # out of the net: how far its ends are apart is no strain
+            N[e], eps[e], eps_p_now[e] = 0.0, 0.0, 0.0 if yield_force is None else eps_p[e]
+            continue
         eps[e] = strain(L[e], L0[e], logarithmic)
         if yield_force is None:
             N[e] = elastic_force(eps[e], EA[e], bar[e])

@@ -54,6 +54,8 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
 def _dynamics(f, say):
     h, p = f["history"], f["provenance"].attrs
     say(f"dynamics: {h['time'][-1]:g} s in {p['steps']} steps of {p['time_step']:.4g} s; {len(f['VTKHDF/Steps/Values'])} frames, {len(h['time'])} history rows")
+    if "added_mass" in p:
+        say(f"  mass scaling: {p['added_mass']:.4g} kg of inertia added")
     for name in [k[6:] for k in p if k.startswith("limit_") and not k.endswith("_element")]:
         say(f"  step limit {name.replace('_', ' ')}: {p['limit_' + name]:.4g} s (element {p[f'limit_{name}_element']})")
     if "wind" in f:
@@ -67,7 +69,7 @@ def _dynamics(f, say):
     ids = f["net/element_id"][:]
     for k in range(min(FIRST_EVENTS, len(e["time"]))):
         new = e["new_particle"][k]
-        what = f"from particle {e['particle'][k]} (new particle {new})" if new >= 0 else f"at the loose particle {e['particle'][k]}"
+        what = f"from particle {e['particle'][k]} (new particle {new})" if new >= 0 else f"at particle {e['particle'][k]}, nothing split"
         number = e["element"][k]
         name = f"{number}" if ids[number] == number else f"{number} (id {ids[number]})"
         say(f"  t = {e['time'][k]:.5f} s, step {e['step'][k]}: element {name} {what}, strain {e['strain'][k]:.4f}")

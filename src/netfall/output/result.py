@@ -24,7 +24,7 @@ COPY_BYTES = 1 << 26  # held at once while segments are joined
 
 
 class Event(NamedTuple):
-    """One fracture at one end of an element, in global numbers; new_particle = -1: a loose end, nothing split."""
+    """One fracture at one end of an element, in global numbers; new_particle = -1: nothing split, at a loose end or without fragments."""
 
     step: int
     element: int
@@ -122,7 +122,7 @@ class Result:
         rows = snapshot.rows
         if self._drawn_events != len(self.events):
             gid = state.gid[rows]
-            ends = self.row_of(state.gid[state.ends])
+            ends = self.row_of(state.gid[np.where(state.EA[:, None] > 0.0, state.ends, state.ends[:, :1])])  # what is out of the net is drawn as a point
             mesh = self._cells(state, np.column_stack([ends, self.group, self.distribution.piece.element_gid]))
             number = self._points(state, rows, gid[:, None])
             self.series.write_mesh(mesh[:, :2], {"GlobalPointId": number[:, 0]}, {"group": mesh[:, 2], "GlobalCellId": mesh[:, 3]}, points, cells)
