@@ -27,17 +27,33 @@ JOB = {
     "title": {"title": '"bad input"'},
     "net": {"generator": '"saddle"', "cells": "4"},
     "cable": {"modulus": "1.95e11", "area": "683.08e-6", "density": "7850.0", "prestress": "100e3"},
-    "form_finding": {}, "load": {}, "wind": {"speed": "30.0", "shape_coefficient": "-1.0"}, "dynamics": {"duration": "0.01"}, "output": {},
+    "form_finding": {},
+    "load": {},
+    "wind": {"speed": "30.0", "shape_coefficient": "-1.0"},
+    "dynamics": {"duration": "0.01"},
+    "output": {},
 }
 NODES = [["id", "x", "y", "z", "fixed", "load_z", "mass"]] + [
-    [str(10 * i + j), str(2.0 * i), str(2.0 * j), "0.0", str(int(i in (0, 3) or j in (0, 3))), "0.0", "0.0"] for i in range(4) for j in range(4)]
+    [str(10 * i + j), str(2.0 * i), str(2.0 * j), "0.0", str(int(i in (0, 3) or j in (0, 3))), "0.0", "0.0"]
+    for i in range(4)
+    for j in range(4)
+]
 ELEMENTS = [["start", "end", "id", "prestress", "area"]] + [
-    [str(a), str(b), str(100 + k), "1e5", "1e-3"] for k, (a, b) in enumerate(
-        [(10 * i + j, 10 * i + j + 1) for i in range(4) for j in range(3)] + [(10 * i + j, 10 * i + j + 10) for i in range(3) for j in range(4)])]
+    [str(a), str(b), str(100 + k), "1e5", "1e-3"]
+    for k, (a, b) in enumerate(
+        [(10 * i + j, 10 * i + j + 1) for i in range(4) for j in range(3)]
+        + [(10 * i + j, 10 * i + j + 10) for i in range(3) for j in range(4)]
+    )
+]
 NUMBERS = {"nodes": ("x", "y", "z", "load_z", "mass"), "elements": ("prestress", "area")}
 
 words = st.text("abcdefghijklmnopqrstuvwxyz_", min_size=1, max_size=12)
-nonsense = st.one_of(words, st.sampled_from(["nan", "inf", "-inf", "1e999", "0x1f", "1,5", "--3", "1e", "٣x", "½", "true", "None", "\x07"]))
+nonsense = st.one_of(
+    words,
+    st.sampled_from(
+        ["nan", "inf", "-inf", "1e999", "0x1f", "1,5", "--3", "1e", "٣x", "½", "true", "None", "\x07"]
+    ),
+)
 
 
 def text_of(job: dict) -> str:
@@ -59,9 +75,17 @@ def below_and_above(key: Key):
     whole, found = key.kind == "integer", []
     finite = dict(allow_nan=False, allow_infinity=False)
     if key.low is not None:
-        found.append(st.integers(max_value=key.low - 1) if whole else st.floats(max_value=key.low, exclude_max=not key.low_open, **finite))
+        found.append(
+            st.integers(max_value=key.low - 1)
+            if whole
+            else st.floats(max_value=key.low, exclude_max=not key.low_open, **finite)
+        )
     if key.high is not None:
-        found.append(st.integers(min_value=key.high + 1) if whole else st.floats(min_value=key.high, exclude_min=True, **finite))
+        found.append(
+            st.integers(min_value=key.high + 1)
+            if whole
+            else st.floats(min_value=key.high, exclude_min=True, **finite)
+        )
     if whole:
         found.append(st.floats(-1e9, 1e9))  # 2.0 is no integer either
     return [strategy.map(repr) for strategy in found]
@@ -72,17 +96,36 @@ def wrong_values(key: Key):
     always = [st.sampled_from(["{a = 1}", "[[1]]", "1979-05-27", "[[[]]]"])]
     quoted = words.map(lambda w: f'"{w}"')
     if key.kind in ("number", "integer"):
-        return st.one_of(*always, st.sampled_from(["true", "false", "nan", "inf", "-inf", '""', '"1.0"']), quoted.filter(lambda w: w[1:-1] not in key.also),
-                         *below_and_above(key))
+        return st.one_of(
+            *always,
+            st.sampled_from(["true", "false", "nan", "inf", "-inf", '""', '"1.0"']),
+            quoted.filter(lambda w: w[1:-1] not in key.also),
+            *below_and_above(key),
+        )
     if key.kind == "flag":
         return st.one_of(*always, quoted, st.integers().map(str))
     if key.kind == "text":
-        return st.one_of(*always, st.integers().map(str), st.sampled_from(["true", '"\\u0000"'] + ([] if key.name == "title" else ['""'])))
+        return st.one_of(
+            *always,
+            st.integers().map(str),
+            st.sampled_from(["true", '"\\u0000"'] + ([] if key.name == "title" else ['""'])),
+        )
     if key.kind == "choice":
-        return st.one_of(*always, quoted.filter(lambda w: w[1:-1] not in key.choices), st.integers().map(str), st.just("true"))
+        return st.one_of(
+            *always,
+            quoted.filter(lambda w: w[1:-1] not in key.choices),
+            st.integers().map(str),
+            st.just("true"),
+        )
     numbers = st.lists(st.floats(0, 9), max_size=6)
-    lists = numbers.filter(lambda v: len(v) != 3).map(repr) if key.kind != "points" else numbers.filter(len).map(repr)
-    return st.one_of(*always, quoted, lists, st.sampled_from(["[1, 2, nan]", "[inf, 1, 2]", '[1, 2, "x"]', "true"]))
+    lists = (
+        numbers.filter(lambda v: len(v) != 3).map(repr)
+        if key.kind != "points"
+        else numbers.filter(len).map(repr)
+    )
+    return st.one_of(
+        *always, quoted, lists, st.sampled_from(["[1, 2, nan]", "[inf, 1, 2]", '[1, 2, "x"]', "true"])
+    )
 
 
 @st.composite
@@ -98,7 +141,13 @@ def wrong_key(draw):
 @st.composite
 def unknown_name(draw):
     """A key or a section that does not exist."""
-    name = draw(words.filter(lambda w: w not in SECTIONS and not any(w == key.name for keys in SECTIONS.values() for key in keys)))
+    name = draw(
+        words.filter(
+            lambda w: (
+                w not in SECTIONS and not any(w == key.name for keys in SECTIONS.values() for key in keys)
+            )
+        )
+    )
     section = draw(st.sampled_from([s for s in JOB if s != "title"] + [None]))
     job = {key: dict(keys) for key, keys in JOB.items()}
     if section is None:
@@ -111,8 +160,18 @@ def unknown_name(draw):
 @st.composite
 def missing_key(draw):
     """A required key or section left out."""
-    section, name = draw(st.sampled_from([(s, key.name) for s, keys in SECTIONS.items() for key in keys if key.default is REQUIRED]
-                                         + [("net", "generator"), ("wind", "speed"), ("cable", "prestress"), ("net", None), ("cable", None)]))
+    section, name = draw(
+        st.sampled_from(
+            [(s, key.name) for s, keys in SECTIONS.items() for key in keys if key.default is REQUIRED]
+            + [
+                ("net", "generator"),
+                ("wind", "speed"),
+                ("cable", "prestress"),
+                ("net", None),
+                ("cable", None),
+            ]
+        )
+    )
     job = {key: dict(keys) for key, keys in JOB.items()}
     if name is None:
         del job[section]
@@ -130,7 +189,9 @@ def damaged_job(draw):
         return {"job.toml": text[: draw(st.integers(0, text.index(b"density")))]}, ""
     if kind == "byte":
         at = draw(st.integers(0, len(text)))
-        return {"job.toml": text[:at] + draw(st.sampled_from([b"\xff", b"\x00", b"\xc3\x28"])) + text[at:]}, ""
+        return {
+            "job.toml": text[:at] + draw(st.sampled_from([b"\xff", b"\x00", b"\xc3\x28"])) + text[at:]
+        }, ""
     return {"job.toml": b"\x89HDF\r\n\x1a\n" + draw(st.binary(max_size=200))}, ""
 
 
@@ -138,7 +199,11 @@ def with_tables(nodes, elements, **files):
     """Files of a job with tables."""
     job = {name: dict(keys) for name, keys in JOB.items()}
     job["net"] = {"nodes": '"nodes.csv"', "elements": '"elements.csv"'}
-    return {"job.toml": text_of(job).encode(), "nodes.csv": table_of(nodes), "elements.csv": table_of(elements)} | files
+    return {
+        "job.toml": text_of(job).encode(),
+        "nodes.csv": table_of(nodes),
+        "elements.csv": table_of(elements),
+    } | files
 
 
 @st.composite
@@ -151,7 +216,13 @@ def wrong_cell(draw):
     column = draw(st.sampled_from(rows[0]))
     k = rows[0].index(column)
     if column in ("mass", "area"):
-        value = draw(st.one_of(nonsense, st.floats(max_value=-1e-300, allow_infinity=False, allow_nan=False).map(repr), st.just("0" if column == "area" else "-1")))
+        value = draw(
+            st.one_of(
+                nonsense,
+                st.floats(max_value=-1e-300, allow_infinity=False, allow_nan=False).map(repr),
+                st.just("0" if column == "area" else "-1"),
+            )
+        )
     elif column == "fixed":
         value = draw(st.one_of(nonsense, st.sampled_from(["2", "-1", "0.5"])))
     elif column in NUMBERS[name]:
@@ -169,8 +240,31 @@ def wrong_table(draw):
     """Mistakes of a whole row or table."""
     nodes, elements = [list(row) for row in NODES], [list(row) for row in ELEMENTS]
     row, other = draw(st.integers(1, len(nodes) - 1)), draw(st.integers(1, len(elements) - 1))
-    kind = draw(st.sampled_from(["duplicate node", "duplicate element", "dangling", "loop", "no length", "short row", "long row", "no column", "other column",
-                                 "twice", "no rows", "empty", "binary", "cut", "absent", "lonely", "no support", "pushed", "tables alone"]))
+    kind = draw(
+        st.sampled_from(
+            [
+                "duplicate node",
+                "duplicate element",
+                "dangling",
+                "loop",
+                "no length",
+                "short row",
+                "long row",
+                "no column",
+                "other column",
+                "twice",
+                "no rows",
+                "empty",
+                "binary",
+                "cut",
+                "absent",
+                "lonely",
+                "no support",
+                "pushed",
+                "tables alone",
+            ]
+        )
+    )
     files = {}
     if kind == "duplicate node":
         nodes.append(nodes[row])
@@ -189,7 +283,11 @@ def wrong_table(draw):
     elif kind == "long row":
         draw(st.sampled_from([nodes, elements]))[row].append("1")
     elif kind == "no column":
-        table, name = draw(st.sampled_from([(nodes, "id"), (nodes, "x"), (nodes, "z"), (elements, "start"), (elements, "end")]))
+        table, name = draw(
+            st.sampled_from(
+                [(nodes, "id"), (nodes, "x"), (nodes, "z"), (elements, "start"), (elements, "end")]
+            )
+        )
         k = table[0].index(name)
         for line in table:
             del line[k]
@@ -213,7 +311,9 @@ def wrong_table(draw):
     if kind == "empty":
         files[name] = draw(st.sampled_from([b"", b"\n\n", b" \n"]))
     elif kind == "binary":
-        files[name] = draw(st.sampled_from([b"\xff\xfe", b"\x00\x01", b"PK\x03\x04"])) + draw(st.binary(max_size=300))
+        files[name] = draw(st.sampled_from([b"\xff\xfe", b"\x00\x01", b"PK\x03\x04"])) + draw(
+            st.binary(max_size=300)
+        )
     elif kind == "cut":
         files[name] = whole[name][: draw(st.integers(0, len(whole[name].splitlines()[0]) - 4))]
     elif kind == "absent":
@@ -227,12 +327,33 @@ def wrong_table(draw):
 def absurd(draw):
     """Sizes that no machine holds, and values that do not go together."""
     job = {name: dict(keys) for name, keys in JOB.items()}
-    section, key, value = draw(st.sampled_from([
-        ("net", "cells", "20000"), ("dynamics", "duration", "1e300"), ("dynamics", "duration", "1e12"), ("output", "history", "1e-15"),
-        ("output", "checkpoint", "1e-12"), ("wind", "time_step", "1e-14"), ("dynamics", "time_step", "1e-18"), ("dynamics", "time_step", "10.0"),
-        ("stadium", "spacing", "1e-6"), ("stadium", "spacing", "1e-300"), ("stadium", "length", "1e300"), ("stadium", "spacing", "1e6"),
-        ("cable", "prestress", "1e300"), ("cable", "area", "1e-300"), ("cable", "density", "1e-300"), ("net", "side", "1e-200"), ("net", "side", "1e200"),
-        ("cable.nogroup", "area", "1.0"), ("cable", "yield_stress", "1.0"), ("net", "nodes", '"nodes.csv"'), ("net", "spacing", "2.0")]))
+    section, key, value = draw(
+        st.sampled_from(
+            [
+                ("net", "cells", "20000"),
+                ("dynamics", "duration", "1e300"),
+                ("dynamics", "duration", "1e12"),
+                ("output", "history", "1e-15"),
+                ("output", "checkpoint", "1e-12"),
+                ("wind", "time_step", "1e-14"),
+                ("dynamics", "time_step", "1e-18"),
+                ("dynamics", "time_step", "10.0"),
+                ("stadium", "spacing", "1e-6"),
+                ("stadium", "spacing", "1e-300"),
+                ("stadium", "length", "1e300"),
+                ("stadium", "spacing", "1e6"),
+                ("cable", "prestress", "1e300"),
+                ("cable", "area", "1e-300"),
+                ("cable", "density", "1e-300"),
+                ("net", "side", "1e-200"),
+                ("net", "side", "1e200"),
+                ("cable.nogroup", "area", "1.0"),
+                ("cable", "yield_stress", "1.0"),
+                ("net", "nodes", '"nodes.csv"'),
+                ("net", "spacing", "2.0"),
+            ]
+        )
+    )
     if section == "stadium":
         job["net"] = {"generator": '"stadium"'}
         section = "net"
@@ -247,8 +368,24 @@ def make_cases(count: int, seed: int) -> list[tuple[dict, str]]:
     cases: dict[bytes, tuple[dict, str]] = {}
 
     @hypothesis.seed(seed)
-    @hypothesis.settings(max_examples=3 * count, database=None, deadline=None, suppress_health_check=list(hypothesis.HealthCheck))
-    @hypothesis.given(st.one_of(wrong_key(), wrong_key(), unknown_name(), missing_key(), damaged_job(), wrong_cell(), wrong_table(), absurd()))
+    @hypothesis.settings(
+        max_examples=3 * count,
+        database=None,
+        deadline=None,
+        suppress_health_check=list(hypothesis.HealthCheck),
+    )
+    @hypothesis.given(
+        st.one_of(
+            wrong_key(),
+            wrong_key(),
+            unknown_name(),
+            missing_key(),
+            damaged_job(),
+            wrong_cell(),
+            wrong_table(),
+            absurd(),
+        )
+    )
     def collect(case):
         cases.setdefault(repr(sorted(case[0].items(), key=lambda item: item[0])).encode(), case)
 
@@ -280,7 +417,11 @@ def complaints(folder: Path, files: dict, name: str, codes: list, errors: list[s
     if not lines or any(errors[1:]):
         found.append("rank 0 alone must speak")
     # what follows the path is to be in one line, free of control characters
-    found += [f"not a message of its own: {line!r}" for line in lines if not line.startswith(str(folder)) or re.search(r"[\x00-\x1f]|Traceback|Error:", line)]
+    found += [
+        f"not a message of its own: {line!r}"
+        for line in lines
+        if not line.startswith(str(folder)) or re.search(r"[\x00-\x1f]|Traceback|Error:", line)
+    ]
     if name and name not in errors[0]:
         found.append(f"does not name {name}")
     left = {p.name for p in folder.iterdir()} - set(files)
@@ -291,7 +432,9 @@ def complaints(folder: Path, files: dict, name: str, codes: list, errors: list[s
 
 def main() -> None:
     """Run the cases on all ranks; exit code 1 if any is answered wrong."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     options.add_argument("--cases", type=int, default=400)
     options.add_argument("--seed", type=int, default=1)
     arguments = options.parse_args()

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from validation_table import Table
 
-ENVIRONMENT = dict(os.environ)  # as it was before any MPI start-up in this process: mpirun fails silently with more
+ENVIRONMENT = dict(
+    os.environ
+)  # as it was before any MPI start-up in this process: mpirun fails silently with more
 ROOT = Path(__file__).resolve().parents[1]
 BIN = ROOT / ".venv" / "bin"
 
@@ -39,7 +41,15 @@ def run_netfall(*arguments, ranks=1, cwd=None, timeout=300, environment=None):
     command = [str(BIN / "netfall"), *map(str, arguments)]
     if ranks > 1:
         command = [str(BIN / "mpirun"), "-n", str(ranks), *command]
-    return subprocess.run(command, cwd=cwd, env=ENVIRONMENT | (environment or {}), capture_output=True, text=True, timeout=timeout, stdin=subprocess.DEVNULL)
+    return subprocess.run(
+        command,
+        cwd=cwd,
+        env=ENVIRONMENT | (environment or {}),
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        stdin=subprocess.DEVNULL,
+    )
 
 
 class Workshop:
@@ -60,7 +70,16 @@ class Workshop:
 
     def run(self, job: Path, *arguments, ranks=1, output="result.vtkhdf", code=0, environment=None):
         """Run a job; its result file, open, after checking the exit code."""
-        done = run_netfall("run", job, "-o", self.folder / output, *arguments, ranks=ranks, cwd=self.folder, environment=environment)
+        done = run_netfall(
+            "run",
+            job,
+            "-o",
+            self.folder / output,
+            *arguments,
+            ranks=ranks,
+            cwd=self.folder,
+            environment=environment,
+        )
         assert done.returncode == code, done.stdout + done.stderr
         return h5py.File(self.folder / output) if code == 0 else done
 
@@ -114,7 +133,11 @@ def assert_same_results(one: h5py.File, other: h5py.File) -> int:
     assert names(one) == names(other)
     for name in names(one):
         a, b = one[name][()], other[name][()]
-        bits = lambda values: np.asarray(values).tolist() if np.asarray(values).dtype == object else np.asarray(values).tobytes()
+        bits = lambda values: (
+            np.asarray(values).tolist()
+            if np.asarray(values).dtype == object
+            else np.asarray(values).tobytes()
+        )
         assert np.shape(a) == np.shape(b) and bits(a) == bits(b), name
     return len(names(one))
 

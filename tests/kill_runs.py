@@ -56,7 +56,17 @@ HANG = 60.0  # s after which what is left of a killed run counts as hanging
 
 def command(folder: Path, ranks: int, restart: Path | None) -> list[str]:
     """The command line of a run."""
-    line = [str(BIN / "mpirun"), "-n", str(ranks), str(BIN / "netfall"), "run", str(folder / "job.toml"), "-o", str(folder / "result.vtkhdf"), "--quiet"]
+    line = [
+        str(BIN / "mpirun"),
+        "-n",
+        str(ranks),
+        str(BIN / "netfall"),
+        "run",
+        str(folder / "job.toml"),
+        "-o",
+        str(folder / "result.vtkhdf"),
+        "--quiet",
+    ]
     return line + (["--restart", str(restart)] if restart else [])
 
 
@@ -66,7 +76,10 @@ def processes_of(folder: Path) -> list[int]:
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit() and int(entry.name) != os.getpid():
             try:
-                if str(folder).encode() in (entry / "cmdline").read_bytes() and "Z" not in (entry / "stat").read_text().rsplit(")", 1)[1].split()[0]:
+                if (
+                    str(folder).encode() in (entry / "cmdline").read_bytes()
+                    and "Z" not in (entry / "stat").read_text().rsplit(")", 1)[1].split()[0]
+                ):
                     found.append(int(entry.name))
             except OSError:
                 continue
@@ -83,7 +96,11 @@ def kill(folder: Path, process: subprocess.Popen, choice: random.Random) -> str:
     everything = processes_of(folder)
     ranks = [p for p in everything if p != process.pid]
     what = choice.choice(["rank", "mpirun", "group"])
-    victims = {"rank": ranks[:1] if not ranks else [choice.choice(ranks)], "mpirun": [process.pid], "group": everything}[what]
+    victims = {
+        "rank": ranks[:1] if not ranks else [choice.choice(ranks)],
+        "mpirun": [process.pid],
+        "group": everything,
+    }[what]
     for victim in victims:
         try:
             os.kill(victim, signal.SIGKILL)
@@ -98,7 +115,9 @@ def kill(folder: Path, process: subprocess.Popen, choice: random.Random) -> str:
     return what
 
 
-def wait_for_a_moment(folder: Path, process: subprocess.Popen, restart: Path | None, choice: random.Random, longest: float) -> None:
+def wait_for_a_moment(
+    folder: Path, process: subprocess.Popen, restart: Path | None, choice: random.Random, longest: float
+) -> None:
     """Until any moment of the run (one time in four), or until some checkpoints more are there and a little later.
 
     Checkpoints and the frames between them follow so closely that most of the latter fall into a writing.
@@ -121,13 +140,22 @@ def one_story(folder: Path, choice: random.Random, longest: float, kills_left: i
     wanted = choice.randint(1, min(3, kills_left))
     while True:
         ranks, restart = choice.randint(1, 4), newest_checkpoint(folder)
-        process = subprocess.Popen(command(folder, ranks, restart), env=ENVIRONMENT, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        process = subprocess.Popen(
+            command(folder, ranks, restart),
+            env=ENVIRONMENT,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
         if done < wanted:
             wait_for_a_moment(folder, process, restart, choice, longest)
             if process.poll() is None:
                 what = kill(folder, process, choice)
                 done += 1
-                print(f"  {ranks} ranks, from {restart.name if restart else 'the start'}: killed {what}", flush=True)
+                print(
+                    f"  {ranks} ranks, from {restart.name if restart else 'the start'}: killed {what}",
+                    flush=True,
+                )
                 continue
         out, error = process.communicate(timeout=300)
         assert process.returncode == 0, (out + error).decode()
@@ -137,7 +165,9 @@ def one_story(folder: Path, choice: random.Random, longest: float, kills_left: i
 
 def main() -> None:
     """Tell stories until there were enough kills; exit code 1 at the first that ends otherwise than the undisturbed run."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     options.add_argument("--kills", type=int, default=20)
     options.add_argument("--seed", type=int, default=1)
     arguments = options.parse_args()

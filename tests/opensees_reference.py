@@ -31,7 +31,9 @@ def make_net(case: dict) -> None:
         ops.mass(p, m, m, m)
         ops.fix(p, *map(int, held))
     L = np.linalg.norm(case["x"][case["elements"][:, 1]] - case["x"][case["elements"][:, 0]], axis=1)
-    for e, ((a, b), length, unstressed, EA) in enumerate(zip(case["elements"].tolist(), L.tolist(), case["L0"].tolist(), case["EA"].tolist())):
+    for e, ((a, b), length, unstressed, EA) in enumerate(
+        zip(case["elements"].tolist(), L.tolist(), case["L0"].tolist(), case["EA"].tolist())
+    ):
         # OpenSees refers strains to the length at the start: modulus and initial strain follow from that; the last 0 is the modulus in compression
         ops.uniaxialMaterial("Elastic", 2 * e, EA * length / unstressed, 0.0, 0.0)
         ops.uniaxialMaterial("InitStrainMaterial", 2 * e + 1, 2 * e, (length - unstressed) / length)
@@ -115,7 +117,9 @@ def fourth_order(case: dict, step: float) -> tuple[np.ndarray, np.ndarray]:
     """History by Newmark's method with gamma = 1/2, beta = 1/12 (Fox and Goodwin), implicit and of fourth order without damping."""
     make_net(case)
     add_load(1, 1, case["sudden"])
-    for p, axis in np.argwhere(case["fixed"] == 0).tolist():  # else OpenSees starts without an acceleration, and is of first order
+    for p, axis in np.argwhere(
+        case["fixed"] == 0
+    ).tolist():  # else OpenSees starts without an acceleration, and is of first order
         ops.setNodeAccel(p, axis + 1, float(case["sudden"][p, axis] / case["mass"][p]), "-commit")
     newton()
     ops.integrator("Newmark", 0.5, 1 / 12)
@@ -131,7 +135,10 @@ def answers(case: dict) -> dict:
 
     def keep_state(name: str) -> None:
         d, N = displacements(particles), tensions(elements)
-        found[f"{name}_displacement"], found[f"{name}_tension"] = d[:: int(case["stride"])], N[:: int(case["stride"])]
+        found[f"{name}_displacement"], found[f"{name}_tension"] = (
+            d[:: int(case["stride"])],
+            N[:: int(case["stride"])],
+        )
         found[f"{name}_largest"] = np.array([np.linalg.norm(d, axis=1).max(), N.max()])
         found[f"{name}_slack"] = np.array((N == 0).sum())
 

@@ -26,7 +26,16 @@ def exact(number: float, function) -> Decimal:
 def test_within_two_units_of_the_last_place(low, high):
     """Over all magnitudes, and about 1, where strains are; the same bits in registers and one by one."""
     numbers = 10.0 ** np.random.default_rng(3).uniform(low, high, 3003)
-    numbers[:8] = [1.0, 2.0, 0.5, np.sqrt(0.5), np.nextafter(np.sqrt(0.5), 1.0), np.nextafter(1.0, 0.0), np.nextafter(1.0, 2.0), 4.0]
+    numbers[:8] = [
+        1.0,
+        2.0,
+        0.5,
+        np.sqrt(0.5),
+        np.nextafter(np.sqrt(0.5), 1.0),
+        np.nextafter(1.0, 0.0),
+        np.nextafter(1.0, 2.0),
+        4.0,
+    ]
     roots, logarithms, one = np.empty_like(numbers), np.empty_like(numbers), np.empty((2, 1))
     each(numbers, roots, logarithms)
     for number, root, log in zip(numbers.tolist(), roots.tolist(), logarithms.tolist()):

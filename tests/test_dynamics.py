@@ -15,7 +15,10 @@ def oscillator(step, damping=0.0, ranks=1):
     L0 = 10.0
     L = L0 * (1 + hold / EA) + stretch
     nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,{-L!r},0,1000,{-hold}\n"
-    text = ELASTIC + f"[dynamics]\nduration = 0.5\ntime_step = {step}\ndamping = {damping}\n[output]\nhistory = 0.005\nprobes = [[0.0, 0.0]]\n"
+    text = (
+        ELASTIC
+        + f"[dynamics]\nduration = 0.5\ntime_step = {step}\ndamping = {damping}\n[output]\nhistory = 0.005\nprobes = [[0.0, 0.0]]\n"
+    )
     return text, nodes, f"start,end,unstressed_length\n1,2,{L0}\n"
 
 
@@ -50,12 +53,17 @@ def test_oscillator_converges_at_second_order(workshop, damping):
 def test_plastic_oscillation_balances(workshop, strain):
     """A weight dropped on a cable makes it flow: stored energy, dissipation and external work balance for both measures."""
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,20000,-700000\n"
-    text = ELASTIC + f'yield_stress = 1.75e9\nstrain = "{strain}"\n[dynamics]\nduration = 0.5\ntime_step = 2e-5\n[output]\nhistory = 0.01\n'
+    text = (
+        ELASTIC
+        + f'yield_stress = 1.75e9\nstrain = "{strain}"\n[dynamics]\nduration = 0.5\ntime_step = 2e-5\n[output]\nhistory = 0.01\n'
+    )
     f = workshop.run(workshop.job(text, nodes, "start,end,unstressed_length\n1,2,10\n"))
     h = f["history"]
     assert h["plastic_dissipation"][-1] > 0.2 * np.abs(h["external_work"][:]).max()
     assert np.abs(h["balance_error"][:]).max() < 1e-4 and np.abs(h["identity_error"][:]).max() < 1e-11
-    total = h["kinetic_energy"][:] + h["strain_energy"][:] + h["plastic_dissipation"][:] + h["damping_work"][:]
+    total = (
+        h["kinetic_energy"][:] + h["strain_energy"][:] + h["plastic_dissipation"][:] + h["damping_work"][:]
+    )
     assert np.abs(total - h["external_work"][:]).max() < 1e-4 * np.abs(h["external_work"][:]).max()
 
 
@@ -76,11 +84,21 @@ def test_sharp_limit_of_a_chain(workshop, n):
     nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{k},0,0,{int(k in (0, n))}\n" for k in range(n + 1))
     elements = "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(n))
     job = workshop.job(STEEL.replace("100e3", "1.0") + "[dynamics]\nduration = 0.001\n", nodes, elements)
-    limits = [tuple(workshop.run(job, ranks=ranks, output=f"{ranks}.vtkhdf")["provenance"].attrs[f"limit_assembled{what}"] for what in ("", "_element")) for ranks in (1, 3)]
+    limits = [
+        tuple(
+            workshop.run(job, ranks=ranks, output=f"{ranks}.vtkhdf")["provenance"].attrs[
+                f"limit_assembled{what}"
+            ]
+            for what in ("", "_element")
+        )
+        for ranks in (1, 3)
+    ]
     assert limits[0] == limits[1]
     k, m = 1.95e11 * 683.08e-6, 7850.0 * 683.08e-6
     assert 0.0 <= 1.0 - limits[0][0] * np.sqrt(k / m) * np.cos(np.pi / (2 * n)) < 1e-4
-    assert abs(limits[0][1] - (n - 1) / 2) <= 1.0 or n == 700  # the mode is largest in the middle; of long chains many are nearly as fast
+    assert (
+        abs(limits[0][1] - (n - 1) / 2) <= 1.0 or n == 700
+    )  # the mode is largest in the middle; of long chains many are nearly as fast
 
 
 def test_elements_of_different_speed_are_in_the_limits(workshop):
@@ -98,7 +116,9 @@ def test_elements_of_different_speed_are_in_the_limits(workshop):
     L0 = np.r_[0.5, ones[1:]]
     own = np.bincount(elements.ravel(), np.repeat(4.0 * L0, 2))
     for share in (0.0, 0.5):  # nothing is carried that a fragment could take
-        after = after_fracture_limit(elements, 2e8 * ones, L0, 4.0 * L0, own, fixed.all(1), 0.04 * ones, share)
+        after = after_fracture_limit(
+            elements, 2e8 * ones, L0, 4.0 * L0, own, fixed.all(1), 0.04 * ones, share
+        )
         assert np.isclose(after.dt, 0.5 / 5000.0) and after.element == 0
 
 
@@ -113,7 +133,9 @@ def test_any_fragments_are_stable_within_the_limit_after_fracture(seed):
     EA, L0 = 10.0 ** rng.uniform(6, 9, m), 10.0 ** rng.uniform(-1, 1, m)
     half = 10.0 ** rng.uniform(-1, 1, m) * L0
     held = rng.random(n) < 0.2
-    mass = np.bincount(elements.ravel(), np.repeat(half, 2), n) + rng.choice([0.0, 1.0, 1000.0], n, p=[0.1, 0.3, 0.6])
+    mass = np.bincount(elements.ravel(), np.repeat(half, 2), n) + rng.choice(
+        [0.0, 1.0, 1000.0], n, p=[0.1, 0.3, 0.6]
+    )
     share = rng.choice([0.02, 0.05, 0.5])
     limit = after_fracture_limit(elements, EA, L0, half, mass, held, np.full(m, 0.04), share)
     strict = after_fracture_limit(elements, EA, L0, half, mass, held, np.full(m, 0.04), 0.0)
@@ -137,7 +159,11 @@ def test_any_fragments_are_stable_within_the_limit_after_fracture(seed):
 def test_run_that_diverges_is_stopped(workshop, ranks):
     """Forces out of all range: exit code 3 on every rank, the time named, no file left behind."""
     nodes = "id,x,y,z,fixed,area\n1,0,0,0,1,0\n2,0,0,-10,0,1\n3,5,5,-10,1,0\n"
-    job = workshop.job(ELASTIC + "[load]\npressure = [0.0, 0.0, 1e300]\n[dynamics]\nduration = 0.1\n", nodes, "start,end\n1,2\n2,3\n")
+    job = workshop.job(
+        ELASTIC + "[load]\npressure = [0.0, 0.0, 1e300]\n[dynamics]\nduration = 0.1\n",
+        nodes,
+        "start,end\n1,2\n2,3\n",
+    )
     done = workshop.run(job, code=3, ranks=ranks)
     assert "diverged at t =" in done.stderr
     assert {p.name for p in workshop.folder.iterdir()} == {"job.toml", "nodes.csv", "elements.csv"}
@@ -154,7 +180,11 @@ def test_divergence_names_the_last_good_checkpoint(workshop, monkeypatch):
     from netfall.solve.run import run_job
 
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,-10,0\n3,5,5,-10,1\n"
-    job = workshop.job(ELASTIC + "[dynamics]\nduration = 0.1\n[output]\ncheckpoint = 0.02\nhistory = 0.05\n", nodes, "start,end\n1,2\n2,3\n")
+    job = workshop.job(
+        ELASTIC + "[dynamics]\nduration = 0.1\n[output]\ncheckpoint = 0.02\nhistory = 0.05\n",
+        nodes,
+        "start,end\n1,2\n2,3\n",
+    )
     advance = dynamics.Simulation.advance_block
 
     def broken(simulation, stop):
@@ -167,7 +197,12 @@ def test_divergence_names_the_last_good_checkpoint(workshop, monkeypatch):
         run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False, False))
     kept = sorted(workshop.folder.glob("*checkpoint*"))
     message = str(raised.value)
-    assert "diverged at t = 0.06" in message and "fastest particle 1" in message and "element" in message and str(kept[-1]) in message
+    assert (
+        "diverged at t = 0.06" in message
+        and "fastest particle 1" in message
+        and "element" in message
+        and str(kept[-1]) in message
+    )
     for path in kept:
         with h5py.File(path) as file:
             assert np.isfinite(file["particles/v"][()]).all()
@@ -176,9 +211,23 @@ def test_divergence_names_the_last_good_checkpoint(workshop, monkeypatch):
 def test_the_audit_changes_nothing_and_can_be_left_out(workshop):
     """energy = false: the same motion to the bit; the works and both errors are nan, the rest of /history is as before."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,-10,0\n3,5,5,-10,1\n"
-    job = workshop.job(ELASTIC + "[load]\nself_weight = true\n[dynamics]\nduration = 0.5\ndamping = 0.3\n", nodes, "start,end\n1,2\n2,3\n")
-    audited, bare = workshop.run(job, output="a.vtkhdf"), workshop.run(job, "--set", "output.energy=false", output="b.vtkhdf")
-    for name in ("final/position", "final/velocity", "final/tension", "history/kinetic_energy", "history/strain_energy", "history/time"):
+    job = workshop.job(
+        ELASTIC + "[load]\nself_weight = true\n[dynamics]\nduration = 0.5\ndamping = 0.3\n",
+        nodes,
+        "start,end\n1,2\n2,3\n",
+    )
+    audited, bare = (
+        workshop.run(job, output="a.vtkhdf"),
+        workshop.run(job, "--set", "output.energy=false", output="b.vtkhdf"),
+    )
+    for name in (
+        "final/position",
+        "final/velocity",
+        "final/tension",
+        "history/kinetic_energy",
+        "history/strain_energy",
+        "history/time",
+    ):
         assert np.array_equal(audited[name], bare[name]), name
     for name in ("external_work", "damping_work", "identity_error", "balance_error"):
         assert np.isfinite(audited[f"history/{name}"]).all() and np.isnan(bare[f"history/{name}"]).all()
@@ -187,7 +236,9 @@ def test_the_audit_changes_nothing_and_can_be_left_out(workshop):
 def test_a_step_that_could_be_far_longer_than_the_run(workshop):
     """A net so soft that its limit is 1e9 history rows long: a step for each row."""
     text = "[cable]\nmodulus = 1.0\narea = 1e-12\ndensity = 7850.0\n[dynamics]\nduration = 0.1\n"
-    f = workshop.run(workshop.job(text, "id,x,y,z,fixed,mass\n1,0,0,0,1,0\n2,1,0,0,0,1000\n", "start,end\n1,2\n"))
+    f = workshop.run(
+        workshop.job(text, "id,x,y,z,fixed,mass\n1,0,0,0,1,0\n2,1,0,0,0,1000\n", "start,end\n1,2\n")
+    )
     assert f["history/time_step"][1] == 0.01 and len(f["history/time"]) == 11
 
 
@@ -204,7 +255,13 @@ def test_mass_scaling_keeps_its_budget_and_its_step(share):
     scaled = scaled_mass(net.elements, stiffness, L, mass, free, share)
     assert (scaled >= mass).all() and (scaled == mass)[~free].all()
     assert 0.9 * share < (scaled - mass).sum() / mass[free].sum() <= share
-    limits = [{limit.name: limit.dt for limit in any_shape_limits(net.elements, stiffness, L, m, free, np.zeros(net.m, bool))}["slackening"] for m in (mass, scaled)]
+    limits = [
+        {
+            limit.name: limit.dt
+            for limit in any_shape_limits(net.elements, stiffness, L, m, free, np.zeros(net.m, bool))
+        }["slackening"]
+        for m in (mass, scaled)
+    ]
     assert limits[1] > 1.5 * limits[0]
     needed = scaled > mass  # these are as heavy as their step needs, not more
     Omega2 = np.bincount(net.elements.ravel(), np.repeat(EA / L, 2), net.n) / scaled
@@ -213,7 +270,11 @@ def test_mass_scaling_keeps_its_budget_and_its_step(share):
 
 def test_added_inertia_has_no_weight(workshop):
     """A net at rest under its dead load stays at rest with mass scaling; on an oscillator the frequency falls as the mass says."""
-    text = '[net]\ngenerator = "stadium"\n' + STEEL + "[form_finding]\n[load]\ndead = 1000.0\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n[dynamics]\nduration = 0.2\nmass_scaling = 0.05\n[output]\nframes = 2\n"
+    text = (
+        '[net]\ngenerator = "stadium"\n'
+        + STEEL
+        + "[form_finding]\n[load]\ndead = 1000.0\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n[dynamics]\nduration = 0.2\nmass_scaling = 0.05\n[output]\nframes = 2\n"
+    )
     f = workshop.run(workshop.job(text))
     assert f["provenance"].attrs["added_mass"] > 1000.0
     moved = np.diff(f["VTKHDF/PointData/displacement"][:].reshape(3, -1, 3), axis=0)
@@ -222,6 +283,10 @@ def test_added_inertia_has_no_weight(workshop):
 
 def test_mass_scaling_with_fragments_is_refused(workshop):
     """Fragments would take inertia along that has no weight."""
-    text = '[net]\ngenerator = "saddle"\n' + STEEL + "fracture_strain = 0.04\n[form_finding]\n[dynamics]\nduration = 0.1\nmass_scaling = 0.05\n"
+    text = (
+        '[net]\ngenerator = "saddle"\n'
+        + STEEL
+        + "fracture_strain = 0.04\n[form_finding]\n[dynamics]\nduration = 0.1\nmass_scaling = 0.05\n"
+    )
     done = workshop.run(workshop.job(text), code=2)
     assert "mass_scaling = 0.05" in done.stderr and "fragments = false" in done.stderr

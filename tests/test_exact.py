@@ -20,8 +20,17 @@ def test_sum_is_correctly_rounded():
 
 def test_ties_go_to_even():
     """A half of the last place, and the least more and less than it, of either sign."""
-    for base, beyond, sign in itertools.product((1.0, 1.0 + 2.0**-52, 2.0**-1020), (0.0, 2.0**-54, -(2.0**-54), 2.0**-60), (1.0, -1.0)):
-        values = sign * np.array([base, base * 2.0**-53 * (1.0 if base < 0.5 else 1.0 / base), 5e-324 if beyond else 0.0, base * beyond])
+    for base, beyond, sign in itertools.product(
+        (1.0, 1.0 + 2.0**-52, 2.0**-1020), (0.0, 2.0**-54, -(2.0**-54), 2.0**-60), (1.0, -1.0)
+    ):
+        values = sign * np.array(
+            [
+                base,
+                base * 2.0**-53 * (1.0 if base < 0.5 else 1.0 / base),
+                5e-324 if beyond else 0.0,
+                base * beyond,
+            ]
+        )
         assert exact_sums(MPI.COMM_SELF, values)[0] == math.fsum(values)
 
 

@@ -31,7 +31,11 @@ def oscillator(time_step, duration, zeta=0.0, history=1.0, stretch=1e-3):
     """1000 kg on a cable of 10 m under 20 kN, let go `stretch` below its rest."""
     L = 10.0 * (1 + 20e3 / EA) + stretch
     nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,{-L!r},0,1000,-20000\n"
-    text = BARE + f"[dynamics]\nduration = {duration!r}\ntime_step = {time_step!r}\ndamping = {zeta!r}\n" + QUICK.format(history, 10)
+    text = (
+        BARE
+        + f"[dynamics]\nduration = {duration!r}\ntime_step = {time_step!r}\ndamping = {zeta!r}\n"
+        + QUICK.format(history, 10)
+    )
     return text, nodes, "start,end,unstressed_length\n1,2,10\n"
 
 
@@ -69,21 +73,31 @@ def test_damping_far_over_critical(workshop):
     k = EA / 10.0 / (1000.0 + 10 * HALF)
     slow = 5e3 - np.sqrt(25e6 - k)
     expected = -1e-3 * np.exp(-slow * f["VTKHDF/Steps/Values"][:])
-    reached("damping 40 times critical: error of the creep", "1e-3 of the first", np.abs(z - expected).max() / 1e-3, 1e-3)
+    reached(
+        "damping 40 times critical: error of the creep",
+        "1e-3 of the first",
+        np.abs(z - expected).max() / 1e-3,
+        1e-3,
+    )
 
 
 def chain(lengths, moduli, masses, load, fixed=(0,)):
     """Tables of a straight chain along x, unstressed, with a load on its last particle."""
     x = np.concatenate([[0.0], np.cumsum(lengths)])
     last = len(x) - 1
-    nodes = "id,x,y,z,fixed,mass,load_x\n" + "".join(f"{k},{float(x[k])!r},0,0,{int(k in fixed)},{masses[k]},{load if k == last else 0}\n" for k in range(last + 1))
+    nodes = "id,x,y,z,fixed,mass,load_x\n" + "".join(
+        f"{k},{float(x[k])!r},0,0,{int(k in fixed)},{masses[k]},{load if k == last else 0}\n"
+        for k in range(last + 1)
+    )
     return nodes, "start,end,modulus\n" + "".join(f"{k},{k + 1},{moduli[k]!r}\n" for k in range(last))
 
 
 def test_stiffness_and_mass_ratios_of_a_million(workshop):
     """Neighbours 1e6 times as stiff and as heavy: both audits hold."""
     nodes, elements = chain([2.0] * 6, [1.95e11, 1.95e5] * 3, [0.0, 1e6, 1.0, 1e6, 1.0, 1e6, 1.0], 10.0)
-    f = workshop.run(workshop.job(BARE + "[dynamics]\nduration = 2.0\n" + QUICK.format(0.01, 5), nodes, elements))
+    f = workshop.run(
+        workshop.job(BARE + "[dynamics]\nduration = 2.0\n" + QUICK.format(0.01, 5), nodes, elements)
+    )
     identity, balance = audits(f)
     reached("stiffness and mass ratios of 1e6: work identity", "1e-10", identity, 1e-10)
     reached("the same: physical balance", "1e-3", balance, 1e-3)
@@ -96,21 +110,34 @@ def test_a_millimetre_beside_a_kilometre(workshop):
     the stable one it feeds energy in, which is announced, until the run is stopped.
     """
     nodes, elements = chain([1e-3, 1.0, 1e3], [1.95e11] * 3, [0.0, 100.0, 100.0, 1e5], 1000.0)
-    text = BARE + "[dynamics]\nduration = 20.0\n[output]\nhistory = 0.02\nframes = 5\nprobes = [[1001.001, 0.0]]\n"
+    text = (
+        BARE
+        + "[dynamics]\nduration = 20.0\n[output]\nhistory = 0.02\nframes = 5\nprobes = [[1001.001, 0.0]]\n"
+    )
     job = workshop.job(text, nodes, elements)
     f = workshop.run(job)
     identity, balance = audits(f)
     u = f["history/probe_displacement"][:, 0, 0]
     rest = 1000.0 * 1001.001 / EA
-    reached("lengths from 1 mm to 1 km: largest elongation against twice the static one", "1 %", abs(u.max() / (2 * rest) - 1), 0.01)
+    reached(
+        "lengths from 1 mm to 1 km: largest elongation against twice the static one",
+        "1 %",
+        abs(u.max() / (2 * rest) - 1),
+        0.01,
+    )
     reached("the same: work identity", "1e-9", identity, 1e-9)
     longer = float(0.8 * f["provenance"].attrs["limit_any_shape"])
     assert longer > f["provenance"].attrs["limit_slackening"] > f["provenance"].attrs["time_step"]
     done = workshop.run(job, "--set", f"dynamics.time_step={longer!r}", code=3)
-    assert "take a smaller time_step or safety" in done.stderr and "come taut again gain energy (first: element" in done.stdout
+    assert (
+        "take a smaller time_step or safety" in done.stderr
+        and "come taut again gain energy (first: element" in done.stdout
+    )
 
 
-@pytest.mark.parametrize("phase, least, most", [(0.4, 0.0, 0.001), (0.8, 0.0, 0.005), (1.0, -1e-3, 1e-3), (1.6, 0.25, 0.31)])
+@pytest.mark.parametrize(
+    "phase, least, most", [(0.4, 0.0, 0.001), (0.8, 0.0, 0.005), (1.0, -1e-3, 1e-3), (1.6, 0.25, 0.31)]
+)
 def test_energy_that_a_slack_cable_returns(phase, least, most):
     """A mass runs into a slack cable and back: the energy it brings back, averaged over the moment of contact, for omega dt = phase."""
     from netfall.mechanics.state import Scene, State
@@ -121,7 +148,7 @@ def test_energy_that_a_slack_cable_returns(phase, least, most):
     n, stiffness, mass, reach = 2000, 1e6, 10.0, 1e-5  # reach: m in a step, of a cable of 1 m
     dt = phase / np.sqrt(stiffness / mass)
     pairs = np.arange(2 * n).reshape(n, 2)
-    piece, = cut_net(2 * n, pairs, np.zeros(2 * n, np.int32), 1)
+    (piece,) = cut_net(2 * n, pairs, np.zeros(2 * n, np.int32), 1)
     state = State(Scene(energy=False), 2 * n, 0, n)
     state.ends[:], state.L0[:], state.EA[:], state.mass[:] = piece.ends, 1.0, stiffness, mass
     far = np.isin(piece.particle_gid, pairs[:, 1])
@@ -133,20 +160,38 @@ def test_energy_that_a_slack_cable_returns(phase, least, most):
     assert (state.x[far, 0] < 1.0).all()  # slack again
     gain = float(np.mean((state.v[far, 0] * dt / reach) ** 2)) - 1.0
     assert least <= gain <= most
-    reached(f"energy gained from a slack cable, mean over the moment, omega dt = {phase}", f"{least:g} to {most:g}", gain, most)
+    reached(
+        f"energy gained from a slack cable, mean over the moment, omega dt = {phase}",
+        f"{least:g} to {most:g}",
+        gain,
+        most,
+    )
 
 
 def test_short_edge_cables_stay_right_without_fracture(workshop):
     """The stadium's shortest elements go slack and taut many times; "auto" gives their largest strain as a quarter of its step does."""
     text = (ROOT / "jobs" / "stadium.toml").read_text()
-    job = workshop.job("".join(line for line in text.splitlines(keepends=True) if not line.startswith(("fracture_strain", "checkpoint"))))
+    job = workshop.job(
+        "".join(
+            line
+            for line in text.splitlines(keepends=True)
+            if not line.startswith(("fracture_strain", "checkpoint"))
+        )
+    )
     keys = ["--set", "dynamics.duration=2.5", "--set", "output.frames=250"]
     strains = []
     for extra in ([], ["--set", "dynamics.safety=0.2"]):
         f = workshop.run(job, *keys, *extra)
-        short = np.flatnonzero(np.linalg.norm(np.diff(f["net/particles"][:][f["net/elements"][:]], axis=1)[:, 0], axis=1) < 0.5)
+        short = np.flatnonzero(
+            np.linalg.norm(np.diff(f["net/particles"][:][f["net/elements"][:]], axis=1)[:, 0], axis=1) < 0.5
+        )
         strains.append(f["VTKHDF/CellData/strain"][:].reshape(251, -1)[:, short].max())
-    reached("largest strain of the stadium's cables below 0.5 m, auto against a quarter of its step", "0.002", abs(strains[0] - strains[1]), 0.002)
+    reached(
+        "largest strain of the stadium's cables below 0.5 m, auto against a quarter of its step",
+        "0.002",
+        abs(strains[0] - strains[1]),
+        0.002,
+    )
 
 
 @pytest.mark.parametrize("precision, asked", [("double", 1e-6), ("mixed", 1e-5), ("single", 1e-5)])
@@ -156,21 +201,52 @@ def test_a_net_far_from_the_origin(workshop, precision, asked):
     for shift, keys in ((0.0, []), (1e6, ["--set", f"dynamics.precision={precision}"])):
         k = np.arange(6)
         x, z = 2.0 * k + shift, -0.1 * k * (5 - k) + shift
-        nodes = "id,x,y,z,fixed,mass,load_z\n" + "".join(f"{p},{float(x[p])!r},{shift!r},{float(z[p])!r},{int(p in (0, 5))},100,-500\n" for p in k)
-        job = workshop.job(STEEL.replace("100e3", "5e3") + "[dynamics]\nduration = 2.0\ndamping = 0.5\n" + QUICK.format(0.01, 20), nodes, "start,end\n" + "".join(f"{p},{p + 1}\n" for p in range(5)))
+        nodes = "id,x,y,z,fixed,mass,load_z\n" + "".join(
+            f"{p},{float(x[p])!r},{shift!r},{float(z[p])!r},{int(p in (0, 5))},100,-500\n" for p in k
+        )
+        job = workshop.job(
+            STEEL.replace("100e3", "5e3")
+            + "[dynamics]\nduration = 2.0\ndamping = 0.5\n"
+            + QUICK.format(0.01, 20),
+            nodes,
+            "start,end\n" + "".join(f"{p},{p + 1}\n" for p in range(5)),
+        )
         f = workshop.run(job, *keys, output=f"{shift:g}.vtkhdf")
         found.append(f["final/position"][:] - f["net/particles"][:])
-    reached(f"1e6 m from the origin, {precision} precision: error of the displacements [m]", f"{asked:g}", np.abs(found[1] - found[0]).max(), asked)
+    reached(
+        f"1e6 m from the origin, {precision} precision: error of the displacements [m]",
+        f"{asked:g}",
+        np.abs(found[1] - found[0]).max(),
+        asked,
+    )
 
 
 def test_no_prestress_and_almost_yield(workshop):
     """Prestress zero and 99 % of the yield force at rest: nothing moves, nothing flows."""
-    for prestress in (0.0, 0.99 / 1.0277 * 1.75e9 * A):  # the steepest cable carries 1.0277 times the prestress
-        text = '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n' + STEEL.replace("100e3", repr(prestress)) + "yield_stress = 1.75e9\nfracture_strain = 0.04\n"
-        text += ('[form_finding]\nmethod = "force_density"\n' if prestress else "") + "[dynamics]\nduration = 0.5\n" + QUICK.format(0.05, 2)
+    for prestress in (
+        0.0,
+        0.99 / 1.0277 * 1.75e9 * A,
+    ):  # the steepest cable carries 1.0277 times the prestress
+        text = (
+            '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n'
+            + STEEL.replace("100e3", repr(prestress))
+            + "yield_stress = 1.75e9\nfracture_strain = 0.04\n"
+        )
+        text += (
+            ('[form_finding]\nmethod = "force_density"\n' if prestress else "")
+            + "[dynamics]\nduration = 0.5\n"
+            + QUICK.format(0.05, 2)
+        )
         f = workshop.run(workshop.job(text))
-        moved = np.abs(f["final/position"][:] - (f["form_finding/position"][:] if prestress else f["net/particles"][:])).max()
-        reached(f"prestress {1.0277 * prestress / (1.75e9 * A):.0%} of yield at rest: motion [m]", "1e-9", moved, 1e-9)
+        moved = np.abs(
+            f["final/position"][:] - (f["form_finding/position"][:] if prestress else f["net/particles"][:])
+        ).max()
+        reached(
+            f"prestress {1.0277 * prestress / (1.75e9 * A):.0%} of yield at rest: motion [m]",
+            "1e-9",
+            moved,
+            1e-9,
+        )
         assert not f["final/plastic_strain"][:].any()
     done = workshop.run(workshop.job(text.replace(repr(prestress), repr(1.02 * prestress))), code=2)
     assert "above the yield force" in done.stderr
@@ -178,8 +254,16 @@ def test_no_prestress_and_almost_yield(workshop):
 
 def test_a_net_that_is_slack_everywhere_falls_freely(workshop):
     """No cable is taut: the free particles fall like stones until one is."""
-    nodes = "id,x,y,z,fixed,mass,load_z\n0,0,0,0,1,0,0\n1,1,0,0,0,10,-98.1\n2,2,0,0,0,10,-98.1\n3,3,0,0,1,0,0\n"
-    f = workshop.run(workshop.job(BARE + "[dynamics]\nduration = 0.3\n" + QUICK.format(0.01, 10), nodes, "start,end,unstressed_length\n0,1,2\n1,2,2\n2,3,2\n"))
+    nodes = (
+        "id,x,y,z,fixed,mass,load_z\n0,0,0,0,1,0,0\n1,1,0,0,0,10,-98.1\n2,2,0,0,0,10,-98.1\n3,3,0,0,1,0,0\n"
+    )
+    f = workshop.run(
+        workshop.job(
+            BARE + "[dynamics]\nduration = 0.3\n" + QUICK.format(0.01, 10),
+            nodes,
+            "start,end,unstressed_length\n0,1,2\n1,2,2\n2,3,2\n",
+        )
+    )
     t, z = f["VTKHDF/Steps/Values"][:], positions(f, 1)[:, 2]
     fall = -0.5 * 98.1 / (10 + 4 * HALF) * t**2
     reached("slack everywhere: error of the fall [m]", "1e-9", np.abs(z - fall).max(), 1e-9)
@@ -188,10 +272,22 @@ def test_a_net_that_is_slack_everywhere_falls_freely(workshop):
 def test_snap_from_slack_at_high_speed(workshop):
     """A mass that has fallen 20 m into a cable, at 18 m/s: the largest tension by energy, k e^2 / 2 = F (h + e)."""
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,10,0,100,-981\n"
-    f = workshop.run(workshop.job(BARE + "[dynamics]\nduration = 2.6\n[output]\nhistory = 0.0002\nframes = 2\nprobes = [[0.0, 0.0]]\n", nodes, "start,end,unstressed_length\n1,2,10\n"))
+    f = workshop.run(
+        workshop.job(
+            BARE
+            + "[dynamics]\nduration = 2.6\n[output]\nhistory = 0.0002\nframes = 2\nprobes = [[0.0, 0.0]]\n",
+            nodes,
+            "start,end,unstressed_length\n1,2,10\n",
+        )
+    )
     k, F = EA / 10, 981.0
     e = (F + np.sqrt(F * F + 2 * k * F * 20.0)) / k
-    reached("slack to taut at 18 m/s: largest tension", "0.5 %", abs(f["history/probe_tension"][:].max() / (k * e) - 1), 0.005)
+    reached(
+        "slack to taut at 18 m/s: largest tension",
+        "0.5 %",
+        abs(f["history/probe_tension"][:].max() / (k * e) - 1),
+        0.005,
+    )
     reached("the same: work identity", "1e-10", audits(f)[0], 1e-10)
 
 
@@ -200,7 +296,11 @@ def test_an_element_pushed_through_zero_length(workshop, kind):
     """The free end is driven through the support: a cable is slack all the way, a bar pushes back with a bounded force; no audit breaks."""
     force = -50.0 if kind == "cable" else -3.0 * EA
     nodes = f"id,x,y,z,fixed,mass,load_x\n1,0,0,0,1,0,0\n2,1,0,0,0,10,{force!r}\n"
-    text = BARE.replace("modulus", f'kind = "{kind}"\nmodulus', 1) + f"[dynamics]\nduration = {1.0 if kind == 'cable' else 0.001}\n" + QUICK.format(1e-3 if kind == "cable" else 1e-6, 20)
+    text = (
+        BARE.replace("modulus", f'kind = "{kind}"\nmodulus', 1)
+        + f"[dynamics]\nduration = {1.0 if kind == 'cable' else 0.001}\n"
+        + QUICK.format(1e-3 if kind == "cable" else 1e-6, 20)
+    )
     f = workshop.run(workshop.job(text, nodes, "start,end\n1,2\n"))
     x = positions(f, 1)[:, 0]
     assert x.min() < -0.1 and np.isfinite(f["final/tension"][:]).all()
@@ -209,18 +309,25 @@ def test_an_element_pushed_through_zero_length(workshop, kind):
     reached(f"a {kind} through zero length: physical balance", "1 %", balance, 0.01)
 
 
-STORM = '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n' + STEEL + """yield_stress = 1.75e9
+STORM = (
+    '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n'
+    + STEEL
+    + """yield_stress = 1.75e9
 fracture_strain = 0.0404
 [form_finding]
 method = "force_density"
 [load]
 dead = 300.0
 """
+)
 
 
 def test_wind_of_150_metres_a_second(workshop):
     """The roof is torn off; both audits hold through it. No wind at all is refused as a speed: leave the section out."""
-    wind = "[wind]\nspeed = {}\nshape_coefficient = -1.5\n[dynamics]\nduration = 1.0\ndamping = 0.5\n" + QUICK.format(0.01, 5)
+    wind = (
+        "[wind]\nspeed = {}\nshape_coefficient = -1.5\n[dynamics]\nduration = 1.0\ndamping = 0.5\n"
+        + QUICK.format(0.01, 5)
+    )
     f = workshop.run(workshop.job(STORM + wind.format(150.0)))
     assert f["history/broken"][-1] > 10
     identity, balance = audits(f)
@@ -233,7 +340,13 @@ def test_wind_of_150_metres_a_second(workshop):
 def test_a_gust_from_nothing_within_a_step(workshop):
     """From calm to 120 m/s within a microsecond."""
     (workshop.folder / "gust.csv").write_text("time,speed\n0,0\n0.1,0\n0.100001,120\n2,120\n")
-    f = workshop.run(workshop.job(STORM.replace("[load]\ndead = 300.0\n", "") + '[wind]\nfile = "gust.csv"\nshape_coefficient = -1.5\n[dynamics]\nduration = 1.0\ndamping = 0.5\n' + QUICK.format(0.01, 5)))
+    f = workshop.run(
+        workshop.job(
+            STORM.replace("[load]\ndead = 300.0\n", "")
+            + '[wind]\nfile = "gust.csv"\nshape_coefficient = -1.5\n[dynamics]\nduration = 1.0\ndamping = 0.5\n'
+            + QUICK.format(0.01, 5)
+        )
+    )
     assert f["events/time"][0] > 0.1 and not f["history/kinetic_energy"][:9].max() > 1e-6
     identity, balance = audits(f)
     reached("gust from nothing to 120 m/s in 1e-6 s: work identity", "1e-9", identity, 1e-9)
@@ -244,27 +357,49 @@ def test_a_gust_from_nothing_within_a_step(workshop):
 def test_all_elements_break_in_the_same_step(workshop, ranks):
     """A star of twelve equal cables, its hub pulled up: all part in one step, the hub flies on alone."""
     angle = 2 * np.pi * np.arange(12) / 12
-    nodes = "id,x,y,z,fixed,mass,load_z\n0,0,0,0,0,100,200000\n" + "".join(f"{k + 1},{float(5 * np.cos(a))!r},{float(5 * np.sin(a))!r},-5,1,0,0\n" for k, a in enumerate(angle))
+    nodes = "id,x,y,z,fixed,mass,load_z\n0,0,0,0,0,100,200000\n" + "".join(
+        f"{k + 1},{float(5 * np.cos(a))!r},{float(5 * np.sin(a))!r},-5,1,0,0\n" for k, a in enumerate(angle)
+    )
     text = BARE + "fracture_strain = 2e-4\n[dynamics]\nduration = 0.2\n" + QUICK.format(0.001, 5)
-    f = workshop.run(workshop.job(text, nodes, "start,end\n" + "".join(f"0,{k + 1}\n" for k in range(12))), ranks=ranks)
+    f = workshop.run(
+        workshop.job(text, nodes, "start,end\n" + "".join(f"0,{k + 1}\n" for k in range(12))), ranks=ranks
+    )
     assert f["history/broken"][-1] == 12
     steps = f["events/step"][:]
-    reached(f"all twelve of a star break, {ranks} ranks: steps between the first and the last", "1", float(np.ptp(steps)), 1.0)
+    reached(
+        f"all twelve of a star break, {ranks} ranks: steps between the first and the last",
+        "1",
+        float(np.ptp(steps)),
+        1.0,
+    )
     reached("the same: work identity", "1e-10", audits(f)[0], 1e-10)
 
 
 def test_a_straight_cable_loaded_across(workshop):
     """No stiffness across at first: the equilibrium solves 2 N(d) d / L(d) = P."""
     nodes = "id,x,y,z,fixed,load_z\n0,0,0,0,1,0\n1,10,0,0,0,-1000\n2,20,0,0,1,0\n"
-    f = workshop.run(workshop.job(BARE + "[load]\nsteps = 4\ntolerance = 1e-9\n", nodes, "start,end\n0,1\n1,2\n"))
+    f = workshop.run(
+        workshop.job(BARE + "[load]\nsteps = 4\ntolerance = 1e-9\n", nodes, "start,end\n0,1\n1,2\n")
+    )
     balance = lambda d: 2 * EA * (np.hypot(10, d) / 10 - 1) * d / np.hypot(10, d) - 1000
-    reached("straight cable loaded across, at rest: error of the sag", "1e-8", abs(-f["statics/displacement"][-1, 1, 2] / brentq(balance, 1e-6, 5, xtol=1e-14) - 1), 1e-8)
+    reached(
+        "straight cable loaded across, at rest: error of the sag",
+        "1e-8",
+        abs(-f["statics/displacement"][-1, 1, 2] / brentq(balance, 1e-6, 5, xtol=1e-14) - 1),
+        1e-8,
+    )
 
 
 def test_a_mechanism_swings(workshop):
     """A hanging chain without prestress, let go sideways: a mechanism, whose energy stays."""
-    nodes = "id,x,y,z,fixed,mass,load_z\n" + "".join(f"{k},{2.0 * k},0,0,{int(k == 0)},50,-490.5\n" for k in range(4))
-    f = workshop.run(workshop.job(BARE + "[dynamics]\nduration = 3.0\n" + QUICK.format(0.01, 5), nodes, "start,end\n0,1\n1,2\n2,3\n"))
+    nodes = "id,x,y,z,fixed,mass,load_z\n" + "".join(
+        f"{k},{2.0 * k},0,0,{int(k == 0)},50,-490.5\n" for k in range(4)
+    )
+    f = workshop.run(
+        workshop.job(
+            BARE + "[dynamics]\nduration = 3.0\n" + QUICK.format(0.01, 5), nodes, "start,end\n0,1\n1,2\n2,3\n"
+        )
+    )
     identity, balance = audits(f)
     reached("a mechanism, a chain let go sideways: physical balance", "1e-3", balance, 1e-3)
 
@@ -274,8 +409,17 @@ def test_a_chain_of_100000_elements(workshop):
     m = 100_000
     nodes, elements = chain([1.0] * m, [1.95e11] * m, [0.0] * (m + 1), 1e5)
     c = np.sqrt(E / 7850.0)
-    f = workshop.run(workshop.job(BARE + f"[dynamics]\nduration = {float(200 / c)!r}\n" + QUICK.format(float(100 / c), 1), nodes, elements), ranks=2)
+    f = workshop.run(
+        workshop.job(
+            BARE + f"[dynamics]\nduration = {float(200 / c)!r}\n" + QUICK.format(float(100 / c), 1),
+            nodes,
+            elements,
+        ),
+        ranks=2,
+    )
     u = (f["final/position"][:] - f["net/particles"][:])[:, 0]
     moved = np.flatnonzero(u > 1e-3 * u.max())
-    reached("a chain of 1e5 elements: reach of the wave against c t", "3 %", abs((m - moved[0]) / 200 - 1), 0.03)
+    reached(
+        "a chain of 1e5 elements: reach of the wave against c t", "3 %", abs((m - moved[0]) / 200 - 1), 0.03
+    )
     reached("the same: end displacement against P c t / EA", "1 %", abs(u[-1] / (1e5 * 200 / EA) - 1), 0.01)

@@ -8,7 +8,11 @@ from conftest import STEEL
 @pytest.mark.parametrize("start", ["given", "force_density"])
 def test_start_does_not_matter_at_constant_tension(workshop, start):
     """The same form from the flat start and from the force-density one."""
-    f = workshop.run(workshop.job(f'[net]\ngenerator = "saddle"\n{STEEL}[form_finding]\nmodulus_factor = 0\ntolerance = 1e-10\nstart = "{start}"\n'))
+    f = workshop.run(
+        workshop.job(
+            f'[net]\ngenerator = "saddle"\n{STEEL}[form_finding]\nmodulus_factor = 0\ntolerance = 1e-10\nstart = "{start}"\n'
+        )
+    )
     x = f["form_finding/position"][:]
     row = np.flatnonzero((np.abs(x[:, 0]) < 1e-6) & (x[:, 1] > 26) & (x[:, 1] < 30))
     assert abs(x[row[0], 1] - 26.92) < 0.005  # the particle nearest the edge slides from y = 27.45 (theory)
@@ -16,11 +20,20 @@ def test_start_does_not_matter_at_constant_tension(workshop, start):
 
 def test_unstressed_lengths_in_closed_form(workshop):
     """L0 = L / (1 + N / EA), and L exp(-N / EA) for the logarithmic strain."""
-    for strain, law in (("engineering", lambda L, e: L / (1 + e)), ("logarithmic", lambda L, e: L * np.exp(-e))):
-        f = workshop.run(workshop.job(f'[net]\ngenerator = "saddle"\ncells = 4\n{STEEL}strain = "{strain}"\n[form_finding]\nmodulus_factor = 0\n'))
+    for strain, law in (
+        ("engineering", lambda L, e: L / (1 + e)),
+        ("logarithmic", lambda L, e: L * np.exp(-e)),
+    ):
+        f = workshop.run(
+            workshop.job(
+                f'[net]\ngenerator = "saddle"\ncells = 4\n{STEEL}strain = "{strain}"\n[form_finding]\nmodulus_factor = 0\n'
+            )
+        )
         x, elements = f["form_finding/position"][:], f["net/elements"][:]
         L = np.linalg.norm(x[elements[:, 1]] - x[elements[:, 0]], axis=1)
-        assert np.allclose(f["form_finding/unstressed_length"][:], law(L, 100e3 / (1.95e11 * 683.08e-6)), rtol=1e-14)
+        assert np.allclose(
+            f["form_finding/unstressed_length"][:], law(L, 100e3 / (1.95e11 * 683.08e-6)), rtol=1e-14
+        )
 
 
 def test_iterations_that_run_out_end_the_run(workshop):

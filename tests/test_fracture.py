@@ -9,16 +9,25 @@ DYNAMICS = "[dynamics]\nduration = {}\n[output]\nhistory = 0.001\nframes = {}\n"
 
 
 def events(f):
-    return [tuple(f[f"events/{name}"][k] for name in ("step", "element", "particle", "new_particle")) for k in range(len(f["events/step"]))]
+    return [
+        tuple(f[f"events/{name}"][k] for name in ("step", "element", "particle", "new_particle"))
+        for k in range(len(f["events/step"]))
+    ]
 
 
 @pytest.mark.parametrize("weakest", [0, 3, 7])
 def test_chain_breaks_at_its_weakest_element(workshop, weakest):
     """A chain pulled at its end breaks where its area is least."""
     n = 8
-    nodes = "id,x,y,z,fixed,load_x\n" + "".join(f"{k},{k},0,0,{int(k == 0)},{150000 if k == n else 0}\n" for k in range(n + 1))
-    elements = "start,end,area\n" + "".join(f"{k},{k + 1},{4e-4 if k == weakest else 8e-4}\n" for k in range(n))
-    f = workshop.run(workshop.job(BRITTLE.replace("1e-3", "2e-3") + DYNAMICS.format(0.05, 10), nodes, elements))
+    nodes = "id,x,y,z,fixed,load_x\n" + "".join(
+        f"{k},{k},0,0,{int(k == 0)},{150000 if k == n else 0}\n" for k in range(n + 1)
+    )
+    elements = "start,end,area\n" + "".join(
+        f"{k},{k + 1},{4e-4 if k == weakest else 8e-4}\n" for k in range(n)
+    )
+    f = workshop.run(
+        workshop.job(BRITTLE.replace("1e-3", "2e-3") + DYNAMICS.format(0.05, 10), nodes, elements)
+    )
     assert events(f)[0][1] == weakest
 
 
@@ -41,7 +50,10 @@ def test_what_a_loose_end_carries_falls_off(workshop, ranks):
     assert abs(np.ptp(f["final/velocity"][:2, 0]) / (2 * acceleration * 0.05) - 1) < 0.2
 
 
-PULLED = '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n' + STEEL + """yield_stress = 1.75e9
+PULLED = (
+    '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n'
+    + STEEL
+    + """yield_stress = 1.75e9
 fracture_strain = 0.0404
 [form_finding]
 modulus_factor = 0
@@ -52,6 +64,7 @@ duration = {}
 [output]
 frames = 10
 """
+)
 
 
 def test_mass_and_energy_through_a_collapse(workshop):
@@ -76,21 +89,49 @@ def test_refused_step_names_the_fragments(workshop):
 def test_elements_taken_out_balance_and_leave_the_mass(both_ways, strain):
     """Without fragments: no particle comes, what was stored in the broken elements counts as dissipated, both audits hold; the step is that of the intact net."""
     text = PULLED.format(0.6).replace("fracture_strain", f'strain = "{strain}"\nfracture_strain')
-    f = both_ways.run(both_ways.job(text), "--set", "dynamics.fragments=false", "--set", "dynamics.safety=0.1")
-    assert f["history/broken"][-1] > 10 and (f["events/new_particle"][:] == -1).all() and not f["events/mass"][:].any()
-    assert len(f["final/position"]) == len(f["net/particles"]) and "limit_after_fracture" not in f["provenance"].attrs
+    f = both_ways.run(
+        both_ways.job(text), "--set", "dynamics.fragments=false", "--set", "dynamics.safety=0.1"
+    )
+    assert (
+        f["history/broken"][-1] > 10
+        and (f["events/new_particle"][:] == -1).all()
+        and not f["events/mass"][:].any()
+    )
+    assert (
+        len(f["final/position"]) == len(f["net/particles"])
+        and "limit_after_fracture" not in f["provenance"].attrs
+    )
     assert np.abs(f["history/identity_error"][:]).max() < 1e-10
     assert np.abs(f["history/balance_error"][:]).max() < 1e-3
     broken = np.unique(f["events/element"][:])
-    last = f["VTKHDF/Connectivity"][:][-2 * len(f["net/elements"]):].reshape(-1, 2)
-    assert np.array_equal(np.flatnonzero(last[:, 0] == last[:, 1]), broken) and f["VTKHDF/CellData/strain"][-len(last):].max() < 0.0405  # drawn as points
-    assert not f["final/tension"][:][broken].any() and f["VTKHDF/CellData/broken"][-len(f["net/elements"]):].sum() == len(broken)
+    last = f["VTKHDF/Connectivity"][:][-2 * len(f["net/elements"]) :].reshape(-1, 2)
+    assert (
+        np.array_equal(np.flatnonzero(last[:, 0] == last[:, 1]), broken)
+        and f["VTKHDF/CellData/strain"][-len(last) :].max() < 0.0405
+    )  # drawn as points
+    assert not f["final/tension"][:][broken].any() and f["VTKHDF/CellData/broken"][
+        -len(f["net/elements"]) :
+    ].sum() == len(broken)
 
 
 def test_an_elastic_element_taken_out_balances(workshop):
     """Where nothing flows, too: a chain that is pulled apart."""
-    nodes = "id,x,y,z,fixed,mass,load_x\n" + "".join(f"{k},{k},0,0,{int(k == 0)},50,{150000 if k == 8 else 0}\n" for k in range(9))
-    f = workshop.run(workshop.job(BRITTLE + DYNAMICS.format(0.05, 10), nodes, "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(8))), "--set", "dynamics.fragments=false",
-                     "--set", "dynamics.safety=0.05")
+    nodes = "id,x,y,z,fixed,mass,load_x\n" + "".join(
+        f"{k},{k},0,0,{int(k == 0)},50,{150000 if k == 8 else 0}\n" for k in range(9)
+    )
+    f = workshop.run(
+        workshop.job(
+            BRITTLE + DYNAMICS.format(0.05, 10),
+            nodes,
+            "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(8)),
+        ),
+        "--set",
+        "dynamics.fragments=false",
+        "--set",
+        "dynamics.safety=0.05",
+    )
     assert f["history/broken"][-1] >= 1 and f["history/plastic_dissipation"][-1] > 0.0
-    assert np.abs(f["history/identity_error"][:]).max() < 1e-10 and np.abs(f["history/balance_error"][:]).max() < 1e-3
+    assert (
+        np.abs(f["history/identity_error"][:]).max() < 1e-10
+        and np.abs(f["history/balance_error"][:]).max() < 1e-3
+    )

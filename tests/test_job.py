@@ -105,12 +105,16 @@ def test_every_key_accepts_its_default(workshop):
 def test_the_contracts_own_message(workshop):
     """The sample line of the documentation, to the letter."""
     path = workshop.job(WHOLE)
-    assert errors_of(path, ["wind.speed=fast"]) == [f'{path}: [wind] speed = "fast": expected a number of m/s > 0']
+    assert errors_of(path, ["wind.speed=fast"]) == [
+        f'{path}: [wind] speed = "fast": expected a number of m/s > 0'
+    ]
 
 
 def test_unknown_key_and_section_name_the_nearest(workshop):
     """A slip of the pen is answered with the word that was meant."""
-    path = workshop.job(WHOLE.replace("duration = 0.1", "duration = 0.1\ndampin = 0.5") + "[winds]\nspeed = 3.0\n")
+    path = workshop.job(
+        WHOLE.replace("duration = 0.1", "duration = 0.1\ndampin = 0.5") + "[winds]\nspeed = 3.0\n"
+    )
     lines = errors_of(path, [])
     assert f'{path}: [dynamics] dampin: unknown key; did you mean "damping"?' in lines
     assert f'{path}: [winds]: unknown section; did you mean "wind"?' in lines
@@ -122,7 +126,17 @@ def test_all_errors_come_at_once(workshop):
     assert len(errors_of(path, ["wind.speed=-1", "cable.area=0", "dynamics.duration=inf"])) == 3
 
 
-@pytest.mark.parametrize("content", [b"", b"[net\n", b"\x00\x01\x02\xff\xfe", b"a = [[[[", b'title = "\xff"', b"[net]\ngenerator = 'saddle'\n[net]\n"])
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"[net\n",
+        b"\x00\x01\x02\xff\xfe",
+        b"a = [[[[",
+        b'title = "\xff"',
+        b"[net]\ngenerator = 'saddle'\n[net]\n",
+    ],
+)
 def test_damaged_job_file_is_refused(workshop, content):
     """Empty, truncated, binary and doubled files give lines, not tracebacks."""
     path = workshop.folder / "broken.toml"
@@ -152,7 +166,7 @@ BAD_TABLES = {
     "infinite": (NODES.replace("2,1,0", "2,1e999,0"), ELEMENTS, "x = '1e999'"),
     "empty cell": (NODES.replace("2,1,0", "2,,0"), ELEMENTS, "x is empty"),
     "missing column": (NODES.replace("id,x,y,z", "id,x,y,h"), ELEMENTS, "column z is missing"),
-    "unknown column": (NODES.replace("fixed", "fixd"), ELEMENTS, "unknown column; did you mean \"fixed\"?"),
+    "unknown column": (NODES.replace("fixed", "fixd"), ELEMENTS, 'unknown column; did you mean "fixed"?'),
     "short row": (NODES + "4,1\n", ELEMENTS, "2 values, but the header has 5 columns"),
     "fixed is 2": (NODES.replace("1,0,0,0,1", "1,0,0,0,2"), ELEMENTS, "expected 0 or 1"),
     "no length": (NODES.replace("2,1,0", "2,0,0"), ELEMENTS, "has no length"),
@@ -160,7 +174,11 @@ BAD_TABLES = {
     "no rows": ("id,x,y,z\n", ELEMENTS, "no rows below the header"),
     "empty file": ("\n", ELEMENTS, "empty; expected a header"),
     "id not an integer": (NODES.replace("\n2,", "\n2.5,"), ELEMENTS, "expected an integer"),
-    "negative area": (NODES, "start,end,area\n1,2,-1\n2,3,1\n", "area = '-1': expected a number of m2 >= 1e-12"),
+    "negative area": (
+        NODES,
+        "start,end,area\n1,2,-1\n2,3,1\n",
+        "area = '-1': expected a number of m2 >= 1e-12",
+    ),
     "cable pushed": (NODES, "start,end,prestress\n1,2,-5\n2,3,-5\n", "a cable carries no compression"),
     "no support": (NODES.replace(",1\n", ",0\n"), ELEMENTS, "has no support"),
     "part without support": (NODES + "4,5,5,0,0\n5,6,5,0,0\n", ELEMENTS + "4,5\n", "has no support"),
@@ -180,11 +198,19 @@ def test_malformed_table_is_refused_with_its_line(workshop, name):
     assert any(message in line for line in raised.value.lines), raised.value.lines
 
 
-@pytest.mark.parametrize("overrides, message", [
-    (["net.cells=20000", "net.subdivide=10000"], "at most"), (["net.generator=stadium", "net.spacing=1e-5"], "spacing"),
-    (["net.generator=stadium", "net.spacing=60"], "too wide"), (["cable.q.area=1"], "no element is of this group"),
-    (["cable.prestress=2e6", "cable.yield_stress=1e6"], "yield force"), (["net.nodes=n.csv"], "exclude each other"),
-    (["wind.file=speed.csv"], "exclude each other"), (["net.spacing=2.0"], "only for generator")])
+@pytest.mark.parametrize(
+    "overrides, message",
+    [
+        (["net.cells=20000", "net.subdivide=10000"], "at most"),
+        (["net.generator=stadium", "net.spacing=1e-5"], "spacing"),
+        (["net.generator=stadium", "net.spacing=60"], "too wide"),
+        (["cable.q.area=1"], "no element is of this group"),
+        (["cable.prestress=2e6", "cable.yield_stress=1e6"], "yield force"),
+        (["net.nodes=n.csv"], "exclude each other"),
+        (["wind.file=speed.csv"], "exclude each other"),
+        (["net.spacing=2.0"], "only for generator"),
+    ],
+)
 def test_impossible_combinations_are_refused(workshop, overrides, message):
     """Values that are fine alone but not together, and sizes that no machine holds."""
     from netfall.net.build import build_net
@@ -196,9 +222,15 @@ def test_impossible_combinations_are_refused(workshop, overrides, message):
 
 
 @pytest.mark.parametrize("ranks", [1, 2])
-@pytest.mark.parametrize("override, message", [
-    ("wind.speed=fast", "expected a number of m/s"), ("cable.q.area=1.0", "no element is of this group"),
-    ("dynamics.time_step=1.0", "above the stable step"), ("net.side=-1", "[net] side")])
+@pytest.mark.parametrize(
+    "override, message",
+    [
+        ("wind.speed=fast", "expected a number of m/s"),
+        ("cable.q.area=1.0", "no element is of this group"),
+        ("dynamics.time_step=1.0", "above the stable step"),
+        ("net.side=-1", "[net] side"),
+    ],
+)
 def test_command_line_answers_wrong_input(workshop, ranks, override, message):
     """Exit code 2 on every rank, one line on standard error, no file left, no traceback; read before and after the net is built."""
     job = workshop.job(WHOLE)
@@ -230,7 +262,17 @@ def test_readme_lists_every_key_with_its_default():
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_malformed_inputs_made_from_the_schema_are_refused(ranks):
     """400 jobs and tables by hypothesis (bad_inputs.py): exit code 2 on each rank, a line for each error on one, no file left."""
-    command = [str(BIN / "mpirun"), "-n", str(ranks), sys.executable, str(ROOT / "tests" / "bad_inputs.py"), "--cases", "400"]
-    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=300, stdin=subprocess.DEVNULL)
+    command = [
+        str(BIN / "mpirun"),
+        "-n",
+        str(ranks),
+        sys.executable,
+        str(ROOT / "tests" / "bad_inputs.py"),
+        "--cases",
+        "400",
+    ]
+    done = subprocess.run(
+        command, env=ENVIRONMENT, capture_output=True, text=True, timeout=300, stdin=subprocess.DEVNULL
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.splitlines()[-1] == f"400 malformed inputs on {ranks} ranks, 0 answered wrong"

@@ -22,7 +22,9 @@ def random_state(scene: Scene, seed: int, n: int = CHUNK + 7) -> State:
     """Particles near a line, each tied to a few others, one to thirteen."""
     rng = np.random.default_rng(seed)
     hub = np.column_stack([np.zeros(13, np.int64), np.arange(20, 33)])
-    elements = np.concatenate([np.sort(np.column_stack([np.repeat(np.arange(n), 2), rng.integers(0, n, 2 * n)]), axis=1), hub])
+    elements = np.concatenate(
+        [np.sort(np.column_stack([np.repeat(np.arange(n), 2), rng.integers(0, n, 2 * n)]), axis=1), hub]
+    )
     elements = np.unique(elements[elements[:, 0] != elements[:, 1]], axis=0)
     return make_state(scene, n, elements, 50.0 * rng.normal(size=(n, 3)) * (1.0, 0.1, 0.02), seed)
 
@@ -30,7 +32,7 @@ def random_state(scene: Scene, seed: int, n: int = CHUNK + 7) -> State:
 def make_state(scene: Scene, n: int, elements: np.ndarray, x: np.ndarray, seed: int) -> State:
     """Elements of all kinds: some taut, some slack, some yielding, one without length."""
     rng = np.random.default_rng(seed)
-    piece, = cut_net(n, elements, np.zeros(n, np.int32), 1)
+    (piece,) = cut_net(n, elements, np.zeros(n, np.int32), 1)
     state = State(scene, n, 0, len(elements), int(np.bincount(elements.ravel()).max()))
     state.ends[:], state.owned[:], state.free[:], state.mass[:] = piece.ends, 1, 1, 1.0
     state.x[:] = x
@@ -57,23 +59,69 @@ def forces_of(state: State, in_runs: bool = True) -> tuple[np.ndarray, np.ndarra
     plan, s, lanes = Plan(state, NoHalo()), state, state.scene.lanes
     runs = plan.runs
     spans = runs.spans.max(0)
-    covered = [*(np.arange(*row[:2]) for row in runs.whole[:spans[1]]), *(np.arange(*row[2:4]) for row in runs.parts[:spans[3]]),
-               *(runs.rest[first:last] for first, last in runs.spans[:, 4:6])]
+    covered = [
+        *(np.arange(*row[:2]) for row in runs.whole[: spans[1]]),
+        *(np.arange(*row[2:4]) for row in runs.parts[: spans[3]]),
+        *(runs.rest[first:last] for first, last in runs.spans[:, 4:6]),
+    ]
     assert np.array_equal(np.sort(np.concatenate(covered)), np.arange(s.n_owned))
     if not in_runs:  # each particle by itself
         count = plan.high - plan.low
         places = np.concatenate([[0], np.cumsum((count + lanes - 1) // lanes * lanes)])
-        rest = np.concatenate([np.append(np.arange(low, high), np.full(-(high - low) % lanes, low)) for low, high in zip(plan.low, plan.high)])
+        rest = np.concatenate(
+            [
+                np.append(np.arange(low, high), np.full(-(high - low) % lanes, low))
+                for low, high in zip(plan.low, plan.high)
+            ]
+        )
         nothing, chunk = 0 * count, np.arange(len(count))
-        runs = Runs(lanes, np.column_stack([nothing, nothing, nothing, nothing, places[:-1], places[:-1] + count, chunk, chunk + 1]), runs.whole, runs.parts,
-                    rest.astype(np.uint32), np.column_stack([plan.low, plan.high]))
+        runs = Runs(
+            lanes,
+            np.column_stack(
+                [nothing, nothing, nothing, nothing, places[:-1], places[:-1] + count, chunk, chunk + 1]
+            ),
+            runs.whole,
+            runs.parts,
+            rest.astype(np.uint32),
+            np.column_stack([plan.low, plan.high]),
+        )
     found, near = np.zeros_like(s.x), np.zeros(s.n_owned, bool)
     none = (None, None, None)
     for c, (low, high) in enumerate(zip(plan.low, plan.high)):
-        kick_rows(c, low, plan.width[c], runs, plan.f_rest, plan.near_rest, 0.0, 0.0, 0.0,
-                  tuple((s.u_rounded if s.scene.mixed else s.u if s.scene.displaced else s.x).T), tuple(s.v.T), plan.f_chunk, plan.near_of if s.scene.inelastic else None, s.per_mass, none, s.mass, none, *none, none, None, None,
-                  s.other, s.start, s.inv_L0, s.EA.max(), s.slot_EA, s.scene.logarithmic or None, s.slot_bar,
-                  s.yield_force.max() if s.scene.plastic else None, s.slot_yield, s.slot_eps_p, s.reach)
+        kick_rows(
+            c,
+            low,
+            plan.width[c],
+            runs,
+            plan.f_rest,
+            plan.near_rest,
+            0.0,
+            0.0,
+            0.0,
+            tuple((s.u_rounded if s.scene.mixed else s.u if s.scene.displaced else s.x).T),
+            tuple(s.v.T),
+            plan.f_chunk,
+            plan.near_of if s.scene.inelastic else None,
+            s.per_mass,
+            none,
+            s.mass,
+            none,
+            *none,
+            none,
+            None,
+            None,
+            s.other,
+            s.start,
+            s.inv_L0,
+            s.EA.max(),
+            s.slot_EA,
+            s.scene.logarithmic or None,
+            s.slot_bar,
+            s.yield_force.max() if s.scene.plastic else None,
+            s.slot_yield,
+            s.slot_eps_p,
+            s.reach,
+        )
         found[low:high] = np.column_stack(plan.f_chunk)[: high - low]
         if s.scene.inelastic:
             near[low:high] = plan.near_of[: high - low]
@@ -84,21 +132,43 @@ def forces_of(state: State, in_runs: bool = True) -> tuple[np.ndarray, np.ndarra
 def lattice(side: int) -> np.ndarray:
     """Elements (m, 2) of a square lattice, in ascending order."""
     number = np.arange(side * side).reshape(side, side)
-    along, across = np.column_stack([number[:, :-1].ravel(), number[:, 1:].ravel()]), np.column_stack([number[:-1].ravel(), number[1:].ravel()])
+    along, across = (
+        np.column_stack([number[:, :-1].ravel(), number[:, 1:].ravel()]),
+        np.column_stack([number[:-1].ravel(), number[1:].ravel()]),
+    )
     elements = np.concatenate([along, across])
     return elements[np.lexsort((elements[:, 1], elements[:, 0]))]
 
 
 SCENES = list(itertools.product([False, True], repeat=5))
-PRECISIONS = {"double": 1e-12, "mixed": 2e-6, "single": 2e-6}  # of the largest force; there are thirteen terms at the hub
-SOME = [scene for scene in SCENES if sum(scene) in (0, 5) or scene in ((False, True, False, True, False), (True, False, True, False, False))]
-IN_PRECISIONS = [(*scene, "double") for scene in SCENES] + [(*scene, precision) for scene in SOME for precision in ("mixed", "single")]
+PRECISIONS = {
+    "double": 1e-12,
+    "mixed": 2e-6,
+    "single": 2e-6,
+}  # of the largest force; there are thirteen terms at the hub
+SOME = [
+    scene
+    for scene in SCENES
+    if sum(scene) in (0, 5) or scene in ((False, True, False, True, False), (True, False, True, False, False))
+]
+IN_PRECISIONS = [(*scene, "double") for scene in SCENES] + [
+    (*scene, precision) for scene in SOME for precision in ("mixed", "single")
+]
 
 
 @pytest.mark.parametrize("plastic, fracture, logarithmic, bars, sections, precision", IN_PRECISIONS)
-def test_vector_kernel_gives_the_forces_of_the_element_law(plastic, fracture, logarithmic, bars, sections, precision):
+def test_vector_kernel_gives_the_forces_of_the_element_law(
+    plastic, fracture, logarithmic, bars, sections, precision
+):
     """To rounding; and it points at every particle with an element past yield or fracture."""
-    scene = Scene(plastic=plastic, fracture=fracture, logarithmic=logarithmic, bars=bars, sections=sections, precision=precision)
+    scene = Scene(
+        plastic=plastic,
+        fracture=fracture,
+        logarithmic=logarithmic,
+        bars=bars,
+        sections=sections,
+        precision=precision,
+    )
     state = random_state(scene, 1)
     N, eps, eps_p, L = state.elements_now()
     expected = np.zeros_like(state.x)
@@ -117,8 +187,21 @@ def test_vector_kernel_gives_the_forces_of_the_element_law(plastic, fracture, lo
 @pytest.mark.parametrize("plastic, fracture, logarithmic, bars, sections, precision", IN_PRECISIONS)
 def test_runs_give_the_bits_of_the_general_loop(plastic, fracture, logarithmic, bars, sections, precision):
     """On a grid of 40 x 40, whose rows are runs: the same forces and the same particles pointed at."""
-    scene = Scene(plastic=plastic, fracture=fracture, logarithmic=logarithmic, bars=bars, sections=sections, precision=precision)
-    state = make_state(scene, 1600, lattice(40), np.column_stack([np.arange(1600) % 40, np.arange(1600) // 40, np.zeros(1600)]), 2)
+    scene = Scene(
+        plastic=plastic,
+        fracture=fracture,
+        logarithmic=logarithmic,
+        bars=bars,
+        sections=sections,
+        precision=precision,
+    )
+    state = make_state(
+        scene,
+        1600,
+        lattice(40),
+        np.column_stack([np.arange(1600) % 40, np.arange(1600) // 40, np.zeros(1600)]),
+        2,
+    )
     whole = Plan(state, NoHalo()).runs.whole
     assert (whole[:, 1] - whole[:, 0]).sum() > 1300
     outcomes = [[values.tobytes() for values in forces_of(state, in_runs)] for in_runs in (True, False)]
@@ -146,7 +229,7 @@ def test_a_net_numbered_at_random_is_stepped_in_layers():
     elements = lattice(40)
     shuffled = np.random.default_rng(5).permutation(1600)[elements]
     for given, in_order in ((elements, True), (shuffled, False)):
-        piece, = cut_net(1600, given, np.zeros(1600, np.int32), 1)
+        (piece,) = cut_net(1600, given, np.zeros(1600, np.int32), 1)
         assert np.array_equal(piece.particle_gid, np.arange(1600)) == in_order
         rows = piece.ends.astype(np.int64)
         assert np.abs(rows[:, 0] - rows[:, 1]).mean() < 60
@@ -181,4 +264,6 @@ def test_a_cut_leaves_the_rows_of_a_lattice_whole():
         halo = NoHalo()
         halo.send_index = piece.send_index
         runs = Plan(state, halo).runs
-        assert (runs.whole[:, 1] - runs.whole[:, 0]).max() > 4 * side and (runs.spans[:, 5] - runs.spans[:, 4]).sum() < 0.02 * piece.n_owned
+        assert (runs.whole[:, 1] - runs.whole[:, 0]).max() > 4 * side and (
+            runs.spans[:, 5] - runs.spans[:, 4]
+        ).sum() < 0.02 * piece.n_owned

@@ -59,4 +59,6 @@ def test_logarithmic_strain_is_the_sum_of_increments():
     lengths = np.linspace(1.0, 1.04, 100_001)
     summed = np.sum(np.diff(lengths) / (0.5 * (lengths[1:] + lengths[:-1])))
     assert math.isclose(strain(1.04, 1.0, True), summed, rel_tol=1e-9)
-    assert math.isclose(1 - strain(1.04, 1.0, True) / strain(1.04, 1.0, False), 0.02, rel_tol=0.05)  # 2 % less at 4 %
+    assert math.isclose(
+        1 - strain(1.04, 1.0, True) / strain(1.04, 1.0, False), 0.02, rel_tol=0.05
+    )  # 2 % less at 4 %

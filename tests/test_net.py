@@ -26,7 +26,9 @@ def test_stadium_supports_lie_on_arch_and_ellipse(spacing):
     x, y, z = net.x[held].T
     on_arch, on_edge = y == 0, np.abs((x / 44) ** 2 + (y / 33) ** 2 - 1) < 1e-3
     assert (on_arch | on_edge).all()
-    assert np.allclose(z[on_arch], 10 * (1 - (x[on_arch] / 44) ** 2)) and np.allclose(z[on_edge & ~on_arch], 0)
+    assert np.allclose(z[on_arch], 10 * (1 - (x[on_arch] / 44) ** 2)) and np.allclose(
+        z[on_edge & ~on_arch], 0
+    )
     assert (np.bincount(net.elements.ravel(), minlength=net.n)[~held] == 4).all()
 
 
@@ -45,10 +47,12 @@ def test_tributary_areas_cover_the_roof():
     net = generators.saddle(80.0, 4.0, 8)
     area = tributary_areas(net, find_faces(net))
     assert np.allclose(area[~net.fixed.all(1)], 100.0)
-    assert np.isclose(area.sum(), 6400.0 - 4 * 25.0)  # the corners' quarters go straight to the rigid boundary
+    assert np.isclose(
+        area.sum(), 6400.0 - 4 * 25.0
+    )  # the corners' quarters go straight to the rigid boundary
     fine = subdivide(net, 3)
     fine_area = tributary_areas(fine, find_faces(fine))
-    assert np.isclose(fine_area.sum(), area.sum()) and (fine_area[net.n:] > 0).all()
+    assert np.isclose(fine_area.sum(), area.sum()) and (fine_area[net.n :] > 0).all()
 
 
 def test_stadium_area_is_half_an_ellipse():
@@ -81,7 +85,10 @@ TABLE_SADDLE = STEEL + "[load]\ndead = 100.0\n"
 
 def tables_of(net, closed):
     """nodes.csv and elements.csv of a net; `closed` adds elements between the supports along the outline."""
-    nodes = "id,x,y,z,fixed\n" + "".join(f"{p + 10},{x!r},{y!r},{z!r},{int(f)}\n" for p, ((x, y, z), f) in enumerate(zip(net.x.tolist(), net.fixed[:, 0])))
+    nodes = "id,x,y,z,fixed\n" + "".join(
+        f"{p + 10},{x!r},{y!r},{z!r},{int(f)}\n"
+        for p, ((x, y, z), f) in enumerate(zip(net.x.tolist(), net.fixed[:, 0]))
+    )
     outline = [pair for pair in net.outline if (pair < net.n).all()] if closed else []
     return nodes, "start,end\n" + "".join(f"{a + 10},{b + 10}\n" for a, b in [*net.elements, *outline])
 
@@ -109,6 +116,8 @@ def test_parts_of_a_net_are_scipys(seed):
     elements = rng.integers(0, n, (int(rng.integers(0, 2 * n)), 2))
     label = np.empty(n, np.int64)
     label_parts(elements, label)
-    parts, expected = connected_components(coo_array((np.ones(len(elements)), tuple(elements.T)), shape=(n, n)), directed=False)
+    parts, expected = connected_components(
+        coo_array((np.ones(len(elements)), tuple(elements.T)), shape=(n, n)), directed=False
+    )
     lowest = np.array([np.flatnonzero(expected == part)[0] for part in range(parts)])
     assert np.array_equal(label, lowest[expected])

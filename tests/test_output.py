@@ -52,26 +52,65 @@ def test_file_has_what_the_contract_names(storm):
     n, m, steps = len(f["net/particles"]), len(f["net/elements"]), 3
     rows, events, ends = len(f["history/time"]), len(f["events/time"]), len(f["final/position"])
     shapes = {
-        "form_finding/position": (n, 3), "form_finding/tension": (m,), "form_finding/unstressed_length": (m,), "form_finding/iterations": (),
-        "form_finding/residual": (), "statics/load_factor": (steps,), "statics/displacement": (steps, n, 3), "statics/residual": (steps,),
-        "statics/tension": (steps, m), "history/probe_displacement": (rows, 1, 3), "final/position": (ends, 3), "final/velocity": (ends, 3),
-        "final/tension": (m,), "final/plastic_strain": (m,), "final/particle_id": (ends,), "final/element_id": (m,),
-        "net/fixed": (n, 3), "net/group": (m,), "net/tributary_area": (n,), "wind/control_point": (f["wind/mean_speed"].shape[0], 3),
-        "wind/speed": (len(f["wind/time"]), len(f["wind/mean_speed"]))}
-    shapes |= {f"history/{name}": (rows,) for name in ("time", "time_step", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work",
-                                                       "external_work", "identity_error", "balance_error", "slack", "broken")}
-    shapes |= {f"events/{name}": (events,) for name in ("time", "step", "element", "particle", "new_particle", "strain")}
+        "form_finding/position": (n, 3),
+        "form_finding/tension": (m,),
+        "form_finding/unstressed_length": (m,),
+        "form_finding/iterations": (),
+        "form_finding/residual": (),
+        "statics/load_factor": (steps,),
+        "statics/displacement": (steps, n, 3),
+        "statics/residual": (steps,),
+        "statics/tension": (steps, m),
+        "history/probe_displacement": (rows, 1, 3),
+        "final/position": (ends, 3),
+        "final/velocity": (ends, 3),
+        "final/tension": (m,),
+        "final/plastic_strain": (m,),
+        "final/particle_id": (ends,),
+        "final/element_id": (m,),
+        "net/fixed": (n, 3),
+        "net/group": (m,),
+        "net/tributary_area": (n,),
+        "wind/control_point": (f["wind/mean_speed"].shape[0], 3),
+        "wind/speed": (len(f["wind/time"]), len(f["wind/mean_speed"])),
+    }
+    shapes |= {
+        f"history/{name}": (rows,)
+        for name in (
+            "time",
+            "time_step",
+            "kinetic_energy",
+            "strain_energy",
+            "plastic_dissipation",
+            "damping_work",
+            "external_work",
+            "identity_error",
+            "balance_error",
+            "slack",
+            "broken",
+        )
+    }
+    shapes |= {
+        f"events/{name}": (events,)
+        for name in ("time", "step", "element", "particle", "new_particle", "strain")
+    }
     assert {name: f[name].shape for name in shapes} == shapes
     assert events > 3 and ends == n + (f["events/new_particle"][:] >= 0).sum()
     p = f["provenance"]
-    assert p["job"].asstr()[()] == STORM and p.attrs["exit_state"] == "finished" and p.attrs["limit_after_fracture"] > p.attrs["time_step"]
+    assert (
+        p["job"].asstr()[()] == STORM
+        and p.attrs["exit_state"] == "finished"
+        and p.attrs["limit_after_fracture"] > p.attrs["time_step"]
+    )
     assert f["final/position"].dtype == np.float64
 
 
 def test_frames_and_history_are_where_they_were_asked(storm):
     """frames + the initial state, evenly over the duration; history rows every 4 ms, the last at the end."""
     t = storm["VTKHDF/Steps/Values"][:]
-    assert len(t) == 17 and np.allclose(t, np.linspace(0, 0.8, 17), atol=storm["provenance"].attrs["time_step"])
+    assert len(t) == 17 and np.allclose(
+        t, np.linspace(0, 0.8, 17), atol=storm["provenance"].attrs["time_step"]
+    )
     assert np.allclose(storm["history/time"][:], np.arange(201) * 0.004, atol=1e-9)
 
 
@@ -90,8 +129,11 @@ def vtk_steps(path):
         if grid.IsA("vtkPartitionedDataSet"):
             assert grid.GetNumberOfPartitions() == 1
             grid = grid.GetPartition(0)
-        arrays = {data.GetArrayName(k): vtk_to_numpy(data.GetArray(k)).copy() for data in (grid.GetPointData(), grid.GetCellData())
-                  for k in range(data.GetNumberOfArrays())}
+        arrays = {
+            data.GetArrayName(k): vtk_to_numpy(data.GetArray(k)).copy()
+            for data in (grid.GetPointData(), grid.GetCellData())
+            for k in range(data.GetNumberOfArrays())
+        }
         lines = vtk_to_numpy(grid.GetCells().GetConnectivityArray()).reshape(-1, 2).copy()
         yield reader.GetTimeValue(), vtk_to_numpy(grid.GetPoints().GetData()).copy(), lines, arrays
 
@@ -130,7 +172,7 @@ def test_vtk_reads_the_series_back(storm):
 def test_job_without_dynamics_is_one_frame(workshop):
     """Form finding alone: VTK reads one step, the prestressed net."""
     f = workshop.run(workshop.job('[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\n"))
-    (time, points, lines, arrays), = vtk_steps(f.filename)
+    ((time, points, lines, arrays),) = vtk_steps(f.filename)
     assert time == 0 and np.array_equal(points, f["form_finding/position"][:])
     assert np.allclose(arrays["tension"], f["form_finding/tension"][:], rtol=1e-6)
     assert "history" not in f
@@ -143,7 +185,10 @@ def test_pictures_are_drawn_without_a_display(storm, shared_workshop):
     done = run_netfall("plot", storm.filename, "-o", shared_workshop.folder / "pictures")
     assert done.returncode == 0, done.stderr
     names = {path.name for path in (shared_workshop.folder / "pictures").iterdir()}
-    assert names == {f"storm_{k}.png" for k in ("form", "load_displacement", "collapse", "energies", "tensions", "displacements", "wind")}
+    assert names == {
+        f"storm_{k}.png"
+        for k in ("form", "load_displacement", "collapse", "energies", "tensions", "displacements", "wind")
+    }
     for name in names:
         assert imread(shared_workshop.folder / "pictures" / name)[..., :3].std() > 0.02
 
@@ -151,7 +196,15 @@ def test_pictures_are_drawn_without_a_display(storm, shared_workshop):
 def test_info_tells_what_happened(storm):
     """Ranks, residuals, energies, audits and the first fracture are in the summary."""
     text = run_netfall("info", storm.filename).stdout
-    for words in ("Storm over a saddle", "on 2 ranks", "finished", "form finding:", "statics: 3 load steps", "work identity", f"element {storm['events/element'][0]} "):
+    for words in (
+        "Storm over a saddle",
+        "on 2 ranks",
+        "finished",
+        "form finding:",
+        "statics: 3 load steps",
+        "work identity",
+        f"element {storm['events/element'][0]} ",
+    ):
         assert words in text, words
 
 
@@ -197,7 +250,9 @@ def test_shipped_jobs_run_shortened(workshop, name):
 
 def test_progress_is_plain_lines_when_nobody_watches(workshop):
     """No carriage returns in a log; quiet prints nothing; the lines tell percent, time, rate, slack and broken counts."""
-    job = workshop.job('[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\n[dynamics]\nduration = 0.05\n")
+    job = workshop.job(
+        '[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\n[dynamics]\nduration = 0.05\n"
+    )
     done = run_netfall("run", job, "-o", workshop.folder / "x.vtkhdf", ranks=2)
     assert "\r" not in done.stdout and done.stdout.count("100 %") == 1
     line = next(line for line in done.stdout.splitlines() if "100 %" in line)
@@ -211,11 +266,32 @@ def test_full_disk_is_one_line(workshop, ranks):
     """A limit on file sizes stands for the full disk: exit code 1, one line that names file and room, nothing left."""
     job = workshop.job(JOB.replace("checkpoint = 0.02", "checkpoint = 0"))
     limited = "from mpi4py import MPI; import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000)); from netfall.__main__ import main; main()"
-    command = [BIN / "mpirun", "-n", str(ranks), BIN / "python", "-c", limited, "run", job, "-o", workshop.folder / "full.vtkhdf", "--quiet"]
-    done = subprocess.run([*map(str, command), "--set", "output.frames=2000"], env=ENVIRONMENT, capture_output=True, text=True, timeout=120, stdin=subprocess.DEVNULL)
+    command = [
+        BIN / "mpirun",
+        "-n",
+        str(ranks),
+        BIN / "python",
+        "-c",
+        limited,
+        "run",
+        job,
+        "-o",
+        workshop.folder / "full.vtkhdf",
+        "--quiet",
+    ]
+    done = subprocess.run(
+        [*map(str, command), "--set", "output.frames=2000"],
+        env=ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        stdin=subprocess.DEVNULL,
+    )
     lines = [line for line in done.stderr.splitlines() if "netfall" in line]
     assert done.returncode == 1 and "Traceback" not in done.stderr, done.stderr
-    assert len(lines) == 1 and "full.vtkhdf: cannot be written" in lines[0] and "MB are free in" in lines[0], done.stderr
+    assert (
+        len(lines) == 1 and "full.vtkhdf: cannot be written" in lines[0] and "MB are free in" in lines[0]
+    ), done.stderr
     assert {path.name for path in workshop.folder.iterdir()} == {"job.toml"}
 
 

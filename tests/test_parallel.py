@@ -55,17 +55,26 @@ def test_collapse_is_the_same_on_any_number_of_ranks(shared_workshop, collapse_o
 
 
 @pytest.mark.parametrize("ranks, per_node", [(2, 1), (3, 2)])
-def test_messages_and_shared_memory_give_the_same_bits(shared_workshop, collapse_on_one_rank, ranks, per_node):
+def test_messages_and_shared_memory_give_the_same_bits(
+    shared_workshop, collapse_on_one_rank, ranks, per_node
+):
     """Every neighbour on another node; and one on the same, one on another."""
     job, one = collapse_on_one_rank
-    other = shared_workshop.run(job, ranks=ranks, output=f"{ranks}-{per_node}.vtkhdf", environment={"NETFALL_RANKS_PER_NODE": str(per_node)})
+    other = shared_workshop.run(
+        job,
+        ranks=ranks,
+        output=f"{ranks}-{per_node}.vtkhdf",
+        environment={"NETFALL_RANKS_PER_NODE": str(per_node)},
+    )
     assert_same_results(one, other)
 
 
 def test_a_number_of_ranks_on_a_node_that_is_none_is_refused(workshop):
     """One line that names the variable; exit code 2."""
     done = workshop.run(workshop.job(SMALL), ranks=2, code=2, environment={"NETFALL_RANKS_PER_NODE": "two"})
-    assert "NETFALL_RANKS_PER_NODE" in done.stderr and "'two'" in done.stderr and "Traceback" not in done.stderr
+    assert (
+        "NETFALL_RANKS_PER_NODE" in done.stderr and "'two'" in done.stderr and "Traceback" not in done.stderr
+    )
 
 
 def test_audits_through_the_collapse(collapse_on_one_rank):
@@ -79,7 +88,12 @@ def test_audits_through_the_collapse(collapse_on_one_rank):
 def test_other_choices_after_fracture_on_three_ranks(shared_workshop, after):
     """The whole wind ends at the same step on all ranks; or never does."""
     job = shared_workshop.job(COLLAPSE.format(after=after), name=after)
-    files = [shared_workshop.run(job, "--set", "dynamics.duration=0.8", ranks=ranks, output=f"{after}{ranks}.vtkhdf") for ranks in (1, 3)]
+    files = [
+        shared_workshop.run(
+            job, "--set", "dynamics.duration=0.8", ranks=ranks, output=f"{after}{ranks}.vtkhdf"
+        )
+        for ranks in (1, 3)
+    ]
     assert len(files[0]["events/step"]) > 0
     assert_same_results(*files)
 
@@ -88,7 +102,10 @@ def test_other_choices_after_fracture_on_three_ranks(shared_workshop, after):
 def test_more_ranks_than_free_particles(workshop, ranks):
     """Ranks that own one particle, or nothing: a single cable and a small net, with fracture, on up to five ranks."""
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,10000,-98100\n"
-    cable = STEEL.replace("prestress = 100e3\n", "fracture_strain = 1e-3\n") + "[dynamics]\nduration = 0.1\n[output]\nframes = 5\n"
+    cable = (
+        STEEL.replace("prestress = 100e3\n", "fracture_strain = 1e-3\n")
+        + "[dynamics]\nduration = 0.1\n[output]\nframes = 5\n"
+    )
     job = workshop.job(cable, nodes, "start,end\n1,2\n", name="cable")
     one, many = workshop.run(job, output="a.vtkhdf"), workshop.run(job, ranks=ranks, output="b.vtkhdf")
     assert len(one["events/step"]) == 1
@@ -97,7 +114,10 @@ def test_more_ranks_than_free_particles(workshop, ranks):
 
 def test_three_stages_with_slack_and_logarithmic_strain(workshop):
     """Statics with slack cables, then motion, in the other strain measure, on two and three ranks."""
-    text = '[net]\ngenerator = "saddle"\ncells = 7\nsubdivide = 2\n' + STEEL.replace("683.08e-6", "3600e-6") + """strain = "logarithmic"
+    text = (
+        '[net]\ngenerator = "saddle"\ncells = 7\nsubdivide = 2\n'
+        + STEEL.replace("683.08e-6", "3600e-6")
+        + """strain = "logarithmic"
 yield_stress = 1.75e9
 [form_finding]
 start = "force_density"
@@ -113,6 +133,7 @@ duration = 0.2
 [output]
 frames = 3
 """
+    )
     job = workshop.job(text)
     one = workshop.run(job, output="1.vtkhdf")
     for ranks in (2, 3):
@@ -125,22 +146,30 @@ def test_pieces_cover_the_net_once():
     for ranks in (1, 2, 5, 16):
         part = metis_partition(net.n, net.elements, ranks)
         pieces = cut_net(net.n, net.elements, part, ranks)
-        assert np.array_equal(np.sort(np.concatenate([p.particle_gid[: p.n_owned] for p in pieces])), np.arange(net.n))
-        assert np.array_equal(np.sort(np.concatenate([p.element_gid[p.element_owned] for p in pieces])), np.arange(net.m))
+        assert np.array_equal(
+            np.sort(np.concatenate([p.particle_gid[: p.n_owned] for p in pieces])), np.arange(net.n)
+        )
+        assert np.array_equal(
+            np.sort(np.concatenate([p.element_gid[p.element_owned] for p in pieces])), np.arange(net.m)
+        )
         for rank, piece in enumerate(pieces):
             assert np.array_equal(piece.particle_gid[piece.ends], net.elements[piece.element_gid])
-            received, first = piece.particle_gid[piece.n_owned:], 0
+            received, first = piece.particle_gid[piece.n_owned :], 0
             for neighbour, count in zip(piece.neighbours, piece.receive_counts):
                 other = pieces[neighbour]
                 k = other.neighbours.index(rank)
                 begin = sum(other.send_counts[:k])
-                sent = other.particle_gid[other.send_index[begin:begin + other.send_counts[k]]]
-                assert np.array_equal(sent, received[first:first + count])
+                sent = other.particle_gid[other.send_index[begin : begin + other.send_counts[k]]]
+                assert np.array_equal(sent, received[first : first + count])
                 first += count
             assert first == len(received)
 
 
-SMALL = '[net]\ngenerator = "saddle"\ncells = 6\n' + STEEL + "[form_finding]\nmodulus_factor = 0\n[dynamics]\nduration = 0.02\n"
+SMALL = (
+    '[net]\ngenerator = "saddle"\ncells = 6\n'
+    + STEEL
+    + "[form_finding]\nmodulus_factor = 0\n[dynamics]\nduration = 0.02\n"
+)
 
 
 def test_partition_by_hand_is_used_and_changes_no_bit(workshop):
@@ -158,12 +187,19 @@ def test_partition_by_hand_is_used_and_changes_no_bit(workshop):
     assert_same_results(first, second)
 
 
-@pytest.mark.parametrize("damage, message", [
-    (lambda folder: (folder / "job.graph").write_text("3 2 010\n1 2\n2 1 3\n1 2\n"), "belongs to another net"),
-    (lambda folder: (folder / "job.graph").unlink(), "cannot be read"),
-    (lambda folder: (folder / "job.graph.part.2").write_text("0\n1\n"), "damaged"),
-    (lambda folder: (folder / "job.graph.part.2").write_text("7\n" * 45), "damaged"),
-    (lambda folder: (folder / "job.graph.part.2").write_bytes(b"\x00\xff" * 45), "cannot be read")])
+@pytest.mark.parametrize(
+    "damage, message",
+    [
+        (
+            lambda folder: (folder / "job.graph").write_text("3 2 010\n1 2\n2 1 3\n1 2\n"),
+            "belongs to another net",
+        ),
+        (lambda folder: (folder / "job.graph").unlink(), "cannot be read"),
+        (lambda folder: (folder / "job.graph.part.2").write_text("0\n1\n"), "damaged"),
+        (lambda folder: (folder / "job.graph.part.2").write_text("7\n" * 45), "damaged"),
+        (lambda folder: (folder / "job.graph.part.2").write_bytes(b"\x00\xff" * 45), "cannot be read"),
+    ],
+)
 def test_foreign_or_damaged_partition_is_refused(workshop, damage, message):
     """One line with the file, what is wrong, and what to do; exit code 2 on both ranks."""
     job = workshop.job(SMALL)
@@ -191,7 +227,11 @@ def test_partition_files_are_metis_own(tmp_path):
     write_partition("x", net.n, net.elements, 2, tmp_path)
     lines = [line.split() for line in (tmp_path / "x.graph").read_text().splitlines()]
     rows = [[int(word) for word in line[1::2]] for line in lines[1:]]
-    assert all(int(weight) == (2 if abs(q - p) == 1 else 1) for p, line in enumerate(lines[1:], 1) for q, weight in zip(map(int, line[1::2]), line[2::2]))
+    assert all(
+        int(weight) == (2 if abs(q - p) == 1 else 1)
+        for p, line in enumerate(lines[1:], 1)
+        for q, weight in zip(map(int, line[1::2]), line[2::2])
+    )
     assert int(lines[0][1]) == net.m == sum(map(len, rows)) // 2
     assert all(p + 1 in rows[q - 1] for p, row in enumerate(rows) for q in row)
     assert len((tmp_path / "x.graph.part.2").read_text().split()) == net.n

@@ -34,10 +34,15 @@ def test_restart_on_other_ranks_gives_the_same_bits(workshop, calm, ranks, later
     assert len(first["events/step"]) > 3
     same_but_for_the_job(calm, first)
     kept = sorted(workshop.folder.glob("*checkpoint*"))
-    assert [int(p.stem.split("-")[-1]) for p in kept] == [10_000, 15_000]  # steps of 2e-5 s: the last two of 0.1, 0.2, 0.3 s
+    assert [int(p.stem.split("-")[-1]) for p in kept] == [
+        10_000,
+        15_000,
+    ]  # steps of 2e-5 s: the last two of 0.1, 0.2, 0.3 s
     first.close()
     for checkpoint in kept:
-        same_but_for_the_job(calm, workshop.run(job, "--restart", checkpoint, ranks=later, output="result.vtkhdf"))
+        same_but_for_the_job(
+            calm, workshop.run(job, "--restart", checkpoint, ranks=later, output="result.vtkhdf")
+        )
     assert not list(workshop.folder.glob(".*"))
 
 
@@ -59,7 +64,14 @@ def test_signal_ends_the_run_with_a_checkpoint(workshop, calm, ranks, number):
     line = [str(BIN / "netfall"), "run", str(job), "-o", str(workshop.folder / "result.vtkhdf")]
     if ranks > 1:
         line = [str(BIN / "mpirun"), "-n", str(ranks), *line]
-    process = subprocess.Popen(line, env=ENVIRONMENT, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        line,
+        env=ENVIRONMENT,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     while "dynamics:" not in process.stdout.readline():
         assert process.poll() is None
     time.sleep(0.02)
@@ -69,8 +81,12 @@ def test_signal_ends_the_run_with_a_checkpoint(workshop, calm, ranks, number):
         subprocess.run(["pkill", f"-{int(number)}", "-f", f"python.*netfall run {job}"], check=True)
     _, error = process.communicate(timeout=60)
     assert process.returncode == 4, error
-    assert "interrupted at t =" in error and "--restart" in error and not (workshop.folder / "result.vtkhdf").exists()
-    checkpoint, = workshop.folder.glob("*checkpoint*")
+    assert (
+        "interrupted at t =" in error
+        and "--restart" in error
+        and not (workshop.folder / "result.vtkhdf").exists()
+    )
+    (checkpoint,) = workshop.folder.glob("*checkpoint*")
     same_but_for_the_job(calm, workshop.run(job, "--restart", checkpoint, ranks=3 - ranks))
 
 
@@ -79,16 +95,18 @@ def test_walltime_ends_the_run_with_a_checkpoint(workshop, calm):
     job = workshop.job(JOB.replace("checkpoint = 0.02", "checkpoint = 0"))
     done = workshop.run(job, "--walltime", "00:00:00", ranks=2, code=4)
     assert "interrupted in form finding, iteration 0" in done.stderr
-    checkpoint, = workshop.folder.glob("*checkpoint*")
+    (checkpoint,) = workshop.folder.glob("*checkpoint*")
     same_but_for_the_job(calm, workshop.run(job, "--restart", checkpoint, "--walltime", "01:00:00"))
 
 
 def test_statics_are_not_lost_in_a_restart(workshop):
     """Load steps before the interruption are in the final file, with bars, plasticity and both ends of the stage."""
-    text = SLOW.replace("[load]", "[load]\npressure = [0.0, 0.0, 300.0]\nsteps = 3").replace("duration = 0.4", "duration = 0.15")
+    text = SLOW.replace("[load]", "[load]\npressure = [0.0, 0.0, 300.0]\nsteps = 3").replace(
+        "duration = 0.4", "duration = 0.15"
+    )
     job = workshop.job(text)
     whole = workshop.run(job, output="whole.vtkhdf")
-    checkpoint, = workshop.folder.glob("whole.checkpoint*")
+    (checkpoint,) = workshop.folder.glob("whole.checkpoint*")
     again = workshop.run(job, "--restart", checkpoint, ranks=2, output="again.vtkhdf")
     assert whole["statics/displacement"].shape[0] == 3
     assert_same_results(whole, again)
@@ -102,8 +120,17 @@ def checkpoints(shared_workshop):
     return job, *sorted(shared_workshop.folder.glob("kept.checkpoint*"))
 
 
-@pytest.mark.parametrize("damage", [lambda b: b[:-1], lambda b: b[: len(b) // 2], lambda b: b"", lambda b: b[:5000] + bytes([b[5000] ^ 1]) + b[5001:],
-                                    lambda b: b[:-3] + b"abc"], ids=["one byte short", "half", "empty", "one bit", "digest"])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda b: b[:-1],
+        lambda b: b[: len(b) // 2],
+        lambda b: b"",
+        lambda b: b[:5000] + bytes([b[5000] ^ 1]) + b[5001:],
+        lambda b: b[:-3] + b"abc",
+    ],
+    ids=["one byte short", "half", "empty", "one bit", "digest"],
+)
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_damaged_checkpoint_is_refused_and_the_other_offered(checkpoints, ranks, damage):
     """One line, exit code 2 on every rank, the whole one named."""
@@ -112,13 +139,17 @@ def test_damaged_checkpoint_is_refused_and_the_other_offered(checkpoints, ranks,
     try:
         new.write_bytes(damage(good))
         done = run_netfall("run", job, "--restart", new, "-o", job.parent / "kept.vtkhdf", ranks=ranks)
-        line, = [line for line in done.stderr.splitlines() if "checkpoint" in line]
-        assert done.returncode == 2 and "damaged" in line and str(old) in line and "Traceback" not in done.stderr
+        (line,) = [line for line in done.stderr.splitlines() if "checkpoint" in line]
+        assert (
+            done.returncode == 2 and "damaged" in line and str(old) in line and "Traceback" not in done.stderr
+        )
     finally:
         new.write_bytes(good)
 
 
-@pytest.mark.parametrize("override, message", [("wind.seed=4", "another job or net"), ("net.cells=6", "another job or net")])
+@pytest.mark.parametrize(
+    "override, message", [("wind.seed=4", "another job or net"), ("net.cells=6", "another job or net")]
+)
 def test_checkpoint_of_another_job_is_refused(checkpoints, override, message):
     """A changed key is another job."""
     job, _, new = checkpoints
@@ -129,7 +160,14 @@ def test_checkpoint_of_another_job_is_refused(checkpoints, override, message):
 def test_missing_checkpoint_is_refused(checkpoints):
     """A path that leads nowhere."""
     job, _, new = checkpoints
-    done = run_netfall("run", job, "--restart", new.with_name("kept.checkpoint-000000000001.h5"), "-o", job.parent / "kept.vtkhdf")
+    done = run_netfall(
+        "run",
+        job,
+        "--restart",
+        new.with_name("kept.checkpoint-000000000001.h5"),
+        "-o",
+        job.parent / "kept.vtkhdf",
+    )
     assert done.returncode == 2 and "no such checkpoint" in done.stderr and str(new) in done.stderr
 
 
@@ -144,8 +182,20 @@ def test_missing_parts_of_the_result_are_named(checkpoints, tmp_path):
 
 def test_twenty_kills_change_no_bit():
     """kill -9 of a rank, of mpirun, of all, at random moments; restarted on other ranks (kill_runs.py; --kills 100 by hand)."""
-    done = subprocess.run([sys.executable, str(ROOT / "tests" / "kill_runs.py"), "--kills", "20", "--seed", str(random.randrange(10**6))],
-                          env=ENVIRONMENT, capture_output=True, text=True, timeout=900)
+    done = subprocess.run(
+        [
+            sys.executable,
+            str(ROOT / "tests" / "kill_runs.py"),
+            "--kills",
+            "20",
+            "--seed",
+            str(random.randrange(10**6)),
+        ],
+        env=ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        timeout=900,
+    )
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
     assert done.stdout.splitlines()[-1].startswith("20 kills")
 
@@ -156,11 +206,15 @@ def test_sealed_file_stays_readable(checkpoints):
         assert "particles/x" in file and file["record"].asstr()[()].startswith("{")
 
 
-PAUSED = JOB.replace("[load]", "[load]\npressure = [0.0, 0.0, 300.0]\nsteps = 4\ntolerance = 1e-10").replace("modulus_factor = 0", "modulus_factor = 0\ntolerance = 1e-10")
+PAUSED = JOB.replace("[load]", "[load]\npressure = [0.0, 0.0, 300.0]\nsteps = 4\ntolerance = 1e-10").replace(
+    "modulus_factor = 0", "modulus_factor = 0\ntolerance = 1e-10"
+)
 PAUSED = PAUSED.replace("duration = 0.4", "duration = 0.02").replace("checkpoint = 0.02", "checkpoint = 0")
 
 
-@pytest.mark.parametrize("after, stage", [(0, "form finding"), (20, "form finding"), (36, "statics"), (60, "statics")])
+@pytest.mark.parametrize(
+    "after, stage", [(0, "form finding"), (20, "form finding"), (36, "statics"), (60, "statics")]
+)
 def test_a_pause_in_form_finding_or_statics_changes_no_bit(workshop, after, stage):
     """Stopped after some looks at the residual, taken up on two ranks: the same file as from a run left alone."""
     from mpi4py import MPI
@@ -183,8 +237,14 @@ def test_a_pause_in_form_finding_or_statics_changes_no_bit(workshop, after, stag
     job = workshop.job(PAUSED)
     whole = workshop.run(job, output="whole.vtkhdf")
     with pytest.raises(Interrupted) as raised:
-        run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False, False), stop=After())
-    checkpoint, = workshop.folder.glob("result.checkpoint*")
+        run_job(
+            MPI.COMM_WORLD,
+            read_job(job),
+            workshop.folder / "result.vtkhdf",
+            Progress(False, False),
+            stop=After(),
+        )
+    (checkpoint,) = workshop.folder.glob("result.checkpoint*")
     assert f"in {stage}" in str(raised.value) and str(checkpoint) in str(raised.value)
     assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))
     assert {p.name for p in workshop.folder.iterdir() if p.name.startswith(".")} == set()

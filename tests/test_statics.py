@@ -6,7 +6,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 
 SADDLE = '[net]\ngenerator = "saddle"\n' + STEEL.replace("683.08e-6", "3600e-6").replace("100e3", "1800e3")
-LOADED = SADDLE + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-8\n[load]\npressure = [0.0, 0.0, 2000.0]\nsteps = 4\ntolerance = 1e-9\n"
+LOADED = (
+    SADDLE
+    + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-8\n[load]\npressure = [0.0, 0.0, 2000.0]\nsteps = 4\ntolerance = 1e-9\n"
+)
 EA = 1.95e11 * 3600e-6
 
 
@@ -29,7 +32,9 @@ def newton(x, elements, law, fixed, load):
         np.subtract.at(residual, elements[:, 1], N[:, None] * e)
         if np.abs(residual.ravel()[free]).max() < 1e-5:
             return x, N
-        block = (stiffness - N / L)[:, None, None] * e[:, :, None] * e[:, None, :] + (N / L)[:, None, None] * np.eye(3)
+        block = (stiffness - N / L)[:, None, None] * e[:, :, None] * e[:, None, :] + (N / L)[
+            :, None, None
+        ] * np.eye(3)
         rows, columns, values = [], [], []
         for a, b, sign in ((0, 0, 1), (1, 1, 1), (0, 1, -1), (1, 0, -1)):
             i = 3 * elements[:, a, None, None] + np.arange(3)[None, :, None]
@@ -38,7 +43,9 @@ def newton(x, elements, law, fixed, load):
             rows.append(np.broadcast_to(i, shape).ravel())
             columns.append(np.broadcast_to(j, shape).ravel())
             values.append(sign * block.ravel())
-        K = coo_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(3 * n, 3 * n)).tocsr()
+        K = coo_array(
+            (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(3 * n, 3 * n)
+        ).tocsr()
         step = np.zeros(3 * n)
         step[free] = spsolve(K[free][:, free].tocsc(), residual.ravel()[free])
         x += step.reshape(n, 3)
@@ -63,7 +70,13 @@ def test_slack_cables_are_counted_and_carry_nothing(workshop):
     assert f["statics/slack"][-1] == (N == 0).sum() > 0
     load = f["net/tributary_area"][:][:, None] * np.array([0.0, 0.0, 2000.0])
     x = f["form_finding/position"][:] + f["statics/displacement"][-1]
-    _, expected = newton(x, f["net/elements"][:], elastic(f["form_finding/unstressed_length"][:]), f["net/fixed"][:].astype(bool), load)
+    _, expected = newton(
+        x,
+        f["net/elements"][:],
+        elastic(f["form_finding/unstressed_length"][:]),
+        f["net/fixed"][:].astype(bool),
+        load,
+    )
     assert np.abs(N - expected).max() < 1e-5 * N.max()
 
 
@@ -72,15 +85,27 @@ def test_self_weight_of_a_hanging_cable(workshop):
     n = 10
     nodes = "id,x,y,z,fixed\n" + "".join(f"{k},0,0,{-k},{int(k == 0)}\n" for k in range(n + 1))
     elements = "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(n))
-    f = workshop.run(workshop.job(STEEL.replace("prestress = 100e3\n", "") + "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-7\n", nodes, elements))
+    f = workshop.run(
+        workshop.job(
+            STEEL.replace("prestress = 100e3\n", "")
+            + "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-7\n",
+            nodes,
+            elements,
+        )
+    )
     weight = 7850.0 * 683.08e-6 * 9.81
-    assert np.allclose(f["statics/tension"][-1], weight * (n - 0.5 - np.arange(n)), rtol=1e-6)  # 1e-7 of the largest, in the lowest link 20 times as much
+    assert np.allclose(
+        f["statics/tension"][-1], weight * (n - 0.5 - np.arange(n)), rtol=1e-6
+    )  # 1e-7 of the largest, in the lowest link 20 times as much
 
 
 def test_bars_carry_compression(workshop):
     """A strut under a weight is compressed by it."""
-    job = workshop.job(STEEL.replace("prestress = 100e3", 'kind = "bar"') + "[load]\nsteps = 2\ntolerance = 1e-10\n",
-                       "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,0,0,3,1,1,0,-5000\n", "start,end\n1,2\n")
+    job = workshop.job(
+        STEEL.replace("prestress = 100e3", 'kind = "bar"') + "[load]\nsteps = 2\ntolerance = 1e-10\n",
+        "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,0,0,3,1,1,0,-5000\n",
+        "start,end\n1,2\n",
+    )
     assert np.allclose(workshop.run(job)["statics/tension"][-1], -5000.0)
 
 
@@ -94,5 +119,9 @@ def test_dynamics_starts_from_the_static_equilibrium(workshop):
 
 def test_static_load_that_breaks_the_net_is_reported(workshop):
     """No static equilibrium to start from: exit code 3 with element and load factor."""
-    job = workshop.job(LOADED.replace("2000.0]", "9000.0]").replace("prestress", "yield_stress = 1.75e9\nfracture_strain = 0.0404\nprestress"))
+    job = workshop.job(
+        LOADED.replace("2000.0]", "9000.0]").replace(
+            "prestress", "yield_stress = 1.75e9\nfracture_strain = 0.0404\nprestress"
+        )
+    )
     assert "breaks element" in workshop.run(job, code=3).stderr

@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 from conftest import STEEL, run_netfall
 
-JOB = '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n' + STEEL + """yield_stress = 1.75e9
+JOB = (
+    '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n'
+    + STEEL
+    + """yield_stress = 1.75e9
 fracture_strain = 0.0404
 [form_finding]
 method = "force_density"
@@ -22,14 +25,30 @@ damping = 0.5
 [output]
 frames = 10
 """
+)
 
 
 def test_scale_measures_one_and_two_ranks(workshop):
     """Strong: the job; weak: twice the elements on two ranks; phases add up to no more than the stage; table and picture are written."""
-    done = run_netfall("scale", workshop.job(JOB), "--ranks", "1,2", "--repeats", "1", "-o", workshop.folder / "out", cwd=workshop.folder)
+    done = run_netfall(
+        "scale",
+        workshop.job(JOB),
+        "--ranks",
+        "1,2",
+        "--repeats",
+        "1",
+        "-o",
+        workshop.folder / "out",
+        cwd=workshop.folder,
+    )
     assert done.returncode == 0, done.stderr
     rows = list(csv.DictReader(open(workshop.folder / "out" / "job_scale.csv")))
-    assert [(row["kind"], row["ranks"]) for row in rows] == [("strong", "1"), ("weak", "1"), ("strong", "2"), ("weak", "2")] or len(rows) == 4
+    assert [(row["kind"], row["ranks"]) for row in rows] == [
+        ("strong", "1"),
+        ("weak", "1"),
+        ("strong", "2"),
+        ("weak", "2"),
+    ] or len(rows) == 4
     by = {(row["kind"], int(row["ranks"])): row for row in rows}
     assert by["strong", 2]["elements"] == by["strong", 1]["elements"]
     assert 1.4 < int(by["weak", 2]["elements"]) / int(by["weak", 1]["elements"]) < 2.6
@@ -44,30 +63,52 @@ def test_scale_measures_one_and_two_ranks(workshop):
 
 def test_trade_compares_settings_and_goes_on_where_it_was(workshop):
     """The reference has no error against itself; a step above the limit is a refused row; a second call runs nothing again."""
-    arguments = ["trade", workshop.job(JOB), "--vary", "dynamics.time_step=auto,1.0", "--vary", "dynamics.fragment_mass=0,0.05", "--reference", "dynamics.fragment_mass=0",
-                 "--repeats", "1", "-o", workshop.folder / "out"]
+    arguments = [
+        "trade",
+        workshop.job(JOB),
+        "--vary",
+        "dynamics.time_step=auto,1.0",
+        "--vary",
+        "dynamics.fragment_mass=0,0.05",
+        "--reference",
+        "dynamics.fragment_mass=0",
+        "--repeats",
+        "1",
+        "-o",
+        workshop.folder / "out",
+    ]
     done = run_netfall(*arguments, cwd=workshop.folder)
     assert done.returncode == 0, done.stderr
     with h5py.File(workshop.folder / "out" / "job_trade.h5") as file:
         table = {name: values[()] for name, values in file["table"].items()}
     settings, states = table["setting"].astype(str).tolist(), table["state"].astype(str).tolist()
-    assert settings == [f"dynamics.time_step={step}, dynamics.fragment_mass={share}" for step in ("auto", "1.0") for share in ("0", "0.05")]
+    assert settings == [
+        f"dynamics.time_step={step}, dynamics.fragment_mass={share}"
+        for step in ("auto", "1.0")
+        for share in ("0", "0.05")
+    ]
     assert states == ["finished", "finished", "refused", "refused"]
     assert table["error"][0] == 0 and table["overlap"][0] == 1 and table["broken"][0] > 3
     assert np.isinf(table["error"][2:]).all() and "above the stable step" in table["reason"].astype(str)[2]
     assert table["pareto"][:2].any() and not table["pareto"][2:].any()
-    assert "cheapest within an error of 0.05" in done.stdout and (workshop.folder / "out" / "job_trade.png").exists()
+    assert (
+        "cheapest within an error of 0.05" in done.stdout
+        and (workshop.folder / "out" / "job_trade.png").exists()
+    )
     again = run_netfall(*arguments, "--launcher", "false {ranks}", cwd=workshop.folder)
     assert again.returncode == 0 and again.stdout == done.stdout  # nothing was started
 
 
-@pytest.mark.parametrize("arguments, says", [
-    (["scale", "--ranks", "0"], "expected a whole number >= 1"),
-    (["scale", "--ranks", "1", "--launcher", "mpirun"], "{ranks}"),
-    (["scale", "--ranks", "1", "--launcher", "no-such-launcher {ranks}"], "No such file"),
-    (["trade", "--vary", "safety"], "expected SECTION.KEY=VALUE"),
-    (["trade", "--vary", "dynamics.safty=1"], "safety"),
-])
+@pytest.mark.parametrize(
+    "arguments, says",
+    [
+        (["scale", "--ranks", "0"], "expected a whole number >= 1"),
+        (["scale", "--ranks", "1", "--launcher", "mpirun"], "{ranks}"),
+        (["scale", "--ranks", "1", "--launcher", "no-such-launcher {ranks}"], "No such file"),
+        (["trade", "--vary", "safety"], "expected SECTION.KEY=VALUE"),
+        (["trade", "--vary", "dynamics.safty=1"], "safety"),
+    ],
+)
 def test_wrong_studies_are_refused(workshop, arguments, says):
     """Exit code 2, a line that says what is expected, nothing left behind."""
     done = run_netfall(arguments[0], workshop.job(JOB), *arguments[1:], cwd=workshop.folder)
@@ -78,6 +119,11 @@ def test_wrong_studies_are_refused(workshop, arguments, says):
 def test_fracture_without_the_audit(workshop):
     """energy = false changes no fracture."""
     job = workshop.job(JOB)
-    audited, bare = workshop.run(job, output="a.vtkhdf"), workshop.run(job, "--set", "output.energy=false", output="b.vtkhdf")
-    assert len(audited["events/step"]) > 3 and np.array_equal(audited["final/position"], bare["final/position"])
+    audited, bare = (
+        workshop.run(job, output="a.vtkhdf"),
+        workshop.run(job, "--set", "output.energy=false", output="b.vtkhdf"),
+    )
+    assert len(audited["events/step"]) > 3 and np.array_equal(
+        audited["final/position"], bare["final/position"]
+    )
     assert audited["events/mass"][:].min() > 0

@@ -14,29 +14,61 @@ def with_keys(**keys):
     return [word for key, value in keys.items() for word in ("--set", f"{key.replace('__', '.')}={value}")]
 
 
-@pytest.mark.parametrize("job, until, longest", [(SADDLE, 0.1, 4e-4), (STADIUM, 1.0, 1e-4)], ids=["saddle", "stadium"])
+@pytest.mark.parametrize(
+    "job, until, longest", [(SADDLE, 0.1, 4e-4), (STADIUM, 1.0, 1e-4)], ids=["saddle", "stadium"]
+)
 def test_second_order_in_the_step(both_ways, compare, job, until, longest):
     """Displacements at the probes, all the way, against a step eight times smaller than the smallest: the error quarters with half the step."""
-    runs = [both_ways.run(job, *with_keys(dynamics__duration=until, dynamics__time_step=step, output__frames=2), output=f"{step}.vtkhdf", ranks=2 if step == longest else 1)
-            ["history/probe_displacement"][:] for step in (longest, longest / 2, longest / 4, longest / 32)]
+    runs = [
+        both_ways.run(
+            job,
+            *with_keys(dynamics__duration=until, dynamics__time_step=step, output__frames=2),
+            output=f"{step}.vtkhdf",
+            ranks=2 if step == longest else 1,
+        )["history/probe_displacement"][:]
+        for step in (longest, longest / 2, longest / 4, longest / 32)
+    ]
     errors = [np.abs(u - runs[-1]).max() for u in runs[:-1]]
     for k in (0, 1):
-        compare(THEME, f"{job.stem}, wind for {until:g} s: error at {longest / 2**k:g} s over that at half the step", "order 2 in the step", errors[k] / errors[k + 1],
-                4.0, 0.1, f"{SECOND}; terms of fourth order")
+        compare(
+            THEME,
+            f"{job.stem}, wind for {until:g} s: error at {longest / 2**k:g} s over that at half the step",
+            "order 2 in the step",
+            errors[k] / errors[k + 1],
+            4.0,
+            0.1,
+            f"{SECOND}; terms of fourth order",
+        )
 
 
 def test_order_in_the_subdivision(both_ways, compare):
     """Saddle under 2 kN/m2 and then wind for 0.1 s, each net segment in 1, 2 and 4 elements, against 8."""
     reached = {}
     for parts in (1, 2, 4, 8):
-        keys = with_keys(net__subdivide=parts, load__tolerance=1e-7, dynamics__duration=0.1, dynamics__time_step=2e-5, output__frames=2)
-        u = both_ways.run(SADDLE, *keys, output=f"{parts}.vtkhdf", ranks=2 if parts == 2 else 1)["history/probe_displacement"][:, 0, 2]
+        keys = with_keys(
+            net__subdivide=parts,
+            load__tolerance=1e-7,
+            dynamics__duration=0.1,
+            dynamics__time_step=2e-5,
+            output__frames=2,
+        )
+        u = both_ways.run(SADDLE, *keys, output=f"{parts}.vtkhdf", ranks=2 if parts == 2 else 1)[
+            "history/probe_displacement"
+        ][:, 0, 2]
         reached[parts] = u[0], u[-1]
     for k, what in enumerate(("2 kN/m2", "2 kN/m2, then wind for 0.1 s")):
         coarse, fine = reached[1][k], reached[8][k]
         for parts in (2, 4):
-            compare(THEME, f"saddle under {what}, displacement in the middle: {parts} elements for a segment", "eight elements", reached[parts][k], fine,
-                    abs(coarse / fine - 1.0) / parts**2, f"second order in the length: the error of one element, {coarse / fine - 1.0:.1%}, over {parts**2}", "m")
+            compare(
+                THEME,
+                f"saddle under {what}, displacement in the middle: {parts} elements for a segment",
+                "eight elements",
+                reached[parts][k],
+                fine,
+                abs(coarse / fine - 1.0) / parts**2,
+                f"second order in the length: the error of one element, {coarse / fine - 1.0:.1%}, over {parts**2}",
+                "m",
+            )
 
 
 @pytest.mark.long
@@ -46,18 +78,48 @@ def test_ensemble_of_winds(workshop, compare, speed):
     first, broken = np.full((2, 20), np.nan), np.zeros((2, 20))
     for k, safety in enumerate((0.8, 0.2)):
         for seed in range(20):
-            f = workshop.run(STADIUM, *with_keys(wind__speed=speed, wind__seed=seed + 1, dynamics__safety=safety, output__frames=2))
+            f = workshop.run(
+                STADIUM,
+                *with_keys(wind__speed=speed, wind__seed=seed + 1, dynamics__safety=safety, output__frames=2),
+            )
             if len(f["events/time"]):
                 first[k, seed], broken[k, seed] = f["events/time"][0], len(np.unique(f["events/element"][:]))
     torn = np.isfinite(first).all(0)  # with both steps
-    print(f"{speed} m/s: {np.isfinite(first).sum(1)} of 20 roofs torn; first fracture {np.sort(first[0][torn]).round(3)} s; "
-          f"differences with the step {np.sort(np.abs(np.diff(first[:, torn], axis=0)[0])) * 1e3} ms; broken {broken[0].astype(int)} against {broken[1].astype(int)}")
+    print(
+        f"{speed} m/s: {np.isfinite(first).sum(1)} of 20 roofs torn; first fracture {np.sort(first[0][torn]).round(3)} s; "
+        f"differences with the step {np.sort(np.abs(np.diff(first[:, torn], axis=0)[0])) * 1e3} ms; broken {broken[0].astype(int)} against {broken[1].astype(int)}"
+    )
     case = f"stadium at {speed} m/s, 20 winds"
-    compare(THEME, f"{case}: roofs torn", "a quarter of the step", np.isfinite(first[0]).sum(), np.isfinite(first[1]).sum(), 1.0, "a roof at its limit may go either way",
-            scale=1.0)
-    compare(THEME, f"{case}: first fracture, median difference", "a quarter of the step", np.median(np.abs(np.diff(first[:, torn], axis=0))), 0.0, 2e-4,
-            "the step in which it falls, 0.1 ms, twice", "s", 1.0)
+    compare(
+        THEME,
+        f"{case}: roofs torn",
+        "a quarter of the step",
+        np.isfinite(first[0]).sum(),
+        np.isfinite(first[1]).sum(),
+        1.0,
+        "a roof at its limit may go either way",
+        scale=1.0,
+    )
+    compare(
+        THEME,
+        f"{case}: first fracture, median difference",
+        "a quarter of the step",
+        np.median(np.abs(np.diff(first[:, torn], axis=0))),
+        0.0,
+        2e-4,
+        "the step in which it falls, 0.1 ms, twice",
+        "s",
+        1.0,
+    )
     both = broken[:, torn]
     difference = both[0] - both[1]
-    compare(THEME, f"{case}: elements broken, mean of the torn", "a quarter of the step", both[0].mean(), both[1].mean(), 2.0 * difference.std(ddof=1) / np.sqrt(len(difference)),
-            f"two standard errors of the difference; from wind to wind the number varies by {both[0].std(ddof=1):.0f}", scale=1.0)
+    compare(
+        THEME,
+        f"{case}: elements broken, mean of the torn",
+        "a quarter of the step",
+        both[0].mean(),
+        both[1].mean(),
+        2.0 * difference.std(ddof=1) / np.sqrt(len(difference)),
+        f"two standard errors of the difference; from wind to wind the number varies by {both[0].std(ddof=1):.0f}",
+        scale=1.0,
+    )

@@ -25,14 +25,18 @@ def soft(modulus: float) -> str:
 
 def csv(header: str, rows) -> str:
     """A table, every number to its last bit."""
-    word = lambda value: value if isinstance(value, str) else repr(value.item() if isinstance(value, np.generic) else value)
+    word = lambda value: (
+        value if isinstance(value, str) else repr(value.item() if isinstance(value, np.generic) else value)
+    )
     return "\n".join([header, *(",".join(map(word, row)) for row in rows)]) + "\n"
 
 
 def timing(duration: float, dt: float, every: int, probes=(), frames=1, damping=0.0) -> str:
     """Sections of a run with steps dt [s], a history row every few steps."""
-    return (f"[dynamics]\nduration = {float(duration)!r}\ntime_step = {float(dt)!r}\ndamping = {damping!r}\n"
-            f"[output]\nhistory = {float(every * dt)!r}\nframes = {frames}\nprobes = {[list(map(float, p)) for p in probes]}\n")
+    return (
+        f"[dynamics]\nduration = {float(duration)!r}\ntime_step = {float(dt)!r}\ndamping = {damping!r}\n"
+        f"[output]\nhistory = {float(every * dt)!r}\nframes = {frames}\nprobes = {[list(map(float, p)) for p in probes]}\n"
+    )
 
 
 def tracks(f) -> np.ndarray:
@@ -53,12 +57,36 @@ def crest(t, q) -> float:
 
 def test_free_fall(both_ways, compare):
     """A slack cable's two particles fall by g t^2 / 2."""
-    job = both_ways.job(BARE + "[load]\nself_weight = true\n[dynamics]\nduration = 1.0\n", "id,x,y,z\n1,0,0,0\n2,3,0,1\n", "start,end\n1,2\n")
+    job = both_ways.job(
+        BARE + "[load]\nself_weight = true\n[dynamics]\nduration = 1.0\n",
+        "id,x,y,z\n1,0,0,0\n2,3,0,1\n",
+        "start,end\n1,2\n",
+    )
     f = both_ways.run(job, ranks=2)
-    compare(THEME, "free fall for 1 s: way", "g t^2 / 2", -f["final/position"][0, 2], 0.5 * G, 1e-12, EXACT, "m")
-    compare(THEME, "free fall for 1 s: way of the other end", "g t^2 / 2", 1.0 - f["final/position"][1, 2], 0.5 * G, 1e-12, EXACT, "m")
+    compare(
+        THEME, "free fall for 1 s: way", "g t^2 / 2", -f["final/position"][0, 2], 0.5 * G, 1e-12, EXACT, "m"
+    )
+    compare(
+        THEME,
+        "free fall for 1 s: way of the other end",
+        "g t^2 / 2",
+        1.0 - f["final/position"][1, 2],
+        0.5 * G,
+        1e-12,
+        EXACT,
+        "m",
+    )
     compare(THEME, "free fall for 1 s: speed", "g t", -f["final/velocity"][0, 2], G, 1e-12, EXACT, "m/s")
-    compare(THEME, "free fall for 1 s: work of the weight", "m g^2 t^2 / 2", f["history/external_work"][-1], HALF * np.sqrt(10) * G**2, 1e-12, EXACT, "J")
+    compare(
+        THEME,
+        "free fall for 1 s: work of the weight",
+        "m g^2 t^2 / 2",
+        f["history/external_work"][-1],
+        HALF * np.sqrt(10) * G**2,
+        1e-12,
+        EXACT,
+        "J",
+    )
 
 
 def test_taut_string(both_ways, compare):
@@ -68,8 +96,14 @@ def test_taut_string(both_ways, compare):
     shapes = np.sin(np.pi * np.outer([1, 2, 3], x) / L)
     shapes[:, -1] = 0.0
     L0 = L / n / (1 + T / EA)
-    nodes = csv("id,x,y,z,fixed", ((k, x[k], 0.0, a * shapes[:, k].sum(), int(k in (0, n))) for k in range(n + 1)))
-    job = both_ways.job(BARE + timing(0.3, dt, 100, frames=300), nodes, csv("start,end,unstressed_length", ((k, k + 1, L0) for k in range(n))))
+    nodes = csv(
+        "id,x,y,z,fixed", ((k, x[k], 0.0, a * shapes[:, k].sum(), int(k in (0, n))) for k in range(n + 1))
+    )
+    job = both_ways.job(
+        BARE + timing(0.3, dt, 100, frames=300),
+        nodes,
+        csv("start,end,unstressed_length", ((k, k + 1, L0) for k in range(n))),
+    )
     f = both_ways.run(job)
     t, z = f["VTKHDF/Steps/Values"][:], tracks(f)[:, :, 2]
     mu = 2 * HALF * L0 * n / L  # mass of a metre of taut string
@@ -80,23 +114,61 @@ def test_taut_string(both_ways, compare):
         frequency = curve_fit(lambda t, b, w: b * np.cos(w * t), t, q, p0=(a, guess))[0][1] / (2 * np.pi)
         omega = 2 * np.sqrt(T / (2 * HALF * L0 * L / n)) * np.sin(k * np.pi / (2 * n))
         lumped = 2 * np.arcsin(omega * dt / 2) / dt / (2 * np.pi)
-        compare(THEME, f"taut string of {n} links: frequency of mode {k}", "lumped string, steps as taken", frequency, lumped, 1.5 * own, "the swing's own tension", "Hz")
-        compare(THEME, "the same, against the continuous string", f"{k} / (2 L) sqrt(T / mu)", frequency, k / (2 * L) * np.sqrt(T / mu), (k * np.pi / n) ** 2 / 24,
-                "links: (k pi / n)^2 / 24; steps much less", "Hz")
+        compare(
+            THEME,
+            f"taut string of {n} links: frequency of mode {k}",
+            "lumped string, steps as taken",
+            frequency,
+            lumped,
+            1.5 * own,
+            "the swing's own tension",
+            "Hz",
+        )
+        compare(
+            THEME,
+            "the same, against the continuous string",
+            f"{k} / (2 L) sqrt(T / mu)",
+            frequency,
+            k / (2 * L) * np.sqrt(T / mu),
+            (k * np.pi / n) ** 2 / 24,
+            "links: (k pi / n)^2 / 24; steps much less",
+            "Hz",
+        )
 
 
-N_WAVE, L_LINK, T_WAVE, P_WAVE = 60, 0.5, 100e3, 10e3  # elements, m unstressed, N prestress, N more from t = 0 on
+N_WAVE, L_LINK, T_WAVE, P_WAVE = (
+    60,
+    0.5,
+    100e3,
+    10e3,
+)  # elements, m unstressed, N prestress, N more from t = 0 on
 C_WAVE = float(np.sqrt(E / RHO))  # m/s, of unstressed length
 
 
 def pulled_cables(steps: int, courant: float, every: int, frames: int):
     """Two taut cables along x, at y = 0 with a fixed far end, at y = 5 with a free one; both are pulled by P more at x = 0."""
     n, l = N_WAVE, L_LINK * (1 + T_WAVE / EA)
-    nodes = [(100 * s + k, k * l, 5.0 * s, 0.0, int(s == 0 and k == n), -(T_WAVE + P_WAVE) if k == 0 else T_WAVE if s and k == n else 0.0) for s in (0, 1) for k in range(n + 1)]
+    nodes = [
+        (
+            100 * s + k,
+            k * l,
+            5.0 * s,
+            0.0,
+            int(s == 0 and k == n),
+            -(T_WAVE + P_WAVE) if k == 0 else T_WAVE if s and k == n else 0.0,
+        )
+        for s in (0, 1)
+        for k in range(n + 1)
+    ]
     elements = [(100 * s + k, 100 * s + k + 1, L_LINK) for s in (0, 1) for k in range(n)]
     dt = courant * L_LINK / C_WAVE
     probes = [(5.4 * l, 0.0), (55.4 * l, 0.0), (20.4 * l, 0.0), (n * l, 0.0)]
-    return BARE + timing(steps * dt, dt, every, probes, frames), csv("id,x,y,z,fixed,load_x", nodes), csv("start,end,unstressed_length", elements), dt
+    return (
+        BARE + timing(steps * dt, dt, every, probes, frames),
+        csv("id,x,y,z,fixed,load_x", nodes),
+        csv("start,end,unstressed_length", elements),
+        dt,
+    )
 
 
 def test_elastic_wave(both_ways, compare):
@@ -105,27 +177,91 @@ def test_elastic_wave(both_ways, compare):
     steps = 4 * n
     *tables, dt = pulled_cables(steps, 1.0 - short, 1, steps)
     f = both_ways.run(both_ways.job(*tables))
-    why, within = f"Courant number 1e-9 short of 1, where the difference equation is d'Alembert's; {steps} steps", steps * short
+    why, within = (
+        f"Courant number 1e-9 short of 1, where the difference equation is d'Alembert's; {steps} steps",
+        steps * short,
+    )
     s, j = np.arange(steps + 1)[:, None], np.arange(n + 1)[None]
     unit = P_WAVE * L_LINK / EA  # m, of a step
     reach = lambda way: np.maximum(way, 0)
-    echo = lambda sign: sum(sign**m * (reach(s - j - 2 * m * n) + sign * reach(s + j - 2 * (m + 1) * n)) for m in (0, 1, 2))
+    echo = lambda sign: sum(
+        sign**m * (reach(s - j - 2 * m * n) + sign * reach(s + j - 2 * (m + 1) * n)) for m in (0, 1, 2)
+    )
     u = tracks(f)[:, :, 0]
     u = u - u[0]
-    fixed, free = -u[:, : n + 1] / unit, -u[:, n + 1:] / unit
+    fixed, free = -u[:, : n + 1] / unit, -u[:, n + 1 :] / unit
     N = {e: f["history/probe_tension"][:, k] - T_WAVE for k, e in enumerate(f["history/probe_element"][:])}
     passes = {e: np.interp(0.5, N[e][: n + 5] / P_WAVE, np.arange(n + 5)) * dt for e in (5, 54)}
     way = 49 * L_LINK * (1 + T_WAVE / EA)
-    compare(THEME, "wave along a taut cable: speed", "sqrt(EA / mu), stretched", way / (passes[54] - passes[5]), C_WAVE * (1 + T_WAVE / EA), within, why, "m/s")
+    compare(
+        THEME,
+        "wave along a taut cable: speed",
+        "sqrt(EA / mu), stretched",
+        way / (passes[54] - passes[5]),
+        C_WAVE * (1 + T_WAVE / EA),
+        within,
+        why,
+        "m/s",
+    )
     compare(THEME, "the same: tension behind the front", "P", N[20][n - 10], P_WAVE, within, why, "N")
-    compare(THEME, "the same: tension at the fixed end", "2 P", N[n - 1][n + 10], 2 * P_WAVE, within, why, "N")
-    compare(THEME, "the same: speed behind the front", "P c / EA", (free[40, 20] - free[39, 20]) * unit / dt, P_WAVE * C_WAVE / EA, within, why, "m/s")
-    compare(THEME, "the same: speed of the free end", "2 P c / EA", (free[n + 20, n] - free[n + 19, n]) * unit / dt, 2 * P_WAVE * C_WAVE / EA, within, why, "m/s")
-    why, mirrored = "square of the Courant number, 2e-9 short of 1", fixed[: 2 * n] - fixed[: 2 * n: -1]
+    compare(
+        THEME, "the same: tension at the fixed end", "2 P", N[n - 1][n + 10], 2 * P_WAVE, within, why, "N"
+    )
+    compare(
+        THEME,
+        "the same: speed behind the front",
+        "P c / EA",
+        (free[40, 20] - free[39, 20]) * unit / dt,
+        P_WAVE * C_WAVE / EA,
+        within,
+        why,
+        "m/s",
+    )
+    compare(
+        THEME,
+        "the same: speed of the free end",
+        "2 P c / EA",
+        (free[n + 20, n] - free[n + 19, n]) * unit / dt,
+        2 * P_WAVE * C_WAVE / EA,
+        within,
+        why,
+        "m/s",
+    )
+    why, mirrored = "square of the Courant number, 2e-9 short of 1", fixed[: 2 * n] - fixed[: 2 * n : -1]
     for name, ours, theirs in (("fixed", fixed, echo(-1)), ("free", free, echo(1))):
-        compare(THEME, f"the same, far end {name}, all places and times: largest difference", "d'Alembert, with echoes", unit * np.abs(ours - theirs).max(), 0.0, 1e-8, why, "m", scale=unit * theirs.max())
-    compare(THEME, "the cable at rest after 2 L / c, then back: x(T/2 + s) - x(T/2 - s)", "reversal of time", unit * np.abs(mirrored).max(), 0.0, 1e-8, why, "m", scale=2 * n * unit)
-    compare(THEME, "the same, after 4 L / c: distance from the start", "reversal of time", unit * np.abs(fixed[-1]).max(), 0.0, 1e-8, why, "m", scale=2 * n * unit)
+        compare(
+            THEME,
+            f"the same, far end {name}, all places and times: largest difference",
+            "d'Alembert, with echoes",
+            unit * np.abs(ours - theirs).max(),
+            0.0,
+            1e-8,
+            why,
+            "m",
+            scale=unit * theirs.max(),
+        )
+    compare(
+        THEME,
+        "the cable at rest after 2 L / c, then back: x(T/2 + s) - x(T/2 - s)",
+        "reversal of time",
+        unit * np.abs(mirrored).max(),
+        0.0,
+        1e-8,
+        why,
+        "m",
+        scale=2 * n * unit,
+    )
+    compare(
+        THEME,
+        "the same, after 4 L / c: distance from the start",
+        "reversal of time",
+        unit * np.abs(fixed[-1]).max(),
+        0.0,
+        1e-8,
+        why,
+        "m",
+        scale=2 * n * unit,
+    )
 
 
 def test_wave_of_a_lumped_cable(both_ways, compare):
@@ -136,10 +272,31 @@ def test_wave_of_a_lumped_cable(both_ways, compare):
     z = 2 * C_WAVE * f["history/time"][:] / L_LINK
     N = f["history/probe_tension"][:, list(f["history/probe_element"][:]).index(j)] - T_WAVE
     ripple = lambda z: 2 * P_WAVE * sum(jv(2 * j + 2 + 2 * k, z) for k in range(60))
-    late = (2 * courant) ** 2 / 24 * (z * np.abs(jvp(2 * j + 1, z, 2))).max()  # the steps bring each wave forward by its (omega dt)^2 / 24
+    late = (
+        (2 * courant) ** 2 / 24 * (z * np.abs(jvp(2 * j + 1, z, 2))).max()
+    )  # the steps bring each wave forward by its (omega dt)^2 / 24
     why = "steps: (omega dt)^2 / 24 of every wave's phase"
-    compare(THEME, "wave of a cable of masses, short steps: largest difference of a tension", "series of Bessel functions", np.abs(N - ripple(z)).max(), 0.0, 1.2 * late, why, "N", scale=P_WAVE)
-    compare(THEME, "the same: tension in the first crest", "integral of J(41) to its first zero", crest(z, N), ripple(jn_zeros(2 * j + 1, 1)[0]), 1.2 * late, why, "N")
+    compare(
+        THEME,
+        "wave of a cable of masses, short steps: largest difference of a tension",
+        "series of Bessel functions",
+        np.abs(N - ripple(z)).max(),
+        0.0,
+        1.2 * late,
+        why,
+        "N",
+        scale=P_WAVE,
+    )
+    compare(
+        THEME,
+        "the same: tension in the first crest",
+        "integral of J(41) to its first zero",
+        crest(z, N),
+        ripple(jn_zeros(2 * j + 1, 1)[0]),
+        1.2 * late,
+        why,
+        "N",
+    )
 
 
 def test_pendulums(both_ways, compare):
@@ -150,76 +307,241 @@ def test_pendulums(both_ways, compare):
     for k, angle in enumerate(angles):
         y, phi = 10.0 * k, np.deg2rad(angle)
         L0 = L / (1 + mass * G * np.cos(phi) / EA)  # starts without a jerk along the bar
-        nodes += [(2 * k, 0.0, y, 0.0, 1, 0.0, 0.0), (2 * k + 1, L * np.sin(phi), y, -L * np.cos(phi), 0, 10.0, -(10.0 + L0 * HALF) * G)]
+        nodes += [
+            (2 * k, 0.0, y, 0.0, 1, 0.0, 0.0),
+            (2 * k + 1, L * np.sin(phi), y, -L * np.cos(phi), 0, 10.0, -(10.0 + L0 * HALF) * G),
+        ]
         elements.append((2 * k, 2 * k + 1, L0))
-    text = BARE.replace("modulus", 'kind = "bar"\nmodulus') + timing(1.3, dt, 10, [row[1:3] for row in nodes[1::2]])
-    f = both_ways.run(both_ways.job(text, csv("id,x,y,z,fixed,mass,load_z", nodes), csv("start,end,unstressed_length", elements)), ranks=2)
+    text = BARE.replace("modulus", 'kind = "bar"\nmodulus') + timing(
+        1.3, dt, 10, [row[1:3] for row in nodes[1::2]]
+    )
+    f = both_ways.run(
+        both_ways.job(
+            text, csv("id,x,y,z,fixed,mass,load_z", nodes), csv("start,end,unstressed_length", elements)
+        ),
+        ranks=2,
+    )
     t = f["history/time"][:]
     assert np.abs(f["history/balance_error"][:]).max() < 1e-5
     for k, angle in enumerate(angles):
         phi = np.deg2rad(angle)
         x = nodes[2 * k + 1][1] + f["history/probe_displacement"][:, k, 0]
         m = np.sin(phi / 2) ** 2
-        late = 3.75 * mass * G / EA * (2 * ellipe(m) / ellipk(m) - 1 - np.cos(phi)) + G / L * dt**2 / 24  # mean of the elongation's effect on inertia and energy
-        compare(THEME, f"pendulum let go at {angle} degrees: period", "elliptic integral", 4 * crossings(t, x)[0], 4 * np.sqrt(L / G) * ellipk(m), 1.5 * late, "elongation of the bar under the swing", "s")
+        late = (
+            3.75 * mass * G / EA * (2 * ellipe(m) / ellipk(m) - 1 - np.cos(phi)) + G / L * dt**2 / 24
+        )  # mean of the elongation's effect on inertia and energy
+        compare(
+            THEME,
+            f"pendulum let go at {angle} degrees: period",
+            "elliptic integral",
+            4 * crossings(t, x)[0],
+            4 * np.sqrt(L / G) * ellipk(m),
+            1.5 * late,
+            "elongation of the bar under the swing",
+            "s",
+        )
         way = 1 - np.cos(phi)
-        change = mass * G / EA * abs(6 * way - 9 * way**2) / (1 + 2 * way)  # by the elongation's own swing, and by energy and inertia
-        compare(THEME, "the same: largest tension", "m g (3 - 2 cos a)", crest(t, f["history/probe_tension"][:, k]), mass * G * (3 - 2 * np.cos(phi)), 2 * change, "elongation of the bar under the swing", "N")
+        change = (
+            mass * G / EA * abs(6 * way - 9 * way**2) / (1 + 2 * way)
+        )  # by the elongation's own swing, and by energy and inertia
+        compare(
+            THEME,
+            "the same: largest tension",
+            "m g (3 - 2 cos a)",
+            crest(t, f["history/probe_tension"][:, k]),
+            mass * G * (3 - 2 * np.cos(phi)),
+            2 * change,
+            "elongation of the bar under the swing",
+            "N",
+        )
 
 
 def test_swing_across_two_cables(both_ways, compare):
     """A mass between two taut cables, let go far off their line: its hardening swing by quadrature, its mirror image, and the way back."""
     modulus, L0, T, carried, a, dt = 1.95e9, 5.0, 10e3, 500.0, 1.0, 2e-3
     k, b, mass = modulus * A / L0, L0 * (1 + T / (modulus * A)), carried + 2 * L0 * HALF
-    nodes = csv("id,x,y,z,fixed,mass", [(0, -b, 0.0, 0.0, 1, 0.0), (1, 0.0, 0.0, a, 0, carried), (2, b, 0.0, 0.0, 1, 0.0)])
-    f = both_ways.run(both_ways.job(soft(modulus) + timing(1.36, dt, 1, [(0, 0)]), nodes, csv("start,end,unstressed_length", [(0, 1, L0), (1, 2, L0)])), ranks=2)
+    nodes = csv(
+        "id,x,y,z,fixed,mass",
+        [(0, -b, 0.0, 0.0, 1, 0.0), (1, 0.0, 0.0, a, 0, carried), (2, b, 0.0, 0.0, 1, 0.0)],
+    )
+    f = both_ways.run(
+        both_ways.job(
+            soft(modulus) + timing(1.36, dt, 1, [(0, 0)]),
+            nodes,
+            csv("start,end,unstressed_length", [(0, 1, L0), (1, 2, L0)]),
+        ),
+        ranks=2,
+    )
     V = lambda q: k * (np.hypot(b, q) - L0) ** 2
-    slowness = lambda s: a * np.cos(s) / np.sqrt(2 / mass * (V(a) - V(a * np.sin(s))))  # over q = a sin s; even about its end, where it is 0 / 0
+    slowness = lambda s: (
+        a * np.cos(s) / np.sqrt(2 / mass * (V(a) - V(a * np.sin(s))))
+    )  # over q = a sin s; even about its end, where it is 0 / 0
     period = 4 * (quad(slowness, 0, np.pi / 2 - 1e-4)[0] + 1e-4 * slowness(np.pi / 2 - 1e-4))
     t, z = f["history/time"][:], a + f["history/probe_displacement"][:, 0, 2]
     path, zero = CubicSpline(t, z), crossings(t, z)
     omega2 = 2 * k * (1 - L0 * b**2 / np.hypot(b, a) ** 3) / mass  # the stiffest, at the turning point
-    compare(THEME, "mass swinging across two cables: period", "quadrature of the energy", 2 * np.diff(zero).mean(), period, omega2 * dt**2 / 24, "steps: (omega dt)^2 / 24 where it is stiffest", "s")
+    compare(
+        THEME,
+        "mass swinging across two cables: period",
+        "quadrature of the energy",
+        2 * np.diff(zero).mean(),
+        period,
+        omega2 * dt**2 / 24,
+        "steps: (omega dt)^2 / 24 where it is stiffest",
+        "s",
+    )
     splines = 2 * (omega2 * dt**2) ** 2 / 384
     turn = zero[:-1] + np.diff(zero) / 2
-    compare(THEME, "the same: turning point on the other side", "mirror image", path(turn[0]), -a, splines, "the scheme mirrors too; splines between the steps", "m")
+    compare(
+        THEME,
+        "the same: turning point on the other side",
+        "mirror image",
+        path(turn[0]),
+        -a,
+        splines,
+        "the scheme mirrors too; splines between the steps",
+        "m",
+    )
     s = np.linspace(0, turn[0] - dt, 200)
-    compare(THEME, "the same: x(T/2 + s) - x(T/2 - s), largest", "reversal of time", np.abs(path(turn[0] + s) - path(turn[0] - s)).max(), 0.0, splines, "the scheme reverses too; splines between the steps", "m", scale=a)
+    compare(
+        THEME,
+        "the same: x(T/2 + s) - x(T/2 - s), largest",
+        "reversal of time",
+        np.abs(path(turn[0] + s) - path(turn[0] - s)).max(),
+        0.0,
+        splines,
+        "the scheme reverses too; splines between the steps",
+        "m",
+        scale=a,
+    )
 
 
 def test_snap_from_slack(both_ways, compare):
     """A mass falls freely on a slack cable, is caught and thrown back: times, largest tension and height from parabola and sinusoid."""
     modulus, L0, h, dt = 1.95e8, 10.0, 1.0, 1e-3
     k, mass = modulus * A / L0, 100.0 + L0 * HALF
-    nodes = csv("id,x,y,z,fixed,mass,load_x", [(0, 0.0, 0.0, 0.0, 1, 0.0, 0.0), (1, L0 - h, 0.0, 0.0, 0, 100.0, mass * G)])
-    f = both_ways.run(both_ways.job(soft(modulus) + timing(1.35, dt, 1, [(L0 - h, 0)]), nodes, csv("start,end,unstressed_length", [(0, 1, L0)])), ranks=2)
-    t, way, N = f["history/time"][:], f["history/probe_displacement"][:, 0, 0], f["history/probe_tension"][:, 0]
+    nodes = csv(
+        "id,x,y,z,fixed,mass,load_x",
+        [(0, 0.0, 0.0, 0.0, 1, 0.0, 0.0), (1, L0 - h, 0.0, 0.0, 0, 100.0, mass * G)],
+    )
+    f = both_ways.run(
+        both_ways.job(
+            soft(modulus) + timing(1.35, dt, 1, [(L0 - h, 0)]),
+            nodes,
+            csv("start,end,unstressed_length", [(0, 1, L0)]),
+        ),
+        ranks=2,
+    )
+    t, way, N = (
+        f["history/time"][:],
+        f["history/probe_displacement"][:, 0, 0],
+        f["history/probe_tension"][:, 0],
+    )
     caught, speed, omega, sag = np.sqrt(2 * h / G), np.sqrt(2 * G * h), np.sqrt(k / mass), mass * G / k
     held = (2 * np.pi - 2 * np.arctan2(speed / omega, sag)) / omega
     taut = np.flatnonzero(N)
     falling = slice(0, taut[0])
     assert (np.diff(taut) == 1).all() and np.abs(f["history/balance_error"][:]).max() < 1e-3
-    line = lambda m, n: t[m] - N[m] * (t[n] - t[m]) / (N[n] - N[m])  # where the straight line through two rows is zero
+    line = lambda m, n: (
+        t[m] - N[m] * (t[n] - t[m]) / (N[n] - N[m])
+    )  # where the straight line through two rows is zero
     begin, end = line(taut[0], taut[1]), line(taut[-1], taut[-2])
     kinks = (omega * dt) ** 2 / 8
-    compare(THEME, "mass on a slack cable: way until it is taut, largest difference", "g t^2 / 2", np.abs(way - G * t**2 / 2)[falling].max(), 0.0, 1e-12, EXACT, "m", scale=h)
-    compare(THEME, "the same: time at which it is caught", "sqrt(2 h / g)", begin, caught, (dt / caught) ** 2, "line through two rows: g dt^2 over the speed", "s")
-    compare(THEME, "the same: largest tension", "F + sqrt(F^2 + 2 k F h)", N.max(), k * (sag + np.hypot(sag, speed / omega)), kinks, "kink and crest between steps: (omega dt)^2 / 8", "N")
-    compare(THEME, "the same: time for which it is taut", "half a swing and more", end - begin, held, kinks, "steps and kinks: (omega dt)^2 / 8", "s")
-    last = taut[-1] + 1 + np.argmin(way[taut[-1] + 1:])
-    a, b, c = np.polyfit(t[last - 1: last + 2] - t[last], way[last - 1: last + 2], 2)  # free again: a parabola
-    compare(THEME, "the same: height to which it is thrown back", "height of the start", h - (c - b * b / (4 * a)), h, 2 * kinks, "two kinks: (omega dt)^2 / 8 of the speed", "m")
-    compare(THEME, "the same: time of the return", "parabola, sinusoid, parabola", t[last] - b / (2 * a), 2 * caught + held, kinks, "steps and kinks: (omega dt)^2 / 8", "s")
+    compare(
+        THEME,
+        "mass on a slack cable: way until it is taut, largest difference",
+        "g t^2 / 2",
+        np.abs(way - G * t**2 / 2)[falling].max(),
+        0.0,
+        1e-12,
+        EXACT,
+        "m",
+        scale=h,
+    )
+    compare(
+        THEME,
+        "the same: time at which it is caught",
+        "sqrt(2 h / g)",
+        begin,
+        caught,
+        (dt / caught) ** 2,
+        "line through two rows: g dt^2 over the speed",
+        "s",
+    )
+    compare(
+        THEME,
+        "the same: largest tension",
+        "F + sqrt(F^2 + 2 k F h)",
+        N.max(),
+        k * (sag + np.hypot(sag, speed / omega)),
+        kinks,
+        "kink and crest between steps: (omega dt)^2 / 8",
+        "N",
+    )
+    compare(
+        THEME,
+        "the same: time for which it is taut",
+        "half a swing and more",
+        end - begin,
+        held,
+        kinks,
+        "steps and kinks: (omega dt)^2 / 8",
+        "s",
+    )
+    last = taut[-1] + 1 + np.argmin(way[taut[-1] + 1 :])
+    a, b, c = np.polyfit(
+        t[last - 1 : last + 2] - t[last], way[last - 1 : last + 2], 2
+    )  # free again: a parabola
+    compare(
+        THEME,
+        "the same: height to which it is thrown back",
+        "height of the start",
+        h - (c - b * b / (4 * a)),
+        h,
+        2 * kinks,
+        "two kinks: (omega dt)^2 / 8 of the speed",
+        "m",
+    )
+    compare(
+        THEME,
+        "the same: time of the return",
+        "parabola, sinusoid, parabola",
+        t[last] - b / (2 * a),
+        2 * caught + held,
+        kinks,
+        "steps and kinks: (omega dt)^2 / 8",
+        "s",
+    )
 
 
 def test_two_masses_on_a_chain(both_ways, compare):
     """Two masses on a taut chain, let go from rest: every row is the sum of the two modes that the difference equation has."""
-    lengths, carried, moved, T, dt = np.array([6.0, 4.0]), np.array([800.0, 300.0]), np.array([1e-3, -3e-4]), 150e3, 1e-4
+    lengths, carried, moved, T, dt = (
+        np.array([6.0, 4.0]),
+        np.array([800.0, 300.0]),
+        np.array([1e-3, -3e-4]),
+        150e3,
+        1e-4,
+    )
     k, mass = EA / lengths, carried + HALF * np.array([10.0, 4.0])
     rest = np.cumsum(lengths * (1 + T / EA))
     x = rest + moved
-    nodes = csv("id,x,y,z,fixed,mass,load_x", [(0, 0.0, 0.0, 0.0, 1, 0.0, 0.0), (1, x[0], 0.0, 0.0, 0, carried[0], 0.0), (2, x[1], 0.0, 0.0, 0, carried[1], T)])
-    f = both_ways.run(both_ways.job(BARE + timing(0.2, dt, 4, [(v, 0.0) for v in x]), nodes, csv("start,end,unstressed_length", [(0, 1, lengths[0]), (1, 2, lengths[1])])), ranks=2)
+    nodes = csv(
+        "id,x,y,z,fixed,mass,load_x",
+        [
+            (0, 0.0, 0.0, 0.0, 1, 0.0, 0.0),
+            (1, x[0], 0.0, 0.0, 0, carried[0], 0.0),
+            (2, x[1], 0.0, 0.0, 0, carried[1], T),
+        ],
+    )
+    f = both_ways.run(
+        both_ways.job(
+            BARE + timing(0.2, dt, 4, [(v, 0.0) for v in x]),
+            nodes,
+            csv("start,end,unstressed_length", [(0, 1, lengths[0]), (1, 2, lengths[1])]),
+        ),
+        ranks=2,
+    )
     stiffness = np.array([[k[0] + k[1], -k[1]], [-k[1], k[1]]]) / np.sqrt(np.outer(mass, mass))
     squares, modes = np.linalg.eigh(stiffness)
     share = modes.T @ (np.sqrt(mass) * moved)
@@ -227,10 +549,29 @@ def test_two_masses_on_a_chain(both_ways, compare):
     t, u = f["history/time"][:], moved + f["history/probe_displacement"][:, :, 0]
     assert (f["history/slack"][:] == 0).all()
     omega = np.sqrt(squares)
-    compare(THEME, "two masses on a chain for 0.2 s: largest difference", "modes, steps as taken", np.abs(u - motion(2 * np.arcsin(omega * dt / 2) / dt, t)).max(), 0.0, 1e-9,
-            "rounding of 2000 steps: of a length, 1e-15", "m", scale=np.abs(moved).max())
+    compare(
+        THEME,
+        "two masses on a chain for 0.2 s: largest difference",
+        "modes, steps as taken",
+        np.abs(u - motion(2 * np.arcsin(omega * dt / 2) / dt, t)).max(),
+        0.0,
+        1e-9,
+        "rounding of 2000 steps: of a length, 1e-15",
+        "m",
+        scale=np.abs(moved).max(),
+    )
     late = t[-1] * (omega**3 * dt**2 / 24 * np.abs(share) @ np.abs(modes / np.sqrt(mass)[:, None]).T).max()
-    compare(THEME, "the same, as time goes on", "modes", np.abs(u - motion(omega, t)).max(), 0.0, late / np.abs(moved).max(), "phase (omega dt)^2 / 24, of both modes", "m", scale=np.abs(moved).max())
+    compare(
+        THEME,
+        "the same, as time goes on",
+        "modes",
+        np.abs(u - motion(omega, t)).max(),
+        0.0,
+        late / np.abs(moved).max(),
+        "phase (omega dt)^2 / 24, of both modes",
+        "m",
+        scale=np.abs(moved).max(),
+    )
 
 
 def test_order_of_accuracy(both_ways, compare):
@@ -238,11 +579,25 @@ def test_order_of_accuracy(both_ways, compare):
     zeta, hold, L0, soft_k, carried = 2.0, 20e3, 10.0, 9e4, 100.0
     stretched = L0 * (1 + hold / EA) + 1e-3
     start = np.array([3.0 + 2.0 * np.sin(1.0), -2.0 * np.cos(1.0)])
-    nodes = csv("id,x,y,z,fixed,mass,load_x,load_z", [(0, 0.0, 5.0, 0.0, 1, 0.0, 0.0, 0.0), (1, stretched, 5.0, 0.0, 0, 1000.0, hold, 0.0),
-                                                      (2, 3.0, 0.0, 0.0, 1, 0.0, 0.0, 0.0), (3, start[0], 0.0, start[1], 0, carried, 0.0, -carried * G)])
+    nodes = csv(
+        "id,x,y,z,fixed,mass,load_x,load_z",
+        [
+            (0, 0.0, 5.0, 0.0, 1, 0.0, 0.0, 0.0),
+            (1, stretched, 5.0, 0.0, 0, 1000.0, hold, 0.0),
+            (2, 3.0, 0.0, 0.0, 1, 0.0, 0.0, 0.0),
+            (3, start[0], 0.0, start[1], 0, carried, 0.0, -carried * G),
+        ],
+    )
     elements = csv("start,end,unstressed_length,modulus", [(0, 1, L0, E), (2, 3, 1.99, soft_k * 1.99 / A)])
-    job = both_ways.job(BARE + timing(0.5, 2e-3, 5, [(stretched, 5.0), (start[0], 0.0)], damping=zeta), nodes, elements)
-    found = [both_ways.run(job, "--set", f"dynamics.time_step={h}", ranks=2 if h == 2e-3 else 1, output=f"{h}.vtkhdf") for h in (2e-3, 1e-3, 5e-4)]
+    job = both_ways.job(
+        BARE + timing(0.5, 2e-3, 5, [(stretched, 5.0), (start[0], 0.0)], damping=zeta), nodes, elements
+    )
+    found = [
+        both_ways.run(
+            job, "--set", f"dynamics.time_step={h}", ranks=2 if h == 2e-3 else 1, output=f"{h}.vtkhdf"
+        )
+        for h in (2e-3, 1e-3, 5e-4)
+    ]
     t = found[0]["history/time"][:]
     mass, omega2 = carried + 1.99 * HALF, EA / L0 / (1000.0 + L0 * HALF)
     omega = np.sqrt(omega2 - zeta**2 / 4)
@@ -250,26 +605,68 @@ def test_order_of_accuracy(both_ways, compare):
 
     def rate(_, s):
         arm = s[:2] - [3.0, 0.0]
-        return [*s[2:], *(-soft_k * (1 - 1.99 / np.hypot(*arm)) * arm / mass - zeta * s[2:] - [0.0, carried * G / mass])]
+        return [
+            *s[2:],
+            *(-soft_k * (1 - 1.99 / np.hypot(*arm)) * arm / mass - zeta * s[2:] - [0.0, carried * G / mass]),
+        ]
 
-    swing = solve_ivp(rate, (0, t[-1]), [*start, 0.0, 0.0], "DOP853", t, rtol=1e-12, atol=1e-13).y[:2].T - start
-    for name, source, k, axes, theirs, fast in (("damped oscillator", "closed form", 0, [0], decay[:, None], omega2), ("mass that swings on a soft cable", "integration to 1e-12", 1, [0, 2], swing, soft_k / mass)):
+    swing = (
+        solve_ivp(rate, (0, t[-1]), [*start, 0.0, 0.0], "DOP853", t, rtol=1e-12, atol=1e-13).y[:2].T - start
+    )
+    for name, source, k, axes, theirs, fast in (
+        ("damped oscillator", "closed form", 0, [0], decay[:, None], omega2),
+        ("mass that swings on a soft cable", "integration to 1e-12", 1, [0, 2], swing, soft_k / mass),
+    ):
         errors = [np.linalg.norm(f["history/probe_displacement"][:, k][:, axes] - theirs) for f in found]
         for h, pair in zip((2e-3, 1e-3), zip(errors, errors[1:])):
-            compare(THEME, f"{name}, step of {h * 1e3:g} ms and half of it: order of the error", source, np.log2(pair[0] / pair[1]), 2.0, 0.075 * fast * h * h, "next term of the phase: 9/80 (omega h)^2 of the first")
+            compare(
+                THEME,
+                f"{name}, step of {h * 1e3:g} ms and half of it: order of the error",
+                source,
+                np.log2(pair[0] / pair[1]),
+                2.0,
+                0.075 * fast * h * h,
+                "next term of the phase: 9/80 (omega h)^2 of the first",
+            )
 
 
 def test_order_of_accuracy_of_a_net(both_ways, compare):
     """Half the step, a quarter of the error: a saddle roof in a steady wind, all displacements against a step of a sixteenth."""
-    text = '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n' + STEEL + '[form_finding]\nmethod = "force_density"\n'
-    text += "[wind]\nspeed = 10.0\nroughness = 0.0\nshape_coefficient = -1.3\n" + timing(0.2, 2e-4, 25, frames=100)
+    text = (
+        '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n'
+        + STEEL
+        + '[form_finding]\nmethod = "force_density"\n'
+    )
+    text += "[wind]\nspeed = 10.0\nroughness = 0.0\nshape_coefficient = -1.3\n" + timing(
+        0.2, 2e-4, 25, frames=100
+    )
     job, steps = both_ways.job(text), (2e-4, 1e-4, 5e-5, 1.25e-5)
-    found = [both_ways.run(job, "--set", f"dynamics.time_step={h}", "--set", "output.history=0.1", ranks=3 if h == 2e-4 else 1, output=f"{h}.vtkhdf") for h in steps]
+    found = [
+        both_ways.run(
+            job,
+            "--set",
+            f"dynamics.time_step={h}",
+            "--set",
+            "output.history=0.1",
+            ranks=3 if h == 2e-4 else 1,
+            output=f"{h}.vtkhdf",
+        )
+        for h in steps
+    ]
     assert not any(f["history/slack"][:].any() for f in found)
     x = [tracks(f) for f in found]
     errors = [np.linalg.norm(v - x[-1]) for v in x[:-1]]
-    fastest = np.sqrt(2) * C_WAVE / (40.0 / 6)  # 1/s, neighbours in opposition: 4 EA / L over the mass of two elements
+    fastest = (
+        np.sqrt(2) * C_WAVE / (40.0 / 6)
+    )  # 1/s, neighbours in opposition: 4 EA / L over the mass of two elements
     for k, h in enumerate(steps[:2]):
         expected = np.log2((h**2 - steps[-1] ** 2) / (h**2 / 4 - steps[-1] ** 2))
-        compare(THEME, f"saddle roof in a steady wind, step of {h * 1e3:g} ms and half of it: order of the error", "a sixteenth of the first step", np.log2(errors[k] / errors[k + 1]), expected,
-                0.075 * (fastest * h) ** 2, "next term of the phase: 9/80 (omega h)^2 of the first, for the fastest mode")
+        compare(
+            THEME,
+            f"saddle roof in a steady wind, step of {h * 1e3:g} ms and half of it: order of the error",
+            "a sixteenth of the first step",
+            np.log2(errors[k] / errors[k + 1]),
+            expected,
+            0.075 * (fastest * h) ** 2,
+            "next term of the phase: 9/80 (omega h)^2 of the first, for the fastest mode",
+        )

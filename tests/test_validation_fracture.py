@@ -19,7 +19,9 @@ def states(f):
     """Times (s,) [s] of the frames and the positions [m] of the particles in each, those that split off last."""
     steps = f["VTKHDF/Steps"]
     counts = f["VTKHDF/NumberOfPoints"][:][steps["PartOffsets"][:]]
-    return steps["Values"][:], [f["VTKHDF/Points"][first:first + n] for first, n in zip(steps["PointOffsets"][:], counts)]
+    return steps["Values"][:], [
+        f["VTKHDF/Points"][first : first + n] for first, n in zip(steps["PointOffsets"][:], counts)
+    ]
 
 
 def ends(f):
@@ -29,8 +31,12 @@ def ends(f):
 
 def chain(n, length, fixed, load=0.0, weak=None):
     """Tables of n elements in a row along x; `weak` is of the group weak, the load [N] pulls at the last node."""
-    nodes = "id,x,y,z,fixed,load_x\n" + "".join(f"{k},{k * length!r},0,0,{int(k in fixed)},{load if k == n else 0}\n" for k in range(n + 1))
-    return nodes, "start,end,group\n" + "".join(f"{k},{k + 1},{'weak' if k == weak else 'strong'}\n" for k in range(n))
+    nodes = "id,x,y,z,fixed,load_x\n" + "".join(
+        f"{k},{k * length!r},0,0,{int(k in fixed)},{load if k == n else 0}\n" for k in range(n + 1)
+    )
+    return nodes, "start,end,group\n" + "".join(
+        f"{k},{k + 1},{'weak' if k == weak else 'strong'}\n" for k in range(n)
+    )
 
 
 def modes(stiffness, mass):
@@ -44,46 +50,117 @@ def test_weight_on_a_cable_that_breaks(both_ways, compare):
     """A weight put on a cable overstretches it at a time in closed form; then cable and weight fall, and the freed end flies."""
     length, weight, limit, dt = 10.0, 98100.0, 1e-3, 2e-5
     nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,{-length},0,{weight / G},{-weight}\n"
-    text = CABLE + f"fracture_strain = {limit}\n[dynamics]\nduration = 0.3\ntime_step = {dt}\n[output]\nframes = 30\n"
+    text = (
+        CABLE
+        + f"fracture_strain = {limit}\n[dynamics]\nduration = 0.3\ntime_step = {dt}\n[output]\nframes = 30\n"
+    )
     f = both_ways.run(both_ways.job(text, nodes, "start,end\n1,2\n"), ranks=2)
-    assert ends(f) == [(0, 0, 2)] and limit < f["events/strain"][0] < 1.01 * limit and np.abs(f["history/identity_error"][:]).max() < 1e-12
+    assert (
+        ends(f) == [(0, 0, 2)]
+        and limit < f["events/strain"][0] < 1.01 * limit
+        and np.abs(f["history/identity_error"][:]).max() < 1e-12
+    )
     half, k = 0.5 * RHO * A * length, EA / length
     M = weight / G + half
     omega, step = np.sqrt(k / M), int(f["events/step"][0])
     parted = np.arccos(1 - limit * length * k / weight) / omega
-    compare(THEME, "weight put on a cable: time of the break", "acos(1 - eps_u EA / W) / omega", f["events/time"][0], parted, dt, "first step past it", "s", scale=1.0)
+    compare(
+        THEME,
+        "weight put on a cable: time of the break",
+        "acos(1 - eps_u EA / W) / omega",
+        f["events/time"][0],
+        parted,
+        dt,
+        "first step past it",
+        "s",
+        scale=1.0,
+    )
     # the steps themselves in closed form: z(n) = (1 - cos n theta) W / k
     theta = np.arccos(1 - 0.5 * (omega * dt) ** 2)
     z = lambda n: -weight / k * (1 - np.cos(n * theta))
     first = next(n for n in range(10**6) if -z(n) > limit * length)
-    compare(THEME, "the same: number of the step", "central difference solved by hand", step, first, 0, "both count steps")
+    compare(
+        THEME,
+        "the same: number of the step",
+        "central difference solved by hand",
+        step,
+        first,
+        0,
+        "both count steps",
+    )
     v = (z(step + 1) - z(step)) / dt  # half a step before it parts, at x(step + 1)
     total = M + half
     a = -weight / total
     momentum = M * v + total * a * 0.5 * dt  # at step + 1
     tau = (f["history/time"][-1] / dt - step - 1) * dt
     x, moves = f["final/position"][:, 2], f["final/velocity"][:, 2]
-    compare(THEME, "weight and fragment together: momentum at the end", "M v + W t", M * moves[1] + half * moves[2], momentum + total * a * tau, 1e-11,
-            "exact; rounding of 1e4 steps", "kg m/s")
+    compare(
+        THEME,
+        "weight and fragment together: momentum at the end",
+        "M v + W t",
+        M * moves[1] + half * moves[2],
+        momentum + total * a * tau,
+        1e-11,
+        "exact; rounding of 1e4 steps",
+        "kg m/s",
+    )
     fallen = (M * (x[1] + length - z(step + 1)) + half * x[2]) / total
-    compare(THEME, "their centre of mass: way since the break", "v t + W t^2 / 2 M", fallen, momentum / total * tau + 0.5 * a * tau**2, 1e-10, EXACT, "m")
+    compare(
+        THEME,
+        "their centre of mass: way since the break",
+        "v t + W t^2 / 2 M",
+        fallen,
+        momentum / total * tau + 0.5 * a * tau**2,
+        1e-10,
+        EXACT,
+        "m",
+    )
     # the freed end springs towards the weight until the cable is slack, then keeps its speed
     stretch, mu = -z(step + 1), M * half / total
     omega = np.sqrt(k / mu)
     still = weight / M / omega**2  # stretch with which the two would fall side by side
     rate = -v + 0.5 * dt * (weight / M - k * stretch / mu)  # of the stretch at step + 1
     away = np.sqrt(rate**2 + omega**2 * ((stretch - still) ** 2 - still**2))
-    slack = brentq(lambda t: still + (stretch - still) * np.cos(omega * t) + rate / omega * np.sin(omega * t), 0, np.pi / omega)
+    slack = brentq(
+        lambda t: still + (stretch - still) * np.cos(omega * t) + rate / omega * np.sin(omega * t),
+        0,
+        np.pi / omega,
+    )
     times, points = states(f)
     late = [n for n, t in enumerate(times) if t > times[-1] - 0.1]
     early, last = points[late[0]][:, 2], points[late[-1]][:, 2]
     way = times[late[-1]] - times[late[0]]
     assert early[2] - early[1] < length and times[late[0]] > (step + 1) * dt + slack  # slack all the while
-    compare(THEME, "freed end while the cable is slack: speed", "ways of equal length in equal times", (last[2] - early[2]) / way, moves[2], 1e-12,
-            "no force; rounding", "m/s")
-    compare(THEME, "weight meanwhile: way", "v t + g t^2 / 2", last[1] - early[1], moves[1] * way + 0.5 * weight / M * way**2, 1e-11, EXACT, "m")
-    compare(THEME, "speed of the weight past the freed end", "energy of the cable, reduced mass", moves[1] - moves[2], away - weight / M * (tau - slack),
-            3 * (omega * dt) ** 2 / 8, "second order in the step: (omega dt)^2 / 8", "m/s")
+    compare(
+        THEME,
+        "freed end while the cable is slack: speed",
+        "ways of equal length in equal times",
+        (last[2] - early[2]) / way,
+        moves[2],
+        1e-12,
+        "no force; rounding",
+        "m/s",
+    )
+    compare(
+        THEME,
+        "weight meanwhile: way",
+        "v t + g t^2 / 2",
+        last[1] - early[1],
+        moves[1] * way + 0.5 * weight / M * way**2,
+        1e-11,
+        EXACT,
+        "m",
+    )
+    compare(
+        THEME,
+        "speed of the weight past the freed end",
+        "energy of the cable, reduced mass",
+        moves[1] - moves[2],
+        away - weight / M * (tau - slack),
+        3 * (omega * dt) ** 2 / 8,
+        "second order in the step: (omega dt)^2 / 8",
+        "m/s",
+    )
 
 
 @pytest.mark.parametrize("weak", [0, 5])
@@ -93,12 +170,33 @@ def test_step_load_breaks_the_weak_element_behind_the_reflection(both_ways, comp
     strain = load / EA
     dt = length / C * WHOLE
     nodes, elements = chain(n, length, {0}, load, weak)
-    text = CABLE + f"[cable.weak]\nfracture_strain = {1.5 * strain!r}\n[dynamics]\nduration = {(n + weak + 4) * dt!r}\ntime_step = {dt!r}\n"
+    text = (
+        CABLE
+        + f"[cable.weak]\nfracture_strain = {1.5 * strain!r}\n[dynamics]\nduration = {(n + weak + 4) * dt!r}\ntime_step = {dt!r}\n"
+    )
     f = both_ways.run(both_ways.job(text, nodes, elements))
     case = f"step load on a chain of {n}, weak element {weak}: "
-    compare(THEME, case + "which parts", "the one that is weak", f["events/element"][0], weak, 0, "the wave comes back to no other first", scale=1.0)
-    compare(THEME, case + "when", "(n + weak + 1/2) L0 / c", f["events/time"][0], (n + weak + 0.5) * length / C, 0.5001 * dt,
-            "the first step past it; half a step", "s", scale=1.0)
+    compare(
+        THEME,
+        case + "which parts",
+        "the one that is weak",
+        f["events/element"][0],
+        weak,
+        0,
+        "the wave comes back to no other first",
+        scale=1.0,
+    )
+    compare(
+        THEME,
+        case + "when",
+        "(n + weak + 1/2) L0 / c",
+        f["events/time"][0],
+        (n + weak + 0.5) * length / C,
+        0.5001 * dt,
+        "the first step past it; half a step",
+        "s",
+        scale=1.0,
+    )
     compare(THEME, case + "strain there", "2 F / EA", f["events/strain"][0], 2 * strain, 1e-9, MAGIC)
 
 
@@ -109,21 +207,61 @@ def test_whip_of_a_released_end(both_ways, compare):
     L0 = length / (1 + strain)
     dt, m = L0 / C * WHOLE, RHO * A * L0
     nodes, elements = chain(n, length, {0, n}, weak=n - 1)
-    text = STEEL + f"[cable.weak]\nfracture_strain = {0.5 * strain!r}\n[dynamics]\nduration = {(n + 1) * dt!r}\ntime_step = {dt!r}\n"
-    f = both_ways.run(both_ways.job(text + f"[output]\nhistory = {dt!r}\nframes = 2\nprobes = [[0, 0]]\n", nodes, elements))
+    text = (
+        STEEL
+        + f"[cable.weak]\nfracture_strain = {0.5 * strain!r}\n[dynamics]\nduration = {(n + 1) * dt!r}\ntime_step = {dt!r}\n"
+    )
+    f = both_ways.run(
+        both_ways.job(text + f"[output]\nhistory = {dt!r}\nframes = 2\nprobes = [[0, 0]]\n", nodes, elements)
+    )
     v0, v = tension / (np.sqrt(E * RHO) * A), f["final/velocity"][:, 0]
     assert f["events/particle"][0] == n and f["events/step"][0] == 0 and len(v) == n + 2
     source = "linear wave theory: N / (sqrt(E rho) A)"
-    compare(THEME, "end link of a stretched cable parts: speed behind the wave, slowest", source, np.abs(v[1:n]).min(), v0, 1e-8, MAGIC, "m/s")
+    compare(
+        THEME,
+        "end link of a stretched cable parts: speed behind the wave, slowest",
+        source,
+        np.abs(v[1:n]).min(),
+        v0,
+        1e-8,
+        MAGIC,
+        "m/s",
+    )
     compare(THEME, "the same: fastest", source, np.abs(v[1:n]).max(), v0, 1e-8, MAGIC, "m/s")
     far = f["history/probe_tension"][:, 0]
     arrival = f["history/time"][:][far < 0.5 * tension][0] - dt  # parted at the step after that of the event
-    compare(THEME, "the same: time until the far support goes slack", "L0 / c of the whole cable", arrival, n * L0 / C, 1e-9, MAGIC, "s")
+    compare(
+        THEME,
+        "the same: time until the far support goes slack",
+        "L0 / c of the whole cable",
+        arrival,
+        n * L0 / C,
+        1e-9,
+        MAGIC,
+        "s",
+    )
     stored = 0.5 * tension * strain * L0
     moving = 0.5 * m * (v[1:n] ** 2).sum()
-    compare(THEME, "the same: kinetic energy of the particles behind the wave", "strain energy of as many elements", moving, (n - 1) * stored, 1e-8, MAGIC, "J")
-    compare(THEME, "the same: kinetic energy with the free end's", "strain energy of all elements", f["history/kinetic_energy"][-1], n * stored, 1.01 / n,
-            "the free end is first kicked a whole step, not half of one: as much energy as one element has", "J")
+    compare(
+        THEME,
+        "the same: kinetic energy of the particles behind the wave",
+        "strain energy of as many elements",
+        moving,
+        (n - 1) * stored,
+        1e-8,
+        MAGIC,
+        "J",
+    )
+    compare(
+        THEME,
+        "the same: kinetic energy with the free end's",
+        "strain energy of all elements",
+        f["history/kinetic_energy"][-1],
+        n * stored,
+        1.01 / n,
+        "the free end is first kicked a whole step, not half of one: as much energy as one element has",
+        "J",
+    )
 
 
 def test_dead_load_goes_with_what_carries_it(both_ways, compare):
@@ -132,33 +270,79 @@ def test_dead_load_goes_with_what_carries_it(both_ways, compare):
     nodes = f"id,x,y,z,fixed,area\n1,0,0,0,1,1\n2,0,0,{-length},0,{area[0]}\n3,0,0,{-2 * length},0,{area[1]}\n4,0,0,{-2 * length - 1},1,0\n"
     # a slack thread below the weight: an end with a single element would not part from it
     elements = f"start,end,group,area,unstressed_length\n1,2,upper,{A},{length}\n2,3,lower,{A},{length}\n3,4,thread,1e-12,{thread}\n"
-    text = CABLE + f"[cable.lower]\nfracture_strain = {limit}\n[load]\nself_weight = true\ndead = {dead}\n[dynamics]\nduration = 0.25\n"
+    text = (
+        CABLE
+        + f"[cable.lower]\nfracture_strain = {limit}\n[load]\nself_weight = true\ndead = {dead}\n[dynamics]\nduration = 0.25\n"
+    )
     text += "[output]\nframes = 250\nhistory = 0.001\n"
     f = both_ways.run(both_ways.job(text, nodes, elements), ranks=2)
-    dt, step, k, half = f["history/time_step"][0], int(f["events/step"][0]), EA / length, 0.5 * RHO * A * length
+    dt, step, k, half = (
+        f["history/time_step"][0],
+        int(f["events/step"][0]),
+        EA / length,
+        0.5 * RHO * A * length,
+    )
     mass = dead * area / G + half * np.array([2, 1]) + [0, 0.5 * RHO * 1e-12 * thread]
     omega, shape = modes(k * np.array([[2, -1], [-1, 1]]), mass)
     theta = np.arccos(1 - 0.5 * (omega * dt) ** 2)
-    place = lambda n: shape @ (shape.T @ (-G * mass) / omega**2 * (1 - np.cos(n * theta)))  # the steps in closed form, by modes
+    place = lambda n: (
+        shape @ (shape.T @ (-G * mass) / omega**2 * (1 - np.cos(n * theta)))
+    )  # the steps in closed form, by modes
     first = next(n for n in range(10**4) if place(n)[0] - place(n)[1] > limit * length)
-    compare(THEME, "two weights on a hanger: number of the step of the break", "central difference solved by hand", step, first, 0, "both count steps")
+    compare(
+        THEME,
+        "two weights on a hanger: number of the step of the break",
+        "central difference solved by hand",
+        step,
+        first,
+        0,
+        "both count steps",
+    )
     force = np.abs(mass * (place(step + 1) - 2 * place(step) + place(step - 1)))
-    compare(THEME, "the same: end that parts (1 upper, 2 lower)", "that with the larger resultant force", f["events/particle"][0], 1 + force.argmax(), 0, "paper 2.4")
+    compare(
+        THEME,
+        "the same: end that parts (1 upper, 2 lower)",
+        "that with the larger resultant force",
+        f["events/particle"][0],
+        1 + force.argmax(),
+        0,
+        "paper 2.4",
+    )
     taken = f["events/mass"][0]
     assert taken > 1.2 * half  # some of the dead load went along
-    compare(THEME, "the same: mass of the fragment", "k (dt / safety)^2 / 2", taken, 0.5 * k * (dt / 0.8) ** 2, 1e-12, "a formula", "kg")
+    compare(
+        THEME,
+        "the same: mass of the fragment",
+        "k (dt / safety)^2 / 2",
+        taken,
+        0.5 * k * (dt / 0.8) ** 2,
+        1e-12,
+        "a formula",
+        "kg",
+    )
     v = (place(step + 1) - place(step))[1] / dt - 0.5 * G * dt
     tau = f["history/time"][-1] - (step + 1) * dt
     falls = place(step + 1)[1] + v * tau - 0.5 * G * tau**2
-    compare(THEME, "the same: way of the weight", "modes, then v t + g t^2 / 2", f["final/position"][2, 2] + 2 * length, falls, 1e-11, EXACT, "m")
+    compare(
+        THEME,
+        "the same: way of the weight",
+        "modes, then v t + g t^2 / 2",
+        f["final/position"][2, 2] + 2 * length,
+        falls,
+        1e-11,
+        EXACT,
+        "m",
+    )
     times, points = states(f)
     z = np.array([p[[1, -1], 2] for p in points if len(p) > 4])
     slack = z[:, 0] - z[:, 1] < length
-    free = z[slack.argmax():, 1]
-    assert slack[slack.argmax():].all() and len(free) > 100
+    free = z[slack.argmax() :, 1]
+    assert slack[slack.argmax() :].all() and len(free) > 100
     apart = len(free) // 4
-    falls = np.diff(free[:2 * apart + 1:apart], 2)[0] / (apart * (times[1] - times[0])) ** 2
-    compare(THEME, "the same: fall of the fragment while the cable is slack", "g", falls, -G, 1e-10, EXACT, "m/s2")
+    falls = np.diff(free[: 2 * apart + 1 : apart], 2)[0] / (apart * (times[1] - times[0])) ** 2
+    compare(
+        THEME, "the same: fall of the fragment while the cable is slack", "g", falls, -G, 1e-10, EXACT, "m/s2"
+    )
 
 
 def test_equal_forces_part_both_ends(both_ways, compare):
@@ -167,33 +351,100 @@ def test_equal_forces_part_both_ends(both_ways, compare):
     nodes = f"id,x,y,z,mass,load_x\n1,0,0,0,500,{-load}\n2,1,0,0,100,0\n3,2,0,0,100,0\n4,3,0,0,500,{load}\n"
     text = CABLE + f"fracture_strain = {limit}\n[dynamics]\nduration = 0.012\ntime_step = {dt}\n"
     f = both_ways.run(both_ways.job(text, nodes, "start,end,area\n1,2,1e-3\n2,3,4e-4\n3,4,1e-3\n"))
-    k = E * np.array([1e-3, 2 * 4e-4])  # the half from the middle outwards; half of an element is twice as stiff
-    omega, shape = modes(np.array([[k[0], -k[0]], [-k[0], k.sum()]]), np.array([500 + 0.5e-3 * RHO, 100 + 0.5 * 1.4e-3 * RHO]))
+    k = E * np.array(
+        [1e-3, 2 * 4e-4]
+    )  # the half from the middle outwards; half of an element is twice as stiff
+    omega, shape = modes(
+        np.array([[k[0], -k[0]], [-k[0], k.sum()]]), np.array([500 + 0.5e-3 * RHO, 100 + 0.5 * 1.4e-3 * RHO])
+    )
     pull = shape[0] * load / omega**2
     way = lambda t: float(shape[1] @ (pull * (1 - np.cos(omega * t))))  # of the middle's end
     first = next(t for t in np.arange(0, 0.012, 1e-5) if way(t) > 0.5 * limit)
     parted = brentq(lambda t: way(t) - 0.5 * limit, first - 1e-5, first)
-    compare(THEME, "symmetric chain pulled at both ends: time of the break", "its modes", f["events/time"][0], parted, 2 * dt,
-            "first step past it; second order in the step", "s", scale=1.0)
-    compare(THEME, "the same: ends that part", "both, as the forces are equal", len(f["events/step"]), 2, 0, "rule of equal forces")
-    assert ends(f) == [(1, 1, 4 + 2), (1, 2, 4 + 3)] and len(set(f["events/step"][:])) == 1 and f["history/broken"][-1] == 1
+    compare(
+        THEME,
+        "symmetric chain pulled at both ends: time of the break",
+        "its modes",
+        f["events/time"][0],
+        parted,
+        2 * dt,
+        "first step past it; second order in the step",
+        "s",
+        scale=1.0,
+    )
+    compare(
+        THEME,
+        "the same: ends that part",
+        "both, as the forces are equal",
+        len(f["events/step"]),
+        2,
+        0,
+        "rule of equal forces",
+    )
+    assert (
+        ends(f) == [(1, 1, 4 + 2), (1, 2, 4 + 3)]
+        and len(set(f["events/step"][:])) == 1
+        and f["history/broken"][-1] == 1
+    )
     x, v = f["final/position"][:, 0], f["final/velocity"][:, 0]
-    compare(THEME, "the same: sum of the velocities of mirror images", "zero", np.abs(v + v[[3, 2, 1, 0, 5, 4]]).max(), 0,
-            E * 1e-3 * np.spacing(3.0) * 0.012 / (0.5 * 4e-4 * RHO), "rounding of the positions: k ulp t / M", "m/s", scale=1.0)
+    compare(
+        THEME,
+        "the same: sum of the velocities of mirror images",
+        "zero",
+        np.abs(v + v[[3, 2, 1, 0, 5, 4]]).max(),
+        0,
+        E * 1e-3 * np.spacing(3.0) * 0.012 / (0.5 * 4e-4 * RHO),
+        "rounding of the positions: k ulp t / M",
+        "m/s",
+        scale=1.0,
+    )
     assert x[5] - x[4] < 1  # slack
     parts = f["events/time"][0] + dt
-    ringing, stretch = 2 * C, 2 * way(parts)  # of the loose element of 1 m: two halves of its mass on its stiffness
+    ringing, stretch = (
+        2 * C,
+        2 * way(parts),
+    )  # of the loose element of 1 m: two halves of its mass on its stiffness
     rate = 2 * (way(parts) - way(parts - dt)) / dt - 0.5 * dt * ringing**2 * stretch
-    compare(THEME, "the same: speed of the ends that flew off", "c eps_u and the speed until then", v[4], 0.5 * np.hypot(ringing * stretch, rate),
-            3 * (ringing * dt) ** 2 / 8, "second order in the step: (omega dt)^2 / 8", "m/s")
+    compare(
+        THEME,
+        "the same: speed of the ends that flew off",
+        "c eps_u and the speed until then",
+        v[4],
+        0.5 * np.hypot(ringing * stretch, rate),
+        3 * (ringing * dt) ** 2 / 8,
+        "second order in the step: (omega dt)^2 / 8",
+        "m/s",
+    )
 
 
 def test_symmetric_net_breaks_symmetrically(both_ways, compare):
     """Under uniform load the saddle's fractures come in mirror images, in the same step."""
     f = both_ways.run(both_ways.job(PULLED.format(0.3)))
-    x, elements, element, step = f["net/particles"][:, :2], f["net/elements"][:], f["events/element"][:], f["events/step"][:]
+    x, elements, element, step = (
+        f["net/particles"][:, :2],
+        f["net/elements"][:],
+        f["events/element"][:],
+        f["events/step"][:],
+    )
     middle = 0.5 * (x[elements[:, 0]] + x[elements[:, 1]])
-    image = {mirror: np.array([np.linalg.norm(middle - place * mirror, axis=1).argmin() for place in middle]) for mirror in ((-1, 1), (1, -1))}
-    alone = [(s, e) for s, e in zip(step, element) for mirror in image if image[mirror][e] not in element[step == s]]
+    image = {
+        mirror: np.array([np.linalg.norm(middle - place * mirror, axis=1).argmin() for place in middle])
+        for mirror in ((-1, 1), (1, -1))
+    }
+    alone = [
+        (s, e)
+        for s, e in zip(step, element)
+        for mirror in image
+        if image[mirror][e] not in element[step == s]
+    ]
     assert len(np.unique(element)) >= 4
-    compare(THEME, "saddle under uniform load: fractures without mirror image in the same step", "symmetry", len(alone), 0, 0, "rule of equal forces", scale=1.0)
+    compare(
+        THEME,
+        "saddle under uniform load: fractures without mirror image in the same step",
+        "symmetry",
+        len(alone),
+        0,
+        0,
+        "rule of equal forces",
+        scale=1.0,
+    )

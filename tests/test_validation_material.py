@@ -25,14 +25,40 @@ def test_elongation_under_a_known_force(both_ways, compare, strain):
     N, L0, shares = 100e3, 6.0, (0.001, 0.04, 0.2, -0.04)
     nodes, elements = [], []
     for s, share in enumerate(shares):
-        nodes += [(10 * s + k, L0 * k / 2, 5.0 * s, 0.0, int(k == 0), 1, 1, np.copysign(N, share) if k == 2 else 0.0) for k in (0, 1, 2)]
-        elements += [(10 * s + k, 10 * s + k + 1, "strut" if share < 0 else "", N / abs(share) / A) for k in (0, 1)]
+        nodes += [
+            (
+                10 * s + k,
+                L0 * k / 2,
+                5.0 * s,
+                0.0,
+                int(k == 0),
+                1,
+                1,
+                np.copysign(N, share) if k == 2 else 0.0,
+            )
+            for k in (0, 1, 2)
+        ]
+        elements += [
+            (10 * s + k, 10 * s + k + 1, "strut" if share < 0 else "", N / abs(share) / A) for k in (0, 1)
+        ]
     table = csv("id,x,y,z,fixed_x,fixed_y,fixed_z,load_x", nodes), csv("start,end,group,modulus", elements)
-    f = both_ways.run(both_ways.job(section(strain) + '[cable.strut]\nkind = "bar"\n[load]\nsteps = 2\ntolerance = 1e-10\n', *table))
+    f = both_ways.run(
+        both_ways.job(
+            section(strain) + '[cable.strut]\nkind = "bar"\n[load]\nsteps = 2\ntolerance = 1e-10\n', *table
+        )
+    )
     for s, share in enumerate(shares):
         theirs = L0 * (1 + share) if strain == "engineering" else L0 * np.exp(share)
-        compare(THEME, f"length of {L0:g} m under N = {share:g} EA, {strain} strain", "L0 (1 + N / EA)" if strain == "engineering" else "L0 exp(N / EA)", f["final/position"][3 * s + 2, 0] - f["final/position"][3 * s, 0],
-                theirs, 2e-10 * abs(share), "residual of the statics, 1e-10 of the load", "m")
+        compare(
+            THEME,
+            f"length of {L0:g} m under N = {share:g} EA, {strain} strain",
+            "L0 (1 + N / EA)" if strain == "engineering" else "L0 exp(N / EA)",
+            f["final/position"][3 * s + 2, 0] - f["final/position"][3 * s, 0],
+            theirs,
+            2e-10 * abs(share),
+            "residual of the statics, 1e-10 of the load",
+            "m",
+        )
 
 
 @pytest.mark.parametrize("strain", MEASURES)
@@ -41,17 +67,37 @@ def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
     L0, h, carried, dt = 10.0, 0.6, 36e3, 5e-4
     mass = carried + HALF * L0
     F = mass * G
-    nodes = csv("id,x,y,z,fixed,mass,load_x", [(0, 0.0, 0.0, 0.0, 1, 0.0, 0.0), (1, L0 - h, 0.0, 0.0, 0, carried, F)])
-    job = both_ways.job(section(strain) + "yield_stress = 1.75e9\n" + timing(1.2, dt, 1, [(L0 - h, 0.0)]), nodes, csv("start,end,unstressed_length", [(0, 1, L0)]))
+    nodes = csv(
+        "id,x,y,z,fixed,mass,load_x", [(0, 0.0, 0.0, 0.0, 1, 0.0, 0.0), (1, L0 - h, 0.0, 0.0, 0, carried, F)]
+    )
+    job = both_ways.job(
+        section(strain) + "yield_stress = 1.75e9\n" + timing(1.2, dt, 1, [(L0 - h, 0.0)]),
+        nodes,
+        csv("start,end,unstressed_length", [(0, 1, L0)]),
+    )
     f = both_ways.run(job, ranks=2)
-    t, L, N = f["history/time"][:], L0 - h + f["history/probe_displacement"][:, 0, 0], f["history/probe_tension"][:, 0]
+    t, L, N = (
+        f["history/time"][:],
+        L0 - h + f["history/probe_displacement"][:, 0, 0],
+        f["history/probe_tension"][:, 0],
+    )
     if strain == "engineering":
         at_yield, stored = L0 * (1 + NY / EA), lambda L, rest: EA / L0 * (L - rest) ** 2 / 2
-        remains, plastic, force = lambda L, N: L - L0 * N / EA, lambda rest: rest / L0 - 1, lambda L, rest: EA / L0 * (L - rest)
+        remains, plastic, force = (
+            lambda L, N: L - L0 * N / EA,
+            lambda rest: rest / L0 - 1,
+            lambda L, rest: EA / L0 * (L - rest),
+        )
     else:
         at_yield, stored = L0 * np.exp(NY / EA), lambda L, rest: EA * (L * np.log(L / rest) - L + rest)
-        remains, plastic, force = lambda L, N: L * np.exp(-N / EA), lambda rest: np.log(rest / L0), lambda L, rest: EA * np.log(L / rest)
-    longest = (stored(at_yield, L0) - NY * at_yield - F * (h - L0)) / (F - NY)  # F (h + L - L0) = stored + NY (L - at_yield)
+        remains, plastic, force = (
+            lambda L, N: L * np.exp(-N / EA),
+            lambda rest: np.log(rest / L0),
+            lambda L, rest: EA * np.log(L / rest),
+        )
+    longest = (stored(at_yield, L0) - NY * at_yield - F * (h - L0)) / (
+        F - NY
+    )  # F (h + L - L0) = stored + NY (L - at_yield)
     rest = remains(longest, NY)
     spring = stored(longest, rest)
     heat = NY * (longest - at_yield) - (spring - stored(at_yield, L0))
@@ -65,7 +111,7 @@ def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
     again = peak + rebound + 2 * np.sqrt(2 * (rest - thrown) / G)
     taut = np.flatnonzero(N)
     gap = np.flatnonzero(np.diff(taut) > 1)[0]
-    first, second = taut[: gap + 1], taut[gap + 1:]
+    first, second = taut[: gap + 1], taut[gap + 1 :]
     path = CubicSpline(t[first], L[first])
     turn = path.derivative().roots(extrapolate=False)[0]
     residual = remains(L[first[-1]], N[first[-1]])  # of the last row on the way down
@@ -74,17 +120,89 @@ def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
     kinks, what = EA / L0 / mass * dt**2 / 4, "kinks at catch and yield: (omega dt)^2 / 8 of the speed each"
     sure = kinks * (F * h + stored(at_yield, L0)) / (NY - F)  # m, what the kinks' energy does to the longest
     name = f"weight dropped on a cable that yields, {strain} strain"
-    compare(THEME, f"{name}: largest elongation", "balance of energy", path(turn) - L0, longest - L0, sure / (longest - L0), what, "m")
-    compare(THEME, "the same: plastic strain", "balance of energy", f["final/plastic_strain"][0], plastic(rest), sure / (rest - L0), what)
-    compare(THEME, "the same: dissipated", "work of yield force less stored", f["history/plastic_dissipation"][-1], heat, sure / (rest - L0), what, "J")
+    compare(
+        THEME,
+        f"{name}: largest elongation",
+        "balance of energy",
+        path(turn) - L0,
+        longest - L0,
+        sure / (longest - L0),
+        what,
+        "m",
+    )
+    compare(
+        THEME,
+        "the same: plastic strain",
+        "balance of energy",
+        f["final/plastic_strain"][0],
+        plastic(rest),
+        sure / (rest - L0),
+        what,
+    )
+    compare(
+        THEME,
+        "the same: dissipated",
+        "work of yield force less stored",
+        f["history/plastic_dissipation"][-1],
+        heat,
+        sure / (rest - L0),
+        what,
+        "J",
+    )
     compare(THEME, "the same: time of the longest", "quadrature", turn, peak, kinks, what, "s")
-    compare(THEME, "the same: residual elongation, where it is slack", "balance of energy", residual - L0, rest - L0, sure / (rest - L0), what, "m")
-    compare(THEME, "the same: way thrown back from there, slack", "balance of energy", residual - lowest(lowest.deriv().roots[0]), rest - thrown, kinks, what, "m")
-    compare(THEME, "the same: time of the second catch", "quadrature and parabola", t[second[0]] - (L[second[0]] - rest) / ((L[second[0]] - L[second[0] - 1]) / dt), again, kinks, what, "s")
+    compare(
+        THEME,
+        "the same: residual elongation, where it is slack",
+        "balance of energy",
+        residual - L0,
+        rest - L0,
+        sure / (rest - L0),
+        what,
+        "m",
+    )
+    compare(
+        THEME,
+        "the same: way thrown back from there, slack",
+        "balance of energy",
+        residual - lowest(lowest.deriv().roots[0]),
+        rest - thrown,
+        kinks,
+        what,
+        "m",
+    )
+    compare(
+        THEME,
+        "the same: time of the second catch",
+        "quadrature and parabola",
+        t[second[0]] - (L[second[0]] - rest) / ((L[second[0]] - L[second[0] - 1]) / dt),
+        again,
+        kinks,
+        what,
+        "s",
+    )
     up = second[: np.argmax(L[second])]
     up = up[N[up] < NY * (1 - 1e-9)]  # before it flows again, by what the kinks have added
-    compare(THEME, "the same: tension on the way up again, largest difference", "the line of the way down", np.abs(N[up] - force(L[up], residual)).max(), 0.0, 1e-9, "rounding", "N", scale=NY)
-    compare(THEME, "the same: largest elongation the second time", "the first time", L[second].max() - L0, longest - L0, sure / (longest - L0), what, "m")
+    compare(
+        THEME,
+        "the same: tension on the way up again, largest difference",
+        "the line of the way down",
+        np.abs(N[up] - force(L[up], residual)).max(),
+        0.0,
+        1e-9,
+        "rounding",
+        "N",
+        scale=NY,
+    )
+    compare(
+        THEME,
+        "the same: largest elongation the second time",
+        "the first time",
+        L[second].max() - L0,
+        longest - L0,
+        sure / (longest - L0),
+        what,
+        "m",
+    )
 
 
 @pytest.mark.parametrize("strain", MEASURES)
@@ -98,11 +216,34 @@ def test_cycles_with_slack(both_ways, compare, strain):
     nodes, elements = [], []
     for s, group in enumerate(("cable", "strut")):
         x = L0 + 0.02 + start[0], 2 * L0 + 0.02 + start[1]
-        nodes += [(10 * s + j, v, 5.0 * s, 0.0, int(j in (0, 3)), 1, 1, heavy if j in (1, 2) else 0.0) for j, v in enumerate((0.0, *x, 3 * L0 + 0.02))]
-        elements += [(10 * s + j, 10 * s + j + 1, group if j == 0 else "driver", L0, area if j == 0 else 1e-2, E if j == 0 else k * L0 / 1e-2) for j in range(3)]
-    text = section(strain) + 'yield_stress = 1.75e9\n[cable.strut]\nkind = "bar"\n[cable.driver]\nkind = "bar"\nyield_stress = 1e14\n'
+        nodes += [
+            (10 * s + j, v, 5.0 * s, 0.0, int(j in (0, 3)), 1, 1, heavy if j in (1, 2) else 0.0)
+            for j, v in enumerate((0.0, *x, 3 * L0 + 0.02))
+        ]
+        elements += [
+            (
+                10 * s + j,
+                10 * s + j + 1,
+                group if j == 0 else "driver",
+                L0,
+                area if j == 0 else 1e-2,
+                E if j == 0 else k * L0 / 1e-2,
+            )
+            for j in range(3)
+        ]
+    text = (
+        section(strain)
+        + 'yield_stress = 1.75e9\n[cable.strut]\nkind = "bar"\n[cable.driver]\nkind = "bar"\nyield_stress = 1e14\n'
+    )
     text += timing(2.5, dt, 1, [(nodes[1][1], 0.0), (nodes[5][1], 5.0)])
-    f = both_ways.run(both_ways.job(text, csv("id,x,y,z,fixed_x,fixed_y,fixed_z,mass", nodes), csv("start,end,group,unstressed_length,area,modulus", elements)), ranks=2)
+    f = both_ways.run(
+        both_ways.job(
+            text,
+            csv("id,x,y,z,fixed_x,fixed_y,fixed_z,mass", nodes),
+            csv("start,end,group,unstressed_length,area,modulus", elements),
+        ),
+        ranks=2,
+    )
     heat = 0.0
     for s, group in enumerate(("cable", "bar")):
         L = nodes[1][1] + f["history/probe_displacement"][:, s, 0]
@@ -119,30 +260,114 @@ def test_cycles_with_slack(both_ways, compare, strain):
                 longer = L0 * (np.exp(eps_p) - np.exp(before))
                 heat += ea * u * np.exp(u) * longer - ea * (np.exp(u) * (u - 1) + 1) * longer
             theirs.append(max(ea * (value - eps_p), 0.0) if group == "cable" else ea * (value - eps_p))
-            stage = "flow" if abs(theirs[-1]) > ny * (1 - 1e-12) else "slack" if theirs[-1] == 0 else "elastic"
+            stage = (
+                "flow" if abs(theirs[-1]) > ny * (1 - 1e-12) else "slack" if theirs[-1] == 0 else "elastic"
+            )
             stages += [stage] if stages[-1:] != [stage] else []
         if group == "cable":
-            assert stages == ["slack", "elastic", "flow", "elastic", "slack", "elastic", "flow", "elastic", "slack", "elastic", "slack"], stages
+            assert stages == [
+                "slack",
+                "elastic",
+                "flow",
+                "elastic",
+                "slack",
+                "elastic",
+                "flow",
+                "elastic",
+                "slack",
+                "elastic",
+                "slack",
+            ], stages
         else:
             assert stages.count("flow") >= 4
-        name = f"{group} through cycles of flow" + (" and slack" if group == "cable" else " both ways") + f", {strain} strain"
-        compare(THEME, f"{name}: largest difference of the tension", "paper Fig. 3 along the path", np.abs(N - theirs).max(), 0.0, 1e-9, "rounding", "N", scale=ny)
-        compare(THEME, "the same: plastic strain at the end", "paper Fig. 3 along the path", f["final/plastic_strain"][3 * s], eps_p, 1e-9, "rounding")
-    source = "yield force times plastic elongation" if strain == "engineering" else "yield force times elongation in flow, less stored"
-    compare(THEME, f"both through these cycles, {strain} strain: dissipated", source, f["history/plastic_dissipation"][-1], heat, 1e-9, "rounding", "J")
+        name = (
+            f"{group} through cycles of flow"
+            + (" and slack" if group == "cable" else " both ways")
+            + f", {strain} strain"
+        )
+        compare(
+            THEME,
+            f"{name}: largest difference of the tension",
+            "paper Fig. 3 along the path",
+            np.abs(N - theirs).max(),
+            0.0,
+            1e-9,
+            "rounding",
+            "N",
+            scale=ny,
+        )
+        compare(
+            THEME,
+            "the same: plastic strain at the end",
+            "paper Fig. 3 along the path",
+            f["final/plastic_strain"][3 * s],
+            eps_p,
+            1e-9,
+            "rounding",
+        )
+    source = (
+        "yield force times plastic elongation"
+        if strain == "engineering"
+        else "yield force times elongation in flow, less stored"
+    )
+    compare(
+        THEME,
+        f"both through these cycles, {strain} strain: dissipated",
+        source,
+        f["history/plastic_dissipation"][-1],
+        heat,
+        1e-9,
+        "rounding",
+        "J",
+    )
 
 
 def test_three_cables_past_yield(both_ways, compare):
     """The joint of three cables under load steps past the yield of the middle one: what it carries stays, the slanted ones take the rest."""
     H, P = 5.0, 2.2 * NY
-    nodes = csv("id,x,y,z,fixed,load_z", [(0, -H, 0.0, H, 1, 0.0), (1, 0.0, 0.0, H, 1, 0.0), (2, H, 0.0, H, 1, 0.0), (3, 0.0, 0.0, 0.0, 0, -P)])
-    f = both_ways.run(both_ways.job(section("engineering") + "yield_stress = 1.75e9\n[load]\nsteps = 11\ntolerance = 1e-10\n", nodes, "start,end\n0,3\n1,3\n2,3\n"), ranks=2)
+    nodes = csv(
+        "id,x,y,z,fixed,load_z",
+        [
+            (0, -H, 0.0, H, 1, 0.0),
+            (1, 0.0, 0.0, H, 1, 0.0),
+            (2, H, 0.0, H, 1, 0.0),
+            (3, 0.0, 0.0, 0.0, 0, -P),
+        ],
+    )
+    f = both_ways.run(
+        both_ways.job(
+            section("engineering") + "yield_stress = 1.75e9\n[load]\nsteps = 11\ntolerance = 1e-10\n",
+            nodes,
+            "start,end\n0,3\n1,3\n2,3\n",
+        ),
+        ranks=2,
+    )
     middle, slant = lambda v: min(EA * v / H, NY), lambda v: EA * (np.hypot(H, H + v) / np.hypot(H, H) - 1)
     carried = lambda v: middle(v) + 2 * slant(v) * (H + v) / np.hypot(H, H + v)
     assert slant(brentq(lambda v: carried(v) - P, 0, 1)) < NY  # the slanted ones stay elastic
-    for factor, moved, N in zip(f["statics/load_factor"][:], f["statics/displacement"][:, 3, 2], f["statics/tension"][:]):
+    for factor, moved, N in zip(
+        f["statics/load_factor"][:], f["statics/displacement"][:, 3, 2], f["statics/tension"][:]
+    ):
         if round(factor * 11) in (8, 9, 11):
             v = brentq(lambda v: carried(v) - factor * P, 0, 1, xtol=1e-15)
             load = f"three cables under {factor * 2.2:.1f} times the yield force"
-            compare(THEME, f"{load}: displacement", "equilibrium in place", -moved, v, 1e-9, "residual of the statics, 1e-10 of the load; softer past yield", "m")
-            compare(THEME, "the same: force of a slanted cable", "equilibrium in place", N[0], slant(v), 1e-9, "residual of the statics, 1e-10 of the load; softer past yield", "N")
+            compare(
+                THEME,
+                f"{load}: displacement",
+                "equilibrium in place",
+                -moved,
+                v,
+                1e-9,
+                "residual of the statics, 1e-10 of the load; softer past yield",
+                "m",
+            )
+            compare(
+                THEME,
+                "the same: force of a slanted cable",
+                "equilibrium in place",
+                N[0],
+                slant(v),
+                1e-9,
+                "residual of the statics, 1e-10 of the load; softer past yield",
+                "N",
+            )

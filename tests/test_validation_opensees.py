@@ -34,7 +34,15 @@ def python_with_opensees() -> str | None:
     """The first Python that can import openseespy."""
     for python in (sys.executable, str(ROOT / ".venv-bench" / "bin" / "python")):
         try:
-            if subprocess.run([python, "-c", "import openseespy.opensees"], env=ENVIRONMENT, capture_output=True, timeout=120).returncode == 0:
+            if (
+                subprocess.run(
+                    [python, "-c", "import openseespy.opensees"],
+                    env=ENVIRONMENT,
+                    capture_output=True,
+                    timeout=120,
+                ).returncode
+                == 0
+            ):
                 return python
         except FileNotFoundError:
             pass
@@ -44,8 +52,18 @@ def python_with_opensees() -> str | None:
 def opensees(folder, case: dict) -> dict:
     """What OpenSees answers to a case now."""
     np.savez(folder / "case.npz", **case)
-    done = subprocess.run([python_with_opensees(), ROOT / "tests" / "opensees_reference.py", folder / "case.npz", folder / "answer.npz"],
-                          env=ENVIRONMENT, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(
+        [
+            python_with_opensees(),
+            ROOT / "tests" / "opensees_reference.py",
+            folder / "case.npz",
+            folder / "answer.npz",
+        ],
+        env=ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
     assert done.returncode == 0, done.stderr
     with np.load(folder / "answer.npz") as f:
         return dict(f)
@@ -60,24 +78,50 @@ def reference(name: str, folder, case: dict) -> dict:
         with np.load(STORED) as f:
             stored = dict(f)
     if store:
-        stored = {key: values for key, values in stored.items() if not key.startswith(f"{name}/")} | {f"{name}/{key}": values for key, values in now.items()}
+        stored = {key: values for key, values in stored.items() if not key.startswith(f"{name}/")} | {
+            f"{name}/{key}": values for key, values in now.items()
+        }
         np.savez_compressed(STORED, **stored)
-    theirs = {key.removeprefix(f"{name}/"): values for key, values in stored.items() if key.startswith(f"{name}/")}
+    theirs = {
+        key.removeprefix(f"{name}/"): values for key, values in stored.items() if key.startswith(f"{name}/")
+    }
     for key, values in now.items():
-        assert np.abs(values - theirs[key]).max() <= 1e-9 * np.abs(theirs[key]).max(), key  # rounding, as in the rows below
+        assert np.abs(values - theirs[key]).max() <= 1e-9 * np.abs(theirs[key]).max(), (
+            key
+        )  # rounding, as in the rows below
     return theirs
 
 
-def make_case(f, section: dict, static=None, sudden=None, dead=0.0, damping=0.0, step=STEP, every=1, fine=(), stride=1) -> dict:
+def make_case(
+    f, section: dict, static=None, sudden=None, dead=0.0, damping=0.0, step=STEP, every=1, fine=(), stride=1
+) -> dict:
     """The net that form finding left, with masses and loads from the job's numbers. static, sudden : (n, 3) [N]; the rest as in opensees_reference.py"""
-    elements, L0, area = f["net/elements"][:], f["form_finding/unstressed_length"][:], f["net/tributary_area"][:]
+    elements, L0, area = (
+        f["net/elements"][:],
+        f["form_finding/unstressed_length"][:],
+        f["net/tributary_area"][:],
+    )
     half = 0.5 * section["density"] * section["area"] * L0
     mass = np.bincount(elements.ravel(), np.repeat(half, 2), len(area)) + dead / GRAVITY * area
     zero, moves = np.zeros((len(area), 3)), sudden is not None
-    return {"x": f["form_finding/position"][:], "fixed": f["net/fixed"][:], "elements": elements, "L0": L0, "EA": np.full(len(L0), MODULUS * section["area"]),
-            "mass": mass, "static": zero if static is None else static, "sudden": sudden if moves else zero, "damping": damping, "step": step, "every": every,
-            "rows": len(f["history/time"]) - 1 if moves else 0, "fine": np.array(fine), "stride": stride,
-            "particles": f["history/probe_particle"][:] if moves else np.zeros(0, int), "elements_at": f["history/probe_element"][:] if moves else np.zeros(0, int)}
+    return {
+        "x": f["form_finding/position"][:],
+        "fixed": f["net/fixed"][:],
+        "elements": elements,
+        "L0": L0,
+        "EA": np.full(len(L0), MODULUS * section["area"]),
+        "mass": mass,
+        "static": zero if static is None else static,
+        "sudden": sudden if moves else zero,
+        "damping": damping,
+        "step": step,
+        "every": every,
+        "rows": len(f["history/time"]) - 1 if moves else 0,
+        "fine": np.array(fine),
+        "stride": stride,
+        "particles": f["history/probe_particle"][:] if moves else np.zeros(0, int),
+        "elements_at": f["history/probe_element"][:] if moves else np.zeros(0, int),
+    }
 
 
 def vertical(f, pressure: float) -> np.ndarray:
@@ -101,30 +145,73 @@ def saddle_wind(f, speed: float, shape: float) -> np.ndarray:
     return (-shape * area * 1.25 * U**2 / 2)[:, None] * normal
 
 
-def compare_states(compare, what: str, d, N, theirs: dict, name: str, stride: int, within: tuple, because: str) -> None:
+def compare_states(
+    compare, what: str, d, N, theirs: dict, name: str, stride: int, within: tuple, because: str
+) -> None:
     """Rows for the displacements (n, 3) [m] and tensions (m,) [N] of a state, largest values and everywhere."""
     largest_d, largest_N = theirs[f"{name}_largest"]
-    compare(THEME, f"{what}: largest displacement", OPENSEES, np.linalg.norm(d, axis=1).max(), largest_d, within[0], because, "m")
+    compare(
+        THEME,
+        f"{what}: largest displacement",
+        OPENSEES,
+        np.linalg.norm(d, axis=1).max(),
+        largest_d,
+        within[0],
+        because,
+        "m",
+    )
     compare(THEME, f"{what}: largest tension", OPENSEES, N.max(), largest_N, within[1], because, "N")
     where = "anywhere" if stride == 1 else f"at every {stride}th"
     worst = lambda ours, others: np.abs(ours[::stride] - others).max()
-    compare(THEME, f"{what}: displacement {where}, of the largest", OPENSEES, worst(d, theirs[f"{name}_displacement"]) / largest_d, 0, within[0], because, scale=1.0)
-    compare(THEME, f"{what}: tension {where}, of the largest", OPENSEES, worst(N, theirs[f"{name}_tension"]) / largest_N, 0, within[1], because, scale=1.0)
+    compare(
+        THEME,
+        f"{what}: displacement {where}, of the largest",
+        OPENSEES,
+        worst(d, theirs[f"{name}_displacement"]) / largest_d,
+        0,
+        within[0],
+        because,
+        scale=1.0,
+    )
+    compare(
+        THEME,
+        f"{what}: tension {where}, of the largest",
+        OPENSEES,
+        worst(N, theirs[f"{name}_tension"]) / largest_N,
+        0,
+        within[1],
+        because,
+        scale=1.0,
+    )
 
 
 def history_error(f, theirs: dict, name: str = "") -> np.ndarray:
     """Largest differences over all rows, of the largest displacement and of the largest tension there."""
-    pairs = ((f["history/probe_displacement"][1:], theirs[f"{name}displacement"]), (f["history/probe_tension"][1:], theirs[f"{name}tension"]))
+    pairs = (
+        (f["history/probe_displacement"][1:], theirs[f"{name}displacement"]),
+        (f["history/probe_tension"][1:], theirs[f"{name}tension"]),
+    )
     return np.array([np.abs(ours - others).max() / np.abs(others).max() for ours, others in pairs])
 
 
 def compare_histories(compare, what: str, f, theirs: dict, within: tuple, because: str) -> None:
     """Rows for the histories at the probes."""
     for quantity, error, bound in zip(("displacement", "tension"), history_error(f, theirs), within):
-        compare(THEME, f"{what}: {quantity} at any time, of the largest", OPENSEES, error, 0, bound, because, scale=1.0)
+        compare(
+            THEME,
+            f"{what}: {quantity} at any time, of the largest",
+            OPENSEES,
+            error,
+            0,
+            bound,
+            because,
+            scale=1.0,
+        )
 
 
-def rounding(f, case: dict, theirs: dict, slack_length: float | None = None) -> tuple[tuple[float, float], str]:
+def rounding(
+    f, case: dict, theirs: dict, slack_length: float | None = None
+) -> tuple[tuple[float, float], str]:
     """What rounding amounts to at the worst, of the largest displacement and tension, and the words for it.
 
     A strain is right to its last bit, EA 2^-52 of force: for two elements in both programs it pushes a particle freely for the whole time.
@@ -133,7 +220,10 @@ def rounding(f, case: dict, theirs: dict, slack_length: float | None = None) -> 
     EA, mass, time = case["EA"][0], np.median(case["mass"][case["fixed"][:, 0] == 0]), f["history/time"][-1]
     way = 0.5 * (2 * EA * np.finfo(float).eps / mass) * time**2
     d, N = np.abs(theirs["displacement"]).max(), np.abs(theirs["tension"]).max()
-    return (way / d, EA / slack_length * way / N if slack_length else way / d), f"the same scheme and step: the last bit of the strains, EA 4e-16, pushing for {time:g} s"
+    return (
+        way / d,
+        EA / slack_length * way / N if slack_length else way / d,
+    ), f"the same scheme and step: the last bit of the strains, EA 4e-16, pushing for {time:g} s"
 
 
 def fastest_square(case: dict) -> float:
@@ -150,13 +240,18 @@ def moved(f) -> np.ndarray:
 
 def elastic(f, section: dict) -> None:
     """Nothing has flowed: the reference is elastic."""
-    assert not f["final/plastic_strain"][:].any() and f["VTKHDF/CellData/tension"][:].max() < YIELD * section["area"]
+    assert (
+        not f["final/plastic_strain"][:].any()
+        and f["VTKHDF/CellData/tension"][:].max() < YIELD * section["area"]
+    )
 
 
 def needs_opensees() -> None:
     """Skip, saying how to get it."""
     if python_with_opensees() is None:
-        pytest.skip("stored answers only: no Python has openseespy; `bash jobs/bench/run.sh` makes .venv-bench with it, or pip install .[validation]")
+        pytest.skip(
+            "stored answers only: no Python has openseespy; `bash jobs/bench/run.sh` makes .venv-bench with it, or pip install .[validation]"
+        )
 
 
 @pytest.mark.parametrize("stretch", [-1e-3, 1e-3, 5e-2])
@@ -165,13 +260,25 @@ def test_the_element_in_opensees_is_the_one_meant(tmp_path, stretch):
     needs_opensees()
     L0, EA = 10.0, 1e6
     x = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -L0 * (1 + stretch)]])
-    case = {"x": x, "fixed": np.array([[1, 1, 1], [1, 1, 0]]), "elements": np.array([[0, 1]]), "L0": np.array([L0]), "EA": np.array([EA]), "mass": np.ones(2),
-            "static": np.array([[0, 0, 0], [0, 0, -2e3]]), "rows": 0, "fine": [], "stride": 1}
+    case = {
+        "x": x,
+        "fixed": np.array([[1, 1, 1], [1, 1, 0]]),
+        "elements": np.array([[0, 1]]),
+        "L0": np.array([L0]),
+        "EA": np.array([EA]),
+        "mass": np.ones(2),
+        "static": np.array([[0, 0, 0], [0, 0, -2e3]]),
+        "rows": 0,
+        "fine": [],
+        "stride": 1,
+    }
     if stretch < 0:  # without stiffness until it is taut: held, and without force
         case["fixed"] = np.ones((2, 3), int)
     found = opensees(tmp_path, case)
     assert np.isclose(found["static_tension"][0], 2e3 if stretch > 0 else 0.0, rtol=1e-12)
-    assert stretch < 0 or np.isclose(found["static_displacement"][1, 2], -(L0 * (1 + 2e3 / EA) - L0 * (1 + stretch)), rtol=1e-10)
+    assert stretch < 0 or np.isclose(
+        found["static_displacement"][1, 2], -(L0 * (1 + 2e3 / EA) - L0 * (1 + stretch)), rtol=1e-10
+    )
 
 
 def test_saddle_under_static_load_and_then_wind(both_ways, compare):
@@ -194,13 +301,39 @@ history = 0.025
 probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
 """
     f = both_ways.run(both_ways.job(shipped("saddle") + text))
-    theirs = reference("saddle", both_ways.folder, make_case(f, SADDLE, vertical(f, 2000.0), saddle_wind(f, 40.0, 0.8), damping=0.5, every=250))
+    theirs = reference(
+        "saddle",
+        both_ways.folder,
+        make_case(f, SADDLE, vertical(f, 2000.0), saddle_wind(f, 40.0, 0.8), damping=0.5, every=250),
+    )
     elastic(f, SADDLE)
-    compare_states(compare, "saddle, 2 kN/m2 upward", f["statics/displacement"][-1], f["statics/tension"][-1], theirs, "static", 1, (1.1e-9, 1.1e-9),
-                   "residual: 1e-10 of 1800 kN is 1.1e-9 of the nodal load")
-    what, because = "the same, then steady wind, damped", "the same scheme and step: what the static stage left"
+    compare_states(
+        compare,
+        "saddle, 2 kN/m2 upward",
+        f["statics/displacement"][-1],
+        f["statics/tension"][-1],
+        theirs,
+        "static",
+        1,
+        (1.1e-9, 1.1e-9),
+        "residual: 1e-10 of 1800 kN is 1.1e-9 of the nodal load",
+    )
+    what, because = (
+        "the same, then steady wind, damped",
+        "the same scheme and step: what the static stage left",
+    )
     compare_histories(compare, what, f, theirs, (1.1e-9, 1.1e-9), because)
-    compare_states(compare, f"{what}, after 1 s", moved(f), f["final/tension"][:], theirs, "final", 1, (1.1e-9, 1.1e-9), because)
+    compare_states(
+        compare,
+        f"{what}, after 1 s",
+        moved(f),
+        f["final/tension"][:],
+        theirs,
+        "final",
+        1,
+        (1.1e-9, 1.1e-9),
+        because,
+    )
 
 
 def test_saddle_under_sudden_load(both_ways, compare):
@@ -224,24 +357,63 @@ probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
     within, because = rounding(f, case, theirs)
     what = "saddle, 0.8 kN/m2 at once"
     compare_histories(compare, what, f, theirs, within, because)
-    compare_states(compare, f"{what}, after 0.5 s", moved(f), f["final/tension"][:], theirs, "final", 1, within, because)
+    compare_states(
+        compare, f"{what}, after 0.5 s", moved(f), f["final/tension"][:], theirs, "final", 1, within, because
+    )
     size = lambda f, name: f[f"history/probe_{name}"][1:] - theirs[f"fine_{name}"]
     # a mode's frequency is too high by (w dt)^2 / 24 + 3 (w dt)^4 / 640: the second term is 0.11 (w dt)^2 of the first, and thrice that in the ratio
     for name in ("displacement", "tension"):
         one, two, largest = size(f, name), size(double, name), np.abs(theirs[f"fine_{name}"]).max()
-        compare(THEME, f"{what}: {name} at any time, of the largest", FOURTH, np.abs(one).max() / largest, 0, 0.5 * np.abs(two - one).max() / largest,
-                "second order: a third of the change from twice the step, half as much again", scale=1.0)
-        compare(THEME, f"{what}: {name}, error of twice the step over error", FOURTH, np.sqrt(np.sum(two**2) / np.sum(one**2)), 4.0, 0.34 * fastest_square(case) * STEP**2,
-                "second order; next term of the fastest mode")
+        compare(
+            THEME,
+            f"{what}: {name} at any time, of the largest",
+            FOURTH,
+            np.abs(one).max() / largest,
+            0,
+            0.5 * np.abs(two - one).max() / largest,
+            "second order: a third of the change from twice the step, half as much again",
+            scale=1.0,
+        )
+        compare(
+            THEME,
+            f"{what}: {name}, error of twice the step over error",
+            FOURTH,
+            np.sqrt(np.sum(two**2) / np.sum(one**2)),
+            4.0,
+            0.34 * fastest_square(case) * STEP**2,
+            "second order; next term of the fastest mode",
+        )
 
 
 def test_stadium_under_dead_load(both_ways, compare):
     """The stadium's cladding laid on slowly: 42 cables go slack."""
-    f = both_ways.run(both_ways.job(shipped("stadium") + "[load]\ndead = 1000.0\nsteps = 1\ntolerance = 1e-10\n"))
-    theirs = reference("stadium", both_ways.folder, make_case(f, STADIUM, vertical(f, -1000.0), dead=1000.0, stride=8))
-    compare_states(compare, "stadium, 1 kN/m2 of cladding", f["statics/displacement"][-1], f["statics/tension"][-1], theirs, "static", 8, (2.2e-9, 2.2e-9),
-                   "residual: 1e-10 of 104 kN is 2.2e-9 of the nodal load")
-    compare(THEME, "the same: slack cables", OPENSEES, f["statics/slack"][-1], theirs["static_slack"], 0, "counted", scale=1.0)
+    f = both_ways.run(
+        both_ways.job(shipped("stadium") + "[load]\ndead = 1000.0\nsteps = 1\ntolerance = 1e-10\n")
+    )
+    theirs = reference(
+        "stadium", both_ways.folder, make_case(f, STADIUM, vertical(f, -1000.0), dead=1000.0, stride=8)
+    )
+    compare_states(
+        compare,
+        "stadium, 1 kN/m2 of cladding",
+        f["statics/displacement"][-1],
+        f["statics/tension"][-1],
+        theirs,
+        "static",
+        8,
+        (2.2e-9, 2.2e-9),
+        "residual: 1e-10 of 104 kN is 2.2e-9 of the nodal load",
+    )
+    compare(
+        THEME,
+        "the same: slack cables",
+        OPENSEES,
+        f["statics/slack"][-1],
+        theirs["static_slack"],
+        0,
+        "counted",
+        scale=1.0,
+    )
 
 
 def test_stadium_under_sudden_dead_load(both_ways, compare):
@@ -262,11 +434,15 @@ history = 0.025
 probes = [[0.0, 15.4], [0.0, 2.2], [22.0, 15.4]]
 """
     f = both_ways.run(both_ways.job(shipped("stadium") + text))
-    case = make_case(f, STADIUM, sudden=vertical(f, -1000.0), dead=1000.0, damping=0.5, step=2.5e-4, every=100, stride=8)
+    case = make_case(
+        f, STADIUM, sudden=vertical(f, -1000.0), dead=1000.0, damping=0.5, step=2.5e-4, every=100, stride=8
+    )
     theirs = reference("stadium at once", both_ways.folder, case)
     elastic(f, STADIUM)
     assert f["history/slack"][:].max() > 300
     within, because = rounding(f, case, theirs, 2.2)
     what = "stadium, cladding at once, damped"
     compare_histories(compare, what, f, theirs, within, because)
-    compare_states(compare, f"{what}, after 0.5 s", moved(f), f["final/tension"][:], theirs, "final", 8, within, because)
+    compare_states(
+        compare, f"{what}, after 0.5 s", moved(f), f["final/tension"][:], theirs, "final", 8, within, because
+    )

@@ -18,7 +18,9 @@ def catenary(H, V, w, EA, L, n):
     """Extent along and down [m] of an elastic cable of unstressed length L under its weight w [N/m]; V falls from its upper end on (Irvine 1981)."""
     T, below = np.hypot(H, V), V - w * L
     end = np.hypot(H, below)
-    return H * L / EA + H / w * (np.arcsinh(V / H) - np.arcsinh(below / H)), (V**2 - below**2) / (2 * w * EA) + (T - end) / w
+    return H * L / EA + H / w * (np.arcsinh(V / H) - np.arcsinh(below / H)), (V**2 - below**2) / (
+        2 * w * EA
+    ) + (T - end) / w
 
 
 def chain(H, V, w, EA, L, n):
@@ -31,7 +33,9 @@ def chain(H, V, w, EA, L, n):
 def catenary_with_leading_error(H, V, w, EA, L, n):
     """The catenary less h^2 / 24 (f'(L) - f'(0)): what the midpoint rule leaves to second order."""
     x, z = catenary(H, V, w, EA, L, n)
-    slope = lambda V: np.array([H * V, -(H**2)]) * w / np.hypot(H, V) ** 3  # of the integrands, but for a constant
+    slope = lambda V: (
+        np.array([H * V, -(H**2)]) * w / np.hypot(H, V) ** 3
+    )  # of the integrands, but for a constant
     dx, dz = (L / n) ** 2 / 24 * (slope(V - w * L) - slope(V))
     return x - dx, z - dz
 
@@ -57,7 +61,10 @@ def cables(some):
     nodes, elements, first, number = ["id,x,y,z,fixed,load_z"], ["start,end,unstressed_length"], [], 0
     for k, ((a, b), span, load, n) in enumerate(some):
         x = (a**2 - b**2 + span**2) / (2 * span)
-        line = np.interp(np.arange(2 * n + 1), (0, n, 2 * n), (0, x, span)), np.interp(np.arange(2 * n + 1), (0, n, 2 * n), (0, -np.sqrt(a**2 - x**2), 0))
+        line = (
+            np.interp(np.arange(2 * n + 1), (0, n, 2 * n), (0, x, span)),
+            np.interp(np.arange(2 * n + 1), (0, n, 2 * n), (0, -np.sqrt(a**2 - x**2), 0)),
+        )
         for i, (x, z) in enumerate(zip(*np.array(line).tolist())):
             nodes.append(f"{number + i},{x!r},{10.0 * k},{z!r},{int(i in (0, 2 * n))},{-load * (i == n)!r}")
         elements += [f"{number + i},{number + i + 1},{(a, b)[i >= n] / n!r}" for i in range(2 * n)]
@@ -66,7 +73,13 @@ def cables(some):
     return "\n".join(nodes), "\n".join(elements), first
 
 
-ISOLATED = (412.8837 * FOOT, 613.0422 * FOOT), 1000 * FOOT, 3.16 * POUND / FOOT, 19000e3 * 0.85 * POUND, 8e3 * POUND  # m, m, N/m, N, N
+ISOLATED = (
+    (412.8837 * FOOT, 613.0422 * FOOT),
+    1000 * FOOT,
+    3.16 * POUND / FOOT,
+    19000e3 * 0.85 * POUND,
+    8e3 * POUND,
+)  # m, m, N/m, N, N
 
 
 def test_isolated_cable(both_ways, compare):
@@ -76,23 +89,57 @@ def test_isolated_cable(both_ways, compare):
     nodes, elements, first = cables([(parts, span, P, n) for n in numbers for P in (0.0, load)])
     area = 0.85 * (FOOT / 12) ** 2
     section = f"[cable]\nmodulus = {EA / area!r}\narea = {area!r}\ndensity = {w / GRAVITY / area!r}\n"
-    f = both_ways.run(both_ways.job(section + "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n", nodes, elements), ranks=2)
+    f = both_ways.run(
+        both_ways.job(section + "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n", nodes, elements),
+        ranks=2,
+    )
     x = f["net/particles"][:] + f["statics/displacement"][-1]
-    way = lambda rule, n: (hang(rule, parts, span, w, EA, load, n) - hang(rule, parts, span, w, EA, 0.0, n))[:2]
-    exact, ours = way(catenary, 1), np.array([(x[first[2 * k + 1] + n] - x[first[2 * k] + n])[[0, 2]] for k, n in enumerate(numbers)])
-    source = "two elastic catenaries that meet at the load; cable of Michalos and Birnstiel, Jayaraman and Knudson"
+    way = lambda rule, n: (hang(rule, parts, span, w, EA, load, n) - hang(rule, parts, span, w, EA, 0.0, n))[
+        :2
+    ]
+    exact, ours = (
+        way(catenary, 1),
+        np.array([(x[first[2 * k + 1] + n] - x[first[2 * k] + n])[[0, 2]] for k, n in enumerate(numbers)]),
+    )
+    source = (
+        "two elastic catenaries that meet at the load; cable of Michalos and Birnstiel, Jayaraman and Knudson"
+    )
     for axis, name in enumerate("xz"):
         for k, n in enumerate(numbers):
             error = way(catenary_with_leading_error, n)[axis] / exact[axis] - 1
-            compare(THEME, f"isolated cable, {n} elements a part: displacement of the load in {name}", source, ours[k, axis], exact[axis],
-                    1.1 * abs(error), LEADING, "m")
+            compare(
+                THEME,
+                f"isolated cable, {n} elements a part: displacement of the load in {name}",
+                source,
+                ours[k, axis],
+                exact[axis],
+                1.1 * abs(error),
+                LEADING,
+                "m",
+            )
         error = np.abs(ours[:, axis] - exact[axis])
-        compare(THEME, f"isolated cable: order of that error in {name}, 20 to 40 elements", "second order", np.log2(error[2] / error[3]), 2.0, 2e-3,
-                "next term: 0.014 at most from 5 to 10 elements, a sixteenth of it here; residual", scale=1.0)
+        compare(
+            THEME,
+            f"isolated cable: order of that error in {name}, 20 to 40 elements",
+            "second order",
+            np.log2(error[2] / error[3]),
+            2.0,
+            2e-3,
+            "next term: 0.014 at most from 5 to 10 elements, a sixteenth of it here; residual",
+            scale=1.0,
+        )
     # a residual r on all 79 free nodes at once, each felt at the joint by span / 4H on the mean of 1/2
     within = 1e-9 * load * 79 / 2 * span / (4 * hang(catenary, parts, span, w, EA, 0.0, 1)[2])
-    compare(THEME, "isolated cable, 40 elements a part: displacement of the load in z", "the 80 straight elements, in closed form", ours[-1, 1],
-            way(chain, 40)[1], within / abs(exact[1]), "residual of 1e-9 of the load at every node", "m")
+    compare(
+        THEME,
+        "isolated cable, 40 elements a part: displacement of the load in z",
+        "the 80 straight elements, in closed form",
+        ours[-1, 1],
+        way(chain, 40)[1],
+        within / abs(exact[1]),
+        "residual of 1e-9 of the load at every node",
+        "m",
+    )
 
 
 def test_elastic_catenary_at_three_sags(both_ways, compare):
@@ -101,15 +148,25 @@ def test_elastic_catenary_at_three_sags(both_ways, compare):
     w, EA, numbers = GRAVITY * density * area, modulus * area, (8, 16, 32)
     some, closed = [], []
     for ratio in (20, 8, 3):
-        way = lambda unknown: np.array(catenary(unknown[0], w * unknown[1] / 2, w, EA, unknown[1] / 2, 1)) - (span / 2, span / ratio)
+        way = lambda unknown: (
+            np.array(catenary(unknown[0], w * unknown[1] / 2, w, EA, unknown[1] / 2, 1))
+            - (span / 2, span / ratio)
+        )
         H, L = fsolve(way, (w * span * ratio / 8, span * (1 + 8 / 3 / ratio**2)), xtol=1e-13).tolist()
         assert np.abs(way((H, L))).max() < 1e-10
         closed.append((H, L))
         some += [((L / 2, L / 2), span, 0.0, n) for n in numbers]
     nodes, elements, first = cables(some)
     section = f"[cable]\nmodulus = {modulus!r}\narea = {area!r}\ndensity = {density!r}\n"
-    f = both_ways.run(both_ways.job(section + "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n", nodes, elements), ranks=2)
-    x, ends, N = f["net/particles"][:] + f["statics/displacement"][-1], f["net/elements"][:], f["statics/tension"][-1]
+    f = both_ways.run(
+        both_ways.job(section + "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n", nodes, elements),
+        ranks=2,
+    )
+    x, ends, N = (
+        f["net/particles"][:] + f["statics/displacement"][-1],
+        f["net/elements"][:],
+        f["statics/tension"][-1],
+    )
 
     def sag_and_tension(start, n, L):
         """Of the cable whose nodes begin at start: the support holds its first element and the half of it that hangs at the support itself."""
@@ -125,11 +182,26 @@ def test_elastic_catenary_at_three_sags(both_ways, compare):
             for i, n in enumerate(numbers):
                 _, z, H_n, V_n = hang(catenary_with_leading_error, (L / 2, L / 2), span, w, EA, 0.0, n)
                 left = (-z, np.hypot(H_n, V_n))[axis] / exact[axis] - 1
-                compare(THEME, f"catenary, sag of 1/{ratio}, {2 * n} elements: {name}", "elastic catenary (Irvine 1981)", ours[i, axis], exact[axis],
-                        1.1 * abs(left), LEADING, unit)
-            compare(THEME, f"catenary, sag of 1/{ratio}: order of the error in {name}, 32 to 64 elements", "second order",
-                    np.log2(error[1, axis] / error[2, axis]), 2.0, 2e-3, "next term: 0.017 at most from 8 to 16 elements, a sixteenth of it here",
-                    scale=1.0)
+                compare(
+                    THEME,
+                    f"catenary, sag of 1/{ratio}, {2 * n} elements: {name}",
+                    "elastic catenary (Irvine 1981)",
+                    ours[i, axis],
+                    exact[axis],
+                    1.1 * abs(left),
+                    LEADING,
+                    unit,
+                )
+            compare(
+                THEME,
+                f"catenary, sag of 1/{ratio}: order of the error in {name}, 32 to 64 elements",
+                "second order",
+                np.log2(error[1, axis] / error[2, axis]),
+                2.0,
+                2e-3,
+                "next term: 0.017 at most from 8 to 16 elements, a sixteenth of it here",
+                scale=1.0,
+            )
 
 
 def test_two_elements_under_a_load(both_ways, compare):
@@ -137,19 +209,43 @@ def test_two_elements_under_a_load(both_ways, compare):
     area, modulus, a = 1e-4, 1e11, 2.0
     EA = modulus * area
     rows, nodes, elements = [], ["id,x,y,z,fixed_x,fixed_y,fixed_z,load_z"], ["start,end,group,prestress"]
-    scenes = ("slack to taut", 0.0, 0.0, 500.0), ("prestressed to 40 kN", 0.0, 40e3, 8e3), ("strut that rises by 1/20", 0.1, 0.0, 100.0)
+    scenes = (
+        ("slack to taut", 0.0, 0.0, 500.0),
+        ("prestressed to 40 kN", 0.0, 40e3, 8e3),
+        ("strut that rises by 1/20", 0.1, 0.0, 100.0),
+    )
     for k, (case, rise, N0, load) in enumerate(scenes):
         L = np.hypot(a, rise)
-        carried = lambda w: 2 * (EA * (np.hypot(a, w - rise) / L * (1 + N0 / EA) - 1)) * (w - rise) / np.hypot(a, w - rise) - load
+        carried = lambda w: (
+            2 * (EA * (np.hypot(a, w - rise) / L * (1 + N0 / EA) - 1)) * (w - rise) / np.hypot(a, w - rise)
+            - load
+        )
         w = brentq(carried, 0.0, rise * (1 - 3**-0.5) or a, xtol=1e-15)  # the strut: before it snaps through
         rows.append((case, w, 1e-12 * 40e3 / (carried(1.001 * w) - carried(0.999 * w)) * 0.002))
-        nodes += [f"{3 * k},{-a},{k},0,1,1,1,0", f"{3 * k + 1},0,{k},{rise},1,1,0,{-load}", f"{3 * k + 2},{a},{k},0,1,1,1,0"]
+        nodes += [
+            f"{3 * k},{-a},{k},0,1,1,1,0",
+            f"{3 * k + 1},0,{k},{rise},1,1,0,{-load}",
+            f"{3 * k + 2},{a},{k},0,1,1,1,0",
+        ]
         elements += [f"{3 * k + i},{3 * k + i + 1},{'bar' if rise else 'cable'},{N0}" for i in range(2)]
-    section = f"[cable]\nmodulus = {modulus}\narea = {area}\ndensity = 7850.0\n[cable.bar]\nkind = \"bar\"\n"
-    f = both_ways.run(both_ways.job(section + "[load]\nsteps = 5\ntolerance = 1e-12\n", "\n".join(nodes), "\n".join(elements)), ranks=2)
+    section = f'[cable]\nmodulus = {modulus}\narea = {area}\ndensity = 7850.0\n[cable.bar]\nkind = "bar"\n'
+    f = both_ways.run(
+        both_ways.job(
+            section + "[load]\nsteps = 5\ntolerance = 1e-12\n", "\n".join(nodes), "\n".join(elements)
+        ),
+        ranks=2,
+    )
     for k, (case, w, within) in enumerate(rows):
-        compare(THEME, f"two elements across, {case}: deflection", "P = 2 N(w) sin, solved for w", -f["statics/displacement"][-1, 3 * k + 1, 2], w, within,
-                "no discretisation; residual of 1e-12 of 40 kN over the stiffness", "m")
+        compare(
+            THEME,
+            f"two elements across, {case}: deflection",
+            "P = 2 N(w) sin, solved for w",
+            -f["statics/displacement"][-1, 3 * k + 1, 2],
+            w,
+            within,
+            "no discretisation; residual of 1e-12 of 40 kN over the stiffness",
+            "m",
+        )
 
 
 SIDE, RISE, T0 = 73.2, 3.66, 100e3  # m, m, N: the paper's saddle
@@ -169,15 +265,24 @@ def square(cells, side, height):
     x, y = (side * (k[there] / cells - 0.5) for k in (i, j))
     held = (rim(i) | rim(j))[there]
     along = lambda grid: np.column_stack((grid[1:-1, :-1].ravel(), grid[1:-1, 1:].ravel()))
-    return np.column_stack((x, y, np.where(held, height(x, y), 0.0))), held, np.vstack((along(number), along(number.T)))
+    return (
+        np.column_stack((x, y, np.where(held, height(x, y), 0.0))),
+        held,
+        np.vstack((along(number), along(number.T))),
+    )
 
 
 def tables(x, held, elements, columns="", values=(), more="", extra=""):
     """Tables of a net: held (n,) or (n, 3); columns of nodes.csv with values (n,), and `more` of elements.csv with the text `extra`."""
     held = np.broadcast_to(np.asarray(held, int).reshape(len(x), -1), (len(x), 3))
     values = np.column_stack(values) if len(values) else np.zeros((len(x), 0))
-    rows = (",".join(map(repr, [p, *a, *h, *v])) for p, (a, h, v) in enumerate(zip(x.tolist(), held.tolist(), values.tolist())))
-    return "\n".join(["id,x,y,z,fixed_x,fixed_y,fixed_z" + columns, *rows]), "\n".join(["start,end" + more, *(f"{a},{b}{extra}" for a, b in elements)])
+    rows = (
+        ",".join(map(repr, [p, *a, *h, *v]))
+        for p, (a, h, v) in enumerate(zip(x.tolist(), held.tolist(), values.tolist()))
+    )
+    return "\n".join(["id,x,y,z,fixed_x,fixed_y,fixed_z" + columns, *rows]), "\n".join(
+        ["start,end" + more, *(f"{a},{b}{extra}" for a, b in elements)]
+    )
 
 
 def constant(T):
@@ -193,60 +298,175 @@ def test_uniform_force_density_is_the_hypar(both_ways, compare):
         nets.append((x + (100.0 * k, 0, 0), held, elements + first))
         first += len(x)
     x, held, elements = (np.concatenate([net[i] for net in nets]) for i in range(3))
-    f = both_ways.run(both_ways.job(STEEL + '[form_finding]\nmethod = "force_density"\n', *tables(x, held, elements, more=",force_density", extra=",12000")))
+    f = both_ways.run(
+        both_ways.job(
+            STEEL + '[form_finding]\nmethod = "force_density"\n',
+            *tables(x, held, elements, more=",force_density", extra=",12000"),
+        )
+    )
     for k, (cells, (_, _, elements)) in enumerate(zip(sizes, nets)):
         z = f["form_finding/position"][elements.min() : elements.max() + 1] - (100.0 * k, 0, 0)
-        compare(FORM, f"uniform force density, {cells} x {cells} cells: largest distance from the hypar",
-                "z = c (x^2 - y^2), exact for equal densities", np.abs(z[:, 2] - hypar(*z.T[:2])).max(), 0.0,
-                2e-16 * (RISE * (2 * cells / np.pi) ** 2 + 36.6), ROUNDED, "m", scale=1.0)
+        compare(
+            FORM,
+            f"uniform force density, {cells} x {cells} cells: largest distance from the hypar",
+            "z = c (x^2 - y^2), exact for equal densities",
+            np.abs(z[:, 2] - hypar(*z.T[:2])).max(),
+            0.0,
+            2e-16 * (RISE * (2 * cells / np.pi) ** 2 + 36.6),
+            ROUNDED,
+            "m",
+            scale=1.0,
+        )
 
 
 def test_force_density_from_prestress_and_length(both_ways, compare):
     """Without force densities, prestress / start length serves."""
-    f = both_ways.run(both_ways.job('[net]\ngenerator = "saddle"\n' + STEEL + '[form_finding]\nmethod = "force_density"\n'))
+    f = both_ways.run(
+        both_ways.job('[net]\ngenerator = "saddle"\n' + STEEL + '[form_finding]\nmethod = "force_density"\n')
+    )
     start, elements, held = (f[name][:] for name in ("net/particles", "net/elements", "net/fixed"))
     q = T0 / np.linalg.norm(start[elements[:, 1]] - start[elements[:, 0]], axis=1)
     x, N = newton(start, elements, lambda L: (q * L, q), held.astype(bool), np.zeros_like(start))
-    compare(FORM, "saddle by force density, prestress / start length: largest distance", "Newton's method, N = q L",
-            np.abs(f["form_finding/position"][:] - x).max(), 0.0, 2e-16 * 36.6 * (16 / np.pi) ** 2, ROUNDED, "m", scale=1.0)
-    compare(FORM, "saddle by force density, prestress / start length: largest tension", "Newton's method, N = q L",
-            f["form_finding/tension"][:].max(), N.max(), 1e-12, ROUNDED, "N")
+    compare(
+        FORM,
+        "saddle by force density, prestress / start length: largest distance",
+        "Newton's method, N = q L",
+        np.abs(f["form_finding/position"][:] - x).max(),
+        0.0,
+        2e-16 * 36.6 * (16 / np.pi) ** 2,
+        ROUNDED,
+        "m",
+        scale=1.0,
+    )
+    compare(
+        FORM,
+        "saddle by force density, prestress / start length: largest tension",
+        "Newton's method, N = q L",
+        f["form_finding/tension"][:].max(),
+        N.max(),
+        1e-12,
+        ROUNDED,
+        "N",
+    )
 
 
 def test_saddle_at_constant_tension(both_ways, compare):
     """The paper's saddle: the shortest net over its boundary, within 0.3 % of the rise of the hypar at the particles' own x, y; it stands with the real material."""
-    f = both_ways.run(both_ways.job('[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n"))
-    x, start, elements, held = (f[name][:] for name in ("form_finding/position", "net/particles", "net/elements", "net/fixed"))
+    f = both_ways.run(
+        both_ways.job(
+            '[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n"
+        )
+    )
+    x, start, elements, held = (
+        f[name][:] for name in ("form_finding/position", "net/particles", "net/elements", "net/fixed")
+    )
     shortest, _ = newton(start, elements, constant(T0), held.astype(bool), np.zeros_like(x))
-    compare(FORM, "saddle at constant tension: largest distance from the hypar at own x, y", "z = c (x^2 - y^2)",
-            np.abs(x[:, 2] - hypar(*x.T[:2])).max(), 0.0, 3e-3,
-            "asked, of the rise; equal tension is not equal density: slopes of 0.2 change T / L by 2 %", "m", scale=RISE)
-    compare(FORM, "saddle at constant tension: largest distance from the net of least length", "Newton's method on the sum of the lengths",
-            np.abs(x - shortest).max(), 0.0, felt(8, 9.15), FINE, "m", scale=1.0)
+    compare(
+        FORM,
+        "saddle at constant tension: largest distance from the hypar at own x, y",
+        "z = c (x^2 - y^2)",
+        np.abs(x[:, 2] - hypar(*x.T[:2])).max(),
+        0.0,
+        3e-3,
+        "asked, of the rise; equal tension is not equal density: slopes of 0.2 change T / L by 2 %",
+        "m",
+        scale=RISE,
+    )
+    compare(
+        FORM,
+        "saddle at constant tension: largest distance from the net of least length",
+        "Newton's method on the sum of the lengths",
+        np.abs(x - shortest).max(),
+        0.0,
+        felt(8, 9.15),
+        FINE,
+        "m",
+        scale=1.0,
+    )
     nearest = lambda x: x[(np.abs(x[:, 0]) < 1e-6) & (x[:, 1] > 26) & (x[:, 1] < 30), 1][0]
-    compare(FORM, "saddle at constant tension: y of the particle that starts at 27.45 m", "Newton's method on the sum of the lengths", nearest(x),
-            nearest(shortest), 1e-9, FINE, "m")
-    compare(FORM, "saddle at constant tension: residual with the real material", "equilibrium", f["form_finding/residual_real_material"][()], 0.0,
-            1.001e-9, "asked, of the tension; and unstressed lengths rounded", scale=1.0)
-    compare(FORM, "saddle at constant tension: largest tension", "given", f["form_finding/tension"][:].max(), T0, 1e-12, "rounding", "N")
+    compare(
+        FORM,
+        "saddle at constant tension: y of the particle that starts at 27.45 m",
+        "Newton's method on the sum of the lengths",
+        nearest(x),
+        nearest(shortest),
+        1e-9,
+        FINE,
+        "m",
+    )
+    compare(
+        FORM,
+        "saddle at constant tension: residual with the real material",
+        "equilibrium",
+        f["form_finding/residual_real_material"][()],
+        0.0,
+        1.001e-9,
+        "asked, of the tension; and unstressed lengths rounded",
+        scale=1.0,
+    )
+    compare(
+        FORM,
+        "saddle at constant tension: largest tension",
+        "given",
+        f["form_finding/tension"][:].max(),
+        T0,
+        1e-12,
+        "rounding",
+        "N",
+    )
 
 
 def test_table_1_of_the_paper(both_ways, compare):
     """Only z free, equal tensions: Table 1 of the paper, nodes 7 to 10; the negative ones are their mirror images."""
     x, held, elements = square(8, SIDE, hypar)
     held = np.column_stack((np.ones((len(x), 2), bool), held))
-    z = both_ways.run(both_ways.job(STEEL + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n", *tables(x, held, elements)))["form_finding/position"][:, 2]
+    z = both_ways.run(
+        both_ways.job(
+            STEEL + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n", *tables(x, held, elements)
+        )
+    )["form_finding/position"][:, 2]
     exact = newton(x, elements, constant(T0), held, np.zeros_like(x))[0][:, 2]
     at = lambda X, Y: int(np.flatnonzero((np.abs(x[:, 0] - X) < 1e-6) & (np.abs(x[:, 1] - Y) < 1e-6))[0])
     # where the hypar has the height of the table's "analytical solutions"; then DR (Barnes), FEM (Tang), FPM
-    for node, place, recomputed, published in ((10, (27.45, 0), 2.0489, (2.059, 2.056, 2.062, 2.053)), (9, (18.3, 0), 0.9077, (0.915, 0.925, 0.914, 0.907)),
-                                               (7, (9.15, 0), 0.2265, (0.229, 0.216, 0.228, 0.224)), (8, (18.3, 9.15), 0.6811, (0.686, 0.686, 0.684, 0.683))):
+    for node, place, recomputed, published in (
+        (10, (27.45, 0), 2.0489, (2.059, 2.056, 2.062, 2.053)),
+        (9, (18.3, 0), 0.9077, (0.915, 0.925, 0.914, 0.907)),
+        (7, (9.15, 0), 0.2265, (0.229, 0.216, 0.228, 0.224)),
+        (8, (18.3, 9.15), 0.6811, (0.686, 0.686, 0.684, 0.683)),
+    ):
         p = at(*place)
         assert abs(exact[p] - recomputed) < 6e-5  # as recomputed by others, to four digits
-        compare(FORM, f"Table 1, node {node}, only z free", "Newton's method on the sum of the lengths", z[p], exact[p], felt(8, 9.15) / exact[p], FINE, "m")
-        compare(FORM, f"Table 1, node {node}, only z free", "FPM of the paper", z[p], published[3], max(published) - min(published),
-                "its four columns differ by as much, and it does not say what is free", "m", scale=1.0)
-        compare(FORM, f"Table 1, node {node}, only z free", "its mirror image", z[at(*place[::-1])], -z[p], felt(8, 9.15) / z[p], FINE, "m")
+        compare(
+            FORM,
+            f"Table 1, node {node}, only z free",
+            "Newton's method on the sum of the lengths",
+            z[p],
+            exact[p],
+            felt(8, 9.15) / exact[p],
+            FINE,
+            "m",
+        )
+        compare(
+            FORM,
+            f"Table 1, node {node}, only z free",
+            "FPM of the paper",
+            z[p],
+            published[3],
+            max(published) - min(published),
+            "its four columns differ by as much, and it does not say what is free",
+            "m",
+            scale=1.0,
+        )
+        compare(
+            FORM,
+            f"Table 1, node {node}, only z free",
+            "its mirror image",
+            z[at(*place[::-1])],
+            -z[p],
+            felt(8, 9.15) / z[p],
+            FINE,
+            "m",
+        )
 
 
 @pytest.mark.parametrize("EA", [1.95e11 * 683.08e-6, 4.44e8])
@@ -257,14 +477,42 @@ def test_stadium_at_a_thousandth_of_the_modulus(both_ways, compare, EA):
     start, elements, held = (f[name][:] for name in ("net/particles", "net/elements", "net/fixed"))
     L = np.linalg.norm(start[elements[:, 1]] - start[elements[:, 0]], axis=1)
     s = 1e-3 * EA
-    x, N = newton(start, elements, lambda now: (T0 + s * (now / L - 1), s / L), held.astype(bool), np.zeros_like(start))
+    x, N = newton(
+        start, elements, lambda now: (T0 + s * (now / L - 1), s / L), held.astype(bool), np.zeros_like(start)
+    )
     ours, case = f["form_finding/tension"][:], f"stadium, EA = {EA / 1e3:.4g} kN, tensions at E/1000"
     for name, pick, paper in (("smallest", np.min, 100e3), ("largest", np.max, 103.5e3)):
-        compare(FORM, f"{case}: {name}", "Newton's method on the same net", pick(ours), pick(N), 1e-8,
-                "residuals of 1e-9 add up over the 7 elements to the next support", "N")
-        compare(FORM, f"{case}: {name}", "the paper", pick(ours), paper, 0.03, f"its start is not given: lengths that start {0.03 * T0 / s:.1%} off make 3 %", "N")
-    compare(FORM, f"{case}: largest distance from its form", "Newton's method on the same net", np.abs(f["form_finding/position"][:] - x).max(), 0.0,
-            felt(15, 2.2), FINE, "m", scale=1.0)
+        compare(
+            FORM,
+            f"{case}: {name}",
+            "Newton's method on the same net",
+            pick(ours),
+            pick(N),
+            1e-8,
+            "residuals of 1e-9 add up over the 7 elements to the next support",
+            "N",
+        )
+        compare(
+            FORM,
+            f"{case}: {name}",
+            "the paper",
+            pick(ours),
+            paper,
+            0.03,
+            f"its start is not given: lengths that start {0.03 * T0 / s:.1%} off make 3 %",
+            "N",
+        )
+    compare(
+        FORM,
+        f"{case}: largest distance from its form",
+        "Newton's method on the same net",
+        np.abs(f["form_finding/position"][:] - x).max(),
+        0.0,
+        felt(15, 2.2),
+        FINE,
+        "m",
+        scale=1.0,
+    )
 
 
 def test_olympia_net(both_ways, compare):
@@ -273,8 +521,14 @@ def test_olympia_net(both_ways, compare):
     read = lambda name: list(csv.DictReader(open(ROOT / "jobs" / "olympia" / name)))
     nodes, rows = read("nodes.csv"), read("elements.csv")
     number = {row["id"]: p for p, row in enumerate(nodes)}
-    start, free = np.array([[float(row[k]) for k in "xyz"] for row in nodes]), np.array([row["fixed"] == "0" for row in nodes])
-    q, moved = np.array([float(row["force_density"]) for row in rows]), np.array([[float(row[k]) for k in "uvw"] for row in read("published_displacements.csv")])
+    start, free = (
+        np.array([[float(row[k]) for k in "xyz"] for row in nodes]),
+        np.array([row["fixed"] == "0" for row in nodes]),
+    )
+    q, moved = (
+        np.array([float(row["force_density"]) for row in rows]),
+        np.array([[float(row[k]) for k in "uvw"] for row in read("published_displacements.csv")]),
+    )
     force = np.array([float(row["f"]) for row in read("published_forces.csv")])
     C = np.zeros((len(q), len(start)))
     for e, row in enumerate(rows):
@@ -291,28 +545,68 @@ def test_olympia_net(both_ways, compare):
     dN[rounded, range(len(rounded))] += L[rounded]
     ours, N = f["form_finding/position"][:], f["form_finding/tension"][:]
     digits = "printed to 10 digits, from force densities printed to 9 decimals: the linear solution's slope times half a digit"
-    for name, unit, got, own, published, within in (("position", "m", ours, x, start + moved, 5e-10 + 5e-10 * np.abs(dx).sum(2)),
-                                                    ("force", "N", N, q * L, force, 5e-9 + 5e-10 * np.abs(dN).sum(1))):
+    for name, unit, got, own, published, within in (
+        ("position", "m", ours, x, start + moved, 5e-10 + 5e-10 * np.abs(dx).sum(2)),
+        ("force", "N", N, q * L, force, 5e-9 + 5e-10 * np.abs(dN).sum(1)),
+    ):
         worst = np.unravel_index((np.abs(got - published) / within).argmax(), got.shape)
-        compare(FORM, f"Olympia net: {name} that is farthest off", "published (test data of jax_fdm)", got[worst], published[worst], within[worst],
-                digits, unit, scale=1.0)
-        compare(FORM, f"Olympia net: largest difference of a {name}", "dense linear solution", np.abs(got - own).max(), 0.0,
-                2e-16 * np.abs(own).max() * np.linalg.cond(K[np.ix_(free, free)]), "rounding, times the condition of the linear solve", unit,
-                scale=1.0)
-    B = np.einsum("ep,ea->epa", C[:, free], (C @ x) / L[:, None]).reshape(len(q), -1)  # change of length with the free coordinates
+        compare(
+            FORM,
+            f"Olympia net: {name} that is farthest off",
+            "published (test data of jax_fdm)",
+            got[worst],
+            published[worst],
+            within[worst],
+            digits,
+            unit,
+            scale=1.0,
+        )
+        compare(
+            FORM,
+            f"Olympia net: largest difference of a {name}",
+            "dense linear solution",
+            np.abs(got - own).max(),
+            0.0,
+            2e-16 * np.abs(own).max() * np.linalg.cond(K[np.ix_(free, free)]),
+            "rounding, times the condition of the linear solve",
+            unit,
+            scale=1.0,
+        )
+    B = np.einsum("ep,ea->epa", C[:, free], (C @ x) / L[:, None]).reshape(
+        len(q), -1
+    )  # change of length with the free coordinates
     EA = np.array([1.6e11 * (1e-3 if row["group"] == "mast" else 1e-5) for row in rows])
     tangent = np.kron(K[np.ix_(free, free)], np.eye(3)) + B.T @ ((EA / L - q)[:, None] * B)
-    compare(FORM, "Olympia net: largest force of a mast", "published (test data of jax_fdm)", N.min(), force.min(), 1e-9, digits, "N")
-    compare(FORM, "Olympia net: largest displacement within 0.5 s of stepping", "it stays put", np.abs(f["final/position"][:] - ours).max(), 0.0,
-            2 * 4 * 2.0**-53 * (np.abs(np.linalg.solve(tangent, B.T)) @ EA).max(),
-            "four roundings of L and L0 in each element: linear response to their forces, twice for its swing", "m", scale=1.0)
+    compare(
+        FORM,
+        "Olympia net: largest force of a mast",
+        "published (test data of jax_fdm)",
+        N.min(),
+        force.min(),
+        1e-9,
+        digits,
+        "N",
+    )
+    compare(
+        FORM,
+        "Olympia net: largest displacement within 0.5 s of stepping",
+        "it stays put",
+        np.abs(f["final/position"][:] - ours).max(),
+        0.0,
+        2 * 4 * 2.0**-53 * (np.abs(np.linalg.solve(tangent, B.T)) @ EA).max(),
+        "four roundings of L and L0 in each element: linear response to their forces, twice for its swing",
+        "m",
+        scale=1.0,
+    )
 
 
 def test_flat_net_under_a_small_load(both_ways, compare):
     """Square nets, prestressed and flat, sink as a membrane does: 0.0737 p a^2 / H in the middle."""
     a, w, EA, sizes = 10.0, 1e-3, 1.95e9 * 683.08e-6, (8, 16, 32)
     odd = np.arange(1, 40, 2)
-    membrane = 1 / 8 - 4 / np.pi**3 * np.sum((-1.0) ** (odd // 2) / (odd**3 * np.cosh(odd * np.pi / 2)))  # of p a^2 / H
+    membrane = 1 / 8 - 4 / np.pi**3 * np.sum(
+        (-1.0) ** (odd // 2) / (odd**3 * np.cosh(odd * np.pi / 2))
+    )  # of p a^2 / H
 
     def differences(n):
         """The same of five-point differences, by their sine series."""
@@ -325,7 +619,14 @@ def test_flat_net_under_a_small_load(both_ways, compare):
     nets, first = [], 0
     for k, n in enumerate(sizes):
         x, held, elements = square(n, a, lambda x, y: 0 * x)
-        nets.append((x + (20.0 * k, 0, 0), held, elements + first, np.full(len(x), -T0 * a / n * w / (membrane * a**2))))
+        nets.append(
+            (
+                x + (20.0 * k, 0, 0),
+                held,
+                elements + first,
+                np.full(len(x), -T0 * a / n * w / (membrane * a**2)),
+            )
+        )
         first += len(x)
     x, held, elements, load = (np.concatenate([net[i] for net in nets]) for i in range(4))
     soft = STEEL.replace("1.95e11", "1.95e9") + "[load]\nsteps = 1\ntolerance = 1e-11\n"
@@ -333,10 +634,26 @@ def test_flat_net_under_a_small_load(both_ways, compare):
     middle = [int(np.hypot(x[:, 0] - 20.0 * k, x[:, 1]).argmin()) for k in range(3)]
     for p, n in zip(middle, sizes):
         error = differences(n) / membrane - 1
-        compare(THEME, f"flat net, {n} x {n} cells, small load: sag in the middle", "membrane, series", -f["statics/displacement"][-1, p, 2], w,
-                1.05 * abs(error), "five-point differences, error from their own sine series", "m")
-    compare(THEME, "flat net, 32 x 32 cells, small load: sag in the middle", "five-point differences, series", -f["statics/displacement"][-1, p, 2],
-            w * differences(n) / membrane, EA / T0 * (np.pi * w / a) ** 2, "EA / T times the square of the slope: the net's stiffening", "m")
+        compare(
+            THEME,
+            f"flat net, {n} x {n} cells, small load: sag in the middle",
+            "membrane, series",
+            -f["statics/displacement"][-1, p, 2],
+            w,
+            1.05 * abs(error),
+            "five-point differences, error from their own sine series",
+            "m",
+        )
+    compare(
+        THEME,
+        "flat net, 32 x 32 cells, small load: sag in the middle",
+        "five-point differences, series",
+        -f["statics/displacement"][-1, p, 2],
+        w * differences(n) / membrane,
+        EA / T0 * (np.pi * w / a) ** 2,
+        "EA / T times the square of the slope: the net's stiffening",
+        "m",
+    )
 
 
 def test_load_case_of_the_paper(both_ways, compare):
@@ -346,7 +663,9 @@ def test_load_case_of_the_paper(both_ways, compare):
     z = -3.66 (x / 36.6)^2 + 3.66 (y / 36.6)^2: then the y cables carry a downward load, as it says; jobs/saddle.toml is the mirror image.
     """
     T, EA = 1800e3, 1.95e11 * 3600e-6
-    net = '[net]\ngenerator = "saddle"\nrise = -3.66\n' + STEEL.replace("683.08e-6", "3600e-6").replace("100e3", "1800e3")
+    net = '[net]\ngenerator = "saddle"\nrise = -3.66\n' + STEEL.replace("683.08e-6", "3600e-6").replace(
+        "100e3", "1800e3"
+    )
     net += "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n[load]\npressure = [0.0, 0.0, -2000.0]\nsteps = 10\ntolerance = 1e-9\n"
     f = both_ways.run(both_ways.job(net))
     start, elements, held = f["net/particles"][:], f["net/elements"][:], f["net/fixed"][:].astype(bool)
@@ -360,15 +679,66 @@ def test_load_case_of_the_paper(both_ways, compare):
     ours, middle = f["statics/displacement"][:], int(np.hypot(*start.T[:2]).argmin())
     source = "Newton's method on the same net, its own form included"
     for step in (1, 5, 10):
-        compare(THEME, f"paper's load case, {step / 5} kN/m2: deflection of the middle", source, ours[step - 1, middle, 2], way[step - 1, middle, 2],
-                2 * felt(8, 9.15) / np.abs(way[step - 1, middle, 2]), FINE + ", in form and load", "m")
-    compare(THEME, "paper's load case, ten steps: largest difference of a displacement", source, np.abs(ours - way).max(), 0.0, 2 * felt(8, 9.15),
-            FINE + ", in form and load", "m", scale=1.0)
-    compare(THEME, "paper's load case, ten steps: largest difference of a tension", source, np.abs(f["statics/tension"][:] - tension).max(), 0.0,
-            2 * 8 * 1e-9 * T, "residuals of 1e-9 T, in form and load, add up along a cable", "N", scale=1.0)
+        compare(
+            THEME,
+            f"paper's load case, {step / 5} kN/m2: deflection of the middle",
+            source,
+            ours[step - 1, middle, 2],
+            way[step - 1, middle, 2],
+            2 * felt(8, 9.15) / np.abs(way[step - 1, middle, 2]),
+            FINE + ", in form and load",
+            "m",
+        )
+    compare(
+        THEME,
+        "paper's load case, ten steps: largest difference of a displacement",
+        source,
+        np.abs(ours - way).max(),
+        0.0,
+        2 * felt(8, 9.15),
+        FINE + ", in form and load",
+        "m",
+        scale=1.0,
+    )
+    compare(
+        THEME,
+        "paper's load case, ten steps: largest difference of a tension",
+        source,
+        np.abs(f["statics/tension"][:] - tension).max(),
+        0.0,
+        2 * 8 * 1e-9 * T,
+        "residuals of 1e-9 T, in form and load, add up along a cable",
+        "N",
+        scale=1.0,
+    )
     last = f["statics/tension"][-1]
     along = np.abs(start[elements[:, 1]] - start[elements[:, 0]])
     y = along[:, 1] > along[:, 0]
-    compare(THEME, "paper's load case: y elements that gain tension", "paper 4.1.2, in words: all", (last[y] > T).sum(), 56, 0.0, "a count")
-    compare(THEME, "paper's load case: x elements that lose tension", "paper 4.1.2, in words: all", (last[~y] < T).sum(), 56, 0.0, "a count")
-    compare(THEME, "paper's load case: slack elements", "paper 4.1.2, in words: none", f["statics/slack"][-1], 0, 0.0, "a count", scale=1.0)
+    compare(
+        THEME,
+        "paper's load case: y elements that gain tension",
+        "paper 4.1.2, in words: all",
+        (last[y] > T).sum(),
+        56,
+        0.0,
+        "a count",
+    )
+    compare(
+        THEME,
+        "paper's load case: x elements that lose tension",
+        "paper 4.1.2, in words: all",
+        (last[~y] < T).sum(),
+        56,
+        0.0,
+        "a count",
+    )
+    compare(
+        THEME,
+        "paper's load case: slack elements",
+        "paper 4.1.2, in words: none",
+        f["statics/slack"][-1],
+        0,
+        0.0,
+        "a count",
+        scale=1.0,
+    )

@@ -8,16 +8,31 @@ from scipy.signal import csd
 
 THEME = "Wind"
 U0, K, DT, DECAY = 40.0, 0.03, 0.1, (8.0, 16.0, 10.0)
-SIDE, TIE, EA, MASS, ZETA, C = 30.0, 10.0, 1e5, 1000.0, 0.3, 0.5 * 1.25 * 0.02 * 30.0**2 / 3  # C: force on the middle particle at 1 m/s
+SIDE, TIE, EA, MASS, ZETA, C = (
+    30.0,
+    10.0,
+    1e5,
+    1000.0,
+    0.3,
+    0.5 * 1.25 * 0.02 * 30.0**2 / 3,
+)  # C: force on the middle particle at 1 m/s
 SEEDS, DURATION, SKIPPED = (1, 2, 3), 3000.0, 60.0
-FIT, FIT_COHERENCE = 0.05, 0.02  # by which an autoregressive model of 14 lags misses the spectrum of an octave and the coherence at most
+FIT, FIT_COHERENCE = (
+    0.05,
+    0.02,
+)  # by which an autoregressive model of 14 lags misses the spectrum of an octave and the coherence at most
 
 # a square of threads without stiffness, whose faces give the middle particle a third of the square; it stands on a tie of stiffness k
-CORNERS = "".join(f"{k},{x},{y},{{z}},1,0,0\n" for k, (x, y) in enumerate(((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)), 2)).replace("0.5,", f"{0.5 * SIDE},")
+CORNERS = "".join(
+    f"{k},{x},{y},{{z}},1,0,0\n"
+    for k, (x, y) in enumerate(((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)), 2)
+).replace("0.5,", f"{0.5 * SIDE},")
 THREADS = "start,end,group\n1,2,thread\n1,3,thread\n1,4,thread\n1,5,thread\n2,3,thread\n3,4,thread\n4,5,thread\n5,2,thread\n"
 LIMP = "[cable]\nmodulus = 1.0\narea = 1e-12\ndensity = 1.0\n"
 NODES = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,0,{MASS},0\n" + CORNERS.format(z=0) + f"6,0,0,{-TIE},1,0,0\n"
-OSCILLATOR = LIMP + f"""[cable.tie]
+OSCILLATOR = (
+    LIMP
+    + f"""[cable.tie]
 kind = "bar"
 modulus = {EA / 1e-4}
 area = 1e-4
@@ -39,6 +54,7 @@ history = {{history}}
 frames = 1
 probes = [[0, 0]]
 """
+)
 LUMP = MASS + 0.5 * 1e-4 * TIE  # kg, with half of the tie
 OMEGA = np.sqrt(EA / TIE / LUMP)
 
@@ -72,8 +88,15 @@ BEYOND = 1 - over(SAMPLED, davenport(SAMPLED)) / (6 * K * U0**2)  # share of the
 def storms(tmp_path_factory):
     """3000 s of wind on the oscillator for three seeds: results of runs."""
     shop = BothWays(tmp_path_factory.mktemp("storms"))
-    job = shop.job(OSCILLATOR.format(order=14, duration=DURATION, dt=0.02, history=0.4), NODES, THREADS + "1,6,tie\n")
-    return [shop.run(job, "--set", f"wind.seed={seed}", ranks=2 if seed == SEEDS[0] else 1, output=f"{seed}.vtkhdf") for seed in SEEDS]
+    job = shop.job(
+        OSCILLATOR.format(order=14, duration=DURATION, dt=0.02, history=0.4), NODES, THREADS + "1,6,tie\n"
+    )
+    return [
+        shop.run(
+            job, "--set", f"wind.seed={seed}", ranks=2 if seed == SEEDS[0] else 1, output=f"{seed}.vtkhdf"
+        )
+        for seed in SEEDS
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -97,9 +120,26 @@ def test_mean_and_variance(storms, gusts, compare):
     assert np.allclose(storms[0]["wind/control_point"][:, :2], POINTS)
     n = np.geomspace(1e-5, 100, 20_000)
     slow = np.sqrt(davenport(n).max() / 2 / TOTAL)
-    compare(THEME, f"wind at 9 points, {STORMS}: mean", "U0", U0 + np.mean(gusts), U0, 3 * slow / U0, "3 standard deviations: sqrt(S max / 2 T)", "m/s")
-    compare(THEME, "the same: variance", "6 k U0^2", np.mean([u.var(0) for u in gusts]), 6 * K * U0**2, BEYOND + 3 * scatter(n),
-            "share beyond half the sampling frequency; 3 standard deviations", "m2/s2")
+    compare(
+        THEME,
+        f"wind at 9 points, {STORMS}: mean",
+        "U0",
+        U0 + np.mean(gusts),
+        U0,
+        3 * slow / U0,
+        "3 standard deviations: sqrt(S max / 2 T)",
+        "m/s",
+    )
+    compare(
+        THEME,
+        "the same: variance",
+        "6 k U0^2",
+        np.mean([u.var(0) for u in gusts]),
+        6 * K * U0**2,
+        BEYOND + 3 * scatter(n),
+        "share beyond half the sampling frequency; 3 standard deviations",
+        "m2/s2",
+    )
 
 
 def spectra(gusts, i, j):
@@ -120,15 +160,29 @@ def measured_coherence(gusts, low, along):
     n = spectra(gusts, 0, 0)[0]
     band = (n >= low) & (n < 2 * low)
     of = lambda i, j: spectra(gusts, i, j)[1][band].sum()
-    measured = np.mean([of(i, j) / np.sqrt(of(i, i) * of(j, j)) for i, j in (((1, 4), (4, 7)) if along else ((3, 4), (4, 5)))])
-    return measured, coherence(n[band], *((15, 0) if along else (0, 15))) @ davenport(n[band]) / davenport(n[band]).sum()
+    measured = np.mean(
+        [
+            of(i, j) / np.sqrt(of(i, i) * of(j, j))
+            for i, j in (((1, 4), (4, 7)) if along else ((3, 4), (4, 5)))
+        ]
+    )
+    return measured, coherence(n[band], *((15, 0) if along else (0, 15))) @ davenport(n[band]) / davenport(
+        n[band]
+    ).sum()
 
 
 @pytest.mark.parametrize("low", 0.02 * 2.0 ** np.arange(7))
 def test_spectrum(gusts, compare, low):
     """Octave by octave Davenport's."""
-    compare(THEME, f"the same: spectrum, {low:.2f} to {2 * low:.2f} Hz", "Davenport", *measured_spectrum(gusts, low), FIT + 3 * scatter(octave(low)),
-            "fit of 14 lags 5 %; 3 standard deviations", "m2/s")
+    compare(
+        THEME,
+        f"the same: spectrum, {low:.2f} to {2 * low:.2f} Hz",
+        "Davenport",
+        *measured_spectrum(gusts, low),
+        FIT + 3 * scatter(octave(low)),
+        "fit of 14 lags 5 %; 3 standard deviations",
+        "m2/s",
+    )
 
 
 @pytest.mark.parametrize("low", 0.02 * 2.0 ** np.arange(5))
@@ -136,29 +190,60 @@ def test_spectrum(gusts, compare, low):
 def test_coherence(gusts, compare, along, low):
     """Octave by octave Davenport's, along and across the wind."""
     measured, asked = measured_coherence(gusts, low, along)
-    compare(THEME, f"the same: coherence 15 m {'along' if along else 'across'} the wind, {low:.2f} to {2 * low:.2f} Hz", "Davenport", measured, asked,
-            FIT_COHERENCE + 3 * (1 - asked**2) / np.sqrt(2 * low * TOTAL), "fit of 14 lags 0.02; 3 standard deviations: (1 - coh^2) / sqrt(2 B T)", scale=1.0)
+    compare(
+        THEME,
+        f"the same: coherence 15 m {'along' if along else 'across'} the wind, {low:.2f} to {2 * low:.2f} Hz",
+        "Davenport",
+        measured,
+        asked,
+        FIT_COHERENCE + 3 * (1 - asked**2) / np.sqrt(2 * low * TOTAL),
+        "fit of 14 lags 0.02; 3 standard deviations: (1 - coh^2) / sqrt(2 B T)",
+        scale=1.0,
+    )
 
 
 def test_four_lags_are_coarser(workshop, compare):
     """The default of four lags: the octave farthest off, of the spectrum and of the coherence across the wind."""
-    job = workshop.job(OSCILLATOR.format(order=4, duration=DURATION, dt=0.05, history=10.0), NODES, THREADS + "1,6,tie\n")
-    gust = [workshop.run(job)["wind/speed"][:] - U0]  # on several ranks too in test_oscillator_in_the_generated_wind
+    job = workshop.job(
+        OSCILLATOR.format(order=4, duration=DURATION, dt=0.05, history=10.0), NODES, THREADS + "1,6,tie\n"
+    )
+    gust = [
+        workshop.run(job)["wind/speed"][:] - U0
+    ]  # on several ranks too in test_oscillator_in_the_generated_wind
     within = lambda low: 0.15 + 3 * np.sqrt(len(SEEDS)) * scatter(octave(low))  # one storm, not all
     octaves = [(low, *measured_spectrum(gust, low)) for low in 0.02 * 2.0 ** np.arange(7)]
     low, ours, theirs = max(octaves, key=lambda row: abs(row[1] / row[2] - 1) / within(row[0]))
-    compare(THEME, f"3000 s with the default of four lags: spectrum, {low:.2f} to {2 * low:.2f} Hz, the worst octave", "Davenport", ours, theirs,
-            within(low), "fit of 4 lags 15 %; 3 standard deviations", "m2/s")
-    low, ours, theirs = max(((low, *measured_coherence(gust, low, False)) for low in 0.02 * 2.0 ** np.arange(5)), key=lambda row: abs(row[1] - row[2]))
-    compare(THEME, f"the same: coherence 15 m across the wind, {low:.2f} to {2 * low:.2f} Hz, the worst octave", "Davenport", ours, theirs,
-            0.1 + 3 * (1 - theirs**2) / np.sqrt(2 * low * DURATION), "asked 0.1, which 4 lags miss by 0.03; 3 standard deviations", scale=1.0)
+    compare(
+        THEME,
+        f"3000 s with the default of four lags: spectrum, {low:.2f} to {2 * low:.2f} Hz, the worst octave",
+        "Davenport",
+        ours,
+        theirs,
+        within(low),
+        "fit of 4 lags 15 %; 3 standard deviations",
+        "m2/s",
+    )
+    low, ours, theirs = max(
+        ((low, *measured_coherence(gust, low, False)) for low in 0.02 * 2.0 ** np.arange(5)),
+        key=lambda row: abs(row[1] - row[2]),
+    )
+    compare(
+        THEME,
+        f"the same: coherence 15 m across the wind, {low:.2f} to {2 * low:.2f} Hz, the worst octave",
+        "Davenport",
+        ours,
+        theirs,
+        0.1 + 3 * (1 - theirs**2) / np.sqrt(2 * low * DURATION),
+        "asked 0.1, which 4 lags miss by 0.03; 3 standard deviations",
+        scale=1.0,
+    )
 
 
 def exact_oscillator(time, speed, at):
     """Displacement [m] of m z'' + zeta m z' + k z = C U^2 from rest, U linear between the samples: each interval solved exactly."""
     dt, z = time[1] - time[0], np.zeros(2)
     system = np.zeros((5, 5))
-    system[:2, :3] = [[0, 1, 0], [-OMEGA**2, -ZETA, 1]]
+    system[:2, :3] = [[0, 1, 0], [-(OMEGA**2), -ZETA, 1]]
     system[2, 3], system[3, 4] = 1, 1  # the load per mass, its slope and its curvature
     steps = int(round(dt / at))
     fine = expm(system * dt / steps)
@@ -174,14 +259,38 @@ def exact_oscillator(time, speed, at):
 
 def test_oscillator_in_the_generated_wind(both_ways, compare):
     """A mass on a tie in gusts moves as the exact solution for the same speeds says."""
-    f = both_ways.run(both_ways.job(OSCILLATOR.format(order=4, duration=60.0, dt=0.005, history=0.1), NODES, THREADS + "1,6,tie\n"), ranks=2)
+    f = both_ways.run(
+        both_ways.job(
+            OSCILLATOR.format(order=4, duration=60.0, dt=0.005, history=0.1), NODES, THREADS + "1,6,tie\n"
+        ),
+        ranks=2,
+    )
     t, z = f["history/time"][:], f["history/probe_displacement"][:, 0, 2]
     exact = exact_oscillator(f["wind/time"][:], f["wind/speed"][:, 4], 0.1)[: len(t)]
     error = (OMEGA * 0.005) ** 2 / 24 / (0.5 * ZETA / OMEGA)
     rms = lambda values: np.sqrt(np.mean(values**2))
     because = "second order: frequency (omega dt)^2 / 24, over the damping ratio"
-    compare(THEME, "oscillator in gusts, 60 s: largest displacement", "exact solution of each interval", z.max(), exact.max(), error, because, "m")
-    compare(THEME, "the same: rms of the difference", "exact solution of each interval", rms(z - exact), 0, error * rms(exact), because, "m", scale=1.0)
+    compare(
+        THEME,
+        "oscillator in gusts, 60 s: largest displacement",
+        "exact solution of each interval",
+        z.max(),
+        exact.max(),
+        error,
+        because,
+        "m",
+    )
+    compare(
+        THEME,
+        "the same: rms of the difference",
+        "exact solution of each interval",
+        rms(z - exact),
+        0,
+        error * rms(exact),
+        because,
+        "m",
+        scale=1.0,
+    )
 
 
 def response(n):
@@ -197,36 +306,81 @@ def test_response_to_the_spectrum(storms, compare):
     n = np.append(1e-9, np.arange(1, count + 1)) * (0.5 / DT / count)
     S, dn = davenport(n), n[2] - n[1]
     slow = 2 * U0 * np.sqrt(S.max() / 2 / TOTAL)
-    compare(THEME, f"oscillator, {STORMS}: mean displacement", "C (U0^2 + 6 k U0^2) / stiffness", np.mean(z), C * (U0**2 + variance) * TIE / EA,
-            (3 * slow + BEYOND * variance) / (U0**2 + variance), "3 standard deviations of the mean speed; share of the variance beyond half the sampling frequency", "m")
+    compare(
+        THEME,
+        f"oscillator, {STORMS}: mean displacement",
+        "C (U0^2 + 6 k U0^2) / stiffness",
+        np.mean(z),
+        C * (U0**2 + variance) * TIE / EA,
+        (3 * slow + BEYOND * variance) / (U0**2 + variance),
+        "3 standard deviations of the mean speed; share of the variance beyond half the sampling frequency",
+        "m",
+    )
     R = np.fft.irfft(S) * count * dn  # covariance of the gust; that of its square is 2 R^2 (Gaussian process)
     full = C**2 * (4 * U0**2 * S + np.fft.rfft(2 * R**2).real / (count * dn))
     assert abs(over(n, full) / (C**2 * (4 * U0**2 * R[0] + 2 * R[0] ** 2)) - 1) < 1e-3
     H = response(n)
     sigma = np.sqrt(over(n, H * full))
     spread = np.sqrt(over(n, (H * full) ** 2) / TOTAL) / sigma**2
-    compare(THEME, "the same: standard deviation", "integral of |H|^2 S, S with the square of the gust", np.sqrt(np.mean([v.var() for v in z])), sigma,
-            0.5 * (FIT + 3 * spread), "half of: fit of 14 lags 5 %; 3 standard deviations", "m")
+    compare(
+        THEME,
+        "the same: standard deviation",
+        "integral of |H|^2 S, S with the square of the gust",
+        np.sqrt(np.mean([v.var() for v in z])),
+        sigma,
+        0.5 * (FIT + 3 * spread),
+        "half of: fit of 14 lags 5 %; 3 standard deviations",
+        "m",
+    )
 
 
 @pytest.mark.parametrize("coefficient", [-1.3, 0.8])
 def test_force_on_a_flat_roof_by_hand(both_ways, compare, coefficient):
     """A free particle in the middle of a flat square 30 m above ground: u_s A rho U^2 / 2 with a third of the square; suction lifts."""
-    text = LIMP + f"[wind]\nspeed = 30.0\nroughness = 0.0\nshape_coefficient = {coefficient}\nprofile_exponent = 0.2\nbase_height = 25.0\n"
+    text = (
+        LIMP
+        + f"[wind]\nspeed = 30.0\nroughness = 0.0\nshape_coefficient = {coefficient}\nprofile_exponent = 0.2\nbase_height = 25.0\n"
+    )
     text += "[dynamics]\nduration = 1.0\ntime_step = 0.01\n"
-    f = both_ways.run(both_ways.job(text, f"id,x,y,z,fixed,mass,load_z\n1,0,0,5,0,{MASS},0\n" + CORNERS.format(z=5), THREADS), ranks=2)
+    f = both_ways.run(
+        both_ways.job(
+            text, f"id,x,y,z,fixed,mass,load_z\n1,0,0,5,0,{MASS},0\n" + CORNERS.format(z=5), THREADS
+        ),
+        ranks=2,
+    )
     force = -coefficient * SIDE**2 / 3 * 0.5 * 1.25 * (30.0 * 3.0**0.2) ** 2
-    compare(THEME, f"particle of a flat roof at 30 m height, u_s = {coefficient}: way in 1 s", "u_s A rho U^2 t^2 / 4 M by hand",
-            f["final/position"][0, 2] - 5, 0.5 * force / MASS, 1e-12, "central difference is exact for a constant force", "m")
+    compare(
+        THEME,
+        f"particle of a flat roof at 30 m height, u_s = {coefficient}: way in 1 s",
+        "u_s A rho U^2 t^2 / 4 M by hand",
+        f["final/position"][0, 2] - 5,
+        0.5 * force / MASS,
+        1e-12,
+        "central difference is exact for a constant force",
+        "m",
+    )
 
 
 def test_profile_of_the_mean_speed(both_ways, compare):
     """The power law at each control point's height above ground."""
-    f = both_ways.run(both_ways.job('[net]\ngenerator = "saddle"\nrise = 8.0\n' + STEEL + "[form_finding]\nmodulus_factor = 0\n"
-                                    "[wind]\nspeed = 30.0\nshape_coefficient = -1.0\n"
-                                    "profile_exponent = 0.2\nbase_height = 30.0\n[dynamics]\nduration = 0.1\n"))
+    f = both_ways.run(
+        both_ways.job(
+            '[net]\ngenerator = "saddle"\nrise = 8.0\n' + STEEL + "[form_finding]\nmodulus_factor = 0\n"
+            "[wind]\nspeed = 30.0\nshape_coefficient = -1.0\n"
+            "profile_exponent = 0.2\nbase_height = 30.0\n[dynamics]\nduration = 0.1\n"
+        )
+    )
     z, U = f["wind/control_point"][:, 2] + 30.0, f["wind/mean_speed"][:]
     assert np.ptp(z) > 5
     asked = 30 * (z / 10) ** 0.2
     worst = np.abs(U - asked).argmax()
-    compare(THEME, f"mean speed at {len(z)} heights: the one farthest off", "U0 (z / 10 m)^0.2", U[worst], asked[worst], 1e-14, "a formula; rounding", "m/s")
+    compare(
+        THEME,
+        f"mean speed at {len(z)} heights: the one farthest off",
+        "U0 (z / 10 m)^0.2",
+        U[worst],
+        asked[worst],
+        1e-14,
+        "a formula; rounding",
+        "m/s",
+    )

@@ -17,7 +17,10 @@ STEPS = int(1500 / DT)
 def histories():
     """1500 s at twelve points, for three seeds."""
     model = fit_gust_model(POINTS, np.full(len(POINTS), U0), U0, K, DECAY, DT, ORDER)
-    return [np.array([g.advance() for _ in range(STEPS)]) for g in (GustRecursion(model, seed, U0, DT) for seed in (1, 2, 3))]
+    return [
+        np.array([g.advance() for _ in range(STEPS)])
+        for g in (GustRecursion(model, seed, U0, DT) for seed in (1, 2, 3))
+    ]
 
 
 def test_spectrum_integrates_to_its_variance():
@@ -49,10 +52,17 @@ def test_coherence_is_davenports(histories, i, j):
     """Between two points along and across the wind, within 0.1."""
     n, cross = csd(*(np.concatenate([u[:, k] for u in histories]) for k in (i, j)), 1 / DT, nperseg=1024)
     own = [welch(np.concatenate([u[:, k] for u in histories]), 1 / DT, nperseg=1024)[1] for k in (i, j)]
-    measured, asked = cross.real / np.sqrt(own[0] * own[1]), davenport_coherence(n, POINTS[i] - POINTS[j], DECAY, U0)
+    measured, asked = (
+        cross.real / np.sqrt(own[0] * own[1]),
+        davenport_coherence(n, POINTS[i] - POINTS[j], DECAY, U0),
+    )
     for low, high in ((0.02, 0.06), (0.06, 0.15), (0.15, 0.3), (0.3, 0.6), (0.6, 1.2)):
         band = (n >= low) & (n < high)
-        assert abs(measured[band].mean() - asked[band].mean()) < 0.1, (low, measured[band].mean(), asked[band].mean())
+        assert abs(measured[band].mean() - asked[band].mean()) < 0.1, (
+            low,
+            measured[band].mean(),
+            asked[band].mean(),
+        )
 
 
 def test_noise_is_a_function_of_seed_and_step():
@@ -63,7 +73,9 @@ def test_noise_is_a_function_of_seed_and_step():
     assert (a.noise(5) != b.noise(5)).all() and (a.noise(5) != a.noise(6)).all()
 
 
-@pytest.mark.parametrize("speed, dt, order", [(5, 0.5, 1), (10, 0.05, 4), (40, 0.01, 3), (80, 0.1, 8), (60, 2.0, 30)])
+@pytest.mark.parametrize(
+    "speed, dt, order", [(5, 0.5, 1), (10, 0.05, 4), (40, 0.01, 3), (80, 0.1, 8), (60, 2.0, 30)]
+)
 def test_lags_are_as_many_as_asked_and_the_model_is_stable(speed, dt, order):
     """At slow and fast winds, short and long steps."""
     lags, gain = spread_lags(POINTS[:4], np.full(4, speed), speed, DECAY, dt, order)
@@ -75,7 +87,11 @@ def test_lags_are_as_many_as_asked_and_the_model_is_stable(speed, dt, order):
     assert np.isfinite(u).all() and np.abs(u).max() < 8 * np.sqrt(gust_variance(speed, K))
 
 
-FLAT = '[net]\ngenerator = "saddle"\nside = 40.0\nrise = 0.0\ncells = 4\n' + STEEL + "[form_finding]\nmodulus_factor = 0\n"
+FLAT = (
+    '[net]\ngenerator = "saddle"\nside = 40.0\nrise = 0.0\ncells = 4\n'
+    + STEEL
+    + "[form_finding]\nmodulus_factor = 0\n"
+)
 BLOW = "[wind]\nspeed = 30.0\nroughness = {k}\nshape_coefficient = {u}\nair_density = 1.25\nprofile_exponent = 0.0\n[dynamics]\nduration = 0.002\ntime_step = 1e-5\n[output]\nhistory = 0.001\n"
 
 
@@ -103,8 +119,15 @@ def test_measured_wind_from_a_table(workshop):
     assert np.allclose(f["wind/speed"][:3, 0], [0, 20, 20])
 
 
-@pytest.mark.parametrize("table, message", [("time,speed\n0,1\n0,2\n", "not after the row before"), ("time,speed\n0,1\n0.001,1\n", "covers 0 to 0.001 s"),
-                                            ("time,speed\n0,1\n1,-2\n", "speed = '-2'"), ("time,velocity\n0,1\n", "column speed is missing")])
+@pytest.mark.parametrize(
+    "table, message",
+    [
+        ("time,speed\n0,1\n0,2\n", "not after the row before"),
+        ("time,speed\n0,1\n0.001,1\n", "covers 0 to 0.001 s"),
+        ("time,speed\n0,1\n1,-2\n", "speed = '-2'"),
+        ("time,velocity\n0,1\n", "column speed is missing"),
+    ],
+)
 def test_wrong_wind_table_is_refused(workshop, table, message):
     """With file, line and what is expected."""
     (workshop.folder / "speed.csv").write_text(table)
@@ -147,7 +170,10 @@ frames = 20
 
 def test_choices_after_a_fracture(workshop):
     """all: no more external work after the first fracture; particle: less than none; the runs agree until then."""
-    f = {after: workshop.run(workshop.job(STORM.format(after=after), name=after), output=f"{after}.vtkhdf") for after in ("particle", "all", "none")}
+    f = {
+        after: workshop.run(workshop.job(STORM.format(after=after), name=after), output=f"{after}.vtkhdf")
+        for after in ("particle", "all", "none")
+    }
     first = {after: (g["events/step"][0], g["events/element"][0]) for after, g in f.items()}
     assert len(set(first.values())) == 1
     t, work = f["all"]["history/time"][:], f["all"]["history/external_work"][:]

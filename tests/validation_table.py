@@ -39,7 +39,18 @@ class Table:
     def __init__(self):
         self.rows: list[Row] = []
 
-    def compare(self, theme: str, case: str, source: str, ours: float, theirs: float, within: float, because: str, unit: str = "", scale: float | None = None) -> None:
+    def compare(
+        self,
+        theme: str,
+        case: str,
+        source: str,
+        ours: float,
+        theirs: float,
+        within: float,
+        because: str,
+        unit: str = "",
+        scale: float | None = None,
+    ) -> None:
         """Add a row and assert it.
 
         unit : of the figures; difference : (ours - theirs) / scale; scale : |theirs| unless given, needed where theirs is zero (1: absolute, with the unit)
@@ -47,11 +58,26 @@ class Table:
         ours, theirs = float(ours), float(theirs)
         size = abs(theirs) if scale is None else scale
         with_unit = lambda value: f"{value:.6g}" + (f" {unit}" if unit else "")
-        row = Row(theme, case, source, with_unit(ours), with_unit(theirs), (ours - theirs) / size, within, unit if scale == 1.0 else "", because)
+        row = Row(
+            theme,
+            case,
+            source,
+            with_unit(ours),
+            with_unit(theirs),
+            (ours - theirs) / size,
+            within,
+            unit if scale == 1.0 else "",
+            because,
+        )
         self.rows.append(row)
         assert math.isfinite(row.difference) and row.met, row.text()
 
     def write(self, path: Path) -> None:
         """The table as a page of Markdown."""
         themes = list(dict.fromkeys(row.theme for row in self.rows))
-        path.write_text("\n".join(f"**{theme}**\n\n{HEAD}{''.join(row.text() for row in self.rows if row.theme == theme)}" for theme in themes))
+        path.write_text(
+            "\n".join(
+                f"**{theme}**\n\n{HEAD}{''.join(row.text() for row in self.rows if row.theme == theme)}"
+                for theme in themes
+            )
+        )

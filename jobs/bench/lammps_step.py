@@ -22,10 +22,16 @@ lengths, kind = np.unique(np.round(whole.L0, 12), return_inverse=True)
 if rank == 0:
     low, high = whole.x.min(0) - 50.0, whole.x.max(0) + 50.0
     with open(path, "w") as file:
-        file.write(f"net\n\n{n} atoms\n{m} bonds\n2 atom types\n{len(lengths)} bond types\n4 extra bond per atom\n")
+        file.write(
+            f"net\n\n{n} atoms\n{m} bonds\n2 atom types\n{len(lengths)} bond types\n4 extra bond per atom\n"
+        )
         file.write("".join(f"{low[k]} {high[k]} {axis}lo {axis}hi\n" for k, axis in enumerate("xyz")))
         file.write(f"\nMasses\n\n1 {net.MASS!r}\n2 {net.MASS!r}\n\nAtoms\n\n")
-        np.savetxt(file, np.column_stack([np.arange(1, n + 1), np.ones(n), 1 + whole.fixed, whole.x]), fmt="%d %d %d %.17g %.17g %.17g")
+        np.savetxt(
+            file,
+            np.column_stack([np.arange(1, n + 1), np.ones(n), 1 + whole.fixed, whole.x]),
+            fmt="%d %d %d %.17g %.17g %.17g",
+        )
         file.write("\nBonds\n\n")
         np.savetxt(file, np.column_stack([np.arange(1, m + 1), kind + 1, whole.elements + 1]), fmt="%d")
 program.commands_string(f"""
@@ -62,6 +68,19 @@ for _ in range(5):
     rates.append(m * steps / (time.perf_counter() - begin))
 if rank == 0:
     path.unlink()
-    json.dump({"program": "LAMMPS", "N": N, "elements": m, "ranks": ranks, "scene": "elastic", "rate": max(rates), "median": sorted(rates)[2], "displacement": z,
-               "set_up": set_up, "peak_bytes": ranks * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024}, sys.stdout)
+    json.dump(
+        {
+            "program": "LAMMPS",
+            "N": N,
+            "elements": m,
+            "ranks": ranks,
+            "scene": "elastic",
+            "rate": max(rates),
+            "median": sorted(rates)[2],
+            "displacement": z,
+            "set_up": set_up,
+            "peak_bytes": ranks * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+        },
+        sys.stdout,
+    )
     print()

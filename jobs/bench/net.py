@@ -34,7 +34,12 @@ def make_net(N: int) -> BenchNet:
     X, Y = (grid.ravel() for grid in np.meshgrid(line, line))
     x = np.column_stack([X, Y, 0.1 * a * ((X / a) ** 2 - (Y / a) ** 2)])
     number = np.arange(N * N).reshape(N, N)
-    elements = np.concatenate([np.column_stack([number[:, :-1].ravel(), number[:, 1:].ravel()]), np.column_stack([number[:-1].ravel(), number[1:].ravel()])])
+    elements = np.concatenate(
+        [
+            np.column_stack([number[:, :-1].ravel(), number[:, 1:].ravel()]),
+            np.column_stack([number[:-1].ravel(), number[1:].ravel()]),
+        ]
+    )
     elements = elements[np.lexsort((elements[:, 1], elements[:, 0]))]
     L = np.linalg.norm(x[elements[:, 1]] - x[elements[:, 0]], axis=1)
     L0 = L / (1.0 + PRESTRESS / SPACING * L / EA)

@@ -20,7 +20,9 @@ for p, (x, y, z) in enumerate(whole.x.tolist(), 1):
     if whole.fixed[p - 1]:
         ops.fix(p, 1, 1, 1)
 L = np.linalg.norm(whole.x[whole.elements[:, 1]] - whole.x[whole.elements[:, 0]], axis=1)
-for e, ((a, b), length, unstressed) in enumerate(zip(whole.elements.tolist(), L.tolist(), whole.L0.tolist()), 1):
+for e, ((a, b), length, unstressed) in enumerate(
+    zip(whole.elements.tolist(), L.tolist(), whole.L0.tolist()), 1
+):
     # OpenSees refers strains to the length at the start: its modulus and initial strain follow from that
     ops.uniaxialMaterial("Elastic", 2 * e, net.EA * length / unstressed)
     ops.uniaxialMaterial("InitStrainMaterial", 2 * e + 1, 2 * e, (length - unstressed) / length)
@@ -55,6 +57,19 @@ for _ in range(3):
     begin = time.perf_counter()
     ops.analyze(steps, net.DT)
     rates.append(m * steps / (time.perf_counter() - begin))
-json.dump({"program": "OpenSees", "N": N, "elements": m, "ranks": 1, "scene": "elastic", "rate": max(rates), "median": sorted(rates)[1], "displacement": z,
-           "set_up": set_up, "peak_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024}, sys.stdout)
+json.dump(
+    {
+        "program": "OpenSees",
+        "N": N,
+        "elements": m,
+        "ranks": 1,
+        "scene": "elastic",
+        "rate": max(rates),
+        "median": sorted(rates)[1],
+        "displacement": z,
+        "set_up": set_up,
+        "peak_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+    },
+    sys.stdout,
+)
 print()

@@ -19,7 +19,9 @@ parser.add_argument("scene")
 parser.add_argument("--precision", choices=("double", "mixed", "single"), default="double")
 parser.add_argument("--rounds", type=int, default=5)
 parser.add_argument("--seconds", type=float, default=1.0, help="of a round")
-parser.add_argument("--no-order", action="store_true", help="let the compiler reorder sums, for the cost of the order")
+parser.add_argument(
+    "--no-order", action="store_true", help="let the compiler reorder sums, for the cost of the order"
+)
 arguments = parser.parse_args()
 if arguments.no_order:
     from netfall.mechanics import compile
@@ -37,13 +39,25 @@ from netfall.parallel.partition import metis_partition
 from netfall.solve.stepping import Plan, halo_width, run_steps
 
 comm = MPI.COMM_WORLD
-words = {"plastic", "fracture", "wind", "energy"} if arguments.scene == "all" else set(arguments.scene.split("+")) - {"elastic"}
-scene = Scene(**{word: True for word in words if word != "energy"}, energy="energy" in words, precision=arguments.precision)
+words = (
+    {"plastic", "fracture", "wind", "energy"}
+    if arguments.scene == "all"
+    else set(arguments.scene.split("+")) - {"elastic"}
+)
+scene = Scene(
+    **{word: True for word in words if word != "energy"},
+    energy="energy" in words,
+    precision=arguments.precision,
+)
 
 begin = time.perf_counter()
 whole = net.make_net(arguments.N)
 n, m = len(whole.x), len(whole.elements)
-pieces = cut_net(n, whole.elements, metis_partition(n, whole.elements, comm.size), comm.size) if comm.rank == 0 else None
+pieces = (
+    cut_net(n, whole.elements, metis_partition(n, whole.elements, comm.size), comm.size)
+    if comm.rank == 0
+    else None
+)
 distribution = Distribution(comm, n, m, pieces)
 del pieces
 piece = distribution.piece
@@ -70,7 +84,17 @@ def advance(first: int, steps: int) -> float:
     """Seconds for some steps, the slowest rank's."""
     comm.Barrier()
     begin = time.perf_counter()
-    done, _, error = run_steps(halo, plan, first, steps, net.DT if first else 0.0, net.DT, 1.0 if arguments.scene == "all" else 0.0, 0.0, 1e9)
+    done, _, error = run_steps(
+        halo,
+        plan,
+        first,
+        steps,
+        net.DT if first else 0.0,
+        net.DT,
+        1.0 if arguments.scene == "all" else 0.0,
+        0.0,
+        1e9,
+    )
     assert done == steps and not error
     seconds = time.perf_counter() - begin
     state.end_block()
@@ -93,6 +117,21 @@ held = sum(getattr(state, f.name).nbytes for f in FIELDS if getattr(state, f.nam
 held, peak = comm.allreduce(held), comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
 if comm.rank == 0:
     best = min(seconds)
-    json.dump({"program": "netfall", "N": arguments.N, "elements": m, "ranks": comm.size, "scene": arguments.scene, "rate": m / best, "median": m / sorted(seconds)[len(seconds) // 2],
-               "exchange": max(0.0, 1.0 - without / best), "displacement": z, "set_up": set_up, "state_bytes": held / m, "peak_bytes": peak}, sys.stdout)
+    json.dump(
+        {
+            "program": "netfall",
+            "N": arguments.N,
+            "elements": m,
+            "ranks": comm.size,
+            "scene": arguments.scene,
+            "rate": m / best,
+            "median": m / sorted(seconds)[len(seconds) // 2],
+            "exchange": max(0.0, 1.0 - without / best),
+            "displacement": z,
+            "set_up": set_up,
+            "state_bytes": held / m,
+            "peak_bytes": peak,
+        },
+        sys.stdout,
+    )
     print()

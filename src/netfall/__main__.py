@@ -16,7 +16,9 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
 
 def parser() -> argparse.ArgumentParser:
     """The commands and their options."""
-    top = argparse.ArgumentParser(prog="netfall", description="Form finding, load and collapse analysis of cable roofs on MPI ranks.")
+    top = argparse.ArgumentParser(
+        prog="netfall", description="Form finding, load and collapse analysis of cable roofs on MPI ranks."
+    )
     top.add_argument("--version", action="store_true", help="print the version and the MPI and HDF5 in use")
     verbs = top.add_subparsers(dest="verb", metavar="check | partition | run | info | plot | scale | trade")
 
@@ -24,37 +26,117 @@ def parser() -> argparse.ArgumentParser:
         sub = verbs.add_parser(name, help=text, description=text)
         sub.add_argument(about, type=Path, metavar=about.upper())
         if about == "job":
-            sub.add_argument("--set", action="append", default=[], metavar="SECTION.KEY=VALUE", dest="overrides",
-                             help="override a key of the job file; may be repeated")
+            sub.add_argument(
+                "--set",
+                action="append",
+                default=[],
+                metavar="SECTION.KEY=VALUE",
+                dest="overrides",
+                help="override a key of the job file; may be repeated",
+            )
         return sub
 
     verb("check", "validate a job; print sizes, step limits, memory and expected run time", "job")
     cut = verb("partition", "write partitions/NAME.graph and NAME.graph.part.P", "job")
     cut.add_argument("-n", type=int, required=True, metavar="P", dest="parts", help="number of parts")
     run = verb("run", "run a job; on P ranks: mpirun -n P netfall run JOB", "job")
-    run.add_argument("-o", type=Path, metavar="FILE", dest="output", help="result file (default: the job's name with .vtkhdf, here)")
-    run.add_argument("--restart", type=Path, metavar="CHECKPOINT", help="go on from a checkpoint, on any number of ranks")
-    run.add_argument("--walltime", type=_duration, metavar="HH:MM:SS", help="stop with a checkpoint (exit code 4) after this time")
-    run.add_argument("--profile", action="store_true", help="time forces, exchange and drift of every step too (some 0.2 microseconds a step)")
+    run.add_argument(
+        "-o",
+        type=Path,
+        metavar="FILE",
+        dest="output",
+        help="result file (default: the job's name with .vtkhdf, here)",
+    )
+    run.add_argument(
+        "--restart", type=Path, metavar="CHECKPOINT", help="go on from a checkpoint, on any number of ranks"
+    )
+    run.add_argument(
+        "--walltime",
+        type=_duration,
+        metavar="HH:MM:SS",
+        help="stop with a checkpoint (exit code 4) after this time",
+    )
+    run.add_argument(
+        "--profile",
+        action="store_true",
+        help="time forces, exchange and drift of every step too (some 0.2 microseconds a step)",
+    )
     loud = run.add_mutually_exclusive_group()
     loud.add_argument("--quiet", action="store_true", help="print errors only")
     loud.add_argument("--verbose", action="store_true", help="print residuals and step limits too")
     verb("info", "what ran, how it ended, the energies, the first fractures", "result")
     plot = verb("plot", "pictures from a result file", "result")
-    plot.add_argument("-o", type=Path, default=None, metavar="DIR", dest="folder", help="folder of the pictures (default: beside the result file)")
-    scale = verb("scale", "run a job on several numbers of ranks: strong and weak scaling, times of the phases", "job")
+    plot.add_argument(
+        "-o",
+        type=Path,
+        default=None,
+        metavar="DIR",
+        dest="folder",
+        help="folder of the pictures (default: beside the result file)",
+    )
+    scale = verb(
+        "scale", "run a job on several numbers of ranks: strong and weak scaling, times of the phases", "job"
+    )
     scale.add_argument("--ranks", type=_counts, required=True, metavar="1,2,...", help="numbers of ranks")
-    scale.add_argument("--launcher", metavar="COMMAND", help='what starts the ranks (default: "mpirun -n {ranks}")')
-    scale.add_argument("--repeats", type=_count, default=3, metavar="N", help="runs of each case, of which the best counts (default: 3)")
-    scale.add_argument("-o", type=Path, default=Path("."), metavar="DIR", dest="folder", help="folder of the table and the picture (default: here)")
+    scale.add_argument(
+        "--launcher", metavar="COMMAND", help='what starts the ranks (default: "mpirun -n {ranks}")'
+    )
+    scale.add_argument(
+        "--repeats",
+        type=_count,
+        default=3,
+        metavar="N",
+        help="runs of each case, of which the best counts (default: 3)",
+    )
+    scale.add_argument(
+        "-o",
+        type=Path,
+        default=Path("."),
+        metavar="DIR",
+        dest="folder",
+        help="folder of the table and the picture (default: here)",
+    )
     trade = verb("trade", "what each saving costs: run time against error over a grid of settings", "job")
-    trade.add_argument("--vary", action="append", default=[], metavar="SECTION.KEY=V1,V2,...", help="key and values; several: every combination (default: one key at a time)")
-    trade.add_argument("--reference", action="append", default=[], metavar="SECTION.KEY=VALUE", help="setting of the reference (default: a tenth of the automatic step, or of the job's if that is shorter)")
-    trade.add_argument("--tolerance", type=float, default=0.05, metavar="E", help="largest relative error of the setting that is recommended (default: 0.05)")
-    trade.add_argument("--repeats", type=_count, default=2, metavar="N", help="runs of each setting, of which the fastest counts (default: 2)")
+    trade.add_argument(
+        "--vary",
+        action="append",
+        default=[],
+        metavar="SECTION.KEY=V1,V2,...",
+        help="key and values; several: every combination (default: one key at a time)",
+    )
+    trade.add_argument(
+        "--reference",
+        action="append",
+        default=[],
+        metavar="SECTION.KEY=VALUE",
+        help="setting of the reference (default: a tenth of the automatic step, or of the job's if that is shorter)",
+    )
+    trade.add_argument(
+        "--tolerance",
+        type=float,
+        default=0.05,
+        metavar="E",
+        help="largest relative error of the setting that is recommended (default: 0.05)",
+    )
+    trade.add_argument(
+        "--repeats",
+        type=_count,
+        default=2,
+        metavar="N",
+        help="runs of each setting, of which the fastest counts (default: 2)",
+    )
     trade.add_argument("--ranks", type=_count, default=1, metavar="P", help="ranks of each run (default: 1)")
-    trade.add_argument("--launcher", metavar="COMMAND", help='what starts the ranks (default: "mpirun -n {ranks}")')
-    trade.add_argument("-o", type=Path, default=Path("."), metavar="DIR", dest="folder", help="folder of the table (HDF5) and the picture (default: here)")
+    trade.add_argument(
+        "--launcher", metavar="COMMAND", help='what starts the ranks (default: "mpirun -n {ranks}")'
+    )
+    trade.add_argument(
+        "-o",
+        type=Path,
+        default=Path("."),
+        metavar="DIR",
+        dest="folder",
+        help="folder of the table (HDF5) and the picture (default: here)",
+    )
     return top
 
 
@@ -98,8 +180,10 @@ def partition(arguments) -> None:
     job = read_job(arguments.job, arguments.overrides)
     net = build_net(job)
     part = p.write_partition(job.name, net.n, net.elements, arguments.parts)
-    print(f"{p.FOLDER / job.name}.graph.part.{arguments.parts}: {net.n} particles, {net.m} elements in {arguments.parts} parts, "
-          f"edge cut {p.edge_cut(net.elements, part)}, fullest part {p.imbalance(net.elements, part, arguments.parts):.3f} of the mean")
+    print(
+        f"{p.FOLDER / job.name}.graph.part.{arguments.parts}: {net.n} particles, {net.m} elements in {arguments.parts} parts, "
+        f"edge cut {p.edge_cut(net.elements, part)}, fullest part {p.imbalance(net.elements, part, arguments.parts):.3f} of the mean"
+    )
 
 
 def run(arguments) -> None:
@@ -116,8 +200,15 @@ def run(arguments) -> None:
     comm = MPI.COMM_WORLD
     job = comm.bcast(on_root(comm, lambda: read_job(arguments.job, arguments.overrides)))
     progress = Progress(comm.rank == 0 and not arguments.quiet, arguments.verbose)
-    run_job(comm, job, arguments.output or Path(f"{job.name}.vtkhdf"), progress, arguments.restart, stop,
-            arguments.profile)
+    run_job(
+        comm,
+        job,
+        arguments.output or Path(f"{job.name}.vtkhdf"),
+        progress,
+        arguments.restart,
+        stop,
+        arguments.profile,
+    )
 
 
 def info(arguments) -> None:
@@ -140,8 +231,15 @@ def scale(arguments) -> None:
     from netfall.study.launch import default_launcher
     from netfall.study.scale import scale as run_scale
 
-    for path in run_scale(arguments.job, arguments.overrides, arguments.ranks, arguments.launcher or default_launcher(), arguments.repeats,
-                          arguments.folder, lambda line: print(line, flush=True)):
+    for path in run_scale(
+        arguments.job,
+        arguments.overrides,
+        arguments.ranks,
+        arguments.launcher or default_launcher(),
+        arguments.repeats,
+        arguments.folder,
+        lambda line: print(line, flush=True),
+    ):
         print(path)
 
 
@@ -150,8 +248,18 @@ def trade(arguments) -> None:
     from netfall.study.launch import default_launcher
     from netfall.study.trade import trade as run_trade
 
-    for path in run_trade(arguments.job, arguments.overrides, arguments.vary, arguments.reference, arguments.ranks, arguments.launcher or default_launcher(),
-                          arguments.repeats, arguments.tolerance, arguments.folder, lambda line: print(line, flush=True)):
+    for path in run_trade(
+        arguments.job,
+        arguments.overrides,
+        arguments.vary,
+        arguments.reference,
+        arguments.ranks,
+        arguments.launcher or default_launcher(),
+        arguments.repeats,
+        arguments.tolerance,
+        arguments.folder,
+        lambda line: print(line, flush=True),
+    ):
         print(path)
 
 
@@ -200,10 +308,16 @@ def _abort(error: BaseException) -> None:
         traceback.print_exception(error)
     if isinstance(error, OutputError):
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        time.sleep(min(5.0, 0.5 * _rank()))  # what ranks meet at the same moment the lowest of them tells, and ends the others
+        time.sleep(
+            min(5.0, 0.5 * _rank())
+        )  # what ranks meet at the same moment the lowest of them tells, and ends the others
     common = getattr(error, "on_every_rank", False)
     if not common or _rank() == 0:
-        what = str(error) if isinstance(error, OutputError) else f"rank {_rank()}: {type(error).__name__}: {error} (NETFALL_TRACEBACK=1 shows where)"
+        what = (
+            str(error)
+            if isinstance(error, OutputError)
+            else f"rank {_rank()}: {type(error).__name__}: {error} (NETFALL_TRACEBACK=1 shows where)"
+        )
         print(f"netfall: {what}", file=sys.stderr, flush=True)
     if "mpi4py.MPI" in sys.modules:
         from mpi4py import MPI

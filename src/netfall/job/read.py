@@ -61,7 +61,9 @@ def read_job(path: str | Path, overrides: list[str] = ()) -> Job:
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}; give the path of a job file") from None
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not a text file (byte {error.start} is not UTF-8); expected a TOML job file") from None
+        raise InputError(
+            f"{path}: not a text file (byte {error.start} is not UTF-8); expected a TOML job file"
+        ) from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML: {' '.join(str(error).split())}") from None
     except RecursionError:
@@ -84,9 +86,21 @@ def _absurd_counts(job: Job) -> list[str]:
     if job.output.checkpoint:
         asked.append(("output", "checkpoint", duration / job.output.checkpoint, "checkpoints", MOST_ROWS))
     if wind and not wind.file:
-        asked.append(("wind", "time_step", duration / wind.time_step * wind.control_points, "wind speeds", MOST_SAMPLES))
-    return [f"{job.path}: [{section}] {key} = {getattr(getattr(job, section), key):g}: asks for {number:.3g} {what} over the duration; "
-            f"at most {most:.0e} are possible" for section, key, number, what, most in asked if number > most]
+        asked.append(
+            (
+                "wind",
+                "time_step",
+                duration / wind.time_step * wind.control_points,
+                "wind speeds",
+                MOST_SAMPLES,
+            )
+        )
+    return [
+        f"{job.path}: [{section}] {key} = {getattr(getattr(job, section), key):g}: asks for {number:.3g} {what} over the duration; "
+        f"at most {most:.0e} are possible"
+        for section, key, number, what, most in asked
+        if number > most
+    ]
 
 
 def _apply_overrides(data: dict, overrides: list[str], errors: list[str]) -> None:
@@ -151,11 +165,16 @@ def fits(key: Key, value) -> bool:
         return isinstance(value, bool)
     if key.kind == "points":
         return isinstance(value, list) and all(
-            isinstance(p, list) and len(p) == 2 and all(map(_is_number, p)) for p in value)
+            isinstance(p, list) and len(p) == 2 and all(map(_is_number, p)) for p in value
+        )
     if key.kind == "pressure" and _is_number(value):
         return True
     if key.kind in ("vector", "pressure"):
-        return isinstance(value, list) and len(value) == 3 and all(_is_number(v) and _in_range(key, v) for v in value)
+        return (
+            isinstance(value, list)
+            and len(value) == 3
+            and all(_is_number(v) and _in_range(key, v) for v in value)
+        )
     if value in key.also:
         return True
     if key.kind == "integer" and not isinstance(value, int):
@@ -194,14 +213,30 @@ class _Validation:
                 self.wrong("", f"[{name}]: the section is missing; a job needs it")
         cable = sections.get("cable", {})
         groups = {k: v for k, v in cable.items() if isinstance(v, dict)}
-        parts = {name: self.section(name, table) for name, table in sections.items() if name in SECTIONS and name != "cable"}
+        parts = {
+            name: self.section(name, table)
+            for name, table in sections.items()
+            if name in SECTIONS and name != "cable"
+        }
         if "cable" in sections:
             parts["cable"] = self.section("cable", {k: v for k, v in cable.items() if k not in groups})
         groups = {name: self.group(name, table) for name, table in groups.items()}
         output = parts.get("output") or self.section("output", {})
         self.combinations(sections, parts)
-        return Job(path, text, overrides, top.title, parts.get("net"), parts.get("cable"), groups,
-                   parts.get("form_finding"), parts.get("load"), parts.get("wind"), parts.get("dynamics"), output)
+        return Job(
+            path,
+            text,
+            overrides,
+            top.title,
+            parts.get("net"),
+            parts.get("cable"),
+            groups,
+            parts.get("form_finding"),
+            parts.get("load"),
+            parts.get("wind"),
+            parts.get("dynamics"),
+            output,
+        )
 
     def section(self, name: str, table: dict) -> SimpleNamespace:
         keys = {key.name: key for key in SECTIONS[name]}
@@ -224,38 +259,66 @@ class _Validation:
             elif not fits(keys[name], value):
                 self.wrong(section, f"{name} = {shown(value)}: expected {keys[name].expected()}")
             else:
-                values[name] = float(value) if keys[name].kind == "number" and not isinstance(value, str) else value
+                values[name] = (
+                    float(value) if keys[name].kind == "number" and not isinstance(value, str) else value
+                )
 
     def combinations(self, sections: dict, parts: dict) -> None:
         net = sections.get("net")
         if net is not None:
             tables = "nodes" in net or "elements" in net
             if "generator" in net and tables:
-                self.wrong("net", "generator and tables (nodes, elements) exclude each other; keep one of the two")
+                self.wrong(
+                    "net", "generator and tables (nodes, elements) exclude each other; keep one of the two"
+                )
             elif tables and not ("nodes" in net and "elements" in net):
                 missing = "elements" if "nodes" in net else "nodes"
                 self.wrong("net", f"{missing}: missing; tables come as a pair, nodes and elements")
             elif "generator" not in net and not tables:
-                self.wrong("net", 'generator: missing; expected generator = "saddle" or "stadium", or nodes and elements')
+                self.wrong(
+                    "net",
+                    'generator: missing; expected generator = "saddle" or "stadium", or nodes and elements',
+                )
             generator = net.get("generator")
             if tables or isinstance(generator, str) and generator in GENERATOR_KEYS:
                 own = () if tables else GENERATOR_KEYS[generator]
                 for other, names in GENERATOR_KEYS.items():
                     for name in names:
                         if name in net and name not in own:
-                            self.wrong("net", f"{name} = {shown(net[name])}: only for generator = \"{other}\"; remove it")
+                            self.wrong(
+                                "net",
+                                f'{name} = {shown(net[name])}: only for generator = "{other}"; remove it',
+                            )
         wind = sections.get("wind")
         if wind is not None:
             if "speed" in wind and "file" in wind:
                 self.wrong("wind", "speed and file exclude each other; keep one of the two")
             elif "speed" not in wind and "file" not in wind:
-                self.wrong("wind", "speed: missing; expected a number of m/s > 0, or file = a table of time, speed")
+                self.wrong(
+                    "wind", "speed: missing; expected a number of m/s > 0, or file = a table of time, speed"
+                )
         moves, cable = parts.get("dynamics"), sections.get("cable", {})
-        breaks = any("fracture_strain" in table for table in (cable, *cable.values()) if isinstance(table, dict))
+        breaks = any(
+            "fracture_strain" in table for table in (cable, *cable.values()) if isinstance(table, dict)
+        )
         if moves is not None and moves.mass_scaling and moves.fragments and breaks:
-            self.wrong("dynamics", f"mass_scaling = {shown(moves.mass_scaling)}: a fragment would take the added inertia along as mass; allowed with fragments = false, or where nothing can break")
+            self.wrong(
+                "dynamics",
+                f"mass_scaling = {shown(moves.mass_scaling)}: a fragment would take the added inertia along as mass; allowed with fragments = false, or where nothing can break",
+            )
         if wind is not None and "dynamics" not in sections:
             self.wrong("wind", "there is no [dynamics] that the wind could act in; add it or remove [wind]")
-        if "form_finding" in sections and "cable" in parts and sections["form_finding"].get("method", "fpm") == "fpm":
-            if not (parts["cable"].prestress or any("prestress" in g for g in sections["cable"].values() if isinstance(g, dict)) or (net or {}).get("elements")):
-                self.wrong("cable", "prestress: missing or 0; form finding needs the tension to find the form with, a number of N > 0")
+        if (
+            "form_finding" in sections
+            and "cable" in parts
+            and sections["form_finding"].get("method", "fpm") == "fpm"
+        ):
+            if not (
+                parts["cable"].prestress
+                or any("prestress" in g for g in sections["cable"].values() if isinstance(g, dict))
+                or (net or {}).get("elements")
+            ):
+                self.wrong(
+                    "cable",
+                    "prestress: missing or 0; form finding needs the tension to find the form with, a number of N > 0",
+                )

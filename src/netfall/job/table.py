@@ -24,9 +24,16 @@ class Table:
         self.errors: list[str] = []
         try:
             with open(path, newline="", encoding="utf-8-sig") as file:
-                rows = [(reader.line_num, row) for reader in [csv.reader(file, skipinitialspace=True)] for row in reader if any(c.strip() for c in row)]
+                rows = [
+                    (reader.line_num, row)
+                    for reader in [csv.reader(file, skipinitialspace=True)]
+                    for row in reader
+                    if any(c.strip() for c in row)
+                ]
         except OSError as error:
-            raise InputError(f"{path}: {error.strerror or error}; paths are relative to the job file") from None
+            raise InputError(
+                f"{path}: {error.strerror or error}; paths are relative to the job file"
+            ) from None
         except (UnicodeDecodeError, csv.Error) as error:
             raise InputError(f"{path}: not a CSV table ({error})") from None
         if not rows:
@@ -35,7 +42,9 @@ class Table:
         self.lines = [line for line, _ in rows[1:]]
         for name in header:
             if name not in known:
-                self.errors.append(f"{path}: line {rows[0][0]}: {name[:40]!r}: unknown column; {nearest(name, known)}")
+                self.errors.append(
+                    f"{path}: line {rows[0][0]}: {name[:40]!r}: unknown column; {nearest(name, known)}"
+                )
             elif header.count(name) > 1 and f"{path}: column {name} stands twice" not in self.errors:
                 self.errors.append(f"{path}: column {name} stands twice")
         for name in required:
@@ -99,7 +108,9 @@ class Table:
         """Raise what was noted."""
         if self.errors:
             more = len(self.errors) - MOST_ERRORS
-            raise InputError(self.errors[:MOST_ERRORS] + ([f"{self.path}: and {more} more errors"] if more > 0 else []))
+            raise InputError(
+                self.errors[:MOST_ERRORS] + ([f"{self.path}: and {more} more errors"] if more > 0 else [])
+            )
 
 
 def _number(word: str) -> float:

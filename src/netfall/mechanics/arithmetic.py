@@ -13,7 +13,9 @@ from numba.extending import intrinsic
 from netfall.mechanics.compile import part_of_kernel
 
 SQRT_HALF = np.sqrt(0.5)
-LN2_HIGH = float.fromhex("0x1.62e42fefa3800p-1")  # ln 2 with its last bits zero: times an exponent it is exact
+LN2_HIGH = float.fromhex(
+    "0x1.62e42fefa3800p-1"
+)  # ln 2 with its last bits zero: times an exponent it is exact
 LN2_LOW = float.fromhex("0x1.ef35793c76730p-45")  # ln 2 less that
 HALF, THREE_EIGHTHS, FIVE_SIXTEENTHS, ONE, LEAST = np.float32([0.5, 0.375, 0.3125, 1.0, 1e-7])
 GUESS = np.int64(0x5FE6EB50C7B537A9)  # less half the bits of a number: its inverse root within 3.5 %
@@ -30,19 +32,25 @@ def fused(typing, a, b, c):
 def like(typing, sample, number):
     """A number in the precision of another number, or of an array's. (A literal would make double precision of whatever it meets.)"""
     kind = sample.dtype if isinstance(sample, types.Array) else sample
-    return kind(sample, number), lambda context, builder, signature, values: context.cast(builder, values[1], number, kind)
+    return kind(sample, number), lambda context, builder, signature, values: context.cast(
+        builder, values[1], number, kind
+    )
 
 
 @intrinsic
 def bits_of(typing, a):
     """The 64 bits of a number."""
-    return types.int64(types.float64), lambda context, builder, signature, values: builder.bitcast(values[0], ir.IntType(64))
+    return types.int64(types.float64), lambda context, builder, signature, values: builder.bitcast(
+        values[0], ir.IntType(64)
+    )
 
 
 @intrinsic
 def number_of(typing, a):
     """The number of 64 bits."""
-    return types.float64(types.int64), lambda context, builder, signature, values: builder.bitcast(values[0], ir.DoubleType())
+    return types.float64(types.int64), lambda context, builder, signature, values: builder.bitcast(
+        values[0], ir.DoubleType()
+    )
 
 
 @part_of_kernel

@@ -24,7 +24,9 @@ def _choose_cache() -> str:
 
     numba looks only at the file of the function that is called, and would run on with an old law after a change in another file.
     """
-    total = hashlib.sha256(b"".join(path.read_bytes() for path in sorted([*PACKAGE.glob("*.py"), *PACKAGE.glob("*/*.py")])))
+    total = hashlib.sha256(
+        b"".join(path.read_bytes() for path in sorted([*PACKAGE.glob("*.py"), *PACKAGE.glob("*/*.py")]))
+    )
     parent = Path(numba.config.CACHE_DIR or PACKAGE / "__pycache__")
     folder = parent / f"netfall-{total.hexdigest()[:16]}"
     try:
@@ -45,7 +47,9 @@ FLAGS = {"cache": True, "error_model": "numpy", "fastmath": False}
 # Hardware gathers are a trap on processors whose microcode was mended against leaks through them: four times slower
 # there than plain loads into the lanes of a vector, which are as fast elsewhere or nearly so. And where there are registers
 # of 512 bits, the step is a third faster with them, also on processors for which the compiler prefers halves.
-numba.config.CPU_FEATURES = (numba.config.CPU_FEATURES or llvmlite.binding.get_host_cpu_features().flatten()) + ",+prefer-no-gather,-prefer-256-bit"
+numba.config.CPU_FEATURES = (
+    numba.config.CPU_FEATURES or llvmlite.binding.get_host_cpu_features().flatten()
+) + ",+prefer-no-gather,-prefer-256-bit"
 
 # The compiler vectorises a loop that reads x of neighbours and writes v only if it knows that the two are different
 # arrays. numba has the flag (its own parallel loops use it) but gives it no name in the decorator: this does.
@@ -54,7 +58,9 @@ CPUTargetOptions.noalias = TargetOptions.Mapping("noalias")
 allocating_kernel = numba.njit(**FLAGS)
 # What makes no arrays needs no count of their owners, which would take a microsecond of every step.
 kernel = numba.njit(**FLAGS, _nrt=False)
-part_of_kernel = numba.njit(**FLAGS, _nrt=False, forceinline=True)  # a call within a loop would keep it from being vectorised
+part_of_kernel = numba.njit(
+    **FLAGS, _nrt=False, forceinline=True
+)  # a call within a loop would keep it from being vectorised
 vector_kernel = numba.njit(**FLAGS, _nrt=False, noalias=True)  # no two array arguments may overlap
 
 

@@ -14,7 +14,13 @@ import numpy as np
 from netfall.mechanics.arithmetic import fused, like
 from netfall.mechanics.compile import allocating_kernel, kernel, part_of_kernel, vector_kernel
 from netfall.mechanics.material import (
-    dissipated_by_flow, elastic_force, force_density, plastic_force, stored_energy, strain)
+    dissipated_by_flow,
+    elastic_force,
+    force_density,
+    plastic_force,
+    stored_energy,
+    strain,
+)
 
 REGISTER = 64  # bytes of the widest registers
 FEWEST = 3  # particles that are worth a register of their own
@@ -45,33 +51,184 @@ class Runs(NamedTuple):
 
 
 @part_of_kernel
-def add_force(p, o, s, fx, fy, fz, near, x, start, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
+def add_force(
+    p,
+    o,
+    s,
+    fx,
+    fy,
+    fz,
+    near,
+    x,
+    start,
+    inv_L0,
+    EA,
+    slot_EA,
+    measure,
+    slot_bar,
+    yield_force,
+    slot_yield,
+    slot_eps_p,
+    reach,
+):
     """Forces [N] on particle p so far, and those of the element in its slot s, whose far end is o; near: whether one is near flow or fracture."""
     dx, dy, dz = x[0][o] - x[0][p], x[1][o] - x[1][p], x[2][o] - x[2][p]
     if start is None:
-        q, found = force_density(dx, dy, dz, None, s, p, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
-        return like(fx, fused(q, dx, fx)), like(fx, fused(q, dy, fy)), like(fx, fused(q, dz, fz)), near | found
+        q, found = force_density(
+            dx,
+            dy,
+            dz,
+            None,
+            s,
+            p,
+            inv_L0,
+            EA,
+            slot_EA,
+            measure,
+            slot_bar,
+            yield_force,
+            slot_yield,
+            slot_eps_p,
+            reach,
+        )
+        return (
+            like(fx, fused(q, dx, fx)),
+            like(fx, fused(q, dy, fy)),
+            like(fx, fused(q, dz, fz)),
+            near | found,
+        )
     # of displacements: L^2 - L_start^2 = (d - d_start) (d + d_start), to their own last digits
     sx, sy, sz, per_L0 = start[0][s, p], start[1][s, p], start[2][s, p], inv_L0[s, p]
     ux, uy, uz = like(sx, dx), like(sy, dy), like(sz, dz)
     ex, ey, ez = sx + ux, sy + uy, sz + uz
     excess = fused(fused(uz, ez + sz, fused(uy, ey + sy, ux * (ex + sx))), per_L0 * per_L0, start[3][s, p])
-    q, found = force_density(ex, ey, ez, excess, s, p, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+    q, found = force_density(
+        ex,
+        ey,
+        ez,
+        excess,
+        s,
+        p,
+        inv_L0,
+        EA,
+        slot_EA,
+        measure,
+        slot_bar,
+        yield_force,
+        slot_yield,
+        slot_eps_p,
+        reach,
+    )
     return fused(q, ex, fx), fused(q, ey, fy), fused(q, ez, fz), near | found
 
 
 @part_of_kernel
-def four_forces(p, o0, o1, o2, o3, x, start, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
+def four_forces(
+    p,
+    o0,
+    o1,
+    o2,
+    o3,
+    x,
+    start,
+    inv_L0,
+    EA,
+    slot_EA,
+    measure,
+    slot_bar,
+    yield_force,
+    slot_yield,
+    slot_eps_p,
+    reach,
+):
     """Sum of the forces [N] of the first four slots of particle p, with far ends o0 to o3, in this order; and whether one is near flow or fracture."""
     none = like(inv_L0, 0.0)
-    fx, fy, fz, near = add_force(p, o0, 0, none, none, none, False, x, start, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
-    fx, fy, fz, near = add_force(p, o1, 1, fx, fy, fz, near, x, start, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
-    fx, fy, fz, near = add_force(p, o2, 2, fx, fy, fz, near, x, start, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
-    return add_force(p, o3, 3, fx, fy, fz, near, x, start, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+    fx, fy, fz, near = add_force(
+        p,
+        o0,
+        0,
+        none,
+        none,
+        none,
+        False,
+        x,
+        start,
+        inv_L0,
+        EA,
+        slot_EA,
+        measure,
+        slot_bar,
+        yield_force,
+        slot_yield,
+        slot_eps_p,
+        reach,
+    )
+    fx, fy, fz, near = add_force(
+        p,
+        o1,
+        1,
+        fx,
+        fy,
+        fz,
+        near,
+        x,
+        start,
+        inv_L0,
+        EA,
+        slot_EA,
+        measure,
+        slot_bar,
+        yield_force,
+        slot_yield,
+        slot_eps_p,
+        reach,
+    )
+    fx, fy, fz, near = add_force(
+        p,
+        o2,
+        2,
+        fx,
+        fy,
+        fz,
+        near,
+        x,
+        start,
+        inv_L0,
+        EA,
+        slot_EA,
+        measure,
+        slot_bar,
+        yield_force,
+        slot_yield,
+        slot_eps_p,
+        reach,
+    )
+    return add_force(
+        p,
+        o3,
+        3,
+        fx,
+        fy,
+        fz,
+        near,
+        x,
+        start,
+        inv_L0,
+        EA,
+        slot_EA,
+        measure,
+        slot_bar,
+        yield_force,
+        slot_yield,
+        slot_eps_p,
+        reach,
+    )
 
 
 @part_of_kernel
-def kick_axis(p, i, internal, square, kick_dt, c_v, c_a, zeta, v, f, per_mass, free, mass, load, wind, work_ext):
+def kick_axis(
+    p, i, internal, square, kick_dt, c_v, c_a, zeta, v, f, per_mass, free, mass, load, wind, work_ext
+):
     """Kick of particle p along one axis under its internal force [N] and the external one; total force to row i of f.
 
     load, wind : of this axis, None where there is none. Returns the work [J] of the external, internal and damping forces
@@ -96,15 +253,88 @@ def kick_axis(p, i, internal, square, kick_dt, c_v, c_a, zeta, v, f, per_mass, f
 
 
 @part_of_kernel
-def kick_particle(p, i, fx, fy, fz, kick_dt, c_v, c_a, zeta, share, v, f, per_mass, free, mass, load, work_ext, work_int, work_damp, wind,
-                  speed_before, speed_after):
+def kick_particle(
+    p,
+    i,
+    fx,
+    fy,
+    fz,
+    kick_dt,
+    c_v,
+    c_a,
+    zeta,
+    share,
+    v,
+    f,
+    per_mass,
+    free,
+    mass,
+    load,
+    work_ext,
+    work_int,
+    work_damp,
+    wind,
+    speed_before,
+    speed_after,
+):
     """Kick and work of particle p under its internal forces [N] and the external ones; total force to row i of f."""
     square = like(per_mass, 0.0)
     if speed_before is not None:
         square = squared_speed(p, speed_before, speed_after, share)
-    ax, bx, cx = kick_axis(p, i, fx, square, kick_dt, c_v, c_a, zeta, v[0], f[0], per_mass, free[0], mass, load[0], wind[0], work_ext)
-    ay, by, cy = kick_axis(p, i, fy, square, kick_dt, c_v, c_a, zeta, v[1], f[1], per_mass, free[1], mass, load[1], wind[1], work_ext)
-    az, bz, cz = kick_axis(p, i, fz, square, kick_dt, c_v, c_a, zeta, v[2], f[2], per_mass, free[2], mass, load[2], wind[2], work_ext)
+    ax, bx, cx = kick_axis(
+        p,
+        i,
+        fx,
+        square,
+        kick_dt,
+        c_v,
+        c_a,
+        zeta,
+        v[0],
+        f[0],
+        per_mass,
+        free[0],
+        mass,
+        load[0],
+        wind[0],
+        work_ext,
+    )
+    ay, by, cy = kick_axis(
+        p,
+        i,
+        fy,
+        square,
+        kick_dt,
+        c_v,
+        c_a,
+        zeta,
+        v[1],
+        f[1],
+        per_mass,
+        free[1],
+        mass,
+        load[1],
+        wind[1],
+        work_ext,
+    )
+    az, bz, cz = kick_axis(
+        p,
+        i,
+        fz,
+        square,
+        kick_dt,
+        c_v,
+        c_a,
+        zeta,
+        v[2],
+        f[2],
+        per_mass,
+        free[2],
+        mass,
+        load[2],
+        wind[2],
+        work_ext,
+    )
     if work_ext is not None:
         work_ext[p] = work_ext[p] + ax + ay + az
         work_int[p] = work_int[p] + bx + by + bz
@@ -112,9 +342,42 @@ def kick_particle(p, i, fx, fy, fz, kick_dt, c_v, c_a, zeta, share, v, f, per_ma
 
 
 @vector_kernel
-def kick_rows(c, low, width, runs, f_rest, near_rest, kick_dt, zeta, share, x, v, f, near_of,
-              per_mass, free, mass, load, work_ext, work_int, work_damp, wind, speed_before, speed_after,
-              other, start, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
+def kick_rows(
+    c,
+    low,
+    width,
+    runs,
+    f_rest,
+    near_rest,
+    kick_dt,
+    zeta,
+    share,
+    x,
+    v,
+    f,
+    near_of,
+    per_mass,
+    free,
+    mass,
+    load,
+    work_ext,
+    work_int,
+    work_damp,
+    wind,
+    speed_before,
+    speed_after,
+    other,
+    start,
+    inv_L0,
+    EA,
+    slot_EA,
+    measure,
+    slot_bar,
+    yield_force,
+    slot_yield,
+    slot_eps_p,
+    reach,
+):
     """Forces, kick and work of the particles of chunk c, from `low` on.
 
     Three arrays for three axes stand in a tuple: then the compiler sees that nothing written is read again.
@@ -131,40 +394,148 @@ def kick_rows(c, low, width, runs, f_rest, near_rest, kick_dt, zeta, share, x, v
     origin = np.uint64(low)  # unsigned: no index then counts from the end
     lanes, spans, whole, parts, rest, loose = runs
     c_v, c_a = kick_factors(zeta, kick_dt)
-    c_v, c_a, kick_dt, zeta, share = like(v[0], c_v), like(v[0], c_a), like(v[0], kick_dt), like(v[0], zeta), like(v[0], share)
+    c_v, c_a, kick_dt, zeta, share = (
+        like(v[0], c_v),
+        like(v[0], c_a),
+        like(v[0], kick_dt),
+        like(v[0], zeta),
+        like(v[0], share),
+    )
     for r in range(spans[c, 0], spans[c, 1]):
-        s0, s1, s2, s3 = np.uint64(whole[r, 2]), np.uint64(whole[r, 3]), np.uint64(whole[r, 4]), np.uint64(whole[r, 5])
+        s0, s1, s2, s3 = (
+            np.uint64(whole[r, 2]),
+            np.uint64(whole[r, 3]),
+            np.uint64(whole[r, 4]),
+            np.uint64(whole[r, 5]),
+        )
         for p in range(np.uint64(whole[r, 0]), np.uint64(whole[r, 1])):
             i = p - origin
-            fx, fy, fz, found = four_forces(p, p + s0, p + s1, p + s2, p + s3, x, start, inv_L0, EA, slot_EA, measure, slot_bar, yield_force,
-                                            slot_yield, slot_eps_p, reach)
+            fx, fy, fz, found = four_forces(
+                p,
+                p + s0,
+                p + s1,
+                p + s2,
+                p + s3,
+                x,
+                start,
+                inv_L0,
+                EA,
+                slot_EA,
+                measure,
+                slot_bar,
+                yield_force,
+                slot_yield,
+                slot_eps_p,
+                reach,
+            )
             if near_of is not None:
                 near_of[i] = 1 if found else 0
-            kick_particle(p, i, fx, fy, fz, kick_dt, c_v, c_a, zeta, share, v, f, per_mass, free, mass, load, work_ext, work_int, work_damp, wind,
-                          speed_before, speed_after)
+            kick_particle(
+                p,
+                i,
+                fx,
+                fy,
+                fz,
+                kick_dt,
+                c_v,
+                c_a,
+                zeta,
+                share,
+                v,
+                f,
+                per_mass,
+                free,
+                mass,
+                load,
+                work_ext,
+                work_int,
+                work_damp,
+                wind,
+                speed_before,
+                speed_after,
+            )
     for r in range(spans[c, 2], spans[c, 3]):
-        s0, s1, s2, s3 = np.uint64(parts[r, 4]), np.uint64(parts[r, 5]), np.uint64(parts[r, 6]), np.uint64(parts[r, 7])
+        s0, s1, s2, s3 = (
+            np.uint64(parts[r, 4]),
+            np.uint64(parts[r, 5]),
+            np.uint64(parts[r, 6]),
+            np.uint64(parts[r, 7]),
+        )
         from_, up_to = np.uint64(parts[r, 2]), np.uint64(parts[r, 3])
         for p in range(np.uint64(parts[r, 0]), np.uint64(parts[r, 1])):
             i = p - origin
             mine = (p >= from_) & (p < up_to)
-            fx, fy, fz, found = four_forces(p, p + s0, p + s1, p + s2, p + s3, x, start, inv_L0, EA, slot_EA, measure, slot_bar, yield_force,
-                                            slot_yield, slot_eps_p, reach)
-            f[0][i], f[1][i], f[2][i] = fx if mine else f[0][i], fy if mine else f[1][i], fz if mine else f[2][i]
+            fx, fy, fz, found = four_forces(
+                p,
+                p + s0,
+                p + s1,
+                p + s2,
+                p + s3,
+                x,
+                start,
+                inv_L0,
+                EA,
+                slot_EA,
+                measure,
+                slot_bar,
+                yield_force,
+                slot_yield,
+                slot_eps_p,
+                reach,
+            )
+            f[0][i], f[1][i], f[2][i] = (
+                fx if mine else f[0][i],
+                fy if mine else f[1][i],
+                fz if mine else f[2][i],
+            )
             if near_of is not None:
                 near_of[i] = (1 if found else 0) if mine else near_of[i]
     first, last = np.uint64(spans[c, 4]), np.uint64(spans[c, 5])
     filled_up = first + np.uint64((spans[c, 5] - spans[c, 4] + lanes - 1) // lanes * lanes)
     for i in range(first, filled_up):
         p, k = rest[i], i - first
-        f_rest[0][k], f_rest[1][k], f_rest[2][k], found = four_forces(p, other[0, p], other[1, p], other[2, p], other[3, p], x, start, inv_L0, EA, slot_EA,
-                                                                      measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+        f_rest[0][k], f_rest[1][k], f_rest[2][k], found = four_forces(
+            p,
+            other[0, p],
+            other[1, p],
+            other[2, p],
+            other[3, p],
+            x,
+            start,
+            inv_L0,
+            EA,
+            slot_EA,
+            measure,
+            slot_bar,
+            yield_force,
+            slot_yield,
+            slot_eps_p,
+            reach,
+        )
         near_rest[k] = 1 if found else 0
     for s in range(SLOTS, width):
         for i in range(first, last):
             p, k = rest[i], i - first
-            f_rest[0][k], f_rest[1][k], f_rest[2][k], found = add_force(p, other[s, p], s, f_rest[0][k], f_rest[1][k], f_rest[2][k], near_rest[k] != 0, x, start,
-                                                                        inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach)
+            f_rest[0][k], f_rest[1][k], f_rest[2][k], found = add_force(
+                p,
+                other[s, p],
+                s,
+                f_rest[0][k],
+                f_rest[1][k],
+                f_rest[2][k],
+                near_rest[k] != 0,
+                x,
+                start,
+                inv_L0,
+                EA,
+                slot_EA,
+                measure,
+                slot_bar,
+                yield_force,
+                slot_yield,
+                slot_eps_p,
+                reach,
+            )
             near_rest[k] = 1 if found else 0
     for i in range(first, last):
         k, row = i - first, rest[i] - origin
@@ -174,8 +545,30 @@ def kick_rows(c, low, width, runs, f_rest, near_rest, kick_dt, zeta, share, x, v
     for r in range(spans[c, 6], spans[c, 7]):
         for p in range(np.uint64(loose[r, 0]), np.uint64(loose[r, 1])):
             i = p - origin
-            kick_particle(p, i, f[0][i], f[1][i], f[2][i], kick_dt, c_v, c_a, zeta, share, v, f, per_mass, free, mass, load, work_ext, work_int, work_damp,
-                          wind, speed_before, speed_after)
+            kick_particle(
+                p,
+                i,
+                f[0][i],
+                f[1][i],
+                f[2][i],
+                kick_dt,
+                c_v,
+                c_a,
+                zeta,
+                share,
+                v,
+                f,
+                per_mass,
+                free,
+                mass,
+                load,
+                work_ext,
+                work_int,
+                work_damp,
+                wind,
+                speed_before,
+                speed_after,
+            )
 
 
 @vector_kernel
@@ -188,8 +581,31 @@ def count_near(near_of, particles):
 
 
 @kernel
-def flow(first, last, width, n_owned, first_split, x, x_start, other, inv_L0, slot_element, slot_eps_p, ends, L0, EA, logarithmic, bar, yield_force,
-         eps_p, dissipated, eps_u, pending, count, near_of):
+def flow(
+    first,
+    last,
+    width,
+    n_owned,
+    first_split,
+    x,
+    x_start,
+    other,
+    inv_L0,
+    slot_element,
+    slot_eps_p,
+    ends,
+    L0,
+    EA,
+    logarithmic,
+    bar,
+    yield_force,
+    eps_p,
+    dissipated,
+    eps_u,
+    pending,
+    count,
+    near_of,
+):
     """Plastic flow of the elements of particles first to last at x, and those that reach their fracture strain, where near_of is not 0.
 
     Both ends come to the same plastic strain by themselves; that which `reports` keeps the element's record.
@@ -204,9 +620,17 @@ def flow(first, last, width, n_owned, first_split, x, x_start, other, inv_L0, sl
             if inv_L0[s, p] == 0.0:
                 continue
             e, o = slot_element[s, p], other[s, p]
-            dx, dy, dz = np.float64(x[o, 0]) - x[p, 0], np.float64(x[o, 1]) - x[p, 1], np.float64(x[o, 2]) - x[p, 2]
+            dx, dy, dz = (
+                np.float64(x[o, 0]) - x[p, 0],
+                np.float64(x[o, 1]) - x[p, 1],
+                np.float64(x[o, 2]) - x[p, 2],
+            )
             if x_start is not None:
-                dx, dy, dz = dx + (x_start[o, 0] - x_start[p, 0]), dy + (x_start[o, 1] - x_start[p, 1]), dz + (x_start[o, 2] - x_start[p, 2])
+                dx, dy, dz = (
+                    dx + (x_start[o, 0] - x_start[p, 0]),
+                    dy + (x_start[o, 1] - x_start[p, 1]),
+                    dz + (x_start[o, 2] - x_start[p, 2]),
+                )
             eps = strain(math.sqrt(dx * dx + dy * dy + dz * dz), L0[e], logarithmic)
             reports = ends[e, 0] == p or (n_owned <= ends[e, 0] and ends[e, 0] < first_split)
             if yield_force is not None:
@@ -215,7 +639,9 @@ def flow(first, last, width, n_owned, first_split, x, x_start, other, inv_L0, sl
                 if flowed != slot_eps_p[s, p]:
                     any_flow = True
                     if reports:
-                        dissipated[e] += dissipated_by_flow(eps_p[e], flowed, L0[e], EA[e], yield_force[e], logarithmic)
+                        dissipated[e] += dissipated_by_flow(
+                            eps_p[e], flowed, L0[e], EA[e], yield_force[e], logarithmic
+                        )
                         eps_p[e] = flowed
                     slot_eps_p[s, p] = flowed
             if eps_u is not None:
@@ -275,7 +701,23 @@ def align_slots(first, last, direction, n_local, other, slot_element, filled):
 
 
 @kernel
-def fill_slots(n_local, slot_element, L0, EA, bar, yield_force, eps_p, x_start, other, start, inv_L0, slot_EA, slot_bar, slot_yield, slot_eps_p):
+def fill_slots(
+    n_local,
+    slot_element,
+    L0,
+    EA,
+    bar,
+    yield_force,
+    eps_p,
+    x_start,
+    other,
+    start,
+    inv_L0,
+    slot_EA,
+    slot_bar,
+    slot_yield,
+    slot_eps_p,
+):
     """What the vector loop reads of each element, at both of its ends; inv_L0 = 0 in an empty slot.
 
     start : as in `kick_rows`, out, of the positions x_start (n, 3); None where it is
@@ -293,7 +735,11 @@ def fill_slots(n_local, slot_element, L0, EA, bar, yield_force, eps_p, x_start, 
             inv_L0[s, p] = 1.0 / L0[e]
             if start is not None:
                 o = other[s, p]
-                dx, dy, dz = x_start[o, 0] - x_start[p, 0], x_start[o, 1] - x_start[p, 1], x_start[o, 2] - x_start[p, 2]
+                dx, dy, dz = (
+                    x_start[o, 0] - x_start[p, 0],
+                    x_start[o, 1] - x_start[p, 1],
+                    x_start[o, 2] - x_start[p, 2],
+                )
                 L = math.sqrt(dx * dx + dy * dy + dz * dz)
                 start[0][s, p], start[1][s, p], start[2][s, p] = dx, dy, dz
                 start[3][s, p] = (L - L0[e]) * (L + L0[e]) / (L0[e] * L0[e])
@@ -323,8 +769,12 @@ def empty_slots(e, p, slot_element, start, inv_L0, slot_bar):
 def end_of_run(p, high, other):
     """The first particle after p, at most `high`, whose far ends are not as far away in number as those of p."""
     end = p + 1
-    while end < high and (other[0, end] - end == other[0, p] - p and other[1, end] - end == other[1, p] - p
-                          and other[2, end] - end == other[2, p] - p and other[3, end] - end == other[3, p] - p):
+    while end < high and (
+        other[0, end] - end == other[0, p] - p
+        and other[1, end] - end == other[1, p] - p
+        and other[2, end] - end == other[2, p] - p
+        and other[3, end] - end == other[3, p] - p
+    ):
         end += 1
     return end
 
@@ -372,7 +822,12 @@ def find_runs(chunk_low, chunk_high, chunk_width, other, lanes, spans, whole, pa
                 far = begin + np.int64(other[s, p]) - p
                 fits &= 0 <= far and far + length <= other.shape[1]
             if fits:
-                parts[partials, 0], parts[partials, 1], parts[partials, 2], parts[partials, 3] = begin, begin + length, left, end
+                parts[partials, 0], parts[partials, 1], parts[partials, 2], parts[partials, 3] = (
+                    begin,
+                    begin + length,
+                    left,
+                    end,
+                )
                 for s in range(SLOTS):
                     parts[partials, 4 + s] = np.int64(other[s, p]) - p
                 partials += 1

@@ -50,7 +50,23 @@ def plastic_force(eps, eps_p, EA, yield_force, bar):
 
 
 @part_of_kernel
-def force_density(dx, dy, dz, excess, s, p, inv_L0, EA, slot_EA, measure, slot_bar, yield_force, slot_yield, slot_eps_p, reach):
+def force_density(
+    dx,
+    dy,
+    dz,
+    excess,
+    s,
+    p,
+    inv_L0,
+    EA,
+    slot_EA,
+    measure,
+    slot_bar,
+    yield_force,
+    slot_yield,
+    slot_eps_p,
+    reach,
+):
     """N / L [N/m] of the element in slot s of particle p, and whether it is near flow or fracture.
 
     `plastic_force` over the length, arranged for one inverse root: EA (L / L0 - 1 - eps_p) / L = EA (1 / L0 - (1 + eps_p) / L).
@@ -65,7 +81,9 @@ def force_density(dx, dy, dz, excess, s, p, inv_L0, EA, slot_EA, measure, slot_b
         square = fused(dz, dz, fused(dy, dy, fused(dx, dx, TINY)))
         per_length = like(per_L0, inverse_root(square))
         if measure is not None:
-            q = like(per_L0, stiffness * (logarithm(max(square * per_length * per_L0, TINY)) - eps_p) * per_length)
+            q = like(
+                per_L0, stiffness * (logarithm(max(square * per_length * per_L0, TINY)) - eps_p) * per_length
+            )
         else:
             q = like(per_L0, stiffness * fused(-1.0 - eps_p, per_length, per_L0))
     else:

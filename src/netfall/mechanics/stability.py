@@ -45,7 +45,11 @@ def any_shape_limits(elements, EA, L0, mass, free, bar) -> list[Limit]:
     limits = []
     for name, phase, of in (("any_shape", 2.0, omega2), ("slackening", 1.0, np.where(bar, 0.0, omega2))):
         worst = int(np.argmax(of))
-        limits.append(Limit(name, phase / float(np.sqrt(of[worst])), worst) if of[worst] > 0 else Limit(name, np.inf, -1))
+        limits.append(
+            Limit(name, phase / float(np.sqrt(of[worst])), worst)
+            if of[worst] > 0
+            else Limit(name, np.inf, -1)
+        )
     return limits
 
 
@@ -90,7 +94,9 @@ def scaled_mass(elements, EA, L0, mass, free, share: float) -> np.ndarray:
     rest to its neighbours, or half if one of them is above it too. free : (n,) bool, whether any axis is free
     """
     k = EA / L0
-    stiffness = np.where(free, np.bincount(elements[:, 0], k, len(mass)) + np.bincount(elements[:, 1], k, len(mass)), 0.0)
+    stiffness = np.where(
+        free, np.bincount(elements[:, 0], k, len(mass)) + np.bincount(elements[:, 1], k, len(mass)), 0.0
+    )
     square = stiffness / np.where(free, mass, 1.0)
     budget = share * mass[free].sum()
 

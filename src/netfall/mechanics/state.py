@@ -8,10 +8,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.mechanics.kernels import REGISTER, SLOTS, align_slots, attach_slots, element_state, empty_slots, fill_slots
+from netfall.mechanics.kernels import (
+    REGISTER,
+    SLOTS,
+    align_slots,
+    attach_slots,
+    element_state,
+    empty_slots,
+    fill_slots,
+)
 from netfall.mechanics.material import NEARLY, NEARLY_SINGLE
 
-STEPPED, SUMMED = "precision of the steps", "precision of the displacements"  # instead of a data type: `Scene` has it
+STEPPED, SUMMED = (
+    "precision of the steps",
+    "precision of the displacements",
+)  # instead of a data type: `Scene` has it
 
 
 @dataclass(frozen=True)
@@ -29,24 +40,76 @@ class Field:
 
 
 FIELDS = (
-    Field("x", "particle", (3,), np.float64, "m", "position; if displacements are stepped, brought up to date at the end of a block of steps", kept=True),
+    Field(
+        "x",
+        "particle",
+        (3,),
+        np.float64,
+        "m",
+        "position; if displacements are stepped, brought up to date at the end of a block of steps",
+        kept=True,
+    ),
     Field("u", "particle", (3,), SUMMED, "m", "displacement", "displaced", kept=True),
-    Field("u_rounded", "particle", (3,), STEPPED, "m", "the same in the precision of the steps, for the forces", "mixed"),
+    Field(
+        "u_rounded",
+        "particle",
+        (3,),
+        STEPPED,
+        "m",
+        "the same in the precision of the steps, for the forces",
+        "mixed",
+    ),
     Field("v", "particle", (3,), STEPPED, "m/s", "velocity, half a step behind the position", kept=True),
-    Field("x_start", "particle", (3,), np.float64, "m", "position in the initial state, from which displacements count", kept=True),
+    Field(
+        "x_start",
+        "particle",
+        (3,),
+        np.float64,
+        "m",
+        "position in the initial state, from which displacements count",
+        kept=True,
+    ),
     Field("free", "particle", (3,), np.uint8, "", "1 where the axis can move", kept=True),
-    Field("mass", "particle", (), np.float64, "kg", "lumped mass: halves of the elements and what is carried", kept=True),
-    Field("per_mass", "particle", (), STEPPED, "1/kg", "1 / mass; 0 without mass, and where every axis is held"),
+    Field(
+        "mass",
+        "particle",
+        (),
+        np.float64,
+        "kg",
+        "lumped mass: halves of the elements and what is carried",
+        kept=True,
+    ),
+    Field(
+        "per_mass", "particle", (), STEPPED, "1/kg", "1 / mass; 0 without mass, and where every axis is held"
+    ),
     Field("stepped_mass", "particle", (), STEPPED, "kg", "mass in the precision of the steps", "block_work"),
     Field("load", "particle", (3,), STEPPED, "N", "constant external force", kept=True),
     Field("wind", "particle", (3,), STEPPED, "N s2/m2", "wind force at 1 m/s", "wind", kept=True),
     Field("speed_before", "particle", (), STEPPED, "m/s", "wind speed at the last sample", "wind"),
     Field("speed_after", "particle", (), STEPPED, "m/s", "wind speed at the next sample", "wind"),
     Field("valence", "particle", (), np.int32, "", "elements attached", "fracture", kept=True),
-    Field("work", "particle", (3,), np.float64, "J", "work of external, internal and damping forces", "energy", kept=True),
-    Field("block_work", "particle", (3,), STEPPED, "J", "the same in the present block of steps", "block_work"),
+    Field(
+        "work",
+        "particle",
+        (3,),
+        np.float64,
+        "J",
+        "work of external, internal and damping forces",
+        "energy",
+        kept=True,
+    ),
+    Field(
+        "block_work", "particle", (3,), STEPPED, "J", "the same in the present block of steps", "block_work"
+    ),
     Field("gid", "particle", (), np.int64, "", "global number"),
-    Field("f", "particle", (3,), STEPPED, "N", "total force; kept of all particles if something can break, else of those that are sent"),
+    Field(
+        "f",
+        "particle",
+        (3,),
+        STEPPED,
+        "N",
+        "total force; kept of all particles if something can break, else of those that are sent",
+    ),
     Field("ends", "element", (2,), np.uint32, "", "local numbers of the two particles"),
     Field("L0", "element", (), np.float64, "m", "unstressed length"),
     Field("EA", "element", (), np.float64, "N", "axial stiffness"),
@@ -56,19 +119,50 @@ FIELDS = (
     Field("broken", "element", (), np.uint8, "", "1 once it has parted", kept=True),
     Field("yield_force", "element", (), np.float64, "N", "axial force at yield", "plastic"),
     Field("eps_p", "element", (), np.float64, "", "plastic strain", "plastic", kept=True),
-    Field("dissipated", "element", (), np.float64, "J", "energy turned into heat by flow, and what was stored in an element that was taken out", "dissipating", kept=True),
-    Field("eps_u", "element", (), np.float64, "", "strain at fracture, inf once broken", "fracture", kept=True),
+    Field(
+        "dissipated",
+        "element",
+        (),
+        np.float64,
+        "J",
+        "energy turned into heat by flow, and what was stored in an element that was taken out",
+        "dissipating",
+        kept=True,
+    ),
+    Field(
+        "eps_u", "element", (), np.float64, "", "strain at fracture, inf once broken", "fracture", kept=True
+    ),
     Field("pending", "element", (), np.int32, "", "elements that reached eps_u in a step", "fracture"),
-    Field("other", "slot", (), np.uint32, "", "local number of the far end; the particle's own in an empty slot"),
+    Field(
+        "other", "slot", (), np.uint32, "", "local number of the far end; the particle's own in an empty slot"
+    ),
     Field("inv_L0", "slot", (), STEPPED, "1/m", "1 / unstressed length, 0 in an empty slot"),
-    Field("start_x", "slot", (), STEPPED, "m", "from x_start of the particle to that of the far end", "displaced"),
+    Field(
+        "start_x",
+        "slot",
+        (),
+        STEPPED,
+        "m",
+        "from x_start of the particle to that of the far end",
+        "displaced",
+    ),
     Field("start_y", "slot", (), STEPPED, "m", "the same along y", "displaced"),
     Field("start_z", "slot", (), STEPPED, "m", "the same along z", "displaced"),
     Field("start_excess", "slot", (), STEPPED, "", "(L / L0)^2 - 1 there", "displaced"),
     Field("slot_element", "slot", (), np.uint32, "", "local number of the element", "inelastic"),
-    Field("slot_EA", "slot", (), STEPPED, "N", "axial stiffness, unless it is the same everywhere", "sections"),
+    Field(
+        "slot_EA", "slot", (), STEPPED, "N", "axial stiffness, unless it is the same everywhere", "sections"
+    ),
     Field("slot_bar", "slot", (), np.uint8, "", "1 where compression is carried", "bars"),
-    Field("slot_yield", "slot", (), STEPPED, "N", "axial force at yield, unless it is the same everywhere", "plastic_sections"),
+    Field(
+        "slot_yield",
+        "slot",
+        (),
+        STEPPED,
+        "N",
+        "axial force at yield, unless it is the same everywhere",
+        "plastic_sections",
+    ),
     Field("slot_eps_p", "slot", (), STEPPED, "", "plastic strain", "plastic"),
 )
 
@@ -106,7 +200,9 @@ class Scene:
     def number(self, dtype) -> np.dtype:
         """The data type of a field."""
         if dtype in (STEPPED, SUMMED):
-            return np.dtype(np.float32 if self.precision == "single" or self.mixed and dtype == STEPPED else np.float64)
+            return np.dtype(
+                np.float32 if self.precision == "single" or self.mixed and dtype == STEPPED else np.float64
+            )
         return np.dtype(dtype)
 
     @property
@@ -163,7 +259,23 @@ class State:
         for low, high in chunks:
             align_slots(low + 1, high, 1, s.n_local, s.other, slot_element, filled)
             align_slots(high - 2, low - 1, -1, s.n_local, s.other, slot_element, filled)
-        fill_slots(s.n_local, slot_element, s.L0, s.EA, s.bar, s.yield_force, s.eps_p, s.x_start, s.other, s.start, s.inv_L0, s.slot_EA, s.slot_bar, s.slot_yield, s.slot_eps_p)
+        fill_slots(
+            s.n_local,
+            slot_element,
+            s.L0,
+            s.EA,
+            s.bar,
+            s.yield_force,
+            s.eps_p,
+            s.x_start,
+            s.other,
+            s.start,
+            s.inv_L0,
+            s.slot_EA,
+            s.slot_bar,
+            s.slot_yield,
+            s.slot_eps_p,
+        )
 
     def empty_slots(self, e: int) -> None:
         """Take element e out of the slots of its ends, where nothing else changes."""
@@ -212,7 +324,9 @@ class State:
         if self.eps_u is None:
             return None
         least = self.eps_u.min(initial=np.inf)
-        return float(np.exp(least) if self.scene.logarithmic else 1.0 + least) * (NEARLY_SINGLE if self.scene.displaced else NEARLY)
+        return float(np.exp(least) if self.scene.logarithmic else 1.0 + least) * (
+            NEARLY_SINGLE if self.scene.displaced else NEARLY
+        )
 
     @property
     def first_split(self) -> int:
@@ -244,11 +358,26 @@ class State:
     def copy(self) -> "State":
         """A copy of all arrays."""
         other = object.__new__(State)
-        other.__dict__ = {k: v.copy(order="K") if isinstance(v, np.ndarray) else v for k, v in self.__dict__.items()}
+        other.__dict__ = {
+            k: v.copy(order="K") if isinstance(v, np.ndarray) else v for k, v in self.__dict__.items()
+        }
         return other
 
     def elements_now(self):
         """Axial force [N], strain, plastic strain and length [m] of the elements (m,) at the present positions."""
         N, eps, eps_p_now, L = (np.empty(self.m) for _ in range(4))
-        element_state(self.x, self.ends, self.L0, self.EA, self.scene.logarithmic, self.bar, self.yield_force, self.eps_p, N, eps, eps_p_now, L)
+        element_state(
+            self.x,
+            self.ends,
+            self.L0,
+            self.EA,
+            self.scene.logarithmic,
+            self.bar,
+            self.yield_force,
+            self.eps_p,
+            N,
+            eps,
+            eps_p_now,
+            L,
+        )
         return N, eps, eps_p_now, L

@@ -14,8 +14,26 @@ from netfall.net.net import Net, subdivide
 MOST_ELEMENTS = 50_000_000  # what fits the memory of one rank at set-up, some 500 bytes each
 
 AXES = ("x", "y", "z")
-NODE_COLUMNS = ("id", *AXES, "fixed", *(f"fixed_{k}" for k in AXES), *(f"load_{k}" for k in AXES), "mass", "area")
-ELEMENT_COLUMNS = ("start", "end", "id", "group", "prestress", "force_density", "unstressed_length", "area", "modulus")
+NODE_COLUMNS = (
+    "id",
+    *AXES,
+    "fixed",
+    *(f"fixed_{k}" for k in AXES),
+    *(f"load_{k}" for k in AXES),
+    "mass",
+    "area",
+)
+ELEMENT_COLUMNS = (
+    "start",
+    "end",
+    "id",
+    "group",
+    "prestress",
+    "force_density",
+    "unstressed_length",
+    "area",
+    "modulus",
+)
 
 
 def build_net(job: Job) -> Net:
@@ -25,8 +43,10 @@ def build_net(job: Job) -> Net:
     """
     net = _from_tables(job) if job.net.nodes else _from_generator(job)
     if net.m * job.net.subdivide > MOST_ELEMENTS:
-        raise InputError(f"{job.path}: [net] subdivide = {job.net.subdivide}: gives {net.m * job.net.subdivide:.3g} elements; "
-                         f"at most {MOST_ELEMENTS:.0e} fit")
+        raise InputError(
+            f"{job.path}: [net] subdivide = {job.net.subdivide}: gives {net.m * job.net.subdivide:.3g} elements; "
+            f"at most {MOST_ELEMENTS:.0e} fit"
+        )
     _check_groups(job, net)
     net = subdivide(net, job.net.subdivide)
     errors = _whole_net_errors(job, net)
@@ -40,14 +60,18 @@ def _from_generator(job: Job) -> Net:
     size = generators.expected_size(name, job.net)
     if not size <= MOST_ELEMENTS:
         size_key = "cells" if name == "saddle" else "spacing"
-        raise InputError(f"{job.path}: [net] {size_key} = {getattr(job.net, size_key):g}: asks for {size:.3g} elements; "
-                         f"at most {MOST_ELEMENTS:.0e} fit")
+        raise InputError(
+            f"{job.path}: [net] {size_key} = {getattr(job.net, size_key):g}: asks for {size:.3g} elements; "
+            f"at most {MOST_ELEMENTS:.0e} fit"
+        )
     if name == "saddle":
         net = generators.saddle(job.net.side, job.net.rise, job.net.cells)
     else:
         if job.net.spacing > 0.25 * min(job.net.length, job.net.width):
-            raise InputError(f"{job.path}: [net] spacing = {job.net.spacing:g}: too wide for the roof; "
-                             f"expected at most {0.25 * min(job.net.length, job.net.width):g} m, a quarter of the shorter axis")
+            raise InputError(
+                f"{job.path}: [net] spacing = {job.net.spacing:g}: too wide for the roof; "
+                f"expected at most {0.25 * min(job.net.length, job.net.width):g} m, a quarter of the shorter axis"
+            )
         net = generators.stadium(job.net.length, job.net.width, job.net.arch_rise, job.net.spacing)
     _set_sections(job, net)
     return net
@@ -67,25 +91,44 @@ def _from_tables(job: Job) -> Net:
     first: dict[int, int] = {}
     for row, number in enumerate(node_id.tolist()):
         if number in first:
-            nodes.wrong(f"{nodes.at(row)}: id = {number}: stands on {nodes.at(first[number])} already; ids are unique")
+            nodes.wrong(
+                f"{nodes.at(row)}: id = {number}: stands on {nodes.at(first[number])} already; ids are unique"
+            )
         first.setdefault(number, row)
     ends = np.column_stack([_ends(cables, k, first, nodes.path) for k in ("start", "end")])
     for row in np.flatnonzero(ends[:, 0] == ends[:, 1]):
         if ends[row, 0] >= 0:
-            cables.wrong(f"{cables.at(row)}: start and end are both node {node_id[ends[row, 0]]}; expected two nodes")
+            cables.wrong(
+                f"{cables.at(row)}: start and end are both node {node_id[ends[row, 0]]}; expected two nodes"
+            )
     element_id = cables.integers("id") if "id" in cables else np.arange(len(cables))
     if len(np.unique(element_id)) < len(element_id):
         values, counts = np.unique(element_id, return_counts=True)
         cables.wrong(f"id = {values[counts > 1][0]}: stands {counts.max()} times; ids are unique")
     words = cables.words("group") if "group" in cables else [""] * len(cables)
     names, group = np.unique(words, return_inverse=True)
-    columns_e = dict(prestress=cables.numbers("prestress", unit="N"), force_density=cables.numbers("force_density", unit="N/m"),
-                     unstressed_length=cables.numbers("unstressed_length", low=1e-9, unit="m"),
-                     section=cables.numbers("area", low=1e-12, unit="m2"),
-                     modulus=cables.numbers("modulus", low=1.0, unit="Pa"))
+    columns_e = dict(
+        prestress=cables.numbers("prestress", unit="N"),
+        force_density=cables.numbers("force_density", unit="N/m"),
+        unstressed_length=cables.numbers("unstressed_length", low=1e-9, unit="m"),
+        section=cables.numbers("area", low=1e-12, unit="m2"),
+        modulus=cables.numbers("modulus", low=1.0, unit="Pa"),
+    )
     raise_all(nodes, cables)
-    net = Net(np.column_stack(columns), fixed, ends, group, [str(name) for name in names], node_id, element_id, load, mass, area,
-              columns_e["force_density"], columns_e["unstressed_length"])
+    net = Net(
+        np.column_stack(columns),
+        fixed,
+        ends,
+        group,
+        [str(name) for name in names],
+        node_id,
+        element_id,
+        load,
+        mass,
+        area,
+        columns_e["force_density"],
+        columns_e["unstressed_length"],
+    )
     _set_sections(job, net)
     for name in ("prestress", "section", "modulus"):
         value = columns_e[name]
@@ -136,7 +179,9 @@ def _ends(cables: Table, name: str, rows: dict[int, int], nodes: Path) -> np.nda
 def _set_sections(job: Job, net: Net) -> None:
     """Sections of the elements from [cable] and the [cable.GROUP] of their group."""
     tables = [vars(job.cable) | job.groups.get(name, {}) for name in net.group_names]
-    column = lambda key, absent=None: np.array([absent if t[key] is None else t[key] for t in tables], float)[net.group]
+    column = lambda key, absent=None: np.array([absent if t[key] is None else t[key] for t in tables], float)[
+        net.group
+    ]
     net.section, net.modulus, net.density = column("area"), column("modulus"), column("density")
     net.prestress = column("prestress")
     net.yield_stress, net.fracture_strain = column("yield_stress", np.inf), column("fracture_strain", np.inf)
@@ -148,7 +193,9 @@ def _check_groups(job: Job, net: Net) -> None:
     advice = lambda name: nearest(name, known) if known else "the net has no groups"
     unknown = [name for name in job.groups if name not in known]
     if unknown:
-        raise InputError([f"{job.path}: [cable.{name}]: no element is of this group; {advice(name)}" for name in unknown])
+        raise InputError(
+            [f"{job.path}: [cable.{name}]: no element is of this group; {advice(name)}" for name in unknown]
+        )
 
 
 @kernel
@@ -177,7 +224,9 @@ def _whole_net_errors(job: Job, net: Net) -> list[str]:
     lengths = net.lengths()
     for e in np.flatnonzero(~(lengths > 0))[:5]:
         a, b = net.node_id[net.elements[e]]
-        errors.append(f"{job.path}: element {net.element_id[e]} between nodes {a} and {b} has no length; nodes that coincide must be one")
+        errors.append(
+            f"{job.path}: element {net.element_id[e]} between nodes {a} and {b} has no length; nodes that coincide must be one"
+        )
     lonely = np.flatnonzero(np.bincount(net.elements.ravel(), minlength=net.n) == 0)
     for p in lonely[:5]:
         errors.append(f"{job.path}: node {net.node_id[p]} belongs to no element; remove it or connect it")
@@ -189,21 +238,29 @@ def _whole_net_errors(job: Job, net: Net) -> list[str]:
         held[label[net.fixed.any(1)]] = True
         for part in np.flatnonzero((label == np.arange(net.n)) & ~held)[:5]:
             members = net.node_id[label == part]
-            errors.append(f"{job.path}: the part of the net with node {members[0]} ({len(members)} nodes) has no support; "
-                          "fix a node of it: form finding and statics need an equilibrium")
+            errors.append(
+                f"{job.path}: the part of the net with node {members[0]} ({len(members)} nodes) has no support; "
+                "fix a node of it: form finding and statics need an equilibrium"
+            )
     compressed = np.flatnonzero((net.prestress < 0) & ~net.bar)
     if len(compressed) and not np.isfinite(net.force_density).any():
         e = compressed[0]
-        errors.append(f"{job.path}: element {net.element_id[e]}: prestress = {net.prestress[e]:g}: a cable carries no compression; "
-                      'expected >= 0, or kind = "bar" for its group')
+        errors.append(
+            f"{job.path}: element {net.element_id[e]}: prestress = {net.prestress[e]:g}: a cable carries no compression; "
+            'expected >= 0, or kind = "bar" for its group'
+        )
     over = np.flatnonzero(np.abs(net.prestress) > net.yield_stress * net.section)
     if len(over):
         e = over[0]
-        errors.append(f"{job.path}: element {net.element_id[e]}: prestress = {net.prestress[e]:g} N: above the yield force "
-                      f"{net.yield_stress[e] * net.section[e]:g} N; lower it or choose a larger area")
+        errors.append(
+            f"{job.path}: element {net.element_id[e]}: prestress = {net.prestress[e]:g} N: above the yield force "
+            f"{net.yield_stress[e] * net.section[e]:g} N; lower it or choose a larger area"
+        )
     if job.form_finding is not None and np.isfinite(net.unstressed_length).any():
-        errors.append(f"{job.path}: unstressed_length in {job.net.elements} and [form_finding] exclude each other: "
-                      "form finding computes the unstressed lengths")
+        errors.append(
+            f"{job.path}: unstressed_length in {job.net.elements} and [form_finding] exclude each other: "
+            "form finding computes the unstressed lengths"
+        )
     return errors
 
 
@@ -212,23 +269,34 @@ def roof_areas(job: Job, net: Net) -> tuple[np.ndarray, faces.Faces, str]:
 
     Raises InputError where loads need areas that the plan does not define.
     """
-    load, needed = job.load, job.wind is not None or job.load is not None and (job.load.dead > 0 or job.load.pressure is not None)
+    load, needed = (
+        job.load,
+        job.wind is not None or job.load is not None and (job.load.dead > 0 or job.load.pressure is not None),
+    )
     normals_needed = job.wind is not None or load is not None and isinstance(load.pressure, float)
     given = np.isfinite(net.area)
     if job.net.nodes:
         crossings = faces.crossing_elements(net)
         if crossings:
             if needed and not (given.all() and not normals_needed):
-                raise InputError(f"{job.path}: {crossings} pairs of elements cross in plan without a node, so the roof has no faces that "
-                                 "wind, dead load or pressure could act on; join them in nodes, or give `area` in nodes.csv and loads as vectors")
-            return np.where(given, net.area, 0.0), faces.Faces(np.zeros(1, np.int64), np.zeros(0, np.int64)), "elements cross in plan: no faces"
+                raise InputError(
+                    f"{job.path}: {crossings} pairs of elements cross in plan without a node, so the roof has no faces that "
+                    "wind, dead load or pressure could act on; join them in nodes, or give `area` in nodes.csv and loads as vectors"
+                )
+            return (
+                np.where(given, net.area, 0.0),
+                faces.Faces(np.zeros(1, np.int64), np.zeros(0, np.int64)),
+                "elements cross in plan: no faces",
+            )
     found = faces.find_faces(net)
     area = np.where(given, net.area, faces.tributary_areas(net, found))
     remark = ""
     if needed:
         if not (area > 0).any():
-            raise InputError(f"{job.path}: the net has no closed face in plan, so wind, dead load and pressure have nothing to act on; "
-                             "close the outline with elements between the supports, or give `area` in nodes.csv")
+            raise InputError(
+                f"{job.path}: the net has no closed face in plan, so wind, dead load and pressure have nothing to act on; "
+                "close the outline with elements between the supports, or give `area` in nodes.csv"
+            )
         bare = ~(area > 0) & ~net.fixed.all(1)
         if bare.any():
             remark = f"{bare.sum()} free particles carry no roof area (first: node {net.node_id[bare][0]}); `area` in nodes.csv would give it"

@@ -78,12 +78,16 @@ def tributary_areas(net: Net, faces: Faces) -> np.ndarray:
     of_corner, nxt = faces.of_corner(), faces.next_corner()
     p = points[faces.corner]
     counts = np.diff(faces.start)
-    middle = np.stack([np.bincount(of_corner, p[:, k], len(faces)) / np.maximum(counts, 1) for k in range(2)], -1)
+    middle = np.stack(
+        [np.bincount(of_corner, p[:, k], len(faces)) / np.maximum(counts, 1) for k in range(2)], -1
+    )
     u, v = p - middle[of_corner], p[nxt] - middle[of_corner]
     # centroid of the polygon from its triangles about the mean corner
     cross = 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
     area = np.bincount(of_corner, cross, len(faces))
-    shift = np.stack([np.bincount(of_corner, cross * (u[:, k] + v[:, k]) / 3, len(faces)) for k in range(2)], -1)
+    shift = np.stack(
+        [np.bincount(of_corner, cross * (u[:, k] + v[:, k]) / 3, len(faces)) for k in range(2)], -1
+    )
     centroid = middle + shift / np.where(area == 0, 1, area)[:, None]
     u, v = p - centroid[of_corner], p[nxt] - centroid[of_corner]
     half = 0.25 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
@@ -102,6 +106,8 @@ def normals(x: np.ndarray, net: Net, faces: Faces) -> np.ndarray:
     p, q = points[faces.corner], points[faces.corner[faces.next_corner()]]
     of_corner = faces.of_corner()
     vector = np.stack([np.bincount(of_corner, c, len(faces)) for c in 0.5 * np.cross(p, q).T], -1)
-    total = np.stack([np.bincount(faces.corner, vector[of_corner, k], len(points)) for k in range(3)], -1)[: net.n]
+    total = np.stack([np.bincount(faces.corner, vector[of_corner, k], len(points)) for k in range(3)], -1)[
+        : net.n
+    ]
     length = np.linalg.norm(total, axis=1, keepdims=True)
     return np.divide(total, length, out=np.zeros_like(total), where=length > 0)

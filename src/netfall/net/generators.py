@@ -30,8 +30,15 @@ def saddle(side: float, rise: float, cells: int) -> Net:
     along_y = np.stack([number[:-1, inner], number[1:, inner]], -1).reshape(-1, 2)
     elements, group = _in_order(along_x, along_y)
     fixed = np.repeat(on_edge[~corner][:, None], 3, 1)
-    return Net(points[~corner], fixed, elements, group, ["x", "y"],
-               outline=np.column_stack([ring, np.roll(ring, -1)]), corners=points[corner])
+    return Net(
+        points[~corner],
+        fixed,
+        elements,
+        group,
+        ["x", "y"],
+        outline=np.column_stack([ring, np.roll(ring, -1)]),
+        corners=points[corner],
+    )
 
 
 def stadium(length: float, width: float, arch_rise: float, spacing: float) -> Net:
@@ -73,7 +80,9 @@ def stadium(length: float, width: float, arch_rise: float, spacing: float) -> Ne
     for j in rows:
         y = Y[0, j]
         inner = np.flatnonzero(inside[:, j])
-        chain = [edge_point(inner[0] - 1, j, ("edge -x", j), -to_edge_x(y), y)] + [("grid", i, j) for i in inner]
+        chain = [edge_point(inner[0] - 1, j, ("edge -x", j), -to_edge_x(y), y)] + [
+            ("grid", i, j) for i in inner
+        ]
         chain.append(edge_point(inner[-1] + 1, j, ("edge x", j), to_edge_x(y), y))
         along_x += zip(chain[:-1], chain[1:])
 
@@ -82,16 +91,29 @@ def stadium(length: float, width: float, arch_rise: float, spacing: float) -> Ne
     xy = np.array([points[name][:2] for name in names])
     support = np.array([points[name][2] for name in names])
     height = arch_rise * (1 - (xy[:, 0] / a) ** 2)
-    z = np.where(support & (xy[:, 1] > 0), 0.0, height * (1 - xy[:, 1] / np.maximum(to_edge_y(xy[:, 0]), SNAP * spacing)))
+    z = np.where(
+        support & (xy[:, 1] > 0),
+        0.0,
+        height * (1 - xy[:, 1] / np.maximum(to_edge_y(xy[:, 0]), SNAP * spacing)),
+    )
     numbered = lambda pairs: np.array([[number[s], number[e]] for s, e in pairs], np.int64)
     elements, group = _in_order(numbered(along_x), numbered(along_y))
     n = len(xy)
     arch = np.flatnonzero(support & (xy[:, 1] == 0))
     edge = np.flatnonzero(support & (xy[:, 1] > 0))
     edge = edge[np.argsort(np.arctan2(xy[edge, 1] / b, xy[edge, 0] / a))]
-    ring = np.concatenate([[n], arch, [n + 1], edge])  # corners (-a, 0), (a, 0), then the ellipse from +x to -x
-    return Net(np.column_stack([xy, z]), np.repeat(support[:, None], 3, 1), elements, group, ["x", "y"],
-               outline=np.column_stack([ring, np.roll(ring, -1)]), corners=np.array([[-a, 0.0, 0.0], [a, 0.0, 0.0]]))
+    ring = np.concatenate(
+        [[n], arch, [n + 1], edge]
+    )  # corners (-a, 0), (a, 0), then the ellipse from +x to -x
+    return Net(
+        np.column_stack([xy, z]),
+        np.repeat(support[:, None], 3, 1),
+        elements,
+        group,
+        ["x", "y"],
+        outline=np.column_stack([ring, np.roll(ring, -1)]),
+        corners=np.array([[-a, 0.0, 0.0], [a, 0.0, 0.0]]),
+    )
 
 
 def _in_order(along_x, along_y):

@@ -49,8 +49,15 @@ class Net:
 
     def __post_init__(self):
         n, m = len(self.x), len(self.elements)
-        empty = {"node_id": np.arange(n), "element_id": np.arange(m), "load": np.zeros((n, 3)), "mass": np.zeros(n),
-                 "area": np.full(n, np.nan), "force_density": np.full(m, np.nan), "unstressed_length": np.full(m, np.nan)}
+        empty = {
+            "node_id": np.arange(n),
+            "element_id": np.arange(m),
+            "load": np.zeros((n, 3)),
+            "mass": np.zeros(n),
+            "area": np.full(n, np.nan),
+            "force_density": np.full(m, np.nan),
+            "unstressed_length": np.full(m, np.nan),
+        }
         for name, value in empty.items():
             if getattr(self, name) is None:
                 setattr(self, name, value)
@@ -83,13 +90,29 @@ def subdivide(net: Net, parts: int) -> Net:
     k = len(new)
     grow = lambda a, value: np.concatenate([a, np.full((k,) + a.shape[1:], value, a.dtype)])
     each = lambda a: np.repeat(a, parts, axis=0)
-    per_element = ("group", "element_id", "force_density", "section", "modulus", "density", "prestress",
-                   "yield_stress", "fracture_strain", "bar")
+    per_element = (
+        "group",
+        "element_id",
+        "force_density",
+        "section",
+        "modulus",
+        "density",
+        "prestress",
+        "yield_stress",
+        "fracture_strain",
+        "bar",
+    )
     return replace(
-        net, x=np.concatenate([net.x, new]), fixed=grow(net.fixed, False), load=grow(net.load, 0.0), mass=grow(net.mass, 0.0),
+        net,
+        x=np.concatenate([net.x, new]),
+        fixed=grow(net.fixed, False),
+        load=grow(net.load, 0.0),
+        mass=grow(net.mass, 0.0),
         area=grow(net.area, np.nan if np.isnan(net.area).any() else 0.0),
         node_id=np.concatenate([net.node_id, net.node_id.max() + 1 + np.arange(k)]),
         elements=np.stack([chain[:, :-1], chain[:, 1:]], -1).reshape(-1, 2),
-        unstressed_length=each(net.unstressed_length) / parts, outline=np.where(net.outline >= n, net.outline + k, net.outline),
-        **{name: each(getattr(net, name)) for name in per_element if getattr(net, name) is not None} | {
-            "force_density": each(net.force_density) * parts})
+        unstressed_length=each(net.unstressed_length) / parts,
+        outline=np.where(net.outline >= n, net.outline + k, net.outline),
+        **{name: each(getattr(net, name)) for name in per_element if getattr(net, name) is not None}
+        | {"force_density": each(net.force_density) * parts},
+    )

@@ -32,7 +32,9 @@ def checkpoint_path(result: Path, stage: str, step: int) -> Path:
     return result.with_name(f"{result.stem}.checkpoint-{STAGES[stage]}-{step:012d}.h5")
 
 
-def write_checkpoint(comm: MPI.Comm, path: Path, state: State | None, result, record: dict, arrays: dict[str, np.ndarray]) -> None:
+def write_checkpoint(
+    comm: MPI.Comm, path: Path, state: State | None, result, record: dict, arrays: dict[str, np.ndarray]
+) -> None:
     """Write the state, if there is one yet, and the run's records. Collective.
 
     result : numbers the rows; record : small values of every kind that JSON knows, arrays : arrays in global order, both on rank 0
@@ -61,12 +63,20 @@ def _write_state(file: SharedFile, state: State, result) -> None:
     for field in kept_fields(state, "particle"):
         values = getattr(state, field.name)[rows].reshape(len(rows), -1)
         file.create(f"particles/{field.name}", state.scene.number(field.dtype), (values.shape[1],), points)
-        file.append(f"particles/{field.name}", file.blocks.collect(result.row_of(state.gid[rows]), values, points), points)
+        file.append(
+            f"particles/{field.name}",
+            file.blocks.collect(result.row_of(state.gid[rows]), values, points),
+            points,
+        )
     mine = state.owned.astype(bool)
     gid = result.distribution.piece.element_gid[mine]
     for field in kept_fields(state, "element"):
         file.create(f"elements/{field.name}", state.scene.number(field.dtype), (), m)
-        file.append(f"elements/{field.name}", file.blocks.collect(gid, getattr(state, field.name)[mine][:, None], m)[:, 0], m)
+        file.append(
+            f"elements/{field.name}",
+            file.blocks.collect(gid, getattr(state, field.name)[mine][:, None], m)[:, 0],
+            m,
+        )
     file.create("elements/ends", np.int64, (2,), m)
     file.append("elements/ends", file.blocks.collect(gid, state.gid[state.ends[mine]].reshape(-1, 2), m), m)
 
@@ -79,16 +89,22 @@ class Checkpoint:
         if not path.is_file():
             raise InputError(f"{path}: no such checkpoint{_offer(path)}")
         if not check_seal(path):
-            raise InputError(f"{path}: damaged or no checkpoint of netfall (its digest does not fit){_offer(path)}")
+            raise InputError(
+                f"{path}: damaged or no checkpoint of netfall (its digest does not fit){_offer(path)}"
+            )
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") != FORMAT:
-                raise InputError(f"{path}: a checkpoint of another version of netfall; expected format {FORMAT}")
+                raise InputError(
+                    f"{path}: a checkpoint of another version of netfall; expected format {FORMAT}"
+                )
             self.record = json.loads(file["record"].asstr()[()])
             read = lambda group: {name: file[f"{group}/{name}"][()] for name in file.get(group, ())}
             self.arrays, self.particles, self.elements = read("arrays"), read("particles"), read("elements")
         self.path = path
         if self.record["job"] != job_digest:
-            raise InputError(f"{path}: belongs to another job or net ({self.record['name']}); expected a checkpoint of this very job file, tables and --set")
+            raise InputError(
+                f"{path}: belongs to another job or net ({self.record['name']}); expected a checkpoint of this very job file, tables and --set"
+            )
 
 
 def _offer(path: Path) -> str:

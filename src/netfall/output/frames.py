@@ -12,12 +12,12 @@ class Frames:
     def cell(self, name, step):
         """A cell field (m,) at a step."""
         start = int(self.g[f"Steps/CellDataOffsets/{name}"][step])
-        return self.g[f"CellData/{name}"][start:start + self.cells]
+        return self.g[f"CellData/{name}"][start : start + self.cells]
 
     def point(self, name, step):
         """A point field (points, ...) at a step."""
         start, n = int(self.g[f"Steps/PointDataOffsets/{name}"][step]), self._points(step)
-        return self.g[f"PointData/{name}"][start:start + n]
+        return self.g[f"PointData/{name}"][start : start + n]
 
     def _points(self, step):
         return int(self.g["NumberOfPoints"][int(self.g["Steps/PartOffsets"][step])])
@@ -27,5 +27,5 @@ class Frames:
         s = self.g["Steps"]
         n = self._points(step)
         first, link = int(s["PointOffsets"][step]), int(s["ConnectivityIdOffsets"][step, 0])
-        points = self.g["Points"][first:first + n]
-        return points[self.g["Connectivity"][link:link + 2 * self.cells].reshape(-1, 2)]
+        points = self.g["Points"][first : first + n]
+        return points[self.g["Connectivity"][link : link + 2 * self.cells].reshape(-1, 2)]

@@ -33,12 +33,18 @@ def writing(path: Path):
     try:
         yield
     except (OSError, RuntimeError) as error:  # h5py raises either
-        reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error).split(", errno")[0].strip()
+        reason = (
+            os.strerror(error.errno)
+            if isinstance(error, OSError) and error.errno
+            else str(error).split(", errno")[0].strip()
+        )
         try:
             room = f"{shutil.disk_usage(path.parent).free / 1e6:.0f} MB are free in {path.parent.resolve()}"
         except OSError:
             room = f"the folder {path.parent} is gone"
-        raise OutputError(f"{path}: cannot be written ({reason}); {room}; make room there or give another place with -o") from error
+        raise OutputError(
+            f"{path}: cannot be written ({reason}); {room}; make room there or give another place with -o"
+        ) from error
 
 
 def claim(path: Path):
@@ -54,7 +60,9 @@ def claim(path: Path):
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             file.close()
-            raise InputError(f"{path}: another run is writing it at this moment; wait for it, or give another name with -o") from None
+            raise InputError(
+                f"{path}: another run is writing it at this moment; wait for it, or give another name with -o"
+            ) from None
         except OSError:
             return file  # a file system without locks
         if lock.exists() and os.path.samestat(lock.stat(), os.fstat(file.fileno())):
@@ -115,7 +123,11 @@ class SharedFile:
         if self.writes:
             row = int(np.prod(tail, dtype=np.int64)) * np.dtype(dtype).itemsize
             if len(tail) == 2:  # whole states (rows of n x 3): chunks of one state
-                chunks = (1, min(tail[0], max(1, CHUNK_BYTES // (tail[1] * np.dtype(dtype).itemsize))), tail[1])
+                chunks = (
+                    1,
+                    min(tail[0], max(1, CHUNK_BYTES // (tail[1] * np.dtype(dtype).itemsize))),
+                    tail[1],
+                )
             else:
                 chunks = (max(1, min(rows, CHUNK_BYTES // row)),) + tail
             with writing(self.path):
@@ -146,7 +158,9 @@ class SharedFile:
             first = kept.rows
             kept.rows += total
             place = int(self.blocks.bounds(total)[self.comm.rank]) if place is None else place
-            kept.waiting.append((first, total, place, np.array(block, kept.dtype, order="C")))  # a copy: its owner goes on
+            kept.waiting.append(
+                (first, total, place, np.array(block, kept.dtype, order="C"))
+            )  # a copy: its owner goes on
             if (kept.rows - kept.waiting[0][0]) * kept.row_bytes >= HELD_BYTES:
                 self._write_waiting(kept)
         return first + self.base.get(name, 0)
@@ -177,7 +191,14 @@ class SharedFile:
         if name not in self._growing:
             dataset = self.file[name]
             tail = dataset.shape[1:]
-            self._growing[name] = Growing(dataset.id, dataset.dtype, dataset.shape[0], tail, dataset.dtype.itemsize * int(np.prod(tail, dtype=np.int64)), [])
+            self._growing[name] = Growing(
+                dataset.id,
+                dataset.dtype,
+                dataset.shape[0],
+                tail,
+                dataset.dtype.itemsize * int(np.prod(tail, dtype=np.int64)),
+                [],
+            )
         return self._growing[name]
 
     def _write_waiting(self, kept: Growing) -> None:
@@ -188,7 +209,14 @@ class SharedFile:
             firsts, _, places, blocks = zip(*group)
             one = (1,) * len(kept.tail)
             start = (firsts[0] + places[0], *(0,) * len(kept.tail))
-            self._transfer_block(kept, np.concatenate(blocks) if len(blocks) > 1 else blocks[0], start, (max(total, 1), *one), (len(blocks), *one), blocks[0].shape)
+            self._transfer_block(
+                kept,
+                np.concatenate(blocks) if len(blocks) > 1 else blocks[0],
+                start,
+                (max(total, 1), *one),
+                (len(blocks), *one),
+                blocks[0].shape,
+            )
         kept.waiting.clear()
 
     def _transfer_block(self, kept: Growing, block: np.ndarray, start, stride, count, shape) -> None:

@@ -27,10 +27,15 @@ def plot_all(result: Path, folder: Path) -> list[Path]:
     """Write every picture that the result file has data for; their paths. Raises InputError for a wrong file."""
     with open_result(result) as f:
         folder.mkdir(parents=True, exist_ok=True)
-        pictures = [("form", form, "form_finding" in f), ("load_displacement", load_displacement, "statics" in f),
-                    ("collapse", collapse, "history" in f), ("energies", energies, "history" in f),
-                    ("tensions", tensions, "history" in f), ("displacements", displacements, "history" in f and len(f["history/probe_displacement"][0])),
-                    ("wind", wind, "wind" in f)]
+        pictures = [
+            ("form", form, "form_finding" in f),
+            ("load_displacement", load_displacement, "statics" in f),
+            ("collapse", collapse, "history" in f),
+            ("energies", energies, "history" in f),
+            ("tensions", tensions, "history" in f),
+            ("displacements", displacements, "history" in f and len(f["history/probe_displacement"][0])),
+            ("wind", wind, "wind" in f),
+        ]
         written = []
         for name, draw, there in pictures:
             if there:
@@ -90,7 +95,10 @@ def form(f):
     figure.subplots_adjust(left=0.0, right=1.0, top=0.98, bottom=0.14)
     bar = figure.colorbar(lines, cax=figure.add_axes((0.3, 0.1, 0.4, 0.025)), orientation="horizontal")
     bar.set_label(f"axial force [{unit}], {factor * N.min():.4g} to {factor * N.max():.4g}")
-    figure.suptitle(f"{_title(f)}: form, {f['form_finding/iterations'][()]} iterations, residual {f['form_finding/residual'][()]:.1e} of the prestress", fontsize=10)
+    figure.suptitle(
+        f"{_title(f)}: form, {f['form_finding/iterations'][()]} iterations, residual {f['form_finding/residual'][()]:.1e} of the prestress",
+        fontsize=10,
+    )
     return figure
 
 
@@ -116,7 +124,14 @@ def load_displacement(f):
         steps = g["load_factor"][:]
         if start is not None:
             mine, steps = np.concatenate([start[:, groups == j], mine]), share
-        right.fill_between(steps, factor * mine.min(1), factor * mine.max(1), alpha=0.35, color=f"C{j}", label=f"group {name or '(none)'}")
+        right.fill_between(
+            steps,
+            factor * mine.min(1),
+            factor * mine.max(1),
+            alpha=0.35,
+            color=f"C{j}",
+            label=f"group {name or '(none)'}",
+        )
     right.set_xlabel("load factor [-]")
     right.set_ylabel(f"tension, least to largest [{unit}]")
     right.set_ylim(bottom=min(0.0, right.get_ylim()[0]))
@@ -157,18 +172,34 @@ def collapse(f):
     styles = (("taut", "#30507a", 0.8), ("slack", "#9ab8d8", 0.6), ("broken", "#d62728", 1.1))
     for k, step in enumerate(steps):
         axes = _space(figure, (rows, 2, k + 1), window)
-        lines, broken, N = frames.lines(step)[::every], frames.cell("broken", step)[::every].astype(bool), frames.cell("tension", step)[::every]
+        lines, broken, N = (
+            frames.lines(step)[::every],
+            frames.cell("broken", step)[::every].astype(bool),
+            frames.cell("tension", step)[::every],
+        )
         inside = ((lines >= window[0] - reach) & (lines <= window[1] + reach)).all((1, 2))
         for (_, colour, width), which in zip(styles, (~broken & (N != 0), ~broken & (N == 0), broken)):
             if (which & inside).any():
-                axes.add_collection3d(Line3DCollection(lines[which & inside], colors=colour, linewidths=width))
+                axes.add_collection3d(
+                    Line3DCollection(lines[which & inside], colors=colour, linewidths=width)
+                )
         count = int(frames.cell("broken", step).sum())
         away = int((~inside).sum())
-        axes.set_title(f"t = {frames.times[step]:.2f} s: {count} broken" + (f", {away} out of view" if away else ""), fontsize=9)
+        axes.set_title(
+            f"t = {frames.times[step]:.2f} s: {count} broken" + (f", {away} out of view" if away else ""),
+            fontsize=9,
+        )
     handles = [plt.Line2D([], [], color=colour, lw=2, label=name) for name, colour, _ in styles]
     figure.legend(handles=handles, loc="lower center", ncols=3, frameon=False)
     figure.suptitle(f"{_title(f)}: {'collapse' if len(events) else 'motion'}")
-    figure.subplots_adjust(left=0.02, right=0.98, top=1 - 0.9 / figure.get_figheight(), bottom=0.5 / figure.get_figheight(), hspace=0.12, wspace=0.02)
+    figure.subplots_adjust(
+        left=0.02,
+        right=0.98,
+        top=1 - 0.9 / figure.get_figheight(),
+        bottom=0.5 / figure.get_figheight(),
+        hspace=0.12,
+        wspace=0.02,
+    )
     return figure
 
 
@@ -176,8 +207,15 @@ def _first_fracture(axes, f):
     events = f["events/time"][:]
     if len(events):
         axes.axvline(events[0], color="0.5", lw=0.8, ls=":")
-        axes.annotate(f"first fracture {events[0]:.3f} s", (events[0], 1.0), xycoords=("data", "axes fraction"), xytext=(3, 3),
-                      textcoords="offset points", fontsize=7, color="0.4")
+        axes.annotate(
+            f"first fracture {events[0]:.3f} s",
+            (events[0], 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(3, 3),
+            textcoords="offset points",
+            fontsize=7,
+            color="0.4",
+        )
 
 
 def _below(axes, ncols=4):
@@ -188,11 +226,18 @@ def energies(f):
     """Energies over time, their sum against the external work, and the two audits (paper Fig. 8, 15)."""
     h = f["history"]
     t = h["time"][:]
-    names = (("external_work", "external work", "k", "-"), ("kinetic_energy", "kinetic", "C0", "-"), ("strain_energy", "strain (since t = 0)", "C1", "-"),
-             ("plastic_dissipation", "plastic dissipation", "C3", "-"), ("damping_work", "damping", "C2", "-"))
+    names = (
+        ("external_work", "external work", "k", "-"),
+        ("kinetic_energy", "kinetic", "C0", "-"),
+        ("strain_energy", "strain (since t = 0)", "C1", "-"),
+        ("plastic_dissipation", "plastic dissipation", "C3", "-"),
+        ("damping_work", "damping", "C2", "-"),
+    )
     total = sum(h[name][:] for name, *_ in names[1:])
     factor, unit = _unit(max(np.abs(h[name][:]).max() for name, *_ in names), "J")
-    figure, (top, below) = plt.subplots(2, 1, figsize=(9, 7), sharex=True, height_ratios=(3, 1), layout="constrained")
+    figure, (top, below) = plt.subplots(
+        2, 1, figsize=(9, 7), sharex=True, height_ratios=(3, 1), layout="constrained"
+    )
     for name, label, colour, style in names:
         top.plot(t, factor * h[name][:], color=colour, ls=style, lw=1.3, label=label)
     top.plot(t, factor * total, color="0.6", ls="--", lw=2.2, zorder=0, label="sum of the four")
@@ -201,8 +246,12 @@ def energies(f):
     top.legend(loc="upper center", bbox_to_anchor=(0.5, -0.04), ncols=3, frameon=False, fontsize=8)
     _first_fracture(top, f)
     floor = 1e-17
-    below.semilogy(t, np.maximum(np.abs(h["balance_error"][:]), floor), color="C4", lw=1, label="physical balance")
-    below.semilogy(t, np.maximum(np.abs(h["identity_error"][:]), floor), color="C5", lw=1, label="work identity")
+    below.semilogy(
+        t, np.maximum(np.abs(h["balance_error"][:]), floor), color="C4", lw=1, label="physical balance"
+    )
+    below.semilogy(
+        t, np.maximum(np.abs(h["identity_error"][:]), floor), color="C5", lw=1, label="work identity"
+    )
     below.set_xlabel("time [s]")
     below.set_ylabel("error / external work [-]")
     below.grid(alpha=0.3)
@@ -223,12 +272,16 @@ def tensions(f):
     frames = Frames(f)
     first = list(dict.fromkeys(f["events/element"][:].tolist()))[: max(2, MOST_CURVES - len(curves))]
     if len(frames.times) > 1:
-        values = {e: np.array([frames.cell("tension", s)[e] for s in range(len(frames.times))]) for e in first}
+        values = {
+            e: np.array([frames.cell("tension", s)[e] for s in range(len(frames.times))]) for e in first
+        }
         curves += [(frames.times, values[e], e) for e in first]
     if not curves:
         N = np.array([frames.cell("tension", s) for s in (0, len(frames.times) - 1)])
         e = int(np.abs(N).max(0).argmax())
-        curves = [(frames.times, np.array([frames.cell("tension", s)[e] for s in range(len(frames.times))]), e)]
+        curves = [
+            (frames.times, np.array([frames.cell("tension", s)[e] for s in range(len(frames.times))]), e)
+        ]
     factor, unit = _unit(max(np.abs(c[1]).max() for c in curves), "N")
     broken = dict(zip(f["events/element"][:].tolist(), f["events/time"][:].tolist()))
     for t, N, e in curves:
@@ -252,7 +305,9 @@ def displacements(f):
     figure, axes = plt.subplots(3, 1, figsize=(9, 7), sharex=True, layout="constrained")
     for k, axis in enumerate(axes):
         for j, p in enumerate(particles[:MOST_CURVES]):
-            axis.plot(h["time"][:], d[:, j, k], lw=1, label=f"particle {p} at ({x[p, 0]:.1f}, {x[p, 1]:.1f}) m")
+            axis.plot(
+                h["time"][:], d[:, j, k], lw=1, label=f"particle {p} at ({x[p, 0]:.1f}, {x[p, 1]:.1f}) m"
+            )
         axis.set_ylabel(f"displacement {'xyz'[k]} [m]")
         axis.grid(alpha=0.3)
     axes[-1].set_xlabel("time [s]")
@@ -268,7 +323,9 @@ def wind(f):
     t, u, points = g["time"][:], g["speed"][:], g["control_point"][:]
     figure, axes = plt.subplots(figsize=(9, 4.2), layout="constrained")
     for k in np.unique(np.linspace(0, u.shape[1] - 1, 3).astype(int)):
-        axes.plot(t, u[:, k], lw=0.9, label=f"at ({points[k, 0]:.0f}, {points[k, 1]:.0f}, {points[k, 2]:.0f}) m")
+        axes.plot(
+            t, u[:, k], lw=0.9, label=f"at ({points[k, 0]:.0f}, {points[k, 1]:.0f}, {points[k, 2]:.0f}) m"
+        )
     axes.axhline(g["mean_speed"][:].mean(), color="0.5", lw=0.8, ls="--", label="mean")
     axes.set_xlabel("time [s]")
     axes.set_ylabel("wind speed [m/s]")

@@ -51,13 +51,22 @@ class Progress:
         rate = f"{done_count / max(passed, 1e-9):.3g} {unit}/s"
         if self._terminal:
             if self._bar is None:
-                self._bar = tqdm(total=100, file=self.stream, bar_format="{percentage:3.0f} % |{bar:24}| {desc}", leave=True)
+                self._bar = tqdm(
+                    total=100,
+                    file=self.stream,
+                    bar_format="{percentage:3.0f} % |{bar:24}| {desc}",
+                    leave=True,
+                )
             if now - self._last >= DRAW_EVERY or share >= 1.0:
                 self._bar.n = 100 * share
                 self._bar.set_description_str(f"{done}  {rate}  left {_duration(left)}  {note}")
                 self._last = now
         elif now - self._last >= LINE_EVERY and 100 * share - self._percent >= 5 or share >= 1.0:
-            print(f"{100 * share:3.0f} %  {done}  {rate}  left {_duration(left)}  {note}", file=self.stream, flush=True)
+            print(
+                f"{100 * share:3.0f} %  {done}  {rate}  left {_duration(left)}  {note}",
+                file=self.stream,
+                flush=True,
+            )
             self._last, self._percent = now, 100 * share
 
     def end(self) -> None:

@@ -17,9 +17,18 @@ from netfall.parallel.distribute import Distribution
 from netfall.parallel.root import on_root
 
 HISTORY = {  # column of /history: unit
-    "time": "s", "time_step": "s", "kinetic_energy": "J", "strain_energy": "J", "plastic_dissipation": "J", "damping_work": "J",
-    "external_work": "J", "identity_error": "share of the largest external work", "balance_error": "share of the largest external work",
-    "slack": "cables", "broken": "elements"}
+    "time": "s",
+    "time_step": "s",
+    "kinetic_energy": "J",
+    "strain_energy": "J",
+    "plastic_dissipation": "J",
+    "damping_work": "J",
+    "external_work": "J",
+    "identity_error": "share of the largest external work",
+    "balance_error": "share of the largest external work",
+    "slack": "cables",
+    "broken": "elements",
+}
 COPY_BYTES = 1 << 26  # held at once while segments are joined
 
 
@@ -34,7 +43,15 @@ class Event(NamedTuple):
     mass: float  # kg, of the new particle
 
 
-EVENTS = {"time": np.float64, "step": np.int64, "element": np.int64, "particle": np.int64, "new_particle": np.int64, "strain": np.float64, "mass": np.float64}
+EVENTS = {
+    "time": np.float64,
+    "step": np.int64,
+    "element": np.int64,
+    "particle": np.int64,
+    "new_particle": np.int64,
+    "strain": np.float64,
+    "mass": np.float64,
+}
 
 
 class Result:
@@ -80,9 +97,15 @@ class Result:
         """What a continuation needs, for `restore`: small values and arrays."""
         arrays = {f"events_{name}": values for name, values in self._event_columns().items()}
         arrays |= {"history": np.array(self.history), "probes": np.array(self.probes)}
-        return {"series": self.series.record(), "drawn_events": self._drawn_events, "segments": [s.name for s in self.segments]}, arrays
+        return {
+            "series": self.series.record(),
+            "drawn_events": self._drawn_events,
+            "segments": [s.name for s in self.segments],
+        }, arrays
 
-    def restore(self, record: dict, arrays: dict[str, np.ndarray], rows: dict[str, int], segments: list[Path]) -> None:
+    def restore(
+        self, record: dict, arrays: dict[str, np.ndarray], rows: dict[str, int], segments: list[Path]
+    ) -> None:
         """Take up the record of an earlier run, whose segments are those given."""
         self.file.discard_all()
         events = zip(*(arrays[f"events_{name}"].tolist() for name in EVENTS))
@@ -110,11 +133,15 @@ class Result:
     # --- states
 
     def _points(self, state: State, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        return self.file.blocks.collect(self.row_of(state.gid[rows]), columns, self.distribution.n + len(self.split_gid))
+        return self.file.blocks.collect(
+            self.row_of(state.gid[rows]), columns, self.distribution.n + len(self.split_gid)
+        )
 
     def _cells(self, state: State, columns: np.ndarray) -> np.ndarray:
         mine = state.owned.astype(bool)
-        return self.file.blocks.collect(self.distribution.piece.element_gid[mine], columns[mine], self.distribution.m)
+        return self.file.blocks.collect(
+            self.distribution.piece.element_gid[mine], columns[mine], self.distribution.m
+        )
 
     def write_frame(self, time: float, state: State, snapshot) -> None:
         """One step of /VTKHDF."""
@@ -122,16 +149,32 @@ class Result:
         rows = snapshot.rows
         if self._drawn_events != len(self.events):
             gid = state.gid[rows]
-            ends = self.row_of(state.gid[np.where(state.EA[:, None] > 0.0, state.ends, state.ends[:, :1])])  # what is out of the net is drawn as a point
-            mesh = self._cells(state, np.column_stack([ends, self.group, self.distribution.piece.element_gid]))
+            ends = self.row_of(
+                state.gid[np.where(state.EA[:, None] > 0.0, state.ends, state.ends[:, :1])]
+            )  # what is out of the net is drawn as a point
+            mesh = self._cells(
+                state, np.column_stack([ends, self.group, self.distribution.piece.element_gid])
+            )
             number = self._points(state, rows, gid[:, None])
-            self.series.write_mesh(mesh[:, :2], {"GlobalPointId": number[:, 0]}, {"group": mesh[:, 2], "GlobalCellId": mesh[:, 3]}, points, cells)
+            self.series.write_mesh(
+                mesh[:, :2],
+                {"GlobalPointId": number[:, 0]},
+                {"group": mesh[:, 2], "GlobalCellId": mesh[:, 3]},
+                points,
+                cells,
+            )
             self._drawn_events = len(self.events)
         x = state.x[rows]
         p = self._points(state, rows, np.column_stack([x, x - state.x_start[rows], snapshot.velocity]))
         c = self._cells(state, np.column_stack([snapshot.N, snapshot.eps, snapshot.eps_p, state.broken]))
-        self.series.write_step(time, p[:, :3], {"displacement": p[:, 3:6], "velocity": p[:, 6:9]},
-                               {"tension": c[:, 0], "strain": c[:, 1], "plastic_strain": c[:, 2], "broken": c[:, 3]}, points, cells)
+        self.series.write_step(
+            time,
+            p[:, :3],
+            {"displacement": p[:, 3:6], "velocity": p[:, 6:9]},
+            {"tension": c[:, 0], "strain": c[:, 1], "plastic_strain": c[:, 2], "broken": c[:, 3]},
+            points,
+            cells,
+        )
 
     def write_static_step(self, state: State, snapshot) -> None:
         """One load step of /statics."""
@@ -140,7 +183,9 @@ class Result:
             self.file.create("statics/displacement", np.float64, (n, 3))
             self.file.create("statics/tension", np.float64, (m,))
         rows = snapshot.rows
-        self.file.append_state("statics/displacement", self._points(state, rows, state.x[rows] - state.x_start[rows]), n)
+        self.file.append_state(
+            "statics/displacement", self._points(state, rows, state.x[rows] - state.x_start[rows]), n
+        )
         self.file.append_state("statics/tension", self._cells(state, snapshot.N[:, None])[:, 0], m)
 
     def write_final(self, state: State, snapshot) -> None:
@@ -150,12 +195,16 @@ class Result:
         p = self._points(state, rows, np.column_stack([state.gid[rows], state.x[rows], snapshot.velocity]))
         c = self._cells(state, np.column_stack([snapshot.N, snapshot.eps_p]))
         for name, dtype, tail, block, total in (
-                ("particle_id", np.int64, (), p[:, 0], points), ("position", np.float64, (3,), p[:, 1:4], points),
-                ("velocity", np.float64, (3,), p[:, 4:], points), ("element_id", np.int64, (), None, cells),
-                ("tension", np.float64, (), c[:, 0], cells), ("plastic_strain", np.float64, (), c[:, 1], cells)):
+            ("particle_id", np.int64, (), p[:, 0], points),
+            ("position", np.float64, (3,), p[:, 1:4], points),
+            ("velocity", np.float64, (3,), p[:, 4:], points),
+            ("element_id", np.int64, (), None, cells),
+            ("tension", np.float64, (), c[:, 0], cells),
+            ("plastic_strain", np.float64, (), c[:, 1], cells),
+        ):
             self.file.create(f"final/{name}", dtype, tail, total)
             if block is None:
-                low, high = self.file.blocks.bounds(cells)[self.comm.rank:self.comm.rank + 2]
+                low, high = self.file.blocks.bounds(cells)[self.comm.rank : self.comm.rank + 2]
                 block = np.arange(low, high)
             self.file.append(f"final/{name}", block, total)
 
@@ -188,7 +237,9 @@ class Result:
 
     def _event_columns(self) -> dict[str, np.ndarray]:
         rows = [(time, *event) for time, event in self.events]
-        return {name: np.array([row[k] for row in rows], dtype) for k, (name, dtype) in enumerate(EVENTS.items())}
+        return {
+            name: np.array([row[k] for row in rows], dtype) for k, (name, dtype) in enumerate(EVENTS.items())
+        }
 
     def _write_events(self, file):
         for name, values in self._event_columns().items():
@@ -203,13 +254,21 @@ def append_rows(source: h5py.File, target: h5py.File, limit: dict[str, int] | No
             return
         rows = item.shape[0] if limit is None else limit[name]
         if name not in target:
-            target.create_dataset(name, (0, *item.shape[1:]), maxshape=(None, *item.shape[1:]), chunks=item.chunks, dtype=item.dtype)
+            target.create_dataset(
+                name,
+                (0, *item.shape[1:]),
+                maxshape=(None, *item.shape[1:]),
+                chunks=item.chunks,
+                dtype=item.dtype,
+            )
         out, first = target[name], target[name].shape[0]
         out.resize(first + rows, axis=0)
-        slab = max(1, COPY_BYTES // max(1, item.dtype.itemsize * int(np.prod(item.shape[1:], dtype=np.int64))))
+        slab = max(
+            1, COPY_BYTES // max(1, item.dtype.itemsize * int(np.prod(item.shape[1:], dtype=np.int64)))
+        )
         for begin in range(0, rows, slab):
             end = min(begin + slab, rows)
-            out[first + begin:first + end] = item[begin:end]
+            out[first + begin : first + end] = item[begin:end]
 
     source.visititems(copy)
 
@@ -227,7 +286,9 @@ def join_segments(segments: list[Path], temporary: Path, path: Path, finish) -> 
         segment.unlink(missing_ok=True)
 
 
-def find_segments(folder: Path, names: list[str], rows: dict[str, int], results: list[Path], digest: str, target: Path) -> list[Path]:
+def find_segments(
+    folder: Path, names: list[str], rows: dict[str, int], results: list[Path], digest: str, target: Path
+) -> list[Path]:
     """The segments of an interrupted run; or, if it went on and finished, one made from its result file. Rank 0.
 
     results : where that may be; target : name of the segment that is then made. Raises InputError if there is neither.
@@ -245,8 +306,10 @@ def find_segments(folder: Path, names: list[str], rows: dict[str, int], results:
         except (OSError, KeyError):
             continue
     missing = next(segment for segment in found if not segment.exists())
-    raise InputError(f"{missing}: this part of the interrupted run's result is missing, and {results[0]} is not that run's result; "
-                     "keep both beside the checkpoint")
+    raise InputError(
+        f"{missing}: this part of the interrupted run's result is missing, and {results[0]} is not that run's result; "
+        "keep both beside the checkpoint"
+    )
 
 
 def _write_provenance(group, values, phases):
@@ -262,6 +325,13 @@ def _write_provenance(group, values, phases):
 
 def net_section(net: Net, area: np.ndarray) -> dict[str, np.ndarray]:
     """The datasets of /net."""
-    return {"particles": net.x, "elements": net.elements, "fixed": net.fixed.astype(np.uint8), "group": net.group.astype(np.int32),
-            "group_names": np.array(net.group_names, h5py.string_dtype()), "tributary_area": area,
-            "node_id": net.node_id, "element_id": net.element_id}
+    return {
+        "particles": net.x,
+        "elements": net.elements,
+        "fixed": net.fixed.astype(np.uint8),
+        "group": net.group.astype(np.int32),
+        "group_names": np.array(net.group_names, h5py.string_dtype()),
+        "tributary_area": area,
+        "node_id": net.node_id,
+        "element_id": net.element_id,
+    }

@@ -11,9 +11,19 @@ import numpy as np
 from netfall.output.h5 import SharedFile
 
 LINE = 3  # VTK's number for this kind of cell
-POINT_FIELDS = {"displacement": (np.float32, (3,)), "velocity": (np.float32, (3,)), "GlobalPointId": (np.int64, ())}
-CELL_FIELDS = {"tension": (np.float32, ()), "strain": (np.float32, ()), "plastic_strain": (np.float32, ()),
-               "broken": (np.uint8, ()), "group": (np.int32, ()), "GlobalCellId": (np.int64, ())}
+POINT_FIELDS = {
+    "displacement": (np.float32, (3,)),
+    "velocity": (np.float32, (3,)),
+    "GlobalPointId": (np.int64, ()),
+}
+CELL_FIELDS = {
+    "tension": (np.float32, ()),
+    "strain": (np.float32, ()),
+    "plastic_strain": (np.float32, ()),
+    "broken": (np.uint8, ()),
+    "group": (np.int32, ()),
+    "GlobalCellId": (np.int64, ()),
+}
 
 
 class VtkSeries:
@@ -43,21 +53,32 @@ class VtkSeries:
 
     def restore(self, record: dict) -> None:
         """Take up the record of an earlier run."""
-        self.parts, self.steps, self._mesh = [tuple(p) for p in record["parts"]], record["steps"], record["mesh"]
+        self.parts, self.steps, self._mesh = (
+            [tuple(p) for p in record["parts"]],
+            record["steps"],
+            record["mesh"],
+        )
 
-    def write_mesh(self, connectivity: np.ndarray, point_data: dict, cell_data: dict, points: int, cells: int) -> None:
+    def write_mesh(
+        self, connectivity: np.ndarray, point_data: dict, cell_data: dict, points: int, cells: int
+    ) -> None:
         """New connectivity, this rank's block (c, 2) of global point rows, and the fields that change only with it."""
         low = int(self.file.blocks.bounds(cells)[self.file.comm.rank])
-        self._mesh = {"part": len(self.parts), "cells": self.file.append("VTKHDF/Types", np.full(len(connectivity), LINE), cells)}
+        self._mesh = {
+            "part": len(self.parts),
+            "cells": self.file.append("VTKHDF/Types", np.full(len(connectivity), LINE), cells),
+        }
         self._mesh["connectivity"] = self._append_pairs(connectivity, low, cells)
         self._append_offsets(low, len(connectivity), cells)
         self._mesh |= self._append_fields(point_data, cell_data, points, cells)
         self.parts.append((points, cells))
 
     def _append_fields(self, point_data, cell_data, points, cells):
-        return {f"{group}/{name}": self.file.append(f"VTKHDF/{group}/{name}", block, total)
-                for group, data, total in (("PointData", point_data, points), ("CellData", cell_data, cells))
-                for name, block in data.items()}
+        return {
+            f"{group}/{name}": self.file.append(f"VTKHDF/{group}/{name}", block, total)
+            for group, data, total in (("PointData", point_data, points), ("CellData", cell_data, cells))
+            for name, block in data.items()
+        }
 
     def _append_pairs(self, connectivity, low, cells):
         return self.file.append("VTKHDF/Connectivity", connectivity.reshape(-1), 2 * cells, 2 * low)
@@ -67,10 +88,19 @@ class VtkSeries:
         offsets = 2 * np.arange(low + (0 if leading else 1), low + count + 1)
         self.file.append("VTKHDF/Offsets", offsets, cells + 1, 0 if leading else low + 1)
 
-    def write_step(self, time: float, positions: np.ndarray, point_data: dict, cell_data: dict, points: int, cells: int) -> None:
+    def write_step(
+        self, time: float, positions: np.ndarray, point_data: dict, cell_data: dict, points: int, cells: int
+    ) -> None:
         """A step on the mesh written last: this rank's blocks of positions and fields; points and cells in all."""
         start = self.file.append("VTKHDF/Points", positions, points)
-        self.steps.append({"time": time, "points": start, **self._mesh, **self._append_fields(point_data, cell_data, points, cells)})
+        self.steps.append(
+            {
+                "time": time,
+                "points": start,
+                **self._mesh,
+                **self._append_fields(point_data, cell_data, points, cells),
+            }
+        )
 
     def finish(self, file: h5py.File) -> None:
         """Attributes, part sizes and step offsets, written by rank 0 into the reopened file."""
@@ -79,7 +109,11 @@ class VtkSeries:
         kind = b"UnstructuredGrid"
         group.attrs.create("Type", kind, dtype=h5py.string_dtype("ascii", len(kind)))
         sizes = np.array(self.parts, np.int64).reshape(-1, 2)
-        for name, values in (("NumberOfPoints", sizes[:, 0]), ("NumberOfCells", sizes[:, 1]), ("NumberOfConnectivityIds", 2 * sizes[:, 1])):
+        for name, values in (
+            ("NumberOfPoints", sizes[:, 0]),
+            ("NumberOfCells", sizes[:, 1]),
+            ("NumberOfConnectivityIds", 2 * sizes[:, 1]),
+        ):
             _growing(group, name, values)
         steps = group.create_group("Steps")
         steps.attrs["NSteps"] = np.int64(len(self.steps))
@@ -96,4 +130,9 @@ class VtkSeries:
 
 
 def _growing(group, name, values):
-    group.create_dataset(name, data=values, maxshape=(None, *values.shape[1:]), chunks=(max(1, min(len(values), 1024)), *values.shape[1:]))
+    group.create_dataset(
+        name,
+        data=values,
+        maxshape=(None, *values.shape[1:]),
+        chunks=(max(1, min(len(values), 1024)), *values.shape[1:]),
+    )

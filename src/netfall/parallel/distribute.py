@@ -59,10 +59,17 @@ def cut_net(n: int, elements: np.ndarray, part: np.ndarray, ranks: int) -> list[
         ends = np.unique(elements[held[rank]])
         halo = ends[part[ends] != rank]
         halos.append(halo[np.argsort(part[halo], kind="stable")])
-    wanted = [[(other, halos[other][part[halos[other]] == rank]) for other in np.unique(part[halos[rank]])] for rank in range(ranks)]
+    wanted = [
+        [(other, halos[other][part[halos[other]] == rank]) for other in np.unique(part[halos[rank]])]
+        for rank in range(ranks)
+    ]
     pieces = []
     for rank in range(ranks):
-        boundary = np.isin(owned[rank], np.concatenate([rows for _, rows in wanted[rank]])) if wanted[rank] else np.zeros(len(owned[rank]), bool)
+        boundary = (
+            np.isin(owned[rank], np.concatenate([rows for _, rows in wanted[rank]]))
+            if wanted[rank]
+            else np.zeros(len(owned[rank]), bool)
+        )
         local[owned[rank]] = np.arange(len(owned[rank]))
         inner = held[rank][(owner[held[rank]] == rank).all(1)]
         gid = np.concatenate([owned[rank][order_of_rows(boundary, local[elements[inner]])], halos[rank]])
@@ -70,10 +77,19 @@ def cut_net(n: int, elements: np.ndarray, part: np.ndarray, ranks: int) -> list[
         sends = [local[rows] for _, rows in wanted[rank]]
         counts = np.bincount(part[halos[rank]], minlength=ranks)
         neighbours = tuple(int(other) for other, _ in wanted[rank])
-        pieces.append(Piece(
-            len(owned[rank]), gid, held[rank], local[elements[held[rank]]].astype(np.uint32), owner[held[rank], 0] == rank,
-            neighbours, tuple(len(s) for s in sends), tuple(int(counts[other]) for other in neighbours),
-            np.concatenate(sends + [np.zeros(0, np.int64)]).astype(np.uint32)))
+        pieces.append(
+            Piece(
+                len(owned[rank]),
+                gid,
+                held[rank],
+                local[elements[held[rank]]].astype(np.uint32),
+                owner[held[rank], 0] == rank,
+                neighbours,
+                tuple(len(s) for s in sends),
+                tuple(int(counts[other]) for other in neighbours),
+                np.concatenate(sends + [np.zeros(0, np.int64)]).astype(np.uint32),
+            )
+        )
     return pieces
 
 
@@ -126,7 +142,9 @@ def order_of_rows(boundary: np.ndarray, ends: np.ndarray) -> np.ndarray:
     n = len(boundary)
     order = np.argsort(~boundary, kind="stable")
     layers = np.empty(n, np.int64)
-    order_by_layers(np.flatnonzero(boundary), ends, np.empty(n + 1, np.int64), np.empty(2 * len(ends), np.int64), layers)
+    order_by_layers(
+        np.flatnonzero(boundary), ends, np.empty(n + 1, np.int64), np.empty(2 * len(ends), np.int64), layers
+    )
     return order if apart(order, ends) <= FAR * apart(layers, ends) else layers
 
 
@@ -149,11 +167,15 @@ class Distribution:
 
     def particles(self, rows: np.ndarray | None) -> np.ndarray:
         """Owned and halo rows of a global array (n, ...) that rank 0 gives. Collective."""
-        return self.comm.scatter(None if self._pieces is None else [rows[p.particle_gid] for p in self._pieces])
+        return self.comm.scatter(
+            None if self._pieces is None else [rows[p.particle_gid] for p in self._pieces]
+        )
 
     def elements(self, rows: np.ndarray | None) -> np.ndarray:
         """Rows of a global array (m, ...) that rank 0 gives, for the elements of each rank. Collective."""
-        return self.comm.scatter(None if self._pieces is None else [rows[p.element_gid] for p in self._pieces])
+        return self.comm.scatter(
+            None if self._pieces is None else [rows[p.element_gid] for p in self._pieces]
+        )
 
     def gather_particles(self, rows: np.ndarray) -> np.ndarray | None:
         """Global array (n, ...) on rank 0 of the ranks' owned rows. Collective."""

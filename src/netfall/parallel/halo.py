@@ -41,12 +41,17 @@ def _load_mpi_symbols() -> None:
 
 _load_mpi_symbols()
 _OPEN_MPI = MPI.get_vendor()[0] == "Open MPI"
-_HANDLE = np.uint64 if _OPEN_MPI else np.int32  # a request or communicator is a pointer in Open MPI, an integer in MPICH
+_HANDLE = (
+    np.uint64 if _OPEN_MPI else np.int32
+)  # a request or communicator is a pointer in Open MPI, an integer in MPICH
 _IGNORE = 0 if _OPEN_MPI else 1  # MPI_STATUS_IGNORE, MPI_STATUSES_IGNORE
 _ANY_SOURCE, _UNUSED_TAG = int(MPI.ANY_SOURCE), 1
 _startall = types.ExternalFunction("MPI_Startall", types.intc(types.intc, types.uintp))
 _waitall = types.ExternalFunction("MPI_Waitall", types.intc(types.intc, types.uintp, types.uintp))
-_iprobe = types.ExternalFunction("MPI_Iprobe", types.intc(types.intc, types.intc, types.uintp if _OPEN_MPI else types.intc, types.uintp, types.uintp))
+_iprobe = types.ExternalFunction(
+    "MPI_Iprobe",
+    types.intc(types.intc, types.intc, types.uintp if _OPEN_MPI else types.intc, types.uintp, types.uintp),
+)
 _wall_time = types.ExternalFunction("MPI_Wtime", types.float64())
 _sched_yield = types.ExternalFunction("sched_yield", types.intc())
 
@@ -56,7 +61,9 @@ def _announce(typing, address, number):
     """Write a number to an address after all that was written before it."""
 
     def write(context, builder, signature, values):
-        builder.store_atomic(values[1], builder.inttoptr(values[0], ir.IntType(64).as_pointer()), "release", 8)
+        builder.store_atomic(
+            values[1], builder.inttoptr(values[0], ir.IntType(64).as_pointer()), "release", 8
+        )
         return context.get_dummy_value()
 
     return types.none(types.uint64, types.int64), write
@@ -116,7 +123,9 @@ def wait_for_boxes(mail):
         looks = 0
         while _announced(mail.counts[k]) < mail.count[0]:
             looks += 1
-            if looks % PATIENCE == 0:  # someone may need this processor, or a message that MPI sends on only when called
+            if (
+                looks % PATIENCE == 0
+            ):  # someone may need this processor, or a message that MPI sends on only when called
                 error = _iprobe(_ANY_SOURCE, _UNUSED_TAG, mail.comm, mail.found.ctypes.data, _IGNORE)
                 if error != 0:
                     return error
@@ -124,7 +133,6 @@ def wait_for_boxes(mail):
     if mail.requests.shape[1] > 0:
         return _waitall(mail.requests.shape[1], mail.requests[(mail.count[0] - 1) % 2].ctypes.data, _IGNORE)
     return 0
-
 
 
 @kernel
@@ -160,7 +168,9 @@ def _node_of(comm: MPI.Comm) -> MPI.Comm:
     if asked is None:
         return comm.Split_type(MPI.COMM_TYPE_SHARED)
     if not asked.isdigit() or int(asked) < 1:
-        raise InputError(f"environment variable {PER_NODE}: {asked!r}; allowed is a number of ranks from 1; unset it to share memory where the ranks can")
+        raise InputError(
+            f"environment variable {PER_NODE}: {asked!r}; allowed is a number of ranks from 1; unset it to share memory where the ranks can"
+        )
     node = comm.Split_type(MPI.COMM_TYPE_SHARED)
     part = node.Split(comm.rank // int(asked))
     node.Free()
@@ -176,14 +186,19 @@ class Halo:
         self.send_index = piece.send_index
         self._made, self._window = [], None
         node = _node_of(comm)
-        sends, receives = (np.concatenate([[0], np.cumsum(counts)]).astype(int) for counts in (piece.send_counts, piece.receive_counts))
+        sends, receives = (
+            np.concatenate([[0], np.cumsum(counts)]).astype(int)
+            for counts in (piece.send_counts, piece.receive_counts)
+        )
         lines = -(-(sends[-1] + receives[-1]) * width // LINE)
         box = LINE * node.allreduce(int(lines), MPI.MAX)
         whole = LINE + 2 * box  # a rank's: its count, and its boxes
         boxes = self._share(node, whole)
         mine = node.rank * whole
-        boxes[mine:mine + whole] = 0.0
-        others = dict(node.allgather((comm.rank, (node.rank * whole, dict(zip(piece.neighbours, sends.tolist()))))))  # also: all are zero
+        boxes[mine : mine + whole] = 0.0
+        others = dict(
+            node.allgather((comm.rank, (node.rank * whole, dict(zip(piece.neighbours, sends.tolist())))))
+        )  # also: all are zero
         near = [neighbour in others for neighbour in piece.neighbours]
         receive_at, requests = np.zeros(piece.n_halo, np.int64), [[], []]
         for k, neighbour in enumerate(piece.neighbours):
@@ -192,17 +207,41 @@ class Halo:
             else:
                 start = mine + LINE + (sends[-1] + receives[k]) * width
                 for turn in range(2):
-                    part = lambda first, last: boxes[mine + LINE + turn * box + first * width:mine + LINE + turn * box + last * width]
-                    requests[turn].append(comm.Recv_init(part(sends[-1] + receives[k], sends[-1] + receives[k + 1]), neighbour))
+                    part = lambda first, last: boxes[
+                        mine + LINE + turn * box + first * width : mine + LINE + turn * box + last * width
+                    ]
+                    requests[turn].append(
+                        comm.Recv_init(part(sends[-1] + receives[k], sends[-1] + receives[k + 1]), neighbour)
+                    )
                     requests[turn].append(comm.Send_init(part(sends[k], sends[k + 1]), neighbour))
-            receive_at[receives[k]:receives[k + 1]] = start + np.arange(receives[k + 1] - receives[k]) * width
+            receive_at[receives[k] : receives[k + 1]] = (
+                start + np.arange(receives[k + 1] - receives[k]) * width
+            )
         node.Free()
         self._made = requests[0] + requests[1]
         address = boxes.ctypes.data
-        handles = lambda made: np.array([MPI._handleof(one) % 2**64 for one in made], np.uint64).astype(_HANDLE)
-        self.mail = Mail(boxes, mine + LINE, receive_at, box, np.zeros(1, np.int64), np.uint64(address + 8 * mine),
-                         np.array([address + 8 * others[neighbour][0] for neighbour, is_near in zip(piece.neighbours, near) if is_near], np.uint64),
-                         np.stack([handles(of_box) for of_box in requests]), handles([comm])[0], np.zeros(1, np.int32))
+        handles = lambda made: np.array([MPI._handleof(one) % 2**64 for one in made], np.uint64).astype(
+            _HANDLE
+        )
+        self.mail = Mail(
+            boxes,
+            mine + LINE,
+            receive_at,
+            box,
+            np.zeros(1, np.int64),
+            np.uint64(address + 8 * mine),
+            np.array(
+                [
+                    address + 8 * others[neighbour][0]
+                    for neighbour, is_near in zip(piece.neighbours, near)
+                    if is_near
+                ],
+                np.uint64,
+            ),
+            np.stack([handles(of_box) for of_box in requests]),
+            handles([comm])[0],
+            np.zeros(1, np.int32),
+        )
 
     def _share(self, node: MPI.Comm, whole: int) -> np.ndarray:
         """The boxes of all ranks of the node, `whole` numbers each."""

@@ -35,7 +35,14 @@ def metis_partition(n: int, elements: np.ndarray, parts: int) -> np.ndarray:
         return np.zeros(n, np.int32)
     xadj, adjncy, weight, along = graph_of(n, elements)
     options = pymetis.Options(seed=SEED, ncuts=CUTS)
-    _, part = pymetis.part_graph(parts, pymetis.CSRAdjacency(xadj, adjncy), vweights=weight, eweights=along, recursive=False, options=options)
+    _, part = pymetis.part_graph(
+        parts,
+        pymetis.CSRAdjacency(xadj, adjncy),
+        vweights=weight,
+        eweights=along,
+        recursive=False,
+        options=options,
+    )
     return np.array(part, np.int32)
 
 
@@ -44,7 +51,7 @@ def graph_text(n: int, elements: np.ndarray) -> str:
     xadj, adjncy, weight, along = graph_of(n, elements)
     neighbours = np.column_stack([adjncy + 1, along]).astype(str).ravel().tolist()
     lines = [f"{n} {len(adjncy) // 2} 011"]
-    lines += [" ".join([str(weight[p])] + neighbours[2 * xadj[p]:2 * xadj[p + 1]]) for p in range(n)]
+    lines += [" ".join([str(weight[p])] + neighbours[2 * xadj[p] : 2 * xadj[p + 1]]) for p in range(n)]
     return "\n".join(lines) + "\n"
 
 
@@ -63,15 +70,19 @@ def write_partition(name: str, n: int, elements: np.ndarray, parts: int, folder:
     """Partition the net and write NAME.graph and NAME.graph.part.P; the part of each particle (n,)."""
     part = metis_partition(n, elements, parts)
     folder.mkdir(parents=True, exist_ok=True)
-    for path, text in ((folder / f"{name}.graph", graph_text(n, elements)),
-                       (folder / f"{name}.graph.part.{parts}", "".join(f"{p}\n" for p in part))):
+    for path, text in (
+        (folder / f"{name}.graph", graph_text(n, elements)),
+        (folder / f"{name}.graph.part.{parts}", "".join(f"{p}\n" for p in part)),
+    ):
         new = path.with_name(path.name + ".new")
         new.write_text(text)
         new.replace(path)
     return part
 
 
-def read_partition(name: str, n: int, elements: np.ndarray, parts: int, folder: Path = FOLDER) -> np.ndarray | None:
+def read_partition(
+    name: str, n: int, elements: np.ndarray, parts: int, folder: Path = FOLDER
+) -> np.ndarray | None:
     """The part of each particle (n,) from the files of `netfall partition`, None where there are none.
 
     Raises InputError if the files belong to another net or are damaged.
@@ -88,7 +99,9 @@ def read_partition(name: str, n: int, elements: np.ndarray, parts: int, folder: 
     if lines != [line.split() for line in graph_text(n, elements).splitlines()]:
         head = " ".join(lines[0][:2]) if lines else "nothing"
         edges = len(graph_of(n, elements)[1]) // 2
-        raise InputError(f"{graph}: belongs to another net, or was not written by this version (it has {head} vertices and edges, the job's net {n} {edges}); {again}")
+        raise InputError(
+            f"{graph}: belongs to another net, or was not written by this version (it has {head} vertices and edges, the job's net {n} {edges}); {again}"
+        )
     try:
         part = np.array(words, np.int64)
         valid = len(part) == n and (n == 0 or (part.min() >= 0 and part.max() < parts))

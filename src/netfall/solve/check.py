@@ -12,7 +12,10 @@ from netfall.solve.dynamics import Schedule
 from netfall.solve.roof import Phases, Roof, prepare, scene_of
 from netfall.solve.run import limit_line, schedule_of, step_remarks
 
-STEP_NS, STEP_US = 8.0, 2.0  # for an element and step, and for a step, on one core with all features on (README, "How fast")
+STEP_NS, STEP_US = (
+    8.0,
+    2.0,
+)  # for an element and step, and for a step, on one core with all features on (README, "How fast")
 LARGEST_FORM = 50_000  # elements up to which check also finds the form
 FRAME_BYTES = {"particle": 24 + 12 + 12, "element": 4 + 4 + 4 + 1}  # of the result file, for each state
 SETUP_BYTES = 500  # per element on rank 0, while the net is read, cut and sent
@@ -23,23 +26,35 @@ def check_job(job: Job, say: Callable[[str], None]) -> None:
     comm = MPI.COMM_SELF
     short = job
     if job.form_finding and not _small(job):
-        say(f"note: more than {LARGEST_FORM} elements: the form is not found here; figures are those of the start geometry")
+        say(
+            f"note: more than {LARGEST_FORM} elements: the form is not found here; figures are those of the start geometry"
+        )
         short = Job(**{**vars(job), "form_finding": None})
     roof = prepare(comm, short, Phases())
     net, whole = roof.whole.net, roof.whole
     if job.dynamics:
         schedule = schedule_of(job, roof)
     say(f"{job.path}: {job.title or job.name}: valid")
-    say(f"net: {net.n} particles ({int(net.fixed.all(1).sum())} fixed), {net.m} elements in groups "
-        + ", ".join(f"{name or '(none)'} {int((net.group == g).sum())}" for g, name in enumerate(net.group_names)))
+    say(
+        f"net: {net.n} particles ({int(net.fixed.all(1).sum())} fixed), {net.m} elements in groups "
+        + ", ".join(
+            f"{name or '(none)'} {int((net.group == g).sum())}" for g, name in enumerate(net.group_names)
+        )
+    )
     L = whole.L0
-    say(f"elements: unstressed length {L.min():.4g} to {L.max():.4g} m, {L.sum():.1f} m in all; tension {whole.N.min():.4g} to {whole.N.max():.4g} N")
-    say(f"masses: elements {float((net.density * net.section * L).sum()):.4g} kg, all particles {whole.mass.sum():.4g} kg; roof {whole.area.sum():.1f} m2 in plan")
+    say(
+        f"elements: unstressed length {L.min():.4g} to {L.max():.4g} m, {L.sum():.1f} m in all; tension {whole.N.min():.4g} to {whole.N.max():.4g} N"
+    )
+    say(
+        f"masses: elements {float((net.density * net.section * L).sum()):.4g} kg, all particles {whole.mass.sum():.4g} kg; roof {whole.area.sum():.1f} m2 in plan"
+    )
     if whole.remark:
         say(f"note: {whole.remark}")
     if roof.form:
-        say(f"form finding: {roof.form.iterations} iterations to {roof.form.residual / max(roof.form.reference, 1e-300):.2g} of the prestress, "
-            f"with the real material {roof.residual / max(roof.form.reference, 1e-300):.2g}")
+        say(
+            f"form finding: {roof.form.iterations} iterations to {roof.form.residual / max(roof.form.reference, 1e-300):.2g} of the prestress, "
+            f"with the real material {roof.residual / max(roof.form.reference, 1e-300):.2g}"
+        )
     elif roof.residual > 1e-6 * max(roof.reference, 1e-300):
         say(f"note: the start is not in equilibrium: largest residual {roof.residual:.3g} N")
     say("stages: " + ", ".join(stages(job)))
@@ -68,10 +83,18 @@ def stages(job: Job) -> list[str]:
 def features(job: Job, roof: Roof) -> str:
     """What the scene has, in words."""
     scene = scene_of(job, roof.whole.net)
-    words = [("plastic flow", scene.plastic), ("fracture", scene.fracture), ("wind", scene.wind),
-             ("damping", bool(job.dynamics and job.dynamics.damping)), ("self weight", bool(job.load and job.load.self_weight)),
-             ("dead load", bool(job.load and job.load.dead)), ("static pressure", bool(job.load and job.load.pressure is not None)),
-             ("logarithmic strain", scene.logarithmic), ("broken elements taken out", scene.fracture and not scene.fragments), (f"{scene.precision} precision", scene.displaced)]
+    words = [
+        ("plastic flow", scene.plastic),
+        ("fracture", scene.fracture),
+        ("wind", scene.wind),
+        ("damping", bool(job.dynamics and job.dynamics.damping)),
+        ("self weight", bool(job.load and job.load.self_weight)),
+        ("dead load", bool(job.load and job.load.dead)),
+        ("static pressure", bool(job.load and job.load.pressure is not None)),
+        ("logarithmic strain", scene.logarithmic),
+        ("broken elements taken out", scene.fracture and not scene.fragments),
+        (f"{scene.precision} precision", scene.displaced),
+    ]
     return ", ".join(word for word, there in words if there) or "elastic elements alone"
 
 
@@ -80,8 +103,11 @@ def _describe_steps(job: Job, roof: Roof, schedule: Schedule, say) -> None:
     for limit in roof.limits.values():
         say(limit_line(limit, roof.whole))
     seconds = schedule.steps * (m * STEP_NS * 1e-9 + STEP_US * 1e-6)
-    say(f"steps: {schedule.steps} of {schedule.dt:.4g} s" + (" (auto)" if job.dynamics.time_step == "auto" else "")
-        + f"; expected run time about {seconds:.2g} s on one core")
+    say(
+        f"steps: {schedule.steps} of {schedule.dt:.4g} s"
+        + (" (auto)" if job.dynamics.time_step == "auto" else "")
+        + f"; expected run time about {seconds:.2g} s on one core"
+    )
     for remark in step_remarks(job, roof, schedule.dt):
         say(remark)
 
@@ -91,8 +117,17 @@ def _describe_memory(job: Job, roof: Roof, say) -> None:
     n, m = net.n, net.m
     held = sum(getattr(state, f.name).nbytes for f in FIELDS if getattr(state, f.name) is not None)
     frames = job.output.frames + 1 if job.dynamics else 1
-    file = frames * (n * FRAME_BYTES["particle"] + m * FRAME_BYTES["element"]) + (job.load.steps * (24 * n + 8 * m) if job.load else 0)
-    say(f"memory: {held / 1e6:.3g} MB for the state ({held / m:.0f} bytes an element) and {SETUP_BYTES * m / 1e6:.3g} MB on rank 0 at set-up, beside "
-        f"some 250 MB for Python on each rank; result file about {max(file, 1e5) / 1e6:.3g} MB")
-    if np.isfinite(net.fracture_strain).any() and job.wind is None and job.dynamics and not (job.load and (job.load.dead or job.load.pressure is not None)):
+    file = frames * (n * FRAME_BYTES["particle"] + m * FRAME_BYTES["element"]) + (
+        job.load.steps * (24 * n + 8 * m) if job.load else 0
+    )
+    say(
+        f"memory: {held / 1e6:.3g} MB for the state ({held / m:.0f} bytes an element) and {SETUP_BYTES * m / 1e6:.3g} MB on rank 0 at set-up, beside "
+        f"some 250 MB for Python on each rank; result file about {max(file, 1e5) / 1e6:.3g} MB"
+    )
+    if (
+        np.isfinite(net.fracture_strain).any()
+        and job.wind is None
+        and job.dynamics
+        and not (job.load and (job.load.dead or job.load.pressure is not None))
+    ):
         say("note: elements can break, but neither wind nor load acts on the roof")

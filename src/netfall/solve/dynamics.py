@@ -48,11 +48,15 @@ def make_schedule(limit: float, dynamics, output) -> Schedule:
     steps = max(1, int(np.ceil(dynamics.duration / dt - ROUNDING)))
     rows = np.arange(int(np.floor(steps * dt / output.history + ROUNDING)) + 1) * output.history
     frames = np.linspace(0.0, steps * dt, output.frames + 1)
-    at = lambda times: np.unique(np.append(np.minimum(np.ceil(times / dt - ROUNDING), steps), steps)).astype(np.int64)
+    at = lambda times: np.unique(np.append(np.minimum(np.ceil(times / dt - ROUNDING), steps), steps)).astype(
+        np.int64
+    )
     every = output.checkpoint
     saves = np.arange(1, int(np.floor(steps * dt / every)) + 1) * every if every > 0 else np.zeros(0)
     saves = np.ceil(saves / dt - ROUNDING).astype(np.int64)
-    return Schedule(float(dt), steps, at(rows), at(frames), saves[saves < steps], float(min(dt / dynamics.safety, limit)))
+    return Schedule(
+        float(dt), steps, at(rows), at(frames), saves[saves < steps], float(min(dt / dynamics.safety, limit))
+    )
 
 
 @dataclass
@@ -76,8 +80,22 @@ class Simulation:
     the steps to the next target, in which elements part as they reach their fracture strain.
     """
 
-    def __init__(self, comm: MPI.Comm, state: State, result: Result, schedule: Schedule, job, wind: WindLoad | None,
-                 probes: Probes, start_strain: float, start_plastic: float, progress: Progress, stop: StopRequest, save: Callable, phases):
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        state: State,
+        result: Result,
+        schedule: Schedule,
+        job,
+        wind: WindLoad | None,
+        probes: Probes,
+        start_strain: float,
+        start_plastic: float,
+        progress: Progress,
+        stop: StopRequest,
+        save: Callable,
+        phases,
+    ):
         """save(simulation) : writes a checkpoint and returns its path. Collective. phases : `roof.Phases`"""
         self.comm, self.state, self.result, self.schedule = comm, state, result, schedule
         self.zeta = job.dynamics.damping
@@ -107,9 +125,16 @@ class Simulation:
 
     def run(self) -> None:
         """From the present step to the last. Raises Interrupted, with a checkpoint, if that is asked for."""
-        history, frames, saves = (set(steps.tolist()) for steps in (self.schedule.history, self.schedule.frames, self.schedule.checkpoints))
+        history, frames, saves = (
+            set(steps.tolist())
+            for steps in (self.schedule.history, self.schedule.frames, self.schedule.checkpoints)
+        )
         self.progress.start(self.n / self.schedule.steps, self.n)
-        for target in sorted(step for step in history | frames | saves if step > self.n or self.n == 0 and not self.result.history):
+        for target in sorted(
+            step
+            for step in history | frames | saves
+            if step > self.n or self.n == 0 and not self.result.history
+        ):
             self.advance_to(target)
             with self.phases.phase("dynamics: output"):
                 snapshot = self.look()
@@ -136,12 +161,21 @@ class Simulation:
 
     def record(self) -> dict:
         """Where the run stands, for `restore`."""
-        return {"step": self.n, "before_dt": self.before_dt, "largest_work": self.largest_work,
-                "start_strain": self.start_strain, "start_plastic": self.start_plastic}
+        return {
+            "step": self.n,
+            "before_dt": self.before_dt,
+            "largest_work": self.largest_work,
+            "start_strain": self.start_strain,
+            "start_plastic": self.start_plastic,
+        }
 
     def restore(self, record: dict) -> None:
         """Take up the record of an earlier run."""
-        self.n, self.before_dt, self.largest_work = record["step"], record["before_dt"], record["largest_work"]
+        self.n, self.before_dt, self.largest_work = (
+            record["step"],
+            record["before_dt"],
+            record["largest_work"],
+        )
 
     def wind_share(self) -> float:
         """Place of the present time between the wind's two samples."""
@@ -166,8 +200,18 @@ class Simulation:
         wind_time, wind_dt = (self.wind.time, self.wind.dt) if self.wind else (0.0, 1.0)
         dt = self.schedule.dt
         while self.n < stop:
-            done, count, error = run_steps(self.halo, self.plan, self.n, stop - self.n, self.before_dt, dt, self.zeta, wind_time, wind_dt,
-                                           self.phases.of_steps)
+            done, count, error = run_steps(
+                self.halo,
+                self.plan,
+                self.n,
+                stop - self.n,
+                self.before_dt,
+                dt,
+                self.zeta,
+                wind_time,
+                wind_dt,
+                self.phases.of_steps,
+            )
             if error:
                 raise MPI.Exception(error)
             self.n += done
@@ -177,8 +221,18 @@ class Simulation:
                 piece = self.result.distribution.piece
                 wind_stays = self.after_fracture != "particle"
                 if self.state.scene.fragments:
-                    parted = split_particles(self.state, count, self.n - 1, self.result.distribution.n, piece.element_gid,
-                                             self.self_weight, self.carried_weight, wind_stays, dt, self.schedule.stable_dt)
+                    parted = split_particles(
+                        self.state,
+                        count,
+                        self.n - 1,
+                        self.result.distribution.n,
+                        piece.element_gid,
+                        self.self_weight,
+                        self.carried_weight,
+                        wind_stays,
+                        dt,
+                        self.schedule.stable_dt,
+                    )
                     self.plan.attach(self.state)
                 else:
                     parted = take_out(self.state, count, self.n - 1, piece.element_gid, wind_stays, dt)
@@ -216,7 +270,9 @@ class Simulation:
     def check_energies(self, snapshot) -> Energies:
         """The energies, before they are reported or the state is kept; stops a run that has diverged."""
         e = total_energies(self.comm, self.state, snapshot)
-        known = np.maximum(self.largest_work, abs(e.external)) + self.start_strain  # nan without the audit: then only what is not finite is seen
+        known = (
+            np.maximum(self.largest_work, abs(e.external)) + self.start_strain
+        )  # nan without the audit: then only what is not finite is seen
         if not np.isfinite(e.kinetic) or e.kinetic > 2 * known + 1e-9:
             self.stop_diverged(snapshot, e.kinetic)
         return e
@@ -228,35 +284,63 @@ class Simulation:
         scale = self.largest_work or 1.0
         identity = e.kinetic + e.internal + e.damping - e.external
         balance = e.kinetic + strain + plastic + e.damping - e.external
-        self.result.history.append([self.time, self.schedule.dt, e.kinetic, strain, plastic, e.damping, e.external,
-                                    identity / scale, balance / scale, self.slack, len(self.result.broken)])
+        self.result.history.append(
+            [
+                self.time,
+                self.schedule.dt,
+                e.kinetic,
+                strain,
+                plastic,
+                e.damping,
+                e.external,
+                identity / scale,
+                balance / scale,
+                self.slack,
+                len(self.result.broken),
+            ]
+        )
         self.result.probes.append(self._probe_values(snapshot))
 
     def stop_diverged(self, snapshot, kinetic: float) -> None:
         """Name the fastest particle and the element with the largest strain, and stop on every rank."""
         speed = np.nan_to_num(np.abs(snapshot.velocity).max(1, initial=0.0), nan=np.inf)
-        speed[~self.state.free[snapshot.rows].any(1)] = -1.0  # a support takes over what is no number from its neighbours
+        speed[
+            ~self.state.free[snapshot.rows].any(1)
+        ] = -1.0  # a support takes over what is no number from its neighbours
         strain = np.nan_to_num(np.abs(snapshot.eps), nan=np.inf)
         piece = self.result.distribution.piece
-        here = (speed.max(initial=-1.0), int(self.state.gid[snapshot.rows[speed.argmax()]]) if len(speed) else -1,
-                strain.max(initial=-1.0), int(piece.element_gid[strain.argmax()]) if len(strain) else -1)
+        here = (
+            speed.max(initial=-1.0),
+            int(self.state.gid[snapshot.rows[speed.argmax()]]) if len(speed) else -1,
+            strain.max(initial=-1.0),
+            int(piece.element_gid[strain.argmax()]) if len(strain) else -1,
+        )
         every = self.comm.allgather(here)
         particle, element = max(every, key=lambda h: h[0])[1], max(every, key=lambda h: h[2])[3]
-        raise DivergedError(f"diverged at t = {self.time:.6g} s (step {self.n}): kinetic energy {kinetic:.3g} J is out of all proportion to the "
-                            f"external work; fastest particle {particle}, most strained element {element}; take a smaller time_step or safety")
+        raise DivergedError(
+            f"diverged at t = {self.time:.6g} s (step {self.n}): kinetic energy {kinetic:.3g} J is out of all proportion to the "
+            f"external work; fastest particle {particle}, most strained element {element}; take a smaller time_step or safety"
+        )
 
     def _find_probes(self, probes: Probes) -> None:
         piece = self.result.distribution.piece
         self.probes = probes
-        self._probe_rows = [(k, int(row)) for k, gid in enumerate(probes.particles)
-                            for row in np.flatnonzero(piece.particle_gid[: piece.n_owned] == gid)]
-        self._probe_elements = [(k, int(row)) for k, gid in enumerate(probes.elements) for row in np.flatnonzero(piece.element_gid == gid)]
+        self._probe_rows = [
+            (k, int(row))
+            for k, gid in enumerate(probes.particles)
+            for row in np.flatnonzero(piece.particle_gid[: piece.n_owned] == gid)
+        ]
+        self._probe_elements = [
+            (k, int(row))
+            for k, gid in enumerate(probes.elements)
+            for row in np.flatnonzero(piece.element_gid == gid)
+        ]
 
     def _probe_values(self, snapshot) -> np.ndarray:
         """Displacements (p, 3) and tensions (k,) of the probes in one row, the same on every rank."""
         values = np.zeros(3 * len(self.probes.particles) + len(self.probes.elements))
         for k, row in self._probe_rows:
-            values[3 * k:3 * k + 3] = self.state.x[row] - self.state.x_start[row]
+            values[3 * k : 3 * k + 3] = self.state.x[row] - self.state.x_start[row]
         for k, row in self._probe_elements:
             if self.state.owned[row]:
                 values[3 * len(self.probes.particles) + k] = snapshot.N[row]
@@ -268,7 +352,10 @@ class Simulation:
         """Times (t,) [s] and gusts (t, c) [m/s] of the samples over the simulated time, for the result file."""
         if not self.wind:
             return None
-        last = next((k for k, (time, _) in enumerate(self.wind.samples) if time >= self.time), len(self.wind.samples) - 1)
+        last = next(
+            (k for k, (time, _) in enumerate(self.wind.samples) if time >= self.time),
+            len(self.wind.samples) - 1,
+        )
         used = self.wind.samples[: last + 1]
         return np.array([time for time, _ in used]), np.array([gust for _, gust in used])
 
@@ -276,4 +363,10 @@ class Simulation:
         """Progress on rank 0."""
         s = self.schedule
         share = self.n / s.steps
-        self.progress.at(share, f"t = {self.time:.3f} s", self.n, "steps", f"slack {self.slack}, broken {len(self.result.broken)}")
+        self.progress.at(
+            share,
+            f"t = {self.time:.3f} s",
+            self.n,
+            "steps",
+            f"slack {self.slack}, broken {len(self.result.broken)}",
+        )

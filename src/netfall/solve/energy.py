@@ -13,7 +13,15 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.mechanics.compile import kernel
-from netfall.mechanics.kernels import add_tensions, element_energies, element_state, external_force, inverse_mass, kick, kick_factors
+from netfall.mechanics.kernels import (
+    add_tensions,
+    element_energies,
+    element_state,
+    external_force,
+    inverse_mass,
+    kick,
+    kick_factors,
+)
 from netfall.mechanics.state import State
 from netfall.parallel.exact import exact_sums
 
@@ -31,7 +39,24 @@ class Energies:
 
 
 @kernel
-def particle_energies(rows, part, kick_dt, zeta, share, v, f_int, free, mass, load, work, wind, speed_before, speed_after, velocity, terms):
+def particle_energies(
+    rows,
+    part,
+    kick_dt,
+    zeta,
+    share,
+    v,
+    f_int,
+    free,
+    mass,
+    load,
+    work,
+    wind,
+    speed_before,
+    speed_after,
+    velocity,
+    terms,
+):
     """Velocity and energy terms of owned particles at the very time n, part of the way through the kick.
 
     rows : (r,) local numbers; part : share of the kick that comes before n, 1/2 between equal steps
@@ -62,12 +87,62 @@ def particle_energies(rows, part, kick_dt, zeta, share, v, f_int, free, mass, lo
 
 
 @kernel
-def look(rows, part, kick_dt, zeta, share, x, v, f_int, free, mass, load, work, wind, speed_before, speed_after, ends, L0, EA, logarithmic, bar, yield_force,
-         eps_p, dissipated, broken, owned, velocity, terms, N, eps, eps_p_now, L, stored, heat):
+def look(
+    rows,
+    part,
+    kick_dt,
+    zeta,
+    share,
+    x,
+    v,
+    f_int,
+    free,
+    mass,
+    load,
+    work,
+    wind,
+    speed_before,
+    speed_after,
+    ends,
+    L0,
+    EA,
+    logarithmic,
+    bar,
+    yield_force,
+    eps_p,
+    dissipated,
+    broken,
+    owned,
+    velocity,
+    terms,
+    N,
+    eps,
+    eps_p_now,
+    L,
+    stored,
+    heat,
+):
     """All of a snapshot at once, for a call takes as long as any of its parts; the number of owned cables that are whole and slack."""
     element_state(x, ends, L0, EA, logarithmic, bar, yield_force, eps_p, N, eps, eps_p_now, L)
     add_tensions(x, ends, N, L, f_int)
-    particle_energies(rows, part, kick_dt, zeta, share, v, f_int, free, mass, load, work, wind, speed_before, speed_after, velocity, terms)
+    particle_energies(
+        rows,
+        part,
+        kick_dt,
+        zeta,
+        share,
+        v,
+        f_int,
+        free,
+        mass,
+        load,
+        work,
+        wind,
+        speed_before,
+        speed_after,
+        velocity,
+        terms,
+    )
     element_energies(N, eps_p_now, L0, EA, logarithmic, yield_force, eps_p, dissipated, stored, heat)
     slack = 0
     for e in range(N.shape[0]):
@@ -97,13 +172,48 @@ def take_snapshot(state: State, before_dt: float, dt: float, zeta: float, share:
     velocity, terms = np.empty((len(rows), 3)), np.empty((4, len(rows)))
     N, eps, eps_p, L, stored, heat = np.empty((6, s.m))
     part = before_dt / (before_dt + dt)
-    slack = look(rows, part, 0.5 * (before_dt + dt), zeta, share, s.x, s.v, f_int, s.free, s.mass, s.load, s.work, s.wind, s.speed_before, s.speed_after,
-                 s.ends, s.L0, s.EA, s.scene.logarithmic, s.bar, s.yield_force, s.eps_p, s.dissipated, s.broken, s.owned, velocity, terms, N, eps, eps_p, L, stored, heat)
+    slack = look(
+        rows,
+        part,
+        0.5 * (before_dt + dt),
+        zeta,
+        share,
+        s.x,
+        s.v,
+        f_int,
+        s.free,
+        s.mass,
+        s.load,
+        s.work,
+        s.wind,
+        s.speed_before,
+        s.speed_after,
+        s.ends,
+        s.L0,
+        s.EA,
+        s.scene.logarithmic,
+        s.bar,
+        s.yield_force,
+        s.eps_p,
+        s.dissipated,
+        s.broken,
+        s.owned,
+        velocity,
+        terms,
+        N,
+        eps,
+        eps_p,
+        L,
+        stored,
+        heat,
+    )
     return Snapshot(rows, velocity, N, eps, eps_p, terms, stored, heat, slack)
 
 
 def total_energies(comm: MPI.Comm, state: State, snapshot: Snapshot) -> Energies:
     """Energies of the whole net, the same to the bit on any number of ranks. Collective."""
     mine = state.owned.astype(bool)
-    kinetic, damping, external, internal, stored, heat = exact_sums(comm, *snapshot.terms, snapshot.stored[mine], snapshot.heat[mine])
+    kinetic, damping, external, internal, stored, heat = exact_sums(
+        comm, *snapshot.terms, snapshot.stored[mine], snapshot.heat[mine]
+    )
     return Energies(kinetic, stored, heat, damping, external, internal)

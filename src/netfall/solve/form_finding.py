@@ -61,8 +61,13 @@ def force_density_form(net: Net) -> np.ndarray:
     q = np.where(np.isfinite(net.force_density), net.force_density, net.prestress / net.lengths())
     start, end = net.elements.T
     n = net.n
-    matrix = coo_array((np.concatenate([q, q, -q, -q]), (np.concatenate([start, end, start, end]), np.concatenate([start, end, end, start]))),
-                       shape=(n, n)).tocsr()
+    matrix = coo_array(
+        (
+            np.concatenate([q, q, -q, -q]),
+            (np.concatenate([start, end, start, end]), np.concatenate([start, end, end, start])),
+        ),
+        shape=(n, n),
+    ).tocsr()
     x = net.x.copy()
     for k in range(3):
         free = np.flatnonzero(~net.fixed[:, k])
@@ -76,8 +81,10 @@ def force_density_form(net: Net) -> np.ndarray:
             x[free, k] = np.nan
     if not np.isfinite(x).all():
         p = int(np.flatnonzero(~np.isfinite(x).all(1))[0])
-        raise InputError(f"form finding by force density has no solution around node {net.node_id[p]}: "
-                         "give force densities (or prestress) that hold every free node")
+        raise InputError(
+            f"form finding by force density has no solution around node {net.node_id[p]}: "
+            "give force densities (or prestress) that hold every free node"
+        )
     return x
 
 
@@ -88,7 +95,11 @@ class _Elements:
         column = lambda name: distribution.elements(None if net is None else getattr(net, name))
         self.ends = distribution.piece.ends
         self.bar = column("bar").astype(np.uint8)
-        self.T0, self.q, EA = column("prestress"), column("force_density"), column("modulus") * column("section")
+        self.T0, self.q, EA = (
+            column("prestress"),
+            column("force_density"),
+            column("modulus") * column("section"),
+        )
         self.N, self.L = np.empty_like(EA), np.empty_like(EA)
         self.stiffness = np.zeros_like(EA)
         self.L_start = np.zeros_like(EA)
@@ -107,8 +118,16 @@ class _Elements:
         return self.stiffness + np.abs(self.N) / np.maximum(self.L, 1e-300)
 
 
-def find_form(comm: MPI.Comm, net: Net | None, distribution: Distribution, settings, halo: Halo, report, stop: StopRequest = NEVER,
-              resume: Relaxation | None = None) -> Form:
+def find_form(
+    comm: MPI.Comm,
+    net: Net | None,
+    distribution: Distribution,
+    settings,
+    halo: Halo,
+    report,
+    stop: StopRequest = NEVER,
+    resume: Relaxation | None = None,
+) -> Form:
     """The form of the net by the job's method. Collective. net : on rank 0, None elsewhere; stop, resume : as in `relax`."""
     x = distribution.particles(None if net is None else net.x)
     free = 1 - distribution.particles(None if net is None else net.fixed).astype(np.uint8)
@@ -125,10 +144,25 @@ def find_form(comm: MPI.Comm, net: Net | None, distribution: Distribution, setti
         add_tensions(x, elements.ends, N, elements.L_start, f)
         residual, reference = comm.allreduce(largest_residual(f, free, halo.n_owned), MPI.MAX), largest(N)
         if not residual <= settings.tolerance * reference:
-            raise DivergedError(f"form finding by force density: largest residual {residual:.3g} N, asked {settings.tolerance * reference:.3g} N; "
-                                "the densities are nearly singular")
+            raise DivergedError(
+                f"form finding by force density: largest residual {residual:.3g} N, asked {settings.tolerance * reference:.3g} N; "
+                "the densities are nearly singular"
+            )
         return Form(x, N, 1, residual, reference)
     reference = largest(elements.T0)
-    iterations, residual = relax(comm, halo, x, free, elements.ends, elements.forces, elements.bound,
-                                 settings.tolerance * reference, settings.max_iterations, "form finding", report, stop, resume)
+    iterations, residual = relax(
+        comm,
+        halo,
+        x,
+        free,
+        elements.ends,
+        elements.forces,
+        elements.bound,
+        settings.tolerance * reference,
+        settings.max_iterations,
+        "form finding",
+        report,
+        stop,
+        resume,
+    )
     return Form(x, elements.N, iterations, residual, reference)

@@ -40,18 +40,35 @@ def is_loose(state: State, p: int, e: int) -> bool:
 
     What it carries (cladding, a weight) falls off with the element that held it, or it would hang on a broken one for ever.
     """
-    return state.valence[p] == 1 and bool(state.free[p].all()) and bool(state.mass[p] - state.half_mass[e] <= ROUNDING * state.mass[p])
+    return (
+        state.valence[p] == 1
+        and bool(state.free[p].all())
+        and bool(state.mass[p] - state.half_mass[e] <= ROUNDING * state.mass[p])
+    )
 
 
-def split_particles(state: State, count: int, step: int, n: int, element_gid: np.ndarray, self_weight: bool, carried_weight: bool,
-                    wind_stays: bool, dt: float, stable_dt: float) -> list[Event]:
+def split_particles(
+    state: State,
+    count: int,
+    step: int,
+    n: int,
+    element_gid: np.ndarray,
+    self_weight: bool,
+    carried_weight: bool,
+    wind_stays: bool,
+    dt: float,
+    stable_dt: float,
+) -> list[Event]:
     """Part the `count` elements in state.pending; the events at particles that this rank owns.
 
     n : particles of the net; self_weight, carried_weight : whether the elements' own mass and what the particles carry have weight
     dt : [s] length of the step that was taken since x(n), for the strain that is reported; stable_dt : [s] for which fragments are stable
     """
     elements = sorted(state.pending[:count].tolist())
-    decisions = [(e, [(end, is_loose(state, state.ends[e, end], e)) for end in parting_ends(state, e)]) for e in elements]
+    decisions = [
+        (e, [(end, is_loose(state, state.ends[e, end], e)) for end in parting_ends(state, e)])
+        for e in elements
+    ]
     state.reserve(2 * count)
     events = []
     for e, parting in decisions:
@@ -76,7 +93,16 @@ def split_particles(state: State, count: int, step: int, n: int, element_gid: np
             if state.own(p):
                 if state.wind is not None and not wind_stays:
                     state.wind[p] = 0.0
-                events.append(Event(step, int(element_gid[e]), int(state.gid[p]), number, strain, 0.0 if loose else float(mass)))
+                events.append(
+                    Event(
+                        step,
+                        int(element_gid[e]),
+                        int(state.gid[p]),
+                        number,
+                        strain,
+                        0.0 if loose else float(mass),
+                    )
+                )
         if split:
             state.owned[e] = kept
             if not kept:
@@ -84,7 +110,9 @@ def split_particles(state: State, count: int, step: int, n: int, element_gid: np
     return events
 
 
-def take_out(state: State, count: int, step: int, element_gid: np.ndarray, wind_stays: bool, dt: float) -> list[Event]:
+def take_out(
+    state: State, count: int, step: int, element_gid: np.ndarray, wind_stays: bool, dt: float
+) -> list[Event]:
     """Take the `count` elements in state.pending out of the net; the events at particles that this rank owns. Arguments as of `split_particles`."""
     elements = sorted(state.pending[:count].tolist())
     decisions = [(e, parting_ends(state, e)) for e in elements]
@@ -109,7 +137,12 @@ def _dissipate(state: State, e: int, dt: float) -> None:
     """Count the energy that is stored in element e as dissipated: that half a drift ago, up to where its forces have done work."""
     a, b = state.ends[e]
     d = (state.x[b] - 0.5 * dt * state.v[b]) - (state.x[a] - 0.5 * dt * state.v[a])
-    EA, L0, logarithmic, bar = float(state.EA[e]), float(state.L0[e]), state.scene.logarithmic, bool(state.bar[e])
+    EA, L0, logarithmic, bar = (
+        float(state.EA[e]),
+        float(state.L0[e]),
+        state.scene.logarithmic,
+        bool(state.bar[e]),
+    )
     eps = strain.py_func(float(np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])), L0, logarithmic)
     if state.yield_force is None:
         N, eps_p = elastic_force.py_func(eps, EA, bar), 0.0

@@ -133,7 +133,9 @@ def relax(
             if residual <= tolerance:
                 return iteration, residual
             if not np.isfinite(residual):
-                raise DivergedError(f"{what}: the residual is no number after {iteration} iterations; check the net's geometry and sections")
+                raise DivergedError(
+                    f"{what}: the residual is no number after {iteration} iterations; check the net's geometry and sections"
+                )
             report(iteration, residual)
             if stopping:
                 raise Paused(Relaxation(iteration, previous, rested, x, v, mass))
@@ -153,8 +155,10 @@ def relax(
         if rested:
             return_to_peak(x, v, f, mass, free)
             previous = 0.0
-    raise DivergedError(f"{what}: not in equilibrium after {max_iterations} iterations: largest residual {residual:.3g} N, "
-                        f"asked {tolerance:.3g} N; raise max_iterations or tolerance, or look for a mechanism")
+    raise DivergedError(
+        f"{what}: not in equilibrium after {max_iterations} iterations: largest residual {residual:.3g} N, "
+        f"asked {tolerance:.3g} N; raise max_iterations or tolerance, or look for a mechanism"
+    )
 
 
 def net_forces(state: State, share: float):

@@ -39,23 +39,47 @@ class Saver:
         if simulation.wind:
             wind = simulation.wind.record()
             record["wind"] = {"k": wind["k"], "step": wind["history"].get("step")}
-            arrays = {f"{PREFIX}time": wind["time"], f"{PREFIX}gust": wind["gust"], f"{PREFIX}past": wind["history"].get("past", np.zeros(0))}
+            arrays = {
+                f"{PREFIX}time": wind["time"],
+                f"{PREFIX}gust": wind["gust"],
+                f"{PREFIX}past": wind["history"].get("past", np.zeros(0)),
+            }
         return self._write("dynamics", simulation.n, simulation.state, simulation.result, record, arrays)
 
     def pause_statics(self, result: Result, pause: Paused) -> Path:
         """Write a checkpoint of the static stage where its relaxation was paused; its path. Collective."""
         self.statics = pause.path
         record, arrays = relaxation_record(result.distribution, pause.at)
-        return self._write("statics", sum(pause.path.iterations) + pause.at.iteration, self.roof.state, result, record, arrays)
+        return self._write(
+            "statics",
+            sum(pause.path.iterations) + pause.at.iteration,
+            self.roof.state,
+            result,
+            record,
+            arrays,
+        )
 
-    def _write(self, stage: str, step: int, state: State, result: Result, own_record: dict, own_arrays: dict) -> Path:
+    def _write(
+        self, stage: str, step: int, state: State, result: Result, own_record: dict, own_arrays: dict
+    ) -> Path:
         rows = result.cut()
         path = checkpoint_path(result.path, stage, step)
         record, arrays = result.record()
-        record |= {"job": self.roof.digest, "name": self.job.title or self.job.name, "stage": stage, "result": result.path.name, "rows": rows,
-                   "residual": self.roof.residual, "statics": asdict(self.statics) if self.statics else None} | own_record
+        record |= {
+            "job": self.roof.digest,
+            "name": self.job.title or self.job.name,
+            "stage": stage,
+            "result": result.path.name,
+            "rows": rows,
+            "residual": self.roof.residual,
+            "statics": asdict(self.statics) if self.statics else None,
+        } | own_record
         if self.roof.form:
-            record["form"] = {"iterations": self.roof.form.iterations, "residual": self.roof.form.residual, "reference": self.roof.form.reference}
+            record["form"] = {
+                "iterations": self.roof.form.iterations,
+                "residual": self.roof.form.residual,
+                "reference": self.roof.form.reference,
+            }
         if self.roof.whole:
             arrays |= {"x": self.roof.whole.x, "N": self.roof.whole.N}
         write_checkpoint(self.comm, path, state, result, record, arrays | own_arrays)
@@ -72,7 +96,9 @@ def interrupted(when: str, path: Path) -> Interrupted:
     return Interrupted(f"interrupted {when}; resume with --restart {path}")
 
 
-def pause_form_finding(job: Job, result_path: Path, digest: str, distribution: Distribution, pause: Paused) -> Path:
+def pause_form_finding(
+    job: Job, result_path: Path, digest: str, distribution: Distribution, pause: Paused
+) -> Path:
     """Write a checkpoint of the form finding where it was paused; its path. Collective."""
     path = checkpoint_path(result_path, "form finding", pause.at.iteration)
     record, arrays = relaxation_record(distribution, pause.at)
@@ -84,7 +110,9 @@ def pause_form_finding(job: Job, result_path: Path, digest: str, distribution: D
 def relaxation_record(distribution: Distribution, at: Relaxation) -> tuple[dict, dict[str, np.ndarray]]:
     """A relaxation as small values and, on rank 0, global arrays, for `restore_relaxation`. Collective."""
     arrays = {f"relax_{name}": distribution.gather_particles(getattr(at, name)) for name in RELAXED}
-    return {"relax": {"iteration": at.iteration, "previous": at.previous, "rested": bool(at.rested)}}, arrays if distribution.comm.rank == 0 else {}
+    return {
+        "relax": {"iteration": at.iteration, "previous": at.previous, "rested": bool(at.rested)}
+    }, arrays if distribution.comm.rank == 0 else {}
 
 
 def restore_relaxation(distribution: Distribution, checkpoint: Checkpoint | None) -> Relaxation | None:
@@ -92,7 +120,13 @@ def restore_relaxation(distribution: Distribution, checkpoint: Checkpoint | None
     record = distribution.comm.bcast(checkpoint and checkpoint.record.get("relax"))
     if record is None:
         return None
-    return Relaxation(**record, **{name: distribution.particles(checkpoint and checkpoint.arrays[f"relax_{name}"]) for name in RELAXED})
+    return Relaxation(
+        **record,
+        **{
+            name: distribution.particles(checkpoint and checkpoint.arrays[f"relax_{name}"])
+            for name in RELAXED
+        },
+    )
 
 
 def restored_form(record: dict) -> Form | None:
@@ -115,7 +149,9 @@ def restore_state(distribution: Distribution, state: State, checkpoint: Checkpoi
         rows = distribution.particles(checkpoint.particles[field.name][:n] if checkpoint else None)
         getattr(state, field.name)[: state.n_local] = rows.reshape(len(rows), *field.tail)
     for field in kept_fields(state, "element"):
-        getattr(state, field.name)[:] = distribution.elements(checkpoint.elements[field.name] if checkpoint else None)
+        getattr(state, field.name)[:] = distribution.elements(
+            checkpoint.elements[field.name] if checkpoint else None
+        )
     if not state.scene.fragments:
         state.EA[state.broken == 1] = 0.0
     ends = distribution.elements(checkpoint.elements["ends"] if checkpoint else None)
@@ -144,8 +180,14 @@ def _split_numbers(checkpoint: Checkpoint) -> np.ndarray:
 
 def restore_result(comm: MPI.Comm, result: Result, checkpoint: Checkpoint | None, digest: str) -> None:
     """The result file's parts so far, and what was kept of it in memory. Collective."""
-    record, arrays = comm.bcast((checkpoint.record, {k: v for k, v in checkpoint.arrays.items() if k.startswith(("events_", "history", "probes"))})
-                                if checkpoint else None)
+    record, arrays = comm.bcast(
+        (
+            checkpoint.record,
+            {k: v for k, v in checkpoint.arrays.items() if k.startswith(("events_", "history", "probes"))},
+        )
+        if checkpoint
+        else None
+    )
 
     def segments():
         folder = checkpoint.path.parent
@@ -159,7 +201,18 @@ def restore_result(comm: MPI.Comm, result: Result, checkpoint: Checkpoint | None
 
 def restore_wind(comm: MPI.Comm, wind, state: State, checkpoint: Checkpoint | None) -> None:
     """The wind's samples and, on rank 0, the recursion that makes the next ones. Collective."""
-    record = comm.bcast({"k": checkpoint.record["wind"]["k"], "time": checkpoint.arrays[f"{PREFIX}time"], "gust": checkpoint.arrays[f"{PREFIX}gust"]}
-                        if checkpoint else None)
-    record["history"] = {"past": checkpoint.arrays[f"{PREFIX}past"], "step": checkpoint.record["wind"]["step"]} if checkpoint else {}
+    record = comm.bcast(
+        {
+            "k": checkpoint.record["wind"]["k"],
+            "time": checkpoint.arrays[f"{PREFIX}time"],
+            "gust": checkpoint.arrays[f"{PREFIX}gust"],
+        }
+        if checkpoint
+        else None
+    )
+    record["history"] = (
+        {"past": checkpoint.arrays[f"{PREFIX}past"], "step": checkpoint.record["wind"]["step"]}
+        if checkpoint
+        else {}
+    )
     wind.restore(state, record)

@@ -60,7 +60,10 @@ class Phases:
         if self.of_steps is not None:
             mine |= dict(zip(STEP_PHASES, self.of_steps.tolist()))
         every = comm.allgather(mine)
-        return {name: np.array([f([other.get(name, 0.0) for other in every]) for f in (min, np.mean, max)]) for name in mine}
+        return {
+            name: np.array([f([other.get(name, 0.0) for other in every]) for f in (min, np.mean, max)])
+            for name in mine
+        }
 
 
 @dataclass
@@ -103,8 +106,20 @@ class Roof:
 def job_digest(job: Job, net: Net) -> str:
     """Fingerprint of a job and of the net that its tables gave."""
     total = hashlib.sha256(job.digest().encode())
-    for values in (net.x, net.fixed, net.elements, net.load, net.mass, net.area, net.section, net.modulus, net.density, net.prestress,
-                   net.force_density, net.unstressed_length):
+    for values in (
+        net.x,
+        net.fixed,
+        net.elements,
+        net.load,
+        net.mass,
+        net.area,
+        net.section,
+        net.modulus,
+        net.density,
+        net.prestress,
+        net.force_density,
+        net.unstressed_length,
+    ):
         total.update(np.ascontiguousarray(values).tobytes())
     return total.hexdigest()
 
@@ -112,9 +127,18 @@ def job_digest(job: Job, net: Net) -> str:
 def scene_of(job: Job, net: Net) -> Scene:
     """What the scene has, as the job names it."""
     differ = lambda values: bool((values != values[:1]).any())
-    return Scene(precision=job.dynamics.precision if job.dynamics else "double", fragments=not job.dynamics or job.dynamics.fragments, plastic=bool(np.isfinite(net.yield_stress).any()), fracture=bool(np.isfinite(net.fracture_strain).any()),
-                 wind=job.wind is not None, logarithmic=job.cable.strain == "logarithmic", bars=bool(net.bar.any()), part_held=bool((net.fixed.any(1) & ~net.fixed.all(1)).any()),
-                 sections=differ(net.modulus * net.section) or differ(net.yield_stress * net.section), energy=job.output.energy)
+    return Scene(
+        precision=job.dynamics.precision if job.dynamics else "double",
+        fragments=not job.dynamics or job.dynamics.fragments,
+        plastic=bool(np.isfinite(net.yield_stress).any()),
+        fracture=bool(np.isfinite(net.fracture_strain).any()),
+        wind=job.wind is not None,
+        logarithmic=job.cable.strain == "logarithmic",
+        bars=bool(net.bar.any()),
+        part_held=bool((net.fixed.any(1) & ~net.fixed.all(1)).any()),
+        sections=differ(net.modulus * net.section) or differ(net.yield_stress * net.section),
+        energy=job.output.energy,
+    )
 
 
 def make_whole(job: Job, ranks: int) -> Whole:
@@ -134,8 +158,15 @@ def make_whole(job: Job, ranks: int) -> Whole:
     return whole
 
 
-def prepare(comm: MPI.Comm, job: Job, phases: Phases, report: Callable = lambda iteration, residual: None, result: Path | None = None,
-            restart: Path | None = None, stop: StopRequest = NEVER) -> Roof:
+def prepare(
+    comm: MPI.Comm,
+    job: Job,
+    phases: Phases,
+    report: Callable = lambda iteration, residual: None,
+    result: Path | None = None,
+    restart: Path | None = None,
+    stop: StopRequest = NEVER,
+) -> Roof:
     """The roof in its initial state: form found, prestressed, loaded. Collective.
 
     result : path of the result file, beside which a form finding that is stopped leaves a checkpoint; restart : the checkpoint to go on from
@@ -147,7 +178,9 @@ def prepare(comm: MPI.Comm, job: Job, phases: Phases, report: Callable = lambda 
             wake()  # while rank 0 reads the net
         whole = on_root(comm, lambda: make_whole(job, comm.size))
         n, m, scene = comm.bcast((whole.net.n, whole.net.m, scene_of(job, whole.net)) if whole else None)
-        distribution = Distribution(comm, n, m, on_root(comm, lambda: cut_net(n, whole.net.elements, whole.part, comm.size)))
+        distribution = Distribution(
+            comm, n, m, on_root(comm, lambda: cut_net(n, whole.net.elements, whole.part, comm.size))
+        )
         halo = Halo(comm, distribution.piece, 3)
     net = whole.net if whole else None
     form = None
@@ -157,12 +190,29 @@ def prepare(comm: MPI.Comm, job: Job, phases: Phases, report: Callable = lambda 
     with phases.phase("form finding"):
         if stage in ("statics", "dynamics"):
             form = comm.bcast(checkpoint and restored_form(checkpoint.record))
-            on_root(comm, lambda: _set_initial(job, whole, checkpoint.arrays["x"], checkpoint.arrays["N"] if job.form_finding else None))
+            on_root(
+                comm,
+                lambda: _set_initial(
+                    job, whole, checkpoint.arrays["x"], checkpoint.arrays["N"] if job.form_finding else None
+                ),
+            )
         elif job.form_finding is not None:
             try:
-                form = find_form(comm, net, distribution, job.form_finding, halo, report, stop, restore_relaxation(distribution, checkpoint))
+                form = find_form(
+                    comm,
+                    net,
+                    distribution,
+                    job.form_finding,
+                    halo,
+                    report,
+                    stop,
+                    restore_relaxation(distribution, checkpoint),
+                )
             except Paused as pause:
-                raise interrupted(f"in form finding, iteration {pause.at.iteration}", pause_form_finding(job, result, digest, distribution, pause)) from None
+                raise interrupted(
+                    f"in form finding, iteration {pause.at.iteration}",
+                    pause_form_finding(job, result, digest, distribution, pause),
+                ) from None
             x, N = distribution.gather_particles(form.x), distribution.gather_elements(form.N)
             on_root(comm, lambda: _set_initial(job, whole, x, N))
         else:
@@ -172,13 +222,19 @@ def prepare(comm: MPI.Comm, job: Job, phases: Phases, report: Callable = lambda 
         residual = state_residual(comm, state, 0.0)
         reference = comm.bcast(float(np.abs(whole.N).max(initial=0.0)) if whole else None)
         if form is not None and not residual <= 1.001 * job.form_finding.tolerance * form.reference:
-            raise InputError(f"{job.path}: [form_finding] tolerance = {job.form_finding.tolerance:g}: the prestressed net with the real material has a "
-                             f"residual of {residual / form.reference:.3g} of the prestress; expected a tolerance that rounding allows")
-        limits = comm.bcast(step_limits(whole, scene, job.dynamics.fragment_mass if job.dynamics else 0.0) if whole else None)
+            raise InputError(
+                f"{job.path}: [form_finding] tolerance = {job.form_finding.tolerance:g}: the prestressed net with the real material has a "
+                f"residual of {residual / form.reference:.3g} of the prestress; expected a tolerance that rounding allows"
+            )
+        limits = comm.bcast(
+            step_limits(whole, scene, job.dynamics.fragment_mass if job.dynamics else 0.0) if whole else None
+        )
         asked = job.dynamics.time_step if job.dynamics else "auto"
         if job.dynamics and (m <= LARGEST_SHARP or asked != "auto" and asked > limits["any_shape"].dt):
             limits["assembled"] = assembled_limit(comm, state, distribution.piece.element_gid, halo)
-    return Roof(whole, distribution, state, halo, form, residual, reference, limits, digest, stage, checkpoint)
+    return Roof(
+        whole, distribution, state, halo, form, residual, reference, limits, digest, stage, checkpoint
+    )
 
 
 def _set_initial(job: Job, whole: Whole, x: np.ndarray, N: np.ndarray | None) -> None:
@@ -226,8 +282,10 @@ def _check_normals(job: Job, whole: Whole, normal: np.ndarray) -> None:
     along = job.wind is not None or job.load is not None and isinstance(job.load.pressure, (int, float))
     bare = (whole.area > 0) & ~normal.any(1) & ~whole.net.fixed.all(1)
     if along and bare.any():
-        raise InputError(f"{job.path}: {int(bare.sum())} free nodes with a roof area meet no closed face in plan, so wind and pressure have no normal "
-                         f"to act along (first: node {whole.net.node_id[bare][0]}); close the faces with elements, or give pressure as [x, y, z]")
+        raise InputError(
+            f"{job.path}: {int(bare.sum())} free nodes with a roof area meet no closed face in plan, so wind and pressure have no normal "
+            f"to act along (first: node {whole.net.node_id[bare][0]}); close the faces with elements, or give pressure as [x, y, z]"
+        )
 
 
 def _check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
@@ -235,20 +293,28 @@ def _check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
     wrong = np.flatnonzero((N < 0) & ~net.bar)
     if len(wrong):
         e = wrong[0]
-        errors.append(f"{job.path}: element {net.element_id[e]}: its axial force is {N[e]:.4g} N in the initial state: a cable carries no compression; "
-                      'give its group kind = "bar"')
+        errors.append(
+            f"{job.path}: element {net.element_id[e]}: its axial force is {N[e]:.4g} N in the initial state: a cable carries no compression; "
+            'give its group kind = "bar"'
+        )
     over = np.flatnonzero(np.abs(N) > net.yield_stress * net.section)
     if len(over):
         e = over[0]
-        errors.append(f"{job.path}: element {net.element_id[e]}: its axial force is {N[e]:.4g} N in the initial state, above the yield force "
-                      f"{net.yield_stress[e] * net.section[e]:.4g} N; lower the prestress or choose a larger area")
+        errors.append(
+            f"{job.path}: element {net.element_id[e]}: its axial force is {N[e]:.4g} N in the initial state, above the yield force "
+            f"{net.yield_stress[e] * net.section[e]:.4g} N; lower the prestress or choose a larger area"
+        )
     over = np.flatnonzero(1.0 + N / (net.modulus * net.section) <= 0)
     if len(over):
         e = over[0]
-        errors.append(f"{job.path}: element {net.element_id[e]}: its axial force {N[e]:.4g} N is beyond its stiffness EA; choose a larger area")
+        errors.append(
+            f"{job.path}: element {net.element_id[e]}: its axial force {N[e]:.4g} N is beyond its stiffness EA; choose a larger area"
+        )
     short = np.flatnonzero(~(L > 0))
     if len(short):
-        errors.append(f"{job.path}: element {net.element_id[short[0]]} has no length in the form that was found; choose other prestresses")
+        errors.append(
+            f"{job.path}: element {net.element_id[short[0]]} has no length in the form that was found; choose other prestresses"
+        )
     if errors:
         raise InputError(errors)
 
@@ -256,7 +322,13 @@ def _check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
 def make_state(distribution: Distribution, whole: Whole | None, scene: Scene) -> State:
     """The state of one rank from the global arrays of rank 0. Collective."""
     piece = distribution.piece
-    state = State(scene, piece.n_owned, piece.n_halo, len(piece.element_gid), int(np.bincount(piece.ends.ravel()).max(initial=0)))
+    state = State(
+        scene,
+        piece.n_owned,
+        piece.n_halo,
+        len(piece.element_gid),
+        int(np.bincount(piece.ends.ravel()).max(initial=0)),
+    )
     net = whole.net if whole else None
     particles = lambda get: distribution.particles(None if whole is None else get())
     elements = lambda get: distribution.elements(None if whole is None else get())
@@ -283,12 +355,32 @@ def step_limits(whole: Whole, scene: Scene, fragment_mass: float) -> dict[str, L
     """Limits of the explicit step that hold whatever the roof does, by name. Rank 0."""
     net = whole.net
     half = 0.5 * net.density * net.section * whole.L0
-    limits = any_shape_limits(net.elements, net.modulus * net.section, whole.L0, whole.mass, ~net.fixed.all(1), net.bar)
+    limits = any_shape_limits(
+        net.elements, net.modulus * net.section, whole.L0, whole.mass, ~net.fixed.all(1), net.bar
+    )
     if scene.fracture and scene.fragments:
-        limits.append(after_fracture_limit(net.elements, net.modulus * net.section, whole.L0, half, whole.mass, net.fixed.all(1), net.fracture_strain, fragment_mass))
+        limits.append(
+            after_fracture_limit(
+                net.elements,
+                net.modulus * net.section,
+                whole.L0,
+                half,
+                whole.mass,
+                net.fixed.all(1),
+                net.fracture_strain,
+                fragment_mass,
+            )
+        )
     return {limit.name: limit for limit in limits}
 
 
 def governing(limits: dict[str, Limit], automatic: bool) -> Limit:
     """The limit that the step must keep whatever the roof does, and one that is chosen here also for the sake of slack cables."""
-    return min((limit for limit in limits.values() if limit.name != "assembled" and (automatic or limit.name != "slackening")), key=lambda limit: limit.dt)
+    return min(
+        (
+            limit
+            for limit in limits.values()
+            if limit.name != "assembled" and (automatic or limit.name != "slackening")
+        ),
+        key=lambda limit: limit.dt,
+    )

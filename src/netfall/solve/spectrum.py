@@ -36,23 +36,27 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
         return force[owned] * root[owned]
 
     number = 3 * s.gid[owned, None] + np.arange(3)
-    start = np.where(moves[owned], ((number * 2654435761) % 2**32) / 2.0**32 - 0.5, 0.0)  # any vector that depends on the number alone
-    size, = exact_sums(comm, start * start)
+    start = np.where(
+        moves[owned], ((number * 2654435761) % 2**32) / 2.0**32 - 0.5, 0.0
+    )  # any vector that depends on the number alone
+    (size,) = exact_sums(comm, start * start)
     if not size > 0.0:
         return Limit("assembled", np.inf, -1)
     diagonal, beside = [], [np.sqrt(size)]
     before, v = np.zeros_like(start), start / beside[0]
     while True:
         w = apply(v) - (beside[-1] if len(diagonal) else 0.0) * before
-        a, = exact_sums(comm, w * v)
+        (a,) = exact_sums(comm, w * v)
         w -= a * v
-        b2, = exact_sums(comm, w * w)
+        (b2,) = exact_sums(comm, w * w)
         diagonal.append(a)
         beside.append(np.sqrt(b2))
         j = len(diagonal)
         ended = beside[-1] <= 1e-9 * max(np.abs(diagonal))  # the vectors span all that there is
         if j % EACH == 0 or ended or j == MOST:
-            values, vectors = np.linalg.eigh(np.diag(diagonal) + np.diag(beside[1:j], 1) + np.diag(beside[1:j], -1))
+            values, vectors = np.linalg.eigh(
+                np.diag(diagonal) + np.diag(beside[1:j], 1) + np.diag(beside[1:j], -1)
+            )
             missing = 0.0 if ended else beside[-1] * abs(vectors[-1, -1])
             if ended or missing <= CLOSE * values[-1] or j == MOST:
                 break

@@ -25,8 +25,17 @@ class StaticPath:
     iterations: list[int] = field(default_factory=list)
 
 
-def find_equilibrium(comm: MPI.Comm, state: State, settings, halo: Halo, result: Result, progress, stop: StopRequest, path: StaticPath | None,
-                     resume: Relaxation | None) -> StaticPath:
+def find_equilibrium(
+    comm: MPI.Comm,
+    state: State,
+    settings,
+    halo: Halo,
+    result: Result,
+    progress,
+    stop: StopRequest,
+    path: StaticPath | None,
+    resume: Relaxation | None,
+) -> StaticPath:
     """Bring the state to equilibrium under its load in equal steps. Collective.
 
     path, resume : how far an earlier run came, and where within the load step after that; None: from the start
@@ -35,7 +44,11 @@ def find_equilibrium(comm: MPI.Comm, state: State, settings, halo: Halo, result:
     """
     if path is None:
         N = state.elements_now()[0]
-        path = StaticPath(comm.allreduce(max(np.abs(N).max(initial=0.0), np.abs(state.load[: state.n_owned]).max(initial=0.0)), MPI.MAX))
+        path = StaticPath(
+            comm.allreduce(
+                max(np.abs(N).max(initial=0.0), np.abs(state.load[: state.n_owned]).max(initial=0.0)), MPI.MAX
+            )
+        )
     progress.start()
 
     def bound(x):
@@ -45,8 +58,20 @@ def find_equilibrium(comm: MPI.Comm, state: State, settings, halo: Halo, result:
     for step in range(len(path.load_factor) + 1, settings.steps + 1):
         share = step / settings.steps
         try:
-            iterations, residual = relax(comm, halo, state.x, state.free, state.ends, net_forces(state, share), bound, settings.tolerance * path.reference,
-                                         settings.max_iterations, f"static load step {step} of {settings.steps}", stop=stop, resume=resume)
+            iterations, residual = relax(
+                comm,
+                halo,
+                state.x,
+                state.free,
+                state.ends,
+                net_forces(state, share),
+                bound,
+                settings.tolerance * path.reference,
+                settings.max_iterations,
+                f"static load step {step} of {settings.steps}",
+                stop=stop,
+                resume=resume,
+            )
         except Paused as pause:
             pause.path = path
             raise
@@ -72,5 +97,7 @@ def _stop_at_fracture(comm, state, snapshot, share, result):
     over = result.distribution.piece.element_gid[snapshot.eps > state.eps_u]
     first = comm.allreduce(int(over.min()) if len(over) else np.iinfo(np.int64).max, MPI.MIN)
     if first < np.iinfo(np.int64).max:
-        raise DivergedError(f"the static load breaks element {first} at load factor {share:.4g}: there is no static equilibrium to start from; "
-                            "lower the load, or set steps = 0 to let it act at once in the dynamic stage")
+        raise DivergedError(
+            f"the static load breaks element {first} at load factor {share:.4g}: there is no static equilibrium to start from; "
+            "lower the load, or set steps = 0 to let it act at once in the dynamic stage"
+        )

@@ -13,11 +13,26 @@ import numpy as np
 
 from netfall.mechanics.compile import kernel, vector_kernel
 from netfall.mechanics.arithmetic import like
-from netfall.mechanics.kernels import FEWEST, SLOTS, Runs, count_near, find_runs, flow, inverse_mass, kick, kick_factors, kick_rows
+from netfall.mechanics.kernels import (
+    FEWEST,
+    SLOTS,
+    Runs,
+    count_near,
+    find_runs,
+    flow,
+    inverse_mass,
+    kick,
+    kick_factors,
+    kick_rows,
+)
 from netfall.mechanics.state import STEPPED, State
 from netfall.parallel.halo import Halo, lap, open_box, send_box, wait_for_boxes
 
-FORCES, EXCHANGE, INTEGRATION = 0, 1, 2  # what the time of a step goes into; the kick counts with the forces, whose loop it shares
+FORCES, EXCHANGE, INTEGRATION = (
+    0,
+    1,
+    2,
+)  # what the time of a step goes into; the kick counts with the forces, whose loop it shares
 CHUNK = 2048  # particles, 300 KB; fewer end the runs too often, more leave the second cache
 
 
@@ -62,11 +77,77 @@ def move_halo(first, last, kick_dt, dt, zeta, x, x_rounded, v, f, per_mass, free
 
 
 @kernel
-def time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, n_owned, n_halo, chunk_low, chunk_high, chunk_width, last_use, splits, boundary, has_flowed,
-              runs, f_rest, near_rest, x, x_start, x_rounded, v, f, xs, xs_rounded, xs_read, vs, fs, f_chunk, near_of, per_mass, free, frees, mass, stepped_mass, loads, work_ext, work_int, work_damp, winds, speed_before,
-              speed_after, valence, ends, L0, EA, logarithmic, bar, yield_force, eps_p, dissipated, eps_u, pending,
-              other, start, inv_L0, slot_element, the_EA, slot_EA, measure, slot_bar, the_yield, slot_yield, slot_eps_p, reach,
-              send_index, mail, seconds):
+def time_loop(
+    first,
+    steps,
+    before_dt,
+    dt,
+    zeta,
+    wind_time,
+    wind_dt,
+    n_owned,
+    n_halo,
+    chunk_low,
+    chunk_high,
+    chunk_width,
+    last_use,
+    splits,
+    boundary,
+    has_flowed,
+    runs,
+    f_rest,
+    near_rest,
+    x,
+    x_start,
+    x_rounded,
+    v,
+    f,
+    xs,
+    xs_rounded,
+    xs_read,
+    vs,
+    fs,
+    f_chunk,
+    near_of,
+    per_mass,
+    free,
+    frees,
+    mass,
+    stepped_mass,
+    loads,
+    work_ext,
+    work_int,
+    work_damp,
+    winds,
+    speed_before,
+    speed_after,
+    valence,
+    ends,
+    L0,
+    EA,
+    logarithmic,
+    bar,
+    yield_force,
+    eps_p,
+    dissipated,
+    eps_u,
+    pending,
+    other,
+    start,
+    inv_L0,
+    slot_element,
+    the_EA,
+    slot_EA,
+    measure,
+    slot_bar,
+    the_yield,
+    slot_yield,
+    slot_eps_p,
+    reach,
+    send_index,
+    mail,
+    seconds,
+):
     """Up to `steps` steps of length dt [s]; steps done, elements that reached their fracture strain, MPI error.
 
     first : number of the first step, at time first * dt; before_dt : length of the step before it, 0 at the start
@@ -79,27 +160,120 @@ def time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, n_owned, n_
     for s in range(steps):
         kick_dt = 0.5 * (before_dt + dt)
         before_dt = dt
-        share = ((first + s) * dt - wind_time) / wind_dt  # of the step's number alone, wherever the loop was entered
+        share = (
+            (first + s) * dt - wind_time
+        ) / wind_dt  # of the step's number alone, wherever the loop was entered
         count, error, drifted, box = 0, 0, splits, open_box(mail)
         mark = lap(seconds, -1, 0.0)
         for c in range(chunk_low.shape[0]):
             low, high, width = chunk_low[c], chunk_high[c], chunk_width[c]
             if has_flowed[c]:
-                kick_rows(c, low, width, runs, f_rest, near_rest, kick_dt, zeta, share, xs_read, vs, f_chunk,
-                          near_of, per_mass, frees, stepped_mass, loads, work_ext, work_int, work_damp, winds, speed_before, speed_after,
-                          other, start, inv_L0, the_EA, slot_EA, measure, slot_bar, the_yield, slot_yield, slot_eps_p, reach)
+                kick_rows(
+                    c,
+                    low,
+                    width,
+                    runs,
+                    f_rest,
+                    near_rest,
+                    kick_dt,
+                    zeta,
+                    share,
+                    xs_read,
+                    vs,
+                    f_chunk,
+                    near_of,
+                    per_mass,
+                    frees,
+                    stepped_mass,
+                    loads,
+                    work_ext,
+                    work_int,
+                    work_damp,
+                    winds,
+                    speed_before,
+                    speed_after,
+                    other,
+                    start,
+                    inv_L0,
+                    the_EA,
+                    slot_EA,
+                    measure,
+                    slot_bar,
+                    the_yield,
+                    slot_yield,
+                    slot_eps_p,
+                    reach,
+                )
             else:  # the same without plastic strains, which would be zero
-                kick_rows(c, low, width, runs, f_rest, near_rest, kick_dt, zeta, share, xs_read, vs, f_chunk,
-                          near_of, per_mass, frees, stepped_mass, loads, work_ext, work_int, work_damp, winds, speed_before, speed_after,
-                          other, start, inv_L0, the_EA, slot_EA, measure, slot_bar, the_yield, slot_yield, None, reach)
+                kick_rows(
+                    c,
+                    low,
+                    width,
+                    runs,
+                    f_rest,
+                    near_rest,
+                    kick_dt,
+                    zeta,
+                    share,
+                    xs_read,
+                    vs,
+                    f_chunk,
+                    near_of,
+                    per_mass,
+                    frees,
+                    stepped_mass,
+                    loads,
+                    work_ext,
+                    work_int,
+                    work_damp,
+                    winds,
+                    speed_before,
+                    speed_after,
+                    other,
+                    start,
+                    inv_L0,
+                    the_EA,
+                    slot_EA,
+                    measure,
+                    slot_bar,
+                    the_yield,
+                    slot_yield,
+                    None,
+                    reach,
+                )
             near = 0
             if slot_element is not None:
                 near = count_near(near_of, high - low)
                 if near > 0:
-                    count, flowed = flow(low, high, width, n_owned, first_split, x, x_start, other, inv_L0, slot_element, slot_eps_p, ends, L0, EA, logarithmic, bar,
-                                         yield_force, eps_p, dissipated, eps_u, pending, count, near_of)
+                    count, flowed = flow(
+                        low,
+                        high,
+                        width,
+                        n_owned,
+                        first_split,
+                        x,
+                        x_start,
+                        other,
+                        inv_L0,
+                        slot_element,
+                        slot_eps_p,
+                        ends,
+                        L0,
+                        EA,
+                        logarithmic,
+                        bar,
+                        yield_force,
+                        eps_p,
+                        dissipated,
+                        eps_u,
+                        pending,
+                        count,
+                        near_of,
+                    )
                     has_flowed[c] |= flowed
-            if c < splits + boundary or near > 0:  # forces are kept where they are sent, or where something may break
+            if (
+                c < splits + boundary or near > 0
+            ):  # forces are kept where they are sent, or where something may break
                 keep_forces(low, high, f_chunk, fs)
             mark = lap(seconds, FORCES, mark)
             if c == splits + boundary - 1:
@@ -164,9 +338,15 @@ class Plan:
         self.owned_high = np.append(self.owned_low[1:], state.n_owned)[: len(self.owned_low)]
         number, lanes = state.scene.number, state.scene.lanes
         self.f_chunk, self.near_of = tuple(np.zeros((3, CHUNK), number(STEPPED))), np.zeros(CHUNK, np.int32)
-        self.f_rest, self.near_rest = tuple(np.zeros((3, CHUNK + lanes), number(STEPPED))), np.zeros(CHUNK + lanes, np.int32)
+        self.f_rest, self.near_rest = (
+            tuple(np.zeros((3, CHUNK + lanes), number(STEPPED))),
+            np.zeros(CHUNK + lanes, np.int32),
+        )
         valence = np.bincount(state.ends.ravel(), minlength=state.n_local)[: state.n_owned]
-        self.owned_width, self.owned_use = np.full(len(self.owned_low), SLOTS, np.int64), np.arange(len(self.owned_low))
+        self.owned_width, self.owned_use = (
+            np.full(len(self.owned_low), SLOTS, np.int64),
+            np.arange(len(self.owned_low)),
+        )
         chunk_of = lambda particles: np.searchsorted(self.owned_low, particles, side="right") - 1
         np.maximum.at(self.owned_width, chunk_of(np.arange(state.n_owned)), valence)
         chunk = chunk_of(state.ends[(state.ends < state.n_owned).all(1)])
@@ -187,10 +367,18 @@ class Plan:
         state.round_displacements()
         self.has_flowed = np.zeros(len(self.low), np.uint8)
         if state.slot_eps_p is not None:
-            self.has_flowed[:] = [state.slot_eps_p[:, low:high].any() for low, high in zip(self.low, self.high)]
+            self.has_flowed[:] = [
+                state.slot_eps_p[:, low:high].any() for low, high in zip(self.low, self.high)
+            ]
         chunks, n, lanes = len(self.low), state.n_local, state.scene.lanes
-        self.runs = Runs(lanes, np.zeros((chunks, 8), np.int64), np.zeros((n // lanes, 2 + SLOTS), np.int64), np.zeros((n // FEWEST, 4 + SLOTS), np.int64),
-                         np.zeros(n + lanes * chunks, np.uint32), np.zeros((n // lanes + chunks, 2), np.int64))
+        self.runs = Runs(
+            lanes,
+            np.zeros((chunks, 8), np.int64),
+            np.zeros((n // lanes, 2 + SLOTS), np.int64),
+            np.zeros((n // FEWEST, 4 + SLOTS), np.int64),
+            np.zeros(n + lanes * chunks, np.uint32),
+            np.zeros((n // lanes + chunks, 2), np.int64),
+        )
         find_runs(self.low, self.high, self.width, state.other, *self.runs)
         self.arguments = self._arguments(state)
 
@@ -199,20 +387,101 @@ class Plan:
         s = state
         axes = lambda array: (None, None, None) if array is None else tuple(array.T)
         the_EA = s.EA.max(initial=0.0) if s.slot_EA is None else 0.0
-        the_yield = None if s.yield_force is None else float(s.yield_force.max(initial=0.0)) if s.slot_yield is None else 0.0
+        the_yield = (
+            None
+            if s.yield_force is None
+            else float(s.yield_force.max(initial=0.0))
+            if s.slot_yield is None
+            else 0.0
+        )
         free = s.free if s.scene.part_held else None
         x, x_start = (s.u, s.x_start) if s.scene.displaced else (s.x, None)
         xs_rounded = None if s.u_rounded is None else axes(s.u_rounded)
         loads = axes(s.load) if s.load[:, :2].any() else (None, None, s.load[:, 2])
-        return (s.n_owned, s.n_halo, self.low, self.high, self.width, self.last_use, self.splits, self.boundary, self.has_flowed,
-                self.runs, self.f_rest, self.near_rest, x, x_start, s.u_rounded, s.v, s.f, axes(x), xs_rounded, xs_rounded or axes(x), axes(s.v), axes(s.f),
-                self.f_chunk, self.near_of if s.scene.inelastic else None, s.per_mass, free, axes(free), s.mass, s.mass if s.stepped_mass is None else s.stepped_mass,
-                loads, *axes(s.work if s.block_work is None else s.block_work), axes(s.wind), s.speed_before, s.speed_after,
-                s.valence, s.ends, s.L0, s.EA, s.scene.logarithmic, s.bar, s.yield_force, s.eps_p, s.dissipated, s.eps_u, s.pending,
-                s.other, s.start, s.inv_L0, s.slot_element, the_EA, s.slot_EA, s.scene.logarithmic or None, s.slot_bar, the_yield, s.slot_yield, s.slot_eps_p, s.reach)
+        return (
+            s.n_owned,
+            s.n_halo,
+            self.low,
+            self.high,
+            self.width,
+            self.last_use,
+            self.splits,
+            self.boundary,
+            self.has_flowed,
+            self.runs,
+            self.f_rest,
+            self.near_rest,
+            x,
+            x_start,
+            s.u_rounded,
+            s.v,
+            s.f,
+            axes(x),
+            xs_rounded,
+            xs_rounded or axes(x),
+            axes(s.v),
+            axes(s.f),
+            self.f_chunk,
+            self.near_of if s.scene.inelastic else None,
+            s.per_mass,
+            free,
+            axes(free),
+            s.mass,
+            s.mass if s.stepped_mass is None else s.stepped_mass,
+            loads,
+            *axes(s.work if s.block_work is None else s.block_work),
+            axes(s.wind),
+            s.speed_before,
+            s.speed_after,
+            s.valence,
+            s.ends,
+            s.L0,
+            s.EA,
+            s.scene.logarithmic,
+            s.bar,
+            s.yield_force,
+            s.eps_p,
+            s.dissipated,
+            s.eps_u,
+            s.pending,
+            s.other,
+            s.start,
+            s.inv_L0,
+            s.slot_element,
+            the_EA,
+            s.slot_EA,
+            s.scene.logarithmic or None,
+            s.slot_bar,
+            the_yield,
+            s.slot_yield,
+            s.slot_eps_p,
+            s.reach,
+        )
 
 
-def run_steps(halo: Halo, plan: Plan, first: int, steps: int, before_dt: float, dt: float, zeta: float, wind_time: float, wind_dt: float,
-              seconds: np.ndarray | None = None):
+def run_steps(
+    halo: Halo,
+    plan: Plan,
+    first: int,
+    steps: int,
+    before_dt: float,
+    dt: float,
+    zeta: float,
+    wind_time: float,
+    wind_dt: float,
+    seconds: np.ndarray | None = None,
+):
     """Advance the state that the plan is attached to by up to `steps` steps; as `time_loop`. Collective among neighbours."""
-    return time_loop(first, steps, before_dt, dt, zeta, wind_time, wind_dt, *plan.arguments, halo.send_index, halo.mail, seconds)
+    return time_loop(
+        first,
+        steps,
+        before_dt,
+        dt,
+        zeta,
+        wind_time,
+        wind_dt,
+        *plan.arguments,
+        halo.send_index,
+        halo.mail,
+        seconds,
+    )

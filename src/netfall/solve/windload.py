@@ -13,7 +13,9 @@ CHUNK = 64  # samples that rank 0 sends at once
 class WindLoad:
     """Advances the wind in time: rank 0 generates, every rank interpolates to its particles."""
 
-    def __init__(self, comm: MPI.Comm, distribution: Distribution, state: State, field: WindField | None, history):
+    def __init__(
+        self, comm: MPI.Comm, distribution: Distribution, state: State, field: WindField | None, history
+    ):
         """Collective. field, history : on rank 0. Sets the first two samples."""
         self.comm = comm
         self.history = history
@@ -25,8 +27,12 @@ class WindLoad:
 
     def record(self) -> dict:
         """What a continuation needs, for `restore`; the history's state on rank 0."""
-        return {"k": self.k, "time": np.array([t for t, _ in self.samples]), "gust": np.array([g for _, g in self.samples]),
-                "history": self.history.record() if self.history else {}}
+        return {
+            "k": self.k,
+            "time": np.array([t for t, _ in self.samples]),
+            "gust": np.array([g for _, g in self.samples]),
+            "history": self.history.record() if self.history else {},
+        }
 
     def restore(self, state: State, record: dict) -> None:
         """Take up the record of an earlier run."""

@@ -27,20 +27,35 @@ def default_launcher() -> str:
     return LAUNCHER.replace("mpirun", shlex.quote(found or "mpirun"), 1)
 
 
-def run_job_command(launcher: str, ranks: int, job: Path, output: Path, overrides: list[str], *options: str) -> None:
+def run_job_command(
+    launcher: str, ranks: int, job: Path, output: Path, overrides: list[str], *options: str
+) -> None:
     """`netfall run` on so many ranks; returns when the result is written.
 
     launcher : command with {ranks} in it
 
     Raises RunFailed if it does not end with exit code 0, with what it printed.
     """
-    command = [*shlex.split(launcher.format(ranks=ranks)), sys.executable, "-m", "netfall", "run", str(job), "-o", str(output), "--quiet", *options]
+    command = [
+        *shlex.split(launcher.format(ranks=ranks)),
+        sys.executable,
+        "-m",
+        "netfall",
+        "run",
+        str(job),
+        "-o",
+        str(output),
+        "--quiet",
+        *options,
+    ]
     for override in overrides:
         command += ["--set", override]
     try:
         ended = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
     except OSError as error:
-        raise InputError(f'--launcher "{launcher}": {error.strerror}: {error.filename}; give the command that starts MPI ranks here') from None
+        raise InputError(
+            f'--launcher "{launcher}": {error.strerror}: {error.filename}; give the command that starts MPI ranks here'
+        ) from None
     if ended.returncode:
         raise RunFailed(shlex.join(command), ended.returncode, ended.stderr or ended.stdout)
 
@@ -52,4 +67,6 @@ def check_launcher(launcher: str) -> None:
     except (ValueError, KeyError, IndexError):
         good = False
     if not good:
-        raise InputError(f'--launcher "{launcher}": expected a command with {{ranks}} in it, for example "srun -n {{ranks}}"')
+        raise InputError(
+            f'--launcher "{launcher}": expected a command with {{ranks}} in it, for example "srun -n {{ranks}}"'
+        )

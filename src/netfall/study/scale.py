@@ -18,8 +18,16 @@ from netfall.errors import InputError
 from netfall.job.read import Job, read_job
 from netfall.study.launch import check_launcher, run_job_command
 
-GROWING = {"saddle": ("side", "rise", "cells"), "stadium": ("length", "width", "arch_rise")}  # dimensions that grow with the root of the area
-PHASES = {"forces": "dynamics: forces and kick", "exchange": "dynamics: exchange", "drift": "dynamics: drift", "output": "dynamics: output"}
+GROWING = {
+    "saddle": ("side", "rise", "cells"),
+    "stadium": ("length", "width", "arch_rise"),
+}  # dimensions that grow with the root of the area
+PHASES = {
+    "forces": "dynamics: forces and kick",
+    "exchange": "dynamics: exchange",
+    "drift": "dynamics: drift",
+    "output": "dynamics: output",
+}
 
 
 @dataclass
@@ -39,18 +47,30 @@ class Timing:
         return self.elements * self.steps / self.dynamics
 
 
-def scale(path: Path, overrides: list[str], ranks: list[int], launcher: str, repeats: int, folder: Path, say: Callable[[str], None]) -> list[Path]:
+def scale(
+    path: Path,
+    overrides: list[str],
+    ranks: list[int],
+    launcher: str,
+    repeats: int,
+    folder: Path,
+    say: Callable[[str], None],
+) -> list[Path]:
     """Run the job on each number of ranks, print the table, write it and its picture into `folder`; their paths. Raises InputError."""
     job = read_job(path, overrides)
     if job.dynamics is None:
-        raise InputError(f"{path}: [dynamics] is missing: what is measured is the dynamic stage; add the section")
+        raise InputError(
+            f"{path}: [dynamics] is missing: what is measured is the dynamic stage; add the section"
+        )
     check_launcher(launcher)
     folder.mkdir(parents=True, exist_ok=True)
     cases = [("strong", count, []) for count in ranks]
     cases += [("weak", count, grown(job, count / ranks[0])) for count in ranks]
     cases = [case for case in cases if case[2] is not None]
     if len(cases) < 2 * len(ranks):
-        say("note: no weak scaling for numbers of ranks that are no multiples of the first: a table's elements can be divided only into whole numbers of parts")
+        say(
+            "note: no weak scaling for numbers of ranks that are no multiples of the first: a table's elements can be divided only into whole numbers of parts"
+        )
     best: dict[tuple, Timing] = {}
     for repeat in range(repeats):
         for kind, count, larger in cases:
@@ -58,14 +78,19 @@ def scale(path: Path, overrides: list[str], ranks: list[int], launcher: str, rep
                 best[kind, count] = Timing(**{**vars(best["strong", count]), "kind": kind})
                 continue
             timing = measure(kind, count, path, [*overrides, *larger], launcher, folder)
-            say(f"{kind}, {count} rank{'s' * (count > 1)}, run {repeat + 1} of {repeats}: {timing.elements} elements, {timing.dynamics:.3g} s, {timing.rate:.3g} element-steps/s")
+            say(
+                f"{kind}, {count} rank{'s' * (count > 1)}, run {repeat + 1} of {repeats}: {timing.elements} elements, {timing.dynamics:.3g} s, {timing.rate:.3g} element-steps/s"
+            )
             if (kind, count) not in best or timing.rate > best[kind, count].rate:
                 best[kind, count] = timing
     timings = list(best.values())
     rows = table(timings)
     for line in as_text(rows):
         say(line)
-    return [write_csv(rows, folder / f"{job.name}_scale.csv"), draw(job, timings, folder / f"{job.name}_scale.png")]
+    return [
+        write_csv(rows, folder / f"{job.name}_scale.csv"),
+        draw(job, timings, folder / f"{job.name}_scale.png"),
+    ]
 
 
 def grown(job: Job, factor: float) -> list[str] | None:
@@ -86,10 +111,18 @@ def measure(kind: str, ranks: int, path: Path, overrides: list[str], launcher: s
         with h5py.File(result, "r") as file:
             provenance = file["provenance"].attrs
             if provenance["ranks"] != ranks:
-                raise InputError(f'--launcher "{launcher}": started {provenance["ranks"]} ranks in one world where {ranks} were asked for')
+                raise InputError(
+                    f'--launcher "{launcher}": started {provenance["ranks"]} ranks in one world where {ranks} were asked for'
+                )
             seconds = file["provenance/timings"].attrs
-            return Timing(kind, ranks, len(file["net/elements"]), int(provenance["steps"]), float(seconds["dynamics"][2]),
-                          {name: seconds[long] for name, long in PHASES.items()})
+            return Timing(
+                kind,
+                ranks,
+                len(file["net/elements"]),
+                int(provenance["steps"]),
+                float(seconds["dynamics"][2]),
+                {name: seconds[long] for name, long in PHASES.items()},
+            )
     finally:
         result.unlink(missing_ok=True)
 
@@ -100,8 +133,16 @@ def table(timings: list[Timing]) -> list[dict]:
     for t in timings:
         first = min((other for other in timings if other.kind == t.kind), key=lambda other: other.ranks)
         speed_up = t.rate / first.rate
-        row = {"kind": t.kind, "ranks": t.ranks, "elements": t.elements, "steps": t.steps, "dynamics_s": t.dynamics, "element_steps_per_s": t.rate,
-               "speed_up": speed_up, "efficiency": speed_up * first.ranks / t.ranks}
+        row = {
+            "kind": t.kind,
+            "ranks": t.ranks,
+            "elements": t.elements,
+            "steps": t.steps,
+            "dynamics_s": t.dynamics,
+            "element_steps_per_s": t.rate,
+            "speed_up": speed_up,
+            "efficiency": speed_up * first.ranks / t.ranks,
+        }
         for name, values in t.phases.items():
             row |= {f"{name}_{which}_s": float(value) for which, value in zip(("min", "mean", "max"), values)}
         rows.append(row)
@@ -110,12 +151,24 @@ def table(timings: list[Timing]) -> list[dict]:
 
 def as_text(rows: list[dict]) -> list[str]:
     """The table for the eye; phases as least / mean / largest share of the dynamic stage over the ranks, in per cent."""
-    lines = ["| scaling | ranks | elements | steps | seconds | element-steps/s | speed-up | efficiency | " + " | ".join(f"{name} [%]" for name in PHASES) + " |",
-             "|" + "---|" * (8 + len(PHASES))]
+    lines = [
+        "| scaling | ranks | elements | steps | seconds | element-steps/s | speed-up | efficiency | "
+        + " | ".join(f"{name} [%]" for name in PHASES)
+        + " |",
+        "|" + "---|" * (8 + len(PHASES)),
+    ]
     for row in rows:
-        shares = [" / ".join(f"{100 * row[f'{name}_{which}_s'] / row['dynamics_s']:.0f}" for which in ("min", "mean", "max")) for name in PHASES]
-        lines.append(f"| {row['kind']} | {row['ranks']} | {row['elements']} | {row['steps']} | {row['dynamics_s']:.3g} | {row['element_steps_per_s']:.3g} "
-                     f"| {row['speed_up']:.2f} | {row['efficiency']:.2f} | " + " | ".join(shares) + " |")
+        shares = [
+            " / ".join(
+                f"{100 * row[f'{name}_{which}_s'] / row['dynamics_s']:.0f}"
+                for which in ("min", "mean", "max")
+            )
+            for name in PHASES
+        ]
+        lines.append(
+            f"| {row['kind']} | {row['ranks']} | {row['elements']} | {row['steps']} | {row['dynamics_s']:.3g} | {row['element_steps_per_s']:.3g} "
+            f"| {row['speed_up']:.2f} | {row['efficiency']:.2f} | " + " | ".join(shares) + " |"
+        )
     return lines
 
 
@@ -143,15 +196,33 @@ def draw(job: Job, timings: list[Timing], path: Path) -> Path:
         mine = sorted((row["ranks"], row["speed_up"]) for row in rows if row["kind"] == kind)
         if len(mine) > 1:
             left.plot(*zip(*mine), marker=marker, label=f"{kind} scaling")
-    left.set(xlabel="ranks", ylabel=f"element-steps per second, of those on {counts[0]} rank{'s' * (counts[0] > 1)}", xticks=counts, ylim=(0, None))
+    left.set(
+        xlabel="ranks",
+        ylabel=f"element-steps per second, of those on {counts[0]} rank{'s' * (counts[0] > 1)}",
+        xticks=counts,
+        ylim=(0, None),
+    )
     left.legend()
     bottom = np.zeros(len(timings))
     for name in PHASES:
         share = np.array([100 * t.phases[name][1] / t.dynamics for t in timings])
         spread = np.array([100 * (t.phases[name][1:] - t.phases[name][:-1]) / t.dynamics for t in timings]).T
-        right.bar(range(len(timings)), share, bottom=bottom, yerr=spread, capsize=3, label=name, error_kw={"elinewidth": 0.8})
+        right.bar(
+            range(len(timings)),
+            share,
+            bottom=bottom,
+            yerr=spread,
+            capsize=3,
+            label=name,
+            error_kw={"elinewidth": 0.8},
+        )
         bottom += share
-    right.set(xticks=range(len(timings)), xticklabels=[f"{t.kind}\n{t.ranks}" for t in timings], ylabel="share of the dynamic stage [%]", ylim=(0, 110))
+    right.set(
+        xticks=range(len(timings)),
+        xticklabels=[f"{t.kind}\n{t.ranks}" for t in timings],
+        ylabel="share of the dynamic stage [%]",
+        ylim=(0, 110),
+    )
     right.legend(fontsize=8, ncols=4, loc="upper center")
     right.set_title("mean of the ranks; bars: least and largest", fontsize=9)
     figure.suptitle(job.title or job.name)

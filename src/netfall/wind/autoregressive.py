@@ -39,7 +39,9 @@ def covariances(points, mean, decay, n, weight, dt, lags) -> dict[int, np.ndarra
     R = np.empty((len(lags), c, c))
     for i in range(c):
         for j in range(i, c):
-            R[:, i, j] = R[:, j, i] = waves @ davenport_coherence(n, points[i] - points[j], decay, 0.5 * (mean[i] + mean[j]))
+            R[:, i, j] = R[:, j, i] = waves @ davenport_coherence(
+                n, points[i] - points[j], decay, 0.5 * (mean[i] + mean[j])
+            )
     R += NUGGET * R[0, 0, 0] * (lags == 0)[:, None, None] * np.eye(c)
     return {int(lag): R[k] for k, lag in enumerate(lags)}
 
@@ -68,7 +70,15 @@ def spread_lags(points, mean, speed, decay, dt, order) -> tuple[np.ndarray, floa
     candidates = np.unique(np.round(np.geomspace(1.0, memory, 24)).astype(int))
     n = frequencies(speed, dt)
     weight = davenport_spectrum(n, speed, 1.0) * (n[1] - n[0])
-    R = covariances(points[few], mean[few], decay, n, weight, dt, np.abs(np.append([0, *candidates], candidates[:, None] - candidates)))
+    R = covariances(
+        points[few],
+        mean[few],
+        decay,
+        n,
+        weight,
+        dt,
+        np.abs(np.append([0, *candidates], candidates[:, None] - candidates)),
+    )
     misfit, share = _spectral_misfit(R, speed, dt)
     size = lambda lags: float(np.sqrt(np.mean(misfit(np.sort(lags)) ** 2)))
     rest = [int(lag) for lag in candidates if lag > 1]
@@ -78,7 +88,7 @@ def spread_lags(points, mean, speed, decay, dt, order) -> tuple[np.ndarray, floa
     while len(lags) < order:
         lags.append(min((lag for lag in rest if lag not in lags), key=lambda lag: size([*lags, lag])))
     for k in range(1, order):
-        others = lags[:k] + lags[k + 1:]
+        others = lags[:k] + lags[k + 1 :]
         lags[k] = min((lag for lag in rest if lag not in others), key=lambda lag: size([*others, lag]))
     lags = np.sort(lags)
     return lags, float(np.exp(-share @ misfit(lags)))

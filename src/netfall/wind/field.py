@@ -57,7 +57,9 @@ def make_wind_field(x: np.ndarray, area: np.ndarray, normal: np.ndarray, setting
         place = np.array([[*x[:, :2].mean(0), 10.0 - settings.base_height]])
         weight = np.zeros((len(x), 4))
         weight[:, 0] = mean_speed(height, 1.0, settings.profile_exponent)
-        return WindField(place, np.zeros(1), None, np.zeros(len(x)), np.zeros((len(x), 4), np.int64), weight, force)
+        return WindField(
+            place, np.zeros(1), None, np.zeros(len(x)), np.zeros((len(x), 4), np.int64), weight, force
+        )
     gx, gy = control_grid(x, settings.control_points)
     X, Y = np.meshgrid(gx, gy, indexing="ij")
     plan = np.column_stack([X.ravel(), Y.ravel()])
@@ -67,15 +69,35 @@ def make_wind_field(x: np.ndarray, area: np.ndarray, normal: np.ndarray, setting
     model = None
     corner, weight = _bilinear(x, gx, gy)
     if settings.roughness > 0:
-        model = fit_gust_model(points, mean, settings.speed, settings.roughness, settings.coherence_decay, settings.time_step, settings.ar_order)
+        model = fit_gust_model(
+            points,
+            mean,
+            settings.speed,
+            settings.roughness,
+            settings.coherence_decay,
+            settings.time_step,
+            settings.ar_order,
+        )
         correlation = model.covariance / model.covariance[0, 0]
-        spread = np.sum(weight[:, :, None] * weight[:, None, :] * correlation[corner[:, :, None], corner[:, None, :]], axis=(1, 2))
+        spread = np.sum(
+            weight[:, :, None] * weight[:, None, :] * correlation[corner[:, :, None], corner[:, None, :]],
+            axis=(1, 2),
+        )
         weight = weight / np.sqrt(spread)[:, None]
-    return WindField(points, mean, model, mean_speed(height, settings.speed, settings.profile_exponent), corner, weight, force)
+    return WindField(
+        points,
+        mean,
+        model,
+        mean_speed(height, settings.speed, settings.profile_exponent),
+        corner,
+        weight,
+        force,
+    )
 
 
 def _bilinear(x, gx, gy):
     """Control points (n, 4) around each particle in plan, and their weights."""
+
     def along(values, grid):
         if len(grid) == 1:
             return np.zeros(len(values), np.int64), np.zeros(len(values), np.int64), np.zeros(len(values))
@@ -105,7 +127,9 @@ class GeneratedHistory:
     def __init__(self, field: WindField, settings):
         self.dt = settings.time_step
         self.still = np.zeros(len(field.control_mean))
-        self.recursion = GustRecursion(field.model, settings.seed, settings.speed, self.dt) if field.model else None
+        self.recursion = (
+            GustRecursion(field.model, settings.seed, settings.speed, self.dt) if field.model else None
+        )
 
     def sample(self, k: int) -> tuple[float, np.ndarray]:
         """Time [s] and gusts (c,) [m/s] of sample k; samples are asked for in order."""
@@ -131,7 +155,7 @@ class MeasuredHistory:
     def sample(self, k: int) -> tuple[float, np.ndarray]:
         """Time [s] and speed (1,) [m/s] of row k; the last one stands for all that follow."""
         k = min(k, len(self.time) - 1)
-        return float(self.time[k]), self.speed[k:k + 1]
+        return float(self.time[k]), self.speed[k : k + 1]
 
     def record(self) -> dict:
         """Nothing: a row depends on its number alone."""
@@ -150,10 +174,14 @@ def read_measured(job) -> MeasuredHistory:
     time, speed = table.numbers("time", unit="s"), table.numbers("speed", low=0.0, unit="m/s")
     table.finish()
     for row in np.flatnonzero(np.diff(time) <= 0)[:3]:
-        table.wrong(f"{table.at(row + 1)}: time = {time[row + 1]:g}: not after the row before ({time[row]:g}); expected ascending times")
+        table.wrong(
+            f"{table.at(row + 1)}: time = {time[row + 1]:g}: not after the row before ({time[row]:g}); expected ascending times"
+        )
     if np.isnan(time).any() or np.isnan(speed).any():
         table.wrong("empty cells; expected a number in each")
     elif time[0] > 0 or time[-1] < job.dynamics.duration:
-        table.wrong(f"covers {time[0]:g} to {time[-1]:g} s; expected 0 to duration = {job.dynamics.duration:g} s")
+        table.wrong(
+            f"covers {time[0]:g} to {time[-1]:g} s; expected 0 to duration = {job.dynamics.duration:g} s"
+        )
     table.finish()
     return MeasuredHistory(time, speed)
