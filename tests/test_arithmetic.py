@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from netfall.mechanics.arithmetic import inverse_root, logarithm
-from netfall.mechanics.compile import vector_kernel
+from netfall.compile import vector_kernel
 
 
 @vector_kernel

@@ -15,7 +15,7 @@ import time
 import numpy as np
 from mpi4py import MPI
 
-from netfall.mechanics.compile import kernel
+from netfall.compile import kernel
 from netfall.parallel.distribute import Piece
 from netfall.parallel.halo import Halo, exchange_rows
 from netfall.parallel.partition import metis_partition

@@ -24,7 +24,7 @@ parser.add_argument(
 )
 arguments = parser.parse_args()
 if arguments.no_order:
-    from netfall.mechanics import compile
+    from netfall import compile
 
     reordering = {"error_model": "numpy", "fastmath": True, "_nrt": False}
     compile.vector_kernel = numba.njit(**reordering, noalias=True)

@@ -107,7 +107,7 @@ def _apply_overrides(data: dict, overrides: list[str], errors: list[str]) -> Non
     for override in overrides:
         name, equals, value = override.partition("=")
         *section, key = [part.strip() for part in name.split(".")]
-        if not equals or not key or not section and key != "title":
+        if not equals or not key or (not section and key != "title"):
             errors.append(f"--set {override}: expected SECTION.KEY=VALUE, for example wind.speed=45")
             continue
         table = data
@@ -280,7 +280,7 @@ class _Validation:
                     'generator: missing; expected generator = "saddle" or "stadium", or nodes and elements',
                 )
             generator = net.get("generator")
-            if tables or isinstance(generator, str) and generator in GENERATOR_KEYS:
+            if tables or (isinstance(generator, str) and generator in GENERATOR_KEYS):
                 own = () if tables else GENERATOR_KEYS[generator]
                 for other, names in GENERATOR_KEYS.items():
                     for name in names:

@@ -10,7 +10,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from netfall.mechanics.compile import part_of_kernel
+from netfall.compile import part_of_kernel
 
 SQRT_HALF = np.sqrt(0.5)
 LN2_HIGH = float.fromhex(

@@ -1,136 +1,177 @@
-"""The law of one element: strain, axial force, energy. Scalar formulas; theory: paper 2.2 and 2.3, Fig. 3.
+"""The law of an element: strain, axial force, stiffness, energies, unstressed length.
 
-Ideal elastic-plastic with slack, in total form. With the trial force s = EA (eps - eps_p):
-    s > N_y             flows: eps_p grows until s = N_y
+Everything that knows the law stands here; the step, statics, form finding, the limits of the step and the audit
+take it from here. Theory: paper 2.2 and 2.3, Fig. 3. Ideal elastic-plastic with slack, in total form. With the
+trial force s = EA (eps - eps_p):
+
+    s > N_y             yields: eps_p grows until s = N_y
     s < 0, cable        slack: s = 0, whatever the length; a bar takes compression, down to -N_y
+
 The paper writes increments, whose sum is the logarithmic strain; both measures are offered.
+
+Two forms of the same law: for one element of `Elements` (`axial_force` and what follows), and for a slot of the
+vector loop of the step (`force_density`), arranged for whole registers.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from netfall.compile import kernel, part_of_kernel
 from netfall.mechanics.arithmetic import fused, inverse_root, like, logarithm, shortening
-from netfall.mechanics.compile import kernel, part_of_kernel
 
 NEARLY = 1.0 - 1e-9  # a force or a strain this close to its limit is looked at again, exactly
 NEARLY_SINGLE = 1.0 - 1e-5  # the same where it was computed in single precision
 TINY = 1e-300  # keeps an element without length from dividing zero by zero
 
 
+class Law(NamedTuple):
+    """What of the law is the same for all elements of a rank.
+
+    logarithmic : True for the logarithmic strain, None for the engineering strain
+    plastic : True where elements yield, None where all are elastic
+    EA : [N] axial stiffness, None: differs, in the slots; yield_force : the same
+    reach : L / L0 from which an element is looked at for fracture, None: nothing breaks
+    """
+
+    logarithmic: bool | None
+    plastic: bool | None
+    EA: float | None
+    yield_force: float | None
+    reach: float | None
+
+
+def nearly(single: bool) -> float:
+    """Share of a limit from which on an element is looked at exactly."""
+    return NEARLY_SINGLE if single else NEARLY
+
+
+# --- one element
+
+
 @kernel
-def strain(L, L0, logarithmic):
+def strain(L, L0, law):
     """Strain of length L [m] against the unstressed length L0 [m]."""
-    if logarithmic:
+    if law.logarithmic is not None:
         return math.log(L / L0)
     return (L - L0) / L0
 
 
 @kernel
-def elastic_force(eps, EA, bar):
-    """Axial force [N] of an elastic element, zero when a cable is slack."""
-    N = EA * eps
-    if N < 0.0 and not bar:
-        return 0.0  # slack
-    return N
-
-
-@kernel
-def plastic_force(eps, eps_p, EA, yield_force, bar):
-    """Axial force [N] and plastic strain of an ideal elastic-plastic element (paper Fig. 3)."""
-    N = EA * (eps - eps_p)
-    if N > yield_force:
-        return yield_force, eps_p + (N - yield_force) / EA
-    if N < 0.0:
-        if not bar:
-            return 0.0, eps_p  # slack
-        if N < -yield_force:
-            return -yield_force, eps_p + (N + yield_force) / EA
+def axial_force(elements, e, eps, eps_p):
+    """Axial force [N] and plastic strain of element e at strain eps after plastic strain eps_p."""
+    N = elements.EA[e] * (eps - eps_p)
+    if elements.yield_force is not None:
+        if elements.yield_force[e] < N:
+            return elements.yield_force[e], eps_p + (N - elements.yield_force[e]) / elements.EA[e]
+        if -elements.yield_force[e] > N and elements.bar[e]:
+            return -elements.yield_force[e], eps_p + (N + elements.yield_force[e]) / elements.EA[e]
+    if N < 0.0 and not elements.bar[e]:
+        return 0.0, eps_p  # slack
     return N, eps_p
 
 
-@part_of_kernel
-def force_density(
-    dx,
-    dy,
-    dz,
-    excess,
-    s,
-    p,
-    inv_L0,
-    EA,
-    slot_EA,
-    measure,
-    slot_bar,
-    yield_force,
-    slot_yield,
-    slot_eps_p,
-    reach,
-):
-    """N / L [N/m] of the element in slot s of particle p, and whether it is near flow or fracture.
+@kernel
+def stored_energy(elements, e, N, eps_p, law):
+    """Elastic energy [J] of element e at axial force N [N]: the integral of N dL from the unstressed state."""
+    EA, L0 = elements.EA[e], elements.L0[e]
+    if EA == 0.0:
+        return 0.0
+    u = N / EA
+    if law.logarithmic is not None:
+        return EA * L0 * math.exp(eps_p) * (math.exp(u) * u - math.expm1(u))
+    return 0.5 * N * u * L0
 
-    `plastic_force` over the length, arranged for one inverse root: EA (L / L0 - 1 - eps_p) / L = EA (1 / L0 - (1 + eps_p) / L).
-    excess : (L / L0)^2 - 1 where forces are in single precision, for which 1 / L0 and 1 / L are too close; else None
-    The others as in `kernels.kick_rows`. An empty slot, 1 / L0 = 0, gives zero.
+
+@kernel
+def yield_energy(elements, e, eps_p, eps_p_new, law):
+    """Energy [J] that yield of element e from plastic strain eps_p to eps_p_new turns into heat."""
+    EA, L0, limit = elements.EA[e], elements.L0[e], elements.yield_force[e]
+    if law.logarithmic is not None:
+        grown = abs(math.exp(eps_p_new) - math.exp(eps_p))
+        tension = eps_p_new > eps_p
+        return EA * abs(math.expm1(limit / EA if tension else -limit / EA)) * L0 * grown
+    return limit * L0 * abs(eps_p_new - eps_p)
+
+
+# --- arrays of elements
+
+
+def largest_stiffness(EA: np.ndarray, L0: np.ndarray) -> np.ndarray:
+    """Axial stiffness dN/dL (m,) [N/m] that an element has at most, for the limits of the step."""
+    return EA / L0
+
+
+def axial_stiffness(N: np.ndarray, EA: np.ndarray, L0: np.ndarray) -> np.ndarray:
+    """Axial stiffness dN/dL (m,) [N/m] at axial force N (m,) [N]; zero where slack."""
+    return np.where(N == 0.0, 0.0, EA / L0)
+
+
+def unstressed_length(L: np.ndarray, N: np.ndarray, EA: np.ndarray, logarithmic: bool) -> np.ndarray:
+    """Unstressed length (m,) [m] of elements of length L (m,) [m] that carry N (m,) [N], in closed form."""
+    return L * np.exp(-N / EA) if logarithmic else L / (1.0 + N / EA)
+
+
+def strains(L: np.ndarray, L0: np.ndarray, logarithmic: bool) -> np.ndarray:
+    """Strains (m,) of lengths L (m,) [m] against the unstressed lengths L0 (m,) [m]."""
+    return np.log(L / L0) if logarithmic else (L - L0) / L0
+
+
+def elastic_forces(L, L0, EA, bar, logarithmic: bool) -> np.ndarray:
+    """Axial forces (m,) [N] before any yield at lengths L (m,) [m]; bar : (m,) bool."""
+    N = EA * strains(L, L0, logarithmic)
+    return np.where(bar, N, np.maximum(N, 0.0))
+
+
+# --- a slot of the vector loop
+
+
+@part_of_kernel
+def force_density(d, excess, s, p, slots, law):
+    """N / L [N/m] of the element in slot s of particle p, and whether it is near yield or fracture.
+
+    `axial_force` over the length, arranged for one inverse root:
+    EA (L / L0 - 1 - eps_p) / L = EA (1 / L0 - (1 + eps_p) / L).
+
+    d : three [m], from the particle to the far end
+    excess : (L / L0)^2 - 1 where forces are in single precision, for which 1 / L0 and 1 / L are too close;
+        else None
+    slots : `Slots`. An empty slot, 1 / L0 = 0, gives zero.
     """
-    per_L0 = inv_L0[s, p]
-    stiffness = like(per_L0, EA) if slot_EA is None else slot_EA[s, p]
-    eps_p = like(per_L0, 0.0) if slot_eps_p is None else slot_eps_p[s, p]
-    nearly = like(per_L0, NEARLY if excess is None else NEARLY_SINGLE)
+    per_L0 = slots.inv_L0[s, p]
+    stiffness = like(per_L0, law.EA) if slots.EA is None else slots.EA[s, p]
+    eps_p = like(per_L0, 0.0) if slots.eps_p is None else slots.eps_p[s, p]
+    close = like(per_L0, NEARLY if excess is None else NEARLY_SINGLE)
     if excess is None:
-        square = fused(dz, dz, fused(dy, dy, fused(dx, dx, TINY)))
+        square = fused(d[2], d[2], fused(d[1], d[1], fused(d[0], d[0], TINY)))
         per_length = like(per_L0, inverse_root(square))
-        if measure is not None:
-            q = like(
-                per_L0, stiffness * (logarithm(max(square * per_length * per_L0, TINY)) - eps_p) * per_length
-            )
+        if law.logarithmic is not None:
+            stretch = max(square * per_length * per_L0, TINY)
+            q = like(per_L0, stiffness * (logarithm(stretch) - eps_p) * per_length)
         else:
             q = like(per_L0, stiffness * fused(-1.0 - eps_p, per_length, per_L0))
     else:
         shorter = shortening(excess)
         per_length = fused(-shorter, per_L0, per_L0)
-        if measure is not None:
-            q = stiffness * (like(per_L0, 0.5 * logarithm(max(1.0 + excess, TINY))) - eps_p) * per_length
+        if law.logarithmic is not None:
+            eps = like(per_L0, 0.5 * logarithm(max(1.0 + excess, TINY)))
+            q = stiffness * (eps - eps_p) * per_length
         else:
             q = stiffness * fused(-eps_p, per_length, shorter * per_L0)
     near = False
     slack = like(per_L0, 0.0)
     lowest = slack
-    if slot_bar is not None:
-        lowest = like(per_L0, -np.inf) if slot_bar[s, p] else slack
-    if yield_force is not None:
-        highest = (like(per_L0, yield_force) if slot_yield is None else slot_yield[s, p]) * per_length
-        near = q > highest * nearly
+    if slots.bar is not None:
+        lowest = like(per_L0, -np.inf) if slots.bar[s, p] else slack
+    if law.plastic is not None:
+        limit = like(per_L0, law.yield_force) if slots.yield_force is None else slots.yield_force[s, p]
+        highest = limit * per_length
+        near = q > highest * close
         q = highest if q > highest else q
-        if slot_bar is not None:
-            lowest = -highest if slot_bar[s, p] else slack
-            near |= (q < lowest * nearly) & (lowest < slack)
-    if reach is not None:
-        near |= per_L0 > like(per_L0, reach) * per_length
+        if slots.bar is not None:
+            lowest = -highest if slots.bar[s, p] else slack
+            near |= (q < lowest * close) & (lowest < slack)
+    if law.reach is not None:
+        near |= per_L0 > like(per_L0, law.reach) * per_length
     return q if q > lowest else lowest, near
-
-
-@kernel
-def dissipated_by_flow(eps_p, eps_p_new, L0, EA, yield_force, logarithmic):
-    """Energy [J] that plastic flow from eps_p to eps_p_new turns into heat."""
-    if logarithmic:
-        flow = abs(math.exp(eps_p_new) - math.exp(eps_p))
-        tension = eps_p_new > eps_p
-        return EA * abs(math.expm1(yield_force / EA if tension else -yield_force / EA)) * L0 * flow
-    return yield_force * L0 * abs(eps_p_new - eps_p)
-
-
-@kernel
-def stored_energy(N, eps_p, L0, EA, logarithmic):
-    """Elastic energy [J]: the integral of N dL from the unstressed state."""
-    if EA == 0.0:
-        return 0.0
-    u = N / EA
-    if logarithmic:
-        return EA * L0 * math.exp(eps_p) * (math.exp(u) * u - math.expm1(u))
-    return 0.5 * N * u * L0
-
-
-def unstressed_length(L, N, EA, logarithmic):
-    """Unstressed length [m] of elements of length L (m,) [m] that carry N (m,) [N], in closed form."""
-    return L * np.exp(-N / EA) if logarithmic else L / (1.0 + N / EA)

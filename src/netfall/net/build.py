@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
+from netfall.compile import kernel
 from netfall.errors import InputError
 from netfall.job.read import Job, nearest
 from netfall.job.table import Table
-from netfall.mechanics.compile import kernel
 from netfall.net import faces, generators
 from netfall.net.net import Net, subdivide
 
@@ -271,9 +271,10 @@ def roof_areas(job: Job, net: Net) -> tuple[np.ndarray, faces.Faces, str]:
     """
     load, needed = (
         job.load,
-        job.wind is not None or job.load is not None and (job.load.dead > 0 or job.load.pressure is not None),
+        job.wind is not None
+        or (job.load is not None and (job.load.dead > 0 or job.load.pressure is not None)),
     )
-    normals_needed = job.wind is not None or load is not None and isinstance(load.pressure, float)
+    normals_needed = job.wind is not None or (load is not None and isinstance(load.pressure, float))
     given = np.isfinite(net.area)
     if job.net.nodes:
         crossings = faces.crossing_elements(net)

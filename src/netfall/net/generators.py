@@ -54,7 +54,7 @@ def stadium(length: float, width: float, arch_rise: float, spacing: float) -> Ne
     I, J = np.meshgrid(np.arange(-half, half + 1), np.arange(1, int(b / spacing) + 2), indexing="ij")
     X, Y = I * spacing, J * spacing
     gap = np.minimum(to_edge_x(Y) - np.abs(X), to_edge_y(X) - Y)
-    gap[(np.abs(X) > a) | (Y > b)] = -np.inf
+    gap[(np.abs(X) > a) | (b < Y)] = -np.inf
     inside, on_edge = gap > SNAP * spacing, np.abs(gap) <= SNAP * spacing
     columns, rows = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
 

@@ -14,7 +14,8 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.errors import InputError
-from netfall.mechanics.state import FIELDS, State
+from netfall.mechanics.fields import FIELDS
+from netfall.mechanics.state import State
 from netfall.output.h5 import SharedFile, check_seal
 
 FORMAT = 3
@@ -58,14 +59,14 @@ def write_checkpoint(
 
 def _write_state(file: SharedFile, state: State, result) -> None:
     n, m = result.distribution.n, result.distribution.m
-    points = n + len(result.split_gid)
+    points = result.log.points
     rows = state.owned_rows()
     for field in kept_fields(state, "particle"):
         values = getattr(state, field.name)[rows].reshape(len(rows), -1)
         file.create(f"particles/{field.name}", state.scene.number(field.dtype), (values.shape[1],), points)
         file.append(
             f"particles/{field.name}",
-            file.blocks.collect(result.row_of(state.gid[rows]), values, points),
+            file.blocks.collect(result.log.row_of(state.gid[rows]), values, points),
             points,
         )
     mine = state.owned.astype(bool)

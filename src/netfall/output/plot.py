@@ -12,11 +12,11 @@ import matplotlib
 import numpy as np
 
 matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
-from mpl_toolkits.mplot3d.art3d import Line3DCollection  # noqa: E402
+import matplotlib.pyplot as plt
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from netfall.output.frames import Frames  # noqa: E402
-from netfall.output.info import open_result  # noqa: E402
+from netfall.output.frames import Frames
+from netfall.output.info import open_result
 
 STAGES = 6  # pictures of the collapse
 MOST_DRAWN = 60_000  # elements in a picture; of larger nets every k-th is drawn

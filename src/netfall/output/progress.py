@@ -61,7 +61,7 @@ class Progress:
                 self._bar.n = 100 * share
                 self._bar.set_description_str(f"{done}  {rate}  left {_duration(left)}  {note}")
                 self._last = now
-        elif now - self._last >= LINE_EVERY and 100 * share - self._percent >= 5 or share >= 1.0:
+        elif (now - self._last >= LINE_EVERY and 100 * share - self._percent >= 5) or share >= 1.0:
             print(
                 f"{100 * share:3.0f} %  {done}  {rate}  left {_duration(left)}  {note}",
                 file=self.stream,

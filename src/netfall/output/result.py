@@ -2,13 +2,13 @@
 
 import secrets
 from pathlib import Path
-from typing import NamedTuple
 
 import h5py
 import numpy as np
 from mpi4py import MPI
 
 from netfall.errors import InputError
+from netfall.mechanics.events import COLUMNS, EventLog
 from netfall.mechanics.state import State
 from netfall.net.net import Net
 from netfall.output.h5 import SharedFile, publish, writing
@@ -32,28 +32,6 @@ HISTORY = {  # column of /history: unit
 COPY_BYTES = 1 << 26  # held at once while segments are joined
 
 
-class Event(NamedTuple):
-    """One fracture at one end of an element, in global numbers; new_particle = -1: nothing split, at a loose end or without fragments."""
-
-    step: int
-    element: int
-    particle: int
-    new_particle: int
-    strain: float
-    mass: float  # kg, of the new particle
-
-
-EVENTS = {
-    "time": np.float64,
-    "step": np.int64,
-    "element": np.int64,
-    "particle": np.int64,
-    "new_particle": np.int64,
-    "strain": np.float64,
-    "mass": np.float64,
-}
-
-
 class Result:
     """Collects what a run reports. Methods are collective; what is kept in memory is the same on every rank."""
 
@@ -67,9 +45,7 @@ class Result:
         self.segments: list[Path] = []  # whole parts of the file so far, if there are checkpoints
         self.token = comm.bcast(secrets.token_hex(4))  # keeps this run's segments apart from another's
         self.series = VtkSeries(self.file, distribution.n, distribution.m)
-        self.split_gid = np.zeros(0, np.int64)  # numbers of the particles that have split off, ascending
-        self.events: list[tuple] = []  # (time, Event)
-        self.broken: set[int] = set()
+        self.log = EventLog(distribution.n)
         self._drawn_events = -1
         self.history: list[list[float]] = []
         self.probes: list[np.ndarray] = []
@@ -95,7 +71,7 @@ class Result:
 
     def record(self) -> tuple[dict, dict[str, np.ndarray]]:
         """What a continuation needs, for `restore`: small values and arrays."""
-        arrays = {f"events_{name}": values for name, values in self._event_columns().items()}
+        arrays = {f"events_{name}": values for name, values in self.log.columns().items()}
         arrays |= {"history": np.array(self.history), "probes": np.array(self.probes)}
         return {
             "series": self.series.record(),
@@ -108,34 +84,17 @@ class Result:
     ) -> None:
         """Take up the record of an earlier run, whose segments are those given."""
         self.file.discard_all()
-        events = zip(*(arrays[f"events_{name}"].tolist() for name in EVENTS))
-        self.add_events([(time, Event(*rest)) for time, *rest in events])
+        self.log.restore({name: arrays[f"events_{name}"] for name in COLUMNS})
         self.history, self.probes = arrays["history"].tolist(), list(arrays["probes"])
         self.segments = segments
         self._begin_segment(rows)
         self.series.restore(record["series"])
         self._drawn_events = record["drawn_events"]
 
-    # --- numbering
-
-    def add_events(self, events: list[tuple]) -> None:
-        """Fractures since the last call, from all ranks: (time, Event)."""
-        self.events += sorted(events, key=lambda e: (e[1].step, e[1].element, e[1].particle))
-        self.broken.update(e.element for _, e in events)
-        new = [e.new_particle for _, e in events if e.new_particle >= 0]
-        self.split_gid = np.sort(np.concatenate([self.split_gid, np.array(new, np.int64)]))
-
-    def row_of(self, gid: np.ndarray) -> np.ndarray:
-        """Global rows of particles: the net's by number, then those that split off by number."""
-        n = self.distribution.n
-        return np.where(gid < n, gid, n + np.searchsorted(self.split_gid, gid))
-
     # --- states
 
     def _points(self, state: State, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        return self.file.blocks.collect(
-            self.row_of(state.gid[rows]), columns, self.distribution.n + len(self.split_gid)
-        )
+        return self.file.blocks.collect(self.log.row_of(state.gid[rows]), columns, self.log.points)
 
     def _cells(self, state: State, columns: np.ndarray) -> np.ndarray:
         mine = state.owned.astype(bool)
@@ -145,11 +104,11 @@ class Result:
 
     def write_frame(self, time: float, state: State, snapshot) -> None:
         """One step of /VTKHDF."""
-        points, cells = self.distribution.n + len(self.split_gid), self.distribution.m
+        points, cells = self.log.points, self.distribution.m
         rows = snapshot.rows
-        if self._drawn_events != len(self.events):
+        if self._drawn_events != len(self.log):
             gid = state.gid[rows]
-            ends = self.row_of(
+            ends = self.log.row_of(
                 state.gid[np.where(state.EA[:, None] > 0.0, state.ends, state.ends[:, :1])]
             )  # what is out of the net is drawn as a point
             mesh = self._cells(
@@ -163,7 +122,7 @@ class Result:
                 points,
                 cells,
             )
-            self._drawn_events = len(self.events)
+            self._drawn_events = len(self.log)
         x = state.x[rows]
         p = self._points(state, rows, np.column_stack([x, x - state.x_start[rows], snapshot.velocity]))
         c = self._cells(state, np.column_stack([snapshot.N, snapshot.eps, snapshot.eps_p, state.broken]))
@@ -190,7 +149,7 @@ class Result:
 
     def write_final(self, state: State, snapshot) -> None:
         """The last state in full precision, /final."""
-        points, cells = self.distribution.n + len(self.split_gid), self.distribution.m
+        points, cells = self.log.points, self.distribution.m
         rows = snapshot.rows
         p = self._points(state, rows, np.column_stack([state.gid[rows], state.x[rows], snapshot.velocity]))
         c = self._cells(state, np.column_stack([snapshot.N, snapshot.eps_p]))
@@ -235,14 +194,8 @@ class Result:
         self._end_segment()
         on_root(self.comm, lambda: join_segments(self.segments, self.file.temporary, self.path, finish))
 
-    def _event_columns(self) -> dict[str, np.ndarray]:
-        rows = [(time, *event) for time, event in self.events]
-        return {
-            name: np.array([row[k] for row in rows], dtype) for k, (name, dtype) in enumerate(EVENTS.items())
-        }
-
     def _write_events(self, file):
-        for name, values in self._event_columns().items():
+        for name, values in self.log.columns().items():
             file.create_dataset(f"events/{name}", data=values)
 
 
@@ -250,7 +203,7 @@ def append_rows(source: h5py.File, target: h5py.File, limit: dict[str, int] | No
     """Append the rows of every dataset of one file to the other's, up to `limit` rows of it where given."""
 
     def copy(name, item):
-        if not isinstance(item, h5py.Dataset) or limit is not None and name not in limit:
+        if not isinstance(item, h5py.Dataset) or (limit is not None and name not in limit):
             return
         rows = item.shape[0] if limit is None else limit[name]
         if name not in target:
@@ -314,7 +267,7 @@ def find_segments(
 
 def _write_provenance(group, values, phases):
     for name, value in values.items():
-        if isinstance(value, str) and len(value) > 200 or name in ("job", "overrides"):
+        if (isinstance(value, str) and len(value) > 200) or name in ("job", "overrides"):
             group.create_dataset(name, data=value, dtype=h5py.string_dtype())
         else:
             group.attrs[name] = value

@@ -73,8 +73,8 @@ def rounded(limbs):
     for k in range(highest - 2):
         more |= limbs[k] != 0
     kept, cut = np.int64(bits >> np.uint64(11)), np.int64(bits & np.uint64(0x7FF))
-    if (
-        cut > 0x400 or cut == 0x400 and (more or kept & 1 == 1)
+    if cut > 0x400 or (
+        cut == 0x400 and (more or kept & 1 == 1)
     ):  # nearest, ties to even; below 2^-1022 nothing is cut
         kept += 1
     amount = math.ldexp(float(kept), 32 * (highest - 1) - shift + 11 - LOWEST)

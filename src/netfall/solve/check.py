@@ -6,7 +6,7 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.job.read import Job
-from netfall.mechanics.state import FIELDS
+from netfall.mechanics.fields import FIELDS
 from netfall.net.build import build_net
 from netfall.solve.dynamics import Schedule
 from netfall.solve.roof import Phases, Roof, prepare, scene_of

@@ -7,17 +7,19 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.errors import DivergedError
+from netfall.mechanics.events import Event
+from netfall.mechanics.fracture import FractureRules, break_elements
 from netfall.mechanics.state import State
-from netfall.net.net import Net
+from netfall.net.net import GRAVITY, Net
 from netfall.output.progress import Progress
 from netfall.output.result import Result
 from netfall.parallel.halo import Halo
 from netfall.solve.energy import Energies, take_snapshot, total_energies
-from netfall.solve.fracture import split_particles, take_out
 from netfall.solve.restart import interrupted
-from netfall.solve.stepping import Plan, halo_width, run_steps
 from netfall.solve.stop import StopRequest
 from netfall.solve.windload import WindLoad
+from netfall.step.loop import Interval
+from netfall.step.plan import Plan, halo_width
 
 ROUNDING = 1e-9  # of a step: a time this close to one counts as on it
 
@@ -99,16 +101,24 @@ class Simulation:
         """save(simulation) : writes a checkpoint and returns its path. Collective. phases : `roof.Phases`"""
         self.comm, self.state, self.result, self.schedule = comm, state, result, schedule
         self.zeta = job.dynamics.damping
-        self.self_weight = bool(job.load and job.load.self_weight)
-        self.carried_weight = bool(job.load and job.load.dead)
         self.after_fracture = job.wind.after_fracture if job.wind else "none"
+        self.rules = FractureRules(
+            particles=result.distribution.n,
+            element_gid=result.distribution.piece.element_gid,
+            gravity=GRAVITY,
+            own_weighs=bool(job.load and job.load.self_weight),
+            carried_weighs=bool(job.load and job.load.dead),
+            wind_stays=self.after_fracture != "particle",
+            dt=schedule.dt,
+            stable_dt=schedule.stable_dt,
+        )
         self.wind = wind
         self.progress = progress
         self.halo = Halo(comm, result.distribution.piece, halo_width(state))
         self.plan = Plan(state, self.halo)
         self.n = 0  # step number: x(n), v(n-1/2)
         self.before_dt = 0.0
-        self.events: list = []  # of this rank, not yet shared
+        self.events: list[Event] = []  # of this rank, not yet shared
         self.start_strain, self.start_plastic = start_strain, start_plastic  # J; energies count from here
         self.largest_work = 0.0
         self.slack = 0
@@ -116,7 +126,7 @@ class Simulation:
         self.stopping = False
         self._find_probes(probes)
         with phases.phase("time loop"):  # compiled, or loaded
-            run_steps(self.halo, self.plan, 0, 0, 0.0, schedule.dt, self.zeta, 0.0, 1.0, phases.of_steps)
+            self.plan.run(Interval(0, 0, 0.0, schedule.dt, self.zeta, 0.0, 1.0), phases.of_steps)
 
     @property
     def time(self) -> float:
@@ -133,7 +143,7 @@ class Simulation:
         for target in sorted(
             step
             for step in history | frames | saves
-            if step > self.n or self.n == 0 and not self.result.history
+            if step > self.n or (self.n == 0 and not self.result.history)
         ):
             self.advance_to(target)
             with self.phases.phase("dynamics: output"):
@@ -190,53 +200,27 @@ class Simulation:
                 stop = min(target, self.schedule.step_at(due)) if due < np.inf else target
             else:
                 stop = target
-            if self.after_fracture == "all" and not self.result.events:
+            if self.after_fracture == "all" and not self.result.log.events:
                 self.advance_until_first_fracture(stop)
             else:
                 self.advance_block(stop)
 
     def advance_block(self, stop: int) -> None:
         """Step to number `stop` without a word to ranks that are not neighbours."""
-        wind_time, wind_dt = (self.wind.time, self.wind.dt) if self.wind else (0.0, 1.0)
+        sample = (self.wind.time, self.wind.dt) if self.wind else (0.0, 1.0)
         dt = self.schedule.dt
         while self.n < stop:
-            done, count, error = run_steps(
-                self.halo,
-                self.plan,
-                self.n,
-                stop - self.n,
-                self.before_dt,
-                dt,
-                self.zeta,
-                wind_time,
-                wind_dt,
-                self.phases.of_steps,
-            )
+            interval = Interval(self.n, stop - self.n, self.before_dt, dt, self.zeta, *sample)
+            done, count, error = self.plan.run(interval, self.phases.of_steps)
             if error:
                 raise MPI.Exception(error)
             self.n += done
             self.before_dt = dt
             if count:
                 self.state.place()
-                piece = self.result.distribution.piece
-                wind_stays = self.after_fracture != "particle"
-                if self.state.scene.fragments:
-                    parted = split_particles(
-                        self.state,
-                        count,
-                        self.n - 1,
-                        self.result.distribution.n,
-                        piece.element_gid,
-                        self.self_weight,
-                        self.carried_weight,
-                        wind_stays,
-                        dt,
-                        self.schedule.stable_dt,
-                    )
-                    self.plan.attach(self.state)
-                else:
-                    parted = take_out(self.state, count, self.n - 1, piece.element_gid, wind_stays, dt)
-                self.events += [((self.n - 1) * dt, event) for event in parted]
+                events = break_elements(self.state, count, self.n - 1, self.rules)
+                self.plan.follow(self.state, count)
+                self.events += events
         self.state.end_block()
 
     def advance_until_first_fracture(self, stop: int) -> None:
@@ -247,7 +231,7 @@ class Simulation:
         """
         begin, kept = (self.n, self.before_dt, len(self.events)), self.state.copy()
         self.advance_block(stop)
-        mine = min((event.step for _, event in self.events), default=stop)
+        mine = min((event.step for event in self.events), default=stop)
         first = self.comm.allreduce(mine, MPI.MIN)
         if first < stop:
             self.n, self.before_dt, count = begin
@@ -264,7 +248,7 @@ class Simulation:
         events, self.slack, stopping = counts.tolist()
         self.stopping = stopping > 0
         if events:
-            self.result.add_events([event for part in self.comm.allgather(self.events) for event in part])
+            self.result.log.add([event for part in self.comm.allgather(self.events) for event in part])
             self.events = []
 
     def check_energies(self, snapshot) -> Energies:
@@ -296,7 +280,7 @@ class Simulation:
                 identity / scale,
                 balance / scale,
                 self.slack,
-                len(self.result.broken),
+                len(self.result.log.broken),
             ]
         )
         self.result.probes.append(self._probe_values(snapshot))
@@ -368,5 +352,5 @@ class Simulation:
             f"t = {self.time:.3f} s",
             self.n,
             "steps",
-            f"slack {self.slack}, broken {len(self.result.broken)}",
+            f"slack {self.slack}, broken {len(self.result.log.broken)}",
         )

@@ -12,16 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from netfall.mechanics.compile import kernel
-from netfall.mechanics.kernels import (
-    add_tensions,
-    element_energies,
-    element_state,
-    external_force,
-    inverse_mass,
-    kick,
-    kick_factors,
-)
+from netfall.compile import kernel
+from netfall.mechanics.elements import ElementState, add_tensions, element_energies, element_state
+from netfall.mechanics.loads import external_force, squared_speed
+from netfall.mechanics.motion import inverse_mass, kicked, make_kick
 from netfall.mechanics.state import State
 from netfall.parallel.exact import exact_sums
 
@@ -39,120 +33,68 @@ class Energies:
 
 
 @kernel
-def particle_energies(
-    rows,
-    part,
-    kick_dt,
-    zeta,
-    share,
-    v,
-    f_int,
-    free,
-    mass,
-    load,
-    work,
-    wind,
-    speed_before,
-    speed_after,
-    velocity,
-    terms,
-):
+def particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, velocity, terms):
     """Velocity and energy terms of owned particles at the very time n, part of the way through the kick.
 
     rows : (r,) local numbers; part : share of the kick that comes before n, 1/2 between equal steps
+    kick_dt, zeta, share : of `motion.Kick`; f_int : (n, 3) [N]
     velocity : (r, 3) [m/s], out; terms : (4, r) [J], out: kinetic, damping, external, internal
     """
-    c_v, c_a = kick_factors(zeta, kick_dt)
+    kick = make_kick(part, kick_dt, zeta, share)
     for i in range(rows.shape[0]):
         p = rows[i]
-        per_mass = inverse_mass(mass[p])
+        mass = particles.mass[p]
+        per_mass = inverse_mass(mass)
+        square = 0.0
+        if particles.wind is not None:
+            square = squared_speed(p, particles, share)
         kinetic = 0.0
-        damping, external, internal = math.nan, math.nan, math.nan
-        if work is not None:
-            damping, external, internal = work[p, 2], work[p, 0], work[p, 1]
+        external, internal, damping = math.nan, math.nan, math.nan
+        if particles.work is not None:
+            external, internal, damping = particles.work[0][p], particles.work[1][p], particles.work[2][p]
         for k in range(3):
-            ext = external_force(p, k, load, wind, speed_before, speed_after, share)
-            old = v[p, k]
+            if particles.wind is None:
+                force = external_force(p, 0.0, particles.load[k], None, square)
+            else:
+                force = external_force(p, 0.0, particles.load[k], particles.wind[k], square)
+            old = particles.v[k][p]
             now = old
-            if free[p, k]:
-                new = kick(old, (f_int[p, k] + ext) * per_mass, c_v, c_a)
+            if particles.free[k][p]:
+                new = kicked(old, (f_int[p, k] + force) * per_mass, kick)
                 now = old + part * (new - old)
                 way = part * kick_dt * (0.5 * (old + now))
-                external += way * ext
+                external += way * force
                 internal += way * f_int[p, k]
-                damping += way * (zeta * mass[p] * (0.5 * (old + new)))
+                damping += way * (zeta * mass * (0.5 * (old + new)))
             velocity[i, k] = now
-            kinetic += 0.5 * mass[p] * (now * now)
+            kinetic += 0.5 * mass * (now * now)
         terms[0, i], terms[1, i], terms[2, i], terms[3, i] = kinetic, damping, external, -internal
 
 
 @kernel
-def look(
-    rows,
-    part,
-    kick_dt,
-    zeta,
-    share,
-    x,
-    v,
-    f_int,
-    free,
-    mass,
-    load,
-    work,
-    wind,
-    speed_before,
-    speed_after,
-    ends,
-    L0,
-    EA,
-    logarithmic,
-    bar,
-    yield_force,
-    eps_p,
-    dissipated,
-    broken,
-    owned,
-    velocity,
-    terms,
-    N,
-    eps,
-    eps_p_now,
-    L,
-    stored,
-    heat,
-):
-    """All of a snapshot at once, for a call takes as long as any of its parts; the number of owned cables that are whole and slack."""
-    element_state(x, ends, L0, EA, logarithmic, bar, yield_force, eps_p, N, eps, eps_p_now, L)
-    add_tensions(x, ends, N, L, f_int)
-    particle_energies(
-        rows,
-        part,
-        kick_dt,
-        zeta,
-        share,
-        v,
-        f_int,
-        free,
-        mass,
-        load,
-        work,
-        wind,
-        speed_before,
-        speed_after,
-        velocity,
-        terms,
-    )
-    element_energies(N, eps_p_now, L0, EA, logarithmic, yield_force, eps_p, dissipated, stored, heat)
+def observe(rows, part, kick_dt, zeta, share, x, particles, elements, law, f_int, snapshot):
+    """All of a snapshot at once, for a call takes as long as any of its parts; the slack cables of this rank.
+
+    snapshot : velocity, terms, `ElementState`, stored, heat, as in `Snapshot`, out; f_int : (n, 3) [N], zero
+    """
+    velocity, terms, now, stored, heat = snapshot
+    element_state(x, elements, law, now)
+    add_tensions(x, elements.ends, now.N, now.L, f_int)
+    particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, velocity, terms)
+    element_energies(elements, now, law, stored, heat)
     slack = 0
-    for e in range(N.shape[0]):
-        slack += N[e] == 0.0 and bar[e] == 0 and broken[e] == 0 and owned[e] == 1
+    for e in range(now.N.shape[0]):
+        whole = elements.bar[e] == 0 and elements.broken[e] == 0 and elements.owned[e] == 1
+        slack += now.N[e] == 0.0 and whole
     return slack
 
 
 @dataclass
 class Snapshot:
-    """The state at a step n as it is reported: owned particles (rows) and all elements of a rank; slack : cables of this rank that are whole and slack."""
+    """The state at a step n as it is reported: owned particles (rows) and all elements of a rank.
+
+    slack : cables of this rank that are whole and slack
+    """
 
     rows: np.ndarray
     velocity: np.ndarray
@@ -167,45 +109,23 @@ class Snapshot:
 
 def take_snapshot(state: State, before_dt: float, dt: float, zeta: float, share: float) -> Snapshot:
     """Forces, velocities and energies at the present step. before_dt, dt : [s] the steps before and after it."""
-    s, rows = state, state.owned_rows()
-    f_int = np.zeros_like(s.x)
+    rows = state.owned_rows()
     velocity, terms = np.empty((len(rows), 3)), np.empty((4, len(rows)))
-    N, eps, eps_p, L, stored, heat = np.empty((6, s.m))
-    part = before_dt / (before_dt + dt)
-    slack = look(
+    N, eps, eps_p, L, stored, heat = np.empty((6, state.m))
+    now = ElementState(N, eps, eps_p, L)
+    part, kick_dt, f_int = before_dt / (before_dt + dt), 0.5 * (before_dt + dt), np.zeros_like(state.x)
+    slack = observe(
         rows,
         part,
-        0.5 * (before_dt + dt),
+        kick_dt,
         zeta,
         share,
-        s.x,
-        s.v,
+        state.x,
+        state.particles,
+        state.elements,
+        state.law,
         f_int,
-        s.free,
-        s.mass,
-        s.load,
-        s.work,
-        s.wind,
-        s.speed_before,
-        s.speed_after,
-        s.ends,
-        s.L0,
-        s.EA,
-        s.scene.logarithmic,
-        s.bar,
-        s.yield_force,
-        s.eps_p,
-        s.dissipated,
-        s.broken,
-        s.owned,
-        velocity,
-        terms,
-        N,
-        eps,
-        eps_p,
-        L,
-        stored,
-        heat,
+        (velocity, terms, now, stored, heat),
     )
     return Snapshot(rows, velocity, N, eps, eps_p, terms, stored, heat, slack)
 

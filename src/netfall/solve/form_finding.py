@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
+from netfall.compile import kernel
 from netfall.errors import DivergedError, InputError
-from netfall.mechanics.compile import kernel
-from netfall.mechanics.kernels import add_tensions
+from netfall.mechanics.elements import add_tensions
 from netfall.net.net import Net
 from netfall.parallel.distribute import Distribution
 from netfall.parallel.halo import Halo

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
+from netfall.compile import kernel
 from netfall.errors import DivergedError
-from netfall.mechanics.compile import kernel
-from netfall.mechanics.kernels import add_tensions
+from netfall.mechanics.elements import add_tensions
 from netfall.mechanics.state import State
 from netfall.parallel.exact import LIMBS, add_exactly, rounded
 from netfall.parallel.halo import Halo

@@ -14,12 +14,13 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from netfall.compile import wake
 from netfall.errors import InputError
 from netfall.job.read import Job
-from netfall.mechanics.compile import wake
-from netfall.mechanics.material import unstressed_length
+from netfall.mechanics.fields import Scene
+from netfall.mechanics.material import elastic_forces, unstressed_length
 from netfall.mechanics.stability import Limit, after_fracture_limit, any_shape_limits, scaled_mass
-from netfall.mechanics.state import Scene, State
+from netfall.mechanics.state import State
 from netfall.net.build import build_net, roof_areas
 from netfall.net.faces import Faces, normals
 from netfall.net.net import GRAVITY, Net
@@ -230,7 +231,7 @@ def prepare(
             step_limits(whole, scene, job.dynamics.fragment_mass if job.dynamics else 0.0) if whole else None
         )
         asked = job.dynamics.time_step if job.dynamics else "auto"
-        if job.dynamics and (m <= LARGEST_SHARP or asked != "auto" and asked > limits["any_shape"].dt):
+        if job.dynamics and (m <= LARGEST_SHARP or (asked != "auto" and asked > limits["any_shape"].dt)):
             limits["assembled"] = assembled_limit(comm, state, distribution.piece.element_gid, halo)
     return Roof(
         whole, distribution, state, halo, form, residual, reference, limits, digest, stage, checkpoint
@@ -250,8 +251,7 @@ def _set_initial(job: Job, whole: Whole, x: np.ndarray, N: np.ndarray | None) ->
     given = np.isfinite(net.unstressed_length)
     if given.any():
         L0 = np.where(given, net.unstressed_length, L0)
-        eps = np.log(L / L0) if logarithmic else (L - L0) / L0
-        N = np.where(given, np.where(net.bar, EA * eps, np.maximum(EA * eps, 0.0)), N)
+        N = np.where(given, elastic_forces(L, L0, EA, net.bar, logarithmic), N)
     whole.x, whole.N, whole.L0 = x, N, L0
     half = 0.5 * net.density * net.section * L0
     own = np.bincount(net.elements[:, 0], half, net.n) + np.bincount(net.elements[:, 1], half, net.n)
@@ -279,7 +279,7 @@ def _set_initial(job: Job, whole: Whole, x: np.ndarray, N: np.ndarray | None) ->
 
 def _check_normals(job: Job, whole: Whole, normal: np.ndarray) -> None:
     """Wind and pressure along normals must not vanish silently on particles that meet no face."""
-    along = job.wind is not None or job.load is not None and isinstance(job.load.pressure, (int, float))
+    along = job.wind is not None or (job.load is not None and isinstance(job.load.pressure, (int, float)))
     bare = (whole.area > 0) & ~normal.any(1) & ~whole.net.fixed.all(1)
     if along and bare.any():
         raise InputError(

@@ -21,6 +21,7 @@ from netfall.parallel import partition
 from netfall.parallel.root import on_root
 from netfall.solve.dynamics import Probes, Schedule, Simulation, find_probes, make_schedule
 from netfall.solve.energy import take_snapshot, total_energies
+from netfall.solve.relax import Paused
 from netfall.solve.restart import (
     Saver,
     interrupted,
@@ -29,7 +30,6 @@ from netfall.solve.restart import (
     restore_state,
     restore_wind,
 )
-from netfall.solve.relax import Paused
 from netfall.solve.roof import Phases, Roof, Whole, governing, prepare
 from netfall.solve.statics import StaticPath, find_equilibrium
 from netfall.solve.stop import NEVER, StopRequest
@@ -454,10 +454,10 @@ def provenance_of(comm: MPI.Comm, job: Job, roof: Roof, schedule: Schedule | Non
 
 def finish(result: Result, path: Path, phases: Phases, progress: Progress) -> None:
     """The last lines of a run."""
-    if result.events:
-        time, first = result.events[0]
+    if result.log.events:
+        first = result.log.events[0]
         progress.say(
-            f"fractures: {len(result.broken)} elements, the first at t = {time:.4f} s (element {first.element})"
+            f"fractures: {len(result.log.broken)} elements, the first at t = {first.time:.4f} s (element {first.element})"
         )
     if result.history:
         identity, balance = (max(abs(row[k]) for row in result.history) for k in (7, 8))

@@ -7,7 +7,7 @@ each particle's force is summed as in the time loop, so the limit has the same b
 import numpy as np
 from mpi4py import MPI
 
-from netfall.mechanics.kernels import add_stiffness
+from netfall.mechanics.elements import add_stiffness
 from netfall.mechanics.stability import Limit
 from netfall.mechanics.state import State
 from netfall.parallel.exact import exact_sums

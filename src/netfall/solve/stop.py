@@ -22,7 +22,7 @@ class StopRequest:
     @property
     def wanted(self) -> bool:
         """Whether this rank has been asked to stop."""
-        return self.signal is not None or self.deadline is not None and time.monotonic() >= self.deadline
+        return self.signal is not None or (self.deadline is not None and time.monotonic() >= self.deadline)
 
 
 NEVER = StopRequest(catch=False)

@@ -245,10 +245,10 @@ def read_outcome(file: h5py.File, until: float) -> Outcome:
 def compare(setting: str, found: Outcome, exact: Outcome) -> Row:
     """Errors against the reference."""
     if found.state != "finished":
-        return Row(setting, found, {name: np.nan for name in (*ERRORS, "overlap")}, np.inf)
+        return Row(setting, found, dict.fromkeys((*ERRORS, "overlap"), np.nan), np.inf)
     relative = lambda a, b: (
         0.0
-        if a == b or not np.isfinite(a) and not np.isfinite(b)
+        if a == b or (not np.isfinite(a) and not np.isfinite(b))
         else abs(a - b) / abs(b)
         if np.isfinite(a) and b and np.isfinite(b)
         else np.inf

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from netfall.compile import kernel
 from netfall.job.table import Table
-from netfall.mechanics.compile import kernel
 from netfall.wind.autoregressive import GustModel, GustRecursion, fit_gust_model
 from netfall.wind.davenport import mean_speed
 

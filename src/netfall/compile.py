@@ -1,0 +1,135 @@
+"""Compile flags of all kernels, in one place.
+
+No fast-math: sums keep their order, so that the bits do not depend on the number of ranks. numpy's error model:
+a division by zero gives inf and not an exception (and does not stop vectorisation).
+"""
+
+import contextlib
+import hashlib
+import shutil
+import time
+from pathlib import Path
+
+import llvmlite.binding
+import numba
+from numba.core import ir, types
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import FunctionPass, register_pass
+from numba.core.cpu import CPUTargetOptions
+from numba.core.ir_utils import get_definition, guard
+from numba.core.options import TargetOptions
+from numba.core.untyped_passes import IRProcessing
+
+KEPT_DAYS = 30  # of compiled code that these sources did not make; a run of theirs may still be going on
+PACKAGE = Path(__file__).parent
+
+
+def _choose_cache() -> str:
+    """Folder of the code compiled from these very sources; that of versions that nobody runs is removed.
+
+    numba looks only at the file of the function that is called, and would run on with an old law after a
+    change in another file. So the folder's name covers every file that has kernels, or constants of theirs.
+    """
+    files = [(path, path.read_bytes()) for path in sorted([*PACKAGE.glob("*.py"), *PACKAGE.glob("*/*.py")])]
+    compiled = b"".join(text for path, text in files if b"kernel" in text or path.parent.name == "mechanics")
+    parent = Path(numba.config.CACHE_DIR or PACKAGE / "__pycache__")
+    folder = parent / f"netfall-{hashlib.sha256(compiled).hexdigest()[:16]}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:  # installed where nobody may write
+        parent = Path.home() / ".cache" / "netfall"
+        folder = parent / folder.name
+    for old in parent.glob("netfall-*"):
+        with contextlib.suppress(OSError):  # another rank may be removing it
+            if old != folder and time.time() - old.stat().st_mtime > KEPT_DAYS * 86400:
+                shutil.rmtree(old, ignore_errors=True)
+    return str(folder)
+
+
+numba.config.CACHE_DIR = _choose_cache()
+
+
+@register_pass(mutates_CFG=False, analysis_only=False)
+class AbsentFields(FunctionPass):
+    """Makes a constant of each field of a named tuple that is None.
+
+    numba drops a branch on an argument that is None, and with it what the scene does not have. With this it
+    does so for fields of arguments too: `if slots.eps_p is not None`.
+    """
+
+    _name = "absent_fields"
+
+    def __init__(self):
+        FunctionPass.__init__(self)
+
+    def run_pass(self, state):
+        """Rewrite the function in hand; whether anything was."""
+        changed = False
+        for block in state.func_ir.blocks.values():
+            for assign in block.find_insts(ir.Assign):
+                if isinstance(self._type_of_field(state, assign.value), types.NoneType):
+                    nothing = ir.Const(None, assign.loc)
+                    definitions = state.func_ir._definitions[assign.target.name]
+                    definitions[definitions.index(assign.value)] = nothing
+                    assign.value = nothing
+                    changed = True
+        return changed
+
+    def _type_of(self, state, variable):
+        """Type of a variable that is an argument or a field of one; None if it is neither."""
+        value = guard(get_definition, state.func_ir, variable)
+        return state.args[value.index] if isinstance(value, ir.Arg) else self._type_of_field(state, value)
+
+    def _type_of_field(self, state, value):
+        """Type of a field of an argument; None if the expression is something else."""
+        if not (isinstance(value, ir.Expr) and value.op == "getattr"):
+            return None
+        owner = self._type_of(state, value.value)
+        if not isinstance(owner, types.BaseNamedTuple) or value.attr not in owner.fields:
+            return None
+        return owner.types[owner.fields.index(value.attr)]
+
+
+class _Pipeline(CompilerBase):
+    """numba's own, with `AbsentFields` before branches are dropped."""
+
+    def define_pipelines(self):
+        """The passes in their order."""
+        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.add_pass_after(AbsentFields, IRProcessing)
+        passes.finalize()
+        return [passes]
+
+
+FLAGS = {"cache": True, "error_model": "numpy", "fastmath": False, "pipeline_class": _Pipeline}
+
+# Hardware gathers are a trap on processors whose microcode was mended against leaks through them: four
+# times slower there than plain loads into the lanes of a vector, which are as fast elsewhere or nearly so.
+# And where there are registers of 512 bits, the step is a third faster with them, also on processors for
+# which the compiler prefers halves.
+numba.config.CPU_FEATURES = (
+    numba.config.CPU_FEATURES or llvmlite.binding.get_host_cpu_features().flatten()
+) + ",+prefer-no-gather,-prefer-256-bit"
+
+# The compiler vectorises a loop that reads x of neighbours and writes v only if it knows that the two are
+# different arrays. numba has the flag (its own parallel loops use it) but gives it no name in the
+# decorator: this does.
+CPUTargetOptions.noalias = TargetOptions.Mapping("noalias")
+
+allocating_kernel = numba.njit(**FLAGS)
+# What makes no arrays needs no count of their owners, which would take a microsecond of every step.
+kernel = numba.njit(**FLAGS, _nrt=False)
+# A call within a loop would keep it from being vectorised.
+part_of_kernel = numba.njit(**FLAGS, _nrt=False, forceinline=True)
+# No two array arguments may overlap if either is written.
+vector_kernel = numba.njit(**FLAGS, _nrt=False, noalias=True)
+
+
+@kernel
+def _nothing():
+    return 0
+
+
+def wake() -> None:
+    """Pay for the first call of compiled code, some 0.3 s, at a time when there is nothing else to do."""
+    _nothing()

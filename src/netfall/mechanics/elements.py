@@ -1,0 +1,82 @@
+"""Loops over all elements of a rank, at given positions: forces, stiffness, energies. e is an element, p a particle.
+
+The step does not use them (`netfall.step`): they serve form finding, statics, the audit, frames and history.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.compile import kernel
+from netfall.mechanics.material import axial_force, stored_energy, strain, yield_energy
+
+
+class ElementState(NamedTuple):
+    """Elements (m,) at one moment: axial force [N], strain, plastic strain, length [m]."""
+
+    N: np.ndarray
+    eps: np.ndarray
+    eps_p: np.ndarray
+    L: np.ndarray
+
+
+@kernel
+def element_state(x, elements, law, now):
+    """Force, strain, plastic strain and length of each element at x (n, 3) [m], changing nothing else.
+
+    elements : `Elements`; law : `Law`; now : `ElementState`, out
+    """
+    for e in range(elements.ends.shape[0]):
+        a, b = elements.ends[e, 0], elements.ends[e, 1]
+        dx, dy, dz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
+        now.L[e] = math.sqrt(dx * dx + dy * dy + dz * dz)
+        eps_p = 0.0
+        if elements.eps_p is not None:
+            eps_p = elements.eps_p[e]
+        if elements.EA[e] == 0.0:  # out of the net: how far its ends are apart is no strain
+            now.N[e], now.eps[e], now.eps_p[e] = 0.0, 0.0, eps_p
+            continue
+        now.eps[e] = strain(now.L[e], elements.L0[e], law)
+        now.N[e], now.eps_p[e] = axial_force(elements, e, now.eps[e], eps_p)
+
+
+@kernel
+def add_tensions(x, ends, N, L, f_int):
+    """Add given axial forces N (m,) [N] at lengths L (m,) [m] to the particles' f_int (n, 3) [N]."""
+    for e in range(ends.shape[0]):
+        a, b = ends[e, 0], ends[e, 1]
+        q = N[e] / L[e] if L[e] > 0.0 else 0.0
+        for k in range(3):
+            d = q * (x[b, k] - x[a, k])
+            f_int[a, k] += d
+            f_int[b, k] -= d
+
+
+@kernel
+def add_stiffness(u, ends, direction, axial, transverse, force):
+    """Add to force (n, 3) what elements answer to displacements u (n, 3) with.
+
+    direction : (m, 3), along the elements; axial, transverse : (m,) [N/m], along and across it
+    """
+    for e in range(ends.shape[0]):
+        a, b = ends[e, 0], ends[e, 1]
+        along = 0.0
+        for k in range(3):
+            along += (u[b, k] - u[a, k]) * direction[e, k]
+        for k in range(3):
+            d = transverse[e] * (u[b, k] - u[a, k]) + (axial[e] - transverse[e]) * along * direction[e, k]
+            force[b, k] += d
+            force[a, k] -= d
+
+
+@kernel
+def element_energies(elements, now, law, stored, heat):
+    """Stored and dissipated energy (m,) [J] of each element, for the state of `element_state`."""
+    for e in range(now.N.shape[0]):
+        stored[e] = stored_energy(elements, e, now.N[e], now.eps_p[e], law)
+        heat[e] = 0.0
+        if elements.dissipated is not None:
+            heat[e] = elements.dissipated[e]
+        if elements.yield_force is not None and elements.EA[e] > 0.0:
+            heat[e] += yield_energy(elements, e, elements.eps_p[e], now.eps_p[e], law)

@@ -1,0 +1,221 @@
+"""The table of fields: every array of the solver's state, in one place.
+
+A field is added by adding a row. From the table follow the arrays of a rank (`state.State`), the named tuples
+that kernels take (`Particles`, `Elements`, `Slots`), what a particle that splits off starts with, what a
+checkpoint holds, and what goes into the slots of the step.
+"""
+
+from collections import namedtuple
+from dataclasses import dataclass
+
+import numpy as np
+
+REGISTER = 64  # bytes of the widest registers
+SLOTS = 4  # elements of a particle in the vector loop; particles with more have layers of their own
+EMPTY = np.uint32(0xFFFFFFFF)  # in place of an element's number
+STEPPED, SUMMED = "precision of the steps", "precision of the displacements"  # a data type that `Scene` has
+LIKE_PARENT = "as the particle that it splits off"
+
+
+@dataclass(frozen=True)
+class Field:
+    """One array: what it holds, for each particle or element, and which scenes have it.
+
+    entity : "particle" | "element" | "slot" (an element at one of its ends: rows of (slots, particles))
+    needs : "" always, or a feature of `Scene`
+    kept : changes in the course of a run, so a checkpoint holds it
+    split : value of a particle that splits off, LIKE_PARENT: its parent's
+    slot_of : the field of elements that a field of slots repeats at both ends
+    """
+
+    name: str
+    entity: str
+    tail: tuple[int, ...]
+    dtype: type | str
+    unit: str
+    meaning: str
+    needs: str = ""
+    kept: bool = False
+    split: float | str = 0
+    slot_of: str = ""
+
+    @property
+    def short(self) -> str:
+        """Name in the named tuples of kernels."""
+        return self.name.removeprefix("slot_")
+
+
+def _particle(name, tail, dtype, unit, meaning, needs="", kept=False, split=0):
+    return Field(name, "particle", tail, dtype, unit, meaning, needs, kept, split)
+
+
+def _element(name, dtype, unit, meaning, needs="", kept=False, tail=()):
+    return Field(name, "element", tail, dtype, unit, meaning, needs, kept)
+
+
+def _slot(name, dtype, unit, meaning, needs="", of=""):
+    return Field(name, "slot", (), dtype, unit, meaning, needs, slot_of=of)
+
+
+AXES, ONE = (3,), ()
+FIELDS = (
+    _particle(
+        "x",
+        AXES,
+        np.float64,
+        "m",
+        "position; if displacements are stepped, as at the end of the last block",
+        kept=True,
+        split=LIKE_PARENT,
+    ),
+    _particle("u", AXES, SUMMED, "m", "displacement", "displaced", kept=True, split=LIKE_PARENT),
+    _particle(
+        "u_rounded", AXES, STEPPED, "m", "displacement in the precision of the steps, for the forces", "mixed"
+    ),
+    _particle(
+        "v", AXES, STEPPED, "m/s", "velocity, half a step behind the position", kept=True, split=LIKE_PARENT
+    ),
+    _particle(
+        "x_start",
+        AXES,
+        np.float64,
+        "m",
+        "position from which displacements count",
+        kept=True,
+        split=LIKE_PARENT,
+    ),
+    _particle("free", AXES, np.uint8, "", "1 where the axis can move", kept=True, split=1),
+    _particle(
+        "mass", ONE, np.float64, "kg", "lumped mass: halves of the elements, and what is carried", kept=True
+    ),
+    _particle("per_mass", ONE, STEPPED, "1/kg", "1 / mass; 0 without mass, and where every axis is held"),
+    _particle("stepped_mass", ONE, STEPPED, "kg", "mass in the precision of the steps", "block_work"),
+    _particle("load", AXES, STEPPED, "N", "constant external force", kept=True),
+    _particle("wind", AXES, STEPPED, "N s2/m2", "wind force at 1 m/s", "wind", kept=True),
+    _particle("speed_before", ONE, STEPPED, "m/s", "wind speed at the last sample", "wind"),
+    _particle("speed_after", ONE, STEPPED, "m/s", "wind speed at the next sample", "wind"),
+    _particle("valence", ONE, np.int32, "", "elements attached", "fracture", kept=True, split=1),
+    _particle(
+        "work", AXES, np.float64, "J", "work of external, internal and damping forces", "energy", kept=True
+    ),
+    _particle("block_work", AXES, STEPPED, "J", "the same in the present block of steps", "block_work"),
+    _particle("gid", ONE, np.int64, "", "global number"),
+    _particle(
+        "f", AXES, STEPPED, "N", "total force; of all particles if something can break, else of those sent"
+    ),
+    _element("ends", np.uint32, "", "local numbers of the two particles", tail=(2,)),
+    _element("L0", np.float64, "m", "unstressed length"),
+    _element("EA", np.float64, "N", "axial stiffness; 0: out of the net, or kept by another rank"),
+    _element("bar", np.uint8, "", "1 where compression is carried"),
+    _element("half_mass", np.float64, "kg", "half of the element's own mass"),
+    _element("owned", np.uint8, "", "1 on the one rank that reports the element"),
+    _element("broken", np.uint8, "", "1 once it has broken", kept=True),
+    _element("yield_force", np.float64, "N", "axial force at yield", "plastic"),
+    _element("eps_p", np.float64, "", "plastic strain", "plastic", kept=True),
+    _element(
+        "dissipated",
+        np.float64,
+        "J",
+        "energy lost by yield, and by taking the element out",
+        "dissipating",
+        kept=True,
+    ),
+    _element("eps_u", np.float64, "", "strain at fracture, inf once broken", "fracture", kept=True),
+    _element("pending", np.int32, "", "elements that reached eps_u in a step", "fracture"),
+    _slot("other", np.uint32, "", "local number of the far end; in an empty slot the particle's own"),
+    _slot("inv_L0", STEPPED, "1/m", "1 / unstressed length, 0 in an empty slot"),
+    _slot("start_x", STEPPED, "m", "from x_start of the particle to that of the far end", "displaced"),
+    _slot("start_y", STEPPED, "m", "the same along y", "displaced"),
+    _slot("start_z", STEPPED, "m", "the same along z", "displaced"),
+    _slot("start_excess", STEPPED, "", "(L / L0)^2 - 1 there", "displaced"),
+    _slot("slot_element", np.uint32, "", "local number of the element", "inelastic"),
+    _slot("slot_EA", STEPPED, "N", "axial stiffness, unless it is the same everywhere", "sections", "EA"),
+    _slot("slot_bar", np.uint8, "", "1 where compression is carried", "bars", "bar"),
+    _slot(
+        "slot_yield_force",
+        STEPPED,
+        "N",
+        "axial force at yield, unless it is the same everywhere",
+        "plastic_sections",
+        "yield_force",
+    ),
+    _slot("slot_eps_p", STEPPED, "", "plastic strain", "plastic", "eps_p"),
+)
+
+
+def fields_of(entity: str) -> tuple[Field, ...]:
+    """The rows of the table for particles, elements or slots."""
+    return tuple(field for field in FIELDS if field.entity == entity)
+
+
+def _named_tuple(name: str, entity: str):
+    return namedtuple(name, [field.short for field in fields_of(entity)], module=__name__)
+
+
+# What kernels take; a field that the scene does not have is None. Particles: the axes of a field of three
+# columns stand in a tuple, each contiguous: the compiler then sees that nothing written is read again.
+Particles = _named_tuple("Particles", "particle")
+Elements = _named_tuple("Elements", "element")
+Slots = _named_tuple("Slots", "slot")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a scene has; the rest costs neither time nor memory."""
+
+    plastic: bool = False
+    fracture: bool = False
+    wind: bool = False
+    logarithmic: bool = False
+    bars: bool = False
+    sections: bool = False  # more than one stiffness or yield force
+    part_held: bool = False  # some particle is held on some axes and not on others
+    energy: bool = True  # the audit of work
+    fragments: bool = True  # a particle splits off where an element breaks
+    precision: str = "double"  # mixed: forces and velocities in single; single: displacements too
+
+    @property
+    def displaced(self) -> bool:
+        """Whether displacements are stepped, not positions, whose digits single precision would lose."""
+        return self.precision != "double"
+
+    @property
+    def mixed(self) -> bool:
+        """Whether displacements are summed up in another precision than the rest."""
+        return self.precision == "mixed"
+
+    @property
+    def block_work(self) -> bool:
+        """Whether work is summed up in single precision within a block of steps."""
+        return self.energy and self.displaced
+
+    @property
+    def inelastic(self) -> bool:
+        """Whether elements yield or break."""
+        return self.plastic or self.fracture
+
+    @property
+    def dissipating(self) -> bool:
+        """Whether elements turn energy into heat."""
+        return self.plastic or (self.fracture and not self.fragments)
+
+    @property
+    def plastic_sections(self) -> bool:
+        """Whether elements yield at different forces."""
+        return self.plastic and self.sections
+
+    @property
+    def lanes(self) -> int:
+        """Numbers of a register in the precision of the steps."""
+        return REGISTER // self.number(STEPPED).itemsize
+
+    def has(self, field: Field) -> bool:
+        """Whether the scene has a field."""
+        return not field.needs or getattr(self, field.needs)
+
+    def number(self, dtype) -> np.dtype:
+        """The data type of a field."""
+        if dtype in (STEPPED, SUMMED):
+            single = self.precision == "single" or (self.mixed and dtype == STEPPED)
+            return np.dtype(np.float32 if single else np.float64)
+        return np.dtype(dtype)

@@ -1,0 +1,45 @@
+"""The kick of a particle: from v(n-1/2) to v(n+1/2) by central difference, damping implicit in the mean velocity.
+
+(1 + zeta dt/2) v(n+1/2) = (1 - zeta dt/2) v(n-1/2) + dt a,    dt the mean of the steps before and after n
+"""
+
+from typing import NamedTuple
+
+from netfall.compile import kernel, part_of_kernel
+from netfall.mechanics.arithmetic import like
+
+
+class Kick(NamedTuple):
+    """What is the same for all particles at a step n.
+
+    dt : [s] length of the kick; c_v, c_a : its factors of velocity and acceleration; zeta : [1/s] damping
+    share : place of the time between the two samples of the loads that vary
+    """
+
+    dt: float
+    c_v: float
+    c_a: float
+    zeta: float
+    share: float
+
+
+@part_of_kernel
+def make_kick(sample, dt, zeta, share):
+    """The kick of length dt [s] in the precision of a sample, a number or an array."""
+    h = 0.5 * zeta * dt
+    c_v, c_a = (1.0 - h) / (1.0 + h), dt / (1.0 + h)
+    return Kick(
+        like(sample, dt), like(sample, c_v), like(sample, c_a), like(sample, zeta), like(sample, share)
+    )
+
+
+@part_of_kernel
+def kicked(v, a, kick):
+    """Velocity v(n+1/2) [m/s] of v(n-1/2) and acceleration a [m/s2]."""
+    return kick.c_v * v + kick.c_a * a
+
+
+@kernel
+def inverse_mass(mass):
+    """1 / mass [1/kg]; 0 for a particle left without mass, which keeps its velocity."""
+    return 1.0 / mass if mass > 0.0 else 0.0

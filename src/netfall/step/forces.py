@@ -1,0 +1,171 @@
+"""Forces, kick and work of the particles of a chunk, in vector registers. p is a particle, s a slot.
+
+What a scene does not have is None in the named tuples; the compiler then drops the branch and the array with
+it. `Particles` come as the plan prepares them (`plan.stepped_particles`).
+"""
+
+import numpy as np
+
+from netfall.compile import part_of_kernel, vector_kernel
+from netfall.mechanics.arithmetic import fused, like
+from netfall.mechanics.fields import SLOTS
+from netfall.mechanics.loads import external_force, squared_speed
+from netfall.mechanics.material import force_density
+from netfall.mechanics.motion import kicked, make_kick
+
+
+@part_of_kernel
+def seen_by_forces(particles):
+    """Positions or displacements in the precision of the forces, three of (n,)."""
+    return particles.x if particles.u_rounded is None else particles.u_rounded
+
+
+@part_of_kernel
+def add_force(p, o, s, so_far, x, slots, law):
+    """Forces [N] on particle p and whether an element is near its limits, with the element in its slot s.
+
+    o : its far end; so_far : the same without it; x : `seen_by_forces`
+    """
+    fx, fy, fz, near = so_far
+    dx, dy, dz = x[0][o] - x[0][p], x[1][o] - x[1][p], x[2][o] - x[2][p]
+    if slots.start_x is None:
+        q, found = force_density((dx, dy, dz), None, s, p, slots, law)
+        return (
+            like(fx, fused(q, dx, fx)),
+            like(fx, fused(q, dy, fy)),
+            like(fx, fused(q, dz, fz)),
+            near | found,
+        )
+    # of displacements: L^2 - L_start^2 = (d - d_start) (d + d_start), to their own last digits
+    sx, sy, sz = slots.start_x[s, p], slots.start_y[s, p], slots.start_z[s, p]
+    per_L0 = slots.inv_L0[s, p]
+    ux, uy, uz = like(sx, dx), like(sy, dy), like(sz, dz)
+    ex, ey, ez = sx + ux, sy + uy, sz + uz
+    square = fused(uz, ez + sz, fused(uy, ey + sy, ux * (ex + sx)))
+    excess = fused(square, per_L0 * per_L0, slots.start_excess[s, p])
+    q, found = force_density((ex, ey, ez), excess, s, p, slots, law)
+    return fused(q, ex, fx), fused(q, ey, fy), fused(q, ez, fz), near | found
+
+
+@part_of_kernel
+def four_forces(p, far, x, slots, law):
+    """Sum of the forces [N] of the first four slots of particle p, in this order, and whether one is near.
+
+    far : their far ends. Numbers have one type each, or all would be compiled for each type that occurs.
+    """
+    none = like(slots.inv_L0, 0.0)
+    found = add_force(p, far[0], np.int64(0), (none, none, none, np.bool_(False)), x, slots, law)
+    found = add_force(p, far[1], np.int64(1), found, x, slots, law)
+    found = add_force(p, far[2], np.int64(2), found, x, slots, law)
+    return add_force(p, far[3], np.int64(3), found, x, slots, law)
+
+
+@part_of_kernel
+def kick_axis(p, i, internal, square, kick, v, f, free, load, wind, particles):
+    """Kick of particle p along one axis under its internal force [N] and the external one; total to row i of f.
+
+    v, f, free, load, wind : of this axis, None where there is none; square : of the wind speed [m2/s2]
+    Returns the work [J] of the external, internal and damping forces
+    """
+    external = external_force(p, like(internal, 0.0), load, wind, square)
+    total = internal + external
+    f[i] = total
+    old = v[p]
+    new = kicked(old, total * particles.per_mass[p], kick)  # v to n + 1/2
+    if free is not None:
+        new = new if free[p] else old
+    v[p] = new
+    if particles.work is None:
+        return external, external, external  # of no use
+    mean = like(old, 0.5) * (old + new)
+    way = kick.dt * mean  # zero where held
+    damping = kick.zeta * particles.stepped_mass[p] * mean
+    return way * external, way * internal, way * damping
+
+
+@part_of_kernel
+def kick_particle(p, i, force, kick, particles, f):
+    """Kick and work of particle p under its internal forces [N] and the external ones; totals to row i of f."""
+    square = like(particles.per_mass, 0.0)
+    if particles.speed_before is not None:
+        square = squared_speed(p, particles, kick.share)
+    v, load, free, wind = particles.v, particles.load, particles.free, particles.wind
+    ax, bx, cx = kick_axis(p, i, force[0], square, kick, v[0], f[0], free[0], load[0], wind[0], particles)
+    ay, by, cy = kick_axis(p, i, force[1], square, kick, v[1], f[1], free[1], load[1], wind[1], particles)
+    az, bz, cz = kick_axis(p, i, force[2], square, kick, v[2], f[2], free[2], load[2], wind[2], particles)
+    if particles.work is not None:
+        external, internal, damping = particles.work
+        external[p] = external[p] + ax + ay + az
+        internal[p] = internal[p] + bx + by + bz
+        damping[p] = damping[p] + cx + cy + cz
+
+
+@vector_kernel
+def kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
+    """Forces, kick and work of the particles of chunk c.
+
+    kick_dt, zeta, share : of `motion.Kick`; chunks, scratch : `plan.Chunks`, `plan.Scratch`
+    scratch.f : (rows,) counted from the chunk's first particle, out, total force [N]
+    scratch.near : the same, out, 1 where an element of the particle is near its limits; None: all are elastic
+    """
+    origin = np.uint64(chunks.low[c])  # unsigned: no index then counts from the end
+    lanes, spans, whole, parts, rest, loose = chunks.runs
+    x, f, f_rest, near_rest = seen_by_forces(particles), scratch.f, scratch.f_rest, scratch.near_rest
+    kick = make_kick(particles.v[0], kick_dt, zeta, share)
+    for r in range(spans[c, 0], spans[c, 1]):
+        s0, s1, s2, s3 = (
+            np.uint64(whole[r, 2]),
+            np.uint64(whole[r, 3]),
+            np.uint64(whole[r, 4]),
+            np.uint64(whole[r, 5]),
+        )
+        for p in range(np.uint64(whole[r, 0]), np.uint64(whole[r, 1])):
+            i = p - origin
+            fx, fy, fz, found = four_forces(p, (p + s0, p + s1, p + s2, p + s3), x, slots, law)
+            if scratch.near is not None:
+                scratch.near[i] = 1 if found else 0
+            kick_particle(p, i, (fx, fy, fz), kick, particles, f)
+    for r in range(spans[c, 2], spans[c, 3]):
+        s0, s1, s2, s3 = (
+            np.uint64(parts[r, 4]),
+            np.uint64(parts[r, 5]),
+            np.uint64(parts[r, 6]),
+            np.uint64(parts[r, 7]),
+        )
+        from_, up_to = np.uint64(parts[r, 2]), np.uint64(parts[r, 3])
+        for p in range(np.uint64(parts[r, 0]), np.uint64(parts[r, 1])):
+            i = p - origin
+            mine = (p >= from_) & (p < up_to)
+            fx, fy, fz, found = four_forces(p, (p + s0, p + s1, p + s2, p + s3), x, slots, law)
+            f[0][i], f[1][i], f[2][i] = (
+                fx if mine else f[0][i],
+                fy if mine else f[1][i],
+                fz if mine else f[2][i],
+            )
+            if scratch.near is not None:
+                scratch.near[i] = (1 if found else 0) if mine else scratch.near[i]
+    first, last = np.uint64(spans[c, 4]), np.uint64(spans[c, 5])
+    filled_up = first + np.uint64((spans[c, 5] - spans[c, 4] + lanes - 1) // lanes * lanes)
+    other = slots.other
+    for i in range(first, filled_up):
+        p, k = np.uint64(rest[i]), i - first
+        far = (np.uint64(other[0, p]), np.uint64(other[1, p]), np.uint64(other[2, p]), np.uint64(other[3, p]))
+        f_rest[0][k], f_rest[1][k], f_rest[2][k], found = four_forces(p, far, x, slots, law)
+        near_rest[k] = 1 if found else 0
+    for s in range(SLOTS, chunks.width[c]):
+        for i in range(first, last):
+            p, k = np.uint64(rest[i]), i - first
+            so_far = (f_rest[0][k], f_rest[1][k], f_rest[2][k], near_rest[k] != 0)
+            f_rest[0][k], f_rest[1][k], f_rest[2][k], found = add_force(
+                p, np.uint64(other[s, p]), np.int64(s), so_far, x, slots, law
+            )
+            near_rest[k] = 1 if found else 0
+    for i in range(first, last):
+        k, row = i - first, rest[i] - origin
+        f[0][row], f[1][row], f[2][row] = f_rest[0][k], f_rest[1][k], f_rest[2][k]
+        if scratch.near is not None:
+            scratch.near[row] = near_rest[k]
+    for r in range(spans[c, 6], spans[c, 7]):
+        for p in range(np.uint64(loose[r, 0]), np.uint64(loose[r, 1])):
+            i = p - origin
+            kick_particle(p, i, (f[0][i], f[1][i], f[2][i]), kick, particles, f)

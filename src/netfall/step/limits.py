@@ -1,0 +1,68 @@
+"""Elements that yield, and elements that reach their fracture strain: looked at one by one, where one is near.
+
+The vector loop only points at particles that have such an element; here it is decided, exactly.
+"""
+
+import math
+
+import numpy as np
+
+from netfall.compile import kernel, vector_kernel
+from netfall.mechanics.arithmetic import like
+from netfall.mechanics.fields import SLOTS
+from netfall.mechanics.material import axial_force, strain, yield_energy
+
+
+@vector_kernel
+def count_near(near, particles):
+    """How many of the first so many particles of a chunk have an element near yield or fracture."""
+    count = 0
+    for i in range(np.uint64(particles)):
+        count += near[i]
+    return count
+
+
+@kernel
+def length_of(p, o, particles):
+    """Distance [m] of two particles, of positions or of what displacements from x_start give."""
+    x, x_start = particles.x, particles.x_start
+    dx, dy, dz = np.float64(x[0][o]) - x[0][p], np.float64(x[1][o]) - x[1][p], np.float64(x[2][o]) - x[2][p]
+    if x_start is not None:
+        dx += x_start[0][o] - x_start[0][p]
+        dy += x_start[1][o] - x_start[1][p]
+        dz += x_start[2][o] - x_start[2][p]
+    return math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@kernel
+def yield_and_break(c, count, chunks, particles, elements, slots, law, near):
+    """Yield of the elements of chunk c at x(n), and those that reach their fracture strain, where near is not 0.
+
+    Both ends come to the same plastic strain by themselves; that which `reports` keeps the element's record.
+    elements.pending : out, elements from place `count` on; the new count, and whether anything yielded
+    """
+    low, high, first_split = chunks.low[c], chunks.high[c], chunks.n_owned + chunks.n_halo
+    any_yield = False
+    for p in range(low, high):
+        if near[p - low] == 0:
+            continue
+        for s in range(max(chunks.width[c], SLOTS)):
+            if slots.inv_L0[s, p] == 0.0:
+                continue
+            e, o = slots.element[s, p], slots.other[s, p]
+            start = elements.ends[e, 0]
+            reports = start == p or (chunks.n_owned <= start and start < first_split)
+            eps = strain(length_of(p, o, particles), elements.L0[e], law)
+            if elements.yield_force is not None:
+                _, exact = axial_force(elements, e, eps, np.float64(slots.eps_p[s, p]))
+                eps_p = np.float64(like(slots.eps_p, exact))
+                if eps_p != slots.eps_p[s, p]:
+                    any_yield = True
+                    if reports:
+                        elements.dissipated[e] += yield_energy(elements, e, elements.eps_p[e], eps_p, law)
+                        elements.eps_p[e] = eps_p
+                    slots.eps_p[s, p] = eps_p
+            if elements.eps_u is not None and reports and eps > elements.eps_u[e]:
+                elements.pending[count] = e
+                count += 1
+    return count, any_yield

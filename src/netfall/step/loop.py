@@ -1,0 +1,157 @@
+"""The time loop: central difference in half-step velocities, compiled, the exchange included.
+
+A step n takes x(n) and v(n-1/2). Particles go through it in chunks that stay in the cache:
+    1. internal forces f_int(x(n)) of a chunk; where elements come near their limits, yield and fracture strain
+    2. external force, kick to v(n+1/2), work
+    3. after the chunks with boundary particles, which come first: their total forces are sent
+    4. drift to x(n+1) of the chunks whose x(n) no later chunk needs; at the end, of all
+    5. the halo's total forces arrive; halo particles: the same kick and drift
+    6. if elements reached their fracture strain, the loop returns; they break at x(n+1) (`fracture.py`)
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.compile import kernel, part_of_kernel, vector_kernel
+from netfall.mechanics.arithmetic import like
+from netfall.mechanics.motion import kicked, make_kick
+from netfall.parallel.halo import receive_forces, send_forces, wait_for_neighbours
+from netfall.parallel.mpi_symbols import lap
+from netfall.step.forces import kick_chunk
+from netfall.step.limits import count_near, yield_and_break
+
+FORCES, EXCHANGE, INTEGRATION = 0, 1, 2  # what a step's time goes into; the kick counts with the forces
+
+
+class Interval(NamedTuple):
+    """Steps between two samples of the loads that vary, or fewer.
+
+    first : number of the first step, at time first * dt; steps : how many; dt : [s] their length
+    before_dt : [s] length of the step before the first, 0 at the start
+    zeta : [1/s] damping; sample_time : [s] of the sample before; sample_dt : [s] from it to the one after
+    """
+
+    first: int
+    steps: int
+    before_dt: float
+    dt: float
+    zeta: float
+    sample_time: float
+    sample_dt: float
+
+
+@part_of_kernel
+def round_position(p, particles):
+    """Bring what the forces read of particle p up to date, where that is not x itself."""
+    if particles.u_rounded is not None:
+        particles.u_rounded[0][p] = particles.x[0][p]
+        particles.u_rounded[1][p] = particles.x[1][p]
+        particles.u_rounded[2][p] = particles.x[2][p]
+
+
+@vector_kernel
+def drift_rows(first, last, dt, particles):
+    """x to n + 1 of particles first to last; where held, v = 0."""
+    first, last = np.uint64(first), np.uint64(last)  # unsigned: no index then counts from the end
+    x, v = particles.x, particles.v
+    dt = like(x[0], dt)
+    for p in range(first, last):
+        x[0][p] += dt * v[0][p]
+        x[1][p] += dt * v[1][p]
+        x[2][p] += dt * v[2][p]
+        round_position(p, particles)
+
+
+@vector_kernel
+def keep_forces(low, high, f_chunk, f):
+    """Total forces of a chunk, particles low to high, from its scratch to f. f_chunk, f : three of (n,)"""
+    low, high = np.uint64(low), np.uint64(high)
+    for p in range(low, high):
+        f[0][p] = f_chunk[0][p - low]
+        f[1][p] = f_chunk[1][p - low]
+        f[2][p] = f_chunk[2][p - low]
+
+
+@part_of_kernel
+def move_axis(p, kick, x, v, f, free, per_mass, dt):
+    """Kick and drift of particle p along one axis. free : (n,), None: moves, or per_mass is 0"""
+    new = kicked(v[p], f[p] * per_mass[p], kick)
+    if free is not None:
+        new = new if free[p] else v[p]
+    v[p] = new
+    x[p] += dt * new
+
+
+@vector_kernel
+def move_halo(first, last, kick_dt, dt, zeta, particles):
+    """Kick and drift of halo particles, whose total force f the owner has sent."""
+    first, last = np.uint64(first), np.uint64(last)
+    x, v = particles.x, particles.v
+    f, free, per_mass = particles.f, particles.free, particles.per_mass
+    kick, dt = make_kick(v[0], kick_dt, zeta, 0.0), like(x[0], dt)
+    for p in range(first, last):
+        move_axis(p, kick, x[0], v[0], f[0], free[0], per_mass, dt)
+        move_axis(p, kick, x[1], v[1], f[1], free[1], per_mass, dt)
+        move_axis(p, kick, x[2], v[2], f[2], free[2], per_mass, dt)
+        round_position(p, particles)
+
+
+@kernel
+def time_loop(interval, chunks, particles, elements, slots, unyielded, law, scratch, buffers, seconds):
+    """The steps of an interval; steps done, elements that reached their fracture strain, MPI error.
+
+    chunks, scratch : of `Plan`; particles : `Particles` as `plan.stepped_particles` prepares them
+    elements, slots, law : of `State`; unyielded : the slots without plastic strains, for chunks that have none
+    buffers : `HaloBuffers`
+    seconds : (3,) [s], added to, time of FORCES, EXCHANGE, INTEGRATION; None: not measured
+    """
+    before_dt, dt, zeta, own = interval.before_dt, interval.dt, interval.zeta, chunks.splits + chunks.boundary
+    n_owned, n_halo = chunks.n_owned, chunks.n_halo
+    for s in range(interval.steps):
+        kick_dt = 0.5 * (before_dt + dt)
+        before_dt = dt
+        # of the step's number alone, wherever the loop was entered
+        share = ((interval.first + s) * dt - interval.sample_time) / interval.sample_dt
+        count, place = np.int64(0), np.int64(0)
+        error, drifted = 0, chunks.splits
+        mark = lap(seconds, -1, 0.0)
+        for c in range(chunks.low.shape[0]):
+            low, high = chunks.low[c], chunks.high[c]
+            if chunks.has_yielded[c]:
+                kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
+            else:
+                kick_chunk(c, kick_dt, zeta, share, chunks, particles, unyielded, law, scratch)
+            near = 0
+            if scratch.near is not None:
+                near = count_near(scratch.near, high - low)
+                if near > 0:
+                    count, yielded = yield_and_break(
+                        c, count, chunks, particles, elements, slots, law, scratch.near
+                    )
+                    chunks.has_yielded[c] |= yielded
+            if c < own or near > 0:  # forces are kept where they are sent, or where something may break
+                keep_forces(low, high, scratch.f, particles.f)
+            mark = lap(seconds, FORCES, mark)
+            if c == own - 1:
+                error, place = send_forces(particles, buffers)
+                if error != 0:
+                    return s, 0, error
+                mark = lap(seconds, EXCHANGE, mark)
+            while drifted <= c and chunks.last_use[drifted] <= c:
+                drift_rows(chunks.low[drifted], chunks.high[drifted], dt, particles)
+                drifted += 1
+            mark = lap(seconds, INTEGRATION, mark)
+        for c in range(chunks.splits):  # any chunk may need them
+            drift_rows(chunks.low[c], chunks.high[c], dt, particles)
+        mark = lap(seconds, INTEGRATION, mark)
+        error = wait_for_neighbours(buffers)
+        mark = lap(seconds, EXCHANGE, mark)
+        if error != 0:
+            return s, 0, error
+        receive_forces(n_owned, particles, place, buffers)
+        move_halo(n_owned, n_owned + n_halo, kick_dt, dt, zeta, particles)
+        mark = lap(seconds, INTEGRATION, mark)
+        if count > 0:
+            return s + 1, count, 0
+    return interval.steps, 0, 0

@@ -1,0 +1,150 @@
+"""How the time loop goes through the particles of a rank, prepared from the state."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.mechanics.fields import SLOTS, STEPPED, Particles
+from netfall.mechanics.state import State, axes
+from netfall.parallel.halo import Halo
+from netfall.step.loop import Interval, time_loop
+from netfall.step.runs import Runs, find_runs, make_runs
+from netfall.step.slots import empty_slots, fill_slots
+
+CHUNK = 2048  # particles, 300 KB; fewer end the runs too often, more leave the second cache
+NO_AXIS = (None, None, None)
+
+
+class Chunks(NamedTuple):
+    """Stretches of particles, each small enough for the cache, in the order in which they are stepped.
+
+    First those of the particles that split off, `splits` of them, then those of the owned ones, of which the
+    first `boundary` hold the boundary particles.
+    n_owned, n_halo : particles; low, high : (chunks,) particles of each chunk
+    width : (chunks,) most elements at one of them
+    last_use : (chunks,) the last chunk that reads positions of the chunk, itself if none comes after it
+    has_yielded : (chunks,) whether any of its elements has plastic strain
+    """
+
+    n_owned: int
+    n_halo: int
+    splits: int
+    boundary: int
+    low: np.ndarray
+    high: np.ndarray
+    width: np.ndarray
+    last_use: np.ndarray
+    has_yielded: np.ndarray
+    runs: Runs
+
+
+class Scratch(NamedTuple):
+    """What the loop writes for the chunk in hand: total forces, and which particles have an element near its limits.
+
+    f, f_rest : three of (rows,) [N]; near : None where all is elastic; f_rest, near_rest : of particles in no run
+    """
+
+    f: tuple
+    near: np.ndarray | None
+    f_rest: tuple
+    near_rest: np.ndarray
+
+
+def halo_width(state: State) -> int:
+    """Numbers sent for each boundary particle, as `halo.send_forces` packs them."""
+    return 5 if state.scene.fracture else 3
+
+
+def stepped_particles(state: State) -> Particles:
+    """The particles as the time loop takes them.
+
+    x are positions, or displacements from x_start, which is None otherwise; work is that of the block, if that
+    is kept; what no particle has is None for each axis.
+    """
+    s = state
+    vertical = not s.load[:, :2].any()
+    return s.particles._replace(
+        x=axes(s.u if s.scene.displaced else s.x),
+        x_start=axes(s.x_start) if s.scene.displaced else None,
+        u=None,
+        free=axes(s.free) if s.scene.part_held else NO_AXIS,  # else all axes move, or 1 / mass is 0
+        load=(None, None, s.load[:, 2]) if vertical else axes(s.load),
+        wind=NO_AXIS if s.wind is None else axes(s.wind),
+        stepped_mass=s.mass if s.stepped_mass is None else s.stepped_mass,
+        work=axes(s.work if s.block_work is None else s.block_work),
+        block_work=None,
+        gid=None,
+    )
+
+
+class Plan:
+    """The arguments of the time loop for a state, brought up to date when elements break."""
+
+    def __init__(self, state: State, halo: Halo):
+        boundary = int(halo.buffers.send_index.max()) + 1 if len(halo.buffers.send_index) else 0
+        before, after = np.arange(0, boundary, CHUNK), np.arange(boundary, state.n_owned, CHUNK)
+        self.halo, self.boundary = halo, len(before)
+        self._low = np.concatenate([before, after])
+        self._high = np.append(self._low[1:], state.n_owned)[: len(self._low)]
+        number, lanes = state.scene.number, state.scene.lanes
+        self.scratch = Scratch(
+            tuple(np.zeros((3, CHUNK), number(STEPPED))),
+            np.zeros(CHUNK, np.int32) if state.scene.inelastic else None,
+            tuple(np.zeros((3, CHUNK + lanes), number(STEPPED))),
+            np.zeros(CHUNK + lanes, np.int32),
+        )
+        valence = np.bincount(state.ends.ravel(), minlength=state.n_local)[: state.n_owned]
+        self._width = np.full(len(self._low), SLOTS, np.int64)
+        self._last_use = np.arange(len(self._low))
+        chunk_of = lambda particles: np.searchsorted(self._low, particles, side="right") - 1
+        np.maximum.at(self._width, chunk_of(np.arange(state.n_owned)), valence)
+        chunk = chunk_of(state.ends[(state.ends < state.n_owned).all(1)])
+        np.maximum.at(self._last_use, chunk[:, 0], chunk[:, 1])
+        np.maximum.at(self._last_use, chunk[:, 1], chunk[:, 0])
+        self.attach(state)
+
+    def attach(self, state: State) -> None:
+        """Bring chunks, slots, masses and runs up to date with what is attached to what."""
+        new = np.arange(state.first_split, state.n_local, CHUNK)
+        low = np.concatenate([new, self._low])
+        high = np.concatenate([np.minimum(new + CHUNK, state.n_local), self._high])
+        fill_slots(state, zip(low.tolist(), high.tolist()))
+        state.invert_masses()
+        state.round_displacements()
+        has_yielded = np.zeros(len(low), np.uint8)
+        if state.slot_eps_p is not None:
+            has_yielded[:] = [state.slot_eps_p[:, a:b].any() for a, b in zip(low, high)]
+        self.chunks = Chunks(
+            state.n_owned,
+            state.n_halo,
+            len(new),
+            self.boundary,
+            low,
+            high,
+            np.concatenate([np.full(len(new), SLOTS), self._width]),
+            np.concatenate([np.zeros(len(new), np.int64), self._last_use + len(new)]),
+            has_yielded,
+            make_runs(len(low), state.n_local, state.scene.lanes),
+        )
+        find_runs(self.chunks.low, self.chunks.high, self.chunks.width, state.other, self.chunks.runs)
+        self.arguments = (
+            self.chunks,
+            stepped_particles(state),
+            state.elements,
+            state.slots,
+            state.slots._replace(eps_p=None),
+            state.renew_law(),
+            self.scratch,
+        )
+
+    def follow(self, state: State, count: int) -> None:
+        """Bring everything up to date with the `count` elements of state.pending that have broken."""
+        if state.scene.fragments:
+            self.attach(state)
+            return
+        for e in state.pending[:count].tolist():  # taken out: nothing else changes
+            empty_slots(state, e)
+
+    def run(self, interval: Interval, seconds: np.ndarray | None = None) -> tuple[int, int, int]:
+        """Advance the state by up to the steps of an interval; as `time_loop`. Collective among neighbours."""
+        return time_loop(interval, *self.arguments, self.halo.buffers, seconds)

@@ -1,0 +1,124 @@
+"""Runs: stretches of particles whose far ends are all as far away in number, so that they load in one piece."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.compile import kernel
+from netfall.mechanics.fields import SLOTS
+
+FEWEST = 3  # particles that are worth a register of their own
+MANY_LOOSE = (
+    8  # one particle in so many outside the whole runs of a chunk: then the kick goes through all of it
+)
+
+
+class Runs(NamedTuple):
+    """How the vector loop goes through the particles of each chunk.
+
+    lanes : particles that a register takes at once
+    spans : (chunks, 8) from and up to which row of each of the next four
+    whole : (., 2 + SLOTS) first and last particle of runs, a multiple of lanes apart, and how far away the far
+        ends are
+    parts : (., 4 + SLOTS) what remains of runs, or all of one: first and last particle, a multiple of lanes
+        apart; from and up to which of them it is the run; and how far away the far ends are
+    rest : (.,) particles in no run, the last of a chunk repeated up to a multiple of lanes
+    loose : (., 2) first and last particle of stretches outside the whole runs, whose kick comes after all
+        forces; the whole chunk where it has many
+    """
+
+    lanes: int
+    spans: np.ndarray
+    whole: np.ndarray
+    parts: np.ndarray
+    rest: np.ndarray
+    loose: np.ndarray
+
+
+def make_runs(chunks: int, particles: int, lanes: int) -> Runs:
+    """`Runs` with room for the most that there could be, for `find_runs`."""
+    return Runs(
+        lanes,
+        np.zeros((chunks, 8), np.int64),
+        np.zeros((particles // lanes, 2 + SLOTS), np.int64),
+        np.zeros((particles // FEWEST, 4 + SLOTS), np.int64),
+        np.zeros(particles + lanes * chunks, np.uint32),
+        np.zeros((particles // lanes + chunks, 2), np.int64),
+    )
+
+
+@kernel
+def end_of_run(p, high, other):
+    """The first particle after p, at most `high`, whose far ends are not as far away in number as those of p."""
+    end = p + 1
+    while end < high and (
+        other[0, end] - end == other[0, p] - p
+        and other[1, end] - end == other[1, p] - p
+        and other[2, end] - end == other[2, p] - p
+        and other[3, end] - end == other[3, p] - p
+    ):
+        end += 1
+    return end
+
+
+@kernel
+def kick_at_once(low, high, width, lanes, other):
+    """Whether so few particles of a chunk are in whole runs that the kick had better go through all of it."""
+    outside, p = high - low, low
+    while p < high and width <= SLOTS:
+        end = end_of_run(p, high, other)
+        outside -= (end - p) // lanes * lanes
+        p = end
+    return outside * MANY_LOOSE > high - low
+
+
+@kernel
+def find_runs(low_of, high_of, width_of, other, runs):
+    """Write the `Runs` of the chunks.
+
+    low_of, high_of, width_of : (chunks,) of `plan.Chunks`; other : (slots, n) local number of the far end
+    """
+    lanes, spans, whole, parts, rest, loose = runs
+    wholes = partials = rests = stretches = 0
+    for c in range(width_of.shape[0]):
+        low, high = low_of[c], high_of[c]
+        at_once = kick_at_once(low, high, width_of[c], lanes, other)
+        spans[c, 0], spans[c, 2], spans[c, 4], spans[c, 6] = wholes, partials, rests, stretches
+        p = covered = low  # covered: where the last whole run ends
+        while p < high:
+            end = end_of_run(p, high, other)
+            left = p  # so far in nothing
+            if not at_once and end - p >= lanes:
+                left = end - (end - p) % lanes
+                whole[wholes, 0], whole[wholes, 1] = p, left
+                for s in range(SLOTS):
+                    whole[wholes, 2 + s] = np.int64(other[s, p]) - p
+                wholes += 1
+                if covered < p:
+                    loose[stretches, 0], loose[stretches, 1] = covered, p
+                    stretches += 1
+                covered = left
+            length = (end - left + lanes - 1) // lanes * lanes
+            begin = min(left, high - length)
+            fits = end - left >= FEWEST and begin >= low and width_of[c] <= SLOTS
+            for s in range(SLOTS):
+                far = begin + np.int64(other[s, p]) - p
+                fits &= far >= 0 and far + length <= other.shape[1]
+            if fits:
+                parts[partials, 0], parts[partials, 1] = begin, begin + length
+                parts[partials, 2], parts[partials, 3] = left, end
+                for s in range(SLOTS):
+                    parts[partials, 4 + s] = np.int64(other[s, p]) - p
+                partials += 1
+                left = end
+            for p in range(left, end):
+                rest[rests] = p
+                rests += 1
+            p = end
+        if covered < high:
+            loose[stretches, 0], loose[stretches, 1] = covered, high
+            stretches += 1
+        spans[c, 1], spans[c, 3], spans[c, 5], spans[c, 7] = wholes, partials, rests, stretches
+        while rests % lanes > 0:
+            rest[rests] = rest[rests - 1]
+            rests += 1

@@ -1,0 +1,135 @@
+"""Slots: each element stands at both of its ends, so that a particle sums over its own elements.
+
+They stand in ascending global number; so the sum has the same order, and the same bits, on any number of
+ranks. Every element is computed at both ends, from the same bits: twice the arithmetic, but nothing is
+scattered, and the loop over particles runs in vector registers.
+"""
+
+import math
+
+import numpy as np
+
+from netfall.compile import allocating_kernel, kernel
+from netfall.mechanics.fields import EMPTY, SLOTS, fields_of
+from netfall.mechanics.state import State
+
+
+def fill_slots(state: State, chunks) -> None:
+    """Put the elements, as they are attached now, into the slots of the particles that this rank steps.
+
+    chunks : first and last particle of each stretch that is stepped at once, in which runs are worth having
+    """
+    s = state
+    filled = np.zeros(s.n_local, np.int32)
+    element = np.empty_like(s.other) if s.slot_element is None else s.slot_element
+    attach_elements(s.n_owned, s.first_split, s.n_local, s.elements, s.other, element, filled)
+    for low, high in chunks:
+        align_slots(low + 1, high, 1, s.n_local, s.other, element, filled)
+        align_slots(high - 2, low - 1, -1, s.n_local, s.other, element, filled)
+    fill_geometry(s.n_local, element, s.x_start, s.elements, s.slots)
+    for field in fields_of("slot"):
+        slot = getattr(s, field.name)
+        if field.slot_of and slot is not None:
+            copy_to_slots(s.n_local, element, getattr(s, field.slot_of), slot)
+
+
+def empty_slots(state: State, e: int) -> None:
+    """Take element e out of the slots of its ends, where nothing else changes; runs stay as they are."""
+    for p in state.ends[e].tolist():
+        empty_slots_of(np.uint32(e), p, state.slots)
+
+
+@kernel
+def attach_elements(n_owned, first_split, n_local, elements, other, slot_element, filled):
+    """Put every element into a slot of each of its ends that this rank steps, in ascending order.
+
+    other : (slots, n), out, far ends, the particle's own in an empty slot; slot_element : (slots, n), out,
+        EMPTY there; filled : (n,), out, slots in use, the first ones
+    """
+    for s in range(other.shape[0]):
+        for p in range(n_local):
+            other[s, p], slot_element[s, p] = p, EMPTY
+    filled[:n_local] = 0
+    for e in range(elements.ends.shape[0]):
+        if elements.EA[e] == 0.0:
+            continue  # another rank has kept it, or it is out of the net
+        for end in range(2):
+            p = elements.ends[e, end]
+            if n_owned <= p and p < first_split:
+                continue
+            other[filled[p], p], slot_element[filled[p], p] = elements.ends[e, 1 - end], e
+            filled[p] += 1
+
+
+@allocating_kernel
+def align_slots(first, last, direction, n_local, other, slot_element, filled):
+    """Move empty slots so that far ends are as far away in number as those of the particle before.
+
+    For particles first to last, counted in `direction`, 1 or -1. So a run goes on where a particle lacks an
+    element that its neighbour has: an empty slot may name any particle, and adds zero. The elements keep
+    their order. slot_element : (slots, n), EMPTY in empty slots
+    """
+    far, mine = np.empty(SLOTS, np.int64), np.empty(SLOTS, np.uint32)
+    for p in range(first, last, direction):
+        if filled[p] > SLOTS or filled[p - direction] > SLOTS:
+            continue
+        k, placed, fits = 0, 0, True
+        for s in range(SLOTS):
+            far[s] = np.int64(other[s, p - direction]) + direction
+            fits &= far[s] >= 0 and far[s] < n_local
+            while k < SLOTS and slot_element[k, p] == EMPTY:
+                k += 1
+            mine[s] = EMPTY
+            if k < SLOTS and np.int64(other[k, p]) == far[s]:
+                mine[s] = slot_element[k, p]
+                placed += 1
+                k += 1
+        if fits and placed == filled[p]:
+            for s in range(SLOTS):
+                other[s, p], slot_element[s, p] = far[s], mine[s]
+
+
+@kernel
+def fill_geometry(n_local, slot_element, x_start, elements, slots):
+    """Lengths in the slots, 1 / L0 = 0 in an empty one; and what displacements count from.
+
+    x_start : (n, 3) [m]; slots.start_x to start_excess are filled where displacements are stepped
+    """
+    for s in range(slots.inv_L0.shape[0]):
+        for p in range(n_local):
+            e, o = slot_element[s, p], slots.other[s, p]
+            slots.inv_L0[s, p] = 0.0 if e == EMPTY else 1.0 / elements.L0[e]
+            if slots.start_x is not None:
+                dx, dy, dz, excess = 0.0, 0.0, 0.0, 0.0
+                if e != EMPTY:
+                    dx, dy = x_start[o, 0] - x_start[p, 0], x_start[o, 1] - x_start[p, 1]
+                    dz = x_start[o, 2] - x_start[p, 2]
+                    L, L0 = math.sqrt(dx * dx + dy * dy + dz * dz), elements.L0[e]
+                    excess = (L - L0) * (L + L0) / (L0 * L0)
+                slots.start_x[s, p], slots.start_y[s, p], slots.start_z[s, p] = dx, dy, dz
+                slots.start_excess[s, p] = excess
+
+
+@kernel
+def copy_to_slots(n_local, slot_element, values, slot):
+    """A field of the elements (m,) into a field of the slots (slots, n); nothing of use in an empty slot."""
+    for s in range(slot.shape[0]):
+        for p in range(n_local):
+            e = slot_element[s, p]
+            if e == EMPTY:
+                slot[s, p] = 0
+            else:
+                slot[s, p] = values[e]
+
+
+@kernel
+def empty_slots_of(e, p, slots):
+    """Leave the slot of element e at particle p empty, where it is."""
+    for s in range(slots.inv_L0.shape[0]):
+        if slots.element[s, p] == e:
+            slots.element[s, p], slots.inv_L0[s, p] = EMPTY, 0.0
+            if slots.bar is not None:
+                slots.bar[s, p] = 0
+            if slots.start_x is not None:
+                slots.start_x[s, p] = slots.start_y[s, p] = slots.start_z[s, p] = 0.0
+                slots.start_excess[s, p] = 0.0
