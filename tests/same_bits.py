@@ -6,11 +6,12 @@
     .venv/bin/python tests/same_bits.py COMMIT --seed 2 --nets 60
     .venv/bin/python tests/same_bits.py COMMIT --new history/loss_work
 
-Cases are the shipped jobs (each precision, with fragments and without) and random nets (random_nets.py). The earlier
-code runs each case on one rank, once: its results and its compiled kernels are kept in build/same_bits/COMMIT. The
-present code runs it on one rank and on several, and random nets also from a checkpoint or after a pause, on other
-ranks. Compared are names, shapes, types and bytes of all datasets and all attributes, but those of /provenance;
-and, of runs that end early, exit code and message. The exit code is 1 if anything differs or is missing.
+Cases are the shipped jobs (each precision, with fragments and without) and random nets (random_nets.py).
+The earlier code runs each case on one rank, once: its results and its compiled kernels are kept in
+build/same_bits/COMMIT. The present code runs it on one rank and on several, and random nets also from a
+checkpoint or after a pause, on other ranks. Compared are names, shapes, types and bytes of all datasets and
+attributes, but those of /provenance; and, of runs that end early, exit code and message. The exit code is 1
+if anything differs or is missing. Results that differ are left in build/same_bits/work-*.
 """
 
 import argparse
@@ -62,7 +63,10 @@ def contents(file: h5py.File) -> dict[str, np.ndarray]:
 
 
 def differences(old: Path, new: Path, allowed: tuple[str, ...] = ()) -> tuple[int, list[str]]:
-    """Number of datasets compared, and a line for each that differs. allowed : beginnings of names that may be new."""
+    """Number of datasets compared, and a line for each that differs.
+
+    allowed : names, or their beginnings, of what may be new
+    """
     with h5py.File(old, "r") as a, h5py.File(new, "r") as b:
         one, other = contents(a), contents(b)
     lines = [f"{name}: missing" for name in one if name not in other]
@@ -146,7 +150,7 @@ def net_cases(count: int, seed: int) -> list[Case]:
 
 
 def in_turn(cases: list[Case]) -> list[Case]:
-    """The cases such that those of one variant stand far apart: the second finds compiled what the first needed."""
+    """The cases, those of one variant far apart: the second finds compiled what the first needed."""
     seen: dict[str, int] = {}
     turn = {}
     for case in cases:
@@ -164,6 +168,7 @@ class Run:
     code: int
     error: str
     result: Path
+    seconds: float = 0.0
 
 
 def run(source: Path, folder: Path, case: Case, ranks=1, output=RESULT, more: tuple[str, ...] = ()) -> Run:
@@ -174,6 +179,7 @@ def run(source: Path, folder: Path, case: Case, ranks=1, output=RESULT, more: tu
     if ranks > 1:
         command = [str(MPIRUN), "-n", str(ranks), *command]
     environment = os.environ | {"PYTHONPATH": str(source), "PYTHONDONTWRITEBYTECODE": "1"}
+    begin = time.monotonic()
     try:
         done = subprocess.run(
             command,
@@ -186,7 +192,8 @@ def run(source: Path, folder: Path, case: Case, ranks=1, output=RESULT, more: tu
         )
     except subprocess.TimeoutExpired:
         return Run(-1, f"hangs: no end after {LONGEST} s", folder / output)
-    return Run(done.returncode, without_mpirun(done.stderr), folder / output)
+    error = without_mpirun(done.stderr)
+    return Run(done.returncode, error, folder / output, time.monotonic() - begin)
 
 
 def without_mpirun(text: str) -> str:
@@ -248,7 +255,7 @@ class Verdict:
 
     def compare(self, what: str, new: Run) -> bool:
         """Note whether a run of the present code ended as the old one."""
-        self.runs.append(what)
+        self.runs.append(f"{what} {new.seconds:.1f} s")
         lines = []
         if new.code != self.old.code:
             lines.append(f"exit code {new.code}, was {self.old.code}: {new.error[-300:]}")
@@ -281,9 +288,7 @@ def figures(result: Path) -> dict[str, int]:
         last = lambda name: int(np.max(file[name][()], initial=0)) if name in file else 0
         flowed = int(np.count_nonzero(file["final/plastic_strain"])) if "final/plastic_strain" in file else 0
         steps = (
-            int(round(file["history/time"][-1] / file["history/time_step"][-1]))
-            if "history/time" in file
-            else 0
+            round(file["history/time"][-1] / file["history/time_step"][-1]) if "history/time" in file else 0
         )
         return dict(broken=last("history/broken"), flowed=flowed, slack=last("history/slack"), steps=steps)
 
@@ -306,7 +311,7 @@ def judge(case: Case, earlier: Earlier, work: Path, allowed: tuple[str, ...]) ->
 
 
 def restart_from_checkpoints(verdict: Verdict, work: Path) -> None:
-    """The older checkpoint of the run on one rank, taken up on three; the newer one of that on three, on two."""
+    """The older checkpoint of the run on one rank, on three; the newer one of that on three, on two."""
     for ranks, pick, later in ((1, 0, 3), (3, -1, 2)):
         folder = work / f"ranks-{ranks}"
         kept = sorted(path.name for path in folder.glob("result.checkpoint-3-*.h5"))
@@ -366,7 +371,7 @@ def tally(verdicts: list[Verdict]) -> str:
     steps = [v.figures["steps"] for v in nets if v.figures]
     pairs: set = set().union(*(pairs_of(v.case.choice) for v in nets))
     return (
-        f"{len(nets)} random nets of {len({v.case.variant for v in nets})} variants, {len(pairs)} pairs of choices: "
+        f"{len(nets)} nets of {len({v.case.variant for v in nets})} variants, {len(pairs)} pairs of choices: "
         f"{having('broken')} break, {having('flowed')} flow, {having('slack')} go slack; "
         f"{codes.count(2)} refused, {len(codes) - codes.count(2) - codes.count(0)} end early; "
         f"steps {min(steps, default=0)} to {max(steps, default=0)}"
@@ -396,9 +401,8 @@ def main() -> None:
     cases = in_turn(shipped_cases(asked.quick) + net_cases(nets, asked.seed))
     cases = [c for c in cases if not asked.only or c.name.startswith(tuple(asked.only))]
     if asked.list or not cases:
-        sys.exit(
-            "\n".join(f"{c.name:26} {c.choice or ' '.join(c.overrides)}" for c in cases) or "no such case"
-        )
+        print(*(case.name for case in cases), sep="\n")
+        sys.exit(0 if cases else "no such case; --list prints the names")
     earlier, begin, before = Earlier(asked.commit), time.monotonic(), source_digest(ROOT / "src")
     for source in (earlier.source, ROOT / "src"):
         check_imports(source)
@@ -415,9 +419,8 @@ def main() -> None:
     if source_digest(ROOT / "src") != before:
         sys.exit(f"src was changed while the cases ran: nothing is shown by them ({took})")
     if wrong:
-        sys.exit(
-            f"{len(wrong)} of {len(cases)} cases DIFFER from {earlier.name[:12]}: {', '.join(wrong)}; see {work} ({took})"
-        )
+        print(f"{len(wrong)} of {len(cases)} cases DIFFER from {earlier.name[:12]}; see {work} ({took})")
+        sys.exit(f"differ: {', '.join(wrong)}")
     shutil.rmtree(work)
     runs = sum(len(v.runs) for v in verdicts)
     print(f"{len(cases)} cases, {runs} runs, all equal to {earlier.name[:12]} to the last bit ({took})")
