@@ -27,9 +27,11 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from importlib.metadata import version
 from pathlib import Path
 
 import h5py
+import llvmlite.binding
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -111,8 +113,12 @@ class Case:
     choice: dict = field(default_factory=dict)
 
     def digest(self) -> str:
-        """Fingerprint of what is computed."""
-        text = json.dumps([self.files, self.overrides], sort_keys=True)
+        """Fingerprint of what is computed, and with what: bits differ between processors and libraries."""
+        machine = [
+            llvmlite.binding.get_host_cpu_name(),
+            *(version(name) for name in ("numba", "numpy", "scipy")),
+        ]
+        text = json.dumps([self.files, self.overrides, machine], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
@@ -252,6 +258,8 @@ class Verdict:
         self.runs: list[str] = []
         self.wrong: dict[str, list[str]] = {}
         self.figures = figures(old.result) if old.code == 0 else {}
+        if old.code not in (0, 2, 3):
+            self.wrong["earlier code"] = [f"exit code {old.code}: {old.error[-300:]}"]
 
     def compare(self, what: str, new: Run) -> bool:
         """Note whether a run of the present code ended as the old one."""
@@ -364,8 +372,6 @@ def check_imports(source: Path) -> None:
 def tally(verdicts: list[Verdict]) -> str:
     """What the random nets went through, in lines."""
     nets = [v for v in verdicts if v.case.choice]
-    if not nets:
-        return ""
     having = lambda name: sum(bool(v.figures.get(name)) for v in nets)
     codes = [v.old.code for v in nets]
     steps = [v.figures["steps"] for v in nets if v.figures]
@@ -414,7 +420,8 @@ def main() -> None:
             verdicts.append(future.result())
             print(verdicts[-1].text(), flush=True)
     wrong = [v.case.name for v in verdicts if v.wrong]
-    print(*filter(None, [tally(verdicts)]), sep="\n")
+    if any(case.choice for case in cases):
+        print(tally(verdicts))
     took = f"{time.monotonic() - begin:.0f} s"
     if source_digest(ROOT / "src") != before:
         sys.exit(f"src was changed while the cases ran: nothing is shown by them ({took})")
