@@ -65,7 +65,7 @@ def test_commands_are_those_of_the_program():
 
 
 def test_first_job_prints_what_the_readme_shows(workshop):
-    """The job of README.md prints what is shown, on two ranks, up to the first fracture; then it is chaotic."""
+    """The job of README.md prints what is shown, on two ranks, up to the first fracture; then chaos."""
     job = workshop.folder / "first.toml"
     job.write_text(blocks(ROOT / "README.md", "toml")[0])
     done = run_netfall("run", job, ranks=2, cwd=workshop.folder)
