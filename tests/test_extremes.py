@@ -1,4 +1,4 @@
-"""The extremes: each runs right, or is refused with the reason. `pytest tests/test_extremes.py -s` prints the table of the README."""
+"""The extremes: each runs right, or is refused with the reason. `pytest tests/test_extremes.py -s` prints the table of jobs/trade/README.md."""
 
 import numpy as np
 import pytest

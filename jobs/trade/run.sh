@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Run time against error of the saddle and of the stadium: the tables of the README, "Speed against accuracy".
+# Run time against error of the saddle and of the stadium: the tables of jobs/trade/README.md.
 #
 #   bash jobs/trade/run.sh [--ranks P]      tables (HDF5) and pictures into results/; some eight minutes, nothing else may run
 #

@@ -271,7 +271,7 @@ def version() -> None:
 
 
 def main() -> None:
-    """Entry point: run a command; the exit code says how it ended (README, "Exit codes")."""
+    """Entry point: run a command; the exit code says how it ended (jobs/README.md)."""
     top = parser()
     arguments = top.parse_args()
     if arguments.verb is None and not arguments.version:

@@ -1,7 +1,7 @@
 """Every key of a job file: its type, unit, range, default and meaning, in one table.
 
-Validation, the messages for wrong input and the tests read this table; a key is added by adding a row here and
-in the README (a test compares the two).
+Validation, the messages for wrong input and the tests read this table; a key is added by adding a row here
+and in jobs/README.md (a test compares the two).
 """
 
 from dataclasses import dataclass

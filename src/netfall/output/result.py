@@ -1,4 +1,4 @@
-"""The result file of a run: frames while it goes on, everything small at the end. Layout: README, "The result file"."""
+"""The result file of a run: frames while it goes on, everything small at the end. Layout: README.md beside."""
 
 import secrets
 from pathlib import Path

@@ -15,7 +15,7 @@ from netfall.solve.run import limit_line, schedule_of, step_remarks
 STEP_NS, STEP_US = (
     8.0,
     2.0,
-)  # for an element and step, and for a step, on one core with all features on (README, "How fast")
+)  # for an element and step, and for a step, on one core with all features on (jobs/bench)
 LARGEST_FORM = 50_000  # elements up to which check also finds the form
 FRAME_BYTES = {"particle": 24 + 12 + 12, "element": 4 + 4 + 4 + 1}  # of the result file, for each state
 SETUP_BYTES = 500  # per element on rank 0, while the net is read, cut and sent

@@ -1,0 +1,123 @@
+"""The README files: links lead somewhere, the commands are those of the program, the examples run as told."""
+
+import re
+import subprocess
+
+import pytest
+from conftest import ROOT, run_netfall
+
+from netfall.__main__ import parser
+
+FOLDERS = (
+    ".",
+    "jobs",
+    "jobs/bench",
+    "jobs/trade",
+    "partitions",
+    "src/netfall",
+    "src/netfall/output",
+    "tests",
+)
+PAGES = [ROOT / folder / "README.md" for folder in FOLDERS]
+MOST_LINES, WIDEST = 150, 110
+
+
+def prose(page):
+    """Text of a page without its blocks of code."""
+    return re.sub(r"```.*?```", "", page.read_text(), flags=re.S)
+
+
+def anchors(page):
+    """The anchors that GitHub makes of a page's headings."""
+    headings = re.findall(r"^#+ (.*)$", prose(page), re.M)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def blocks(page, kind):
+    """The blocks of code of one kind, in order."""
+    return re.findall(rf"```{kind}\n(.*?)```", page.read_text(), re.S)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=FOLDERS)
+def test_links_lead_somewhere(page):
+    """Every link of a page names a file, and a heading, that exist."""
+    links = re.findall(r"\]\(([^)\s]+)\)", prose(page))
+    for link in links:
+        path, _, anchor = link.partition("#")
+        target = (page.parent / path).resolve() if path else page
+        assert target.exists(), link
+        assert not anchor or anchor in anchors(target), link
+
+
+@pytest.mark.parametrize("page", PAGES, ids=FOLDERS)
+def test_lines_are_readable(page):
+    """No line but a table's is wider than a page; the first page is short."""
+    lines = page.read_text().splitlines()
+    assert [line for line in lines if len(line) > WIDEST and not line.startswith("|")] == []
+    assert page.parent != ROOT or len(lines) <= MOST_LINES
+
+
+def test_commands_are_those_of_the_program():
+    """The table of commands in README.md has a row for each command, and no other."""
+    verbs = next(action for action in parser()._actions if action.dest == "verb").choices
+    told = re.findall(r"^\| `netfall (\w+)", (ROOT / "README.md").read_text(), re.M)
+    assert told == list(verbs)
+
+
+def test_first_job_prints_what_the_readme_shows(workshop):
+    """The job of README.md prints what is shown, on two ranks, up to the first fracture; then chaos."""
+    job = workshop.folder / "first.toml"
+    job.write_text(blocks(ROOT / "README.md", "toml")[0])
+    done = run_netfall("run", job, ranks=2, cwd=workshop.folder)
+    assert done.returncode == 0, done.stderr
+    shown = (ROOT / "README.md").read_text().split("The run prints")[1].split("```")[1].strip().splitlines()
+    settled = [line for line in shown if line.startswith(("net", "statics", "dynamics"))]
+    assert len(settled) == 3 and set(settled) <= set(done.stdout.splitlines()), done.stdout
+    onset = re.compile(r"the first at t = \d+\.\d\d\d")  # a step is 1.4 ms
+    assert onset.search(done.stdout)[0] == onset.search("\n".join(shown))[0], done.stdout
+
+
+def test_tutorial_gives_what_it_tells(workshop):
+    """The net of jobs/README.md has the form, tensions, swing and break told beside the hand calculation."""
+    page = ROOT / "jobs" / "README.md"
+    nodes, elements = blocks(page, "csv")
+    (job,) = blocks(page, "toml")
+    for name, text in (("nodes.csv", nodes), ("elements.csv", elements), ("cross.toml", job)):
+        (workshop.folder / name).write_text(text)
+    path = workshop.folder / "cross.toml"
+    with workshop.run(path) as rest:
+        assert rest["form_finding/position"][4, 2] == pytest.approx(1.0, abs=2e-6)  # tolerance 1e-6 of 100 kN
+        assert rest["form_finding/unstressed_length"][0] == pytest.approx(10.0373, abs=5e-5)  # digits told
+        assert rest["statics/displacement"][-1, 4, 2] == pytest.approx(-0.02815, abs=5e-6)
+        assert rest["statics/tension"][-1] == pytest.approx([122.64e3] * 2 + [77.98e3] * 2, abs=5.0)
+    sudden = ("--set", "load.steps=0")
+    with workshop.run(path, *sudden) as swing:
+        z = swing["history/probe_displacement"][:, 0, 2]
+        assert z.min() == pytest.approx(-0.05629, abs=5e-6)
+        assert swing["history/time"][z[:30].argmin()] == pytest.approx(0.17, abs=1e-9)
+    for safety, time in ((0.8, 0.1217), (0.02, 0.1205)):
+        options = ("--set", "cable.fracture_strain=0.0017", "--set", f"dynamics.safety={safety}")
+        with workshop.run(path, *sudden, *options) as broken:
+            assert broken["events/time"][:2] == pytest.approx([time] * 2, abs=5e-5)
+            assert broken["events/element"][:2].tolist() == [0, 1]
+
+
+def test_python_of_the_readme_files_runs(workshop):
+    """The blocks of Python in the pages run, on the results that they name."""
+    cross = workshop.folder / "results" / "cross"
+    cross.mkdir(parents=True)
+    page = ROOT / "jobs" / "README.md"
+    for name, text in zip(("nodes.csv", "elements.csv"), blocks(page, "csv")):
+        (cross / name).write_text(text)
+    (cross / "cross.toml").write_text(blocks(page, "toml")[0])
+    for name, options in (("cross", ()), ("sudden", ("--set", "load.steps=0"))):
+        done = run_netfall("run", cross / "cross.toml", "-o", cross / f"{name}.vtkhdf", *options)
+        assert done.returncode == 0, done.stderr
+    for text in blocks(page, "python"):
+        done = subprocess.run(
+            [str(ROOT / ".venv" / "bin" / "python"), "-c", text],
+            cwd=workshop.folder,
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0 and done.stdout, done.stderr
