@@ -140,10 +140,12 @@ def test_a_millimetre_beside_a_kilometre(workshop):
 )
 def test_energy_that_a_slack_cable_returns(phase, least, most):
     """A mass runs into a slack cable and back: the energy it brings back, averaged over the moment of contact, for omega dt = phase."""
-    from netfall.mechanics.state import Scene, State
+    from netfall.mechanics.fields import Scene
+    from netfall.mechanics.state import State
     from netfall.parallel.distribute import cut_net
     from netfall.parallel.halo import Halo
-    from netfall.solve.stepping import Plan, run_steps
+    from netfall.step.loop import Interval
+    from netfall.step.plan import Plan
 
     n, stiffness, mass, reach = 2000, 1e6, 10.0, 1e-5  # reach: m in a step, of a cable of 1 m
     dt = phase / np.sqrt(stiffness / mass)
@@ -156,7 +158,7 @@ def test_energy_that_a_slack_cable_returns(phase, least, most):
     state.x[far, 0] = 1.0 - reach * (np.arange(n) + 0.5) / n
     state.v[far, 0] = reach / dt
     halo = Halo(MPI.COMM_SELF, piece, 3)
-    run_steps(halo, Plan(state, halo), 1, 40, dt, dt, 0.0, 0.0, 1e9)
+    Plan(state, halo).run(Interval(1, 40, dt, dt, 0.0, 0.0, 1e9))
     assert (state.x[far, 0] < 1.0).all()  # slack again
     gain = float(np.mean((state.v[far, 0] * dt / reach) ** 2)) - 1.0
     assert least <= gain <= most

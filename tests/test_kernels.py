@@ -1,21 +1,26 @@
 """The vector kernel of the step against the plain element law, for every kind of scene."""
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from netfall.mechanics.kernels import Runs, add_tensions, count_near, kick_rows
-from netfall.mechanics.state import Scene, State
+from netfall.mechanics.elements import add_tensions
+from netfall.mechanics.fields import Scene
+from netfall.mechanics.state import State
 from netfall.parallel.distribute import cut_net
 from netfall.parallel.partition import metis_partition
-from netfall.solve.stepping import CHUNK, Plan
+from netfall.step.forces import kick_chunk
+from netfall.step.limits import count_near
+from netfall.step.plan import CHUNK, NO_AXIS, Plan
+from netfall.step.runs import Runs
 
 
 class NoHalo:
     """One rank: nothing is sent."""
 
-    send_index = np.zeros(0, np.uint32)
+    buffers = SimpleNamespace(send_index=np.zeros(0, np.uint32))
 
 
 def random_state(scene: Scene, seed: int, n: int = CHUNK + 7) -> State:
@@ -57,7 +62,8 @@ def make_state(scene: Scene, n: int, elements: np.ndarray, x: np.ndarray, seed: 
 def forces_of(state: State, in_runs: bool = True) -> tuple[np.ndarray, np.ndarray]:
     """Forces (n, 3) [N] by the vector loop, from rest without load; and whether a particle has elements near their limits."""
     plan, s, lanes = Plan(state, NoHalo()), state, state.scene.lanes
-    runs = plan.runs
+    chunks, particles, _, slots, _, law, scratch = plan.arguments
+    runs = chunks.runs
     spans = runs.spans.max(0)
     covered = [
         *(np.arange(*row[:2]) for row in runs.whole[: spans[1]]),
@@ -66,12 +72,12 @@ def forces_of(state: State, in_runs: bool = True) -> tuple[np.ndarray, np.ndarra
     ]
     assert np.array_equal(np.sort(np.concatenate(covered)), np.arange(s.n_owned))
     if not in_runs:  # each particle by itself
-        count = plan.high - plan.low
+        count = chunks.high - chunks.low
         places = np.concatenate([[0], np.cumsum((count + lanes - 1) // lanes * lanes)])
         rest = np.concatenate(
             [
                 np.append(np.arange(low, high), np.full(-(high - low) % lanes, low))
-                for low, high in zip(plan.low, plan.high)
+                for low, high in zip(chunks.low, chunks.high)
             ]
         )
         nothing, chunk = 0 * count, np.arange(len(count))
@@ -83,49 +89,17 @@ def forces_of(state: State, in_runs: bool = True) -> tuple[np.ndarray, np.ndarra
             runs.whole,
             runs.parts,
             rest.astype(np.uint32),
-            np.column_stack([plan.low, plan.high]),
+            np.column_stack([chunks.low, chunks.high]),
         )
+    chunks = chunks._replace(runs=runs)
+    particles = particles._replace(load=NO_AXIS, work=None)
     found, near = np.zeros_like(s.x), np.zeros(s.n_owned, bool)
-    none = (None, None, None)
-    for c, (low, high) in enumerate(zip(plan.low, plan.high)):
-        kick_rows(
-            c,
-            low,
-            plan.width[c],
-            runs,
-            plan.f_rest,
-            plan.near_rest,
-            0.0,
-            0.0,
-            0.0,
-            tuple((s.u_rounded if s.scene.mixed else s.u if s.scene.displaced else s.x).T),
-            tuple(s.v.T),
-            plan.f_chunk,
-            plan.near_of if s.scene.inelastic else None,
-            s.per_mass,
-            none,
-            s.mass,
-            none,
-            *none,
-            none,
-            None,
-            None,
-            s.other,
-            s.start,
-            s.inv_L0,
-            s.EA.max(),
-            s.slot_EA,
-            s.scene.logarithmic or None,
-            s.slot_bar,
-            s.yield_force.max() if s.scene.plastic else None,
-            s.slot_yield,
-            s.slot_eps_p,
-            s.reach,
-        )
-        found[low:high] = np.column_stack(plan.f_chunk)[: high - low]
+    for c, (low, high) in enumerate(zip(chunks.low, chunks.high)):
+        kick_chunk(c, 0.0, 0.0, 0.0, chunks, particles, slots, law, scratch)
+        found[low:high] = np.column_stack(scratch.f)[: high - low]
         if s.scene.inelastic:
-            near[low:high] = plan.near_of[: high - low]
-            assert count_near(plan.near_of, high - low) == plan.near_of[: high - low].sum()
+            near[low:high] = scratch.near[: high - low]
+            assert count_near(scratch.near, high - low) == scratch.near[: high - low].sum()
     return found, near
 
 
@@ -202,7 +176,7 @@ def test_runs_give_the_bits_of_the_general_loop(plastic, fracture, logarithmic, 
         np.column_stack([np.arange(1600) % 40, np.arange(1600) // 40, np.zeros(1600)]),
         2,
     )
-    whole = Plan(state, NoHalo()).runs.whole
+    whole = Plan(state, NoHalo()).chunks.runs.whole
     assert (whole[:, 1] - whole[:, 0]).sum() > 1300
     outcomes = [[values.tobytes() for values in forces_of(state, in_runs)] for in_runs in (True, False)]
     assert outcomes[0] == outcomes[1]
@@ -214,7 +188,7 @@ def test_a_lattice_with_gaps_is_one_run_for_each_chunk():
     elements = elements[np.random.default_rng(4).random(len(elements)) > 0.05]
     x = np.column_stack([np.arange(1600) % 40, np.arange(1600) // 40, 0.1 * np.sin(np.arange(1600))])
     state = make_state(Scene(bars=True), 1600, elements, x, 2)
-    whole = Plan(state, NoHalo()).runs.whole
+    whole = Plan(state, NoHalo()).chunks.runs.whole
     assert (whole[:, 1] - whole[:, 0]).max() > 1500
     N, _, _, L = state.elements_now()
     expected = np.zeros_like(state.x)
@@ -246,7 +220,7 @@ def test_a_net_of_short_rows_is_stepped_in_parts():
     elements = number[elements[inside[elements].all(1)]]
     x = np.column_stack([column, 1.1 * row, 0.1 * np.sin(np.arange(side**2))])[inside]
     state = make_state(Scene(bars=True, fracture=True), len(x), elements, x, 2)
-    runs = Plan(state, NoHalo()).runs
+    runs = Plan(state, NoHalo()).chunks.runs
     assert runs.spans[0, 3] > 10 and runs.spans[0, 1] == 0 and np.array_equal(runs.loose[0], [0, len(x)])
     outcomes = [[values.tobytes() for values in forces_of(state, in_runs)] for in_runs in (True, False)]
     assert outcomes[0] == outcomes[1]
@@ -263,7 +237,7 @@ def test_a_cut_leaves_the_rows_of_a_lattice_whole():
         state.ends[:], state.EA[:], state.L0[:] = piece.ends, 1.0, 1.0
         halo = NoHalo()
         halo.send_index = piece.send_index
-        runs = Plan(state, halo).runs
+        runs = Plan(state, halo).chunks.runs
         assert (runs.whole[:, 1] - runs.whole[:, 0]).max() > 4 * side and (
             runs.spans[:, 5] - runs.spans[:, 4]
         ).sum() < 0.02 * piece.n_owned

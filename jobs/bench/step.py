@@ -32,11 +32,14 @@ if arguments.no_order:
     compile.kernel = numba.njit(**reordering)
 
 import net
-from netfall.mechanics.state import FIELDS, Scene, State
+
+from netfall.mechanics.fields import FIELDS, Scene
+from netfall.mechanics.state import State
 from netfall.parallel.distribute import Distribution, cut_net
 from netfall.parallel.halo import Halo
 from netfall.parallel.partition import metis_partition
-from netfall.solve.stepping import Plan, halo_width, run_steps
+from netfall.step.loop import Interval
+from netfall.step.plan import Plan, halo_width
 
 comm = MPI.COMM_WORLD
 words = (
@@ -84,17 +87,8 @@ def advance(first: int, steps: int) -> float:
     """Seconds for some steps, the slowest rank's."""
     comm.Barrier()
     begin = time.perf_counter()
-    done, _, error = run_steps(
-        halo,
-        plan,
-        first,
-        steps,
-        net.DT if first else 0.0,
-        net.DT,
-        1.0 if arguments.scene == "all" else 0.0,
-        0.0,
-        1e9,
-    )
+    damping = 1.0 if arguments.scene == "all" else 0.0
+    done, _, error = plan.run(Interval(first, steps, net.DT if first else 0.0, net.DT, damping, 0.0, 1e9))
     assert done == steps and not error
     seconds = time.perf_counter() - begin
     state.end_block()
@@ -107,12 +101,13 @@ z = comm.allreduce(float(state.x[mine[0], 2] - state.x_start[mine[0], 2]) if len
 steps = max(5, int(arguments.seconds / max(advance(net.CHECKED, 5) / 5, 1e-6)))
 steps = comm.bcast(steps)
 seconds = [advance(net.CHECKED + 5 + k * steps, steps) / steps for k in range(arguments.rounds)]
-mail, alone = halo.mail, halo.mail.boxes.copy()  # the step without its exchange, for the exchange's share
-for box in (0, mail.other_box):
-    alone[box + mail.receive_at[:, None] + np.arange(3)] = 0.0  # forces on the halo; masses stay
-halo.mail = mail._replace(boxes=alone, counts=mail.counts[:0], requests=mail.requests[:, :0])
+buffers, alone = halo.buffers, halo.buffers.numbers.copy()  # the step without its exchange, for its share
+for place in (0, buffers.to_second):
+    alone[place + buffers.receive_at[:, None] + np.arange(3)] = 0.0  # forces on the halo; masses stay
+nobody = {"counts": buffers.counts[:0], "requests": buffers.requests[:, :0]}
+halo.buffers = buffers._replace(numbers=alone, **nobody)
 without = min(advance(0, steps) / steps for _ in range(2))
-halo.mail = mail
+halo.buffers = buffers
 held = sum(getattr(state, f.name).nbytes for f in FIELDS if getattr(state, f.name) is not None)
 held, peak = comm.allreduce(held), comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
 if comm.rank == 0:

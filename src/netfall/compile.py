@@ -6,6 +6,7 @@ a division by zero gives inf and not an exception (and does not stop vectorisati
 
 import contextlib
 import hashlib
+import operator
 import shutil
 import time
 from pathlib import Path
@@ -51,10 +52,11 @@ numba.config.CACHE_DIR = _choose_cache()
 
 @register_pass(mutates_CFG=False, analysis_only=False)
 class AbsentFields(FunctionPass):
-    """Makes a constant of each field of a named tuple that is None.
+    """Decides `is None` for arguments and for fields of named tuples that are arguments, by their types.
 
-    numba drops a branch on an argument that is None, and with it what the scene does not have. With this it
-    does so for fields of arguments too: `if slots.eps_p is not None`.
+    What a scene does not have is None: `if slots.eps_p is not None`. numba drops a branch on an argument that
+    is None, and with it what the scene lacks. With this pass it does so for fields too, and it drops the other
+    branch as well where the field is there.
     """
 
     _name = "absent_fields"
@@ -67,17 +69,36 @@ class AbsentFields(FunctionPass):
         changed = False
         for block in state.func_ir.blocks.values():
             for assign in block.find_insts(ir.Assign):
-                if isinstance(self._type_of_field(state, assign.value), types.NoneType):
-                    nothing = ir.Const(None, assign.loc)
+                constant = self._constant(state, assign.value)
+                if constant is not None:
                     definitions = state.func_ir._definitions[assign.target.name]
-                    definitions[definitions.index(assign.value)] = nothing
-                    assign.value = nothing
+                    definitions[definitions.index(assign.value)] = constant
+                    assign.value = constant
                     changed = True
         return changed
+
+    def _constant(self, state, value):
+        """The constant that an expression is known to be, None if it is none."""
+        if not isinstance(value, ir.Expr):
+            return None
+        if value.op == "getattr" and isinstance(self._type_of_field(state, value), types.NoneType):
+            return ir.Const(None, value.loc)
+        if value.op == "binop" and value.fn in (operator.is_, operator.is_not):
+            other = guard(get_definition, state.func_ir, value.rhs)
+            kind = self._type_of(state, value.lhs)
+            if isinstance(other, ir.Const) and other.value is None and self._decided(kind):
+                return ir.Const(isinstance(kind, types.NoneType) == (value.fn is operator.is_), value.loc)
+        return None
+
+    def _decided(self, kind):
+        """Whether a type says if a value is None."""
+        return kind is not None and not isinstance(kind, types.Omitted | types.Optional)
 
     def _type_of(self, state, variable):
         """Type of a variable that is an argument or a field of one; None if it is neither."""
         value = guard(get_definition, state.func_ir, variable)
+        if isinstance(value, ir.Const) and value.value is None:
+            return types.none
         return state.args[value.index] if isinstance(value, ir.Arg) else self._type_of_field(state, value)
 
     def _type_of_field(self, state, value):
