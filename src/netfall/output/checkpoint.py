@@ -61,7 +61,7 @@ def _write_state(file: SharedFile, state: State, result) -> None:
     points = n + len(result.split_gid)
     rows = state.owned_rows()
     for field in kept_fields(state, "particle"):
-        values = getattr(state, field.name)[rows].reshape(len(rows), -1)
+        values = getattr(state, field.name)[rows].reshape(len(rows), int(np.prod(field.tail)))
         file.create(f"particles/{field.name}", state.scene.number(field.dtype), (values.shape[1],), points)
         file.append(
             f"particles/{field.name}",
