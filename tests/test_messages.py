@@ -1,7 +1,10 @@
 """What a user gets wrong at the command line or in single values: one clear line, exit code 2, no hang."""
 
+import subprocess
+import sys
+
 import pytest
-from conftest import run_netfall
+from conftest import BIN, ENVIRONMENT, run_netfall
 from test_long_runs import ELEMENTS, JOB, NODES
 
 TINY = JOB.replace("16.2", "0.001")
@@ -58,7 +61,7 @@ def test_a_forgotten_command_is_named(workshop):
     assert f"did you mean netfall run {job}?" in the_line(run_netfall(job))
     assert "did you mean netfall info a.vtkhdf?" in the_line(run_netfall("a.vtkhdf"))
     assert "expected one of check, partition, run" in the_line(run_netfall("rum", job))
-    assert "did you mean netfall run" in run_netfall(job, ranks=2).stderr.splitlines()[0]
+    assert "did you mean netfall run" in the_line(run_netfall(job, ranks=2))
 
 
 def test_a_wrong_option_is_one_line(workshop):
@@ -87,3 +90,32 @@ def test_a_file_is_no_folder_for_pictures(workshop, verb):
     for place in (job, job / "pictures"):
         line = the_line(run_netfall(verb, job, "-o", place, *more))
         assert f"-o {place}: {job} is a file; expected a folder" in line
+
+
+def test_mpirun_adds_nothing_to_the_line_of_a_wrong_input(workshop):
+    """Wrong in the job file, or stopped with a checkpoint: the exit code stays, and mpirun has nothing to say."""
+    job = workshop.job(TINY, NODES, ELEMENTS)
+    assert 'did you mean "speed"?' in the_line(run_netfall("run", job, "--set", "wind.sped=3", ranks=2))
+    output = workshop.folder / "result.vtkhdf"
+    done = run_netfall("run", job, "-o", output, "--walltime", "00:00:00", ranks=2)
+    assert done.returncode == 4 and len(done.stderr.splitlines()) == 1, done.stderr
+
+
+@pytest.mark.parametrize(
+    "end, told", [("os.kill(os.getpid(), 9)", "signal 9"), ("os._exit(5)", "Exit code:    5")]
+)
+def test_mpirun_tells_of_other_failures(end, told):
+    """A rank that is killed, or ends with a code that netfall does not give, is mpirun's to report."""
+    code = f"import os; from mpi4py import MPI; MPI.COMM_WORLD.rank == 1 and {end}; MPI.COMM_WORLD.Barrier()"
+    line = [str(BIN / "mpirun"), "-n", "2", sys.executable, "-c", code]
+    done = subprocess.run(line, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
+    assert done.returncode != 0 and told in done.stderr
+
+
+def test_mpirun_passes_on_what_a_rank_writes():
+    """Rules of dashes among the lines, a last line without an end: nothing of a program's own is lost."""
+    text = "one\n" + "-" * 74 + "\ntwo\n" + "-" * 74 + "\n" + "-" * 74 + "\nopen\nlast"
+    code = f"import sys; sys.stderr.write({text!r}); sys.exit(2)"
+    line = [str(BIN / "mpirun"), "-n", "1", sys.executable, "-c", code]
+    done = subprocess.run(line, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2 and done.stderr.startswith(text)
