@@ -108,7 +108,18 @@ export OMPI_MCA_rmaps_base_oversubscribe=\${OMPI_MCA_rmaps_base_oversubscribe-1}
 export OMPI_MCA_hwloc_base_binding_policy=\${OMPI_MCA_hwloc_base_binding_policy-none} PRTE_MCA_hwloc_default_binding_policy=\${PRTE_MCA_hwloc_default_binding_policy-none}
 export OMPI_MCA_btl_base_warn_component_unused=\${OMPI_MCA_btl_base_warn_component_unused-0}
 ${one_machine}export OMP_NUM_THREADS=\${OMP_NUM_THREADS-1} OPENBLAS_NUM_THREADS=\${OPENBLAS_NUM_THREADS-1}
-exec $real "\$@"
+# netfall says in one line why it ended with exit code 2, 3 or 4. What mpirun adds about such an end is left out, and
+# nothing else. mpirun gets this process with its signals, standard input and output; the filter ends after it.
+quiet='/^-{60,}\$/{N;bb}
+b
+:b
+/\n-{60,}\$/!{\$!{N;bb}}
+s/^-+\nPrimary job +terminated normally, but [0-9]+ process[a-z]* returned\na non-zero exit code[^\n]*\n-+\$//;td
+s/^-+\n[^\n]* detected that one or more processes exited with non-zero status,[ \n]thus causing[ \n]the job to be terminated[^\n]*\n\n *Process name: [^\n]*\n *Exit code: +[234]\n-+\$//;td
+b
+:d
+d'
+exec $real "\$@" 2> >(trap '' INT TERM HUP QUIT USR1 USR2; exec sed -u -E "\$quiet" >&2)
 WRAPPER
 chmod +x $venv/bin/mpirun.tmp && mv $venv/bin/mpirun.tmp $venv/bin/mpirun
 { echo "core $state"; if [ -n "$extra" ]; then echo "$extra $state"; else grep -sx "test $state" "$stamp" || true; fi; } >"$stamp.new"

@@ -106,7 +106,7 @@ def test_the_contracts_own_message(workshop):
     """The sample line of the documentation, to the letter."""
     path = workshop.job(WHOLE)
     assert errors_of(path, ["wind.speed=fast"]) == [
-        f'{path}: [wind] speed = "fast": expected a number of m/s > 0'
+        f'{path}: [wind] speed = "fast": expected a number of m/s >= 0.1 and <= 200'
     ]
 
 

@@ -14,13 +14,23 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # before numpy and numba load: a rank is one thread
 
 
+VERBS = ("check", "partition", "run", "info", "plot", "scale", "trade")
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that says what is wrong in one line."""
+
+    def error(self, message: str):
+        raise InputError(f"{self.prog}: {message}; {self.prog} --help shows what it takes")
+
+
 def parser() -> argparse.ArgumentParser:
     """The commands and their options."""
-    top = argparse.ArgumentParser(
+    top = Parser(
         prog="netfall", description="Form finding, load and collapse analysis of cable roofs on MPI ranks."
     )
     top.add_argument("--version", action="store_true", help="print the version and the MPI and HDF5 in use")
-    verbs = top.add_subparsers(dest="verb", metavar="check | partition | run | info | plot | scale | trade")
+    verbs = top.add_subparsers(dest="verb", metavar=" | ".join(VERBS))
 
     def verb(name, text, about):
         sub = verbs.add_parser(name, help=text, description=text)
@@ -42,7 +52,7 @@ def parser() -> argparse.ArgumentParser:
     run = verb("run", "run a job; on P ranks: mpirun -n P netfall run JOB", "job")
     run.add_argument(
         "-o",
-        type=Path,
+        type=_file,
         metavar="FILE",
         dest="output",
         help="result file (default: the job's name with .vtkhdf, here)",
@@ -140,6 +150,21 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
+def _file(text: str) -> Path:
+    """The path of a file to write."""
+    if text.endswith(os.sep) or not text:
+        raise argparse.ArgumentTypeError(f"{text!r}: is a folder; expected the name of a file")
+    return Path(text)
+
+
+def _folder(path: Path) -> Path:
+    """A folder to write into, which may still have to be made. Raises InputError where it cannot be one."""
+    there = next((place for place in (path, *path.parents) if place.exists()), path)
+    if there.exists() and not there.is_dir():
+        raise InputError(f"-o {path}: {there} is a file; expected a folder")
+    return path
+
+
 def _count(text: str) -> int:
     """A whole number >= 1."""
     if not text.isdigit() or int(text) < 1:
@@ -222,7 +247,7 @@ def plot(arguments) -> None:
     """netfall plot RESULT"""
     from netfall.output.plot import plot_all
 
-    for picture in plot_all(arguments.result, arguments.folder or arguments.result.parent):
+    for picture in plot_all(arguments.result, _folder(arguments.folder or arguments.result.parent)):
         print(picture)
 
 
@@ -237,7 +262,7 @@ def scale(arguments) -> None:
         arguments.ranks,
         arguments.launcher or default_launcher(),
         arguments.repeats,
-        arguments.folder,
+        _folder(arguments.folder),
         lambda line: print(line, flush=True),
     ):
         print(path)
@@ -257,7 +282,7 @@ def trade(arguments) -> None:
         arguments.launcher or default_launcher(),
         arguments.repeats,
         arguments.tolerance,
-        arguments.folder,
+        _folder(arguments.folder),
         lambda line: print(line, flush=True),
     ):
         print(path)
@@ -270,14 +295,26 @@ def version() -> None:
     print(f"netfall {netfall.__version__}, {how_it_writes()}")
 
 
+def check_verb(words: list[str]) -> None:
+    """Raise InputError for a first word that is no command: a forgotten one, mostly."""
+    if not words or words[0].startswith("-") or words[0] in VERBS:
+        return
+    meant = {".toml": f"netfall run {words[0]}", ".vtkhdf": f"netfall info {words[0]}"}.get(
+        Path(words[0]).suffix
+    )
+    advice = f"did you mean {meant}?" if meant else f"expected one of {', '.join(VERBS)}"
+    raise InputError(f"netfall {words[0]}: is no command; {advice}")
+
+
 def main() -> None:
     """Entry point: run a command; the exit code says how it ended (jobs/README.md)."""
     top = parser()
-    arguments = top.parse_args()
-    if arguments.verb is None and not arguments.version:
-        top.print_help()
-        sys.exit(2)
     try:
+        check_verb(sys.argv[1:])
+        arguments = top.parse_args()
+        if arguments.verb is None and not arguments.version:
+            top.print_help()
+            sys.exit(2)
         version() if arguments.version else globals()[arguments.verb](arguments)
     except (InputError, DivergedError, Interrupted) as error:
         if _rank() == 0:
@@ -290,9 +327,10 @@ def main() -> None:
 
 
 def _rank() -> int:
-    """This process's rank; 0 where MPI is not in use."""
+    """This process's rank; before MPI is in use, what the launcher says; else 0."""
     if "mpi4py.MPI" not in sys.modules:
-        return 0
+        names = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")
+        return next((int(os.environ[name]) for name in names if os.environ.get(name, "").isdigit()), 0)
     from mpi4py import MPI
 
     return MPI.COMM_WORLD.rank

@@ -11,9 +11,11 @@ from types import SimpleNamespace
 
 from netfall.errors import InputError
 from netfall.job.schema import GENERATOR_KEYS, GROUP_KEYS, REQUIRED, SECTIONS, Key
+from netfall.wind.davenport import GUST_LENGTH
 
 MOST_ROWS = 2e6  # some 500 bytes each on every rank
 MOST_SAMPLES = 1e8  # 8 bytes each on every rank
+LONGEST_GUST = 24_000  # samples, for which the model of the gusts takes seconds to make
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,7 @@ def read_job(path: str | Path, overrides: list[str] = ()) -> Job:
     """
     path = Path(path)
     try:
-        text = path.read_bytes().decode("utf-8")
+        text = path.read_bytes().decode("utf-8-sig")  # a byte-order mark is not part of it
         data = tomllib.loads(text)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}; give the path of a job file") from None
@@ -71,7 +73,7 @@ def read_job(path: str | Path, overrides: list[str] = ()) -> Job:
     errors: list[str] = []
     _apply_overrides(data, overrides, errors)
     job = _Validation(str(path), errors).job(path, text, tuple(overrides), data)
-    errors = errors or _absurd_counts(job)
+    errors = errors or _absurd_counts(job) + _slow_gusts(job)
     if errors:
         raise InputError(errors)
     return job
@@ -100,6 +102,22 @@ def _absurd_counts(job: Job) -> list[str]:
         f"at most {most:.0e} are possible"
         for section, key, number, what, most in asked
         if number > most
+    ]
+
+
+def _slow_gusts(job: Job) -> list[str]:
+    """A wind so slow, or a step so short, that the model of its gusts takes minutes to make."""
+    wind = job.wind
+    if wind is None or wind.file or wind.roughness == 0:
+        return []
+    samples = GUST_LENGTH / (wind.speed * wind.time_step)
+    if samples <= LONGEST_GUST:
+        return []
+    least = GUST_LENGTH / LONGEST_GUST / wind.speed
+    return [
+        f"{job.path}: [wind] speed = {wind.speed:g}: a gust of {GUST_LENGTH:g} m lasts {samples:.3g} samples of time_step = "
+        f"{wind.time_step:g} s; at most {LONGEST_GUST} are possible; expected [wind] time_step >= {least:.3g}, or roughness = 0 "
+        "for a wind without gusts"
     ]
 
 

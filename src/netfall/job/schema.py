@@ -154,7 +154,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         count("max_iterations", 500_000, "iterations of a load step after which the run gives up"),
     ),
     "wind": (
-        positive("speed", "m/s", ABSENT, "U0, mean at 10 m above ground"),
+        between(0.1, 200.0, "speed", "m/s", ABSENT, "U0, mean at 10 m above ground"),
         Key("file", "text", ABSENT, "", "path of a table time, speed, instead of a generated wind"),
         Key("roughness", "number", 0.03, "", "k of Davenport's spectrum; 0: no gusts", low=0.0, high=0.2),
         Key(

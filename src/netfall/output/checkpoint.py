@@ -1,12 +1,18 @@
 """Checkpoints: the whole state of a run by global numbers, sealed with a digest, for any number of ranks.
 
-A checkpoint is a file NAME.checkpoint-STAGE-STEP.h5 beside the result file; the last two are kept. STAGE is 1 for
-form finding and 2 for statics, where STEP counts iterations, and 3 for dynamics. What the result
-file has so far is not in it: that stands in segments, closed at each checkpoint, which the end of the run joins
-to the result file. A kill at any moment leaves whole segments and a whole checkpoint that names them.
+A checkpoint is a file NAME.checkpoint-STAGE-STEP.h5 beside the result file NAME.vtkhdf, or
+RESULT-checkpoint-STAGE-STEP.h5 beside a RESULT with another ending. STAGE is 1 for form finding and 2 for statics,
+where STEP counts iterations, and 3 for dynamics. What the result file has so far is not in it: that stands in
+segments, closed at each checkpoint, which the end of the run joins to the result file. A kill at any moment leaves
+whole segments and a whole checkpoint that names them.
+
+The last two are kept. A run removes older ones of its own; one that goes on from a checkpoint beside its own result
+file also removes older ones that earlier runs of the same job and result have left. The checkpoint that it was given
+it leaves alone; once a later run is given a newer one, that is an older one like the others.
 """
 
 import json
+import re
 from pathlib import Path
 
 import h5py
@@ -21,6 +27,7 @@ from netfall.output.h5 import SharedFile, check_seal
 FORMAT = 3
 STAGES = {"form finding": 1, "statics": 2, "dynamics": 3}
 KEPT = 2
+NAME = re.compile(r"(.+)checkpoint-\d-\d{12,}\.h5")
 
 
 def kept_fields(state: State, entity: str):
@@ -29,8 +36,44 @@ def kept_fields(state: State, entity: str):
 
 
 def checkpoint_path(result: Path, stage: str, step: int) -> Path:
-    """Name of a checkpoint of a run that writes `result`; names sort by age."""
-    return result.with_name(f"{result.stem}.checkpoint-{STAGES[stage]}-{step:012d}.h5")
+    """Name of a checkpoint of a run that writes `result`, no other result's; names sort by age."""
+    return result.with_name(f"{_prefix(result)}checkpoint-{STAGES[stage]}-{step:012d}.h5")
+
+
+def _prefix(result: Path) -> str:
+    return f"{result.stem}." if result.suffix == ".vtkhdf" else f"{result.name}-"
+
+
+def checkpoints_of(folder: Path, prefix: str) -> list[Path]:
+    """The checkpoints in a folder, by age, whose names begin with `prefix` and go on as in `checkpoint_path`."""
+    found = ((NAME.fullmatch(path.name), path) for path in folder.iterdir())
+    return sorted(path for match, path in found if match and match[1] == prefix)
+
+
+def remove_older(newest: Path, result: Path, digest: str, given: Path | None) -> None:
+    """Remove all but the last two checkpoints of a job and result up to the newest. Rank 0.
+
+    given : the checkpoint that the run goes on from, which is left alone. Without one, or with one from elsewhere,
+    those of earlier runs are not looked for.
+    """
+    if given is None or given.parent.resolve() != result.parent.resolve():
+        return
+    beside = checkpoints_of(result.parent, _prefix(result))
+    if not any(path.samefile(given) for path in beside):
+        return
+    older = [path for path in beside if path <= newest and _job_of(path) == digest]
+    for path in older[:-KEPT]:
+        if not path.samefile(given):
+            path.unlink(missing_ok=True)
+
+
+def _job_of(path: Path) -> str | None:
+    """Digest of the job that a checkpoint belongs to, None for what is no checkpoint."""
+    try:
+        with h5py.File(path, "r") as file:
+            return json.loads(file["record"].asstr()[()])["job"]
+    except (OSError, KeyError, ValueError):
+        return None
 
 
 def write_checkpoint(
@@ -62,7 +105,7 @@ def _write_state(file: SharedFile, state: State, result) -> None:
     points = result.log.points
     rows = state.owned_rows()
     for field in kept_fields(state, "particle"):
-        values = getattr(state, field.name)[rows].reshape(len(rows), -1)
+        values = getattr(state, field.name)[rows].reshape(len(rows), int(np.prod(field.tail)))
         file.create(f"particles/{field.name}", state.scene.number(field.dtype), (values.shape[1],), points)
         file.append(
             f"particles/{field.name}",
@@ -110,7 +153,9 @@ class Checkpoint:
 
 def _offer(path: Path) -> str:
     """Advice that names the newest other checkpoint beside it that is whole."""
-    prefix = path.name.split(".checkpoint-")[0]
-    others = sorted((p for p in path.parent.glob(f"{prefix}.checkpoint-*.h5") if p != path), reverse=True)
-    good = next((p for p in others if check_seal(p)), None)
+    match = NAME.fullmatch(path.name)
+    if not match or not path.parent.is_dir():
+        return ""
+    others = [p for p in checkpoints_of(path.parent, match[1]) if p != path]
+    good = next((p for p in reversed(others) if check_seal(p)), None)
     return f"; {good} is whole: give that" if good else ""

@@ -30,16 +30,27 @@ def open_result(path: Path) -> h5py.File:
     return file
 
 
+def provenance_text(file: h5py.File, name: str) -> str:
+    """A text of /provenance: an attribute, or a dataset if it is long."""
+    group = file["provenance"]
+    return group[name].asstr()[()] if name in group else str(group.attrs[name])
+
+
+def title_of(file: h5py.File) -> str:
+    """The job's title, else its name."""
+    return provenance_text(file, "title") or provenance_text(file, "job_name")
+
+
 def print_info(path: Path, say: Callable[[str], None]) -> None:
     """Print a summary of a result file."""
     with open_result(path) as f:
         p = f["provenance"].attrs
         n, m = len(f["net/particles"]), len(f["net/elements"])
-        say(f"{path}: {p['title'] or p['job_name']}")
+        say(f"{path}: {title_of(f)}")
         say(
             f"ran: netfall {p['netfall']} on {p['ranks']} rank{'s' if p['ranks'] > 1 else ''} ({p['writing']}); {p['exit_state']}"
         )
-        overrides = f["provenance/overrides"].asstr()[()]
+        overrides = provenance_text(f, "overrides")
         if overrides:
             say("with: " + ", ".join(overrides.split("\n")))
         fixed = f["net/fixed"][:].all(1).sum()

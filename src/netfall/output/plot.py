@@ -16,11 +16,12 @@ import matplotlib.pyplot as plt
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from netfall.output.frames import Frames
-from netfall.output.info import open_result
+from netfall.output.info import open_result, title_of
 
 STAGES = 6  # pictures of the collapse
 MOST_DRAWN = 60_000  # elements in a picture; of larger nets every k-th is drawn
 MOST_CURVES = 6
+LONGEST_TITLE = 90  # characters
 
 
 def plot_all(result: Path, folder: Path) -> list[Path]:
@@ -48,8 +49,9 @@ def plot_all(result: Path, folder: Path) -> list[Path]:
 
 
 def _title(f: h5py.File) -> str:
-    p = f["provenance"].attrs
-    return str(p["title"] or p["job_name"])
+    """The title, cut to what fits above a picture."""
+    title = " ".join(title_of(f).split())
+    return title if len(title) <= LONGEST_TITLE else title[: LONGEST_TITLE - 3] + "..."
 
 
 def _unit(largest: float, unit: str) -> tuple[float, str]:

@@ -1,5 +1,7 @@
 """The result file of a run: frames while it goes on, everything small at the end. Layout: README.md beside."""
 
+import os
+import re
 import secrets
 from pathlib import Path
 
@@ -76,7 +78,7 @@ class Result:
         return {
             "series": self.series.record(),
             "drawn_events": self._drawn_events,
-            "segments": [s.name for s in self.segments],
+            "segments": [os.path.relpath(s, self.path.parent) for s in self.segments],
         }, arrays
 
     def restore(
@@ -235,8 +237,14 @@ def join_segments(segments: list[Path], temporary: Path, path: Path, finish) -> 
                     append_rows(part, file)
             finish(file)
         publish(temporary, path)
-    for segment in path.parent.glob(f".{path.name}.segment-*"):
+    for segment in segments_of(path):
         segment.unlink(missing_ok=True)
+
+
+def segments_of(path: Path) -> list[Path]:
+    """The segments of a result file, of this run and of earlier ones that were killed."""
+    name = re.compile(re.escape(f".{path.name}.segment-") + r"[0-9a-f]{8}-(\d{6,}|recovered)")
+    return [segment for segment in path.parent.iterdir() if name.fullmatch(segment.name)]
 
 
 def find_segments(

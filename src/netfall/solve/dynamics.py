@@ -22,6 +22,15 @@ from netfall.step.loop import Interval
 from netfall.step.plan import Plan, halo_width
 
 ROUNDING = 1e-9  # of a step: a time this close to one counts as on it
+QUOTIENT = 4.0 * np.finfo(float).eps  # of a time divided by the step: its rounding, which counts in long runs
+LOOK_STEPS = 100_000  # at most, between looks at the wish to stop: a tenth of a second on the smallest net
+LOOK_WORK = 200_000_000  # steps of an element, at most, between them: two seconds on one rank
+
+
+def step_at(times, dt: float):
+    """Numbers of the first steps of length dt [s] at or after the times [s], as whole floats."""
+    steps = times / dt
+    return np.ceil(steps - np.maximum(ROUNDING, QUOTIENT * steps))
 
 
 @dataclass(frozen=True)
@@ -37,7 +46,7 @@ class Schedule:
 
     def step_at(self, time: float) -> int:
         """First step at or after a time [s]."""
-        return int(np.ceil(time / self.dt - ROUNDING))
+        return int(step_at(time, self.dt))
 
 
 def make_schedule(limit: float, dynamics, output) -> Schedule:
@@ -47,15 +56,13 @@ def make_schedule(limit: float, dynamics, output) -> Schedule:
         dt = every / max(1.0, np.ceil(every / (dynamics.safety * limit) - ROUNDING))
     else:
         dt = dynamics.time_step
-    steps = max(1, int(np.ceil(dynamics.duration / dt - ROUNDING)))
+    steps = max(1, int(step_at(dynamics.duration, dt)))
     rows = np.arange(int(np.floor(steps * dt / output.history + ROUNDING)) + 1) * output.history
     frames = np.linspace(0.0, steps * dt, output.frames + 1)
-    at = lambda times: np.unique(np.append(np.minimum(np.ceil(times / dt - ROUNDING), steps), steps)).astype(
-        np.int64
-    )
+    at = lambda times: np.unique(np.append(np.minimum(step_at(times, dt), steps), steps)).astype(np.int64)
     every = output.checkpoint
     saves = np.arange(1, int(np.floor(steps * dt / every)) + 1) * every if every > 0 else np.zeros(0)
-    saves = np.ceil(saves / dt - ROUNDING).astype(np.int64)
+    saves = step_at(saves, dt).astype(np.int64)
     return Schedule(
         float(dt), steps, at(rows), at(frames), saves[saves < steps], float(min(dt / dynamics.safety, limit))
     )
@@ -79,7 +86,8 @@ class Simulation:
     """One run of the dynamic stage on all ranks.
 
     Order of events at a step n: the wind moves on to the samples around t(n); the history row; the frame; then
-    the steps to the next target, in which elements part as they reach their fracture strain.
+    the steps to the next target, in which elements part as they reach their fracture strain. In a long way to
+    a target all ranks look at the same steps whether one of them has been asked to stop.
     """
 
     def __init__(
@@ -124,6 +132,7 @@ class Simulation:
         self.slack = 0
         self.stop, self.save, self.phases = stop, save, phases
         self.stopping = False
+        self.look_every = max(1, min(LOOK_STEPS, LOOK_WORK // max(1, result.distribution.m)))  # steps
         self._find_probes(probes)
         with phases.phase("time loop"):  # compiled, or loaded
             self.plan.run(Interval(0, 0, 0.0, schedule.dt, self.zeta, 0.0, 1.0), phases.of_steps)
@@ -157,7 +166,7 @@ class Simulation:
                     self.result.write_frame(self.time, self.state, snapshot)
                 self.report()
                 if self.stopping and target < self.schedule.steps:
-                    raise interrupted(f"at t = {self.time:.6g} s (step {self.n})", self.save(self))
+                    self.leave()
                 if target in saves:
                     self.save(self)
         self.result.write_final(self.state, self.look())
@@ -166,7 +175,7 @@ class Simulation:
     def look(self):
         """Snapshot of the present step, with the wind at its time."""
         if self.wind:
-            self.wind.advance(self.state, self.time + ROUNDING * self.schedule.dt)
+            self.wind.advance(self.state, self.n, self.schedule.step_at)
         return take_snapshot(self.state, self.before_dt, self.schedule.dt, self.zeta, self.wind_share())
 
     def record(self) -> dict:
@@ -192,18 +201,26 @@ class Simulation:
         return (self.time - self.wind.time) / self.wind.dt if self.wind else 0.0
 
     def advance_to(self, target: int) -> None:
-        """Step to number `target`, with the wind moving on where it is due."""
+        """Step to number `target`, with the wind moving on where it is due. Raises Interrupted if asked to."""
         while self.n < target:
+            stop = min(target, self.n - self.n % self.look_every + self.look_every)
             if self.wind:
-                self.wind.advance(self.state, self.time + ROUNDING * self.schedule.dt)
-                due = self.wind.next_time
-                stop = min(target, self.schedule.step_at(due)) if due < np.inf else target
-            else:
-                stop = target
+                self.wind.advance(self.state, self.n, self.schedule.step_at)
+                stop = min(stop, self.wind.due(self.schedule.step_at))
             if self.after_fracture == "all" and not self.result.log.events:
                 self.advance_until_first_fracture(stop)
             else:
                 self.advance_block(stop)
+            if self.n < target and self.n % self.look_every == 0:
+                self.report()
+                if self.comm.allreduce(self.stop.wanted, MPI.LOR):
+                    self.share_events()
+                    self.leave()
+
+    def leave(self) -> None:
+        """End here, with a checkpoint, because that is asked for. Raises Interrupted. Collective."""
+        self.check_energies(self.look())
+        raise interrupted(f"at t = {self.time:.6g} s (step {self.n})", self.save(self))
 
     def advance_block(self, stop: int) -> None:
         """Step to number `stop` without a word to ranks that are not neighbours."""

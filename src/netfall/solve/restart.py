@@ -9,7 +9,14 @@ from mpi4py import MPI
 from netfall.errors import Interrupted
 from netfall.job.read import Job
 from netfall.mechanics.state import State
-from netfall.output.checkpoint import KEPT, Checkpoint, checkpoint_path, kept_fields, write_checkpoint
+from netfall.output.checkpoint import (
+    KEPT,
+    Checkpoint,
+    checkpoint_path,
+    kept_fields,
+    remove_older,
+    write_checkpoint,
+)
 from netfall.output.result import Result, find_segments
 from netfall.parallel.distribute import Distribution
 from netfall.parallel.root import on_root
@@ -21,16 +28,18 @@ RELAXED = ("x", "v", "mass")  # arrays of a relaxation
 
 
 class Saver:
-    """Writes the checkpoints of a run and keeps the last two."""
+    """Writes the checkpoints of a run and keeps the last two; given : the one that the run goes on from."""
 
-    def __init__(self, comm: MPI.Comm, job: Job, roof, kept: list[Path]):
-        self.comm, self.job, self.roof, self.kept = comm, job, roof, kept
+    def __init__(self, comm: MPI.Comm, job: Job, roof, given: Path | None):
+        self.comm, self.job, self.roof, self.given = comm, job, roof, given
+        self.kept: list[Path] = []  # written by this run
         self.statics = None  # the static stage, as far as it is done
 
     def naming_the_last(self, error: Exception) -> Exception:
         """The same error, with the checkpoint to go on from, if there is one."""
-        if self.kept:
-            error.args = (f"{error}; the last good checkpoint is {self.kept[-1]} (--restart)",)
+        last = self.kept[-1] if self.kept else self.given
+        if last:
+            error.args = (f"{error}; the last good checkpoint is {last} (--restart)",)
         return error
 
     def __call__(self, simulation) -> Path:
@@ -84,11 +93,16 @@ class Saver:
             arrays |= {"x": self.roof.whole.x, "N": self.roof.whole.N}
         write_checkpoint(self.comm, path, state, result, record, arrays | own_arrays)
         self.kept = [p for p in self.kept if p != path] + [path]
-        while len(self.kept) > KEPT:
-            old = self.kept.pop(0)
-            if self.comm.rank == 0:
-                old.unlink(missing_ok=True)
+        if self.comm.rank == 0:
+            self._remove_older(result.path)
+        self.kept = self.kept[-KEPT:]
         return path
+
+    def _remove_older(self, result: Path) -> None:
+        for old in self.kept[:-KEPT]:
+            if not (self.given and old.exists() and old.samefile(self.given)):
+                old.unlink(missing_ok=True)
+        remove_older(self.kept[-1], result, self.roof.digest, self.given)
 
 
 def interrupted(when: str, path: Path) -> Interrupted:
@@ -97,13 +111,15 @@ def interrupted(when: str, path: Path) -> Interrupted:
 
 
 def pause_form_finding(
-    job: Job, result_path: Path, digest: str, distribution: Distribution, pause: Paused
+    job: Job, result_path: Path, digest: str, distribution: Distribution, pause: Paused, given: Path | None
 ) -> Path:
-    """Write a checkpoint of the form finding where it was paused; its path. Collective."""
+    """Write a checkpoint of the form finding where it was paused; its path. Collective. given : as in `Saver`"""
     path = checkpoint_path(result_path, "form finding", pause.at.iteration)
     record, arrays = relaxation_record(distribution, pause.at)
     record |= {"job": digest, "name": job.title or job.name, "stage": "form finding"}
     write_checkpoint(distribution.comm, path, None, None, record, arrays)
+    if distribution.comm.rank == 0:
+        remove_older(path, result_path, digest, given)
     return path
 
 

@@ -212,7 +212,7 @@ def prepare(
             except Paused as pause:
                 raise interrupted(
                     f"in form finding, iteration {pause.at.iteration}",
-                    pause_form_finding(job, result, digest, distribution, pause),
+                    pause_form_finding(job, result, digest, distribution, pause, restart),
                 ) from None
             x, N = distribution.gather_particles(form.x), distribution.gather_elements(form.N)
             on_root(comm, lambda: _set_initial(job, whole, x, N))

@@ -88,7 +88,7 @@ def _run_job(comm, job, path, progress, phases, restart, stop):
     schedule = on_root(comm, lambda: schedule_of(job, roof)) if job.dynamics else None
     schedule = comm.bcast(schedule)
     describe(job, roof, schedule, progress)
-    saver = Saver(comm, job, roof, [restart] if restart else [])
+    saver = Saver(comm, job, roof, restart)
     result = Result(
         comm,
         path,

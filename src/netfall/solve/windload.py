@@ -1,5 +1,8 @@
 """The wind's two samples around the present time, kept in the state of every rank."""
 
+import sys
+from collections.abc import Callable
+
 import numpy as np
 from mpi4py import MPI
 
@@ -56,15 +59,18 @@ class WindLoad:
         for (_, gust), speed in ((before, state.speed_before), (after, state.speed_after)):
             particle_speeds(self.mean, self.corner, self.weight, gust, speed[:rows])
 
-    @property
-    def next_time(self) -> float:
-        """Time [s] of the sample after the present, at which `advance` is due; inf after the last."""
-        return self.time + self.dt if self.samples[self.k + 1][0] > self.time else np.inf
+    def due(self, step_at: Callable[[float], int]) -> int:
+        """Number of the step at which the sample after the present is due; beyond every step after the last.
 
-    def advance(self, state: State, time: float) -> None:
-        """Move on to the two samples around `time` [s]. Collective."""
+        step_at(time) : number of the first step at or after a time [s]
+        """
+        moves = self.samples[self.k + 1][0] > self.time
+        return step_at(self.time + self.dt) if moves else sys.maxsize
+
+    def advance(self, state: State, step: int, step_at: Callable[[float], int]) -> None:
+        """Move on to the samples around a step: `due` is later than it. step_at : as in `due`. Collective."""
         moved = False
-        while self.next_time <= time:
+        while self.due(step_at) <= step:
             self.k += 1
             moved = True
             before, after = self._sample(self.k), self._sample(self.k + 1)

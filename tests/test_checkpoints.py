@@ -1,0 +1,102 @@
+"""Which files stay: the last two checkpoints of a result, what the user gave, and everything of another result."""
+
+from pathlib import Path
+
+import pytest
+from conftest import assert_same_results
+from test_long_runs import ELEMENTS, JOB, NODES
+
+from netfall.output.checkpoint import checkpoint_path
+
+AT_ONCE = ("--walltime", "00:00:00")  # stops at the first look: step 0, or 100,000 steps on
+
+
+def tiny_job(workshop, duration: float, more: str = "") -> Path:
+    """Three nodes in a constant wind, stepped a million times a second."""
+    return workshop.job(JOB.replace("16.2", str(duration)) + more, NODES, ELEMENTS)
+
+
+def steps(folder: Path) -> list[int]:
+    """Step numbers of the checkpoints in a folder."""
+    return sorted(int(path.stem.split("-")[-1]) for path in folder.glob("*checkpoint-*"))
+
+
+def test_the_checkpoint_that_was_given_stays(workshop):
+    """Five newer ones are written after it; a later run, which is given a newer one, removes it as an older one."""
+    job = tiny_job(workshop, 0.006, "checkpoint = 0.001\n")
+    workshop.run(job, *AT_ONCE, code=4)
+    (given,) = workshop.folder.glob("result.checkpoint-*")
+    before = given.read_bytes()
+    workshop.run(job, "--restart", given).close()
+    assert steps(workshop.folder) == [0, 4000, 5000]
+    assert given.read_bytes() == before
+    workshop.run(job, "--restart", given.with_name("result.checkpoint-3-000000004000.h5")).close()
+    assert steps(workshop.folder) == [4000, 5000]
+
+
+def test_a_fresh_run_removes_no_checkpoint_of_another_job(workshop):
+    """Nor does one that goes on: with the same result name, the files of a changed job are not its own."""
+    job = tiny_job(workshop, 0.006, "checkpoint = 0.001\n")
+    other = ("--set", "dynamics.damping=2.0")
+    workshop.run(job, *other, *AT_ONCE, code=4)
+    (kept,) = workshop.folder.glob("result.checkpoint-*")
+    kept = kept.rename(kept.with_name("result.checkpoint-3-000000000500.h5"))  # between those of the job
+    workshop.run(job, *AT_ONCE, code=4)
+    given = workshop.folder / "result.checkpoint-3-000000000000.h5"
+    workshop.run(job, "--restart", given).close()
+    assert steps(workshop.folder) == [0, 500, 4000, 5000]
+
+
+def test_requeued_runs_leave_the_last_two_checkpoints(workshop):
+    """Stopped at its first look again and again, each time given the newest: two files, the given one among them."""
+    job = tiny_job(workshop, 0.45)
+    workshop.run(job, *AT_ONCE, code=4)
+    for k in range(4):
+        newest = max(workshop.folder.glob("result.checkpoint-*"))
+        workshop.run(job, *AT_ONCE, "--restart", newest, code=4)
+        assert steps(workshop.folder) == [100_000 * k, 100_000 * (k + 1)]
+        assert newest.exists()
+
+
+def test_a_checkpoint_from_another_folder_stays_and_can_be_left_behind_twice(workshop):
+    """The run goes on in a second folder, is stopped there too and taken up again: the first one's file is untouched."""
+    job = tiny_job(workshop, 0.15)
+    whole = workshop.run(job, output="whole.vtkhdf")
+    for folder in ("first", "second"):
+        (workshop.folder / folder).mkdir()
+    workshop.run(job, *AT_ONCE, output="first/result.vtkhdf", code=4)
+    (given,) = (workshop.folder / "first").glob("*.checkpoint-*")
+    before = given.read_bytes()
+    workshop.run(job, *AT_ONCE, "--restart", given, output="second/result.vtkhdf", code=4)
+    (newer,) = (workshop.folder / "second").glob("*.checkpoint-*")
+    again = workshop.run(job, "--restart", newer, output="second/result.vtkhdf")
+    assert_same_results(whole, again)
+    assert given.read_bytes() == before
+
+
+def test_results_with_other_endings_have_checkpoints_of_their_own(workshop):
+    """a, a.h5 and a.vtkhdf in one folder, all stopped, all taken up."""
+    job = tiny_job(workshop, 0.003)
+    names = ("a", "a.h5", "a.vtkhdf")
+    for name in names:
+        workshop.run(job, *AT_ONCE, output=name, code=4)
+    found = [checkpoint_path(workshop.folder / name, "dynamics", 0) for name in names]
+    assert all(path.exists() for path in found) and len(set(found)) == 3
+    assert found[2].name == "a.checkpoint-3-000000000000.h5"
+    for name, checkpoint in zip(names, found):
+        workshop.run(job, "--restart", checkpoint, output=name).close()
+
+
+@pytest.mark.parametrize("name", ["r[12].vtkhdf", "r*.vtkhdf", "r?.vtkhdf"])
+def test_a_name_with_wildcards_takes_nothing_of_another_run(workshop, name):
+    """It writes checkpoints, segments and its result; a stopped run r1 beside it can still be taken up."""
+    job = tiny_job(workshop, 0.006, "checkpoint = 0.001\n")
+    workshop.run(job, *AT_ONCE, output="r1.vtkhdf", code=4)
+    before = {path: path.read_bytes() for path in workshop.folder.iterdir() if "r1." in path.name}
+    assert len(before) == 2  # a checkpoint and a segment
+    workshop.run(job, output=name).close()
+    assert all(path.read_bytes() == content for path, content in before.items())
+    workshop.run(
+        job, "--restart", workshop.folder / "r1.checkpoint-3-000000000000.h5", output="r1.vtkhdf"
+    ).close()
+    assert not list(workshop.folder.glob(".*"))

@@ -1,0 +1,102 @@
+"""Runs of tens of millions of steps: they come to their end, and stop soon when asked to."""
+
+import signal
+import subprocess
+import time
+
+import numpy as np
+import pytest
+from conftest import BIN, ENVIRONMENT, assert_same_results
+
+from netfall.solve.dynamics import step_at
+
+NODES = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,1,0,0\n3,2,0,0,1\n"
+ELEMENTS = "start,end\n1,2\n2,3\n3,1\n"
+JOB = """[cable]
+modulus = 1e9
+area = 1e-4
+density = 7850.0
+prestress = 1e3
+[wind]
+speed = 20.0
+roughness = 0
+shape_coefficient = -1.0
+[dynamics]
+duration = 16.2
+time_step = 1e-6
+damping = 1.0
+[output]
+frames = 1
+history = 100.0
+"""
+
+
+def test_sixteen_million_steps_in_wind_come_to_their_end(workshop):
+    """One row at the start and one at the last step, whose number is not off by rounding; rest under the wind.
+
+    Damping of 1/s takes exp(-16.2 / 2) of the first motion away: 3e-4 of it is left.
+    """
+    result = workshop.run(workshop.job(JOB, NODES, ELEMENTS))
+    assert result["history/time"][:].tolist() == [0.0, 16.2]
+    assert result["provenance"].attrs["steps"] == 16_200_000
+    assert result["history/kinetic_energy"][-1] < 1e-6 * result["history/external_work"][-1]
+
+
+@pytest.mark.long
+def test_fifty_million_steps_in_wind_come_to_their_end(workshop):
+    """As above."""
+    result = workshop.run(workshop.job(JOB.replace("16.2", "50.0"), NODES, ELEMENTS))
+    assert result["history/time"][:].tolist() == [0.0, 50.0]
+
+
+def stopped_after(workshop, job, ranks: int, number: int, wait: float) -> int:
+    """Start a run, send it a signal some seconds after its dynamics begin; the step it stopped at, with a checkpoint."""
+    line = [str(BIN / "netfall"), "run", str(job), "-o", str(workshop.folder / "result.vtkhdf")]
+    line = [str(BIN / "mpirun"), "-n", str(ranks), *line] if ranks > 1 else line
+    pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = subprocess.Popen(line, env=ENVIRONMENT, text=True, **pipes)
+    while "dynamics:" not in process.stdout.readline():
+        assert process.poll() is None
+    time.sleep(wait)
+    process.send_signal(number)
+    _, error = process.communicate(timeout=30)  # without a look between the rows it would be minutes
+    assert process.returncode == 4, error
+    assert "interrupted at t =" in error
+    newest = max(workshop.folder.glob("*.checkpoint-*"))
+    return int(newest.stem.split("-")[-1])
+
+
+@pytest.mark.parametrize("ranks, number", [(1, signal.SIGTERM), (2, signal.SIGUSR1)])
+def test_a_signal_between_two_distant_rows_is_heeded(workshop, ranks, number):
+    """The next row is minutes away: exit code 4 and a checkpoint at a look between, once the kernels are loaded."""
+    job = workshop.job(JOB.replace("16.2", "1000.0"), NODES, ELEMENTS)
+    steps = (stopped_after(workshop, job, ranks, number, wait) for wait in (1.0, 4.0, 16.0))
+    step = next(step for step in steps if step > 0)
+    assert step % 100_000 == 0
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_a_stop_between_two_rows_changes_no_bit(workshop, ranks):
+    """Stopped by the wall time at looks between the first row and the last, until done; also in single precision."""
+    text = JOB.replace("16.2", "0.45").replace("damping = 1.0", 'damping = 1.0\nprecision = "single"')
+    job = workshop.job(text, NODES, ELEMENTS)
+    whole = workshop.run(job, output="whole.vtkhdf")
+    restart, stops = [], []
+    while True:
+        done = workshop.run(job, "--walltime", "00:00:00", *restart, ranks=ranks, code=None)
+        if done.returncode == 0:
+            break
+        assert done.returncode == 4, done.stderr
+        newest = max(workshop.folder.glob("result.checkpoint-*"))
+        restart = ["--restart", newest]
+        stops.append(int(newest.stem.split("-")[-1]))
+    assert stops == [0, 100_000, 200_000, 300_000, 400_000]
+    assert_same_results(whole, workshop.open("result.vtkhdf"))
+
+
+def test_steps_are_numbered_to_rounding_in_long_runs():
+    """k * dt is on step k, and a little later is not, up to the 1e12 steps that are possible."""
+    k = np.unique(np.geomspace(1, 1e12, 5000).astype(np.int64))
+    for dt in (1e-6, 1.7e-5, 2.3e-5, 0.1):
+        assert np.array_equal(step_at(k * dt, dt), k)
+        assert np.array_equal(step_at((k + 0.01) * dt, dt), k + 1)

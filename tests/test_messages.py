@@ -1,0 +1,121 @@
+"""What a user gets wrong at the command line or in single values: one clear line, exit code 2, no hang."""
+
+import subprocess
+import sys
+
+import pytest
+from conftest import BIN, ENVIRONMENT, run_netfall
+from test_long_runs import ELEMENTS, JOB, NODES
+
+TINY = JOB.replace("16.2", "0.001")
+
+
+def the_line(done) -> str:
+    """The one line of a refusal."""
+    assert done.returncode == 2, done.stdout + done.stderr
+    (line,) = done.stderr.splitlines()
+    return line
+
+
+def test_a_long_title_is_told_and_drawn(workshop):
+    """More characters than an attribute of the result file takes: info gives it whole, plot a part of it."""
+    title = "A roof " * 40
+    job = workshop.job(TINY, NODES, ELEMENTS)
+    result = workshop.run(job, "--set", f'title="{title}"').filename
+    told = run_netfall("info", result)
+    assert told.returncode == 0 and title in told.stdout, told.stderr
+    drawn = run_netfall("plot", result)
+    assert drawn.returncode == 0 and "energies.png" in drawn.stdout, drawn.stderr
+
+
+@pytest.mark.parametrize(
+    "speed, roughness, says",
+    [
+        ("1e200", "0.03", "expected a number of m/s >= 0.1 and <= 200"),
+        ("0.001", "0.03", "expected a number of m/s >= 0.1 and <= 200"),
+        ("0.5", "0.03", "expected [wind] time_step >= 0.1, or roughness = 0"),
+    ],
+)
+def test_a_wind_beyond_all_winds_is_refused(workshop, speed, roughness, says):
+    """At once: neither an overflow nor minutes for the memory of gusts that last half an hour."""
+    job = workshop.job(TINY, NODES, ELEMENTS)
+    values = ("--set", f"wind.speed={speed}", "--set", f"wind.roughness={roughness}")
+    assert says in the_line(run_netfall("check", job, *values, timeout=30))
+
+
+def test_a_slow_wind_without_gusts_runs(workshop):
+    """What is refused is the model of the gusts alone."""
+    workshop.run(workshop.job(TINY, NODES, ELEMENTS), "--set", "wind.speed=0.5")
+
+
+def test_a_job_file_with_a_byte_order_mark_is_read(workshop):
+    """As editors on Windows write it; in a table too."""
+    job = workshop.job(TINY, "\ufeff" + NODES, ELEMENTS)
+    job.write_bytes(b"\xef\xbb\xbf" + job.read_bytes())
+    workshop.run(job)
+
+
+def test_a_forgotten_command_is_named(workshop):
+    """netfall job.toml; also from several ranks, one line."""
+    job = workshop.job(TINY, NODES, ELEMENTS)
+    assert f"did you mean netfall run {job}?" in the_line(run_netfall(job))
+    assert "did you mean netfall info a.vtkhdf?" in the_line(run_netfall("a.vtkhdf"))
+    assert "expected one of check, partition, run" in the_line(run_netfall("rum", job))
+    assert "did you mean netfall run" in the_line(run_netfall(job, ranks=2))
+
+
+def test_a_wrong_option_is_one_line(workshop):
+    """Without the list of all options."""
+    job = workshop.job(TINY, NODES, ELEMENTS)
+    assert "--walltime" in the_line(run_netfall("run", job, "--walltime", "10"))
+    assert "unrecognized arguments: --fast" in the_line(run_netfall("run", job, "--fast"))
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_folder_is_no_result_file(workshop, there):
+    """-o FOLDER/, whether the folder is there or not."""
+    job = workshop.job(TINY, NODES, ELEMENTS)
+    if there:
+        (workshop.folder / "out").mkdir()
+    line = the_line(run_netfall("run", job, "-o", f"{workshop.folder}/out/"))
+    assert "is a folder; expected the name of a file" in line
+    assert (workshop.folder / "out").exists() == there
+
+
+@pytest.mark.parametrize("verb", ["plot", "scale", "trade"])
+def test_a_file_is_no_folder_for_pictures(workshop, verb):
+    """-o FILE, or a place below a file."""
+    job = workshop.job(TINY, NODES, ELEMENTS)
+    more = ["--ranks", "1"] if verb == "scale" else []
+    for place in (job, job / "pictures"):
+        line = the_line(run_netfall(verb, job, "-o", place, *more))
+        assert f"-o {place}: {job} is a file; expected a folder" in line
+
+
+def test_mpirun_adds_nothing_to_the_line_of_a_wrong_input(workshop):
+    """Wrong in the job file, or stopped with a checkpoint: the exit code stays, and mpirun has nothing to say."""
+    job = workshop.job(TINY, NODES, ELEMENTS)
+    assert 'did you mean "speed"?' in the_line(run_netfall("run", job, "--set", "wind.sped=3", ranks=2))
+    output = workshop.folder / "result.vtkhdf"
+    done = run_netfall("run", job, "-o", output, "--walltime", "00:00:00", ranks=2)
+    assert done.returncode == 4 and len(done.stderr.splitlines()) == 1, done.stderr
+
+
+@pytest.mark.parametrize(
+    "end, told", [("os.kill(os.getpid(), 9)", "signal 9"), ("os._exit(5)", "Exit code:    5")]
+)
+def test_mpirun_tells_of_other_failures(end, told):
+    """A rank that is killed, or ends with a code that netfall does not give, is mpirun's to report."""
+    code = f"import os; from mpi4py import MPI; MPI.COMM_WORLD.rank == 1 and {end}; MPI.COMM_WORLD.Barrier()"
+    line = [str(BIN / "mpirun"), "-n", "2", sys.executable, "-c", code]
+    done = subprocess.run(line, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
+    assert done.returncode != 0 and told in done.stderr
+
+
+def test_mpirun_passes_on_what_a_rank_writes():
+    """Rules of dashes among the lines, a last line without an end: nothing of a program's own is lost."""
+    text = "one\n" + "-" * 74 + "\ntwo\n" + "-" * 74 + "\n" + "-" * 74 + "\nopen\nlast"
+    code = f"import sys; sys.stderr.write({text!r}); sys.exit(2)"
+    line = [str(BIN / "mpirun"), "-n", "1", sys.executable, "-c", code]
+    done = subprocess.run(line, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2 and done.stderr.startswith(text)
