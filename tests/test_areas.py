@@ -1,4 +1,4 @@
-"""Areas of the roof: faces of any drawing in plan, by hand and against polygons that the test itself knows."""
+"""Areas of the roof: faces of any drawing in plan, by hand and against polygons that the test knows."""
 
 from types import SimpleNamespace
 
@@ -41,7 +41,7 @@ def ring(*corners):
 
 
 def grid_tables(rim="short", more=(), size=5):
-    """nodes.csv and elements.csv of a grid of 1 m cells with a fixed rim; node ids 10 i + j, closed by `rim`."""
+    """nodes.csv and elements.csv of a grid of 1 m cells with a fixed rim; node ids 10 i + j."""
     line = range(size)
     nodes = "id,x,y,z,fixed\n" + "".join(
         f"{10 * i + j},{i},{j},0,{int(i in (0, size - 1) or j in (0, size - 1))}\n"
@@ -85,7 +85,7 @@ GRIDS = {
 @pytest.mark.parametrize("name", GRIDS)
 @pytest.mark.parametrize("parts", [1, 3])
 def test_a_grid_has_one_square_metre_at_each_inner_node(workshop, name, parts):
-    """Five by five nodes, 1 m cells: 16 m2 in all, 1 m2 at each inner node however it is drawn; whole when subdivided."""
+    """Five by five nodes, 1 m cells: 16 m2 in all, 1 m2 at each inner node however it is drawn."""
     net, _, area = roof_from(workshop, PRESSED, *grid_tables(*GRIDS[name]), [f"net.subdivide={parts}"])
     assert np.isclose(area.sum(), 16.0, rtol=1e-12)
     inner = ~net.fixed.all(1) & (np.arange(net.n) < 25)
@@ -97,9 +97,9 @@ def test_a_grid_has_one_square_metre_at_each_inner_node(workshop, name, parts):
 
 @pytest.mark.parametrize("rim, more", [("long", []), ("short", [(11, 12)]), ("short", [(1, 0)])])
 def test_a_grid_under_pressure_sags_as_by_hand(workshop, rim, more):
-    """10 N at each of nine nodes, 1 kN in each cable, nearly no stiffness: 1.125 x 10 N m / 1 kN = 11.25 mm in the middle.
+    """10 N at nine nodes, 1 kN in each cable, nearly no stiffness: 1.125 x 10 N m / 1 kN = 11.25 mm in the middle.
 
-    An inner cable that is given twice pulls with 2 kN: that one sags less, and what the loads are is seen in /net.
+    An inner cable that is given twice pulls with 2 kN: that net sags less; its areas stand in /net.
     """
     nodes, elements = grid_tables(rim, more)
     with workshop.run(workshop.job(PRESSED + "steps = 2\ntolerance = 1e-9\n", nodes, elements)) as f:
@@ -111,7 +111,7 @@ def test_a_grid_under_pressure_sags_as_by_hand(workshop, rim, more):
 
 
 def test_an_open_rim_is_said(workshop):
-    """Without a rim the four middle cells alone are closed: 4 of 14 m2 within the outline, a node at the middle of it has 1 m2."""
+    """Without a rim the four middle cells alone are closed: 4 of the 14 m2 within the convex outline."""
     _, roof, area = roof_from(workshop, PRESSED, *grid_tables("open"))
     assert np.isclose(area.sum(), 4.0)
     note = next(note for note in roof.notes if "without closing a face" in note)
@@ -124,9 +124,9 @@ U_SHAPE = [(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)]
 
 
 def test_a_concave_face_by_hand():
-    """A U of 7 m2 is cut into a trapezoid of 2 m2 and four triangles (Delaunay), each shared out from its centroid.
+    """A U of 7 m2 is cut into a trapezoid of 2 m2 and four triangles, each shared out from its centroid.
 
-    Trapezoid: centroid at 5/12 m, so sides of 5/8, 7/24 and twice 13/24 m2; triangles of 3/2 and 1 m2 in thirds.
+    Trapezoid: centroid at 5/12 m, so sides of 5/8, 7/24, twice 13/24 m2; triangles of 3/2 and 1 m2 in thirds.
     """
     foot, knee = 5 / 16 + 13 / 48, 7 / 48 + 13 / 48
     outer, inner = [foot + 1 / 2, 1 / 2 + 1 / 3], [1 / 3, knee + 1 / 2 + 1 / 3]
@@ -135,7 +135,7 @@ def test_a_concave_face_by_hand():
 
 
 def test_a_face_with_a_hole_by_hand():
-    """A square of 2 m in one of 4 m, joined by nothing: four trapezoids of 3 m2 with centroids at 4/9 m, and 4 m2 within."""
+    """A square of 2 m in one of 4 m, not joined: four trapezoids of 3 m2 with centroids at 4/9 m, and 4 m2."""
     xy = [(0, 0), (4, 0), (4, 4), (0, 4), (1, 1), (3, 1), (3, 3), (1, 3)]
     net = net_of(xy, ring(0, 1, 2, 3) + ring(4, 5, 6, 7))
     wide, narrow = 2 * 4 / 9, 5 / 9
@@ -168,7 +168,7 @@ def two_layers(groups=""):
 
 
 def test_two_layers_need_the_groups_of_the_roof(workshop):
-    """Refused with the nodes, their elements and the remedy; with the groups named, the roof is that layer's 16 m2."""
+    """Refused with nodes, elements and the remedy; with the groups named, the roof is that layer's 16 m2."""
     with pytest.raises(
         InputError,
         match=r"25 pairs of nodes.*0 \(elements 124, 126\) and 500 \(elements 624, 626\).*\[roof\] groups",
@@ -201,7 +201,7 @@ def test_elements_that_cross_are_refused_with_their_ids(workshop):
 
 
 def test_areas_and_normals_of_the_table_stand_in_for_faces(workshop):
-    """Crossing elements, but all areas and normals given: the normals are made unit; one without is refused."""
+    """Crossing elements, but all areas and normals given: normals are made unit; one without is refused."""
     nodes, elements = grid_tables("short", [(11, 22), (12, 21)])
     rows = nodes.splitlines()
     given = (
@@ -247,14 +247,15 @@ def test_a_positive_pressure_presses_on_the_roof(workshop, load, sign):
 @pytest.mark.parametrize("coefficient", [0.8, -0.8])
 def test_suction_lifts_and_a_positive_coefficient_presses(workshop, coefficient):
     """A steady wind moves the middle against the sign of the coefficient."""
-    wind = f"[wind]\nspeed = 10.0\nroughness = 0.0\nshape_coefficient = {coefficient}\n[dynamics]\nduration = 0.02\n"
+    wind = f"[wind]\nspeed = 10.0\nroughness = 0.0\nshape_coefficient = {coefficient}\n"
+    wind += "[dynamics]\nduration = 0.02\n"
     with workshop.run(workshop.job(SOFT + wind, *grid_tables())) as f:
         middle = f["VTKHDF/PointData/displacement"][:].reshape(-1, 25, 3)[-1, 12, 2]
     assert middle * coefficient < 0 and abs(middle) > 1e-6
 
 
 def test_check_states_both_areas_and_the_outline(workshop):
-    """The line of `netfall check` on the grid, and the notes on parallel elements and on a node within an element."""
+    """The line of `netfall check`, and the notes on parallel elements and on a node within an element."""
     job = workshop.job(PRESSED, *grid_tables("long", [(11, 12)]))
     done = run_netfall("check", job)
     line = "roof: 16.0 m2 of surface, 16.0 m2 in plan; closed faces cover 100.0% of the net's outline in plan"
@@ -267,9 +268,9 @@ def test_check_states_both_areas_and_the_outline(workshop):
 
 
 def polygon_shares(corners):
-    """Area and share of each corner (k,) of a polygon by the shoelace formula, for one seen whole from its centroid or a dart.
+    """Area and share of each corner (k,) of a polygon, by the shoelace formula.
 
-    A dart, seen in part only, is two triangles at its reflex corner, each shared in thirds.
+    A dart, not seen whole from its centroid, is two triangles at its reflex corner, each shared in thirds.
     """
     p = np.array(corners)
     turn = lambda a, b, c: (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
@@ -288,7 +289,7 @@ def polygon_shares(corners):
 
 
 class Drawing:
-    """A random drawing: rectangles with moved corners (often concave), some with a ring in a hole, and what is known of it."""
+    """A random drawing: rectangles with moved corners (often concave), some with a ring in a hole."""
 
     def __init__(self, rng, columns, rows, holes, long_rim):
         xs, ys = (np.concatenate([[0], np.cumsum(rng.uniform(0.9, 1.1, k))]) for k in (columns, rows))
@@ -309,7 +310,7 @@ class Drawing:
         self._net_lines(number, long_rim)
 
     def _ring_in(self, cell):
-        """A ring of half the size within a rectangle: four trapezoids, each the cell of one circle, and the middle."""
+        """A ring of half the size in a rectangle: four trapezoids, each the cell of one circle, and the middle."""
         corners = np.array([self.xy[p] for p in cell])
         inner = list(range(len(self.xy), len(self.xy) + 4))
         self.xy += (corners.mean(0) + 0.5 * (corners - corners.mean(0))).tolist()
@@ -343,7 +344,7 @@ class Drawing:
     st.integers(1, 3),
 )
 def test_random_drawings_have_the_areas_of_their_polygons(seed, columns, rows, holes, long_rim, layers):
-    """Sum and each node: convex and concave faces, rings in holes, layers, doubles, any order, numbering and direction."""
+    """Sum and each node: concave faces, rings in holes, layers, doubles, any order, numbering and direction."""
     rng = np.random.default_rng(seed)
     drawing = Drawing(rng, columns, rows, holes, long_rim)
     total, each = drawing.known()

@@ -19,7 +19,7 @@ class Table:
     """Columns of a table by name, split at commas, semicolons or tabs; lines that begin with # are comments.
 
     `numbers` and `integers` convert, and note what they cannot.
-    known : names of the columns that have a meaning, others are named in `notes`; required : those that must be there
+    known : names of the columns that have a meaning, others named in `notes`; required : those that must be
 
     Raises InputError for a file that is no table at all; `finish` raises for the rest.
     """
@@ -130,7 +130,7 @@ def _has_decimal_comma(word: str) -> bool:
 
 
 def _rows_of(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
-    """The rows that are neither empty nor comments, each with its line, and the delimiter. Raises InputError."""
+    """Rows that are neither empty nor comments, each with its line, and the delimiter. Raises InputError."""
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
             lines = ["\n" if line.lstrip().startswith("#") else line for line in file]

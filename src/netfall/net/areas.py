@@ -32,7 +32,7 @@ def roof_groups(job: Job) -> list[str]:
 
 
 def roof_of(job: Job, net: Net) -> Roofing:
-    """The faces that carry loads and wind. Raises InputError where loads need faces that the plan does not define."""
+    """The faces that carry loads and wind. Raises InputError where loads need faces that there are not."""
     groups = roof_groups(job)
     chosen = np.isin(net.group, [g for g, name in enumerate(net.group_names) if name in groups])
     carries = chosen[:: net.parts] if groups else np.ones(net.m // net.parts, bool)
@@ -48,17 +48,17 @@ def roof_of(job: Job, net: Net) -> Roofing:
 
 def _loaded(job: Job) -> bool:
     load = job.load
-    return job.wind is not None or load is not None and (load.dead > 0 or load.pressure is not None)
+    return job.wind is not None or (load is not None and (load.dead > 0 or load.pressure is not None))
 
 
 def _along_normals(job: Job) -> bool:
-    return job.wind is not None or job.load is not None and isinstance(job.load.pressure, int | float)
+    return job.wind is not None or (job.load is not None and isinstance(job.load.pressure, int | float))
 
 
 def _needs_faces(job: Job, net: Net) -> bool:
     """Whether something acts on areas, or along normals, that the tables do not give."""
     bare = (net.area > 0) & ~np.isfinite(net.normal[:, 0])
-    return _loaded(job) and bool(np.isnan(net.area).any() or _along_normals(job) and bare.any())
+    return _loaded(job) and bool(np.isnan(net.area).any() or (_along_normals(job) and bare.any()))
 
 
 def _notes(job: Job, net: Net, plan: Plan, faces: Faces, carries: np.ndarray) -> list[str]:
@@ -66,8 +66,8 @@ def _notes(job: Job, net: Net, plan: Plan, faces: Faces, carries: np.ndarray) ->
     area, notes = tributary_areas(net.x, net, faces), list(plan.notes)
     if not (area > 0).any():
         raise InputError(
-            f"{job.path}: the net has no closed face in plan, so wind, dead load and pressure have nothing to act on; "
-            "close the outline with elements between the supports, or give `area` in nodes.csv"
+            f"{job.path}: the net has no closed face in plan, so wind, dead load and pressure have nothing "
+            "to act on; close the outline with elements between the supports, or give `area` in nodes.csv"
         )
     free = ~net.fixed.all(1)
     in_roof = np.zeros(net.n, bool)
@@ -83,8 +83,8 @@ def _notes(job: Job, net: Net, plan: Plan, faces: Faces, carries: np.ndarray) ->
     if len(rim):
         notes.append(
             f"the roof ends at {len(rim)} free nodes from which elements go on without closing a face: "
-            f"{listed(net.node_id[rim])}; closed faces cover {_covered(plan, faces):.1%} of the net's outline in plan; "
-            "if the roof goes on to the supports, close it with elements between these"
+            f"{listed(net.node_id[rim])}; closed faces cover {_covered(plan, faces):.1%} of the outline "
+            "in plan; if the roof goes on to the supports, close it with elements between these"
         )
     return notes
 
@@ -98,9 +98,9 @@ def _covered(plan: Plan, faces: Faces) -> float:
 
 
 def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> np.ndarray:
-    """Plan area (n,) [m2], >= 0, that each particle carries at positions x (n, 3) [m], where `area` is not given.
+    """Plan area (n,) [m2], >= 0, that each particle carries at x (n, 3) [m], where `area` is not given.
 
-    Each face is cut into triangles from its centroid to its sides; half of each goes to either end of the side.
+    Each face is cut into triangles from its centroid to its sides; half of each goes to either end of a side.
     Shares of points without a particle go to the rigid boundary.
     """
     found = np.zeros(net.n)
@@ -113,7 +113,7 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> np.ndarray:
 
 
 def normals(x: np.ndarray, net: Net, faces: Faces) -> np.ndarray:
-    """Upward unit normals (n, 3) of the particles at positions x (n, 3) [m]; zero where a particle meets no face.
+    """Upward unit normals (n, 3) of the particles at x (n, 3) [m]; zero where a particle meets no face.
 
     Those of the tables where they are given; else the sum of the vector areas of the faces around (Newell).
     """

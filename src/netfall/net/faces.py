@@ -1,4 +1,4 @@
-"""Faces of the net in plan: the smallest closed rings, found by shapely (GEOS polygonize), cut where they are not plain."""
+"""Faces of the net in plan: the smallest closed rings (by shapely), cut where they are not plain."""
 
 from dataclasses import dataclass, field
 
@@ -16,7 +16,8 @@ COCIRCULAR = 1e-6  # sum of two cotangents below which four corners lie on one c
 class Faces:
     """Corner numbers of the faces, anticlockwise in plan, each seen whole from its centroid.
 
-    start : (f + 1,) rows of `corner` at which each face begins; corner : numbers, from n on points without a particle
+    start : (f + 1,) rows of `corner` at which each face begins
+    corner : numbers, from n on points without a particle
     open_rim : points at which the faces end although an element of the roof goes on
     """
 
@@ -45,10 +46,10 @@ def no_faces() -> Faces:
 
 
 def find_faces(net: Net, plan: Plan | None = None) -> Faces:
-    """Faces of the net in plan: the smallest closed rings of elements and outline, without what lies in their holes.
+    """Faces of the net in plan: the smallest closed rings of elements and outline, less their holes.
 
-    A face that is not seen whole from its centroid, or has holes, is cut into the cells of its constrained Delaunay
-    tessellation, which are the same in whatever order nodes and elements are given.
+    A face that is not seen whole from its centroid, or has holes, is cut into the cells of its constrained
+    Delaunay tessellation, which are the same in whatever order nodes and elements are given.
     """
     plan = plan or draw_plan(net)
     if not len(plan.segment):
@@ -73,7 +74,10 @@ def find_faces(net: Net, plan: Plan | None = None) -> Faces:
 
 
 def _rings(polygons, points, used) -> tuple[Faces, np.ndarray]:
-    """The rings of polygons between points `used`, holes clockwise, and the polygon of each ring, whose first is its outer one."""
+    """The rings of polygons between points `used`, each polygon's outer one first, and the polygon of each.
+
+    Holes run clockwise.
+    """
     rings, polygon = shapely.get_rings(shapely.orient_polygons(polygons), return_index=True)
     xy, ring = shapely.get_coordinates(rings, return_index=True)
     last = np.append(ring[1:] != ring[:-1], True) if len(ring) else np.zeros(0, bool)
@@ -143,7 +147,7 @@ def double_area(u, v) -> np.ndarray:
 
 
 def turned_triangles(points, faces: Faces, double=double_area) -> np.ndarray:
-    """Twice the areas (c,) of the triangles from each face's centroid to its sides, by `double` from two of their sides."""
+    """Twice the areas (c,) of the triangles from the faces' centroids to their sides, by `double`."""
     of_corner, nxt, counts = faces.of_corner(), faces.next_corner(), np.diff(faces.start)
     mean = lambda values, weight: np.stack(
         [np.bincount(of_corner, values[:, k], len(faces)) / weight for k in range(values.shape[1])], -1
@@ -159,9 +163,11 @@ def turned_triangles(points, faces: Faces, double=double_area) -> np.ndarray:
 
 
 def _delaunay_cells(points, shapes: list[np.ndarray]) -> Faces:
-    """Cells of the constrained Delaunay tessellation of a polygon: outer ring and holes as corner numbers.
+    """Cells of the constrained Delaunay tessellation of a polygon.
 
-    Triangles whose corners lie on one circle make one cell, since it is chance along which diagonal they were cut.
+    shapes : outer ring and holes as corner numbers
+
+    Triangles whose corners lie on one circle make one cell: it is chance along which diagonal they were cut.
     """
     polygon = shapely.Polygon(points[shapes[0]], [points[ring] for ring in shapes[1:]])
     used = np.unique(np.concatenate(shapes))

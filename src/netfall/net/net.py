@@ -10,7 +10,7 @@ import numpy as np
 
 GRAVITY = 9.81  # m/s2, for self weight and for the mass of the dead load
 SAME_PLACE = 1e-3  # m, and at most
-SAME_SHARE = 1e-4  # of the net's extent: nodes no farther apart were meant as one
+SAME_SHARE = 0.01  # of the usual length of an element: nodes no farther apart were meant as one
 
 
 @dataclass
@@ -24,8 +24,8 @@ class Net:
     section : (m,) [m2]; modulus, yield_stress : (m,) [Pa], inf: elastic; density : (m,) [kg/m3]
     fracture_strain : (m,), inf: never breaks; bar : (m,) bool, carries compression
     prestress : (m,) [N]; force_density : (m,) [N/m], nan: none; unstressed_length : (m,) [m], nan: none
-    outline : (s, 2) segments of the rigid boundary in plan, which close faces but are no elements; numbers from
-        n on are rows of `corners` (k, 3) [m], points of the boundary without a particle
+    outline : (s, 2) segments of the rigid boundary in plan, which close faces but are no elements; numbers
+        from n on are rows of `corners` (k, 3) [m], points of the boundary without a particle
     parts : elements for each one that was given; notes : what is odd in what was given
     """
 
@@ -83,7 +83,7 @@ class Net:
     @property
     def tolerance(self) -> float:
         """Distance [m] below which places are the same."""
-        return min(SAME_PLACE, SAME_SHARE * float(np.ptp(self.x, axis=0).max(initial=0.0)))
+        return min(SAME_PLACE, SAME_SHARE * self.parts * float(np.median(self.lengths()))) if self.m else 0.0
 
     def undivided(self) -> np.ndarray:
         """(m / parts, 2) particles between which the elements were given, before subdivision."""
@@ -92,7 +92,7 @@ class Net:
         )
 
     def inner_particles(self) -> np.ndarray:
-        """(m / parts, parts - 1) particles that subdivision put into each element that was given, from start to end."""
+        """(m / parts, parts - 1) particles that subdivision put into each of these, from start to end."""
         return self.elements[:, 1].reshape(-1, self.parts)[:, :-1]
 
     def lengths(self) -> np.ndarray:
@@ -106,7 +106,7 @@ def pair_key(pairs: np.ndarray, count: int) -> np.ndarray:
 
 
 def subdivide(net: Net, parts: int) -> Net:
-    """The net with each element in `parts` equal ones; new particles follow the old ones, free and without load."""
+    """The net with each element in `parts` equal ones; new particles follow, free and without load."""
     if parts == 1:
         return net
     n, m = net.n, net.m

@@ -1,4 +1,4 @@
-"""The roof drawn in plan: segments that meet at their ends alone, or what stands in the way of such a drawing."""
+"""The roof drawn in plan: segments that meet at their ends alone, or what stands in the way of that."""
 
 from dataclasses import dataclass, field
 
@@ -15,7 +15,8 @@ class Plan:
     """Segments between points, each pair of points once.
 
     points : (N, 2) [m] particles, then corners without one; segment : (s, 2) points
-    element : (s,) row of the undivided net that it lies on, -1: outline; span : (s, 2) from where to where, 0 to 1
+    element : (s,) row of the undivided net that it lies on, -1: outline
+    span : (s, 2) from where to where on that element, 0 to 1
     notes : what is odd; errors : why the drawing has no faces
     """
 
@@ -64,7 +65,7 @@ def _near(points, others, distance):
 
 
 def _stacked(net, points, segment, element) -> list[str]:
-    """Nodes above one another in plan that both have elements in the roof: which of them carries it is not known."""
+    """Nodes above one another in plan that both have elements in the roof: which carries it is not known."""
     used = np.unique(segment)
     places = shapely.points(points[used])
     pairs = used[_near(places, places, net.tolerance)]
@@ -76,7 +77,8 @@ def _stacked(net, points, segment, element) -> list[str]:
         own = [listed(net.element_id[net.parts * element[(segment == p).any(1)]]) for p in pair]
         names.append(" and ".join(f"{net.node_id[p]} (elements {ids})" for p, ids in zip(pair, own)))
     return [
-        f"{len(pairs)} pairs of nodes lie above one another in plan, so it is not known which carries the roof: "
+        f"{len(pairs)} pairs of nodes lie above one another in plan, "
+        "so it is not known which carry the roof: "
         + "; ".join(names)
         + ("; ..." if len(pairs) > MOST_NAMED else "")
     ]

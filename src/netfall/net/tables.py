@@ -36,7 +36,7 @@ MOST_NAMED = 5  # pairs in one note
 
 
 def read_tables(job: Job) -> tuple[Net, dict[str, np.ndarray]]:
-    """The net of the tables that a job names, and the columns prestress, section and modulus (m,), nan: not given.
+    """The net of a job's tables, and the columns prestress, section and modulus (m,), nan: not given.
 
     Raises InputError with all that is wrong in the tables.
     """
@@ -76,7 +76,7 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, np.ndarray]:
 
 
 def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray):
-    """What the net needs of the elements, the names of their groups, and the columns that override sections."""
+    """What the net needs of the elements, their groups' names, and the columns that override sections."""
     rows = {number: row for row, number in reversed(list(enumerate(node_id.tolist())))}
     ends = np.column_stack([_ends(cables, k, rows, nodes.path) for k in ("start", "end")])
     for row in np.flatnonzero(ends[:, 0] == ends[:, 1]):
@@ -186,8 +186,8 @@ def _unjoined_nodes(net: Net) -> list[str]:
     pairs = close_pairs(net.x, net.tolerance)
     pairs = pairs[~np.isin(pair_key(pairs, net.n), pair_key(net.elements, net.n))]
     notes = [
-        f"nodes {net.node_id[a]} and {net.node_id[b]} lie {1e3 * np.linalg.norm(net.x[a] - net.x[b]):.3g} mm apart "
-        "and are not joined; if they were meant as one, keep one of them"
+        f"nodes {net.node_id[a]} and {net.node_id[b]} lie {1e3 * np.linalg.norm(net.x[a] - net.x[b]):.3g} mm "
+        "apart and are not joined; if they were meant as one, keep one of them"
         for a, b in pairs[:MOST_NAMED]
     ]
     return notes + _more(len(pairs), "pairs of nodes lie as close")
@@ -200,7 +200,7 @@ def _more(count: int, what: str) -> list[str]:
 def close_pairs(x: np.ndarray, distance: float) -> np.ndarray:
     """(k, 2) pairs of points x (n, 3) no farther apart than `distance`, the lower number first.
 
-    Along any line through space they are no farther apart either; so only neighbours along one need be compared.
+    Along any line through space they are no farther apart either: only neighbours along one are compared.
     """
     along = x @ np.array(
         [0.57721566, 0.20787958, 0.78970000]
