@@ -1,5 +1,6 @@
 """Areas of the roof: faces of any drawing in plan, by hand and against polygons that the test knows."""
 
+from itertools import pairwise
 from types import SimpleNamespace
 
 import hypothesis.strategies as st
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from conftest import run_netfall
 from hypothesis import HealthCheck, given, settings
+from scipy.spatial import Delaunay
 
 from netfall.errors import InputError
 from netfall.job.read import read_job
@@ -97,7 +99,7 @@ def test_a_grid_has_one_square_metre_at_each_inner_node(workshop, name, parts):
 
 @pytest.mark.parametrize("rim, more", [("long", []), ("short", [(11, 12)]), ("short", [(1, 0)])])
 def test_a_grid_under_pressure_sags_as_by_hand(workshop, rim, more):
-    """10 N at nine nodes, 1 kN in each cable, nearly no stiffness: 1.125 x 10 N m / 1 kN = 11.25 mm in the middle.
+    """10 N at nine nodes, 1 kN in each cable, little stiffness: 1.125 x 10 N m / 1 kN = 11.25 mm.
 
     An inner cable that is given twice pulls with 2 kN: that net sags less; its areas stand in /net.
     """
@@ -135,7 +137,7 @@ def test_a_concave_face_by_hand():
 
 
 def test_a_face_with_a_hole_by_hand():
-    """A square of 2 m in one of 4 m, not joined: four trapezoids of 3 m2 with centroids at 4/9 m, and 4 m2."""
+    """A square of 2 m in one of 4 m, not joined: four trapezoids of 3 m2, centroids at 4/9 m, and 4 m2."""
     xy = [(0, 0), (4, 0), (4, 4), (0, 4), (1, 1), (3, 1), (3, 3), (1, 3)]
     net = net_of(xy, ring(0, 1, 2, 3) + ring(4, 5, 6, 7))
     wide, narrow = 2 * 4 / 9, 5 / 9
@@ -289,7 +291,7 @@ def polygon_shares(corners):
 
 
 class Drawing:
-    """A random drawing: rectangles with moved corners (often concave), some with a ring in a hole."""
+    """A random drawing: rectangles, with corners moved or with a ring or a notch in them."""
 
     def __init__(self, rng, columns, rows, holes, long_rim):
         xs, ys = (np.concatenate([[0], np.cumsum(rng.uniform(0.9, 1.1, k))]) for k in (columns, rows))
@@ -306,21 +308,30 @@ class Drawing:
         for i in range(columns):
             for j in range(rows):
                 cell = [number[i, j], number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]]
-                self.polygons += self._ring_in(cell) if (i, j) in rings else [cell]
+                within = self._ring_in if rng.random() < 0.5 else self._notch_in
+                self.polygons += within(cell) if (i, j) in rings else [cell]
         self._net_lines(number, long_rim)
 
     def _ring_in(self, cell):
-        """A ring of half the size in a rectangle: four trapezoids, each the cell of one circle, and the middle."""
+        """A ring of half the size in a rectangle: four trapezoids, each on one circle, and the middle."""
         corners = np.array([self.xy[p] for p in cell])
         inner = list(range(len(self.xy), len(self.xy) + 4))
         self.xy += (corners.mean(0) + 0.5 * (corners - corners.mean(0))).tolist()
         self.elements += ring(*inner)
         return [inner] + [[cell[k - 1], cell[k], inner[k], inner[k - 1]] for k in range(4)]
 
+    def _notch_in(self, cell):
+        """A node near one corner, joined to the two beside it: a dart around that corner."""
+        a, b, c, d = cell
+        self.xy.append((np.array(self.xy[c]) + 0.2 * (np.array(self.xy[a]) - self.xy[c])).tolist())
+        tip = len(self.xy) - 1
+        self.elements += [(b, tip), (tip, d)]
+        return [[a, b, tip, d], [b, c, d, tip]]
+
     def _net_lines(self, number, long_rim):
         inner = slice(1, -1) if long_rim else slice(None)
         for table in (number[inner], number.T[inner]):
-            self.elements += [(a, b) for line in table for a, b in zip(line[:-1], line[1:])]
+            self.elements += [(a, b) for line in table for a, b in pairwise(line)]
         if long_rim:
             self.elements += ring(number[0, 0], number[-1, 0], number[-1, -1], number[0, -1])
 
@@ -344,7 +355,7 @@ class Drawing:
     st.integers(1, 3),
 )
 def test_random_drawings_have_the_areas_of_their_polygons(seed, columns, rows, holes, long_rim, layers):
-    """Sum and each node: concave faces, rings in holes, layers, doubles, any order, numbering and direction."""
+    """Sum and each node: concave faces, rings in holes, layers, doubles, any order and numbering."""
     rng = np.random.default_rng(seed)
     drawing = Drawing(rng, columns, rows, holes, long_rim)
     total, each = drawing.known()
@@ -382,3 +393,45 @@ def test_random_drawings_have_the_areas_of_their_polygons(seed, columns, rows, h
         job.roof = None
         with pytest.raises(InputError, match="above one another"):
             roof_of(job, net)
+
+
+def cut_triangulation(rng, points, kept):
+    """Delaunay triangles of random points without some sides: what is left, and the area that it closes.
+
+    Triangles that lose a side join; those joined to the outside are no roof. Faces come out concave, with
+    holes, with free ends in them, and of any number of corners.
+    """
+    xy = rng.uniform(0, 10, (points, 2))
+    triangles = Delaunay(xy).simplices
+    sides = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], -1).reshape(-1, 2), axis=1)
+    pairs, side = np.unique(sides, axis=0, return_inverse=True)
+    there = rng.random(len(pairs)) < kept
+    of_side = [[] for _ in pairs]
+    for row, k in enumerate(side.ravel()):
+        of_side[k].append(row // 3)
+    outside = len(triangles)
+    label = list(range(outside + 1))
+    for k in np.flatnonzero(~there):
+        a, b = (label[t] for t in [*of_side[k], outside][:2])
+        label = [b if value == a else value for value in label]
+    p, q, r = (xy[triangles[:, k]] for k in range(3))
+    u, v = q - p, r - p
+    area = 0.5 * np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+    closed = np.array(label[:-1]) != label[outside]
+    return xy, pairs[there], area[closed].sum()
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@given(st.integers(0, 2**32 - 1), st.integers(4, 60), st.sampled_from([0.6, 0.8, 0.9]), st.integers(1, 4))
+def test_random_faces_are_shared_out_whole_in_any_order(seed, points, kept, parts):
+    """No share is negative, all sum to what is closed, each node's is the same in another order."""
+    rng = np.random.default_rng(seed)
+    xy, elements, closed = cut_triangulation(rng, points, kept)
+    if not len(elements):
+        return
+    area = shares(subdivide(net_of(xy, elements), parts))
+    assert (area >= 0).all() and np.isclose(area.sum(), closed, rtol=1e-9, atol=1e-9)
+    order, number = rng.permutation(len(elements)), rng.permutation(len(xy))
+    turned = np.roll(elements[order], 1, axis=1)
+    other = shares(subdivide(net_of(xy[np.argsort(number)], number[turned]), parts))
+    assert np.allclose(other[number], area[: len(xy)], rtol=1e-9, atol=1e-9)

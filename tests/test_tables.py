@@ -120,7 +120,7 @@ def test_other_columns_are_named_and_left_alone(workshop):
 
 
 def test_parallel_elements_and_unjoined_nodes_are_named(workshop):
-    """An element given twice, the other way round, and two nodes 0.5 mm apart; joined and distant ones are not."""
+    """An element given twice, the other way round, and two nodes 0.5 mm apart; no others."""
     nodes = NODES + "4,3,0.0005,0,1\n5,1.5,0.0004,0,0\n6,1.5,0.002,0,0\n"
     net = net_from(workshop, nodes, ELEMENTS + "3,2,9\n2,5,10\n5,4,11\n6,4,12\n")
     assert len(net.notes) == 2
