@@ -122,7 +122,7 @@ yield_stress = 1.75e9
 [form_finding]
 start = "force_density"
 [load]
-pressure = -800.0
+pressure = 800.0
 steps = 2
 tolerance = 1e-4
 [wind]

@@ -31,6 +31,7 @@ class Job:
     groups: dict[str, dict]  # [cable.GROUP]: the keys that it overrides
     form_finding: SimpleNamespace | None
     load: SimpleNamespace | None
+    roof: SimpleNamespace | None
     wind: SimpleNamespace | None
     dynamics: SimpleNamespace | None
     output: SimpleNamespace
@@ -185,6 +186,8 @@ def fits(key: Key, value) -> bool:
         return isinstance(value, list) and all(
             isinstance(p, list) and len(p) == 2 and all(map(_is_number, p)) for p in value
         )
+    if key.kind == "words":
+        return isinstance(value, list) and value != [] and all(isinstance(v, str) and v for v in value)
     if key.kind == "pressure" and _is_number(value):
         return True
     if key.kind in ("vector", "pressure"):
@@ -251,6 +254,7 @@ class _Validation:
             groups,
             parts.get("form_finding"),
             parts.get("load"),
+            parts.get("roof"),
             parts.get("wind"),
             parts.get("dynamics"),
             output,
@@ -297,6 +301,8 @@ class _Validation:
                     "net",
                     'generator: missing; expected generator = "saddle" or "stadium", or nodes and elements',
                 )
+            if net.get("unit", "m") != "m" and not tables:
+                self.wrong("net", f"unit = {shown(net['unit'])}: only for tables; dimensions are in m")
             generator = net.get("generator")
             if tables or (isinstance(generator, str) and generator in GENERATOR_KEYS):
                 own = () if tables else GENERATOR_KEYS[generator]

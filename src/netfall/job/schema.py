@@ -14,7 +14,7 @@ ABSENT = None  # the key may be missing: the thing that it describes is then not
 class Key:
     """One key of a section.
 
-    kind : "number" | "integer" | "flag" | "text" | "choice" | "vector" | "pressure" | "points"
+    kind : "number" | "integer" | "flag" | "text" | "choice" | "vector" | "pressure" | "points" | "words"
     low, high : bounds of a number; low_open, high_open : the bound itself is excluded
     """
 
@@ -45,6 +45,8 @@ class Key:
             return f"three numbers{of}, [x, y, z], or one number along the normals"
         if self.kind == "points":
             return f"a list of [x, y] pairs{of}"
+        if self.kind == "words":
+            return f"a list of names in quotes ({self.meaning})"
         noun = "an integer" if self.kind == "integer" else "a number"
         words = "".join(f' or "{w}"' for w in self.also)
         return f"{noun}{of}{self._range()}{words}"
@@ -84,6 +86,14 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         Key("generator", "choice", ABSENT, "", "a net made from dimensions", choices=("saddle", "stadium")),
         Key("nodes", "text", ABSENT, "", "path of nodes.csv, relative to the job file"),
         Key("elements", "text", ABSENT, "", "path of elements.csv, relative to the job file"),
+        Key(
+            "unit",
+            "choice",
+            "m",
+            "",
+            "in which the coordinates of nodes.csv stand; all else is in SI units",
+            choices=("m", "cm", "mm", "ft", "in"),
+        ),
         count("subdivide", 1, "elements for each net segment", high=10_000),
         between(1e-3, 1e6, "side", "m", 73.2, "saddle: side of the square in plan"),
         between(
@@ -140,7 +150,13 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         not_negative(
             "dead", "N/m2", 0.0, "weight of the roof's cladding, downward; its mass moves with the particles"
         ),
-        Key("pressure", "pressure", ABSENT, "N/m2", "static load of the roof"),
+        Key(
+            "pressure",
+            "pressure",
+            ABSENT,
+            "N/m2",
+            "static load of the roof: positive presses on it, against the upward normal, negative lifts; or [x, y, z]",
+        ),
         count("steps", 0, "load steps of the static analysis; 0: none", low=0, high=100_000),
         Key(
             "tolerance",
@@ -153,6 +169,11 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         ),
         count("max_iterations", 500_000, "iterations of a load step after which the run gives up"),
     ),
+    "roof": (
+        Key(
+            "groups", "words", ABSENT, "", "groups of elements whose faces carry loads and wind; absent: all"
+        ),
+    ),
     "wind": (
         between(0.1, 200.0, "speed", "m/s", ABSENT, "U0, mean at 10 m above ground"),
         Key("file", "text", ABSENT, "", "path of a table time, speed, instead of a generated wind"),
@@ -162,7 +183,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "number",
             REQUIRED,
             "",
-            "u_s, force along the upward normal; negative: suction, which lifts",
+            "u_s: positive presses on the roof, against the upward normal; negative is suction, which lifts",
         ),
         positive("air_density", "kg/m3", 1.25, "density of the air"),
         between(1e-4, 60.0, "time_step", "s", 0.05, "time step of the generated histories"),

@@ -1,6 +1,7 @@
-"""Reading CSV tables with a header: named columns of numbers or words, every error with its line."""
+"""Reading tables with a header: named columns of numbers or words, every error with its line."""
 
 import csv
+import difflib
 from pathlib import Path
 
 import numpy as np
@@ -10,53 +11,56 @@ from netfall.job.read import nearest
 
 MOST_ERRORS = 20  # lines reported for one table
 LARGEST = 1e15  # of any number; far beyond, products overflow
+DELIMITERS = ",;\t"
+CLOSE = 0.7  # likeness from which on an unknown column is a slip of the pen
 
 
 class Table:
-    """Columns of a CSV file by name; `number` and `integer` convert, and note what they cannot.
+    """Columns of a table by name, split at commas, semicolons or tabs; lines that begin with # are comments.
 
-    known : names of the columns that the table may have; required : those that it must have
+    `numbers` and `integers` convert, and note what they cannot.
+    known : names of the columns that have a meaning, others named in `notes`; required : those that must be
+
     Raises InputError for a file that is no table at all; `finish` raises for the rest.
     """
 
     def __init__(self, path: Path, known: tuple[str, ...], required: tuple[str, ...]):
         self.path = path
         self.errors: list[str] = []
-        try:
-            with open(path, newline="", encoding="utf-8-sig") as file:
-                rows = [
-                    (reader.line_num, row)
-                    for reader in [csv.reader(file, skipinitialspace=True)]
-                    for row in reader
-                    if any(c.strip() for c in row)
-                ]
-        except OSError as error:
-            raise InputError(
-                f"{path}: {error.strerror or error}; paths are relative to the job file"
-            ) from None
-        except (UnicodeDecodeError, csv.Error) as error:
-            raise InputError(f"{path}: not a CSV table ({error})") from None
+        self.notes: list[str] = []
+        rows, self.delimiter = _rows_of(path)
         if not rows:
             raise InputError(f"{path}: empty; expected a header with {', '.join(required)}")
         header = [name.strip().lower() for name in rows[0][1]]
         self.lines = [line for line, _ in rows[1:]]
-        for name in header:
-            if name not in known:
-                self.errors.append(
-                    f"{path}: line {rows[0][0]}: {name[:40]!r}: unknown column; {nearest(name, known)}"
-                )
-            elif header.count(name) > 1 and f"{path}: column {name} stands twice" not in self.errors:
-                self.errors.append(f"{path}: column {name} stands twice")
-        for name in required:
-            if name not in header:
-                self.errors.append(f"{path}: column {name} is missing; expected {', '.join(required)}")
+        self._check_header(header, rows[0][0], known, required)
         for line, row in rows[1:]:
             if len(row) != len(header):
-                self.wrong(f"line {line}: {len(row)} values, but the header has {len(header)} columns")
+                hint = "; numbers are written with a decimal point" if self.delimiter == "," else ""
+                self.wrong(f"line {line}: {len(row)} values, but the header has {len(header)} columns{hint}")
         if not self.lines:
             self.errors.append(f"{path}: no rows below the header")
         self.finish()
         self.columns = {name: [row[k].strip() for _, row in rows[1:]] for k, name in enumerate(header)}
+
+    def _check_header(self, header, line, known, required) -> None:
+        unknown = [name for name in dict.fromkeys(header) if name not in known]
+        for name in unknown:
+            if difflib.get_close_matches(name, known, n=1, cutoff=CLOSE):
+                self.wrong(f"line {line}: {name[:40]!r}: unknown column; {nearest(name, known)}")
+        if unknown:
+            names = ", ".join(
+                f'"{name[:40]}"' if name else "one without a name" for name in unknown[:MOST_ERRORS]
+            )
+            self.notes.append(
+                f"{self.path}: columns not known and left alone: {names}; known: {', '.join(known)}"
+            )
+        for name in dict.fromkeys(header):
+            if name in known and header.count(name) > 1:
+                self.wrong(f"column {name} stands twice")
+        for name in required:
+            if name not in header:
+                self.wrong(f"column {name} is missing; expected {', '.join(required)}")
 
     def __len__(self):
         return len(self.lines)
@@ -91,7 +95,8 @@ class Table:
         for row in np.flatnonzero(bad)[:MOST_ERRORS]:
             limit = f" >= {low:g}" + (f" and <= {LARGEST:g}" if values[row] > LARGEST else "")
             of = f" of {unit}" if unit else ""
-            self.wrong(f"{self.at(row)}: {name} = {words[row][:40]!r}: expected a number{of}{limit}")
+            comma = "; a decimal comma is not read, write a point" if _has_decimal_comma(words[row]) else ""
+            self.wrong(f"{self.at(row)}: {name} = {words[row][:40]!r}: expected a number{of}{limit}{comma}")
         return np.where(empty, default, values)
 
     def integers(self, name: str) -> np.ndarray:
@@ -118,3 +123,22 @@ def _number(word: str) -> float:
         return float(word)
     except ValueError:
         return np.nan
+
+
+def _has_decimal_comma(word: str) -> bool:
+    return word.count(",") == 1 and np.isfinite(_number(word.replace(",", ".")))
+
+
+def _rows_of(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
+    """Rows that are neither empty nor comments, each with its line, and the delimiter. Raises InputError."""
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            lines = ["\n" if line.lstrip().startswith("#") else line for line in file]
+        header = next((line for line in lines if line.strip()), "")
+        delimiter = max(DELIMITERS, key=header.count)
+        reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+        return [(reader.line_num, row) for row in reader if any(c.strip() for c in row)], delimiter
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}; paths are relative to the job file") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: not a CSV table ({error})") from None

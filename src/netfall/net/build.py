@@ -1,39 +1,16 @@
 """The net of a job: from a generator or from tables, with sections, checked as a whole."""
 
-from pathlib import Path
-
 import numpy as np
 
 from netfall.compile import kernel
 from netfall.errors import InputError
-from netfall.job.read import Job, nearest
-from netfall.job.table import Table
-from netfall.net import faces, generators
+from netfall.job.read import Job, nearest, shown
+from netfall.net import generators
+from netfall.net.areas import roof_groups
 from netfall.net.net import Net, subdivide
+from netfall.net.tables import read_tables
 
 MOST_ELEMENTS = 50_000_000  # what fits the memory of one rank at set-up, some 500 bytes each
-
-AXES = ("x", "y", "z")
-NODE_COLUMNS = (
-    "id",
-    *AXES,
-    "fixed",
-    *(f"fixed_{k}" for k in AXES),
-    *(f"load_{k}" for k in AXES),
-    "mass",
-    "area",
-)
-ELEMENT_COLUMNS = (
-    "start",
-    "end",
-    "id",
-    "group",
-    "prestress",
-    "force_density",
-    "unstressed_length",
-    "area",
-    "modulus",
-)
 
 
 def build_net(job: Job) -> Net:
@@ -41,7 +18,7 @@ def build_net(job: Job) -> Net:
 
     Raises InputError with all that is wrong in the tables, or with the net as a whole.
     """
-    net = _from_tables(job) if job.net.nodes else _from_generator(job)
+    net = _with_sections(job) if job.net.nodes else _from_generator(job)
     if net.m * job.net.subdivide > MOST_ELEMENTS:
         raise InputError(
             f"{job.path}: [net] subdivide = {job.net.subdivide}: gives {net.m * job.net.subdivide:.3g} elements; "
@@ -77,103 +54,13 @@ def _from_generator(job: Job) -> Net:
     return net
 
 
-def _from_tables(job: Job) -> Net:
-    nodes = Table(job.path.parent / job.net.nodes, NODE_COLUMNS, ("id", *AXES))
-    cables = Table(job.path.parent / job.net.elements, ELEMENT_COLUMNS, ("start", "end"))
-    columns = [nodes.numbers(k, unit="m") for k in AXES]
-    node_id = nodes.integers("id")
-    for k in AXES:
-        _no_empty_cells(nodes, k)
-    fixed = _fixed(nodes)
-    load = np.column_stack([nodes.numbers(f"load_{k}", 0.0, unit="N") for k in AXES])
-    mass = nodes.numbers("mass", 0.0, low=0.0, unit="kg")
-    area = nodes.numbers("area", low=0.0, unit="m2")
-    first: dict[int, int] = {}
-    for row, number in enumerate(node_id.tolist()):
-        if number in first:
-            nodes.wrong(
-                f"{nodes.at(row)}: id = {number}: stands on {nodes.at(first[number])} already; ids are unique"
-            )
-        first.setdefault(number, row)
-    ends = np.column_stack([_ends(cables, k, first, nodes.path) for k in ("start", "end")])
-    for row in np.flatnonzero(ends[:, 0] == ends[:, 1]):
-        if ends[row, 0] >= 0:
-            cables.wrong(
-                f"{cables.at(row)}: start and end are both node {node_id[ends[row, 0]]}; expected two nodes"
-            )
-    element_id = cables.integers("id") if "id" in cables else np.arange(len(cables))
-    if len(np.unique(element_id)) < len(element_id):
-        values, counts = np.unique(element_id, return_counts=True)
-        cables.wrong(f"id = {values[counts > 1][0]}: stands {counts.max()} times; ids are unique")
-    words = cables.words("group") if "group" in cables else [""] * len(cables)
-    names, group = np.unique(words, return_inverse=True)
-    columns_e = dict(
-        prestress=cables.numbers("prestress", unit="N"),
-        force_density=cables.numbers("force_density", unit="N/m"),
-        unstressed_length=cables.numbers("unstressed_length", low=1e-9, unit="m"),
-        section=cables.numbers("area", low=1e-12, unit="m2"),
-        modulus=cables.numbers("modulus", low=1.0, unit="Pa"),
-    )
-    raise_all(nodes, cables)
-    net = Net(
-        np.column_stack(columns),
-        fixed,
-        ends,
-        group,
-        [str(name) for name in names],
-        node_id,
-        element_id,
-        load,
-        mass,
-        area,
-        columns_e["force_density"],
-        columns_e["unstressed_length"],
-    )
+def _with_sections(job: Job) -> Net:
+    """The net of the tables; what stands in their columns overrides the job's sections."""
+    net, columns = read_tables(job)
     _set_sections(job, net)
-    for name in ("prestress", "section", "modulus"):
-        value = columns_e[name]
+    for name, value in columns.items():
         setattr(net, name, np.where(np.isnan(value), getattr(net, name), value))
     return net
-
-
-def raise_all(*tables: Table) -> None:
-    """Raise the errors of all the tables at once."""
-    lines = []
-    for table in tables:
-        try:
-            table.finish()
-        except InputError as error:
-            lines += error.lines
-    if lines:
-        raise InputError(lines)
-
-
-def _no_empty_cells(table: Table, name: str) -> None:
-    for row, word in enumerate(table.words(name)):
-        if word == "":
-            table.wrong(f"{table.at(row)}: {name} is empty; expected a number")
-
-
-def _fixed(nodes: Table) -> np.ndarray:
-    if "fixed" in nodes and any(f"fixed_{k}" in nodes for k in AXES):
-        nodes.wrong("columns fixed and fixed_x, fixed_y, fixed_z exclude each other; keep one kind")
-    columns = [nodes.numbers(f"fixed_{k}" if f"fixed_{k}" in nodes else "fixed", 0.0) for k in AXES]
-    for name in ("fixed", *(f"fixed_{k}" for k in AXES)):
-        if name in nodes:
-            values = nodes.numbers(name, 0.0)
-            for row in np.flatnonzero((values != 0) & (values != 1) & np.isfinite(values)):
-                nodes.wrong(f"{nodes.at(row)}: {name} = {nodes.words(name)[row]!r}: expected 0 or 1")
-    return np.column_stack(columns) == 1
-
-
-def _ends(cables: Table, name: str, rows: dict[int, int], nodes: Path) -> np.ndarray:
-    numbers = cables.integers(name)
-    ends = np.full(len(cables), -1)
-    for row, number in enumerate(numbers.tolist()):
-        ends[row] = rows.get(number, -1)
-        if ends[row] < 0:
-            cables.wrong(f"{cables.at(row)}: {name} = {number}: no such node in {nodes.name}")
-    return ends
 
 
 def _set_sections(job: Job, net: Net) -> None:
@@ -191,11 +78,18 @@ def _set_sections(job: Job, net: Net) -> None:
 def _check_groups(job: Job, net: Net) -> None:
     known = [name for name in net.group_names if name]
     advice = lambda name: nearest(name, known) if known else "the net has no groups"
-    unknown = [name for name in job.groups if name not in known]
-    if unknown:
-        raise InputError(
-            [f"{job.path}: [cable.{name}]: no element is of this group; {advice(name)}" for name in unknown]
-        )
+    lines = [
+        f"{job.path}: [cable.{name}]: no element is of this group; {advice(name)}"
+        for name in job.groups
+        if name not in known
+    ]
+    lines += [
+        f"{job.path}: [roof] groups: no element is of group {shown(name)}; {advice(name)}"
+        for name in roof_groups(job)
+        if name not in known
+    ]
+    if lines:
+        raise InputError(lines)
 
 
 @kernel
@@ -262,43 +156,3 @@ def _whole_net_errors(job: Job, net: Net) -> list[str]:
             "form finding computes the unstressed lengths"
         )
     return errors
-
-
-def roof_areas(job: Job, net: Net) -> tuple[np.ndarray, faces.Faces, str]:
-    """Tributary areas (n,) [m2], the faces that they and the normals come from, and a remark or "".
-
-    Raises InputError where loads need areas that the plan does not define.
-    """
-    load, needed = (
-        job.load,
-        job.wind is not None
-        or (job.load is not None and (job.load.dead > 0 or job.load.pressure is not None)),
-    )
-    normals_needed = job.wind is not None or (load is not None and isinstance(load.pressure, float))
-    given = np.isfinite(net.area)
-    if job.net.nodes:
-        crossings = faces.crossing_elements(net)
-        if crossings:
-            if needed and not (given.all() and not normals_needed):
-                raise InputError(
-                    f"{job.path}: {crossings} pairs of elements cross in plan without a node, so the roof has no faces that "
-                    "wind, dead load or pressure could act on; join them in nodes, or give `area` in nodes.csv and loads as vectors"
-                )
-            return (
-                np.where(given, net.area, 0.0),
-                faces.Faces(np.zeros(1, np.int64), np.zeros(0, np.int64)),
-                "elements cross in plan: no faces",
-            )
-    found = faces.find_faces(net)
-    area = np.where(given, net.area, faces.tributary_areas(net, found))
-    remark = ""
-    if needed:
-        if not (area > 0).any():
-            raise InputError(
-                f"{job.path}: the net has no closed face in plan, so wind, dead load and pressure have nothing to act on; "
-                "close the outline with elements between the supports, or give `area` in nodes.csv"
-            )
-        bare = ~(area > 0) & ~net.fixed.all(1)
-        if bare.any():
-            remark = f"{bare.sum()} free particles carry no roof area (first: node {net.node_id[bare][0]}); `area` in nodes.csv would give it"
-    return area, found, remark

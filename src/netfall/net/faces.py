@@ -1,22 +1,29 @@
-"""Faces of the net in plan, tributary areas and normals. The faces are found by shapely (GEOS polygonize)."""
+"""Faces of the net in plan: the smallest closed rings (by shapely), cut where they are not plain."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import shapely
 
-from netfall.net.net import Net
+from netfall.net.net import Net, pair_key
+from netfall.net.plan import Plan, draw_plan
+
+FLAT = 1e-12  # of a face's area: a triangle about its centroid that is turned by less is rounding
+COCIRCULAR = 1e-6  # sum of two cotangents below which four corners lie on one circle
 
 
 @dataclass(frozen=True)
 class Faces:
-    """Corner numbers of the faces, anticlockwise in plan.
+    """Corner numbers of the faces, anticlockwise in plan, each seen whole from its centroid.
 
-    start : (f + 1,) rows of `corner` at which each face begins; corner : numbers, from n on points without a particle
+    start : (f + 1,) rows of `corner` at which each face begins
+    corner : numbers, from n on points without a particle
+    open_rim : points at which the faces end although an element of the roof goes on
     """
 
     start: np.ndarray
     corner: np.ndarray
+    open_rim: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
 
     def __len__(self):
         return len(self.start) - 1
@@ -33,81 +40,147 @@ class Faces:
         return np.repeat(np.arange(len(self)), np.diff(self.start))
 
 
-def _plan_segments(net: Net):
-    points = np.concatenate([net.x, net.corners])
-    segments = np.concatenate([net.elements, net.outline])
-    ends = points[segments][:, :, :2]
-    return points, ends[(ends[:, 0] != ends[:, 1]).any(1)]  # upright masts vanish in plan
+def no_faces() -> Faces:
+    """Faces of a net that has none."""
+    return Faces(np.zeros(1, np.int64), np.zeros(0, np.int64))
 
 
-def crossing_elements(net: Net) -> int:
-    """How many pairs of elements cross in plan without a node, where faces are not defined."""
-    _, ends = _plan_segments(net)
-    lines = shapely.linestrings(ends)
-    first, second = shapely.STRtree(lines).query(lines, predicate="crosses")
-    return int((first < second).sum())
+def find_faces(net: Net, plan: Plan | None = None) -> Faces:
+    """Faces of the net in plan: the smallest closed rings of elements and outline, less their holes.
+
+    A face that is not seen whole from its centroid, or has holes, is cut into the cells of its constrained
+    Delaunay tessellation, which are the same in whatever order nodes and elements are given.
+    """
+    plan = plan or draw_plan(net)
+    if not len(plan.segment):
+        return no_faces()
+    lines = shapely.linestrings(plan.points[plan.segment])
+    polygons = shapely.get_parts(shapely.polygonize(lines))
+    used = np.unique(plan.segment)
+    rings, polygon = _rings(polygons, plan.points, used)
+    open_rim = _open_rim(rings, polygons, plan)
+    rings = _with_inner_particles(rings, plan, net)
+    plain = (np.bincount(polygon, minlength=len(polygons)) == 1)[polygon] & _seen_whole(rings, plan.points)
+    cells = []
+    for number in np.unique(polygon[~plain]):
+        shapes = [
+            rings.corner[rings.start[r] : rings.start[r + 1]] for r in np.flatnonzero(polygon == number)
+        ]
+        cells.append(_delaunay_cells(plan.points, shapes))
+    kept = _selected(rings, plain)
+    sizes = np.concatenate([np.diff(part.start) for part in (kept, *cells)])
+    corner = np.concatenate([part.corner for part in (kept, *cells)])
+    return Faces(np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64), corner, open_rim)
 
 
-def find_faces(net: Net) -> Faces:
-    """Faces of the net in plan: the smallest closed rings of elements and outline."""
-    points, ends = _plan_segments(net)
-    if not len(ends):
-        return Faces(np.zeros(1, np.int64), np.zeros(0, np.int64))
-    polygons = shapely.get_parts(shapely.polygonize(shapely.linestrings(ends)))
-    rings = shapely.get_exterior_ring(shapely.orient_polygons(polygons))
+def _rings(polygons, points, used) -> tuple[Faces, np.ndarray]:
+    """The rings of polygons between points `used`, each polygon's outer one first, and the polygon of each.
+
+    Holes run clockwise.
+    """
+    rings, polygon = shapely.get_rings(shapely.orient_polygons(polygons), return_index=True)
     xy, ring = shapely.get_coordinates(rings, return_index=True)
     last = np.append(ring[1:] != ring[:-1], True) if len(ring) else np.zeros(0, bool)
     xy, ring = xy[~last], ring[~last]  # a ring repeats its first point at its end
-    # of particles above one another in plan, the highest one carries the roof
-    order = np.lexsort((-points[:, 2], points[:, 1], points[:, 0]))
+    order = used[np.lexsort((points[used, 1], points[used, 0]))]
     key = points[order, 0] + 1j * points[order, 1]
     corner = order[np.searchsorted(key, xy[:, 0] + 1j * xy[:, 1])]
     start = np.concatenate([[0], np.cumsum(np.bincount(ring, minlength=len(rings)))]).astype(np.int64)
-    return Faces(start, corner)
+    return Faces(start, corner), polygon
 
 
-def tributary_areas(net: Net, faces: Faces) -> np.ndarray:
-    """Plan area (n,) [m2] that each particle carries.
+def _selected(faces: Faces, mask) -> Faces:
+    sizes = np.diff(faces.start)
+    start = np.concatenate([[0], np.cumsum(sizes[mask])]).astype(np.int64)
+    return Faces(start, faces.corner[np.repeat(mask, sizes)])
 
-    Each face is cut into triangles from its centroid to its sides; half of each goes to either end of the side.
-    Shares of points without a particle go to the rigid boundary.
-    """
-    if not len(faces):
-        return np.zeros(net.n)
-    points = np.concatenate([net.x, net.corners])[:, :2]
-    of_corner, nxt = faces.of_corner(), faces.next_corner()
-    p = points[faces.corner]
-    counts = np.diff(faces.start)
-    middle = np.stack(
-        [np.bincount(of_corner, p[:, k], len(faces)) / np.maximum(counts, 1) for k in range(2)], -1
+
+def _sides(rings: Faces) -> np.ndarray:
+    """(c, 2) the points at both ends of each side."""
+    return np.column_stack([rings.corner, rings.corner[rings.next_corner()]])
+
+
+def _open_rim(rings: Faces, polygons, plan: Plan) -> np.ndarray:
+    """Ends of what bounds no face and lies in none, on sides that have a face on one of their sides only."""
+    sides = _sides(rings)
+    key, bounded = pair_key(sides, len(plan.points)), pair_key(plan.segment, len(plan.points))
+    values, row, times = np.unique(key, return_inverse=True, return_counts=True)
+    rim, loose = sides[times[row.ravel()] == 1], plan.segment[~np.isin(bounded, values)]
+    middle = shapely.points(plan.points[loose].mean(1))
+    loose = np.delete(loose, shapely.STRtree(polygons).query(middle, predicate="within")[0], axis=0)
+    return np.intersect1d(rim, loose)
+
+
+def _with_inner_particles(rings: Faces, plan: Plan, net: Net) -> Faces:
+    """The rings with the particles that subdivision put on their sides as corners too."""
+    if net.parts == 1 or not len(rings):
+        return rings
+    sides, key = _sides(rings), pair_key(plan.segment, len(plan.points))
+    order = np.argsort(key)
+    row = order[np.searchsorted(key[order], pair_key(sides, len(plan.points)))]
+    turned = plan.segment[row, 0] != sides[:, 0]
+    element, span = plan.element[row], plan.span[row]
+    inner = net.inner_particles()[element]  # of the outline some other element's, dropped by `there`
+    ends = plan.points[net.undivided()[element]]
+    t, apart = np.arange(1, net.parts) / net.parts, np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    margin = np.where(np.ptp(span, axis=1) < 1.0, net.tolerance / np.maximum(apart, 1e-300), 0.0)[:, None]
+    there = (element >= 0)[:, None] & (t > span[:, :1] + margin) & (t < span[:, 1:] - margin)
+    flip = lambda values: np.where(turned[:, None], values[:, ::-1], values)
+    keep = np.column_stack([np.ones(len(sides), bool), flip(there)])
+    corner = np.column_stack([rings.corner, flip(inner)])[keep]
+    return Faces(np.concatenate([[0], np.cumsum(keep.sum(1))])[rings.start], corner)
+
+
+def _seen_whole(rings: Faces, points) -> np.ndarray:
+    """Whether the triangles from its centroid to its sides fill each ring without overlap; holes do not."""
+    seen = np.zeros(len(rings), bool)
+    if len(rings):
+        double = turned_triangles(points, rings)
+        total = np.bincount(rings.of_corner(), double, len(rings))
+        seen = (total > 0) & (np.minimum.reduceat(double, rings.start[:-1]) >= -FLAT * np.abs(total))
+    return seen
+
+
+def double_area(u, v) -> np.ndarray:
+    """Twice the signed area of triangles in plan with sides u, v (k, 2)."""
+    return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+
+
+def turned_triangles(points, faces: Faces, double=double_area) -> np.ndarray:
+    """Twice the areas (c,) of the triangles from the faces' centroids to their sides, by `double`."""
+    of_corner, nxt, counts = faces.of_corner(), faces.next_corner(), np.diff(faces.start)
+    mean = lambda values, weight: np.stack(
+        [np.bincount(of_corner, values[:, k], len(faces)) / weight for k in range(values.shape[1])], -1
     )
+    p = points[faces.corner]
+    middle = mean(p, np.maximum(counts, 1))
     u, v = p - middle[of_corner], p[nxt] - middle[of_corner]
     # centroid of the polygon from its triangles about the mean corner
-    cross = 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+    cross = 0.5 * double(u, v)
     area = np.bincount(of_corner, cross, len(faces))
-    shift = np.stack(
-        [np.bincount(of_corner, cross * (u[:, k] + v[:, k]) / 3, len(faces)) for k in range(2)], -1
-    )
-    centroid = middle + shift / np.where(area == 0, 1, area)[:, None]
-    u, v = p - centroid[of_corner], p[nxt] - centroid[of_corner]
-    half = 0.25 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
-    total = np.bincount(faces.corner, half, len(points)) + np.bincount(faces.corner[nxt], half, len(points))
-    return total[: net.n]
+    centroid = middle + mean(cross[:, None] * (u + v) / 3, np.where(area == 0, 1, area))
+    return double(p - centroid[of_corner], p[nxt] - centroid[of_corner])
 
 
-def normals(x: np.ndarray, net: Net, faces: Faces) -> np.ndarray:
-    """Upward unit normals (n, 3) of the particles at positions x (n, 3) [m]; zero where a particle meets no face.
+def _delaunay_cells(points, shapes: list[np.ndarray]) -> Faces:
+    """Cells of the constrained Delaunay tessellation of a polygon.
 
-    Sum of the vector areas of the faces around the particle (Newell).
+    shapes : outer ring and holes as corner numbers
+
+    Triangles whose corners lie on one circle make one cell: it is chance along which diagonal they were cut.
     """
-    if not len(faces):
-        return np.zeros((net.n, 3))
-    points = np.concatenate([x, net.corners])
-    p, q = points[faces.corner], points[faces.corner[faces.next_corner()]]
-    of_corner = faces.of_corner()
-    vector = np.stack([np.bincount(of_corner, c, len(faces)) for c in 0.5 * np.cross(p, q).T], -1)
-    total = np.stack([np.bincount(faces.corner, vector[of_corner, k], len(points)) for k in range(3)], -1)[
-        : net.n
-    ]
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    return np.divide(total, length, out=np.zeros_like(total), where=length > 0)
+    polygon = shapely.Polygon(points[shapes[0]], [points[ring] for ring in shapes[1:]])
+    used = np.unique(np.concatenate(shapes))
+    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
+    triangles = _rings(parts, points, used)[0].corner.reshape(-1, 3)
+    a, b, c = (
+        points[np.roll(triangles, -k, axis=1)] for k in range(3)
+    )  # c lies opposite the side from a to b
+    u, v = (a - c).reshape(-1, 2), (b - c).reshape(-1, 2)
+    cotangent = np.sum(u * v, axis=1) / np.maximum(double_area(u, v), 1e-300)
+    sides = np.column_stack([triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()])
+    pairs, row, times = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True)
+    chance = (times == 2) & (np.abs(np.bincount(row.ravel(), cotangent)) < COCIRCULAR)
+    cells = shapely.get_parts(shapely.polygonize(shapely.linestrings(points[pairs[~chance]])))
+    cells = cells[shapely.contains(polygon, shapely.point_on_surface(cells))]  # not what fills a hole
+    return _rings(cells, points, used)[0]

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 GRAVITY = 9.81  # m/s2, for self weight and for the mass of the dead load
+SAME_PLACE = 1e-3  # m, and at most
+SAME_SHARE = 0.01  # of the usual length of an element: nodes no farther apart were meant as one
 
 
 @dataclass
@@ -17,12 +19,14 @@ class Net:
 
     x : (n, 3) [m] start geometry; fixed : (n, 3) bool, per axis
     load : (n, 3) [N]; mass : (n,) [kg] carried; area : (n,) [m2] tributary, nan: from the faces
+    normal : (n, 3) upward unit normal of the surface, nan: from the faces
     elements : (m, 2) particle numbers; group : (m,) row of group_names
     section : (m,) [m2]; modulus, yield_stress : (m,) [Pa], inf: elastic; density : (m,) [kg/m3]
     fracture_strain : (m,), inf: never breaks; bar : (m,) bool, carries compression
     prestress : (m,) [N]; force_density : (m,) [N/m], nan: none; unstressed_length : (m,) [m], nan: none
-    outline : (s, 2) segments of the rigid boundary in plan, which close faces but are no elements; numbers from
-        n on are rows of `corners` (k, 3) [m], points of the boundary without a particle
+    outline : (s, 2) segments of the rigid boundary in plan, which close faces but are no elements; numbers
+        from n on are rows of `corners` (k, 3) [m], points of the boundary without a particle
+    parts : elements for each one that was given; notes : what is odd in what was given
     """
 
     x: np.ndarray
@@ -35,6 +39,7 @@ class Net:
     load: np.ndarray = None
     mass: np.ndarray = None
     area: np.ndarray = None
+    normal: np.ndarray = None
     force_density: np.ndarray = None
     unstressed_length: np.ndarray = None
     section: np.ndarray = None
@@ -46,6 +51,8 @@ class Net:
     bar: np.ndarray = None
     outline: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.int64))
     corners: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    parts: int = 1
+    notes: list[str] = field(default_factory=list)
 
     def __post_init__(self):
         n, m = len(self.x), len(self.elements)
@@ -55,6 +62,7 @@ class Net:
             "load": np.zeros((n, 3)),
             "mass": np.zeros(n),
             "area": np.full(n, np.nan),
+            "normal": np.full((n, 3), np.nan),
             "force_density": np.full(m, np.nan),
             "unstressed_length": np.full(m, np.nan),
         }
@@ -72,13 +80,33 @@ class Net:
         """Number of elements."""
         return len(self.elements)
 
+    @property
+    def tolerance(self) -> float:
+        """Distance [m] below which places are the same."""
+        return min(SAME_PLACE, SAME_SHARE * self.parts * float(np.median(self.lengths()))) if self.m else 0.0
+
+    def undivided(self) -> np.ndarray:
+        """(m / parts, 2) particles between which the elements were given, before subdivision."""
+        return np.column_stack(
+            [self.elements[:: self.parts, 0], self.elements[self.parts - 1 :: self.parts, 1]]
+        )
+
+    def inner_particles(self) -> np.ndarray:
+        """(m / parts, parts - 1) particles that subdivision put into each of these, from start to end."""
+        return self.elements[:, 1].reshape(-1, self.parts)[:, :-1]
+
     def lengths(self) -> np.ndarray:
         """Lengths of the elements (m,) [m] in the start geometry."""
         return np.linalg.norm(self.x[self.elements[:, 1]] - self.x[self.elements[:, 0]], axis=1)
 
 
+def pair_key(pairs: np.ndarray, count: int) -> np.ndarray:
+    """One number for each pair (k, 2) of points 0 to count - 1, the same in either order."""
+    return pairs.min(1) * count + pairs.max(1)
+
+
 def subdivide(net: Net, parts: int) -> Net:
-    """The net with each element in `parts` equal ones; new particles follow the old ones, free and without load."""
+    """The net with each element in `parts` equal ones; new particles follow, free and without load."""
     if parts == 1:
         return net
     n, m = net.n, net.m
@@ -109,6 +137,8 @@ def subdivide(net: Net, parts: int) -> Net:
         load=grow(net.load, 0.0),
         mass=grow(net.mass, 0.0),
         area=grow(net.area, np.nan if np.isnan(net.area).any() else 0.0),
+        normal=grow(net.normal, np.nan),
+        parts=net.parts * parts,
         node_id=np.concatenate([net.node_id, net.node_id.max() + 1 + np.arange(k)]),
         elements=np.stack([chain[:, :-1], chain[:, 1:]], -1).reshape(-1, 2),
         unstressed_length=each(net.unstressed_length) / parts,

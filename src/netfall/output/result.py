@@ -284,7 +284,7 @@ def _write_provenance(group, values, phases):
         timings.attrs[name] = seconds  # least, mean and largest of the ranks
 
 
-def net_section(net: Net, area: np.ndarray) -> dict[str, np.ndarray]:
+def net_section(net: Net, area: np.ndarray, plan_area: np.ndarray) -> dict[str, np.ndarray]:
     """The datasets of /net."""
     return {
         "particles": net.x,
@@ -293,6 +293,7 @@ def net_section(net: Net, area: np.ndarray) -> dict[str, np.ndarray]:
         "group": net.group.astype(np.int32),
         "group_names": np.array(net.group_names, h5py.string_dtype()),
         "tributary_area": area,
+        "plan_area": plan_area,
         "node_id": net.node_id,
         "element_id": net.element_id,
     }

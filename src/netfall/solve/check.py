@@ -46,10 +46,14 @@ def check_job(job: Job, say: Callable[[str], None]) -> None:
         f"elements: unstressed length {L.min():.4g} to {L.max():.4g} m, {L.sum():.1f} m in all; tension {whole.N.min():.4g} to {whole.N.max():.4g} N"
     )
     say(
-        f"masses: elements {float((net.density * net.section * L).sum()):.4g} kg, all particles {whole.mass.sum():.4g} kg; roof {whole.area.sum():.1f} m2 in plan"
+        f"masses: elements {float((net.density * net.section * L).sum()):.4g} kg, all particles {whole.mass.sum():.4g} kg"
     )
-    if whole.remark:
-        say(f"note: {whole.remark}")
+    say(
+        f"roof: {whole.area.sum():.1f} m2 of surface, {whole.plan_area.sum():.1f} m2 in plan; closed faces cover "
+        f"{whole.roofing.covered:.1%} of the net's outline in plan (its convex hull)"
+    )
+    for note in whole.notes():
+        say(f"note: {note}")
     if roof.form:
         say(
             f"form finding: {roof.form.iterations} iterations to {roof.form.residual / max(roof.form.reference, 1e-300):.2g} of the prestress, "

@@ -21,8 +21,8 @@ from netfall.mechanics.fields import Scene
 from netfall.mechanics.material import elastic_forces, unstressed_length
 from netfall.mechanics.stability import Limit, after_fracture_limit, any_shape_limits, scaled_mass
 from netfall.mechanics.state import State
-from netfall.net.build import build_net, roof_areas
-from netfall.net.faces import Faces, normals
+from netfall.net.areas import Roofing, normals, roof_of, tributary_areas
+from netfall.net.build import build_net
 from netfall.net.net import GRAVITY, Net
 from netfall.output.checkpoint import Checkpoint
 from netfall.parallel import partition
@@ -72,11 +72,11 @@ class Whole:
     """What rank 0 knows of the whole roof, in global order; None on the other ranks."""
 
     net: Net
-    area: np.ndarray
-    faces: Faces
+    roofing: Roofing
     part: np.ndarray
     partition_source: str
-    remark: str
+    area: np.ndarray = None  # m2 of surface
+    plan_area: np.ndarray = None  # m2
     x: np.ndarray = None  # initial state
     N: np.ndarray = None
     L0: np.ndarray = None
@@ -85,6 +85,10 @@ class Whole:
     load: np.ndarray = None
     field: object = None
     history: object = None
+
+    def notes(self) -> list[str]:
+        """What is plausible but odd in the net, its tables and its roof."""
+        return self.net.notes + self.roofing.notes + getattr(self.history, "notes", [])
 
 
 @dataclass
@@ -114,6 +118,7 @@ def job_digest(job: Job, net: Net) -> str:
         net.load,
         net.mass,
         net.area,
+        net.normal,
         net.section,
         net.modulus,
         net.density,
@@ -145,7 +150,7 @@ def scene_of(job: Job, net: Net) -> Scene:
 def make_whole(job: Job, ranks: int) -> Whole:
     """Net, areas and partition of a job, on rank 0. Raises InputError."""
     net = build_net(job)
-    area, faces, remark = roof_areas(job, net)
+    roofing = roof_of(job, net)
     part, source = None, "METIS, k-way"
     if not job.changes_net():
         part = partition.read_partition(job.name, net.n, net.elements, ranks)
@@ -153,7 +158,8 @@ def make_whole(job: Job, ranks: int) -> Whole:
             source = f"{partition.FOLDER / job.name}.graph.part.{ranks}"
     if part is None:
         part = partition.metis_partition(net.n, net.elements, ranks)
-    whole = Whole(net, area, faces, part, source, remark)
+    whole = Whole(net, roofing, part, source)
+    whole.area = whole.plan_area = tributary_areas(net.x, net, roofing.faces)
     if job.wind and job.wind.file:
         whole.history = read_measured(job)
     return whole
@@ -257,7 +263,7 @@ def _set_initial(job: Job, whole: Whole, x: np.ndarray, N: np.ndarray | None) ->
     own = np.bincount(net.elements[:, 0], half, net.n) + np.bincount(net.elements[:, 1], half, net.n)
     whole.mass = own + net.mass
     whole.load = net.load.copy()
-    normal = normals(x, net, whole.faces)
+    normal = normals(x, net, whole.roofing.faces)
     _check_normals(job, whole, normal)
     if job.load is not None:
         if job.load.self_weight:
@@ -267,7 +273,8 @@ def _set_initial(job: Job, whole: Whole, x: np.ndarray, N: np.ndarray | None) ->
             whole.load[:, 2] -= job.load.dead * whole.area
         pressure = job.load.pressure
         if pressure is not None:
-            along = normal * pressure if isinstance(pressure, (int, float)) else np.array(pressure)[None]
+            # against the upward normal: what is positive presses on the roof
+            along = -pressure * normal if isinstance(pressure, (int, float)) else np.array(pressure)[None]
             whole.load += whole.area[:, None] * along
     if job.dynamics is not None and job.dynamics.mass_scaling:
         scaled = scaled_mass(net.elements, EA, L0, whole.mass, ~net.fixed.all(1), job.dynamics.mass_scaling)
@@ -284,7 +291,7 @@ def _check_normals(job: Job, whole: Whole, normal: np.ndarray) -> None:
     if along and bare.any():
         raise InputError(
             f"{job.path}: {int(bare.sum())} free nodes with a roof area meet no closed face in plan, so wind and pressure have no normal "
-            f"to act along (first: node {whole.net.node_id[bare][0]}); close the faces with elements, or give pressure as [x, y, z]"
+            f"to act along (first: node {whole.net.node_id[bare][0]}); close the faces with elements, give normal_x, normal_y, normal_z in nodes.csv, or pressure as [x, y, z]"
         )
 
 

@@ -294,8 +294,8 @@ def describe(job: Job, roof: Roof, schedule: Schedule | None, progress: Progress
     progress.say(
         f"net: {net.n} particles ({int(net.fixed.all(1).sum())} fixed), {net.m} elements, roof {roof.whole.area.sum():.1f} m2"
     )
-    if roof.whole.remark:
-        progress.say(f"note: {roof.whole.remark}")
+    for note in roof.whole.notes():
+        progress.say(f"note: {note}")
     if ranks > 1:
         progress.say(
             f"partition: {roof.whole.partition_source}, {partition.edge_cut(net.elements, part)} elements cut, "
@@ -373,7 +373,7 @@ def sections_of(
     if roof.whole is None:
         return {}
     whole = roof.whole
-    sections = {"net": net_section(whole.net, whole.area)}
+    sections = {"net": net_section(whole.net, whole.area, whole.plan_area)}
     if roof.form:
         sections["form_finding"] = {
             "iterations": np.int64(roof.form.iterations),

@@ -149,6 +149,7 @@ class MeasuredHistory:
     """A table of times (t,) [s] and speeds (t,) [m/s] at 10 m, from time 0 on."""
 
     def __init__(self, time: np.ndarray, speed: np.ndarray):
+        self.notes: list[str] = []
         first = int(np.searchsorted(time, 0.0, side="right")) - 1
         self.time, self.speed = time[first:], speed[first:]
 
@@ -184,4 +185,6 @@ def read_measured(job) -> MeasuredHistory:
             f"covers {time[0]:g} to {time[-1]:g} s; expected 0 to duration = {job.dynamics.duration:g} s"
         )
     table.finish()
-    return MeasuredHistory(time, speed)
+    history = MeasuredHistory(time, speed)
+    history.notes = table.notes
+    return history

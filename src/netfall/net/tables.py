@@ -1,0 +1,217 @@
+"""The net of two tables, nodes and elements: columns, units, ends, and what is odd in them."""
+
+from pathlib import Path
+
+import numpy as np
+
+from netfall.errors import InputError
+from netfall.job.read import Job
+from netfall.job.table import Table
+from netfall.net.net import Net, pair_key
+
+AXES = ("x", "y", "z")
+NODE_COLUMNS = (
+    "id",
+    *AXES,
+    "fixed",
+    *(f"fixed_{k}" for k in AXES),
+    *(f"load_{k}" for k in AXES),
+    "mass",
+    "area",
+    *(f"normal_{k}" for k in AXES),
+)
+ELEMENT_COLUMNS = (
+    "start",
+    "end",
+    "id",
+    "group",
+    "prestress",
+    "force_density",
+    "unstressed_length",
+    "area",
+    "modulus",
+)
+TO_METRES = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000), "in": (254, 10000)}
+MOST_NAMED = 5  # pairs in one note
+
+
+def read_tables(job: Job) -> tuple[Net, dict[str, np.ndarray]]:
+    """The net of a job's tables, and the columns prestress, section and modulus (m,), nan: not given.
+
+    Raises InputError with all that is wrong in the tables.
+    """
+    nodes = Table(job.path.parent / job.net.nodes, NODE_COLUMNS, ("id", *AXES))
+    cables = Table(job.path.parent / job.net.elements, ELEMENT_COLUMNS, ("start", "end"))
+    of_nodes = _node_columns(job, nodes)
+    of_elements, names, columns = _element_columns(cables, nodes, of_nodes["node_id"])
+    raise_all(nodes, cables)
+    net = Net(**of_nodes, **of_elements, group_names=names, notes=nodes.notes + cables.notes)
+    net.notes += _parallel_elements(net) + _unjoined_nodes(net)
+    return net, columns
+
+
+def _node_columns(job: Job, nodes: Table) -> dict[str, np.ndarray]:
+    unit = job.net.unit
+    times, by = TO_METRES[unit]
+    x = np.column_stack([nodes.numbers(k, unit=unit) for k in AXES]) * times / by
+    node_id = nodes.integers("id")
+    for k in AXES:
+        _no_empty_cells(nodes, k)
+    first: dict[int, int] = {}
+    for row, number in enumerate(node_id.tolist()):
+        if number in first:
+            nodes.wrong(
+                f"{nodes.at(row)}: id = {number}: stands on {nodes.at(first[number])} already; ids are unique"
+            )
+        first.setdefault(number, row)
+    return dict(
+        x=x,
+        fixed=_fixed(nodes),
+        node_id=node_id,
+        load=np.column_stack([nodes.numbers(f"load_{k}", 0.0, unit="N") for k in AXES]),
+        mass=nodes.numbers("mass", 0.0, low=0.0, unit="kg"),
+        area=nodes.numbers("area", low=0.0, unit="m2"),
+        normal=_normals(nodes),
+    )
+
+
+def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray):
+    """What the net needs of the elements, their groups' names, and the columns that override sections."""
+    rows = {number: row for row, number in reversed(list(enumerate(node_id.tolist())))}
+    ends = np.column_stack([_ends(cables, k, rows, nodes.path) for k in ("start", "end")])
+    for row in np.flatnonzero(ends[:, 0] == ends[:, 1]):
+        if ends[row, 0] >= 0:
+            cables.wrong(
+                f"{cables.at(row)}: start and end are both node {node_id[ends[row, 0]]}; expected two nodes"
+            )
+    element_id = cables.integers("id") if "id" in cables else np.arange(len(cables))
+    if len(np.unique(element_id)) < len(element_id):
+        values, counts = np.unique(element_id, return_counts=True)
+        cables.wrong(f"id = {values[counts > 1][0]}: stands {counts.max()} times; ids are unique")
+    words = cables.words("group") if "group" in cables else [""] * len(cables)
+    names, group = np.unique(words, return_inverse=True)
+    columns = dict(
+        prestress=cables.numbers("prestress", unit="N"),
+        section=cables.numbers("area", low=1e-12, unit="m2"),
+        modulus=cables.numbers("modulus", low=1.0, unit="Pa"),
+    )
+    of_elements = dict(
+        elements=ends,
+        group=group,
+        element_id=element_id,
+        force_density=cables.numbers("force_density", unit="N/m"),
+        unstressed_length=cables.numbers("unstressed_length", low=1e-9, unit="m"),
+    )
+    return of_elements, [str(name) for name in names], columns
+
+
+def raise_all(*tables: Table) -> None:
+    """Raise the errors of all the tables at once."""
+    lines = []
+    for table in tables:
+        try:
+            table.finish()
+        except InputError as error:
+            lines += error.lines
+    if lines:
+        raise InputError(lines)
+
+
+def _no_empty_cells(table: Table, name: str) -> None:
+    for row, word in enumerate(table.words(name)):
+        if word == "":
+            table.wrong(f"{table.at(row)}: {name} is empty; expected a number")
+
+
+def _fixed(nodes: Table) -> np.ndarray:
+    if "fixed" in nodes and any(f"fixed_{k}" in nodes for k in AXES):
+        nodes.wrong("columns fixed and fixed_x, fixed_y, fixed_z exclude each other; keep one kind")
+    columns = [nodes.numbers(f"fixed_{k}" if f"fixed_{k}" in nodes else "fixed", 0.0) for k in AXES]
+    for name in ("fixed", *(f"fixed_{k}" for k in AXES)):
+        if name in nodes:
+            values = nodes.numbers(name, 0.0)
+            for row in np.flatnonzero((values != 0) & (values != 1) & np.isfinite(values)):
+                nodes.wrong(f"{nodes.at(row)}: {name} = {nodes.words(name)[row]!r}: expected 0 or 1")
+    return np.column_stack(columns) == 1
+
+
+def _normals(nodes: Table) -> np.ndarray:
+    """Upward unit normals (n, 3), nan where none is given."""
+    there = [f"normal_{k}" in nodes for k in AXES]
+    if any(there) and not all(there):
+        nodes.wrong("columns normal_x, normal_y, normal_z come together; one is missing")
+    normal = np.column_stack([nodes.numbers(f"normal_{k}") for k in AXES])
+    given, length = np.isfinite(normal), np.linalg.norm(normal, axis=1, keepdims=True)
+    for row in np.flatnonzero(given.any(1) & ~given.all(1)):
+        if all(there):
+            nodes.wrong(
+                f"{nodes.at(row)}: normal_x, normal_y, normal_z: expected three numbers, or all empty"
+            )
+    for row in np.flatnonzero(given.all(1) & ~((length[:, 0] > 0) & (normal[:, 2] >= 0))):
+        shown = ", ".join(f"{value:g}" for value in normal[row])
+        nodes.wrong(
+            f"{nodes.at(row)}: normal = ({shown}): expected the upward normal, normal_z >= 0, not all 0"
+        )
+    return np.divide(normal, length, out=np.full_like(normal, np.nan), where=length > 0)
+
+
+def _ends(cables: Table, name: str, rows: dict[int, int], nodes: Path) -> np.ndarray:
+    numbers = cables.integers(name)
+    ends = np.full(len(cables), -1)
+    for row, number in enumerate(numbers.tolist()):
+        ends[row] = rows.get(number, -1)
+        if ends[row] < 0:
+            cables.wrong(f"{cables.at(row)}: {name} = {number}: no such node in {nodes.name}")
+    return ends
+
+
+def _parallel_elements(net: Net) -> list[str]:
+    """A note for elements between the same two nodes."""
+    key = pair_key(net.elements, net.n)
+    several, times = np.unique(key, return_counts=True)
+    several = several[times > 1]
+    notes = []
+    for k in several[:MOST_NAMED]:
+        rows = np.flatnonzero(key == k)
+        a, b = net.node_id[net.elements[rows[0]]]
+        notes.append(
+            f"elements {' and '.join(map(str, net.element_id[rows]))} both join nodes {a} and {b}; "
+            "they count as parallel cables, and once for the roof's faces"
+        )
+    return notes + _more(len(several), "pairs of nodes are joined by several elements")
+
+
+def _unjoined_nodes(net: Net) -> list[str]:
+    """A note for nodes so close that they were meant as one."""
+    pairs = close_pairs(net.x, net.tolerance)
+    pairs = pairs[~np.isin(pair_key(pairs, net.n), pair_key(net.elements, net.n))]
+    notes = [
+        f"nodes {net.node_id[a]} and {net.node_id[b]} lie {1e3 * np.linalg.norm(net.x[a] - net.x[b]):.3g} mm "
+        "apart and are not joined; if they were meant as one, keep one of them"
+        for a, b in pairs[:MOST_NAMED]
+    ]
+    return notes + _more(len(pairs), "pairs of nodes lie as close")
+
+
+def _more(count: int, what: str) -> list[str]:
+    return [f"{count - MOST_NAMED} more {what}"] if count > MOST_NAMED else []
+
+
+def close_pairs(x: np.ndarray, distance: float) -> np.ndarray:
+    """(k, 2) pairs of points x (n, 3) no farther apart than `distance`, the lower number first.
+
+    Along any line through space they are no farther apart either: only neighbours along one are compared.
+    """
+    along = x @ np.array(
+        [0.57721566, 0.20787958, 0.78970000]
+    )  # some length near 1 along no axis or diagonal of a grid
+    order = np.argsort(along, kind="stable")
+    along, found = along[order], [np.zeros((0, 2), np.int64)]
+    for k in range(1, len(x)):
+        near = np.flatnonzero(along[k:] - along[:-k] <= 1.01 * distance)
+        if not len(near):
+            break
+        pairs = np.column_stack([order[near], order[near + k]])
+        apart = np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
+        found.append(pairs[apart <= distance])
+    return np.unique(np.sort(np.concatenate(found), axis=1), axis=0)

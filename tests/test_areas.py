@@ -1,0 +1,437 @@
+"""Areas of the roof: faces of any drawing in plan, by hand and against polygons that the test knows."""
+
+from itertools import pairwise
+from types import SimpleNamespace
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from conftest import run_netfall
+from hypothesis import HealthCheck, given, settings
+from scipy.spatial import Delaunay
+
+from netfall.errors import InputError
+from netfall.job.read import read_job
+from netfall.net.areas import normals, roof_of, tributary_areas
+from netfall.net.build import build_net
+from netfall.net.faces import find_faces
+from netfall.net.net import Net, subdivide
+from netfall.net.plan import draw_plan
+
+SOFT = "[cable]\nmodulus = 1e9\narea = 1e-6\ndensity = 7850.0\nprestress = 1e3\n"
+PRESSED = SOFT + "[load]\npressure = [0.0, 0.0, -10.0]\n"
+
+
+def net_of(xy, elements, group=None, z=0.0):
+    """A net of nodes in plan, all free."""
+    x = np.column_stack([np.array(xy, float), np.broadcast_to(np.asarray(z, float), len(xy))])
+    group = np.zeros(len(elements), int) if group is None else np.array(group)
+    names = [f"g{k}" for k in range(group.max() + 1)]
+    return Net(x, np.zeros((len(xy), 3), bool), np.array(elements), group, names)
+
+
+def shares(net):
+    """Area of each particle, of a drawing that must be clean."""
+    plan = draw_plan(net)
+    assert not plan.errors, plan.errors
+    return tributary_areas(net.x, net, find_faces(net, plan))
+
+
+def ring(*corners):
+    """Elements around a ring of nodes."""
+    return list(zip(corners, (*corners[1:], corners[0])))
+
+
+def grid_tables(rim="short", more=(), size=5):
+    """nodes.csv and elements.csv of a grid of 1 m cells with a fixed rim; node ids 10 i + j."""
+    line = range(size)
+    nodes = "id,x,y,z,fixed\n" + "".join(
+        f"{10 * i + j},{i},{j},0,{int(i in (0, size - 1) or j in (0, size - 1))}\n"
+        for i in line
+        for j in line
+    )
+    last = size - 1
+    pairs = [(10 * i + j, 10 * i + j + 1) for i in line[1:-1] for j in line[:-1]]
+    pairs += [(10 * i + j, 10 * i + j + 10) for j in line[1:-1] for i in line[:-1]]
+    if rim != "open":
+        step = last if rim == "long" else 1
+        for k in range(0, last, step):
+            pairs += [(k, k + step), (10 * last + k, 10 * last + k + step)]
+            pairs += [(10 * k, 10 * (k + step)), (10 * k + last, 10 * (k + step) + last)]
+    else:
+        nodes = "".join(
+            line for line in nodes.splitlines(True) if line.split(",")[0] not in ("0", "4", "40", "44")
+        )
+    pairs += more
+    return nodes, "start,end,id\n" + "".join(f"{a},{b},{100 + k}\n" for k, (a, b) in enumerate(pairs))
+
+
+def roof_from(workshop, text, nodes, elements, overrides=()):
+    """Net, roof and areas of a job with tables."""
+    job = read_job(workshop.job(text, nodes, elements), list(overrides))
+    net = build_net(job)
+    roof = roof_of(job, net)
+    return net, roof, tributary_areas(net.x, net, roof.faces)
+
+
+GRIDS = {
+    "short rim": ("short", []),
+    "rim of four long elements over the supports": ("long", []),
+    "both rims": ("short", [(0, 4), (40, 44), (0, 40), (4, 44)]),
+    "an inner element twice": ("short", [(11, 12), (22, 21)]),
+    "a border element twice": ("short", [(1, 0)]),
+    "a long element beside two short ones": ("short", [(21, 23), (33, 31)]),
+}
+
+
+@pytest.mark.parametrize("name", GRIDS)
+@pytest.mark.parametrize("parts", [1, 3])
+def test_a_grid_has_one_square_metre_at_each_inner_node(workshop, name, parts):
+    """Five by five nodes, 1 m cells: 16 m2 in all, 1 m2 at each inner node however it is drawn."""
+    net, _, area = roof_from(workshop, PRESSED, *grid_tables(*GRIDS[name]), [f"net.subdivide={parts}"])
+    assert np.isclose(area.sum(), 16.0, rtol=1e-12)
+    inner = ~net.fixed.all(1) & (np.arange(net.n) < 25)
+    # divided in three: in each of four cells half of the two triangles over a third of a side, 1/12 m2 each
+    expected = 1.0 if parts == 1 else 4 / 12
+    assert np.allclose(area[inner], expected, rtol=1e-12)
+    assert (area >= 0).all()
+
+
+@pytest.mark.parametrize("rim, more", [("long", []), ("short", [(11, 12)]), ("short", [(1, 0)])])
+def test_a_grid_under_pressure_sags_as_by_hand(workshop, rim, more):
+    """10 N at nine nodes, 1 kN in each cable, little stiffness: 1.125 x 10 N m / 1 kN = 11.25 mm.
+
+    An inner cable that is given twice pulls with 2 kN: that net sags less; its areas stand in /net.
+    """
+    nodes, elements = grid_tables(rim, more)
+    with workshop.run(workshop.job(PRESSED + "steps = 2\ntolerance = 1e-9\n", nodes, elements)) as f:
+        sag = -f["statics/displacement"][-1][:, 2].min()
+        assert np.allclose(f["net/tributary_area"][:].reshape(5, 5)[1:-1, 1:-1], 1.0)
+        assert np.allclose(f["net/plan_area"][:].sum(), 16.0)
+    if more != [(11, 12)]:
+        assert abs(sag / 11.25e-3 - 1) < 2e-3  # the cables stretch a little: EA is as large as the prestress
+
+
+def test_an_open_rim_is_said(workshop):
+    """Without a rim the four middle cells alone are closed: 4 of the 14 m2 within the convex outline."""
+    _, roof, area = roof_from(workshop, PRESSED, *grid_tables("open"))
+    assert np.isclose(area.sum(), 4.0)
+    note = next(note for note in roof.notes if "without closing a face" in note)
+    assert "8 free nodes" in note and "11, 12, 13, 21, 23, ..." in note and "28.6%" in note
+    _, roof, _ = roof_from(workshop, PRESSED, *grid_tables("short"))
+    assert roof.notes == [] and roof.covered == 1.0
+
+
+U_SHAPE = [(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)]
+
+
+def test_a_concave_face_by_hand():
+    """A U of 7 m2 is cut into a trapezoid of 2 m2 and four triangles, each shared out from its centroid.
+
+    Trapezoid: centroid at 5/12 m, so sides of 5/8, 7/24, twice 13/24 m2; triangles of 3/2 and 1 m2 in thirds.
+    """
+    foot, knee = 5 / 16 + 13 / 48, 7 / 48 + 13 / 48
+    outer, inner = [foot + 1 / 2, 1 / 2 + 1 / 3], [1 / 3, knee + 1 / 2 + 1 / 3]
+    expected = [outer[0], outer[0], outer[1], inner[0], inner[1], inner[1], inner[0], outer[1]]
+    assert np.allclose(shares(net_of(U_SHAPE, ring(*range(8)))), expected, rtol=1e-12)
+
+
+def test_a_face_with_a_hole_by_hand():
+    """A square of 2 m in one of 4 m, not joined: four trapezoids of 3 m2, centroids at 4/9 m, and 4 m2."""
+    xy = [(0, 0), (4, 0), (4, 4), (0, 4), (1, 1), (3, 1), (3, 3), (1, 3)]
+    net = net_of(xy, ring(0, 1, 2, 3) + ring(4, 5, 6, 7))
+    wide, narrow = 2 * 4 / 9, 5 / 9
+    slanted = (3 - wide - narrow) / 2
+    assert np.allclose(shares(net), [wide + slanted] * 4 + [narrow + slanted + 1] * 4, rtol=1e-12)
+    bridged = net_of(xy, ring(0, 1, 2, 3) + ring(4, 5, 6, 7) + [(0, 4)])
+    assert np.allclose(shares(bridged), shares(net)) and not len(find_faces(bridged).open_rim)
+
+
+@pytest.mark.parametrize("parts", [1, 2, 5])
+def test_shares_of_a_concave_face_are_symmetric_when_subdivided(parts):
+    """The U is its own mirror image, and so are the shares; none is negative, all are 7 m2."""
+    net = subdivide(net_of(U_SHAPE, ring(*range(8))), parts)
+    area = shares(net)
+    mirrored = net.x[:, :2] * [-1, 1] + [3, 0]
+    image = [np.argmin(np.sum((net.x[:, :2] - place) ** 2, axis=1)) for place in mirrored]
+    assert np.allclose(area, area[image], rtol=1e-12) and np.isclose(area.sum(), 7.0) and (area >= 0).all()
+
+
+def two_layers(groups=""):
+    """A grid over its image 2 m below, with hangers."""
+    nodes, upper = grid_tables()
+    rows = [line.split(",") for line in nodes.splitlines()[1:]]
+    nodes += "".join(f"{int(i) + 500},{x},{y},-2,{fixed}\n" for i, x, y, _, fixed in rows)
+    pairs = [line.split(",") for line in upper.splitlines()[1:]]
+    elements = "start,end,id,group\n" + "".join(f"{a},{b},{k},upper\n" for a, b, k in pairs)
+    elements += "".join(f"{int(a) + 500},{int(b) + 500},{int(k) + 500},lower\n" for a, b, k in pairs)
+    elements += "".join(f"{i},{int(i) + 500},{int(i) + 2000},hanger\n" for i, *_ in rows)
+    return PRESSED + groups, nodes, elements
+
+
+def test_two_layers_need_the_groups_of_the_roof(workshop):
+    """Refused with nodes, elements and the remedy; with the groups named, the roof is that layer's 16 m2."""
+    with pytest.raises(
+        InputError,
+        match=r"25 pairs of nodes.*0 \(elements 124, 126\) and 500 \(elements 624, 626\).*\[roof\] groups",
+    ):
+        roof_from(workshop, *two_layers())
+    for name, first in (("upper", 0), ("lower", 25)):
+        net, roof, area = roof_from(workshop, *two_layers(f'[roof]\ngroups = ["{name}"]\n'))
+        own = slice(first, first + 25)
+        assert np.isclose(area.sum(), 16.0) and np.isclose(area[own].sum(), 16.0) and roof.notes == []
+        assert np.allclose(area[own][~net.fixed[own, 0]], 1.0)
+
+
+def test_an_unknown_group_of_the_roof_is_named(workshop):
+    """A slip in [roof] groups is answered with the nearest group."""
+    with pytest.raises(
+        InputError, match=r'\[roof\] groups: no element is of group "uper"; did you mean "upper"'
+    ):
+        roof_from(workshop, *two_layers('[roof]\ngroups = ["uper"]\n'))
+
+
+def test_elements_that_cross_are_refused_with_their_ids(workshop):
+    """Two diagonals without a node; without loads on the roof they are no error."""
+    nodes, elements = grid_tables("short", [(11, 22), (12, 21)])
+    with pytest.raises(
+        InputError, match="1 pairs of elements cross in plan without a node: 140 and 141; name in"
+    ):
+        roof_from(workshop, PRESSED, nodes, elements)
+    _, roof, area = roof_from(workshop, SOFT, nodes, elements)
+    assert area.sum() == 0 and "140 and 141" in roof.notes[0]
+
+
+def test_areas_and_normals_of_the_table_stand_in_for_faces(workshop):
+    """Crossing elements, but all areas and normals given: normals are made unit; one without is refused."""
+    nodes, elements = grid_tables("short", [(11, 22), (12, 21)])
+    rows = nodes.splitlines()
+    given = (
+        rows[0] + ",area,normal_x,normal_y,normal_z\n" + "".join(f"{row},2,0.3,0,0.4\n" for row in rows[1:])
+    )
+    text = SOFT + "[load]\npressure = 5.0\n"
+    net, roof, area = roof_from(workshop, text, given, elements)
+    assert (area == 2.0).all() and np.allclose(normals(net.x, net, roof.faces), [0.6, 0, 0.8])
+    with pytest.raises(InputError, match="normal_z"):
+        roof_from(workshop, text, given.replace("2,0.3,0,0.4", "2,,,", 1), elements)
+    for wrong, message in (
+        ("0.3,0,-0.4", "upward normal"),
+        ("0,0,0", "upward normal"),
+        ("0.3,,0.4", "three numbers"),
+    ):
+        with pytest.raises(InputError, match=message):
+            roof_from(workshop, text, given.replace("0.3,0,0.4", wrong, 1), elements)
+
+
+def test_nodes_without_area_are_named(workshop):
+    """A free end inside a cell carries nothing, and is named."""
+    nodes, elements = grid_tables("short", [(11, 999)])
+    _, roof, area = roof_from(workshop, PRESSED, nodes + "999,1.4,1.4,0,0\n", elements)
+    assert np.isclose(area.sum(), 16.0) and "1 free nodes carry no roof area: 999" in roof.notes[0]
+
+
+@pytest.mark.parametrize(
+    "load, sign",
+    [
+        ("[load]\npressure = 10.0\nsteps = 1\n", -1),
+        ("[load]\npressure = -10.0\nsteps = 1\n", 1),
+        ("[load]\npressure = [0.0, 0.0, 10.0]\nsteps = 1\n", 1),
+        ("[load]\ndead = 10.0\nsteps = 1\n", -1),
+    ],
+)
+def test_a_positive_pressure_presses_on_the_roof(workshop, load, sign):
+    """A number acts against the upward normal, a vector as it stands, dead load downward: 11.25 mm each."""
+    with workshop.run(workshop.job(SOFT + load, *grid_tables())) as f:
+        middle = f["statics/displacement"][-1][12, 2]
+    assert abs(sign * middle / 11.25e-3 - 1) < 2e-3
+
+
+@pytest.mark.parametrize("coefficient", [0.8, -0.8])
+def test_suction_lifts_and_a_positive_coefficient_presses(workshop, coefficient):
+    """A steady wind moves the middle against the sign of the coefficient."""
+    wind = f"[wind]\nspeed = 10.0\nroughness = 0.0\nshape_coefficient = {coefficient}\n"
+    wind += "[dynamics]\nduration = 0.02\n"
+    with workshop.run(workshop.job(SOFT + wind, *grid_tables())) as f:
+        middle = f["VTKHDF/PointData/displacement"][:].reshape(-1, 25, 3)[-1, 12, 2]
+    assert middle * coefficient < 0 and abs(middle) > 1e-6
+
+
+def test_check_states_both_areas_and_the_outline(workshop):
+    """The line of `netfall check`, and the notes on parallel elements and on a node within an element."""
+    job = workshop.job(PRESSED, *grid_tables("long", [(11, 12)]))
+    done = run_netfall("check", job)
+    line = "roof: 16.0 m2 of surface, 16.0 m2 in plan; closed faces cover 100.0% of the net's outline in plan"
+    assert done.returncode == 0 and line in done.stdout, done.stdout + done.stderr
+    assert "note: elements 101 and 128 both join nodes 11 and 12" in done.stdout
+    assert "note: node 1 lies within element 124 in plan" in done.stdout
+
+
+# --- random drawings against polygons that the test knows
+
+
+def polygon_shares(corners):
+    """Area and share of each corner (k,) of a polygon, by the shoelace formula.
+
+    A dart, not seen whole from its centroid, is two triangles at its reflex corner, each shared in thirds.
+    """
+    p = np.array(corners)
+    turn = lambda a, b, c: (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    area = 0.5 * sum(p[k - 1][0] * p[k][1] - p[k][0] * p[k - 1][1] for k in range(len(p)))
+    weight = [p[k - 1][0] * p[k][1] - p[k][0] * p[k - 1][1] for k in range(len(p))]
+    centroid = sum(w * (p[k - 1] + p[k]) for k, w in enumerate(weight)) / (6 * area)
+    parts = [0.5 * turn(centroid, p[k - 1], p[k]) for k in range(len(p))]
+    if min(parts) >= 0:
+        return area, np.array([0.5 * (parts[k] + parts[(k + 1) % len(p)]) for k in range(len(p))])
+    reflex = next(k for k in range(4) if turn(p[k - 1], p[k], p[(k + 1) % 4]) < 0)
+    thirds = np.zeros(4)
+    for a, b in ((1, 2), (2, 3)):
+        triangle = [(reflex + k) % 4 for k in (0, a, b)]
+        thirds[triangle] += 0.5 * turn(*p[triangle]) / 3
+    return area, thirds
+
+
+class Drawing:
+    """A random drawing: rectangles, with corners moved or with a ring or a notch in them."""
+
+    def __init__(self, rng, columns, rows, holes, long_rim):
+        xs, ys = (np.concatenate([[0], np.cumsum(rng.uniform(0.9, 1.1, k))]) for k in (columns, rows))
+        self.xy = [[x, y] for x in xs for y in ys]
+        number = np.arange(len(self.xy)).reshape(len(xs), len(ys))
+        moved = np.zeros(number.shape, bool)
+        moved[1:-1, 1:-1] = True
+        self.polygons, self.elements = [], []
+        rings = [(i, j) for i in range(columns) for j in range(rows) if rng.random() < holes]
+        for i, j in rings:
+            moved[i : i + 2, j : j + 2] = False
+        for p in number[moved]:
+            self.xy[p] = list(np.array(self.xy[p]) + rng.uniform(-0.42, 0.42, 2))
+        for i in range(columns):
+            for j in range(rows):
+                cell = [number[i, j], number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]]
+                within = self._ring_in if rng.random() < 0.5 else self._notch_in
+                self.polygons += within(cell) if (i, j) in rings else [cell]
+        self._net_lines(number, long_rim)
+
+    def _ring_in(self, cell):
+        """A ring of half the size in a rectangle: four trapezoids, each on one circle, and the middle."""
+        corners = np.array([self.xy[p] for p in cell])
+        inner = list(range(len(self.xy), len(self.xy) + 4))
+        self.xy += (corners.mean(0) + 0.5 * (corners - corners.mean(0))).tolist()
+        self.elements += ring(*inner)
+        return [inner] + [[cell[k - 1], cell[k], inner[k], inner[k - 1]] for k in range(4)]
+
+    def _notch_in(self, cell):
+        """A node near one corner, joined to the two beside it: a dart around that corner."""
+        a, b, c, d = cell
+        self.xy.append((np.array(self.xy[c]) + 0.2 * (np.array(self.xy[a]) - self.xy[c])).tolist())
+        tip = len(self.xy) - 1
+        self.elements += [(b, tip), (tip, d)]
+        return [[a, b, tip, d], [b, c, d, tip]]
+
+    def _net_lines(self, number, long_rim):
+        inner = slice(1, -1) if long_rim else slice(None)
+        for table in (number[inner], number.T[inner]):
+            self.elements += [(a, b) for line in table for a, b in pairwise(line)]
+        if long_rim:
+            self.elements += ring(number[0, 0], number[-1, 0], number[-1, -1], number[0, -1])
+
+    def known(self):
+        """Area in all, and each node's."""
+        each, total = np.zeros(len(self.xy)), 0.0
+        for polygon in self.polygons:
+            area, part = polygon_shares([self.xy[p] for p in polygon])
+            total += area
+            np.add.at(each, polygon, part)
+        return total, each
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(1, 5),
+    st.integers(1, 5),
+    st.sampled_from([0.0, 0.3, 1.0]),
+    st.booleans(),
+    st.integers(1, 3),
+)
+def test_random_drawings_have_the_areas_of_their_polygons(seed, columns, rows, holes, long_rim, layers):
+    """Sum and each node: concave faces, rings in holes, layers, doubles, any order and numbering."""
+    rng = np.random.default_rng(seed)
+    drawing = Drawing(rng, columns, rows, holes, long_rim)
+    total, each = drawing.known()
+    n, single = len(drawing.xy), np.array(drawing.elements)
+    angle = rng.uniform(0, 2 * np.pi)
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    xy = np.tile(np.array(drawing.xy) @ turn + rng.uniform(-50, 50, 2), (layers, 1))
+    z = np.repeat(np.arange(layers), n) * -2.0
+    doubles = single[rng.random(len(single)) < 0.2]
+    single = np.concatenate([single, doubles])
+    elements = np.concatenate([single + k * n for k in range(layers)])
+    group = np.repeat(np.arange(layers), len(single))
+    hangers = np.column_stack([np.arange(n), np.arange(n) + (layers - 1) * n]) if layers > 1 else single[:0]
+    elements, group = np.concatenate([elements, hangers]), np.append(group, np.full(len(hangers), layers))
+    swap = rng.random(len(elements)) < 0.5
+    elements[swap] = elements[swap, ::-1]
+    order, number = rng.permutation(len(elements)), rng.permutation(n * layers)
+    place = np.argsort(number)
+    net = net_of(xy[place], number[elements[order]], group[order], z[place])
+    net.group_names = [f"g{k}" for k in range(layers + 1)]
+    layer = int(rng.integers(layers))
+    loaded = SimpleNamespace(dead=1.0, pressure=None)
+    job = SimpleNamespace(
+        path="job",
+        net=SimpleNamespace(nodes="n"),
+        wind=None,
+        load=loaded,
+        roof=SimpleNamespace(groups=[f"g{layer}"]),
+    )
+    area = tributary_areas(net.x, net, roof_of(job, net).faces)[number]
+    # rounding of coordinates of 50 m, some 1e-14 m, in areas of some 0.1 m2
+    assert abs(area.sum() / total - 1) < 1e-10 and (area >= 0).all()
+    assert np.allclose(area[layer * n : (layer + 1) * n], each, rtol=1e-9, atol=1e-10)
+    if layers > 1:
+        job.roof = None
+        with pytest.raises(InputError, match="above one another"):
+            roof_of(job, net)
+
+
+def cut_triangulation(rng, points, kept):
+    """Delaunay triangles of random points without some sides: what is left, and the area that it closes.
+
+    Triangles that lose a side join; those joined to the outside are no roof. Faces come out concave, with
+    holes, with free ends in them, and of any number of corners.
+    """
+    xy = rng.uniform(0, 10, (points, 2))
+    triangles = Delaunay(xy).simplices
+    sides = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], -1).reshape(-1, 2), axis=1)
+    pairs, side = np.unique(sides, axis=0, return_inverse=True)
+    there = rng.random(len(pairs)) < kept
+    of_side = [[] for _ in pairs]
+    for row, k in enumerate(side.ravel()):
+        of_side[k].append(row // 3)
+    outside = len(triangles)
+    label = list(range(outside + 1))
+    for k in np.flatnonzero(~there):
+        a, b = (label[t] for t in [*of_side[k], outside][:2])
+        label = [b if value == a else value for value in label]
+    p, q, r = (xy[triangles[:, k]] for k in range(3))
+    u, v = q - p, r - p
+    area = 0.5 * np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+    closed = np.array(label[:-1]) != label[outside]
+    return xy, pairs[there], area[closed].sum()
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@given(st.integers(0, 2**32 - 1), st.integers(4, 60), st.sampled_from([0.6, 0.8, 0.9]), st.integers(1, 4))
+def test_random_faces_are_shared_out_whole_in_any_order(seed, points, kept, parts):
+    """No share is negative, all sum to what is closed, each node's is the same in another order."""
+    rng = np.random.default_rng(seed)
+    xy, elements, closed = cut_triangulation(rng, points, kept)
+    if not len(elements):
+        return
+    area = shares(subdivide(net_of(xy, elements), parts))
+    assert (area >= 0).all() and np.isclose(area.sum(), closed, rtol=1e-9, atol=1e-9)
+    order, number = rng.permutation(len(elements)), rng.permutation(len(xy))
+    turned = np.roll(elements[order], 1, axis=1)
+    other = shares(subdivide(net_of(xy[np.argsort(number)], number[turned]), parts))
+    assert np.allclose(other[number], area[: len(xy)], rtol=1e-9, atol=1e-9)

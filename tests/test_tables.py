@@ -1,0 +1,158 @@
+"""Tables as people have them: delimiters, comments, units, further columns, and what is odd in a drawing."""
+
+import numpy as np
+import pytest
+from conftest import STEEL, run_netfall
+
+from netfall.errors import InputError
+from netfall.job.read import read_job
+from netfall.net.build import build_net
+from netfall.net.tables import close_pairs
+
+NODES = "id,x,y,z,fixed\n1,0,0,0,1\n2,1.5,0,0,0\n3,3,0,0,1\n"
+ELEMENTS = "start,end,id\n1,2,7\n2,3,8\n"
+
+
+def net_from(workshop, nodes=NODES, elements=ELEMENTS, overrides=()):
+    """The net of two tables."""
+    return build_net(read_job(workshop.job(STEEL, nodes, elements), list(overrides)))
+
+
+def errors_from(workshop, *tables):
+    with pytest.raises(InputError) as raised:
+        net_from(workshop, *tables)
+    return raised.value.lines
+
+
+FORMS = {
+    "semicolons": lambda text: text.replace(",", ";"),
+    "tabs": lambda text: text.replace(",", "\t"),
+    "blanks after commas": lambda text: text.replace(",", ", "),
+    "comments": lambda text: (
+        "# drawn by hand, 3 nodes; metres\n" + text.replace("\n2", "\n  # the middle, free\n2") + "#\n"
+    ),
+    "mark of byte order": lambda text: "\ufeff" + text,
+    "mark of byte order and a comment": lambda text: "\ufeff# x;y\n" + text,
+    "capitals": lambda text: text.replace("id", "ID").replace("x,y,z", "X, Y ,Z").replace("start", "Start"),
+    "line ends of Windows": lambda text: text.replace("\n", "\r\n"),
+    "quotes": lambda text: text.replace("id", '"id"').replace("1.5", '"1.5"'),
+    "a column more": lambda text: (
+        text.replace("\n", ",remark, here\n", 1).replace("0\n", '0,"a, b",\n').replace("1\n", "1,,\n")
+    ),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_tables_may_have_any_of_these_forms(workshop, form):
+    """The same net from each form of nodes.csv."""
+    net = net_from(
+        workshop, FORMS[form](NODES), FORMS[form](ELEMENTS) if form != "a column more" else ELEMENTS
+    )
+    assert net.x[:, 0].tolist() == [0.0, 1.5, 3.0] and net.node_id.tolist() == [1, 2, 3]
+    assert net.fixed[:, 0].tolist() == [True, False, True] and net.element_id.tolist() == [7, 8]
+    assert ("remark" in "".join(net.notes)) == (form == "a column more")
+
+
+def test_a_line_after_comments_is_named_by_its_number(workshop):
+    """Comments count as lines of the file."""
+    wrong = NODES.replace("2,1.5", "# one\n# two\n2,wide")
+    assert "line 5: x = 'wide': expected a number of m" in errors_from(workshop, wrong)[0]
+
+
+def test_decimal_commas_are_refused_in_words(workshop):
+    """Under semicolons the cell is named; under commas the row has too many values; both say what to do."""
+    lines = errors_from(workshop, NODES.replace(",", ";").replace("1.5", "1,5"))
+    assert len(lines) == 1 and "x = '1,5': expected a number of m" in lines[0]
+    assert lines[0].endswith("a decimal comma is not read, write a point")
+    lines = errors_from(workshop, NODES.replace("1.5", "1,5"))
+    assert lines[0].endswith(
+        "line 3: 6 values, but the header has 5 columns; numbers are written with a decimal point"
+    )
+
+
+@pytest.mark.parametrize(
+    "unit, metre", [("m", 1.0), ("mm", 1000.0), ("cm", 100.0), ("ft", 1 / 0.3048), ("in", 1 / 0.0254)]
+)
+def test_the_unit_is_that_of_coordinates_alone(workshop, unit, metre):
+    """1 m and 3 m in each unit; other columns stay in SI units."""
+    nodes = f"id,x,y,z,area,mass\n1,0,0,0,2,5\n2,{metre!r},0,0,2,5\n3,{3 * metre!r},0,0,2,5\n"
+    elements = "start,end,unstressed_length\n1,2,0.99\n2,3,1.99\n"
+    net = net_from(workshop, nodes, elements, [f"net.unit={unit}"])
+    assert np.allclose(net.x[:, 0], [0, 1, 3], rtol=1e-15)
+    assert net.area.tolist() == [2] * 3 and net.mass.tolist() == [5] * 3
+    assert net.unstressed_length.tolist() == [0.99, 1.99]
+
+
+def test_whole_millimetres_are_exact(workshop):
+    """1500 mm are the double nearest to 1.5 m, and 1 mm that nearest to 0.001 m."""
+    net = net_from(workshop, NODES.replace("1.5", "1500").replace("3,3", "3,1"), overrides=["net.unit=mm"])
+    assert net.x[1:, 0].tolist() == [1.5, 0.001]
+
+
+def test_a_unit_without_tables_is_refused(workshop):
+    """The dimensions of a generator are in metres; an unknown unit lists the known ones."""
+    path = workshop.job('[net]\ngenerator = "saddle"\nunit = "mm"\n' + STEEL)
+    with pytest.raises(InputError, match=r'\[net\] unit = "mm": only for tables'):
+        read_job(path)
+    with pytest.raises(InputError, match='unit = "inch": expected one of "m", "cm", "mm", "ft", "in"'):
+        net_from(workshop, overrides=["net.unit=inch"])
+
+
+@pytest.mark.parametrize(
+    "slip, meant", [("fixd", "fixed"), ("fix", "fixed"), ("load-z", "load_z"), ("mas", "mass")]
+)
+def test_a_slip_in_a_column_is_an_error(workshop, slip, meant):
+    """A name close to a known one was meant as that."""
+    lines = errors_from(workshop, NODES.replace("fixed", slip))
+    assert f"'{slip}': unknown column; did you mean \"{meant}\"?" in lines[0]
+
+
+def test_other_columns_are_named_and_left_alone(workshop):
+    """check and run name them once; nothing of them is read."""
+    nodes = (
+        NODES.replace("\n", ",layer,colour\n", 1).replace("1\n", "1,roof,?\n").replace("0\n", "0,roof,7\n")
+    )
+    job = workshop.job(STEEL, nodes, ELEMENTS)
+    for command in ("check", "run"):
+        done = run_netfall(command, job, cwd=workshop.folder)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert done.stdout.count('columns not known and left alone: "layer", "colour"') == 1
+
+
+def test_parallel_elements_and_unjoined_nodes_are_named(workshop):
+    """An element given twice, the other way round, and two nodes 0.5 mm apart; no others."""
+    nodes = NODES + "4,3,0.0005,0,1\n5,1.5,0.0004,0,0\n6,1.5,0.002,0,0\n"
+    net = net_from(workshop, nodes, ELEMENTS + "3,2,9\n2,5,10\n5,4,11\n6,4,12\n")
+    assert len(net.notes) == 2
+    assert net.notes[0].startswith("elements 8 and 9 both join nodes 2 and 3; they count as parallel cables")
+    assert net.notes[1].startswith("nodes 3 and 4 lie 0.5 mm apart and are not joined")
+
+
+def test_many_pairs_are_counted(workshop):
+    """Of many doubles the first five are named and the others counted."""
+    nodes = "id,x,y,z\n" + "".join(f"{i},{i},0,0\n" for i in range(9))
+    elements = "start,end\n" + 2 * "".join(f"{i},{i + 1}\n" for i in range(8))
+    assert len(net_from(workshop, nodes, elements).notes) == 6
+    assert (
+        net_from(workshop, nodes, elements).notes[-1]
+        == "3 more pairs of nodes are joined by several elements"
+    )
+
+
+def test_close_pairs_are_those_of_all_distances():
+    """Against every distance, for points on a lattice with doubles and near doubles."""
+    rng = np.random.default_rng(5)
+    x = rng.integers(0, 4, (300, 3)) + rng.choice([0.0, 1e-3, 3e-3], (300, 3))
+    apart = np.linalg.norm(x[:, None] - x[None], axis=2)
+    expected = np.argwhere(np.triu(apart <= 2e-3, 1))
+    assert len(expected) > 50 and np.array_equal(close_pairs(x, 2e-3), expected)
+
+
+def test_further_columns_of_a_wind_table_are_named(workshop):
+    """The table of measured speeds is read alike."""
+    (workshop.folder / "gust.csv").write_text("# mast 3\ntime;speed;direction\n0;5;270\n1;6;270\n")
+    nodes = "id,x,y,z,fixed,area,normal_x,normal_y,normal_z\n"
+    nodes += "1,0,0,0,1,0,,,\n2,1.5,0,0,0,1,0,0,1\n3,3,0,0,1,0,,,\n"
+    wind = '[wind]\nfile = "gust.csv"\nshape_coefficient = -1.0\n[dynamics]\nduration = 0.01\n'
+    done = run_netfall("check", workshop.job(STEEL + wind, nodes, ELEMENTS))
+    assert done.returncode == 0 and 'left alone: "direction"' in done.stdout, done.stdout + done.stderr
