@@ -6,7 +6,7 @@ import math
 import numpy as np
 from mpi4py import MPI
 
-from netfall.parallel.exact import LIMBS, add_exactly, exact_sums, rounded
+from netfall.parallel.sums import LIMBS, add_exactly, exact_sums, rounded
 
 
 def test_sum_is_correctly_rounded():

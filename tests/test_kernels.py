@@ -9,8 +9,8 @@ import pytest
 from netfall.mechanics.elements import add_tensions
 from netfall.mechanics.fields import Scene
 from netfall.mechanics.state import State
-from netfall.parallel.distribute import cut_net
 from netfall.parallel.partition import metis_partition
+from netfall.parallel.subdomain import cut_net
 from netfall.step.forces import kick_chunk
 from netfall.step.limits import count_near
 from netfall.step.plan import CHUNK, NO_AXIS, Plan
@@ -37,9 +37,9 @@ def random_state(scene: Scene, seed: int, n: int = CHUNK + 7) -> State:
 def make_state(scene: Scene, n: int, elements: np.ndarray, x: np.ndarray, seed: int) -> State:
     """Elements of all kinds: some taut, some slack, some yielding, one without length."""
     rng = np.random.default_rng(seed)
-    (piece,) = cut_net(n, elements, np.zeros(n, np.int32), 1)
+    (subdomain,) = cut_net(n, elements, np.zeros(n, np.int32), 1)
     state = State(scene, n, 0, len(elements), int(np.bincount(elements.ravel()).max()))
-    state.ends[:], state.owned[:], state.free[:], state.mass[:] = piece.ends, 1, 1, 1.0
+    state.ends[:], state.owned[:], state.free[:], state.mass[:] = subdomain.ends, 1, 1, 1.0
     state.x[:] = x
     a, b = elements[3]
     state.x[b] = state.x[a]
@@ -203,11 +203,11 @@ def test_a_net_numbered_at_random_is_stepped_in_layers():
     elements = lattice(40)
     shuffled = np.random.default_rng(5).permutation(1600)[elements]
     for given, in_order in ((elements, True), (shuffled, False)):
-        (piece,) = cut_net(1600, given, np.zeros(1600, np.int32), 1)
-        assert np.array_equal(piece.particle_gid, np.arange(1600)) == in_order
-        rows = piece.ends.astype(np.int64)
+        (subdomain,) = cut_net(1600, given, np.zeros(1600, np.int32), 1)
+        assert np.array_equal(subdomain.particle_gid, np.arange(1600)) == in_order
+        rows = subdomain.ends.astype(np.int64)
         assert np.abs(rows[:, 0] - rows[:, 1]).mean() < 60
-        assert np.array_equal(piece.particle_gid[rows], given)
+        assert np.array_equal(subdomain.particle_gid[rows], given)
 
 
 def test_a_net_of_short_rows_is_stepped_in_parts():
@@ -232,12 +232,12 @@ def test_a_cut_leaves_the_rows_of_a_lattice_whole():
     part = metis_partition(side**2, lattice(side), 2)
     cut = lattice(side)[(part[lattice(side)] != part[lattice(side)[:, :1]]).any(1)]
     assert len(cut) < 1.2 * side and (np.diff(cut) == 1).sum() < 0.1 * side
-    for piece in cut_net(side**2, lattice(side), part, 2):
-        state = State(Scene(), piece.n_owned, piece.n_halo, len(piece.element_gid))
-        state.ends[:], state.EA[:], state.L0[:] = piece.ends, 1.0, 1.0
+    for subdomain in cut_net(side**2, lattice(side), part, 2):
+        state = State(Scene(), subdomain.n_owned, subdomain.n_halo, len(subdomain.element_gid))
+        state.ends[:], state.EA[:], state.L0[:] = subdomain.ends, 1.0, 1.0
         halo = NoHalo()
-        halo.send_index = piece.send_index
+        halo.buffers = SimpleNamespace(send_index=subdomain.send_index)
         runs = Plan(state, halo).chunks.runs
         assert (runs.whole[:, 1] - runs.whole[:, 0]).max() > 4 * side and (
             runs.spans[:, 5] - runs.spans[:, 4]
-        ).sum() < 0.02 * piece.n_owned
+        ).sum() < 0.02 * subdomain.n_owned

@@ -5,8 +5,8 @@ import pytest
 from conftest import ROOT, STEEL, assert_same_results, run_netfall
 
 from netfall.net import generators
-from netfall.parallel.distribute import cut_net
 from netfall.parallel.partition import metis_partition, read_partition, write_partition
+from netfall.parallel.subdomain import cut_net
 
 COLLAPSE = """[net]
 generator = "stadium"
@@ -145,18 +145,18 @@ def test_pieces_cover_the_net_once():
     net = generators.stadium(88.0, 66.0, 10.0, 2.2)
     for ranks in (1, 2, 5, 16):
         part = metis_partition(net.n, net.elements, ranks)
-        pieces = cut_net(net.n, net.elements, part, ranks)
+        subdomains = cut_net(net.n, net.elements, part, ranks)
         assert np.array_equal(
-            np.sort(np.concatenate([p.particle_gid[: p.n_owned] for p in pieces])), np.arange(net.n)
+            np.sort(np.concatenate([p.particle_gid[: p.n_owned] for p in subdomains])), np.arange(net.n)
         )
         assert np.array_equal(
-            np.sort(np.concatenate([p.element_gid[p.element_owned] for p in pieces])), np.arange(net.m)
+            np.sort(np.concatenate([p.element_gid[p.element_owned] for p in subdomains])), np.arange(net.m)
         )
-        for rank, piece in enumerate(pieces):
-            assert np.array_equal(piece.particle_gid[piece.ends], net.elements[piece.element_gid])
-            received, first = piece.particle_gid[piece.n_owned :], 0
-            for neighbour, count in zip(piece.neighbours, piece.receive_counts):
-                other = pieces[neighbour]
+        for rank, subdomain in enumerate(subdomains):
+            assert np.array_equal(subdomain.particle_gid[subdomain.ends], net.elements[subdomain.element_gid])
+            received, first = subdomain.particle_gid[subdomain.n_owned :], 0
+            for neighbour, count in zip(subdomain.neighbours, subdomain.receive_counts):
+                other = subdomains[neighbour]
                 k = other.neighbours.index(rank)
                 begin = sum(other.send_counts[:k])
                 sent = other.particle_gid[other.send_index[begin : begin + other.send_counts[k]]]

@@ -16,9 +16,9 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.compile import kernel
-from netfall.parallel.distribute import Piece
 from netfall.parallel.halo import Halo, exchange_rows
 from netfall.parallel.partition import metis_partition
+from netfall.parallel.subdomain import Subdomain
 
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("--elements", type=float, nargs="+", default=[1e6, 1e7], help="nets that are cut")
@@ -66,7 +66,7 @@ def seconds_of_exchange(particles: int) -> float:
     index, nothing = np.arange(particles, dtype=np.uint32), np.zeros((0, 2), np.uint32)
     halo = Halo(
         comm,
-        Piece(
+        Subdomain(
             particles,
             np.arange(2 * particles),
             nothing[:, 0],

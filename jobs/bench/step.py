@@ -35,9 +35,9 @@ import net
 
 from netfall.mechanics.fields import FIELDS, Scene
 from netfall.mechanics.state import State
-from netfall.parallel.distribute import Distribution, cut_net
 from netfall.parallel.halo import Halo
 from netfall.parallel.partition import metis_partition
+from netfall.parallel.subdomain import Distribution, cut_net
 from netfall.step.loop import Interval
 from netfall.step.plan import Plan, halo_width
 
@@ -56,27 +56,27 @@ scene = Scene(
 begin = time.perf_counter()
 whole = net.make_net(arguments.N)
 n, m = len(whole.x), len(whole.elements)
-pieces = (
+subdomains = (
     cut_net(n, whole.elements, metis_partition(n, whole.elements, comm.size), comm.size)
     if comm.rank == 0
     else None
 )
-distribution = Distribution(comm, n, m, pieces)
-del pieces
-piece = distribution.piece
-state = State(scene, piece.n_owned, piece.n_halo, len(piece.element_gid))
-state.gid[:], state.ends[:], state.owned[:] = piece.particle_gid, piece.ends, piece.element_owned
-state.x[:] = state.x_start[:] = whole.x[piece.particle_gid]
-state.free[:] = ~whole.fixed[piece.particle_gid][:, None]
+distribution = Distribution(comm, n, m, subdomains)
+del subdomains
+subdomain = distribution.subdomain
+state = State(scene, subdomain.n_owned, subdomain.n_halo, len(subdomain.element_gid))
+state.gid[:], state.ends[:], state.owned[:] = subdomain.particle_gid, subdomain.ends, subdomain.element_owned
+state.x[:] = state.x_start[:] = whole.x[subdomain.particle_gid]
+state.free[:] = ~whole.fixed[subdomain.particle_gid][:, None]
 state.mass[:], state.load[:, 2] = net.MASS, -net.LOAD
-state.L0[:], state.EA[:], state.half_mass[:] = whole.L0[piece.element_gid], net.EA, 1.0
+state.L0[:], state.EA[:], state.half_mass[:] = whole.L0[subdomain.element_gid], net.EA, 1.0
 if scene.plastic:
     state.yield_force[:] = 100 * net.PRESTRESS
 if scene.fracture:
     state.eps_u[:] = 1.0
 if scene.wind:
     state.wind[:, 2], state.speed_before[:], state.speed_after[:] = 1e-12, 1.0, 2.0
-halo = Halo(comm, piece, halo_width(state))
+halo = Halo(comm, subdomain, halo_width(state))
 plan = Plan(state, halo)
 centre = whole.centre
 del whole
@@ -95,7 +95,7 @@ def advance(first: int, steps: int) -> float:
     return comm.allreduce(seconds, MPI.MAX)
 
 
-mine = np.flatnonzero(piece.particle_gid[: piece.n_owned] == centre)
+mine = np.flatnonzero(subdomain.particle_gid[: subdomain.n_owned] == centre)
 advance(0, net.CHECKED)
 z = comm.allreduce(float(state.x[mine[0], 2] - state.x_start[mine[0], 2]) if len(mine) else 0.0)
 steps = max(5, int(arguments.seconds / max(advance(net.CHECKED, 5) / 5, 1e-6)))

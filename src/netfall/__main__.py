@@ -217,9 +217,9 @@ def run(arguments) -> None:
 
     from netfall.job.read import read_job
     from netfall.output.progress import Progress
-    from netfall.parallel.root import on_root
+    from netfall.parallel.agree import on_root
     from netfall.solve.run import run_job
-    from netfall.solve.stop import StopRequest
+    from netfall.stop import StopRequest
 
     stop = StopRequest(arguments.walltime)
     comm = MPI.COMM_WORLD

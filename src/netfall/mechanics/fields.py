@@ -26,6 +26,7 @@ class Field:
     kept : changes in the course of a run, so a checkpoint holds it
     split : value of a particle that splits off, LIKE_PARENT: its parent's
     slot_of : the field of elements that a field of slots repeats at both ends
+    given : starts with what the model has under that name
     """
 
     name: str
@@ -38,6 +39,7 @@ class Field:
     kept: bool = False
     split: float | str = 0
     slot_of: str = ""
+    given: bool = False
 
     @property
     def short(self) -> str:
@@ -45,12 +47,12 @@ class Field:
         return self.name.removeprefix("slot_")
 
 
-def _particle(name, tail, dtype, unit, meaning, needs="", kept=False, split=0):
-    return Field(name, "particle", tail, dtype, unit, meaning, needs, kept, split)
+def _particle(name, tail, dtype, unit, meaning, needs="", kept=False, split=0, given=False):
+    return Field(name, "particle", tail, dtype, unit, meaning, needs, kept, split, given=given)
 
 
-def _element(name, dtype, unit, meaning, needs="", kept=False, tail=()):
-    return Field(name, "element", tail, dtype, unit, meaning, needs, kept)
+def _element(name, dtype, unit, meaning, needs="", kept=False, tail=(), given=False):
+    return Field(name, "element", tail, dtype, unit, meaning, needs, kept, given=given)
 
 
 def _slot(name, dtype, unit, meaning, needs="", of=""):
@@ -67,6 +69,7 @@ FIELDS = (
         "position; if displacements are stepped, as at the end of the last block",
         kept=True,
         split=LIKE_PARENT,
+        given=True,
     ),
     _particle("u", AXES, SUMMED, "m", "displacement", "displaced", kept=True, split=LIKE_PARENT),
     _particle(
@@ -83,18 +86,25 @@ FIELDS = (
         "position from which displacements count",
         kept=True,
         split=LIKE_PARENT,
+        given=True,
     ),
-    _particle("free", AXES, np.uint8, "", "1 where the axis can move", kept=True, split=1),
+    _particle("free", AXES, np.uint8, "", "1 where the axis can move", kept=True, split=1, given=True),
     _particle(
-        "mass", ONE, np.float64, "kg", "lumped mass: halves of the elements, and what is carried", kept=True
+        "mass",
+        ONE,
+        np.float64,
+        "kg",
+        "lumped mass: halves of the elements, and what is carried",
+        kept=True,
+        given=True,
     ),
     _particle("per_mass", ONE, STEPPED, "1/kg", "1 / mass; 0 without mass, and where every axis is held"),
     _particle("stepped_mass", ONE, STEPPED, "kg", "mass in the precision of the steps", "block_work"),
-    _particle("load", AXES, STEPPED, "N", "constant external force", kept=True),
-    _particle("wind", AXES, STEPPED, "N s2/m2", "wind force at 1 m/s", "wind", kept=True),
+    _particle("load", AXES, STEPPED, "N", "constant external force", kept=True, given=True),
+    _particle("wind", AXES, STEPPED, "N s2/m2", "wind force at 1 m/s", "wind", kept=True, given=True),
     _particle("speed_before", ONE, STEPPED, "m/s", "wind speed at the last sample", "wind"),
     _particle("speed_after", ONE, STEPPED, "m/s", "wind speed at the next sample", "wind"),
-    _particle("valence", ONE, np.int32, "", "elements attached", "fracture", kept=True, split=1),
+    _particle("valence", ONE, np.int32, "", "elements attached", "fracture", kept=True, split=1, given=True),
     _particle(
         "work", AXES, np.float64, "J", "work of external, internal and damping forces", "energy", kept=True
     ),
@@ -104,13 +114,15 @@ FIELDS = (
         "f", AXES, STEPPED, "N", "total force; of all particles if something can break, else of those sent"
     ),
     _element("ends", np.uint32, "", "local numbers of the two particles", tail=(2,)),
-    _element("L0", np.float64, "m", "unstressed length"),
-    _element("EA", np.float64, "N", "axial stiffness; 0: out of the net, or kept by another rank"),
-    _element("bar", np.uint8, "", "1 where compression is carried"),
-    _element("half_mass", np.float64, "kg", "half of the element's own mass"),
+    _element("L0", np.float64, "m", "unstressed length", given=True),
+    _element(
+        "EA", np.float64, "N", "axial stiffness; 0: out of the net, or kept by another rank", given=True
+    ),
+    _element("bar", np.uint8, "", "1 where compression is carried", given=True),
+    _element("half_mass", np.float64, "kg", "half of the element's own mass", given=True),
     _element("owned", np.uint8, "", "1 on the one rank that reports the element"),
     _element("broken", np.uint8, "", "1 once it has broken", kept=True),
-    _element("yield_force", np.float64, "N", "axial force at yield", "plastic"),
+    _element("yield_force", np.float64, "N", "axial force at yield", "plastic", given=True),
     _element("eps_p", np.float64, "", "plastic strain", "plastic", kept=True),
     _element(
         "dissipated",
@@ -120,7 +132,9 @@ FIELDS = (
         "dissipating",
         kept=True,
     ),
-    _element("eps_u", np.float64, "", "strain at fracture, inf once broken", "fracture", kept=True),
+    _element(
+        "eps_u", np.float64, "", "strain at fracture, inf once broken", "fracture", kept=True, given=True
+    ),
     _element("pending", np.int32, "", "elements that reached eps_u in a step", "fracture"),
     _slot("other", np.uint32, "", "local number of the far end; in an empty slot the particle's own"),
     _slot("inv_L0", STEPPED, "1/m", "1 / unstressed length, 0 in an empty slot"),

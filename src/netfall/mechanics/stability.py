@@ -8,7 +8,7 @@ Central difference is stable for dt < 2 / omega_max. Four figures, each with its
 - `slackening`: omega dt = 1 for every cable, half of the above. A cable that goes slack and comes taut again within a few steps returns
   another energy than it took, by chance more or less: averaged over the moment of contact, a mass that runs into a slack cable leaves
   with at most 0.4 % more up to omega dt = 1, but with 7 % more at 1.5, 28 % at 1.6 and 107 % at 1.8 (tests/test_extremes.py); there
-  short cables among heavy particles strain themselves to pieces, long before the step is unstable.
+  short cables among heavy particles strain themselves to subdomains, long before the step is unstable.
 - `after_fracture`: holds after any fractures in any shape. A fragment, that is a particle that splits off, takes half of
   its element's own mass and, if the step needs it, some of what its end carried besides (cladding): its mass is at least
   k dt^2 / 2. Then omega_p^2 = sum(k) / M <= 2 / dt^2 at every particle, fragments and what they leave alike, and as above
@@ -22,6 +22,8 @@ Central difference is stable for dt < 2 / omega_max. Four figures, each with its
 from dataclasses import dataclass
 
 import numpy as np
+
+from netfall.mechanics.material import largest_stiffness
 
 CLOSE = 1e-6  # of a step, to which mass scaling finds it
 ROUNDING = 1e-9  # of a particle's mass: what it carries besides its elements, if more
@@ -38,7 +40,7 @@ class Limit:
 
 def any_shape_limits(elements, EA, L0, mass, free, bar) -> list[Limit]:
     """`any_shape` and `slackening`, for the intact net. mass : (n,) [kg]; free : (n,) bool, whether any axis is free; bar : (m,) bool."""
-    k = EA / L0
+    k = largest_stiffness(EA, L0)
     stiffness = np.bincount(elements[:, 0], k, len(mass)) + np.bincount(elements[:, 1], k, len(mass))
     square = np.where(free, stiffness / np.where(free, mass, 1.0), 0.0)
     omega2 = square[elements[:, 0]] + square[elements[:, 1]]
@@ -64,7 +66,7 @@ def after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, share: float
     """
     if not np.isfinite(eps_u).any():
         return Limit("after_fracture", np.inf, -1)
-    k = EA / L0
+    k = largest_stiffness(EA, L0)
     carried = mass - np.bincount(elements.ravel(), np.repeat(half, 2), len(mass))
     carried = np.where(carried > ROUNDING * mass, carried, 0.0)
     may_take = np.where(held, 1.0, share) * carried
@@ -93,7 +95,7 @@ def scaled_mass(elements, EA, L0, mass, free, share: float) -> np.ndarray:
     An element asks for Omega_a^2 + Omega_b^2 <= 1 / dt^2, Omega_p^2 = sum(k) / M. A particle that is above half of that gets as much as leaves the
     rest to its neighbours, or half if one of them is above it too. free : (n,) bool, whether any axis is free
     """
-    k = EA / L0
+    k = largest_stiffness(EA, L0)
     stiffness = np.where(
         free, np.bincount(elements[:, 0], k, len(mass)) + np.bincount(elements[:, 1], k, len(mass)), 0.0
     )

@@ -24,7 +24,7 @@ from netfall.mechanics.fields import FIELDS
 from netfall.mechanics.state import State
 from netfall.output.h5 import SharedFile, check_seal
 
-FORMAT = 3
+FORMAT = 4
 STAGES = {"form finding": 1, "statics": 2, "dynamics": 3}
 KEPT = 2
 NAME = re.compile(r"(.+)checkpoint-\d-\d{12,}\.h5")
@@ -101,7 +101,7 @@ def write_checkpoint(
 
 
 def _write_state(file: SharedFile, state: State, result) -> None:
-    n, m = result.distribution.n, result.distribution.m
+    m = result.distribution.m
     points = result.log.points
     rows = state.owned_rows()
     for field in kept_fields(state, "particle"):
@@ -109,20 +109,20 @@ def _write_state(file: SharedFile, state: State, result) -> None:
         file.create(f"particles/{field.name}", state.scene.number(field.dtype), (values.shape[1],), points)
         file.append(
             f"particles/{field.name}",
-            file.blocks.collect(result.log.row_of(state.gid[rows]), values, points),
+            file.slabs.collect(result.log.row_of(state.gid[rows]), values, points),
             points,
         )
     mine = state.owned.astype(bool)
-    gid = result.distribution.piece.element_gid[mine]
+    gid = result.distribution.subdomain.element_gid[mine]
     for field in kept_fields(state, "element"):
         file.create(f"elements/{field.name}", state.scene.number(field.dtype), (), m)
         file.append(
             f"elements/{field.name}",
-            file.blocks.collect(gid, getattr(state, field.name)[mine][:, None], m)[:, 0],
+            file.slabs.collect(gid, getattr(state, field.name)[mine][:, None], m)[:, 0],
             m,
         )
     file.create("elements/ends", np.int64, (2,), m)
-    file.append("elements/ends", file.blocks.collect(gid, state.gid[state.ends[mine]].reshape(-1, 2), m), m)
+    file.append("elements/ends", file.slabs.collect(gid, state.gid[state.ends[mine]].reshape(-1, 2), m), m)
 
 
 class Checkpoint:

@@ -4,7 +4,6 @@ It is written under a temporary name and renamed at the end. Rows are appended i
 with an empty one included (h5py's own slicing would leave the others waiting for it in a collective write).
 """
 
-import fcntl
 import hashlib
 import itertools
 import os
@@ -17,9 +16,9 @@ import h5py
 import numpy as np
 from mpi4py import MPI
 
-from netfall.errors import InputError, OutputError
-from netfall.parallel.blocks import Blocks
-from netfall.parallel.root import on_all, on_root
+from netfall.errors import OutputError
+from netfall.parallel.agree import on_all, on_root
+from netfall.parallel.slabs import Slabs
 
 PARALLEL = bool(h5py.get_config().mpi)
 CHUNK_BYTES = 1 << 18
@@ -45,35 +44,6 @@ def writing(path: Path):
         raise OutputError(
             f"{path}: cannot be written ({reason}); {room}; make room there or give another place with -o"
         ) from error
-
-
-def claim(path: Path):
-    """Reserve the name of a result for this process: an open lock file, for `release`. Raises InputError if another run has it.
-
-    The system gives up the lock of a process that ends, however it ends.
-    """
-    lock = path.with_name(f".{path.name}.lock")
-    while True:
-        with writing(path):
-            file = open(lock, "a")
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            file.close()
-            raise InputError(
-                f"{path}: another run is writing it at this moment; wait for it, or give another name with -o"
-            ) from None
-        except OSError:
-            return file  # a file system without locks
-        if lock.exists() and os.path.samestat(lock.stat(), os.fstat(file.fileno())):
-            return file
-        file.close()  # the run before removed it between the two calls
-
-
-def release(file) -> None:
-    """Give up what `claim` reserved."""
-    Path(file.name).unlink(missing_ok=True)
-    file.close()
 
 
 @dataclass
@@ -102,7 +72,7 @@ class SharedFile:
         self.path = path
         self.base = dict(base or {})
         self.temporary = path.with_name(f".{path.name}.part")
-        self.blocks = Blocks(comm, PARALLEL)
+        self.slabs = Slabs(comm, PARALLEL)
         self.writes = PARALLEL or comm.rank == 0
         self.file = None
         self._growing: dict[str, Growing] = {}
@@ -157,7 +127,7 @@ class SharedFile:
             kept = self._open_dataset(name)
             first = kept.rows
             kept.rows += total
-            place = int(self.blocks.bounds(total)[self.comm.rank]) if place is None else place
+            place = int(self.slabs.bounds(total)[self.comm.rank]) if place is None else place
             kept.waiting.append(
                 (first, total, place, np.array(block, kept.dtype, order="C"))
             )  # a copy: its owner goes on
@@ -170,7 +140,7 @@ class SharedFile:
         if not self.writes:
             return
         with writing(self.path):
-            self.write(name, block[None], self.grow(name, 1), self.blocks.bounds(total)[self.comm.rank])
+            self.write(name, block[None], self.grow(name, 1), self.slabs.bounds(total)[self.comm.rank])
 
     def grow(self, name: str, rows: int) -> int:
         """Make room for more rows of a dataset; the first new one in this file. On ranks that write."""
@@ -220,7 +190,7 @@ class SharedFile:
         kept.waiting.clear()
 
     def _transfer_block(self, kept: Growing, block: np.ndarray, start, stride, count, shape) -> None:
-        """Write a block into `count` pieces of a shape, `stride` apart; a rank with an empty block included."""
+        """Write a block into `count` subdomains of a shape, `stride` apart; a rank with an empty block included."""
         space = kept.id.get_space()
         if block.size:
             space.select_hyperslab(start, count, stride, shape)

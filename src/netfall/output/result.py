@@ -1,7 +1,6 @@
 """The result file of a run: frames while it goes on, everything small at the end. Layout: README.md beside."""
 
 import os
-import re
 import secrets
 from pathlib import Path
 
@@ -9,35 +8,25 @@ import h5py
 import numpy as np
 from mpi4py import MPI
 
-from netfall.errors import InputError
-from netfall.mechanics.events import COLUMNS, EventLog
+from netfall.mechanics.events import EventLog
 from netfall.mechanics.state import State
 from netfall.net.net import Net
-from netfall.output.h5 import SharedFile, publish, writing
+from netfall.output.h5 import SharedFile
+from netfall.output.segments import join_segments
 from netfall.output.vtkhdf import VtkSeries
-from netfall.parallel.distribute import Distribution
-from netfall.parallel.root import on_root
-
-HISTORY = {  # column of /history: unit
-    "time": "s",
-    "time_step": "s",
-    "kinetic_energy": "J",
-    "strain_energy": "J",
-    "plastic_dissipation": "J",
-    "damping_work": "J",
-    "external_work": "J",
-    "identity_error": "share of the largest external work",
-    "balance_error": "share of the largest external work",
-    "slack": "cables",
-    "broken": "elements",
-}
-COPY_BYTES = 1 << 26  # held at once while segments are joined
+from netfall.parallel.agree import on_root
+from netfall.parallel.subdomain import Distribution
 
 
 class Result:
-    """Collects what a run reports. Methods are collective; what is kept in memory is the same on every rank."""
+    """Writes what a run reports. Methods are collective.
 
-    def __init__(self, comm: MPI.Comm, path: Path, distribution: Distribution, group: np.ndarray):
+    log : of the fractures, which numbers the rows of particles; it belongs to the run, as the history does
+    """
+
+    def __init__(
+        self, comm: MPI.Comm, path: Path, distribution: Distribution, group: np.ndarray, log: EventLog
+    ):
         """group : (m_local,) group of the rank's elements."""
         self.comm = comm
         self.path = path
@@ -47,10 +36,8 @@ class Result:
         self.segments: list[Path] = []  # whole parts of the file so far, if there are checkpoints
         self.token = comm.bcast(secrets.token_hex(4))  # keeps this run's segments apart from another's
         self.series = VtkSeries(self.file, distribution.n, distribution.m)
-        self.log = EventLog(distribution.n)
-        self._drawn_events = -1
-        self.history: list[list[float]] = []
-        self.probes: list[np.ndarray] = []
+        self.log = log
+        self._drawn_events = -1  # fractures that the mesh written last shows
 
     # --- segments, records
 
@@ -71,23 +58,17 @@ class Result:
         self.file = SharedFile(self.comm, self.path, rows)
         self.series.continue_in(self.file)
 
-    def record(self) -> tuple[dict, dict[str, np.ndarray]]:
-        """What a continuation needs, for `restore`: small values and arrays."""
-        arrays = {f"events_{name}": values for name, values in self.log.columns().items()}
-        arrays |= {"history": np.array(self.history), "probes": np.array(self.probes)}
+    def record(self) -> dict:
+        """What a continuation needs, for `restore`."""
         return {
             "series": self.series.record(),
             "drawn_events": self._drawn_events,
             "segments": [os.path.relpath(s, self.path.parent) for s in self.segments],
-        }, arrays
+        }
 
-    def restore(
-        self, record: dict, arrays: dict[str, np.ndarray], rows: dict[str, int], segments: list[Path]
-    ) -> None:
+    def restore(self, record: dict, rows: dict[str, int], segments: list[Path]) -> None:
         """Take up the record of an earlier run, whose segments are those given."""
         self.file.discard_all()
-        self.log.restore({name: arrays[f"events_{name}"] for name in COLUMNS})
-        self.history, self.probes = arrays["history"].tolist(), list(arrays["probes"])
         self.segments = segments
         self._begin_segment(rows)
         self.series.restore(record["series"])
@@ -96,12 +77,12 @@ class Result:
     # --- states
 
     def _points(self, state: State, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        return self.file.blocks.collect(self.log.row_of(state.gid[rows]), columns, self.log.points)
+        return self.file.slabs.collect(self.log.row_of(state.gid[rows]), columns, self.log.points)
 
     def _cells(self, state: State, columns: np.ndarray) -> np.ndarray:
         mine = state.owned.astype(bool)
-        return self.file.blocks.collect(
-            self.distribution.piece.element_gid[mine], columns[mine], self.distribution.m
+        return self.file.slabs.collect(
+            self.distribution.subdomain.element_gid[mine], columns[mine], self.distribution.m
         )
 
     def write_frame(self, time: float, state: State, snapshot) -> None:
@@ -114,7 +95,7 @@ class Result:
                 state.gid[np.where(state.EA[:, None] > 0.0, state.ends, state.ends[:, :1])]
             )  # what is out of the net is drawn as a point
             mesh = self._cells(
-                state, np.column_stack([ends, self.group, self.distribution.piece.element_gid])
+                state, np.column_stack([ends, self.group, self.distribution.subdomain.element_gid])
             )
             number = self._points(state, rows, gid[:, None])
             self.series.write_mesh(
@@ -165,29 +146,26 @@ class Result:
         ):
             self.file.create(f"final/{name}", dtype, tail, total)
             if block is None:
-                low, high = self.file.blocks.bounds(cells)[self.comm.rank : self.comm.rank + 2]
+                low, high = self.file.slabs.bounds(cells)[self.comm.rank : self.comm.rank + 2]
                 block = np.arange(low, high)
             self.file.append(f"final/{name}", block, total)
 
     # --- the end
 
-    def close(self, sections: dict[str, dict], provenance: dict, phases: dict[str, np.ndarray]) -> None:
+    def close(self, sections: dict[str, dict], units: dict[str, str], provenance: dict, phases: dict) -> None:
         """Write what is small and give the file its name.
 
-        sections : on rank 0, datasets by group ("net", "form_finding", ...); provenance : attributes and texts; phases : of `Phases.over_ranks`
+        sections : on rank 0, datasets by group ("net", "history", ...); units : of datasets, by group and name
+        provenance : attributes and texts; phases : of `Phases.over_ranks`
         """
 
         def finish(file: h5py.File):
             self.series.finish(file)
-            if self.history:
-                columns = np.array(self.history)
-                for k, (name, unit) in enumerate(HISTORY.items()):
-                    values = columns[:, k].astype(np.int64) if name in ("slack", "broken") else columns[:, k]
-                    file.create_dataset(f"history/{name}", data=values).attrs["unit"] = unit
-                self._write_events(file)
             for group, datasets in sections.items():
                 for name, values in datasets.items():
-                    file.create_dataset(f"{group}/{name}", data=values)
+                    dataset = file.create_dataset(f"{group}/{name}", data=values)
+                    if f"{group}/{name}" in units:
+                        dataset.attrs["unit"] = units[f"{group}/{name}"]
             _write_provenance(file.create_group("provenance"), provenance, phases)
 
         if not self.segments:
@@ -195,82 +173,6 @@ class Result:
             return
         self._end_segment()
         on_root(self.comm, lambda: join_segments(self.segments, self.file.temporary, self.path, finish))
-
-    def _write_events(self, file):
-        for name, values in self.log.columns().items():
-            file.create_dataset(f"events/{name}", data=values)
-
-
-def append_rows(source: h5py.File, target: h5py.File, limit: dict[str, int] | None = None) -> None:
-    """Append the rows of every dataset of one file to the other's, up to `limit` rows of it where given."""
-
-    def copy(name, item):
-        if not isinstance(item, h5py.Dataset) or (limit is not None and name not in limit):
-            return
-        rows = item.shape[0] if limit is None else limit[name]
-        if name not in target:
-            target.create_dataset(
-                name,
-                (0, *item.shape[1:]),
-                maxshape=(None, *item.shape[1:]),
-                chunks=item.chunks,
-                dtype=item.dtype,
-            )
-        out, first = target[name], target[name].shape[0]
-        out.resize(first + rows, axis=0)
-        slab = max(
-            1, COPY_BYTES // max(1, item.dtype.itemsize * int(np.prod(item.shape[1:], dtype=np.int64)))
-        )
-        for begin in range(0, rows, slab):
-            end = min(begin + slab, rows)
-            out[first + begin : first + end] = item[begin:end]
-
-    source.visititems(copy)
-
-
-def join_segments(segments: list[Path], temporary: Path, path: Path, finish) -> None:
-    """The result file from its segments and the small datasets; the segments are then removed. Rank 0."""
-    with writing(path):
-        with h5py.File(temporary, "w") as file:
-            for segment in segments:
-                with h5py.File(segment, "r") as part:
-                    append_rows(part, file)
-            finish(file)
-        publish(temporary, path)
-    for segment in segments_of(path):
-        segment.unlink(missing_ok=True)
-
-
-def segments_of(path: Path) -> list[Path]:
-    """The segments of a result file, of this run and of earlier ones that were killed."""
-    name = re.compile(re.escape(f".{path.name}.segment-") + r"[0-9a-f]{8}-(\d{6,}|recovered)")
-    return [segment for segment in path.parent.iterdir() if name.fullmatch(segment.name)]
-
-
-def find_segments(
-    folder: Path, names: list[str], rows: dict[str, int], results: list[Path], digest: str, target: Path
-) -> list[Path]:
-    """The segments of an interrupted run; or, if it went on and finished, one made from its result file. Rank 0.
-
-    results : where that may be; target : name of the segment that is then made. Raises InputError if there is neither.
-    """
-    found = [folder / name for name in names]
-    if all(segment.exists() for segment in found):
-        return found
-    for result in results:
-        try:
-            with h5py.File(result, "r") as file:
-                if file["provenance"].attrs["job_digest"] == digest:
-                    with h5py.File(target, "w") as part:
-                        append_rows(file, part, rows)
-                    return [target]
-        except (OSError, KeyError):
-            continue
-    missing = next(segment for segment in found if not segment.exists())
-    raise InputError(
-        f"{missing}: this part of the interrupted run's result is missing, and {results[0]} is not that run's result; "
-        "keep both beside the checkpoint"
-    )
 
 
 def _write_provenance(group, values, phases):

@@ -63,7 +63,7 @@ class VtkSeries:
         self, connectivity: np.ndarray, point_data: dict, cell_data: dict, points: int, cells: int
     ) -> None:
         """New connectivity, this rank's block (c, 2) of global point rows, and the fields that change only with it."""
-        low = int(self.file.blocks.bounds(cells)[self.file.comm.rank])
+        low = int(self.file.slabs.bounds(cells)[self.file.comm.rank])
         self._mesh = {
             "part": len(self.parts),
             "cells": self.file.append("VTKHDF/Types", np.full(len(connectivity), LINE), cells),

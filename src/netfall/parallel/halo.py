@@ -19,7 +19,6 @@ from mpi4py import MPI
 from netfall.compile import kernel
 from netfall.errors import InputError
 from netfall.mechanics.motion import inverse_mass
-from netfall.parallel.distribute import Piece
 from netfall.parallel.mpi_symbols import (
     ANY_SOURCE,
     HANDLE,
@@ -32,6 +31,7 @@ from netfall.parallel.mpi_symbols import (
     wait_all,
     yield_processor,
 )
+from netfall.parallel.subdomain import Subdomain
 
 LINE = 8  # numbers in a cache line; what one rank writes shares none with what another does
 PATIENCE = 200  # looks, before others get the processor
@@ -171,21 +171,21 @@ def _node_of(comm: MPI.Comm) -> MPI.Comm:
 class Halo:
     """Buffers and persistent requests for one row of `width` numbers for each boundary particle."""
 
-    def __init__(self, comm: MPI.Comm, piece: Piece, width: int):
+    def __init__(self, comm: MPI.Comm, subdomain: Subdomain, width: int):
         """Collective."""
-        self.n_owned, self._made, self._window = piece.n_owned, [], None
+        self.n_owned, self._made, self._window = subdomain.n_owned, [], None
         node = _node_of(comm)
         first = lambda counts: np.concatenate([[0], np.cumsum(counts)]).astype(int) * width
-        sends, receives = first(piece.send_counts), first(piece.receive_counts)  # places in a buffer
+        sends, receives = first(subdomain.send_counts), first(subdomain.receive_counts)  # places in a buffer
         size = LINE * node.allreduce(int(-(-(sends[-1] + receives[-1]) // LINE)), MPI.MAX)
         stride = LINE + 2 * size  # of a rank: its count, and its buffers
         numbers, mine = self._share(node, stride), node.rank * stride
         numbers[mine : mine + stride] = 0.0
-        send_places = dict(zip(piece.neighbours, sends.tolist()))
+        send_places = dict(zip(subdomain.neighbours, sends.tolist()))
         others = dict(node.allgather((comm.rank, (node.rank * stride, send_places))))  # also: all are zero
-        near = [neighbour in others for neighbour in piece.neighbours]
+        near = [neighbour in others for neighbour in subdomain.neighbours]
         receive_at, requests = [np.zeros(0, np.int64)], [[], []]
-        for k, neighbour in enumerate(piece.neighbours):
+        for k, neighbour in enumerate(subdomain.neighbours):
             if near[k]:
                 start = others[neighbour][0] + LINE + others[neighbour][1][comm.rank]
             else:
@@ -199,9 +199,9 @@ class Halo:
         node.Free()
         self._made = requests[0] + requests[1]
         address = numbers.ctypes.data
-        on_node = [others[neighbour][0] for neighbour, is_near in zip(piece.neighbours, near) if is_near]
+        on_node = [others[neighbour][0] for neighbour, is_near in zip(subdomain.neighbours, near) if is_near]
         self.buffers = HaloBuffers(
-            send_index=piece.send_index,
+            send_index=subdomain.send_index,
             numbers=numbers,
             send_at=mine + LINE,
             receive_at=np.concatenate(receive_at).astype(np.int64),

@@ -8,14 +8,22 @@ from mpi4py import MPI
 from netfall.job.read import Job
 from netfall.mechanics.fields import FIELDS
 from netfall.net.build import build_net
-from netfall.solve.dynamics import Schedule
-from netfall.solve.roof import Phases, Roof, prepare, scene_of
-from netfall.solve.run import limit_line, schedule_of, step_remarks
+from netfall.solve.report import (
+    features,
+    form_line,
+    limit_line,
+    net_line,
+    stages,
+    start_note,
+    starts_moving,
+    step_remarks,
+)
+from netfall.solve.schedule import Schedule, schedule_of
+from netfall.solve.setup import Setup, prepare
+from netfall.timings import Phases
 
-STEP_NS, STEP_US = (
-    8.0,
-    2.0,
-)  # for an element and step, and for a step, on one core with all features on (jobs/bench)
+# For an element and step, and for a step, on one core with all features on (jobs/bench).
+STEP_NS, STEP_US = 8.0, 2.0
 LARGEST_FORM = 50_000  # elements up to which check also finds the form
 FRAME_BYTES = {"particle": 24 + 12 + 12, "element": 4 + 4 + 4 + 1}  # of the result file, for each state
 SETUP_BYTES = 500  # per element on rank 0, while the net is read, cut and sent
@@ -23,115 +31,72 @@ SETUP_BYTES = 500  # per element on rank 0, while the net is read, cut and sent
 
 def check_job(job: Job, say: Callable[[str], None]) -> None:
     """Validate a job and describe it. Raises InputError for what is wrong in it."""
-    comm = MPI.COMM_SELF
     short = job
-    if job.form_finding and not _small(job):
+    if job.form_finding and build_net(job).m > LARGEST_FORM:
         say(
-            f"note: more than {LARGEST_FORM} elements: the form is not found here; figures are those of the start geometry"
+            f"note: more than {LARGEST_FORM} elements: the form is not found here; figures are those of the start "
+            "geometry"
         )
         short = Job(**{**vars(job), "form_finding": None})
-    roof = prepare(comm, short, Phases())
-    net, whole = roof.whole.net, roof.whole
-    if job.dynamics:
-        schedule = schedule_of(job, roof)
+    setup = prepare(MPI.COMM_SELF, short, Phases())
+    schedule = schedule_of(job, setup.limits, setup.model) if job.dynamics else None
     say(f"{job.path}: {job.title or job.name}: valid")
-    say(
-        f"net: {net.n} particles ({int(net.fixed.all(1).sum())} fixed), {net.m} elements in groups "
-        + ", ".join(
-            f"{name or '(none)'} {int((net.group == g).sum())}" for g, name in enumerate(net.group_names)
-        )
-    )
-    L = whole.L0
-    say(
-        f"elements: unstressed length {L.min():.4g} to {L.max():.4g} m, {L.sum():.1f} m in all; tension {whole.N.min():.4g} to {whole.N.max():.4g} N"
-    )
-    say(
-        f"masses: elements {float((net.density * net.section * L).sum()):.4g} kg, all particles {whole.mass.sum():.4g} kg"
-    )
-    say(
-        f"roof: {whole.area.sum():.1f} m2 of surface, {whole.plan_area.sum():.1f} m2 in plan; closed faces cover "
-        f"{whole.roofing.covered:.1%} of the net's outline in plan (its convex hull)"
-    )
-    for note in whole.notes():
-        say(f"note: {note}")
-    if roof.form:
-        say(
-            f"form finding: {roof.form.iterations} iterations to {roof.form.residual / max(roof.form.reference, 1e-300):.2g} of the prestress, "
-            f"with the real material {roof.residual / max(roof.form.reference, 1e-300):.2g}"
-        )
-    elif roof.residual > 1e-6 * max(roof.reference, 1e-300):
-        say(f"note: the start is not in equilibrium: largest residual {roof.residual:.3g} N")
+    _describe_net(setup, say)
+    if setup.form:
+        say(form_line(setup))
+    elif starts_moving(setup):
+        say(start_note(setup))
     say("stages: " + ", ".join(stages(job)))
-    say(f"the scene has: {features(job, roof)}")
-    if job.dynamics:
-        _describe_steps(job, roof, schedule, say)
-    _describe_memory(job, roof, say)
+    say(f"the scene has: {features(job, setup.model)}")
+    if schedule:
+        _describe_steps(job, setup, schedule, say)
+    _describe_memory(job, setup, say)
 
 
-def _small(job: Job) -> bool:
-    return build_net(job).m <= LARGEST_FORM
+def _describe_net(setup: Setup, say) -> None:
+    model, net = setup.model, setup.model.net
+    groups = (f"{name or '(none)'} {int((net.group == g).sum())}" for g, name in enumerate(net.group_names))
+    say(f"{net_line(model)} in groups {', '.join(groups)}")
+    L0, N = model.L0, model.N
+    say(
+        f"elements: unstressed length {L0.min():.4g} to {L0.max():.4g} m, {L0.sum():.1f} m in all; "
+        f"tension {N.min():.4g} to {N.max():.4g} N"
+    )
+    own = float((net.density * net.section * L0).sum())
+    say(f"masses: elements {own:.4g} kg, all particles {model.mass.sum():.4g} kg")
+    say(
+        f"roof: {model.area.sum():.1f} m2 of surface, {model.plan_area.sum():.1f} m2 in plan; closed faces cover "
+        f"{model.roofing.covered:.1%} of the net's outline in plan (its convex hull)"
+    )
+    for note in model.notes():
+        say(f"note: {note}")
 
 
-def stages(job: Job) -> list[str]:
-    """The stages that the job has, in order."""
-    found = []
-    if job.form_finding:
-        found.append(f"form finding ({job.form_finding.method})")
-    if job.load and job.load.steps:
-        found.append(f"statics ({job.load.steps} load steps)")
-    if job.dynamics:
-        found.append(f"dynamics ({job.dynamics.duration:g} s)")
-    return found or ["none: the net alone"]
-
-
-def features(job: Job, roof: Roof) -> str:
-    """What the scene has, in words."""
-    scene = scene_of(job, roof.whole.net)
-    words = [
-        ("plastic flow", scene.plastic),
-        ("fracture", scene.fracture),
-        ("wind", scene.wind),
-        ("damping", bool(job.dynamics and job.dynamics.damping)),
-        ("self weight", bool(job.load and job.load.self_weight)),
-        ("dead load", bool(job.load and job.load.dead)),
-        ("static pressure", bool(job.load and job.load.pressure is not None)),
-        ("logarithmic strain", scene.logarithmic),
-        ("broken elements taken out", scene.fracture and not scene.fragments),
-        (f"{scene.precision} precision", scene.displaced),
-    ]
-    return ", ".join(word for word, there in words if there) or "elastic elements alone"
-
-
-def _describe_steps(job: Job, roof: Roof, schedule: Schedule, say) -> None:
-    m = roof.whole.net.m
-    for limit in roof.limits.values():
-        say(limit_line(limit, roof.whole))
-    seconds = schedule.steps * (m * STEP_NS * 1e-9 + STEP_US * 1e-6)
+def _describe_steps(job: Job, setup: Setup, schedule: Schedule, say) -> None:
+    for limit in setup.limits.values():
+        say(limit_line(limit, setup.model))
+    seconds = schedule.steps * (setup.model.net.m * STEP_NS * 1e-9 + STEP_US * 1e-6)
     say(
         f"steps: {schedule.steps} of {schedule.dt:.4g} s"
         + (" (auto)" if job.dynamics.time_step == "auto" else "")
         + f"; expected run time about {seconds:.2g} s on one core"
     )
-    for remark in step_remarks(job, roof, schedule.dt):
+    for remark in step_remarks(job, setup, schedule.dt):
         say(remark)
 
 
-def _describe_memory(job: Job, roof: Roof, say) -> None:
-    net, state = roof.whole.net, roof.state
+def _describe_memory(job: Job, setup: Setup, say) -> None:
+    net, state = setup.model.net, setup.state
     n, m = net.n, net.m
     held = sum(getattr(state, f.name).nbytes for f in FIELDS if getattr(state, f.name) is not None)
     frames = job.output.frames + 1 if job.dynamics else 1
-    file = frames * (n * FRAME_BYTES["particle"] + m * FRAME_BYTES["element"]) + (
-        job.load.steps * (24 * n + 8 * m) if job.load else 0
-    )
+    file = frames * (n * FRAME_BYTES["particle"] + m * FRAME_BYTES["element"])
+    file += job.load.steps * (24 * n + 8 * m) if job.load else 0
     say(
-        f"memory: {held / 1e6:.3g} MB for the state ({held / m:.0f} bytes an element) and {SETUP_BYTES * m / 1e6:.3g} MB on rank 0 at set-up, beside "
-        f"some 250 MB for Python on each rank; result file about {max(file, 1e5) / 1e6:.3g} MB"
+        f"memory: {held / 1e6:.3g} MB for the state ({held / m:.0f} bytes an element) and {SETUP_BYTES * m / 1e6:.3g} "
+        f"MB on rank 0 at set-up, beside some 250 MB for Python on each rank; result file about "
+        f"{max(file, 1e5) / 1e6:.3g} MB"
     )
-    if (
-        np.isfinite(net.fracture_strain).any()
-        and job.wind is None
-        and job.dynamics
-        and not (job.load and (job.load.dead or job.load.pressure is not None))
-    ):
+    loaded = job.wind or (job.load and (job.load.dead or job.load.pressure is not None))
+    if np.isfinite(net.fracture_strain).any() and job.dynamics and not loaded:
         say("note: elements can break, but neither wind nor load acts on the roof")

@@ -1,118 +1,46 @@
 """The dynamic stage: from the initial state through gusts and fractures to the end (paper 2.5 step 3, 3, 4)."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import numpy as np
 from mpi4py import MPI
 
 from netfall.errors import DivergedError
 from netfall.mechanics.events import Event
 from netfall.mechanics.fracture import FractureRules, break_elements
-from netfall.mechanics.state import State
-from netfall.net.net import GRAVITY, Net
-from netfall.output.progress import Progress
-from netfall.output.result import Result
+from netfall.net.net import GRAVITY
 from netfall.parallel.halo import Halo
 from netfall.solve.energy import Energies, take_snapshot, total_energies
+from netfall.solve.history import History
 from netfall.solve.restart import interrupted
-from netfall.solve.stop import StopRequest
 from netfall.solve.windload import WindLoad
 from netfall.step.loop import Interval
 from netfall.step.plan import Plan, halo_width
 
-ROUNDING = 1e-9  # of a step: a time this close to one counts as on it
-QUOTIENT = 4.0 * np.finfo(float).eps  # of a time divided by the step: its rounding, which counts in long runs
 LOOK_STEPS = 100_000  # at most, between looks at the wish to stop: a tenth of a second on the smallest net
 LOOK_WORK = 200_000_000  # steps of an element, at most, between them: two seconds on one rank
-
-
-def step_at(times, dt: float):
-    """Numbers of the first steps of length dt [s] at or after the times [s], as whole floats."""
-    steps = times / dt
-    return np.ceil(steps - np.maximum(ROUNDING, QUOTIENT * steps))
-
-
-@dataclass(frozen=True)
-class Schedule:
-    """Steps of one length dt [s], and the step numbers at which something is due."""
-
-    dt: float
-    steps: int
-    history: np.ndarray
-    frames: np.ndarray
-    checkpoints: np.ndarray
-    stable_dt: float  # s, for which fragments are stable: longer than the step by the margin of safety
-
-    def step_at(self, time: float) -> int:
-        """First step at or after a time [s]."""
-        return int(step_at(time, self.dt))
-
-
-def make_schedule(limit: float, dynamics, output) -> Schedule:
-    """Steps for the job: its own length, or for "auto" the largest within `limit` [s] that fits the history rows."""
-    if dynamics.time_step == "auto":
-        every = min(output.history, dynamics.duration)
-        dt = every / max(1.0, np.ceil(every / (dynamics.safety * limit) - ROUNDING))
-    else:
-        dt = dynamics.time_step
-    steps = max(1, int(step_at(dynamics.duration, dt)))
-    rows = np.arange(int(np.floor(steps * dt / output.history + ROUNDING)) + 1) * output.history
-    frames = np.linspace(0.0, steps * dt, output.frames + 1)
-    at = lambda times: np.unique(np.append(np.minimum(step_at(times, dt), steps), steps)).astype(np.int64)
-    every = output.checkpoint
-    saves = np.arange(1, int(np.floor(steps * dt / every)) + 1) * every if every > 0 else np.zeros(0)
-    saves = step_at(saves, dt).astype(np.int64)
-    return Schedule(
-        float(dt), steps, at(rows), at(frames), saves[saves < steps], float(min(dt / dynamics.safety, limit))
-    )
-
-
-@dataclass
-class Probes:
-    """Particles and elements whose histories are kept, in global numbers."""
-
-    particles: np.ndarray
-    elements: np.ndarray
-
-
-def find_probes(net: Net, places) -> Probes:
-    """The particles nearest in plan to the places (p, 2) [m], and the elements that meet there."""
-    particles = [int(np.argmin(np.sum((net.x[:, :2] - np.array(place)) ** 2, axis=1))) for place in places]
-    return Probes(np.array(particles, np.int64), np.flatnonzero(np.isin(net.elements, particles).any(1)))
 
 
 class Simulation:
     """One run of the dynamic stage on all ranks.
 
     Order of events at a step n: the wind moves on to the samples around t(n); the history row; the frame; then
-    the steps to the next target, in which elements part as they reach their fracture strain. In a long way to
+    the steps to the next target, in which elements break as they reach their fracture strain. In a long way to
     a target all ranks look at the same steps whether one of them has been asked to stop.
     """
 
     def __init__(
-        self,
-        comm: MPI.Comm,
-        state: State,
-        result: Result,
-        schedule: Schedule,
-        job,
-        wind: WindLoad | None,
-        probes: Probes,
-        start_strain: float,
-        start_plastic: float,
-        progress: Progress,
-        stop: StopRequest,
-        save: Callable,
-        phases,
+        self, run, wind: WindLoad | None, history: History, start_strain: float, start_plastic: float
     ):
-        """save(simulation) : writes a checkpoint and returns its path. Collective. phases : `roof.Phases`"""
-        self.comm, self.state, self.result, self.schedule = comm, state, result, schedule
+        """run : `run.Run`; start_strain, start_plastic : [J] from which energies count. Collective."""
+        job, schedule, distribution = run.job, run.schedule, run.setup.distribution
+        self.comm, self.state, self.schedule = run.comm, run.setup.state, schedule
+        self.log, self.history, self.wind = run.log, history, wind
+        self.result, self.progress, self.phases = run.result, run.progress, run.phases
+        self.stop, self.save = run.stop, run.saver
         self.zeta = job.dynamics.damping
         self.after_fracture = job.wind.after_fracture if job.wind else "none"
         self.rules = FractureRules(
-            particles=result.distribution.n,
-            element_gid=result.distribution.piece.element_gid,
+            particles=distribution.n,
+            element_gid=distribution.subdomain.element_gid,
             gravity=GRAVITY,
             own_weighs=bool(job.load and job.load.self_weight),
             carried_weighs=bool(job.load and job.load.dead),
@@ -120,22 +48,20 @@ class Simulation:
             dt=schedule.dt,
             stable_dt=schedule.stable_dt,
         )
-        self.wind = wind
-        self.progress = progress
-        self.halo = Halo(comm, result.distribution.piece, halo_width(state))
-        self.plan = Plan(state, self.halo)
+        self.subdomain, self.model = distribution.subdomain, run.setup.model
+        self.halo = Halo(run.comm, self.subdomain, halo_width(self.state))
+        self.plan = Plan(self.state, self.halo)
         self.n = 0  # step number: x(n), v(n-1/2)
         self.before_dt = 0.0
         self.events: list[Event] = []  # of this rank, not yet shared
-        self.start_strain, self.start_plastic = start_strain, start_plastic  # J; energies count from here
+        self.start_strain, self.start_plastic = start_strain, start_plastic
         self.largest_work = 0.0
         self.slack = 0
-        self.stop, self.save, self.phases = stop, save, phases
         self.stopping = False
-        self.look_every = max(1, min(LOOK_STEPS, LOOK_WORK // max(1, result.distribution.m)))  # steps
-        self._find_probes(probes)
-        with phases.phase("time loop"):  # compiled, or loaded
-            self.plan.run(Interval(0, 0, 0.0, schedule.dt, self.zeta, 0.0, 1.0), phases.of_steps)
+        self.look_every = max(1, min(LOOK_STEPS, LOOK_WORK // max(1, distribution.m)))  # steps
+        self._find_probe_rows()
+        with self.phases.phase("time loop"):  # compiled, or loaded
+            self.plan.run(Interval(0, 0, 0.0, schedule.dt, self.zeta, 0.0, 1.0), self.phases.of_steps)
 
     @property
     def time(self) -> float:
@@ -152,11 +78,11 @@ class Simulation:
         for target in sorted(
             step
             for step in history | frames | saves
-            if step > self.n or (self.n == 0 and not self.result.history)
+            if step > self.n or (self.n == 0 and not len(self.history))
         ):
             self.advance_to(target)
             with self.phases.phase("dynamics: output"):
-                snapshot = self.look()
+                snapshot = self.snapshot()
                 self.share_events(snapshot.slack)
                 if target in history or target in saves:
                     energies = self.check_energies(snapshot)
@@ -169,10 +95,10 @@ class Simulation:
                     self.leave()
                 if target in saves:
                     self.save(self)
-        self.result.write_final(self.state, self.look())
+        self.result.write_final(self.state, self.snapshot())
         self.halo.free()
 
-    def look(self):
+    def snapshot(self):
         """Snapshot of the present step, with the wind at its time."""
         if self.wind:
             self.wind.advance(self.state, self.n, self.schedule.step_at)
@@ -207,7 +133,7 @@ class Simulation:
             if self.wind:
                 self.wind.advance(self.state, self.n, self.schedule.step_at)
                 stop = min(stop, self.wind.due(self.schedule.step_at))
-            if self.after_fracture == "all" and not self.result.log.events:
+            if self.after_fracture == "all" and not self.log.events:
                 self.advance_until_first_fracture(stop)
             else:
                 self.advance_block(stop)
@@ -219,7 +145,7 @@ class Simulation:
 
     def leave(self) -> None:
         """End here, with a checkpoint, because that is asked for. Raises Interrupted. Collective."""
-        self.check_energies(self.look())
+        self.check_energies(self.snapshot())
         raise interrupted(f"at t = {self.time:.6g} s (step {self.n})", self.save(self))
 
     def advance_block(self, stop: int) -> None:
@@ -265,7 +191,7 @@ class Simulation:
         events, self.slack, stopping = counts.tolist()
         self.stopping = stopping > 0
         if events:
-            self.result.log.add([event for part in self.comm.allgather(self.events) for event in part])
+            self.log.add([event for part in self.comm.allgather(self.events) for event in part])
             self.events = []
 
     def check_energies(self, snapshot) -> Energies:
@@ -285,80 +211,65 @@ class Simulation:
         scale = self.largest_work or 1.0
         identity = e.kinetic + e.internal + e.damping - e.external
         balance = e.kinetic + strain + plastic + e.damping - e.external
-        self.result.history.append(
-            [
-                self.time,
-                self.schedule.dt,
-                e.kinetic,
-                strain,
-                plastic,
-                e.damping,
-                e.external,
-                identity / scale,
-                balance / scale,
-                self.slack,
-                len(self.result.log.broken),
-            ]
+        self.history.add(
+            self._probe_values(snapshot),
+            time=self.time,
+            time_step=self.schedule.dt,
+            kinetic_energy=e.kinetic,
+            strain_energy=strain,
+            plastic_dissipation=plastic,
+            damping_work=e.damping,
+            external_work=e.external,
+            identity_error=identity / scale,
+            balance_error=balance / scale,
+            slack=self.slack,
+            broken=len(self.log.broken),
         )
-        self.result.probes.append(self._probe_values(snapshot))
 
     def stop_diverged(self, snapshot, kinetic: float) -> None:
         """Name the fastest particle and the element with the largest strain, and stop on every rank."""
         speed = np.nan_to_num(np.abs(snapshot.velocity).max(1, initial=0.0), nan=np.inf)
-        speed[
-            ~self.state.free[snapshot.rows].any(1)
-        ] = -1.0  # a support takes over what is no number from its neighbours
+        held = ~self.state.free[snapshot.rows].any(1)
+        speed[held] = -1.0  # a support takes over what is no number from its neighbours
         strain = np.nan_to_num(np.abs(snapshot.eps), nan=np.inf)
-        piece = self.result.distribution.piece
         here = (
             speed.max(initial=-1.0),
             int(self.state.gid[snapshot.rows[speed.argmax()]]) if len(speed) else -1,
             strain.max(initial=-1.0),
-            int(piece.element_gid[strain.argmax()]) if len(strain) else -1,
+            int(self.subdomain.element_gid[strain.argmax()]) if len(strain) else -1,
         )
         every = self.comm.allgather(here)
         particle, element = max(every, key=lambda h: h[0])[1], max(every, key=lambda h: h[2])[3]
+        node, element = self.comm.bcast(
+            self.model and (self.model.node_name(particle), self.model.id_of(element))
+        )
         raise DivergedError(
-            f"diverged at t = {self.time:.6g} s (step {self.n}): kinetic energy {kinetic:.3g} J is out of all proportion to the "
-            f"external work; fastest particle {particle}, most strained element {element}; take a smaller time_step or safety"
+            f"diverged at t = {self.time:.6g} s (step {self.n}): kinetic energy {kinetic:.3g} J is out of all "
+            f"proportion to the external work; fastest: {node}, most strained: element {element}; "
+            "take a smaller time_step or safety"
         )
 
-    def _find_probes(self, probes: Probes) -> None:
-        piece = self.result.distribution.piece
-        self.probes = probes
-        self._probe_rows = [
-            (k, int(row))
-            for k, gid in enumerate(probes.particles)
-            for row in np.flatnonzero(piece.particle_gid[: piece.n_owned] == gid)
+    def _find_probe_rows(self) -> None:
+        """Local rows of the probes that this rank owns, each with its place among the probes."""
+        subdomain, probes = self.subdomain, self.history.probes
+        rows = lambda numbers, sought: [
+            (k, int(row)) for k, gid in enumerate(sought) for row in np.flatnonzero(numbers == gid)
         ]
-        self._probe_elements = [
-            (k, int(row))
-            for k, gid in enumerate(probes.elements)
-            for row in np.flatnonzero(piece.element_gid == gid)
-        ]
+        self._probe_rows = rows(subdomain.particle_gid[: subdomain.n_owned], probes.particles)
+        self._probe_elements = rows(subdomain.element_gid, probes.elements)
 
     def _probe_values(self, snapshot) -> np.ndarray:
         """Displacements (p, 3) and tensions (k,) of the probes in one row, the same on every rank."""
-        values = np.zeros(3 * len(self.probes.particles) + len(self.probes.elements))
+        particles, elements = len(self.history.probes.particles), len(self.history.probes.elements)
+        values = np.zeros(3 * particles + elements)
         for k, row in self._probe_rows:
             values[3 * k : 3 * k + 3] = self.state.x[row] - self.state.x_start[row]
         for k, row in self._probe_elements:
             if self.state.owned[row]:
-                values[3 * len(self.probes.particles) + k] = snapshot.N[row]
+                values[3 * particles + k] = snapshot.N[row]
         values += 0.0  # no negative zeros
         self.comm.Allreduce(MPI.IN_PLACE, values, MPI.SUM)  # one term each but for zeros, so exact
         return values
-
-    def wind_record(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Times (t,) [s] and gusts (t, c) [m/s] of the samples over the simulated time, for the result file."""
-        if not self.wind:
-            return None
-        last = next(
-            (k for k, (time, _) in enumerate(self.wind.samples) if time >= self.time),
-            len(self.wind.samples) - 1,
-        )
-        used = self.wind.samples[: last + 1]
-        return np.array([time for time, _ in used]), np.array([gust for _, gust in used])
 
     def report(self) -> None:
         """Progress on rank 0."""
@@ -369,5 +280,5 @@ class Simulation:
             f"t = {self.time:.3f} s",
             self.n,
             "steps",
-            f"slack {self.slack}, broken {len(self.result.log.broken)}",
+            f"slack {self.slack}, broken {len(self.log.broken)}",
         )

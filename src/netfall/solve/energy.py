@@ -17,7 +17,7 @@ from netfall.mechanics.elements import ElementState, add_tensions, element_energ
 from netfall.mechanics.loads import external_force, squared_speed
 from netfall.mechanics.motion import inverse_mass, kicked, make_kick
 from netfall.mechanics.state import State
-from netfall.parallel.exact import exact_sums
+from netfall.parallel.sums import exact_sums
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,12 @@ from netfall.compile import kernel
 from netfall.errors import DivergedError, InputError
 from netfall.mechanics.elements import add_tensions
 from netfall.net.net import Net
-from netfall.parallel.distribute import Distribution
+from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
-from netfall.parallel.root import on_root
-from netfall.solve.relax import Relaxation, largest_residual, relax
-from netfall.solve.stop import NEVER, StopRequest
+from netfall.parallel.subdomain import Distribution
+from netfall.solve.relaxation import Net as RelaxedNet
+from netfall.solve.relaxation import Relaxation, geometric_stiffness, largest_residual, relax
+from netfall.stop import NEVER, StopRequest
 
 
 @dataclass
@@ -93,7 +94,7 @@ class _Elements:
 
     def __init__(self, distribution: Distribution, net: Net | None, x: np.ndarray, modulus_factor: float):
         column = lambda name: distribution.elements(None if net is None else getattr(net, name))
-        self.ends = distribution.piece.ends
+        self.ends = distribution.subdomain.ends
         self.bar = column("bar").astype(np.uint8)
         self.T0, self.q, EA = (
             column("prestress"),
@@ -115,7 +116,7 @@ class _Elements:
 
     def bound(self, x):
         """Upper bound (m,) [N/m] of the stiffness, axial and transverse."""
-        return self.stiffness + np.abs(self.N) / np.maximum(self.L, 1e-300)
+        return self.stiffness + geometric_stiffness(self.N, self.L)
 
 
 def find_form(
@@ -153,11 +154,7 @@ def find_form(
     iterations, residual = relax(
         comm,
         halo,
-        x,
-        free,
-        elements.ends,
-        elements.forces,
-        elements.bound,
+        RelaxedNet(x, free, elements.ends, elements.forces, elements.bound),
         settings.tolerance * reference,
         settings.max_iterations,
         "form finding",

@@ -8,6 +8,7 @@ from mpi4py import MPI
 
 from netfall.errors import Interrupted
 from netfall.job.read import Job
+from netfall.mechanics.events import COLUMNS
 from netfall.mechanics.state import State
 from netfall.output.checkpoint import (
     KEPT,
@@ -17,21 +18,23 @@ from netfall.output.checkpoint import (
     remove_older,
     write_checkpoint,
 )
-from netfall.output.result import Result, find_segments
-from netfall.parallel.distribute import Distribution
-from netfall.parallel.root import on_root
+from netfall.output.result import Result
+from netfall.output.segments import find_segments
+from netfall.parallel.agree import on_root
+from netfall.parallel.subdomain import Distribution
 from netfall.solve.form_finding import Form
-from netfall.solve.relax import Paused, Relaxation
+from netfall.solve.relaxation import Paused, Relaxation
 
-PREFIX = "wind_"  # of the wind's arrays in a checkpoint
+PREFIX, EVENTS = "wind_", "events_"  # of the arrays of the wind and of the log in a checkpoint
 RELAXED = ("x", "v", "mass")  # arrays of a relaxation
 
 
 class Saver:
     """Writes the checkpoints of a run and keeps the last two; given : the one that the run goes on from."""
 
-    def __init__(self, comm: MPI.Comm, job: Job, roof, given: Path | None):
-        self.comm, self.job, self.roof, self.given = comm, job, roof, given
+    def __init__(self, job: Job, setup, result: Result, given: Path | None):
+        self.job, self.setup, self.result, self.given = job, setup, result, given
+        self.comm = result.comm
         self.kept: list[Path] = []  # written by this run
         self.statics = None  # the static stage, as far as it is done
 
@@ -44,54 +47,44 @@ class Saver:
 
     def __call__(self, simulation) -> Path:
         """Write a checkpoint of the simulation at its present step; its path. Collective."""
-        record, arrays = {"simulation": simulation.record()}, {}
+        record, arrays = {"simulation": simulation.record()}, simulation.history.arrays()
         if simulation.wind:
             wind = simulation.wind.record()
             record["wind"] = {"k": wind["k"], "step": wind["history"].get("step")}
-            arrays = {
+            arrays |= {
                 f"{PREFIX}time": wind["time"],
                 f"{PREFIX}gust": wind["gust"],
                 f"{PREFIX}past": wind["history"].get("past", np.zeros(0)),
             }
-        return self._write("dynamics", simulation.n, simulation.state, simulation.result, record, arrays)
+        return self._write("dynamics", simulation.n, simulation.state, record, arrays)
 
-    def pause_statics(self, result: Result, pause: Paused) -> Path:
+    def pause_statics(self, pause: Paused) -> Path:
         """Write a checkpoint of the static stage where its relaxation was paused; its path. Collective."""
         self.statics = pause.path
-        record, arrays = relaxation_record(result.distribution, pause.at)
-        return self._write(
-            "statics",
-            sum(pause.path.iterations) + pause.at.iteration,
-            self.roof.state,
-            result,
-            record,
-            arrays,
-        )
+        record, arrays = relaxation_record(self.result.distribution, pause.at)
+        step = sum(pause.path.iterations) + pause.at.iteration
+        return self._write("statics", step, self.setup.state, record, arrays)
 
-    def _write(
-        self, stage: str, step: int, state: State, result: Result, own_record: dict, own_arrays: dict
-    ) -> Path:
+    def _write(self, stage: str, step: int, state: State, own_record: dict, own_arrays: dict) -> Path:
+        result, setup = self.result, self.setup
         rows = result.cut()
         path = checkpoint_path(result.path, stage, step)
-        record, arrays = result.record()
-        record |= {
-            "job": self.roof.digest,
+        record = result.record() | {
+            "job": setup.digest,
             "name": self.job.title or self.job.name,
             "stage": stage,
             "result": result.path.name,
             "rows": rows,
-            "residual": self.roof.residual,
+            "residual": setup.residual,
             "statics": asdict(self.statics) if self.statics else None,
-        } | own_record
-        if self.roof.form:
-            record["form"] = {
-                "iterations": self.roof.form.iterations,
-                "residual": self.roof.form.residual,
-                "reference": self.roof.form.reference,
-            }
-        if self.roof.whole:
-            arrays |= {"x": self.roof.whole.x, "N": self.roof.whole.N}
-        write_checkpoint(self.comm, path, state, result, record, arrays | own_arrays)
+        }
+        if setup.form:
+            names = ("iterations", "residual", "reference")
+            record["form"] = {name: getattr(setup.form, name) for name in names}
+        arrays = {f"{EVENTS}{name}": values for name, values in result.log.columns().items()}
+        if setup.model:
+            arrays |= {"x": setup.model.x, "N": setup.model.N}
+        write_checkpoint(self.comm, path, state, result, record | own_record, arrays | own_arrays)
         self.kept = [p for p in self.kept if p != path] + [path]
         if self.comm.rank == 0:
             self._remove_older(result.path)
@@ -102,7 +95,7 @@ class Saver:
         for old in self.kept[:-KEPT]:
             if not (self.given and old.exists() and old.samefile(self.given)):
                 old.unlink(missing_ok=True)
-        remove_older(self.kept[-1], result, self.roof.digest, self.given)
+        remove_older(self.kept[-1], result, self.setup.digest, self.given)
 
 
 def interrupted(when: str, path: Path) -> Interrupted:
@@ -195,15 +188,9 @@ def _split_numbers(checkpoint: Checkpoint) -> np.ndarray:
 
 
 def restore_result(comm: MPI.Comm, result: Result, checkpoint: Checkpoint | None, digest: str) -> None:
-    """The result file's parts so far, and what was kept of it in memory. Collective."""
-    record, arrays = comm.bcast(
-        (
-            checkpoint.record,
-            {k: v for k, v in checkpoint.arrays.items() if k.startswith(("events_", "history", "probes"))},
-        )
-        if checkpoint
-        else None
-    )
+    """The log of fractures and the result file's parts so far. Collective."""
+    known = lambda: {name: checkpoint.arrays[f"{EVENTS}{name}"] for name in COLUMNS}
+    record, events = comm.bcast((checkpoint.record, known()) if checkpoint else None)
 
     def segments():
         folder = checkpoint.path.parent
@@ -212,7 +199,15 @@ def restore_result(comm: MPI.Comm, result: Result, checkpoint: Checkpoint | None
         return find_segments(folder, record["segments"], record["rows"], results, digest, target)
 
     found = comm.bcast(on_root(comm, segments))
-    result.restore(record, arrays, record["rows"], found)
+    result.log.restore(events)
+    result.restore(record, record["rows"], found)
+
+
+def restore_history(comm: MPI.Comm, history, checkpoint: Checkpoint | None) -> None:
+    """The rows of the history so far. Collective."""
+    history.restore(
+        comm.bcast({name: checkpoint.arrays[name] for name in history.arrays()} if checkpoint else None)
+    )
 
 
 def restore_wind(comm: MPI.Comm, wind, state: State, checkpoint: Checkpoint | None) -> None:

@@ -8,10 +8,12 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.mechanics.elements import add_stiffness
+from netfall.mechanics.material import axial_stiffness
 from netfall.mechanics.stability import Limit
 from netfall.mechanics.state import State
-from netfall.parallel.exact import exact_sums
 from netfall.parallel.halo import Halo
+from netfall.parallel.sums import exact_sums
+from netfall.solve.relaxation import geometric_stiffness
 
 CLOSE = 1e-4  # of omega_max^2: bound of what is missing, which is then added, so that the limit is on the safe side
 MOST = 300  # iterations; the bound is added whatever it is
@@ -23,7 +25,7 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
     s, owned = state, slice(state.n_owned)
     N, _, _, L = s.elements_now()
     direction = (s.x[s.ends[:, 1]] - s.x[s.ends[:, 0]]) / np.maximum(L, 1e-300)[:, None]
-    axial, transverse = np.where(N == 0.0, 0.0, s.EA / s.L0), np.maximum(N, 0.0) / np.maximum(L, 1e-300)
+    axial, transverse = axial_stiffness(N, s.EA, s.L0), geometric_stiffness(np.maximum(N, 0.0), L)
     moves = (s.free != 0) & (s.mass > 0.0)[:, None]
     root = np.where(moves, 1.0 / np.sqrt(np.where(s.mass > 0.0, s.mass, 1.0))[:, None], 0.0)
     shape, force = np.empty((s.n_local, 3)), np.empty((s.n_local, 3))

@@ -6,12 +6,8 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.errors import DivergedError
-from netfall.mechanics.state import State
-from netfall.output.result import Result
-from netfall.parallel.halo import Halo
 from netfall.solve.energy import take_snapshot
-from netfall.solve.relax import Paused, Relaxation, net_forces, relax
-from netfall.solve.stop import StopRequest
+from netfall.solve.relaxation import Paused, Relaxation, net_of, relax
 
 
 @dataclass
@@ -25,51 +21,33 @@ class StaticPath:
     iterations: list[int] = field(default_factory=list)
 
 
-def find_equilibrium(
-    comm: MPI.Comm,
-    state: State,
-    settings,
-    halo: Halo,
-    result: Result,
-    progress,
-    stop: StopRequest,
-    path: StaticPath | None,
-    resume: Relaxation | None,
-) -> StaticPath:
+def find_equilibrium(run, path: StaticPath | None, resume: Relaxation | None) -> StaticPath:
     """Bring the state to equilibrium under its load in equal steps. Collective.
 
-    path, resume : how far an earlier run came, and where within the load step after that; None: from the start
+    run : `run.Run`; path, resume : how far an earlier run came, and where within the load step after that; None:
+        from the start
 
-    Within a load step the plastic strains are those of the step before; what has flowed is kept at its end.
+    Within a load step the plastic strains are those of the step before; what has yielded is kept at its end.
+    Raises Paused where it is asked to stop, DivergedError where there is no equilibrium.
     """
+    comm, state, settings, progress = run.comm, run.setup.state, run.job.load, run.progress
     if path is None:
-        N = state.elements_now()[0]
-        path = StaticPath(
-            comm.allreduce(
-                max(np.abs(N).max(initial=0.0), np.abs(state.load[: state.n_owned]).max(initial=0.0)), MPI.MAX
-            )
-        )
+        largest = lambda values: np.abs(values).max(initial=0.0)
+        mine = max(largest(state.elements_now().N), largest(state.load[: state.n_owned]))
+        path = StaticPath(comm.allreduce(mine, MPI.MAX))
     progress.start()
 
-    def bound(x):
-        N, _, _, L = state.elements_now()
-        return state.EA / state.L0 + np.abs(N) / np.maximum(L, 1e-300)
-
     for step in range(len(path.load_factor) + 1, settings.steps + 1):
-        share = step / settings.steps
+        factor = step / settings.steps
         try:
             iterations, residual = relax(
                 comm,
-                halo,
-                state.x,
-                state.free,
-                state.ends,
-                net_forces(state, share),
-                bound,
+                run.setup.halo,
+                net_of(state, factor),
                 settings.tolerance * path.reference,
                 settings.max_iterations,
                 f"static load step {step} of {settings.steps}",
-                stop=stop,
+                stop=run.stop,
                 resume=resume,
             )
         except Paused as pause:
@@ -77,27 +55,31 @@ def find_equilibrium(
             raise
         resume = None
         snapshot = take_snapshot(state, 0.0, 1.0, 0.0, 0.0)
-        _stop_at_fracture(comm, state, snapshot, share, result)
+        _stop_at_fracture(run, snapshot, factor)
         if state.scene.plastic:
             state.dissipated[:] = snapshot.heat
             state.eps_p[:] = snapshot.eps_p
         slack = comm.allreduce(snapshot.slack)
-        path.load_factor.append(share)
+        path.load_factor.append(factor)
         path.residual.append(residual)
         path.slack.append(slack)
         path.iterations.append(iterations)
-        result.write_static_step(state, snapshot)
-        progress.at(share, f"load factor {share:.3f}", sum(path.iterations), "iterations", f"slack {slack}")
+        run.result.write_static_step(state, snapshot)
+        progress.at(factor, f"load factor {factor:.3f}", sum(path.iterations), "iterations", f"slack {slack}")
     return path
 
 
-def _stop_at_fracture(comm, state, snapshot, share, result):
+def _stop_at_fracture(run, snapshot, factor: float) -> None:
+    """A static stage has no fractures. Raises DivergedError where one is due."""
+    state, setup = run.setup.state, run.setup
     if not state.scene.fracture:
         return
-    over = result.distribution.piece.element_gid[snapshot.eps > state.eps_u]
-    first = comm.allreduce(int(over.min()) if len(over) else np.iinfo(np.int64).max, MPI.MIN)
-    if first < np.iinfo(np.int64).max:
+    none = np.iinfo(np.int64).max
+    over = setup.distribution.subdomain.element_gid[snapshot.eps > state.eps_u]
+    first = run.comm.allreduce(int(over.min()) if len(over) else none, MPI.MIN)
+    if first < none:
+        name = run.comm.bcast(setup.model and setup.model.id_of(first))
         raise DivergedError(
-            f"the static load breaks element {first} at load factor {share:.4g}: there is no static equilibrium to start from; "
-            "lower the load, or set steps = 0 to let it act at once in the dynamic stage"
+            f"the static load breaks element {name} at load factor {factor:.4g}: there is no static equilibrium to "
+            "start from; lower the load, or set steps = 0 to let it act at once in the dynamic stage"
         )

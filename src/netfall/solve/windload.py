@@ -7,7 +7,7 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.mechanics.state import State
-from netfall.parallel.distribute import Distribution
+from netfall.parallel.subdomain import Distribution
 from netfall.wind.field import WindField, particle_speeds
 
 CHUNK = 64  # samples that rank 0 sends at once
@@ -58,6 +58,12 @@ class WindLoad:
         rows = len(self.mean)
         for (_, gust), speed in ((before, state.speed_before), (after, state.speed_after)):
             particle_speeds(self.mean, self.corner, self.weight, gust, speed[:rows])
+
+    def record_until(self, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Times (t,) [s] and gusts (t, c) [m/s] of the samples up to the first at or after a time [s]."""
+        times = np.array([sample for sample, _ in self.samples])
+        last = min(int(np.searchsorted(times, time)), len(times) - 1)
+        return times[: last + 1], np.array([gust for _, gust in self.samples[: last + 1]])
 
     def due(self, step_at: Callable[[float], int]) -> int:
         """Number of the step at which the sample after the present is due; beyond every step after the last.

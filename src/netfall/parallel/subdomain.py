@@ -18,7 +18,7 @@ FAR = 4.0  # times farther apart in number than they need to be: then the given 
 
 
 @dataclass(frozen=True)
-class Piece:
+class Subdomain:
     """What one rank holds of the net. Immutable.
 
     particle_gid : (n_owned + n_halo,) global numbers of the rows; element_gid : (m,) ascending; ends : (m, 2) uint32 local rows (unsigned: compiled code then needs no test for negative ones)
@@ -43,8 +43,8 @@ class Piece:
         return len(self.particle_gid) - self.n_owned
 
 
-def cut_net(n: int, elements: np.ndarray, part: np.ndarray, ranks: int) -> list[Piece]:
-    """The pieces of all ranks, for a part (n,) of each particle."""
+def cut_net(n: int, elements: np.ndarray, part: np.ndarray, ranks: int) -> list[Subdomain]:
+    """The subdomains of all ranks, for a part (n,) of each particle."""
     owner = part[elements]  # (m, 2)
     crossing = np.flatnonzero(owner[:, 0] != owner[:, 1])
     holder = np.concatenate([owner[:, 0], owner[crossing, 1]])
@@ -63,7 +63,7 @@ def cut_net(n: int, elements: np.ndarray, part: np.ndarray, ranks: int) -> list[
         [(other, halos[other][part[halos[other]] == rank]) for other in np.unique(part[halos[rank]])]
         for rank in range(ranks)
     ]
-    pieces = []
+    subdomains = []
     for rank in range(ranks):
         boundary = (
             np.isin(owned[rank], np.concatenate([rows for _, rows in wanted[rank]]))
@@ -77,8 +77,8 @@ def cut_net(n: int, elements: np.ndarray, part: np.ndarray, ranks: int) -> list[
         sends = [local[rows] for _, rows in wanted[rank]]
         counts = np.bincount(part[halos[rank]], minlength=ranks)
         neighbours = tuple(int(other) for other, _ in wanted[rank])
-        pieces.append(
-            Piece(
+        subdomains.append(
+            Subdomain(
                 len(owned[rank]),
                 gid,
                 held[rank],
@@ -90,7 +90,7 @@ def cut_net(n: int, elements: np.ndarray, part: np.ndarray, ranks: int) -> list[
                 np.concatenate(sends + [np.zeros(0, np.int64)]).astype(np.uint32),
             )
         )
-    return pieces
+    return subdomains
 
 
 @allocating_kernel
@@ -156,35 +156,35 @@ def apart(order: np.ndarray, ends: np.ndarray) -> int:
 
 
 class Distribution:
-    """The pieces of a net on the ranks of a communicator. Rank 0 knows all of them, the others their own."""
+    """The subdomains of a net on the ranks of a communicator. Rank 0 knows all of them, the others their own."""
 
-    def __init__(self, comm: MPI.Comm, n: int, m: int, pieces: list[Piece] | None):
-        """Collective. pieces : on rank 0, of all ranks."""
+    def __init__(self, comm: MPI.Comm, n: int, m: int, subdomains: list[Subdomain] | None):
+        """Collective. subdomains : on rank 0, of all ranks."""
         self.comm = comm
         self.n, self.m = n, m
-        self._pieces = pieces
-        self.piece: Piece = comm.scatter(pieces)
+        self._subdomains = subdomains
+        self.subdomain: Subdomain = comm.scatter(subdomains)
 
     def particles(self, rows: np.ndarray | None) -> np.ndarray:
         """Owned and halo rows of a global array (n, ...) that rank 0 gives. Collective."""
         return self.comm.scatter(
-            None if self._pieces is None else [rows[p.particle_gid] for p in self._pieces]
+            None if self._subdomains is None else [rows[p.particle_gid] for p in self._subdomains]
         )
 
     def elements(self, rows: np.ndarray | None) -> np.ndarray:
         """Rows of a global array (m, ...) that rank 0 gives, for the elements of each rank. Collective."""
         return self.comm.scatter(
-            None if self._pieces is None else [rows[p.element_gid] for p in self._pieces]
+            None if self._subdomains is None else [rows[p.element_gid] for p in self._subdomains]
         )
 
     def gather_particles(self, rows: np.ndarray) -> np.ndarray | None:
         """Global array (n, ...) on rank 0 of the ranks' owned rows. Collective."""
-        parts = self.comm.gather(np.ascontiguousarray(rows[: self.piece.n_owned]))
+        parts = self.comm.gather(np.ascontiguousarray(rows[: self.subdomain.n_owned]))
         if parts is None:
             return None
         whole = np.empty((self.n,) + rows.shape[1:], rows.dtype)
-        for piece, part in zip(self._pieces, parts):
-            whole[piece.particle_gid[: piece.n_owned]] = part
+        for subdomain, part in zip(self._subdomains, parts):
+            whole[subdomain.particle_gid[: subdomain.n_owned]] = part
         return whole
 
     def gather_elements(self, rows: np.ndarray) -> np.ndarray | None:
@@ -193,6 +193,6 @@ class Distribution:
         if parts is None:
             return None
         whole = np.empty((self.m,) + rows.shape[1:], rows.dtype)
-        for piece, part in zip(self._pieces, parts):
-            whole[piece.element_gid] = part
+        for subdomain, part in zip(self._subdomains, parts):
+            whole[subdomain.element_gid] = part
         return whole

@@ -4,7 +4,7 @@ import numpy as np
 from mpi4py import MPI
 
 
-class Blocks:
+class Slabs:
     """Cuts the global rows 0 to total into one block for each writing rank: all of them, or rank 0 alone."""
 
     def __init__(self, comm: MPI.Comm, all_write: bool):

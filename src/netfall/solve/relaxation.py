@@ -8,6 +8,7 @@ step dt = 1. Serves form finding and statics alike; only the forces differ.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -15,10 +16,11 @@ from mpi4py import MPI
 from netfall.compile import kernel
 from netfall.errors import DivergedError
 from netfall.mechanics.elements import add_tensions
+from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.state import State
-from netfall.parallel.exact import LIMBS, add_exactly, rounded
 from netfall.parallel.halo import Halo
-from netfall.solve.stop import NEVER, StopRequest
+from netfall.parallel.sums import LIMBS, add_exactly, rounded
+from netfall.stop import NEVER, StopRequest
 
 MARGIN = 1.2  # on the virtual mass: the stiffness grows a little between two peaks
 LOOK_EVERY = 10  # iterations between looks at the residual, which take a reduction
@@ -93,14 +95,25 @@ def nodal_stiffness(ends, k, out):
         out[ends[e, 1]] += k[e]
 
 
+class Net(NamedTuple):
+    """What is relaxed: positions x (n, 3) [m], owned and halo, and what acts on them.
+
+    free : (n, 3), 1 where the axis can move; ends : (m, 2)
+    forces(x, f) : writes the total force f (n, 3) [N] of the owned particles
+    stiffness(x) : upper bound (m,) [N/m] of the elements' stiffness at x
+    """
+
+    x: np.ndarray
+    free: np.ndarray
+    ends: np.ndarray
+    forces: Callable[[np.ndarray, np.ndarray], None]
+    stiffness: Callable[[np.ndarray], np.ndarray]
+
+
 def relax(
     comm: MPI.Comm,
     halo: Halo,
-    x: np.ndarray,
-    free: np.ndarray,
-    ends: np.ndarray,
-    forces: Callable[[np.ndarray, np.ndarray], None],
-    stiffness: Callable[[np.ndarray], np.ndarray],
+    net: Net,
     tolerance: float,
     max_iterations: int,
     what: str,
@@ -108,15 +121,13 @@ def relax(
     stop: StopRequest = NEVER,
     resume: Relaxation | None = None,
 ) -> tuple[int, float]:
-    """Move x (n, 3) [m], owned and halo, to equilibrium; the iterations and the largest residual [N]. Collective.
+    """Move net.x to equilibrium; the iterations and the largest residual [N]. Collective.
 
-    forces(x, f) : writes the total force f (n, 3) [N] of the owned particles
-    stiffness(x) : upper bound (m,) [N/m] of the elements' stiffness at x
     tolerance : [N] of the largest residual; stop : a wish to pause; resume : where an earlier relaxation was paused
 
     Raises DivergedError when the iterations run out or the residual is no number, Paused if asked to stop.
     """
-    n_owned = halo.n_owned
+    x, free, n_owned = net.x, net.free, halo.n_owned
     f, v = np.zeros_like(x), np.zeros_like(x)
     kinetic, limbs = np.zeros(n_owned), np.zeros(LIMBS, np.int64)
     mass = np.ones_like(x)  # a column for each axis, all equal, to travel like a force
@@ -125,16 +136,17 @@ def relax(
         previous, rested, first = resume.previous, resume.rested, resume.iteration
         x[:], v[:], mass[:] = resume.x, resume.v, resume.mass
     for iteration in range(first, max_iterations + 1):
-        forces(x, f)
+        net.forces(x, f)
         if iteration % LOOK_EVERY == 0 or rested:
-            look = np.array([largest_residual(f, free, n_owned), stop.wanted])
-            comm.Allreduce(MPI.IN_PLACE, look, MPI.MAX)
-            residual, stopping = look.tolist()
+            mine = np.array([largest_residual(f, free, n_owned), stop.wanted])
+            comm.Allreduce(MPI.IN_PLACE, mine, MPI.MAX)
+            residual, stopping = mine.tolist()
             if residual <= tolerance:
                 return iteration, residual
             if not np.isfinite(residual):
                 raise DivergedError(
-                    f"{what}: the residual is no number after {iteration} iterations; check the net's geometry and sections"
+                    f"{what}: the residual is no number after {iteration} iterations; check the net's geometry and "
+                    "sections"
                 )
             report(iteration, residual)
             if stopping:
@@ -142,7 +154,7 @@ def relax(
         halo.update(f)
         if rested:
             total = np.zeros(len(x))
-            nodal_stiffness(ends, stiffness(x), total)
+            nodal_stiffness(net.ends, net.stiffness(x), total)
             mass[:] = np.where(total > 0.0, 0.5 * MARGIN * total, 1.0)[:, None]
             halo.update(mass)
         relax_step(x, v, f, mass, free, rested, n_owned, kinetic)
@@ -161,20 +173,29 @@ def relax(
     )
 
 
-def net_forces(state: State, share: float):
-    """Function (x, f) that writes the total forces f (n, 3) [N] under a share of the load, plastic state unchanged."""
+def net_of(state: State, factor: float) -> Net:
+    """The net of a state under a share of its load, plastic state unchanged."""
 
     def forces(x, f):
-        N, _, _, L = state.elements_now()
+        now = state.elements_now()
         f[:] = 0.0
-        add_tensions(x, state.ends, N, L, f)
-        f += share * state.load
+        add_tensions(x, state.ends, now.N, now.L, f)
+        f += factor * state.load
 
-    return forces
+    def stiffness(x):
+        now = state.elements_now()
+        return largest_stiffness(state.EA, state.L0) + geometric_stiffness(now.N, now.L)
+
+    return Net(state.x, state.free, state.ends, forces, stiffness)
 
 
-def state_residual(comm: MPI.Comm, state: State, share: float) -> float:
-    """Largest residual force [N] on a free axis at the present positions. Collective."""
+def geometric_stiffness(N: np.ndarray, L: np.ndarray) -> np.ndarray:
+    """Stiffness (m,) [N/m] across elements of length L (m,) [m] that carry N (m,) [N]."""
+    return np.abs(N) / np.maximum(L, 1e-300)
+
+
+def state_residual(comm: MPI.Comm, state: State, factor: float) -> float:
+    """Largest residual force [N] on a free axis at the present positions under a share of the load. Collective."""
     f = np.zeros_like(state.x)
-    net_forces(state, share)(state.x, f)
+    net_of(state, factor).forces(state.x, f)
     return comm.allreduce(largest_residual(f, state.free, state.n_owned), MPI.MAX)

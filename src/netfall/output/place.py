@@ -1,0 +1,73 @@
+"""The place of a result file: refused before the run if it could not be written at its end; kept from other runs."""
+
+import fcntl
+import os
+from pathlib import Path
+
+import h5py
+
+from netfall.errors import InputError
+from netfall.output.h5 import writing
+
+
+def check_place(path: Path) -> None:
+    """Refuse a result file that could not be written at the end. Raises InputError."""
+    folder = path.parent
+    if not folder.is_dir():
+        raise InputError(
+            f"{path}: the folder {folder} does not exist; make it, or give another place with -o"
+        )
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; give the name of a file with -o")
+    if not os.access(folder, os.W_OK):
+        raise InputError(
+            f"{path}: the folder {folder.resolve()} cannot be written to; give another place with -o"
+        )
+    if path.exists():
+        _check_replaceable(path)
+
+
+def _check_replaceable(path: Path) -> None:
+    """Refuse to write over what is no result of netfall, or is open elsewhere. (An old result is replaced, once the new one is whole.)"""
+    try:
+        with h5py.File(path, "r") as file:
+            ours = "provenance" in file
+    except BlockingIOError:
+        raise InputError(
+            f"{path}: another program has it open for writing; close it there, or give another name with -o"
+        ) from None
+    except OSError:
+        ours = False
+    if not ours:
+        raise InputError(
+            f"{path}: exists and is no result of netfall; move it away, or give another name with -o"
+        )
+
+
+def claim(path: Path):
+    """Reserve the name of a result for this process: an open lock file, for `release`. Raises InputError if another run has it.
+
+    The system gives up the lock of a process that ends, however it ends.
+    """
+    lock = path.with_name(f".{path.name}.lock")
+    while True:
+        with writing(path):
+            file = open(lock, "a")
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            file.close()
+            raise InputError(
+                f"{path}: another run is writing it at this moment; wait for it, or give another name with -o"
+            ) from None
+        except OSError:
+            return file  # a file system without locks
+        if lock.exists() and os.path.samestat(lock.stat(), os.fstat(file.fileno())):
+            return file
+        file.close()  # the run before removed it between the two calls
+
+
+def release(file) -> None:
+    """Give up what `claim` reserved."""
+    Path(file.name).unlink(missing_ok=True)
+    file.close()

@@ -1,0 +1,87 @@
+"""The history of a dynamic stage: rows by name, and those of the probes. The same on every rank."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netfall.net.net import Net
+
+OF_WORK = "share of the largest external work"
+UNITS = {  # column of /history: unit
+    "time": "s",
+    "time_step": "s",
+    "kinetic_energy": "J",
+    "strain_energy": "J",
+    "plastic_dissipation": "J",
+    "damping_work": "J",
+    "external_work": "J",
+    "identity_error": OF_WORK,
+    "balance_error": OF_WORK,
+    "slack": "cables",
+    "broken": "elements",
+}
+COUNTS = ("slack", "broken")
+
+
+@dataclass(frozen=True)
+class Probes:
+    """Particles and elements whose histories are kept, in global numbers."""
+
+    particles: np.ndarray
+    elements: np.ndarray
+
+
+def find_probes(net: Net, places) -> Probes:
+    """The particles nearest in plan to the places (p, 2) [m], and the elements that meet there."""
+    particles = [int(np.argmin(np.sum((net.x[:, :2] - np.array(place)) ** 2, axis=1))) for place in places]
+    return Probes(np.array(particles, np.int64), np.flatnonzero(np.isin(net.elements, particles).any(1)))
+
+
+class History:
+    """Rows so far; each has a value for every name of UNITS."""
+
+    def __init__(self, probes: Probes):
+        self.probes = probes
+        self.rows: dict[str, list] = {name: [] for name in UNITS}
+        self.probe_rows: list[np.ndarray] = []
+
+    def __len__(self) -> int:
+        return len(self.rows["time"])
+
+    def add(self, probe_row: np.ndarray, **values: float) -> None:
+        """A row. probe_row : displacements (p, 3) and tensions (k,) of the probes, one after the other"""
+        for name, column in self.rows.items():
+            column.append(values[name])
+        self.probe_rows.append(probe_row)
+
+    def largest(self, name: str) -> float:
+        """Largest absolute value of a column; nan if any is."""
+        return float(np.abs(self.rows[name]).max())
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """The rows as columns, for the result file and for checkpoints."""
+        kind = lambda name: np.int64 if name in COUNTS else np.float64
+        return {name: np.array(values, kind(name)) for name, values in self.rows.items()}
+
+    def probe_columns(self) -> dict[str, np.ndarray]:
+        """What was kept of the probes, as datasets of /history."""
+        particles, rows = len(self.probes.particles), len(self)
+        if not particles:
+            return {"probe_displacement": np.zeros((rows, 0, 3))}
+        values = np.array(self.probe_rows)
+        return {
+            "probe_displacement": values[:, : 3 * particles].reshape(rows, -1, 3),
+            "probe_tension": values[:, 3 * particles :],
+            "probe_particle": self.probes.particles,
+            "probe_element": self.probes.elements,
+        }
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What a continuation needs, for `restore`."""
+        columns = {f"history_{name}": values for name, values in self.columns().items()}
+        return columns | {"probe_rows": np.array(self.probe_rows)}
+
+    def restore(self, arrays: dict[str, np.ndarray]) -> None:
+        """Take up the rows of an earlier run."""
+        self.rows = {name: arrays[f"history_{name}"].tolist() for name in UNITS}
+        self.probe_rows = list(arrays["probe_rows"])

@@ -1,0 +1,183 @@
+"""The sentences of `run` and `check`: what the net is, what was found, what a user should know before the run."""
+
+from pathlib import Path
+
+import numpy as np
+
+from netfall.job.read import Job
+from netfall.mechanics.events import EventLog
+from netfall.mechanics.material import largest_stiffness
+from netfall.mechanics.stability import Limit
+from netfall.output.progress import Progress
+from netfall.parallel import partition
+from netfall.solve.history import History
+from netfall.solve.model import Model, scene_of
+from netfall.solve.schedule import Schedule
+from netfall.solve.setup import Setup
+from netfall.timings import Phases
+
+HALF_DIGIT = 2.0**-25  # of a single-precision number just below 1: what is less is lost when added to it
+AT_REST = 1e-6  # of the largest tension: a larger residual of the start is told
+
+
+def before_run(job: Job, setup: Setup, schedule: Schedule | None, progress: Progress) -> None:
+    """The lines that a user reads before the run, on rank 0."""
+    model = setup.model
+    if model is None:
+        return
+    progress.say(f"{net_line(model)}, roof {model.area.sum():.1f} m2")
+    for note in model.notes():
+        progress.say(f"note: {note}")
+    if setup.distribution.comm.size > 1:
+        progress.say(partition_line(model, setup.distribution.comm.size))
+    N = model.N
+    if setup.form:
+        progress.say(f"{form_line(setup)}; tensions {N.min():.4g} to {N.max():.4g} N")
+    elif starts_moving(setup):
+        progress.say(f"{start_note(setup)}, largest tension {setup.reference:.3g} N")
+    if schedule:
+        for limit in setup.limits.values():
+            progress.detail(limit_line(limit, model))
+        for remark in step_remarks(job, setup, schedule.dt):
+            progress.say(remark)
+
+
+def after_run(
+    setup: Setup, log: EventLog, history: History | None, path: Path, phases: Phases, progress: Progress
+):
+    """The last lines of a run, on rank 0."""
+    if setup.model is None:
+        return
+    if log.events:
+        first = log.events[0]
+        progress.say(
+            f"fractures: {len(log.broken)} elements, the first at t = {first.time:.4f} s "
+            f"(element {setup.model.id_of(first.element)})"
+        )
+    if history is not None:
+        identity, balance = history.largest("identity_error"), history.largest("balance_error")
+        if np.isfinite(identity):  # not without the audit
+            progress.say(
+                f"energy: work identity to {identity:.1e}, physical balance to {balance:.1e} of the largest "
+                "external work"
+            )
+    progress.say("time: " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in phases.seconds.items()))
+    progress.say(f"written: {path}")
+
+
+def net_line(model: Model) -> str:
+    """How large the net is."""
+    fixed = int((~model.moves).sum())
+    return f"net: {model.net.n} particles ({fixed} fixed), {model.net.m} elements"
+
+
+def partition_line(model: Model, ranks: int) -> str:
+    """How the net is split."""
+    elements = model.net.elements
+    return (
+        f"partition: {model.partition_source}, {partition.edge_cut(elements, model.part)} elements cut, "
+        f"fullest part {partition.imbalance(elements, model.part, ranks):.2f} of the mean"
+    )
+
+
+def form_line(setup: Setup) -> str:
+    """How well the form was found."""
+    reference = max(setup.form.reference, 1e-300)
+    return (
+        f"form finding: {setup.form.iterations} iterations, largest residual "
+        f"{setup.form.residual / reference:.2g} of the prestress; with the real material "
+        f"{setup.residual / reference:.2g}"
+    )
+
+
+def starts_moving(setup: Setup) -> bool:
+    """Whether the start is not in equilibrium."""
+    return setup.residual > AT_REST * max(setup.reference, 1e-300) and setup.residual > 0
+
+
+def start_note(setup: Setup) -> str:
+    """That the start is not in equilibrium."""
+    return f"note: the start is not in equilibrium: largest residual {setup.residual:.3g} N"
+
+
+def stages(job: Job) -> list[str]:
+    """The stages that the job has, in order."""
+    found = []
+    if job.form_finding:
+        found.append(f"form finding ({job.form_finding.method})")
+    if job.load and job.load.steps:
+        found.append(f"statics ({job.load.steps} load steps)")
+    if job.dynamics:
+        found.append(f"dynamics ({job.dynamics.duration:g} s)")
+    return found or ["none: the net alone"]
+
+
+def features(job: Job, model: Model) -> str:
+    """What the scene has, in words."""
+    scene, load = scene_of(job, model.net), job.load
+    words = (
+        ("yield", scene.plastic),
+        ("fracture", scene.fracture),
+        ("wind", scene.wind),
+        ("damping", bool(job.dynamics and job.dynamics.damping)),
+        ("self weight", bool(load and load.self_weight)),
+        ("dead load", bool(load and load.dead)),
+        ("static pressure", bool(load and load.pressure is not None)),
+        ("logarithmic strain", scene.logarithmic),
+        ("broken elements taken out", scene.fracture and not scene.fragments),
+        (f"{scene.precision} precision", scene.displaced),
+    )
+    return ", ".join(word for word, there in words if there) or "elastic elements alone"
+
+
+def limit_line(limit: Limit, model: Model) -> str:
+    """A step limit in words."""
+    meaning = {
+        "any_shape": "stable step, intact, in any shape",
+        "slackening": "step for cables that go slack and come taut again",
+        "after_fracture": "stable step after any fracture",
+        "assembled": "stable step of the net as it starts",
+    }[limit.name]
+    if limit.element < 0:
+        return f"{meaning}: no limit"
+    return f"{meaning}: {limit.dt:.4g} s, set by element {model.element_name(limit.element)}"
+
+
+def step_remarks(job: Job, setup: Setup, dt: float) -> list[str]:
+    """What a user should know of mass that was added, of the precision, and of a fixed step. dt : [s] the step"""
+    remarks = []
+    if setup.model.added is not None:
+        remarks.append(_added_mass(setup.model))
+    if job.dynamics.precision != "double":
+        remarks.append(_rounding(job.dynamics.precision, setup.model, dt))
+    limit = setup.limits["slackening"]
+    if job.dynamics.time_step != "auto" and job.dynamics.time_step > limit.dt:
+        element, length = setup.model.net.element_id[limit.element], setup.model.L0[limit.element]
+        remarks.append(
+            f"note: time_step = {job.dynamics.time_step:g} is above {limit.dt:.4g} s, from which on cables that go "
+            f"slack and come taut again gain energy (first: element {element}, {length:.3g} m): it is right as long "
+            "as short cables stay taut"
+        )
+    return remarks
+
+
+def _added_mass(model: Model) -> str:
+    added, own = model.added, model.mass - model.added
+    most = int(np.argmax(added / np.where(own > 0.0, own, 1.0)))
+    return (
+        f"mass scaling: {added.sum():.4g} kg of inertia added at {int((added > 0.0).sum())} of {len(added)} "
+        f"particles, {added.sum() / own[model.moves].sum():.2%} of what moves; at most "
+        f"{added[most] / own[most]:.2g} times a particle's own (node {model.net.node_id[most]})"
+    )
+
+
+def _rounding(precision: str, model: Model, dt: float) -> str:
+    stiffness = largest_stiffness(model.EA, model.L0)
+    stiffest = int(np.argmax(stiffness))
+    lost = f", and what is slower than {HALF_DIGIT / dt:.2g} m/s stands still with this step"
+    return (
+        f"note: {precision} precision: where displacements are near 1 m, tensions are rounded to "
+        f"{2.0 * HALF_DIGIT * stiffness[stiffest]:.2g} N in element {model.net.element_id[stiffest]} "
+        f"({model.L0[stiffest]:.3g} m)"
+        + ("" if precision == "mixed" else f'{lost} (precision = "mixed" lets it move)')
+    )

@@ -1,0 +1,147 @@
+"""A job made ready to step: model, form, state and limits, split over the ranks."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.compile import wake
+from netfall.errors import InputError
+from netfall.job.read import Job
+from netfall.mechanics.fields import FIELDS, Scene
+from netfall.mechanics.stability import Limit
+from netfall.mechanics.state import State
+from netfall.output.checkpoint import Checkpoint
+from netfall.parallel.agree import on_root
+from netfall.parallel.halo import Halo
+from netfall.parallel.subdomain import Distribution, cut_net
+from netfall.solve.form_finding import Form, find_form
+from netfall.solve.model import Model, make_model, model_digest, scene_of, set_initial
+from netfall.solve.relaxation import Paused, state_residual
+from netfall.solve.restart import interrupted, pause_form_finding, restore_relaxation, restored_form
+from netfall.solve.schedule import step_limits
+from netfall.solve.spectrum import assembled_limit
+from netfall.stop import NEVER, StopRequest
+from netfall.timings import Phases
+
+# Elements up to which each run finds the sharp limit of its step, in 10 ms at stadium size, half a second
+# here; beyond, where a fixed step needs it.
+LARGEST_SHARP = 50_000
+
+
+@dataclass
+class Setup:
+    """The job on one rank, ready for statics or dynamics."""
+
+    model: Model | None  # on rank 0
+    distribution: Distribution
+    state: State
+    halo: Halo
+    form: Form | None
+    residual: float  # N, of the prestressed net with the real material
+    reference: float  # N, largest tension of the initial state
+    limits: dict[str, Limit] = field(default_factory=dict)
+    digest: str = ""  # of job and net, for checkpoints
+    stage: str | None = None  # in which the run that is taken up was interrupted; None: a new run
+    checkpoint: Checkpoint | None = None  # of that run, on rank 0
+
+
+def prepare(
+    comm: MPI.Comm,
+    job: Job,
+    phases: Phases,
+    report: Callable = lambda iteration, residual: None,
+    result: Path | None = None,
+    restart: Path | None = None,
+    stop: StopRequest = NEVER,
+) -> Setup:
+    """The job in its initial state: form found, prestressed, loaded. Collective.
+
+    result : path of the result file, beside which a form finding that is stopped leaves a checkpoint
+    restart : the checkpoint to go on from
+
+    Raises InputError for what is wrong in the job, DivergedError if form finding does not converge,
+    Interrupted if `stop` asks for it.
+    """
+    with phases.phase("net and partition"):
+        if comm.rank > 0:
+            wake()  # while rank 0 reads the net
+        model = on_root(comm, lambda: make_model(job, comm.size))
+        net = model.net if model else None
+        n, m, scene = comm.bcast((net.n, net.m, scene_of(job, net)) if model else None)
+        cut = on_root(comm, lambda: cut_net(n, net.elements, model.part, comm.size))
+        distribution = Distribution(comm, n, m, cut)
+        halo = Halo(comm, distribution.subdomain, 3)
+    digest = comm.bcast(model_digest(job, net) if model else None)
+    checkpoint = on_root(comm, lambda: Checkpoint(restart, digest)) if restart else None
+    stage = comm.bcast(checkpoint and checkpoint.record["stage"])
+    with phases.phase("form finding"):
+        if stage in ("statics", "dynamics"):
+            form = _restored_initial(comm, job, model, checkpoint)
+        elif job.form_finding is not None:
+            try:
+                resume = restore_relaxation(distribution, checkpoint)
+                form = find_form(comm, net, distribution, job.form_finding, halo, report, stop, resume)
+            except Paused as pause:
+                path = pause_form_finding(job, result, digest, distribution, pause, restart)
+                raise interrupted(f"in form finding, iteration {pause.at.iteration}", path) from None
+            x, N = distribution.gather_particles(form.x), distribution.gather_elements(form.N)
+            on_root(comm, lambda: set_initial(job, model, x, N))
+        else:
+            form = None
+            on_root(comm, lambda: set_initial(job, model, net.x, None))
+    with phases.phase("state"):
+        state = make_state(distribution, model, scene)
+        residual = state_residual(comm, state, 0.0)
+        reference = comm.bcast(float(np.abs(model.N).max(initial=0.0)) if model else None)
+        if form is not None:
+            _check_form(job, form, residual)
+        limits = _limits(comm, job, model, scene, state, distribution, halo)
+    return Setup(
+        model, distribution, state, halo, form, residual, reference, limits, digest, stage, checkpoint
+    )
+
+
+def _restored_initial(comm: MPI.Comm, job: Job, model: Model | None, checkpoint: Checkpoint | None):
+    """The initial state of the run that is taken up; what is known of its form. Collective."""
+    form = comm.bcast(checkpoint and restored_form(checkpoint.record))
+    tension = checkpoint.arrays["N"] if checkpoint and job.form_finding else None
+    on_root(comm, lambda: set_initial(job, model, checkpoint.arrays["x"], tension))
+    return form
+
+
+def _check_form(job: Job, form: Form, residual: float) -> None:
+    """The prestressed net with the real material is in equilibrium too. Raises InputError."""
+    if not residual <= 1.001 * job.form_finding.tolerance * form.reference:
+        raise InputError(
+            f"{job.path}: [form_finding] tolerance = {job.form_finding.tolerance:g}: the prestressed net with the "
+            f"real material has a residual of {residual / form.reference:.3g} of the prestress; expected a "
+            "tolerance that rounding allows"
+        )
+
+
+def _limits(comm, job: Job, model: Model | None, scene, state, distribution, halo) -> dict[str, Limit]:
+    """Limits of the step by name. Collective."""
+    share = job.dynamics.fragment_mass if job.dynamics else 0.0
+    limits = comm.bcast(step_limits(model, scene, share) if model else None)
+    asked = job.dynamics.time_step if job.dynamics else "auto"
+    sharp = distribution.m <= LARGEST_SHARP or (asked != "auto" and asked > limits["any_shape"].dt)
+    if job.dynamics and sharp:
+        limits["assembled"] = assembled_limit(comm, state, distribution.subdomain.element_gid, halo)
+    return limits
+
+
+def make_state(distribution: Distribution, model: Model | None, scene: Scene) -> State:
+    """The state of one rank; fields that are `given` start with what the model has. Collective."""
+    subdomain = distribution.subdomain
+    width = int(np.bincount(subdomain.ends.ravel()).max(initial=0))
+    state = State(scene, subdomain.n_owned, subdomain.n_halo, len(subdomain.element_gid), width)
+    state.gid[:], state.ends[:] = subdomain.particle_gid, subdomain.ends
+    state.owned[:] = subdomain.element_owned
+    for row in FIELDS:
+        if row.given and scene.has(row):
+            spread = distribution.particles if row.entity == "particle" else distribution.elements
+            getattr(state, row.name)[:] = spread(None if model is None else getattr(model, row.name))
+    return state
