@@ -4,12 +4,9 @@ It is written under a temporary name and renamed at the end. Rows are appended i
 with an empty one included (h5py's own slicing would leave the others waiting for it in a collective write).
 """
 
-import fcntl
 import hashlib
 import itertools
 import os
-import shutil
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +14,7 @@ import h5py
 import numpy as np
 from mpi4py import MPI
 
-from netfall.errors import InputError, OutputError
+from netfall.output.place import writing
 from netfall.parallel.blocks import Blocks
 from netfall.parallel.root import on_all, on_root
 
@@ -25,55 +22,6 @@ PARALLEL = bool(h5py.get_config().mpi)
 CHUNK_BYTES = 1 << 18
 HELD_BYTES = 1 << 20  # of all ranks, that a dataset's blocks may wait for one another to be written together
 SEAL = b"netfall-sha256:"  # behind the HDF5 file, before the digest of all that precedes
-
-
-@contextmanager
-def writing(path: Path):
-    """What goes wrong in this block is reported as a failure to write `path`. Raises OutputError."""
-    try:
-        yield
-    except (OSError, RuntimeError) as error:  # h5py raises either
-        reason = (
-            os.strerror(error.errno)
-            if isinstance(error, OSError) and error.errno
-            else str(error).split(", errno")[0].strip()
-        )
-        try:
-            room = f"{shutil.disk_usage(path.parent).free / 1e6:.0f} MB are free in {path.parent.resolve()}"
-        except OSError:
-            room = f"the folder {path.parent} is gone"
-        raise OutputError(
-            f"{path}: cannot be written ({reason}); {room}; make room there or give another place with -o"
-        ) from error
-
-
-def claim(path: Path):
-    """Reserve the name of a result for this process: an open lock file, for `release`. Raises InputError if another run has it.
-
-    The system gives up the lock of a process that ends, however it ends.
-    """
-    lock = path.with_name(f".{path.name}.lock")
-    while True:
-        with writing(path):
-            file = open(lock, "a")
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            file.close()
-            raise InputError(
-                f"{path}: another run is writing it at this moment; wait for it, or give another name with -o"
-            ) from None
-        except OSError:
-            return file  # a file system without locks
-        if lock.exists() and os.path.samestat(lock.stat(), os.fstat(file.fileno())):
-            return file
-        file.close()  # the run before removed it between the two calls
-
-
-def release(file) -> None:
-    """Give up what `claim` reserved."""
-    Path(file.name).unlink(missing_ok=True)
-    file.close()
 
 
 @dataclass

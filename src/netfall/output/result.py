@@ -13,7 +13,8 @@ from mpi4py import MPI
 from netfall.errors import InputError
 from netfall.mechanics.state import State
 from netfall.net.net import Net
-from netfall.output.h5 import SharedFile, publish, writing
+from netfall.output.h5 import SharedFile, publish
+from netfall.output.place import writing
 from netfall.output.vtkhdf import VtkSeries
 from netfall.parallel.distribute import Distribution
 from netfall.parallel.root import on_root

@@ -14,13 +14,15 @@ import netfall
 from netfall.errors import DivergedError, InputError, Interrupted, OutputError
 from netfall.job.read import Job
 from netfall.net.net import Net
-from netfall.output.h5 import PARALLEL, claim, release
+from netfall.output.h5 import PARALLEL
+from netfall.output.place import claim, release
 from netfall.output.progress import Progress
 from netfall.output.result import Result, net_section
 from netfall.parallel import partition
 from netfall.parallel.root import on_root
 from netfall.solve.dynamics import Probes, Schedule, Simulation, find_probes, make_schedule
 from netfall.solve.energy import take_snapshot, total_energies
+from netfall.solve.relax import Paused
 from netfall.solve.restart import (
     Saver,
     interrupted,
@@ -29,7 +31,6 @@ from netfall.solve.restart import (
     restore_state,
     restore_wind,
 )
-from netfall.solve.relax import Paused
 from netfall.solve.roof import Phases, Roof, Whole, governing, prepare
 from netfall.solve.statics import StaticPath, find_equilibrium
 from netfall.solve.stop import NEVER, StopRequest

@@ -1,0 +1,58 @@
+"""The place of a file that a run writes: reserved for one run at a time; what goes wrong there, in words."""
+
+import fcntl
+import os
+import shutil
+from contextlib import contextmanager
+from pathlib import Path
+
+from netfall.errors import InputError, OutputError
+
+BUSY = "another run is writing it at this moment"  # why a name is refused for the time being
+
+
+@contextmanager
+def writing(path: Path):
+    """What goes wrong in this block is reported as a failure to write `path`. Raises OutputError."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:  # h5py raises either
+        reason = (
+            os.strerror(error.errno)
+            if isinstance(error, OSError) and error.errno
+            else str(error).split(", errno")[0].strip()
+        )
+        try:
+            room = f"{shutil.disk_usage(path.parent).free / 1e6:.0f} MB are free in {path.parent.resolve()}"
+        except OSError:
+            room = f"the folder {path.parent} is gone"
+        raise OutputError(
+            f"{path}: cannot be written ({reason}); {room}; make room there or give another place with -o"
+        ) from error
+
+
+def claim(path: Path):
+    """Reserve the name of a result for this process: an open lock file, for `release`. Raises InputError if another run has it.
+
+    The system gives up the lock of a process that ends, however it ends.
+    """
+    lock = path.with_name(f".{path.name}.lock")
+    while True:
+        with writing(path):
+            file = open(lock, "a")
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            file.close()
+            raise InputError(f"{path}: {BUSY}; wait for it, or give another name with -o") from None
+        except OSError:
+            return file  # a file system without locks
+        if lock.exists() and os.path.samestat(lock.stat(), os.fstat(file.fileno())):
+            return file
+        file.close()  # the run before removed it between the two calls
+
+
+def release(file) -> None:
+    """Give up what `claim` reserved."""
+    Path(file.name).unlink(missing_ok=True)
+    file.close()
