@@ -8,7 +8,7 @@ from mpi4py import MPI
 from netfall.job.read import Job
 from netfall.mechanics.state import FIELDS
 from netfall.net.build import build_net
-from netfall.solve.dynamics import Schedule
+from netfall.solve.dynamics import Schedule, probe_remarks
 from netfall.solve.roof import Phases, Roof, prepare, scene_of
 from netfall.solve.run import limit_line, schedule_of, step_remarks
 
@@ -108,6 +108,8 @@ def _describe_steps(job: Job, roof: Roof, schedule: Schedule, say) -> None:
         + (" (auto)" if job.dynamics.time_step == "auto" else "")
         + f"; expected run time about {seconds:.2g} s on one core"
     )
+    for remark in probe_remarks(roof.whole.net, roof.whole.x, job.output.probes):
+        say(remark)
     for remark in step_remarks(job, roof, schedule.dt):
         say(remark)
 

@@ -80,6 +80,20 @@ def find_probes(net: Net, places) -> Probes:
     return Probes(np.array(particles, np.int64), np.flatnonzero(np.isin(net.elements, particles).any(1)))
 
 
+def probe_remarks(net: Net, x: np.ndarray, places) -> list[str]:
+    """Notes on probes that lie farther from any node in plan than the longest element is; x (n, 3) [m] initial state."""
+    longest = np.sqrt(np.sum((x[net.elements[:, 1]] - x[net.elements[:, 0]]) ** 2, axis=1)).max(initial=0.0)
+    remarks = []
+    for place, p in zip(places, find_probes(net, places).particles):
+        away = float(np.hypot(*(net.x[p, :2] - np.array(place))))
+        if away > longest:
+            remarks.append(
+                f"note: [output] probes: [{place[0]:g}, {place[1]:g}] is {away:.4g} m away from every node, the longest element "
+                f"{longest:.4g} m long; its histories are those of node {net.node_id[p]}, at [{net.x[p, 0]:.6g}, {net.x[p, 1]:.6g}]"
+            )
+    return remarks
+
+
 class Simulation:
     """One run of the dynamic stage on all ranks.
 

@@ -20,7 +20,7 @@ from netfall.output.progress import Progress
 from netfall.output.result import Result, net_section
 from netfall.parallel import partition
 from netfall.parallel.root import on_root
-from netfall.solve.dynamics import Probes, Schedule, Simulation, find_probes, make_schedule
+from netfall.solve.dynamics import Probes, Schedule, Simulation, find_probes, make_schedule, probe_remarks
 from netfall.solve.energy import take_snapshot, total_energies
 from netfall.solve.relax import Paused
 from netfall.solve.restart import (
@@ -170,6 +170,11 @@ def schedule_of(job: Job, roof: Roof) -> Schedule:
     net = roof.whole.net
     if not automatic and job.dynamics.time_step > limit.dt:
         refuse_step(job, limit, roof, net)
+    if not automatic and job.dynamics.time_step > job.dynamics.duration:
+        raise InputError(
+            f"{job.path}: [dynamics] time_step = {job.dynamics.time_step:g}: longer than duration = "
+            f"{job.dynamics.duration:g} s; expected at most that"
+        )
     if not np.isfinite(limit.dt):
         raise InputError(f"{job.path}: [dynamics]: no particle of the net can move; free a node")
     dt = job.dynamics.safety * limit.dt if automatic else job.dynamics.time_step
@@ -315,7 +320,8 @@ def describe(job: Job, roof: Roof, schedule: Schedule | None, progress: Progress
     if schedule:
         for limit in roof.limits.values():
             progress.detail(limit_line(limit, roof.whole))
-        for remark in step_remarks(job, roof, schedule.dt):
+        probes = probe_remarks(roof.whole.net, roof.whole.x, job.output.probes)
+        for remark in step_remarks(job, roof, schedule.dt) + probes:
             progress.say(remark)
 
 
