@@ -119,3 +119,20 @@ def test_mpirun_passes_on_what_a_rank_writes():
     line = [str(BIN / "mpirun"), "-n", "1", sys.executable, "-c", code]
     done = subprocess.run(line, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
     assert done.returncode == 2 and done.stderr.startswith(text)
+
+
+def test_a_probe_far_from_the_net_is_noted(workshop):
+    """Place, distance by Pythagoras, and the node that stands in: 2 at [1, 1], 5 m from [4, 5]; a near one is not noted."""
+    job = workshop.job(TINY + "probes = [[1.5, 1.5], [4.0, 5.0]]\n", NODES, ELEMENTS)
+    done = run_netfall("run", job, "-o", workshop.folder / "result.vtkhdf")
+    (note,) = [line for line in done.stdout.splitlines() if "probes" in line]
+    assert "[4, 5] is 5 m away" in note and "longest element 2 m" in note and "node 2, at [1, 1]" in note
+    assert note in run_netfall("check", job).stdout
+
+
+def test_a_step_longer_than_the_duration_is_refused(workshop):
+    """It would be one step to a time that was not asked for."""
+    job = workshop.job(TINY, NODES, ELEMENTS)
+    values = ("--set", "dynamics.duration=5e-7")
+    line = the_line(run_netfall("run", job, "-o", workshop.folder / "result.vtkhdf", *values))
+    assert "time_step = 1e-06: longer than duration = 5e-07 s" in line

@@ -5,11 +5,11 @@ import shutil
 import h5py
 import numpy as np
 import pytest
-from netfall.solve.model import make_model, scene_of
 from random_nets import random_jobs
 from same_bits import differences
 
 from netfall.job.read import read_job
+from netfall.solve.model import make_model, scene_of
 
 
 @pytest.fixture

@@ -7,6 +7,10 @@ import numpy as np
 import pytest
 from conftest import STEEL, run_netfall
 
+from netfall.job.read import read_job
+from netfall.output.place import BUSY, claim, release
+from netfall.study.launch import RunFailed
+
 JOB = (
     '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n'
     + STEEL
@@ -127,3 +131,76 @@ def test_fracture_without_the_audit(workshop):
         audited["final/position"], bare["final/position"]
     )
     assert audited["events/mass"][:].min() > 0
+
+
+TABLES = STEEL + '[wind]\nfile = "wind.csv"\nshape_coefficient = -1.0\n[dynamics]\nduration = 0.02\n'
+NODES = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,1,0,0\n3,2,0,0,1\n"
+
+
+def with_tables(workshop):
+    """A job with three tables, and a study of it that runs in seconds."""
+    job = workshop.job(TABLES, NODES, "start,end\n1,2\n2,3\n3,1\n")
+    (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n1,20\n")
+    vary = ["--vary", "dynamics.safety=0.8", "--reference", "dynamics.safety=0.4", "--repeats", "1"]
+    return job, ["trade", job, *vary, "-o", workshop.folder]
+
+
+@pytest.mark.parametrize(
+    "table, old, new", [("wind.csv", "1,20", "1,30"), ("nodes.csv", "2,1,1,0,0", "2,1,1,0.1,0")]
+)
+def test_a_changed_table_is_run_again(workshop, table, old, new):
+    """Nothing is started while the tables stay; another number in one of them starts the reference anew."""
+    _, arguments = with_tables(workshop)
+    first = run_netfall(*arguments, cwd=workshop.folder)
+    assert first.returncode == 0, first.stderr
+    no_launcher = ("--launcher", "false {ranks}")
+    again = run_netfall(*arguments, *no_launcher, cwd=workshop.folder)
+    assert again.returncode == 0 and again.stdout == first.stdout
+    path = workshop.folder / table
+    path.write_text(path.read_text().replace(old, new))
+    changed = run_netfall(*arguments, *no_launcher, cwd=workshop.folder)
+    assert changed.returncode == 2 and "the reference was failed" in changed.stderr
+
+
+def test_what_failed_is_tried_again(workshop):
+    """A launcher that did not work leaves no outcome behind; nor does a study leave files of its runs."""
+    _, arguments = with_tables(workshop)
+    failed = run_netfall(*arguments, "--launcher", "false {ranks}", cwd=workshop.folder)
+    assert failed.returncode == 2 and "the reference was failed" in failed.stderr
+    done = run_netfall(*arguments, "--set", "output.checkpoint=0.005", cwd=workshop.folder)
+    assert done.returncode == 0, done.stderr
+    assert not [p.name for p in workshop.folder.iterdir() if p.name.startswith(".") or "checkpoint" in p.name]
+
+
+def test_a_second_study_of_the_same_table_is_refused_at_once(workshop):
+    """Two would write one file."""
+    _, arguments = with_tables(workshop)
+    claimed = claim(workshop.folder / "job_trade.h5")
+    try:
+        done = run_netfall(*arguments, cwd=workshop.folder)
+    finally:
+        release(claimed)
+    assert done.returncode == 2 and BUSY in done.stderr
+
+
+def test_a_busy_result_is_no_refusal():
+    """Exit code 2 because another run is writing: another time it may go. Because the input is wrong: it stays."""
+    assert RunFailed("netfall run", 2, f"a.vtkhdf: {BUSY}; wait for it").state == "failed"
+    assert RunFailed("netfall run", 2, "job.toml: [wind] speed: missing").state == "refused"
+
+
+def test_digest_of_a_job_is_that_of_what_it_computes(workshop):
+    """Overrides count by what they leave: the last of two counts, one that changes nothing does not; tables by content."""
+    job, _ = with_tables(workshop)
+    digest = lambda *overrides: read_job(job, overrides).digest()
+    plain = digest()
+    assert digest("cable.area=1e-3", "cable.area=2e-3") != digest("cable.area=2e-3", "cable.area=1e-3")
+    assert digest("cable.area=1e-3", "cable.area=2e-3") == digest("cable.area=2e-3")
+    assert digest("dynamics.damping=0", "wind.seed=2") == digest("wind.seed=2") != plain
+    assert [path.name for path in read_job(job).files()] == ["nodes.csv", "elements.csv", "wind.csv"]
+    for path in read_job(job).files():
+        before = path.read_bytes()
+        path.write_bytes(before + b"\n")
+        assert digest() != plain
+        path.write_bytes(before)
+    assert digest() == plain

@@ -41,9 +41,26 @@ class Job:
         """The job file's name without its ending."""
         return self.path.stem
 
+    def files(self) -> list[Path]:
+        """The files that the job reads: tables of the net and of the wind."""
+        named = [self.net.nodes, self.net.elements, self.wind and self.wind.file]
+        return [self.path.parent / name for name in named if name]
+
     def digest(self) -> str:
-        """Fingerprint of what was asked: file and overrides."""
-        return hashlib.sha256(json.dumps([self.text, sorted(self.overrides)]).encode()).hexdigest()
+        """Fingerprint of what was asked: the job file, the values that overrides leave, and all files that it reads.
+
+        Raises InputError for a file that cannot be read.
+        """
+        kept = {name: value for name, value in vars(self).items() if name not in ("path", "overrides")}
+        total = hashlib.sha256(json.dumps(kept, default=vars, sort_keys=True).encode())
+        for path in self.files():
+            try:
+                total.update(hashlib.sha256(path.read_bytes()).digest())
+            except OSError as error:
+                raise InputError(
+                    f"{path}: {error.strerror or error}; paths are relative to the job file"
+                ) from None
+        return total.hexdigest()
 
     def changes_net(self) -> bool:
         """Whether the command line overrides the net, so that files made for the job's own net do not apply."""

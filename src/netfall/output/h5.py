@@ -7,8 +7,6 @@ with an empty one included (h5py's own slicing would leave the others waiting fo
 import hashlib
 import itertools
 import os
-import shutil
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +14,7 @@ import h5py
 import numpy as np
 from mpi4py import MPI
 
-from netfall.errors import OutputError
+from netfall.output.place import writing
 from netfall.parallel.agree import on_all, on_root
 from netfall.parallel.slabs import Slabs
 
@@ -24,26 +22,6 @@ PARALLEL = bool(h5py.get_config().mpi)
 CHUNK_BYTES = 1 << 18
 HELD_BYTES = 1 << 20  # of all ranks, that a dataset's blocks may wait for one another to be written together
 SEAL = b"netfall-sha256:"  # behind the HDF5 file, before the digest of all that precedes
-
-
-@contextmanager
-def writing(path: Path):
-    """What goes wrong in this block is reported as a failure to write `path`. Raises OutputError."""
-    try:
-        yield
-    except (OSError, RuntimeError) as error:  # h5py raises either
-        reason = (
-            os.strerror(error.errno)
-            if isinstance(error, OSError) and error.errno
-            else str(error).split(", errno")[0].strip()
-        )
-        try:
-            room = f"{shutil.disk_usage(path.parent).free / 1e6:.0f} MB are free in {path.parent.resolve()}"
-        except OSError:
-            room = f"the folder {path.parent} is gone"
-        raise OutputError(
-            f"{path}: cannot be written ({reason}); {room}; make room there or give another place with -o"
-        ) from error
 
 
 @dataclass

@@ -1,13 +1,36 @@
-"""The place of a result file: refused before the run if it could not be written at its end; kept from other runs."""
+"""The place of a file that a run writes: reserved for one run at a time; what goes wrong there, in words."""
 
 import fcntl
 import os
+import shutil
+from contextlib import contextmanager
 from pathlib import Path
 
 import h5py
 
-from netfall.errors import InputError
-from netfall.output.h5 import writing
+from netfall.errors import InputError, OutputError
+
+BUSY = "another run is writing it at this moment"  # why a name is refused for the time being
+
+
+@contextmanager
+def writing(path: Path):
+    """What goes wrong in this block is reported as a failure to write `path`. Raises OutputError."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:  # h5py raises either
+        reason = (
+            os.strerror(error.errno)
+            if isinstance(error, OSError) and error.errno
+            else str(error).split(", errno")[0].strip()
+        )
+        try:
+            room = f"{shutil.disk_usage(path.parent).free / 1e6:.0f} MB are free in {path.parent.resolve()}"
+        except OSError:
+            room = f"the folder {path.parent} is gone"
+        raise OutputError(
+            f"{path}: cannot be written ({reason}); {room}; make room there or give another place with -o"
+        ) from error
 
 
 def check_place(path: Path) -> None:
@@ -57,9 +80,7 @@ def claim(path: Path):
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             file.close()
-            raise InputError(
-                f"{path}: another run is writing it at this moment; wait for it, or give another name with -o"
-            ) from None
+            raise InputError(f"{path}: {BUSY}; wait for it, or give another name with -o") from None
         except OSError:
             return file  # a file system without locks
         if lock.exists() and os.path.samestat(lock.stat(), os.fstat(file.fileno())):

@@ -7,7 +7,8 @@ import h5py
 import numpy as np
 
 from netfall.errors import InputError
-from netfall.output.h5 import publish, writing
+from netfall.output.h5 import publish
+from netfall.output.place import writing
 
 COPY_BYTES = 1 << 26  # held at once while segments are joined
 

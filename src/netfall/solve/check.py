@@ -13,10 +13,10 @@ from netfall.solve.report import (
     form_line,
     limit_line,
     net_line,
+    remarks_of,
     stages,
     start_note,
     starts_moving,
-    step_remarks,
 )
 from netfall.solve.schedule import Schedule, schedule_of
 from netfall.solve.setup import Setup, prepare
@@ -81,7 +81,7 @@ def _describe_steps(job: Job, setup: Setup, schedule: Schedule, say) -> None:
         + (" (auto)" if job.dynamics.time_step == "auto" else "")
         + f"; expected run time about {seconds:.2g} s on one core"
     )
-    for remark in step_remarks(job, setup, schedule.dt):
+    for remark in remarks_of(job, setup, schedule.dt):
         say(remark)
 
 

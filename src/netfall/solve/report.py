@@ -10,7 +10,7 @@ from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.stability import Limit
 from netfall.output.progress import Progress
 from netfall.parallel import partition
-from netfall.solve.history import History
+from netfall.solve.history import History, find_probes
 from netfall.solve.model import Model, scene_of
 from netfall.solve.schedule import Schedule
 from netfall.solve.setup import Setup
@@ -38,7 +38,7 @@ def before_run(job: Job, setup: Setup, schedule: Schedule | None, progress: Prog
     if schedule:
         for limit in setup.limits.values():
             progress.detail(limit_line(limit, model))
-        for remark in step_remarks(job, setup, schedule.dt):
+        for remark in remarks_of(job, setup, schedule.dt):
             progress.say(remark)
 
 
@@ -141,6 +141,27 @@ def limit_line(limit: Limit, model: Model) -> str:
     if limit.element < 0:
         return f"{meaning}: no limit"
     return f"{meaning}: {limit.dt:.4g} s, set by element {model.element_name(limit.element)}"
+
+
+def remarks_of(job: Job, setup: Setup, dt: float) -> list[str]:
+    """What a user should know of the step, of dt [s], and of the probes."""
+    return step_remarks(job, setup, dt) + probe_remarks(setup.model, job.output.probes)
+
+
+def probe_remarks(model: Model, places) -> list[str]:
+    """Notes on probes that lie farther from any node in plan than the longest element is."""
+    net, remarks = model.net, []
+    ends = model.x[net.elements]
+    longest = np.sqrt(np.sum((ends[:, 1] - ends[:, 0]) ** 2, axis=1)).max(initial=0.0)
+    for place, p in zip(places, find_probes(net, places).particles):
+        away = float(np.hypot(*(net.x[p, :2] - np.array(place))))
+        if away > longest:
+            remarks.append(
+                f"note: [output] probes: [{place[0]:g}, {place[1]:g}] is {away:.4g} m away from every node, the "
+                f"longest element {longest:.4g} m long; its histories are those of node {net.node_id[p]}, at "
+                f"[{net.x[p, 0]:.6g}, {net.x[p, 1]:.6g}]"
+            )
+    return remarks
 
 
 def step_remarks(job: Job, setup: Setup, dt: float) -> list[str]:

@@ -83,6 +83,11 @@ def schedule_of(job: Job, limits: dict[str, Limit], model: Model) -> Schedule:
     limit = governing(limits, automatic)
     if not automatic and job.dynamics.time_step > limit.dt:
         refuse_step(job, limit, limits, model)
+    if not automatic and job.dynamics.time_step > job.dynamics.duration:
+        raise InputError(
+            f"{job.path}: [dynamics] time_step = {job.dynamics.time_step:g}: longer than duration = "
+            f"{job.dynamics.duration:g} s; expected at most that"
+        )
     if not np.isfinite(limit.dt):
         raise InputError(f"{job.path}: [dynamics]: no particle of the net can move; free a node")
     dt = job.dynamics.safety * limit.dt if automatic else job.dynamics.time_step

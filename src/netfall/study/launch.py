@@ -4,9 +4,13 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from netfall.errors import InputError
+from netfall.output.place import BUSY
 
 LAUNCHER = "mpirun -n {ranks}"
 
@@ -17,6 +21,9 @@ class RunFailed(InputError):
     def __init__(self, command: str, exit_code: int, printed: str):
         lines = [line for line in printed.strip().splitlines() if line] or ["no message"]
         self.exit_code, self.reason = exit_code, lines[0]
+        self.state = {2: "refused", 3: "diverged"}.get(exit_code, "failed")
+        if BUSY in self.reason:
+            self.state = "failed"  # another time it may go
         super().__init__([f"a run ended with exit code {exit_code}: {command}", *lines[:5]])
 
 
@@ -25,6 +32,13 @@ def default_launcher() -> str:
     beside = Path(sys.executable).with_name("mpirun")
     found = str(beside) if beside.exists() else shutil.which("mpirun")
     return LAUNCHER.replace("mpirun", shlex.quote(found or "mpirun"), 1)
+
+
+@contextmanager
+def passing_result(folder: Path) -> Iterator[Path]:
+    """Name of a result file that no other run has; it and what a run leaves beside it are gone at the end."""
+    with tempfile.TemporaryDirectory(prefix=".netfall-", dir=folder) as place:
+        yield Path(place) / "result.vtkhdf"
 
 
 def run_job_command(

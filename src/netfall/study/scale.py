@@ -16,7 +16,7 @@ import numpy as np
 
 from netfall.errors import InputError
 from netfall.job.read import Job, read_job
-from netfall.study.launch import check_launcher, run_job_command
+from netfall.study.launch import check_launcher, passing_result, run_job_command
 
 GROWING = {
     "saddle": ("side", "rise", "cells"),
@@ -105,8 +105,7 @@ def grown(job: Job, factor: float) -> list[str] | None:
 
 def measure(kind: str, ranks: int, path: Path, overrides: list[str], launcher: str, folder: Path) -> Timing:
     """The times of one run."""
-    result = folder / f".scale-{kind}-{ranks}.vtkhdf"
-    try:
+    with passing_result(folder) as result:
         run_job_command(launcher, ranks, path, result, overrides, "--profile")
         with h5py.File(result, "r") as file:
             provenance = file["provenance"].attrs
@@ -123,8 +122,6 @@ def measure(kind: str, ranks: int, path: Path, overrides: list[str], launcher: s
                 float(seconds["dynamics"][2]),
                 {name: seconds[long] for name, long in PHASES.items()},
             )
-    finally:
-        result.unlink(missing_ok=True)
 
 
 def table(timings: list[Timing]) -> list[dict]:

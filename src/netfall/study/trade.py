@@ -18,10 +18,13 @@ import numpy as np
 from netfall.errors import InputError
 from netfall.job.read import Job, read_job
 from netfall.output.frames import Frames
-from netfall.study.launch import RunFailed, check_launcher, run_job_command
+from netfall.output.place import claim, release
+from netfall.sources import program_digest
+from netfall.study.launch import RunFailed, check_launcher, passing_result, run_job_command
 
 FINER = 10.0  # how much shorter the reference's step is
-FORMAT = 1
+FORMAT = 2
+LASTING = ("finished", "refused", "diverged")  # what a further try would give again
 NEAR = 0.08  # decades, in which points of the picture share a name
 
 
@@ -84,16 +87,23 @@ def trade(
     for setting in settings:
         read_job(path, [*overrides, *setting])  # all errors before the first run
     folder.mkdir(parents=True, exist_ok=True)
-    store = Store(
-        folder / f"{job.name}_trade.h5",
-        hashlib.sha256(json.dumps([job.digest(), ranks, FORMAT]).encode()).hexdigest(),
-    )
+    table = folder / f"{job.name}_trade.h5"
+    claimed = claim(table)
+    try:
+        return _trade(job, overrides, settings, reference, ranks, launcher, repeats, tolerance, table, say)
+    finally:
+        release(claimed)
+
+
+def _trade(job, overrides, settings, reference, ranks, launcher, repeats, tolerance, table, say):
+    path, folder = job.path, table.parent
+    store = Store(table, hashlib.sha256(json.dumps([program_digest(), ranks, FORMAT]).encode()).hexdigest())
+    once = lambda setting, until: measure(path, [*overrides, *setting], ranks, launcher, folder, until)
     run = lambda setting, until: store.outcome(
+        read_job(path, [*overrides, *setting]),
         setting,
         until,
-        lambda: best_of(
-            repeats, lambda: measure(path, [*overrides, *setting], ranks, launcher, folder, until)
-        ),
+        lambda: best_of(repeats, lambda: once(setting, until)),
     )
     if not reference:
         coarse = automatic_step(path, overrides, ranks, launcher, folder)
@@ -101,9 +111,8 @@ def trade(
             coarse = min(coarse, job.dynamics.time_step)
         reference = [f"dynamics.time_step={coarse / FINER:.6g}"]
     say(f"reference: {text_of(reference)}")
-    exact = store.outcome(
-        reference, np.inf, lambda: measure(path, [*overrides, *reference], ranks, launcher, folder, np.inf)
-    )
+    finest = read_job(path, [*overrides, *reference])
+    exact = store.outcome(finest, reference, np.inf, lambda: once(reference, np.inf))
     if exact.state != "finished":
         raise InputError(f"{path}: the reference was {exact.state}: {exact.reason}")
     until = exact.first_fracture if np.isfinite(exact.first_fracture) else np.inf
@@ -182,7 +191,10 @@ def automatic_step(path: Path, overrides: list[str], ranks: int, launcher: str, 
     with_auto = [*overrides, "dynamics.time_step=auto", "dynamics.safety=0.8", "output.frames=1"]
     job = read_job(path, overrides)
     with_auto.append(f"dynamics.duration={min(job.dynamics.duration, job.output.history)!r}")
-    return measure(path, with_auto, ranks, launcher, folder, np.inf).time_step
+    found = measure(path, with_auto, ranks, launcher, folder, np.inf)
+    if found.state != "finished":
+        raise InputError(f"{path}: the run for the automatic step was {found.state}: {found.reason}")
+    return found.time_step
 
 
 def best_of(repeats: int, run: Callable[[], Outcome]) -> Outcome:
@@ -198,21 +210,18 @@ def measure(
     path: Path, overrides: list[str], ranks: int, launcher: str, folder: Path, until: float
 ) -> Outcome:
     """The outcome of one run; displacements and tensions up to the time `until` [s]."""
-    result = folder / f".trade-{ranks}.vtkhdf"
     nothing = {field.name: np.nan for field in fields(Outcome)} | {
         "first_element": -1,
         "broken": -1,
         "broken_elements": "",
     }
-    try:
-        run_job_command(launcher, ranks, path, result, overrides)
+    with passing_result(folder) as result:
+        try:
+            run_job_command(launcher, ranks, path, result, overrides)
+        except RunFailed as failed:
+            return Outcome(**{**nothing, "state": failed.state, "reason": failed.reason})
         with h5py.File(result, "r") as file:
             return read_outcome(file, until)
-    except RunFailed as failed:
-        state = {2: "refused", 3: "diverged"}.get(failed.exit_code, "failed")
-        return Outcome(**{**nothing, "state": state, "reason": failed.reason})
-    finally:
-        result.unlink(missing_ok=True)
 
 
 def read_outcome(file: h5py.File, until: float) -> Outcome:
@@ -323,14 +332,17 @@ def as_text(rows: list[Row], exact: Outcome, tolerance: float) -> list[str]:
 
 
 class Store:
-    """Outcomes so far, in one HDF5 file; a study that was stopped goes on where it was."""
+    """Outcomes so far, in one HDF5 file; a study that was stopped goes on where it was.
+
+    digest : of what all outcomes depend on; if it has changed, none of them is used
+    """
 
     def __init__(self, path: Path, digest: str):
         self.path, self.digest = path, digest
 
-    def outcome(self, setting: list[str], until: float, run: Callable[[], Outcome]) -> Outcome:
-        """The outcome that is stored, else that of a run, which is stored."""
-        key = f"{text_of(setting)} until {until!r}"
+    def outcome(self, job: Job, setting: list[str], until: float, run: Callable[[], Outcome]) -> Outcome:
+        """The outcome that is stored for the very job of the setting, else that of a run, which is stored if it lasts."""
+        key = f"{text_of(setting)} until {until!r} of {job.digest()}".replace("/", "|")
         with h5py.File(self.path, "a") as file:
             if file.attrs.get("digest") != self.digest:
                 file.clear()
@@ -339,8 +351,9 @@ class Store:
             if key in stored:
                 return Outcome(**json.loads(stored[key][()]))
         found = run()
-        with h5py.File(self.path, "a") as file:
-            file.require_group("outcomes")[key] = json.dumps(asdict(found))
+        if found.state in LASTING:
+            with h5py.File(self.path, "a") as file:
+                file.require_group("outcomes")[key] = json.dumps(asdict(found))
         return found
 
     def write_table(
