@@ -8,6 +8,8 @@ import pytest
 from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall
 from kill_runs import JOB
 
+pytestmark = pytest.mark.processes
+
 STORM = """title = "Storm over a saddle"
 [net]
 generator = "saddle"

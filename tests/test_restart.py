@@ -11,6 +11,8 @@ import pytest
 from conftest import BIN, ENVIRONMENT, ROOT, assert_same_results, run_netfall
 from kill_runs import JOB
 
+pytestmark = pytest.mark.processes
+
 SLOW = JOB.replace("checkpoint = 0.02", "checkpoint = 0.1")
 
 

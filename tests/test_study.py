@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from conftest import STEEL, run_netfall
 
+pytestmark = pytest.mark.processes
+
 JOB = (
     '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n'
     + STEEL

@@ -87,7 +87,7 @@ BEYOND = 1 - over(SAMPLED, davenport(SAMPLED)) / (6 * K * U0**2)  # share of the
 @pytest.fixture(scope="module")
 def storms(tmp_path_factory):
     """3000 s of wind on the oscillator for three seeds: results of runs."""
-    shop = BothWays(tmp_path_factory.mktemp("storms"))
+    shop = BothWays(tmp_path_factory.mktemp("storms"), standing=True)
     job = shop.job(
         OSCILLATOR.format(order=14, duration=DURATION, dt=0.02, history=0.4), NODES, THREADS + "1,6,tie\n"
     )

@@ -1,7 +1,7 @@
 """The rows of the validation table: netfall's figure beside an independent one, with the tolerance that theory gives."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 
 HEAD = "| case | source | netfall | theirs | difference | within | because |\n|---|---|---|---|---|---|---|\n"
@@ -36,8 +36,13 @@ class Row:
 class Table:
     """Rows in the order in which the tests made them."""
 
-    def __init__(self):
-        self.rows: list[Row] = []
+    def __init__(self, rows: list[list] = ()):
+        """rows : as `plain` gives them"""
+        self.rows = [Row(*row) for row in rows]
+
+    def plain(self) -> list[list]:
+        """The rows as lists of words and numbers, which one process can hand to another."""
+        return [list(astuple(row)) for row in self.rows]
 
     def compare(
         self,
@@ -64,8 +69,8 @@ class Table:
             source,
             with_unit(ours),
             with_unit(theirs),
-            (ours - theirs) / size,
-            within,
+            float((ours - theirs) / size),
+            float(within),
             unit if scale == 1.0 else "",
             because,
         )
