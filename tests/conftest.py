@@ -174,9 +174,10 @@ def pytest_sessionfinish(session):
         Table(rows).write(Path(session.config.getoption("--table")))
 
 
-@pytest.fixture(scope="session")
-def shared_workshop(tmp_path_factory):
-    return Workshop(tmp_path_factory.mktemp("shared"))
+@pytest.fixture(scope="module")
+def shared_workshop(tmp_path_factory, request):
+    """One folder for the tests of a file."""
+    return Workshop(tmp_path_factory.mktemp("shared"), may_stand(request))
 
 
 def assert_same_results(one: h5py.File, other: h5py.File) -> int:

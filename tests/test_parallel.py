@@ -8,8 +8,6 @@ from netfall.net import generators
 from netfall.parallel.distribute import cut_net
 from netfall.parallel.partition import metis_partition, read_partition, write_partition
 
-pytestmark = pytest.mark.processes
-
 COLLAPSE = """[net]
 generator = "stadium"
 [cable]
