@@ -34,26 +34,19 @@ LONGEST_FIRST = ["restart", "precision", "parallel", "validation_dynamics", "dyn
 ANY_TIME = ["kernels"]  # their cases share nothing and fill what is left at the end
 
 
-def pytest_itemcollected(item):
-    """Keep on one worker what shares compiled code and results."""
-    if item.config.pluginmanager.hasplugin("xdist"):
-        item.add_marker(pytest.mark.xdist_group(group_of(item)))
-
-
 def pytest_collection_modifyitems(config, items):
-    """Leave out what is long; on workers, begin with what takes longest."""
+    """Leave out what is long; begin with what takes longest where there are several workers."""
     if not config.getoption("--long"):
         for item in items:
             if "long" in item.keywords:
                 item.add_marker(pytest.mark.skip(reason="takes minutes; --long runs it"))
-    if "workerinput" in dir(config):
+    if on_worker(config):
         items.sort(key=lambda item: turn_of(item.path.stem.removeprefix("test_")))
 
 
-def group_of(item) -> str:
-    """The file of a test; of a case of a test that goes in between, the case."""
-    name = item.path.stem.removeprefix("test_")
-    return f"{name}-{item.callspec.id}" if name in ANY_TIME and hasattr(item, "callspec") else name
+def on_worker(config) -> bool:
+    """Whether this process is one of several of `pytest -n`."""
+    return hasattr(config, "workerinput")
 
 
 def turn_of(name: str) -> int:
@@ -61,6 +54,20 @@ def turn_of(name: str) -> int:
     if name in LONGEST_FIRST:
         return LONGEST_FIRST.index(name)
     return len(LONGEST_FIRST) + (name in ANY_TIME)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Hand out whole files, whose tests share compiled code and results; of some, whole cases."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByFile(LoadScopeScheduling):
+        def _split_scope(self, nodeid):
+            file, _, test = nodeid.partition("::")
+            _, _, case = test.partition("[")
+            return case if case and Path(file).stem.removeprefix("test_") in ANY_TIME else file
+
+    return ByFile(config, log)
 
 
 def on_ranks(ranks: int) -> list[str]:
@@ -167,7 +174,7 @@ def pytest_sessionfinish(session):
     """Let the ranks go; write the table of comparisons where asked, or hand it to the process that does."""
     for ranks in STANDING.values():
         ranks.stop()
-    if "workeroutput" in dir(session.config):
+    if on_worker(session.config):
         session.config.workeroutput["tables"] = {name: table.plain() for name, table in TABLES.items()}
     elif session.config.getoption("--table"):
         rows = [row for _, table in sorted(TABLES.items()) for row in table.plain()]
