@@ -75,11 +75,20 @@ def next_task(comm) -> list | None:
     return comm.recv(source=0)
 
 
+class Aloud(io.StringIO):
+    """What is written here is also said at once: a rank that gives up has no time for an answer."""
+
+    def write(self, text):
+        sys.__stderr__.write(text)
+        sys.__stderr__.flush()
+        return super().write(text)
+
+
 def call(folder: str, arguments: list[str]) -> tuple[int, str, str]:
     """netfall's `main` as its own process would call it; exit code, output, errors."""
     from netfall.__main__ import main
 
-    out, error, code = io.StringIO(), io.StringIO(), 0
+    out, error, code = io.StringIO(), Aloud(), 0
     os.chdir(folder)
     sys.argv = ["netfall", *arguments]
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
@@ -95,10 +104,12 @@ def serve():
     from mpi4py import MPI
 
     comm = MPI.COMM_WORLD.Dup()  # what is sent here never meets what netfall sends
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # libraries that print by themselves
     while (task := next_task(comm)) is not None:
         codes, outs, errors = zip(*(comm.allgather(call(*task))))
         if comm.rank == 0:
-            print(json.dumps([max(codes), "".join(outs), "".join(errors)]), flush=True)
+            print(json.dumps([max(codes), "".join(outs), "".join(errors)]), file=answers, flush=True)
 
 
 if __name__ == "__main__":

@@ -68,7 +68,9 @@ frames = 10
 
 
 def test_mass_and_energy_through_a_collapse(workshop):
-    """Through many fractures the work identity holds to 1e-10 and the physical balance to 1e-3 of the external work."""
+    """Through many fractures the work identity holds to 1e-10 and the physical balance to 1e-3 of the
+    external work.
+    """
     f = workshop.run(workshop.job(PULLED.format(0.6)), "--set", "dynamics.safety=0.4")
     assert f["history/broken"][-1] > 10
     assert np.abs(f["history/identity_error"][:]).max() < 1e-10
@@ -87,7 +89,10 @@ def test_refused_step_names_the_fragments(workshop):
 
 @pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
 def test_elements_taken_out_balance_and_leave_the_mass(both_ways, strain):
-    """Without fragments: no particle comes, what was stored in the broken elements counts as dissipated, both audits hold; the step is that of the intact net."""
+    """Without fragments:
+    no particle comes, what was stored in the broken elements counts as dissipated, both audits hold; the step
+    is that of the intact net.
+    """
     text = PULLED.format(0.6).replace("fracture_strain", f'strain = "{strain}"\nfracture_strain')
     f = both_ways.run(
         both_ways.job(text), "--set", "dynamics.fragments=false", "--set", "dynamics.safety=0.1"

@@ -80,7 +80,7 @@ TOO_LONG = {
         "solve/stepping.py",
         "study/trade.py",
     },
-    "columns": {"src", "tests", "jobs"},
+    "columns": {"src", "jobs"},
 }
 
 

@@ -1,4 +1,6 @@
-"""The rows of the validation table: netfall's figure beside an independent one, with the tolerance that theory gives."""
+"""The rows of the validation table:
+netfall's figure beside an independent one, with the tolerance that theory gives.
+"""
 
 import math
 from dataclasses import astuple, dataclass
@@ -25,7 +27,10 @@ class Row:
         """The row in Markdown."""
         mark = "" if self.met else " (NOT MET)"
         unit = f" {self.unit}" if self.unit else ""
-        return f"| {self.case} | {self.source} | {self.ours} | {self.theirs} | {self.difference:.1e}{unit}{mark} | {self.within:.0e}{unit} | {self.because} |\n"
+        return (
+            f"| {self.case} | {self.source} | {self.ours} | {self.theirs} | "
+            f"{self.difference:.1e}{unit}{mark} | {self.within:.0e}{unit} | {self.because} |\n"
+        )
 
     @property
     def met(self) -> bool:
@@ -58,7 +63,8 @@ class Table:
     ) -> None:
         """Add a row and assert it.
 
-        unit : of the figures; difference : (ours - theirs) / scale; scale : |theirs| unless given, needed where theirs is zero (1: absolute, with the unit)
+        unit : of the figures; difference : (ours - theirs) / scale; scale : |theirs| unless given, needed
+            where theirs is zero (1: absolute, with the unit)
         """
         ours, theirs = float(ours), float(theirs)
         size = abs(theirs) if scale is None else scale
