@@ -32,11 +32,11 @@ def ends(f):
 
 
 def chain(n, length, fixed, load=0.0, weak=None):
-    """Tables of n elements in a row along x;
+    """Tables of n elements in a row along z;
     `weak` is of the group weak, the load [N] pulls at the last node.
     """
-    nodes = "id,x,y,z,fixed,load_x\n" + "".join(
-        f"{k},{k * length!r},0,0,{int(k in fixed)},{load if k == n else 0}\n" for k in range(n + 1)
+    nodes = "id,x,y,z,fixed,load_z\n" + "".join(
+        f"{k},0,0,{k * length!r},{int(k in fixed)},{load if k == n else 0}\n" for k in range(n + 1)
     )
     return nodes, "start,end,group\n" + "".join(
         f"{k},{k + 1},{'weak' if k == weak else 'strong'}\n" for k in range(n)
@@ -224,7 +224,7 @@ def test_whip_of_a_released_end(both_ways, compare):
     f = both_ways.run(
         both_ways.job(text + f"[output]\nhistory = {dt!r}\nframes = 2\nprobes = [[0, 0]]\n", nodes, elements)
     )
-    v0, v = tension / (np.sqrt(E * RHO) * A), f["final/velocity"][:, 0]
+    v0, v = tension / (np.sqrt(E * RHO) * A), f["final/velocity"][:, 2]
     assert f["events/particle"][0] == n and f["events/step"][0] == 0 and len(v) == n + 2
     source = "linear wave theory: N / (sqrt(E rho) A)"
     compare(
@@ -366,7 +366,7 @@ def test_dead_load_goes_with_what_carries_it(both_ways, compare):
 def test_equal_forces_part_both_ends(both_ways, compare):
     """A symmetric chain pulled at both ends: its weak middle parts at both, and flies together at c eps."""
     limit, load, dt = 1e-3, 1e5, 1e-6
-    nodes = f"id,x,y,z,mass,load_x\n1,0,0,0,500,{-load}\n2,1,0,0,100,0\n3,2,0,0,100,0\n4,3,0,0,500,{load}\n"
+    nodes = f"id,x,y,z,mass,load_z\n1,0,0,0,500,{-load}\n2,0,0,1,100,0\n3,0,0,2,100,0\n4,0,0,3,500,{load}\n"
     text = CABLE + f"fracture_strain = {limit}\n[dynamics]\nduration = 0.012\ntime_step = {dt}\n"
     f = both_ways.run(both_ways.job(text, nodes, "start,end,area\n1,2,1e-3\n2,3,4e-4\n3,4,1e-3\n"))
     k = E * np.array(
@@ -404,7 +404,7 @@ def test_equal_forces_part_both_ends(both_ways, compare):
         and len(set(f["events/step"][:])) == 1
         and f["history/broken"][-1] == 1
     )
-    x, v = f["final/position"][:, 0], f["final/velocity"][:, 0]
+    x, v = f["final/position"][:, 2], f["final/velocity"][:, 2]
     compare(
         THEME,
         "the same: sum of the velocities of mirror images",
