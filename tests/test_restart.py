@@ -188,7 +188,8 @@ def test_missing_parts_of_the_result_are_named(checkpoints, tmp_path):
     assert {p.name for p in tmp_path.iterdir()} == {new.name}
 
 
-def test_twenty_kills_change_no_bit():
+@pytest.mark.parametrize("kills", [5, pytest.param(20, marks=pytest.mark.long)])
+def test_kills_change_no_bit(kills):
     """kill -9 of a rank, of mpirun, of all, at random moments; restarted on other ranks (kill_runs.py;
     --kills 100 by hand).
     """
@@ -197,7 +198,7 @@ def test_twenty_kills_change_no_bit():
             sys.executable,
             str(ROOT / "tests" / "kill_runs.py"),
             "--kills",
-            "20",
+            str(kills),
             "--seed",
             str(random.randrange(10**6)),
         ],
@@ -207,7 +208,7 @@ def test_twenty_kills_change_no_bit():
         timeout=900,
     )
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
-    assert done.stdout.splitlines()[-1].startswith("20 kills")
+    assert done.stdout.splitlines()[-1].startswith(f"{kills} kills")
 
 
 def test_sealed_file_stays_readable(checkpoints):
