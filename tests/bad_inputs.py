@@ -2,9 +2,9 @@
 
     .venv/bin/mpirun -n 2 .venv/bin/python tests/bad_inputs.py --cases 400
 
-Every case is run in this process on every rank, as the command line would: exit code 2 on each rank, one line for
-each error on rank 0 alone, no traceback, no file left. (One process for all cases: starting Python 800 times would
-take longer than the answers.)
+Every case is run in this process on every rank, as the command line would: exit code 2 on each rank, one line
+for each error on rank 0 alone, no traceback, no file left. (One process for all cases: starting Python 800
+times would take longer than the answers.)
 """
 
 import argparse

@@ -7,11 +7,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from standing_ranks import StandingRanks
 from validation_table import Table
 
-ENVIRONMENT = dict(
-    os.environ
-)  # as it was before any MPI start-up in this process: mpirun fails silently with more
+# As it was before any MPI start-up in this process: mpirun fails silently with more.
+ENVIRONMENT = dict(os.environ)
 ROOT = Path(__file__).resolve().parents[1]
 BIN = ROOT / ".venv" / "bin"
 
@@ -29,20 +29,56 @@ def pytest_addoption(parser):
     parser.addoption("--table", help="write the comparisons of tests/validation to this file")
 
 
+# Workers take files from this list in turn, the longest first so that all end together; then the others.
+LONGEST_FIRST = ["restart", "precision", "parallel", "validation_dynamics", "dynamics", "extremes"]
+ANY_TIME = ["kernels"]  # their cases share nothing and fill what is left at the end
+
+
 def pytest_collection_modifyitems(config, items):
+    """Leave out what is long; begin with what takes longest where there are several workers."""
     if not config.getoption("--long"):
         for item in items:
             if "long" in item.keywords:
                 item.add_marker(pytest.mark.skip(reason="takes minutes; --long runs it"))
+    if on_worker(config):
+        items.sort(key=lambda item: turn_of(item.path.stem.removeprefix("test_")))
+
+
+def on_worker(config) -> bool:
+    """Whether this process is one of several of `pytest -n`."""
+    return hasattr(config, "workerinput")
+
+
+def turn_of(name: str) -> int:
+    """When the tests of a file begin."""
+    if name in LONGEST_FIRST:
+        return LONGEST_FIRST.index(name)
+    return len(LONGEST_FIRST) + (name in ANY_TIME)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Hand out whole files, whose tests share compiled code and results; of some, whole cases."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByFile(LoadScopeScheduling):
+        def _split_scope(self, nodeid):
+            file, _, test = nodeid.partition("::")
+            _, _, case = test.partition("[")
+            return case if case and Path(file).stem.removeprefix("test_") in ANY_TIME else file
+
+    return ByFile(config, log)
+
+
+def on_ranks(ranks: int) -> list[str]:
+    """The start of a command line that starts something on some ranks."""
+    return [str(BIN / "mpirun"), "-n", str(ranks)] if ranks > 1 else []
 
 
 def run_netfall(*arguments, ranks=1, cwd=None, timeout=300, environment=None):
-    """netfall with arguments on some ranks, and more variables in its environment: the finished process, output captured."""
-    command = [str(BIN / "netfall"), *map(str, arguments)]
-    if ranks > 1:
-        command = [str(BIN / "mpirun"), "-n", str(ranks), *command]
+    """netfall on some ranks, with more variables in its environment: the finished process and its output."""
     return subprocess.run(
-        command,
+        [*on_ranks(ranks), str(BIN / "netfall"), *map(str, arguments)],
         cwd=cwd,
         env=ENVIRONMENT | (environment or {}),
         capture_output=True,
@@ -52,11 +88,22 @@ def run_netfall(*arguments, ranks=1, cwd=None, timeout=300, environment=None):
     )
 
 
+STANDING = {}  # by their number
+
+
+def run_on_standing_ranks(*arguments, ranks=1, cwd=None):
+    """The same without the start of processes, some 2 s of a core for each: by ranks that stay."""
+    if ranks not in STANDING:
+        STANDING[ranks] = StandingRanks([*on_ranks(ranks), BIN / "python"], ENVIRONMENT)
+    return STANDING[ranks].run(*arguments, cwd=cwd)
+
+
 class Workshop:
     """A folder with job files and what came of them."""
 
-    def __init__(self, folder: Path):
-        self.folder = folder
+    def __init__(self, folder: Path, standing: bool = False):
+        """standing : jobs that succeed run on ranks that stay"""
+        self.folder, self.standing = folder, standing
 
     def job(self, text: str, nodes: str = "", elements: str = "", name: str = "job") -> Path:
         """Write a job file, and tables where given."""
@@ -70,16 +117,11 @@ class Workshop:
 
     def run(self, job: Path, *arguments, ranks=1, output="result.vtkhdf", code=0, environment=None):
         """Run a job; its result file, open, or the finished process; the exit code is checked, unless it is None."""
-        done = run_netfall(
-            "run",
-            job,
-            "-o",
-            self.folder / output,
-            *arguments,
-            ranks=ranks,
-            cwd=self.folder,
-            environment=environment,
-        )
+        line = ["run", job, "-o", self.folder / output, *arguments]
+        if self.standing and code == 0 and environment is None:
+            done = run_on_standing_ranks(*line, ranks=ranks, cwd=self.folder)
+        else:
+            done = run_netfall(*line, ranks=ranks, cwd=self.folder, environment=environment)
         assert code is None or done.returncode == code, done.stdout + done.stderr
         return self.open(output) if code == 0 else done
 
@@ -88,16 +130,21 @@ class Workshop:
         return h5py.File(self.folder / output)
 
 
+def may_stand(request) -> bool:
+    """Whether the jobs of a test may run on ranks that stay."""
+    return request.node.get_closest_marker("processes") is None
+
+
 @pytest.fixture
-def workshop(tmp_path):
-    return Workshop(tmp_path)
+def workshop(tmp_path, request):
+    return Workshop(tmp_path, may_stand(request))
 
 
 class BothWays(Workshop):
     """A workshop whose jobs run on one rank and on several, with the same bits."""
 
     def run(self, job: Path, *arguments, ranks=3, output="result.vtkhdf", code=0):
-        """Run a job on one rank and on `ranks`; the result file, open, after checking that both are equal to the bit."""
+        """Run a job on one rank and on `ranks`; the result file, open, if both are equal to the bit."""
         one = super().run(job, *arguments, output=output, code=code)
         if code == 0 and ranks > 1:
             with super().run(job, *arguments, ranks=ranks, output=f"ranks-{output}") as several:
@@ -108,27 +155,40 @@ class BothWays(Workshop):
 @pytest.fixture
 def both_ways(tmp_path):
     """For validation: each job on one rank and on three."""
-    return BothWays(tmp_path)
+    return BothWays(tmp_path, standing=True)
 
 
-TABLE = Table()
+TABLES = {}  # by the file whose tests made the rows
 
 
 @pytest.fixture
-def compare():
-    """`Table.compare`: a figure beside an independent one, asserted, and a row of the table that `--table FILE` writes."""
-    return TABLE.compare
+def compare(request):
+    """`Table.compare`: a figure beside an independent one, asserted, and a row of the table."""
+    return TABLES.setdefault(request.path.name, Table()).compare
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node):
+    """Take over the rows that a worker has made."""
+    for name, rows in node.workeroutput.get("tables", {}).items():
+        TABLES[name] = Table(rows)
 
 
 def pytest_sessionfinish(session):
-    """Write the table of comparisons where asked."""
-    if session.config.getoption("--table"):
-        TABLE.write(Path(session.config.getoption("--table")))
+    """Let the ranks go; write the table of comparisons where asked, or hand it to the process that does."""
+    for ranks in STANDING.values():
+        ranks.stop()
+    if on_worker(session.config):
+        session.config.workeroutput["tables"] = {name: table.plain() for name, table in TABLES.items()}
+    elif session.config.getoption("--table"):
+        rows = [row for _, table in sorted(TABLES.items()) for row in table.plain()]
+        Table(rows).write(Path(session.config.getoption("--table")))
 
 
-@pytest.fixture(scope="session")
-def shared_workshop(tmp_path_factory):
-    return Workshop(tmp_path_factory.mktemp("shared"))
+@pytest.fixture(scope="module")
+def shared_workshop(tmp_path_factory, request):
+    """One folder for the tests of a file."""
+    return Workshop(tmp_path_factory.mktemp("shared"), may_stand(request))
 
 
 def assert_same_results(one: h5py.File, other: h5py.File) -> int:

@@ -1,13 +1,16 @@
-"""Kill runs at random moments and restart them on other numbers of ranks: every final file must be the undisturbed one.
+"""Kill runs at random moments and restart them on other numbers of ranks:
+every final file must be the undisturbed one.
 
     .venv/bin/python tests/kill_runs.py --kills 100 --seed 1
 
-A run is killed with SIGKILL: one of its ranks, its mpirun, or all of them at once; at a random moment, mostly after some
-of its checkpoints, with frames and checkpoints written so often that many kills fall into a writing. It is then restarted from its newest whole
-checkpoint (or begun again, if there is none yet) on one to four ranks, maybe killed again, and at last left alone.
+A run is killed with SIGKILL: one of its ranks, its mpirun, or all of them at once; at a random moment, mostly
+after some of its checkpoints, with frames and checkpoints written so often that many kills fall into a
+writing. It is then restarted from its newest whole checkpoint (or begun again, if there is none yet) on one
+to four ranks, maybe killed again, and at last left alone.
 """
 
 import argparse
+import contextlib
 import os
 import random
 import signal
@@ -102,10 +105,8 @@ def kill(folder: Path, process: subprocess.Popen, choice: random.Random) -> str:
         "group": everything,
     }[what]
     for victim in victims:
-        try:
+        with contextlib.suppress(ProcessLookupError):
             os.kill(victim, signal.SIGKILL)
-        except ProcessLookupError:
-            pass
     process.wait(HANG)
     end = time.monotonic() + HANG
     while processes_of(folder):
@@ -118,7 +119,8 @@ def kill(folder: Path, process: subprocess.Popen, choice: random.Random) -> str:
 def wait_for_a_moment(
     folder: Path, process: subprocess.Popen, restart: Path | None, choice: random.Random, longest: float
 ) -> None:
-    """Until any moment of the run (one time in four), or until some checkpoints more are there and a little later.
+    """Until any moment of the run (one time in four), or until some checkpoints more are there and a little
+    later.
 
     Checkpoints and the frames between them follow so closely that most of the latter fall into a writing.
     """
@@ -164,7 +166,9 @@ def one_story(folder: Path, choice: random.Random, longest: float, kills_left: i
 
 
 def main() -> None:
-    """Tell stories until there were enough kills; exit code 1 at the first that ends otherwise than the undisturbed run."""
+    """Tell stories until there were enough kills;
+    exit code 1 at the first that ends otherwise than the undisturbed run.
+    """
     options = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

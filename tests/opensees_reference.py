@@ -1,17 +1,20 @@
-"""Answers of OpenSees for tests/test_validation_opensees.py: corotational trusses with initial strain, no force when slack.
+"""Answers of OpenSees for tests/test_validation_opensees.py:
+corotational trusses with initial strain, no force when slack.
 
     python opensees_reference.py CASE.npz ANSWER.npz      by a Python that has openseespy, whichever that is
 
-The tests write the case, a net as form finding left it, and compare netfall with the answers in tests/opensees_reference.npz.
-Where OpenSees can be had they compute these anew as well. What is stored changes only if
+The tests write the case, a net as form finding left it, and compare netfall with the answers in
+tests/opensees_reference.npz. Where OpenSees can be had they compute these anew as well. What is stored
+changes only if
 
     NETFALL_OPENSEES=store .venv/bin/python -m pytest tests/test_validation_opensees.py
 
 asks for it. The stored answers are those of openseespy 3.7.1.2.
 
-A case: x (n, 3) [m], fixed (n, 3), elements (m, 2), EA (m,) [N], L0 (m,) [m], mass (n,) [kg]; static (n, 3) [N], in ten steps, then sudden
-(n, 3) [N] at t = 0; damping [1/s], step [s], every: steps between rows, rows: of the history, 0: statics alone, fine: steps [s] of the
-implicit scheme; particles, elements_at: of the history; stride: of the particles and elements whose last state is kept.
+A case: x (n, 3) [m], fixed (n, 3), elements (m, 2), EA (m,) [N], L0 (m,) [m], mass (n,) [kg]; static (n, 3)
+[N], in ten steps, then sudden (n, 3) [N] at t = 0; damping [1/s], step [s], every: steps between rows, rows:
+of the history, 0: statics alone, fine: steps [s] of the implicit scheme; particles, elements_at: of the
+history; stride: of the particles and elements whose last state is kept.
 """
 
 import sys
@@ -34,7 +37,8 @@ def make_net(case: dict) -> None:
     for e, ((a, b), length, unstressed, EA) in enumerate(
         zip(case["elements"].tolist(), L.tolist(), case["L0"].tolist(), case["EA"].tolist())
     ):
-        # OpenSees refers strains to the length at the start: modulus and initial strain follow from that; the last 0 is the modulus in compression
+        # OpenSees refers strains to the length at the start: modulus and initial strain follow from that; the
+        # last 0 is the modulus in compression
         ops.uniaxialMaterial("Elastic", 2 * e, EA * length / unstressed, 0.0, 0.0)
         ops.uniaxialMaterial("InitStrainMaterial", 2 * e + 1, 2 * e, (length - unstressed) / length)
         ops.element("corotTruss", e, a, b, 1.0, 2 * e + 1)
@@ -104,7 +108,8 @@ def central_difference(case: dict) -> tuple[np.ndarray, np.ndarray]:
     ops.algorithm("Linear", "-factorOnce")
     ops.integrator("CentralDifference")
     ops.analysis("Transient")
-    # It starts from x(-1) = x(0), with a whole kick where half a step of motion is due: a load that makes it half a kick, damped over half a step
+    # It starts from x(-1) = x(0), with a whole kick where half a step of motion is due: a load that makes it
+    # half a kick, damped over half a step
     half = 0.5 * (1 + 0.5 * damping * step) / (1 + 0.25 * damping * step)
     add_load(2, 1, half * case["sudden"])
     assert ops.analyze(1, step) == 0
@@ -114,7 +119,9 @@ def central_difference(case: dict) -> tuple[np.ndarray, np.ndarray]:
 
 
 def fourth_order(case: dict, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """History by Newmark's method with gamma = 1/2, beta = 1/12 (Fox and Goodwin), implicit and of fourth order without damping."""
+    """History by Newmark's method with gamma = 1/2, beta = 1/12 (Fox and Goodwin), implicit and of fourth
+    order without damping.
+    """
     make_net(case)
     add_load(1, 1, case["sudden"])
     for p, axis in np.argwhere(

@@ -1,6 +1,9 @@
 #!/usr/bin/env bash
-# Sets up what is missing and runs all tests, those under mpirun included. Arguments go to pytest.
+# Sets up what is missing, checks format and rules of the code, and runs all tests, those under mpirun included.
+# Arguments go to pytest; -n 0 runs one test at a time.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash jobs/setup.sh test
-exec .venv/bin/python -m pytest "$@"
+.venv/bin/ruff format --check --quiet .
+.venv/bin/ruff check --quiet .
+exec .venv/bin/python -m pytest -n 2 --no-loadscope-reorder "$@"

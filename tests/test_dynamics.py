@@ -16,8 +16,8 @@ def oscillator(step, damping=0.0, ranks=1):
     L = L0 * (1 + hold / EA) + stretch
     nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,{-L!r},0,1000,{-hold}\n"
     text = (
-        ELASTIC
-        + f"[dynamics]\nduration = 0.5\ntime_step = {step}\ndamping = {damping}\n[output]\nhistory = 0.005\nprobes = [[0.0, 0.0]]\n"
+        ELASTIC + f"[dynamics]\nduration = 0.5\ntime_step = {step}\ndamping = {damping}\n"
+        f"[output]\nhistory = 0.005\nprobes = [[0.0, 0.0]]\n"
     )
     return text, nodes, f"start,end,unstressed_length\n1,2,{L0}\n"
 
@@ -51,11 +51,13 @@ def test_oscillator_converges_at_second_order(workshop, damping):
 
 @pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
 def test_plastic_oscillation_balances(workshop, strain):
-    """A weight dropped on a cable makes it flow: stored energy, dissipation and external work balance for both measures."""
+    """A weight dropped on a cable makes it flow:
+    stored energy, dissipation and external work balance for both measures.
+    """
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,20000,-700000\n"
     text = (
-        ELASTIC
-        + f'yield_stress = 1.75e9\nstrain = "{strain}"\n[dynamics]\nduration = 0.5\ntime_step = 2e-5\n[output]\nhistory = 0.01\n'
+        ELASTIC + f'yield_stress = 1.75e9\nstrain = "{strain}"\n'
+        f"[dynamics]\nduration = 0.5\ntime_step = 2e-5\n[output]\nhistory = 0.01\n"
     )
     f = workshop.run(workshop.job(text, nodes, "start,end,unstressed_length\n1,2,10\n"))
     h = f["history"]
@@ -68,7 +70,9 @@ def test_plastic_oscillation_balances(workshop, strain):
 
 
 def test_fixed_step_above_the_limit_is_refused_below_it_runs(workshop):
-    """The sharp limit of an elastic net: 1.01 of it is exit code 2 with the limit and its element, 0.99 stays bounded."""
+    """The sharp limit of an elastic net:
+    1.01 of it is exit code 2 with the limit and its element, 0.99 stays bounded.
+    """
     L0, M = 10.0, 1000.0 + HALF_ELEMENT * 10.0
     limit = 2 / np.sqrt(EA / L0 / M)
     text, nodes, elements = oscillator(0.99 * limit)
@@ -80,7 +84,9 @@ def test_fixed_step_above_the_limit_is_refused_below_it_runs(workshop):
 
 @pytest.mark.parametrize("n", [2, 3, 40, 700])
 def test_sharp_limit_of_a_chain(workshop, n):
-    """2 / omega_max = 1 / (sqrt(k / m) cos(pi / 2n)) of a taut chain between supports, from below, to 1e-4; the same bits and element on three ranks."""
+    """2 / omega_max = 1 / (sqrt(k / m) cos(pi / 2n)) of a taut chain between supports, from below, to 1e-4;
+    the same bits and element on three ranks.
+    """
     nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{k},0,0,{int(k in (0, n))}\n" for k in range(n + 1))
     elements = "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(n))
     job = workshop.job(STEEL.replace("100e3", "1.0") + "[dynamics]\nduration = 0.001\n", nodes, elements)
@@ -102,7 +108,7 @@ def test_sharp_limit_of_a_chain(workshop, n):
 
 
 def test_elements_of_different_speed_are_in_the_limits(workshop):
-    """The bound for any shape against the sharp limit of a chain in closed form, and L0 / c after fracture."""
+    """The bound for any shape against the sharp limit of a chain in closed form; L0 / c after fracture."""
     from netfall.mechanics.stability import after_fracture_limit, any_shape_limits
 
     n, k, m = 40, 1e6, 2.0
@@ -124,7 +130,9 @@ def test_elements_of_different_speed_are_in_the_limits(workshop):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_any_fragments_are_stable_within_the_limit_after_fracture(seed):
-    """Random nets torn apart at random, fragment by fragment: the bound of what is left never falls below the limit, no mass is lost, none is negative."""
+    """Random nets torn apart at random, fragment by fragment:
+    the bound of what is left never falls below the limit, no mass is lost, none is negative.
+    """
     from netfall.mechanics.stability import after_fracture_limit, any_shape_limits, fragment_mass
 
     rng = np.random.default_rng(seed)
@@ -170,7 +178,9 @@ def test_run_that_diverges_is_stopped(workshop, ranks):
 
 
 def test_divergence_names_the_last_good_checkpoint(workshop, monkeypatch):
-    """A velocity that is no number at 0.06 s: stopped before it is saved, with time, particle, element and the checkpoint before."""
+    """A velocity that is no number at 0.06 s:
+    stopped before it is saved, with time, particle, element and the checkpoint before.
+    """
     from mpi4py import MPI
 
     from netfall.errors import DivergedError
@@ -209,7 +219,9 @@ def test_divergence_names_the_last_good_checkpoint(workshop, monkeypatch):
 
 
 def test_the_audit_changes_nothing_and_can_be_left_out(workshop):
-    """energy = false: the same motion to the bit; the works and both errors are nan, the rest of /history is as before."""
+    """energy = false: the same motion to the bit;
+    the works and both errors are nan, the rest of /history is as before.
+    """
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,-10,0\n3,5,5,-10,1\n"
     job = workshop.job(
         ELASTIC + "[load]\nself_weight = true\n[dynamics]\nduration = 0.5\ndamping = 0.3\n",
@@ -244,7 +256,10 @@ def test_a_step_that_could_be_far_longer_than_the_run(workshop):
 
 @pytest.mark.parametrize("share", [0.01, 0.05, 0.5])
 def test_mass_scaling_keeps_its_budget_and_its_step(share):
-    """The stadium: no more than the share is added, nothing taken, and no element asks for more than the step that it was added for."""
+    """The stadium:
+    no more than the share is added, nothing taken, and no element asks for more than the step that it was
+    added for.
+    """
     from netfall.mechanics.stability import any_shape_limits, scaled_mass
     from netfall.net import generators
 
@@ -269,11 +284,14 @@ def test_mass_scaling_keeps_its_budget_and_its_step(share):
 
 
 def test_added_inertia_has_no_weight(workshop):
-    """A net at rest under its dead load stays at rest with mass scaling; on an oscillator the frequency falls as the mass says."""
+    """A net at rest under its dead load stays at rest with mass scaling;
+    on an oscillator the frequency falls as the mass says.
+    """
     text = (
         '[net]\ngenerator = "stadium"\n'
         + STEEL
-        + "[form_finding]\n[load]\ndead = 1000.0\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n[dynamics]\nduration = 0.2\nmass_scaling = 0.05\n[output]\nframes = 2\n"
+        + "[form_finding]\n[load]\ndead = 1000.0\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n"
+        "[dynamics]\nduration = 0.2\nmass_scaling = 0.05\n[output]\nframes = 2\n"
     )
     f = workshop.run(workshop.job(text))
     assert f["provenance"].attrs["added_mass"] > 1000.0

@@ -1,4 +1,6 @@
-"""The extremes: each runs right, or is refused with the reason. `pytest tests/test_extremes.py -s` prints the table of jobs/trade/README.md."""
+"""The extremes: each runs right, or is refused with the reason.
+`pytest tests/test_extremes.py -s` prints the table of jobs/trade/README.md.
+"""
 
 import numpy as np
 import pytest
@@ -43,7 +45,9 @@ LIMIT = float(2 / np.sqrt(EA / 10.0 / (1000.0 + 10 * HALF)))
 
 
 def test_a_million_steps_just_below_the_limit(workshop):
-    """At 0.99 of the limit over 1e6 steps the amplitude stays what central difference makes of it, 1 / sqrt(1 - 0.99^2) of the start."""
+    """At 0.99 of the limit over 1e6 steps the amplitude stays what central difference makes of it, 1 / sqrt(1
+    - 0.99^2) of the start.
+    """
     dt = 0.99 * LIMIT
     f = workshop.run(workshop.job(*oscillator(dt, 1e6 * dt, history=1e3 * dt)))
     rest = -10.0 * (1 + 20e3 / EA)
@@ -104,10 +108,12 @@ def test_stiffness_and_mass_ratios_of_a_million(workshop):
 
 
 def test_a_millimetre_beside_a_kilometre(workshop):
-    """Elements of 1 mm, 1 m and 1 km in one chain, pulled: it stretches to twice the static elongation, again and again.
+    """Elements of 1 mm, 1 m and 1 km in one chain, pulled:
+    it stretches to twice the static elongation, again and again.
 
-    Whenever the long one goes slack, the short one rattles between slack and taut. "auto" keeps that right; with a fixed step of 0.8 of
-    the stable one it feeds energy in, which is announced, until the run is stopped.
+    Whenever the long one goes slack, the short one rattles between slack and taut. "auto" keeps that right;
+    with a fixed step of 0.8 of the stable one it feeds energy in, which is announced, until the run is
+    stopped.
     """
     nodes, elements = chain([1e-3, 1.0, 1e3], [1.95e11] * 3, [0.0, 100.0, 100.0, 1e5], 1000.0)
     text = (
@@ -116,7 +122,7 @@ def test_a_millimetre_beside_a_kilometre(workshop):
     )
     job = workshop.job(text, nodes, elements)
     f = workshop.run(job)
-    identity, balance = audits(f)
+    identity, _ = audits(f)
     u = f["history/probe_displacement"][:, 0, 0]
     rest = 1000.0 * 1001.001 / EA
     reached(
@@ -139,7 +145,9 @@ def test_a_millimetre_beside_a_kilometre(workshop):
     "phase, least, most", [(0.4, 0.0, 0.001), (0.8, 0.0, 0.005), (1.0, -1e-3, 1e-3), (1.6, 0.25, 0.31)]
 )
 def test_energy_that_a_slack_cable_returns(phase, least, most):
-    """A mass runs into a slack cable and back: the energy it brings back, averaged over the moment of contact, for omega dt = phase."""
+    """A mass runs into a slack cable and back:
+    the energy it brings back, averaged over the moment of contact, for omega dt = phase.
+    """
     from netfall.mechanics.fields import Scene
     from netfall.mechanics.state import State
     from netfall.parallel.halo import Halo
@@ -171,7 +179,9 @@ def test_energy_that_a_slack_cable_returns(phase, least, most):
 
 
 def test_short_edge_cables_stay_right_without_fracture(workshop):
-    """The stadium's shortest elements go slack and taut many times; "auto" gives their largest strain as a quarter of its step does."""
+    """The stadium's shortest elements go slack and taut many times;
+    "auto" gives their largest strain as a quarter of its step does.
+    """
     text = (ROOT / "jobs" / "stadium.toml").read_text()
     job = workshop.job(
         "".join(
@@ -198,7 +208,9 @@ def test_short_edge_cables_stay_right_without_fracture(workshop):
 
 @pytest.mark.parametrize("precision, asked", [("double", 1e-6), ("mixed", 1e-5), ("single", 1e-5)])
 def test_a_net_far_from_the_origin(workshop, precision, asked):
-    """A net 1e6 m from the origin moves as at the origin in double precision: to the rounding of its coordinates, and of single precision."""
+    """A net 1e6 m from the origin moves as at the origin in double precision:
+    to the rounding of its coordinates, and of single precision.
+    """
     found = []
     for shift, keys in ((0.0, []), (1e6, ["--set", f"dynamics.precision={precision}"])):
         k = np.arange(6)
@@ -272,7 +284,9 @@ def test_a_net_that_is_slack_everywhere_falls_freely(workshop):
 
 
 def test_snap_from_slack_at_high_speed(workshop):
-    """A mass that has fallen 20 m into a cable, at 18 m/s: the largest tension by energy, k e^2 / 2 = F (h + e)."""
+    """A mass that has fallen 20 m into a cable, at 18 m/s:
+    the largest tension by energy, k e^2 / 2 = F (h + e).
+    """
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,10,0,100,-981\n"
     f = workshop.run(
         workshop.job(
@@ -295,17 +309,19 @@ def test_snap_from_slack_at_high_speed(workshop):
 
 @pytest.mark.parametrize("kind", ["cable", "bar"])
 def test_an_element_pushed_through_zero_length(workshop, kind):
-    """The free end is driven through the support: a cable is slack all the way, a bar pushes back with a bounded force; no audit breaks."""
+    """The free end is driven through the support:
+    a cable is slack all the way, a bar pushes back with a bounded force; no audit breaks.
+    """
     force = -50.0 if kind == "cable" else -3.0 * EA
-    nodes = f"id,x,y,z,fixed,mass,load_x\n1,0,0,0,1,0,0\n2,1,0,0,0,10,{force!r}\n"
+    nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,1,0,10,{force!r}\n"
     text = (
         BARE.replace("modulus", f'kind = "{kind}"\nmodulus', 1)
         + f"[dynamics]\nduration = {1.0 if kind == 'cable' else 0.001}\n"
         + QUICK.format(1e-3 if kind == "cable" else 1e-6, 20)
     )
     f = workshop.run(workshop.job(text, nodes, "start,end\n1,2\n"))
-    x = positions(f, 1)[:, 0]
-    assert x.min() < -0.1 and np.isfinite(f["final/tension"][:]).all()
+    z = positions(f, 1)[:, 2]
+    assert z.min() < -0.1 and np.isfinite(f["final/tension"][:]).all()
     identity, balance = audits(f)
     reached(f"a {kind} through zero length: work identity", "1e-10", identity, 1e-10)
     reached(f"a {kind} through zero length: physical balance", "1 %", balance, 0.01)
@@ -325,7 +341,9 @@ dead = 300.0
 
 
 def test_wind_of_150_metres_a_second(workshop):
-    """The roof is torn off; both audits hold through it. No wind at all is refused as a speed: leave the section out."""
+    """The roof is torn off; both audits hold through it.
+    No wind at all is refused as a speed: leave the section out.
+    """
     wind = (
         "[wind]\nspeed = {}\nshape_coefficient = -1.5\n[dynamics]\nduration = 1.0\ndamping = 0.5\n"
         + QUICK.format(0.01, 5)
@@ -345,8 +363,8 @@ def test_a_gust_from_nothing_within_a_step(workshop):
     f = workshop.run(
         workshop.job(
             STORM.replace("[load]\ndead = 300.0\n", "")
-            + '[wind]\nfile = "gust.csv"\nshape_coefficient = -1.5\n[dynamics]\nduration = 1.0\ndamping = 0.5\n'
-            + QUICK.format(0.01, 5)
+            + '[wind]\nfile = "gust.csv"\nshape_coefficient = -1.5\n'
+            "[dynamics]\nduration = 1.0\ndamping = 0.5\n" + QUICK.format(0.01, 5)
         )
     )
     assert f["events/time"][0] > 0.1 and not f["history/kinetic_energy"][:9].max() > 1e-6
@@ -402,7 +420,7 @@ def test_a_mechanism_swings(workshop):
             BARE + "[dynamics]\nduration = 3.0\n" + QUICK.format(0.01, 5), nodes, "start,end\n0,1\n1,2\n2,3\n"
         )
     )
-    identity, balance = audits(f)
+    _, balance = audits(f)
     reached("a mechanism, a chain let go sideways: physical balance", "1e-3", balance, 1e-3)
 
 

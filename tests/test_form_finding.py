@@ -1,4 +1,6 @@
-"""Form finding: the start, the unstressed lengths, the end of the iterations. Its forms: test_validation_statics.py."""
+"""Form finding: the start, the unstressed lengths, the end of the iterations.
+Its forms: test_validation_statics.py.
+"""
 
 import numpy as np
 import pytest
@@ -10,7 +12,8 @@ def test_start_does_not_matter_at_constant_tension(workshop, start):
     """The same form from the flat start and from the force-density one."""
     f = workshop.run(
         workshop.job(
-            f'[net]\ngenerator = "saddle"\n{STEEL}[form_finding]\nmodulus_factor = 0\ntolerance = 1e-10\nstart = "{start}"\n'
+            f'[net]\ngenerator = "saddle"\n{STEEL}[form_finding]\n'
+            f'modulus_factor = 0\ntolerance = 1e-10\nstart = "{start}"\n'
         )
     )
     x = f["form_finding/position"][:]
@@ -26,7 +29,8 @@ def test_unstressed_lengths_in_closed_form(workshop):
     ):
         f = workshop.run(
             workshop.job(
-                f'[net]\ngenerator = "saddle"\ncells = 4\n{STEEL}strain = "{strain}"\n[form_finding]\nmodulus_factor = 0\n'
+                f'[net]\ngenerator = "saddle"\ncells = 4\n{STEEL}strain = "{strain}"\n'
+                f"[form_finding]\nmodulus_factor = 0\n"
             )
         )
         x, elements = f["form_finding/position"][:], f["net/elements"][:]

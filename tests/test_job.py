@@ -232,7 +232,9 @@ def test_impossible_combinations_are_refused(workshop, overrides, message):
     ],
 )
 def test_command_line_answers_wrong_input(workshop, ranks, override, message):
-    """Exit code 2 on every rank, one line on standard error, no file left, no traceback; read before and after the net is built."""
+    """Exit code 2 on every rank, one line on standard error, no file left, no traceback;
+    read before and after the net is built.
+    """
     job = workshop.job(WHOLE)
     done = run_netfall("run", job, "--set", override, ranks=ranks, cwd=workshop.folder)
     assert done.returncode == 2, done.stdout + done.stderr
@@ -261,7 +263,9 @@ def test_readme_lists_every_key_with_its_default():
 
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_malformed_inputs_made_from_the_schema_are_refused(ranks):
-    """400 jobs and tables by hypothesis (bad_inputs.py): exit code 2 on each rank, a line for each error on one, no file left."""
+    """400 jobs and tables by hypothesis (bad_inputs.py):
+    exit code 2 on each rank, a line for each error on one, no file left.
+    """
     command = [
         str(BIN / "mpirun"),
         "-n",

@@ -60,7 +60,9 @@ def make_state(scene: Scene, n: int, elements: np.ndarray, x: np.ndarray, seed: 
 
 
 def forces_of(state: State, in_runs: bool = True) -> tuple[np.ndarray, np.ndarray]:
-    """Forces (n, 3) [N] by the vector loop, from rest without load; and whether a particle has elements near their limits."""
+    """Forces (n, 3) [N] by the vector loop, from rest without load;
+    and whether a particle has elements near their limits.
+    """
     plan, s, lanes = Plan(state, NoHalo()), state, state.scene.lanes
     chunks, particles, _, slots, _, law, scratch = plan.arguments
     runs = chunks.runs
@@ -183,7 +185,9 @@ def test_runs_give_the_bits_of_the_general_loop(plastic, fracture, logarithmic, 
 
 
 def test_a_lattice_with_gaps_is_one_run_for_each_chunk():
-    """Where a particle lacks an element that its neighbours have, empty slots stand so that the run goes on; the forces have the same bits."""
+    """Where a particle lacks an element that its neighbours have, empty slots stand so that the run goes on;
+    the forces have the same bits.
+    """
     elements = lattice(40)
     elements = elements[np.random.default_rng(4).random(len(elements)) > 0.05]
     x = np.column_stack([np.arange(1600) % 40, np.arange(1600) // 40, 0.1 * np.sin(np.arange(1600))])
@@ -211,7 +215,9 @@ def test_a_net_numbered_at_random_is_stepped_in_layers():
 
 
 def test_a_net_of_short_rows_is_stepped_in_parts():
-    """A disc, whose rows differ in length: forces come first and the kick goes through the whole chunk; the same bits."""
+    """A disc, whose rows differ in length: forces come first and the kick goes through the whole chunk;
+    the same bits.
+    """
     side = 24
     column, row = np.arange(side**2) % side, np.arange(side**2) // side
     inside = np.hypot(column - 11.5, 1.3 * (row - 11.5)) < 12
@@ -227,7 +233,9 @@ def test_a_net_of_short_rows_is_stepped_in_parts():
 
 
 def test_a_cut_leaves_the_rows_of_a_lattice_whole():
-    """METIS's halves of a lattice: almost no element along the rows is cut, runs are longer than a row, and few particles are in none."""
+    """METIS's halves of a lattice:
+    almost no element along the rows is cut, runs are longer than a row, and few particles are in none.
+    """
     side = 120
     part = metis_partition(side**2, lattice(side), 2)
     cut = lattice(side)[(part[lattice(side)] != part[lattice(side)[:, :1]]).any(1)]

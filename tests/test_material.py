@@ -1,5 +1,6 @@
 """The element law against the paper's Fig. 3 worked by hand; energy of both strain measures."""
 
+import itertools
 import math
 
 import numpy as np
@@ -37,7 +38,9 @@ def follow(lengths, L0=1.0, bar=0, logarithmic=False):
 
 
 def test_plastic_cycles_with_slack_by_hand():
-    """Paper Fig. 3: load to yield, flow, unload to slack at the residual elongation, reload up the same line, flow again."""
+    """Paper Fig. 3:
+    load to yield, flow, unload to slack at the residual elongation, reload up the same line, flow again.
+    """
     lengths = [1.005, 1.010, 1.030, 1.025, 1.020, 1.000, 0.900, 1.015, 1.0225, 1.030, 1.040, 1.030]
     forces = [5.0, 10.0, 10.0, 5.0, 0.0, 0.0, 0.0, 0.0, 2.5, 10.0, 10.0, 0.0]
     plastic = [0.0, 0.0, 0.02, 0.02, 0.02, 0.02, 0.02, 0.02, 0.02, 0.02, 0.03, 0.03]
@@ -58,9 +61,11 @@ def test_bar_yields_both_ways():
 @pytest.mark.parametrize("logarithmic", [False, True])
 @pytest.mark.parametrize("bar", [0, 1])
 def test_work_is_stored_or_dissipated(logarithmic, bar):
-    """Along a cycle with flow and slack the integral of N dL is stored energy plus dissipation, for both measures."""
+    """Along a cycle with flow and slack the integral of N dL is stored energy plus dissipation, for both
+    measures.
+    """
     turning = [1.0, 1.05, 1.0, 1.06, 0.97, 1.08]
-    lengths = np.concatenate([np.linspace(a, b, 4001)[1:] for a, b in zip(turning, turning[1:])])
+    lengths = np.concatenate([np.linspace(a, b, 4001)[1:] for a, b in itertools.pairwise(turning)])
     path = follow(lengths, bar=bar, logarithmic=logarithmic)
     N = np.array([0.0] + [p[0] for p in path])
     work = np.sum(0.5 * (N[1:] + N[:-1]) * np.diff(np.concatenate([[1.0], lengths])))

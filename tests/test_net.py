@@ -21,7 +21,7 @@ def test_stadium_has_the_papers_counts():
 
 @pytest.mark.parametrize("spacing", [0.7, 1.0, 1.37, 2.2, 3.3, 5.1])
 def test_stadium_supports_lie_on_arch_and_ellipse(spacing):
-    """At any spacing every support is on the arch or the ellipse, and every free particle has four elements."""
+    """At any spacing every support is on the arch or the ellipse, every free particle has four elements."""
     net = generators.stadium(88.0, 66.0, 10.0, spacing)
     held = net.fixed.all(1)
     x, y, z = net.x[held].T
@@ -44,7 +44,9 @@ def test_saddle_boundary_is_the_hypar():
 
 
 def test_tributary_areas_cover_the_roof():
-    """A cell's area for each inner particle of a square grid; all shares sum up to the roof, subdivided or not."""
+    """A cell's area for each inner particle of a square grid;
+    all shares sum up to the roof, subdivided or not.
+    """
     net = generators.saddle(80.0, 4.0, 8)
     area = tributary_areas(net.x, net, find_faces(net))
     assert np.allclose(area[~net.fixed.all(1)], 100.0)
@@ -95,7 +97,9 @@ def tables_of(net, closed):
 
 
 def test_areas_of_tables_need_a_closed_outline(workshop):
-    """An outline drawn with elements between supports closes the faces; where it is open, the remark says so."""
+    """An outline drawn with elements between supports closes the faces;
+    where it is open, the remark says so.
+    """
     net = generators.saddle(80.0, 4.0, 4)
     job = read_job(workshop.job(TABLE_SADDLE, *tables_of(net, closed=True)))
     closed = build_net(job)
@@ -110,7 +114,9 @@ def test_areas_of_tables_need_a_closed_outline(workshop):
 
 @pytest.mark.parametrize("seed", range(20))
 def test_parts_of_a_net_are_scipys(seed):
-    """Random nets of many parts, loops and double elements included: the same particles together, named by the lowest of them."""
+    """Random nets of many parts, loops and double elements included:
+    the same particles together, named by the lowest of them.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 

@@ -1,4 +1,6 @@
-"""The result file: read back by VTK as ParaView does, complete by the contract, whole or absent; pictures and words."""
+"""The result file: read back by VTK as ParaView does, complete by the contract, whole or absent;
+pictures and words.
+"""
 
 import subprocess
 
@@ -7,6 +9,8 @@ import numpy as np
 import pytest
 from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall
 from kill_runs import JOB
+
+pytestmark = pytest.mark.processes
 
 STORM = """title = "Storm over a saddle"
 [net]
@@ -139,7 +143,9 @@ def vtk_steps(path):
 
 
 def test_vtk_reads_the_series_back(storm):
-    """Times, counts, arrays and connectivity at each step, before and after fractures, as VTK's reader sees them."""
+    """Times, counts, arrays and connectivity at each step, before and after fractures, as VTK's reader sees
+    them.
+    """
     n, elements = len(storm["net/particles"]), storm["net/elements"][:]
     steps, when = storm["events/step"][:] * storm["provenance"].attrs["time_step"], storm["events/time"][:]
     assert np.allclose(steps, when)
@@ -172,7 +178,7 @@ def test_vtk_reads_the_series_back(storm):
 def test_job_without_dynamics_is_one_frame(workshop):
     """Form finding alone: VTK reads one step, the prestressed net."""
     f = workshop.run(workshop.job('[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\n"))
-    ((time, points, lines, arrays),) = vtk_steps(f.filename)
+    ((time, points, _, arrays),) = vtk_steps(f.filename)
     assert time == 0 and np.array_equal(points, f["form_finding/position"][:])
     assert np.allclose(arrays["tension"], f["form_finding/tension"][:], rtol=1e-6)
     assert "history" not in f
@@ -249,7 +255,9 @@ def test_shipped_jobs_run_shortened(workshop, name):
 
 
 def test_progress_is_plain_lines_when_nobody_watches(workshop):
-    """No carriage returns in a log; quiet prints nothing; the lines tell percent, time, rate, slack and broken counts."""
+    """No carriage returns in a log; quiet prints nothing;
+    the lines tell percent, time, rate, slack and broken counts.
+    """
     job = workshop.job(
         '[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\n[dynamics]\nduration = 0.05\n"
     )
@@ -263,9 +271,14 @@ def test_progress_is_plain_lines_when_nobody_watches(workshop):
 
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_full_disk_is_one_line(workshop, ranks):
-    """A limit on file sizes stands for the full disk: exit code 1, one line that names file and room, nothing left."""
+    """A limit on file sizes stands for the full disk:
+    exit code 1, one line that names file and room, nothing left.
+    """
     job = workshop.job(JOB.replace("checkpoint = 0.02", "checkpoint = 0"))
-    limited = "from mpi4py import MPI; import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000)); from netfall.__main__ import main; main()"
+    limited = (
+        "from mpi4py import MPI; import resource; resource.setrlimit(resource.RLIMIT_FSIZE, "
+        "(300_000, 300_000)); from netfall.__main__ import main; main()"
+    )
     command = [
         BIN / "mpirun",
         "-n",
@@ -296,7 +309,9 @@ def test_full_disk_is_one_line(workshop, ranks):
 
 
 def test_a_place_that_is_taken_is_refused(workshop):
-    """A file that is no result stays; so does a result that is open for writing, or that another run is writing. An old result is replaced."""
+    """A file that is no result stays;
+    so does a result that is open for writing, or that another run is writing. An old result is replaced.
+    """
     import fcntl
 
     job = workshop.job(JOB.replace("duration = 0.4", "duration = 0.002"))

@@ -1,4 +1,6 @@
-"""The same job gives the same bits on any number of ranks; partitions are read, written, and refused when foreign."""
+"""The same job gives the same bits on any number of ranks;
+partitions are read, written, and refused when foreign.
+"""
 
 import numpy as np
 import pytest
@@ -100,7 +102,9 @@ def test_other_choices_after_fracture_on_three_ranks(shared_workshop, after):
 
 @pytest.mark.parametrize("ranks", [3, 5])
 def test_more_ranks_than_free_particles(workshop, ranks):
-    """Ranks that own one particle, or nothing: a single cable and a small net, with fracture, on up to five ranks."""
+    """Ranks that own one particle, or nothing:
+    a single cable and a small net, with fracture, on up to five ranks.
+    """
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,10000,-98100\n"
     cable = (
         STEEL.replace("prestress = 100e3\n", "fracture_strain = 1e-3\n")
@@ -141,7 +145,9 @@ frames = 3
 
 
 def test_pieces_cover_the_net_once():
-    """Each particle is owned once, each element reported once; what is sent to a rank is what it holds as halo."""
+    """Each particle is owned once, each element reported once;
+    what is sent to a rank is what it holds as halo.
+    """
     net = generators.stadium(88.0, 66.0, 10.0, 2.2)
     for ranks in (1, 2, 5, 16):
         part = metis_partition(net.n, net.elements, ranks)
@@ -222,7 +228,9 @@ def test_shipped_partitions_belong_to_the_shipped_jobs(name):
 
 
 def test_partition_files_are_metis_own(tmp_path):
-    """Neighbours from 1 with the weights of the edges, symmetric, edges counted once; the part file has a line for each vertex."""
+    """Neighbours from 1 with the weights of the edges, symmetric, edges counted once;
+    the part file has a line for each vertex.
+    """
     net = generators.saddle(40.0, 2.0, 5)
     write_partition("x", net.n, net.elements, 2, tmp_path)
     lines = [line.split() for line in (tmp_path / "x.graph").read_text().splitlines()]

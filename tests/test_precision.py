@@ -1,4 +1,6 @@
-"""Steps in mixed and single precision: what is lost against double, and that the bits stay the same on any number of ranks and through a restart."""
+"""Steps in mixed and single precision:
+what is lost against double, and that the bits stay the same on any number of ranks and through a restart.
+"""
 
 import h5py
 import numpy as np
@@ -67,12 +69,16 @@ def test_what_is_lost_against_double(workshop, strain):
 
 
 def test_a_creep_that_single_precision_cannot_follow(workshop):
-    """A weight settles by 1 m, ever slower: the last way of a step is below the last digit of a single-precision displacement. Mixed follows; single is announced."""
+    """A weight settles by 1 m, ever slower:
+    the last way of a step is below the last digit of a single-precision displacement. Mixed follows; single
+    is announced.
+    """
     stiffness, mass, zeta, dt, seconds = 1e5, 1e4, 20.0, 1e-5, 20.0
     nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-100,0,{mass - 3.925e-3!r},{-stiffness!r}\n"
     text = (
         "[cable]\nmodulus = 1e13\narea = 1e-6\ndensity = 78.5\n"
-        + f"[dynamics]\nduration = {seconds}\ntime_step = {dt}\ndamping = {zeta}\n[output]\nhistory = 0.1\nframes = 20\n"
+        + f"[dynamics]\nduration = {seconds}\ntime_step = {dt}\ndamping = {zeta}\n"
+        f"[output]\nhistory = 0.1\nframes = 20\n"
     )
     job = workshop.job(text, nodes, "start,end\n1,2\n")
     slow = 0.5 * zeta - np.sqrt(0.25 * zeta**2 - stiffness / mass)

@@ -11,6 +11,8 @@ import pytest
 from conftest import BIN, ENVIRONMENT, ROOT, assert_same_results, run_netfall
 from kill_runs import JOB
 
+pytestmark = pytest.mark.processes
+
 SLOW = JOB.replace("checkpoint = 0.02", "checkpoint = 0.1")
 
 
@@ -28,7 +30,9 @@ def same_but_for_the_job(calm, other):
 
 @pytest.mark.parametrize("ranks, later", [(1, 3), (3, 1), (2, 4)])
 def test_restart_on_other_ranks_gives_the_same_bits(workshop, calm, ranks, later):
-    """From either of the two checkpoints that are kept, before and after fractures, also when the run had finished."""
+    """From either of the two checkpoints that are kept, before and after fractures, also when the run had
+    finished.
+    """
     job = workshop.job(SLOW)
     first = workshop.run(job, ranks=ranks)
     assert len(first["events/step"]) > 3
@@ -47,7 +51,9 @@ def test_restart_on_other_ranks_gives_the_same_bits(workshop, calm, ranks, later
 
 
 def test_elements_that_were_taken_out_stay_out_after_a_restart(workshop):
-    """Without fragments, with inertia added before: the same bits from a checkpoint after fractures, on other ranks."""
+    """Without fragments, with inertia added before:
+    the same bits from a checkpoint after fractures, on other ranks.
+    """
     job = workshop.job(SLOW.replace("[dynamics]", "[dynamics]\nfragments = false\nmass_scaling = 0.01"))
     whole = workshop.run(job, output="whole.vtkhdf")
     checkpoint = sorted(workshop.folder.glob("whole.checkpoint*"))[-1]
@@ -100,7 +106,9 @@ def test_walltime_ends_the_run_with_a_checkpoint(workshop, calm):
 
 
 def test_statics_are_not_lost_in_a_restart(workshop):
-    """Load steps before the interruption are in the final file, with bars, plasticity and both ends of the stage."""
+    """Load steps before the interruption are in the final file, with bars, plasticity and both ends of the
+    stage.
+    """
     text = SLOW.replace("[load]", "[load]\npressure = [0.0, 0.0, 300.0]\nsteps = 3").replace(
         "duration = 0.4", "duration = 0.15"
     )
@@ -201,14 +209,17 @@ def test_missing_parts_of_the_result_are_named(checkpoints, tmp_path):
     assert {p.name for p in tmp_path.iterdir()} == {new.name}
 
 
-def test_twenty_kills_change_no_bit():
-    """kill -9 of a rank, of mpirun, of all, at random moments; restarted on other ranks (kill_runs.py; --kills 100 by hand)."""
+@pytest.mark.parametrize("kills", [5, pytest.param(20, marks=pytest.mark.long)])
+def test_kills_change_no_bit(kills):
+    """kill -9 of a rank, of mpirun, of all, at random moments; restarted on other ranks (kill_runs.py;
+    --kills 100 by hand).
+    """
     done = subprocess.run(
         [
             sys.executable,
             str(ROOT / "tests" / "kill_runs.py"),
             "--kills",
-            "20",
+            str(kills),
             "--seed",
             str(random.randrange(10**6)),
         ],
@@ -218,7 +229,7 @@ def test_twenty_kills_change_no_bit():
         timeout=900,
     )
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
-    assert done.stdout.splitlines()[-1].startswith("20 kills")
+    assert done.stdout.splitlines()[-1].startswith(f"{kills} kills")
 
 
 def test_sealed_file_stays_readable(checkpoints):
@@ -237,7 +248,9 @@ PAUSED = PAUSED.replace("duration = 0.4", "duration = 0.02").replace("checkpoint
     "after, stage", [(0, "form finding"), (20, "form finding"), (36, "statics"), (60, "statics")]
 )
 def test_a_pause_in_form_finding_or_statics_changes_no_bit(workshop, after, stage):
-    """Stopped after some looks at the residual, taken up on two ranks: the same file as from a run left alone."""
+    """Stopped after some looks at the residual, taken up on two ranks:
+    the same file as from a run left alone.
+    """
     from mpi4py import MPI
 
     from netfall.errors import Interrupted

@@ -1,4 +1,6 @@
-"""Static equilibrium under load: load steps, slack cables, balance of forces. Its figures: test_validation_statics.py."""
+"""Static equilibrium under load: load steps, slack cables, balance of forces.
+Its figures: test_validation_statics.py.
+"""
 
 import numpy as np
 from conftest import STEEL
@@ -7,8 +9,8 @@ from scipy.sparse.linalg import spsolve
 
 SADDLE = '[net]\ngenerator = "saddle"\n' + STEEL.replace("683.08e-6", "3600e-6").replace("100e3", "1800e3")
 LOADED = (
-    SADDLE
-    + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-8\n[load]\npressure = [0.0, 0.0, 2000.0]\nsteps = 4\ntolerance = 1e-9\n"
+    SADDLE + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-8\n"
+    "[load]\npressure = [0.0, 0.0, 2000.0]\nsteps = 4\ntolerance = 1e-9\n"
 )
 EA = 1.95e11 * 3600e-6
 
@@ -19,7 +21,9 @@ def elastic(L0, EA=EA):
 
 
 def newton(x, elements, law, fixed, load):
-    """Equilibrium of elements with N, dN/dL = law(L) by Newton iteration with the exact tangent stiffness: positions and tensions."""
+    """Equilibrium of elements with N, dN/dL = law(L) by Newton iteration with the exact tangent stiffness:
+    positions and tensions.
+    """
     x = x.copy()
     n, free = len(x), np.flatnonzero(~fixed.ravel())
     for _ in range(60):
@@ -63,7 +67,9 @@ def test_history_of_the_load_steps(workshop):
 
 
 def test_slack_cables_are_counted_and_carry_nothing(workshop):
-    """Too strong a load for the prestress: the slack cables' tension is exactly zero, and Newton agrees on the rest."""
+    """Too strong a load for the prestress:
+    the slack cables' tension is exactly zero, and Newton agrees on the rest.
+    """
     job = workshop.job(LOADED.replace("1800e3", "600e3"))
     f = workshop.run(job)
     N = f["statics/tension"][-1]

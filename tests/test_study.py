@@ -11,6 +11,8 @@ from netfall.job.read import read_job
 from netfall.output.place import BUSY, claim, release
 from netfall.study.launch import RunFailed
 
+pytestmark = pytest.mark.processes
+
 JOB = (
     '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n'
     + STEEL
@@ -33,7 +35,9 @@ frames = 10
 
 
 def test_scale_measures_one_and_two_ranks(workshop):
-    """Strong: the job; weak: twice the elements on two ranks; phases add up to no more than the stage; table and picture are written."""
+    """Strong: the job; weak: twice the elements on two ranks; phases add up to no more than the stage;
+    table and picture are written.
+    """
     done = run_netfall(
         "scale",
         workshop.job(JOB),
@@ -66,7 +70,9 @@ def test_scale_measures_one_and_two_ranks(workshop):
 
 
 def test_trade_compares_settings_and_goes_on_where_it_was(workshop):
-    """The reference has no error against itself; a step above the limit is a refused row; a second call runs nothing again."""
+    """The reference has no error against itself; a step above the limit is a refused row;
+    a second call runs nothing again.
+    """
     arguments = [
         "trade",
         workshop.job(JOB),

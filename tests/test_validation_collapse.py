@@ -1,4 +1,7 @@
-"""Whole jobs: order of convergence in step and subdivision up to the first fracture, and what an ensemble of winds says after it."""
+"""Whole jobs:
+order of convergence in step and subdivision up to the first fracture, and what an ensemble of winds says
+after it.
+"""
 
 import numpy as np
 import pytest
@@ -18,7 +21,9 @@ def with_keys(**keys):
     "job, until, longest", [(SADDLE, 0.1, 4e-4), (STADIUM, 1.0, 1e-4)], ids=["saddle", "stadium"]
 )
 def test_second_order_in_the_step(both_ways, compare, job, until, longest):
-    """Displacements at the probes, all the way, against a step eight times smaller than the smallest: the error quarters with half the step."""
+    """Displacements at the probes, all the way, against a step eight times smaller than the smallest:
+    the error quarters with half the step.
+    """
     runs = [
         both_ways.run(
             job,
@@ -66,7 +71,8 @@ def test_order_in_the_subdivision(both_ways, compare):
                 reached[parts][k],
                 fine,
                 abs(coarse / fine - 1.0) / parts**2,
-                f"second order in the length: the error of one element, {coarse / fine - 1.0:.1%}, over {parts**2}",
+                f"second order in the length: the error of one "
+                f"element, {coarse / fine - 1.0:.1%}, over {parts**2}",
                 "m",
             )
 
@@ -74,7 +80,9 @@ def test_order_in_the_subdivision(both_ways, compare):
 @pytest.mark.long
 @pytest.mark.parametrize("speed", [40, 80])
 def test_ensemble_of_winds(workshop, compare, speed):
-    """Stadium in 20 winds, with the automatic step and a quarter of it: what the step changes beside what the wind does. Prints the ensemble."""
+    """Stadium in 20 winds, with the automatic step and a quarter of it:
+    what the step changes beside what the wind does. Prints the ensemble.
+    """
     first, broken = np.full((2, 20), np.nan), np.zeros((2, 20))
     for k, safety in enumerate((0.8, 0.2)):
         for seed in range(20):
@@ -86,8 +94,10 @@ def test_ensemble_of_winds(workshop, compare, speed):
                 first[k, seed], broken[k, seed] = f["events/time"][0], len(np.unique(f["events/element"][:]))
     torn = np.isfinite(first).all(0)  # with both steps
     print(
-        f"{speed} m/s: {np.isfinite(first).sum(1)} of 20 roofs torn; first fracture {np.sort(first[0][torn]).round(3)} s; "
-        f"differences with the step {np.sort(np.abs(np.diff(first[:, torn], axis=0)[0])) * 1e3} ms; broken {broken[0].astype(int)} against {broken[1].astype(int)}"
+        f"{speed} m/s: {np.isfinite(first).sum(1)} of 20 roofs "
+        f"torn; first fracture {np.sort(first[0][torn]).round(3)} s; "
+        f"differences with the step {np.sort(np.abs(np.diff(first[:, torn], axis=0)[0])) * 1e3} "
+        f"ms; broken {broken[0].astype(int)} against {broken[1].astype(int)}"
     )
     case = f"stadium at {speed} m/s, 20 winds"
     compare(
@@ -120,6 +130,7 @@ def test_ensemble_of_winds(workshop, compare, speed):
         both[0].mean(),
         both[1].mean(),
         2.0 * difference.std(ddof=1) / np.sqrt(len(difference)),
-        f"two standard errors of the difference; from wind to wind the number varies by {both[0].std(ddof=1):.0f}",
+        f"two standard errors of the difference; from wind to "
+        f"wind the number varies by {both[0].std(ddof=1):.0f}",
         scale=1.0,
     )

@@ -1,8 +1,12 @@
-"""Dynamics against closed forms: of the differential equation, and of the difference equation that central difference solves in its place.
+"""Dynamics against closed forms:
+of the differential equation, and of the difference equation that central difference solves in its place.
 
-Central difference turns an oscillation of omega into one of theta / dt with sin(theta / 2) = omega dt / 2: too fast by (omega dt)^2 / 24, amplitude and
-start from rest kept. So where the difference equation has a closed form the tolerance is rounding; elsewhere it is that term.
+Central difference turns an oscillation of omega into one of theta / dt with sin(theta / 2) = omega dt / 2:
+too fast by (omega dt)^2 / 24, amplitude and start from rest kept. So where the difference equation has a
+closed form the tolerance is rounding; elsewhere it is that term.
 """
+
+import itertools
 
 import numpy as np
 from conftest import STEEL
@@ -35,7 +39,8 @@ def timing(duration: float, dt: float, every: int, probes=(), frames=1, damping=
     """Sections of a run with steps dt [s], a history row every few steps."""
     return (
         f"[dynamics]\nduration = {float(duration)!r}\ntime_step = {float(dt)!r}\ndamping = {damping!r}\n"
-        f"[output]\nhistory = {float(every * dt)!r}\nframes = {frames}\nprobes = {[list(map(float, p)) for p in probes]}\n"
+        f"[output]\nhistory = {float(every * dt)!r}\nframes = {frames}\n"
+        f"probes = {[list(map(float, p)) for p in probes]}\n"
     )
 
 
@@ -90,7 +95,9 @@ def test_free_fall(both_ways, compare):
 
 
 def test_taut_string(both_ways, compare):
-    """The three lowest modes of a taut string: those of its n masses to rounding, those of the continuous string to second order in links and steps."""
+    """The three lowest modes of a taut string:
+    those of its n masses to rounding, those of the continuous string to second order in links and steps.
+    """
     n, L, T, a, dt = 32, 20.0, 100e3, 1e-6, 1e-4
     x = np.linspace(0.0, L, n + 1)
     shapes = np.sin(np.pi * np.outer([1, 2, 3], x) / L)
@@ -146,12 +153,14 @@ C_WAVE = float(np.sqrt(E / RHO))  # m/s, of unstressed length
 
 
 def pulled_cables(steps: int, courant: float, every: int, frames: int):
-    """Two taut cables along x, at y = 0 with a fixed far end, at y = 5 with a free one; both are pulled by P more at x = 0."""
-    n, l = N_WAVE, L_LINK * (1 + T_WAVE / EA)
+    """Two taut cables along x, at y = 0 with a fixed far end, at y = 5 with a free one;
+    both are pulled by P more at x = 0.
+    """
+    n, length = N_WAVE, L_LINK * (1 + T_WAVE / EA)
     nodes = [
         (
             100 * s + k,
-            k * l,
+            k * length,
             5.0 * s,
             0.0,
             int(s == 0 and k == n),
@@ -162,7 +171,7 @@ def pulled_cables(steps: int, courant: float, every: int, frames: int):
     ]
     elements = [(100 * s + k, 100 * s + k + 1, L_LINK) for s in (0, 1) for k in range(n)]
     dt = courant * L_LINK / C_WAVE
-    probes = [(5.4 * l, 0.0), (55.4 * l, 0.0), (20.4 * l, 0.0), (n * l, 0.0)]
+    probes = [(5.4 * length, 0.0), (55.4 * length, 0.0), (20.4 * length, 0.0), (n * length, 0.0)]
     return (
         BARE + timing(steps * dt, dt, every, probes, frames),
         csv("id,x,y,z,fixed,load_x", nodes),
@@ -172,7 +181,9 @@ def pulled_cables(steps: int, courant: float, every: int, frames: int):
 
 
 def test_elastic_wave(both_ways, compare):
-    """D'Alembert's wave in a taut cable, four times along it: speed, doubled tension at a fixed end, doubled speed at a free one, and the way back."""
+    """D'Alembert's wave in a taut cable, four times along it:
+    speed, doubled tension at a fixed end, doubled speed at a free one, and the way back.
+    """
     n, short = N_WAVE, 1e-9
     steps = 4 * n
     *tables, dt = pulled_cables(steps, 1.0 - short, 1, steps)
@@ -265,9 +276,11 @@ def test_elastic_wave(both_ways, compare):
 
 
 def test_wave_of_a_lumped_cable(both_ways, compare):
-    """With short steps the front of the wave ripples as in Schroedinger's chain of masses: tension P times the integral of J(2 j + 1) to 2 c t / L0."""
+    """With short steps the front of the wave ripples as in Schroedinger's chain of masses:
+    tension P times the integral of J(2 j + 1) to 2 c t / L0.
+    """
     courant, j = 0.04, 20
-    *tables, dt = pulled_cables(int(50 / courant), courant, 5, 1)
+    *tables, _ = pulled_cables(int(50 / courant), courant, 5, 1)
     f = both_ways.run(both_ways.job(*tables))
     z = 2 * C_WAVE * f["history/time"][:] / L_LINK
     N = f["history/probe_tension"][:, list(f["history/probe_element"][:]).index(j)] - T_WAVE
@@ -300,7 +313,9 @@ def test_wave_of_a_lumped_cable(both_ways, compare):
 
 
 def test_pendulums(both_ways, compare):
-    """Pendulums let go from rest at 30, 90 and 150 degrees: the period by the elliptic integral, the tension at the lowest point by the energy."""
+    """Pendulums let go from rest at 30, 90 and 150 degrees:
+    the period by the elliptic integral, the tension at the lowest point by the energy.
+    """
     L, dt, angles = 2.0, 4e-4, (30, 90, 150)
     mass = 10.0 + L * HALF  # to 1e-6; the load makes up for the rest
     nodes, elements = [], []
@@ -357,7 +372,9 @@ def test_pendulums(both_ways, compare):
 
 
 def test_swing_across_two_cables(both_ways, compare):
-    """A mass between two taut cables, let go far off their line: its hardening swing by quadrature, its mirror image, and the way back."""
+    """A mass between two taut cables, let go far off their line:
+    its hardening swing by quadrature, its mirror image, and the way back.
+    """
     modulus, L0, T, carried, a, dt = 1.95e9, 5.0, 10e3, 500.0, 1.0, 2e-3
     k, b, mass = modulus * A / L0, L0 * (1 + T / (modulus * A)), carried + 2 * L0 * HALF
     nodes = csv(
@@ -417,7 +434,9 @@ def test_swing_across_two_cables(both_ways, compare):
 
 
 def test_snap_from_slack(both_ways, compare):
-    """A mass falls freely on a slack cable, is caught and thrown back: times, largest tension and height from parabola and sinusoid."""
+    """A mass falls freely on a slack cable, is caught and thrown back:
+    times, largest tension and height from parabola and sinusoid.
+    """
     modulus, L0, h, dt = 1.95e8, 10.0, 1.0, 1e-3
     k, mass = modulus * A / L0, 100.0 + L0 * HALF
     nodes = csv(
@@ -515,7 +534,9 @@ def test_snap_from_slack(both_ways, compare):
 
 
 def test_two_masses_on_a_chain(both_ways, compare):
-    """Two masses on a taut chain, let go from rest: every row is the sum of the two modes that the difference equation has."""
+    """Two masses on a taut chain, let go from rest:
+    every row is the sum of the two modes that the difference equation has.
+    """
     lengths, carried, moved, T, dt = (
         np.array([6.0, 4.0]),
         np.array([800.0, 300.0]),
@@ -575,7 +596,10 @@ def test_two_masses_on_a_chain(both_ways, compare):
 
 
 def test_order_of_accuracy(both_ways, compare):
-    """Half the step, a quarter of the error: a damped oscillator against its closed form, a damped mass on a soft cable that swings and stretches against an integration to 1e-12."""
+    """Half the step, a quarter of the error:
+    a damped oscillator against its closed form, a damped mass on a soft cable that swings and stretches
+    against an integration to 1e-12.
+    """
     zeta, hold, L0, soft_k, carried = 2.0, 20e3, 10.0, 9e4, 100.0
     stretched = L0 * (1 + hold / EA) + 1e-3
     start = np.array([3.0 + 2.0 * np.sin(1.0), -2.0 * np.cos(1.0)])
@@ -618,7 +642,7 @@ def test_order_of_accuracy(both_ways, compare):
         ("mass that swings on a soft cable", "integration to 1e-12", 1, [0, 2], swing, soft_k / mass),
     ):
         errors = [np.linalg.norm(f["history/probe_displacement"][:, k][:, axes] - theirs) for f in found]
-        for h, pair in zip((2e-3, 1e-3), zip(errors, errors[1:])):
+        for h, pair in zip((2e-3, 1e-3), itertools.pairwise(errors)):
             compare(
                 THEME,
                 f"{name}, step of {h * 1e3:g} ms and half of it: order of the error",
@@ -631,7 +655,9 @@ def test_order_of_accuracy(both_ways, compare):
 
 
 def test_order_of_accuracy_of_a_net(both_ways, compare):
-    """Half the step, a quarter of the error: a saddle roof in a steady wind, all displacements against a step of a sixteenth."""
+    """Half the step, a quarter of the error:
+    a saddle roof in a steady wind, all displacements against a step of a sixteenth.
+    """
     text = (
         '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n'
         + STEEL

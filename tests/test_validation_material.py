@@ -1,4 +1,6 @@
-"""The element law in whole runs, against closed forms and energies worked by hand, for both measures of strain."""
+"""The element law in whole runs, against closed forms and energies worked by hand, for both measures of
+strain.
+"""
 
 import numpy as np
 import pytest
@@ -63,7 +65,9 @@ def test_elongation_under_a_known_force(both_ways, compare, strain):
 
 @pytest.mark.parametrize("strain", MEASURES)
 def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
-    """Fall, catch, flow, rebound to slack, second catch up the same line: lengths and energies by balance, times by quadrature."""
+    """Fall, catch, flow, rebound to slack, second catch up the same line:
+    lengths and energies by balance, times by quadrature.
+    """
     L0, h, carried, dt = 10.0, 0.6, 36e3, 5e-4
     mass = carried + HALF * L0
     F = mass * G
@@ -207,7 +211,9 @@ def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
 
 @pytest.mark.parametrize("strain", MEASURES)
 def test_cycles_with_slack(both_ways, compare, strain):
-    """Paper Fig. 3: a cable and a bar on a heavy mass that swings in two modes: load, flow, slack, flow again, slack, up the same line; the bar flows both ways."""
+    """Paper Fig. 3: a cable and a bar on a heavy mass that swings in two modes:
+    load, flow, slack, flow again, slack, up the same line; the bar flows both ways.
+    """
     L0, k, heavy, area, dt = 10.0, 1e8, 1e6, 1e-6, 2e-3
     ea, ny = E * area, 1.75e9 * area
     modes = np.linalg.eigh(k / heavy * np.array([[1.0, -1.0], [-1.0, 2.0]]))[1]
@@ -232,8 +238,8 @@ def test_cycles_with_slack(both_ways, compare, strain):
             for j in range(3)
         ]
     text = (
-        section(strain)
-        + 'yield_stress = 1.75e9\n[cable.strut]\nkind = "bar"\n[cable.driver]\nkind = "bar"\nyield_stress = 1e14\n'
+        section(strain) + 'yield_stress = 1.75e9\n[cable.strut]\nkind = "bar"\n'
+        '[cable.driver]\nkind = "bar"\nyield_stress = 1e14\n'
     )
     text += timing(2.5, dt, 1, [(nodes[1][1], 0.0), (nodes[5][1], 5.0)])
     f = both_ways.run(
@@ -323,7 +329,9 @@ def test_cycles_with_slack(both_ways, compare, strain):
 
 
 def test_three_cables_past_yield(both_ways, compare):
-    """The joint of three cables under load steps past the yield of the middle one: what it carries stays, the slanted ones take the rest."""
+    """The joint of three cables under load steps past the yield of the middle one:
+    what it carries stays, the slanted ones take the rest.
+    """
     H, P = 5.0, 2.2 * NY
     nodes = csv(
         "id,x,y,z,fixed,load_z",

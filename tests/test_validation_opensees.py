@@ -1,7 +1,9 @@
-"""The saddle and the stadium against OpenSees: static equilibrium and motion of the same nets, elastic, taut and slack.
+"""The saddle and the stadium against OpenSees:
+static equilibrium and motion of the same nets, elastic, taut and slack.
 
-OpenSees's answers are stored (opensees_reference.npz, made by opensees_reference.py, whose head says how), so that every run compares
-with them; where a Python with openseespy is found, they are computed anew as well and must be the stored ones.
+OpenSees's answers are stored (opensees_reference.npz, made by opensees_reference.py, whose head says how), so
+that every run compares with them; where a Python with openseespy is found, they are computed anew as well and
+must be the stored ones.
 """
 
 import functools
@@ -24,7 +26,9 @@ STEP = 1e-4  # s, of the saddle
 
 
 def shipped(name: str) -> str:
-    """Net, cables and form finding of a shipped job, without fracture, the form found to rounding, so that a stored answer belongs to it."""
+    """Net, cables and form finding of a shipped job, without fracture, the form found to rounding, so that a
+    stored answer belongs to it.
+    """
     text = (ROOT / "jobs" / f"{name}.toml").read_text().split("[load]")[0]
     return re.sub(r"tolerance = \S+", "tolerance = 1e-11", re.sub(r"fracture_strain.*\n", "", text))
 
@@ -95,7 +99,9 @@ def reference(name: str, folder, case: dict) -> dict:
 def make_case(
     f, section: dict, static=None, sudden=None, dead=0.0, damping=0.0, step=STEP, every=1, fine=(), stride=1
 ) -> dict:
-    """The net that form finding left, with masses and loads from the job's numbers. static, sudden : (n, 3) [N]; the rest as in opensees_reference.py"""
+    """The net that form finding left, with masses and loads from the job's numbers.
+    static, sudden : (n, 3) [N]; the rest as in opensees_reference.py
+    """
     elements, L0, area = (
         f["net/elements"][:],
         f["form_finding/unstressed_length"][:],
@@ -130,7 +136,9 @@ def vertical(f, pressure: float) -> np.ndarray:
 
 
 def saddle_wind(f, speed: float, shape: float) -> np.ndarray:
-    """Forces (n, 3) [N] of a steady wind on the saddle: -u_s A rho U^2 / 2 along the upward normal, the mean of the vector areas of the four faces around."""
+    """Forces (n, 3) [N] of a steady wind on the saddle:
+    -u_s A rho U^2 / 2 along the upward normal, the mean of the vector areas of the four faces around.
+    """
     x, area = f["form_finding/position"][:], f["net/tributary_area"][:]
     i, j = np.rint((f["net/particles"][:, :2] + 36.6) / 9.15).astype(int).T
     a = np.array([-36.6, 36.6])
@@ -148,7 +156,7 @@ def saddle_wind(f, speed: float, shape: float) -> np.ndarray:
 def compare_states(
     compare, what: str, d, N, theirs: dict, name: str, stride: int, within: tuple, because: str
 ) -> None:
-    """Rows for the displacements (n, 3) [m] and tensions (m,) [N] of a state, largest values and everywhere."""
+    """Rows for the displacements (n, 3) [m] and tensions (m,) [N] of a state, largest and everywhere."""
     largest_d, largest_N = theirs[f"{name}_largest"]
     compare(
         THEME,
@@ -214,8 +222,10 @@ def rounding(
 ) -> tuple[tuple[float, float], str]:
     """What rounding amounts to at the worst, of the largest displacement and tension, and the words for it.
 
-    A strain is right to its last bit, EA 2^-52 of force: for two elements in both programs it pushes a particle freely for the whole time.
-    slack_length : [m] of the elements that go slack; as they snap taut, that way meets their full stiffness. None: none does
+    A strain is right to its last bit, EA 2^-52 of force: for two elements in both programs it pushes a
+    particle freely for the whole time.
+    slack_length : [m] of the elements that go slack; as they snap taut, that way meets their full stiffness.
+        None: none does
     """
     EA, mass, time = case["EA"][0], np.median(case["mass"][case["fixed"][:, 0] == 0]), f["history/time"][-1]
     way = 0.5 * (2 * EA * np.finfo(float).eps / mass) * time**2
@@ -227,7 +237,9 @@ def rounding(
 
 
 def fastest_square(case: dict) -> float:
-    """Bound of the squared frequency [1/s2] of all modes, whatever the shape: the largest sum of the stiffness over mass of an element's two ends."""
+    """Bound of the squared frequency [1/s2] of all modes, whatever the shape:
+    the largest sum of the stiffness over mass of an element's two ends.
+    """
     k, ends = case["EA"] / case["L0"], case["elements"]
     square = np.where(case["fixed"].any(1), 0.0, np.bincount(ends.ravel(), np.repeat(k, 2)) / case["mass"])
     return square[ends].sum(1).max()
@@ -250,13 +262,16 @@ def needs_opensees() -> None:
     """Skip, saying how to get it."""
     if python_with_opensees() is None:
         pytest.skip(
-            "stored answers only: no Python has openseespy; `bash jobs/bench/run.sh` makes .venv-bench with it, or pip install .[validation]"
+            "stored answers only: no Python has openseespy; `bash jobs/bench/run.sh` "
+            "makes .venv-bench with it, or pip install .[validation]"
         )
 
 
 @pytest.mark.parametrize("stretch", [-1e-3, 1e-3, 5e-2])
 def test_the_element_in_opensees_is_the_one_meant(tmp_path, stretch):
-    """EA (L - L0) / L0 on a cable that hangs straight down, whatever its length at the start: slack, taut, long."""
+    """EA (L - L0) / L0 on a cable that hangs straight down, whatever its length at the start:
+    slack, taut, long.
+    """
     needs_opensees()
     L0, EA = 10.0, 1e6
     x = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -L0 * (1 + stretch)]])
@@ -282,7 +297,9 @@ def test_the_element_in_opensees_is_the_one_meant(tmp_path, stretch):
 
 
 def test_saddle_under_static_load_and_then_wind(both_ways, compare):
-    """2 kN/m2 on the saddle in ten steps (paper 4.1.2), and then a steady wind that presses it down, damped: displacements and tensions."""
+    """2 kN/m2 on the saddle in ten steps (paper 4.1.2), and then a steady wind that presses it down, damped:
+    displacements and tensions.
+    """
     text = """
 [load]
 pressure = [0.0, 0.0, 2000.0]
@@ -337,7 +354,9 @@ probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
 
 
 def test_saddle_under_sudden_load(both_ways, compare):
-    """0.8 kN/m2 at once, undamped: the same motion at the same step, and second order against an implicit scheme of fourth order."""
+    """0.8 kN/m2 at once, undamped:
+    the same motion at the same step, and second order against an implicit scheme of fourth order.
+    """
     text = """
 [load]
 pressure = [0.0, 0.0, 800.0]
@@ -361,7 +380,8 @@ probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
         compare, f"{what}, after 0.5 s", moved(f), f["final/tension"][:], theirs, "final", 1, within, because
     )
     size = lambda f, name: f[f"history/probe_{name}"][1:] - theirs[f"fine_{name}"]
-    # a mode's frequency is too high by (w dt)^2 / 24 + 3 (w dt)^4 / 640: the second term is 0.11 (w dt)^2 of the first, and thrice that in the ratio
+    # a mode's frequency is too high by (w dt)^2 / 24 + 3 (w dt)^4 / 640: the second term is 0.11 (w dt)^2 of
+    # the first, and thrice that in the ratio
     for name in ("displacement", "tension"):
         one, two, largest = size(f, name), size(double, name), np.abs(theirs[f"fine_{name}"]).max()
         compare(
@@ -419,8 +439,8 @@ def test_stadium_under_dead_load(both_ways, compare):
 def test_stadium_under_sudden_dead_load(both_ways, compare):
     """The first half second of the shipped job, with its damping but no wind: up to 358 cables go slack.
 
-    As they snap taut again, after 0.6 s, rounding grows tenfold in every 0.06 s: the two programs are 3e-5 apart after 1 s, and OpenSees parts
-    from itself in the same way if its load changes by 1e-14.
+    As they snap taut again, after 0.6 s, rounding grows tenfold in every 0.06 s: the two programs are 3e-5
+    apart after 1 s, and OpenSees parts from itself in the same way if its load changes by 1e-14.
     """
     text = """
 [load]

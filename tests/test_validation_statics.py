@@ -11,11 +11,16 @@ from test_statics import elastic, newton
 THEME, FORM = "Statics", "Form finding"
 FOOT, POUND = 0.3048, 4.4482216152605  # m, N
 GRAVITY = 9.81  # m/s2, of self_weight
-LEADING = "straight elements are the midpoint rule for the catenary: h^2 / 24 (f'(b) - f'(a)), a tenth more for the terms after it"
+LEADING = (
+    "straight elements are the midpoint rule for the catenary: "
+    "h^2 / 24 (f'(b) - f'(a)), a tenth more for the terms after it"
+)
 
 
 def catenary(H, V, w, EA, L, n):
-    """Extent along and down [m] of an elastic cable of unstressed length L under its weight w [N/m]; V falls from its upper end on (Irvine 1981)."""
+    """Extent along and down [m] of an elastic cable of unstressed length L under its weight w [N/m];
+    V falls from its upper end on (Irvine 1981).
+    """
     T, below = np.hypot(H, V), V - w * L
     end = np.hypot(H, below)
     return H * L / EA + H / w * (np.arcsinh(V / H) - np.arcsinh(below / H)), (V**2 - below**2) / (
@@ -24,7 +29,9 @@ def catenary(H, V, w, EA, L, n):
 
 
 def chain(H, V, w, EA, L, n):
-    """The same of n straight elements with their weights halved to their ends: the midpoint rule for the catenary's integrals."""
+    """The same of n straight elements with their weights halved to their ends:
+    the midpoint rule for the catenary's integrals.
+    """
     at = V - w * L * (np.arange(n) + 0.5) / n
     stretch = 1 / EA + 1 / np.hypot(H, at)
     return L / n * (H * stretch).sum(), L / n * (at * stretch).sum()
@@ -41,7 +48,9 @@ def catenary_with_leading_error(H, V, w, EA, L, n):
 
 
 def hang(rule, parts, span, w, EA, load, n):
-    """Joint x, z [m], horizontal and left vertical force [N] of two parts between level supports, n elements each, with a load [N] down at the joint."""
+    """Joint x, z [m], horizontal and left vertical force [N] of two parts between level supports, n elements
+    each, with a load [N] down at the joint.
+    """
     first, second = parts
 
     def gap(force):
@@ -57,7 +66,9 @@ def hang(rule, parts, span, w, EA, load, n):
 
 
 def cables(some):
-    """Tables of cables (parts, span, load, n) side by side, each laid out as the triangle of its unstressed parts; the first node of each."""
+    """Tables of cables (parts, span, load, n) side by side, each laid out as the triangle of its unstressed
+    parts; the first node of each.
+    """
     nodes, elements, first, number = ["id,x,y,z,fixed,load_z"], ["start,end,unstressed_length"], [], 0
     for k, ((a, b), span, load, n) in enumerate(some):
         x = (a**2 - b**2 + span**2) / (2 * span)
@@ -83,7 +94,9 @@ ISOLATED = (
 
 
 def test_isolated_cable(both_ways, compare):
-    """A cable under its weight takes a load at a point: the displacement of that point, with ever shorter elements."""
+    """A cable under its weight takes a load at a point:
+    the displacement of that point, with ever shorter elements.
+    """
     parts, span, w, EA, load = ISOLATED
     numbers = 5, 10, 20, 40
     nodes, elements, first = cables([(parts, span, P, n) for n in numbers for P in (0.0, load)])
@@ -143,7 +156,7 @@ def test_isolated_cable(both_ways, compare):
 
 
 def test_elastic_catenary_at_three_sags(both_ways, compare):
-    """Sag and support tension of a soft rope under its own weight, taut to deep, with ever shorter elements."""
+    """Sag and support tension of a soft rope under its own weight, taut to deep, in ever shorter elements."""
     span, area, modulus, density = 100.0, 683.08e-6, 2e10, 7850.0
     w, EA, numbers = GRAVITY * density * area, modulus * area, (8, 16, 32)
     some, closed = [], []
@@ -169,7 +182,9 @@ def test_elastic_catenary_at_three_sags(both_ways, compare):
     )
 
     def sag_and_tension(start, n, L):
-        """Of the cable whose nodes begin at start: the support holds its first element and the half of it that hangs at the support itself."""
+        """Of the cable whose nodes begin at start:
+        the support holds its first element and the half of it that hangs at the support itself.
+        """
         d = x[start] - x[start + 1]
         e = int(np.flatnonzero(ends[:, 0] == start)[0])
         return -x[start + n, 2], np.linalg.norm(N[e] * d / np.linalg.norm(d) + (0, 0, w * L / n / 4))
@@ -205,7 +220,9 @@ def test_elastic_catenary_at_three_sags(both_ways, compare):
 
 
 def test_two_elements_under_a_load(both_ways, compare):
-    """Straight cables and a shallow strut loaded across in the middle: sinking by w takes P = 2 N(w) sin of the slope."""
+    """Straight cables and a shallow strut loaded across in the middle:
+    sinking by w takes P = 2 N(w) sin of the slope.
+    """
     area, modulus, a = 1e-4, 1e11, 2.0
     EA = modulus * area
     rows, nodes, elements = [], ["id,x,y,z,fixed_x,fixed_y,fixed_z,load_z"], ["start,end,group,prestress"]
@@ -257,7 +274,9 @@ hypar = lambda x, y: PLAN * (x**2 - y**2)
 
 
 def square(cells, side, height):
-    """Nodes (n, 3) of a square net on z = 0 whose boundary is at height(x, y), whether each is held, and elements (m, 2); no cable along it."""
+    """Nodes (n, 3) of a square net on z = 0 whose boundary is at height(x, y), whether each is held, and
+    elements (m, 2); no cable along it.
+    """
     i, j = np.meshgrid(np.arange(cells + 1), np.arange(cells + 1))
     rim = lambda k: k % cells == 0
     there = ~(rim(i) & rim(j))
@@ -273,7 +292,9 @@ def square(cells, side, height):
 
 
 def tables(x, held, elements, columns="", values=(), more="", extra=""):
-    """Tables of a net: held (n,) or (n, 3); columns of nodes.csv with values (n,), and `more` of elements.csv with the text `extra`."""
+    """Tables of a net: held (n,) or (n, 3);
+    columns of nodes.csv with values (n,), and `more` of elements.csv with the text `extra`.
+    """
     held = np.broadcast_to(np.asarray(held, int).reshape(len(x), -1), (len(x), 3))
     values = np.column_stack(values) if len(values) else np.zeros((len(x), 0))
     rows = (
@@ -291,7 +312,9 @@ def constant(T):
 
 
 def test_uniform_force_density_is_the_hypar(both_ways, compare):
-    """Equal force densities over the hypar's boundary give the hypar itself, on nets of any size: three in one job."""
+    """Equal force densities over the hypar's boundary give the hypar itself, on nets of any size:
+    three in one job.
+    """
     sizes, nets, first = (4, 16, 64), [], 0
     for k, cells in enumerate(sizes):
         x, held, elements = square(cells, SIDE, hypar)
@@ -351,7 +374,10 @@ def test_force_density_from_prestress_and_length(both_ways, compare):
 
 
 def test_saddle_at_constant_tension(both_ways, compare):
-    """The paper's saddle: the shortest net over its boundary, within 0.3 % of the rise of the hypar at the particles' own x, y; it stands with the real material."""
+    """The paper's saddle:
+    the shortest net over its boundary, within 0.3 % of the rise of the hypar at the particles' own x, y; it
+    stands with the real material.
+    """
     f = both_ways.run(
         both_ways.job(
             '[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n"
@@ -417,7 +443,9 @@ def test_saddle_at_constant_tension(both_ways, compare):
 
 
 def test_table_1_of_the_paper(both_ways, compare):
-    """Only z free, equal tensions: Table 1 of the paper, nodes 7 to 10; the negative ones are their mirror images."""
+    """Only z free, equal tensions: Table 1 of the paper, nodes 7 to 10;
+    the negative ones are their mirror images.
+    """
     x, held, elements = square(8, SIDE, hypar)
     held = np.column_stack((np.ones((len(x), 2), bool), held))
     z = both_ways.run(
@@ -471,7 +499,9 @@ def test_table_1_of_the_paper(both_ways, compare):
 
 @pytest.mark.parametrize("EA", [1.95e11 * 683.08e-6, 4.44e8])
 def test_stadium_at_a_thousandth_of_the_modulus(both_ways, compare, EA):
-    """Tensions after form finding from the ruled surface, with the stiffness of the paper's dynamic analysis and with that of its form finding."""
+    """Tensions after form finding from the ruled surface, with the stiffness of the paper's dynamic analysis
+    and with that of its form finding.
+    """
     net = '[net]\ngenerator = "stadium"\n' + STEEL.replace("1.95e11", repr(EA / 683.08e-6))
     f = both_ways.run(both_ways.job(net + "[form_finding]\nmodulus_factor = 1e-3\ntolerance = 1e-9\n"))
     start, elements, held = (f[name][:] for name in ("net/particles", "net/elements", "net/fixed"))
@@ -516,7 +546,9 @@ def test_stadium_at_a_thousandth_of_the_modulus(both_ways, compare, EA):
 
 
 def test_olympia_net(both_ways, compare):
-    """The shipped job of the Olympia net: the published positions and forces, as far as their digits go; and it stays put for half a second."""
+    """The shipped job of the Olympia net: the published positions and forces, as far as their digits go;
+    and it stays put for half a second.
+    """
     f = both_ways.run(ROOT / "jobs" / "olympia.toml")
     read = lambda name: list(csv.DictReader(open(ROOT / "jobs" / "olympia" / name)))
     nodes, rows = read("nodes.csv"), read("elements.csv")
@@ -537,14 +569,18 @@ def test_olympia_net(both_ways, compare):
     flexible = np.linalg.inv(K[np.ix_(free, free)])
     x[free] = -flexible @ K[np.ix_(free, ~free)] @ start[~free]
     L = np.linalg.norm(C @ x, axis=1)
-    # force densities that are rounded to 9 decimals (of the masts and their stays) move the net, and its forces, by as much
+    # force densities that are rounded to 9 decimals (of the masts and their stays) move the net, and its
+    # forces, by as much
     rounded = [e for e, row in enumerate(rows) if len(row["force_density"].partition(".")[2]) == 9]
     dx = np.zeros((len(start), 3, len(rounded)))  # m per N/m
     dx[free] = -np.einsum("pq,eq,ea->pae", flexible, C[rounded][:, free], (C @ x)[rounded])
     dN = q[:, None] / L[:, None] * np.einsum("ea,ep,pak->ek", C @ x, C, dx)
     dN[rounded, range(len(rounded))] += L[rounded]
     ours, N = f["form_finding/position"][:], f["form_finding/tension"][:]
-    digits = "printed to 10 digits, from force densities printed to 9 decimals: the linear solution's slope times half a digit"
+    digits = (
+        "printed to 10 digits, from force densities printed to 9 "
+        "decimals: the linear solution's slope times half a digit"
+    )
     for name, unit, got, own, published, within in (
         ("position", "m", ours, x, start + moved, 5e-10 + 5e-10 * np.abs(dx).sum(2)),
         ("force", "N", N, q * L, force, 5e-9 + 5e-10 * np.abs(dN).sum(1)),
@@ -657,16 +693,21 @@ def test_flat_net_under_a_small_load(both_ways, compare):
 
 
 def test_load_case_of_the_paper(both_ways, compare):
-    """2 kN/m2 on the saddle in ten steps (paper 4.1.2, Fig. 6): the whole curve against Newton's method, and what the paper says of it in words.
+    """2 kN/m2 on the saddle in ten steps (paper 4.1.2, Fig. 6):
+    the whole curve against Newton's method, and what the paper says of it in words.
 
-    The text gives neither a figure of the curve, nor the node, nor section and prestress (those here are of jobs/saddle.toml). Its surface reads
-    z = -3.66 (x / 36.6)^2 + 3.66 (y / 36.6)^2: then the y cables carry a downward load, as it says; jobs/saddle.toml is the mirror image.
+    The text gives neither a figure of the curve, nor the node, nor section and prestress (those here are of
+    jobs/saddle.toml). Its surface reads z = -3.66 (x / 36.6)^2 + 3.66 (y / 36.6)^2: then the y cables carry a
+    downward load, as it says; jobs/saddle.toml is the mirror image.
     """
     T, EA = 1800e3, 1.95e11 * 3600e-6
     net = '[net]\ngenerator = "saddle"\nrise = -3.66\n' + STEEL.replace("683.08e-6", "3600e-6").replace(
         "100e3", "1800e3"
     )
-    net += "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n[load]\npressure = [0.0, 0.0, -2000.0]\nsteps = 10\ntolerance = 1e-9\n"
+    net += (
+        "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n"
+        "[load]\npressure = [0.0, 0.0, -2000.0]\nsteps = 10\ntolerance = 1e-9\n"
+    )
     f = both_ways.run(both_ways.job(net))
     start, elements, held = f["net/particles"][:], f["net/elements"][:], f["net/fixed"][:].astype(bool)
     form, _ = newton(start, elements, constant(T), held, np.zeros_like(start))

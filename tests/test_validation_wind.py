@@ -1,4 +1,8 @@
-"""The wind against Davenport's formulas, and what it does to a particle against hand calculation and exact solutions."""
+"""The wind against Davenport's formulas, and what it does to a particle against hand calculation and exact
+solutions.
+"""
+
+import itertools
 
 import numpy as np
 import pytest
@@ -22,12 +26,16 @@ FIT, FIT_COHERENCE = (
     0.02,
 )  # by which an autoregressive model of 14 lags misses the spectrum of an octave and the coherence at most
 
-# a square of threads without stiffness, whose faces give the middle particle a third of the square; it stands on a tie of stiffness k
+# a square of threads without stiffness, whose faces give the middle particle a third of the square; it stands
+# on a tie of stiffness k
 CORNERS = "".join(
     f"{k},{x},{y},{{z}},1,0,0\n"
     for k, (x, y) in enumerate(((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)), 2)
 ).replace("0.5,", f"{0.5 * SIDE},")
-THREADS = "start,end,group\n1,2,thread\n1,3,thread\n1,4,thread\n1,5,thread\n2,3,thread\n3,4,thread\n4,5,thread\n5,2,thread\n"
+THREADS = (
+    "start,end,group\n1,2,thread\n1,3,thread\n1,4,thread\n"
+    "1,5,thread\n2,3,thread\n3,4,thread\n4,5,thread\n5,2,thread\n"
+)
 LIMP = "[cable]\nmodulus = 1.0\narea = 1e-12\ndensity = 1.0\n"
 NODES = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,0,{MASS},0\n" + CORNERS.format(z=0) + f"6,0,0,{-TIE},1,0,0\n"
 OSCILLATOR = (
@@ -87,7 +95,7 @@ BEYOND = 1 - over(SAMPLED, davenport(SAMPLED)) / (6 * K * U0**2)  # share of the
 @pytest.fixture(scope="module")
 def storms(tmp_path_factory):
     """3000 s of wind on the oscillator for three seeds: results of runs."""
-    shop = BothWays(tmp_path_factory.mktemp("storms"))
+    shop = BothWays(tmp_path_factory.mktemp("storms"), standing=True)
     job = shop.job(
         OSCILLATOR.format(order=14, duration=DURATION, dt=0.02, history=0.4), NODES, THREADS + "1,6,tie\n"
     )
@@ -110,7 +118,9 @@ TOTAL, STORMS = DURATION * len(SEEDS), f"{len(SEEDS)} x {DURATION:g} s"
 
 
 def scatter(n):
-    """Standard deviation of the power within frequencies n, of its mean over the nine points: share of the power (Gaussian process)."""
+    """Standard deviation of the power within frequencies n, of its mean over the nine points:
+    share of the power (Gaussian process).
+    """
     together = np.mean([coherence(n, a[0] - b[0], a[1] - b[1]) ** 2 for a in POINTS for b in POINTS], axis=0)
     return np.sqrt(over(n, together * davenport(n) ** 2) / TOTAL) / over(n, davenport(n))
 
@@ -203,7 +213,9 @@ def test_coherence(gusts, compare, along, low):
 
 
 def test_four_lags_are_coarser(workshop, compare):
-    """The default of four lags: the octave farthest off, of the spectrum and of the coherence across the wind."""
+    """The default of four lags:
+    the octave farthest off, of the spectrum and of the coherence across the wind.
+    """
     job = workshop.job(
         OSCILLATOR.format(order=4, duration=DURATION, dt=0.05, history=10.0), NODES, THREADS + "1,6,tie\n"
     )
@@ -240,15 +252,17 @@ def test_four_lags_are_coarser(workshop, compare):
 
 
 def exact_oscillator(time, speed, at):
-    """Displacement [m] of m z'' + zeta m z' + k z = C U^2 from rest, U linear between the samples: each interval solved exactly."""
+    """Displacement [m] of m z'' + zeta m z' + k z = C U^2 from rest, U linear between the samples:
+    each interval solved exactly.
+    """
     dt, z = time[1] - time[0], np.zeros(2)
     system = np.zeros((5, 5))
     system[:2, :3] = [[0, 1, 0], [-(OMEGA**2), -ZETA, 1]]
     system[2, 3], system[3, 4] = 1, 1  # the load per mass, its slope and its curvature
-    steps = int(round(dt / at))
+    steps = round(dt / at)
     fine = expm(system * dt / steps)
     found = [0.0]
-    for a, b in zip(speed[:-1], speed[1:]):
+    for a, b in itertools.pairwise(speed):
         state = np.array([*z, *(C / LUMP * np.array([a * a, 2 * a * (b - a) / dt, 2 * ((b - a) / dt) ** 2]))])
         for _ in range(steps):
             state = fine @ state
@@ -336,10 +350,12 @@ def test_response_to_the_spectrum(storms, compare):
 
 @pytest.mark.parametrize("coefficient", [-1.3, 0.8])
 def test_force_on_a_flat_roof_by_hand(both_ways, compare, coefficient):
-    """A free particle in the middle of a flat square 30 m above ground: u_s A rho U^2 / 2 with a third of the square; suction lifts."""
+    """A free particle in the middle of a flat square 30 m above ground:
+    u_s A rho U^2 / 2 with a third of the square; suction lifts.
+    """
     text = (
-        LIMP
-        + f"[wind]\nspeed = 30.0\nroughness = 0.0\nshape_coefficient = {coefficient}\nprofile_exponent = 0.2\nbase_height = 25.0\n"
+        LIMP + f"[wind]\nspeed = 30.0\nroughness = 0.0\nshape_coefficient = {coefficient}\n"
+        f"profile_exponent = 0.2\nbase_height = 25.0\n"
     )
     text += "[dynamics]\nduration = 1.0\ntime_step = 0.01\n"
     f = both_ways.run(

@@ -1,4 +1,6 @@
-"""The wind: variance, spectrum and coherence of the histories, the force on a roof, the choices after a fracture."""
+"""The wind:
+variance, spectrum and coherence of the histories, the force on a roof, the choices after a fracture.
+"""
 
 import numpy as np
 import pytest
@@ -92,12 +94,18 @@ FLAT = (
     + STEEL
     + "[form_finding]\nmodulus_factor = 0\n"
 )
-BLOW = "[wind]\nspeed = 30.0\nroughness = {k}\nshape_coefficient = {u}\nair_density = 1.25\nprofile_exponent = 0.0\n[dynamics]\nduration = 0.002\ntime_step = 1e-5\n[output]\nhistory = 0.001\n"
+BLOW = (
+    "[wind]\nspeed = 30.0\nroughness = {k}\nshape_coefficient = {u}\n"
+    "air_density = 1.25\nprofile_exponent = 0.0\n"
+    "[dynamics]\nduration = 0.002\ntime_step = 1e-5\n[output]\nhistory = 0.001\n"
+)
 
 
 @pytest.mark.parametrize("coefficient", [-1.3, 0.8])
 def test_force_on_a_flat_roof_by_hand(workshop, coefficient):
-    """Acceleration of the inner particles right after t = 0: u_s A rho U^2 / 2 over their mass; suction lifts."""
+    """Acceleration of the inner particles right after t = 0: u_s A rho U^2 / 2 over their mass;
+    suction lifts.
+    """
     f = workshop.run(workshop.job(FLAT + BLOW.format(k=0.0, u=coefficient)))
     free = ~f["net/fixed"][:].astype(bool).all(1)
     v = f["final/velocity"][:][free]
@@ -136,7 +144,9 @@ def test_wrong_wind_table_is_refused(workshop, table, message):
 
 
 def test_wind_without_normals_is_refused(workshop):
-    """Areas from the table but no face in plan: the wind would have no direction, and is not dropped silently."""
+    """Areas from the table but no face in plan:
+    the wind would have no direction, and is not dropped silently.
+    """
     nodes = "id,x,y,z,fixed,area\n1,0,0,0,1,5\n2,10,0,0,0,10\n3,20,0,0,1,5\n"
     job = workshop.job(STEEL + BLOW.format(k=0.0, u=-1.0), nodes, "start,end\n1,2\n2,3\n")
     assert "have no normal to act along (first: node 2)" in workshop.run(job, code=2).stderr
@@ -169,7 +179,9 @@ frames = 20
 
 
 def test_choices_after_a_fracture(workshop):
-    """all: no more external work after the first fracture; particle: less than none; the runs agree until then."""
+    """all: no more external work after the first fracture; particle: less than none;
+    the runs agree until then.
+    """
     f = {
         after: workshop.run(workshop.job(STORM.format(after=after), name=after), output=f"{after}.vtkhdf")
         for after in ("particle", "all", "none")

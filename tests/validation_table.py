@@ -1,7 +1,9 @@
-"""The rows of the validation table: netfall's figure beside an independent one, with the tolerance that theory gives."""
+"""The rows of the validation table:
+netfall's figure beside an independent one, with the tolerance that theory gives.
+"""
 
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 
 HEAD = "| case | source | netfall | theirs | difference | within | because |\n|---|---|---|---|---|---|---|\n"
@@ -25,7 +27,10 @@ class Row:
         """The row in Markdown."""
         mark = "" if self.met else " (NOT MET)"
         unit = f" {self.unit}" if self.unit else ""
-        return f"| {self.case} | {self.source} | {self.ours} | {self.theirs} | {self.difference:.1e}{unit}{mark} | {self.within:.0e}{unit} | {self.because} |\n"
+        return (
+            f"| {self.case} | {self.source} | {self.ours} | {self.theirs} | "
+            f"{self.difference:.1e}{unit}{mark} | {self.within:.0e}{unit} | {self.because} |\n"
+        )
 
     @property
     def met(self) -> bool:
@@ -36,8 +41,13 @@ class Row:
 class Table:
     """Rows in the order in which the tests made them."""
 
-    def __init__(self):
-        self.rows: list[Row] = []
+    def __init__(self, rows: list[list] = ()):
+        """rows : as `plain` gives them"""
+        self.rows = [Row(*row) for row in rows]
+
+    def plain(self) -> list[list]:
+        """The rows as lists of words and numbers, which one process can hand to another."""
+        return [list(astuple(row)) for row in self.rows]
 
     def compare(
         self,
@@ -53,7 +63,8 @@ class Table:
     ) -> None:
         """Add a row and assert it.
 
-        unit : of the figures; difference : (ours - theirs) / scale; scale : |theirs| unless given, needed where theirs is zero (1: absolute, with the unit)
+        unit : of the figures; difference : (ours - theirs) / scale; scale : |theirs| unless given, needed
+            where theirs is zero (1: absolute, with the unit)
         """
         ours, theirs = float(ours), float(theirs)
         size = abs(theirs) if scale is None else scale
@@ -64,8 +75,8 @@ class Table:
             source,
             with_unit(ours),
             with_unit(theirs),
-            (ours - theirs) / size,
-            within,
+            float((ours - theirs) / size),
+            float(within),
             unit if scale == 1.0 else "",
             because,
         )

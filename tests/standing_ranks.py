@@ -1,0 +1,116 @@
+"""Ranks that stay: they run one netfall command after another, so that none pays for a start of processes.
+
+    mpirun -n 3 python tests/standing_ranks.py
+
+Each line of standard input is a task, JSON: the folder to be in, and the arguments of `netfall`. Each line of
+standard output answers one: exit code, and what was said to standard output and standard error. The end of
+input ends the ranks.
+"""
+
+import contextlib
+import io
+import json
+import os
+import sys
+import tempfile
+import threading
+import time
+from subprocess import PIPE, CompletedProcess, Popen
+
+PAUSE = 5e-3  # s between two looks for a task; waiting in MPI would take a core
+
+
+class StandingRanks:
+    """The ranks as those see them who have tasks: started with the first task, and anew if they are gone."""
+
+    def __init__(self, launch: list, environment: dict):
+        """launch : the command that starts this file on the ranks"""
+        self.launch, self.environment = [*map(str, launch), __file__], environment
+        self.process, self.complaints = None, None
+
+    def run(self, *arguments, cwd=None, timeout=300) -> CompletedProcess:
+        """`netfall` with these arguments: as a process of its own would end."""
+        if self.process is None or self.process.poll() is not None:
+            self._start()
+        folder = os.fspath(cwd or os.getcwd())
+        self.process.stdin.write(json.dumps([folder, list(map(str, arguments))]) + "\n")
+        self.process.stdin.flush()
+        alarm = threading.Timer(timeout, self.process.kill)
+        alarm.start()
+        answer = self.process.stdout.readline()
+        alarm.cancel()
+        if not answer:
+            code = self.process.wait()
+            self.complaints.seek(0)
+            return CompletedProcess(arguments, code or 1, "", f"the ranks ended: {self.complaints.read()}")
+        return CompletedProcess(arguments, *json.loads(answer))
+
+    def _start(self):
+        self.stop()
+        self.complaints = tempfile.TemporaryFile("w+")
+        pipes = dict(stdin=PIPE, stdout=PIPE, stderr=self.complaints, text=True)
+        self.process = Popen(self.launch, env=self.environment, **pipes)
+
+    def stop(self):
+        """Let the ranks go."""
+        if self.process is not None:
+            with contextlib.suppress(BrokenPipeError):
+                self.process.stdin.close()
+            self.process.wait(60)
+            self.process.stdout.close()
+            self.complaints.close()
+            self.process = None
+
+
+def next_task(comm) -> list | None:
+    """The task that rank 0 has read, on every rank; None at the end."""
+    if comm.rank == 0:
+        line = sys.stdin.readline()
+        task = json.loads(line) if line else None
+        for rank in range(1, comm.size):
+            comm.send(task, rank)
+        return task
+    while not comm.iprobe(source=0):
+        time.sleep(PAUSE)
+    return comm.recv(source=0)
+
+
+class Aloud(io.StringIO):
+    """What is written here is also said at once: a rank that gives up has no time for an answer."""
+
+    def write(self, text):
+        sys.__stderr__.write(text)
+        sys.__stderr__.flush()
+        return super().write(text)
+
+
+def call(folder: str, arguments: list[str]) -> tuple[int, str, str]:
+    """netfall's `main` as its own process would call it; exit code, output, errors."""
+    from netfall.__main__ import main
+
+    out, error, code = io.StringIO(), Aloud(), 0
+    os.chdir(folder)
+    sys.argv = ["netfall", *arguments]
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code or 0
+    return code, out.getvalue(), error.getvalue()
+
+
+def serve():
+    """Work on tasks until there are no more."""
+    from mpi4py import MPI
+
+    comm = MPI.COMM_WORLD.Dup()  # what is sent here never meets what netfall sends
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # libraries that print by themselves
+    while (task := next_task(comm)) is not None:
+        codes, outs, errors = zip(*(comm.allgather(call(*task))))
+        if comm.rank == 0:
+            print(json.dumps([max(codes), "".join(outs), "".join(errors)]), file=answers, flush=True)
+
+
+if __name__ == "__main__":
+    serve()

@@ -1,0 +1,192 @@
+"""The rules of the code's structure: who imports whom, and how long files, lines and argument lists are."""
+
+import ast
+import sys
+from functools import cache
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+PACKAGE = ROOT / "src" / "netfall"
+
+# Modules at the bottom, which every room may import: they belong to no room, wherever they stand.
+GROUND = ["compile", "errors", "stop", "timings", "mechanics.compile"]
+
+# Room (a folder, or a module of its own) -> what it may import besides the ground and itself.
+MAY_IMPORT = {
+    "job": [],
+    "net": ["job"],
+    "mechanics": ["net.net"],  # GRAVITY
+    "wind": ["job"],
+    "parallel": [],
+    "step": ["mechanics", "parallel.halo"],
+    "output": ["job", "net", "mechanics", "parallel"],
+    "solve": ["job", "net", "mechanics", "wind", "parallel", "step", "output"],
+    "study": ["job", "output"],
+    "__main__": ["job", "net", "mechanics", "wind", "parallel", "step", "output", "solve", "study"],
+}
+
+# Package -> the rooms and modules that may import it; numpy and the standard library are free to all.
+PACKAGES = {
+    "mpi4py": ["parallel", "step", "output", "solve", "__main__"],
+    "h5py": ["output", "study", "solve.run", "solve.provenance"],
+    "numba": [  # besides compile: intrinsics, and the version for /provenance
+        *("compile", "mechanics.compile", "mechanics.arithmetic", "parallel.halo", "parallel.exact"),
+        *("solve.run", "solve.provenance"),
+    ],
+    "llvmlite": ["compile", "mechanics.compile", "mechanics.arithmetic", "parallel.halo"],
+    "scipy": ["solve.form_finding"],
+    "shapely": ["net.faces"],
+    "pymetis": ["parallel.partition"],
+    "matplotlib": ["output.plot", "study"],
+    "mpl_toolkits": ["output.plot"],
+    "tqdm": ["output.progress"],
+}
+
+# Modules that work on a machine without MPI -> what they and all that they import must not reach.
+WITHOUT = {name: ["mpi4py", "solve"] for name in ("output.plot", "output.info", "output.frames")}
+
+MOST_ARGUMENTS, MOST_LINES, MOST_COLUMNS = 12, 300, 110
+# What is longer than that today. Entries are taken out of this list, none are added.
+TOO_LONG = {
+    "arguments": {
+        "mechanics/kernels.py: add_force",
+        "mechanics/kernels.py: fill_slots",
+        "mechanics/kernels.py: flow",
+        "mechanics/kernels.py: four_forces",
+        "mechanics/kernels.py: kick_axis",
+        "mechanics/kernels.py: kick_particle",
+        "mechanics/kernels.py: kick_rows",
+        "mechanics/material.py: force_density",
+        "solve/dynamics.py: __init__",
+        "solve/energy.py: look",
+        "solve/energy.py: particle_energies",
+        "solve/relax.py: relax",
+        "solve/stepping.py: time_loop",
+    },
+    "lines": {
+        "__main__.py",
+        "job/read.py",
+        "mechanics/kernels.py",
+        "mechanics/state.py",
+        "net/build.py",
+        "output/h5.py",
+        "output/plot.py",
+        "output/result.py",
+        "solve/dynamics.py",
+        "solve/roof.py",
+        "solve/run.py",
+        "solve/stepping.py",
+        "study/trade.py",
+    },
+    "columns": {"src", "jobs"},
+}
+
+
+def module_name(path: Path) -> str:
+    """The name within netfall: "job.read" of job/read.py, "job" of its __init__.py, "" of the package."""
+    return ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix("__init__").rstrip(".")
+
+
+MODULES = {module_name(path): path for path in sorted(PACKAGE.rglob("*.py"))}
+
+
+def within(name: str, places: list[str]) -> bool:
+    """Whether a module is one of the places, or in a room that is."""
+    return any(name == place or name.startswith(place + ".") for place in places)
+
+
+@cache
+def imports(module: str) -> frozenset[str]:
+    """What a module imports, also in functions: of netfall as ".job.read", packages by their first name."""
+    found = set()
+    for node in ast.walk(ast.parse(MODULES[module].read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{MODULES[module]}:{node.lineno}: imports by its place, not by its name"
+            below = {f"{node.module}.{alias.name}" for alias in node.names}
+            modules = {name for name in below if name.removeprefix("netfall.") in MODULES}
+            found |= modules if modules else {node.module}
+    ours = {name for name in found if name.split(".")[0] == "netfall"}
+    return frozenset(
+        {"." + name.removeprefix("netfall").removeprefix(".") for name in ours}
+        | {name.split(".")[0] for name in found - ours}
+    )
+
+
+def reached(module: str) -> set[str]:
+    """All that is imported when a module is, directly or not; as `imports`."""
+    found, open_ends = set(), {"." + module}
+    while open_ends:
+        name = open_ends.pop()
+        found.add(name)
+        if name.startswith("."):
+            open_ends |= imports(name[1:]) - found
+    return found
+
+
+def test_a_module_imports_only_from_rooms_below_it():
+    """MAY_IMPORT is what the rooms may do; a room that does not stand there may do nothing."""
+    wrong = []
+    for module in MODULES:
+        room = module.split(".")[0]
+        allowed = GROUND + ([] if within(module, GROUND) else [room, *MAY_IMPORT.get(room, [])])
+        inner = [name[1:] for name in imports(module) if name.startswith(".") and name != "."]
+        wrong += [f"{module} imports {name}" for name in inner if not within(name, allowed)]
+    assert wrong == []
+
+
+def test_a_package_is_imported_only_where_it_belongs():
+    """MPI, HDF5, the compiler, pictures: PACKAGES says where."""
+    free = {"numpy", *sys.stdlib_module_names}
+    wrong = [
+        f"{module} imports {name}"
+        for module in MODULES
+        for name in imports(module) - free
+        if not name.startswith(".") and not within(module, PACKAGES.get(name, []))
+    ]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("module", WITHOUT)
+def test_pictures_and_info_need_no_mpi(module):
+    """A result file can be looked at where there is no MPI, also not through what is imported."""
+    names = {name.removeprefix(".") for name in reached(module)}
+    assert [name for name in names if within(name, WITHOUT[module])] == []
+
+
+def arguments_of(function: ast.AST) -> int:
+    """How many arguments a function takes by name."""
+    a = function.args
+    return len(a.posonlyargs) + len(a.args) + len(a.kwonlyargs)
+
+
+def test_no_function_takes_more_than_twelve_arguments():
+    """What belongs together is handed over together."""
+    long = {
+        f"{path.relative_to(PACKAGE)}: {node.name}"
+        for path in MODULES.values()
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef) and arguments_of(node) > MOST_ARGUMENTS
+    }
+    assert long - TOO_LONG["arguments"] == set()
+
+
+def test_no_file_has_more_than_three_hundred_lines():
+    """One file, one subject."""
+    count = {str(path.relative_to(PACKAGE)): len(path.read_text().splitlines()) for path in MODULES.values()}
+    assert {name for name, lines in count.items() if lines > MOST_LINES} - TOO_LONG["lines"] == set()
+
+
+@pytest.mark.parametrize("folder", ["src", "tests", "jobs"])
+def test_no_line_has_more_than_a_hundred_and_ten_columns(folder):
+    """Two files fit beside each other on a screen."""
+    wide = {
+        f"{path.relative_to(ROOT)}:{number}"
+        for path in (ROOT / folder).rglob("*.py")
+        for number, line in enumerate(path.read_text().splitlines(), 1)
+        if len(line) > MOST_COLUMNS
+    }
+    assert not wide or folder in TOO_LONG["columns"], sorted(wide)
