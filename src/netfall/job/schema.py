@@ -158,6 +158,12 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "static load of the roof: positive presses on it, against the upward normal, negative lifts; or [x, y, z]",
         ),
         count("steps", 0, "load steps of the static analysis; 0: none", low=0, high=100_000),
+        not_negative(
+            "ramp",
+            "s",
+            0.0,
+            "time over which the pressure grows from zero in the dynamic stage, without load steps; 0: at once",
+        ),
         Key(
             "tolerance",
             "number",

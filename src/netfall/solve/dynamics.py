@@ -10,8 +10,8 @@ from netfall.net.net import GRAVITY
 from netfall.parallel.halo import Halo
 from netfall.solve.energy import Energies, take_snapshot, total_energies
 from netfall.solve.history import History
+from netfall.solve.loads import VaryingLoads, WindLoad
 from netfall.solve.restart import interrupted
-from netfall.solve.windload import WindLoad
 from netfall.step.loop import Interval
 from netfall.step.plan import Plan, halo_width
 
@@ -27,13 +27,13 @@ class Simulation:
     a target all ranks look at the same steps whether one of them has been asked to stop.
     """
 
-    def __init__(
-        self, run, wind: WindLoad | None, history: History, start_strain: float, start_plastic: float
-    ):
-        """run : `run.Run`; start_strain, start_plastic : [J] from which energies count. Collective."""
+    def __init__(self, run, loads: list, history: History, start_strain: float, start_plastic: float):
+        """run : `run.Run`; loads : that vary, as `solve.loads` has them; start_strain, start_plastic : [J] from which energies count. Collective."""
         job, schedule, distribution = run.job, run.schedule, run.setup.distribution
         self.comm, self.state, self.schedule = run.comm, run.setup.state, schedule
-        self.log, self.history, self.wind = run.log, history, wind
+        self.log, self.history = run.log, history
+        self.wind = next((load for load in loads if isinstance(load, WindLoad)), None)
+        self.loads = VaryingLoads(self.state, loads)
         self.result, self.progress, self.phases = run.result, run.progress, run.phases
         self.stop, self.save = run.stop, run.saver
         self.zeta = job.dynamics.damping
@@ -99,10 +99,10 @@ class Simulation:
         self.halo.free()
 
     def snapshot(self):
-        """Snapshot of the present step, with the wind at its time."""
-        if self.wind:
-            self.wind.advance(self.state, self.n, self.schedule.step_at)
-        return take_snapshot(self.state, self.before_dt, self.schedule.dt, self.zeta, self.wind_share())
+        """Snapshot of the present step, with the loads at its time."""
+        self.loads.advance(self.state, self.n, self.schedule.step_at)
+        share = (self.time - self.loads.time) / self.loads.dt
+        return take_snapshot(self.state, self.before_dt, self.schedule.dt, self.zeta, share)
 
     def record(self) -> dict:
         """Where the run stands, for `restore`."""
@@ -115,24 +115,17 @@ class Simulation:
         }
 
     def restore(self, record: dict) -> None:
-        """Take up the record of an earlier run."""
-        self.n, self.before_dt, self.largest_work = (
-            record["step"],
-            record["before_dt"],
-            record["largest_work"],
-        )
-
-    def wind_share(self) -> float:
-        """Place of the present time between the wind's two samples."""
-        return (self.time - self.wind.time) / self.wind.dt if self.wind else 0.0
+        """Take up the record of an earlier run; the loads stand where it left them."""
+        self.n, self.before_dt = record["step"], record["before_dt"]
+        self.largest_work = record["largest_work"]
+        self.loads.restart(self.state, self.n, self.schedule.step_at)
 
     def advance_to(self, target: int) -> None:
         """Step to number `target`, with the wind moving on where it is due. Raises Interrupted if asked to."""
         while self.n < target:
             stop = min(target, self.n - self.n % self.look_every + self.look_every)
-            if self.wind:
-                self.wind.advance(self.state, self.n, self.schedule.step_at)
-                stop = min(stop, self.wind.due(self.schedule.step_at))
+            self.loads.advance(self.state, self.n, self.schedule.step_at)
+            stop = min(stop, self.loads.due(self.schedule.step_at))
             if self.after_fracture == "all" and not self.log.events:
                 self.advance_until_first_fracture(stop)
             else:
@@ -150,7 +143,7 @@ class Simulation:
 
     def advance_block(self, stop: int) -> None:
         """Step to number `stop` without a word to ranks that are not neighbours."""
-        sample = (self.wind.time, self.wind.dt) if self.wind else (0.0, 1.0)
+        sample = self.loads.time, self.loads.dt
         dt = self.schedule.dt
         while self.n < stop:
             interval = Interval(self.n, stop - self.n, self.before_dt, dt, self.zeta, *sample)

@@ -39,7 +39,8 @@ class Model:
     L0: np.ndarray = None  # m
     mass: np.ndarray = None  # kg
     added: np.ndarray = None  # kg, of it, by mass scaling: inertia without weight
-    load: np.ndarray = None  # N
+    load: np.ndarray = None  # N, constant
+    growing: np.ndarray = None  # N, that grows over [load] ramp
     wind: np.ndarray = None  # N s2/m2
     wind_field: object = None
     history: object = None  # of the wind
@@ -149,12 +150,19 @@ def scene_of(job: Job, net: Net) -> Scene:
         plastic=bool(np.isfinite(net.yield_stress).any()),
         fracture=bool(np.isfinite(net.fracture_strain).any()),
         wind=job.wind is not None,
+        varying=grows(job),
         logarithmic=job.cable.strain == "logarithmic",
         bars=bool(net.bar.any()),
         part_held=bool((net.fixed.any(1) & ~net.fixed.all(1)).any()),
         sections=differ(net.modulus * net.section) or differ(net.yield_stress * net.section),
         energy=job.output.energy,
     )
+
+
+def grows(job: Job) -> bool:
+    """Whether the pressure of [load] grows in the dynamic stage."""
+    load = job.load
+    return bool(job.dynamics and load and load.pressure is not None and load.ramp and not load.steps)
 
 
 def set_initial(job: Job, model: Model, x: np.ndarray, N: np.ndarray | None) -> None:
@@ -202,7 +210,10 @@ def _add_loads(job: Job, model: Model, own: np.ndarray, normal: np.ndarray) -> N
         # against the upward normal: what is positive presses on the roof
         number = isinstance(load.pressure, int | float)
         along = -load.pressure * normal if number else np.array(load.pressure)[None]
-        model.load += model.area[:, None] * along
+        if grows(job):
+            model.growing = model.area[:, None] * along
+        else:
+            model.load += model.area[:, None] * along
 
 
 def _check_normals(job: Job, model: Model, normal: np.ndarray) -> None:

@@ -210,7 +210,7 @@ def restore_history(comm: MPI.Comm, history, checkpoint: Checkpoint | None) -> N
     )
 
 
-def restore_wind(comm: MPI.Comm, wind, state: State, checkpoint: Checkpoint | None) -> None:
+def restore_wind(comm: MPI.Comm, wind, checkpoint: Checkpoint | None) -> None:
     """The wind's samples and, on rank 0, the recursion that makes the next ones. Collective."""
     record = comm.bcast(
         {
@@ -226,4 +226,4 @@ def restore_wind(comm: MPI.Comm, wind, state: State, checkpoint: Checkpoint | No
         if checkpoint
         else {}
     )
-    wind.restore(state, record)
+    wind.restore(record)

@@ -12,7 +12,6 @@ from netfall.step.runs import Runs, find_runs, make_runs
 from netfall.step.slots import empty_slots, fill_slots
 
 CHUNK = 2048  # particles, 300 KB; fewer end the runs too often, more leave the second cache
-NO_AXIS = (None, None, None)
 
 
 class Chunks(NamedTuple):
@@ -67,9 +66,8 @@ def stepped_particles(state: State) -> Particles:
         x=axes(s.u if s.scene.displaced else s.x),
         x_start=axes(s.x_start) if s.scene.displaced else None,
         u=None,
-        free=axes(s.free) if s.scene.part_held else NO_AXIS,  # else all axes move, or 1 / mass is 0
+        free=axes(s.free) if s.scene.part_held else None,  # else all axes move, or 1 / mass is 0
         load=(None, None, s.load[:, 2]) if vertical else axes(s.load),
-        wind=NO_AXIS if s.wind is None else axes(s.wind),
         stepped_mass=s.mass if s.stepped_mass is None else s.stepped_mass,
         work=axes(s.work if s.block_work is None else s.block_work),
         block_work=None,
