@@ -135,7 +135,7 @@ def _seen_whole(rings: Faces, points) -> np.ndarray:
     """Whether the triangles from its centroid to its sides fill each ring without overlap; holes do not."""
     seen = np.zeros(len(rings), bool)
     if len(rings):
-        double = turned_triangles(points, rings)
+        double = turned_triangles(points, rings, double_area)
         total = np.bincount(rings.of_corner(), double, len(rings))
         seen = (total > 0) & (np.minimum.reduceat(double, rings.start[:-1]) >= -FLAT * np.abs(total))
     return seen
@@ -146,7 +146,7 @@ def double_area(u, v) -> np.ndarray:
     return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
 
 
-def turned_triangles(points, faces: Faces, double=double_area) -> np.ndarray:
+def turned_triangles(points, faces: Faces, double) -> np.ndarray:
     """Twice the areas (c,) of the triangles from the faces' centroids to their sides, by `double`."""
     of_corner, nxt, counts = faces.of_corner(), faces.next_corner(), np.diff(faces.start)
     mean = lambda values, weight: np.stack(

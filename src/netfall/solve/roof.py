@@ -158,7 +158,6 @@ def make_whole(job: Job, ranks: int) -> Whole:
     if part is None:
         part = partition.metis_partition(net.n, net.elements, ranks)
     whole = Whole(net, roofing, part, source)
-    whole.area = whole.plan_area = tributary_areas(net.x, net, roofing.faces)
     if job.wind and job.wind.file:
         whole.history = read_measured(job)
     return whole
@@ -263,6 +262,7 @@ def _set_initial(job: Job, whole: Whole, x: np.ndarray, N: np.ndarray | None) ->
     own = np.bincount(net.elements[:, 0], half, net.n) + np.bincount(net.elements[:, 1], half, net.n)
     whole.mass = own + net.mass
     whole.load = net.load.copy()
+    whole.area, whole.plan_area = tributary_areas(x, net, whole.roofing.faces)
     normal = normals(x, net, whole.roofing.faces)
     _check_normals(job, whole, normal)
     if job.load is not None:
