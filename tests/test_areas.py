@@ -206,7 +206,7 @@ def test_a_face_with_a_hole_by_hand():
     slanted = (3 - wide - narrow) / 2
     assert np.allclose(shares(net), [wide + slanted] * 4 + [narrow + slanted + 1] * 4, rtol=1e-12)
     bridged = net_of(xy, ring(0, 1, 2, 3) + ring(4, 5, 6, 7) + [(0, 4)])
-    assert np.allclose(shares(bridged), shares(net)) and not len(find_faces(bridged).open_rim)
+    assert np.allclose(shares(bridged), shares(net))
 
 
 @pytest.mark.parametrize("parts", [1, 2, 5])

@@ -82,7 +82,7 @@ def _notes(job: Job, net: Net, plan: Plan, faces: Faces, carries: np.ndarray) ->
     rim = rim[free[rim] & np.isnan(net.area[rim])]
     if len(rim):
         notes.append(
-            f"the roof ends at {len(rim)} free nodes from which elements go on without closing a face: "
+            f"at {len(rim)} free nodes on the edge of the faces elements go on without closing a face: "
             f"{listed(net.node_id[rim])}; closed faces cover {_covered(plan, faces):.1%} of the outline "
             "in plan; if the roof goes on to the supports, close it with elements between these"
         )
