@@ -123,7 +123,6 @@ def make_model(job: Job, ranks: int) -> Model:
     if part is None:
         part = partition.metis_partition(net.n, net.elements, ranks)
     model = Model(net, roofing, part, source)
-    model.area = model.plan_area = tributary_areas(net.x, net, roofing.faces)
     if job.wind and job.wind.file:
         model.history = read_measured(job)
         model.notes_of_history = model.history.notes
@@ -185,6 +184,7 @@ def set_initial(job: Job, model: Model, x: np.ndarray, N: np.ndarray | None) -> 
     half = model.half_mass
     own = np.bincount(net.elements[:, 0], half, net.n) + np.bincount(net.elements[:, 1], half, net.n)
     model.mass, model.load = own + net.mass, net.load.copy()
+    model.area, model.plan_area = tributary_areas(x, net, model.roofing.faces)
     normal = normals(x, net, model.roofing.faces)
     _check_normals(job, model, normal)
     if job.load is not None:
