@@ -49,7 +49,7 @@ def inverse_mass(mass):
 
 
 class Axis(NamedTuple):
-    """One axis of the particles, as in the table of fields: each (n,), None where there is nothing of the kind."""
+    """One axis of the particles, as in the table of fields: each (n,), None where there is no such thing."""
 
     v: np.ndarray
     free: np.ndarray | None

@@ -1,4 +1,6 @@
-"""The dynamic stage: from the initial state through gusts and fractures to the end (paper 2.5 step 3, 3, 4)."""
+"""The dynamic stage: from the initial state through gusts and fractures to the end (paper 2.5 step 3, 3,
+4).
+"""
 
 import numpy as np
 from mpi4py import MPI
@@ -22,13 +24,17 @@ LOOK_WORK = 200_000_000  # steps of an element, at most, between them: two secon
 class Simulation:
     """One run of the dynamic stage on all ranks.
 
-    Order of events at a step n: the wind moves on to the samples around t(n); the history row; the frame; then
-    the steps to the next target, in which elements break as they reach their fracture strain. In a long way to
-    a target all ranks look at the same steps whether one of them has been asked to stop.
+    Order of events at a step n: the wind moves on to the samples around t(n); the history row; the frame;
+    then the steps to the next target, in which elements break as they reach their fracture strain. In a long
+    way to a target all ranks look at the same steps whether one of them has been asked to stop.
     """
 
     def __init__(self, run, loads: list, history: History, start_strain: float, start_plastic: float):
-        """run : `run.Run`; loads : that vary, as `solve.loads` has them; start_strain, start_plastic : [J] from which energies count. Collective."""
+        """run : `run.Run`.
+
+        Loads : that vary, as `solve.loads` has them; start_strain, start_plastic : [J] from which energies
+        count. Collective.
+        """
         job, schedule, distribution = run.job, run.schedule, run.setup.distribution
         self.comm, self.state, self.schedule = run.comm, run.setup.state, schedule
         self.log, self.history = run.log, history
@@ -121,7 +127,10 @@ class Simulation:
         self.loads.restart(self.state, self.n, self.schedule.step_at)
 
     def advance_to(self, target: int) -> None:
-        """Step to number `target`, with the wind moving on where it is due. Raises Interrupted if asked to."""
+        """Step to number `target`, with the wind moving on where it is due.
+
+        Raises Interrupted if asked to.
+        """
         while self.n < target:
             stop = min(target, self.n - self.n % self.look_every + self.look_every)
             self.loads.advance(self.state, self.n, self.schedule.step_at)
@@ -160,10 +169,11 @@ class Simulation:
         self.state.end_block()
 
     def advance_until_first_fracture(self, stop: int) -> None:
-        """For after_fracture = "all": the whole wind ends with the first fracture, at the same step on all ranks.
+        """For after_fracture = "all": the whole wind ends with the first fracture, at the same step on all
+        ranks.
 
-        A rank learns of a fracture elsewhere only at the end of a block. The block that holds the first one is
-        therefore taken back and stepped again to just behind it; no step waits for a reduction.
+        A rank learns of a fracture elsewhere only at the end of a block. The block that holds the first one
+        is therefore taken back and stepped again to just behind it; no step waits for a reduction.
         """
         begin, kept = (self.n, self.before_dt, len(self.events)), self.state.copy()
         self.advance_block(stop)
@@ -178,7 +188,10 @@ class Simulation:
             self.share_events()
 
     def share_events(self, slack_here: int = 0) -> None:
-        """Broadcast the fractures since the last time, so that every rank knows all of them; count slack cables; hear of a wish to stop."""
+        """Broadcast the fractures since the last time, so that every rank knows all of them.
+
+        Count slack cables; hear of a wish to stop.
+        """
         counts = np.array([len(self.events), slack_here, self.stop.wanted], np.int64)
         self.comm.Allreduce(MPI.IN_PLACE, counts, MPI.SUM)
         events, self.slack, stopping = counts.tolist()
@@ -237,8 +250,8 @@ class Simulation:
             self.model and (self.model.node_name(particle), self.model.id_of(element))
         )
         raise DivergedError(
-            f"diverged at t = {self.time:.6g} s (step {self.n}): kinetic energy {kinetic:.3g} J is out of all "
-            f"proportion to the external work; fastest: {node}, most strained: element {element}; "
+            f"diverged at t = {self.time:.6g} s (step {self.n}): kinetic energy {kinetic:.3g} J is "
+            f"out of all proportion to the external work; fastest: {node}, most strained: element {element}; "
             "take a smaller time_step or safety"
         )
 

@@ -113,7 +113,10 @@ class Snapshot:
 
 
 def take_snapshot(state: State, before_dt: float, dt: float, zeta: float, share: float) -> Snapshot:
-    """Forces, velocities and energies at the present step. before_dt, dt : [s] the steps before and after it."""
+    """Forces, velocities and energies at the present step.
+
+    before_dt, dt : [s] the steps before and after it.
+    """
     rows = state.owned_rows()
     velocity, terms = np.empty((len(rows), 3)), np.empty((4, len(rows)))
     N, eps, eps_p, L, stored, heat = np.empty((6, state.m))

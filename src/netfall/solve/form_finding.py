@@ -1,8 +1,8 @@
 """Form finding: the shape in which the net is in equilibrium under its prestress (paper 2.5, steps 1 and 2).
 
 By the particles (FPM), with the tension N = T0 + s EA (L - L_start) / L_start, s a small share of the modulus
-or 0 for constant tension; or by force density, one sparse linear solve (Schek 1974). The unstressed lengths of
-the real material follow in closed form.
+or 0 for constant tension; or by force density, one sparse linear solve (Schek 1974). The unstressed lengths
+of the real material follow in closed form.
 """
 
 from dataclasses import dataclass
@@ -129,7 +129,10 @@ def find_form(
     stop: StopRequest = NEVER,
     resume: Relaxation | None = None,
 ) -> Form:
-    """The form of the net by the job's method. Collective. net : on rank 0, None elsewhere; stop, resume : as in `relax`."""
+    """The form of the net by the job's method.
+
+    Collective. net : on rank 0, None elsewhere; stop, resume : as in `relax`.
+    """
     x = distribution.particles(None if net is None else net.x)
     free = 1 - distribution.particles(None if net is None else net.fixed).astype(np.uint8)
     given = _Elements(distribution, net, x, settings.modulus_factor)
@@ -146,8 +149,8 @@ def find_form(
         residual, reference = comm.allreduce(largest_residual(f, free, halo.n_owned), MPI.MAX), largest(N)
         if not residual <= settings.tolerance * reference:
             raise DivergedError(
-                f"form finding by force density: largest residual {residual:.3g} N, asked {settings.tolerance * reference:.3g} N; "
-                "the densities are nearly singular"
+                f"form finding by force density: largest residual {residual:.3g} N, "
+                f"asked {settings.tolerance * reference:.3g} N; the densities are nearly singular"
             )
         return Form(x, N, 1, residual, reference)
     reference = largest(elements.T0)

@@ -1,7 +1,8 @@
 """The loads that vary in time, kept in the state of every rank as two samples around the present step.
 
 A load that varies is anything with
-    before, after             [s] times of its own samples around the present step; after is inf where none follows
+    before, after             [s] times of its own samples around the present step; after is inf where none
+    follows
     advance(step, step_at)    moves on to those around a step, which are due later than it; collective
     write(state, start, end)  puts its values at two times between these samples into the state
 Loads that are linear in time add to `load_before` and `load_after`; the wind has fields of its own.

@@ -222,9 +222,9 @@ def _check_normals(job: Job, model: Model, normal: np.ndarray) -> None:
     bare = (model.area > 0) & ~normal.any(1) & model.moves
     if along and bare.any():
         raise InputError(
-            f"{job.path}: {int(bare.sum())} free nodes with a roof area meet no closed face in plan, so wind and "
-            f"pressure have no normal to act along (first: node {model.net.node_id[bare][0]}); close the faces "
-            "with elements, give normal_x, normal_y, normal_z in nodes.csv, or pressure as [x, y, z]"
+            f"{job.path}: {int(bare.sum())} free nodes with a roof area meet no closed face in plan, so wind "
+            f"and pressure have no normal to act along (first: node {model.net.node_id[bare][0]}); close the "
+            "faces with elements, give normal_x, normal_y, normal_z in nodes.csv, or pressure as [x, y, z]"
         )
 
 

@@ -106,7 +106,10 @@ def interrupted(when: str, path: Path) -> Interrupted:
 def pause_form_finding(
     job: Job, result_path: Path, digest: str, distribution: Distribution, pause: Paused, given: Path | None
 ) -> Path:
-    """Write a checkpoint of the form finding where it was paused; its path. Collective. given : as in `Saver`"""
+    """Write a checkpoint of the form finding where it was paused; its path.
+
+    Collective. given : as in `Saver`
+    """
     path = checkpoint_path(result_path, "form finding", pause.at.iteration)
     record, arrays = relaxation_record(distribution, pause.at)
     record |= {"job": digest, "name": job.title or job.name, "stage": "form finding"}

@@ -1,4 +1,7 @@
-"""A whole job: form finding, statics, dynamics, one result file. The program in the order in which it runs."""
+"""A whole job: form finding, statics, dynamics, one result file.
+
+The program in the order in which it runs.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -122,7 +125,10 @@ def run_stages(run: Run) -> History | None:
 
 
 def take_up(run: Run) -> dict | None:
-    """State, log and statics of the run that is taken up, and its record; None if it has no state yet. Collective."""
+    """State, log and statics of the run that is taken up, and its record.
+
+    None if it has no state yet. Collective.
+    """
     setup, comm = run.setup, run.comm
     if setup.stage not in ("statics", "dynamics"):
         return None

@@ -116,9 +116,9 @@ def _check_form(job: Job, form: Form, residual: float) -> None:
     """The prestressed net with the real material is in equilibrium too. Raises InputError."""
     if not residual <= 1.001 * job.form_finding.tolerance * form.reference:
         raise InputError(
-            f"{job.path}: [form_finding] tolerance = {job.form_finding.tolerance:g}: the prestressed net with the "
-            f"real material has a residual of {residual / form.reference:.3g} of the prestress; expected a "
-            "tolerance that rounding allows"
+            f"{job.path}: [form_finding] tolerance = {job.form_finding.tolerance:g}: the prestressed net "
+            f"with the real material has a residual of {residual / form.reference:.3g} of the prestress; "
+            "expected a tolerance that rounding allows"
         )
 
 

@@ -85,7 +85,10 @@ def kick_axis(p, i, internal, square, kick, axis, f, particles):
 
 @part_of_kernel
 def kick_particle(p, i, force, kick, particles, f):
-    """Kick and work of particle p under its internal forces [N] and the external ones; totals to row i of f."""
+    """Kick and work of particle p under its internal forces [N] and the external ones.
+
+    Totals to row i of f.
+    """
     square = like(particles.per_mass, 0.0)
     if particles.wind is not None:
         square = squared_speed(p, particles, kick.share)

@@ -1,7 +1,8 @@
 """The time loop: central difference in half-step velocities, compiled, the exchange included.
 
 A step n takes x(n) and v(n-1/2). Particles go through it in chunks that stay in the cache:
-    1. internal forces f_int(x(n)) of a chunk; where elements come near their limits, yield and fracture strain
+    1. internal forces f_int(x(n)) of a chunk; where elements come near their limits, yield and fracture
+       strain
     2. external force, kick to v(n+1/2), work
     3. after the chunks with boundary particles, which come first: their total forces are sent
     4. drift to x(n+1) of the chunks whose x(n) no later chunk needs; at the end, of all
@@ -101,7 +102,8 @@ def time_loop(interval, chunks, particles, elements, slots, unyielded, law, scra
     """The steps of an interval; steps done, elements that reached their fracture strain, MPI error.
 
     chunks, scratch : of `Plan`; particles : `Particles` as `plan.stepped_particles` prepares them
-    elements, slots, law : of `State`; unyielded : the slots without plastic strains, for chunks that have none
+    elements, slots, law : of `State`; unyielded : the slots without plastic strains, for chunks that
+        have none
     buffers : `HaloBuffers`
     seconds : (3,) [s], added to, time of FORCES, EXCHANGE, INTEGRATION; None: not measured
     """

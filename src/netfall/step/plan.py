@@ -38,9 +38,10 @@ class Chunks(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """What the loop writes for the chunk in hand: total forces, and which particles have an element near its limits.
+    """What the loop writes for the chunk in hand: forces, and whose elements are near their limits.
 
-    f, f_rest : three of (rows,) [N]; near : None where all is elastic; f_rest, near_rest : of particles in no run
+    f, f_rest : three of (rows,) [N]; near : None where all is elastic; f_rest, near_rest : of particles
+        in no run
     """
 
     f: tuple
@@ -57,8 +58,8 @@ def halo_width(state: State) -> int:
 def stepped_particles(state: State) -> Particles:
     """The particles as the time loop takes them.
 
-    x are positions, or displacements from x_start, which is None otherwise; work is that of the block, if that
-    is kept; what no particle has is None for each axis.
+    x are positions, or displacements from x_start, which is None otherwise; work is that of the block, if
+    that is kept; what no particle has is None for each axis.
     """
     s = state
     vertical = not s.load[:, :2].any()
@@ -144,5 +145,8 @@ class Plan:
             empty_slots(state, e)
 
     def run(self, interval: Interval, seconds: np.ndarray | None = None) -> tuple[int, int, int]:
-        """Advance the state by up to the steps of an interval; as `time_loop`. Collective among neighbours."""
+        """Advance the state by up to the steps of an interval; as `time_loop`.
+
+        Collective among neighbours.
+        """
         return time_loop(interval, *self.arguments, self.halo.buffers, seconds)
