@@ -119,7 +119,8 @@ def parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="SECTION.KEY=VALUE",
-        help="setting of the reference (default: a tenth of the automatic step, or of the job's if that is shorter)",
+        help="setting of the reference "
+        "(default: a tenth of the automatic step, or of the job's if that is shorter)",
     )
     trade.add_argument(
         "--tolerance",
@@ -206,8 +207,10 @@ def partition(arguments) -> None:
     net = build_net(job)
     part = p.write_partition(job.name, net.n, net.elements, arguments.parts)
     print(
-        f"{p.FOLDER / job.name}.graph.part.{arguments.parts}: {net.n} particles, {net.m} elements in {arguments.parts} parts, "
-        f"edge cut {p.edge_cut(net.elements, part)}, fullest part {p.imbalance(net.elements, part, arguments.parts):.3f} of the mean"
+        f"{p.FOLDER / job.name}.graph.part.{arguments.parts}: "
+        f"{net.n} particles, {net.m} elements in {arguments.parts} parts, "
+        f"edge cut {p.edge_cut(net.elements, part)}, "
+        f"fullest part {p.imbalance(net.elements, part, arguments.parts):.3f} of the mean"
     )
 
 

@@ -1,4 +1,4 @@
-"""What the program is made of: a digest of its own sources, for what is valid only as long as they stay as they are."""
+"""A digest of the program's own sources, for what is valid only as long as they stay as they are."""
 
 import functools
 import hashlib

@@ -1,4 +1,4 @@
-"""The wish to stop early: a signal (SIGTERM, SIGINT, SIGUSR1) or the end of the wall time that was granted."""
+"""The wish to stop early: a signal (SIGTERM, SIGINT, SIGUSR1) or the end of the wall time."""
 
 import signal
 import time

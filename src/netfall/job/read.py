@@ -47,7 +47,7 @@ class Job:
         return [self.path.parent / name for name in named if name]
 
     def digest(self) -> str:
-        """Fingerprint of what was asked: the job file, the values that overrides leave, and all files that it reads.
+        """Fingerprint of what was asked: the job file, the values that overrides leave, the files it reads.
 
         Raises InputError for a file that cannot be read.
         """
@@ -63,7 +63,7 @@ class Job:
         return total.hexdigest()
 
     def changes_net(self) -> bool:
-        """Whether the command line overrides the net, so that files made for the job's own net do not apply."""
+        """Whether the command line overrides the net: files made for the job's own net then do not apply."""
         return any(o.startswith("net.") for o in self.overrides)
 
 
@@ -116,8 +116,8 @@ def _absurd_counts(job: Job) -> list[str]:
             )
         )
     return [
-        f"{job.path}: [{section}] {key} = {getattr(getattr(job, section), key):g}: asks for {number:.3g} {what} over the duration; "
-        f"at most {most:.0e} are possible"
+        f"{job.path}: [{section}] {key} = {getattr(getattr(job, section), key):g}: "
+        f"asks for {number:.3g} {what} over the duration; at most {most:.0e} are possible"
         for section, key, number, what, most in asked
         if number > most
     ]
@@ -133,9 +133,9 @@ def _slow_gusts(job: Job) -> list[str]:
         return []
     least = GUST_LENGTH / LONGEST_GUST / wind.speed
     return [
-        f"{job.path}: [wind] speed = {wind.speed:g}: a gust of {GUST_LENGTH:g} m lasts {samples:.3g} samples of time_step = "
-        f"{wind.time_step:g} s; at most {LONGEST_GUST} are possible; expected [wind] time_step >= {least:.3g}, or roughness = 0 "
-        "for a wind without gusts"
+        f"{job.path}: [wind] speed = {wind.speed:g}: a gust of {GUST_LENGTH:g} m lasts {samples:.3g} samples "
+        f"of time_step = {wind.time_step:g} s; at most {LONGEST_GUST} are possible; "
+        f"expected [wind] time_step >= {least:.3g}, or roughness = 0 for a wind without gusts"
     ]
 
 
@@ -345,21 +345,18 @@ class _Validation:
         if moves is not None and moves.mass_scaling and moves.fragments and breaks:
             self.wrong(
                 "dynamics",
-                f"mass_scaling = {shown(moves.mass_scaling)}: a fragment would take the added inertia along as mass; allowed with fragments = false, or where nothing can break",
+                f"mass_scaling = {shown(moves.mass_scaling)}: a fragment would take the added inertia along "
+                "as mass; allowed with fragments = false, or where nothing can break",
             )
         if wind is not None and "dynamics" not in sections:
             self.wrong("wind", "there is no [dynamics] that the wind could act in; add it or remove [wind]")
-        if (
-            "form_finding" in sections
-            and "cable" in parts
-            and sections["form_finding"].get("method", "fpm") == "fpm"
-        ):
-            if not (
-                parts["cable"].prestress
-                or any("prestress" in g for g in sections["cable"].values() if isinstance(g, dict))
-                or (net or {}).get("elements")
-            ):
+        relaxes = "form_finding" in sections and sections["form_finding"].get("method", "fpm") == "fpm"
+        if relaxes and "cable" in parts:
+            of_groups = (g for g in sections["cable"].values() if isinstance(g, dict))
+            taut = parts["cable"].prestress or any("prestress" in g for g in of_groups)
+            if not taut and not (net or {}).get("elements"):
                 self.wrong(
                     "cable",
-                    "prestress: missing or 0; form finding needs the tension to find the form with, a number of N > 0",
+                    "prestress: missing or 0; form finding needs the tension to find the form with, "
+                    "a number of N > 0",
                 )
