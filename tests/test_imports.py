@@ -52,7 +52,7 @@ MOST_ARGUMENTS, MOST_LINES, MOST_COLUMNS = 12, 300, 110
 # What is longer than that today. Entries are taken out of this list, none are added.
 TOO_LONG = {
     "arguments": set(),
-    "lines": {"job/read.py", "output/plot.py", "study/trade.py"},
+    "lines": {"output/plot.py", "study/trade.py"},
     "columns": {"src"},
 }
 
