@@ -116,7 +116,7 @@ class Workshop:
         return path
 
     def run(self, job: Path, *arguments, ranks=1, output="result.vtkhdf", code=0, environment=None):
-        """Run a job; its result file, open, or the finished process; the exit code is checked, unless it is None."""
+        """Run a job; its result file, open, or the finished process. A code of None is not checked."""
         line = ["run", job, "-o", self.folder / output, *arguments]
         if self.standing and code == 0 and environment is None:
             done = run_on_standing_ranks(*line, ranks=ranks, cwd=self.folder)

@@ -1,4 +1,4 @@
-"""Which files stay: the last two checkpoints of a result, what the user gave, and everything of another result."""
+"""Which files stay: the last two checkpoints of a result, what the user gave, all of another result."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ def steps(folder: Path) -> list[int]:
 
 
 def test_the_checkpoint_that_was_given_stays(workshop):
-    """Five newer ones are written after it; a later run, which is given a newer one, removes it as an older one."""
+    """Five newer ones are written after it. A later run, which is given a newer one, removes it."""
     job = tiny_job(workshop, 0.006, "checkpoint = 0.001\n")
     workshop.run(job, *AT_ONCE, code=4)
     (given,) = workshop.folder.glob("result.checkpoint-*")
@@ -48,7 +48,7 @@ def test_a_fresh_run_removes_no_checkpoint_of_another_job(workshop):
 
 
 def test_requeued_runs_leave_the_last_two_checkpoints(workshop):
-    """Stopped at its first look again and again, each time given the newest: two files, the given one among them."""
+    """Stopped at its first look again and again, given the newest each time: that and one more stay."""
     job = tiny_job(workshop, 0.45)
     workshop.run(job, *AT_ONCE, code=4)
     for k in range(4):
@@ -59,7 +59,7 @@ def test_requeued_runs_leave_the_last_two_checkpoints(workshop):
 
 
 def test_a_checkpoint_from_another_folder_stays_and_can_be_left_behind_twice(workshop):
-    """The run goes on in a second folder, is stopped there too and taken up again: the first one's file is untouched."""
+    """The run goes on in a second folder, is stopped and taken up again: the first file is untouched."""
     job = tiny_job(workshop, 0.15)
     whole = workshop.run(job, output="whole.vtkhdf")
     for folder in ("first", "second"):

@@ -32,7 +32,7 @@ history = 100.0
 
 
 def test_sixteen_million_steps_in_wind_come_to_their_end(workshop):
-    """One row at the start and one at the last step, whose number is not off by rounding; rest under the wind.
+    """Rows at the start and the last step alone, its number not off by rounding; rest under the wind.
 
     Damping of 1/s takes exp(-16.2 / 2) of the first motion away: 3e-4 of it is left.
     """
@@ -50,7 +50,7 @@ def test_fifty_million_steps_in_wind_come_to_their_end(workshop):
 
 
 def stopped_after(workshop, job, ranks: int, number: int, wait: float) -> int:
-    """Start a run, send it a signal some seconds after its dynamics begin; the step it stopped at, with a checkpoint."""
+    """The step of the checkpoint that a signal leaves, sent some seconds after a run's dynamics begin."""
     line = [str(BIN / "netfall"), "run", str(job), "-o", str(workshop.folder / "result.vtkhdf")]
     line = [str(BIN / "mpirun"), "-n", str(ranks), *line] if ranks > 1 else line
     pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
@@ -68,7 +68,7 @@ def stopped_after(workshop, job, ranks: int, number: int, wait: float) -> int:
 
 @pytest.mark.parametrize("ranks, number", [(1, signal.SIGTERM), (2, signal.SIGUSR1)])
 def test_a_signal_between_two_distant_rows_is_heeded(workshop, ranks, number):
-    """The next row is minutes away: exit code 4 and a checkpoint at a look between, once the kernels are loaded."""
+    """The next row is minutes away: exit code 4 and a checkpoint at a look before it."""
     job = workshop.job(JOB.replace("16.2", "1000.0"), NODES, ELEMENTS)
     steps = (stopped_after(workshop, job, ranks, number, wait) for wait in (1.0, 4.0, 16.0))
     step = next(step for step in steps if step > 0)
@@ -77,7 +77,7 @@ def test_a_signal_between_two_distant_rows_is_heeded(workshop, ranks, number):
 
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_a_stop_between_two_rows_changes_no_bit(workshop, ranks):
-    """Stopped by the wall time at looks between the first row and the last, until done; also in single precision."""
+    """Stopped by the wall time at looks between two rows, until done; in single precision."""
     text = JOB.replace("16.2", "0.45").replace("damping = 1.0", 'damping = 1.0\nprecision = "single"')
     job = workshop.job(text, NODES, ELEMENTS)
     whole = workshop.run(job, output="whole.vtkhdf")

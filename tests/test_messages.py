@@ -93,7 +93,7 @@ def test_a_file_is_no_folder_for_pictures(workshop, verb):
 
 
 def test_mpirun_adds_nothing_to_the_line_of_a_wrong_input(workshop):
-    """Wrong in the job file, or stopped with a checkpoint: the exit code stays, and mpirun has nothing to say."""
+    """Wrong in the job file, or stopped with a checkpoint: the exit code stays; mpirun has nothing to say."""
     job = workshop.job(TINY, NODES, ELEMENTS)
     assert 'did you mean "speed"?' in the_line(run_netfall("run", job, "--set", "wind.sped=3", ranks=2))
     output = workshop.folder / "result.vtkhdf"
@@ -122,7 +122,10 @@ def test_mpirun_passes_on_what_a_rank_writes():
 
 
 def test_a_probe_far_from_the_net_is_noted(workshop):
-    """Place, distance by Pythagoras, and the node that stands in: 2 at [1, 1], 5 m from [4, 5]; a near one is not noted."""
+    """Place, distance and the node that stands in: 2 at [1, 1], by Pythagoras 5 m from [4, 5].
+
+    A near one is not noted.
+    """
     job = workshop.job(TINY + "probes = [[1.5, 1.5], [4.0, 5.0]]\n", NODES, ELEMENTS)
     done = run_netfall("run", job, "-o", workshop.folder / "result.vtkhdf")
     (note,) = [line for line in done.stdout.splitlines() if "probes" in line]

@@ -6,7 +6,7 @@ import subprocess
 import pytest
 from conftest import ROOT, run_netfall
 
-from netfall.__main__ import parser
+from netfall.parser import parser
 
 FOLDERS = (
     ".",

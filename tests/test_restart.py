@@ -166,7 +166,7 @@ def test_checkpoint_of_another_job_is_refused(checkpoints, override, message):
 
 
 def test_checkpoint_of_other_tables_is_refused(workshop):
-    """Another number in the wind's table, or another group of an element, is another job, though the net looks alike."""
+    """Another number in the wind's table, or another group of an element, is another job."""
     text = JOB[JOB.index("[cable]") : JOB.index("[form_finding]")] + "[cable.edge]\nyield_stress = 1.6e9\n"
     text += (
         '[wind]\nfile = "wind.csv"\nshape_coefficient = -1.0\n[dynamics]\nduration = 0.1\ntime_step = 1e-6\n'

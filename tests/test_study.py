@@ -190,13 +190,16 @@ def test_a_second_study_of_the_same_table_is_refused_at_once(workshop):
 
 
 def test_a_busy_result_is_no_refusal():
-    """Exit code 2 because another run is writing: another time it may go. Because the input is wrong: it stays."""
+    """Exit code 2 because another run is writing may pass; because the input is wrong, it stays."""
     assert RunFailed("netfall run", 2, f"a.vtkhdf: {BUSY}; wait for it").state == "failed"
     assert RunFailed("netfall run", 2, "job.toml: [wind] speed: missing").state == "refused"
 
 
 def test_digest_of_a_job_is_that_of_what_it_computes(workshop):
-    """Overrides count by what they leave: the last of two counts, one that changes nothing does not; tables by content."""
+    """Overrides count by what they leave: the last of two does, one that changes nothing does not.
+
+    Tables count by content.
+    """
     job, _ = with_tables(workshop)
     digest = lambda *overrides: read_job(job, overrides).digest()
     plain = digest()

@@ -1,4 +1,4 @@
-"""The same net in LAMMPS: particles with harmonic bonds, velocity Verlet. mpiexec -n P python lammps_step.py N"""
+"""The same net in LAMMPS: harmonic bonds, velocity Verlet. mpiexec -n P python lammps_step.py N"""
 
 import json
 import resource

@@ -1,12 +1,13 @@
-"""How far the step scales past two cores: work, halo and messages of each rank from METIS cuts, times from constants measured here.
+"""How far the step scales past two cores: a model of its work, halo and messages on each rank.
 
     .venv/bin/mpirun -n 2 .venv/bin/python jobs/bench/model.py [--elements 1e6 1e7] [--parts 64 512 4096]
 
 Square nets as in the benchmark. The step of a rank takes
     T = elements t_element + calls t_call + messages t_message + bytes / bandwidth
-with t_element in and out of the cache from the step's benchmark (two ranks at once), t_message and bandwidth from an exchange between
-two ranks of this machine as the step does it, and, for a network, from --network-message and --network-bandwidth. Sizes that are not cut here follow from
-the cuts: a part's boundary is a multiple of the root of its particles (fitted, printed with its spread).
+with the numbers from METIS cuts; t_element in and out of the cache from the step's benchmark (two ranks at
+once); t_message and bandwidth from an exchange between two ranks of this machine as the step does it, and,
+for a network, from --network-message and --network-bandwidth. Sizes that are not cut here follow from the
+cuts: a subdomain's boundary is a multiple of the root of its particles (fitted, printed with its spread).
 """
 
 import argparse
@@ -62,7 +63,7 @@ def exchanges(rows, n_owned, send_index, mail, times):
 
 
 def seconds_of_exchange(particles: int) -> float:
-    """Of one exchange of three numbers for so many particles each way between ranks 0 and 1, as the step does it."""
+    """Of one exchange of three numbers for so many particles each way between ranks 0 and 1."""
     index, nothing = np.arange(particles, dtype=np.uint32), np.zeros((0, 2), np.uint32)
     halo = Halo(
         comm,
@@ -138,16 +139,19 @@ small, large = seconds_of_exchange(1), seconds_of_exchange(10_000)
 if comm.rank == 0:
     message, bandwidth = small, 10_000 * 24 / (large - small)
     print(
-        f"exchange between two ranks here: {1e6 * message:.2f} us, {bandwidth / 1e9:.1f} GB/s each way (NETFALL_RANKS_PER_NODE=1: by a message)"
+        f"exchange between two ranks here: {1e6 * message:.2f} us, {bandwidth / 1e9:.1f} GB/s each way "
+        "(NETFALL_RANKS_PER_NODE=1: by a message)"
     )
     print(
-        f"element and step: {1e9 * arguments.element_in_cache:.2f} ns in the cache, {1e9 * arguments.element_in_memory:.2f} ns beyond"
+        f"element and step: {1e9 * arguments.element_in_cache:.2f} ns in the cache, "
+        f"{1e9 * arguments.element_in_memory:.2f} ns beyond"
     )
     rows = [cut(elements, parts) for elements in arguments.elements for parts in arguments.parts]
     roots = [row["halo"] / np.sqrt(row["elements"] / 2 / row["parts"]) for row in rows]
     imbalance = [row["work"] / row["mean"] for row in rows]
     print(
-        f"boundary: {np.mean(roots):.2f} (from {min(roots):.2f} to {max(roots):.2f}) times the root of a part's particles; fullest part {max(imbalance):.3f} of the mean"
+        f"boundary: {np.mean(roots):.2f} (from {min(roots):.2f} to {max(roots):.2f}) times the root of a "
+        f"subdomain's particles; fullest subdomain {max(imbalance):.3f} of the mean"
     )
     for elements in arguments.further:
         for parts in arguments.parts:
@@ -163,7 +167,8 @@ if comm.rank == 0:
                 }
             )
     print(
-        "| elements | ranks | elements of a rank | halo particles | messages | step [us], network | work, messages, bytes [%] | speed-up | efficiency | step [us], within a node | efficiency |"
+        "| elements | ranks | elements of a rank | halo particles | messages | step [us], network "
+        "| work, messages, bytes [%] | speed-up | efficiency | step [us], within a node | efficiency |"
     )
     print("|---|---|---|---|---|---|---|---|---|---|---|")
     for row in rows:
@@ -174,7 +179,10 @@ if comm.rank == 0:
         inside = sum(step_time(row["work"], row["halo"], row["messages"], message, bandwidth))
         total = sum(parts_of_it)
         shares = " / ".join(f"{100 * t / total:.0f}" for t in parts_of_it)
+        fit = " (fit)" if row.get("fit") else ""
         print(
-            f"| {row['elements']:.3g}{' (fit)' if row.get('fit') else ''} | {row['parts']} | {row['work']:.0f} | {row['halo']:.0f} | {row['messages']} | {1e6 * total:.1f} | {shares} "
-            f"| {alone / total:.0f} | {alone / total / row['parts']:.2f} | {1e6 * inside:.1f} | {alone / inside / row['parts']:.2f} |"
+            f"| {row['elements']:.3g}{fit} | {row['parts']} | {row['work']:.0f} | {row['halo']:.0f} "
+            f"| {row['messages']} | {1e6 * total:.1f} | {shares} | {alone / total:.0f} "
+            f"| {alone / total / row['parts']:.2f} | {1e6 * inside:.1f} "
+            f"| {alone / inside / row['parts']:.2f} |"
         )

@@ -1,9 +1,9 @@
-"""The net of the benchmark, for netfall and its peers alike: a square hypar in equilibrium under one force density.
+"""The net of the benchmark, for netfall and its peers alike: a square hypar under one force density.
 
-N x N particles 2.2 m apart, z = h ((x/a)^2 - (y/a)^2), the outer ring fixed, E A = 1.33e8 N, force density 100 kN / 2.2 m,
-517 kg on each particle, a downward load of 200 N/m2, steps of 0.1 s / 70 (0.49 of the stable step), no damping: then
-velocity Verlet and central difference are the same. Taut for the 0.1 s that are compared, so that elements that carry
-compression have the same answer.
+N x N particles 2.2 m apart, z = h ((x/a)^2 - (y/a)^2), the outer ring fixed, E A = 1.33e8 N, force density
+100 kN / 2.2 m, 517 kg on each particle, a downward load of 200 N/m2, steps of 0.1 s / 70 (0.49 of the stable
+step), no damping: then velocity Verlet and central difference are the same. Taut for the 0.1 s that are
+compared, so that elements that carry compression have the same answer.
 """
 
 from dataclasses import dataclass

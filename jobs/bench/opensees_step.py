@@ -1,4 +1,7 @@
-"""The same net in OpenSees: corotational trusses with initial strain, explicit difference. python opensees_step.py N"""
+"""The same net in OpenSees: corotational trusses with initial strain, explicit difference.
+
+python opensees_step.py N
+"""
 
 import json
 import resource

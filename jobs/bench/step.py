@@ -1,6 +1,9 @@
-"""Times the step of netfall on the benchmark's net: mpirun -n P python step.py N SCENE [--precision P] [--rounds R] [--no-order]
+"""Times the step of netfall on the benchmark's net.
 
-SCENE: elastic, or one or more of plastic, fracture, wind, energy, sections, bars joined by + (all: the first four, and damping). Prints a line of JSON.
+    mpirun -n P python step.py N SCENE [--precision P] [--rounds R] [--no-order]
+
+SCENE: elastic, or one or more of plastic, fracture, wind, energy, sections, bars joined by + (all: the first
+four, and damping). Prints a line of JSON.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""The table of the benchmark from its lines of JSON, with the bandwidth of this machine. python table.py LINES"""
+"""The table of the benchmark from its lines of JSON, and this machine's bandwidth. python table.py LINES"""
 
 import json
 import sys
@@ -31,7 +31,8 @@ def bandwidth(megabytes: float) -> float:
 
 rows = [json.loads(line) for line in open(sys.argv[1])]
 print(
-    "| net | program | ranks | scene | element-steps/s | of netfall elastic, 1 rank | exchange | set-up [s] | memory, all ranks [MB] | state [bytes/element] |"
+    "| net | program | ranks | scene | element-steps/s | of netfall elastic, 1 rank | exchange "
+    "| set-up [s] | memory, all ranks [MB] | state [bytes/element] |"
 )
 print("|---|---|---|---|---|---|---|---|---|---|")
 reference = {
@@ -44,7 +45,8 @@ for row in rows:
     share = f"{100 * row['exchange']:.0f} %" if row.get("exchange") is not None else ""
     state = f"{row['state_bytes']:.0f}" if "state_bytes" in row else ""
     print(
-        f"| {row['N']} x {row['N']} | {row['program']} | {row['ranks']} | {row['scene']} | {row['rate']:.3g} | {row['rate'] / own['rate']:.2f} | {share} "
+        f"| {row['N']} x {row['N']} | {row['program']} | {row['ranks']} | {row['scene']} "
+        f"| {row['rate']:.3g} | {row['rate'] / own['rate']:.2f} | {share} "
         f"| {row['set_up']:.1f} | {row['peak_bytes'] / 1e6:.0f} | {state} |"
     )
 for N, own in reference.items():
@@ -54,6 +56,7 @@ for N, own in reference.items():
         if row["N"] == N and row["scene"] == "elastic"
     )
     print(
-        f"{N} x {N}: displacement in the middle after 0.1 s {own['displacement']:.12e} m; all programs agree to {worst:.1e}"
+        f"{N} x {N}: displacement in the middle after 0.1 s {own['displacement']:.12e} m; "
+        f"all programs agree to {worst:.1e}"
     )
 print("triad: " + ", ".join(f"{bandwidth(size):.0f} GB/s in {size:g} MB" for size in (0.3, 12, 96, 960)))

@@ -155,7 +155,8 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "pressure",
             ABSENT,
             "N/m2",
-            "static load of the roof: positive presses on it, against the upward normal, negative lifts; or [x, y, z]",
+            "static load of the roof: positive presses on it, against the upward normal, negative lifts; "
+            "or [x, y, z]",
         ),
         count("steps", 0, "load steps of the static analysis; 0: none", low=0, high=100_000),
         not_negative(
@@ -226,7 +227,8 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "fragment_mass",
             "",
             0.05,
-            "largest share of what a particle carries (dead load, `mass`) that one fragment takes along if the step needs it; 0: its half element alone, as in the paper",
+            "largest share of what a particle carries (dead load, `mass`) that one fragment takes along if "
+            "the step needs it; 0: its half element alone, as in the paper",
             high=0.5,
         ),
         Key(
@@ -234,13 +236,15 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "flag",
             True,
             "",
-            "whether a particle splits off where an element breaks, as in the paper; false: the element is taken out of the net, its mass stays with its ends",
+            "whether a particle splits off where an element breaks, as in the paper; "
+            "false: the element is taken out of the net, its mass stays with its ends",
         ),
         not_negative(
             "mass_scaling",
             "",
             0.0,
-            "largest share of the moving mass that is added, as inertia alone, where the stiffest elements ask for a short step; with fracture only without fragments",
+            "largest share of the moving mass that is added, as inertia alone, where the stiffest elements "
+            "ask for a short step; with fracture only without fragments",
             high=1.0,
         ),
         Key(
@@ -260,7 +264,8 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "flag",
             True,
             "",
-            "audit of the energies; false saves its cost, and leaves the works and both errors of /history nan",
+            "audit of the energies; "
+            "false saves its cost, and leaves the works and both errors of /history nan",
         ),
         Key("probes", "points", (), "m", "x, y of particles whose histories are kept"),
         not_negative("checkpoint", "s", 0.0, "simulated time between checkpoints; 0: none"),

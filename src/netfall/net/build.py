@@ -4,7 +4,8 @@ import numpy as np
 
 from netfall.compile import kernel
 from netfall.errors import InputError
-from netfall.job.read import Job, nearest, shown
+from netfall.job.read import Job
+from netfall.job.validate import nearest, shown
 from netfall.net import generators
 from netfall.net.areas import roof_groups
 from netfall.net.net import Net, subdivide
@@ -21,8 +22,8 @@ def build_net(job: Job) -> Net:
     net = _with_sections(job) if job.net.nodes else _from_generator(job)
     if net.m * job.net.subdivide > MOST_ELEMENTS:
         raise InputError(
-            f"{job.path}: [net] subdivide = {job.net.subdivide}: gives {net.m * job.net.subdivide:.3g} elements; "
-            f"at most {MOST_ELEMENTS:.0e} fit"
+            f"{job.path}: [net] subdivide = {job.net.subdivide}: gives {net.m * job.net.subdivide:.3g} "
+            f"elements; at most {MOST_ELEMENTS:.0e} fit"
         )
     _check_groups(job, net)
     net = subdivide(net, job.net.subdivide)
@@ -47,7 +48,8 @@ def _from_generator(job: Job) -> Net:
         if job.net.spacing > 0.25 * min(job.net.length, job.net.width):
             raise InputError(
                 f"{job.path}: [net] spacing = {job.net.spacing:g}: too wide for the roof; "
-                f"expected at most {0.25 * min(job.net.length, job.net.width):g} m, a quarter of the shorter axis"
+                f"expected at most {0.25 * min(job.net.length, job.net.width):g} m, "
+                "a quarter of the shorter axis"
             )
         net = generators.stadium(job.net.length, job.net.width, job.net.arch_rise, job.net.spacing)
     _set_sections(job, net)
@@ -94,7 +96,9 @@ def _check_groups(job: Job, net: Net) -> None:
 
 @kernel
 def label_parts(elements, label):
-    """Write the lowest particle of the part of the net that each belongs to. elements : (m, 2); label : (n,), out
+    """Write the lowest particle of the part of the net that each belongs to.
+
+    elements : (m, 2); label : (n,), out
 
     Union by path halving; scipy has the same, but takes a tenth of a second to load, before every run.
     """
@@ -119,7 +123,8 @@ def _whole_net_errors(job: Job, net: Net) -> list[str]:
     for e in np.flatnonzero(~(lengths > 0))[:5]:
         a, b = net.node_id[net.elements[e]]
         errors.append(
-            f"{job.path}: element {net.element_id[e]} between nodes {a} and {b} has no length; nodes that coincide must be one"
+            f"{job.path}: element {net.element_id[e]} between nodes {a} and {b} has no length; "
+            "nodes that coincide must be one"
         )
     lonely = np.flatnonzero(np.bincount(net.elements.ravel(), minlength=net.n) == 0)
     for p in lonely[:5]:
@@ -133,22 +138,23 @@ def _whole_net_errors(job: Job, net: Net) -> list[str]:
         for part in np.flatnonzero((label == np.arange(net.n)) & ~held)[:5]:
             members = net.node_id[label == part]
             errors.append(
-                f"{job.path}: the part of the net with node {members[0]} ({len(members)} nodes) has no support; "
-                "fix a node of it: form finding and statics need an equilibrium"
+                f"{job.path}: the part of the net with node {members[0]} ({len(members)} nodes) "
+                "has no support; fix a node of it: form finding and statics need an equilibrium"
             )
     compressed = np.flatnonzero((net.prestress < 0) & ~net.bar)
     if len(compressed) and not np.isfinite(net.force_density).any():
         e = compressed[0]
         errors.append(
-            f"{job.path}: element {net.element_id[e]}: prestress = {net.prestress[e]:g}: a cable carries no compression; "
-            'expected >= 0, or kind = "bar" for its group'
+            f"{job.path}: element {net.element_id[e]}: prestress = {net.prestress[e]:g}: "
+            'a cable carries no compression; expected >= 0, or kind = "bar" for its group'
         )
     over = np.flatnonzero(np.abs(net.prestress) > net.yield_stress * net.section)
     if len(over):
         e = over[0]
         errors.append(
-            f"{job.path}: element {net.element_id[e]}: prestress = {net.prestress[e]:g} N: above the yield force "
-            f"{net.yield_stress[e] * net.section[e]:g} N; lower it or choose a larger area"
+            f"{job.path}: element {net.element_id[e]}: prestress = {net.prestress[e]:g} N: "
+            f"above the yield force {net.yield_stress[e] * net.section[e]:g} N; "
+            "lower it or choose a larger area"
         )
     if job.form_finding is not None and np.isfinite(net.unstressed_length).any():
         errors.append(

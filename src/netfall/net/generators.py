@@ -1,5 +1,7 @@
 """The paper's two nets, with all dimensions as parameters: saddle (4.1) and stadium (4.2)."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from netfall.net.net import Net
@@ -8,7 +10,7 @@ SNAP = 1e-3  # of the spacing: a grid point this close to the ellipse is a suppo
 
 
 def saddle(side: float, rise: float, cells: int) -> Net:
-    """Square net on a rigid boundary z = rise ((x/a)^2 - (y/a)^2), a = side / 2; free particles start on z = 0.
+    """Square net on a rigid boundary z = rise ((x/a)^2 - (y/a)^2), a = side / 2, free particles on z = 0.
 
     The square's corners carry no cable and are no particles.
     """
@@ -42,17 +44,17 @@ def saddle(side: float, rise: float, cells: int) -> Net:
 
 
 def stadium(length: float, width: float, arch_rise: float, spacing: float) -> Net:
-    """Half of a stadium roof: from a rigid parabolic arch over the long axis (y = 0) to a rigid elliptic edge at z = 0.
+    """Half of a stadium roof, from a rigid parabolic arch (y = 0) to a rigid elliptic edge (z = 0).
 
-    Cables along x and y at multiples of `spacing`, each ending on the arch or on the ellipse. The start geometry
-    is the ruled surface, straight in the y direction from arch to edge.
+    Cables along x and y at multiples of `spacing`, each ending on the arch or on the ellipse. The start
+    geometry is the ruled surface, straight in the y direction from arch to edge.
     """
     a, b = 0.5 * length, 0.5 * width
     to_edge_y = lambda x: b * np.sqrt(np.maximum(0.0, 1 - (x / a) ** 2))
     to_edge_x = lambda y: a * np.sqrt(np.maximum(0.0, 1 - (y / b) ** 2))
     half = int(a / spacing) + 1
-    I, J = np.meshgrid(np.arange(-half, half + 1), np.arange(1, int(b / spacing) + 2), indexing="ij")
-    X, Y = I * spacing, J * spacing
+    across, away = np.arange(-half, half + 1), np.arange(1, int(b / spacing) + 2)
+    X, Y = np.meshgrid(across * spacing, away * spacing, indexing="ij")
     gap = np.minimum(to_edge_x(Y) - np.abs(X), to_edge_y(X) - Y)
     gap[(np.abs(X) > a) | (b < Y)] = -np.inf
     inside, on_edge = gap > SNAP * spacing, np.abs(gap) <= SNAP * spacing
@@ -76,7 +78,7 @@ def stadium(length: float, width: float, arch_rise: float, spacing: float) -> Ne
         js = np.flatnonzero(inside[i])
         chain = [("arch", i)] + [("grid", i, j) for j in js]
         chain.append(edge_point(i, js[-1] + 1, ("edge y", i), x, to_edge_y(x)))
-        along_y += zip(chain[:-1], chain[1:])
+        along_y += pairwise(chain)
     for j in rows:
         y = Y[0, j]
         inner = np.flatnonzero(inside[:, j])
@@ -84,7 +86,7 @@ def stadium(length: float, width: float, arch_rise: float, spacing: float) -> Ne
             ("grid", i, j) for i in inner
         ]
         chain.append(edge_point(inner[-1] + 1, j, ("edge x", j), to_edge_x(y), y))
-        along_x += zip(chain[:-1], chain[1:])
+        along_x += pairwise(chain)
 
     names = sorted(points, key=lambda name: (points[name][1], points[name][0]))
     number = {name: k for k, name in enumerate(names)}

@@ -1,14 +1,15 @@
 """Checkpoints: the whole state of a run by global numbers, sealed with a digest, for any number of ranks.
 
 A checkpoint is a file NAME.checkpoint-STAGE-STEP.h5 beside the result file NAME.vtkhdf, or
-RESULT-checkpoint-STAGE-STEP.h5 beside a RESULT with another ending. STAGE is 1 for form finding and 2 for statics,
-where STEP counts iterations, and 3 for dynamics. What the result file has so far is not in it: that stands in
-segments, closed at each checkpoint, which the end of the run joins to the result file. A kill at any moment leaves
-whole segments and a whole checkpoint that names them.
+RESULT-checkpoint-STAGE-STEP.h5 beside a RESULT with another ending. STAGE is 1 for form finding and 2 for
+statics, where STEP counts iterations, and 3 for dynamics. What the result file has so far is not in it: that
+stands in segments, closed at each checkpoint, which the end of the run joins to the result file. A kill at
+any moment leaves whole segments and a whole checkpoint that names them.
 
-The last two are kept. A run removes older ones of its own; one that goes on from a checkpoint beside its own result
-file also removes older ones that earlier runs of the same job and result have left. The checkpoint that it was given
-it leaves alone; once a later run is given a newer one, that is an older one like the others.
+The last two are kept. A run removes older ones of its own; one that goes on from a checkpoint beside its own
+result file also removes older ones that earlier runs of the same job and result have left. The checkpoint
+that it was given it leaves alone; once a later run is given a newer one, that is an older one like the
+others.
 """
 
 import json
@@ -45,7 +46,7 @@ def _prefix(result: Path) -> str:
 
 
 def checkpoints_of(folder: Path, prefix: str) -> list[Path]:
-    """The checkpoints in a folder, by age, whose names begin with `prefix` and go on as in `checkpoint_path`."""
+    """The checkpoints in a folder whose names are `prefix` and then as of `checkpoint_path`, by age."""
     found = ((NAME.fullmatch(path.name), path) for path in folder.iterdir())
     return sorted(path for match, path in found if match and match[1] == prefix)
 
@@ -53,8 +54,8 @@ def checkpoints_of(folder: Path, prefix: str) -> list[Path]:
 def remove_older(newest: Path, result: Path, digest: str, given: Path | None) -> None:
     """Remove all but the last two checkpoints of a job and result up to the newest. Rank 0.
 
-    given : the checkpoint that the run goes on from, which is left alone. Without one, or with one from elsewhere,
-    those of earlier runs are not looked for.
+    given : the checkpoint that the run goes on from, which is left alone. Without one, or with one from
+    elsewhere, those of earlier runs are not looked for.
     """
     if given is None or given.parent.resolve() != result.parent.resolve():
         return
@@ -81,7 +82,8 @@ def write_checkpoint(
 ) -> None:
     """Write the state, if there is one yet, and the run's records. Collective.
 
-    result : numbers the rows; record : small values of every kind that JSON knows, arrays : arrays in global order, both on rank 0
+    result : numbers the rows
+    record : small values of every kind that JSON knows; arrays : in global order; both on rank 0
     """
     file = SharedFile(comm, path)
     try:
@@ -129,7 +131,7 @@ class Checkpoint:
     """A checkpoint that was read, on rank 0: `record`, `arrays`, `particles` and `elements` by name."""
 
     def __init__(self, path: Path, job_digest: str):
-        """Raises InputError for a file that is missing, damaged, or belongs to another job; names the one before it."""
+        """Raises InputError for a file that is missing, damaged, or of another job; names the one before."""
         if not path.is_file():
             raise InputError(f"{path}: no such checkpoint{_offer(path)}")
         if not check_seal(path):
@@ -147,7 +149,8 @@ class Checkpoint:
         self.path = path
         if self.record["job"] != job_digest:
             raise InputError(
-                f"{path}: belongs to another job or net ({self.record['name']}); expected a checkpoint of this very job file, tables and --set"
+                f"{path}: belongs to another job or net ({self.record['name']}); "
+                "expected a checkpoint of this very job file, tables and --set"
             )
 
 

@@ -28,7 +28,8 @@ SEAL = b"netfall-sha256:"  # behind the HDF5 file, before the digest of all that
 class Growing:
     """A dataset that rows are appended to, kept open: looking it up takes longer than writing a row.
 
-    row_bytes : of one row; rows : with those that wait; waiting : (first row of all ranks' blocks, rows of them, place of this rank's block in them, this block)
+    row_bytes : of one row; rows : with those that wait
+    waiting : (first row of all ranks' blocks, rows of them, place of this rank's block in them, this block)
     """
 
     id: h5py.h5d.DatasetID
@@ -95,8 +96,9 @@ class SharedFile:
         return found
 
     def append(self, name: str, block: np.ndarray, total: int, place: int | None = None) -> int:
-        """Append `total` rows, of which this rank gives its block, at once or with later ones; the first new row, earlier files included.
+        """Append `total` rows, of which this rank gives its block, at once or with later ones.
 
+        Returns the first new row, those of earlier files counted.
         place : of the block in them, where it is not that of the rank's block of so many rows
         """
         if not self.writes:
@@ -168,7 +170,7 @@ class SharedFile:
         kept.waiting.clear()
 
     def _transfer_block(self, kept: Growing, block: np.ndarray, start, stride, count, shape) -> None:
-        """Write a block into `count` subdomains of a shape, `stride` apart; a rank with an empty block included."""
+        """Write a block into `count` places of a shape, `stride` apart; an empty block takes part."""
         space = kept.id.get_space()
         if block.size:
             space.select_hyperslab(start, count, stride, shape)

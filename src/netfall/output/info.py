@@ -48,27 +48,33 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
         n, m = len(f["net/particles"]), len(f["net/elements"])
         say(f"{path}: {title_of(f)}")
         say(
-            f"ran: netfall {p['netfall']} on {p['ranks']} rank{'s' if p['ranks'] > 1 else ''} ({p['writing']}); {p['exit_state']}"
+            f"ran: netfall {p['netfall']} on {p['ranks']} rank{'s' if p['ranks'] > 1 else ''} "
+            f"({p['writing']}); {p['exit_state']}"
         )
         overrides = provenance_text(f, "overrides")
         if overrides:
             say("with: " + ", ".join(overrides.split("\n")))
         fixed = f["net/fixed"][:].all(1).sum()
         say(
-            f"net: {n} particles ({fixed} fixed), {m} elements, roof {f['net/tributary_area'][:].sum():.1f} m2; partition {p['partition']}, {p['edge_cut']} elements cut"
+            f"net: {n} particles ({fixed} fixed), {m} elements, "
+            f"roof {f['net/tributary_area'][:].sum():.1f} m2; "
+            f"partition {p['partition']}, {p['edge_cut']} elements cut"
         )
         if "form_finding" in f:
             g = f["form_finding"]
             say(
-                f"form finding: {g['iterations'][()]} iterations, residual {g['residual'][()]:.2g} of the prestress, with the real material "
-                f"{g['residual_real_material'][()]:.2g}; tensions {g['tension'][:].min():.4g} to {g['tension'][:].max():.4g} N"
+                f"form finding: {g['iterations'][()]} iterations, residual {g['residual'][()]:.2g} of the "
+                f"prestress, with the real material {g['residual_real_material'][()]:.2g}; "
+                f"tensions {g['tension'][:].min():.4g} to {g['tension'][:].max():.4g} N"
             )
         if "statics" in f:
             g = f["statics"]
             largest = np.linalg.norm(g["displacement"][-1], axis=1)
             say(
-                f"statics: {len(g['load_factor'])} load steps; largest displacement {largest.max():.4g} m (particle {largest.argmax()}), "
-                f"tensions {g['tension'][-1].min():.4g} to {g['tension'][-1].max():.4g} N, slack {g['slack'][-1]}, largest residual {g['residual'][:].max():.2g} N"
+                f"statics: {len(g['load_factor'])} load steps; largest displacement {largest.max():.4g} m "
+                f"(particle {largest.argmax()}), tensions {g['tension'][-1].min():.4g} to "
+                f"{g['tension'][-1].max():.4g} N, slack {g['slack'][-1]}, "
+                f"largest residual {g['residual'][:].max():.2g} N"
             )
         if "history" in f:
             _dynamics(f, say)
@@ -79,18 +85,19 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
 def _dynamics(f, say):
     h, p = f["history"], f["provenance"].attrs
     say(
-        f"dynamics: {h['time'][-1]:g} s in {p['steps']} steps of {p['time_step']:.4g} s; {len(f['VTKHDF/Steps/Values'])} frames, {len(h['time'])} history rows"
+        f"dynamics: {h['time'][-1]:g} s in {p['steps']} steps of {p['time_step']:.4g} s; "
+        f"{len(f['VTKHDF/Steps/Values'])} frames, {len(h['time'])} history rows"
     )
     if "added_mass" in p:
         say(f"  mass scaling: {p['added_mass']:.4g} kg of inertia added")
     for name in [k[6:] for k in p if k.startswith("limit_") and not k.endswith("_element")]:
-        say(
-            f"  step limit {name.replace('_', ' ')}: {p['limit_' + name]:.4g} s (element {p[f'limit_{name}_element']})"
-        )
+        element = p[f"limit_{name}_element"]
+        say(f"  step limit {name.replace('_', ' ')}: {p['limit_' + name]:.4g} s (element {element})")
     if "wind" in f:
         u = f["wind/speed"][:]
         say(
-            f"wind: mean {f['wind/mean_speed'][:].mean():.1f} m/s, generated {u.min():.1f} to {u.max():.1f} m/s at {u.shape[1]} control points"
+            f"wind: mean {f['wind/mean_speed'][:].mean():.1f} m/s, "
+            f"generated {u.min():.1f} to {u.max():.1f} m/s at {u.shape[1]} control points"
         )
     say(
         "energy at the end [J]: "
@@ -106,7 +113,8 @@ def _dynamics(f, say):
         )
     )
     say(
-        f"audits: work identity to {np.abs(h['identity_error'][:]).max():.1e}, physical balance to {np.abs(h['balance_error'][:]).max():.1e} of the largest external work"
+        f"audits: work identity to {np.abs(h['identity_error'][:]).max():.1e}, physical balance to "
+        f"{np.abs(h['balance_error'][:]).max():.1e} of the largest external work"
     )
     e = f["events"]
     say(f"slack at the end: {h['slack'][-1]} cables; broken: {h['broken'][-1]} elements")
@@ -120,8 +128,7 @@ def _dynamics(f, say):
         )
         number = e["element"][k]
         name = f"{number}" if ids[number] == number else f"{number} (id {ids[number]})"
-        say(
-            f"  t = {e['time'][k]:.5f} s, step {e['step'][k]}: element {name} {what}, strain {e['strain'][k]:.4f}"
-        )
+        when = f"t = {e['time'][k]:.5f} s, step {e['step'][k]}"
+        say(f"  {when}: element {name} {what}, strain {e['strain'][k]:.4f}")
     if len(e["time"]) > FIRST_EVENTS:
         say(f"  and {len(e['time']) - FIRST_EVENTS} more fracture events in /events")

@@ -51,7 +51,10 @@ def check_place(path: Path) -> None:
 
 
 def _check_replaceable(path: Path) -> None:
-    """Refuse to write over what is no result of netfall, or is open elsewhere. (An old result is replaced, once the new one is whole.)"""
+    """Refuse to write over what is no result of netfall, or is open elsewhere.
+
+    An old result is replaced, once the new one is whole.
+    """
     try:
         with h5py.File(path, "r") as file:
             ours = "provenance" in file
@@ -68,9 +71,10 @@ def _check_replaceable(path: Path) -> None:
 
 
 def claim(path: Path):
-    """Reserve the name of a result for this process: an open lock file, for `release`. Raises InputError if another run has it.
+    """Reserve the name of a result for this process: an open lock file, for `release`.
 
-    The system gives up the lock of a process that ends, however it ends.
+    Raises InputError if another run has it. The system gives up the lock of a process that ends, however it
+    ends.
     """
     lock = path.with_name(f".{path.name}.lock")
     while True:

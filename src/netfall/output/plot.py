@@ -25,7 +25,10 @@ LONGEST_TITLE = 90  # characters
 
 
 def plot_all(result: Path, folder: Path) -> list[Path]:
-    """Write every picture that the result file has data for; their paths. Raises InputError for a wrong file."""
+    """Write every picture that the result file has data for; their paths.
+
+    Raises InputError for a wrong file.
+    """
     with open_result(result) as f:
         folder.mkdir(parents=True, exist_ok=True)
         pictures = [
@@ -98,7 +101,8 @@ def form(f):
     bar = figure.colorbar(lines, cax=figure.add_axes((0.3, 0.1, 0.4, 0.025)), orientation="horizontal")
     bar.set_label(f"axial force [{unit}], {factor * N.min():.4g} to {factor * N.max():.4g}")
     figure.suptitle(
-        f"{_title(f)}: form, {f['form_finding/iterations'][()]} iterations, residual {f['form_finding/residual'][()]:.1e} of the prestress",
+        f"{_title(f)}: form, {f['form_finding/iterations'][()]} iterations, "
+        f"residual {f['form_finding/residual'][()]:.1e} of the prestress",
         fontsize=10,
     )
     return figure
@@ -144,7 +148,10 @@ def load_displacement(f):
 
 
 def stage_steps(frames: Frames, events: np.ndarray) -> list[int]:
-    """Steps to show: the start, just before the first fracture, then evenly over the fractures; else evenly in time."""
+    """Steps to show: the start, just before the first fracture, then evenly over the fractures.
+
+    Evenly in time where there is no fracture.
+    """
     last = len(frames.times) - 1
     if not len(events):
         return sorted(set(np.linspace(0, last, STAGES).astype(int).tolist()))

@@ -41,7 +41,11 @@ class Progress:
         self._percent = -100.0
 
     def at(self, share: float, done: str, count: int, unit: str, note: str) -> None:
-        """share : of the stage, 0 to 1; done : "t = 1.2 s"; count of `unit` so far, for the rate; note : slack and broken."""
+        """Show how far a stage is.
+
+        share : of the stage, 0 to 1; done : "t = 1.2 s"; count : of `unit` so far, for the rate
+        note : slack and broken
+        """
         if not self.shown:
             return
         now = time.perf_counter()
@@ -77,7 +81,10 @@ class Progress:
 
 
 def _is_terminal(stream) -> bool:
-    """Whether a person watches: under mpirun the stream is a terminal of mpirun's making, so its own is asked for."""
+    """Whether a person watches.
+
+    Under mpirun the stream is a terminal of mpirun's making, so its own is asked for.
+    """
     if not stream.isatty():
         return False
     if not any(name in os.environ for name in ("PMIX_RANK", "OMPI_COMM_WORLD_SIZE", "PMI_SIZE")):
@@ -91,6 +98,6 @@ def _is_terminal(stream) -> bool:
 def _duration(seconds: float) -> str:
     if not seconds < 1e9:
         return "?"
-    minutes, seconds = divmod(int(round(seconds)), 60)
+    minutes, seconds = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"

@@ -1,4 +1,4 @@
-"""The result file of a run: frames while it goes on, everything small at the end. Layout: README.md beside."""
+"""The result file of a run: frames while it goes on, everything small at the end (README.md beside)."""
 
 import os
 import secrets
@@ -42,7 +42,7 @@ class Result:
     # --- segments, records
 
     def cut(self) -> dict[str, int]:
-        """Close what has been written as a segment and go on in a new one; the rows so far, on ranks that write."""
+        """Close what has been written as a segment, go on in a new one; the rows so far, where it writes."""
         rows = self.file.rows()
         self._end_segment()
         self._begin_segment(rows)
@@ -155,7 +155,8 @@ class Result:
     def close(self, sections: dict[str, dict], units: dict[str, str], provenance: dict, phases: dict) -> None:
         """Write what is small and give the file its name.
 
-        sections : on rank 0, datasets by group ("net", "history", ...); units : of datasets, by group and name
+        sections : on rank 0, datasets by group ("net", "history", ...)
+        units : of datasets, by group and name
         provenance : attributes and texts; phases : of `Phases.over_ranks`
         """
 

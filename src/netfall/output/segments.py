@@ -1,4 +1,4 @@
-"""Segments: the whole parts of a result file that a run with checkpoints leaves until its end, and joining them."""
+"""Segments: the whole parts of a result file that a run with checkpoints leaves, joined at its end."""
 
 import re
 from pathlib import Path
@@ -62,9 +62,11 @@ def segments_of(path: Path) -> list[Path]:
 def find_segments(
     folder: Path, names: list[str], rows: dict[str, int], results: list[Path], digest: str, target: Path
 ) -> list[Path]:
-    """The segments of an interrupted run; or, if it went on and finished, one made from its result file. Rank 0.
+    """The segments of an interrupted run; or, if it finished, one made from its result file. Rank 0.
 
-    results : where that may be; target : name of the segment that is then made. Raises InputError if there is neither.
+    results : where that may be; target : name of the segment that is then made
+
+    Raises InputError if there is neither.
     """
     found = [folder / name for name in names]
     if all(segment.exists() for segment in found):
@@ -80,6 +82,7 @@ def find_segments(
             continue
     missing = next(segment for segment in found if not segment.exists())
     raise InputError(
-        f"{missing}: this part of the interrupted run's result is missing, and {results[0]} is not that run's result; "
+        f"{missing}: this part of the interrupted run's result is missing, "
+        f"and {results[0]} is not that run's result; "
         "keep both beside the checkpoint"
     )

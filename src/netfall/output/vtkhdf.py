@@ -62,7 +62,10 @@ class VtkSeries:
     def write_mesh(
         self, connectivity: np.ndarray, point_data: dict, cell_data: dict, points: int, cells: int
     ) -> None:
-        """New connectivity, this rank's block (c, 2) of global point rows, and the fields that change only with it."""
+        """New connectivity and the fields that change only with it.
+
+        connectivity : this rank's block (c, 2) of global point rows; points, cells : of all ranks
+        """
         low = int(self.file.slabs.bounds(cells)[self.file.comm.rank])
         self._mesh = {
             "part": len(self.parts),
@@ -91,7 +94,10 @@ class VtkSeries:
     def write_step(
         self, time: float, positions: np.ndarray, point_data: dict, cell_data: dict, points: int, cells: int
     ) -> None:
-        """A step on the mesh written last: this rank's blocks of positions and fields; points and cells in all."""
+        """A step on the mesh written last: this rank's blocks of positions and fields.
+
+        points, cells : of all ranks
+        """
         start = self.file.append("VTKHDF/Points", positions, points)
         self.steps.append(
             {

@@ -1,4 +1,4 @@
-"""Work that rank 0 does alone, so that an error there reaches every rank before any of them waits for another."""
+"""Work whose errors reach every rank before any of them waits for another."""
 
 from collections.abc import Callable
 from typing import Any
@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 
 def on_root(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
-    """Result of `work()` on rank 0, None elsewhere; what it raises there is raised on every rank. Collective."""
+    """Result of `work()` on rank 0, None elsewhere. What it raises is raised on every rank. Collective."""
     result = error = None
     if comm.rank == 0:
         try:
@@ -22,7 +22,7 @@ def on_root(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
 
 
 def on_all(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
-    """Result of `work()` on every rank; an error on any of them is raised on all, the lowest rank's. Collective."""
+    """Result of `work()` on every rank; an error is raised on all, the lowest rank's. Collective."""
     result = error = None
     try:
         result = work()

@@ -1,9 +1,9 @@
 """The exchange of halo particle forces, once a step: pack, send, unpack.
 
-Ranks of one node share a piece of memory: each puts there what its neighbours need, then the number of the
-exchange, for which these look. Neighbours on other nodes get a message, by persistent requests made by mpi4py.
-Compiled code does both, the latter through the MPI library's own symbols, so that the time loop never returns
-to Python between steps.
+Ranks of one node share memory: each puts there what its neighbours need, then the number of the exchange,
+for which these look. Neighbours on other nodes get a message, by persistent requests made by mpi4py. Compiled
+code does both, the latter through the MPI library's own symbols, so that the time loop never returns to
+Python between steps.
 
 Each rank has two buffers, used in turn. A rank fills one again only two exchanges later, when all its
 neighbours have announced the exchange between, and so have read it: nobody needs to say that something has
@@ -43,7 +43,8 @@ class HaloBuffers(NamedTuple):
 
     send_index : local rows of the boundary particles, in the order in which they are sent
     numbers : the buffers; places in it count in numbers
-    send_at : where this rank puts its first row; receive_at : (n_halo,) where it finds that of a halo particle
+    send_at : where this rank puts its first row
+    receive_at : (n_halo,) where it finds that of a halo particle
     to_second : from the first buffer of a rank to its second
     count : (1,) exchanges so far; own_count : address of this rank's announced count
     counts : (k,) addresses of the neighbours' on the node

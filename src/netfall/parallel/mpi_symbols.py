@@ -1,4 +1,4 @@
-"""What compiled code needs of the MPI library, through the library's own symbols; and ordered memory access."""
+"""What compiled code needs of the MPI library, by the library's own symbols; ordered memory access."""
 
 import re
 
@@ -64,7 +64,7 @@ def announced(typing, address):
 
 @kernel
 def lap(seconds, k, since):
-    """Add the time since a lap began to seconds[k] [s]; when the next begins. seconds None: nothing is timed."""
+    """Add the time since a lap began to seconds[k] [s]; when the next begins. None: nothing is timed."""
     if seconds is None:
         return 0.0
     now = wall_time()

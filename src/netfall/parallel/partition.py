@@ -1,9 +1,10 @@
 """METIS partitions of the net's graph, and their files in METIS's own text formats.
 
-A particle is a vertex, weighted by its elements; an element is an edge. Edges between particles that follow each other in
-number weigh more, for the step goes through the numbers, and a cut across them ends a run (`kernels.find_runs`). The files are
-those of gpmetis: NAME.graph (`n edges 011`, then for each vertex its weight, and each neighbour, from 1, with the edge's weight)
-and NAME.graph.part.P (for each vertex its part, from 0).
+A particle is a vertex, weighted by its elements; an element is an edge. Edges between particles that follow
+each other in number weigh more, for the step goes through the numbers, and a cut across them ends a run
+(`step.runs.find_runs`). The files are those of gpmetis: NAME.graph (`n edges 011`, then for each vertex its
+weight, and each neighbour, from 1, with the edge's weight) and NAME.graph.part.P (for each vertex its part,
+from 0).
 """
 
 from pathlib import Path
@@ -15,12 +16,16 @@ from netfall.errors import InputError
 
 SEED = 1
 CUTS = 4  # that METIS tries, to keep the best
-ALONG = 2  # weight of an edge along the numbering: rows stay whole on few parts, and on many the cut grows by a tenth
+# Weight of an edge along the numbering: rows stay whole on few parts, and on many the cut grows by a tenth.
+ALONG = 2
 FOLDER = Path("partitions")
 
 
 def graph_of(n: int, elements: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Adjacency of the net's graph: xadj (n + 1,), adjncy, weights of the vertices (n,), the number of elements, and of the edges, as adjncy."""
+    """The net's graph: xadj (n + 1,), adjncy, weights of the vertices (n,) and of the edges, as adjncy.
+
+    The weight of a vertex is its number of elements.
+    """
     both = np.concatenate([elements, elements[:, ::-1]])
     key = np.unique(both[:, 0] * np.int64(n) + both[:, 1])  # elements side by side are one edge
     xadj = np.zeros(n + 1, np.int64)
@@ -100,7 +105,8 @@ def read_partition(
         head = " ".join(lines[0][:2]) if lines else "nothing"
         edges = len(graph_of(n, elements)[1]) // 2
         raise InputError(
-            f"{graph}: belongs to another net, or was not written by this version (it has {head} vertices and edges, the job's net {n} {edges}); {again}"
+            f"{graph}: belongs to another net, or was not written by this version "
+            f"(it has {head} vertices and edges, the job's net {n} {edges}); {again}"
         )
     try:
         part = np.array(words, np.int64)

@@ -1,4 +1,4 @@
-"""From owned rows, scattered over the global order, to contiguous blocks of it that can be written in one piece."""
+"""From owned rows, scattered over the global order, to contiguous blocks of it that are written at once."""
 
 import numpy as np
 from mpi4py import MPI

@@ -1,10 +1,11 @@
 """The split of a net over ranks: who owns what, who holds whose particles as halo, and moving rows about.
 
 A rank owns the particles of its part and steps them. It holds every element that meets one of them, and, as
-halo, the far ends of those that cross the cut. Rows: owned boundary particles (those that neighbours hold), so that
-their forces can be sent before the rest is moved; owned interior ones; then halo by owner and number, so that what a
-neighbour sends is received in place. Each of the three is in ascending global number where that suits the step
-(`order_of_rows`). Positions never travel: owner and holders apply the same force to equal copies.
+halo, the far ends of those that cross the cut. Rows: owned boundary particles (those that neighbours hold),
+so that their forces can be sent before the rest is moved; owned interior ones; then halo by owner and number,
+so that what a neighbour sends is received in place. Each of the three is in ascending global number where
+that suits the step (`order_of_rows`). Positions never travel: owner and holders apply the same force to equal
+copies.
 """
 
 from dataclasses import dataclass
@@ -14,14 +15,16 @@ from mpi4py import MPI
 
 from netfall.compile import allocating_kernel
 
-FAR = 4.0  # times farther apart in number than they need to be: then the given order of the particles is given up
+FAR = 4.0  # times farther apart in number than need be: then the given order of the particles is given up
 
 
 @dataclass(frozen=True)
 class Subdomain:
     """What one rank holds of the net. Immutable.
 
-    particle_gid : (n_owned + n_halo,) global numbers of the rows; element_gid : (m,) ascending; ends : (m, 2) uint32 local rows (unsigned: compiled code then needs no test for negative ones)
+    particle_gid : (n_owned + n_halo,) global numbers of the rows
+    element_gid : (m,) ascending
+    ends : (m, 2) uint32 local rows (unsigned: compiled code then needs no test for negative ones)
     element_owned : (m,) bool, each element on one rank: the owner of its start
     neighbours, send_counts, receive_counts : one entry for each neighbouring rank
     send_index : local rows of the boundary particles, neighbour by neighbour
@@ -95,9 +98,12 @@ def cut_net(n: int, elements: np.ndarray, part: np.ndarray, ranks: int) -> list[
 
 @allocating_kernel
 def order_by_layers(first, ends, start, at, order):
-    """Breadth-first order (Cuthill and McKee 1969, without sorting by valence): neighbours in the net stand near each other, and layers side by side.
+    """Breadth-first order: neighbours in the net stand near each other, and layers side by side.
 
-    first : (f,) particles to start from, in this order; ends : (m, 2); start : (n + 1,) and at : (2 m,), scratch; order : (n,), out
+    (Cuthill and McKee 1969, without sorting by valence.)
+
+    first : (f,) particles to start from, in this order; ends : (m, 2)
+    start : (n + 1,) and at : (2 m,), scratch; order : (n,), out
     """
     n = order.shape[0]
     start[:] = 0
@@ -135,7 +141,9 @@ def order_by_layers(first, ends, start, at, order):
 
 
 def order_of_rows(boundary: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """The order (n,) in which a rank steps its own particles, boundary first: as given, or by layers if neighbours stand far apart.
+    """The order (n,) in which a rank steps its own particles, boundary first.
+
+    As given, or by layers if neighbours stand far apart.
 
     boundary : (n,) bool; ends : (m, 2) of the elements between them
     """
@@ -149,14 +157,14 @@ def order_of_rows(boundary: np.ndarray, ends: np.ndarray) -> np.ndarray:
 
 
 def apart(order: np.ndarray, ends: np.ndarray) -> int:
-    """Sum of the distances between the rows of two particles that an element (m, 2) ties together, in an order (n,)."""
+    """Sum of the distances between the rows of the two ends of each element (m, 2), in an order (n,)."""
     row = np.empty(len(order), np.int64)
     row[order] = np.arange(len(order))
     return int(np.abs(np.diff(row[ends])).sum())
 
 
 class Distribution:
-    """The subdomains of a net on the ranks of a communicator. Rank 0 knows all of them, the others their own."""
+    """The subdomains of a net on the ranks of a communicator. Rank 0 knows all, the others their own."""
 
     def __init__(self, comm: MPI.Comm, n: int, m: int, subdomains: list[Subdomain] | None):
         """Collective. subdomains : on rank 0, of all ranks."""
@@ -188,7 +196,7 @@ class Distribution:
         return whole
 
     def gather_elements(self, rows: np.ndarray) -> np.ndarray | None:
-        """Global array (m, ...) on rank 0 of the elements' rows, which are equal on all that hold them. Collective."""
+        """Global array (m, ...) on rank 0 of rows that are equal on all ranks that hold them. Collective."""
         parts = self.comm.gather(np.ascontiguousarray(rows))
         if parts is None:
             return None

@@ -1,7 +1,7 @@
 """Sums that do not depend on the order of their terms, and so not on the number of ranks.
 
-Each term is added without rounding to a fixed-point number wide enough for every double: limbs of 32 bits held
-in 64-bit integers. Limbs of different ranks add up as integers, exactly; one rounding at the very end.
+Each term is added without rounding to a fixed-point number wide enough for every double: limbs of 32 bits
+held in 64-bit integers. Limbs of different ranks add up as integers, exactly; one rounding at the very end.
 (A plain MPI sum rounds in an order that changes with the ranks.)
 """
 

@@ -68,7 +68,8 @@ def run_job_command(
         ended = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
     except OSError as error:
         raise InputError(
-            f'--launcher "{launcher}": {error.strerror}: {error.filename}; give the command that starts MPI ranks here'
+            f'--launcher "{launcher}": {error.strerror}: {error.filename}; '
+            "give the command that starts MPI ranks here"
         ) from None
     if ended.returncode:
         raise RunFailed(shlex.join(command), ended.returncode, ended.stderr or ended.stdout)
@@ -82,5 +83,6 @@ def check_launcher(launcher: str) -> None:
         good = False
     if not good:
         raise InputError(
-            f'--launcher "{launcher}": expected a command with {{ranks}} in it, for example "srun -n {{ranks}}"'
+            f'--launcher "{launcher}": expected a command with {{ranks}} in it, '
+            'for example "srun -n {ranks}"'
         )

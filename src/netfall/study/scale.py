@@ -1,8 +1,9 @@
 """`netfall scale`: how the speed of a job's dynamic stage grows with the ranks.
 
-Strong scaling: the job as it is, on more ranks. Weak scaling: as many elements for each rank; a roof from a generator grows
-in its dimensions, with cables as far apart as before; one from tables has each element divided into more.
-The runs are interleaved, and the best of them counts: a machine that is shared is slower at times, never faster.
+Strong scaling: the job as it is, on more ranks. Weak scaling: as many elements for each rank; a roof from a
+generator grows in its dimensions, with cables as far apart as before; one from tables has each element
+divided into more. The runs are interleaved, and the best of them counts: a machine that is shared is slower
+at times, never faster.
 """
 
 import csv
@@ -56,7 +57,10 @@ def scale(
     folder: Path,
     say: Callable[[str], None],
 ) -> list[Path]:
-    """Run the job on each number of ranks, print the table, write it and its picture into `folder`; their paths. Raises InputError."""
+    """Run the job on each number of ranks and print the table. Raises InputError.
+
+    Returns the paths of the table and its picture, in `folder`.
+    """
     job = read_job(path, overrides)
     if job.dynamics is None:
         raise InputError(
@@ -69,7 +73,8 @@ def scale(
     cases = [case for case in cases if case[2] is not None]
     if len(cases) < 2 * len(ranks):
         say(
-            "note: no weak scaling for numbers of ranks that are no multiples of the first: a table's elements can be divided only into whole numbers of parts"
+            "note: no weak scaling for numbers of ranks that are no multiples of the first: "
+            "a table's elements can be divided only into whole numbers of parts"
         )
     best: dict[tuple, Timing] = {}
     for repeat in range(repeats):
@@ -79,7 +84,8 @@ def scale(
                 continue
             timing = measure(kind, count, path, [*overrides, *larger], launcher, folder)
             say(
-                f"{kind}, {count} rank{'s' * (count > 1)}, run {repeat + 1} of {repeats}: {timing.elements} elements, {timing.dynamics:.3g} s, {timing.rate:.3g} element-steps/s"
+                f"{kind}, {count} rank{'s' * (count > 1)}, run {repeat + 1} of {repeats}: "
+                f"{timing.elements} elements, {timing.dynamics:.3g} s, {timing.rate:.3g} element-steps/s"
             )
             if (kind, count) not in best or timing.rate > best[kind, count].rate:
                 best[kind, count] = timing
@@ -111,7 +117,8 @@ def measure(kind: str, ranks: int, path: Path, overrides: list[str], launcher: s
             provenance = file["provenance"].attrs
             if provenance["ranks"] != ranks:
                 raise InputError(
-                    f'--launcher "{launcher}": started {provenance["ranks"]} ranks in one world where {ranks} were asked for'
+                    f'--launcher "{launcher}": started {provenance["ranks"]} ranks in one world '
+                    f"where {ranks} were asked for"
                 )
             seconds = file["provenance/timings"].attrs
             return Timing(
@@ -147,7 +154,7 @@ def table(timings: list[Timing]) -> list[dict]:
 
 
 def as_text(rows: list[dict]) -> list[str]:
-    """The table for the eye; phases as least / mean / largest share of the dynamic stage over the ranks, in per cent."""
+    """The table for the eye; phases in per cent of the dynamic stage: least / mean / largest of the ranks."""
     lines = [
         "| scaling | ranks | elements | steps | seconds | element-steps/s | speed-up | efficiency | "
         + " | ".join(f"{name} [%]" for name in PHASES)
@@ -163,7 +170,8 @@ def as_text(rows: list[dict]) -> list[str]:
             for name in PHASES
         ]
         lines.append(
-            f"| {row['kind']} | {row['ranks']} | {row['elements']} | {row['steps']} | {row['dynamics_s']:.3g} | {row['element_steps_per_s']:.3g} "
+            f"| {row['kind']} | {row['ranks']} | {row['elements']} | {row['steps']} "
+            f"| {row['dynamics_s']:.3g} | {row['element_steps_per_s']:.3g} "
             f"| {row['speed_up']:.2f} | {row['efficiency']:.2f} | " + " | ".join(shares) + " |"
         )
     return lines

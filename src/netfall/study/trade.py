@@ -1,8 +1,9 @@
 """`netfall trade`: what each saving of a job costs in accuracy, against a reference of its own.
 
-Every setting is a run of the job with some keys changed. The reference is the job at a tenth of its automatic step
-(or of its own, if that is shorter), or what the user names. Errors are in what an engineer reads; before the reference's first fracture a roof has one answer, after it a
-collapse is chaotic, and single figures scatter. (The wind's time step and seed are no accuracy: they change the gusts themselves.)
+Every setting is a run of the job with some keys changed. The reference is the job at a tenth of its automatic
+step (or of its own, if that is shorter), or what the user names. Errors are in what an engineer reads; before
+the reference's first fracture a roof has one answer, after it a collapse is chaotic, and single figures
+scatter. (The wind's time step and seed are no accuracy: they change the gusts themselves.)
 """
 
 import hashlib
@@ -73,9 +74,11 @@ def trade(
 ) -> list[Path]:
     """Run the grid, print the table, write it and its picture into `folder`; their paths. Raises InputError.
 
-    vary : SECTION.KEY=VALUE,VALUE,...; every combination is run. Empty: one key at a time, of those that the job has
-    reference : overrides of the reference, beside those of all runs; repeats : runs of each setting, of which the fastest counts (a first
-    one may compile); tolerance : of the largest relative error
+    vary : SECTION.KEY=VALUE,VALUE,...; every combination is run. Empty: one key at a time, of those that the
+    job has
+    reference : overrides of the reference, beside those of all runs
+    repeats : runs of each setting, of which the fastest counts (a first one may compile)
+    tolerance : of the largest relative error
     """
     job = read_job(path, overrides)
     if job.dynamics is None:
@@ -299,7 +302,8 @@ def cheapest(rows: list[Row], tolerance: float) -> Row | None:
 def as_text(rows: list[Row], exact: Outcome, tolerance: float) -> list[str]:
     """The table for the eye, the front marked with *, and the cheapest setting within the tolerance."""
     lines = [
-        "| setting | step [s] | seconds | displacement [m] | tension [kN] | first fracture [s] (element) | broken | overlap | balance | error |",
+        "| setting | step [s] | seconds | displacement [m] | tension [kN] | first fracture [s] (element) "
+        "| broken | overlap | balance | error |",
         "|" + "---|" * 10,
     ]
 
@@ -308,8 +312,9 @@ def as_text(rows: list[Row], exact: Outcome, tolerance: float) -> list[str]:
             return f"| {name} | | | {o.state} | | | | | | |"
         first = f"{o.first_fracture:.5f} ({o.first_element})" if o.broken else "none"
         return (
-            f"| {name} | {o.time_step:.3g} | {o.seconds:.3g} | {o.largest_displacement:.5g} | {o.largest_tension / 1e3:.5g} | {first} | {o.broken} "
-            f"| {overlap:.2f} | {o.balance_error:.1e} | {error:.2g} |"
+            f"| {name} | {o.time_step:.3g} | {o.seconds:.3g} | {o.largest_displacement:.5g} "
+            f"| {o.largest_tension / 1e3:.5g} | {first} | {o.broken} | {overlap:.2f} "
+            f"| {o.balance_error:.1e} | {error:.2g} |"
         )
 
     lines.append(line("**reference**", exact, 1.0, 0.0))
@@ -321,8 +326,8 @@ def as_text(rows: list[Row], exact: Outcome, tolerance: float) -> list[str]:
     lines.append(
         f"cheapest within an error of {tolerance:g}: "
         + (
-            f"{found.setting} ({found.outcome.seconds:.3g} s, {exact.seconds / found.outcome.seconds:.1f} times faster than "
-            f"the reference)"
+            f"{found.setting} ({found.outcome.seconds:.3g} s, "
+            f"{exact.seconds / found.outcome.seconds:.1f} times faster than the reference)"
             if found
             else "none of these"
         )
@@ -341,7 +346,10 @@ class Store:
         self.path, self.digest = path, digest
 
     def outcome(self, job: Job, setting: list[str], until: float, run: Callable[[], Outcome]) -> Outcome:
-        """The outcome that is stored for the very job of the setting, else that of a run, which is stored if it lasts."""
+        """The outcome that is stored for the very job of the setting, else that of a run.
+
+        That is stored if it lasts.
+        """
         key = f"{text_of(setting)} until {until!r} of {job.digest()}".replace("/", "|")
         with h5py.File(self.path, "a") as file:
             if file.attrs.get("digest") != self.digest:

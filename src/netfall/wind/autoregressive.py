@@ -61,9 +61,9 @@ def yule_walker(R: dict[int, np.ndarray], lags) -> tuple[np.ndarray, np.ndarray]
 def spread_lags(points, mean, speed, decay, dt, order) -> tuple[np.ndarray, float]:
     """The `order` lags [steps] whose AR spectrum is closest to Davenport's, by half octaves, and a gain.
 
-    Chosen from a geometric set between one step and half of 1200 m / U0, on a few of the points: one step, the
-    best pair, then one by one, then each once more against all others. The gain is the factor on the spectrum
-    that centres what misfit is left, weighted by variance.
+    Chosen from a geometric set between one step and half of 1200 m / U0, on a few of the points: one step,
+    the best pair, then one by one, then each once more against all others. The gain is the factor on the
+    spectrum that centres what misfit is left, weighted by variance.
     """
     few = np.unique(np.linspace(0, len(points) - 1, SOME_POINTS).astype(int))
     memory = max(2.0, 0.5 * GUST_LENGTH / (speed * dt))
@@ -95,7 +95,10 @@ def spread_lags(points, mean, speed, decay, dt, order) -> tuple[np.ndarray, floa
 
 
 def _spectral_misfit(R, speed, dt):
-    """Function of the lags: log ratio of the AR spectrum to Davenport's by half octaves; and their share of the variance."""
+    """Function of the lags: log ratio of the AR spectrum to Davenport's by half octaves.
+
+    And the share of each half octave in the variance.
+    """
     lowest, highest, per_band = LOWEST_BAND * speed / GUST_LENGTH, 0.5 / dt, 6
     bands = max(1, int(2 * np.log2(highest / lowest)))
     n = np.geomspace(lowest, highest, bands * per_band)

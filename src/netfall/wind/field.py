@@ -1,4 +1,4 @@
-"""The wind on a roof: control points, histories in time, and the force on the particles (paper 3, Eq. 5 to 7).
+"""The wind on a roof: control points, histories in time, the force on the particles (paper 3, Eq. 5 to 7).
 
 Histories exist at a few control points only, a grid over the roof in plan; a particle's gust is interpolated
 between the four around it. Interpolation between partly correlated points would weaken the gust, so its
@@ -36,7 +36,7 @@ class WindField:
 
 
 def control_grid(x: np.ndarray, limit: int) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates along x and along y of a grid of at most `limit` control points over the plan of x (n, 3)."""
+    """Coordinates along x and y of a grid of at most `limit` control points over the plan of x (n, 3)."""
     low, extent = x[:, :2].min(0), np.ptp(x[:, :2], axis=0)
     most = 1 + np.floor(extent / CLOSEST).astype(int)
     ratio = (extent[0] + 1e-9) / (extent[1] + 1e-9)
@@ -47,7 +47,7 @@ def control_grid(x: np.ndarray, limit: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def make_wind_field(x: np.ndarray, area: np.ndarray, normal: np.ndarray, settings) -> WindField:
-    """The field for a roof in its initial state: x (n, 3) [m], tributary area (n,) [m2], upward normals (n, 3).
+    """The field for a roof at its start: x (n, 3) [m], tributary area (n,) [m2], upward normals (n, 3).
 
     The force at speed U is -u_s A rho U^2 / 2 along the upward normal: suction (u_s < 0) lifts (Eq. 6, 7).
     """
@@ -176,7 +176,8 @@ def read_measured(job) -> MeasuredHistory:
     table.finish()
     for row in np.flatnonzero(np.diff(time) <= 0)[:3]:
         table.wrong(
-            f"{table.at(row + 1)}: time = {time[row + 1]:g}: not after the row before ({time[row]:g}); expected ascending times"
+            f"{table.at(row + 1)}: time = {time[row + 1]:g}: not after the row before ({time[row]:g}); "
+            "expected ascending times"
         )
     if np.isnan(time).any() or np.isnan(speed).any():
         table.wrong("empty cells; expected a number in each")

@@ -1,0 +1,129 @@
+"""The commands: each takes the arguments that `parser` has read.
+
+What a command needs it imports itself: `info` and `plot` work where there is no MPI, and a wrong word on the
+command line is answered before anything is loaded.
+"""
+
+from pathlib import Path
+
+import netfall
+from netfall.errors import InputError
+
+
+def check(arguments) -> None:
+    """netfall check JOB"""
+    from netfall.job.read import read_job
+    from netfall.solve.check import check_job
+
+    check_job(read_job(arguments.job, arguments.overrides), print)
+
+
+def partition(arguments) -> None:
+    """netfall partition JOB -n P"""
+    from netfall.job.read import read_job
+    from netfall.net.build import build_net
+    from netfall.parallel import partition as p
+
+    if arguments.parts < 1:
+        raise InputError(f"-n {arguments.parts}: expected a number of parts >= 1")
+    job = read_job(arguments.job, arguments.overrides)
+    net = build_net(job)
+    part = p.write_partition(job.name, net.n, net.elements, arguments.parts)
+    print(
+        f"{p.FOLDER / job.name}.graph.part.{arguments.parts}: "
+        f"{net.n} particles, {net.m} elements in {arguments.parts} parts, "
+        f"edge cut {p.edge_cut(net.elements, part)}, "
+        f"fullest part {p.imbalance(net.elements, part, arguments.parts):.3f} of the mean"
+    )
+
+
+def run(arguments) -> None:
+    """mpirun -n P netfall run JOB"""
+    from mpi4py import MPI
+
+    from netfall.job.read import read_job
+    from netfall.output.progress import Progress
+    from netfall.parallel.agree import on_root
+    from netfall.solve.run import run_job
+    from netfall.stop import StopRequest
+
+    stop = StopRequest(arguments.walltime)
+    comm = MPI.COMM_WORLD
+    job = comm.bcast(on_root(comm, lambda: read_job(arguments.job, arguments.overrides)))
+    progress = Progress(comm.rank == 0 and not arguments.quiet, arguments.verbose)
+    run_job(
+        comm,
+        job,
+        arguments.output or Path(f"{job.name}.vtkhdf"),
+        progress,
+        arguments.restart,
+        stop,
+        arguments.profile,
+    )
+
+
+def info(arguments) -> None:
+    """netfall info RESULT"""
+    from netfall.output.info import print_info
+
+    print_info(arguments.result, print)
+
+
+def plot(arguments) -> None:
+    """netfall plot RESULT"""
+    from netfall.output.plot import plot_all
+
+    for picture in plot_all(arguments.result, _folder(arguments.folder or arguments.result.parent)):
+        print(picture)
+
+
+def scale(arguments) -> None:
+    """netfall scale JOB --ranks 1,2"""
+    from netfall.study.launch import default_launcher
+    from netfall.study.scale import scale as run_scale
+
+    for path in run_scale(
+        arguments.job,
+        arguments.overrides,
+        arguments.ranks,
+        arguments.launcher or default_launcher(),
+        arguments.repeats,
+        _folder(arguments.folder),
+        lambda line: print(line, flush=True),
+    ):
+        print(path)
+
+
+def trade(arguments) -> None:
+    """netfall trade JOB"""
+    from netfall.study.launch import default_launcher
+    from netfall.study.trade import trade as run_trade
+
+    for path in run_trade(
+        arguments.job,
+        arguments.overrides,
+        arguments.vary,
+        arguments.reference,
+        arguments.ranks,
+        arguments.launcher or default_launcher(),
+        arguments.repeats,
+        arguments.tolerance,
+        _folder(arguments.folder),
+        lambda line: print(line, flush=True),
+    ):
+        print(path)
+
+
+def version() -> None:
+    """netfall --version"""
+    from netfall.solve.run import how_it_writes
+
+    print(f"netfall {netfall.__version__}, {how_it_writes()}")
+
+
+def _folder(path: Path) -> Path:
+    """A folder to write into, which may still have to be made. Raises InputError where it cannot be one."""
+    there = next((place for place in (path, *path.parents) if place.exists()), path)
+    if there.exists() and not there.is_dir():
+        raise InputError(f"-o {path}: {there} is a file; expected a folder")
+    return path

@@ -1,0 +1,178 @@
+"""The words of the command line: the commands, their options, and what each option takes."""
+
+import argparse
+import os
+from pathlib import Path
+
+from netfall.errors import InputError
+
+VERBS = ("check", "partition", "run", "info", "plot", "scale", "trade")
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that says what is wrong in one line."""
+
+    def error(self, message: str):
+        raise InputError(f"{self.prog}: {message}; {self.prog} --help shows what it takes")
+
+
+def parser() -> Parser:
+    """The commands and their options."""
+    about = "Form finding, load and collapse analysis of cable roofs on MPI ranks."
+    top = Parser(prog="netfall", description=about)
+    top.add_argument("--version", action="store_true", help="print the version and the MPI and HDF5 in use")
+    verbs = top.add_subparsers(dest="verb", metavar=" | ".join(VERBS))
+    _of_job(verbs, "check", "validate a job; print sizes, step limits, memory and expected run time")
+    _partition(_of_job(verbs, "partition", "write partitions/NAME.graph and NAME.graph.part.P"))
+    _run(_of_job(verbs, "run", "run a job; on P ranks: mpirun -n P netfall run JOB"))
+    _of_result(verbs, "info", "what ran, how it ended, the energies, the first fractures")
+    _folder(
+        _of_result(verbs, "plot", "pictures from a result file"),
+        None,
+        "folder of the pictures (default: beside the result file)",
+    )
+    _scale(
+        _of_job(
+            verbs,
+            "scale",
+            "run a job on several numbers of ranks: strong and weak scaling, times of the phases",
+        )
+    )
+    _trade(_of_job(verbs, "trade", "what each saving costs: run time against error over a grid of settings"))
+    return top
+
+
+def _of_job(verbs, name: str, text: str) -> Parser:
+    """A command on a job file."""
+    verb = verbs.add_parser(name, help=text, description=text)
+    verb.add_argument("job", type=Path, metavar="JOB")
+    verb.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="SECTION.KEY=VALUE",
+        dest="overrides",
+        help="override a key of the job file; may be repeated",
+    )
+    return verb
+
+
+def _of_result(verbs, name: str, text: str) -> Parser:
+    """A command on a result file."""
+    verb = verbs.add_parser(name, help=text, description=text)
+    verb.add_argument("result", type=Path, metavar="RESULT")
+    return verb
+
+
+def _partition(verb: Parser) -> None:
+    verb.add_argument("-n", type=int, required=True, metavar="P", dest="parts", help="number of parts")
+
+
+def _run(verb: Parser) -> None:
+    verb.add_argument(
+        "-o",
+        type=_file,
+        metavar="FILE",
+        dest="output",
+        help="result file (default: the job's name with .vtkhdf, here)",
+    )
+    verb.add_argument(
+        "--restart", type=Path, metavar="CHECKPOINT", help="go on from a checkpoint, on any number of ranks"
+    )
+    verb.add_argument(
+        "--walltime",
+        type=_duration,
+        metavar="HH:MM:SS",
+        help="stop with a checkpoint (exit code 4) after this time",
+    )
+    verb.add_argument(
+        "--profile",
+        action="store_true",
+        help="time forces, exchange and drift of every step too (some 0.2 microseconds a step)",
+    )
+    loud = verb.add_mutually_exclusive_group()
+    loud.add_argument("--quiet", action="store_true", help="print errors only")
+    loud.add_argument("--verbose", action="store_true", help="print residuals and step limits too")
+
+
+def _scale(verb: Parser) -> None:
+    verb.add_argument("--ranks", type=_counts, required=True, metavar="1,2,...", help="numbers of ranks")
+    _launcher(verb)
+    _repeats(verb, 3, "runs of each case, of which the best counts (default: 3)")
+    _folder(verb, Path("."), "folder of the table and the picture (default: here)")
+
+
+def _trade(verb: Parser) -> None:
+    verb.add_argument(
+        "--vary",
+        action="append",
+        default=[],
+        metavar="SECTION.KEY=V1,V2,...",
+        help="key and values; several: every combination (default: one key at a time)",
+    )
+    verb.add_argument(
+        "--reference",
+        action="append",
+        default=[],
+        metavar="SECTION.KEY=VALUE",
+        help="setting of the reference "
+        "(default: a tenth of the automatic step, or of the job's if that is shorter)",
+    )
+    verb.add_argument(
+        "--tolerance",
+        type=float,
+        default=0.05,
+        metavar="E",
+        help="largest relative error of the setting that is recommended (default: 0.05)",
+    )
+    _repeats(verb, 2, "runs of each setting, of which the fastest counts (default: 2)")
+    verb.add_argument("--ranks", type=_count, default=1, metavar="P", help="ranks of each run (default: 1)")
+    _launcher(verb)
+    _folder(verb, Path("."), "folder of the table (HDF5) and the picture (default: here)")
+
+
+# --- options that several commands have
+
+
+def _launcher(verb: Parser) -> None:
+    text = 'what starts the ranks (default: "mpirun -n {ranks}")'
+    verb.add_argument("--launcher", metavar="COMMAND", help=text)
+
+
+def _repeats(verb: Parser, default: int, text: str) -> None:
+    verb.add_argument("--repeats", type=_count, default=default, metavar="N", help=text)
+
+
+def _folder(verb: Parser, default: Path | None, text: str) -> None:
+    verb.add_argument("-o", type=Path, default=default, metavar="DIR", dest="folder", help=text)
+
+
+# --- what an option takes
+
+
+def _file(text: str) -> Path:
+    """The path of a file to write."""
+    if text.endswith(os.sep) or not text:
+        raise argparse.ArgumentTypeError(f"{text!r}: is a folder; expected the name of a file")
+    return Path(text)
+
+
+def _count(text: str) -> int:
+    """A whole number >= 1."""
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text}: expected a whole number >= 1")
+    return int(text)
+
+
+def _counts(text: str) -> list[int]:
+    """Different whole numbers >= 1, in ascending order."""
+    return sorted({_count(word.strip()) for word in text.split(",")})
+
+
+def _duration(text: str) -> float:
+    """Seconds of HH:MM:SS."""
+    parts = text.split(":")
+    if len(parts) != 3 or not all(part.isdigit() for part in parts):
+        raise argparse.ArgumentTypeError(f"{text}: expected HH:MM:SS")
+    hours, minutes, seconds = map(int, parts)
+    return 3600.0 * hours + 60.0 * minutes + seconds
