@@ -106,7 +106,8 @@ class _Elements:
         self.L_start = np.zeros_like(EA)
         self.forces(x, np.zeros_like(x))
         self.L_start = self.L.copy()
-        self.stiffness = modulus_factor * EA / self.L_start
+        with np.errstate(divide="ignore", invalid="ignore"):  # a form that has collapsed is refused later
+            self.stiffness = modulus_factor * EA / self.L_start
 
     def forces(self, x, f):
         """Write the forces f (n, 3) [N] of the elements at x."""
