@@ -57,3 +57,30 @@ def test_a_form_a_thousand_times_smaller_than_its_start_is_found(workshop):
         "start,end,force_density\n1,3,5\n2,3,5\n",
     )
     assert np.allclose(workshop.run(job)["form_finding/position"][2], 0.0, atol=1e-15)
+
+
+# --- tolerances
+
+SPAN = "id,x,y,z,fixed,load_x,load_z\n1,-1,0,0,1,{0},0\n2,0,0,0,0,0,-1\n3,1,0,0,1,0,0\n4,-2,0,-1,1,0,0\n"
+THIN = "[cable]\nmodulus = 1.6e11\narea = 1e-6\ndensity = 7850.0\n"
+
+
+@pytest.mark.parametrize("on_support, backstay", [(0, 0), (1e9, 0), (0, 1e9)])
+def test_what_supports_take_does_not_loosen_statics(both_ways, on_support, backstay):
+    """1 N on the middle of a span of 2 m under 1000 N sags by 1 / (2 * 1000) m, whatever acts on supports.
+
+    Stretch adds EA w^2 / 2 = 0.02 N to the tension: 2e-5 of the sag.
+    """
+    elements = f"start,end,prestress,area\n1,2,1000,\n2,3,1000,\n1,4,{backstay},1\n"
+    job = both_ways.job(THIN + "[load]\nsteps = 1\ntolerance = 1e-9\n", SPAN.format(on_support), elements)
+    sag = both_ways.run(job, ranks=2)["statics/displacement"][-1, 1, 2]
+    assert np.isclose(sag, -5e-4, rtol=5e-5)
+
+
+def test_a_backstay_does_not_loosen_form_finding(both_ways):
+    """The middle of a span starts 0.5 m above it and ends on it: the tolerance is 1e-6 of the span's 1000 N."""
+    nodes = SPAN.format(0).replace("2,0,0,0,0", "2,0.3,0,0.5,0")
+    elements = "start,end,prestress,area\n1,2,1000,\n2,3,1000,\n1,4,1e9,1\n"
+    job = both_ways.job(THIN + "[form_finding]\n", nodes, elements)
+    f = both_ways.run(job, ranks=2)
+    assert abs(f["form_finding/position"][1, 2]) < 1e-6 and f["form_finding/residual"][()] <= 1e-6

@@ -141,7 +141,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         ),
         not_negative("modulus_factor", "", 1e-3, "fpm: share of the modulus; 0: constant tension", high=1.0),
         Key(
-            "tolerance", "number", 1e-6, "", "largest residual force / largest prestress", low=1e-12, high=0.1
+            "tolerance", "number", 1e-6, "", "largest residual force / largest prestress of what can move", low=1e-12, high=0.1
         ),
         count("max_iterations", 200_000, "fpm: iterations after which the run gives up"),
     ),
@@ -163,7 +163,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "number",
             1e-6,
             "",
-            "largest residual force / largest of prestress and nodal load",
+            "largest residual force / largest of prestress and nodal load of what can move",
             low=1e-12,
             high=0.1,
         ),
