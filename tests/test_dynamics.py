@@ -311,7 +311,7 @@ def test_mass_scaling_with_fragments_is_refused(workshop):
 
 
 def test_pressure_grows_over_a_ramp(workshop):
-    """A weight on a bar under a force that grows over 0.3 s: Duhamel's integral, with and without wind beside it."""
+    """A weight on a bar under a force that grows over 0.3 s: Duhamel's integral, with wind beside it too."""
     job = workshop.job(
         '[cable]\nkind = "bar"\nmodulus = 1e9\narea = 1e-4\ndensity = 1e-3\n'
         "[load]\npressure = [1000.0, 0.0, 0.0]\nramp = 0.3\n"

@@ -161,4 +161,19 @@ def _whole_net_errors(job: Job, net: Net) -> list[str]:
             f"{job.path}: unstressed_length in {job.net.elements} and [form_finding] exclude each other: "
             "form finding computes the unstressed lengths"
         )
-    return errors
+    return errors + _without_tension(job, net)
+
+
+def _without_tension(job: Job, net: Net) -> list[str]:
+    """Form finding by particles without a prestress: any shape would be in equilibrium."""
+    moving = ~net.fixed[net.elements].all((1, 2))
+    if job.form_finding is None or job.form_finding.method != "fpm" or not moving.any():
+        return []
+    if net.prestress[moving].any():
+        return []
+    other = np.isfinite(net.force_density).any()
+    return [
+        f'{job.path}: [form_finding] method = "fpm": no element that can move has a prestress, and without tension '
+        "there is no form; give prestress in [cable] or as a column"
+        + (', or method = "force_density", which takes the force densities of the table' if other else "")
+    ]

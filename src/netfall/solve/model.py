@@ -20,6 +20,10 @@ from netfall.net.net import GRAVITY, Net
 from netfall.parallel import partition
 from netfall.wind.field import GeneratedHistory, make_wind_field, read_measured
 
+COLLAPSED = (
+    1e-6  # of the length that is given: an element so short in the form that was found is none any more
+)
+
 
 @dataclass
 class Model:
@@ -253,11 +257,14 @@ def _check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
         if wrong.any():
             e = int(np.argmax(wrong))
             errors.append(f"{job.path}: element {net.element_id[e]}: {words(e)}")
-    short = np.flatnonzero(~(L > 0))
-    if len(short):
+    share = L / net.lengths()
+    if not share.min() > COLLAPSED:
+        e = int(np.argmin(share))
+        ids = "-".join(str(net.node_id[p]) for p in net.elements[e])
         errors.append(
-            f"{job.path}: element {net.element_id[short[0]]} has no length in the form that was found; "
-            "choose other prestresses"
+            f"{job.path}: [form_finding]: the form has collapsed: element {net.element_id[e]} (nodes {ids}) is "
+            f"{L[e]:.3g} m long in it, {net.lengths()[e]:.4g} m as given; fix more nodes, or give prestresses or "
+            "force densities that hold the free ones apart"
         )
     if errors:
         raise InputError(errors)

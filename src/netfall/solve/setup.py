@@ -41,7 +41,7 @@ class Setup:
     halo: Halo
     form: Form | None
     residual: float  # N, of the prestressed net with the real material
-    reference: float  # N, largest tension of the initial state
+    reference: float  # N, largest tension of what can move, in the initial state
     limits: dict[str, Limit] = field(default_factory=dict)
     digest: str = ""  # of job and net, for checkpoints
     stage: str | None = None  # in which the run that is taken up was interrupted; None: a new run
@@ -95,7 +95,7 @@ def prepare(
     with phases.phase("state"):
         state = make_state(distribution, model, scene)
         residual = state_residual(comm, state, 0.0)
-        reference = comm.bcast(float(np.abs(model.N).max(initial=0.0)) if model else None)
+        reference = comm.bcast(_largest_tension(model) if model else None)
         if form is not None:
             _check_form(job, form, residual)
         limits = _limits(comm, job, model, scene, state, distribution, halo)
@@ -110,6 +110,11 @@ def _restored_initial(comm: MPI.Comm, job: Job, model: Model | None, checkpoint:
     tension = checkpoint.arrays["N"] if checkpoint and job.form_finding else None
     on_root(comm, lambda: set_initial(job, model, checkpoint.arrays["x"], tension))
     return form
+
+
+def _largest_tension(model: Model) -> float:
+    """Of what can move [N]. Rank 0."""
+    return float(np.abs(model.N[model.moves[model.net.elements].any(1)]).max(initial=0.0))
 
 
 def _check_form(job: Job, form: Form, residual: float) -> None:

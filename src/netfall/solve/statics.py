@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from netfall.errors import DivergedError
 from netfall.solve.energy import take_snapshot
-from netfall.solve.relaxation import Paused, Relaxation, net_of, relax
+from netfall.solve.relaxation import Paused, Relaxation, largest_force, net_of, relax
 
 
 @dataclass
@@ -34,9 +34,8 @@ def find_equilibrium(run, path: StaticPath | None, resume: Relaxation | None) ->
     """
     comm, state, settings, progress = run.comm, run.setup.state, run.job.load, run.progress
     if path is None:
-        largest = lambda values: np.abs(values).max(initial=0.0)
-        mine = max(largest(state.elements_now().N), largest(state.load[: state.n_owned]))
-        path = StaticPath(comm.allreduce(mine, MPI.MAX))
+        N, load = state.elements_now().N, state.load[: state.n_owned]
+        path = StaticPath(largest_force(comm, N, state.ends, state.free, load))
     progress.start()
 
     for step in range(len(path.load_factor) + 1, settings.steps + 1):
