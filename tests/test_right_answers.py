@@ -78,7 +78,7 @@ def test_what_supports_take_does_not_loosen_statics(both_ways, on_support, backs
 
 
 def test_a_backstay_does_not_loosen_form_finding(both_ways):
-    """The middle of a span starts 0.5 m above it and ends on it: the tolerance is 1e-6 of the span's 1000 N."""
+    """The middle of a span starts 0.5 m above it and ends on it: tolerance 1e-6 of the span's 1000 N."""
     nodes = SPAN.format(0).replace("2,0,0,0,0", "2,0.3,0,0.5,0")
     elements = "start,end,prestress,area\n1,2,1000,\n2,3,1000,\n1,4,1e9,1\n"
     job = both_ways.job(THIN + "[form_finding]\n", nodes, elements)

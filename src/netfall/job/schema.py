@@ -169,7 +169,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "ramp",
             "s",
             0.0,
-            "time over which the pressure grows from zero in the dynamic stage; 0: at once; not with load steps",
+            "time over which the pressure grows from zero in the dynamic stage, without load steps; 0: none",
         ),
         Key(
             "tolerance",

@@ -262,9 +262,9 @@ def _check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
         e = int(np.argmin(share))
         ids = "-".join(str(net.node_id[p]) for p in net.elements[e])
         errors.append(
-            f"{job.path}: [form_finding]: the form has collapsed: element {net.element_id[e]} (nodes {ids}) is "
-            f"{L[e]:.3g} m long in it, {net.lengths()[e]:.4g} m as given; fix more nodes, or give prestresses or "
-            "force densities that hold the free ones apart"
+            f"{job.path}: [form_finding]: the form has collapsed: element {net.element_id[e]} (nodes {ids}) "
+            f"is {L[e]:.3g} m long in it, {net.lengths()[e]:.4g} m as given; fix more nodes, or give prestresses "
+            "or force densities that hold the free ones apart"
         )
     if errors:
         raise InputError(errors)

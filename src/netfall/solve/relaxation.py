@@ -180,8 +180,8 @@ def relax(
 def largest_force(comm: MPI.Comm, N: np.ndarray, ends: np.ndarray, free: np.ndarray, load=None) -> float:
     """Largest force [N] that acts on what can move, which tolerances refer to. Collective.
 
-    N : (m,) [N]; ends : (m, 2); free : (n, 3); load : (n_owned, 3) [N], None: tensions alone. What supports take
-    directly, a load on them or a backstay between them, is far from any free axis and does not count.
+    N : (m,) [N]; ends : (m, 2); free : (n, 3); load : (n_owned, 3) [N], None: tensions alone. What supports
+    take directly, a load on them or a backstay between them, is far from any free axis and does not count.
     """
     mine = np.abs(N[free.any(1)[ends].any(1)]).max(initial=0.0)
     if load is not None:
