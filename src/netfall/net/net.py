@@ -18,9 +18,13 @@ def _node(empty=None, inner=None):
     return field(default=None, metadata={"entity": "node", "empty": empty, "inner": inner})
 
 
-def _element(divided: str = "each", empty=None):
-    """A column of the elements; divided : what a part of an element has: "each", "split" or "multiplied"."""
-    return field(default=None, metadata={"entity": "element", "empty": empty, "divided": divided})
+def _element(divided: str = "each", empty=None, key: str = "", absent: float | None = None):
+    """A column of the elements; divided : what a part of an element has: "each", "split" or "multiplied".
+
+    key : of [cable] that it is filled from; absent : its value where the job has no such key
+    """
+    row = {"entity": "element", "empty": empty, "divided": divided, "key": key, "absent": absent}
+    return field(default=None, metadata=row)
 
 
 NOTHING, UNKNOWN = (0.0, 0.0, 0.0), (np.nan, np.nan, np.nan)
@@ -58,12 +62,12 @@ class Net:
     normal: np.ndarray = _node(UNKNOWN, UNKNOWN)
     force_density: np.ndarray = _element("multiplied", np.nan)
     unstressed_length: np.ndarray = _element("split", np.nan)
-    section: np.ndarray = _element()
-    modulus: np.ndarray = _element()
-    density: np.ndarray = _element()
-    prestress: np.ndarray = _element()
-    yield_stress: np.ndarray = _element()
-    fracture_strain: np.ndarray = _element()
+    section: np.ndarray = _element(key="area")
+    modulus: np.ndarray = _element(key="modulus")
+    density: np.ndarray = _element(key="density")
+    prestress: np.ndarray = _element(key="prestress")
+    yield_stress: np.ndarray = _element(key="yield_stress", absent=np.inf)
+    fracture_strain: np.ndarray = _element(key="fracture_strain", absent=np.inf)
     bar: np.ndarray = _element()
     outline: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.int64))
     corners: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))

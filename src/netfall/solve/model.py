@@ -95,6 +95,10 @@ class Model:
         """(m,), strain at fracture; inf: never breaks."""
         return self.net.fracture_strain
 
+    def column(self, name: str) -> np.ndarray:
+        """What a field of `mechanics.fields` starts with: an attribute here, or a column of the net."""
+        return getattr(self, name) if hasattr(self, name) else getattr(self.net, name)
+
     def notes(self) -> list[str]:
         """What is plausible but odd in the net, its tables and its roof."""
         return self.net.notes + self.roofing.notes + self.notes_of_history
@@ -263,8 +267,8 @@ def _check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
         ids = "-".join(str(net.node_id[p]) for p in net.elements[e])
         errors.append(
             f"{job.path}: [form_finding]: the form has collapsed: element {net.element_id[e]} (nodes {ids}) "
-            f"is {L[e]:.3g} m long in it, {net.lengths()[e]:.4g} m as given; fix more nodes, or give prestresses "
-            "or force densities that hold the free ones apart"
+            f"is {L[e]:.3g} m long in it, {net.lengths()[e]:.4g} m as given; fix more nodes, or give "
+            "prestresses or force densities that hold the free ones apart"
         )
     if errors:
         raise InputError(errors)

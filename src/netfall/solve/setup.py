@@ -148,5 +148,5 @@ def make_state(distribution: Distribution, model: Model | None, scene: Scene) ->
     for row in FIELDS:
         if row.given and scene.has(row):
             spread = distribution.particles if row.entity == "particle" else distribution.elements
-            getattr(state, row.name)[:] = spread(None if model is None else getattr(model, row.name))
+            getattr(state, row.name)[:] = spread(None if model is None else model.column(row.name))
     return state
