@@ -63,9 +63,9 @@ def axial_force(elements, e, eps, eps_p):
     """Axial force [N] and plastic strain of element e at strain eps after plastic strain eps_p."""
     N = elements.EA[e] * (eps - eps_p)
     if elements.yield_force is not None:
-        if elements.yield_force[e] < N:
+        if N > elements.yield_force[e]:
             return elements.yield_force[e], eps_p + (N - elements.yield_force[e]) / elements.EA[e]
-        if -elements.yield_force[e] > N and elements.bar[e]:
+        if N < -elements.yield_force[e] and elements.bar[e]:
             return -elements.yield_force[e], eps_p + (N + elements.yield_force[e]) / elements.EA[e]
     if N < 0.0 and not elements.bar[e]:
         return 0.0, eps_p  # slack
