@@ -4,6 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from netfall.output.frames import Frames
+from netfall.output.info import element_name
 from netfall.output.plot_style import legend_below, mark_first_fracture, short_title, unit_of
 
 MOST_CURVES = 6
@@ -22,7 +23,7 @@ def load_displacement(f):
     groups, names = f["net/group"][:], f["net/group_names"].asstr()[:]
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
     left.plot(path, share, "o-", color="C0")
-    left.set_xlabel(f"displacement along {'xyz'[k]} of particle {p} [m]")
+    left.set_xlabel(f"displacement along {'xyz'[k]} of node {f['net/node_id'][p]} [m]")
     left.set_ylabel("load factor [-]")
     left.grid(alpha=0.3)
     factor, unit = unit_of(np.abs(T).max(), "N")
@@ -90,13 +91,11 @@ def tensions(f):
     """Tension histories of the probes' elements, or of the elements that break first (paper Fig. 13)."""
     figure, axes = plt.subplots(figsize=(9, 4.8), layout="constrained")
     curves = _tension_curves(f)
-    elements = f["net/elements"][:]
     factor, unit = unit_of(max(np.abs(N).max() for _, N, _ in curves), "N")
     broken = dict(zip(f["events/element"][:].tolist(), f["events/time"][:].tolist()))
     for t, N, e in curves:
-        a, b = elements[e]
         note = f", breaks at {broken[e]:.3f} s" if e in broken else ""
-        axes.plot(t, factor * N, lw=1, label=f"element {e} ({a}-{b}){note}")
+        axes.plot(t, factor * N, lw=1, label=f"element {element_name(f, e)}{note}")
     axes.set_xlabel("time [s]")
     axes.set_ylabel(f"tension [{unit}]")
     axes.grid(alpha=0.3)
@@ -129,11 +128,10 @@ def displacements(f):
     d, particles = h["probe_displacement"][:], h["probe_particle"][:]
     x = f["net/particles"][:]
     figure, axes = plt.subplots(3, 1, figsize=(9, 7), sharex=True, layout="constrained")
+    name = lambda p: f"node {f['net/node_id'][p]} at ({x[p, 0]:.1f}, {x[p, 1]:.1f}) m"
     for k, axis in enumerate(axes):
         for j, p in enumerate(particles[:MOST_CURVES]):
-            axis.plot(
-                h["time"][:], d[:, j, k], lw=1, label=f"particle {p} at ({x[p, 0]:.1f}, {x[p, 1]:.1f}) m"
-            )
+            axis.plot(h["time"][:], d[:, j, k], lw=1, label=name(p))
         axis.set_ylabel(f"displacement {'xyz'[k]} [m]")
         axis.grid(alpha=0.3)
     axes[-1].set_xlabel("time [s]")
