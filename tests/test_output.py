@@ -167,12 +167,45 @@ def test_vtk_reads_the_series_back(storm):
         assert np.array_equal(np.flatnonzero(arrays["broken"]), np.unique(storm["events/element"][:][past]))
         assert np.allclose(points[:n] - arrays["displacement"][:n], start, atol=1e-4)
         assert np.array_equal(arrays["group"], storm["net/group"][:])
+        assert np.array_equal(arrays["element_id"], np.arange(len(elements)))
+        origin = elements[(new - n) // 2, (new - n) % 2]
+        assert np.array_equal(arrays["node_id"], np.concatenate([np.arange(n), origin]))
     _, points, _, arrays = seen[-1]
     assert np.array_equal(points, storm["final/position"][:])
     for name in ("tension", "plastic_strain"):
         assert np.allclose(arrays[name], storm[f"final/{name}"][:], rtol=1e-6)
     assert np.allclose(arrays["velocity"], storm["final/velocity"][:], rtol=1e-6)
     assert len(seen[0][1]) == n < len(points)
+
+
+ODD_NODES = "id,x,y,z,fixed,load_z,mass\n100,0,0,0,1,0,0\n7,10,0,0,0,-1e6,1000\n55,20,0,0,1,0,0\n"
+ODD_ELEMENTS = "id,start,end\n31,100,7\n-4,55,7\n"
+ODD_JOB = (
+    "subdivide = 2\n" + STEEL + "fracture_strain = 0.03\n[dynamics]\nduration = 0.1\n[output]\nframes = 20\n"
+)
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_ids_of_the_tables_stand_on_every_step(workshop, ranks):
+    """Both halves of a cable have its id, a particle that splits off that of its node; also in /events.
+
+    The nodes between the halves, 101 and 102, follow the largest id of the table.
+    """
+    job = workshop.job(ODD_JOB, ODD_NODES, ODD_ELEMENTS)
+    f = workshop.run(job, ranks=ranks)
+    nodes, ends = [100, 7, 55, 101, 102], [[100, 101], [101, 7], [55, 102], [102, 7]]
+    assert f["net/node_id"][:].tolist() == nodes
+    for *_, arrays in (seen := list(vtk_steps(f.filename))):
+        assert arrays["element_id"].tolist() == [31, 31, -4, -4]
+        split = arrays["GlobalPointId"][len(nodes) :] - len(nodes)
+        assert arrays["node_id"].tolist() == nodes + [ends[s // 2][s % 2] for s in split]
+    events = f["events"]
+    assert len(seen[0][-1]["node_id"]) == len(nodes) < len(seen[-1][-1]["node_id"])
+    assert events["element_id"][:].tolist() == [31 if e < 2 else -4 for e in events["element"]]
+    assert all(p in ends[e] for e, p in zip(events["element"], events["node_id"][:]))
+    e = events["element"][0]
+    told = f"element {events['element_id'][0]} ({ends[e][0]}-{ends[e][1]}) at node {events['node_id'][0]}"
+    assert told in run_netfall("info", f.filename).stdout
 
 
 def test_job_without_dynamics_is_one_frame(workshop):

@@ -9,6 +9,7 @@ import numpy as np
 from netfall.errors import InputError
 
 FIRST_EVENTS = 8
+ENERGIES = ("external_work", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work")
 
 
 def open_result(path: Path) -> h5py.File:
@@ -42,44 +43,57 @@ def title_of(file: h5py.File) -> str:
 
 
 def print_info(path: Path, say: Callable[[str], None]) -> None:
-    """Print a summary of a result file."""
+    """Print a summary of a result file. Elements and nodes are named by the ids of the tables."""
     with open_result(path) as f:
-        p = f["provenance"].attrs
-        n, m = len(f["net/particles"]), len(f["net/elements"])
         say(f"{path}: {title_of(f)}")
-        say(
-            f"ran: netfall {p['netfall']} on {p['ranks']} rank{'s' if p['ranks'] > 1 else ''} "
-            f"({p['writing']}); {p['exit_state']}"
-        )
-        overrides = provenance_text(f, "overrides")
-        if overrides:
-            say("with: " + ", ".join(overrides.split("\n")))
-        fixed = f["net/fixed"][:].all(1).sum()
-        say(
-            f"net: {n} particles ({fixed} fixed), {m} elements, "
-            f"roof {f['net/tributary_area'][:].sum():.1f} m2; "
-            f"partition {p['partition']}, {p['edge_cut']} elements cut"
-        )
+        _run(f, say)
         if "form_finding" in f:
-            g = f["form_finding"]
-            say(
-                f"form finding: {g['iterations'][()]} iterations, residual {g['residual'][()]:.2g} of the "
-                f"prestress, with the real material {g['residual_real_material'][()]:.2g}; "
-                f"tensions {g['tension'][:].min():.4g} to {g['tension'][:].max():.4g} N"
-            )
+            _form(f["form_finding"], say)
         if "statics" in f:
-            g = f["statics"]
-            largest = np.linalg.norm(g["displacement"][-1], axis=1)
-            say(
-                f"statics: {len(g['load_factor'])} load steps; largest displacement {largest.max():.4g} m "
-                f"(particle {largest.argmax()}), tensions {g['tension'][-1].min():.4g} to "
-                f"{g['tension'][-1].max():.4g} N, slack {g['slack'][-1]}, "
-                f"largest residual {g['residual'][:].max():.2g} N"
-            )
+            _statics(f, say)
         if "history" in f:
             _dynamics(f, say)
         seconds = f["provenance/timings"].attrs
         say("time: " + ", ".join(f"{name} {np.max(seconds[name]):.2f} s" for name in seconds))
+
+
+def element_name(f: h5py.File, e: int) -> str:
+    """An element by its id, with the ids of its nodes: those that share a cable's id differ in these."""
+    a, b = (f["net/node_id"][p] for p in f["net/elements"][e])
+    return f"{f['net/element_id'][e]} ({a}-{b})"
+
+
+def _run(f, say):
+    p = f["provenance"].attrs
+    ranks = f"{p['ranks']} rank{'s' if p['ranks'] > 1 else ''}"
+    say(f"ran: netfall {p['netfall']} on {ranks} ({p['writing']}); {p['exit_state']}")
+    overrides = provenance_text(f, "overrides")
+    if overrides:
+        say("with: " + ", ".join(overrides.split("\n")))
+    n, m, fixed = len(f["net/particles"]), len(f["net/elements"]), f["net/fixed"][:].all(1).sum()
+    say(
+        f"net: {n} particles ({fixed} fixed), {m} elements, roof {f['net/tributary_area'][:].sum():.1f} m2; "
+        f"partition {p['partition']}, {p['edge_cut']} elements cut"
+    )
+
+
+def _form(g, say):
+    N = g["tension"][:]
+    say(
+        f"form finding: {g['iterations'][()]} iterations, residual {g['residual'][()]:.2g} of the prestress, "
+        f"with the real material {g['residual_real_material'][()]:.2g}; "
+        f"tensions {N.min():.4g} to {N.max():.4g} N"
+    )
+
+
+def _statics(f, say):
+    g = f["statics"]
+    N, moved = g["tension"][-1], np.linalg.norm(g["displacement"][-1], axis=1)
+    say(
+        f"statics: {len(g['load_factor'])} load steps; largest displacement {moved.max():.4g} m "
+        f"(node {f['net/node_id'][moved.argmax()]}), tensions {N.min():.4g} to {N.max():.4g} N, "
+        f"slack {g['slack'][-1]}, largest residual {g['residual'][:].max():.2g} N"
+    )
 
 
 def _dynamics(f, say):
@@ -91,44 +105,35 @@ def _dynamics(f, say):
     if "added_mass" in p:
         say(f"  mass scaling: {p['added_mass']:.4g} kg of inertia added")
     for name in [k[6:] for k in p if k.startswith("limit_") and not k.endswith("_element")]:
-        element = p[f"limit_{name}_element"]
-        say(f"  step limit {name.replace('_', ' ')}: {p['limit_' + name]:.4g} s (element {element})")
+        e = p[f"limit_{name}_element"]
+        element = f" (element {element_name(f, e)})" if e >= 0 else ""
+        say(f"  step limit {name.replace('_', ' ')}: {p['limit_' + name]:.4g} s{element}")
     if "wind" in f:
-        u = f["wind/speed"][:]
-        say(
-            f"wind: mean {f['wind/mean_speed'][:].mean():.1f} m/s, "
-            f"generated {u.min():.1f} to {u.max():.1f} m/s at {u.shape[1]} control points"
-        )
-    say(
-        "energy at the end [J]: "
-        + ", ".join(
-            f"{name.replace('_', ' ')} {h[name][-1]:.4g}"
-            for name in (
-                "external_work",
-                "kinetic_energy",
-                "strain_energy",
-                "plastic_dissipation",
-                "damping_work",
-            )
-        )
-    )
-    say(
-        f"audits: work identity to {np.abs(h['identity_error'][:]).max():.1e}, physical balance to "
-        f"{np.abs(h['balance_error'][:]).max():.1e} of the largest external work"
-    )
-    e = f["events"]
+        u, mean = f["wind/speed"][:], f["wind/mean_speed"][:].mean()
+        of = f"{u.min():.1f} to {u.max():.1f} m/s at {u.shape[1]} control points"
+        say(f"wind: mean {mean:.1f} m/s, generated {of}")
+    _energies(h, say)
     say(f"slack at the end: {h['slack'][-1]} cables; broken: {h['broken'][-1]} elements")
-    ids = f["net/element_id"][:]
+    _fractures(f, say)
+
+
+def _energies(h, say):
+    at_end = [f"{name.replace('_', ' ')} {h[name][-1]:.4g}" for name in ENERGIES]
+    say("energy at the end [J]: " + ", ".join(at_end))
+    identity, balance = (np.abs(h[name][:]).max() for name in ("identity_error", "balance_error"))
+    say(
+        f"audits: work identity to {identity:.1e}, physical balance to {balance:.1e} "
+        "of the largest external work"
+    )
+
+
+def _fractures(f, say):
+    e = f["events"]
     for k in range(min(FIRST_EVENTS, len(e["time"]))):
-        new = e["new_particle"][k]
-        what = (
-            f"from particle {e['particle'][k]} (new particle {new})"
-            if new >= 0
-            else f"at particle {e['particle'][k]}, nothing split"
+        split = "" if e["new_particle"][k] >= 0 else ", nothing split"
+        say(
+            f"  t = {e['time'][k]:.5f} s, step {e['step'][k]}: element {element_name(f, e['element'][k])} "
+            f"at node {e['node_id'][k]}{split}, strain {e['strain'][k]:.4f}"
         )
-        number = e["element"][k]
-        name = f"{number}" if ids[number] == number else f"{number} (id {ids[number]})"
-        when = f"t = {e['time'][k]:.5f} s, step {e['step'][k]}"
-        say(f"  {when}: element {name} {what}, strain {e['strain'][k]:.4f}")
     if len(e["time"]) > FIRST_EVENTS:
         say(f"  and {len(e['time']) - FIRST_EVENTS} more fracture events in /events")

@@ -12,6 +12,7 @@ from netfall.mechanics.events import EventLog
 from netfall.mechanics.state import State
 from netfall.net.net import Net
 from netfall.output.h5 import SharedFile
+from netfall.output.ids import LocalIds
 from netfall.output.segments import join_segments
 from netfall.output.vtkhdf import VtkSeries
 from netfall.parallel.agree import on_root
@@ -25,13 +26,14 @@ class Result:
     """
 
     def __init__(
-        self, comm: MPI.Comm, path: Path, distribution: Distribution, group: np.ndarray, log: EventLog
+        self, comm: MPI.Comm, path: Path, distribution: Distribution, net: Net | None, log: EventLog
     ):
-        """group : (m_local,) group of the rank's elements."""
+        """net : on rank 0"""
         self.comm = comm
         self.path = path
         self.distribution = distribution
-        self.group = group
+        self.group = distribution.elements(net.group if net else None)
+        self.ids = LocalIds(distribution, net)
         self.file = SharedFile(comm, path)
         self.segments: list[Path] = []  # whole parts of the file so far, if there are checkpoints
         self.token = comm.bcast(secrets.token_hex(4))  # keeps this run's segments apart from another's
@@ -87,25 +89,9 @@ class Result:
 
     def write_frame(self, time: float, state: State, snapshot) -> None:
         """One step of /VTKHDF."""
-        points, cells = self.log.points, self.distribution.m
-        rows = snapshot.rows
+        points, cells, rows = self.log.points, self.distribution.m, snapshot.rows
         if self._drawn_events != len(self.log):
-            gid = state.gid[rows]
-            ends = self.log.row_of(
-                state.gid[np.where(state.EA[:, None] > 0.0, state.ends, state.ends[:, :1])]
-            )  # what is out of the net is drawn as a point
-            mesh = self._cells(
-                state, np.column_stack([ends, self.group, self.distribution.subdomain.element_gid])
-            )
-            number = self._points(state, rows, gid[:, None])
-            self.series.write_mesh(
-                mesh[:, :2],
-                {"GlobalPointId": number[:, 0]},
-                {"group": mesh[:, 2], "GlobalCellId": mesh[:, 3]},
-                points,
-                cells,
-            )
-            self._drawn_events = len(self.log)
+            self._write_mesh(state, rows)
         x = state.x[rows]
         p = self._points(state, rows, np.column_stack([x, x - state.x_start[rows], snapshot.velocity]))
         c = self._cells(state, np.column_stack([snapshot.N, snapshot.eps, snapshot.eps_p, state.broken]))
@@ -117,6 +103,22 @@ class Result:
             points,
             cells,
         )
+
+    def _write_mesh(self, state: State, rows: np.ndarray) -> None:
+        """What changes only when elements break: connectivity, numbers, ids."""
+        in_net = state.EA[:, None] > 0.0  # what is out of the net is drawn as a point
+        ends = self.log.row_of(state.gid[np.where(in_net, state.ends, state.ends[:, :1])])
+        gid = self.distribution.subdomain.element_gid
+        c = self._cells(state, np.column_stack([ends, self.group, self.ids.element, gid]))
+        p = self._points(state, rows, np.column_stack([state.gid[rows], self.ids.node(state, rows)]))
+        self.series.write_mesh(
+            c[:, :2],
+            {"GlobalPointId": p[:, 0], "node_id": p[:, 1]},
+            {"group": c[:, 2], "element_id": c[:, 3], "GlobalCellId": c[:, 4]},
+            self.log.points,
+            self.distribution.m,
+        )
+        self._drawn_events = len(self.log)
 
     def write_static_step(self, state: State, snapshot) -> None:
         """One load step of /statics."""

@@ -1,7 +1,7 @@
 """The /VTKHDF group: a temporal UnstructuredGrid of lines, one part a step, that ParaView opens as a series.
 
 Rows are in global order: the net's particles, then those that split off, by number; the elements by number.
-Every step has its own Points; the connectivity is written anew only when elements have parted since the step
+Every step has its own Points; the connectivity is written anew only when elements have broken since the step
 before. (VTKHDF 2.2; the reader wants one more entry in Offsets than cells, for each part.)
 """
 
@@ -14,6 +14,7 @@ LINE = 3  # VTK's number for this kind of cell
 POINT_FIELDS = {
     "displacement": (np.float32, (3,)),
     "velocity": (np.float32, (3,)),
+    "node_id": (np.int64, ()),
     "GlobalPointId": (np.int64, ()),
 }
 CELL_FIELDS = {
@@ -22,6 +23,7 @@ CELL_FIELDS = {
     "plastic_strain": (np.float32, ()),
     "broken": (np.uint8, ()),
     "group": (np.int32, ()),
+    "element_id": (np.int64, ()),
     "GlobalCellId": (np.int64, ()),
 }
 

@@ -13,6 +13,7 @@ import netfall
 from netfall.errors import DivergedError, InputError, Interrupted, OutputError
 from netfall.job.read import Job
 from netfall.mechanics.events import EventLog
+from netfall.output.ids import event_ids
 from netfall.output.place import check_place, claim, release
 from netfall.output.progress import Progress
 from netfall.output.result import Result, net_section
@@ -86,8 +87,7 @@ def run_job(
         schedule = comm.bcast(schedule)
         before_run(job, setup, schedule, progress)
         log = EventLog(setup.distribution.n)
-        group = setup.distribution.elements(model.net.group if model else None)
-        result = Result(comm, path, setup.distribution, group, log)
+        result = Result(comm, path, setup.distribution, model.net if model else None, log)
         saver = Saver(job, setup, result, restart)
         run = Run(comm, job, setup, schedule, log, result, saver, progress, phases, stop)
         history = run_stages(run)
@@ -228,6 +228,7 @@ def sections_of(run: Run, simulation: Simulation | None) -> dict[str, dict]:
     if simulation:
         sections["history"] = simulation.history.columns() | simulation.history.probe_columns()
         sections["events"] = run.log.columns()
+        sections["events"] |= event_ids(model.net, sections["events"])
     if simulation and simulation.wind:
         sections["wind"] = _wind_section(run.job, model, *simulation.wind.record_until(simulation.time))
     return sections
