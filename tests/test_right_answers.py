@@ -140,7 +140,7 @@ def test_a_modulus_in_gigapascals_is_refused(workshop):
     ],
 )
 def test_an_unstressed_length_beyond_the_limits_is_refused(workshop, limit, says):
-    """2 m from 1.9 m: a strain of 1 / 19, a force of 1.6e11 * 1e-4 / 19 = 8.42e5 N; 1.985 m is within both."""
+    """2 m from 1.9 m: a strain of 1 / 19, a force of 1.6e7 / 19 = 8.42e5 N; 1.985 m is within both."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,2,0,0,0\n3,4,0,0,1\n"
     elements = "id,start,end,unstressed_length\n7,1,2,{0}\n9,2,3,{0}\n"
     job = workshop.job(f"{SECTION}{limit}\n[dynamics]\nduration = 1e-4\n", nodes, elements.format(1.9))
@@ -236,3 +236,46 @@ def test_a_trade_of_safety_beside_a_fixed_step_says_so(workshop):
     fixed = ("--set", "dynamics.time_step=2e-4", "--reference", "dynamics.time_step=1e-4")
     done = run_netfall("trade", job, "--vary", "dynamics.safety=0.8", *fixed, "-o", workshop.folder / "out")
     assert "--vary dynamics.safety: time_step is fixed" in done.stdout, done.stderr
+
+
+# --- the audit
+
+SPRING = "id,x,y,z,fixed,mass\n1,-1,0,0,1,0\n2,0.001,0,0,0,{0!r}\n3,1,0,0,1,0\n"
+
+
+def swing(workshop, phase: float):
+    """A weight between two cables, let go 1 mm beside its place, at steps of omega dt = phase: the result.
+
+    Two cables of 1.6e7 N from 0.99 m: k = 2 * 1.6e7 / 0.99 N/m; the mass follows from omega = phase / 1 ms.
+    """
+    mass = 2 * 1.6e7 / 0.99 / (phase / 1e-3) ** 2 - 7850 * 1e-4 * 0.99
+    text = SECTION + "[dynamics]\nduration = 0.2\ntime_step = 1e-3\n[output]\nhistory = 1e-3\nframes = 1\n"
+    elements = "start,end,unstressed_length\n1,2,0.99\n2,3,0.99\n"
+    return workshop.run(workshop.job(text, SPRING.format(mass), elements))
+
+
+@pytest.mark.parametrize("phase, told", [(0.5, "6.7%"), (0.1, None)])
+def test_the_balance_of_a_start_out_of_equilibrium_is_a_share_of_what_moves(workshop, phase, told):
+    """Central difference: the energy is k a^2 (1 - q sin^2), of which k a^2 (1 - q) sin^2 moves, q = (omega dt)^2 / 4.
+
+    So without any external work the balance is off by q / (1 - q) at most; above 1 % that
+    is said after the run and by `info`.
+    """
+    f = swing(workshop, phase)
+    h, q = f["history"], phase**2 / 4
+    assert not h["external_work"][:].any()
+    assert np.isclose(np.abs(h["balance_error"][:]).max(), q / (1 - q), rtol=1e-6)
+    assert np.isclose(h["kinetic_energy"][:].max(), 1.6e7 / 0.99 * 1e-6 * (1 - q), rtol=1e-3)
+    assert np.abs(h["identity_error"][:]).max() < 1e-12
+    assert h["balance_error"].attrs["unit"] == "share of the largest energy that took part so far"
+    info = run_netfall("info", f.filename).stdout
+    assert ("is off by up to" in info) == bool(told) and (told or "physical balance") in info
+    run = run_netfall("run", workshop.folder / "job.toml", "-o", workshop.folder / "again.vtkhdf").stdout
+    assert ("is off by up to" in run) == bool(told)
+
+
+def test_the_balance_of_a_net_at_rest_is_no_rounding(workshop):
+    """A net that was form-found and stays put: rounding of what it stores is far below what counts."""
+    job = workshop.job(BRITTLE.replace("195.0", "1.95e11").replace("= 0.01", "= 0.3"))
+    h = workshop.run(job, "--set", "form_finding.tolerance=1e-11")["history"]
+    assert np.abs(h["balance_error"][:]).max() < 1e-3 and np.abs(h["kinetic_energy"][:]).max() < 1e-9

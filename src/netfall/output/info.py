@@ -9,6 +9,7 @@ import numpy as np
 from netfall.errors import InputError
 
 FIRST_EVENTS = 8
+LARGEST_BALANCE = 0.01  # error of the physical balance above which a result is doubtful
 
 
 def open_result(path: Path) -> h5py.File:
@@ -39,6 +40,19 @@ def provenance_text(file: h5py.File, name: str) -> str:
 def title_of(file: h5py.File) -> str:
     """The job's title, else its name."""
     return provenance_text(file, "title") or provenance_text(file, "job_name")
+
+
+def balance_notes(time: np.ndarray, balance: np.ndarray, broken: np.ndarray) -> list[str]:
+    """A note if the physical balance of any row (t,) of the history is off by more than LARGEST_BALANCE."""
+    off = np.flatnonzero(np.abs(balance) > LARGEST_BALANCE)
+    if not len(off):
+        return []
+    smaller = "[dynamics] safety or time_step" + (", or fragment_mass" if broken[-1] else "")
+    return [
+        f"note: the physical balance is off by up to {np.abs(balance).max():.1%} of the energy that took part, "
+        f"by more than {LARGEST_BALANCE:.0%} from t = {time[off[0]]:.4g} s on: the step is too long for some of "
+        f"what happened; compare with a run of half the step (a smaller {smaller})"
+    ]
 
 
 def print_info(path: Path, say: Callable[[str], None]) -> None:
@@ -106,8 +120,10 @@ def _dynamics(f, say):
         )
     )
     say(
-        f"audits: work identity to {np.abs(h['identity_error'][:]).max():.1e}, physical balance to {np.abs(h['balance_error'][:]).max():.1e} of the largest external work"
+        f"audits: work identity to {np.abs(h['identity_error'][:]).max():.1e}, physical balance to {np.abs(h['balance_error'][:]).max():.1e} of the energy that took part"
     )
+    for note in balance_notes(h["time"][:], h["balance_error"][:], h["broken"][:]):
+        say(note)
     e = f["events"]
     say(f"slack at the end: {h['slack'][-1]} cables; broken: {h['broken'][-1]} elements")
     ids = f["net/element_id"][:]
