@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 
-import numpy as np
 from mpi4py import MPI
 
 from netfall.job.read import Job
@@ -97,6 +96,3 @@ def _describe_memory(job: Job, setup: Setup, say) -> None:
         f"{SETUP_BYTES * m / 1e6:.3g} MB on rank 0 at set-up, beside some 250 MB for Python on each rank; "
         f"result file about {max(file, 1e5) / 1e6:.3g} MB"
     )
-    loaded = job.wind or (job.load and (job.load.dead or job.load.pressure is not None))
-    if np.isfinite(net.fracture_strain).any() and job.dynamics and not loaded:
-        say("note: elements can break, but neither wind nor load acts on the roof")

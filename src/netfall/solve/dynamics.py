@@ -214,7 +214,6 @@ class Simulation:
         """One row of /history, and the probes'."""
         strain, plastic = e.strain - self.start_strain, e.plastic - self.start_plastic
         self.largest_work = np.fmax(self.largest_work, abs(e.external))
-        scale = self.largest_work or 1.0
         identity = e.kinetic + e.internal + e.damping - e.external
         balance = e.kinetic + strain + plastic + e.damping - e.external
         self.history.add(
@@ -226,8 +225,8 @@ class Simulation:
             plastic_dissipation=plastic,
             damping_work=e.damping,
             external_work=e.external,
-            identity_error=identity / scale,
-            balance_error=balance / scale,
+            identity_error=identity,
+            balance_error=balance,
             slack=self.slack,
             broken=len(self.log.broken),
         )

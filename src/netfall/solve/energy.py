@@ -3,7 +3,8 @@
 Work identity: the kinetic energy is what external work, less the work against internal forces and damping,
 leaves; with the half-step velocities this holds to rounding at any step, and so finds bugs. Physical balance:
 the same with the elements' own stored and dissipated energy instead of the work against them; it drifts with
-the step and is the error that users should see.
+the step and is the error that users should see. Both are told as shares of the energy that took part
+(`history.energy_in_play`).
 """
 
 import math

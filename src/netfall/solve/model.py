@@ -18,11 +18,14 @@ from netfall.net.areas import Roofing, normals, roof_of, tributary_areas
 from netfall.net.build import build_net
 from netfall.net.net import GRAVITY, Net
 from netfall.parallel import partition
+from netfall.solve.start import check_start, unit_notes
+from netfall.solve.unused import without_effect
 from netfall.wind.field import GeneratedHistory, make_wind_field, read_measured
 
 COLLAPSED = (
     1e-6  # of the length that is given: an element so short in the form that was found is none any more
 )
+LARGEST_LOG = 500.0  # of a logarithmic strain: exp of much more is no number
 
 
 @dataclass
@@ -48,6 +51,7 @@ class Model:
     wind: np.ndarray = None  # N s2/m2
     wind_field: object = None
     history: object = None  # of the wind
+    notes_of_values: list[str] = field(default_factory=list)
     notes_of_history: list[str] = field(default_factory=list)
 
     @property
@@ -101,7 +105,7 @@ class Model:
 
     def notes(self) -> list[str]:
         """What is plausible but odd in the net, its tables and its roof."""
-        return self.net.notes + self.roofing.notes + self.notes_of_history
+        return self.net.notes + self.roofing.notes + self.notes_of_values + self.notes_of_history
 
     def id_of(self, e: int) -> int:
         """Id of an element."""
@@ -131,6 +135,7 @@ def make_model(job: Job, ranks: int) -> Model:
     if part is None:
         part = partition.metis_partition(net.n, net.elements, ranks)
     model = Model(net, roofing, part, source)
+    model.notes_of_values = without_effect(job, net) + unit_notes(net)
     if job.wind and job.wind.file:
         model.history = read_measured(job)
         model.notes_of_history = model.history.notes
@@ -189,6 +194,7 @@ def set_initial(job: Job, model: Model, x: np.ndarray, N: np.ndarray | None) -> 
         L0 = np.where(given, net.unstressed_length, L0)
         N = np.where(given, elastic_forces(L, L0, EA, net.bar, logarithmic), N)
     model.x, model.N, model.L0 = x, N, L0
+    model.notes_of_values += check_start(job, model)
     half = model.half_mass
     own = np.bincount(net.elements[:, 0], half, net.n) + np.bincount(net.elements[:, 1], half, net.n)
     model.mass, model.load = own + net.mass, net.load.copy()
@@ -252,7 +258,7 @@ def _check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
             ),
         ),
         (
-            1.0 + N / EA <= 0,
+            (1.0 + N / EA <= 0) | ((job.cable.strain == "logarithmic") & (np.abs(N) > LARGEST_LOG * EA)),
             lambda e: f"its axial force {N[e]:.4g} N is beyond its stiffness EA; choose a larger area",
         ),
     )

@@ -8,6 +8,7 @@ from netfall.job.read import Job
 from netfall.mechanics.events import EventLog
 from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.stability import Limit
+from netfall.output.info import balance_notes
 from netfall.output.progress import Progress
 from netfall.parallel import partition
 from netfall.solve.history import History, find_probes
@@ -58,9 +59,13 @@ def after_run(
         identity, balance = history.largest("identity_error"), history.largest("balance_error")
         if np.isfinite(identity):  # not without the audit
             progress.say(
-                f"energy: work identity to {identity:.1e}, physical balance to {balance:.1e} of the largest "
-                "external work"
+                f"energy: work identity to {identity:.1e}, physical balance to {balance:.1e} of the energy "
+                "that took part"
             )
+            for note in balance_notes(
+                *(np.array(history.rows[k]) for k in ("time", "balance_error", "broken"))
+            ):
+                progress.say(note)
     progress.say("time: " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in phases.seconds.items()))
     progress.say(f"written: {path}")
 

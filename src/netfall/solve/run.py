@@ -183,7 +183,7 @@ def run_dynamics(run: Run, record: dict | None) -> Simulation | None:
     run.progress.say(
         f"dynamics: {run.job.dynamics.duration:g} s in {run.schedule.steps} steps of {run.schedule.dt:.4g} s"
     )
-    simulation = Simulation(run, loads, History(probes), *start)
+    simulation = Simulation(run, loads, History(probes, start[0]), *start)
     if record:
         simulation.restore(record["simulation"])
         restore_history(run.comm, simulation.history, checkpoint)
