@@ -13,7 +13,7 @@ from netfall.parallel.partition import metis_partition
 from netfall.parallel.subdomain import cut_net
 from netfall.step.forces import kick_chunk
 from netfall.step.limits import count_near
-from netfall.step.plan import CHUNK, NO_AXIS, Plan
+from netfall.step.plan import CHUNK, Plan
 from netfall.step.runs import Runs
 
 
@@ -94,7 +94,7 @@ def forces_of(state: State, in_runs: bool = True) -> tuple[np.ndarray, np.ndarra
             np.column_stack([chunks.low, chunks.high]),
         )
     chunks = chunks._replace(runs=runs)
-    particles = particles._replace(load=NO_AXIS, work=None)
+    particles = particles._replace(load=(None, None, None), work=None)
     found, near = np.zeros_like(s.x), np.zeros(s.n_owned, bool)
     for c, (low, high) in enumerate(zip(chunks.low, chunks.high)):
         kick_chunk(c, 0.0, 0.0, 0.0, chunks, particles, slots, law, scratch)

@@ -48,20 +48,20 @@ def test_tributary_areas_cover_the_roof():
     all shares sum up to the roof, subdivided or not.
     """
     net = generators.saddle(80.0, 4.0, 8)
-    area = tributary_areas(net.x, net, find_faces(net))
+    area = tributary_areas(net.x, net, find_faces(net))[1]
     assert np.allclose(area[~net.fixed.all(1)], 100.0)
     assert np.isclose(
         area.sum(), 6400.0 - 4 * 25.0
     )  # the corners' quarters go straight to the rigid boundary
     fine = subdivide(net, 3)
-    fine_area = tributary_areas(fine.x, fine, find_faces(fine))
+    fine_area = tributary_areas(fine.x, fine, find_faces(fine))[1]
     assert np.isclose(fine_area.sum(), area.sum()) and (fine_area[net.n :] > 0).all()
 
 
 def test_stadium_area_is_half_an_ellipse():
     """The chords of the edge miss a little of pi a b / 2 (0.2 % here, with the corners' shares)."""
     net = generators.stadium(88.0, 66.0, 10.0, 2.2)
-    assert abs(tributary_areas(net.x, net, find_faces(net)).sum() / (np.pi * 44 * 33 / 2) - 1) < 3e-3
+    assert abs(tributary_areas(net.x, net, find_faces(net))[1].sum() / (np.pi * 44 * 33 / 2) - 1) < 3e-3
 
 
 def test_normals_of_an_inclined_plane():
@@ -104,7 +104,7 @@ def test_areas_of_tables_need_a_closed_outline(workshop):
     job = read_job(workshop.job(TABLE_SADDLE, *tables_of(net, closed=True)))
     closed = build_net(job)
     roof = roof_of(job, closed)
-    area = tributary_areas(closed.x, closed, roof.faces)
+    area = tributary_areas(closed.x, closed, roof.faces)[1]
     inner = ~net.fixed.all(1)
     assert roof.notes == [] and np.allclose(area[inner][4], 400.0)
     job = read_job(workshop.job(TABLE_SADDLE, *tables_of(generators.saddle(80.0, 4.0, 2), closed=False)))

@@ -1,7 +1,7 @@
 """Compile flags of all kernels, in one place.
 
-No fast-math: sums keep their order, so that the bits do not depend on the number of ranks. numpy's error model:
-a division by zero gives inf and not an exception (and does not stop vectorisation).
+No fast-math: sums keep their order, so that the bits do not depend on the number of ranks. numpy's error
+model: a division by zero gives inf and not an exception (and does not stop vectorisation).
 """
 
 import contextlib
@@ -55,8 +55,8 @@ class AbsentFields(FunctionPass):
     """Decides `is None` for arguments and for fields of named tuples that are arguments, by their types.
 
     What a scene does not have is None: `if slots.eps_p is not None`. numba drops a branch on an argument that
-    is None, and with it what the scene lacks. With this pass it does so for fields too, and it drops the other
-    branch as well where the field is there.
+    is None, and with it what the scene lacks. With this pass it does so for fields too, and it drops the
+    other branch as well where the field is there.
     """
 
     _name = "absent_fields"

@@ -24,9 +24,9 @@ class Interrupted(Exception):
 
 
 class OutputError(Exception):
-    """A file could not be written: a full disk, a quota, a folder that went away. Exit code 1.
+    """A file could not be written: a full disk, a quota, a folder that went away.
 
-    Raised on the ranks that saw it.
+    Raised on the ranks that saw it. Exit code 1.
     """
 
     exit_code = 1

@@ -1,4 +1,4 @@
-"""The wish to stop early: a signal (SIGTERM, SIGINT, SIGUSR1) or the end of the wall time."""
+"""The wish to stop early: a signal (SIGTERM, SIGINT, SIGUSR1) or the end of the wall time granted."""
 
 import signal
 import time

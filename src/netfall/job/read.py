@@ -60,6 +60,13 @@ class Job:
                 ) from None
         return total.hexdigest()
 
+    def given(self) -> set[str]:
+        """The keys that the job file or an override gives, as "section.key"."""
+        data = tomllib.loads(self.text)
+        _apply_overrides(data, list(self.overrides), [])
+        tables = {name: table for name, table in data.items() if isinstance(table, dict)}
+        return {f"{name}.{key}" for name, table in tables.items() for key in table}
+
     def changes_net(self) -> bool:
         """Whether the command line overrides the net: files made for the job's own net then do not apply."""
         return any(o.startswith("net.") for o in self.overrides)

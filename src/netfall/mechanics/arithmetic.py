@@ -1,8 +1,9 @@
 """Inverse root and logarithm of vector registers.
 
-A processor's own root and division together take some 35 cycles for a register, four times as long as all the rest of an
-element; a guess and two rounds of fused multiply-add take seven, and give the same bits on every processor. The logarithm
-of the mathematical library works on one number at a time. Both are right to two units in the last place (tests/test_arithmetic.py).
+A processor's own root and division together take some 35 cycles for a register, four times as long as all
+the rest of an element; a guess and two rounds of fused multiply-add take seven, and give the same bits on
+every processor. The logarithm of the mathematical library works on one number at a time. Both are right to
+two units in the last place (tests/test_arithmetic.py).
 """
 
 import numpy as np
@@ -30,7 +31,10 @@ def fused(typing, a, b, c):
 
 @intrinsic
 def like(typing, sample, number):
-    """A number in the precision of another number, or of an array's. (A literal would make double precision of whatever it meets.)"""
+    """A number in the precision of another number, or of an array's.
+
+    (A literal would make double precision of whatever it meets.)
+    """
     kind = sample.dtype if isinstance(sample, types.Array) else sample
     return kind(sample, number), lambda context, builder, signature, values: context.cast(
         builder, values[1], number, kind
@@ -57,7 +61,8 @@ def number_of(typing, a):
 def inverse_root(a):
     """1 / sqrt(a) of a > 0, at least 1e-300; nan for infinity and nan.
 
-    With the error e = 1 - a y^2 of a guess y, 1 / sqrt(a) = y (1 - e)^(-1/2); its series up to e^3 leaves 35/128 e^4, twice: 1.2e-6, 1e-23.
+    With the error e = 1 - a y^2 of a guess y, 1 / sqrt(a) = y (1 - e)^(-1/2); its series up to e^3 leaves
+    35/128 e^4, twice: 1.2e-6, 1e-23.
     """
     y = number_of(GUESS - (bits_of(a) >> 1))
     for _ in range(2):
@@ -82,8 +87,9 @@ def guessed_root(typing, a):
 def shortening(excess):
     """1 - 1 / sqrt(1 + excess) in single precision, to its last digits however small it is.
 
-    After a first round as in `inverse_root` (to 1e-5) the rest is done on w = 1 - y itself: 1 - (1 + excess) y^2 = w (1 + y) - excess y^2.
-    Below 1 + excess = 1e-7, where nothing is left of the digits of excess, as there.
+    After a first round as in `inverse_root` (to 1e-5) the rest is done on w = 1 - y itself: 1 - (1 + excess)
+    y^2 = w (1 + y) - excess y^2. Below 1 + excess = 1e-7, where nothing is left of the digits of excess, as
+    there.
     """
     a = max(ONE + excess, LEAST)
     y = guessed_root(a)
@@ -98,7 +104,8 @@ def shortening(excess):
 def logarithm(a):
     """Natural logarithm of a finite a > 0, at least 1e-300.
 
-    a = 2^k m with m from sqrt(1/2) to sqrt(2); ln m = 2 artanh s, s = (m - 1) / (m + 1) < 0.172, whose series is cut after s^21: 1e-18.
+    a = 2^k m with m from sqrt(1/2) to sqrt(2); ln m = 2 artanh s, s = (m - 1) / (m + 1) < 0.172, whose
+    series is cut after s^21: 1e-18.
     """
     bits = bits_of(a)
     k = (bits - bits_of(SQRT_HALF)) >> 52

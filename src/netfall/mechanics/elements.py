@@ -1,4 +1,4 @@
-"""Loops over all elements of a rank, at given positions: forces, stiffness, energies. e is an element, p a particle.
+"""Loops over all elements of a rank, at given positions: forces, stiffness, energies.
 
 The step does not use them (`netfall.step`): they serve form finding, statics, the audit, frames and history.
 """

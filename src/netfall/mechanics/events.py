@@ -8,7 +8,8 @@ import numpy as np
 class Event(NamedTuple):
     """One fracture at one end of an element, in global numbers.
 
-    new_particle : -1 where nothing split, at a loose end or without fragments; mass : [kg] of the new particle
+    new_particle : -1 where nothing split, at a loose end or without fragments; mass : [kg] of the new
+        particle
     """
 
     time: float

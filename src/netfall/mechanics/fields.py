@@ -101,6 +101,8 @@ FIELDS = (
     _particle("per_mass", ONE, STEPPED, "1/kg", "1 / mass; 0 without mass, and where every axis is held"),
     _particle("stepped_mass", ONE, STEPPED, "kg", "mass in the precision of the steps", "block_work"),
     _particle("load", AXES, STEPPED, "N", "constant external force", kept=True, given=True),
+    _particle("load_before", AXES, STEPPED, "N", "forces that vary, at the last sample", "varying"),
+    _particle("load_after", AXES, STEPPED, "N", "forces that vary, at the next sample", "varying"),
     _particle("wind", AXES, STEPPED, "N s2/m2", "wind force at 1 m/s", "wind", kept=True, given=True),
     _particle("speed_before", ONE, STEPPED, "m/s", "wind speed at the last sample", "wind"),
     _particle("speed_after", ONE, STEPPED, "m/s", "wind speed at the next sample", "wind"),
@@ -180,6 +182,7 @@ class Scene:
     plastic: bool = False
     fracture: bool = False
     wind: bool = False
+    varying: bool = False  # forces besides the wind that vary in time
     logarithmic: bool = False
     bars: bool = False
     sections: bool = False  # more than one stiffness or yield force

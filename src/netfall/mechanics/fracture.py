@@ -1,16 +1,16 @@
 """Fracture by splitting particles (paper 2.4).
 
-An element whose strain passes eps_u at step n breaks, at x(n+1), at the end with the larger resultant force; at
-both if they are equal. A new particle takes the place and velocity of the end, half of the element's mass and, if
-the step is too long for that alone, some of what the end carried, with its weight (`stability.fragment_mass`);
-so mass, momentum and energy stay as they are. It belongs to the rank that owns the element's other end, so a
-fracture never adds to the halo.
+An element whose strain passes eps_u at step n breaks, at x(n+1), at the end with the larger resultant force;
+at both if they are equal. A new particle takes the place and velocity of the end, half of the element's mass
+and, if the step is too long for that alone, some of what the end carried, with its weight
+(`stability.fragment_mass`); so mass, momentum and energy stay as they are. It belongs to the rank that owns
+the element's other end, so a fracture never adds to the halo.
 
 Without fragments the element is taken out of the net at x(n+1): its mass stays with its ends, and what is
 stored in it counts as dissipated.
 
-Every rank that holds the element decides alike: strain, resultant forces, masses and valences are equal to the
-bit on all of them. Mass and valence are those before the step, whatever else breaks in it.
+Every rank that holds the element decides alike: strain, resultant forces, masses and valences are equal to
+the bit on all of them. Mass and valence are those before the step, whatever else breaks in it.
 """
 
 from typing import NamedTuple
@@ -29,7 +29,8 @@ class FractureRules(NamedTuple):
     """What holds for every fracture of a run.
 
     particles : of the net; element_gid : (m,) global numbers of the rank's elements
-    gravity : [m/s2]; own_weighs, carried_weighs : whether it acts on the elements' own mass, on what is carried
+    gravity : [m/s2]; own_weighs, carried_weighs : whether it acts on the elements' own mass, on what is
+        carried
     wind_stays : whether a particle keeps its wind when an element leaves it
     dt : [s] length of a step; stable_dt : [s] for which fragments are stable
     """
@@ -82,7 +83,7 @@ def is_loose(state: State, p: int, e: int) -> bool:
 
 
 def split_particles(state: State, e: int, ends: list[tuple[int, bool]], step: int, rules: FractureRules):
-    """Break element e at some of its ends (end, whether it is loose); the events at particles of this rank."""
+    """The events at particles of this rank where element e breaks at some ends (end, whether it is loose)."""
     particles, gid = state.ends[e].copy(), int(rules.element_gid[e])
     before = _strain_before(state, e, rules.dt)
     state.broken[e], state.eps_u[e] = 1, np.inf
@@ -114,7 +115,7 @@ def split_particles(state: State, e: int, ends: list[tuple[int, bool]], step: in
 
 
 def take_out(state: State, e: int, ends: tuple[int, ...], step: int, rules: FractureRules) -> list[Event]:
-    """Take element e, which breaks at some of its ends, out of the net; the events at particles of this rank."""
+    """The events at particles of this rank where element e, which breaks at some ends, is taken out."""
     before, gid = _strain_before(state, e, rules.dt), int(rules.element_gid[e])
     _dissipate(state, e, rules.dt)
     state.broken[e], state.eps_u[e], state.EA[e] = 1, np.inf, 0.0
@@ -135,7 +136,7 @@ def _lose_wind(state: State, p: int, rules: FractureRules) -> None:
 
 
 def _dissipate(state: State, e: int, dt: float) -> None:
-    """Count what is stored in element e as dissipated: that of half a drift ago, up to where its forces worked."""
+    """Count what is stored in element e as dissipated: up to half a drift ago, where its forces worked."""
     elements, law = state.elements, state.law
     L = _length_before(state, e, 0.5 * dt)
     eps = strain.py_func(L, elements.L0[e], law)

@@ -1,7 +1,8 @@
 """The external force on a particle: loads that are constant, and loads that vary in time.
 
-A load that varies is known at two samples around the present time, and linear between them; the wind is one,
-whose speed is interpolated and then squared (paper Eq. 7).
+What varies is known at two samples around the present time and linear between them: forces, of whatever loads
+vary, as `load_before` and `load_after`; and the speed of the wind, which is squared after that (paper Eq. 7).
+The samples come from `solve.loads`.
 """
 
 from netfall.compile import part_of_kernel
@@ -15,15 +16,17 @@ def squared_speed(p, particles, share):
 
 
 @part_of_kernel
-def external_force(p, zero, load, wind, square):
-    """External force [N] on particle p along one axis.
+def external_force(p, zero, axis, square, share):
+    """External force [N] on particle p along an axis.
 
-    zero : in the precision of the sum; square : of the wind speed [m2/s2]
-    load [N], wind [N s2/m2] : (n,) of the axis, None where there is none
+    zero : in the precision of the sum; axis : `motion.Axis`; square : of the wind speed [m2/s2]
+    share : of the way between two samples
     """
     force = zero
-    if load is not None:
-        force += load[p]
-    if wind is not None:
-        force += wind[p] * square
+    if axis.load is not None:
+        force += axis.load[p]
+    if axis.load_before is not None:
+        force += axis.load_before[p] + share * (axis.load_after[p] - axis.load_before[p])
+    if axis.wind is not None:
+        force += axis.wind[p] * square
     return force

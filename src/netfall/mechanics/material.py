@@ -1,16 +1,16 @@
 """The law of an element: strain, axial force, stiffness, energies, unstressed length.
 
-Everything that knows the law stands here; the step, statics, form finding, the limits of the step and the audit
-take it from here. Theory: paper 2.2 and 2.3, Fig. 3. Ideal elastic-plastic with slack, in total form. With the
-trial force s = EA (eps - eps_p):
+Everything that knows the law stands here; the step, statics, form finding, the limits of the step and the
+audit take it from here. Theory: paper 2.2 and 2.3, Fig. 3. Ideal elastic-plastic with slack, in total form.
+With the trial force s = EA (eps - eps_p):
 
     s > N_y             yields: eps_p grows until s = N_y
     s < 0, cable        slack: s = 0, whatever the length; a bar takes compression, down to -N_y
 
 The paper writes increments, whose sum is the logarithmic strain; both measures are offered.
 
-Two forms of the same law: for one element of `Elements` (`axial_force` and what follows), and for a slot of the
-vector loop of the step (`force_density`), arranged for whole registers.
+Two forms of the same law: for one element of `Elements` (`axial_force` and what follows), and for a slot of
+the vector loop of the step (`force_density`), arranged for whole registers.
 """
 
 import math
@@ -63,9 +63,9 @@ def axial_force(elements, e, eps, eps_p):
     """Axial force [N] and plastic strain of element e at strain eps after plastic strain eps_p."""
     N = elements.EA[e] * (eps - eps_p)
     if elements.yield_force is not None:
-        if elements.yield_force[e] < N:
+        if N > elements.yield_force[e]:
             return elements.yield_force[e], eps_p + (N - elements.yield_force[e]) / elements.EA[e]
-        if -elements.yield_force[e] > N and elements.bar[e]:
+        if N < -elements.yield_force[e] and elements.bar[e]:
             return -elements.yield_force[e], eps_p + (N + elements.yield_force[e]) / elements.EA[e]
     if N < 0.0 and not elements.bar[e]:
         return 0.0, eps_p  # slack
@@ -74,7 +74,7 @@ def axial_force(elements, e, eps, eps_p):
 
 @kernel
 def stored_energy(elements, e, N, eps_p, law):
-    """Elastic energy [J] of element e at axial force N [N]: the integral of N dL from the unstressed state."""
+    """Elastic energy [J] of element e at axial force N [N]: the integral of N dL from L0 on."""
     EA, L0 = elements.EA[e], elements.L0[e]
     if EA == 0.0:
         return 0.0

@@ -1,9 +1,12 @@
-"""The kick of a particle: from v(n-1/2) to v(n+1/2) by central difference, damping implicit in the mean velocity.
+"""The motion of a particle along one axis: kick from v(n-1/2) to v(n+1/2) by central difference.
 
-(1 + zeta dt/2) v(n+1/2) = (1 - zeta dt/2) v(n-1/2) + dt a,    dt the mean of the steps before and after n
+Damping is implicit in the mean velocity:
+    (1 + zeta dt/2) v(n+1/2) = (1 - zeta dt/2) v(n-1/2) + dt a,    dt the mean of the steps before and after n
 """
 
 from typing import NamedTuple
+
+import numpy as np
 
 from netfall.compile import kernel, part_of_kernel
 from netfall.mechanics.arithmetic import like
@@ -43,3 +46,34 @@ def kicked(v, a, kick):
 def inverse_mass(mass):
     """1 / mass [1/kg]; 0 for a particle left without mass, which keeps its velocity."""
     return 1.0 / mass if mass > 0.0 else 0.0
+
+
+class Axis(NamedTuple):
+    """One axis of the particles, as in the table of fields: each (n,), None where there is no such thing."""
+
+    v: np.ndarray
+    free: np.ndarray | None
+    load: np.ndarray | None
+    load_before: np.ndarray | None
+    load_after: np.ndarray | None
+    wind: np.ndarray | None
+
+
+def _along(k: int):
+    """Function of `Particles` that gives their `Axis` k."""
+
+    @part_of_kernel
+    def axis(particles):
+        return Axis(
+            particles.v[k],
+            None if particles.free is None else particles.free[k],
+            particles.load[k],
+            None if particles.load_before is None else particles.load_before[k],
+            None if particles.load_after is None else particles.load_after[k],
+            None if particles.wind is None else particles.wind[k],
+        )
+
+    return axis
+
+
+along_x, along_y, along_z = (_along(k) for k in range(3))

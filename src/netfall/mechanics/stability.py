@@ -3,20 +3,24 @@
 Central difference is stable for dt < 2 / omega_max. Four figures, each with its element:
 - `any_shape`: holds for the intact net in whatever shape it takes. Each particle's mass is shared among its
   elements in proportion to their stiffness k = EA / L0; an element alone then has
-  omega^2 = Omega_a^2 + Omega_b^2, Omega_p^2 = sum(k) / M, and omega_max of the assembly is at most the largest
-  of these (Rayleigh quotient). The transverse stiffness N / L is below k and needs no extra.
-- `slackening`: omega dt = 1 for every cable, half of the above. A cable that goes slack and comes taut again within a few steps returns
-  another energy than it took, by chance more or less: averaged over the moment of contact, a mass that runs into a slack cable leaves
-  with at most 0.4 % more up to omega dt = 1, but with 7 % more at 1.5, 28 % at 1.6 and 107 % at 1.8 (tests/test_extremes.py); there
-  short cables among heavy particles strain themselves to subdomains, long before the step is unstable.
-- `after_fracture`: holds after any fractures in any shape. A fragment, that is a particle that splits off, takes half of
-  its element's own mass and, if the step needs it, some of what its end carried besides (cladding): its mass is at least
-  k dt^2 / 2. Then omega_p^2 = sum(k) / M <= 2 / dt^2 at every particle, fragments and what they leave alike, and as above
-  omega^2 <= 4 / dt^2 for every element. What may be taken is bounded (`after_fracture_limit`); nothing is made from nothing.
-  Where nothing is carried this is dt < L0 / c of the shortest element.
-  Without fragments there is no such limit: what breaks is taken out, which makes nothing stiffer and nothing lighter.
-- `assembled`: 2 / omega_max of the assembled net as it stands, the sharp limit of the start (`solve/spectrum.py`).
-`scaled_mass` adds inertia where that makes `slackening` longest; the limits are then those of the heavier net.
+  omega^2 = Omega_a^2 + Omega_b^2, Omega_p^2 = sum(k) / M, and omega_max of the assembly is at most the
+  largest of these (Rayleigh quotient). The transverse stiffness N / L is below k and needs no extra.
+- `slackening`: omega dt = 1 for every cable, half of the above. A cable that goes slack and comes taut
+  again within a few steps returns another energy than it took, by chance more or less: averaged over the
+  moment of contact, a mass that runs into a slack cable leaves with at most 0.4 % more up to omega dt = 1,
+  but with 7 % more at 1.5, 28 % at 1.6 and 107 % at 1.8 (tests/test_extremes.py); there short cables among
+  heavy particles strain themselves to pieces, long before the step is unstable.
+- `after_fracture`: holds after any fractures in any shape. A fragment, that is a particle that splits off,
+  takes half of its element's own mass and, if the step needs it, some of what its end carried besides
+  (cladding): its mass is at least k dt^2 / 2. Then omega_p^2 = sum(k) / M <= 2 / dt^2 at every particle,
+  fragments and what they leave alike, and as above omega^2 <= 4 / dt^2 for every element. What may be taken
+  is bounded (`after_fracture_limit`); nothing is made from nothing. Where nothing is carried this is dt < L0
+  / c of the shortest element. Without fragments there is no such limit: what breaks is taken out, which
+  makes nothing stiffer and nothing lighter.
+- `assembled`: 2 / omega_max of the assembled net as it stands, the sharp limit of the start
+  (`solve/spectrum.py`).
+`scaled_mass` adds inertia where that makes `slackening` longest; the limits are then those of the heavier
+net.
 """
 
 from dataclasses import dataclass
@@ -39,7 +43,10 @@ class Limit:
 
 
 def any_shape_limits(elements, EA, L0, mass, free, bar) -> list[Limit]:
-    """`any_shape` and `slackening`, for the intact net. mass : (n,) [kg]; free : (n,) bool, whether any axis is free; bar : (m,) bool."""
+    """`any_shape` and `slackening`, for the intact net.
+
+    mass : (n,) [kg]; free : (n,) bool, whether any axis is free; bar : (m,) bool.
+    """
     k = largest_stiffness(EA, L0)
     stiffness = np.bincount(elements[:, 0], k, len(mass)) + np.bincount(elements[:, 1], k, len(mass))
     square = np.where(free, stiffness / np.where(free, mass, 1.0), 0.0)
@@ -58,11 +65,12 @@ def any_shape_limits(elements, EA, L0, mass, free, bar) -> list[Limit]:
 def after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, share: float) -> Limit:
     """Limit for any fragment of the net, if fragments take along up to `share` of what their ends carry.
 
-    half : (m,) [kg], half of each element's own mass; mass : (n,) [kg]; held : (n,) bool, supports, whose fragments may take all of it
+    half : (m,) [kg], half of each element's own mass; mass : (n,) [kg]; held : (n,) bool, supports,
+        whose fragments may take all of it
     eps_u : (m,) fracture strains; inf: the element never breaks
 
-    The largest dt for which at no end more is needed than may be taken, max(0, k dt^2 / 2 - half) <= share * carried, nor at any
-    particle by all of its elements together more than it carries.
+    The largest dt for which at no end more is needed than may be taken, max(0, k dt^2 / 2 - half) <= share *
+    carried, nor at any particle by all of its elements together more than it carries.
     """
     if not np.isfinite(eps_u).any():
         return Limit("after_fracture", np.inf, -1)
@@ -90,10 +98,13 @@ def after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, share: float
 
 
 def scaled_mass(elements, EA, L0, mass, free, share: float) -> np.ndarray:
-    """Masses (n,) [kg] with up to `share` of the moving ones' sum added where that makes the step for slack cables, omega dt = 1, longest.
+    """Masses (n,) [kg] with inertia added where that makes the step for slack cables, omega dt = 1, longest.
 
-    An element asks for Omega_a^2 + Omega_b^2 <= 1 / dt^2, Omega_p^2 = sum(k) / M. A particle that is above half of that gets as much as leaves the
-    rest to its neighbours, or half if one of them is above it too. free : (n,) bool, whether any axis is free
+    share : of the sum of the moving masses that may be added
+
+    An element asks for Omega_a^2 + Omega_b^2 <= 1 / dt^2, Omega_p^2 = sum(k) / M. A particle that is above
+    half of that gets as much as leaves the rest to its neighbours, or half if one of them is above it too.
+    free : (n,) bool, whether any axis is free
     """
     k = largest_stiffness(EA, L0)
     stiffness = np.where(
@@ -122,5 +133,7 @@ def scaled_mass(elements, EA, L0, mass, free, share: float) -> np.ndarray:
 
 
 def fragment_mass(EA: float, L0: float, half: float, dt: float) -> float:
-    """Mass [kg] of a particle that splits off with an element, in a run whose steps ask for stability at dt [s]."""
+    """Mass [kg] of a particle that splits off with an element, in a run whose steps ask for stability at dt
+    [s].
+    """
     return max(half, 0.5 * EA / L0 * dt * dt)

@@ -1,7 +1,7 @@
 """The arrays of one rank, allocated from the table of fields.
 
-Particles: owned first, then halo, then those that split off (owned too); arrays have spare rows for the latter
-and grow when these are used up. What a scene does not have is None.
+Particles: owned first, then halo, then those that split off (owned too); arrays have spare rows for the
+latter and grow when these are used up. What a scene does not have is None.
 """
 
 import numpy as np

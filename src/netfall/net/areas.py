@@ -63,7 +63,7 @@ def _needs_faces(job: Job, net: Net) -> bool:
 
 def _notes(job: Job, net: Net, plan: Plan, faces: Faces, carries: np.ndarray) -> list[str]:
     """What a user should know of the areas that loads act on. Raises InputError if there are none."""
-    area, notes = tributary_areas(net.x, net, faces), list(plan.notes)
+    area, notes = tributary_areas(net.x, net, faces)[0], list(plan.notes)
     if not (area > 0).any():
         raise InputError(
             f"{job.path}: the net has no closed face in plan, so wind, dead load and pressure have nothing "
@@ -82,7 +82,7 @@ def _notes(job: Job, net: Net, plan: Plan, faces: Faces, carries: np.ndarray) ->
     rim = rim[free[rim] & np.isnan(net.area[rim])]
     if len(rim):
         notes.append(
-            f"the roof ends at {len(rim)} free nodes from which elements go on without closing a face: "
+            f"at {len(rim)} free nodes on the edge of the faces elements go on without closing a face: "
             f"{listed(net.node_id[rim])}; closed faces cover {_covered(plan, faces):.1%} of the outline "
             "in plan; if the roof goes on to the supports, close it with elements between these"
         )
@@ -94,22 +94,31 @@ def _covered(plan: Plan, faces: Faces) -> float:
     if not len(faces):
         return 0.0
     outline = shapely.convex_hull(shapely.multipoints(plan.points[np.unique(plan.segment)]))
-    return float(0.5 * turned_triangles(plan.points, faces).sum() / outline.area)
+    return float(0.5 * turned_triangles(plan.points, faces, double_area).sum() / outline.area)
 
 
-def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> np.ndarray:
-    """Plan area (n,) [m2], >= 0, that each particle carries at x (n, 3) [m], where `area` is not given.
+def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> tuple[np.ndarray, np.ndarray]:
+    """Area of surface (n,) and in plan (n,) [m2], both >= 0, that each particle carries at x (n, 3) [m].
 
     Each face is cut into triangles from its centroid to its sides; half of each goes to either end of a side.
-    Shares of points without a particle go to the rigid boundary.
+    Shares of points without a particle go to the rigid boundary. A given `area` is one of surface.
     """
-    found = np.zeros(net.n)
-    if len(faces):
-        points = np.concatenate([x, net.corners])[:, :2]
-        half = 0.25 * np.abs(turned_triangles(points, faces, double_area))
-        ends = faces.corner, faces.corner[faces.next_corner()]
-        found = sum(np.bincount(end, half, len(points)) for end in ends)[: net.n]
-    return np.where(np.isfinite(net.area), net.area, found)
+    points = np.concatenate([x, net.corners])
+    surface = _shares(points, faces, lambda u, v: np.linalg.norm(np.cross(u, v), axis=1))[: net.n]
+    plan = _shares(points[:, :2], faces, double_area)[: net.n]
+    given, normal = np.isfinite(net.area), normals(x, net, faces)
+    slope = np.where(normal.any(1), np.abs(normal[:, 2]), 1.0)
+    return np.where(given, net.area, surface), np.where(given, net.area * slope, plan)
+
+
+def _shares(points: np.ndarray, faces: Faces, double) -> np.ndarray:
+    """What each point has of the faces around it; double : as in `turned_triangles`."""
+    if not len(faces):
+        return np.zeros(len(points))
+    half = 0.25 * np.abs(turned_triangles(points, faces, double))
+    return sum(
+        np.bincount(end, half, len(points)) for end in (faces.corner, faces.corner[faces.next_corner()])
+    )
 
 
 def normals(x: np.ndarray, net: Net, faces: Faces) -> np.ndarray:

@@ -1,5 +1,7 @@
 """The net of a job: from a generator or from tables, with sections, checked as a whole."""
 
+from dataclasses import fields
+
 import numpy as np
 
 from netfall.compile import kernel
@@ -68,12 +70,11 @@ def _with_sections(job: Job) -> Net:
 def _set_sections(job: Job, net: Net) -> None:
     """Sections of the elements from [cable] and the [cable.GROUP] of their group."""
     tables = [vars(job.cable) | job.groups.get(name, {}) for name in net.group_names]
-    column = lambda key, absent=None: np.array([absent if t[key] is None else t[key] for t in tables], float)[
-        net.group
-    ]
-    net.section, net.modulus, net.density = column("area"), column("modulus"), column("density")
-    net.prestress = column("prestress")
-    net.yield_stress, net.fracture_strain = column("yield_stress", np.inf), column("fracture_strain", np.inf)
+    for column in fields(Net):
+        key = column.metadata.get("key")
+        if key:
+            values = [column.metadata["absent"] if t[key] is None else t[key] for t in tables]
+            setattr(net, column.name, np.array(values, float)[net.group])
     net.bar = np.array([t["kind"] == "bar" for t in tables])[net.group]
 
 
@@ -161,4 +162,19 @@ def _whole_net_errors(job: Job, net: Net) -> list[str]:
             f"{job.path}: unstressed_length in {job.net.elements} and [form_finding] exclude each other: "
             "form finding computes the unstressed lengths"
         )
-    return errors
+    return errors + _without_tension(job, net)
+
+
+def _without_tension(job: Job, net: Net) -> list[str]:
+    """Form finding by particles without a prestress: any shape would be in equilibrium."""
+    moving = ~net.fixed[net.elements].all((1, 2))
+    if job.form_finding is None or job.form_finding.method != "fpm" or not moving.any():
+        return []
+    if net.prestress[moving].any():
+        return []
+    other = np.isfinite(net.force_density).any()
+    return [
+        f'{job.path}: [form_finding] method = "fpm": no element that can move has a prestress, and without '
+        "tension there is no form; give prestress in [cable] or as a column"
+        + (', or method = "force_density", which takes the force densities of the table' if other else "")
+    ]

@@ -18,7 +18,7 @@ class Faces:
 
     start : (f + 1,) rows of `corner` at which each face begins
     corner : numbers, from n on points without a particle
-    open_rim : points at which the faces end although an element of the roof goes on
+    open_rim : points at the edge of the faces from which an element of the roof goes on
     """
 
     start: np.ndarray
@@ -58,7 +58,7 @@ def find_faces(net: Net, plan: Plan | None = None) -> Faces:
     polygons = shapely.get_parts(shapely.polygonize(lines))
     used = np.unique(plan.segment)
     rings, polygon = _rings(polygons, plan.points, used)
-    open_rim = _open_rim(rings, polygons, plan)
+    open_rim = _open_rim(rings, plan)
     rings = _with_inner_particles(rings, plan, net)
     plain = (np.bincount(polygon, minlength=len(polygons)) == 1)[polygon] & _seen_whole(rings, plan.points)
     cells = []
@@ -100,14 +100,12 @@ def _sides(rings: Faces) -> np.ndarray:
     return np.column_stack([rings.corner, rings.corner[rings.next_corner()]])
 
 
-def _open_rim(rings: Faces, polygons, plan: Plan) -> np.ndarray:
-    """Ends of what bounds no face and lies in none, on sides that have a face on one of their sides only."""
+def _open_rim(rings: Faces, plan: Plan) -> np.ndarray:
+    """Ends of what bounds no face, on sides that have a face on one of their sides only."""
     sides = _sides(rings)
     key, bounded = pair_key(sides, len(plan.points)), pair_key(plan.segment, len(plan.points))
     values, row, times = np.unique(key, return_inverse=True, return_counts=True)
     rim, loose = sides[times[row.ravel()] == 1], plan.segment[~np.isin(bounded, values)]
-    middle = shapely.points(plan.points[loose].mean(1))
-    loose = np.delete(loose, shapely.STRtree(polygons).query(middle, predicate="within")[0], axis=0)
     return np.intersect1d(rim, loose)
 
 
@@ -135,7 +133,7 @@ def _seen_whole(rings: Faces, points) -> np.ndarray:
     """Whether the triangles from its centroid to its sides fill each ring without overlap; holes do not."""
     seen = np.zeros(len(rings), bool)
     if len(rings):
-        double = turned_triangles(points, rings)
+        double = turned_triangles(points, rings, double_area)
         total = np.bincount(rings.of_corner(), double, len(rings))
         seen = (total > 0) & (np.minimum.reduceat(double, rings.start[:-1]) >= -FLAT * np.abs(total))
     return seen
@@ -146,7 +144,7 @@ def double_area(u, v) -> np.ndarray:
     return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
 
 
-def turned_triangles(points, faces: Faces, double=double_area) -> np.ndarray:
+def turned_triangles(points, faces: Faces, double) -> np.ndarray:
     """Twice the areas (c,) of the triangles from the faces' centroids to their sides, by `double`."""
     of_corner, nxt, counts = faces.of_corner(), faces.next_corner(), np.diff(faces.start)
     mean = lambda values, weight: np.stack(

@@ -4,7 +4,7 @@ At the level of the net one speaks of nodes and cables; the solver's particles a
 rows, in the same order, after subdivision.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -13,12 +13,32 @@ SAME_PLACE = 1e-3  # m, and at most
 SAME_SHARE = 0.01  # of the usual length of an element: nodes no farther apart were meant as one
 
 
+def _node(empty=None, inner=None):
+    """A column of the nodes; empty : a row where none is given; inner : a row of a node from subdivision."""
+    return field(default=None, metadata={"entity": "node", "empty": empty, "inner": inner})
+
+
+def _element(divided: str = "each", empty=None, key: str = "", absent: float | None = None):
+    """A column of the elements; divided : what a part of an element has: "each", "split" or "multiplied".
+
+    key : of [cable] that it is filled from; absent : its value where the job has no such key
+    """
+    row = {"entity": "element", "empty": empty, "divided": divided, "key": key, "absent": absent}
+    return field(default=None, metadata=row)
+
+
+NOTHING, UNKNOWN = (0.0, 0.0, 0.0), (np.nan, np.nan, np.nan)
+
+
 @dataclass
 class Net:
     """Particles and elements of a net with their sections.
 
+    The table of columns: what is not given is filled in, subdivision continues it, and the digest of a run
+    covers it, all from its row here.
+
     x : (n, 3) [m] start geometry; fixed : (n, 3) bool, per axis
-    load : (n, 3) [N]; mass : (n,) [kg] carried; area : (n,) [m2] tributary, nan: from the faces
+    load : (n, 3) [N]; mass : (n,) [kg] carried; area : (n,) [m2] of surface, tributary, nan: from the faces
     normal : (n, 3) upward unit normal of the surface, nan: from the faces
     elements : (m, 2) particle numbers; group : (m,) row of group_names
     section : (m,) [m2]; modulus, yield_stress : (m,) [Pa], inf: elastic; density : (m,) [kg/m3]
@@ -35,40 +55,35 @@ class Net:
     group: np.ndarray
     group_names: list[str]
     node_id: np.ndarray = None
-    element_id: np.ndarray = None
-    load: np.ndarray = None
-    mass: np.ndarray = None
-    area: np.ndarray = None
-    normal: np.ndarray = None
-    force_density: np.ndarray = None
-    unstressed_length: np.ndarray = None
-    section: np.ndarray = None
-    modulus: np.ndarray = None
-    density: np.ndarray = None
-    prestress: np.ndarray = None
-    yield_stress: np.ndarray = None
-    fracture_strain: np.ndarray = None
-    bar: np.ndarray = None
+    element_id: np.ndarray = _element()
+    load: np.ndarray = _node(NOTHING, NOTHING)
+    mass: np.ndarray = _node(0.0, 0.0)
+    area: np.ndarray = _node(np.nan)
+    normal: np.ndarray = _node(UNKNOWN, UNKNOWN)
+    force_density: np.ndarray = _element("multiplied", np.nan)
+    unstressed_length: np.ndarray = _element("split", np.nan)
+    section: np.ndarray = _element(key="area")
+    modulus: np.ndarray = _element(key="modulus")
+    density: np.ndarray = _element(key="density")
+    prestress: np.ndarray = _element(key="prestress")
+    yield_stress: np.ndarray = _element(key="yield_stress", absent=np.inf)
+    fracture_strain: np.ndarray = _element(key="fracture_strain", absent=np.inf)
+    bar: np.ndarray = _element()
     outline: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.int64))
     corners: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     parts: int = 1
     notes: list[str] = field(default_factory=list)
 
     def __post_init__(self):
-        n, m = len(self.x), len(self.elements)
-        empty = {
-            "node_id": np.arange(n),
-            "element_id": np.arange(m),
-            "load": np.zeros((n, 3)),
-            "mass": np.zeros(n),
-            "area": np.full(n, np.nan),
-            "normal": np.full((n, 3), np.nan),
-            "force_density": np.full(m, np.nan),
-            "unstressed_length": np.full(m, np.nan),
-        }
-        for name, value in empty.items():
-            if getattr(self, name) is None:
-                setattr(self, name, value)
+        if self.node_id is None:
+            self.node_id = np.arange(self.n)
+        if self.element_id is None:
+            self.element_id = np.arange(self.m)
+        for column in fields(self):
+            empty = column.metadata.get("empty")
+            if getattr(self, column.name) is None and empty is not None:
+                rows = self.n if column.metadata["entity"] == "node" else self.m
+                setattr(self, column.name, np.full((rows, *np.shape(empty)), empty))
 
     @property
     def n(self) -> int:
@@ -116,33 +131,31 @@ def subdivide(net: Net, parts: int) -> Net:
     start, end = net.x[net.elements[:, 0], None], net.x[net.elements[:, 1], None]
     new = ((1 - share) * start + share * end).reshape(-1, 3)
     k = len(new)
-    grow = lambda a, value: np.concatenate([a, np.full((k,) + a.shape[1:], value, a.dtype)])
-    each = lambda a: np.repeat(a, parts, axis=0)
-    per_element = (
-        "group",
-        "element_id",
-        "force_density",
-        "section",
-        "modulus",
-        "density",
-        "prestress",
-        "yield_stress",
-        "fracture_strain",
-        "bar",
-    )
+    columns = {column.name: _continued(net, column, k, parts) for column in fields(net) if column.metadata}
     return replace(
         net,
         x=np.concatenate([net.x, new]),
-        fixed=grow(net.fixed, False),
-        load=grow(net.load, 0.0),
-        mass=grow(net.mass, 0.0),
-        area=grow(net.area, np.nan if np.isnan(net.area).any() else 0.0),
-        normal=grow(net.normal, np.nan),
+        fixed=np.concatenate([net.fixed, np.zeros((k, 3), bool)]),
         parts=net.parts * parts,
         node_id=np.concatenate([net.node_id, net.node_id.max() + 1 + np.arange(k)]),
         elements=np.stack([chain[:, :-1], chain[:, 1:]], -1).reshape(-1, 2),
-        unstressed_length=each(net.unstressed_length) / parts,
+        group=np.repeat(net.group, parts),
         outline=np.where(net.outline >= n, net.outline + k, net.outline),
-        **{name: each(getattr(net, name)) for name in per_element if getattr(net, name) is not None}
-        | {"force_density": each(net.force_density) * parts},
+        **columns,
     )
+
+
+def _continued(net: Net, column, k: int, parts: int) -> np.ndarray | None:
+    """A column of a net with k more nodes, whose elements are each in `parts`; as its row in `Net` says."""
+    values, row = getattr(net, column.name), column.metadata
+    if values is None:
+        return None
+    if row["entity"] == "node":
+        inner = row["inner"]
+        if column.name == "area":  # where all areas are given, what lies between has none
+            inner = np.nan if np.isnan(values).any() else 0.0
+        return np.concatenate([values, np.full((k, *np.shape(inner)), inner)])
+    each = np.repeat(values, parts, axis=0)
+    if row["divided"] == "each":
+        return each
+    return each / parts if row["divided"] == "split" else each * parts

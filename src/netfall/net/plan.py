@@ -77,7 +77,7 @@ def _stacked(net, points, segment, element) -> list[str]:
         own = [listed(net.element_id[net.parts * element[(segment == p).any(1)]]) for p in pair]
         names.append(" and ".join(f"{net.node_id[p]} (elements {ids})" for p, ids in zip(pair, own)))
     return [
-        f"{len(pairs)} pairs of nodes lie above one another in plan, "
+        f"{len(pairs)} pairs of nodes lie above one another in plan, or were meant as one, "
         "so it is not known which carry the roof: "
         + "; ".join(names)
         + ("; ..." if len(pairs) > MOST_NAMED else "")

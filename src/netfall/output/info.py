@@ -10,6 +10,7 @@ from netfall.errors import InputError
 
 FIRST_EVENTS = 8
 ENERGIES = ("external_work", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work")
+LARGEST_BALANCE = 0.01  # error of the physical balance above which a result is doubtful
 
 
 def open_result(path: Path) -> h5py.File:
@@ -40,6 +41,19 @@ def provenance_text(file: h5py.File, name: str) -> str:
 def title_of(file: h5py.File) -> str:
     """The job's title, else its name."""
     return provenance_text(file, "title") or provenance_text(file, "job_name")
+
+
+def balance_notes(time: np.ndarray, balance: np.ndarray, broken: np.ndarray) -> list[str]:
+    """A note if the physical balance of any row (t,) of the history is off by more than LARGEST_BALANCE."""
+    off = np.flatnonzero(np.abs(balance) > LARGEST_BALANCE)
+    if not len(off):
+        return []
+    smaller = "[dynamics] safety or time_step" + (", or fragment_mass" if broken[-1] else "")
+    return [
+        f"note: the physical balance is off by up to {np.abs(balance).max():.1%} of the energy that took "
+        f"part, by more than {LARGEST_BALANCE:.0%} from t = {time[off[0]]:.4g} s on: the step is too long "
+        f"for some of what happened; compare with a run of half the step (a smaller {smaller})"
+    ]
 
 
 def print_info(path: Path, say: Callable[[str], None]) -> None:
@@ -123,8 +137,10 @@ def _energies(h, say):
     identity, balance = (np.abs(h[name][:]).max() for name in ("identity_error", "balance_error"))
     say(
         f"audits: work identity to {identity:.1e}, physical balance to {balance:.1e} "
-        "of the largest external work"
+        "of the energy that took part"
     )
+    for note in balance_notes(h["time"][:], h["balance_error"][:], h["broken"][:]):
+        say(note)
 
 
 def _fractures(f, say):

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 
-import numpy as np
 from mpi4py import MPI
 
 from netfall.job.read import Job
@@ -34,8 +33,8 @@ def check_job(job: Job, say: Callable[[str], None]) -> None:
     short = job
     if job.form_finding and build_net(job).m > LARGEST_FORM:
         say(
-            f"note: more than {LARGEST_FORM} elements: the form is not found here; figures are those of the start "
-            "geometry"
+            f"note: more than {LARGEST_FORM} elements: the form is not found here; "
+            "figures are those of the start geometry"
         )
         short = Job(**{**vars(job), "form_finding": None})
     setup = prepare(MPI.COMM_SELF, short, Phases())
@@ -65,8 +64,8 @@ def _describe_net(setup: Setup, say) -> None:
     own = float((net.density * net.section * L0).sum())
     say(f"masses: elements {own:.4g} kg, all particles {model.mass.sum():.4g} kg")
     say(
-        f"roof: {model.area.sum():.1f} m2 of surface, {model.plan_area.sum():.1f} m2 in plan; closed faces cover "
-        f"{model.roofing.covered:.1%} of the net's outline in plan (its convex hull)"
+        f"roof: {model.area.sum():.1f} m2 of surface, {model.plan_area.sum():.1f} m2 in plan; "
+        f"closed faces cover {model.roofing.covered:.1%} of the net's outline in plan (its convex hull)"
     )
     for note in model.notes():
         say(f"note: {note}")
@@ -93,10 +92,7 @@ def _describe_memory(job: Job, setup: Setup, say) -> None:
     file = frames * (n * FRAME_BYTES["particle"] + m * FRAME_BYTES["element"])
     file += job.load.steps * (24 * n + 8 * m) if job.load else 0
     say(
-        f"memory: {held / 1e6:.3g} MB for the state ({held / m:.0f} bytes an element) and {SETUP_BYTES * m / 1e6:.3g} "
-        f"MB on rank 0 at set-up, beside some 250 MB for Python on each rank; result file about "
-        f"{max(file, 1e5) / 1e6:.3g} MB"
+        f"memory: {held / 1e6:.3g} MB for the state ({held / m:.0f} bytes an element) and "
+        f"{SETUP_BYTES * m / 1e6:.3g} MB on rank 0 at set-up, beside some 250 MB for Python on each rank; "
+        f"result file about {max(file, 1e5) / 1e6:.3g} MB"
     )
-    loaded = job.wind or (job.load and (job.load.dead or job.load.pressure is not None))
-    if np.isfinite(net.fracture_strain).any() and job.dynamics and not loaded:
-        say("note: elements can break, but neither wind nor load acts on the roof")

@@ -1,4 +1,6 @@
-"""The dynamic stage: from the initial state through gusts and fractures to the end (paper 2.5 step 3, 3, 4)."""
+"""The dynamic stage: from the initial state through gusts and fractures to the end (paper 2.5 step 3, 3,
+4).
+"""
 
 import numpy as np
 from mpi4py import MPI
@@ -10,8 +12,8 @@ from netfall.net.net import GRAVITY
 from netfall.parallel.halo import Halo
 from netfall.solve.energy import Energies, take_snapshot, total_energies
 from netfall.solve.history import History
+from netfall.solve.loads import VaryingLoads, WindLoad
 from netfall.solve.restart import interrupted
-from netfall.solve.windload import WindLoad
 from netfall.step.loop import Interval
 from netfall.step.plan import Plan, halo_width
 
@@ -22,18 +24,22 @@ LOOK_WORK = 200_000_000  # steps of an element, at most, between them: two secon
 class Simulation:
     """One run of the dynamic stage on all ranks.
 
-    Order of events at a step n: the wind moves on to the samples around t(n); the history row; the frame; then
-    the steps to the next target, in which elements break as they reach their fracture strain. In a long way to
-    a target all ranks look at the same steps whether one of them has been asked to stop.
+    Order of events at a step n: the wind moves on to the samples around t(n); the history row; the frame;
+    then the steps to the next target, in which elements break as they reach their fracture strain. In a long
+    way to a target all ranks look at the same steps whether one of them has been asked to stop.
     """
 
-    def __init__(
-        self, run, wind: WindLoad | None, history: History, start_strain: float, start_plastic: float
-    ):
-        """run : `run.Run`; start_strain, start_plastic : [J] from which energies count. Collective."""
+    def __init__(self, run, loads: list, history: History, start_strain: float, start_plastic: float):
+        """run : `run.Run`.
+
+        Loads : that vary, as `solve.loads` has them; start_strain, start_plastic : [J] from which energies
+        count. Collective.
+        """
         job, schedule, distribution = run.job, run.schedule, run.setup.distribution
         self.comm, self.state, self.schedule = run.comm, run.setup.state, schedule
-        self.log, self.history, self.wind = run.log, history, wind
+        self.log, self.history = run.log, history
+        self.wind = next((load for load in loads if isinstance(load, WindLoad)), None)
+        self.loads = VaryingLoads(self.state, loads)
         self.result, self.progress, self.phases = run.result, run.progress, run.phases
         self.stop, self.save = run.stop, run.saver
         self.zeta = job.dynamics.damping
@@ -99,10 +105,10 @@ class Simulation:
         self.halo.free()
 
     def snapshot(self):
-        """Snapshot of the present step, with the wind at its time."""
-        if self.wind:
-            self.wind.advance(self.state, self.n, self.schedule.step_at)
-        return take_snapshot(self.state, self.before_dt, self.schedule.dt, self.zeta, self.wind_share())
+        """Snapshot of the present step, with the loads at its time."""
+        self.loads.advance(self.state, self.n, self.schedule.step_at)
+        share = (self.time - self.loads.time) / self.loads.dt
+        return take_snapshot(self.state, self.before_dt, self.schedule.dt, self.zeta, share)
 
     def record(self) -> dict:
         """Where the run stands, for `restore`."""
@@ -115,24 +121,20 @@ class Simulation:
         }
 
     def restore(self, record: dict) -> None:
-        """Take up the record of an earlier run."""
-        self.n, self.before_dt, self.largest_work = (
-            record["step"],
-            record["before_dt"],
-            record["largest_work"],
-        )
-
-    def wind_share(self) -> float:
-        """Place of the present time between the wind's two samples."""
-        return (self.time - self.wind.time) / self.wind.dt if self.wind else 0.0
+        """Take up the record of an earlier run; the loads stand where it left them."""
+        self.n, self.before_dt = record["step"], record["before_dt"]
+        self.largest_work = record["largest_work"]
+        self.loads.restart(self.state, self.n, self.schedule.step_at)
 
     def advance_to(self, target: int) -> None:
-        """Step to number `target`, with the wind moving on where it is due. Raises Interrupted if asked to."""
+        """Step to number `target`, with the wind moving on where it is due.
+
+        Raises Interrupted if asked to.
+        """
         while self.n < target:
             stop = min(target, self.n - self.n % self.look_every + self.look_every)
-            if self.wind:
-                self.wind.advance(self.state, self.n, self.schedule.step_at)
-                stop = min(stop, self.wind.due(self.schedule.step_at))
+            self.loads.advance(self.state, self.n, self.schedule.step_at)
+            stop = min(stop, self.loads.due(self.schedule.step_at))
             if self.after_fracture == "all" and not self.log.events:
                 self.advance_until_first_fracture(stop)
             else:
@@ -150,7 +152,7 @@ class Simulation:
 
     def advance_block(self, stop: int) -> None:
         """Step to number `stop` without a word to ranks that are not neighbours."""
-        sample = (self.wind.time, self.wind.dt) if self.wind else (0.0, 1.0)
+        sample = self.loads.time, self.loads.dt
         dt = self.schedule.dt
         while self.n < stop:
             interval = Interval(self.n, stop - self.n, self.before_dt, dt, self.zeta, *sample)
@@ -167,10 +169,11 @@ class Simulation:
         self.state.end_block()
 
     def advance_until_first_fracture(self, stop: int) -> None:
-        """For after_fracture = "all": the whole wind ends with the first fracture, at the same step on all ranks.
+        """For after_fracture = "all": the whole wind ends with the first fracture, at the same step on all
+        ranks.
 
-        A rank learns of a fracture elsewhere only at the end of a block. The block that holds the first one is
-        therefore taken back and stepped again to just behind it; no step waits for a reduction.
+        A rank learns of a fracture elsewhere only at the end of a block. The block that holds the first one
+        is therefore taken back and stepped again to just behind it; no step waits for a reduction.
         """
         begin, kept = (self.n, self.before_dt, len(self.events)), self.state.copy()
         self.advance_block(stop)
@@ -185,7 +188,10 @@ class Simulation:
             self.share_events()
 
     def share_events(self, slack_here: int = 0) -> None:
-        """Broadcast the fractures since the last time, so that every rank knows all of them; count slack cables; hear of a wish to stop."""
+        """Broadcast the fractures since the last time, so that every rank knows all of them.
+
+        Count slack cables; hear of a wish to stop.
+        """
         counts = np.array([len(self.events), slack_here, self.stop.wanted], np.int64)
         self.comm.Allreduce(MPI.IN_PLACE, counts, MPI.SUM)
         events, self.slack, stopping = counts.tolist()
@@ -208,7 +214,6 @@ class Simulation:
         """One row of /history, and the probes'."""
         strain, plastic = e.strain - self.start_strain, e.plastic - self.start_plastic
         self.largest_work = np.fmax(self.largest_work, abs(e.external))
-        scale = self.largest_work or 1.0
         identity = e.kinetic + e.internal + e.damping - e.external
         balance = e.kinetic + strain + plastic + e.damping - e.external
         self.history.add(
@@ -220,8 +225,8 @@ class Simulation:
             plastic_dissipation=plastic,
             damping_work=e.damping,
             external_work=e.external,
-            identity_error=identity / scale,
-            balance_error=balance / scale,
+            identity_error=identity,
+            balance_error=balance,
             slack=self.slack,
             broken=len(self.log.broken),
         )
@@ -244,8 +249,8 @@ class Simulation:
             self.model and (self.model.node_name(particle), self.model.id_of(element))
         )
         raise DivergedError(
-            f"diverged at t = {self.time:.6g} s (step {self.n}): kinetic energy {kinetic:.3g} J is out of all "
-            f"proportion to the external work; fastest: {node}, most strained: element {element}; "
+            f"diverged at t = {self.time:.6g} s (step {self.n}): kinetic energy {kinetic:.3g} J is "
+            f"out of all proportion to the external work; fastest: {node}, most strained: element {element}; "
             "take a smaller time_step or safety"
         )
 

@@ -3,7 +3,8 @@
 Work identity: the kinetic energy is what external work, less the work against internal forces and damping,
 leaves; with the half-step velocities this holds to rounding at any step, and so finds bugs. Physical balance:
 the same with the elements' own stored and dissipated energy instead of the work against them; it drifts with
-the step and is the error that users should see.
+the step and is the error that users should see. Both are told as shares of the energy that took part
+(`history.energy_in_play`).
 """
 
 import math
@@ -12,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from netfall.compile import kernel
+from netfall.compile import kernel, part_of_kernel
 from netfall.mechanics.elements import ElementState, add_tensions, element_energies, element_state
 from netfall.mechanics.loads import external_force, squared_speed
-from netfall.mechanics.motion import inverse_mass, kicked, make_kick
+from netfall.mechanics.motion import along_x, along_y, along_z, inverse_mass, kicked, make_kick
 from netfall.mechanics.state import State
 from netfall.parallel.sums import exact_sums
 
@@ -32,6 +33,22 @@ class Energies:
     internal: float
 
 
+@part_of_kernel
+def energies_along(p, axis, internal, square, part, kick, mass):
+    """Velocity [m/s] of particle p along an axis at the very time n, and works [J] on the way there.
+
+    part : share of the kick that comes before n; internal : force [N]; works: external, internal, damping
+    """
+    old = np.float64(axis.v[p])
+    if not axis.free[p]:
+        return old, 0.0, 0.0, 0.0
+    force = external_force(p, 0.0, axis, square, kick.share)
+    new = kicked(old, (internal + force) * inverse_mass(mass), kick)
+    now = old + part * (new - old)
+    way = part * kick.dt * (0.5 * (old + now))
+    return now, way * force, way * internal, way * (kick.zeta * mass * (0.5 * (old + new)))
+
+
 @kernel
 def particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, velocity, terms):
     """Velocity and energy terms of owned particles at the very time n, part of the way through the kick.
@@ -41,34 +58,23 @@ def particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, veloci
     velocity : (r, 3) [m/s], out; terms : (4, r) [J], out: kinetic, damping, external, internal
     """
     kick = make_kick(part, kick_dt, zeta, share)
+    x, y, z = along_x(particles), along_y(particles), along_z(particles)
     for i in range(rows.shape[0]):
         p = rows[i]
-        mass = particles.mass[p]
-        per_mass = inverse_mass(mass)
-        square = 0.0
+        mass, square = particles.mass[p], 0.0
         if particles.wind is not None:
             square = squared_speed(p, particles, share)
-        kinetic = 0.0
-        external, internal, damping = math.nan, math.nan, math.nan
+        vx, ax, bx, cx = energies_along(p, x, f_int[p, 0], square, part, kick, mass)
+        vy, ay, by, cy = energies_along(p, y, f_int[p, 1], square, part, kick, mass)
+        vz, az, bz, cz = energies_along(p, z, f_int[p, 2], square, part, kick, mass)
+        velocity[i, 0], velocity[i, 1], velocity[i, 2] = vx, vy, vz
+        terms[0, i] = 0.5 * mass * (vx * vx) + 0.5 * mass * (vy * vy) + 0.5 * mass * (vz * vz)
+        terms[1, i] = terms[2, i] = terms[3, i] = math.nan
         if particles.work is not None:
-            external, internal, damping = particles.work[0][p], particles.work[1][p], particles.work[2][p]
-        for k in range(3):
-            if particles.wind is None:
-                force = external_force(p, 0.0, particles.load[k], None, square)
-            else:
-                force = external_force(p, 0.0, particles.load[k], particles.wind[k], square)
-            old = particles.v[k][p]
-            now = old
-            if particles.free[k][p]:
-                new = kicked(old, (f_int[p, k] + force) * per_mass, kick)
-                now = old + part * (new - old)
-                way = part * kick_dt * (0.5 * (old + now))
-                external += way * force
-                internal += way * f_int[p, k]
-                damping += way * (zeta * mass * (0.5 * (old + new)))
-            velocity[i, k] = now
-            kinetic += 0.5 * mass * (now * now)
-        terms[0, i], terms[1, i], terms[2, i], terms[3, i] = kinetic, damping, external, -internal
+            external, internal, damping = particles.work
+            terms[1, i] = damping[p] + cx + cy + cz
+            terms[2, i] = external[p] + ax + ay + az
+            terms[3, i] = -(internal[p] + bx + by + bz)
 
 
 @kernel
@@ -108,7 +114,10 @@ class Snapshot:
 
 
 def take_snapshot(state: State, before_dt: float, dt: float, zeta: float, share: float) -> Snapshot:
-    """Forces, velocities and energies at the present step. before_dt, dt : [s] the steps before and after it."""
+    """Forces, velocities and energies at the present step.
+
+    before_dt, dt : [s] the steps before and after it.
+    """
     rows = state.owned_rows()
     velocity, terms = np.empty((len(rows), 3)), np.empty((4, len(rows)))
     N, eps, eps_p, L, stored, heat = np.empty((6, state.m))

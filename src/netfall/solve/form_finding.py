@@ -1,8 +1,8 @@
 """Form finding: the shape in which the net is in equilibrium under its prestress (paper 2.5, steps 1 and 2).
 
 By the particles (FPM), with the tension N = T0 + s EA (L - L_start) / L_start, s a small share of the modulus
-or 0 for constant tension; or by force density, one sparse linear solve (Schek 1974). The unstressed lengths of
-the real material follow in closed form.
+or 0 for constant tension; or by force density, one sparse linear solve (Schek 1974). The unstressed lengths
+of the real material follow in closed form.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
 from netfall.solve.relaxation import Net as RelaxedNet
-from netfall.solve.relaxation import Relaxation, geometric_stiffness, largest_residual, relax
+from netfall.solve.relaxation import Relaxation, geometric_stiffness, largest_force, largest_residual, relax
 from netfall.stop import NEVER, StopRequest
 
 
@@ -27,7 +27,7 @@ class Form:
     """Result of form finding.
 
     x : (n, 3) [m], owned and halo; N : (m,) [N]; residual : largest residual force [N] over the free axes
-    reference : largest prestress [N], which the tolerance refers to
+    reference : largest prestress [N] of what can move, which the tolerance refers to
     """
 
     x: np.ndarray
@@ -106,7 +106,8 @@ class _Elements:
         self.L_start = np.zeros_like(EA)
         self.forces(x, np.zeros_like(x))
         self.L_start = self.L.copy()
-        self.stiffness = modulus_factor * EA / self.L_start
+        with np.errstate(divide="ignore", invalid="ignore"):  # a form that has collapsed is refused later
+            self.stiffness = modulus_factor * EA / self.L_start
 
     def forces(self, x, f):
         """Write the forces f (n, 3) [N] of the elements at x."""
@@ -129,11 +130,14 @@ def find_form(
     stop: StopRequest = NEVER,
     resume: Relaxation | None = None,
 ) -> Form:
-    """The form of the net by the job's method. Collective. net : on rank 0, None elsewhere; stop, resume : as in `relax`."""
+    """The form of the net by the job's method.
+
+    Collective. net : on rank 0, None elsewhere; stop, resume : as in `relax`.
+    """
     x = distribution.particles(None if net is None else net.x)
     free = 1 - distribution.particles(None if net is None else net.fixed).astype(np.uint8)
     given = _Elements(distribution, net, x, settings.modulus_factor)
-    largest = lambda values: comm.allreduce(float(np.abs(values).max(initial=0.0)), MPI.MAX)
+    largest = lambda N: largest_force(comm, N, given.ends, free)
     if settings.method == "force_density" or settings.start == "force_density":
         x = distribution.particles(on_root(comm, lambda: force_density_form(net)))
         elements = _Elements(distribution, net, x, settings.modulus_factor)
@@ -146,8 +150,8 @@ def find_form(
         residual, reference = comm.allreduce(largest_residual(f, free, halo.n_owned), MPI.MAX), largest(N)
         if not residual <= settings.tolerance * reference:
             raise DivergedError(
-                f"form finding by force density: largest residual {residual:.3g} N, asked {settings.tolerance * reference:.3g} N; "
-                "the densities are nearly singular"
+                f"form finding by force density: largest residual {residual:.3g} N, "
+                f"asked {settings.tolerance * reference:.3g} N; the densities are nearly singular"
             )
         return Form(x, N, 1, residual, reference)
     reference = largest(elements.T0)

@@ -6,7 +6,8 @@ import numpy as np
 
 from netfall.net.net import Net
 
-OF_WORK = "share of the largest external work"
+OF_ENERGY = "share of the largest energy that took part so far"
+AT_REST = 1e-6  # of the energy stored at the start: what moves with less is at rest, and rounding counts
 UNITS = {  # column of /history: unit
     "time": "s",
     "time_step": "s",
@@ -15,12 +16,23 @@ UNITS = {  # column of /history: unit
     "plastic_dissipation": "J",
     "damping_work": "J",
     "external_work": "J",
-    "identity_error": OF_WORK,
-    "balance_error": OF_WORK,
+    "identity_error": OF_ENERGY,
+    "balance_error": OF_ENERGY,
     "slack": "cables",
     "broken": "elements",
 }
 COUNTS = ("slack", "broken")
+ERRORS = ("identity_error", "balance_error")
+
+
+def energy_in_play(row: dict[str, float]) -> float:
+    """The energy [J] that takes part at one time: external work, or where energy has gone if that is more.
+
+    It goes into motion, strain, yield and damping; else it comes from the strain at the start.
+    """
+    gone = row["kinetic_energy"] + max(row["strain_energy"], 0.0) + row["plastic_dissipation"]
+    energy = max(abs(row["external_work"]), gone + row["damping_work"])
+    return energy if energy == energy else 0.0  # nan without the audit
 
 
 @dataclass(frozen=True)
@@ -38,10 +50,14 @@ def find_probes(net: Net, places) -> Probes:
 
 
 class History:
-    """Rows so far; each has a value for every name of UNITS."""
+    """Rows so far; each has a value for every name of UNITS.
 
-    def __init__(self, probes: Probes):
-        self.probes = probes
+    scale : [J] largest energy that took part so far, which both errors are shares of
+    """
+
+    def __init__(self, probes: Probes, stored: float = 0.0):
+        """stored : [J] in the elements at the start"""
+        self.probes, self.scale = probes, AT_REST * stored
         self.rows: dict[str, list] = {name: [] for name in UNITS}
         self.probe_rows: list[np.ndarray] = []
 
@@ -49,7 +65,10 @@ class History:
         return len(self.rows["time"])
 
     def add(self, probe_row: np.ndarray, **values: float) -> None:
-        """A row. probe_row : displacements (p, 3) and tensions (k,) of the probes, one after the other"""
+        """A row, both errors in J. probe_row : displacements (p, 3) and tensions (k,) of the probes."""
+        self.scale = max(self.scale, energy_in_play(values))
+        for name in ERRORS:
+            values[name] /= self.scale or 1.0
         for name, column in self.rows.items():
             column.append(values[name])
         self.probe_rows.append(probe_row)
@@ -84,4 +103,6 @@ class History:
     def restore(self, arrays: dict[str, np.ndarray]) -> None:
         """Take up the rows of an earlier run."""
         self.rows = {name: arrays[f"history_{name}"].tolist() for name in UNITS}
+        for row in zip(*self.rows.values()):
+            self.scale = max(self.scale, energy_in_play(dict(zip(self.rows, row))))
         self.probe_rows = list(arrays["probe_rows"])

@@ -18,7 +18,14 @@ from netfall.net.areas import Roofing, normals, roof_of, tributary_areas
 from netfall.net.build import build_net
 from netfall.net.net import GRAVITY, Net
 from netfall.parallel import partition
+from netfall.solve.start import check_start, unit_notes
+from netfall.solve.unused import without_effect
 from netfall.wind.field import GeneratedHistory, make_wind_field, read_measured
+
+COLLAPSED = (
+    1e-6  # of the length that is given: an element so short in the form that was found is none any more
+)
+LARGEST_LOG = 500.0  # of a logarithmic strain: exp of much more is no number
 
 
 @dataclass
@@ -39,10 +46,12 @@ class Model:
     L0: np.ndarray = None  # m
     mass: np.ndarray = None  # kg
     added: np.ndarray = None  # kg, of it, by mass scaling: inertia without weight
-    load: np.ndarray = None  # N
+    load: np.ndarray = None  # N, constant
+    growing: np.ndarray = None  # N, that grows over [load] ramp
     wind: np.ndarray = None  # N s2/m2
     wind_field: object = None
     history: object = None  # of the wind
+    notes_of_values: list[str] = field(default_factory=list)
     notes_of_history: list[str] = field(default_factory=list)
 
     @property
@@ -90,9 +99,13 @@ class Model:
         """(m,), strain at fracture; inf: never breaks."""
         return self.net.fracture_strain
 
+    def column(self, name: str) -> np.ndarray:
+        """What a field of `mechanics.fields` starts with: an attribute here, or a column of the net."""
+        return getattr(self, name) if hasattr(self, name) else getattr(self.net, name)
+
     def notes(self) -> list[str]:
         """What is plausible but odd in the net, its tables and its roof."""
-        return self.net.notes + self.roofing.notes + self.notes_of_history
+        return self.net.notes + self.roofing.notes + self.notes_of_values + self.notes_of_history
 
     def id_of(self, e: int) -> int:
         """Id of an element."""
@@ -122,7 +135,7 @@ def make_model(job: Job, ranks: int) -> Model:
     if part is None:
         part = partition.metis_partition(net.n, net.elements, ranks)
     model = Model(net, roofing, part, source)
-    model.area = model.plan_area = tributary_areas(net.x, net, roofing.faces)
+    model.notes_of_values = without_effect(job, net) + unit_notes(net)
     if job.wind and job.wind.file:
         model.history = read_measured(job)
         model.notes_of_history = model.history.notes
@@ -149,12 +162,19 @@ def scene_of(job: Job, net: Net) -> Scene:
         plastic=bool(np.isfinite(net.yield_stress).any()),
         fracture=bool(np.isfinite(net.fracture_strain).any()),
         wind=job.wind is not None,
+        varying=grows(job),
         logarithmic=job.cable.strain == "logarithmic",
         bars=bool(net.bar.any()),
         part_held=bool((net.fixed.any(1) & ~net.fixed.all(1)).any()),
         sections=differ(net.modulus * net.section) or differ(net.yield_stress * net.section),
         energy=job.output.energy,
     )
+
+
+def grows(job: Job) -> bool:
+    """Whether the pressure of [load] grows in the dynamic stage."""
+    load = job.load
+    return bool(job.dynamics and load and load.pressure is not None and load.ramp and not load.steps)
 
 
 def set_initial(job: Job, model: Model, x: np.ndarray, N: np.ndarray | None) -> None:
@@ -174,9 +194,11 @@ def set_initial(job: Job, model: Model, x: np.ndarray, N: np.ndarray | None) -> 
         L0 = np.where(given, net.unstressed_length, L0)
         N = np.where(given, elastic_forces(L, L0, EA, net.bar, logarithmic), N)
     model.x, model.N, model.L0 = x, N, L0
+    model.notes_of_values += check_start(job, model)
     half = model.half_mass
     own = np.bincount(net.elements[:, 0], half, net.n) + np.bincount(net.elements[:, 1], half, net.n)
     model.mass, model.load = own + net.mass, net.load.copy()
+    model.area, model.plan_area = tributary_areas(x, net, model.roofing.faces)
     normal = normals(x, net, model.roofing.faces)
     _check_normals(job, model, normal)
     if job.load is not None:
@@ -202,7 +224,10 @@ def _add_loads(job: Job, model: Model, own: np.ndarray, normal: np.ndarray) -> N
         # against the upward normal: what is positive presses on the roof
         number = isinstance(load.pressure, int | float)
         along = -load.pressure * normal if number else np.array(load.pressure)[None]
-        model.load += model.area[:, None] * along
+        if grows(job):
+            model.growing = model.area[:, None] * along
+        else:
+            model.load += model.area[:, None] * along
 
 
 def _check_normals(job: Job, model: Model, normal: np.ndarray) -> None:
@@ -211,9 +236,9 @@ def _check_normals(job: Job, model: Model, normal: np.ndarray) -> None:
     bare = (model.area > 0) & ~normal.any(1) & model.moves
     if along and bare.any():
         raise InputError(
-            f"{job.path}: {int(bare.sum())} free nodes with a roof area meet no closed face in plan, so wind and "
-            f"pressure have no normal to act along (first: node {model.net.node_id[bare][0]}); close the faces "
-            "with elements, give normal_x, normal_y, normal_z in nodes.csv, or pressure as [x, y, z]"
+            f"{job.path}: {int(bare.sum())} free nodes with a roof area meet no closed face in plan, so wind "
+            f"and pressure have no normal to act along (first: node {model.net.node_id[bare][0]}); close the "
+            "faces with elements, give normal_x, normal_y, normal_z in nodes.csv, or pressure as [x, y, z]"
         )
 
 
@@ -233,7 +258,7 @@ def _check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
             ),
         ),
         (
-            1.0 + N / EA <= 0,
+            (1.0 + N / EA <= 0) | ((job.cable.strain == "logarithmic") & (np.abs(N) > LARGEST_LOG * EA)),
             lambda e: f"its axial force {N[e]:.4g} N is beyond its stiffness EA; choose a larger area",
         ),
     )
@@ -242,11 +267,14 @@ def _check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
         if wrong.any():
             e = int(np.argmax(wrong))
             errors.append(f"{job.path}: element {net.element_id[e]}: {words(e)}")
-    short = np.flatnonzero(~(L > 0))
-    if len(short):
+    share = L / net.lengths()
+    if not share.min() > COLLAPSED:
+        e = int(np.argmin(share))
+        ids = "-".join(str(net.node_id[p]) for p in net.elements[e])
         errors.append(
-            f"{job.path}: element {net.element_id[short[0]]} has no length in the form that was found; "
-            "choose other prestresses"
+            f"{job.path}: [form_finding]: the form has collapsed: element {net.element_id[e]} (nodes {ids}) "
+            f"is {L[e]:.3g} m long in it, {net.lengths()[e]:.4g} m as given; fix more nodes, or give "
+            "prestresses or force densities that hold the free ones apart"
         )
     if errors:
         raise InputError(errors)

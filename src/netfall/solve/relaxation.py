@@ -1,9 +1,9 @@
 """Dynamic relaxation: the particles move under their residual forces until these vanish.
 
-Kinetic damping (Barnes 1999): whenever the kinetic energy has passed a peak, the particles are put back to where
-it peaked, at rest. (Without going back, rests can fall into step with a mode that is then never damped.) The
-virtual mass M = dt^2/2 sum(k) of the attached elements' stiffness lets every particle take its largest stable
-step dt = 1. Serves form finding and statics alike; only the forces differ.
+Kinetic damping (Barnes 1999): whenever the kinetic energy has passed a peak, the particles are put back to
+where it peaked, at rest. (Without going back, rests can fall into step with a mode that is then never
+damped.) The virtual mass M = dt^2/2 sum(k) of the attached elements' stiffness lets every particle take its
+largest stable step dt = 1. Serves form finding and statics alike; only the forces differ.
 """
 
 from collections.abc import Callable
@@ -47,7 +47,10 @@ class Paused(Exception):
 
 @kernel
 def relax_step(x, v, f, mass, free, first, n_owned, kinetic):
-    """One step of all particles (n, 3); `kinetic` (n_owned,) gets their energy. `first`: the step after a rest, half a kick."""
+    """One step of all particles (n, 3); `kinetic` (n_owned,) gets their energy.
+
+    `first`: the step after a rest, half a kick.
+    """
     share = 0.5 if first else 1.0
     for p in range(mass.shape[0]):
         energy = 0.0
@@ -62,7 +65,7 @@ def relax_step(x, v, f, mass, free, first, n_owned, kinetic):
 
 @kernel
 def return_to_peak(x, v, f, mass, free):
-    """Put the particles back where the kinetic energy peaked, half a step before the last but one, and at rest.
+    """Put the particles, at rest, where the kinetic energy peaked: half a step before the last but one.
 
     x* = x - 3/2 v + 1/2 f / M, dt = 1 (Barnes 1999)
     """
@@ -123,7 +126,8 @@ def relax(
 ) -> tuple[int, float]:
     """Move net.x to equilibrium; the iterations and the largest residual [N]. Collective.
 
-    tolerance : [N] of the largest residual; stop : a wish to pause; resume : where an earlier relaxation was paused
+    tolerance : [N] of the largest residual; stop : a wish to pause; resume : where an earlier relaxation
+        was paused
 
     Raises DivergedError when the iterations run out or the residual is no number, Paused if asked to stop.
     """
@@ -145,8 +149,8 @@ def relax(
                 return iteration, residual
             if not np.isfinite(residual):
                 raise DivergedError(
-                    f"{what}: the residual is no number after {iteration} iterations; check the net's geometry and "
-                    "sections"
+                    f"{what}: the residual is no number after {iteration} iterations; "
+                    "check the net's geometry and sections"
                 )
             report(iteration, residual)
             if stopping:
@@ -173,6 +177,18 @@ def relax(
     )
 
 
+def largest_force(comm: MPI.Comm, N: np.ndarray, ends: np.ndarray, free: np.ndarray, load=None) -> float:
+    """Largest force [N] that acts on what can move, which tolerances refer to. Collective.
+
+    N : (m,) [N]; ends : (m, 2); free : (n, 3); load : (n_owned, 3) [N], None: tensions alone. What supports
+    take directly, a load on them or a backstay between them, is far from any free axis and does not count.
+    """
+    mine = np.abs(N[free.any(1)[ends].any(1)]).max(initial=0.0)
+    if load is not None:
+        mine = max(mine, np.abs(load[free[: len(load)] != 0]).max(initial=0.0))
+    return float(comm.allreduce(mine, MPI.MAX))
+
+
 def net_of(state: State, factor: float) -> Net:
     """The net of a state under a share of its load, plastic state unchanged."""
 
@@ -195,7 +211,9 @@ def geometric_stiffness(N: np.ndarray, L: np.ndarray) -> np.ndarray:
 
 
 def state_residual(comm: MPI.Comm, state: State, factor: float) -> float:
-    """Largest residual force [N] on a free axis at the present positions under a share of the load. Collective."""
+    """Largest residual force [N] on a free axis at the present positions under a share of the load.
+    Collective.
+    """
     f = np.zeros_like(state.x)
     net_of(state, factor).forces(state.x, f)
     return comm.allreduce(largest_residual(f, state.free, state.n_owned), MPI.MAX)

@@ -1,4 +1,4 @@
-"""The sentences of `run` and `check`: what the net is, what was found, what a user should know before the run."""
+"""The sentences of `run` and `check`: what the net is, what was found, what a user should know."""
 
 from pathlib import Path
 
@@ -8,6 +8,7 @@ from netfall.job.read import Job
 from netfall.mechanics.events import EventLog
 from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.stability import Limit
+from netfall.output.info import balance_notes
 from netfall.output.progress import Progress
 from netfall.parallel import partition
 from netfall.solve.history import History, find_probes
@@ -58,9 +59,13 @@ def after_run(
         identity, balance = history.largest("identity_error"), history.largest("balance_error")
         if np.isfinite(identity):  # not without the audit
             progress.say(
-                f"energy: work identity to {identity:.1e}, physical balance to {balance:.1e} of the largest "
-                "external work"
+                f"energy: work identity to {identity:.1e}, physical balance to {balance:.1e} of the energy "
+                "that took part"
             )
+            for note in balance_notes(
+                *(np.array(history.rows[k]) for k in ("time", "balance_error", "broken"))
+            ):
+                progress.say(note)
     progress.say("time: " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in phases.seconds.items()))
     progress.say(f"written: {path}")
 
@@ -157,15 +162,18 @@ def probe_remarks(model: Model, places) -> list[str]:
         away = float(np.hypot(*(net.x[p, :2] - np.array(place))))
         if away > longest:
             remarks.append(
-                f"note: [output] probes: [{place[0]:g}, {place[1]:g}] is {away:.4g} m away from every node, the "
-                f"longest element {longest:.4g} m long; its histories are those of node {net.node_id[p]}, at "
-                f"[{net.x[p, 0]:.6g}, {net.x[p, 1]:.6g}]"
+                f"note: [output] probes: [{place[0]:g}, {place[1]:g}] is {away:.4g} m away from every node, "
+                f"the longest element {longest:.4g} m long; its histories are those "
+                f"of node {net.node_id[p]}, at [{net.x[p, 0]:.6g}, {net.x[p, 1]:.6g}]"
             )
     return remarks
 
 
 def step_remarks(job: Job, setup: Setup, dt: float) -> list[str]:
-    """What a user should know of mass that was added, of the precision, and of a fixed step. dt : [s] the step"""
+    """What a user should know of mass that was added, of the precision, and of a fixed step.
+
+    dt : [s] the step
+    """
     remarks = []
     if setup.model.added is not None:
         remarks.append(_added_mass(setup.model))
@@ -175,9 +183,9 @@ def step_remarks(job: Job, setup: Setup, dt: float) -> list[str]:
     if job.dynamics.time_step != "auto" and job.dynamics.time_step > limit.dt:
         element, length = setup.model.net.element_id[limit.element], setup.model.L0[limit.element]
         remarks.append(
-            f"note: time_step = {job.dynamics.time_step:g} is above {limit.dt:.4g} s, from which on cables that go "
-            f"slack and come taut again gain energy (first: element {element}, {length:.3g} m): it is right as long "
-            "as short cables stay taut"
+            f"note: time_step = {job.dynamics.time_step:g} is above {limit.dt:.4g} s, from which on cables "
+            f"that go slack and come taut again gain energy (first: element {element}, {length:.3g} m): "
+            "it is right as long as short cables stay taut"
         )
     return remarks
 

@@ -106,7 +106,10 @@ def interrupted(when: str, path: Path) -> Interrupted:
 def pause_form_finding(
     job: Job, result_path: Path, digest: str, distribution: Distribution, pause: Paused, given: Path | None
 ) -> Path:
-    """Write a checkpoint of the form finding where it was paused; its path. Collective. given : as in `Saver`"""
+    """Write a checkpoint of the form finding where it was paused; its path.
+
+    Collective. given : as in `Saver`
+    """
     path = checkpoint_path(result_path, "form finding", pause.at.iteration)
     record, arrays = relaxation_record(distribution, pause.at)
     record |= {"job": digest, "name": job.title or job.name, "stage": "form finding"}
@@ -210,7 +213,7 @@ def restore_history(comm: MPI.Comm, history, checkpoint: Checkpoint | None) -> N
     )
 
 
-def restore_wind(comm: MPI.Comm, wind, state: State, checkpoint: Checkpoint | None) -> None:
+def restore_wind(comm: MPI.Comm, wind, checkpoint: Checkpoint | None) -> None:
     """The wind's samples and, on rank 0, the recursion that makes the next ones. Collective."""
     record = comm.bcast(
         {
@@ -226,4 +229,4 @@ def restore_wind(comm: MPI.Comm, wind, state: State, checkpoint: Checkpoint | No
         if checkpoint
         else {}
     )
-    wind.restore(state, record)
+    wind.restore(record)

@@ -1,4 +1,7 @@
-"""A whole job: form finding, statics, dynamics, one result file. The program in the order in which it runs."""
+"""A whole job: form finding, statics, dynamics, one result file.
+
+The program in the order in which it runs.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +21,7 @@ from netfall.parallel.agree import on_root
 from netfall.solve.dynamics import Simulation
 from netfall.solve.energy import take_snapshot, total_energies
 from netfall.solve.history import UNITS, History, find_probes
+from netfall.solve.loads import GrowingLoad, WindLoad
 from netfall.solve.provenance import how_it_writes, provenance_of
 from netfall.solve.relaxation import Paused
 from netfall.solve.report import after_run, before_run
@@ -33,7 +37,6 @@ from netfall.solve.restart import (
 from netfall.solve.schedule import Schedule, schedule_of
 from netfall.solve.setup import Setup, prepare
 from netfall.solve.statics import StaticPath, find_equilibrium
-from netfall.solve.windload import WindLoad
 from netfall.stop import NEVER, StopRequest
 from netfall.timings import Phases
 
@@ -122,7 +125,10 @@ def run_stages(run: Run) -> History | None:
 
 
 def take_up(run: Run) -> dict | None:
-    """State, log and statics of the run that is taken up, and its record; None if it has no state yet. Collective."""
+    """State, log and statics of the run that is taken up, and its record.
+
+    None if it has no state yet. Collective.
+    """
     setup, comm = run.setup, run.comm
     if setup.stage not in ("statics", "dynamics"):
         return None
@@ -166,12 +172,7 @@ def run_dynamics(run: Run, record: dict | None) -> Simulation | None:
         run.result.write_final(state, snapshot)
         return None
     with run.phases.phase("wind"):
-        wind = None
-        if run.job.wind:
-            field, history = (model.wind_field, model.history) if model else (None, None)
-            wind = WindLoad(run.comm, run.setup.distribution, state, field, history)
-            if record:
-                restore_wind(run.comm, wind, state, checkpoint)
+        loads = varying_loads(run, record)
     if record:
         start = record["simulation"]["start_strain"], record["simulation"]["start_plastic"]
     else:
@@ -182,13 +183,27 @@ def run_dynamics(run: Run, record: dict | None) -> Simulation | None:
     run.progress.say(
         f"dynamics: {run.job.dynamics.duration:g} s in {run.schedule.steps} steps of {run.schedule.dt:.4g} s"
     )
-    simulation = Simulation(run, wind, History(probes), *start)
+    simulation = Simulation(run, loads, History(probes, start[0]), *start)
     if record:
         simulation.restore(record["simulation"])
         restore_history(run.comm, simulation.history, checkpoint)
     with run.phases.phase("dynamics"):
         simulation.run()
     return simulation
+
+
+def varying_loads(run: Run, record: dict | None) -> list:
+    """The loads that vary in time, as `solve.loads` has them. record : as in `run_dynamics`. Collective."""
+    loads, model, distribution = [], run.setup.model, run.setup.distribution
+    if run.job.wind:
+        field, history = (model.wind_field, model.history) if model else (None, None)
+        loads.append(WindLoad(run.comm, distribution, field, history))
+        if record:
+            restore_wind(run.comm, loads[-1], run.setup.checkpoint)
+    if run.setup.state.scene.varying:
+        force = distribution.particles(model.growing if model else None)
+        loads.append(GrowingLoad(force, run.job.load.ramp))
+    return loads
 
 
 def sections_of(run: Run, simulation: Simulation | None) -> dict[str, dict]:

@@ -1,4 +1,4 @@
-"""When what is due: the step of the dynamic stage, its limits, and the steps of rows, frames and checkpoints."""
+"""The step of the dynamic stage, its limits, and the numbers of the steps at which something is due."""
 
 from dataclasses import dataclass
 
@@ -38,7 +38,9 @@ class Schedule:
 
 
 def make_schedule(limit: float, dynamics, output) -> Schedule:
-    """Steps for the job: its own length, or for "auto" the largest within `limit` [s] that fits the history rows."""
+    """Steps for the job: its own length, or for "auto" the largest within `limit` [s] that fits the history
+    rows.
+    """
     if dynamics.time_step == "auto":
         every = min(output.history, dynamics.duration)
         dt = every / max(1.0, np.ceil(every / (dynamics.safety * limit) - ROUNDING))
@@ -70,7 +72,10 @@ def step_limits(model: Model, scene: Scene, fragment_mass: float) -> dict[str, L
 
 
 def governing(limits: dict[str, Limit], automatic: bool) -> Limit:
-    """The limit that the step must keep whatever the net does; that for slack cables only where it is chosen here."""
+    """The limit that the step must keep whatever the net does.
+
+    That for slack cables only where it is chosen here.
+    """
     binding = [limit for limit in limits.values() if limit.name != "assembled"]
     return min(
         (limit for limit in binding if automatic or limit.name != "slackening"), key=lambda limit: limit.dt
@@ -94,8 +99,8 @@ def schedule_of(job: Job, limits: dict[str, Limit], model: Model) -> Schedule:
     steps = job.dynamics.duration / dt
     if steps > MOST_STEPS:
         raise InputError(
-            f"{job.path}: [dynamics] duration = {job.dynamics.duration:g}: asks for {steps:.3g} steps of {dt:.3g} s; "
-            f"at most {MOST_STEPS:.0e} are possible"
+            f"{job.path}: [dynamics] duration = {job.dynamics.duration:g}: asks for {steps:.3g} steps of "
+            f"{dt:.3g} s; at most {MOST_STEPS:.0e} are possible"
         )
     return make_schedule(limit.dt, job.dynamics, job.output)
 
@@ -113,7 +118,7 @@ def refuse_step(job: Job, limit: Limit, limits: dict[str, Limit], model: Model) 
     }[limit.name]
     more = " (or a larger [dynamics] fragment_mass)" if limit.name == "after_fracture" else ""
     raise InputError(
-        f"{job.path}: [dynamics] time_step = {job.dynamics.time_step:g}: above the stable step {limit.dt:.4g} s "
-        f'{why}, set by element {model.element_name(limit.element)}; expected less, or "auto"; '
-        f"longer elements there would allow more{more}"
+        f"{job.path}: [dynamics] time_step = {job.dynamics.time_step:g}: above the stable step "
+        f"{limit.dt:.4g} s {why}, set by element {model.element_name(limit.element)}; expected less, "
+        f'or "auto"; longer elements there would allow more{more}'
     )

@@ -41,7 +41,7 @@ class Setup:
     halo: Halo
     form: Form | None
     residual: float  # N, of the prestressed net with the real material
-    reference: float  # N, largest tension of the initial state
+    reference: float  # N, largest tension of what can move, in the initial state
     limits: dict[str, Limit] = field(default_factory=dict)
     digest: str = ""  # of job and net, for checkpoints
     stage: str | None = None  # in which the run that is taken up was interrupted; None: a new run
@@ -95,7 +95,7 @@ def prepare(
     with phases.phase("state"):
         state = make_state(distribution, model, scene)
         residual = state_residual(comm, state, 0.0)
-        reference = comm.bcast(float(np.abs(model.N).max(initial=0.0)) if model else None)
+        reference = comm.bcast(_largest_tension(model) if model else None)
         if form is not None:
             _check_form(job, form, residual)
         limits = _limits(comm, job, model, scene, state, distribution, halo)
@@ -112,13 +112,18 @@ def _restored_initial(comm: MPI.Comm, job: Job, model: Model | None, checkpoint:
     return form
 
 
+def _largest_tension(model: Model) -> float:
+    """Of what can move [N]. Rank 0."""
+    return float(np.abs(model.N[model.moves[model.net.elements].any(1)]).max(initial=0.0))
+
+
 def _check_form(job: Job, form: Form, residual: float) -> None:
     """The prestressed net with the real material is in equilibrium too. Raises InputError."""
     if not residual <= 1.001 * job.form_finding.tolerance * form.reference:
         raise InputError(
-            f"{job.path}: [form_finding] tolerance = {job.form_finding.tolerance:g}: the prestressed net with the "
-            f"real material has a residual of {residual / form.reference:.3g} of the prestress; expected a "
-            "tolerance that rounding allows"
+            f"{job.path}: [form_finding] tolerance = {job.form_finding.tolerance:g}: the prestressed net "
+            f"with the real material has a residual of {residual / form.reference:.3g} of the prestress; "
+            "expected a tolerance that rounding allows"
         )
 
 
@@ -143,5 +148,5 @@ def make_state(distribution: Distribution, model: Model | None, scene: Scene) ->
     for row in FIELDS:
         if row.given and scene.has(row):
             spread = distribution.particles if row.entity == "particle" else distribution.elements
-            getattr(state, row.name)[:] = spread(None if model is None else getattr(model, row.name))
+            getattr(state, row.name)[:] = spread(None if model is None else model.column(row.name))
     return state

@@ -1,7 +1,8 @@
-"""The highest frequency of the assembled net, across the ranks: 2 / omega_max is the sharp limit of the step at the start.
+"""The highest frequency of the assembled net: 2 / omega_max is the sharp limit of the step at the start.
 
-Lanczos's iteration on M^-1/2 K M^-1/2, K with material and geometric stiffness, without held axes. Its sums are exact and
-each particle's force is summed as in the time loop, so the limit has the same bits on any number of ranks.
+Lanczos's iteration on M^-1/2 K M^-1/2, K with material and geometric stiffness, without held axes. Its sums
+are exact and each particle's force is summed as in the time loop, so the limit has the same bits on any
+number of ranks.
 """
 
 import numpy as np
@@ -15,13 +16,17 @@ from netfall.parallel.halo import Halo
 from netfall.parallel.sums import exact_sums
 from netfall.solve.relaxation import geometric_stiffness
 
-CLOSE = 1e-4  # of omega_max^2: bound of what is missing, which is then added, so that the limit is on the safe side
+# Of omega_max^2: bound of what is missing, which is then added, so that the limit is on the safe side.
+CLOSE = 1e-4
 MOST = 300  # iterations; the bound is added whatever it is
 EACH = 5  # iterations between looks at the bound
 
 
 def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo: Halo) -> Limit:
-    """2 / omega_max of the net as it stands; slack cables and held axes add nothing. element_gid : (m,); halo : of width 3. Collective."""
+    """2 / omega_max of the net as it stands; slack cables and held axes add nothing.
+
+    element_gid : (m,); halo : of width 3. Collective.
+    """
     s, owned = state, slice(state.n_owned)
     N, _, _, L = s.elements_now()
     direction = (s.x[s.ends[:, 1]] - s.x[s.ends[:, 0]]) / np.maximum(L, 1e-300)[:, None]

@@ -1,4 +1,6 @@
-"""The static stage: load steps to equilibrium by the same particles, under dynamic relaxation (paper 4.1.2)."""
+"""The static stage: load steps to equilibrium by the same particles, under dynamic relaxation (paper
+4.1.2).
+"""
 
 from dataclasses import dataclass, field
 
@@ -7,7 +9,7 @@ from mpi4py import MPI
 
 from netfall.errors import DivergedError
 from netfall.solve.energy import take_snapshot
-from netfall.solve.relaxation import Paused, Relaxation, net_of, relax
+from netfall.solve.relaxation import Paused, Relaxation, largest_force, net_of, relax
 
 
 @dataclass
@@ -24,17 +26,16 @@ class StaticPath:
 def find_equilibrium(run, path: StaticPath | None, resume: Relaxation | None) -> StaticPath:
     """Bring the state to equilibrium under its load in equal steps. Collective.
 
-    run : `run.Run`; path, resume : how far an earlier run came, and where within the load step after that; None:
-        from the start
+    run : `run.Run`; path, resume : how far an earlier run came, and where within the load step after
+        that; None: from the start
 
     Within a load step the plastic strains are those of the step before; what has yielded is kept at its end.
     Raises Paused where it is asked to stop, DivergedError where there is no equilibrium.
     """
     comm, state, settings, progress = run.comm, run.setup.state, run.job.load, run.progress
     if path is None:
-        largest = lambda values: np.abs(values).max(initial=0.0)
-        mine = max(largest(state.elements_now().N), largest(state.load[: state.n_owned]))
-        path = StaticPath(comm.allreduce(mine, MPI.MAX))
+        N, load = state.elements_now().N, state.load[: state.n_owned]
+        path = StaticPath(largest_force(comm, N, state.ends, state.free, load))
     progress.start()
 
     for step in range(len(path.load_factor) + 1, settings.steps + 1):
@@ -80,6 +81,7 @@ def _stop_at_fracture(run, snapshot, factor: float) -> None:
     if first < none:
         name = run.comm.bcast(setup.model and setup.model.id_of(first))
         raise DivergedError(
-            f"the static load breaks element {name} at load factor {factor:.4g}: there is no static equilibrium to "
-            "start from; lower the load, or set steps = 0 to let it act at once in the dynamic stage"
+            f"the static load breaks element {name} at load factor {factor:.4g}: there is no static "
+            "equilibrium to start from; lower the load, or set steps = 0 to let it act at once in the "
+            "dynamic stage"
         )

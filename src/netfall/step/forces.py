@@ -11,7 +11,7 @@ from netfall.mechanics.arithmetic import fused, like
 from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.loads import external_force, squared_speed
 from netfall.mechanics.material import force_density
-from netfall.mechanics.motion import kicked, make_kick
+from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
 
 
 @part_of_kernel
@@ -61,20 +61,20 @@ def four_forces(p, far, x, slots, law):
 
 
 @part_of_kernel
-def kick_axis(p, i, internal, square, kick, v, f, free, load, wind, particles):
-    """Kick of particle p along one axis under its internal force [N] and the external one; total to row i of f.
+def kick_axis(p, i, internal, square, kick, axis, f, particles):
+    """Kick of particle p along one axis under its internal force [N] and the external one; total to f[i].
 
-    v, f, free, load, wind : of this axis, None where there is none; square : of the wind speed [m2/s2]
+    axis : `motion.Axis`; square : of the wind speed [m2/s2]
     Returns the work [J] of the external, internal and damping forces
     """
-    external = external_force(p, like(internal, 0.0), load, wind, square)
+    external = external_force(p, like(internal, 0.0), axis, square, kick.share)
     total = internal + external
     f[i] = total
-    old = v[p]
+    old = axis.v[p]
     new = kicked(old, total * particles.per_mass[p], kick)  # v to n + 1/2
-    if free is not None:
-        new = new if free[p] else old
-    v[p] = new
+    if axis.free is not None:
+        new = new if axis.free[p] else old
+    axis.v[p] = new
     if particles.work is None:
         return external, external, external  # of no use
     mean = like(old, 0.5) * (old + new)
@@ -85,14 +85,16 @@ def kick_axis(p, i, internal, square, kick, v, f, free, load, wind, particles):
 
 @part_of_kernel
 def kick_particle(p, i, force, kick, particles, f):
-    """Kick and work of particle p under its internal forces [N] and the external ones; totals to row i of f."""
+    """Kick and work of particle p under its internal forces [N] and the external ones.
+
+    Totals to row i of f.
+    """
     square = like(particles.per_mass, 0.0)
-    if particles.speed_before is not None:
+    if particles.wind is not None:
         square = squared_speed(p, particles, kick.share)
-    v, load, free, wind = particles.v, particles.load, particles.free, particles.wind
-    ax, bx, cx = kick_axis(p, i, force[0], square, kick, v[0], f[0], free[0], load[0], wind[0], particles)
-    ay, by, cy = kick_axis(p, i, force[1], square, kick, v[1], f[1], free[1], load[1], wind[1], particles)
-    az, bz, cz = kick_axis(p, i, force[2], square, kick, v[2], f[2], free[2], load[2], wind[2], particles)
+    ax, bx, cx = kick_axis(p, i, force[0], square, kick, along_x(particles), f[0], particles)
+    ay, by, cy = kick_axis(p, i, force[1], square, kick, along_y(particles), f[1], particles)
+    az, bz, cz = kick_axis(p, i, force[2], square, kick, along_z(particles), f[2], particles)
     if particles.work is not None:
         external, internal, damping = particles.work
         external[p] = external[p] + ax + ay + az

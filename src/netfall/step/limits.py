@@ -1,4 +1,4 @@
-"""Elements that yield, and elements that reach their fracture strain: looked at one by one, where one is near.
+"""Elements that yield or reach their fracture strain, looked at one by one where one is near.
 
 The vector loop only points at particles that have such an element; here it is decided, exactly.
 """
@@ -36,7 +36,9 @@ def length_of(p, o, particles):
 
 @kernel
 def yield_and_break(c, count, chunks, particles, elements, slots, law, near):
-    """Yield of the elements of chunk c at x(n), and those that reach their fracture strain, where near is not 0.
+    """Yield of the elements of chunk c at x(n), and those that reach their fracture strain.
+
+    near : of `Scratch`; only particles where it is not 0 are looked at
 
     Both ends come to the same plastic strain by themselves; that which `reports` keeps the element's record.
     elements.pending : out, elements from place `count` on; the new count, and whether anything yielded

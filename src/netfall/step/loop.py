@@ -1,7 +1,8 @@
 """The time loop: central difference in half-step velocities, compiled, the exchange included.
 
 A step n takes x(n) and v(n-1/2). Particles go through it in chunks that stay in the cache:
-    1. internal forces f_int(x(n)) of a chunk; where elements come near their limits, yield and fracture strain
+    1. internal forces f_int(x(n)) of a chunk; where elements come near their limits, yield and fracture
+       strain
     2. external force, kick to v(n+1/2), work
     3. after the chunks with boundary particles, which come first: their total forces are sent
     4. drift to x(n+1) of the chunks whose x(n) no later chunk needs; at the end, of all
@@ -15,7 +16,7 @@ import numpy as np
 
 from netfall.compile import kernel, part_of_kernel, vector_kernel
 from netfall.mechanics.arithmetic import like
-from netfall.mechanics.motion import kicked, make_kick
+from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
 from netfall.parallel.halo import receive_forces, send_forces, wait_for_neighbours
 from netfall.parallel.mpi_symbols import lap
 from netfall.step.forces import kick_chunk
@@ -74,12 +75,12 @@ def keep_forces(low, high, f_chunk, f):
 
 
 @part_of_kernel
-def move_axis(p, kick, x, v, f, free, per_mass, dt):
-    """Kick and drift of particle p along one axis. free : (n,), None: moves, or per_mass is 0"""
-    new = kicked(v[p], f[p] * per_mass[p], kick)
-    if free is not None:
-        new = new if free[p] else v[p]
-    v[p] = new
+def move_axis(p, kick, x, axis, f, per_mass, dt):
+    """Kick and drift of particle p along one axis, under the total force f."""
+    new = kicked(axis.v[p], f[p] * per_mass[p], kick)
+    if axis.free is not None:
+        new = new if axis.free[p] else axis.v[p]
+    axis.v[p] = new
     x[p] += dt * new
 
 
@@ -87,13 +88,12 @@ def move_axis(p, kick, x, v, f, free, per_mass, dt):
 def move_halo(first, last, kick_dt, dt, zeta, particles):
     """Kick and drift of halo particles, whose total force f the owner has sent."""
     first, last = np.uint64(first), np.uint64(last)
-    x, v = particles.x, particles.v
-    f, free, per_mass = particles.f, particles.free, particles.per_mass
-    kick, dt = make_kick(v[0], kick_dt, zeta, 0.0), like(x[0], dt)
+    x, f, per_mass = particles.x, particles.f, particles.per_mass
+    kick, dt = make_kick(per_mass, kick_dt, zeta, 0.0), like(x[0], dt)
     for p in range(first, last):
-        move_axis(p, kick, x[0], v[0], f[0], free[0], per_mass, dt)
-        move_axis(p, kick, x[1], v[1], f[1], free[1], per_mass, dt)
-        move_axis(p, kick, x[2], v[2], f[2], free[2], per_mass, dt)
+        move_axis(p, kick, x[0], along_x(particles), f[0], per_mass, dt)
+        move_axis(p, kick, x[1], along_y(particles), f[1], per_mass, dt)
+        move_axis(p, kick, x[2], along_z(particles), f[2], per_mass, dt)
         round_position(p, particles)
 
 
@@ -102,7 +102,8 @@ def time_loop(interval, chunks, particles, elements, slots, unyielded, law, scra
     """The steps of an interval; steps done, elements that reached their fracture strain, MPI error.
 
     chunks, scratch : of `Plan`; particles : `Particles` as `plan.stepped_particles` prepares them
-    elements, slots, law : of `State`; unyielded : the slots without plastic strains, for chunks that have none
+    elements, slots, law : of `State`; unyielded : the slots without plastic strains, for chunks that
+        have none
     buffers : `HaloBuffers`
     seconds : (3,) [s], added to, time of FORCES, EXCHANGE, INTEGRATION; None: not measured
     """

@@ -12,7 +12,6 @@ from netfall.step.runs import Runs, find_runs, make_runs
 from netfall.step.slots import empty_slots, fill_slots
 
 CHUNK = 2048  # particles, 300 KB; fewer end the runs too often, more leave the second cache
-NO_AXIS = (None, None, None)
 
 
 class Chunks(NamedTuple):
@@ -39,9 +38,10 @@ class Chunks(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """What the loop writes for the chunk in hand: total forces, and which particles have an element near its limits.
+    """What the loop writes for the chunk in hand: forces, and whose elements are near their limits.
 
-    f, f_rest : three of (rows,) [N]; near : None where all is elastic; f_rest, near_rest : of particles in no run
+    f, f_rest : three of (rows,) [N]; near : None where all is elastic; f_rest, near_rest : of particles
+        in no run
     """
 
     f: tuple
@@ -58,8 +58,8 @@ def halo_width(state: State) -> int:
 def stepped_particles(state: State) -> Particles:
     """The particles as the time loop takes them.
 
-    x are positions, or displacements from x_start, which is None otherwise; work is that of the block, if that
-    is kept; what no particle has is None for each axis.
+    x are positions, or displacements from x_start, which is None otherwise; work is that of the block, if
+    that is kept; what no particle has is None for each axis.
     """
     s = state
     vertical = not s.load[:, :2].any()
@@ -67,9 +67,8 @@ def stepped_particles(state: State) -> Particles:
         x=axes(s.u if s.scene.displaced else s.x),
         x_start=axes(s.x_start) if s.scene.displaced else None,
         u=None,
-        free=axes(s.free) if s.scene.part_held else NO_AXIS,  # else all axes move, or 1 / mass is 0
+        free=axes(s.free) if s.scene.part_held else None,  # else all axes move, or 1 / mass is 0
         load=(None, None, s.load[:, 2]) if vertical else axes(s.load),
-        wind=NO_AXIS if s.wind is None else axes(s.wind),
         stepped_mass=s.mass if s.stepped_mass is None else s.stepped_mass,
         work=axes(s.work if s.block_work is None else s.block_work),
         block_work=None,
@@ -146,5 +145,8 @@ class Plan:
             empty_slots(state, e)
 
     def run(self, interval: Interval, seconds: np.ndarray | None = None) -> tuple[int, int, int]:
-        """Advance the state by up to the steps of an interval; as `time_loop`. Collective among neighbours."""
+        """Advance the state by up to the steps of an interval; as `time_loop`.
+
+        Collective among neighbours.
+        """
         return time_loop(interval, *self.arguments, self.halo.buffers, seconds)

@@ -1,4 +1,4 @@
-"""Runs: stretches of particles whose far ends are all as far away in number, so that they load in one piece."""
+"""Runs: stretches of particles whose far ends are all as far away in number, so they load in one piece."""
 
 from typing import NamedTuple
 
@@ -18,8 +18,8 @@ class Runs(NamedTuple):
 
     lanes : particles that a register takes at once
     spans : (chunks, 8) from and up to which row of each of the next four
-    whole : (., 2 + SLOTS) first and last particle of runs, a multiple of lanes apart, and how far away the far
-        ends are
+    whole : (., 2 + SLOTS) first and last particle of runs, a multiple of lanes apart, and how far away
+        the far ends are
     parts : (., 4 + SLOTS) what remains of runs, or all of one: first and last particle, a multiple of lanes
         apart; from and up to which of them it is the run; and how far away the far ends are
     rest : (.,) particles in no run, the last of a chunk repeated up to a multiple of lanes
@@ -49,7 +49,7 @@ def make_runs(chunks: int, particles: int, lanes: int) -> Runs:
 
 @kernel
 def end_of_run(p, high, other):
-    """The first particle after p, at most `high`, whose far ends are not as far away in number as those of p."""
+    """The first particle after p, at most `high`, whose far ends are farther or nearer in number."""
     end = p + 1
     while end < high and (
         other[0, end] - end == other[0, p] - p

@@ -82,7 +82,13 @@ def trade(
     study = Study(path, overrides, ranks, launcher, repeats, folder)
     settings = combinations(vary) if vary else usual_settings(job)
     for setting in settings:
-        study.job(setting)  # all errors before the first run
+        varied = study.job(setting)  # all errors before the first run
+    safety = any(item.partition("=")[0].strip() == "dynamics.safety" for item in vary)
+    if safety and varied.dynamics.time_step != "auto":
+        say(
+            "note: --vary dynamics.safety: time_step is fixed, so it sets at most the mass of fragments; "
+            "with --set dynamics.time_step=auto it sets the step"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     table = folder / f"{job.name}_trade.h5"
     claimed = claim(table)

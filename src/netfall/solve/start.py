@@ -1,0 +1,81 @@
+"""The start of a job looked at: what is broken from the beginning, and values that look like another unit."""
+
+import numpy as np
+
+from netfall.errors import InputError
+from netfall.job.read import Job
+from netfall.mechanics.material import strains
+from netfall.net.net import Net
+from netfall.net.plan import listed
+
+# Column of the net, unit, least and most that cables are made of, and an example in the right unit.
+PLAUSIBLE = (
+    ("modulus", "modulus", "Pa", 1e6, 2e12, "steel has 2e11 Pa; was GPa or N/mm2 meant?"),
+    ("section", "area", "m2", 1e-9, 1.0, "a rope of 20 mm has some 3e-4 m2; was mm2 or cm2 meant?"),
+    ("density", "density", "kg/m3", 100.0, 25e3, "steel has 7850 kg/m3; was g/cm3 or t/m3 meant?"),
+    ("yield_stress", "yield_stress", "Pa", 1e6, 1e11, "cable steel has some 1.5e9 Pa; was N/mm2 meant?"),
+    ("fracture_strain", "fracture_strain", "", 1e-6, 1.0, "4 percent are 0.04"),
+)
+SLACKEST, TIGHTEST = -0.5, 0.1  # strains between which nets start
+UNITS = "check the units of modulus (Pa), area (m2), prestress (N) and unstressed_length (m)"
+
+
+def unit_notes(net: Net) -> list[str]:
+    """A note for each section value that no material of a cable has."""
+    notes = []
+    for column, key, unit, low, high, example in PLAUSIBLE:
+        values = getattr(net, column)
+        odd = np.flatnonzero(np.isfinite(values) & ((values < low) | (values > high)))
+        if len(odd):
+            notes.append(
+                f"{key} = {values[odd[0]]:g} {unit} of {_elements(net, odd)} is far from what cables have, "
+                f"{low:g} to {high:g}: {example}".replace("  ", " ")
+            )
+    return notes
+
+
+def strain_notes(net: Net, eps: np.ndarray) -> list[str]:
+    """Notes on strains eps (m,) at the start that no net is built with."""
+    notes = []
+    for odd, word, share in (
+        (eps > TIGHTEST, "stretched", TIGHTEST),
+        (eps < SLACKEST, "compressed or slack", -SLACKEST),
+    ):
+        if odd.any():
+            e = int(np.argmax(np.where(odd, np.abs(eps), 0.0)))
+            notes.append(
+                f"{int(odd.sum())} elements start {word} by more than {share:.0%} of their unstressed "
+                f"length, the most is element {net.element_id[e]} with a strain of {eps[e]:.3g}; {UNITS}"
+            )
+    return notes
+
+
+def check_start(job: Job, model) -> list[str]:
+    """Notes on the strains of the start. Raises InputError where elements yield or break in it."""
+    net, L0, N = model.net, model.L0, model.N
+    ends = model.x[net.elements]
+    L = np.sqrt(np.sum((ends[:, 1] - ends[:, 0]) ** 2, axis=1))
+    eps = strains(L, L0, job.cable.strain == "logarithmic")
+    errors = []
+    for over, what, value, limit in (
+        (eps > model.eps_u, "fracture_strain", eps, model.eps_u),
+        (np.abs(N) > model.yield_force, "yield force [N]", N, model.yield_force),
+    ):
+        rows = np.flatnonzero(over)
+        if len(rows):
+            e = rows[0]
+            errors.append(
+                f"{job.path}: {_elements(net, rows)} start{'s' * (len(rows) == 1)} beyond {what}: "
+                f"{value[e]:.4g} in element {model.element_name(e)} at a length of {L[e]:.6g} m, allowed "
+                f"{limit[e]:.4g}, with EA = {model.EA[e]:.4g} N; {UNITS}"
+            )
+    if errors:
+        raise InputError(errors)
+    return strain_notes(net, eps)
+
+
+def _elements(net: Net, rows: np.ndarray) -> str:
+    """Elements by the first few of their ids, and how many there are."""
+    if len(rows) == 1:
+        return f"element {net.element_id[rows[0]]}"
+    return f"{len(rows)} elements ({listed(net.element_id[rows])})"

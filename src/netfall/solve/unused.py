@@ -1,0 +1,112 @@
+"""Keys and columns that are given but change nothing in this job."""
+
+import numpy as np
+
+from netfall.job.read import Job
+from netfall.net.net import Net
+
+OF_GUSTS = ("time_step", "ar_order", "seed", "control_points", "coherence_decay")
+
+
+def without_effect(job: Job, net: Net) -> list[str]:
+    """A note for each key of the job file, or column of a table, that is given and has no effect."""
+    given = job.given()
+    notes = []
+    for section, keys, idle, why in _idle_keys(job, net):
+        there = [key for key in keys if f"{section}.{key}" in given]
+        if idle and there:
+            notes.append(f"[{section}] {', '.join(there)}: no effect: {why}")
+    return notes + _idle_sections(job, net, given) + _idle_columns(job, net)
+
+
+def _idle_keys(job: Job, net: Net) -> list[tuple]:
+    """Section, keys, whether they have no effect, why."""
+    form, load, wind, moves, output = job.form_finding, job.load, job.wind, job.dynamics, job.output
+    breaks = bool(np.isfinite(net.fracture_strain).any())
+    fixed = moves is not None and moves.time_step != "auto"
+    rows = [
+        (
+            "output",
+            ("frames", "history", "energy", "probes", "checkpoint"),
+            not moves,
+            "there is no [dynamics]",
+        ),
+        (
+            "output",
+            ("checkpoint",),
+            moves and output.checkpoint >= moves.duration,
+            "it is not shorter than the duration",
+        ),
+    ]
+    if moves:
+        whole = not moves.fragments
+        rows += [
+            ("dynamics", ("safety",), fixed and (whole or not breaks), "time_step is fixed"),
+            ("dynamics", ("fragment_mass", "fragments"), not breaks, "nothing can break"),
+            ("dynamics", ("fragment_mass",), breaks and whole, "with fragments = false nothing splits off"),
+        ]
+    if load:
+        rows.append(
+            ("load", ("tolerance", "max_iterations"), moves and not load.steps, "steps = 0: no statics")
+        )
+        idle = not moves or load.steps > 0 or load.pressure is None
+        why = "it lets the pressure grow in a dynamic stage without load steps"
+        rows.append(("load", ("ramp",), idle, why))
+    if form:
+        linear = form.method == "force_density"
+        why = 'method = "force_density" is one linear solve'
+        rows.append(("form_finding", ("start", "modulus_factor", "max_iterations"), linear, why))
+    if wind:
+        still = not wind.file and wind.roughness == 0
+        rows += [
+            ("wind", ("roughness", *OF_GUSTS), bool(wind.file), "the speeds come from file"),
+            ("wind", OF_GUSTS, still, "roughness = 0: there are no gusts"),
+            ("wind", ("after_fracture",), not breaks, "nothing can break"),
+        ]
+    return rows
+
+
+def _idle_sections(job: Job, net: Net, given: set[str]) -> list[str]:
+    """Notes on whole sections."""
+    load, notes = job.load, []
+    if load and not load.steps and not job.dynamics:
+        notes.append("[load]: no effect: steps = 0 and there is no [dynamics]")
+    on_roof = job.wind or (load and (load.dead or load.pressure is not None))
+    loaded = on_roof or (load and load.self_weight) or net.load.any()
+    if job.dynamics and np.isfinite(net.fracture_strain).any() and not loaded:
+        notes.append("elements can break, but neither wind nor load acts on the net")
+    if job.wind and job.wind.shape_coefficient == 0:
+        notes.append("[wind]: no effect: shape_coefficient = 0")
+    if "roof.groups" in given and not on_roof:
+        notes.append("[roof] groups: no effect: neither wind nor dead load nor pressure acts on the roof")
+    return notes
+
+
+def _idle_columns(job: Job, net: Net) -> list[str]:
+    """Notes on columns of the tables, and on prestress, which a column may stand for."""
+    form, notes = job.form_finding, []
+    dense = np.isfinite(net.force_density)
+    by_density = form is not None and "force_density" in (form.method, form.start)
+    if dense.any() and not by_density:
+        notes.append("column force_density: no effect: there is no form finding by force density")
+    if net.prestress.any() and form is not None and form.method == "force_density" and dense.all():
+        notes.append("prestress: no effect: every element has a force_density")
+    if net.prestress.any() and np.isfinite(net.unstressed_length).all():
+        notes.append("prestress: no effect: every element has an unstressed_length")
+    if net.load.any() and not job.dynamics and not (job.load and job.load.steps):
+        notes.append(
+            "columns load_x, load_y, load_z: no effect: neither statics ([load] steps) nor [dynamics]"
+        )
+    if net.mass.any() and not job.dynamics:
+        notes.append("column mass: no effect: it is inertia without weight, and there is no [dynamics]")
+    brittle = (
+        ~net.bar & np.isfinite(net.yield_stress) & (net.yield_stress >= net.fracture_strain * net.modulus)
+    )
+    if brittle.any():
+        e = int(np.argmax(brittle))
+        notes.append(
+            f"yield_stress of {int(brittle.sum())} elements: no effect: element {net.element_id[e]} breaks "
+            f"at a strain of {net.fracture_strain[e]:g}, before it yields at "
+            f"{net.yield_stress[e] / net.modulus[e]:.3g}"
+        )
+    return notes
