@@ -349,7 +349,7 @@ def make_job(name: str, row: dict, rng) -> RandomJob:
 
 def cables(row: dict, rng) -> str:
     """[cable] and its groups."""
-    flows, breaks = row["material"] in ("ductile", "plastic"), row["material"] in ("ductile", "brittle")
+    yields, breaks = row["material"] in ("ductile", "plastic"), row["material"] in ("ductile", "brittle")
     strain = float(YIELD / MODULUS * rng.uniform(1.05, 1.6))
     text = section(
         "cable",
@@ -358,13 +358,13 @@ def cables(row: dict, rng) -> str:
             area=AREA,
             density=DENSITY,
             prestress=PRESTRESS,
-            yield_stress=YIELD if flows else None,
+            yield_stress=YIELD if yields else None,
             fracture_strain=strain if breaks else None,
             strain=row["strain"],
         ),
     )
     generated = row["source"] in ("saddle", "stadium")
-    thick = dict(area=1.4 * AREA, yield_stress=1.3 * YIELD if flows else None, modulus=1.5e11)
+    thick = dict(area=1.4 * AREA, yield_stress=1.3 * YIELD if yields else None, modulus=1.5e11)
     if row["bars"]:
         sections = dict(density=7000.0) | (thick if generated and row["sections"] else {})
         text += section("cable.x" if generated else "cable.strut", dict(kind="bar") | sections)

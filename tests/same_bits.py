@@ -291,14 +291,14 @@ class Verdict:
 
 
 def figures(result: Path) -> dict[str, int]:
-    """How many elements broke and flowed, the largest number of slack cables, the steps."""
+    """How many elements broke and yielded, the largest number of slack cables, the steps."""
     with h5py.File(result, "r") as file:
         last = lambda name: int(np.max(file[name][()], initial=0)) if name in file else 0
-        flowed = int(np.count_nonzero(file["final/plastic_strain"])) if "final/plastic_strain" in file else 0
+        yielded = int(np.count_nonzero(file["final/plastic_strain"])) if "final/plastic_strain" in file else 0
         steps = (
             round(file["history/time"][-1] / file["history/time_step"][-1]) if "history/time" in file else 0
         )
-        return dict(broken=last("history/broken"), flowed=flowed, slack=last("history/slack"), steps=steps)
+        return dict(broken=last("history/broken"), yielded=yielded, slack=last("history/slack"), steps=steps)
 
 
 def judge(case: Case, earlier: Earlier, work: Path, allowed: tuple[str, ...]) -> Verdict:
@@ -378,7 +378,7 @@ def tally(verdicts: list[Verdict]) -> str:
     pairs: set = set().union(*(pairs_of(v.case.choice) for v in nets))
     return (
         f"{len(nets)} nets of {len({v.case.variant for v in nets})} variants, {len(pairs)} pairs of choices: "
-        f"{having('broken')} break, {having('flowed')} flow, {having('slack')} go slack; "
+        f"{having('broken')} break, {having('yielded')} yield, {having('slack')} go slack; "
         f"{codes.count(2)} refused, {len(codes) - codes.count(2) - codes.count(0)} end early; "
         f"steps {min(steps, default=0)} to {max(steps, default=0)}"
     )

@@ -51,7 +51,7 @@ def test_oscillator_converges_at_second_order(workshop, damping):
 
 @pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
 def test_plastic_oscillation_balances(workshop, strain):
-    """A weight dropped on a cable makes it flow:
+    """A weight dropped on a cable makes it yield:
     stored energy, dissipation and external work balance for both measures.
     """
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,20000,-700000\n"

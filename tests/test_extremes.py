@@ -236,7 +236,7 @@ def test_a_net_far_from_the_origin(workshop, precision, asked):
 
 
 def test_no_prestress_and_almost_yield(workshop):
-    """Prestress zero and 99 % of the yield force at rest: nothing moves, nothing flows."""
+    """Prestress zero and 99 % of the yield force at rest: nothing moves, nothing yields."""
     for prestress in (
         0.0,
         0.99 / 1.0277 * 1.75e9 * A,
@@ -375,7 +375,7 @@ def test_a_gust_from_nothing_within_a_step(workshop):
 
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_all_elements_break_in_the_same_step(workshop, ranks):
-    """A star of twelve equal cables, its hub pulled up: all part in one step, the hub flies on alone."""
+    """A star of twelve equal cables, its hub pulled up: all break in one step, the hub flies on alone."""
     angle = 2 * np.pi * np.arange(12) / 12
     nodes = "id,x,y,z,fixed,mass,load_z\n0,0,0,0,0,100,200000\n" + "".join(
         f"{k + 1},{float(5 * np.cos(a))!r},{float(5 * np.sin(a))!r},-5,1,0,0\n" for k, a in enumerate(angle)

@@ -120,7 +120,7 @@ def test_elements_taken_out_balance_and_leave_the_mass(both_ways, strain):
 
 
 def test_an_elastic_element_taken_out_balances(workshop):
-    """Where nothing flows, too: a chain that is pulled apart."""
+    """Where nothing yields, too: a chain that is pulled apart."""
     nodes = "id,x,y,z,fixed,mass,load_z\n" + "".join(
         f"{k},0,0,{k},{int(k == 0)},50,{150000 if k == 8 else 0}\n" for k in range(9)
     )

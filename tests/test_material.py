@@ -39,7 +39,7 @@ def follow(lengths, L0=1.0, bar=0, logarithmic=False):
 
 def test_plastic_cycles_with_slack_by_hand():
     """Paper Fig. 3:
-    load to yield, flow, unload to slack at the residual elongation, reload up the same line, flow again.
+    load past yield, unload to slack at the residual elongation, reload up the same line, yield again.
     """
     lengths = [1.005, 1.010, 1.030, 1.025, 1.020, 1.000, 0.900, 1.015, 1.0225, 1.030, 1.040, 1.030]
     forces = [5.0, 10.0, 10.0, 5.0, 0.0, 0.0, 0.0, 0.0, 2.5, 10.0, 10.0, 0.0]
@@ -61,7 +61,7 @@ def test_bar_yields_both_ways():
 @pytest.mark.parametrize("logarithmic", [False, True])
 @pytest.mark.parametrize("bar", [0, 1])
 def test_work_is_stored_or_dissipated(logarithmic, bar):
-    """Along a cycle with flow and slack the integral of N dL is stored energy plus dissipation, for both
+    """Along a cycle with yield and slack the integral of N dL is stored energy plus dissipation, for both
     measures.
     """
     turning = [1.0, 1.05, 1.0, 1.06, 0.97, 1.08]

@@ -15,7 +15,7 @@ LOST = {"mixed": 1e-4, "single": 1e-4}  # of the largest displacement or tension
 
 @pytest.mark.parametrize("precision", LOST)
 def test_collapse_is_the_same_on_three_ranks(workshop, precision):
-    """Fractures, plastic flow, wind and static load; the audits hold as far as the numbers reach."""
+    """Fractures, yield, wind and static load; the audits hold as far as the numbers reach."""
     keys = ["--set", "dynamics.duration=1.0", "--set", f"dynamics.precision={precision}"]
     job = workshop.job(COLLAPSE.format(after="particle"))
     one = workshop.run(job, *keys, output="1.vtkhdf")

@@ -1,5 +1,5 @@
 """Fracture against closed forms:
-when an element parts and at which end, what flies off, and the wave that a parting sends.
+when an element breaks and at which end, what flies off, and the wave that a fracture sends.
 """
 
 import numpy as np
@@ -69,13 +69,13 @@ def test_weight_on_a_cable_that_breaks(both_ways, compare):
     half, k = 0.5 * RHO * A * length, EA / length
     M = weight / G + half
     omega, step = np.sqrt(k / M), int(f["events/step"][0])
-    parted = np.arccos(1 - limit * length * k / weight) / omega
+    broken_at = np.arccos(1 - limit * length * k / weight) / omega
     compare(
         THEME,
         "weight put on a cable: time of the break",
         "acos(1 - eps_u EA / W) / omega",
         f["events/time"][0],
-        parted,
+        broken_at,
         dt,
         "first step past it",
         "s",
@@ -94,7 +94,7 @@ def test_weight_on_a_cable_that_breaks(both_ways, compare):
         0,
         "both count steps",
     )
-    v = (z(step + 1) - z(step)) / dt  # half a step before it parts, at x(step + 1)
+    v = (z(step + 1) - z(step)) / dt  # half a step before it breaks, at x(step + 1)
     total = M + half
     a = -weight / total
     momentum = M * v + total * a * 0.5 * dt  # at step + 1
@@ -172,7 +172,7 @@ def test_weight_on_a_cable_that_breaks(both_ways, compare):
 @pytest.mark.parametrize("weak", [0, 5])
 def test_step_load_breaks_the_weak_element_behind_the_reflection(both_ways, compare, weak):
     """A load on the end of a chain sends a wave that the support doubles:
-    the weak element parts as it comes back.
+    the weak element breaks as it comes back.
     """
     n, length, load = 24, 0.5, 100e3
     strain = load / EA
@@ -186,7 +186,7 @@ def test_step_load_breaks_the_weak_element_behind_the_reflection(both_ways, comp
     case = f"step load on a chain of {n}, weak element {weak}: "
     compare(
         THEME,
-        case + "which parts",
+        case + "which breaks",
         "the one that is weak",
         f["events/element"][0],
         weak,
@@ -209,7 +209,7 @@ def test_step_load_breaks_the_weak_element_behind_the_reflection(both_ways, comp
 
 
 def test_whip_of_a_released_end(both_ways, compare):
-    """The end link of a stretched cable parts:
+    """The end link of a stretched cable breaks:
     behind the wave that runs from there the cable is slack and moves at c eps.
 
     It starts just whole; 1e-10 of the tension pulls it over its limit in the first step.
@@ -232,7 +232,7 @@ def test_whip_of_a_released_end(both_ways, compare):
     source = "linear wave theory: N / (sqrt(E rho) A)"
     compare(
         THEME,
-        "end link of a stretched cable parts: speed behind the wave, slowest",
+        "end link of a stretched cable breaks: speed behind the wave, slowest",
         source,
         np.abs(v[1:n]).min(),
         v0,
@@ -242,9 +242,8 @@ def test_whip_of_a_released_end(both_ways, compare):
     )
     compare(THEME, "the same: fastest", source, np.abs(v[1:n]).max(), v0, 1e-8, MAGIC, "m/s")
     far = f["history/probe_tension"][:, 0]
-    arrival = (
-        f["history/time"][:][far < 0.5 * tension][0] - 2 * dt
-    )  # parted at the step after that of the event
+    seen = f["history/time"][:][far < 0.5 * tension][0]
+    arrival = seen - 2 * dt  # broken at the step after that of the event
     compare(
         THEME,
         "the same: time until the far support goes slack",
@@ -280,7 +279,7 @@ def test_whip_of_a_released_end(both_ways, compare):
 
 
 def test_dead_load_goes_with_what_carries_it(both_ways, compare):
-    """A hanger parts at the lower of two weights:
+    """A hanger breaks at the lower of two weights:
     the fragment, the weight and what they carry fall at g, whatever the fragment took along.
     """
     length, dead, area, limit, thread = 5.0, 4000.0, np.array([1.0, 5.0]), 2.1e-4, 100.0
@@ -288,7 +287,7 @@ def test_dead_load_goes_with_what_carries_it(both_ways, compare):
         f"id,x,y,z,fixed,area\n1,0,0,0,1,1\n2,0,0,{-length},0,{area[0]}\n"
         f"3,0,0,{-2 * length},0,{area[1]}\n4,0,0,{-2 * length - 1},1,0\n"
     )
-    # a slack thread below the weight: an end with a single element would not part from it
+    # a slack thread below the weight: an end with a single element would not break off from it
     elements = (
         f"start,end,group,area,unstressed_length\n1,2,upper,{A},{length}\n"
         f"2,3,lower,{A},{length}\n3,4,thread,1e-12,{thread}\n"
@@ -324,7 +323,7 @@ def test_dead_load_goes_with_what_carries_it(both_ways, compare):
     force = np.abs(mass * (place(step + 1) - 2 * place(step) + place(step - 1)))
     compare(
         THEME,
-        "the same: end that parts (1 upper, 2 lower)",
+        "the same: end that breaks (1 upper, 2 lower)",
         "that with the larger resultant force",
         f["events/particle"][0],
         1 + force.argmax(),
@@ -368,8 +367,8 @@ def test_dead_load_goes_with_what_carries_it(both_ways, compare):
     )
 
 
-def test_equal_forces_part_both_ends(both_ways, compare):
-    """A symmetric chain pulled at both ends: its weak middle parts at both, and flies together at c eps."""
+def test_equal_forces_break_both_ends(both_ways, compare):
+    """A symmetric chain pulled at both ends: its weak middle breaks at both, and flies together at c eps."""
     limit, load, dt = 1e-3, 1e5, 1e-6
     nodes = f"id,x,y,z,mass,load_z\n1,0,0,0,500,{-load}\n2,0,0,1,100,0\n3,0,0,2,100,0\n4,0,0,3,500,{load}\n"
     text = CABLE + f"fracture_strain = {limit}\n[dynamics]\nduration = 0.012\ntime_step = {dt}\n"
@@ -383,13 +382,13 @@ def test_equal_forces_part_both_ends(both_ways, compare):
     pull = shape[0] * load / omega**2
     way = lambda t: float(shape[1] @ (pull * (1 - np.cos(omega * t))))  # of the middle's end
     first = next(t for t in np.arange(0, 0.012, 1e-5) if way(t) > 0.5 * limit)
-    parted = brentq(lambda t: way(t) - 0.5 * limit, first - 1e-5, first)
+    broken_at = brentq(lambda t: way(t) - 0.5 * limit, first - 1e-5, first)
     compare(
         THEME,
         "symmetric chain pulled at both ends: time of the break",
         "its modes",
         f["events/time"][0],
-        parted,
+        broken_at,
         2 * dt,
         "first step past it; second order in the step",
         "s",
@@ -397,7 +396,7 @@ def test_equal_forces_part_both_ends(both_ways, compare):
     )
     compare(
         THEME,
-        "the same: ends that part",
+        "the same: ends that break",
         "both, as the forces are equal",
         len(f["events/step"]),
         2,

@@ -65,7 +65,7 @@ def test_elongation_under_a_known_force(both_ways, compare, strain):
 
 @pytest.mark.parametrize("strain", MEASURES)
 def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
-    """Fall, catch, flow, rebound to slack, second catch up the same line:
+    """Fall, catch, yield, rebound to slack, second catch up the same line:
     lengths and energies by balance, times by quadrature.
     """
     L0, h, carried, dt = 10.0, 0.6, 36e3, 5e-4
@@ -107,11 +107,11 @@ def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
     heat = NY * (longest - at_yield) - (spring - stored(at_yield, L0))
     thrown = longest - spring / F  # shortest length after the rebound: F gets back what was stored
     speed = lambda L: np.sqrt(2 / mass * (F * (h + L - L0) - stored(L, L0)))
-    flow = mass * speed(at_yield) / (NY - F)
+    at_the_yield_force = mass * speed(at_yield) / (NY - F)
     # back from the longest, over s = sqrt(longest - L), in which the integrand has no singular end
     slowness = lambda s: 2 * s / np.sqrt(2 / mass * (spring - stored(longest - s * s, rest) - F * s * s))
     rebound = quad(slowness, 1e-4, np.sqrt(longest - rest))[0] + 1e-4 * slowness(1e-4)
-    peak = np.sqrt(2 * h / G) + quad(lambda L: 1 / speed(L), L0, at_yield)[0] + flow
+    peak = np.sqrt(2 * h / G) + quad(lambda L: 1 / speed(L), L0, at_yield)[0] + at_the_yield_force
     again = peak + rebound + 2 * np.sqrt(2 * (rest - thrown) / G)
     taut = np.flatnonzero(N)
     gap = np.flatnonzero(np.diff(taut) > 1)[0]
@@ -185,7 +185,7 @@ def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
         "s",
     )
     up = second[: np.argmax(L[second])]
-    up = up[N[up] < NY * (1 - 1e-9)]  # before it flows again, by what the kinks have added
+    up = up[N[up] < NY * (1 - 1e-9)]  # before it yields again, by what the kinks have added
     compare(
         THEME,
         "the same: tension on the way up again, largest difference",
@@ -212,7 +212,7 @@ def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
 @pytest.mark.parametrize("strain", MEASURES)
 def test_cycles_with_slack(both_ways, compare, strain):
     """Paper Fig. 3: a cable and a bar on a heavy mass that swings in two modes:
-    load, flow, slack, flow again, slack, up the same line; the bar flows both ways.
+    load, yield, slack, yield again, slack, up the same line; the bar yields both ways.
     """
     L0, k, heavy, area, dt = 10.0, 1e8, 1e6, 1e-6, 2e-3
     ea, ny = E * area, 1.75e9 * area
@@ -267,27 +267,27 @@ def test_cycles_with_slack(both_ways, compare, strain):
                 heat += ea * u * np.exp(u) * longer - ea * (np.exp(u) * (u - 1) + 1) * longer
             theirs.append(max(ea * (value - eps_p), 0.0) if group == "cable" else ea * (value - eps_p))
             stage = (
-                "flow" if abs(theirs[-1]) > ny * (1 - 1e-12) else "slack" if theirs[-1] == 0 else "elastic"
+                "yield" if abs(theirs[-1]) > ny * (1 - 1e-12) else "slack" if theirs[-1] == 0 else "elastic"
             )
             stages += [stage] if stages[-1:] != [stage] else []
         if group == "cable":
             assert stages == [
                 "slack",
                 "elastic",
-                "flow",
+                "yield",
                 "elastic",
                 "slack",
                 "elastic",
-                "flow",
+                "yield",
                 "elastic",
                 "slack",
                 "elastic",
                 "slack",
             ], stages
         else:
-            assert stages.count("flow") >= 4
+            assert stages.count("yield") >= 4
         name = (
-            f"{group} through cycles of flow"
+            f"{group} through cycles of yield"
             + (" and slack" if group == "cable" else " both ways")
             + f", {strain} strain"
         )
@@ -314,7 +314,7 @@ def test_cycles_with_slack(both_ways, compare, strain):
     source = (
         "yield force times plastic elongation"
         if strain == "engineering"
-        else "yield force times elongation in flow, less stored"
+        else "yield force times elongation at yield, less stored"
     )
     compare(
         THEME,

@@ -251,7 +251,7 @@ def moved(f) -> np.ndarray:
 
 
 def elastic(f, section: dict) -> None:
-    """Nothing has flowed: the reference is elastic."""
+    """Nothing has yielded: the reference is elastic."""
     assert (
         not f["final/plastic_strain"][:].any()
         and f["VTKHDF/CellData/tension"][:].max() < YIELD * section["area"]

@@ -249,9 +249,9 @@ def check_seal(path: Path) -> bool:
             file.seek(0)
             total, left = hashlib.sha256(), size - tail
             while left:
-                piece = file.read(min(left, 1 << 24))
-                total.update(piece)
-                left -= len(piece)
+                block = file.read(min(left, 1 << 24))
+                total.update(block)
+                left -= len(block)
     except OSError:
         return False
     return mark == SEAL and total.digest() == digest

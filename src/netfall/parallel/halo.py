@@ -164,9 +164,9 @@ def _node_of(comm: MPI.Comm) -> MPI.Comm:
             "unset it to share memory where the ranks can"
         )
     node = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    part = node.Split(comm.rank // int(asked))
+    smaller = node.Split(comm.rank // int(asked))
     node.Free()
-    return part
+    return smaller
 
 
 class Halo:

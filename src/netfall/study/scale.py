@@ -1,6 +1,6 @@
 """`netfall scale`: how the speed of a job's dynamic stage grows with the ranks.
 
-Strong scaling: the job as it is, on more ranks. Weak scaling: as many elements for each rank; a roof from a
+Strong scaling: the job as it is, on more ranks. Weak scaling: as many elements for each rank; a net from a
 generator grows in its dimensions, with cables as far apart as before; one from tables has each element
 divided into more. The runs are interleaved, and the best of them counts: a machine that is shared is slower
 at times, never faster.
