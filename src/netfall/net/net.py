@@ -106,7 +106,11 @@ def pair_key(pairs: np.ndarray, count: int) -> np.ndarray:
 
 
 def subdivide(net: Net, parts: int) -> Net:
-    """The net with each element in `parts` equal ones; new particles follow, free and without load."""
+    """The net with each element in `parts` equal ones; new particles follow, without load.
+
+    They are free, but fixed in an element between two fixed nodes: it closes a face or stays where it is, and
+    its middle would sag or flap as no cable there does.
+    """
     if parts == 1:
         return net
     n, m = net.n, net.m
@@ -116,6 +120,7 @@ def subdivide(net: Net, parts: int) -> Net:
     start, end = net.x[net.elements[:, 0], None], net.x[net.elements[:, 1], None]
     new = ((1 - share) * start + share * end).reshape(-1, 3)
     k = len(new)
+    held = np.repeat(net.fixed[net.elements].all((1, 2)), parts - 1)
     grow = lambda a, value: np.concatenate([a, np.full((k,) + a.shape[1:], value, a.dtype)])
     each = lambda a: np.repeat(a, parts, axis=0)
     per_element = (
@@ -133,7 +138,7 @@ def subdivide(net: Net, parts: int) -> Net:
     return replace(
         net,
         x=np.concatenate([net.x, new]),
-        fixed=grow(net.fixed, False),
+        fixed=np.concatenate([net.fixed, np.repeat(held[:, None], 3, 1)]),
         load=grow(net.load, 0.0),
         mass=grow(net.mass, 0.0),
         area=grow(net.area, np.nan if np.isnan(net.area).any() else 0.0),
