@@ -280,3 +280,63 @@ def test_the_balance_of_a_net_at_rest_is_no_rounding(workshop):
     job = workshop.job(BRITTLE.replace("195.0", "1.95e11").replace("= 0.01", "= 0.3"))
     h = workshop.run(job, "--set", "form_finding.tolerance=1e-11")["history"]
     assert np.abs(h["balance_error"][:]).max() < 1e-3 and np.abs(h["kinetic_energy"][:]).max() < 1e-9
+
+
+# --- limits of the step, and what moves
+
+BAR = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n"
+
+
+@pytest.mark.parametrize("kind", ["bar", "cable"])
+def test_a_step_too_long_for_what_is_unstressed_is_refused(workshop, kind):
+    """Two elements of 1.6e7 N/m without tension, 0.785 kg between them: 2 / sqrt(3.2e7 / 0.785) = 3.132e-4 s.
+
+    A cable without tension may be taut a moment later.
+    """
+    text = f'{SECTION}kind = "{kind}"\n[dynamics]\nduration = 0.01\ntime_step = '
+    elements = "start,end\n1,2\n2,3\n"
+    line = the_line(run_netfall("run", workshop.job(text + "3.2e-4\n", BAR, elements)))
+    assert "above the stable step 0.0003132 s of the intact net" in line
+    workshop.run(workshop.job(text + "3.1e-4\n", BAR, elements))
+
+
+TWO = (
+    SECTION
+    + "[cable.weak]\nfracture_strain = {0}\n[dynamics]\nduration = 0.05\nsafety = 0.1\nfragment_mass = 0\n"
+)
+
+
+def test_what_cannot_break_does_not_shorten_the_step(workshop):
+    """100 kg between 0.1 m that cannot break and 1 m that can: 1 / c = 2.215e-4 s, not a tenth of it.
+
+    Let go 2.07 mm off its place, the weight swings by twice that: the weak one breaks at 0.55 of 0.66 %, at
+    both ends, for the other one is slack and each end has but its force.
+    """
+    nodes = "id,x,y,z,fixed,mass\n1,0.9,0,0,1,0\n2,0.9975,0,0,0,100\n3,2,0,0,1,0\n"
+    elements = "start,end,group,unstressed_length\n1,2,strong,0.095\n2,3,weak,1.0\n"
+    job = workshop.job(TWO.format(0.0055), nodes, elements)
+    f = workshop.run(job)
+    limit = f["provenance"].attrs["limit_after_fracture"]
+    assert np.isclose(limit, np.sqrt(7850 / 1.6e11), rtol=1e-6)
+    assert set(f["events/element"][:]) == {1} and np.abs(f["history/balance_error"][:]).max() < 1e-2
+
+
+def test_a_rim_between_supports_stays_when_subdivided(workshop):
+    """4 m x 4 m with a cross of cables under 100 kN, 100 N/m2: the middle sags by 2 mm, the rim not at all.
+
+    In halves of the segments the middle carries 2 m2, the four nodes beside it 1 m2: w_i = 1.5 p / T,
+    w_c = 2 p / T, less 2e-4 of it for the stretch.
+    """
+    xy = [(x, y) for y in (0, 2, 4) for x in (0, 2, 4)]
+    nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{x},{y},0,{int(k != 4)}\n" for k, (x, y) in enumerate(xy))
+    rim = [(0, 1), (1, 2), (2, 5), (5, 8), (8, 7), (7, 6), (6, 3), (3, 0)]
+    cross = [(4, k) for k in (1, 3, 5, 7)]
+    elements = "start,end,prestress\n" + "".join(
+        f"{a},{b},{1e5 if (a, b) in cross else 0}\n" for a, b in [*rim, *cross]
+    )
+    text = SECTION + "[load]\npressure = 100\nsteps = 1\ntolerance = 1e-9\n"
+    f = workshop.run(workshop.job(text, nodes, elements), "--set", "net.subdivide=2")
+    w, area = -f["statics/displacement"][-1, :, 2], f["net/tributary_area"][:]
+    free = ~f["net/fixed"][:].astype(bool).any(1)
+    assert free.sum() == 5 and not w[~free].any() and np.isclose(area.sum(), 16.0)
+    assert np.isclose(w[4], 2e-3, rtol=1e-3) and np.allclose(w[free][1:], 1.5e-3, rtol=1e-3)

@@ -94,7 +94,12 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "in which the coordinates of nodes.csv stand; all else is in SI units",
             choices=("m", "cm", "mm", "ft", "in"),
         ),
-        count("subdivide", 1, "elements for each net segment", high=10_000),
+        count(
+            "subdivide",
+            1,
+            "elements for each net segment; new nodes between two fixed ones are fixed",
+            high=10_000,
+        ),
         between(1e-3, 1e6, "side", "m", 73.2, "saddle: side of the square in plan"),
         between(
             -1e6, 1e6, "rise", "m", 3.66, "saddle: height of the boundary's high points above the middle"

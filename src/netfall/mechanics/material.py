@@ -103,11 +103,6 @@ def largest_stiffness(EA: np.ndarray, L0: np.ndarray) -> np.ndarray:
     return EA / L0
 
 
-def axial_stiffness(N: np.ndarray, EA: np.ndarray, L0: np.ndarray) -> np.ndarray:
-    """Axial stiffness dN/dL (m,) [N/m] at axial force N (m,) [N]; zero where slack."""
-    return np.where(N == 0.0, 0.0, EA / L0)
-
-
 def unstressed_length(L: np.ndarray, N: np.ndarray, EA: np.ndarray, logarithmic: bool) -> np.ndarray:
     """Unstressed length (m,) [m] of elements of length L (m,) [m] that carry N (m,) [N], in closed form."""
     return L * np.exp(-N / EA) if logarithmic else L / (1.0 + N / EA)

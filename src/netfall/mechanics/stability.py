@@ -14,11 +14,12 @@ Central difference is stable for dt < 2 / omega_max. Four figures, each with its
   takes half of its element's own mass and, if the step needs it, some of what its end carried besides
   (cladding): its mass is at least k dt^2 / 2. Then omega_p^2 = sum(k) / M <= 2 / dt^2 at every particle,
   fragments and what they leave alike, and as above omega^2 <= 4 / dt^2 for every element. What may be taken
-  is bounded (`after_fracture_limit`); nothing is made from nothing. Where nothing is carried this is dt < L0
-  / c of the shortest element. Without fragments there is no such limit: what breaks is taken out, which
-  makes nothing stiffer and nothing lighter.
-- `assembled`: 2 / omega_max of the assembled net as it stands, the sharp limit of the start
-  (`solve/spectrum.py`).
+  is bounded (`after_fracture_limit`); nothing is made from nothing. An element that cannot
+  break leaves no fragment and takes nothing: it counts at its particles alone, in sum(k) and M. Where nothing
+  is carried this is dt < L0 / c of the shortest element. Without fragments there is no such limit: what
+  breaks is taken out, which makes nothing stiffer and nothing lighter.
+- `assembled`: 2 / omega_max of the assembled net as it stands, its slack cables taut: the sharp limit of the
+  start (`solve/spectrum.py`).
 `scaled_mass` adds inertia where that makes `slackening` longest; the limits are then those of the heavier
 net.
 """
@@ -65,25 +66,30 @@ def any_shape_limits(elements, EA, L0, mass, free, bar) -> list[Limit]:
 def after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, share: float) -> Limit:
     """Limit for any fragment of the net, if fragments take along up to `share` of what their ends carry.
 
-    half : (m,) [kg], half of each element's own mass; mass : (n,) [kg]; held : (n,) bool, supports,
-        whose fragments may take all of it
-    eps_u : (m,) fracture strains; inf: the element never breaks
+        half : (m,) [kg], half of each element's own mass; mass : (n,) [kg]; held : (n,) bool, supports,
+            whose fragments may take all of it
+        eps_u : (m,) fracture strains; inf: the element never breaks
 
     The largest dt for which at no end more is needed than may be taken, max(0, k dt^2 / 2 - half) <= share *
-    carried, nor at any particle by all of its elements together more than it carries.
+    carried, nor at any particle by all of its elements together more than it carries. What cannot break takes
+    nothing: all of k dt^2 / 2 - half counts there, of either sign, so that sum(k) dt^2 / 2 <= M holds for
+    whatever is left of the particle.
     """
-    if not np.isfinite(eps_u).any():
+    breaks = np.isfinite(eps_u)
+    if not breaks.any():
         return Limit("after_fracture", np.inf, -1)
     k = largest_stiffness(EA, L0)
     carried = mass - np.bincount(elements.ravel(), np.repeat(half, 2), len(mass))
     carried = np.where(carried > ROUNDING * mass, carried, 0.0)
     may_take = np.where(held, 1.0, share) * carried
     alone = np.sqrt(2.0 * (half + may_take[elements].min(1)) / k)  # the largest dt of each element by itself
+    alone[~breaks] = np.inf
     worst = int(np.argmin(alone))
     dt = float(alone[worst])
 
     def lacking(dt: float) -> np.ndarray:
-        need = np.maximum(0.0, 0.5 * k * dt * dt - half)
+        need = 0.5 * k * dt * dt - half
+        need = np.where(breaks, np.maximum(0.0, need), need)
         return np.where(held, 0.0, np.bincount(elements.ravel(), np.repeat(need, 2), len(mass)) - carried)
 
     if lacking(dt).max(initial=0.0) > 0.0:

@@ -121,7 +121,11 @@ def pair_key(pairs: np.ndarray, count: int) -> np.ndarray:
 
 
 def subdivide(net: Net, parts: int) -> Net:
-    """The net with each element in `parts` equal ones; new particles follow, free and without load."""
+    """The net with each element in `parts` equal ones; new particles follow, without load.
+
+    They are free, but fixed in an element between two fixed nodes: it closes a face or stays where it is, and
+    its middle would sag or flap as no cable there does.
+    """
     if parts == 1:
         return net
     n, m = net.n, net.m
@@ -131,11 +135,12 @@ def subdivide(net: Net, parts: int) -> Net:
     start, end = net.x[net.elements[:, 0], None], net.x[net.elements[:, 1], None]
     new = ((1 - share) * start + share * end).reshape(-1, 3)
     k = len(new)
+    held = np.repeat(net.fixed[net.elements].all((1, 2)), parts - 1)
     columns = {column.name: _continued(net, column, k, parts) for column in fields(net) if column.metadata}
     return replace(
         net,
         x=np.concatenate([net.x, new]),
-        fixed=np.concatenate([net.fixed, np.zeros((k, 3), bool)]),
+        fixed=np.concatenate([net.fixed, np.repeat(held[:, None], 3, 1)]),
         parts=net.parts * parts,
         node_id=np.concatenate([net.node_id, net.node_id.max() + 1 + np.arange(k)]),
         elements=np.stack([chain[:, :-1], chain[:, 1:]], -1).reshape(-1, 2),

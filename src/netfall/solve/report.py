@@ -141,7 +141,7 @@ def limit_line(limit: Limit, model: Model) -> str:
         "any_shape": "stable step, intact, in any shape",
         "slackening": "step for cables that go slack and come taut again",
         "after_fracture": "stable step after any fracture",
-        "assembled": "stable step of the net as it starts",
+        "assembled": "stable step of the net as it starts, all cables taut",
     }[limit.name]
     if limit.element < 0:
         return f"{meaning}: no limit"

@@ -1,15 +1,16 @@
 """The highest frequency of the assembled net: 2 / omega_max is the sharp limit of the step at the start.
 
-Lanczos's iteration on M^-1/2 K M^-1/2, K with material and geometric stiffness, without held axes. Its sums
-are exact and each particle's force is summed as in the time loop, so the limit has the same bits on any
-number of ranks.
+Lanczos's iteration on M^-1/2 K M^-1/2, K with material and geometric stiffness, without held axes. What is
+slack counts as taut, for it may be so a moment later; compression, which makes the net softer across, does
+not count. The sums are exact and each particle's force is summed as in the time loop, so the limit has the
+same bits on any number of ranks.
 """
 
 import numpy as np
 from mpi4py import MPI
 
 from netfall.mechanics.elements import add_stiffness
-from netfall.mechanics.material import axial_stiffness
+from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.stability import Limit
 from netfall.mechanics.state import State
 from netfall.parallel.halo import Halo
@@ -23,14 +24,14 @@ EACH = 5  # iterations between looks at the bound
 
 
 def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo: Halo) -> Limit:
-    """2 / omega_max of the net as it stands; slack cables and held axes add nothing.
+    """2 / omega_max of the net as it stands; its slack cables taut; held axes add nothing.
 
     element_gid : (m,); halo : of width 3. Collective.
     """
     s, owned = state, slice(state.n_owned)
     N, _, _, L = s.elements_now()
     direction = (s.x[s.ends[:, 1]] - s.x[s.ends[:, 0]]) / np.maximum(L, 1e-300)[:, None]
-    axial, transverse = axial_stiffness(N, s.EA, s.L0), geometric_stiffness(np.maximum(N, 0.0), L)
+    axial, transverse = largest_stiffness(s.EA, s.L0), geometric_stiffness(np.maximum(N, 0.0), L)
     moves = (s.free != 0) & (s.mass > 0.0)[:, None]
     root = np.where(moves, 1.0 / np.sqrt(np.where(s.mass > 0.0, s.mass, 1.0))[:, None], 0.0)
     shape, force = np.empty((s.n_local, 3)), np.empty((s.n_local, 3))
