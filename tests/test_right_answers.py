@@ -256,7 +256,7 @@ def swing(workshop, phase: float):
 
 @pytest.mark.parametrize("phase, told", [(0.5, "6.7%"), (0.1, None)])
 def test_the_balance_of_a_start_out_of_equilibrium_is_a_share_of_what_moves(workshop, phase, told):
-    """Central difference: the energy is k a^2 (1 - q sin^2), q = (omega dt)^2 / 4, and (1 - q) sin^2 of it moves.
+    """Central difference: the energy is k a^2 (1 - q sin^2), q = (omega dt)^2 / 4, (1 - q) sin^2 of it moves.
 
     So without any external work the balance is off by q / (1 - q) at most; above 1 % that
     is said after the run and by `info`.
@@ -339,3 +339,27 @@ def test_a_rim_between_supports_stays_when_subdivided(workshop):
     free = ~f["net/fixed"][:].astype(bool).any(1)
     assert free.sum() == 5 and not w[~free].any() and np.isclose(area.sum(), 16.0)
     assert np.isclose(w[4], 2e-3, rtol=1e-3) and np.allclose(w[free][1:], 1.5e-3, rtol=1e-3)
+
+
+def test_a_compressed_bar_in_parts_is_noted(workshop):
+    """A mast of 1 m under 100 N, held down by a cable: in parts nothing keeps its middle in line."""
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,1,0\n3,0,0,-1,1\n"
+    elements = "id,start,end,group,prestress\n5,1,2,mast,-100\n6,3,2,,100\n"
+    job = workshop.job(SECTION + '[cable.mast]\nkind = "bar"\n', nodes, elements)
+    assert notes_of(workshop, job) == []
+    (note,) = notes_of(workshop, job, "net.subdivide=2")
+    assert "subdivide cuts element 5 in parts, compressed bars" in note
+
+
+def test_a_run_that_ends_later_than_asked_says_so(workshop):
+    """Two whole steps of 6 ms for 10 ms end at 12 ms."""
+    nodes, text = (
+        "id,x,y,z,fixed,mass\n1,0,0,0,1,0\n2,1,0,0,0,9000\n3,2,0,0,1,0\n",
+        SECTION + "prestress = 1e3\n",
+    )
+    job = workshop.job(
+        text + "[dynamics]\nduration = 0.01\ntime_step = 0.006\n", nodes, "start,end\n1,2\n2,3\n"
+    )
+    assert any("the run ends at t = 0.012 s" in note for note in notes_of(workshop, job))
+    assert workshop.open("r.h5")["history/time"][-1] == 0.012
+    assert notes_of(workshop, job, "dynamics.time_step=0.005") == []

@@ -13,11 +13,12 @@ from netfall.output.progress import Progress
 from netfall.parallel import partition
 from netfall.solve.history import History, find_probes
 from netfall.solve.model import Model, scene_of
-from netfall.solve.schedule import Schedule
+from netfall.solve.schedule import Schedule, step_at
 from netfall.solve.setup import Setup
 from netfall.timings import Phases
 
 HALF_DIGIT = 2.0**-25  # of a single-precision number just below 1: what is less is lost when added to it
+MUCH_LONGER = 0.01  # of the duration: a last step that ends later is told
 AT_REST = 1e-6  # of the largest tension: a larger residual of the start is told
 
 
@@ -176,6 +177,12 @@ def step_remarks(job: Job, setup: Setup, dt: float) -> list[str]:
         remarks.append(_added_mass(setup.model))
     if job.dynamics.precision != "double":
         remarks.append(_rounding(job.dynamics.precision, setup.model, dt))
+    end = step_at(job.dynamics.duration, dt) * dt
+    if end > (1.0 + MUCH_LONGER) * job.dynamics.duration:
+        remarks.append(
+            f"note: time_step = {dt:g} does not divide duration = {job.dynamics.duration:g}: the run ends at "
+            f"t = {end:.6g} s"
+        )
     limit = setup.limits["slackening"]
     if job.dynamics.time_step != "auto" and job.dynamics.time_step > limit.dt:
         element, length = setup.model.net.element_id[limit.element], setup.model.L0[limit.element]
