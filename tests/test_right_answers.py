@@ -363,3 +363,12 @@ def test_a_run_that_ends_later_than_asked_says_so(workshop):
     assert any("the run ends at t = 0.012 s" in note for note in notes_of(workshop, job))
     assert workshop.open("r.h5")["history/time"][-1] == 0.012
     assert notes_of(workshop, job, "dynamics.time_step=0.005") == []
+
+
+def test_a_probe_over_two_layers_says_whose_histories_it_keeps(workshop):
+    """Nodes 2 and 5 are 1 m above one another; at [0, 0] there is one alone."""
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n4,0.5,0,1,1\n5,1,0,1,0\n6,1.5,0,1,1\n"
+    text = SECTION + "prestress = 1e3\n[dynamics]\nduration = 1e-3\n[output]\nhistory = 1e-3\n"
+    job = workshop.job(text + "probes = [[1, 0], [0, 0]]\n", nodes, "start,end\n1,2\n2,3\n4,5\n5,6\n")
+    (note,) = [note for note in notes_of(workshop, job) if "probes" in note]
+    assert "[1, 0]: nodes 2, 5 lie above one another there; its histories are those of node 2" in note

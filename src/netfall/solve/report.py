@@ -8,6 +8,7 @@ from netfall.job.read import Job
 from netfall.mechanics.events import EventLog
 from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.stability import Limit
+from netfall.net.plan import listed
 from netfall.output.info import balance_notes
 from netfall.output.progress import Progress
 from netfall.parallel import partition
@@ -60,8 +61,8 @@ def after_run(
         identity, balance = history.largest("identity_error"), history.largest("balance_error")
         if np.isfinite(identity):  # not without the audit
             progress.say(
-                f"energy: work identity to {identity:.1e}, physical balance to {balance:.1e} of the energy that "
-                "took part"
+                f"energy: work identity to {identity:.1e}, physical balance to {balance:.1e} of the energy "
+                "that took part"
             )
             for note in balance_notes(
                 *(np.array(history.rows[k]) for k in ("time", "balance_error", "broken"))
@@ -155,12 +156,19 @@ def remarks_of(job: Job, setup: Setup, dt: float) -> list[str]:
 
 
 def probe_remarks(model: Model, places) -> list[str]:
-    """Notes on probes that lie farther from any node in plan than the longest element is."""
+    """Notes on probes far from any node, by more than the longest element, or where several lie in plan."""
     net, remarks = model.net, []
     ends = model.x[net.elements]
     longest = np.sqrt(np.sum((ends[:, 1] - ends[:, 0]) ** 2, axis=1)).max(initial=0.0)
     for place, p in zip(places, find_probes(net, places).particles):
-        away = float(np.hypot(*(net.x[p, :2] - np.array(place))))
+        distance = np.hypot(*(net.x[:, :2] - np.array(place)).T)
+        away = float(distance[p])
+        level = np.flatnonzero(distance <= away + net.tolerance)
+        if len(level) > 1 and np.ptp(net.x[level, :2], axis=0).max() <= net.tolerance:
+            remarks.append(
+                f"note: [output] probes: [{place[0]:g}, {place[1]:g}]: nodes {listed(net.node_id[level])} lie "
+                f"above one another there; its histories are those of node {net.node_id[p]}"
+            )
         if away > longest:
             remarks.append(
                 f"note: [output] probes: [{place[0]:g}, {place[1]:g}] is {away:.4g} m away from every node, the "
