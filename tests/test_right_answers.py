@@ -340,3 +340,36 @@ def test_a_rim_between_supports_stays_when_subdivided(workshop):
     free = ~f["net/fixed"][:].astype(bool).any(1)
     assert free.sum() == 5 and not w[~free].any() and np.isclose(area.sum(), 16.0)
     assert np.isclose(w[4], 2e-3, rtol=1e-3) and np.allclose(w[free][1:], 1.5e-3, rtol=1e-3)
+
+
+def test_a_compressed_bar_in_parts_is_noted(workshop):
+    """A mast of 1 m under 100 N, held down by a cable: in parts nothing keeps its middle in line."""
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,1,0\n3,0,0,-1,1\n"
+    elements = "id,start,end,group,prestress\n5,1,2,mast,-100\n6,3,2,,100\n"
+    job = workshop.job(SECTION + '[cable.mast]\nkind = "bar"\n', nodes, elements)
+    assert notes_of(workshop, job) == []
+    (note,) = notes_of(workshop, job, "net.subdivide=2")
+    assert "subdivide cuts element 5 in parts, compressed bars" in note
+
+
+def test_a_run_that_ends_later_than_asked_says_so(workshop):
+    """Two whole steps of 6 ms for 10 ms end at 12 ms."""
+    nodes, text = (
+        "id,x,y,z,fixed,mass\n1,0,0,0,1,0\n2,1,0,0,0,9000\n3,2,0,0,1,0\n",
+        SECTION + "prestress = 1e3\n",
+    )
+    job = workshop.job(
+        text + "[dynamics]\nduration = 0.01\ntime_step = 0.006\n", nodes, "start,end\n1,2\n2,3\n"
+    )
+    assert any("the run ends at t = 0.012 s" in note for note in notes_of(workshop, job))
+    assert workshop.open("r.h5")["history/time"][-1] == 0.012
+    assert notes_of(workshop, job, "dynamics.time_step=0.005") == []
+
+
+def test_a_probe_over_two_layers_says_whose_histories_it_keeps(workshop):
+    """Nodes 2 and 5 are 1 m above one another; at [0, 0] there is one alone."""
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n4,0.5,0,1,1\n5,1,0,1,0\n6,1.5,0,1,1\n"
+    text = SECTION + "prestress = 1e3\n[dynamics]\nduration = 1e-3\n[output]\nhistory = 1e-3\n"
+    job = workshop.job(text + "probes = [[1, 0], [0, 0]]\n", nodes, "start,end\n1,2\n2,3\n4,5\n5,6\n")
+    (note,) = [note for note in notes_of(workshop, job) if "probes" in note]
+    assert "[1, 0]: nodes 2, 5 lie above one another there; its histories are those of node 2" in note

@@ -144,12 +144,15 @@ def _energies(h, say):
 
 
 def _fractures(f, say):
-    e = f["events"]
+    e, ids = f["events"], f["net/node_id"][:]
+    nodes = (
+        e["node_id"][:] if "node_id" in e else ids[np.minimum(e["particle"][:], len(ids) - 1)]
+    )  # older files
     for k in range(min(FIRST_EVENTS, len(e["time"]))):
         split = "" if e["new_particle"][k] >= 0 else ", nothing split"
         say(
             f"  t = {e['time'][k]:.5f} s, step {e['step'][k]}: element {element_name(f, e['element'][k])} "
-            f"at node {e['node_id'][k]}{split}, strain {e['strain'][k]:.4f}"
+            f"at node {nodes[k]}{split}, strain {e['strain'][k]:.4f}"
         )
     if len(e["time"]) > FIRST_EVENTS:
         say(f"  and {len(e['time']) - FIRST_EVENTS} more fracture events in /events")

@@ -8,16 +8,18 @@ from netfall.job.read import Job
 from netfall.mechanics.events import EventLog
 from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.stability import Limit
+from netfall.net.plan import listed
 from netfall.output.info import balance_notes
 from netfall.output.progress import Progress
 from netfall.parallel import partition
 from netfall.solve.history import History, find_probes
 from netfall.solve.model import Model, scene_of
-from netfall.solve.schedule import Schedule
+from netfall.solve.schedule import Schedule, step_at
 from netfall.solve.setup import Setup
 from netfall.timings import Phases
 
 HALF_DIGIT = 2.0**-25  # of a single-precision number just below 1: what is less is lost when added to it
+MUCH_LONGER = 0.01  # of the duration: a last step that ends later is told
 AT_REST = 1e-6  # of the largest tension: a larger residual of the start is told
 
 
@@ -154,12 +156,19 @@ def remarks_of(job: Job, setup: Setup, dt: float) -> list[str]:
 
 
 def probe_remarks(model: Model, places) -> list[str]:
-    """Notes on probes that lie farther from any node in plan than the longest element is."""
+    """Notes on probes far from any node, by more than the longest element, or where several lie in plan."""
     net, remarks = model.net, []
     ends = model.x[net.elements]
     longest = np.sqrt(np.sum((ends[:, 1] - ends[:, 0]) ** 2, axis=1)).max(initial=0.0)
     for place, p in zip(places, find_probes(net, places).particles):
-        away = float(np.hypot(*(net.x[p, :2] - np.array(place))))
+        distance = np.hypot(*(net.x[:, :2] - np.array(place)).T)
+        away = float(distance[p])
+        level = np.flatnonzero(distance <= away + net.tolerance)
+        if len(level) > 1 and np.ptp(net.x[level, :2], axis=0).max() <= net.tolerance:
+            remarks.append(
+                f"note: [output] probes: [{place[0]:g}, {place[1]:g}]: nodes {listed(net.node_id[level])} "
+                f"lie above one another there; its histories are those of node {net.node_id[p]}"
+            )
         if away > longest:
             remarks.append(
                 f"note: [output] probes: [{place[0]:g}, {place[1]:g}] is {away:.4g} m away from every node, "
@@ -179,6 +188,12 @@ def step_remarks(job: Job, setup: Setup, dt: float) -> list[str]:
         remarks.append(_added_mass(setup.model))
     if job.dynamics.precision != "double":
         remarks.append(_rounding(job.dynamics.precision, setup.model, dt))
+    end = step_at(job.dynamics.duration, dt) * dt
+    if end > (1.0 + MUCH_LONGER) * job.dynamics.duration:
+        remarks.append(
+            f"note: time_step = {dt:g} does not divide duration = {job.dynamics.duration:g}: the run ends at "
+            f"t = {end:.6g} s"
+        )
     limit = setup.limits["slackening"]
     if job.dynamics.time_step != "auto" and job.dynamics.time_step > limit.dt:
         element, length = setup.model.net.element_id[limit.element], setup.model.L0[limit.element]

@@ -71,7 +71,18 @@ def check_start(job: Job, model) -> list[str]:
             )
     if errors:
         raise InputError(errors)
-    return strain_notes(net, eps)
+    return strain_notes(net, eps) + _buckling(net, N)
+
+
+def _buckling(net: Net, N: np.ndarray) -> list[str]:
+    """A note for bars in parts that are compressed by N (m,) [N]: nothing keeps their inner nodes in line."""
+    rows = np.flatnonzero((N < 0.0) & (net.parts > 1))[:: net.parts]
+    if not len(rows):
+        return []
+    return [
+        f"[net] subdivide cuts {_elements(net, rows)} in parts, compressed bars without bending stiffness, "
+        "which buckle at the nodes between them; subdivide = 1 leaves them whole"
+    ]
 
 
 def _elements(net: Net, rows: np.ndarray) -> str:
