@@ -713,8 +713,9 @@ def test_load_case_of_the_paper(both_ways, compare):
     form, _ = newton(start, elements, constant(T), held, np.zeros_like(start))
     law = elastic(np.linalg.norm(form[elements[:, 1]] - form[elements[:, 0]], axis=1) / (1 + T / EA), EA)
     path, x = [], form
+    load = f["net/tributary_area"][:][:, None] * (0.0, 0.0, -2000.0)  # of the surface
     for step in range(1, 11):
-        x, N = newton(x, elements, law, held, np.where(held, 0.0, (0.0, 0.0, -2000.0 * 9.15**2 * step / 10)))
+        x, N = newton(x, elements, law, held, np.where(held, 0.0, load * step / 10))
         path.append((x - form, N))
     way, tension = (np.array(values) for values in zip(*path))
     ours, middle = f["statics/displacement"][:], int(np.hypot(*start.T[:2]).argmin())

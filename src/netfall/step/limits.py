@@ -24,8 +24,13 @@ def count_near(near, particles):
 
 @kernel
 def length_of(p, o, particles):
-    """Distance [m] of two particles, of positions or of what displacements from x_start give."""
-    x, x_start = particles.x, particles.x_start
+    """Distance [m] of two particles, of positions or of what displacements from x_start give.
+
+    As the forces see them: what the vector loop points at and what is decided here must be the same state,
+    or the two ends of an element, on two ranks perhaps, come to different plastic strains.
+    """
+    x = particles.x if particles.u_rounded is None else particles.u_rounded
+    x_start = particles.x_start
     dx, dy, dz = np.float64(x[0][o]) - x[0][p], np.float64(x[1][o]) - x[1][p], np.float64(x[2][o]) - x[2][p]
     if x_start is not None:
         dx += x_start[0][o] - x_start[0][p]
