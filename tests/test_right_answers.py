@@ -179,7 +179,7 @@ def test_an_unstressed_length_in_millimetres_is_noted(workshop):
 IDLE = {
     "dynamics.safety=0.5 dynamics.time_step=1e-5": "[dynamics] safety: no effect: time_step is fixed",
     "dynamics.fragment_mass=0.1": "[dynamics] fragment_mass: no effect: nothing can break",
-    "form_finding.method=force_density form_finding.start=given": "[form_finding] modulus_factor, start",
+    "form_finding.method=force_density form_finding.start=given": "[form_finding] start, modulus_factor",
     "load.tolerance=1e-3": "[load] tolerance: no effect: steps = 0: no statics",
     "wind.shape_coefficient=0": "[wind]: no effect: shape_coefficient = 0",
     "wind.roughness=0 wind.seed=3": "[wind] seed: no effect: roughness = 0: there are no gusts",
