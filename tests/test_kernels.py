@@ -127,50 +127,38 @@ SOME = [
     for scene in SCENES
     if sum(scene) in (0, 5) or scene in ((False, True, False, True, False), (True, False, True, False, False))
 ]
-IN_PRECISIONS = [(*scene, "double") for scene in SCENES] + [
-    (*scene, precision) for scene in SOME for precision in ("mixed", "single")
+FEATURES = ("plastic", "fracture", "logarithmic", "bars", "sections")
+IN_PRECISIONS = [(scene, "double") for scene in SCENES] + [
+    (scene, precision) for scene in SOME for precision in ("mixed", "single")
 ]
+EVERY_SCENE = pytest.mark.parametrize(
+    "scene",
+    [Scene(**dict(zip(FEATURES, there)), precision=precision) for there, precision in IN_PRECISIONS],
+    ids=["-".join([*itertools.compress(FEATURES, there), precision]) for there, precision in IN_PRECISIONS],
+)
 
 
-@pytest.mark.parametrize("plastic, fracture, logarithmic, bars, sections, precision", IN_PRECISIONS)
-def test_vector_kernel_gives_the_forces_of_the_element_law(
-    plastic, fracture, logarithmic, bars, sections, precision
-):
+@EVERY_SCENE
+def test_vector_kernel_gives_the_forces_of_the_element_law(scene):
     """To rounding; and it points at every particle with an element past yield or fracture."""
-    scene = Scene(
-        plastic=plastic,
-        fracture=fracture,
-        logarithmic=logarithmic,
-        bars=bars,
-        sections=sections,
-        precision=precision,
-    )
     state = random_state(scene, 1)
     N, eps, eps_p, L = state.elements_now()
     expected = np.zeros_like(state.x)
     add_tensions(state.x, state.ends, N, L, expected)
     found, near = forces_of(state)
-    assert np.abs(found - expected).max() <= PRECISIONS[precision] * np.abs(expected).max()
+    assert np.abs(found - expected).max() <= PRECISIONS[scene.precision] * np.abs(expected).max()
     if scene.inelastic:
         over = np.zeros(state.m, bool)
-        if plastic:
+        if scene.plastic:
             over |= eps_p != state.eps_p
-        if fracture:
+        if scene.fracture:
             over |= eps > state.eps_u
         assert over.any() and near[state.ends[over]].all()
 
 
-@pytest.mark.parametrize("plastic, fracture, logarithmic, bars, sections, precision", IN_PRECISIONS)
-def test_runs_give_the_bits_of_the_general_loop(plastic, fracture, logarithmic, bars, sections, precision):
+@EVERY_SCENE
+def test_runs_give_the_bits_of_the_general_loop(scene):
     """On a grid of 40 x 40, whose rows are runs: the same forces and the same particles pointed at."""
-    scene = Scene(
-        plastic=plastic,
-        fracture=fracture,
-        logarithmic=logarithmic,
-        bars=bars,
-        sections=sections,
-        precision=precision,
-    )
     state = make_state(
         scene,
         1600,

@@ -106,7 +106,10 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> tuple[np.ndarray, 
     points = np.concatenate([x, net.corners])
     surface = _shares(points, faces, lambda u, v: np.linalg.norm(np.cross(u, v), axis=1))[: net.n]
     plan = _shares(points[:, :2], faces, double_area)[: net.n]
-    given, normal = np.isfinite(net.area), normals(x, net, faces)
+    given = np.isfinite(net.area)
+    if not given.any():
+        return surface, plan
+    normal = normals(x, net, faces)
     slope = np.where(normal.any(1), np.abs(normal[:, 2]), 1.0)
     return np.where(given, net.area, surface), np.where(given, net.area * slope, plan)
 

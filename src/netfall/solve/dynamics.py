@@ -1,6 +1,4 @@
-"""The dynamic stage: from the initial state through gusts and fractures to the end (paper 2.5 step 3, 3,
-4).
-"""
+"""The dynamic stage: from the initial state through gusts and fractures to the end (paper 2.5, 3, 4)."""
 
 import numpy as np
 from mpi4py import MPI
@@ -24,16 +22,16 @@ LOOK_WORK = 200_000_000  # steps of an element, at most, between them: two secon
 class Simulation:
     """One run of the dynamic stage on all ranks.
 
-    Order of events at a step n: the wind moves on to the samples around t(n); the history row; the frame;
+    Order of events at a step n: the loads move on to the samples around t(n); the history row; the frame;
     then the steps to the next target, in which elements break as they reach their fracture strain. In a long
     way to a target all ranks look at the same steps whether one of them has been asked to stop.
     """
 
     def __init__(self, run, loads: list, history: History, start_strain: float, start_plastic: float):
-        """run : `run.Run`.
+        """Collective.
 
-        Loads : that vary, as `solve.loads` has them; start_strain, start_plastic : [J] from which energies
-        count. Collective.
+        run : `run.Run`; loads : that vary, as `solve.loads` has them
+        start_strain, start_plastic : [J] from which energies count
         """
         job, schedule, distribution = run.job, run.schedule, run.setup.distribution
         self.comm, self.state, self.schedule = run.comm, run.setup.state, schedule
@@ -169,8 +167,7 @@ class Simulation:
         self.state.end_block()
 
     def advance_until_first_fracture(self, stop: int) -> None:
-        """For after_fracture = "all": the whole wind ends with the first fracture, at the same step on all
-        ranks.
+        """For after_fracture = "all": all wind ends with the first fracture, at the same step on all ranks.
 
         A rank learns of a fracture elsewhere only at the end of a block. The block that holds the first one
         is therefore taken back and stepped again to just behind it; no step waits for a reduction.
@@ -203,9 +200,8 @@ class Simulation:
     def check_energies(self, snapshot) -> Energies:
         """The energies, before they are reported or the state is kept; stops a run that has diverged."""
         e = total_energies(self.comm, self.state, snapshot)
-        known = (
-            np.maximum(self.largest_work, abs(e.external)) + self.start_strain
-        )  # nan without the audit: then only what is not finite is seen
+        # nan without the audit: then only what is not finite is seen
+        known = np.maximum(self.largest_work, abs(e.external)) + self.start_strain
         if not np.isfinite(e.kinetic) or e.kinetic > 2 * known + 1e-9:
             self.stop_diverged(snapshot, e.kinetic)
         return e

@@ -22,9 +22,7 @@ from netfall.solve.start import check_start, unit_notes
 from netfall.solve.unused import without_effect
 from netfall.wind.field import GeneratedHistory, make_wind_field, read_measured
 
-COLLAPSED = (
-    1e-6  # of the length that is given: an element so short in the form that was found is none any more
-)
+COLLAPSED = 1e-6  # of the length that is given: an element so short in the form is none any more
 LARGEST_LOG = 500.0  # of a logarithmic strain: exp of much more is no number
 
 
@@ -194,7 +192,7 @@ def set_initial(job: Job, model: Model, x: np.ndarray, N: np.ndarray | None) -> 
         L0 = np.where(given, net.unstressed_length, L0)
         N = np.where(given, elastic_forces(L, L0, EA, net.bar, logarithmic), N)
     model.x, model.N, model.L0 = x, N, L0
-    model.notes_of_values += check_start(job, model)
+    model.notes_of_values += check_start(job, model, L)
     half = model.half_mass
     own = np.bincount(net.elements[:, 0], half, net.n) + np.bincount(net.elements[:, 1], half, net.n)
     model.mass, model.load = own + net.mass, net.load.copy()

@@ -50,12 +50,13 @@ def strain_notes(net: Net, eps: np.ndarray) -> list[str]:
     return notes
 
 
-def check_start(job: Job, model) -> list[str]:
-    """Notes on the strains of the start. Raises InputError where elements yield or break in it."""
-    net, L0, N = model.net, model.L0, model.N
-    ends = model.x[net.elements]
-    L = np.sqrt(np.sum((ends[:, 1] - ends[:, 0]) ** 2, axis=1))
-    eps = strains(L, L0, job.cable.strain == "logarithmic")
+def check_start(job: Job, model, L: np.ndarray) -> list[str]:
+    """Notes on the strains at lengths L (m,) [m] of the start.
+
+    model : `model.Model`. Raises InputError where elements yield or break in it.
+    """
+    net, N = model.net, model.N
+    eps = strains(L, model.L0, job.cable.strain == "logarithmic")
     errors = []
     for over, what, value, limit in (
         (eps > model.eps_u, "fracture_strain", eps, model.eps_u),

@@ -11,6 +11,7 @@ from netfall.compile import kernel, vector_kernel
 from netfall.mechanics.arithmetic import like
 from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.material import axial_force, strain, yield_energy
+from netfall.step.forces import seen_by_forces
 
 
 @vector_kernel
@@ -29,8 +30,7 @@ def length_of(p, o, particles):
     As the forces see them: what the vector loop points at and what is decided here must be the same state,
     or the two ends of an element, on two ranks perhaps, come to different plastic strains.
     """
-    x = particles.x if particles.u_rounded is None else particles.u_rounded
-    x_start = particles.x_start
+    x, x_start = seen_by_forces(particles), particles.x_start
     dx, dy, dz = np.float64(x[0][o]) - x[0][p], np.float64(x[1][o]) - x[1][p], np.float64(x[2][o]) - x[2][p]
     if x_start is not None:
         dx += x_start[0][o] - x_start[0][p]

@@ -59,7 +59,7 @@ def stepped_particles(state: State) -> Particles:
     """The particles as the time loop takes them.
 
     x are positions, or displacements from x_start, which is None otherwise; work is that of the block, if
-    that is kept; what no particle has is None for each axis.
+    that is kept; what no particle has is None.
     """
     s = state
     vertical = not s.load[:, :2].any()

@@ -8,9 +8,7 @@ from netfall.compile import kernel
 from netfall.mechanics.fields import SLOTS
 
 FEWEST = 3  # particles that are worth a register of their own
-MANY_LOOSE = (
-    8  # one particle in so many outside the whole runs of a chunk: then the kick goes through all of it
-)
+MANY_LOOSE = 8  # one particle in so many outside a chunk's whole runs: then the kick goes through all of it
 
 
 class Runs(NamedTuple):
