@@ -5,6 +5,7 @@ and in jobs/README.md (a test compares the two).
 """
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 REQUIRED = object()  # the key must stand in the job file if its section does
 ABSENT = None  # the key may be missing: the thing that it describes is then not there
@@ -221,6 +222,16 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         not_negative("profile_exponent", "", 0.16, "of the mean speed over height", high=1.0),
         Key("base_height", "number", 10.0, "m", "height of z = 0 above ground"),
         Key(
+            "onset",
+            "choice",
+            "static",
+            "",
+            "static: the roof rests under its loads and the mean wind, then the gusts grow in; "
+            "sudden: all of the wind at t = 0",
+            choices=("static", "sudden"),
+        ),
+        not_negative("ramp", "s", 2.0, "time over which the gusts grow in after a static onset; 0: at once"),
+        Key(
             "after_fracture",
             "choice",
             "particle",
@@ -285,3 +296,8 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
 
 GENERATOR_KEYS = {"saddle": ("side", "rise", "cells"), "stadium": ("length", "width", "arch_rise", "spacing")}
 GROUP_KEYS = tuple(k for k in SECTIONS["cable"] if k.name != "strain")
+
+
+def defaults(section: str) -> SimpleNamespace:
+    """The defaults of a section's keys."""
+    return SimpleNamespace(**{key.name: key.default for key in SECTIONS[section]})

@@ -1,6 +1,7 @@
 """Areas of the roof that each particle carries, and the normals that pressure and wind act along."""
 
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import numpy as np
 import shapely
@@ -46,19 +47,29 @@ def roof_of(job: Job, net: Net) -> Roofing:
     return Roofing(faces, _covered(plan, faces), notes)
 
 
+def every_table(section: SimpleNamespace, key: str) -> list[dict]:
+    """[section] itself and those overrides of its zones that have a key, as dicts."""
+    return [vars(section), *(table for table in section.zone.values() if key in table)]
+
+
 def _loaded(job: Job) -> bool:
-    load = job.load
-    return job.wind is not None or (load is not None and (load.dead > 0 or load.pressure is not None))
+    """Whether anything acts on areas."""
+    given = lambda key: any(table[key] for table in every_table(job.load, key))
+    return job.wind is not None or (job.load is not None and any(map(given, ("dead", "snow", "pressure"))))
 
 
-def _along_normals(job: Job) -> bool:
-    return job.wind is not None or (job.load is not None and isinstance(job.load.pressure, int | float))
+def along_normals(job: Job) -> bool:
+    """Whether wind or pressure acts along the normals."""
+    if job.wind is not None:
+        return True
+    numbers = lambda: (table["pressure"] for table in every_table(job.load, "pressure"))
+    return job.load is not None and any(isinstance(value, int | float) for value in numbers())
 
 
 def _needs_faces(job: Job, net: Net) -> bool:
     """Whether something acts on areas, or along normals, that the tables do not give."""
     bare = (net.area > 0) & ~np.isfinite(net.normal[:, 0])
-    return _loaded(job) and bool(np.isnan(net.area).any() or (_along_normals(job) and bare.any()))
+    return _loaded(job) and bool(np.isnan(net.area).any() or (along_normals(job) and bare.any()))
 
 
 def _notes(job: Job, net: Net, plan: Plan, faces: Faces, carries: np.ndarray) -> list[str]:

@@ -43,7 +43,7 @@ def check_job(job: Job, say: Callable[[str], None]) -> None:
     _describe_net(setup, say)
     if setup.form:
         say(form_line(setup))
-    elif starts_moving(setup):
+    elif starts_moving(job, setup):
         say(start_note(setup))
     say("stages: " + ", ".join(stages(job)))
     say(f"the scene has: {features(job, setup.model)}")

@@ -189,14 +189,14 @@ def largest_force(comm: MPI.Comm, N: np.ndarray, ends: np.ndarray, free: np.ndar
     return float(comm.allreduce(mine, MPI.MAX))
 
 
-def net_of(state: State, factor: float) -> Net:
-    """The net of a state under a share of its load, plastic state unchanged."""
+def net_of(state: State, load: np.ndarray) -> Net:
+    """The net of a state under a load (n, 3) [N] of owned and halo particles, plastic state unchanged."""
 
     def forces(x, f):
         now = state.elements_now()
         f[:] = 0.0
         add_tensions(x, state.ends, now.N, now.L, f)
-        f += factor * state.load
+        f += load
 
     def stiffness(x):
         now = state.elements_now()
@@ -210,10 +210,8 @@ def geometric_stiffness(N: np.ndarray, L: np.ndarray) -> np.ndarray:
     return np.abs(N) / np.maximum(L, 1e-300)
 
 
-def state_residual(comm: MPI.Comm, state: State, factor: float) -> float:
-    """Largest residual force [N] on a free axis at the present positions under a share of the load.
-    Collective.
-    """
+def state_residual(comm: MPI.Comm, state: State) -> float:
+    """Largest residual force [N] on a free axis at the present positions without load. Collective."""
     f = np.zeros_like(state.x)
-    net_of(state, factor).forces(state.x, f)
+    net_of(state, np.zeros_like(state.x)).forces(state.x, f)
     return comm.allreduce(largest_residual(f, state.free, state.n_owned), MPI.MAX)

@@ -16,6 +16,7 @@ from netfall.solve.history import History, find_probes
 from netfall.solve.model import Model, scene_of
 from netfall.solve.schedule import Schedule, step_at
 from netfall.solve.setup import Setup
+from netfall.solve.statics import StaticPath, has_statics
 from netfall.timings import Phases
 
 HALF_DIGIT = 2.0**-25  # of a single-precision number just below 1: what is less is lost when added to it
@@ -36,7 +37,7 @@ def before_run(job: Job, setup: Setup, schedule: Schedule | None, progress: Prog
     N = model.N
     if setup.form:
         progress.say(f"{form_line(setup)}; tensions {N.min():.4g} to {N.max():.4g} N")
-    elif starts_moving(setup):
+    elif starts_moving(job, setup):
         progress.say(f"{start_note(setup)}, largest tension {setup.reference:.3g} N")
     if schedule:
         for limit in setup.limits.values():
@@ -97,8 +98,26 @@ def form_line(setup: Setup) -> str:
     )
 
 
-def starts_moving(setup: Setup) -> bool:
-    """Whether the start is not in equilibrium."""
+def static_lines(path: StaticPath, elements: int) -> list[str]:
+    """What the static stage found."""
+    lines = [f"case {name}: {_settled(numbers, elements)}" for name, numbers in path.cases.items()]
+    if path.load_factor:
+        last = {name: getattr(path, name)[-1] for name in ("residual", "slack")}
+        lines.append(f"statics: {_settled(last, elements)}")
+    if path.rest:
+        lines.append(f"rest under the mean wind: {_settled(path.rest, elements)}")
+    return lines
+
+
+def _settled(numbers: dict, elements: int) -> str:
+    residual, slack = numbers["residual"], numbers["slack"]
+    return f"in equilibrium, largest residual {residual:.3g} N, slack {slack} of {elements}"
+
+
+def starts_moving(job: Job, setup: Setup) -> bool:
+    """Whether the start is not in equilibrium, and nothing is done about it before it moves."""
+    if has_statics(job):
+        return False
     return setup.residual > AT_REST * max(setup.reference, 1e-300) and setup.residual > 0
 
 

@@ -94,7 +94,7 @@ def prepare(
             on_root(comm, lambda: set_initial(job, model, net.x, None))
     with phases.phase("state"):
         state = make_state(distribution, model, scene)
-        residual = state_residual(comm, state, 0.0)
+        residual = state_residual(comm, state)
         reference = comm.bcast(_largest_tension(model) if model else None)
         if form is not None:
             _check_form(job, form, residual)

@@ -17,6 +17,8 @@ PLAUSIBLE = (
     ("fracture_strain", "fracture_strain", "", 1e-6, 1.0, "4 percent are 0.04"),
 )
 SLACKEST, TIGHTEST = -0.5, 0.1  # strains between which nets start
+COLLAPSED = 1e-6  # of the length that is given: an element so short in the form is none any more
+LARGEST_LOG = 500.0  # of a logarithmic strain: exp of much more is no number
 UNITS = "check the units of modulus (Pa), area (m2), prestress (N) and unstressed_length (m)"
 
 
@@ -91,3 +93,42 @@ def _elements(net: Net, rows: np.ndarray) -> str:
     if len(rows) == 1:
         return f"element {net.element_id[rows[0]]}"
     return f"{len(rows)} elements ({listed(net.element_id[rows])})"
+
+
+def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
+    """Axial forces N (m,) [N] at lengths L (m,) [m] that no element can have. Raises InputError."""
+    yield_force, EA = net.yield_stress * net.section, net.modulus * net.section
+    at_start = lambda e: f"its axial force is {N[e]:.4g} N in the initial state"
+    checks = (
+        (
+            (N < 0) & ~net.bar,
+            lambda e: f'{at_start(e)}: a cable carries no compression; give its group kind = "bar"',
+        ),
+        (
+            np.abs(N) > yield_force,
+            lambda e: (
+                f"{at_start(e)}, above the yield force {yield_force[e]:.4g} N; "
+                "lower the prestress or choose a larger area"
+            ),
+        ),
+        (
+            (1.0 + N / EA <= 0) | ((job.cable.strain == "logarithmic") & (np.abs(N) > LARGEST_LOG * EA)),
+            lambda e: f"its axial force {N[e]:.4g} N is beyond its stiffness EA; choose a larger area",
+        ),
+    )
+    errors = []
+    for wrong, words in checks:
+        if wrong.any():
+            e = int(np.argmax(wrong))
+            errors.append(f"{job.path}: element {net.element_id[e]}: {words(e)}")
+    share = L / net.lengths()
+    if not share.min() > COLLAPSED:
+        e = int(np.argmin(share))
+        ids = "-".join(str(net.node_id[p]) for p in net.elements[e])
+        errors.append(
+            f"{job.path}: [form_finding]: the form has collapsed: element {net.element_id[e]} (nodes {ids}) "
+            f"is {L[e]:.3g} m long in it, {net.lengths()[e]:.4g} m as given; fix more nodes, or give "
+            "prestresses or force densities that hold the free ones apart"
+        )
+    if errors:
+        raise InputError(errors)

@@ -34,6 +34,12 @@ class WindField:
     weight: np.ndarray
     force: np.ndarray
 
+    def mean_force(self, mean_gust: np.ndarray) -> np.ndarray:
+        """Force (n, 3) [N] of the mean wind; mean_gust : (c,) [m/s], what the history's mean adds to it."""
+        speed = np.empty(len(self.mean))
+        particle_speeds(self.mean, self.corner, self.weight, mean_gust, speed)
+        return self.force * (speed * speed)[:, None]
+
 
 def control_grid(x: np.ndarray, limit: int) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates along x and y of a grid of at most `limit` control points over the plan of x (n, 3)."""
@@ -126,43 +132,49 @@ class GeneratedHistory:
 
     def __init__(self, field: WindField, settings):
         self.dt = settings.time_step
-        self.still = np.zeros(len(field.control_mean))
+        self.mean_gust = np.zeros(len(field.control_mean))  # m/s, over the duration: none
         self.recursion = (
             GustRecursion(field.model, settings.seed, settings.speed, self.dt) if field.model else None
         )
 
     def sample(self, k: int) -> tuple[float, np.ndarray]:
         """Time [s] and gusts (c,) [m/s] of sample k; samples are asked for in order."""
-        return k * self.dt, self.recursion.advance() if self.recursion else self.still
+        return k * self.dt, self.recursion.advance() if self.recursion else self.mean_gust
 
-    def record(self) -> dict:
-        """The state that a continuation needs, for `restore`."""
-        return self.recursion.record() if self.recursion else {}
+    def record(self) -> tuple[dict, dict]:
+        """The state that a continuation needs, for `restore`: numbers and arrays."""
+        if not self.recursion:
+            return {}, {}
+        kept = self.recursion.record()
+        return {"step": kept["step"]}, {"past": kept["past"]}
 
-    def restore(self, record: dict) -> None:
+    def restore(self, numbers: dict, arrays: dict) -> None:
         """Take up the record of an earlier run."""
         if self.recursion:
-            self.recursion.restore(record)
+            self.recursion.restore(numbers | arrays)
 
 
 class MeasuredHistory:
     """A table of times (t,) [s] and speeds (t,) [m/s] at 10 m, from time 0 on."""
 
-    def __init__(self, time: np.ndarray, speed: np.ndarray):
+    def __init__(self, time: np.ndarray, speed: np.ndarray, duration: float):
+        """duration : [s], over which `mean_gust` (1,) [m/s] is the mean"""
         self.notes: list[str] = []
         first = int(np.searchsorted(time, 0.0, side="right")) - 1
         self.time, self.speed = time[first:], speed[first:]
+        within = np.unique(np.clip(time, 0.0, duration))
+        self.mean_gust = np.array([np.trapezoid(np.interp(within, time, speed), within) / duration])
 
     def sample(self, k: int) -> tuple[float, np.ndarray]:
         """Time [s] and speed (1,) [m/s] of row k; the last one stands for all that follow."""
         k = min(k, len(self.time) - 1)
         return float(self.time[k]), self.speed[k : k + 1]
 
-    def record(self) -> dict:
+    def record(self) -> tuple[dict, dict]:
         """Nothing: a row depends on its number alone."""
-        return {}
+        return {}, {}
 
-    def restore(self, record: dict) -> None:
+    def restore(self, numbers: dict, arrays: dict) -> None:
         """Nothing to take up."""
 
 
@@ -186,6 +198,6 @@ def read_measured(job) -> MeasuredHistory:
             f"covers {time[0]:g} to {time[-1]:g} s; expected 0 to duration = {job.dynamics.duration:g} s"
         )
     table.finish()
-    history = MeasuredHistory(time, speed)
+    history = MeasuredHistory(time, speed, job.dynamics.duration)
     history.notes = table.notes
     return history
