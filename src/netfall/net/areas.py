@@ -47,18 +47,19 @@ def roof_of(job: Job, net: Net) -> Roofing:
 
 
 def _loaded(job: Job) -> bool:
-    load = job.load
-    return job.wind is not None or (load is not None and (load.dead > 0 or load.pressure is not None))
+    weighs = any(job.loads("dead") + job.loads("snow"))
+    return job.wind is not None or weighs or any(value is not None for value in job.loads("pressure"))
 
 
-def _along_normals(job: Job) -> bool:
-    return job.wind is not None or (job.load is not None and isinstance(job.load.pressure, int | float))
+def along_normals(job: Job) -> bool:
+    """Whether something acts along the normals of the roof."""
+    return job.wind is not None or any(isinstance(value, int | float) for value in job.loads("pressure"))
 
 
 def _needs_faces(job: Job, net: Net) -> bool:
     """Whether something acts on areas, or along normals, that the tables do not give."""
     bare = (net.area > 0) & ~np.isfinite(net.normal[:, 0])
-    return _loaded(job) and bool(np.isnan(net.area).any() or (_along_normals(job) and bare.any()))
+    return _loaded(job) and bool(np.isnan(net.area).any() or (along_normals(job) and bare.any()))
 
 
 def _notes(job: Job, net: Net, plan: Plan, faces: Faces, carries: np.ndarray) -> list[str]:

@@ -14,9 +14,10 @@ from netfall.job.read import Job
 from netfall.mechanics.fields import Scene
 from netfall.mechanics.material import elastic_forces, unstressed_length
 from netfall.mechanics.stability import scaled_mass
-from netfall.net.areas import Roofing, normals, roof_of, tributary_areas
+from netfall.net.areas import Roofing, along_normals, normals, roof_of, tributary_areas
 from netfall.net.build import build_net
 from netfall.net.net import GRAVITY, Net
+from netfall.net.zones import Zones, zones_of
 from netfall.parallel import partition
 from netfall.solve.start import check_start, unit_notes
 from netfall.solve.unused import without_effect
@@ -35,6 +36,7 @@ class Model:
 
     net: Net
     roofing: Roofing
+    zones: Zones
     part: np.ndarray
     partition_source: str
     area: np.ndarray = None  # m2 of surface
@@ -103,7 +105,13 @@ class Model:
 
     def notes(self) -> list[str]:
         """What is plausible but odd in the net, its tables and its roof."""
-        return self.net.notes + self.roofing.notes + self.notes_of_values + self.notes_of_history
+        return (
+            self.net.notes
+            + self.roofing.notes
+            + self.zones.notes
+            + self.notes_of_values
+            + self.notes_of_history
+        )
 
     def id_of(self, e: int) -> int:
         """Id of an element."""
@@ -124,6 +132,7 @@ class Model:
 def make_model(job: Job, ranks: int) -> Model:
     """Net, areas and partition of a job; the initial state comes with `set_initial`. Raises InputError."""
     net = build_net(job)
+    zones = zones_of(job, net)
     roofing = roof_of(job, net)
     part, source = None, "METIS, k-way"
     if not job.changes_net():
@@ -132,7 +141,7 @@ def make_model(job: Job, ranks: int) -> Model:
             source = f"{partition.FOLDER / job.name}.graph.part.{ranks}"
     if part is None:
         part = partition.metis_partition(net.n, net.elements, ranks)
-    model = Model(net, roofing, part, source)
+    model = Model(net, roofing, zones, part, source)
     model.notes_of_values = without_effect(job, net) + unit_notes(net)
     if job.wind and job.wind.file:
         model.history = read_measured(job)
@@ -230,9 +239,8 @@ def _add_loads(job: Job, model: Model, own: np.ndarray, normal: np.ndarray) -> N
 
 def _check_normals(job: Job, model: Model, normal: np.ndarray) -> None:
     """Wind and pressure along normals must not vanish silently on particles that meet no face."""
-    along = job.wind is not None or (job.load is not None and isinstance(job.load.pressure, int | float))
     bare = (model.area > 0) & ~normal.any(1) & model.moves
-    if along and bare.any():
+    if along_normals(job) and bare.any():
         raise InputError(
             f"{job.path}: {int(bare.sum())} free nodes with a roof area meet no closed face in plan, so wind "
             f"and pressure have no normal to act along (first: node {model.net.node_id[bare][0]}); close the "
