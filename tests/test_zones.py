@@ -9,6 +9,8 @@ from netfall.job.read import read_job
 from netfall.job.schema import LISTS
 from netfall.net.build import build_net
 from netfall.net.zones import zones_of
+from netfall.solve.model import make_model, set_initial
+from netfall.wind.sectors import read_sectors
 
 SIDE = 6  # nodes along a side of the flat grid: 5 x 5 cells of 1 m
 STILL = "[dynamics]\nduration = 0.01\n"
@@ -113,7 +115,7 @@ def test_of_several_zones_a_node_belongs_to_the_last(workshop):
     _, net, found = zones(workshop, '[[zone]]\nname = "own"\n' + "".join(both), column=column)
     assert places(net, found, "own") == set()
     assert found.notes == [
-        "[[zone]] own: all of its nodes lie in zones after it too, and belong to these",
+        'zone "own": all of its nodes lie in zones after it too, and belong to these',
     ]
 
 
@@ -172,7 +174,7 @@ def test_zones_are_part_of_the_digest(workshop):
 def test_a_zone_without_nodes_is_told(workshop):
     """A polygon beside the roof."""
     _, _, found = zones(workshop, square("a", 0, 0, 1, 1) + square("off", 100, 0, 101, 1))
-    assert found.notes == ["[[zone]] off: no node lies in it; the polygon is in metres, in plan"]
+    assert found.notes == ['zone "off": no node lies in it; the polygon is in metres, in plan']
 
 
 @pytest.mark.parametrize(
@@ -287,6 +289,173 @@ def test_a_case_sets_loads_and_those_of_zones(workshop):
     assert job.cases[0].set == {"load.snow": 750.0, "load.zone.e.pressure": [0, 0, 1]}
     assert job.cases[1].set == {"load.snow": 1.0, "load.zone.e.snow": 2.0}
     assert job.loads("snow") == [0.0, 750.0, 1.0, 2.0]
+
+
+# --- what they do to the wind
+
+ZONED = (
+    WIND.replace("[wind]\n", "[wind]\ndirection = 0\n")
+    + STILL
+    + "[wind.zone.edge]\nshape_coefficient = -2.2\n"
+    + square("edge", 0, 0, 1, 5)
+)
+EDGE = 7.5  # m2: the nodes at x = 0 carry 2 x 0.25 + 4 x 0.5, those at x = 1 twice that
+REST = 25.0 - EDGE
+SUCTION = 0.5 * 1.25 * 20.0**2  # N/m2; z = 0 is 10 m above ground, where the speed is [wind] speed
+
+
+def model_of(job):
+    """The model of a job in its start geometry, on one rank."""
+    model = make_model(job, 1)
+    set_initial(job, model, model.net.x, None)
+    return model
+
+
+def test_wind_acts_with_the_coefficient_of_each_zone(workshop):
+    """A node with its whole area: the sum of forces on the flat grid by hand, upward."""
+    model = model_of(read_job(workshop.job(STEEL + ZONED, *grid())))
+    total = model.wind.sum(0) * 20.0**2
+    assert model.area[model.zones.of_node == 0].sum() == pytest.approx(EDGE, rel=1e-14)  # rounding of areas
+    assert total[2] == pytest.approx(SUCTION * (2.2 * EDGE + 1.0 * REST), rel=1e-14)  # and of the sum
+    assert (total[:2] == 0).all()
+
+
+def test_result_holds_zones_and_mean_pressures_on_any_number_of_ranks(both_ways):
+    """By hand, and the same bits on one rank and on three."""
+    text = (
+        STEEL
+        + ZONED
+        + "[load]\nsteps = 1\npressure = 3.0\n[load.zone.edge]\npressure = [0, 0, -1]\nsnow = 5\n"
+    )
+    with both_ways.run(both_ways.job(text, *grid())) as f:
+        edge = f["net/zone"][:] == 0
+        assert edge.tolist() == [x < 2 for x in range(SIDE) for _ in range(SIDE)]
+        assert f["net/zone_names"].asstr()[:].tolist() == ["edge"]
+        assert f["wind/shape_coefficient"][:].tolist() == np.where(edge, -2.2, -1.0).tolist()
+        pressure = f["wind/mean_pressure"][:]
+        # rounding of the profile, (10 / 10)^0.16
+        assert pressure == pytest.approx(np.where(edge, -2.2, -1.0) * SUCTION, rel=1e-14)
+        assert f["load/snow"][:].tolist() == np.where(edge, 5.0, 0.0).tolist()
+        assert np.isnan(f["load/pressure"][edge]).all() and (f["load/pressure"][~edge] == 3.0).all()
+
+
+def test_mean_pressure_of_a_table_is_that_of_its_mean_speed(workshop):
+    """Speeds of 10 and 30 m/s in turns: the mean, 20 m/s."""
+    (workshop.folder / "gust.csv").write_text("time,speed\n0,10\n0.01,30\n")
+    text = STEEL + ZONED.replace("speed = 20.0\nroughness = 0.0", 'file = "gust.csv"')
+    with workshop.run(workshop.job(text, *grid())) as f:
+        expected = np.where(f["net/zone"][:] == 0, -2.2, -1.0) * SUCTION
+        assert f["wind/mean_pressure"][:] == pytest.approx(expected, rel=1e-14)
+
+
+SECTORS = "direction,shape_coefficient,Edge\n30,-1,2\n90,-2,2\n350,0.5,-4\n"
+BY_SECTORS = ZONED.replace("shape_coefficient = -1.0", 'sectors = "cp.csv"').split("[wind.zone")[0]
+BY_SECTORS += square("Edge", 0, 0, 1, 5)
+
+
+def sectors_job(workshop, text=BY_SECTORS, table=SECTORS, *overrides):
+    """A job whose coefficients stand in a table."""
+    (workshop.folder / "cp.csv").write_text(table)
+    return read_job(workshop.job(STEEL + text, *grid()), list(overrides))
+
+
+@pytest.mark.parametrize(
+    "direction, roof, edge",
+    [
+        (30.0, -1.0, 2.0),
+        (60.0, -1.5, 2.0),  # half way
+        (-300.0, -1.5, 2.0),  # the same direction
+        (220.0, -0.75, -1.0),  # half way from 90 to 350
+        (350.0, 0.5, -4.0),
+        (10.0, -0.25, -1.0),  # half way from 350 to 390
+        (0.0, 0.125, -2.5),  # a quarter of it
+        (360.0, 0.125, -2.5),
+    ],
+)
+def test_sectors_are_linear_in_the_direction_and_around(workshop, direction, roof, edge):
+    """By hand, for the roof and a zone with a column; its name in capital letters too."""
+    model = model_of(sectors_job(workshop, BY_SECTORS, SECTORS, f"wind.direction={direction}"))
+    expected = np.where(model.zones.of_node == 0, edge, roof)
+    assert model.shape_coefficient == pytest.approx(expected, abs=1e-15)  # rounding of numbers near 1
+
+
+def test_a_zone_without_a_column_has_its_own_value_or_that_of_the_roof(workshop):
+    """In the wind of any direction."""
+    table = "direction,shape_coefficient\n0,-1\n180,-2\n"
+    job = sectors_job(workshop, BY_SECTORS, table, "wind.direction=90")
+    assert make_model(job, 1).shape_coefficient.tolist() == [-1.5] * SIDE**2
+    job = sectors_job(workshop, BY_SECTORS, table, "wind.zone.Edge.shape_coefficient=-3")
+    assert sorted(set(make_model(job, 1).shape_coefficient)) == [-3.0, -1.0]
+
+
+def test_sectors_are_part_of_the_digest(workshop):
+    """A checkpoint of another table is refused."""
+    digests = {sectors_job(workshop, BY_SECTORS, t).digest() for t in (SECTORS, SECTORS.replace("30", "31"))}
+    assert len(digests) == 2
+
+
+@pytest.mark.parametrize(
+    "table, line",
+    [
+        (SECTORS.replace("350", "80"), "line 4: direction = 80: not after the row before (90)"),
+        (
+            SECTORS.replace("350", "360"),
+            "line 4: direction = '360': expected a number of degrees >= 0 and < 360",
+        ),
+        (SECTORS.replace("350", "north"), "line 4: direction = 'north': expected a number of degrees"),
+        (SECTORS.replace(",2\n90", ",\n90"), "line 2: edge is empty; expected a number"),
+        (SECTORS.replace("Edge", "egde"), "line 1: 'egde': unknown column; did you mean \"edge\"?"),
+        (
+            "direction,edge\n0,1\n",
+            "column shape_coefficient is missing; expected direction, shape_coefficient",
+        ),
+    ],
+)
+def test_a_wrong_table_of_sectors_is_one_line(workshop, table, line):
+    """The line of the table and what is allowed."""
+    with pytest.raises(InputError) as raised:
+        make_model(sectors_job(workshop, BY_SECTORS, table), 1)
+    assert raised.value.lines[0].startswith(f"{workshop.folder / 'cp.csv'}: {line}")
+
+
+def test_a_coefficient_is_given_once(workshop):
+    """For the roof by a number or by sectors, for a zone likewise."""
+    with pytest.raises(InputError, match="shape_coefficient and sectors exclude each other"):
+        sectors_job(workshop, BY_SECTORS, SECTORS, "wind.shape_coefficient=-1")
+    missing = "shape_coefficient: missing; expected a number, or sectors = a table"
+    assert lines_of(workshop, ZONED.replace("shape_coefficient = -1.0", ""))[0].startswith(
+        f"[wind] {missing}"
+    )
+    both = sectors_job(workshop, BY_SECTORS, SECTORS, "wind.zone.Edge.shape_coefficient=-3")
+    with pytest.raises(InputError, match=r"column edge and \[wind.zone.Edge\] shape_coefficient exclude"):
+        read_sectors(both, ["Edge"])
+
+
+def test_zones_and_directions_without_effect_are_told(workshop):
+    """A zone that nothing names, and a direction that coefficients do not follow."""
+    idle = 'zone "{}": no effect: neither [wind] nor [load] nor a case has a value for it'
+    follow = "[wind] direction = 0: the shape coefficients do not follow it; sectors = a table gives them "
+    follow += "by direction"
+    notes = make_model(read_job(workshop.job(STEEL + ZONED + square("b", 4, 4, 5, 5), *grid())), 1).notes()
+    assert idle.format("b") in notes and idle.format("edge") not in notes and follow in notes
+    notes = make_model(sectors_job(workshop), 1).notes()
+    assert idle.format("Edge") not in notes and follow not in notes
+    notes = make_model(sectors_job(workshop, BY_SECTORS, SECTORS.replace("Edge", "rim")), 1).notes()
+    left = 'columns not known and left alone: "rim"; known: direction, shape_coefficient, edge'
+    assert idle.format("Edge") in notes and f"{workshop.folder / 'cp.csv'}: {left}" in notes
+
+
+def test_a_zone_alone_brings_loads_on_the_roof(workshop):
+    """Areas and normals are asked for where a zone alone has a pressure, or a coefficient that is not 0."""
+    text = "[load]\nsteps = 1\n[load.zone.a]\npressure = 2.0\n" + square("a", 1, 1, 2, 2)
+    nodes, elements = grid()
+    crossing = elements + f"\n{node(1, 1)},{node(2, 2)},y\n{node(1, 2)},{node(2, 1)},y"
+    with pytest.raises(InputError, match="cross in plan without a node"):
+        make_model(read_job(workshop.job(STEEL + text, nodes, crossing)), 1)
+    zero = ZONED.replace("shape_coefficient = -1.0", "shape_coefficient = 0.0")
+    assert not any(
+        "= 0" in n for n in make_model(read_job(workshop.job(STEEL + zero, *grid())), 1).notes()[1:]
+    )
 
 
 def test_readme_lists_the_keys_of_every_list():

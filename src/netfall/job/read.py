@@ -44,7 +44,8 @@ class Job:
 
     def files(self) -> list[Path]:
         """The files that the job reads: tables of the net and of the wind."""
-        named = [self.net.nodes, self.net.elements, self.wind and self.wind.file]
+        wind = (self.wind.file, self.wind.sectors) if self.wind else ()
+        named = [self.net.nodes, self.net.elements, *wind]
         return [self.path.parent / name for name in named if name]
 
     def digest(self) -> str:

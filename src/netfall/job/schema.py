@@ -123,14 +123,23 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
     ),
     "wind": (
         between(0.1, 200.0, "speed", "m/s", ABSENT, "U0, mean at 10 m above ground"),
+        between(-360, 360, "direction", "degrees", 0.0, "where the wind blows to, from x towards y"),
         Key("file", "text", ABSENT, "", "path of a table time, speed, instead of a generated wind"),
         Key("roughness", "number", 0.03, "", "k of Davenport's spectrum; 0: no gusts", low=0.0, high=0.2),
         Key(
             "shape_coefficient",
             "number",
-            REQUIRED,
+            ABSENT,
             "",
             "u_s: positive presses on the roof, against the upward normal; negative is suction, which lifts",
+        ),
+        Key(
+            "sectors",
+            "text",
+            ABSENT,
+            "",
+            "path of a table direction, shape_coefficient and columns named as zones are, instead of "
+            "shape_coefficient",
         ),
         positive("air_density", "kg/m3", 1.25, "density of the air"),
         between(1e-4, 60.0, "time_step", "s", 0.05, "time step of the generated histories"),

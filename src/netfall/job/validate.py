@@ -119,6 +119,7 @@ class Validation:
             self._dimensions(given["net"])
         if "wind" in given:
             self._source_of_the_wind(given["wind"])
+            self._coefficients_of_the_wind(given["wind"])
         self._mass_scaling(given, found)
         if "wind" in given and "dynamics" not in given:
             self.wrong("wind", "there is no [dynamics] that the wind could act in; add it or remove [wind]")
@@ -184,6 +185,13 @@ class Validation:
         elif "speed" not in wind and "file" not in wind:
             expected = "a number of m/s > 0, or file = a table of time, speed"
             self.wrong("wind", f"speed: missing; expected {expected}")
+
+    def _coefficients_of_the_wind(self, wind: dict) -> None:
+        if "shape_coefficient" in wind and "sectors" in wind:
+            self.wrong("wind", "shape_coefficient and sectors exclude each other; keep one of the two")
+        elif "shape_coefficient" not in wind and "sectors" not in wind:
+            expected = "a number, or sectors = a table of them by the wind's direction"
+            self.wrong("wind", f"shape_coefficient: missing; expected {expected}")
 
     def _mass_scaling(self, given: dict, found: dict) -> None:
         moves, cable = found.get("dynamics"), given.get("cable", {})

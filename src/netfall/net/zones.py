@@ -26,19 +26,19 @@ class Zones:
     of_node: np.ndarray
     notes: list[str] = field(default_factory=list)
 
-    def by_name(self, base, values: dict) -> list:
-        """A value for each zone, by the names of those that have one of their own; else the base."""
-        return [values.get(name, base) for name in self.names]
+    def by_node(self, base: float | None, own: dict[str, float]) -> np.ndarray:
+        """The number (n,) of each node: of its zone, where that has its own, else the base; None: 0."""
+        each = [own.get(name, base) for name in self.names] + [base]  # the last for row -1
+        return np.array([0.0 if value is None else value for value in each], float)[self.of_node]
 
     def parts(self, section: SimpleNamespace, key: str) -> list[tuple[object, np.ndarray]]:
         """Each distinct value of a key, with the nodes (n,) bool that have it; the section's own first.
 
         section : with `zone`, what the zones override
         """
-        base = getattr(section, key)
-        own = {name: values[key] for name, values in section.zone.items() if key in values}
+        base, own = getattr(section, key), _own(section, key)
         found: list[tuple[object, np.ndarray]] = []
-        for number, value in enumerate([base, *self.by_name(base, own)], -1):
+        for number, value in enumerate([base, *(own.get(name, base) for name in self.names)], -1):
             mine = self.of_node == number
             same = [nodes for other, nodes in found if other == value]
             if same:
@@ -49,10 +49,12 @@ class Zones:
 
     def spread(self, section: SimpleNamespace, key: str) -> np.ndarray:
         """The number (n,) that each node has of a key; 0 where there is none."""
-        total = np.zeros(len(self.of_node))
-        for value, nodes in self.parts(section, key):
-            total[nodes] = 0.0 if value is None else value
-        return total
+        return self.by_node(getattr(section, key), _own(section, key))
+
+
+def _own(section: SimpleNamespace, key: str) -> dict:
+    """The values of zones that have one of their own."""
+    return {name: values[key] for name, values in section.zone.items() if key in values}
 
 
 def zones_of(job: Job, net: Net) -> Zones:
@@ -70,7 +72,7 @@ def zones_of(job: Job, net: Net) -> Zones:
     for number, members in enumerate(inside):
         of_node[members] = number
     notes = [
-        f"[[zone]] {names[k]}: "
+        f"zone {shown(names[k])}: "
         + ("all of its nodes lie in zones after it too, and belong to these" if inside[k].any() else NOBODY)
         for k in np.flatnonzero(np.bincount(of_node + 1, minlength=len(names) + 1)[1:] == 0)
     ]

@@ -19,6 +19,7 @@ from netfall.net.build import build_net
 from netfall.net.net import GRAVITY, Net
 from netfall.net.zones import Zones, zones_of
 from netfall.parallel import partition
+from netfall.solve.on_roof import by_node, shape_coefficients
 from netfall.solve.start import check_start, unit_notes
 from netfall.solve.unused import without_effect
 from netfall.wind.field import GeneratedHistory, make_wind_field, read_measured
@@ -49,6 +50,7 @@ class Model:
     load: np.ndarray = None  # N, constant
     growing: np.ndarray = None  # N, that grows over [load] ramp
     wind: np.ndarray = None  # N s2/m2
+    shape_coefficient: np.ndarray = None  # of the wind
     wind_field: object = None
     history: object = None  # of the wind
     notes_of_values: list[str] = field(default_factory=list)
@@ -142,7 +144,8 @@ def make_model(job: Job, ranks: int) -> Model:
     if part is None:
         part = partition.metis_partition(net.n, net.elements, ranks)
     model = Model(net, roofing, zones, part, source)
-    model.notes_of_values = without_effect(job, net) + unit_notes(net)
+    model.shape_coefficient, notes = shape_coefficients(job, zones)
+    model.notes_of_values = without_effect(job, net) + notes + unit_notes(net)
     if job.wind and job.wind.file:
         model.history = read_measured(job)
         model.notes_of_history = model.history.notes
@@ -214,7 +217,7 @@ def set_initial(job: Job, model: Model, x: np.ndarray, N: np.ndarray | None) -> 
         scaled = scaled_mass(net.elements, EA, L0, model.mass, model.moves, job.dynamics.mass_scaling)
         model.added, model.mass = scaled - model.mass, scaled
     if job.wind is not None:
-        model.wind_field = make_wind_field(x, model.area, normal, job.wind)
+        model.wind_field = make_wind_field(x, model.area, normal, by_node(job, model.shape_coefficient))
         model.wind = model.wind_field.force
         model.history = model.history or GeneratedHistory(model.wind_field, job.wind)
 

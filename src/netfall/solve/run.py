@@ -22,6 +22,7 @@ from netfall.solve.dynamics import Simulation
 from netfall.solve.energy import take_snapshot, total_energies
 from netfall.solve.history import UNITS, History, find_probes
 from netfall.solve.loads import GrowingLoad, WindLoad
+from netfall.solve.on_roof import load_section, mean_pressure
 from netfall.solve.provenance import how_it_writes, provenance_of
 from netfall.solve.relaxation import Paused
 from netfall.solve.report import after_run, before_run
@@ -211,7 +212,8 @@ def sections_of(run: Run, simulation: Simulation | None) -> dict[str, dict]:
     setup, model, statics = run.setup, run.setup.model, run.saver.statics
     if model is None:
         return {}
-    sections = {"net": net_section(model.net, model.area, model.plan_area)}
+    sections = {"net": net_section(model.net, model.area, model.plan_area, model.zones)}
+    sections["load"] = load_section(run.job, model.zones)
     if setup.form:
         of_prestress = lambda force: np.float64(force / setup.form.reference if setup.form.reference else 0.0)
         sections["form_finding"] = {
@@ -238,9 +240,12 @@ def _wind_section(job: Job, model, time: np.ndarray, gust: np.ndarray) -> dict[s
     """The datasets of /wind from samples at times (t,) [s], gusts (t, c) [m/s]."""
     mean = model.wind_field.control_mean
     of_table = np.atleast_1d(np.trapezoid(gust[:, 0], time) / np.ptp(time)) if job.wind.file else None
+    mean_gust = np.zeros(len(mean)) if of_table is None else of_table
     return {
         "control_point": model.wind_field.control_point,
         "time": time,
         "speed": mean + gust,
         "mean_speed": mean if of_table is None else of_table,
+        "shape_coefficient": model.shape_coefficient,
+        "mean_pressure": mean_pressure(job, model.shape_coefficient, model.wind_field, mean_gust),
     }
