@@ -440,12 +440,12 @@ def test_random_drawings_have_the_areas_of_their_polygons(seed, columns, rows, h
     net = net_of(xy[place], number[elements[order]], group[order], z[place])
     net.group_names = [f"g{k}" for k in range(layers + 1)]
     layer = int(rng.integers(layers))
-    loaded = SimpleNamespace(dead=1.0, pressure=None)
+    loads = {"dead": [1.0], "snow": [0.0], "pressure": [None]}
     job = SimpleNamespace(
         path="job",
         net=SimpleNamespace(nodes="n"),
         wind=None,
-        load=loaded,
+        loads=loads.get,
         roof=SimpleNamespace(groups=[f"g{layer}"]),
     )
     area = tributary_areas(net.x, net, roof_of(job, net).faces)[1][number]

@@ -1,7 +1,6 @@
 """Areas of the roof that each particle carries, and the normals that pressure and wind act along."""
 
 from dataclasses import dataclass, field
-from types import SimpleNamespace
 
 import numpy as np
 import shapely
@@ -47,23 +46,14 @@ def roof_of(job: Job, net: Net) -> Roofing:
     return Roofing(faces, _covered(plan, faces), notes)
 
 
-def every_table(section: SimpleNamespace, key: str) -> list[dict]:
-    """[section] itself and those overrides of its zones that have a key, as dicts."""
-    return [vars(section), *(table for table in section.zone.values() if key in table)]
-
-
 def _loaded(job: Job) -> bool:
-    """Whether anything acts on areas."""
-    given = lambda key: any(table[key] for table in every_table(job.load, key))
-    return job.wind is not None or (job.load is not None and any(map(given, ("dead", "snow", "pressure"))))
+    weighs = any(job.loads("dead") + job.loads("snow"))
+    return job.wind is not None or weighs or any(value is not None for value in job.loads("pressure"))
 
 
 def along_normals(job: Job) -> bool:
-    """Whether wind or pressure acts along the normals."""
-    if job.wind is not None:
-        return True
-    numbers = lambda: (table["pressure"] for table in every_table(job.load, "pressure"))
-    return job.load is not None and any(isinstance(value, int | float) for value in numbers())
+    """Whether something acts along the normals of the roof."""
+    return job.wind is not None or any(isinstance(value, int | float) for value in job.loads("pressure"))
 
 
 def _needs_faces(job: Job, net: Net) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 from netfall.compile import kernel
 from netfall.errors import InputError
 from netfall.job.read import Job
-from netfall.job.validate import nearest, shown
+from netfall.job.values import nearest, shown
 from netfall.net import generators
 from netfall.net.areas import roof_groups
 from netfall.net.net import Net, subdivide

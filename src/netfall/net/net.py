@@ -40,6 +40,7 @@ class Net:
     x : (n, 3) [m] start geometry; fixed : (n, 3) bool, per axis
     load : (n, 3) [N]; mass : (n,) [kg] carried; area : (n,) [m2] of surface, tributary, nan: from the faces
     normal : (n, 3) upward unit normal of the surface, nan: from the faces
+    zone : (n,) row of zone_names that the table gives, -1: none
     elements : (m, 2) particle numbers; group : (m,) row of group_names
     section : (m,) [m2]; modulus, yield_stress : (m,) [Pa], inf: elastic; density : (m,) [kg/m3]
     fracture_strain : (m,), inf: never breaks; bar : (m,) bool, carries compression
@@ -60,6 +61,8 @@ class Net:
     mass: np.ndarray = _node(0.0, 0.0)
     area: np.ndarray = _node(np.nan)
     normal: np.ndarray = _node(UNKNOWN, UNKNOWN)
+    zone: np.ndarray = _node(-1)
+    zone_names: list[str] = field(default_factory=list)
     force_density: np.ndarray = _element("multiplied", np.nan)
     unstressed_length: np.ndarray = _element("split", np.nan)
     section: np.ndarray = _element(key="area")
@@ -159,7 +162,10 @@ def _continued(net: Net, column, k: int, parts: int) -> np.ndarray | None:
         inner = row["inner"]
         if column.name == "area":  # where all areas are given, what lies between has none
             inner = np.nan if np.isnan(values).any() else 0.0
-        return np.concatenate([values, np.full((k, *np.shape(inner)), inner)])
+        if column.name == "zone":  # what lies between is in a zone if both ends are
+            start, end = values[net.elements].T
+            inner = np.repeat(np.where(start == end, start, -1), parts - 1)
+        return np.concatenate([values, np.broadcast_to(inner, (k, *values.shape[1:]))])
     each = np.repeat(values, parts, axis=0)
     if row["divided"] == "each":
         return each

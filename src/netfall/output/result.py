@@ -11,6 +11,7 @@ from mpi4py import MPI
 from netfall.mechanics.events import EventLog
 from netfall.mechanics.state import State
 from netfall.net.net import Net
+from netfall.net.zones import Zones
 from netfall.output.h5 import SharedFile
 from netfall.output.ids import LocalIds
 from netfall.output.segments import join_segments
@@ -200,7 +201,7 @@ def _write_provenance(group, values, phases):
         timings.attrs[name] = seconds  # least, mean and largest of the ranks
 
 
-def net_section(net: Net, area: np.ndarray, plan_area: np.ndarray) -> dict[str, np.ndarray]:
+def net_section(net: Net, area: np.ndarray, plan_area: np.ndarray, zones: Zones) -> dict[str, np.ndarray]:
     """The datasets of /net."""
     return {
         "particles": net.x,
@@ -212,4 +213,6 @@ def net_section(net: Net, area: np.ndarray, plan_area: np.ndarray) -> dict[str, 
         "plan_area": plan_area,
         "node_id": net.node_id,
         "element_id": net.element_id,
+        "zone": zones.of_node.astype(np.int32),
+        "zone_names": np.array(zones.names, h5py.string_dtype()),
     }

@@ -10,7 +10,6 @@ from types import SimpleNamespace
 import numpy as np
 
 from netfall.job.read import Job
-from netfall.net.areas import every_table
 from netfall.net.net import GRAVITY
 from netfall.net.zones import Zones
 
@@ -61,6 +60,19 @@ def live_load(load: SimpleNamespace, roof: Roof, nodes: np.ndarray) -> np.ndarra
     return nodes + snow_load(load, roof) + pressure_load(load, roof)
 
 
+def of_case(load: SimpleNamespace, case: SimpleNamespace) -> SimpleNamespace:
+    """[load] with what a case sets, as in "load.snow" or "load.zone.NAME.snow"."""
+    changed = SimpleNamespace(**vars(load))
+    changed.zone = {name: dict(values) for name, values in load.zone.items()}
+    for name, value in case.set.items():
+        place, _, key = name.removeprefix("load.").rpartition(".")
+        if place:
+            changed.zone.setdefault(place.removeprefix("zone."), {})[key] = value
+        else:
+            setattr(changed, key, value)
+    return changed
+
+
 def snow_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
     """Weight of the snow, (n, 3) [N], on the area in plan."""
     force = np.zeros_like(roof.normal)
@@ -83,5 +95,5 @@ def pressure_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
 def grows(job: Job) -> bool:
     """Whether the pressure of [load] grows in the dynamic stage."""
     load = job.load
-    there = load is not None and any(table["pressure"] is not None for table in every_table(load, "pressure"))
+    there = any(value is not None for value in job.loads("pressure"))
     return bool(job.dynamics and there and load.ramp and not load.steps)

@@ -20,6 +20,7 @@ from netfall.net.net import Net
 from netfall.net.zones import Zones, zones_of
 from netfall.parallel import partition
 from netfall.solve.loading import Roof, grows, loading_of
+from netfall.solve.on_roof import by_node, shape_coefficients
 from netfall.solve.start import check_start, check_tensions, unit_notes
 from netfall.solve.unused import without_effect
 from netfall.wind.field import GeneratedHistory, make_wind_field, read_measured
@@ -34,9 +35,9 @@ class Model:
 
     net: Net
     roofing: Roofing
+    zones: Zones
     part: np.ndarray
     partition_source: str
-    zones: Zones
     roof: Roof = None  # areas, normals, zones
     x: np.ndarray = None  # m, initial state
     N: np.ndarray = None  # N, there
@@ -48,6 +49,7 @@ class Model:
     growing: np.ndarray = None  # N, that grows over [load] ramp
     wind: np.ndarray = None  # N s2/m2
     mean_wind: np.ndarray = None  # N, force of the mean wind
+    shape_coefficient: np.ndarray = None  # of the wind
     wind_field: object = None
     history: object = None  # of the wind
     notes_of_values: list[str] = field(default_factory=list)
@@ -119,7 +121,13 @@ class Model:
 
     def notes(self) -> list[str]:
         """What is plausible but odd in the net, its tables and its roof."""
-        return self.net.notes + self.roofing.notes + self.notes_of_values + self.notes_of_history
+        return (
+            self.net.notes
+            + self.roofing.notes
+            + self.zones.notes
+            + self.notes_of_values
+            + self.notes_of_history
+        )
 
     def id_of(self, e: int) -> int:
         """Id of an element."""
@@ -140,6 +148,7 @@ class Model:
 def make_model(job: Job, ranks: int) -> Model:
     """Net, areas and partition of a job; the initial state comes with `set_initial`. Raises InputError."""
     net = build_net(job)
+    zones = zones_of(job, net)
     roofing = roof_of(job, net)
     part, source = None, "METIS, k-way"
     if not job.changes_net():
@@ -148,8 +157,9 @@ def make_model(job: Job, ranks: int) -> Model:
             source = f"{partition.FOLDER / job.name}.graph.part.{ranks}"
     if part is None:
         part = partition.metis_partition(net.n, net.elements, ranks)
-    model = Model(net, roofing, part, source, zones_of(job, net))
-    model.notes_of_values = without_effect(job, net) + unit_notes(net)
+    model = Model(net, roofing, zones, part, source)
+    model.shape_coefficient, notes = shape_coefficients(job, zones)
+    model.notes_of_values = without_effect(job, net) + notes + unit_notes(net)
     if job.wind and job.wind.file:
         model.history = read_measured(job)
         model.notes_of_history = model.history.notes
@@ -215,7 +225,7 @@ def set_initial(job: Job, model: Model, x: np.ndarray, N: np.ndarray | None) -> 
         scaled = scaled_mass(net.elements, EA, L0, model.mass, model.moves, job.dynamics.mass_scaling)
         model.added, model.mass = scaled - model.mass, scaled
     if job.wind is not None:
-        model.wind_field = make_wind_field(x, area, model.roof.normal, job.wind)
+        model.wind_field = make_wind_field(x, area, model.roof.normal, by_node(job, model.shape_coefficient))
         model.wind = model.wind_field.force
         model.history = model.history or GeneratedHistory(model.wind_field, job.wind)
         model.mean_wind = model.wind_field.mean_force(model.history.mean_gust)

@@ -22,6 +22,7 @@ from netfall.solve.dynamics import Simulation
 from netfall.solve.energy import take_snapshot, total_energies
 from netfall.solve.history import UNITS, History, find_probes
 from netfall.solve.loads import GrowingLoad, WindLoad
+from netfall.solve.on_roof import load_section, mean_pressure
 from netfall.solve.provenance import how_it_writes, provenance_of
 from netfall.solve.relaxation import Paused
 from netfall.solve.report import after_run, before_run, static_lines
@@ -212,7 +213,8 @@ def sections_of(run: Run, simulation: Simulation | None) -> dict[str, dict]:
     setup, model, statics = run.setup, run.setup.model, run.saver.statics
     if model is None:
         return {}
-    sections = {"net": net_section(model.net, model.area, model.plan_area)}
+    sections = {"net": net_section(model.net, model.area, model.plan_area, model.zones)}
+    sections["load"] = load_section(run.job, model.zones)
     if setup.form:
         of_prestress = lambda force: np.float64(force / setup.form.reference if setup.form.reference else 0.0)
         sections["form_finding"] = {
@@ -235,16 +237,18 @@ def sections_of(run: Run, simulation: Simulation | None) -> dict[str, dict]:
         sections["events"] = run.log.columns()
         sections["events"] |= event_ids(model.net, sections["events"])
     if simulation and simulation.wind:
-        sections["wind"] = _wind_section(model, *simulation.wind.record_until(simulation.time))
+        sections["wind"] = _wind_section(run.job, model, *simulation.wind.record_until(simulation.time))
     return sections
 
 
-def _wind_section(model, time: np.ndarray, gust: np.ndarray) -> dict[str, np.ndarray]:
+def _wind_section(job: Job, model, time: np.ndarray, gust: np.ndarray) -> dict[str, np.ndarray]:
     """The datasets of /wind from samples at times (t,) [s], gusts (t, c) [m/s]."""
-    mean = model.wind_field.control_mean
+    mean, mean_gust = model.wind_field.control_mean, model.history.mean_gust
     return {
         "control_point": model.wind_field.control_point,
         "time": time,
         "speed": mean + gust,
-        "mean_speed": mean + model.history.mean_gust,
+        "mean_speed": mean + mean_gust,
+        "shape_coefficient": model.shape_coefficient,
+        "mean_pressure": mean_pressure(job, model.shape_coefficient, model.wind_field, mean_gust),
     }

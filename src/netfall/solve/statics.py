@@ -20,7 +20,7 @@ from netfall.job.read import Job
 from netfall.job.schema import defaults
 from netfall.mechanics.state import State
 from netfall.solve.energy import Snapshot, take_snapshot
-from netfall.solve.loading import live_load
+from netfall.solve.loading import live_load, of_case
 from netfall.solve.relaxation import Paused, Relaxation, largest_force, net_of, relax
 from netfall.stop import NEVER, StopRequest
 
@@ -94,7 +94,7 @@ def equilibria(run) -> list[Equilibrium]:
     if job.cases or steps:
         found.append(Equilibrium("permanent", "the permanent loads", permanent))
     for case in job.cases:
-        load = permanent + spread(partial(live_of_case, model, case))
+        load = permanent + spread(partial(live_of_case, settings_of(job), model, case))
         found.append(Equilibrium("case", f"case {case.name}", load, 1.0, case.name, True))
     again = bool(job.cases)
     for step in range(1, steps + 1):
@@ -109,9 +109,9 @@ def equilibria(run) -> list[Equilibrium]:
     return found
 
 
-def live_of_case(model, case) -> np.ndarray:
+def live_of_case(load: SimpleNamespace, model, case) -> np.ndarray:
     """What a case puts on top of the permanent loads, (n, 3) [N]. Rank 0."""
-    return live_load(case.load, model.roof, model.net.load)
+    return live_load(of_case(load, case), model.roof, model.net.load)
 
 
 def find_equilibria(run, path: StaticPath | None, resume: Relaxation | None) -> StaticPath:

@@ -3,7 +3,10 @@
 import numpy as np
 
 from netfall.job.read import Job
+from netfall.job.values import shown
 from netfall.net.net import Net
+from netfall.net.zones import Zones, named_zones
+from netfall.wind.sectors import Sectors
 
 OF_GUSTS = ("time_step", "ar_order", "seed", "control_points", "coherence_decay")
 
@@ -71,15 +74,35 @@ def _idle_sections(job: Job, net: Net, given: set[str]) -> list[str]:
     load, notes = job.load, []
     if load and not load.steps and not job.dynamics:
         notes.append("[load]: no effect: steps = 0 and there is no [dynamics]")
-    on_roof = job.wind or (load and (load.dead or load.pressure is not None))
+    weighs = any(job.loads("dead") + job.loads("snow"))
+    on_roof = job.wind or weighs or any(value is not None for value in job.loads("pressure"))
     loaded = on_roof or (load and load.self_weight) or net.load.any()
     if job.dynamics and np.isfinite(net.fracture_strain).any() and not loaded:
         notes.append("elements can break, but neither wind nor load acts on the net")
-    if job.wind and job.wind.shape_coefficient == 0:
+    if (
+        job.wind
+        and job.wind.shape_coefficient == 0
+        and not any(map(any, map(dict.values, job.wind.zone.values())))
+    ):
         notes.append("[wind]: no effect: shape_coefficient = 0")
+    if job.wind and "wind.direction" in given and not job.wind.sectors:
+        notes.append(
+            f"[wind] direction = {job.wind.direction:g}: the shape coefficients do not follow it; "
+            "sectors = a table gives them by direction"
+        )
     if "roof.groups" in given and not on_roof:
         notes.append("[roof] groups: no effect: neither wind nor dead load nor pressure acts on the roof")
     return notes
+
+
+def idle_zones(job: Job, zones: Zones, sectors: Sectors | None) -> list[str]:
+    """A note for each zone that nothing gives a value."""
+    named = {name for name, _ in named_zones(job)} | set(sectors.of_zone if sectors else ())
+    return [
+        f"zone {shown(name)}: no effect: neither [wind] nor [load] nor a case has a value for it"
+        for name in zones.names
+        if name not in named
+    ]
 
 
 def _idle_columns(job: Job, net: Net) -> list[str]:
