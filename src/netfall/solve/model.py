@@ -20,7 +20,8 @@ from netfall.net.net import GRAVITY, Net
 from netfall.parallel import partition
 from netfall.solve.start import check_start, unit_notes
 from netfall.solve.unused import without_effect
-from netfall.wind.field import GeneratedHistory, make_wind_field, read_measured
+from netfall.wind.field import GeneratedHistory, make_wind_field
+from netfall.wind.measured import read_measured
 
 COLLAPSED = 1e-6  # of the length that is given: an element so short in the form is none any more
 LARGEST_LOG = 500.0  # of a logarithmic strain: exp of much more is no number
@@ -205,7 +206,9 @@ def set_initial(job: Job, model: Model, x: np.ndarray, N: np.ndarray | None) -> 
         scaled = scaled_mass(net.elements, EA, L0, model.mass, model.moves, job.dynamics.mass_scaling)
         model.added, model.mass = scaled - model.mass, scaled
     if job.wind is not None:
-        model.wind_field = make_wind_field(x, model.area, normal, job.wind)
+        model.wind_field = make_wind_field(
+            x, model.area, normal, job.wind, model.history.places if model.history else None
+        )
         model.wind = model.wind_field.force
         model.history = model.history or GeneratedHistory(model.wind_field, job.wind)
 

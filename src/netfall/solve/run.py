@@ -37,6 +37,7 @@ from netfall.solve.restart import (
 from netfall.solve.schedule import Schedule, schedule_of
 from netfall.solve.setup import Setup, prepare
 from netfall.solve.statics import StaticPath, find_equilibrium
+from netfall.solve.wind_report import wind_section
 from netfall.stop import NEVER, StopRequest
 from netfall.timings import Phases
 
@@ -230,17 +231,5 @@ def sections_of(run: Run, simulation: Simulation | None) -> dict[str, dict]:
         sections["events"] = run.log.columns()
         sections["events"] |= event_ids(model.net, sections["events"])
     if simulation and simulation.wind:
-        sections["wind"] = _wind_section(run.job, model, *simulation.wind.record_until(simulation.time))
+        sections["wind"] = wind_section(run.job, model, *simulation.wind.record_until(simulation.time))
     return sections
-
-
-def _wind_section(job: Job, model, time: np.ndarray, gust: np.ndarray) -> dict[str, np.ndarray]:
-    """The datasets of /wind from samples at times (t,) [s], gusts (t, c) [m/s]."""
-    mean = model.wind_field.control_mean
-    of_table = np.atleast_1d(np.trapezoid(gust[:, 0], time) / np.ptp(time)) if job.wind.file else None
-    return {
-        "control_point": model.wind_field.control_point,
-        "time": time,
-        "speed": mean + gust,
-        "mean_speed": mean if of_table is None else of_table,
-    }
