@@ -19,6 +19,7 @@ from netfall.solve.report import (
 )
 from netfall.solve.schedule import Schedule, schedule_of
 from netfall.solve.setup import Setup, prepare
+from netfall.solve.wind_report import wind_lines
 from netfall.timings import Phases
 
 # For an element and step, and for a step, on one core with all features on (jobs/bench).
@@ -47,6 +48,8 @@ def check_job(job: Job, say: Callable[[str], None]) -> None:
         say(start_note(setup))
     say("stages: " + ", ".join(stages(job)))
     say(f"the scene has: {features(job, setup.model)}")
+    for line in wind_lines(job, setup.model):
+        say(line)
     if schedule:
         _describe_steps(job, setup, schedule, say)
     _describe_memory(job, setup, say)

@@ -26,7 +26,10 @@ class Roof:
 
 @dataclass(frozen=True)
 class Loading:
-    """Forces (n, 3) [N]; growing : over [load] ramp, None: nothing; carried : (n,) [kg], dead load and snow."""
+    """Forces (n, 3) [N]; carried : (n,) [kg], dead load and snow.
+
+    growing : what grows over [load] ramp, None: nothing
+    """
 
     permanent: np.ndarray
     live: np.ndarray

@@ -23,7 +23,8 @@ from netfall.solve.loading import Roof, grows, loading_of
 from netfall.solve.on_roof import by_node, shape_coefficients
 from netfall.solve.start import check_start, check_tensions, unit_notes
 from netfall.solve.unused import without_effect
-from netfall.wind.field import GeneratedHistory, make_wind_field, read_measured
+from netfall.wind.field import GeneratedHistory, make_wind_field
+from netfall.wind.measured import read_measured
 
 
 @dataclass
@@ -225,7 +226,9 @@ def set_initial(job: Job, model: Model, x: np.ndarray, N: np.ndarray | None) -> 
         scaled = scaled_mass(net.elements, EA, L0, model.mass, model.moves, job.dynamics.mass_scaling)
         model.added, model.mass = scaled - model.mass, scaled
     if job.wind is not None:
-        model.wind_field = make_wind_field(x, area, model.roof.normal, by_node(job, model.shape_coefficient))
+        settings = by_node(job, model.shape_coefficient)
+        places = model.history.places if model.history else None
+        model.wind_field = make_wind_field(x, area, model.roof.normal, settings, places)
         model.wind = model.wind_field.force
         model.history = model.history or GeneratedHistory(model.wind_field, job.wind)
         model.mean_wind = model.wind_field.mean_force(model.history.mean_gust)

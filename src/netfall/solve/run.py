@@ -22,7 +22,7 @@ from netfall.solve.dynamics import Simulation
 from netfall.solve.energy import take_snapshot, total_energies
 from netfall.solve.history import UNITS, History, find_probes
 from netfall.solve.loads import GrowingLoad, WindLoad
-from netfall.solve.on_roof import load_section, mean_pressure
+from netfall.solve.on_roof import load_section
 from netfall.solve.provenance import how_it_writes, provenance_of
 from netfall.solve.relaxation import Paused
 from netfall.solve.report import after_run, before_run, static_lines
@@ -38,6 +38,7 @@ from netfall.solve.restart import (
 from netfall.solve.schedule import Schedule, schedule_of
 from netfall.solve.setup import Setup, prepare
 from netfall.solve.statics import StaticPath, equilibria, find_equilibria, has_statics, rests_in_wind
+from netfall.solve.wind_report import wind_section
 from netfall.stop import NEVER, StopRequest
 from netfall.timings import Phases
 from netfall.wind.onset import GrowingGusts
@@ -237,18 +238,5 @@ def sections_of(run: Run, simulation: Simulation | None) -> dict[str, dict]:
         sections["events"] = run.log.columns()
         sections["events"] |= event_ids(model.net, sections["events"])
     if simulation and simulation.wind:
-        sections["wind"] = _wind_section(run.job, model, *simulation.wind.record_until(simulation.time))
+        sections["wind"] = wind_section(run.job, model, *simulation.wind.record_until(simulation.time))
     return sections
-
-
-def _wind_section(job: Job, model, time: np.ndarray, gust: np.ndarray) -> dict[str, np.ndarray]:
-    """The datasets of /wind from samples at times (t,) [s], gusts (t, c) [m/s]."""
-    mean, mean_gust = model.wind_field.control_mean, model.history.mean_gust
-    return {
-        "control_point": model.wind_field.control_point,
-        "time": time,
-        "speed": mean + gust,
-        "mean_speed": mean + mean_gust,
-        "shape_coefficient": model.shape_coefficient,
-        "mean_pressure": mean_pressure(job, model.shape_coefficient, model.wind_field, mean_gust),
-    }

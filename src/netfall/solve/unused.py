@@ -7,8 +7,9 @@ from netfall.job.values import shown
 from netfall.net.net import Net
 from netfall.net.zones import Zones, named_zones
 from netfall.wind.sectors import Sectors
+from netfall.wind.spectra import intensity
 
-OF_GUSTS = ("time_step", "ar_order", "seed", "control_points", "coherence_decay")
+OF_GUSTS = ("time_step", "ar_order", "seed", "control_points", "coherence_decay", "spectrum", "gust_length")
 
 
 def without_effect(job: Job, net: Net) -> list[str]:
@@ -60,10 +61,11 @@ def _idle_keys(job: Job, net: Net) -> list[tuple]:
         why = 'method = "force_density" is one linear solve'
         rows.append(("form_finding", ("start", "modulus_factor", "max_iterations"), linear, why))
     if wind:
-        still = not wind.file and wind.roughness == 0
+        still = not wind.file and intensity(wind) == 0
+        none = "roughness" if wind.turbulence is None else "turbulence"
         rows += [
-            ("wind", ("roughness", *OF_GUSTS), bool(wind.file), "the speeds come from file"),
-            ("wind", OF_GUSTS, still, "roughness = 0: there are no gusts"),
+            ("wind", ("roughness", "turbulence", *OF_GUSTS), bool(wind.file), "the speeds come from file"),
+            ("wind", OF_GUSTS, still, f"{none} = 0: there are no gusts"),
             ("wind", ("after_fracture",), not breaks, "nothing can break"),
         ]
     return rows
