@@ -10,6 +10,7 @@ from netfall.net.net import GRAVITY
 from netfall.parallel.halo import Halo
 from netfall.solve.energy import Energies, take_snapshot, total_energies
 from netfall.solve.history import History
+from netfall.solve.loading import carries_weight
 from netfall.solve.loads import VaryingLoads, WindLoad
 from netfall.solve.restart import interrupted
 from netfall.step.loop import Interval
@@ -47,7 +48,7 @@ class Simulation:
             element_gid=distribution.subdomain.element_gid,
             gravity=GRAVITY,
             own_weighs=bool(job.load and job.load.self_weight),
-            carried_weighs=bool(job.load and job.load.dead),
+            carried_weighs=carries_weight(job),
             wind_stays=self.after_fracture != "particle",
             dt=schedule.dt,
             stable_dt=schedule.stable_dt,

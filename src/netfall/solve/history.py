@@ -7,7 +7,7 @@ import numpy as np
 from netfall.net.net import Net
 
 OF_ENERGY = "share of the largest energy that took part so far"
-AT_REST = 1e-6  # of the energy stored at the start: what moves with less is at rest, and rounding counts
+AT_REST = 1e-4  # of the energy stored at the start: what moves with less is at rest, and rounding counts
 UNITS = {  # column of /history: unit
     "time": "s",
     "time_step": "s",

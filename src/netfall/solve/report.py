@@ -118,6 +118,8 @@ def starts_moving(job: Job, setup: Setup) -> bool:
     """Whether the start is not in equilibrium, and nothing is done about it before it moves."""
     if has_statics(job):
         return False
+    if job.load and job.load.temperature:
+        return True
     return setup.residual > AT_REST * max(setup.reference, 1e-300) and setup.residual > 0
 
 
