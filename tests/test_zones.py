@@ -340,7 +340,7 @@ def test_result_holds_zones_and_mean_pressures_on_any_number_of_ranks(both_ways)
 
 
 def test_the_roof_is_drawn_with_zones_and_pressures(workshop):
-    """A panel for the zones, the areas, wind, pressure and snow, their ranges in the titles; or areas alone."""
+    """A panel for the zones, the areas, wind, pressure and snow, ranges in the titles; or areas alone."""
     from netfall.output.plot_roof import roof
 
     titles = lambda f: [axes.get_title() for axes in roof(f).axes if axes.get_title()]
