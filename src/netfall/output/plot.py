@@ -1,8 +1,8 @@
 """Pictures from a result file (matplotlib, no display needed). Reads the file alone, never the solver.
 
-Which pictures come depends on what the file holds: the form (paper Fig. 6, 10), the load-displacement curve
-(Fig. 6), stages of the collapse (Fig. 7, 11), energies (Fig. 8, 15), tensions and displacements of the probes
-(Fig. 13, 14), wind.
+Which pictures come depends on what the file holds: the form (paper Fig. 6, 10), the roof in plan, the
+load-displacement curve (Fig. 6), stages of the collapse (Fig. 7, 11), energies (Fig. 8, 15), tensions and
+displacements of the probes (Fig. 13, 14), wind.
 """
 
 from pathlib import Path
@@ -12,6 +12,7 @@ import matplotlib.pyplot as plt
 from netfall.output.info import open_result
 from netfall.output.plot_curves import displacements, energies, load_displacement, tensions, wind
 from netfall.output.plot_net import collapse, form
+from netfall.output.plot_roof import has_roof, roof
 
 
 def plot_all(result: Path, folder: Path) -> list[Path]:
@@ -23,6 +24,7 @@ def plot_all(result: Path, folder: Path) -> list[Path]:
         folder.mkdir(parents=True, exist_ok=True)
         pictures = [
             ("form", form, "form_finding" in f),
+            ("roof", roof, has_roof(f)),
             ("load_displacement", load_displacement, "statics" in f),
             ("collapse", collapse, "history" in f),
             ("energies", energies, "history" in f),
