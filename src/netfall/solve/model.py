@@ -18,7 +18,7 @@ from netfall.net.areas import Roofing, normals, roof_of, tributary_areas
 from netfall.net.build import build_net
 from netfall.net.net import GRAVITY, Net
 from netfall.parallel import partition
-from netfall.solve.start import check_start, unit_notes
+from netfall.solve.start import check_start, low_notes, unit_notes
 from netfall.solve.unused import without_effect
 from netfall.wind.field import GeneratedHistory, make_wind_field, read_measured
 
@@ -207,6 +207,7 @@ def set_initial(job: Job, model: Model, x: np.ndarray, N: np.ndarray | None) -> 
     if job.wind is not None:
         model.wind_field = make_wind_field(x, model.area, normal, job.wind)
         model.wind = model.wind_field.force
+        model.notes_of_values += low_notes(job, net, x, model.wind)
         model.history = model.history or GeneratedHistory(model.wind_field, job.wind)
 
 

@@ -1,10 +1,13 @@
 """Keys and columns that are given but change nothing in this job."""
 
+import difflib
+
 import numpy as np
 
 from netfall.job.read import Job
 from netfall.net.net import Net
 
+ALIKE = 0.8  # share of letters from which two names of groups may have been meant as one
 OF_GUSTS = ("time_step", "ar_order", "seed", "control_points", "coherence_decay")
 
 
@@ -16,7 +19,9 @@ def without_effect(job: Job, net: Net) -> list[str]:
         there = [key for key in keys if f"{section}.{key}" in given]
         if idle and there:
             notes.append(f"[{section}] {', '.join(there)}: no effect: {why}")
-    return notes + _idle_sections(job, net, given) + _idle_columns(job, net)
+    return (
+        notes + _idle_sections(job, net, given) + _idle_columns(job, net) + _groups_without_section(job, net)
+    )
 
 
 def _idle_keys(job: Job, net: Net) -> list[tuple]:
@@ -77,8 +82,25 @@ def _idle_sections(job: Job, net: Net, given: set[str]) -> list[str]:
         notes.append("elements can break, but neither wind nor load acts on the net")
     if job.wind and job.wind.shape_coefficient == 0:
         notes.append("[wind]: no effect: shape_coefficient = 0")
-    if "roof.groups" in given and not on_roof:
-        notes.append("[roof] groups: no effect: neither wind nor dead load nor pressure acts on the roof")
+    idle = [key for key in ("groups", "openings") if f"roof.{key}" in given and not on_roof]
+    if idle:
+        notes.append(
+            f"[roof] {', '.join(idle)}: no effect: neither wind nor dead load nor pressure acts on the roof"
+        )
+    return notes
+
+
+def _groups_without_section(job: Job, net: Net) -> list[str]:
+    """Notes on groups of the table that take [cable] while a section has nearly their name."""
+    notes = []
+    for name in net.group_names:
+        close = difflib.get_close_matches(name.lower(), [other.lower() for other in job.groups], 1, ALIKE)
+        if name and name not in job.groups and close:
+            meant = next(other for other in job.groups if other.lower() == close[0])
+            notes.append(
+                f'group "{name}" of the elements has no section [cable.{name}] and takes [cable]; '
+                f'was "{meant}" meant?'
+            )
     return notes
 
 
