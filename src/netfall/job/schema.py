@@ -122,6 +122,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         Key(
             "groups", "words", ABSENT, "", "groups of elements whose faces carry loads and wind; absent: all"
         ),
+        Key("openings", "points", (), "m", "x, y of a point in each face that is an opening"),
     ),
     "wind": (
         between(0.1, 200.0, "speed", "m/s", ABSENT, "U0, mean at 10 m above ground"),

@@ -21,7 +21,7 @@ from netfall.net.zones import Zones, zones_of
 from netfall.parallel import partition
 from netfall.solve.loading import Roof, grows, loading_of
 from netfall.solve.on_roof import by_node, shape_coefficients
-from netfall.solve.start import check_start, check_tensions, unit_notes
+from netfall.solve.start import check_start, check_tensions, low_notes, unit_notes
 from netfall.solve.unused import without_effect
 from netfall.wind.field import GeneratedHistory, make_wind_field
 from netfall.wind.measured import read_measured
@@ -238,6 +238,7 @@ def set_initial(job: Job, model: Model, x: np.ndarray, N: np.ndarray | None) -> 
         places = model.history.places if model.history else None
         model.wind_field = make_wind_field(x, area, model.roof.normal, settings, places)
         model.wind = model.wind_field.force
+        model.notes_of_values += low_notes(job, net, x, model.wind)
         model.history = model.history or GeneratedHistory(model.wind_field, job.wind)
         model.mean_wind = model.wind_field.mean_force(model.history.mean_gust)
 
