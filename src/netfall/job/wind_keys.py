@@ -87,6 +87,6 @@ WIND: tuple[Key, ...] = (
         "particle",
         "",
         "what loses the wind at a fracture",
-        choices=("particle", "all", "none"),
+        choices=("particle", "panels", "all", "none"),
     ),
 )
