@@ -15,7 +15,7 @@ GROUND = ["compile", "errors", "sources", "stop", "timings"]
 
 # Room (a folder, or a module of its own) -> what it may import besides the ground and itself.
 MAY_IMPORT = {
-    "job": ["wind.davenport"],  # how long a gust is
+    "job": ["wind.spectra"],  # how long a gust is
     "net": ["job"],
     "mechanics": ["net.net"],  # GRAVITY
     "wind": ["job"],

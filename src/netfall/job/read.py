@@ -10,7 +10,7 @@ from types import SimpleNamespace
 from netfall.errors import InputError
 from netfall.job.schema import LISTS
 from netfall.job.validate import Validation
-from netfall.wind.davenport import GUST_LENGTH
+from netfall.wind.spectra import gust_of
 
 MOST_ROWS = 2e6  # some 500 bytes each on every rank
 MOST_SAMPLES = 1e8  # 8 bytes each on every rank
@@ -44,7 +44,7 @@ class Job:
 
     def files(self) -> list[Path]:
         """The files that the job reads: tables of the net and of the wind."""
-        wind = (self.wind.file, self.wind.sectors) if self.wind else ()
+        wind = (self.wind.file, self.wind.points, self.wind.sectors) if self.wind else ()
         named = [self.net.nodes, self.net.elements, *wind]
         return [self.path.parent / name for name in named if name]
 
@@ -142,16 +142,18 @@ def _absurd_counts(job: Job) -> list[str]:
 def _slow_gusts(job: Job) -> list[str]:
     """A wind so slow, or a step so short, that the model of its gusts takes minutes to make."""
     wind = job.wind
-    if wind is None or wind.file or wind.roughness == 0:
+    gust = gust_of(wind) if wind else None
+    if gust is None:
         return []
-    samples = GUST_LENGTH / (wind.speed * wind.time_step)
+    samples = gust.length / (wind.speed * wind.time_step)
     if samples <= LONGEST_GUST:
         return []
-    least = GUST_LENGTH / LONGEST_GUST / wind.speed
+    least = gust.length / LONGEST_GUST / wind.speed
+    none = "roughness" if wind.turbulence is None else "turbulence"
     return [
-        f"{job.path}: [wind] speed = {wind.speed:g}: a gust of {GUST_LENGTH:g} m lasts {samples:.3g} samples "
+        f"{job.path}: [wind] speed = {wind.speed:g}: a gust of {gust.length:g} m lasts {samples:.3g} samples "
         f"of time_step = {wind.time_step:g} s; at most {LONGEST_GUST} are possible; "
-        f"expected [wind] time_step >= {least:.3g}, or roughness = 0 for a wind without gusts"
+        f"expected [wind] time_step >= {least:.3g}, or {none} = 0 for a wind without gusts"
     ]
 
 

@@ -185,6 +185,13 @@ class Validation:
         elif "speed" not in wind and "file" not in wind:
             expected = "a number of m/s > 0, or file = a table of time, speed"
             self.wrong("wind", f"speed: missing; expected {expected}")
+        if "roughness" in wind and "turbulence" in wind:
+            self.wrong(
+                "wind",
+                "roughness and turbulence exclude each other (k = I^2 / 6); keep one of the two",
+            )
+        if "points" in wind and "file" not in wind:
+            self.wrong("wind", "points: only with file, whose speeds were measured there; add it")
 
     def _coefficients_of_the_wind(self, wind: dict) -> None:
         if "shape_coefficient" in wind and "sectors" in wind:

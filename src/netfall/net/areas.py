@@ -41,9 +41,38 @@ def roof_of(job: Job, net: Net) -> Roofing:
         if _needs_faces(job, net):
             raise InputError([f"{job.path}: {error}; {REMEDY}" for error in plan.errors])
         return Roofing(no_faces(), 0.0, [f"the net has no faces: {error}" for error in plan.errors])
-    faces = find_faces(net, plan)
+    faces = _faces_but_openings(job, net, plan)
     notes = _notes(job, net, plan, faces, carries) if _loaded(job) else []
     return Roofing(faces, _covered(plan, faces), notes)
+
+
+def _faces_but_openings(job: Job, net: Net, plan: Plan) -> Faces:
+    """The faces but those that [roof] openings lie in. Raises InputError for a point that is in none."""
+    try:
+        return find_faces(net, plan, list(job.roof.openings) if job.roof else [])
+    except ValueError as error:
+        raise InputError(
+            f"{job.path}: [roof] openings: [{x:g}, {y:g}] lies in no face of the net in plan; expected "
+            "points [x, y] in m within the closed rings of elements that are to be left out"
+            for x, y in error.args
+        ) from None
+
+
+def largest_face(x: np.ndarray, net: Net, faces: Faces) -> tuple[float, float, np.ndarray] | None:
+    """Area in plan [m2] of the largest face and of the usual one, and where the largest lies [m].
+
+    None where there is no face.
+
+    x : (n, 3) [m]
+    """
+    if not len(faces):
+        return None
+    points = np.concatenate([x, net.corners])[:, :2]
+    area = np.bincount(faces.of_corner(), 0.5 * turned_triangles(points, faces, double_area))
+    f = int(np.argmax(area))
+    ring = faces.corner[faces.start[f] : faces.start[f + 1]]
+    within = shapely.point_on_surface(shapely.Polygon(points[ring]))
+    return float(area[f]), float(np.median(area)), np.array([within.x, within.y])
 
 
 def _loaded(job: Job) -> bool:

@@ -9,14 +9,18 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 
-from netfall.output.info import open_result
+from netfall.output.info import missing_name, open_result
 from netfall.output.plot_curves import displacements, energies, load_displacement, tensions, wind
 from netfall.output.plot_net import collapse, form
 from netfall.output.plot_roof import has_roof, roof
 
 
-def plot_all(result: Path, folder: Path) -> list[Path]:
-    """Write every picture that the result file has data for; their paths.
+def _has_probes(history) -> bool:
+    return "probe_displacement" in history and history["probe_displacement"].shape[1] > 0
+
+
+def plot_all(result: Path, folder: Path) -> tuple[list[Path], list[str]]:
+    """Write every picture that the result file has data for; their paths, and a line for each that cannot be.
 
     Raises InputError for a wrong file.
     """
@@ -29,15 +33,23 @@ def plot_all(result: Path, folder: Path) -> list[Path]:
             ("collapse", collapse, "history" in f),
             ("energies", energies, "history" in f),
             ("tensions", tensions, "history" in f),
-            ("displacements", displacements, "history" in f and len(f["history/probe_displacement"][0])),
+            ("displacements", displacements, "history" in f and _has_probes(f["history"])),
             ("wind", wind, "wind" in f),
         ]
-        written = []
+        written, lacking = [], []
         for name, draw, there in pictures:
-            if there:
+            if not there:
+                continue
+            try:
                 figure = draw(f)
-                path = folder / f"{result.stem}_{name}.png"
-                figure.savefig(path, dpi=130)
-                plt.close(figure)
-                written.append(path)
-    return written
+            except KeyError as error:
+                lacking.append(
+                    f"{result}: {missing_name(error)} is not in this file, which another version of netfall "
+                    f"wrote, so there is no picture {name}"
+                )
+                continue
+            path = folder / f"{result.stem}_{name}.png"
+            figure.savefig(path, dpi=130)
+            plt.close(figure)
+            written.append(path)
+    return written, lacking

@@ -133,6 +133,17 @@ class Result:
         )
         self.file.append_state("statics/tension", self._cells(state, snapshot.N[:, None])[:, 0], m)
 
+    def write_equilibrium(self, group: str, state: State, snapshot, place: str) -> None:
+        """One equilibrium, in a group of its own; place : "position" or "displacement" of its nodes."""
+        n, m, rows = self.distribution.n, self.distribution.m, snapshot.rows
+        x = state.x[rows] - (state.x_start[rows] if place == "displacement" else 0.0)
+        for name, tail, block, total in (
+            (place, (3,), self._points(state, rows, x), n),
+            ("tension", (), self._cells(state, snapshot.N[:, None])[:, 0], m),
+        ):
+            self.file.create(f"{group}/{name}", np.float64, tail, total)
+            self.file.append(f"{group}/{name}", block, total)
+
     def write_final(self, state: State, snapshot) -> None:
         """The last state in full precision, /final."""
         points, cells = self.log.points, self.distribution.m

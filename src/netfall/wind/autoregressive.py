@@ -2,162 +2,186 @@
 
     u(t) = sum_j Psi_j u(t - l_j dt) + w(t),    w ~ N(0, Sigma)
 
-Psi and Sigma follow from the covariances R(tau) = integral S(n) coh(n) cos(2 pi n tau) dn by the
-Yule-Walker equations at the lags l_j. The lags are not consecutive: four lags of 0.05 s see 0.2 s of a
-process whose memory is half a minute, and such a model misses the spectrum by a third around its peak.
-The same number of lags, spread from one step to the memory of the gust and chosen for the best fit,
-keeps the half octaves within some 15 % (`spread_lags`).
+Psi and Sigma follow from the covariances R(tau) = integral S(n) coh(n) cos(2 pi n tau) dn, up to the highest
+frequency that the samples carry, by the Yule-Walker equations at the lags l_j. Consecutive lags of 0.05 s
+would see a fraction of a second of a process that remembers half a minute; so the lags grow in proportion,
+from one step to the memory of the gust. The equations hold between the lags alone, so the model's variance
+is not R(0) exactly: it is computed from the model's spectrum, and Sigma is scaled to meet R(0).
+
+Everything here is a smooth function of the wind's speed, lags excepted, whose rounding to steps changes
+little; the noise is one of (seed, step). So neighbouring speeds have almost the same gusts.
 """
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.wind.davenport import GUST_LENGTH, davenport_coherence, davenport_spectrum
+from netfall.wind.coherence import davenport_coherence
+from netfall.wind.spectra import Gust
 
-LOWEST_BAND = 0.3  # x = 1200 n / U0 where the fit begins; some 3 % of the variance lies below
-BURN_IN = 8.0  # in units of 1200 m / U0: the memory of the start is gone
-SOME_POINTS = 6  # control points on which the lags are chosen
+PER_OCTAVE = 24  # nodes of the integral over frequencies
+LOWEST = 1e-3  # of U0 / memory: frequency below which the spectrum is taken as a straight line
+SOME_POINTS = 6  # control points by which the model's variance and spectrum are judged
 NUGGET = 1e-9  # of the variance, on the diagonal: control points close together make R nearly singular
+BELOW_BANDS = 0.03  # share of the variance below the half octaves by which the spectrum is judged
+BURN_IN = 2.0  # in units of the memory of the gust: of what is at rest before, less than 1e-3 is left
+BLOCK = 64  # steps whose noise is drawn at once
 
 
-def frequencies(speed: float, dt: float) -> np.ndarray:
-    """Midpoint frequencies [Hz] up to Nyquist, fine enough for 20 gust lengths (1200 m / U0) of lag."""
-    count = int(np.clip(np.ceil(20 * GUST_LENGTH / (speed * dt)), 4096, 2**20))
-    return (np.arange(count) + 0.5) * (0.5 / dt / count)
+def frequency_nodes(gust: Gust, dt: float) -> np.ndarray:
+    """Frequencies [Hz] from 0 to half of 1 / dt, in proportion to one another."""
+    high = 0.5 / dt
+    low = min(LOWEST * gust.speed / gust.memory, 0.01 * high)
+    return np.append(0.0, np.geomspace(low, high, max(2, int(np.ceil(PER_OCTAVE * np.log2(high / low))))))
 
 
-def covariances(points, mean, decay, n, weight, dt, lags) -> dict[int, np.ndarray]:
-    """Covariances R(lag dt) (c, c) of the gusts at points (c, 3) [m] for each lag [steps].
+def cosine_weights(n: np.ndarray, lags: np.ndarray, dt: float) -> np.ndarray:
+    """Weights (lags, nodes) of values at nodes n that give their integral with cos(2 pi n lag dt).
 
-    mean : (c,) [m/s]; weight : spectrum times frequency step at the frequencies n [Hz]
+    Exact for what is linear between the nodes: by parts, with the slopes. At the last node, 1 / 2 dt, the
+    sine of the boundary term is zero.
     """
-    c = len(points)
-    lags = np.unique(lags)
-    waves = np.cos(2 * np.pi * np.outer(lags * dt, n)) * weight
-    R = np.empty((len(lags), c, c))
-    for i in range(c):
-        for j in range(i, c):
-            R[:, i, j] = R[:, j, i] = waves @ davenport_coherence(
-                n, points[i] - points[j], decay, 0.5 * (mean[i] + mean[j])
-            )
-    R += NUGGET * R[0, 0, 0] * (lags == 0)[:, None, None] * np.eye(c)
-    return {int(lag): R[k] for k, lag in enumerate(lags)}
+    h, omega = np.diff(n), 2.0 * np.pi * dt * np.asarray(lags, float)[:, None]
+    weight = np.zeros((len(lags), len(n)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rise = -2.0 * np.sin(0.5 * omega * (n[1:] + n[:-1])) * np.sin(0.5 * omega * h) / (omega**2 * h)
+    flat = np.asarray(lags) == 0
+    weight[:, 1:] += np.where(flat[:, None], 0.5 * h, rise)
+    weight[:, :-1] += np.where(flat[:, None], 0.5 * h, -rise)
+    return weight
 
 
-def yule_walker(R: dict[int, np.ndarray], lags) -> tuple[np.ndarray, np.ndarray]:
+def covariances(points, mean, gust: Gust, decay, dt, lags) -> np.ndarray:
+    """Covariances R(lag dt) (lags, c, c) of the gusts at points (c, 3) [m], axes of the wind.
+
+    mean : (c,) [m/s]; decay : (Cx, Cy, Cz); lags : ascending from 0 [steps]
+    """
+    n = frequency_nodes(gust, dt)
+    weight = cosine_weights(n, lags, dt) * gust.spectrum(n)
+    i, j = np.triu_indices(len(points))
+    coherence = davenport_coherence(n, points[i] - points[j], decay, 0.5 * (mean[i] + mean[j]))
+    R = np.empty((len(lags), len(points), len(points)))
+    R[:, i, j] = weight @ coherence
+    R[:, j, i] = R[:, i, j]
+    R[0] += NUGGET * R[0, 0, 0] * np.eye(len(points))
+    return R
+
+
+def lags_of(gust: Gust, dt: float, order: int) -> np.ndarray:
+    """At most `order` lags [steps] in proportion, from one to the memory of the gust."""
+    memory = max(2.0, gust.memory / (gust.speed * dt))
+    return np.unique(np.round(np.geomspace(1.0, memory, order)).astype(int))
+
+
+def yule_walker(R: np.ndarray, known: np.ndarray, lags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients Psi (p, c, c) at the lags and covariance Sigma (c, c) of the noise.
 
-    The coherence is real, so R(tau) = R(-tau) = R(tau)^T and the blocks need no transposes.
+    R : (l, c, c) at the lags `known`. The coherence is real, so R(tau) = R(-tau) = R(tau)^T.
     """
-    p, c = len(lags), len(R[0])
-    matrix = np.block([[R[abs(int(i - j))] for j in lags] for i in lags])
-    right = np.vstack([R[int(lag)] for lag in lags])
+    p, c = len(lags), R.shape[1]
+    between = np.searchsorted(known, np.abs(lags[:, None] - lags))
+    matrix = R[between].transpose(0, 2, 1, 3).reshape(p * c, p * c)
+    right = R[np.searchsorted(known, lags)].reshape(p * c, c)
     stacked = np.linalg.solve(matrix, right)  # (p c, c): Psi_j^T one below the other
-    return stacked.reshape(p, c, c).transpose(0, 2, 1), R[0] - right.T @ stacked
+    sigma = R[0] - right.T @ stacked
+    return stacked.reshape(p, c, c).transpose(0, 2, 1), 0.5 * (sigma + sigma.T)
 
 
-def spread_lags(points, mean, speed, decay, dt, order) -> tuple[np.ndarray, float]:
-    """The `order` lags [steps] whose AR spectrum is closest to Davenport's, by half octaves, and a gain.
+def model_spectrum(n: np.ndarray, lags, psi, sigma, dt: float) -> np.ndarray:
+    """One-sided spectra (f,) [m2/s2/Hz] of an AR model, mean over its points, at frequencies n (f,) [Hz]."""
+    waves = np.exp(-2j * np.pi * dt * np.outer(n, lags))
+    transfer = np.linalg.inv(np.eye(len(sigma)) - np.tensordot(waves, psi, 1))
+    return 2.0 * dt * np.sum(np.abs(transfer @ np.linalg.cholesky(sigma)) ** 2, axis=(1, 2)) / len(sigma)
 
-    Chosen from a geometric set between one step and half of 1200 m / U0, on a few of the points: one step,
-    the best pair, then one by one, then each once more against all others. The gain is the factor on the
-    spectrum that centres what misfit is left, weighted by variance.
+
+@dataclass(frozen=True)
+class Losses:
+    """What the generated gusts lack, as shares.
+
+    beyond : of the variance, at frequencies that samples dt apart do not carry
+    between : of the rest, lost by linear interpolation between samples, mean over time
+    misfit : of the spectrum, in the half octave farthest off, from `misfit_low` [Hz] on; signed
     """
-    few = np.unique(np.linspace(0, len(points) - 1, SOME_POINTS).astype(int))
-    memory = max(2.0, 0.5 * GUST_LENGTH / (speed * dt))
-    candidates = np.unique(np.round(np.geomspace(1.0, memory, 24)).astype(int))
-    n = frequencies(speed, dt)
-    weight = davenport_spectrum(n, speed, 1.0) * (n[1] - n[0])
-    R = covariances(
-        points[few],
-        mean[few],
-        decay,
-        n,
-        weight,
-        dt,
-        np.abs(np.append([0, *candidates], candidates[:, None] - candidates)),
-    )
-    misfit, share = _spectral_misfit(R, speed, dt)
-    size = lambda lags: float(np.sqrt(np.mean(misfit(np.sort(lags)) ** 2)))
-    rest = [int(lag) for lag in candidates if lag > 1]
-    order = min(order, 1 + len(rest))
-    pairs = itertools.combinations(rest, min(2, order - 1))
-    lags = [1, *min(pairs, key=lambda pair: size([1, *pair]))]
-    while len(lags) < order:
-        lags.append(min((lag for lag in rest if lag not in lags), key=lambda lag: size([*lags, lag])))
-    for k in range(1, order):
-        others = lags[:k] + lags[k + 1 :]
-        lags[k] = min((lag for lag in rest if lag not in others), key=lambda lag: size([*others, lag]))
-    lags = np.sort(lags)
-    return lags, float(np.exp(-share @ misfit(lags)))
 
-
-def _spectral_misfit(R, speed, dt):
-    """Function of the lags: log ratio of the AR spectrum to Davenport's by half octaves.
-
-    And the share of each half octave in the variance.
-    """
-    lowest, highest, per_band = LOWEST_BAND * speed / GUST_LENGTH, 0.5 / dt, 6
-    bands = max(1, int(2 * np.log2(highest / lowest)))
-    n = np.geomspace(lowest, highest, bands * per_band)
-    target = davenport_spectrum(n, speed, 1.0)
-    share = (target * n).reshape(bands, per_band).sum(1)
-
-    def misfit(lags):
-        psi, sigma = yule_walker(R, lags)
-        waves = np.exp(-2j * np.pi * dt * np.outer(n, lags))
-        transfer = np.linalg.inv(np.eye(len(sigma)) - np.tensordot(waves, psi, 1))
-        spectrum = 2 * dt * np.einsum("fij,jk,fik->f", transfer, sigma, transfer.conj()).real / len(sigma)
-        return np.log((spectrum / target).reshape(bands, per_band).mean(1))
-
-    return misfit, share / share.sum()
+    beyond: float
+    between: float
+    misfit: float
+    misfit_low: float
 
 
 @dataclass(frozen=True)
 class GustModel:
     """Coefficients of the vector AR model.
 
-    lags : (p,) [steps]; psi : (p, c, c); noise_root : (c, c), Sigma = noise_root noise_root^T
-    covariance : (c, c) [m2/s2], of simultaneous gusts, the model's target
+    lags : (p,) [steps]; psi : (c, p c), side by side; noise_root : (c, c), Sigma = noise_root noise_root^T
+    covariance : (c, c) [m2/s2], of simultaneous gusts; burn_in : [steps]
     """
 
     lags: np.ndarray
     psi: np.ndarray
     noise_root: np.ndarray
     covariance: np.ndarray
+    burn_in: int
+    losses: Losses
 
 
-def fit_gust_model(points, mean, speed, roughness, decay, dt, order) -> GustModel:
-    """Yule-Walker fit of the AR model to Davenport's spectrum and coherence.
+def fit_gust_model(points, mean, gust: Gust, decay, dt: float, order: int) -> GustModel:
+    """Yule-Walker fit of the AR model to a spectrum and Davenport's coherence.
 
-    points : (c, 3) [m] control points; mean : (c,) [m/s] their mean speeds
-    speed : U0 [m/s]; decay : (Cx, Cy, Cz); dt : [s] time step of the histories; order : number of lags
+    points : (c, 3) [m] control points, axes of the wind; mean : (c,) [m/s] their mean speeds
+    decay : (Cx, Cy, Cz); dt : [s] time step of the histories; order : number of lags
     """
-    lags, gain = spread_lags(points, mean, speed, decay, dt, order)
-    n = frequencies(speed, dt)
-    weight = gain * davenport_spectrum(n, speed, roughness) * (n[1] - n[0])
-    R = covariances(points, mean, decay, n, weight, dt, np.abs(np.append([0, *lags], lags[:, None] - lags)))
-    psi, sigma = yule_walker(R, lags)
-    values, vectors = np.linalg.eigh(0.5 * (sigma + sigma.T))
-    return GustModel(lags, psi, vectors * np.sqrt(np.maximum(values, 0.0)), R[0])
+    lags = lags_of(gust, dt, order)
+    known = np.unique(np.abs(np.append([0, *lags], lags[:, None] - lags)))
+    R = covariances(points, mean, gust, decay, dt, known)
+    psi, sigma = yule_walker(R, known, lags)
+    gain, losses = _judge(R, known, lags, gust, dt)
+    root = np.linalg.cholesky(gain * sigma)  # unique and smooth, so neighbouring speeds have the same gusts
+    burn_in = int(np.ceil(BURN_IN * gust.memory / (gust.speed * dt)))
+    return GustModel(lags, np.hstack(list(psi)), root, R[0], burn_in, losses)
+
+
+def _judge(R, known, lags, gust: Gust, dt: float) -> tuple[float, Losses]:
+    """The factor on Sigma that gives the variance R(0), and what is lost, by a few of the points."""
+    few = np.unique(np.linspace(0, R.shape[1] - 1, SOME_POINTS).astype(int))
+    R = R[:, few[:, None], few]
+    psi, sigma = yule_walker(R, known, lags)
+    n = frequency_nodes(gust, dt)[1:]
+    ours = model_spectrum(n, lags, psi, sigma, dt)
+    variance = np.trapezoid(ours, n) + ours[0] * n[0]
+    gain = R[0, 0, 0] / variance
+    between = (R[0, 0, 0] - R[1, 0, 0]) / (3.0 * R[0, 0, 0])
+    low, misfit = _farthest_half_octave(n, gain * ours / gust.spectrum(n), gust)
+    return gain, Losses(gust.share_above(0.5 / dt), between, misfit, low)
+
+
+def _farthest_half_octave(n, ratio, gust: Gust) -> tuple[float, float]:
+    """Lower end [Hz] of the half octave whose mean ratio is farthest from 1, and by how much it is."""
+    power = n * gust.spectrum(n)
+    first = int(np.searchsorted(np.cumsum(power), BELOW_BANDS * power.sum()))  # nodes are in proportion
+    per = PER_OCTAVE // 2
+    bands = max(1, (len(n) - first) // per)
+    off = ratio[-bands * per :].reshape(bands, -1).mean(1) - 1.0
+    worst = int(np.argmax(np.abs(off)))
+    return float(n[-bands * per :][worst * per]), float(off[worst])
 
 
 class GustRecursion:
     """The AR recursion, one time step a call. Its state is the ring of past speeds and the step count.
 
-    The noise of step s is a function of (seed, s) alone (counter-based Philox), whatever was drawn before.
+    Steps count from time 0, those of the burn-in are negative. The noise of step s is a function of
+    (seed, s) alone (counter-based Philox), however long the burn-in is and whatever was drawn before.
     """
 
-    def __init__(self, model: GustModel, seed: int, speed: float, dt: float):
+    def __init__(self, model: GustModel, seed: int):
         self.model = model
-        self.past = np.zeros((int(model.lags[-1]), model.psi.shape[1]))  # row s % len: speeds of step s
-        self.step = 0
+        self.past = np.zeros((int(model.lags[-1]), len(model.psi)))  # row s % len: speeds of step s
         self._bits = np.random.Philox(key=seed)
         self._start = self._bits.state  # with nothing drawn
         self._generator = np.random.Generator(self._bits)
-        for _ in range(int(np.ceil(BURN_IN * GUST_LENGTH / (speed * dt)))):
+        self._block, self._noise = None, None
+        self.step = -model.burn_in
+        while self.step < 0:
             self.advance()
 
     def record(self) -> dict:
@@ -170,16 +194,19 @@ class GustRecursion:
 
     def noise(self, step: int) -> np.ndarray:
         """Independent standard normal numbers (c,) of one step."""
-        self._start["state"]["counter"][:] = (0, 0, 0, step)
-        self._bits.state = self._start
-        return self._generator.standard_normal(self.past.shape[1])
+        block, row = divmod(step, BLOCK)
+        if block != self._block:
+            self._start["state"]["counter"][:] = 0
+            self._start["state"]["counter"][3] = np.int64(block).astype(np.uint64)
+            self._bits.state = self._start
+            self._block, self._noise = block, self._generator.standard_normal((BLOCK, self.past.shape[1]))
+        return self._noise[row]
 
     def advance(self) -> np.ndarray:
         """Gust speeds (c,) [m/s] of the next step."""
         model, ring = self.model, len(self.past)
-        u = model.noise_root @ self.noise(self.step)
-        for lag, psi in zip(model.lags, model.psi):
-            u = u + psi @ self.past[(self.step - lag) % ring]
+        before = self.past[(self.step - model.lags) % ring]
+        u = model.noise_root @ self.noise(self.step) + model.psi @ before.ravel()
         self.past[self.step % ring] = u
         self.step += 1
         return u

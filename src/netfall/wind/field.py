@@ -1,8 +1,8 @@
 """The wind on a roof: control points, histories in time, the force on the particles (paper 3, Eq. 5 to 7).
 
-Histories exist at a few control points only, a grid over the roof in plan; a particle's gust is interpolated
-between the four around it. Interpolation between partly correlated points would weaken the gust, so its
-weights are scaled to keep the variance.
+Histories exist at a few control points only, a grid over the roof in plan, along the wind and across it; a
+particle's gust is interpolated between the four around it. Interpolation between partly correlated points
+would weaken the gust, so its weights are scaled to keep the variance.
 """
 
 from dataclasses import dataclass
@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from netfall.compile import kernel
-from netfall.job.table import Table
 from netfall.wind.autoregressive import GustModel, GustRecursion, fit_gust_model
-from netfall.wind.davenport import mean_speed
+from netfall.wind.coherence import along_wind, mean_speed
+from netfall.wind.measured import place_weights
+from netfall.wind.spectra import gust_of
 
 CLOSEST = 2.0  # m between control points, at the least
 
@@ -34,6 +35,12 @@ class WindField:
     weight: np.ndarray
     force: np.ndarray
 
+    def mean_force(self, mean_gust: np.ndarray) -> np.ndarray:
+        """Force (n, 3) [N] of the mean wind; mean_gust : (c,) [m/s], what the history's mean adds to it."""
+        speed = np.empty(len(self.mean))
+        particle_speeds(self.mean, self.corner, self.weight, mean_gust, speed)
+        return self.force * (speed * speed)[:, None]
+
 
 def control_grid(x: np.ndarray, limit: int) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates along x and y of a grid of at most `limit` control points over the plan of x (n, 3)."""
@@ -46,53 +53,62 @@ def control_grid(x: np.ndarray, limit: int) -> tuple[np.ndarray, np.ndarray]:
     return line(0, nx), line(1, ny)
 
 
-def make_wind_field(x: np.ndarray, area: np.ndarray, normal: np.ndarray, settings) -> WindField:
+def make_wind_field(
+    x: np.ndarray, area: np.ndarray, normal: np.ndarray, settings, places: np.ndarray | None = None
+) -> WindField:
     """The field for a roof at its start: x (n, 3) [m], tributary area (n,) [m2], upward normals (n, 3).
 
+    places : (c, 3) [m], of a table of speeds at several points
     The force at speed U is -u_s A rho U^2 / 2 along the upward normal: suction (u_s < 0) lifts (Eq. 6, 7).
     """
-    height = x[:, 2] + settings.base_height
     force = (-settings.shape_coefficient * 0.5 * settings.air_density * area)[:, None] * normal
-    if settings.file:  # one measured speed at 10 m, which the profile carries to each particle's height
-        place = np.array([[*x[:, :2].mean(0), 10.0 - settings.base_height]])
-        weight = np.zeros((len(x), 4))
-        weight[:, 0] = mean_speed(height, 1.0, settings.profile_exponent)
-        return WindField(
-            place, np.zeros(1), None, np.zeros(len(x)), np.zeros((len(x), 4), np.int64), weight, force
-        )
-    gx, gy = control_grid(x, settings.control_points)
+    if settings.file:
+        return _measured_field(x, force, settings, places)
+    y = along_wind(x, settings.direction)
+    gx, gy = control_grid(y, settings.control_points)
     X, Y = np.meshgrid(gx, gy, indexing="ij")
     plan = np.column_stack([X.ravel(), Y.ravel()])
-    nearest = np.array([np.argmin(np.sum((x[:, :2] - p) ** 2, axis=1)) for p in plan])
+    nearest = np.array([np.argmin(np.sum((y[:, :2] - p) ** 2, axis=1)) for p in plan])
     points = np.column_stack([plan, x[nearest, 2]])
-    mean = mean_speed(points[:, 2] + settings.base_height, settings.speed, settings.profile_exponent)
-    model = None
-    corner, weight = _bilinear(x, gx, gy)
-    if settings.roughness > 0:
+    profile = lambda z: mean_speed(z + settings.base_height, settings.speed, settings.profile_exponent)
+    corner, weight = _bilinear(y, gx, gy)
+    gust, model = gust_of(settings), None
+    if gust:
         model = fit_gust_model(
             points,
-            mean,
-            settings.speed,
-            settings.roughness,
+            profile(points[:, 2]),
+            gust,
             settings.coherence_decay,
             settings.time_step,
             settings.ar_order,
         )
-        correlation = model.covariance / model.covariance[0, 0]
-        spread = np.sum(
-            weight[:, :, None] * weight[:, None, :] * correlation[corner[:, :, None], corner[:, None, :]],
-            axis=(1, 2),
-        )
-        weight = weight / np.sqrt(spread)[:, None]
-    return WindField(
-        points,
-        mean,
-        model,
-        mean_speed(height, settings.speed, settings.profile_exponent),
-        corner,
-        weight,
-        force,
-    )
+        weight = _keeping_variance(corner, weight, model.covariance / model.covariance[0, 0])
+    points = along_wind(points, -settings.direction)  # back to the axes of the net
+    return WindField(points, profile(points[:, 2]), model, profile(x[:, 2]), corner, weight, force)
+
+
+def _measured_field(x, force, settings, places) -> WindField:
+    """The field of a table, whose speeds the profile carries to each particle's height.
+
+    From one speed at 10 m, or from several at their places (c, 3) [m].
+    """
+    rows = len(x)
+    corner, weight = np.zeros((rows, 4), np.int64), np.zeros((rows, 4))
+    profile = lambda z: mean_speed(z + settings.base_height, 1.0, settings.profile_exponent)
+    if places is None:
+        places = np.array([[*x[:, :2].mean(0), 10.0 - settings.base_height]])
+        weight[:, 0] = profile(x[:, 2])
+    else:
+        corner, weight = place_weights(x, places)
+        weight *= profile(x[:, 2])[:, None] / profile(places[:, 2])[corner]
+    return WindField(places, np.zeros(len(places)), None, np.zeros(rows), corner, weight, force)
+
+
+def _keeping_variance(corner, weight, correlation) -> np.ndarray:
+    """Weights (n, 4) scaled so that gusts between control points have the variance of those at them."""
+    pairs = correlation[corner[:, :, None], corner[:, None, :]]
+    spread = np.sum(weight[:, :, None] * weight[:, None, :] * pairs, axis=(1, 2))
+    return weight / np.sqrt(spread)[:, None]
 
 
 def _bilinear(x, gx, gy):
@@ -126,66 +142,21 @@ class GeneratedHistory:
 
     def __init__(self, field: WindField, settings):
         self.dt = settings.time_step
-        self.still = np.zeros(len(field.control_mean))
-        self.recursion = (
-            GustRecursion(field.model, settings.seed, settings.speed, self.dt) if field.model else None
-        )
+        self.mean_gust = np.zeros(len(field.control_mean))  # m/s, over the duration: none
+        self.recursion = GustRecursion(field.model, settings.seed) if field.model else None
 
     def sample(self, k: int) -> tuple[float, np.ndarray]:
         """Time [s] and gusts (c,) [m/s] of sample k; samples are asked for in order."""
-        return k * self.dt, self.recursion.advance() if self.recursion else self.still
+        return k * self.dt, self.recursion.advance() if self.recursion else self.mean_gust
 
-    def record(self) -> dict:
-        """The state that a continuation needs, for `restore`."""
-        return self.recursion.record() if self.recursion else {}
+    def record(self) -> tuple[dict, dict]:
+        """The state that a continuation needs, for `restore`: numbers and arrays."""
+        if not self.recursion:
+            return {}, {}
+        kept = self.recursion.record()
+        return {"step": kept["step"]}, {"past": kept["past"]}
 
-    def restore(self, record: dict) -> None:
+    def restore(self, numbers: dict, arrays: dict) -> None:
         """Take up the record of an earlier run."""
         if self.recursion:
-            self.recursion.restore(record)
-
-
-class MeasuredHistory:
-    """A table of times (t,) [s] and speeds (t,) [m/s] at 10 m, from time 0 on."""
-
-    def __init__(self, time: np.ndarray, speed: np.ndarray):
-        self.notes: list[str] = []
-        first = int(np.searchsorted(time, 0.0, side="right")) - 1
-        self.time, self.speed = time[first:], speed[first:]
-
-    def sample(self, k: int) -> tuple[float, np.ndarray]:
-        """Time [s] and speed (1,) [m/s] of row k; the last one stands for all that follow."""
-        k = min(k, len(self.time) - 1)
-        return float(self.time[k]), self.speed[k : k + 1]
-
-    def record(self) -> dict:
-        """Nothing: a row depends on its number alone."""
-        return {}
-
-    def restore(self, record: dict) -> None:
-        """Nothing to take up."""
-
-
-def read_measured(job) -> MeasuredHistory:
-    """The history of [wind] file, a table with columns time [s] and speed [m/s].
-
-    Raises InputError unless times ascend from 0 or before to the end of the simulated time.
-    """
-    table = Table(job.path.parent / job.wind.file, ("time", "speed"), ("time", "speed"))
-    time, speed = table.numbers("time", unit="s"), table.numbers("speed", low=0.0, unit="m/s")
-    table.finish()
-    for row in np.flatnonzero(np.diff(time) <= 0)[:3]:
-        table.wrong(
-            f"{table.at(row + 1)}: time = {time[row + 1]:g}: not after the row before ({time[row]:g}); "
-            "expected ascending times"
-        )
-    if np.isnan(time).any() or np.isnan(speed).any():
-        table.wrong("empty cells; expected a number in each")
-    elif time[0] > 0 or time[-1] < job.dynamics.duration:
-        table.wrong(
-            f"covers {time[0]:g} to {time[-1]:g} s; expected 0 to duration = {job.dynamics.duration:g} s"
-        )
-    table.finish()
-    history = MeasuredHistory(time, speed)
-    history.notes = table.notes
-    return history
+            self.recursion.restore(numbers | arrays)
