@@ -6,22 +6,20 @@ and in jobs/README.md (a test compares the two).
 
 from types import SimpleNamespace
 
-from netfall.job.keys import ABSENT, REQUIRED, Key, between, count, not_negative, positive
+from netfall.job.keys import ABSENT, REQUIRED, Key, between, choice, count, flag, not_negative, positive
 from netfall.job.wind_keys import WIND
 
 SECTIONS: dict[str, tuple[Key, ...]] = {
     "": (Key("title", "text", "", "", "what the job is"),),
     "net": (
-        Key("generator", "choice", ABSENT, "", "a net made from dimensions", choices=("saddle", "stadium")),
+        choice("generator", ("saddle", "stadium"), ABSENT, "a net made from dimensions"),
         Key("nodes", "text", ABSENT, "", "path of nodes.csv, relative to the job file"),
         Key("elements", "text", ABSENT, "", "path of elements.csv, relative to the job file"),
-        Key(
+        choice(
             "unit",
-            "choice",
+            ("m", "cm", "mm", "ft", "in"),
             "m",
-            "",
             "in which the coordinates of nodes.csv stand; all else is in SI units",
-            choices=("m", "cm", "mm", "ft", "in"),
         ),
         count(
             "subdivide",
@@ -40,14 +38,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         positive("spacing", "m", 2.2, "stadium: distance of the cables"),
     ),
     "cable": (
-        Key(
-            "kind",
-            "choice",
-            "cable",
-            "",
-            "cable: tension only; bar: tension and compression",
-            choices=("cable", "bar"),
-        ),
+        choice("kind", ("cable", "bar"), "cable", "cable: tension only; bar: tension and compression"),
         between(1.0, 1e15, "modulus", "Pa", REQUIRED, "Young's modulus"),
         between(1e-12, 1e4, "area", "m2", REQUIRED, "cross-section"),
         between(1e-3, 1e6, "density", "kg/m3", REQUIRED, "mass density"),
@@ -55,24 +46,17 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         positive("yield_stress", "Pa", ABSENT, "yield stress; absent: elastic"),
         positive("fracture_strain", "", ABSENT, "total strain at fracture; absent: nothing breaks"),
         between(-1e-3, 1e-3, "expansion", "1/K", 12e-6, "strain for each K of temperature"),
-        Key("strain", "choice", "engineering", "", "strain measure", choices=("engineering", "logarithmic")),
+        choice("strain", ("engineering", "logarithmic"), "engineering", "strain measure"),
     ),
     "form_finding": (
-        Key(
-            "method",
-            "choice",
-            "fpm",
-            "",
-            "fpm: relaxation of particles; force_density: linear",
-            choices=("fpm", "force_density"),
+        choice(
+            "method", ("fpm", "force_density"), "fpm", "fpm: relaxation of particles; force_density: linear"
         ),
-        Key(
+        choice(
             "start",
-            "choice",
+            ("given", "force_density"),
             "given",
-            "",
             "fpm: start from the given geometry or from the force-density one",
-            choices=("given", "force_density"),
         ),
         not_negative("modulus_factor", "", 1e-3, "fpm: share of the modulus; 0: constant tension", high=1.0),
         Key(
@@ -87,7 +71,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         count("max_iterations", 200_000, "fpm: iterations after which the run gives up"),
     ),
     "load": (
-        Key("self_weight", "flag", False, "", "weight of the elements"),
+        flag("self_weight", False, "weight of the elements"),
         not_negative(
             "dead", "N/m2", 0.0, "weight of the roof's cladding, downward; its mass moves with the particles"
         ),
@@ -139,11 +123,9 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "the step needs it; 0: its half element alone, as in the paper",
             high=0.5,
         ),
-        Key(
+        flag(
             "fragments",
-            "flag",
             True,
-            "",
             "whether a particle splits off where an element breaks, as in the paper; "
             "false: the element is taken out of the net, its mass stays with its ends",
         ),
@@ -155,23 +137,19 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "ask for a short step; with fracture only without fragments",
             high=1.0,
         ),
-        Key(
+        choice(
             "precision",
-            "choice",
+            ("double", "mixed", "single"),
             "double",
-            "",
             "of the steps; mixed: single for forces and velocities; single: for displacements too",
-            choices=("double", "mixed", "single"),
         ),
     ),
     "output": (
         count("frames", 120, "states written over the duration", low=1, high=1_000_000),
         positive("history", "s", 0.01, "between rows of /history"),
-        Key(
+        flag(
             "energy",
-            "flag",
             True,
-            "",
             "audit of the energies; "
             "false saves its cost, and leaves the works and both errors of /history nan",
         ),

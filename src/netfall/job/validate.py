@@ -49,7 +49,7 @@ class Validation:
     def _names(self, data: dict, given: dict) -> None:
         """The names of the sections."""
         for name in given:
-            if name not in SECTIONS:
+            if name == "" or name not in SECTIONS:
                 self.wrong("", f"[{name}]: unknown section; {nearest(name, filter(None, SECTIONS))}")
         for name in SECTIONS:
             if name and name in data and name not in given:
