@@ -124,18 +124,15 @@ class Validation:
         if "wind" in given and "dynamics" not in given:
             self.wrong("wind", "there is no [dynamics] that the wind could act in; add it or remove [wind]")
         self._prestress(given, found)
-        self._entries_of_lists(given, lists)
+        self._entries_of_lists(lists)
 
-    def _entries_of_lists(self, given: dict, lists: dict) -> None:
+    def _entries_of_lists(self, lists: dict) -> None:
         for zone in lists["zones"]:
             if zone.polygon is not None and zone.groups is not None:
                 place = f"[[zone]] {zone.name}:"
                 self.wrong(place, "polygon and groups exclude each other; keep one of the two")
         for case in lists["cases"]:
             case.set = self._loads_of_case(case)
-        if lists["cases"] and not given.get("load", {}).get("steps"):
-            without = "there is no static stage that the cases could be part of; give [load] steps > 0"
-            self.wrong("[[case]]", without)
 
     def _loads_of_case(self, case: SimpleNamespace) -> dict:
         """What a case sets, by names such as "load.snow" and "load.zone.NAME.snow"."""
