@@ -203,3 +203,11 @@ def test_what_yields_under_the_mean_wind_stays_longer(workshop):
     L = np.hypot(5.0, f["rest/position"][1, 2])
     assert f["final/plastic_strain"][:] == pytest.approx((L - 5) / 5 - 2e-3, rel=1e-6)
     assert f["history/kinetic_energy"][:].max() < 1e-6  # J, of 20 J that the cables store
+
+
+GRID = "[net]\ngenerator = \"saddle\"\nside = 40.0\nrise = 2.0\ncells = 4\n"
+TORN = GRID + CABLE.replace("area = 1e-4", "area = 1e-3") + (
+    "prestress = 100e3\nyield_stress = 2e8\nfracture_strain = 0.03\n[form_finding]\n[load]\ndead = 200.0\n"
+    "[wind]\nspeed = {speed}\nroughness = 0.01\nshape_coefficient = -1.5\nafter_fracture = \"{after}\"\n"
+    "ramp = 0.5\n[dynamics]\nduration = {time}\ndamping = 0.3\nfragments = {fragments}\n"
+)

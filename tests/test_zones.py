@@ -251,10 +251,6 @@ def test_a_zone_of_the_column_has_no_polygon_too(workshop):
             '[[case]]\nname = "c"\nset = {"load.zone.a.snow" = "deep"}\n',
             '[[case]] c: set: load.zone.a.snow = "deep": expected a number of N/m2 >= 0',
         ),
-        (
-            '[[case]]\nname = "c"\nset = {}\n',
-            "[[case]] there is no static stage that the cases could be part of",
-        ),
     ],
 )
 def test_a_wrong_entry_is_one_line(workshop, text, line):

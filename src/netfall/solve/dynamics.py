@@ -192,7 +192,7 @@ class Simulation:
     def advance_with_tearing(self, stop: int) -> None:
         """For after_fracture = "panels": panels leave in the step of the fracture, on all ranks.
 
-        A block with fractures is stepped again to just behind the first, as in `advance_until_first_fracture`.
+        A block with fractures is stepped again to just behind the first; see `advance_until_first_fracture`.
         """
         while self.n < stop:
             first, begin, kept = self.first_fracture(stop)
