@@ -4,7 +4,7 @@ the mean wind, from which gusts grow in.
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
+from scipy.optimize import brentq, fsolve
 
 EA, L0 = 1e6, 5.0  # N, m: two cables from the middle node to supports 5 m away at either side
 CABLE = "[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1000.0\n"
@@ -205,9 +205,53 @@ def test_what_yields_under_the_mean_wind_stays_longer(workshop):
     assert f["history/kinetic_energy"][:].max() < 1e-6  # J, of 20 J that the cables store
 
 
-GRID = "[net]\ngenerator = \"saddle\"\nside = 40.0\nrise = 2.0\ncells = 4\n"
-TORN = GRID + CABLE.replace("area = 1e-4", "area = 1e-3") + (
-    "prestress = 100e3\nyield_stress = 2e8\nfracture_strain = 0.03\n[form_finding]\n[load]\ndead = 200.0\n"
-    "[wind]\nspeed = {speed}\nroughness = 0.01\nshape_coefficient = -1.5\nafter_fracture = \"{after}\"\n"
-    "ramp = 0.5\n[dynamics]\nduration = {time}\ndamping = 0.3\nfragments = {fragments}\n"
+CROSS = (
+    "id,x,y,z,fixed\n0,0,0,0,0\n1,5,0,0,1\n2,0,5,0,1\n3,-5,0,0,1\n4,0,-5,0,1\n",
+    "start,end,group\n0,1,weak\n0,2,\n0,3,\n0,4,\n1,2,\n2,3,\n3,4,\n4,1,\n",
 )
+TORN = (
+    "[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1000.0\n[cable.weak]\nfracture_strain = 2e-4\n"
+    "[load]\ndead = 50.0\n[wind]\nspeed = 20.0\nroughness = 0.0\nshape_coefficient = -1.0\n"
+    'onset = "sudden"\nafter_fracture = "{}"\n[dynamics]\nduration = 20\ndamping = 1.0\nfragment_mass = 0\n'
+    "[output]\nhistory = 0.5\n"
+)
+
+
+def on_three_cables(force):
+    """Where a node on three cables, to (0, +-5) and (-5, 0), rests under an upward force [N]."""
+    ends = np.array([[0, 5, 0], [-5, 0, 0], [0, -5, 0]], float)
+
+    def unbalanced(x):
+        d = ends - x
+        L = np.linalg.norm(d, axis=1)
+        return (EA * np.maximum(L / 5 - 1, 0) / L) @ d + [0, 0, force]
+
+    return fsolve(unbalanced, [-0.05, 0.0, 0.3], xtol=1e-13)
+
+
+@pytest.mark.parametrize("after, share", [("panels", 0.5), ("none", 1.0)])
+def test_panels_at_a_broken_cable_leave_with_their_wind_and_weight(both_ways, after, share):
+    """Four triangles around a node, of which two hang on the cable that breaks: half of it all is left."""
+    f = both_ways.run(both_ways.job(TORN.format(after), *CROSS))
+    assert f["events/element"][:].tolist() == [0] and f["net/tributary_area"][0] == pytest.approx(50.0 / 3.0)
+    q = 0.5 * 1.25 * 20.0**2
+    rest = on_three_cables(share * (q - 50.0) * 50.0 / 3.0)
+    # what the damping of 1/s leaves of the swing after 20 s: exp(-10); no weight of the cables
+    assert f["final/position"][0] == pytest.approx(rest, abs=1e-4)
+    assert np.abs(f["history/identity_error"][:]).max() < 1e-9
+    assert np.abs(f["history/balance_error"][:]).max() < 1e-3
+
+
+def test_panels_take_their_energy_along_whatever_tears(both_ways):
+    """A collapse on one rank and on three: the same bits, and both audits hold."""
+    text = (
+        '[net]\ngenerator = "saddle"\nside = 40.0\nrise = 2.0\ncells = 4\n[cable]\nmodulus = 1e11\n'
+        "area = 5e-4\ndensity = 7850.0\nprestress = 1e5\nyield_stress = 1e9\nfracture_strain = 0.015\n"
+        "[form_finding]\n[load]\ndead = 200.0\nsnow = 100.0\n[wind]\nspeed = 50.0\nturbulence = 0.2\n"
+        'shape_coefficient = -1.5\nonset = "sudden"\nafter_fracture = "panels"\n'
+        "[dynamics]\nduration = 1.0\nsafety = 0.2\n"
+    )
+    f = both_ways.run(both_ways.job(text))
+    assert len(f["events/time"]) > 3
+    assert np.abs(f["history/identity_error"][:]).max() < 1e-9
+    assert np.abs(f["history/balance_error"][:]).max() < 1e-2
