@@ -166,6 +166,7 @@ def missing_key(draw):
             + [
                 ("net", "generator"),
                 ("wind", "speed"),
+                ("wind", "shape_coefficient"),
                 ("cable", "prestress"),
                 ("net", None),
                 ("cable", None),

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from netfall.errors import InputError
+from netfall.job.schema import LISTS
 from netfall.job.validate import Validation
 from netfall.wind.spectra import gust_of
 
@@ -33,6 +34,8 @@ class Job:
     wind: SimpleNamespace | None
     dynamics: SimpleNamespace | None
     output: SimpleNamespace
+    zones: list[SimpleNamespace]  # [[zone]], in order
+    cases: list[SimpleNamespace]  # [[case]]
 
     @property
     def name(self) -> str:
@@ -41,8 +44,8 @@ class Job:
 
     def files(self) -> list[Path]:
         """The files that the job reads: tables of the net and of the wind."""
-        named = [self.net.nodes, self.net.elements]
-        named += [self.wind.file, self.wind.points] if self.wind else []
+        wind = (self.wind.file, self.wind.points, self.wind.sectors) if self.wind else ()
+        named = [self.net.nodes, self.net.elements, *wind]
         return [self.path.parent / name for name in named if name]
 
     def digest(self) -> str:
@@ -67,6 +70,14 @@ class Job:
         _apply_overrides(data, list(self.overrides), [])
         tables = {name: table for name, table in data.items() if isinstance(table, dict)}
         return {f"{name}.{key}" for name, table in tables.items() for key in table}
+
+    def loads(self, key: str) -> list:
+        """Every value of a key of [load]: its own, those of zones and cases; none without the section."""
+        if self.load is None:
+            return []
+        of_zones = [values[key] for values in self.load.zone.values() if key in values]
+        of_cases = [v for case in self.cases for name, v in case.set.items() if name.endswith(f".{key}")]
+        return [getattr(self.load, key), *of_zones, *of_cases]
 
     def changes_net(self) -> bool:
         """Whether the command line overrides the net: files made for the job's own net then do not apply."""
@@ -157,7 +168,8 @@ def _apply_overrides(data: dict, overrides: list[str], errors: list[str]) -> Non
         for part in section:
             table = table.setdefault(part, {})
             if not isinstance(table, dict):
-                errors.append(f"--set {override}: {part} is a key, not a section")
+                what = f"a list, [[{part}]], which --set does not reach" if part in LISTS else "a key"
+                errors.append(f"--set {override}: {part} is {what}, not a section")
                 break
         else:
             table[key] = _toml_value(value.strip())

@@ -4,81 +4,9 @@ Validation, the messages for wrong input and the tests read this table; a key is
 and in jobs/README.md (a test compares the two).
 """
 
-from dataclasses import dataclass
+from types import SimpleNamespace
 
-REQUIRED = object()  # the key must stand in the job file if its section does
-ABSENT = None  # the key may be missing: the thing that it describes is then not there
-
-
-@dataclass(frozen=True)
-class Key:
-    """One key of a section.
-
-    kind : "number" | "integer" | "flag" | "text" | "choice" | "vector" | "pressure" | "points" | "words"
-    low, high : bounds of a number; low_open, high_open : the bound itself is excluded
-    """
-
-    name: str
-    kind: str
-    default: object
-    unit: str
-    meaning: str
-    low: float | None = None
-    high: float | None = None
-    low_open: bool = False
-    high_open: bool = False
-    choices: tuple[str, ...] = ()
-    also: tuple[str, ...] = ()  # words that stand in place of a number ("auto")
-
-    def expected(self) -> str:
-        """What is allowed, in words: "a number of m/s > 0"."""
-        if self.kind == "choice":
-            return "one of " + ", ".join(f'"{c}"' for c in self.choices)
-        if self.kind == "flag":
-            return "true or false"
-        if self.kind == "text":
-            return f"a text in quotes ({self.meaning})"
-        of = f" of {self.unit}" if self.unit else ""
-        if self.kind == "vector":
-            return f"three numbers{of}, [x, y, z]" + self._range()
-        if self.kind == "pressure":
-            return f"three numbers{of}, [x, y, z], or one number along the normals"
-        if self.kind == "points":
-            return f"a list of [x, y] pairs{of}"
-        if self.kind == "words":
-            return f"a list of names in quotes ({self.meaning})"
-        noun = "an integer" if self.kind == "integer" else "a number"
-        words = "".join(f' or "{w}"' for w in self.also)
-        return f"{noun}{of}{self._range()}{words}"
-
-    def _range(self) -> str:
-        parts = []
-        if self.low is not None:
-            parts.append(f"{'>' if self.low_open else '>='} {self.low:g}")
-        if self.high is not None:
-            parts.append(f"{'<' if self.high_open else '<='} {self.high:g}")
-        return (" " if parts else "") + " and ".join(parts)
-
-
-def between(low, high, name, unit, default, meaning):
-    """Row of a number within what is physically possible; far beyond, products overflow."""
-    return Key(name, "number", default, unit, meaning, low=low, high=high)
-
-
-def positive(name, unit, default, meaning, high=None, also=()):
-    """Row of a number > 0."""
-    return Key(name, "number", default, unit, meaning, low=0.0, low_open=True, high=high, also=also)
-
-
-def not_negative(name, unit, default, meaning, high=None):
-    """Row of a number >= 0."""
-    return Key(name, "number", default, unit, meaning, low=0.0, high=high)
-
-
-def count(name, default, meaning, low=1, high=None):
-    """Row of an integer."""
-    return Key(name, "integer", default, "", meaning, low=low, high=high)
-
+from netfall.job.keys import ABSENT, REQUIRED, Key, between, count, not_negative, positive
 
 SECTIONS: dict[str, tuple[Key, ...]] = {
     "": (Key("title", "text", "", "", "what the job is"),),
@@ -125,6 +53,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         between(-1e12, 1e12, "prestress", "N", 0.0, "axial force to form-find with, tension positive"),
         positive("yield_stress", "Pa", ABSENT, "yield stress; absent: elastic"),
         positive("fracture_strain", "", ABSENT, "total strain at fracture; absent: nothing breaks"),
+        between(-1e-3, 1e-3, "expansion", "1/K", 12e-6, "strain for each K of temperature"),
         Key("strain", "choice", "engineering", "", "strain measure", choices=("engineering", "logarithmic")),
     ),
     "form_finding": (
@@ -161,6 +90,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         not_negative(
             "dead", "N/m2", 0.0, "weight of the roof's cladding, downward; its mass moves with the particles"
         ),
+        not_negative("snow", "N/m2", 0.0, "in plan, downward; its mass moves with the particles"),
         Key(
             "pressure",
             "pressure",
@@ -169,6 +99,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "static load of the roof: positive presses on it, against the upward normal, negative lifts; "
             "or [x, y, z]",
         ),
+        between(-273.0, 1000.0, "temperature", "K", 0.0, "change of all elements from that of form finding"),
         count("steps", 0, "load steps of the static analysis; 0: none", low=0, high=100_000),
         not_negative(
             "ramp",
@@ -191,6 +122,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         Key(
             "groups", "words", ABSENT, "", "groups of elements whose faces carry loads and wind; absent: all"
         ),
+        Key("openings", "points", (), "m", "x, y of a point in each face that is an opening"),
     ),
     "wind": (
         between(0.1, 200.0, "speed", "m/s", ABSENT, "U0, mean at 10 m above ground"),
@@ -234,9 +166,17 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         Key(
             "shape_coefficient",
             "number",
-            REQUIRED,
+            ABSENT,
             "",
             "u_s: positive presses on the roof, against the upward normal; negative is suction, which lifts",
+        ),
+        Key(
+            "sectors",
+            "text",
+            ABSENT,
+            "",
+            "path of a table direction, shape_coefficient and columns named as zones are, instead of "
+            "shape_coefficient",
         ),
         positive("air_density", "kg/m3", 1.25, "density of the air"),
         between(1e-4, 60.0, "time_step", "s", 0.05, "time step of the generated histories"),
@@ -255,6 +195,16 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         ),
         not_negative("profile_exponent", "", 0.16, "of the mean speed over height", high=1.0),
         Key("base_height", "number", 10.0, "m", "height of z = 0 above ground"),
+        Key(
+            "onset",
+            "choice",
+            "static",
+            "",
+            "static: the roof rests under its loads and the mean wind, then the gusts grow in; "
+            "sudden: all of the wind at t = 0",
+            choices=("static", "sudden"),
+        ),
+        not_negative("ramp", "s", 2.0, "time over which the gusts grow in after a static onset; 0: at once"),
         Key(
             "after_fracture",
             "choice",
@@ -318,5 +268,35 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
     ),
 }
 
+# Lists of tables, [[zone]]: the keys of each entry.
+LISTS: dict[str, tuple[Key, ...]] = {
+    "zone": (
+        Key("name", "name", REQUIRED, "", "by which [wind.zone.NAME] and [load.zone.NAME] know it"),
+        Key("polygon", "polygon", ABSENT, "m", "corners in plan of the start geometry, in order around it"),
+        Key("groups", "words", ABSENT, "", "groups of elements whose nodes belong to it"),
+    ),
+    "case": (
+        Key("name", "name", REQUIRED, "", "of the static case"),
+        Key("set", "loads", REQUIRED, "N/m2", "what it sets: snow and pressure of [load] and of its zones"),
+    ),
+}
+
+
+def _rows(section: str, *names: str) -> tuple[Key, ...]:
+    return tuple(key for key in SECTIONS[section] if key.name in names)
+
+
+# Sections with tables inside that override some of their keys: where these stand, and which keys.
+OVERRIDES: dict[str, tuple[str, tuple[Key, ...]]] = {
+    "cable": ("", tuple(key for key in SECTIONS["cable"] if key.name != "strain")),  # [cable.GROUP]
+    "load": ("zone", _rows("load", "dead", "snow", "pressure")),  # [load.zone.NAME]
+    "wind": ("zone", _rows("wind", "shape_coefficient")),  # [wind.zone.NAME]
+}
+
+CASE_KEYS = _rows("load", "snow", "pressure")  # of [load] and [load.zone.NAME]: what is not permanent
 GENERATOR_KEYS = {"saddle": ("side", "rise", "cells"), "stadium": ("length", "width", "arch_rise", "spacing")}
-GROUP_KEYS = tuple(k for k in SECTIONS["cable"] if k.name != "strain")
+
+
+def defaults(section: str) -> SimpleNamespace:
+    """A section with the defaults of its keys."""
+    return SimpleNamespace(**{key.name: key.default for key in SECTIONS[section]}, zone={})

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.errors import InputError
-from netfall.job.validate import nearest
+from netfall.job.values import nearest
 
 MOST_ERRORS = 20  # lines reported for one table
 LARGEST = 1e15  # of any number; far beyond, products overflow

@@ -1,74 +1,10 @@
 """Checking the tables of a job file against the schema, and against one another."""
 
-import difflib
-import json
-import math
 from types import SimpleNamespace
 
-from netfall.job.schema import GENERATOR_KEYS, GROUP_KEYS, REQUIRED, SECTIONS, Key
-
-
-def shown(value) -> str:
-    """A value as it would stand in the job file, cut to a readable length."""
-    if isinstance(value, bool):
-        text = str(value).lower()
-    elif isinstance(value, str):
-        text = json.dumps(value, ensure_ascii=False)
-    else:
-        text = repr(value)
-    text = " ".join(text.split())
-    return text if len(text) <= 80 else text[:77] + "..."
-
-
-def nearest(word: str, known) -> str:
-    """Advice that names the nearest known word, or all of them."""
-    known = sorted(known)
-    close = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
-    return f'did you mean "{close[0]}"?' if close else "known: " + ", ".join(known)
-
-
-def _is_number(value) -> bool:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return False
-    try:
-        return math.isfinite(float(value))
-    except OverflowError:
-        return False
-
-
-def fits(key: Key, value) -> bool:
-    """Whether a value is what the key's row of the table allows."""
-    if key.kind == "text":
-        return isinstance(value, str) and (value != "" or key.name == "title") and "\x00" not in value
-    if key.kind == "choice":
-        return isinstance(value, str) and value in key.choices
-    if key.kind == "flag":
-        return isinstance(value, bool)
-    if key.kind == "points":
-        return isinstance(value, list) and all(
-            isinstance(p, list) and len(p) == 2 and all(map(_is_number, p)) for p in value
-        )
-    if key.kind == "words":
-        return isinstance(value, list) and value != [] and all(isinstance(v, str) and v for v in value)
-    if key.kind == "pressure" and _is_number(value):
-        return True
-    if key.kind in ("vector", "pressure"):
-        return (
-            isinstance(value, list)
-            and len(value) == 3
-            and all(_is_number(v) and _in_range(key, v) for v in value)
-        )
-    if value in key.also:
-        return True
-    if key.kind == "integer" and not isinstance(value, int):
-        return False
-    return _is_number(value) and _in_range(key, value)
-
-
-def _in_range(key: Key, value) -> bool:
-    above = key.low is None or value > key.low or (value == key.low and not key.low_open)
-    below = key.high is None or value < key.high or (value == key.high and not key.high_open)
-    return above and below
+from netfall.job.keys import REQUIRED, Key
+from netfall.job.schema import CASE_KEYS, GENERATOR_KEYS, LISTS, OVERRIDES, SECTIONS
+from netfall.job.values import fits, nearest, shown
 
 
 class Validation:
@@ -80,29 +16,35 @@ class Validation:
         self.errors = errors
 
     def wrong(self, section: str, what: str) -> None:
-        """Note an error."""
-        place = f"[{section}] " if section else ""
-        self.errors.append(f"{self.where}: {place}{what}")
+        """Note an error. section : its name, or a place in brackets as it stands"""
+        place = section if section.startswith("[") else f"[{section}]"
+        self.errors.append(f"{self.where}: {place + ' ' if section else ''}{what}")
 
     def sections(self, data: dict) -> dict:
-        """The title, each section as a namespace of its keys or None where it is absent, groups as dicts."""
-        given = {name: data[name] for name in data if isinstance(data[name], dict)}
+        """The fields of a job: the title, sections, groups as dicts, entries of lists as namespaces.
+
+        A section is a namespace of its keys, or None where it is absent. `zone` of one that has zones is a
+        dict of what each overrides.
+        """
+        given = {k: v for k, v in data.items() if isinstance(v, dict) and k not in LISTS}
         self._names(data, given)
-        top = self._section("", {k: v for k, v in data.items() if k not in given and k not in SECTIONS})
+        loose = {k: v for k, v in data.items() if k not in given and k not in SECTIONS and k not in LISTS}
+        title = self._table("", SECTIONS[""], loose).title
         for name in ("net", "cable"):
             if name not in data:
                 self.wrong("", f"[{name}]: the section is missing; a job needs it")
-        cable = given.get("cable", {})
-        groups = {k: v for k, v in cable.items() if isinstance(v, dict)}
-        known = [name for name in given if name in SECTIONS and name != "cable"]
-        found = {name: self._section(name, given[name]) for name in known}
-        if "cable" in given:
-            found["cable"] = self._section("cable", {k: v for k, v in cable.items() if k not in groups})
-        groups = {name: self._group(name, table) for name, table in groups.items()}
-        output = found.get("output") or self._section("output", {})
-        self._combinations(given, found)
-        every = {name: found.get(name) for name in SECTIONS if name}
-        return every | {"title": top.title, "groups": groups, "output": output}
+        found, groups = dict.fromkeys(filter(None, SECTIONS)), {}
+        for name in filter(found.__contains__, given):
+            own, within = self._overrides(name, given[name])
+            found[name] = self._table(name, SECTIONS[name], own)
+            if name == "cable":
+                groups = within
+            elif name in OVERRIDES:
+                found[name].zone = within
+        found["output"] = found["output"] or self._table("output", SECTIONS["output"], {})
+        lists = {f"{name}s": self._entries(name, data.get(name, [])) for name in LISTS}
+        self._combinations(given, found, lists)
+        return found | lists | {"title": title, "groups": groups}
 
     def _names(self, data: dict, given: dict) -> None:
         """The names of the sections."""
@@ -113,42 +55,101 @@ class Validation:
             if name and name in data and name not in given:
                 self.wrong("", f"{name} = {shown(data[name])}: expected a section, [{name}]")
 
-    def _section(self, name: str, table: dict) -> SimpleNamespace:
-        keys = {key.name: key for key in SECTIONS[name]}
-        values = {key.name: key.default for key in SECTIONS[name]}
-        self._check(name, keys, table, values)
-        for key in keys.values():
+    def _overrides(self, name: str, table: dict) -> tuple[dict, dict[str, dict]]:
+        """What a section says of itself, and what the tables inside override, by their names."""
+        if name not in OVERRIDES:
+            return table, {}
+        under, keys = OVERRIDES[name]
+        inner = table.get(under, {}) if under else {k: v for k, v in table.items() if isinstance(v, dict)}
+        own = {k: v for k, v in table.items() if k != under and (under or k not in inner)}
+        place = f"{name}.{under}" if under else name
+        if not isinstance(inner, dict) or not all(isinstance(v, dict) for v in inner.values()):
+            self.wrong(name, f"{under} = {shown(inner)}: expected tables, [{place}.NAME]")
+            return own, {}
+        found: dict[str, dict] = {called: {} for called in inner}
+        for called, values in inner.items():
+            self._check(f"{place}.{called}", keys, values, found[called])
+        return own, found
+
+    def _entries(self, name: str, given) -> list[SimpleNamespace]:
+        """The entries of a list of tables, whose names are unique."""
+        if not isinstance(given, list) or not all(isinstance(table, dict) for table in given):
+            self.wrong("", f"{name} = {shown(given)}: expected entries, [[{name}]], each with its keys")
+            return []
+        entries, places = [], {}
+        for number, table in enumerate(given, 1):
+            called = table.get("name")
+            place = f"[[{name}]] {called if isinstance(called, str) and called else number}:"
+            entries.append(self._table(place, LISTS[name], table))
+            if isinstance(called, str) and places.setdefault(called, number) != number:
+                self.wrong(place, f"name: stands in entry {places[called]} already; names are unique")
+        return entries
+
+    def _table(self, place: str, keys: tuple[Key, ...], table: dict) -> SimpleNamespace:
+        """The values of all keys, given or by default."""
+        values = {key.name: key.default for key in keys}
+        self._check(place, keys, table, values)
+        for key in keys:
             if key.default is REQUIRED and key.name not in table:
-                self.wrong(name, f"{key.name}: missing; expected {key.expected()}")
+                self.wrong(place, f"{key.name}: missing; expected {key.expected()}")
+                values[key.name] = None
         return SimpleNamespace(**values)
 
-    def _group(self, name: str, table: dict) -> dict:
-        values: dict = {}
-        self._check(f"cable.{name}", {key.name: key for key in GROUP_KEYS}, table, values)
-        return values
-
-    def _check(self, section: str, keys: dict[str, Key], table: dict, values: dict) -> None:
+    def _check(self, place: str, keys: tuple[Key, ...], table: dict, values: dict) -> None:
+        """Put what is given, and right, into `values`."""
+        rows = {key.name: key for key in keys}
         for name, value in table.items():
-            if name not in keys:
-                self.wrong(section, f"{shown(name)[1:-1]}: unknown key; {nearest(name, keys)}")
-            elif not fits(keys[name], value):
-                self.wrong(section, f"{name} = {shown(value)}: expected {keys[name].expected()}")
+            if name not in rows:
+                self.wrong(place, f"{shown(name)[1:-1]}: unknown key; {nearest(name, rows)}")
             else:
-                number = keys[name].kind == "number" and not isinstance(value, str)
-                values[name] = float(value) if number else value
+                self._value(place, name, rows[name], value, values)
+
+    def _value(self, place: str, name: str, key: Key, value, values: dict) -> None:
+        if not fits(key, value):
+            self.wrong(place, f"{name} = {shown(value)}: expected {key.expected()}")
+        else:
+            number = key.kind == "number" and not isinstance(value, str)
+            values[name] = float(value) if number else value
 
     # --- what depends on more than one key; `given` : tables as they stand, `found` : checked sections
 
-    def _combinations(self, given: dict, found: dict) -> None:
+    def _combinations(self, given: dict, found: dict, lists: dict) -> None:
         if "net" in given:
             self._source_of_the_net(given["net"])
             self._dimensions(given["net"])
         if "wind" in given:
             self._source_of_the_wind(given["wind"])
+            self._coefficients_of_the_wind(given["wind"])
         self._mass_scaling(given, found)
         if "wind" in given and "dynamics" not in given:
             self.wrong("wind", "there is no [dynamics] that the wind could act in; add it or remove [wind]")
         self._prestress(given, found)
+        self._entries_of_lists(given, lists)
+
+    def _entries_of_lists(self, given: dict, lists: dict) -> None:
+        for zone in lists["zones"]:
+            if zone.polygon is not None and zone.groups is not None:
+                place = f"[[zone]] {zone.name}:"
+                self.wrong(place, "polygon and groups exclude each other; keep one of the two")
+        for case in lists["cases"]:
+            case.set = self._loads_of_case(case)
+        if lists["cases"] and not given.get("load", {}).get("steps"):
+            without = "there is no static stage that the cases could be part of; give [load] steps > 0"
+            self.wrong("[[case]]", without)
+
+    def _loads_of_case(self, case: SimpleNamespace) -> dict:
+        """What a case sets, by names such as "load.snow" and "load.zone.NAME.snow"."""
+        place, values = f"[[case]] {case.name}: set:", {}
+        keys = {key.name: key for key in CASE_KEYS}
+        for name, value in _flat(case.set if isinstance(case.set, dict) else {}).items():
+            section, _, key = name.rpartition(".")
+            of_zone = section.startswith("load.zone.") and section != "load.zone."
+            if key in keys and (section == "load" or of_zone):
+                self._value(place, name, keys[key], value, values)
+            else:
+                known = [f"{where}.{key}" for where in ("load", "load.zone.NAME") for key in keys]
+                self.wrong(place, f"{name}: not what a case can set; {nearest(name, known)}")
+        return values
 
     def _source_of_the_net(self, net: dict) -> None:
         tables = "nodes" in net or "elements" in net
@@ -192,6 +193,13 @@ class Validation:
         if "points" in wind and "file" not in wind:
             self.wrong("wind", "points: only with file, whose speeds were measured there; add it")
 
+    def _coefficients_of_the_wind(self, wind: dict) -> None:
+        if "shape_coefficient" in wind and "sectors" in wind:
+            self.wrong("wind", "shape_coefficient and sectors exclude each other; keep one of the two")
+        elif "shape_coefficient" not in wind and "sectors" not in wind:
+            expected = "a number, or sectors = a table of them by the wind's direction"
+            self.wrong("wind", f"shape_coefficient: missing; expected {expected}")
+
     def _mass_scaling(self, given: dict, found: dict) -> None:
         moves, cable = found.get("dynamics"), given.get("cable", {})
         tables = [table for table in (cable, *cable.values()) if isinstance(table, dict)]
@@ -205,7 +213,7 @@ class Validation:
 
     def _prestress(self, given: dict, found: dict) -> None:
         relaxes = "form_finding" in given and given["form_finding"].get("method", "fpm") == "fpm"
-        if not relaxes or "cable" not in found:
+        if not relaxes or found["cable"] is None:
             return
         of_groups = (table for table in given["cable"].values() if isinstance(table, dict))
         taut = found["cable"].prestress or any("prestress" in table for table in of_groups)
@@ -215,3 +223,11 @@ class Validation:
                 "prestress: missing or 0; form finding needs the tension to find the form with, "
                 "a number of N > 0",
             )
+
+
+def _flat(table: dict, place: str = "") -> dict:
+    """The values of nested tables by their names with dots: as `load.snow` without quotes is read."""
+    found = {}
+    for name, value in table.items():
+        found |= _flat(value, f"{place}{name}.") if isinstance(value, dict) else {place + name: value}
+    return found

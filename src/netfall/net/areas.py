@@ -41,24 +41,54 @@ def roof_of(job: Job, net: Net) -> Roofing:
         if _needs_faces(job, net):
             raise InputError([f"{job.path}: {error}; {REMEDY}" for error in plan.errors])
         return Roofing(no_faces(), 0.0, [f"the net has no faces: {error}" for error in plan.errors])
-    faces = find_faces(net, plan)
+    faces = _faces_but_openings(job, net, plan)
     notes = _notes(job, net, plan, faces, carries) if _loaded(job) else []
     return Roofing(faces, _covered(plan, faces), notes)
 
 
+def _faces_but_openings(job: Job, net: Net, plan: Plan) -> Faces:
+    """The faces but those that [roof] openings lie in. Raises InputError for a point that is in none."""
+    try:
+        return find_faces(net, plan, list(job.roof.openings) if job.roof else [])
+    except ValueError as error:
+        raise InputError(
+            f"{job.path}: [roof] openings: [{x:g}, {y:g}] lies in no face of the net in plan; expected "
+            "points [x, y] in m within the closed rings of elements that are to be left out"
+            for x, y in error.args
+        ) from None
+
+
+def largest_face(x: np.ndarray, net: Net, faces: Faces) -> tuple[float, float, np.ndarray] | None:
+    """Area in plan [m2] of the largest face and of the usual one, and where the largest lies [m].
+
+    None where there is no face.
+
+    x : (n, 3) [m]
+    """
+    if not len(faces):
+        return None
+    points = np.concatenate([x, net.corners])[:, :2]
+    area = np.bincount(faces.of_corner(), 0.5 * turned_triangles(points, faces, double_area))
+    f = int(np.argmax(area))
+    ring = faces.corner[faces.start[f] : faces.start[f + 1]]
+    within = shapely.point_on_surface(shapely.Polygon(points[ring]))
+    return float(area[f]), float(np.median(area)), np.array([within.x, within.y])
+
+
 def _loaded(job: Job) -> bool:
-    load = job.load
-    return job.wind is not None or (load is not None and (load.dead > 0 or load.pressure is not None))
+    weighs = any(job.loads("dead") + job.loads("snow"))
+    return job.wind is not None or weighs or any(value is not None for value in job.loads("pressure"))
 
 
-def _along_normals(job: Job) -> bool:
-    return job.wind is not None or (job.load is not None and isinstance(job.load.pressure, int | float))
+def along_normals(job: Job) -> bool:
+    """Whether something acts along the normals of the roof."""
+    return job.wind is not None or any(isinstance(value, int | float) for value in job.loads("pressure"))
 
 
 def _needs_faces(job: Job, net: Net) -> bool:
     """Whether something acts on areas, or along normals, that the tables do not give."""
     bare = (net.area > 0) & ~np.isfinite(net.normal[:, 0])
-    return _loaded(job) and bool(np.isnan(net.area).any() or (_along_normals(job) and bare.any()))
+    return _loaded(job) and bool(np.isnan(net.area).any() or (along_normals(job) and bare.any()))
 
 
 def _notes(job: Job, net: Net, plan: Plan, faces: Faces, carries: np.ndarray) -> list[str]:

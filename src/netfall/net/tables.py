@@ -19,6 +19,8 @@ NODE_COLUMNS = (
     "mass",
     "area",
     *(f"normal_{k}" for k in AXES),
+    *(f"spring_{k}" for k in AXES),
+    "zone",
 )
 ELEMENT_COLUMNS = (
     "start",
@@ -72,7 +74,17 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, np.ndarray]:
         mass=nodes.numbers("mass", 0.0, low=0.0, unit="kg"),
         area=nodes.numbers("area", low=0.0, unit="m2"),
         normal=_normals(nodes),
+        spring=np.column_stack([nodes.numbers(f"spring_{k}", 0.0, low=0.0, unit="N/m") for k in AXES]),
+        **_zone_column(nodes),
     )
+
+
+def _zone_column(nodes: Table) -> dict:
+    """The names of the zones that the column names, and for each node the row of its own, -1: none."""
+    if "zone" not in nodes:
+        return {}
+    names, row = np.unique(["", *nodes.words("zone")], return_inverse=True)
+    return {"zone": row[1:] - 1, "zone_names": [str(name) for name in names[1:]]}
 
 
 def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray):

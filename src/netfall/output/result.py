@@ -11,6 +11,7 @@ from mpi4py import MPI
 from netfall.mechanics.events import EventLog
 from netfall.mechanics.state import State
 from netfall.net.net import Net
+from netfall.net.zones import Zones
 from netfall.output.h5 import SharedFile
 from netfall.output.ids import LocalIds
 from netfall.output.segments import join_segments
@@ -132,6 +133,17 @@ class Result:
         )
         self.file.append_state("statics/tension", self._cells(state, snapshot.N[:, None])[:, 0], m)
 
+    def write_equilibrium(self, group: str, state: State, snapshot, place: str) -> None:
+        """One equilibrium, in a group of its own; place : "position" or "displacement" of its nodes."""
+        n, m, rows = self.distribution.n, self.distribution.m, snapshot.rows
+        x = state.x[rows] - (state.x_start[rows] if place == "displacement" else 0.0)
+        for name, tail, block, total in (
+            (place, (3,), self._points(state, rows, x), n),
+            ("tension", (), self._cells(state, snapshot.N[:, None])[:, 0], m),
+        ):
+            self.file.create(f"{group}/{name}", np.float64, tail, total)
+            self.file.append(f"{group}/{name}", block, total)
+
     def write_final(self, state: State, snapshot) -> None:
         """The last state in full precision, /final."""
         points, cells = self.log.points, self.distribution.m
@@ -189,7 +201,7 @@ def _write_provenance(group, values, phases):
         timings.attrs[name] = seconds  # least, mean and largest of the ranks
 
 
-def net_section(net: Net, area: np.ndarray, plan_area: np.ndarray) -> dict[str, np.ndarray]:
+def net_section(net: Net, area: np.ndarray, plan_area: np.ndarray, zones: Zones) -> dict[str, np.ndarray]:
     """The datasets of /net."""
     return {
         "particles": net.x,
@@ -201,4 +213,6 @@ def net_section(net: Net, area: np.ndarray, plan_area: np.ndarray) -> dict[str, 
         "plan_area": plan_area,
         "node_id": net.node_id,
         "element_id": net.element_id,
+        "zone": zones.of_node.astype(np.int32),
+        "zone_names": np.array(zones.names, h5py.string_dtype()),
     }

@@ -19,7 +19,7 @@ from netfall.mechanics.state import State
 from netfall.parallel.subdomain import Distribution
 from netfall.wind.field import WindField, particle_speeds
 
-CHUNK = 64  # samples that rank 0 sends at once
+CHUNK = 64  # samples of the history that rank 0 sends at once
 
 
 class VaryingLoads:
@@ -83,7 +83,7 @@ class WindLoad:
     """The wind: rank 0 generates its speed at control points, every rank interpolates to its particles."""
 
     def __init__(self, comm: MPI.Comm, distribution: Distribution, field: WindField | None, history):
-        """Collective. field, history : on rank 0."""
+        """Collective. field, history : on rank 0; history : `GrowingGusts`."""
         self.comm = comm
         self.history = history
         column = lambda name: distribution.particles(None if field is None else getattr(field, name))
@@ -105,19 +105,17 @@ class WindLoad:
 
     def record(self) -> dict:
         """What a continuation needs, for `restore`; the history's state on rank 0."""
-        return {
-            "k": self.k,
-            "time": np.array([t for t, _ in self.samples]),
-            "gust": np.array([g for _, g in self.samples]),
-            "history": self.history.record() if self.history else {},
-        }
+        numbers, arrays = self.history.record() if self.history else ({}, {})
+        time, gust = np.array([t for t, _ in self.samples]), np.array([g for _, g in self.samples])
+        return {"k": self.k, "history": numbers, "arrays": arrays | {"time": time, "gust": gust}}
 
     def restore(self, record: dict) -> None:
         """Take up the record of an earlier run."""
+        arrays = dict(record["arrays"])
         self.k = int(record["k"])
-        self.samples = [(float(t), g) for t, g in zip(record["time"], record["gust"])]
+        self.samples = [(float(t), g) for t, g in zip(arrays.pop("time"), arrays.pop("gust"))]
         if self.history:
-            self.history.restore(record["history"])
+            self.history.restore(record["history"], arrays)
 
     def record_until(self, time: float) -> tuple[np.ndarray, np.ndarray]:
         """Times (t,) [s] and gusts (t, c) [m/s] of the samples up to the first at or after a time [s]."""
@@ -129,7 +127,7 @@ class WindLoad:
         while len(self.samples) <= k:
             chunk = None
             if self.comm.rank == 0:
-                chunk = [self.history.sample(len(self.samples) + i) for i in range(CHUNK)]
+                chunk = [sample for _ in range(CHUNK) for sample in self.history.next()]
             self.samples += self.comm.bcast(chunk)
         return self.samples[k]
 

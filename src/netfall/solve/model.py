@@ -14,17 +14,17 @@ from netfall.job.read import Job
 from netfall.mechanics.fields import Scene
 from netfall.mechanics.material import elastic_forces, unstressed_length
 from netfall.mechanics.stability import scaled_mass
-from netfall.net.areas import Roofing, normals, roof_of, tributary_areas
+from netfall.net.areas import Roofing, along_normals, normals, roof_of, tributary_areas
 from netfall.net.build import build_net
-from netfall.net.net import GRAVITY, Net
+from netfall.net.net import Net
+from netfall.net.zones import Zones, zones_of
 from netfall.parallel import partition
-from netfall.solve.start import check_start, unit_notes
+from netfall.solve.loading import Roof, grows, loading_of
+from netfall.solve.on_roof import by_node, shape_coefficients
+from netfall.solve.start import check_start, check_tensions, low_notes, unit_notes
 from netfall.solve.unused import without_effect
 from netfall.wind.field import GeneratedHistory, make_wind_field
 from netfall.wind.measured import read_measured
-
-COLLAPSED = 1e-6  # of the length that is given: an element so short in the form is none any more
-LARGEST_LOG = 500.0  # of a logarithmic strain: exp of much more is no number
 
 
 @dataclass
@@ -36,27 +36,48 @@ class Model:
 
     net: Net
     roofing: Roofing
+    zones: Zones
     part: np.ndarray
     partition_source: str
-    area: np.ndarray = None  # m2 of surface
-    plan_area: np.ndarray = None  # m2
+    roof: Roof = None  # areas, normals, zones
     x: np.ndarray = None  # m, initial state
     N: np.ndarray = None  # N, there
-    L0: np.ndarray = None  # m
+    L0: np.ndarray = None  # m, at the temperature of the loads
+    cut_length: np.ndarray = None  # m, unstressed, at the temperature of form finding
+    half_mass: np.ndarray = None  # kg, half of each element's own mass
+    spring_rest: np.ndarray = None  # m, displacement at which elastic supports carry nothing
     mass: np.ndarray = None  # kg
     added: np.ndarray = None  # kg, of it, by mass scaling: inertia without weight
-    load: np.ndarray = None  # N, constant
+    permanent: np.ndarray = None  # N, of what is constant: self weight, dead load
+    live: np.ndarray = None  # N, the rest of it, which statics bring on in steps
     growing: np.ndarray = None  # N, that grows over [load] ramp
     wind: np.ndarray = None  # N s2/m2
+    mean_wind: np.ndarray = None  # N, force of the mean wind
+    shape_coefficient: np.ndarray = None  # of the wind
     wind_field: object = None
     history: object = None  # of the wind
     notes_of_values: list[str] = field(default_factory=list)
     notes_of_history: list[str] = field(default_factory=list)
 
     @property
+    def area(self) -> np.ndarray:
+        """(n,) [m2] of surface."""
+        return self.roof.area
+
+    @property
+    def plan_area(self) -> np.ndarray:
+        """(n,) [m2] in plan."""
+        return self.roof.plan_area
+
+    @property
     def x_start(self) -> np.ndarray:
         """(n, 3) [m], from which displacements count."""
         return self.x
+
+    @property
+    def load(self) -> np.ndarray:
+        """(n, 3) [N], constant in the dynamic stage."""
+        return self.permanent + self.live
 
     @property
     def free(self) -> np.ndarray:
@@ -84,9 +105,9 @@ class Model:
         return self.net.bar
 
     @property
-    def half_mass(self) -> np.ndarray:
-        """(m,) [kg], half of each element's own mass."""
-        return 0.5 * self.net.density * self.net.section * self.L0
+    def support(self) -> np.ndarray:
+        """(n,) [N/m] of elastic supports, the stiffest axis."""
+        return self.net.spring.max(1)
 
     @property
     def yield_force(self) -> np.ndarray:
@@ -104,7 +125,13 @@ class Model:
 
     def notes(self) -> list[str]:
         """What is plausible but odd in the net, its tables and its roof."""
-        return self.net.notes + self.roofing.notes + self.notes_of_values + self.notes_of_history
+        return (
+            self.net.notes
+            + self.roofing.notes
+            + self.zones.notes
+            + self.notes_of_values
+            + self.notes_of_history
+        )
 
     def id_of(self, e: int) -> int:
         """Id of an element."""
@@ -125,6 +152,7 @@ class Model:
 def make_model(job: Job, ranks: int) -> Model:
     """Net, areas and partition of a job; the initial state comes with `set_initial`. Raises InputError."""
     net = build_net(job)
+    zones = zones_of(job, net)
     roofing = roof_of(job, net)
     part, source = None, "METIS, k-way"
     if not job.changes_net():
@@ -133,8 +161,9 @@ def make_model(job: Job, ranks: int) -> Model:
             source = f"{partition.FOLDER / job.name}.graph.part.{ranks}"
     if part is None:
         part = partition.metis_partition(net.n, net.elements, ranks)
-    model = Model(net, roofing, part, source)
-    model.notes_of_values = without_effect(job, net) + unit_notes(net)
+    model = Model(net, roofing, zones, part, source)
+    model.shape_coefficient, notes = shape_coefficients(job, zones)
+    model.notes_of_values = without_effect(job, net) + notes + unit_notes(net)
     if job.wind and job.wind.file:
         model.history = read_measured(job)
         model.notes_of_history = model.history.notes
@@ -162,18 +191,13 @@ def scene_of(job: Job, net: Net) -> Scene:
         fracture=bool(np.isfinite(net.fracture_strain).any()),
         wind=job.wind is not None,
         varying=grows(job),
+        springs=bool(net.spring.any()),
         logarithmic=job.cable.strain == "logarithmic",
         bars=bool(net.bar.any()),
         part_held=bool((net.fixed.any(1) & ~net.fixed.all(1)).any()),
         sections=differ(net.modulus * net.section) or differ(net.yield_stress * net.section),
         energy=job.output.energy,
     )
-
-
-def grows(job: Job) -> bool:
-    """Whether the pressure of [load] grows in the dynamic stage."""
-    load = job.load
-    return bool(job.dynamics and load and load.pressure is not None and load.ramp and not load.steps)
 
 
 def set_initial(job: Job, model: Model, x: np.ndarray, N: np.ndarray | None) -> None:
@@ -186,7 +210,7 @@ def set_initial(job: Job, model: Model, x: np.ndarray, N: np.ndarray | None) -> 
     logarithmic = job.cable.strain == "logarithmic"
     if N is None:
         N = net.prestress
-    _check_tensions(job, net, N, L)
+    check_tensions(job, net, N, L)
     L0 = unstressed_length(L, N, EA, logarithmic)
     given = np.isfinite(net.unstressed_length)
     if given.any():
@@ -194,88 +218,54 @@ def set_initial(job: Job, model: Model, x: np.ndarray, N: np.ndarray | None) -> 
         N = np.where(given, elastic_forces(L, L0, EA, net.bar, logarithmic), N)
     model.x, model.N, model.L0 = x, N, L0
     model.notes_of_values += check_start(job, model, L)
-    half = model.half_mass
+    model.cut_length = L0
+    half = model.half_mass = 0.5 * net.density * net.section * L0
+    model.spring_rest = _preload(net, x, N, L) if job.form_finding else np.zeros((net.n, 3))
     own = np.bincount(net.elements[:, 0], half, net.n) + np.bincount(net.elements[:, 1], half, net.n)
-    model.mass, model.load = own + net.mass, net.load.copy()
-    model.area, model.plan_area = tributary_areas(x, net, model.roofing.faces)
-    normal = normals(x, net, model.roofing.faces)
-    _check_normals(job, model, normal)
-    if job.load is not None:
-        _add_loads(job, model, own, normal)
+    area, plan_area = tributary_areas(x, net, model.roofing.faces)
+    model.roof = Roof(area, plan_area, normals(x, net, model.roofing.faces), model.zones)
+    _check_normals(job, model)
+    loading = loading_of(job, model.roof, own, net.load)
+    model.permanent, model.live, model.growing = loading.permanent, loading.live, loading.growing
+    model.mass = own + net.mass + loading.carried
     if job.dynamics is not None and job.dynamics.mass_scaling:
-        scaled = scaled_mass(net.elements, EA, L0, model.mass, model.moves, job.dynamics.mass_scaling)
+        scaled = scaled_mass(
+            net.elements, EA, L0, model.mass, model.moves, model.support, job.dynamics.mass_scaling
+        )
         model.added, model.mass = scaled - model.mass, scaled
     if job.wind is not None:
-        model.wind_field = make_wind_field(
-            x, model.area, normal, job.wind, model.history.places if model.history else None
-        )
+        settings = by_node(job, model.shape_coefficient)
+        places = model.history.places if model.history else None
+        model.wind_field = make_wind_field(x, area, model.roof.normal, settings, places)
         model.wind = model.wind_field.force
+        model.notes_of_values += low_notes(job, net, x, model.wind)
         model.history = model.history or GeneratedHistory(model.wind_field, job.wind)
+        model.mean_wind = model.wind_field.mean_force(model.history.mean_gust)
 
 
-def _add_loads(job: Job, model: Model, own: np.ndarray, normal: np.ndarray) -> None:
-    """The constant loads of [load], and the mass that comes with them. own : (n,) [kg] of the elements."""
-    load = job.load
-    if load.self_weight:
-        model.load[:, 2] -= GRAVITY * own
-    if load.dead:
-        model.mass += load.dead * model.area / GRAVITY
-        model.load[:, 2] -= load.dead * model.area
-    if load.pressure is not None:
-        # against the upward normal: what is positive presses on the roof
-        number = isinstance(load.pressure, int | float)
-        along = -load.pressure * normal if number else np.array(load.pressure)[None]
-        if grows(job):
-            model.growing = model.area[:, None] * along
-        else:
-            model.load += model.area[:, None] * along
+def _preload(net: Net, x: np.ndarray, N: np.ndarray, L: np.ndarray) -> np.ndarray:
+    """Displacements (n, 3) [m] at which springs carry nothing: the form is found with their axes held.
+
+    So each begins with the reaction there, against the tensions N (m,) [N] of elements of length L (m,) [m].
+    """
+    pull = np.zeros((net.n, 3))
+    along = (N / L)[:, None] * (x[net.elements[:, 1]] - x[net.elements[:, 0]])
+    np.add.at(pull, net.elements[:, 0], along)
+    np.subtract.at(pull, net.elements[:, 1], along)
+    return np.divide(-pull, net.spring, out=np.zeros((net.n, 3)), where=net.spring > 0)
 
 
-def _check_normals(job: Job, model: Model, normal: np.ndarray) -> None:
+def warm(job: Job, model: Model) -> None:
+    """Bring unstressed lengths to the temperature of the loads: L0 (1 + expansion temperature)."""
+    model.L0 = model.cut_length * (1.0 + model.net.expansion * job.load.temperature)
+
+
+def _check_normals(job: Job, model: Model) -> None:
     """Wind and pressure along normals must not vanish silently on particles that meet no face."""
-    along = job.wind is not None or (job.load is not None and isinstance(job.load.pressure, int | float))
-    bare = (model.area > 0) & ~normal.any(1) & model.moves
-    if along and bare.any():
+    bare = (model.area > 0) & ~model.roof.normal.any(1) & model.moves
+    if along_normals(job) and bare.any():
         raise InputError(
             f"{job.path}: {int(bare.sum())} free nodes with a roof area meet no closed face in plan, so wind "
             f"and pressure have no normal to act along (first: node {model.net.node_id[bare][0]}); close the "
             "faces with elements, give normal_x, normal_y, normal_z in nodes.csv, or pressure as [x, y, z]"
         )
-
-
-def _check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
-    yield_force, EA = net.yield_stress * net.section, net.modulus * net.section
-    at_start = lambda e: f"its axial force is {N[e]:.4g} N in the initial state"
-    checks = (
-        (
-            (N < 0) & ~net.bar,
-            lambda e: f'{at_start(e)}: a cable carries no compression; give its group kind = "bar"',
-        ),
-        (
-            np.abs(N) > yield_force,
-            lambda e: (
-                f"{at_start(e)}, above the yield force {yield_force[e]:.4g} N; "
-                "lower the prestress or choose a larger area"
-            ),
-        ),
-        (
-            (1.0 + N / EA <= 0) | ((job.cable.strain == "logarithmic") & (np.abs(N) > LARGEST_LOG * EA)),
-            lambda e: f"its axial force {N[e]:.4g} N is beyond its stiffness EA; choose a larger area",
-        ),
-    )
-    errors = []
-    for wrong, words in checks:
-        if wrong.any():
-            e = int(np.argmax(wrong))
-            errors.append(f"{job.path}: element {net.element_id[e]}: {words(e)}")
-    share = L / net.lengths()
-    if not share.min() > COLLAPSED:
-        e = int(np.argmin(share))
-        ids = "-".join(str(net.node_id[p]) for p in net.elements[e])
-        errors.append(
-            f"{job.path}: [form_finding]: the form has collapsed: element {net.element_id[e]} (nodes {ids}) "
-            f"is {L[e]:.3g} m long in it, {net.lengths()[e]:.4g} m as given; fix more nodes, or give "
-            "prestresses or force densities that hold the free ones apart"
-        )
-    if errors:
-        raise InputError(errors)

@@ -18,6 +18,7 @@ from netfall.errors import DivergedError
 from netfall.mechanics.elements import add_tensions
 from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.state import State
+from netfall.mechanics.supports import add_springs
 from netfall.parallel.halo import Halo
 from netfall.parallel.sums import LIMBS, add_exactly, rounded
 from netfall.stop import NEVER, StopRequest
@@ -104,6 +105,7 @@ class Net(NamedTuple):
     free : (n, 3), 1 where the axis can move; ends : (m, 2)
     forces(x, f) : writes the total force f (n, 3) [N] of the owned particles
     stiffness(x) : upper bound (m,) [N/m] of the elements' stiffness at x
+    support : (n,) [N/m] of elastic supports, the stiffest axis, None: none
     """
 
     x: np.ndarray
@@ -111,6 +113,7 @@ class Net(NamedTuple):
     ends: np.ndarray
     forces: Callable[[np.ndarray, np.ndarray], None]
     stiffness: Callable[[np.ndarray], np.ndarray]
+    support: np.ndarray | None = None
 
 
 def relax(
@@ -157,7 +160,7 @@ def relax(
                 raise Paused(Relaxation(iteration, previous, rested, x, v, mass))
         halo.update(f)
         if rested:
-            total = np.zeros(len(x))
+            total = np.zeros(len(x)) if net.support is None else net.support.copy()
             nodal_stiffness(net.ends, net.stiffness(x), total)
             mass[:] = np.where(total > 0.0, 0.5 * MARGIN * total, 1.0)[:, None]
             halo.update(mass)
@@ -189,20 +192,23 @@ def largest_force(comm: MPI.Comm, N: np.ndarray, ends: np.ndarray, free: np.ndar
     return float(comm.allreduce(mine, MPI.MAX))
 
 
-def net_of(state: State, factor: float) -> Net:
-    """The net of a state under a share of its load, plastic state unchanged."""
+def net_of(state: State, load: np.ndarray) -> Net:
+    """The net of a state under a load (n, 3) [N] of owned and halo particles, plastic state unchanged."""
 
     def forces(x, f):
         now = state.elements_now()
         f[:] = 0.0
         add_tensions(x, state.ends, now.N, now.L, f)
-        f += factor * state.load
+        if state.scene.springs:
+            add_springs(x, state.x_start, state.spring, state.spring_rest, f)
+        f += load
 
     def stiffness(x):
         now = state.elements_now()
         return largest_stiffness(state.EA, state.L0) + geometric_stiffness(now.N, now.L)
 
-    return Net(state.x, state.free, state.ends, forces, stiffness)
+    support = state.spring.max(1).astype(float) if state.scene.springs else None
+    return Net(state.x, state.free, state.ends, forces, stiffness, support)
 
 
 def geometric_stiffness(N: np.ndarray, L: np.ndarray) -> np.ndarray:
@@ -210,10 +216,8 @@ def geometric_stiffness(N: np.ndarray, L: np.ndarray) -> np.ndarray:
     return np.abs(N) / np.maximum(L, 1e-300)
 
 
-def state_residual(comm: MPI.Comm, state: State, factor: float) -> float:
-    """Largest residual force [N] on a free axis at the present positions under a share of the load.
-    Collective.
-    """
+def state_residual(comm: MPI.Comm, state: State) -> float:
+    """Largest residual force [N] on a free axis at the present positions without load. Collective."""
     f = np.zeros_like(state.x)
-    net_of(state, factor).forces(state.x, f)
+    net_of(state, np.zeros_like(state.x)).forces(state.x, f)
     return comm.allreduce(largest_residual(f, state.free, state.n_owned), MPI.MAX)

@@ -12,10 +12,11 @@ from netfall.net.plan import listed
 from netfall.output.info import balance_notes
 from netfall.output.progress import Progress
 from netfall.parallel import partition
-from netfall.solve.history import History, find_probes
+from netfall.solve.history import MOST_STRAIN, History, find_probes, most_strained
 from netfall.solve.model import Model, scene_of
 from netfall.solve.schedule import Schedule, step_at
 from netfall.solve.setup import Setup
+from netfall.solve.statics import StaticPath, has_statics
 from netfall.solve.wind_report import wind_notes
 from netfall.timings import Phases
 
@@ -37,7 +38,7 @@ def before_run(job: Job, setup: Setup, schedule: Schedule | None, progress: Prog
     N = model.N
     if setup.form:
         progress.say(f"{form_line(setup)}; tensions {N.min():.4g} to {N.max():.4g} N")
-    elif starts_moving(setup):
+    elif starts_moving(job, setup):
         progress.say(f"{start_note(setup)}, largest tension {setup.reference:.3g} N")
     if schedule:
         for limit in setup.limits.values():
@@ -49,7 +50,8 @@ def before_run(job: Job, setup: Setup, schedule: Schedule | None, progress: Prog
 def after_run(
     setup: Setup, log: EventLog, history: History | None, path: Path, phases: Phases, progress: Progress
 ):
-    """The last lines of a run, on rank 0."""
+    """The last lines of a run, on rank 0. Collective."""
+    strained = _most_strained(setup, history)
     if setup.model is None:
         return
     if log.events:
@@ -69,8 +71,32 @@ def after_run(
                 *(np.array(history.rows[k]) for k in ("time", "balance_error", "broken"))
             ):
                 progress.say(note)
+    for note in _strain_notes(setup.model, *strained):
+        progress.say(note)
     progress.say("time: " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in phases.seconds.items()))
     progress.say(f"written: {path}")
+
+
+def _most_strained(setup: Setup, history: History | None) -> tuple[float, float, int]:
+    """Largest strain without a limit, its time [s] and its element, of the run or of its end. Collective."""
+    if history is not None:
+        here = history.most_strained
+    else:
+        N, eps, _, _ = setup.state.elements_now()
+        here = most_strained(setup.state, np.nan, eps, N, setup.distribution.subdomain.element_gid)
+    return max(setup.distribution.comm.allgather(here), key=lambda found: (found[0], -found[2]))
+
+
+def _strain_notes(model: Model, strain: float, time: float, element: int) -> list[str]:
+    """A note on an element that was stretched, or compressed, as no cable bears it. time : [s], nan: none"""
+    if element < 0:
+        return []
+    at = "" if np.isnan(time) else f" at t = {time:.4g} s"
+    return [
+        f"note: element {model.element_name(element)} has a strain of {strain:.3g}{at}, above the "
+        f"{MOST_STRAIN:g} that any cable bears, and no fracture_strain: check loads and units, or give "
+        "[cable] yield_stress and fracture_strain"
+    ]
 
 
 def net_line(model: Model) -> str:
@@ -98,8 +124,28 @@ def form_line(setup: Setup) -> str:
     )
 
 
-def starts_moving(setup: Setup) -> bool:
-    """Whether the start is not in equilibrium."""
+def static_lines(path: StaticPath, elements: int) -> list[str]:
+    """What the static stage found."""
+    lines = [f"case {name}: {_settled(numbers, elements)}" for name, numbers in path.cases.items()]
+    if path.load_factor:
+        last = {name: getattr(path, name)[-1] for name in ("residual", "slack")}
+        lines.append(f"statics: {_settled(last, elements)}")
+    if path.rest:
+        lines.append(f"rest under the mean wind: {_settled(path.rest, elements)}")
+    return lines
+
+
+def _settled(numbers: dict, elements: int) -> str:
+    residual, slack = numbers["residual"], numbers["slack"]
+    return f"in equilibrium, largest residual {residual:.3g} N, slack {slack} of {elements}"
+
+
+def starts_moving(job: Job, setup: Setup) -> bool:
+    """Whether the start is not in equilibrium, and nothing is done about it before it moves."""
+    if has_statics(job):
+        return False
+    if job.load and job.load.temperature:
+        return True
     return setup.residual > AT_REST * max(setup.reference, 1e-300) and setup.residual > 0
 
 

@@ -50,19 +50,15 @@ class Saver:
         record, arrays = {"simulation": simulation.record()}, simulation.history.arrays()
         if simulation.wind:
             wind = simulation.wind.record()
-            record["wind"] = {"k": wind["k"], "step": wind["history"].get("step")}
-            arrays |= {
-                f"{PREFIX}time": wind["time"],
-                f"{PREFIX}gust": wind["gust"],
-                f"{PREFIX}past": wind["history"].get("past", np.zeros(0)),
-            }
+            record["wind"] = {"k": wind["k"], "history": wind["history"]}
+            arrays |= {f"{PREFIX}{name}": values for name, values in wind["arrays"].items()}
         return self._write("dynamics", simulation.n, simulation.state, record, arrays)
 
     def pause_statics(self, pause: Paused) -> Path:
         """Write a checkpoint of the static stage where its relaxation was paused; its path. Collective."""
         self.statics = pause.path
         record, arrays = relaxation_record(self.result.distribution, pause.at)
-        step = sum(pause.path.iterations) + pause.at.iteration
+        step = pause.path.total + pause.at.iteration
         return self._write("statics", step, self.setup.state, record, arrays)
 
     def _write(self, stage: str, step: int, state: State, own_record: dict, own_arrays: dict) -> Path:
@@ -214,19 +210,11 @@ def restore_history(comm: MPI.Comm, history, checkpoint: Checkpoint | None) -> N
 
 
 def restore_wind(comm: MPI.Comm, wind, checkpoint: Checkpoint | None) -> None:
-    """The wind's samples and, on rank 0, the recursion that makes the next ones. Collective."""
-    record = comm.bcast(
-        {
-            "k": checkpoint.record["wind"]["k"],
-            "time": checkpoint.arrays[f"{PREFIX}time"],
-            "gust": checkpoint.arrays[f"{PREFIX}gust"],
-        }
-        if checkpoint
-        else None
-    )
-    record["history"] = (
-        {"past": checkpoint.arrays[f"{PREFIX}past"], "step": checkpoint.record["wind"]["step"]}
-        if checkpoint
-        else {}
-    )
-    wind.restore(record)
+    """The wind's samples and, on rank 0, the history that makes the next ones. Collective."""
+
+    def kept():
+        named = {name: values for name, values in checkpoint.arrays.items() if name.startswith(PREFIX)}
+        arrays = {name.removeprefix(PREFIX): values for name, values in named.items()}
+        return checkpoint.record["wind"] | {"arrays": arrays}
+
+    wind.restore(comm.bcast(kept() if checkpoint else None))

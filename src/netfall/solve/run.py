@@ -22,9 +22,10 @@ from netfall.solve.dynamics import Simulation
 from netfall.solve.energy import take_snapshot, total_energies
 from netfall.solve.history import UNITS, History, find_probes
 from netfall.solve.loads import GrowingLoad, WindLoad
+from netfall.solve.on_roof import load_section
 from netfall.solve.provenance import how_it_writes, provenance_of
 from netfall.solve.relaxation import Paused
-from netfall.solve.report import after_run, before_run
+from netfall.solve.report import after_run, before_run, static_lines
 from netfall.solve.restart import (
     Saver,
     interrupted,
@@ -36,10 +37,11 @@ from netfall.solve.restart import (
 )
 from netfall.solve.schedule import Schedule, schedule_of
 from netfall.solve.setup import Setup, prepare
-from netfall.solve.statics import StaticPath, find_equilibrium
+from netfall.solve.statics import StaticPath, equilibria, find_equilibria, has_statics, rests_in_wind
 from netfall.solve.wind_report import wind_section
 from netfall.stop import NEVER, StopRequest
 from netfall.timings import Phases
+from netfall.wind.onset import GrowingGusts
 
 
 @dataclass(frozen=True)
@@ -141,23 +143,21 @@ def take_up(run: Run) -> dict | None:
 
 
 def run_statics(run: Run) -> StaticPath | None:
-    """The static stage, if the job has it, from where an earlier run was interrupted in it. Collective."""
-    load, setup = run.job.load, run.setup
-    if load is None or load.steps == 0:
+    """The equilibria that the job asks for, from where an earlier run was interrupted in them. Collective."""
+    setup, distribution = run.setup, run.setup.distribution
+    if not has_statics(run.job):
         return None
-    run.progress.say(f"statics: {load.steps} load steps")
-    taken_up = setup.stage == "statics"
-    resume = restore_relaxation(setup.distribution, setup.checkpoint) if taken_up else None
+    if run.job.load and run.job.load.steps:
+        run.progress.say(f"statics: {run.job.load.steps} load steps")
+    resume = restore_relaxation(distribution, setup.checkpoint) if setup.stage == "statics" else None
     with run.phases.phase("statics"):
         try:
-            path = find_equilibrium(run, run.saver.statics, resume)
+            path = find_equilibria(run, run.saver.statics, resume)
         except Paused as pause:
-            step = len(pause.path.load_factor) + 1
-            raise interrupted(f"in statics, load step {step}", run.saver.pause_statics(pause)) from None
-    run.progress.say(
-        f"statics: in equilibrium, largest residual {path.residual[-1]:.3g} N, "
-        f"slack {path.slack[-1]} of {setup.distribution.m}"
-    )
+            where = equilibria(run)[pause.path.done].words
+            raise interrupted(f"in statics, {where}", run.saver.pause_statics(pause)) from None
+    for line in static_lines(path, distribution.m):
+        run.progress.say(line)
     return path
 
 
@@ -197,8 +197,10 @@ def varying_loads(run: Run, record: dict | None) -> list:
     """The loads that vary in time, as `solve.loads` has them. record : as in `run_dynamics`. Collective."""
     loads, model, distribution = [], run.setup.model, run.setup.distribution
     if run.job.wind:
-        field, history = (model.wind_field, model.history) if model else (None, None)
-        loads.append(WindLoad(run.comm, distribution, field, history))
+        field = model.wind_field if model else None
+        ramp = run.job.wind.ramp if rests_in_wind(run.job) else 0.0
+        gusts = GrowingGusts(model.history, ramp) if model else None
+        loads.append(WindLoad(run.comm, distribution, field, gusts))
         if record:
             restore_wind(run.comm, loads[-1], run.setup.checkpoint)
     if run.setup.state.scene.varying:
@@ -212,7 +214,8 @@ def sections_of(run: Run, simulation: Simulation | None) -> dict[str, dict]:
     setup, model, statics = run.setup, run.setup.model, run.saver.statics
     if model is None:
         return {}
-    sections = {"net": net_section(model.net, model.area, model.plan_area)}
+    sections = {"net": net_section(model.net, model.area, model.plan_area, model.zones)}
+    sections["load"] = load_section(run.job, model.zones)
     if setup.form:
         of_prestress = lambda force: np.float64(force / setup.form.reference if setup.form.reference else 0.0)
         sections["form_finding"] = {
@@ -221,11 +224,15 @@ def sections_of(run: Run, simulation: Simulation | None) -> dict[str, dict]:
             "residual_real_material": of_prestress(setup.residual),
             "position": model.x,
             "tension": model.N,
-            "unstressed_length": model.L0,
+            "unstressed_length": model.cut_length,
         }
-    if statics:
+    if statics and statics.load_factor:
         names = ("load_factor", "residual", "slack", "iterations")
         sections["statics"] = {name: np.array(getattr(statics, name)) for name in names}
+    if statics and statics.rest:
+        sections["rest"] = {name: np.array(value) for name, value in statics.rest.items()}
+    for name, numbers in statics.cases.items() if statics else ():
+        sections[f"cases/{name}"] = {key: np.array(value) for key, value in numbers.items()}
     if simulation:
         sections["history"] = simulation.history.columns() | simulation.history.probe_columns()
         sections["events"] = run.log.columns()

@@ -7,6 +7,7 @@ from netfall.job.read import Job
 from netfall.mechanics.material import strains
 from netfall.net.net import Net
 from netfall.net.plan import listed
+from netfall.wind.davenport import LOWEST_HEIGHT
 
 # Column of the net, unit, least and most that cables are made of, and an example in the right unit.
 PLAUSIBLE = (
@@ -17,6 +18,8 @@ PLAUSIBLE = (
     ("fracture_strain", "fracture_strain", "", 1e-6, 1.0, "4 percent are 0.04"),
 )
 SLACKEST, TIGHTEST = -0.5, 0.1  # strains between which nets start
+COLLAPSED = 1e-6  # of the length that is given: an element so short in the form is none any more
+LARGEST_LOG = 500.0  # of a logarithmic strain: exp of much more is no number
 UNITS = "check the units of modulus (Pa), area (m2), prestress (N) and unstressed_length (m)"
 
 
@@ -75,6 +78,23 @@ def check_start(job: Job, model, L: np.ndarray) -> list[str]:
     return strain_notes(net, eps) + _buckling(net, N)
 
 
+def low_notes(job: Job, net: Net, x: np.ndarray, wind: np.ndarray) -> list[str]:
+    """A note on nodes so near the ground, or below it, that the profile of the wind does not reach them.
+
+    x : (n, 3) [m]; wind : (n, 3) [N s2/m2] force at 1 m/s
+    """
+    height = x[:, 2] + job.wind.base_height
+    low = np.flatnonzero((height < LOWEST_HEIGHT) & wind.any(1) & ~net.fixed.all(1))
+    if not len(low):
+        return []
+    p = low[np.argmin(height[low])]
+    return [
+        f"[wind] base_height = {job.wind.base_height:g}: {len(low)} nodes in the wind are less than "
+        f"{LOWEST_HEIGHT:g} m above ground, the lowest is node {net.node_id[p]} at {height[p]:.4g} m; they "
+        f"get the speed at {LOWEST_HEIGHT:g} m (base_height is the height of z = 0 above ground)"
+    ]
+
+
 def _buckling(net: Net, N: np.ndarray) -> list[str]:
     """A note for bars in parts that are compressed by N (m,) [N]: nothing keeps their inner nodes in line."""
     rows = np.flatnonzero((N < 0.0) & (net.parts > 1))[:: net.parts]
@@ -91,3 +111,42 @@ def _elements(net: Net, rows: np.ndarray) -> str:
     if len(rows) == 1:
         return f"element {net.element_id[rows[0]]}"
     return f"{len(rows)} elements ({listed(net.element_id[rows])})"
+
+
+def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
+    """Axial forces N (m,) [N] at lengths L (m,) [m] that no element can have. Raises InputError."""
+    yield_force, EA = net.yield_stress * net.section, net.modulus * net.section
+    at_start = lambda e: f"its axial force is {N[e]:.4g} N in the initial state"
+    checks = (
+        (
+            (N < 0) & ~net.bar,
+            lambda e: f'{at_start(e)}: a cable carries no compression; give its group kind = "bar"',
+        ),
+        (
+            np.abs(N) > yield_force,
+            lambda e: (
+                f"{at_start(e)}, above the yield force {yield_force[e]:.4g} N; "
+                "lower the prestress or choose a larger area"
+            ),
+        ),
+        (
+            (1.0 + N / EA <= 0) | ((job.cable.strain == "logarithmic") & (np.abs(N) > LARGEST_LOG * EA)),
+            lambda e: f"its axial force {N[e]:.4g} N is beyond its stiffness EA; choose a larger area",
+        ),
+    )
+    errors = []
+    for wrong, words in checks:
+        if wrong.any():
+            e = int(np.argmax(wrong))
+            errors.append(f"{job.path}: element {net.element_id[e]}: {words(e)}")
+    share = L / net.lengths()
+    if not share.min() > COLLAPSED:
+        e = int(np.argmin(share))
+        ids = "-".join(str(net.node_id[p]) for p in net.elements[e])
+        errors.append(
+            f"{job.path}: [form_finding]: the form has collapsed: element {net.element_id[e]} (nodes {ids}) "
+            f"is {L[e]:.3g} m long in it, {net.lengths()[e]:.4g} m as given; fix more nodes, or give "
+            "prestresses or force densities that hold the free ones apart"
+        )
+    if errors:
+        raise InputError(errors)

@@ -1,77 +1,255 @@
-"""The static stage: load steps to equilibrium by the same particles, under dynamic relaxation (paper
-4.1.2).
+"""Equilibria under constant loads: load steps, static cases, the rest under the mean wind (paper 4.1.2).
+
+The same particles move under dynamic relaxation. First everything that is permanent acts, whole; from there
+each case finds its equilibrium, and then the rest of the load comes on in equal steps. Where the wind has its
+static onset, its mean comes on top of all of that.
+
+Within an equilibrium the plastic strains are those of the one before; what has yielded is kept at its end.
 """
 
 from dataclasses import dataclass, field
+from functools import partial
+from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
 
 from netfall.errors import DivergedError
-from netfall.solve.energy import take_snapshot
+from netfall.job.read import Job
+from netfall.job.schema import defaults
+from netfall.mechanics.state import State
+from netfall.solve.energy import Snapshot, take_snapshot
+from netfall.solve.loading import live_load, of_case
 from netfall.solve.relaxation import Paused, Relaxation, largest_force, net_of, relax
+from netfall.stop import NEVER, StopRequest
+
+HALVINGS = 6  # of the mean wind, where all of it has no equilibrium: what it bears is told to 2 %
+FEWER = 20_000  # iterations for each of them
+COMMITTED = ("x", "eps_p", "dissipated")  # what an equilibrium leaves in the state
+
+
+class Equilibrium(NamedTuple):
+    """One equilibrium that is looked for.
+
+    kind : "permanent", "case", "step", "at once" or "rest", see `equilibria`; words : for messages
+    load : (n, 3) [N], owned and halo; factor : of the load that is not permanent; name : of a case
+    from_permanent : whether it starts from the equilibrium under the permanent loads, not from the last one
+    """
+
+    kind: str
+    words: str
+    load: np.ndarray
+    factor: float = 0.0
+    name: str = ""
+    from_permanent: bool = False
 
 
 @dataclass
 class StaticPath:
-    """Load-displacement history: one entry for each load step that is done."""
+    """What has been found so far.
 
-    reference: float = 0.0  # N, which the tolerance refers to
+    reference : [N], which the tolerance refers to; done : equilibria; total : iterations for all of these
+    load_factor, residual [N], slack, iterations : of the permanent loads, then of each load step
+    cases : the same by name; rest : the same, once found
+    """
+
+    reference: float = 0.0
+    done: int = 0
+    total: int = 0
     load_factor: list[float] = field(default_factory=list)
-    residual: list[float] = field(default_factory=list)  # N
+    residual: list[float] = field(default_factory=list)
     slack: list[int] = field(default_factory=list)
     iterations: list[int] = field(default_factory=list)
+    cases: dict[str, dict] = field(default_factory=dict)
+    rest: dict = field(default_factory=dict)
 
 
-def find_equilibrium(run, path: StaticPath | None, resume: Relaxation | None) -> StaticPath:
-    """Bring the state to equilibrium under its load in equal steps. Collective.
+class Settled(NamedTuple):
+    """An equilibrium that was found: largest residual [N], slack cables of the net."""
 
-    run : `run.Run`; path, resume : how far an earlier run came, and where within the load step after
-        that; None: from the start
+    snapshot: Snapshot
+    iterations: int
+    residual: float
+    slack: int
 
-    Within a load step the plastic strains are those of the step before; what has yielded is kept at its end.
+
+def rests_in_wind(job: Job) -> bool:
+    """Whether the dynamic stage begins at rest under the mean wind."""
+    return job.wind is not None and job.wind.onset == "static"
+
+
+def has_statics(job: Job) -> bool:
+    """Whether equilibria are looked for before the dynamic stage."""
+    return bool(job.cases or (job.load and job.load.steps) or rests_in_wind(job))
+
+
+def equilibria(run) -> list[Equilibrium]:
+    """What the job asks for, in order: permanent loads, cases, load steps, rest. Collective."""
+    job, model, distribution = run.job, run.setup.model, run.setup.distribution
+    steps, rests = job.load.steps if job.load else 0, rests_in_wind(job)
+    spread = lambda values: distribution.particles(None if model is None else values())
+    permanent, live = spread(lambda: model.permanent), spread(lambda: model.live)
+    found = []
+    if job.cases or steps:
+        found.append(Equilibrium("permanent", "the permanent loads", permanent))
+    for case in job.cases:
+        load = permanent + spread(partial(live_of_case, settings_of(job), model, case))
+        found.append(Equilibrium("case", f"case {case.name}", load, 1.0, case.name, True))
+    again = bool(job.cases)
+    for step in range(1, steps + 1):
+        factor = step / steps
+        words = f"static load step {step} of {steps}"
+        found.append(Equilibrium("step", words, permanent + factor * live, factor, "", again and step == 1))
+    if rests and not steps:
+        found.append(Equilibrium("at once", "the constant loads", permanent + live, 1.0, "", again))
+    if rests:
+        wind = spread(lambda: model.mean_wind)
+        found.append(Equilibrium("rest", "the mean wind", permanent + live + wind, 1.0))
+    return found
+
+
+def live_of_case(load: SimpleNamespace, model, case) -> np.ndarray:
+    """What a case puts on top of the permanent loads, (n, 3) [N]. Rank 0."""
+    return live_load(of_case(load, case), model.roof, model.net.load)
+
+
+def find_equilibria(run, path: StaticPath | None, resume: Relaxation | None) -> StaticPath:
+    """Bring the state to the last equilibrium that the job asks for, by way of all the others. Collective.
+
+    run : `run.Run`; path, resume : how far an earlier run came, and where within the equilibrium after that;
+        None: from the start
+
     Raises Paused where it is asked to stop, DivergedError where there is no equilibrium.
     """
-    comm, state, settings, progress = run.comm, run.setup.state, run.job.load, run.progress
+    state, wanted, base = run.setup.state, equilibria(run), None
+    start = committed(state)
     if path is None:
-        N, load = state.elements_now().N, state.load[: state.n_owned]
-        path = StaticPath(largest_force(comm, N, state.ends, state.free, load))
-    progress.start()
-
-    for step in range(len(path.load_factor) + 1, settings.steps + 1):
-        factor = step / settings.steps
+        N, load = state.elements_now().N, wanted[-1].load[: state.n_owned]
+        path = StaticPath(largest_force(run.comm, N, state.ends, state.free, load))
+    elif any(each.from_permanent for each in wanted[path.done :]):
+        base = permanent_again(run, wanted[0], path.reference)
+    run.progress.start()
+    for each in wanted[path.done :]:
+        if each.from_permanent and base:
+            put_back(state, base)
+        before = committed(state) if each.kind == "rest" else None
         try:
-            iterations, residual = relax(
-                comm,
-                run.setup.halo,
-                net_of(state, factor),
-                settings.tolerance * path.reference,
-                settings.max_iterations,
-                f"static load step {step} of {settings.steps}",
-                stop=run.stop,
-                resume=resume,
-            )
+            found = settle(run, each, path.reference, run.stop, resume)
         except Paused as pause:
             pause.path = path
             raise
+        except DivergedError as error:
+            if before is None:
+                raise
+            raise DivergedError(f"{error}; {bearable(run, wanted, before, path.reference)}") from None
         resume = None
-        snapshot = take_snapshot(state, 0.0, 1.0, 0.0, 0.0)
-        _stop_at_fracture(run, snapshot, factor)
-        if state.scene.plastic:
-            state.dissipated[:] = snapshot.heat
-            state.eps_p[:] = snapshot.eps_p
-        slack = comm.allreduce(snapshot.slack)
-        path.load_factor.append(factor)
-        path.residual.append(residual)
-        path.slack.append(slack)
-        path.iterations.append(iterations)
-        run.result.write_static_step(state, snapshot)
-        progress.at(factor, f"load factor {factor:.3f}", sum(path.iterations), "iterations", f"slack {slack}")
+        if each.kind == "permanent":
+            base = committed(state)
+        keep(run, path, each, found)
+        path.done += 1
+        path.total += found.iterations
+        share, slack = path.done / len(wanted), f"slack {found.slack}"
+        run.progress.at(share, each.words, path.total, "iterations", slack)
+    if wanted[-1].kind == "case":  # cases are beside the run: what follows starts where it would without
+        put_back(state, start)
     return path
 
 
-def _stop_at_fracture(run, snapshot, factor: float) -> None:
-    """A static stage has no fractures. Raises DivergedError where one is due."""
+def settle(run, each: Equilibrium, reference: float, stop: StopRequest, resume=None, most=None) -> Settled:
+    """Bring the state to one equilibrium, what yields on the way included. Collective.
+
+    reference : [N], which the tolerance refers to; stop, resume : as in `relax`; most : iterations
+    """
+    comm, state, settings = run.comm, run.setup.state, settings_of(run.job)
+    iterations, residual = relax(
+        comm,
+        run.setup.halo,
+        net_of(state, each.load),
+        settings.tolerance * reference,
+        most or settings.max_iterations,
+        each.words,
+        stop=stop,
+        resume=resume,
+    )
+    snapshot = take_snapshot(state, 0.0, 1.0, 0.0, 0.0)
+    _stop_at_fracture(run, snapshot, each)
+    if state.scene.plastic:
+        state.dissipated[:] = snapshot.heat
+        state.eps_p[:] = snapshot.eps_p
+    return Settled(snapshot, iterations, residual, comm.allreduce(snapshot.slack))
+
+
+def settings_of(job: Job) -> SimpleNamespace:
+    """The keys of [load] that say how an equilibrium is found; their defaults without [load]."""
+    return job.load or defaults("load")
+
+
+def committed(state: State) -> dict[str, np.ndarray]:
+    """Copies of what an equilibrium leaves in the state, for `put_back`."""
+    there = ((name, getattr(state, name)) for name in COMMITTED)
+    return {name: array.copy(order="K") for name, array in there if array is not None}
+
+
+def put_back(state: State, kept: dict[str, np.ndarray]) -> None:
+    """The state as it was when `committed` was called."""
+    for name, array in kept.items():
+        getattr(state, name)[:] = array
+
+
+def permanent_again(run, permanent: Equilibrium, reference: float) -> dict[str, np.ndarray]:
+    """What the permanent loads leave, found once more, in a run that is taken up. Collective."""
+    state, distribution, model = run.setup.state, run.setup.distribution, run.setup.model
+    now = committed(state)
+    state.x[:] = distribution.particles(model.x if model else None)
+    if state.scene.plastic:
+        state.eps_p[:] = state.dissipated[:] = 0.0
+    settle(run, permanent, reference, NEVER)
+    base = committed(state)
+    put_back(state, now)
+    return base
+
+
+def keep(run, path: StaticPath, each: Equilibrium, found: Settled) -> None:
+    """Note what was found, and write it. Collective."""
+    state, snapshot = run.setup.state, found.snapshot
+    numbers = {"residual": found.residual, "slack": found.slack, "iterations": found.iterations}
+    if each.kind == "case":
+        path.cases[each.name] = numbers
+        run.result.write_equilibrium(f"cases/{each.name}", state, snapshot, "displacement")
+    elif each.kind == "rest":
+        path.rest = numbers
+        run.result.write_equilibrium("rest", state, snapshot, "position")
+    elif each.kind != "at once" and run.job.load.steps:
+        for name, value in {"load_factor": each.factor, **numbers}.items():
+            getattr(path, name).append(value)
+        run.result.write_static_step(state, snapshot)
+
+
+def bearable(run, wanted: list[Equilibrium], before: dict, reference: float) -> str:
+    """How much of the mean wind has an equilibrium, in words, by halving. Collective.
+
+    before : the state without the wind, as of `committed`
+    """
+    rest, still = wanted[-1], wanted[-2].load
+    low, high = 0.0, 1.0
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        put_back(run.setup.state, before)
+        share = rest._replace(load=still + middle * (rest.load - still), factor=middle)
+        try:
+            settle(run, share, reference, NEVER, most=FEWER)
+            low = middle
+        except DivergedError:
+            high = middle
+    return (
+        f"an equilibrium was found up to {low:.2f} of its pressure, that is {np.sqrt(low):.2f} of its speed; "
+        'lower the speed, or set [wind] onset = "sudden" to let it act at once'
+    )
+
+
+def _stop_at_fracture(run, snapshot: Snapshot, each: Equilibrium) -> None:
+    """An equilibrium has no fractures. Raises DivergedError where one is due."""
     state, setup = run.setup.state, run.setup
     if not state.scene.fracture:
         return
@@ -80,8 +258,13 @@ def _stop_at_fracture(run, snapshot, factor: float) -> None:
     first = run.comm.allreduce(int(over.min()) if len(over) else none, MPI.MIN)
     if first < none:
         name = run.comm.bcast(setup.model and setup.model.id_of(first))
-        raise DivergedError(
-            f"the static load breaks element {name} at load factor {factor:.4g}: there is no static "
-            "equilibrium to start from; lower the load, or set steps = 0 to let it act at once in the "
-            "dynamic stage"
-        )
+        raise DivergedError(f"{each.words} breaks element {name}{_advice(each)}")
+
+
+def _advice(each: Equilibrium) -> str:
+    if each.kind == "rest":
+        return ""
+    return (
+        f" (load factor {each.factor:.4g}): there is no static equilibrium to start from; lower the load, or "
+        "set steps = 0 to let it act at once in the dynamic stage"
+    )

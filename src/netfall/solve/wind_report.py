@@ -6,6 +6,7 @@ import numpy as np
 
 from netfall.job.read import Job
 from netfall.solve.model import Model
+from netfall.solve.on_roof import mean_pressure
 from netfall.wind.spectra import Gust, gust_of, intensity
 
 MOST_NEGATIVE = 0.01  # share of negative speeds from which on they are noted
@@ -31,7 +32,7 @@ def wind_notes(job: Job, model: Model) -> list[str]:
     if job.wind is None:
         return []
     gust = gust_of(job.wind)
-    return (_gust_notes(job, model, gust) if gust else []) + _direction_notes(job)
+    return _gust_notes(job, model, gust) if gust else []
 
 
 def expected_gust_factor(gust: Gust, dt: float, duration: float) -> float:
@@ -60,9 +61,7 @@ def gust_lengths(job: Job, gust: Gust) -> float:
 def wind_section(job: Job, model: Model, time: np.ndarray, gust: np.ndarray) -> dict[str, np.ndarray]:
     """The datasets of /wind from samples at times (t,) [s], gusts (t, c) [m/s]."""
     speed = model.wind_field.control_mean + gust
-    mean = model.wind_field.control_mean
-    if job.wind.file:
-        mean = np.trapezoid(speed, time, axis=0) / np.ptp(time)
+    mean = model.wind_field.control_mean + model.history.mean_gust
     section = {
         "control_point": model.wind_field.control_point,
         "time": time,
@@ -70,6 +69,10 @@ def wind_section(job: Job, model: Model, time: np.ndarray, gust: np.ndarray) -> 
         "mean_speed": mean,
         "gust_factor": speed.max(0) / np.where(mean > 0.0, mean, np.nan),
         "negative_share": np.mean(speed < 0.0, axis=0),
+        "shape_coefficient": model.shape_coefficient,
+        "mean_pressure": mean_pressure(
+            job, model.shape_coefficient, model.wind_field, model.history.mean_gust
+        ),
     }
     generated = gust_of(job.wind)
     if generated:
@@ -142,15 +145,4 @@ def _measured_lines(job: Job, model: Model) -> list[str]:
     return [
         f"wind: {job.wind.file}, {where}: means of {mean.min():.4g} to {mean.max():.4g} m/s over the "
         f"duration, gust factors of {section['gust_factor'].min():.3g} to {section['gust_factor'].max():.3g}"
-    ]
-
-
-def _direction_notes(job: Job) -> list[str]:
-    """That coefficients stay as they are, unless a table of sectors is given."""
-    wind = job.wind
-    if wind.direction % 360.0 == 0.0 or getattr(wind, "sectors", None):
-        return []
-    return [
-        f"note: [wind] direction = {wind.direction:g}: the coherence of the gusts follows it, "
-        "shape_coefficient does not; give the coefficients of this direction"
     ]

@@ -35,6 +35,12 @@ class WindField:
     weight: np.ndarray
     force: np.ndarray
 
+    def mean_force(self, mean_gust: np.ndarray) -> np.ndarray:
+        """Force (n, 3) [N] of the mean wind; mean_gust : (c,) [m/s], what the history's mean adds to it."""
+        speed = np.empty(len(self.mean))
+        particle_speeds(self.mean, self.corner, self.weight, mean_gust, speed)
+        return self.force * (speed * speed)[:, None]
+
 
 def control_grid(x: np.ndarray, limit: int) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates along x and y of a grid of at most `limit` control points over the plan of x (n, 3)."""
@@ -136,18 +142,21 @@ class GeneratedHistory:
 
     def __init__(self, field: WindField, settings):
         self.dt = settings.time_step
-        self.still = np.zeros(len(field.control_mean))
+        self.mean_gust = np.zeros(len(field.control_mean))  # m/s, over the duration: none
         self.recursion = GustRecursion(field.model, settings.seed) if field.model else None
 
     def sample(self, k: int) -> tuple[float, np.ndarray]:
         """Time [s] and gusts (c,) [m/s] of sample k; samples are asked for in order."""
-        return k * self.dt, self.recursion.advance() if self.recursion else self.still
+        return k * self.dt, self.recursion.advance() if self.recursion else self.mean_gust
 
-    def record(self) -> dict:
-        """The state that a continuation needs, for `restore`."""
-        return self.recursion.record() if self.recursion else {}
+    def record(self) -> tuple[dict, dict]:
+        """The state that a continuation needs, for `restore`: numbers and arrays."""
+        if not self.recursion:
+            return {}, {}
+        kept = self.recursion.record()
+        return {"step": kept["step"]}, {"past": kept["past"]}
 
-    def restore(self, record: dict) -> None:
+    def restore(self, numbers: dict, arrays: dict) -> None:
         """Take up the record of an earlier run."""
         if self.recursion:
-            self.recursion.restore(record)
+            self.recursion.restore(numbers | arrays)

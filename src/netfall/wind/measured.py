@@ -40,21 +40,25 @@ class MeasuredHistory:
     places : (c, 3) [m], where they were measured; None: one speed at 10 m
     """
 
-    def __init__(self, time: np.ndarray, speed: np.ndarray, places: np.ndarray | None, notes: list[str]):
+    def __init__(self, time: np.ndarray, speed: np.ndarray, places: np.ndarray | None, duration: float):
+        """duration : [s], over which `mean_gust` (c,) [m/s] is the mean"""
         first = int(np.searchsorted(time, 0.0, side="right")) - 1
         self.time, self.speed = time[first:], speed[first:]
-        self.places, self.notes = places, notes
+        self.places, self.notes = places, []
+        within = np.unique(np.clip(time, 0.0, duration))
+        course = (np.interp(within, time, column) for column in speed.T)
+        self.mean_gust = np.array([np.trapezoid(values, within) / duration for values in course])
 
     def sample(self, k: int) -> tuple[float, np.ndarray]:
         """Time [s] and speeds (c,) [m/s] of row k; the last one stands for all that follow."""
         k = min(k, len(self.time) - 1)
         return float(self.time[k]), self.speed[k]
 
-    def record(self) -> dict:
+    def record(self) -> tuple[dict, dict]:
         """Nothing: a row depends on its number alone."""
-        return {}
+        return {}, {}
 
-    def restore(self, record: dict) -> None:
+    def restore(self, numbers: dict, arrays: dict) -> None:
         """Nothing to take up."""
 
 
@@ -83,7 +87,9 @@ def read_measured(job) -> MeasuredHistory:
             f"covers {time[0]:g} to {time[-1]:g} s; expected 0 to duration = {job.dynamics.duration:g} s"
         )
     table.finish()
-    return MeasuredHistory(time, speed, places, notes + table.notes)
+    history = MeasuredHistory(time, speed, places, job.dynamics.duration)
+    history.notes = notes + table.notes
+    return history
 
 
 def read_places(path) -> tuple[list[str], np.ndarray, list[str]]:

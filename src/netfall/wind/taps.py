@@ -24,13 +24,17 @@ class TapHistory:
     """Values at taps in time, from time 0 on; samples as `measured.MeasuredHistory` gives them.
 
     places : (c, 2) [m], x and y of the taps; notes : on the tables
+    mean_gust : (c,), the mean over the duration
     """
 
-    def __init__(self, time: np.ndarray, rows: Callable[[int, int], np.ndarray], places, notes: list[str]):
-        """time : (t,) [s]; rows(first, end) : values (end - first, c) of these rows"""
+    def __init__(self, time, rows: Callable[[int, int], np.ndarray], places, notes, duration: float):
+        """time : (t,) [s]; rows(first, end) : values (end - first, c) of these rows; duration : [s]"""
         self.first = int(np.searchsorted(time, 0.0, side="right")) - 1
         self.time, self.places, self.notes = time[self.first :], places, notes
         self._rows, self._begin, self._block = rows, -1, None
+        share = _shares(time, duration)
+        blocks = range(0, len(time), ROWS)
+        self.mean_gust = sum(share[first : first + ROWS] @ rows(first, first + ROWS) for first in blocks)
 
     def sample(self, k: int) -> tuple[float, np.ndarray]:
         """Time [s] and values (c,) of row k; the last one stands for all that follow."""
@@ -45,12 +49,22 @@ class TapHistory:
         """Taps (n, 4) that reach each node x (n, 3) [m], and their weights (n, 4), whose sum is 1."""
         return place_weights(x, self.places)
 
-    def record(self) -> dict:
+    def record(self) -> tuple[dict, dict]:
         """Nothing: a row depends on its number alone."""
-        return {}
+        return {}, {}
 
-    def restore(self, record: dict) -> None:
+    def restore(self, numbers: dict, arrays: dict) -> None:
         """Nothing to take up."""
+
+
+def _shares(time: np.ndarray, duration: float) -> np.ndarray:
+    """Weights (t,) of the rows in the mean from 0 to a duration [s], linear between them."""
+    begin, end = np.clip(time[:-1], 0.0, duration), np.clip(time[1:], 0.0, duration)
+    second = (end - begin) * (0.5 * (begin + end) - time[:-1]) / np.diff(time)
+    share = np.zeros(len(time))
+    share[:-1] += end - begin - second
+    share[1:] += second
+    return share / duration
 
 
 def read_taps(taps: Path, values: Path, duration: float) -> TapHistory:
@@ -69,7 +83,7 @@ def read_taps(taps: Path, values: Path, duration: float) -> TapHistory:
     else:
         time, rows, notes = _csv_file(values, names)
     _check_times(values, time, duration)
-    return TapHistory(time, rows, places, table.notes + notes)
+    return TapHistory(time, rows, places, table.notes + notes, duration)
 
 
 def _csv_file(path: Path, names: list[str]):

@@ -1,0 +1,109 @@
+"""The constant loads of a job on its particles: what is permanent, what comes on top of it, what grows later.
+
+Permanent: self weight, dead load. Live: loads of nodes, snow, pressure; statics brings these on in steps, and
+all of it stays on in the dynamic stage.
+"""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+
+from netfall.job.read import Job
+from netfall.net.net import GRAVITY
+from netfall.net.zones import Zones
+
+
+@dataclass(frozen=True)
+class Roof:
+    """What loads act on: area of surface and in plan (n,) [m2], upward normals (n, 3), zones."""
+
+    area: np.ndarray
+    plan_area: np.ndarray
+    normal: np.ndarray
+    zones: Zones
+
+
+@dataclass(frozen=True)
+class Loading:
+    """Forces (n, 3) [N]; carried : (n,) [kg], dead load and snow.
+
+    growing : what grows over [load] ramp, None: nothing
+    """
+
+    permanent: np.ndarray
+    live: np.ndarray
+    growing: np.ndarray | None
+    carried: np.ndarray
+
+
+def loading_of(job: Job, roof: Roof, own: np.ndarray, nodes: np.ndarray) -> Loading:
+    """The loads of a job; own : (n,) [kg] of the elements; nodes : (n, 3) [N], loads of the nodes."""
+    load, permanent, carried = job.load, np.zeros_like(nodes), np.zeros(len(nodes))
+    if load is None:
+        return Loading(permanent, nodes.copy(), None, carried)
+    if load.self_weight:
+        permanent[:, 2] -= GRAVITY * own
+    for value, here in roof.zones.parts(load, "dead"):
+        if value:
+            weight = value * np.where(here, roof.area, 0.0)
+            permanent[:, 2] -= weight
+            carried += weight / GRAVITY
+    for value, here in roof.zones.parts(load, "snow"):
+        if value:
+            carried += value * np.where(here, roof.plan_area, 0.0) / GRAVITY
+    pressure = pressure_load(load, roof)
+    if grows(job):
+        return Loading(permanent, nodes + snow_load(load, roof), pressure, carried)
+    return Loading(permanent, nodes + snow_load(load, roof) + pressure, None, carried)
+
+
+def live_load(load: SimpleNamespace, roof: Roof, nodes: np.ndarray) -> np.ndarray:
+    """What [load] puts on top of what is permanent, (n, 3) [N]; nodes : as in `loading_of`."""
+    return nodes + snow_load(load, roof) + pressure_load(load, roof)
+
+
+def of_case(load: SimpleNamespace, case: SimpleNamespace) -> SimpleNamespace:
+    """[load] with what a case sets, as in "load.snow" or "load.zone.NAME.snow"."""
+    changed = SimpleNamespace(**vars(load))
+    changed.zone = {name: dict(values) for name, values in load.zone.items()}
+    for name, value in case.set.items():
+        place, _, key = name.removeprefix("load.").rpartition(".")
+        if place:
+            changed.zone.setdefault(place.removeprefix("zone."), {})[key] = value
+        else:
+            setattr(changed, key, value)
+    return changed
+
+
+def snow_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
+    """Weight of the snow, (n, 3) [N], on the area in plan."""
+    force = np.zeros_like(roof.normal)
+    for value, here in roof.zones.parts(load, "snow"):
+        if value:
+            force[:, 2] -= value * np.where(here, roof.plan_area, 0.0)
+    return force
+
+
+def pressure_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
+    """Force of the pressure, (n, 3) [N]: a number acts against the upward normal, three along the axes."""
+    force = np.zeros_like(roof.normal)
+    for value, here in roof.zones.parts(load, "pressure"):
+        if value is not None:
+            along = -value * roof.normal if isinstance(value, int | float) else np.array(value)[None]
+            force += np.where(here, roof.area, 0.0)[:, None] * along
+    return force
+
+
+def grows(job: Job) -> bool:
+    """Whether the pressure of [load] grows in the dynamic stage."""
+    load = job.load
+    there = any(value is not None for value in job.loads("pressure"))
+    return bool(job.dynamics and there and load.ramp and not load.steps)
+
+
+def carries_weight(job: Job) -> bool:
+    """Whether what particles carry besides the elements weighs something: dead load, snow."""
+    load = job.load
+    tables = [vars(load), *load.zone.values()] if load else []
+    return any(table.get(key) for table in tables for key in ("dead", "snow"))

@@ -1,0 +1,55 @@
+"""What acts on the roof node by node, with its zones: coefficients of the wind, and values for the result."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from netfall.job.read import Job
+from netfall.net.zones import Zones
+from netfall.solve.unused import idle_zones
+from netfall.wind.field import WindField
+from netfall.wind.sectors import read_sectors
+
+
+def shape_coefficients(job: Job, zones: Zones) -> tuple[np.ndarray | None, list[str]]:
+    """Coefficient (n,) of each node, for the wind's direction if there are sectors; notes.
+
+    None without wind. Raises InputError for a wrong table.
+    """
+    wind = job.wind
+    sectors = read_sectors(job, zones.names) if wind and wind.sectors else None
+    notes = (sectors.notes if sectors else []) + idle_zones(job, zones, sectors)
+    if sectors is None:
+        return zones.spread(wind, "shape_coefficient") if wind else None, notes
+    of_roof, of_zone = sectors.at(wind.direction)
+    own = {name: values["shape_coefficient"] for name, values in wind.zone.items() if values}
+    return zones.by_node(of_roof, own | of_zone), notes
+
+
+def by_node(job: Job, coefficient: np.ndarray) -> SimpleNamespace:
+    """The section [wind] with the shape coefficient (n,) of each node."""
+    return SimpleNamespace(**(vars(job.wind) | {"shape_coefficient": coefficient}))
+
+
+def mean_pressure(job: Job, coefficient: np.ndarray, field: WindField, mean_gust: np.ndarray) -> np.ndarray:
+    """Pressure (n,) [N/m2] of the mean wind, positive where it presses on the roof: u_s rho U^2 / 2.
+
+    coefficient : (n,); mean_gust : (c,) [m/s] at the control points, beyond the mean of the field
+    """
+    speed = field.mean + np.sum(field.weight * mean_gust[field.corner], axis=1)
+    return coefficient * (0.5 * job.wind.air_density) * speed**2
+
+
+def load_section(job: Job, zones: Zones) -> dict[str, np.ndarray]:
+    """The datasets of /load: snow and pressure (n,) [N/m2] of what has any; nan: a pressure along axes."""
+    if job.load is None:
+        return {}
+    found = {}
+    if any(value for value, _ in zones.parts(job.load, "snow")):
+        found["snow"] = zones.spread(job.load, "snow")
+    parts = zones.parts(job.load, "pressure")
+    if any(isinstance(value, int | float) for value, _ in parts):
+        found["pressure"] = np.zeros(len(zones.of_node))
+        for value, nodes in parts:
+            found["pressure"][nodes] = np.nan if isinstance(value, list) else value or 0.0
+    return found

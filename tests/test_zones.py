@@ -1,0 +1,488 @@
+"""Zones of the roof: which nodes belong to which, what holds there, and what is answered to mistakes."""
+
+import numpy as np
+import pytest
+from conftest import ROOT, STEEL
+
+from netfall.errors import InputError
+from netfall.job.read import read_job
+from netfall.job.schema import LISTS
+from netfall.net.build import build_net
+from netfall.net.zones import zones_of
+from netfall.solve.model import make_model, set_initial
+from netfall.wind.sectors import read_sectors
+
+SIDE = 6  # nodes along a side of the flat grid: 5 x 5 cells of 1 m
+STILL = "[dynamics]\nduration = 0.01\n"
+WIND = "[wind]\nspeed = 20.0\nroughness = 0.0\nshape_coefficient = -1.0\n"
+
+
+def node(x: int, y: int) -> int:
+    """Row, and id, of the node at a place."""
+    return SIDE * x + y
+
+
+def grid(zone=lambda x, y: "") -> tuple[str, str]:
+    """Tables of the flat grid, its rim fixed, its cables along x and y in groups of these names."""
+    places = [(x, y) for x in range(SIDE) for y in range(SIDE)]
+    rim = (0, SIDE - 1)
+    nodes = [f"{node(x, y)},{x},{y},0,{int(x in rim or y in rim)},{zone(x, y)}" for x, y in places]
+    elements = [f"{node(x, y)},{node(x + 1, y)},x" for x, y in places if x < SIDE - 1]
+    elements += [f"{node(x, y)},{node(x, y + 1)},y" for x, y in places if y < SIDE - 1]
+    return "\n".join(["id,x,y,z,fixed,zone", *nodes]), "\n".join(["start,end,group", *elements])
+
+
+def square(name: str, x0, y0, x1, y1) -> str:
+    """An entry for the nodes of a rectangle."""
+    return f'[[zone]]\nname = "{name}"\npolygon = [[{x0}, {y0}], [{x1}, {y0}], [{x1}, {y1}], [{x0}, {y1}]]\n'
+
+
+def zones(workshop, text: str, *overrides, column=lambda x, y: ""):
+    """Job, net and zones of a text, on the flat grid."""
+    job = read_job(workshop.job(STEEL + text, *grid(column)), list(overrides))
+    net = build_net(job)
+    return job, net, zones_of(job, net)
+
+
+def places(net, found, name: str) -> set[tuple[float, float]]:
+    """Where the nodes of a zone are, in plan."""
+    return {tuple(p) for p in net.x[found.of_node == found.names.index(name), :2].tolist()}
+
+
+def lines_of(workshop, text: str, *overrides, column=lambda x, y: "") -> list[str]:
+    """The errors, without the name of the file."""
+    with pytest.raises(InputError) as raised:
+        zones(workshop, text, *overrides, column=column)
+    return [line.removeprefix(f"{workshop.folder / 'job.toml'}: ") for line in raised.value.lines]
+
+
+def test_a_polygon_has_the_nodes_inside_and_on_its_border(workshop):
+    """Of a triangle the corners and the slope too: 6 nodes; what is 1e-9 m outside lies on it."""
+    text = '[[zone]]\nname = "t"\npolygon = [[1, 1], [2.999999999, 1], [1, 2.999999999]]\n'
+    _, net, found = zones(workshop, text)
+    assert places(net, found, "t") == {(1, 1), (2, 1), (3, 1), (1, 2), (2, 2), (1, 3)}
+    assert (found.of_node == -1).sum() == SIDE**2 - 6
+
+
+def test_a_polygon_may_be_concave_and_closed(workshop):
+    """An L, its first corner given again at the end."""
+    corners = "[[0, 0], [3, 0], [3, 0.5], [0.5, 0.5], [0.5, 2], [0, 2], [0, 0]]"
+    _, net, found = zones(workshop, f'[[zone]]\nname = "L"\npolygon = {corners}\n')
+    assert places(net, found, "L") == {(0, 0), (1, 0), (2, 0), (3, 0), (0, 1), (0, 2)}
+
+
+def test_a_polygon_is_in_metres_whatever_the_table(workshop):
+    """[net] unit is that of nodes.csv alone."""
+    path = workshop.job(STEEL, *grid())
+    path.write_text(path.read_text().replace("[net]\n", '[net]\nunit = "cm"\n') + square("a", 0, 0, 0.02, 0))
+    path.write_text(path.read_text().replace("[0.02, 0]", "[0.02, 0.001]", 1))
+    job = read_job(path, [])
+    net = build_net(job)
+    assert (zones_of(job, net).of_node == 0).sum() == 3
+
+
+def test_groups_have_the_nodes_of_their_elements(workshop):
+    """Each node of the grid is an end of a cable along x; of a group of one cable, its two ends."""
+    _, _, found = zones(workshop, '[[zone]]\nname = "a"\ngroups = ["x"]\n')
+    assert (found.of_node == 0).all()
+    nodes, elements = grid()
+    path = workshop.job(STEEL + '[[zone]]\nname = "a"\ngroups = ["ridge"]\n', nodes, elements[:-1] + "ridge")
+    job = read_job(path, [])
+    found = zones_of(job, build_net(job))
+    assert np.flatnonzero(found.of_node == 0).tolist() == [node(5, 4), node(5, 5)]
+
+
+def test_the_column_names_zones_with_and_without_an_entry(workshop):
+    """By themselves, or at the place of an entry with the name alone."""
+    column = lambda x, y: {0: "west", 5: "east"}.get(x, "")
+    _, net, found = zones(workshop, "", column=column)
+    assert found.names == ["east", "west"]
+    assert places(net, found, "west") == {(0, y) for y in range(SIDE)}
+    _, _, named = zones(workshop, '[[zone]]\nname = "west"\n', column=column)
+    assert named.names == ["west", "east"]
+
+
+def test_of_several_zones_a_node_belongs_to_the_last(workshop):
+    """In the order of the entries; zones of the column after all others, unless an entry says where."""
+    both = square("low", 0, 0, 3, 3), square("high", 2, 2, 5, 5)
+    _, net, found = zones(workshop, "".join(both))
+    assert (2, 2) in places(net, found, "high") and len(places(net, found, "low")) == 16 - 4
+    _, net, found = zones(workshop, "".join(both[::-1]))
+    assert (2, 2) in places(net, found, "low") and len(places(net, found, "high")) == 16 - 4
+    column = lambda x, y: "own" if (x, y) == (2, 2) else ""
+    _, net, found = zones(workshop, "".join(both), column=column)
+    assert places(net, found, "own") == {(2, 2)}
+    _, net, found = zones(workshop, '[[zone]]\nname = "own"\n' + "".join(both), column=column)
+    assert places(net, found, "own") == set()
+    assert found.notes == [
+        'zone "own": all of its nodes lie in zones after it too, and belong to these',
+    ]
+
+
+def test_subdivision_continues_the_zones(workshop):
+    """By place in a polygon, by element in groups, in the column where both ends are in the zone."""
+    halves = "net.subdivide=2"
+    _, net, found = zones(workshop, square("a", 0, 0, 1.5, 0.1), halves)
+    assert places(net, found, "a") == {(0, 0), (0.5, 0), (1, 0), (1.5, 0)}
+    _, net, found = zones(workshop, '[[zone]]\nname = "a"\ngroups = ["x"]\n', halves)
+    half = {(x / 2, float(y)) for x in range(2 * SIDE - 1) for y in range(SIDE)}
+    assert places(net, found, "a") == half
+    column = lambda x, y: {0: "a", 1: "b"}.get(y, "") if x < 2 else ""
+    _, net, found = zones(workshop, "", halves, column=column)
+    assert places(net, found, "a") == {(0, 0), (0.5, 0), (1, 0)}
+    assert places(net, found, "b") == {(0, 1), (0.5, 1), (1, 1)}
+
+
+def test_values_of_zones_stand_in_for_those_of_the_section(workshop):
+    """By node, and as parts with the same value; a zone that says nothing of a key has the section's."""
+    text = (
+        "[load]\ndead = 5.0\n[load.zone.a]\nsnow = 750.0\npressure = [0, 0, -1]\n[load.zone.b]\nsnow = 0.0\n"
+        + square("a", 0, 0, 0.5, 0.5)
+        + square("b", 5, 5, 6, 6)
+    )
+    job, _, found = zones(workshop, text)
+    snow = np.zeros(SIDE**2)
+    snow[node(0, 0)] = 750.0
+    assert found.spread(job.load, "snow").tolist() == snow.tolist()
+    assert found.spread(job.load, "dead").tolist() == [5.0] * SIDE**2
+    parts = found.parts(job.load, "snow")
+    assert [(value, int(nodes.sum())) for value, nodes in parts] == [(0.0, SIDE**2 - 1), (750.0, 1)]
+    parts = found.parts(job.load, "pressure")
+    assert [(value, int(nodes.sum())) for value, nodes in parts] == [(None, SIDE**2 - 1), ([0, 0, -1], 1)]
+    assert np.flatnonzero(parts[1][1]).tolist() == [node(0, 0)]
+    assert job.loads("pressure") == [None, [0, 0, -1]]
+
+
+def test_set_reaches_the_values_of_zones(workshop):
+    """Those that the file has and those that it has not."""
+    text = STILL + WIND + "[wind.zone.a]\nshape_coefficient = -2.2\n" + square("a", 0, 0, 1, 1)
+    job, _, found = zones(workshop, text, "wind.zone.a.shape_coefficient=-2", "load.zone.a.snow=1500")
+    assert job.wind.zone == {"a": {"shape_coefficient": -2.0}} and job.load.zone == {"a": {"snow": 1500.0}}
+    assert found.spread(job.wind, "shape_coefficient").tolist().count(-2.0) == 4
+
+
+def test_zones_are_part_of_the_digest(workshop):
+    """A corner that moves, and a value of a zone, make another job."""
+    text = "[load]\n[load.zone.a]\nsnow = 750.0\n" + square("a", 0, 0, 1, 1)
+    digests = {
+        zones(workshop, *case)[0].digest()
+        for case in ((text,), (text.replace("[1, 1]", "[1, 1.1]"),), (text, "load.zone.a.snow=751"))
+    }
+    assert len(digests) == 3
+
+
+def test_a_zone_without_nodes_is_told(workshop):
+    """A polygon beside the roof."""
+    _, _, found = zones(workshop, square("a", 0, 0, 1, 1) + square("off", 100, 0, 101, 1))
+    assert found.notes == ['zone "off": no node lies in it; the polygon is in metres, in plan']
+
+
+@pytest.mark.parametrize(
+    "text, line",
+    [
+        (
+            '[[zone]]\nname = "a"\npolygon = [[0, 0], [2, 2], [2, 0], [0, 2]]\n',
+            "[[zone]] a: polygon: Self-intersection[1 1]; expected corners in order around an area, "
+            "without sides that cross",
+        ),
+        (
+            '[[zone]]\nname = "a"\ngroups = ["z"]\n',
+            '[[zone]] a: groups: no element is of group "z"; known: x, y',
+        ),
+        (
+            '[[zone]]\nname = "a"\n',
+            "[[zone]] a: polygon or groups: missing; a name alone is for a zone of the column zone of "
+            "nodes.csv, which does not have it",
+        ),
+        (
+            square("edge", 0, 0, 1, 1) + STILL + WIND + "[wind.zone.egde]\nshape_coefficient = 1\n",
+            '[wind.zone.egde]: there is no zone "egde"; did you mean "edge"?',
+        ),
+        (
+            "[load]\n[load.zone.edge]\nsnow = 1\n",
+            '[load.zone.edge]: there is no zone "edge"; the job has none: give a [[zone]], or the column '
+            "zone in nodes.csv",
+        ),
+        (
+            square("edge", 0, 0, 1, 1)
+            + '[load]\nsteps = 1\n[[case]]\nname = "c"\nset = {"load.zone.edges.snow" = 1}\n',
+            '[[case]] c: set: load.zone.edges.snow: there is no zone "edges"; did you mean "edge"?',
+        ),
+    ],
+)
+def test_zones_that_there_are_not_are_refused(workshop, text, line):
+    """One line: the place, what is wrong, the nearest name."""
+    assert lines_of(workshop, text) == [line]
+
+
+def test_a_zone_of_the_column_has_no_polygon_too(workshop):
+    """Which of the two would hold is not to be guessed."""
+    lines = lines_of(workshop, square("a", 0, 0, 1, 1), column=lambda x, y: "a")
+    assert lines == [
+        "[[zone]] a: the column zone of nodes.csv has nodes of it already; give the name alone",
+    ]
+
+
+@pytest.mark.parametrize(
+    "text, line",
+    [
+        (
+            "[[zone]]\npolygon = 3\n",
+            "[[zone]] 1: polygon = 3: expected a list of three or more [x, y] corners of m",
+        ),
+        ("[[zone]]\n", "[[zone]] 1: name: missing; expected a name in quotes, without / "),
+        ('[[zone]]\nname = "a/b"\n', '[[zone]] a/b: name = "a/b": expected a name in quotes, without / '),
+        ('[[zone]]\nname = "a"\npoligon = 1\n', '[[zone]] a: poligon: unknown key; did you mean "polygon"?'),
+        ('[[zone]]\nname = "a"\n' * 2, "[[zone]] a: name: stands in entry 1 already; names are unique"),
+        (
+            '[[zone]]\nname = "a"\ngroups = ["x"]\npolygon = [[0, 0], [1, 0], [1, 1]]\n',
+            "[[zone]] a: polygon and groups exclude each other; keep one of the two",
+        ),
+        ('[zone]\nname = "a"\n', "zone = {'name': 'a'}: expected entries, [[zone]], each with its keys"),
+        ("[load]\nzone = 3\n", "[load] zone = 3: expected tables, [load.zone.NAME]"),
+        ("[load.zone.a]\nsnow = -1\n", "[load.zone.a] snow = -1: expected a number of N/m2 >= 0"),
+        ("[load.zone.a]\nsteps = 1\n", "[load.zone.a] steps: unknown key; known: dead, pressure, snow"),
+        ('[[case]]\nname = "c"\n', "[[case]] c: set: missing; expected a table of loads"),
+        (
+            '[[case]]\nname = "c"\nset = {"load.dead" = 1}\n',
+            '[[case]] c: set: load.dead: not what a case can set; did you mean "load.snow"?',
+        ),
+        (
+            '[[case]]\nname = "c"\nset = {"load.zone.a.snow" = "deep"}\n',
+            '[[case]] c: set: load.zone.a.snow = "deep": expected a number of N/m2 >= 0',
+        ),
+        (
+            '[[case]]\nname = "c"\nset = {}\n',
+            "[[case]] there is no static stage that the cases could be part of",
+        ),
+    ],
+)
+def test_a_wrong_entry_is_one_line(workshop, text, line):
+    """The entry by its name, or its number where it has none, and what is allowed."""
+    lines = lines_of(workshop, text)
+    assert any(error.startswith(line) for error in lines), lines
+
+
+def test_all_errors_of_zones_come_at_once(workshop):
+    """Of the job file, then of the zones with the net."""
+    text = '[[zone]]\npolygon = 3\n[[zone]]\nname = "a"\ngroups = 1\n[load]\nsnow = -1\n'
+    assert len(lines_of(workshop, text)) == 4
+    text = '[[zone]]\nname = "a"\ngroups = ["z", "w"]\n[load]\n[load.zone.b]\nsnow = 1\n'
+    assert len(lines_of(workshop, text)) == 3
+
+
+def test_set_does_not_reach_into_lists(workshop):
+    """It says so."""
+    lines = lines_of(workshop, square("a", 0, 0, 1, 1), "zone.a.polygon=3")
+    assert lines == [
+        "--set zone.a.polygon=3: zone is a list, [[zone]], which --set does not reach, not a section"
+    ]
+
+
+def test_a_case_sets_loads_and_those_of_zones(workshop):
+    """Names with dots in quotes or without, numbers as the schema has them."""
+    text = '[load]\nsteps = 2\n[[case]]\nname = "a"\n'
+    text += 'set = {"load.snow" = 750, "load.zone.e.pressure" = [0, 0, 1]}\n'
+    text += '[[case]]\nname = "b"\nset = {load.snow = 1, load.zone.e.snow = 2}\n' + square("e", 0, 0, 1, 1)
+    job, _, _ = zones(workshop, text)
+    assert [case.name for case in job.cases] == ["a", "b"]
+    assert job.cases[0].set == {"load.snow": 750.0, "load.zone.e.pressure": [0, 0, 1]}
+    assert job.cases[1].set == {"load.snow": 1.0, "load.zone.e.snow": 2.0}
+    assert job.loads("snow") == [0.0, 750.0, 1.0, 2.0]
+
+
+# --- what they do to the wind
+
+ZONED = (
+    WIND.replace("[wind]\n", "[wind]\ndirection = 0\n")
+    + STILL
+    + "[wind.zone.edge]\nshape_coefficient = -2.2\n"
+    + square("edge", 0, 0, 1, 5)
+)
+EDGE = 7.5  # m2: the nodes at x = 0 carry 2 x 0.25 + 4 x 0.5, those at x = 1 twice that
+REST = 25.0 - EDGE
+SUCTION = 0.5 * 1.25 * 20.0**2  # N/m2; z = 0 is 10 m above ground, where the speed is [wind] speed
+
+
+def model_of(job):
+    """The model of a job in its start geometry, on one rank."""
+    model = make_model(job, 1)
+    set_initial(job, model, model.net.x, None)
+    return model
+
+
+def test_wind_acts_with_the_coefficient_of_each_zone(workshop):
+    """A node with its whole area: the sum of forces on the flat grid by hand, upward."""
+    model = model_of(read_job(workshop.job(STEEL + ZONED, *grid())))
+    total = model.wind.sum(0) * 20.0**2
+    assert model.area[model.zones.of_node == 0].sum() == pytest.approx(EDGE, rel=1e-14)  # rounding of areas
+    assert total[2] == pytest.approx(SUCTION * (2.2 * EDGE + 1.0 * REST), rel=1e-14)  # and of the sum
+    assert (total[:2] == 0).all()
+
+
+def test_result_holds_zones_and_mean_pressures_on_any_number_of_ranks(both_ways):
+    """By hand, and the same bits on one rank and on three."""
+    text = (
+        STEEL
+        + ZONED
+        + "[load]\nsteps = 1\npressure = 3.0\n[load.zone.edge]\npressure = [0, 0, -1]\nsnow = 5\n"
+    )
+    with both_ways.run(both_ways.job(text, *grid())) as f:
+        edge = f["net/zone"][:] == 0
+        assert edge.tolist() == [x < 2 for x in range(SIDE) for _ in range(SIDE)]
+        assert f["net/zone_names"].asstr()[:].tolist() == ["edge"]
+        assert f["wind/shape_coefficient"][:].tolist() == np.where(edge, -2.2, -1.0).tolist()
+        pressure = f["wind/mean_pressure"][:]
+        # rounding of the profile, (10 / 10)^0.16
+        assert pressure == pytest.approx(np.where(edge, -2.2, -1.0) * SUCTION, rel=1e-14)
+        assert f["load/snow"][:].tolist() == np.where(edge, 5.0, 0.0).tolist()
+        assert np.isnan(f["load/pressure"][edge]).all() and (f["load/pressure"][~edge] == 3.0).all()
+
+
+def test_the_roof_is_drawn_with_zones_and_pressures(workshop):
+    """A panel for the zones, the areas, wind, pressure and snow, ranges in the titles; or areas alone."""
+    from netfall.output.plot_roof import roof
+
+    titles = lambda f: [axes.get_title() for axes in roof(f).axes if axes.get_title()]
+    text = STEEL + ZONED + "[load]\npressure = 3.0\n[load.zone.edge]\npressure = [0, 0, -1]\nsnow = 5\n"
+    with workshop.run(workshop.job(text, *grid())) as f:
+        legend = [words.get_text() for words in roof(f).axes[0].get_legend().get_texts()]
+        assert legend == [f"(none): {REST:g} m2", f"edge: {EDGE:g} m2"]
+        assert titles(f) == [
+            "zones, with their area of surface",
+            "tributary area, of the surface: 0.25 to 1 m2",
+            "pressure of the mean wind: -550 to -250 N/m2",
+            "static pressure: 3 N/m2, grey: along axes",
+            "snow, in plan: 0 to 5 N/m2",
+        ]
+    with workshop.run(workshop.job(STEEL, *grid())) as f:
+        assert titles(f) == ["tributary area, of the surface: 0.25 to 1 m2"]
+
+
+def test_mean_pressure_of_a_table_is_that_of_its_mean_speed(workshop):
+    """Speeds of 10 and 30 m/s in turns: the mean, 20 m/s."""
+    (workshop.folder / "gust.csv").write_text("time,speed\n0,10\n0.01,30\n")
+    text = STEEL + ZONED.replace("speed = 20.0\nroughness = 0.0", 'file = "gust.csv"')
+    with workshop.run(workshop.job(text, *grid())) as f:
+        expected = np.where(f["net/zone"][:] == 0, -2.2, -1.0) * SUCTION
+        assert f["wind/mean_pressure"][:] == pytest.approx(expected, rel=1e-14)
+
+
+SECTORS = "direction,shape_coefficient,Edge\n30,-1,2\n90,-2,2\n350,0.5,-4\n"
+BY_SECTORS = ZONED.replace("shape_coefficient = -1.0", 'sectors = "cp.csv"').split("[wind.zone")[0]
+BY_SECTORS += square("Edge", 0, 0, 1, 5)
+
+
+def sectors_job(workshop, text=BY_SECTORS, table=SECTORS, *overrides):
+    """A job whose coefficients stand in a table."""
+    (workshop.folder / "cp.csv").write_text(table)
+    return read_job(workshop.job(STEEL + text, *grid()), list(overrides))
+
+
+@pytest.mark.parametrize(
+    "direction, roof, edge",
+    [
+        (30.0, -1.0, 2.0),
+        (60.0, -1.5, 2.0),  # half way
+        (-300.0, -1.5, 2.0),  # the same direction
+        (220.0, -0.75, -1.0),  # half way from 90 to 350
+        (350.0, 0.5, -4.0),
+        (10.0, -0.25, -1.0),  # half way from 350 to 390
+        (0.0, 0.125, -2.5),  # a quarter of it
+        (360.0, 0.125, -2.5),
+    ],
+)
+def test_sectors_are_linear_in_the_direction_and_around(workshop, direction, roof, edge):
+    """By hand, for the roof and a zone with a column; its name in capital letters too."""
+    model = model_of(sectors_job(workshop, BY_SECTORS, SECTORS, f"wind.direction={direction}"))
+    expected = np.where(model.zones.of_node == 0, edge, roof)
+    assert model.shape_coefficient == pytest.approx(expected, abs=1e-15)  # rounding of numbers near 1
+
+
+def test_a_zone_without_a_column_has_its_own_value_or_that_of_the_roof(workshop):
+    """In the wind of any direction."""
+    table = "direction,shape_coefficient\n0,-1\n180,-2\n"
+    job = sectors_job(workshop, BY_SECTORS, table, "wind.direction=90")
+    assert make_model(job, 1).shape_coefficient.tolist() == [-1.5] * SIDE**2
+    job = sectors_job(workshop, BY_SECTORS, table, "wind.zone.Edge.shape_coefficient=-3")
+    assert sorted(set(make_model(job, 1).shape_coefficient)) == [-3.0, -1.0]
+
+
+def test_sectors_are_part_of_the_digest(workshop):
+    """A checkpoint of another table is refused."""
+    digests = {sectors_job(workshop, BY_SECTORS, t).digest() for t in (SECTORS, SECTORS.replace("30", "31"))}
+    assert len(digests) == 2
+
+
+@pytest.mark.parametrize(
+    "table, line",
+    [
+        (SECTORS.replace("350", "80"), "line 4: direction = 80: not after the row before (90)"),
+        (
+            SECTORS.replace("350", "360"),
+            "line 4: direction = '360': expected a number of degrees >= 0 and < 360",
+        ),
+        (SECTORS.replace("350", "north"), "line 4: direction = 'north': expected a number of degrees"),
+        (SECTORS.replace(",2\n90", ",\n90"), "line 2: edge is empty; expected a number"),
+        (SECTORS.replace("Edge", "egde"), "line 1: 'egde': unknown column; did you mean \"edge\"?"),
+        (
+            "direction,edge\n0,1\n",
+            "column shape_coefficient is missing; expected direction, shape_coefficient",
+        ),
+    ],
+)
+def test_a_wrong_table_of_sectors_is_one_line(workshop, table, line):
+    """The line of the table and what is allowed."""
+    with pytest.raises(InputError) as raised:
+        make_model(sectors_job(workshop, BY_SECTORS, table), 1)
+    assert raised.value.lines[0].startswith(f"{workshop.folder / 'cp.csv'}: {line}")
+
+
+def test_a_coefficient_is_given_once(workshop):
+    """For the roof by a number or by sectors, for a zone likewise."""
+    with pytest.raises(InputError, match="shape_coefficient and sectors exclude each other"):
+        sectors_job(workshop, BY_SECTORS, SECTORS, "wind.shape_coefficient=-1")
+    missing = "shape_coefficient: missing; expected a number, or sectors = a table"
+    assert lines_of(workshop, ZONED.replace("shape_coefficient = -1.0", ""))[0].startswith(
+        f"[wind] {missing}"
+    )
+    both = sectors_job(workshop, BY_SECTORS, SECTORS, "wind.zone.Edge.shape_coefficient=-3")
+    with pytest.raises(InputError, match=r"column edge and \[wind.zone.Edge\] shape_coefficient exclude"):
+        read_sectors(both, ["Edge"])
+
+
+def test_zones_and_directions_without_effect_are_told(workshop):
+    """A zone that nothing names, and a direction that coefficients do not follow."""
+    idle = 'zone "{}": no effect: neither [wind] nor [load] nor a case has a value for it'
+    follow = "[wind] direction = 0: the shape coefficients do not follow it; sectors = a table gives them "
+    follow += "by direction"
+    notes = make_model(read_job(workshop.job(STEEL + ZONED + square("b", 4, 4, 5, 5), *grid())), 1).notes()
+    assert idle.format("b") in notes and idle.format("edge") not in notes and follow in notes
+    notes = make_model(sectors_job(workshop), 1).notes()
+    assert idle.format("Edge") not in notes and follow not in notes
+    notes = make_model(sectors_job(workshop, BY_SECTORS, SECTORS.replace("Edge", "rim")), 1).notes()
+    left = 'columns not known and left alone: "rim"; known: direction, shape_coefficient, edge'
+    assert idle.format("Edge") in notes and f"{workshop.folder / 'cp.csv'}: {left}" in notes
+
+
+def test_a_zone_alone_brings_loads_on_the_roof(workshop):
+    """Areas and normals are asked for where a zone alone has a pressure, or a coefficient that is not 0."""
+    text = "[load]\nsteps = 1\n[load.zone.a]\npressure = 2.0\n" + square("a", 1, 1, 2, 2)
+    nodes, elements = grid()
+    crossing = elements + f"\n{node(1, 1)},{node(2, 2)},y\n{node(1, 2)},{node(2, 1)},y"
+    with pytest.raises(InputError, match="cross in plan without a node"):
+        make_model(read_job(workshop.job(STEEL + text, nodes, crossing)), 1)
+    zero = ZONED.replace("shape_coefficient = -1.0", "shape_coefficient = 0.0")
+    assert not any(
+        "= 0" in n for n in make_model(read_job(workshop.job(STEEL + zero, *grid())), 1).notes()[1:]
+    )
+
+
+def test_readme_lists_the_keys_of_every_list():
+    """The tables of jobs/README.md are those of the schema."""
+    text = (ROOT / "jobs" / "README.md").read_text()
+    for name, keys in LISTS.items():
+        part = text.split(f"**[[{name}]]**")[1].split("\n\n")[1]
+        rows = [line for line in part.splitlines() if line.startswith("| `")]
+        assert len(rows) == len(keys)
+        assert all(f"| `{key.name}`" in row and key.meaning in row for key, row in zip(keys, rows))
