@@ -7,7 +7,7 @@ from netfall.job.read import Job
 from netfall.mechanics.material import strains
 from netfall.net.net import Net
 from netfall.net.plan import listed
-from netfall.wind.davenport import LOWEST_HEIGHT
+from netfall.wind.coherence import LOWEST_HEIGHT
 
 # Column of the net, unit, least and most that cables are made of, and an example in the right unit.
 PLAUSIBLE = (
