@@ -325,7 +325,7 @@ def test_pressure_grows_over_a_ramp(workshop):
     )
     stiffness, force, ramp = 1e5, 1000.0, 0.3
     omega = np.sqrt(stiffness / (100.0 + 0.5e-7))
-    wind = "[wind]\nspeed = 20.0\nshape_coefficient = 0.0\nroughness = 0.0\ntime_step = 0.07\n"
+    wind = "[wind]\nonset = 'sudden'\nspeed = 20.0\nshape_coefficient = 0.0\nroughness = 0.0\ntime_step = 0.07\n"
     (workshop.folder / "wind.toml").write_text(job.read_text() + wind)
     for path in (job, workshop.folder / "wind.toml"):
         with workshop.run(path, output=f"{path.stem}.vtkhdf") as f:

@@ -18,6 +18,7 @@ area = 1e-4
 density = 7850.0
 prestress = 1e3
 [wind]
+onset = "sudden"
 speed = 20.0
 roughness = 0
 shape_coefficient = -1.0

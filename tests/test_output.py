@@ -30,6 +30,7 @@ modulus_factor = 0
 pressure = [0.0, 0.0, 200.0]
 steps = 3
 [wind]
+onset = "sudden"
 speed = 60.0
 shape_coefficient = -3.0
 seed = 3

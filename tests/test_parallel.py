@@ -26,6 +26,7 @@ self_weight = true
 pressure = [0.0, 0.0, 300.0]
 steps = 2
 [wind]
+onset = "sudden"
 speed = 80.0
 shape_coefficient = -1.3
 after_fracture = "{after}"
@@ -130,6 +131,7 @@ pressure = 800.0
 steps = 2
 tolerance = 1e-4
 [wind]
+onset = "sudden"
 speed = 20.0
 shape_coefficient = 0.8
 [dynamics]

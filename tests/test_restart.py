@@ -169,7 +169,7 @@ def test_checkpoint_of_other_tables_is_refused(workshop):
     """Another number in the wind's table, or another group of an element, is another job."""
     text = JOB[JOB.index("[cable]") : JOB.index("[form_finding]")] + "[cable.edge]\nyield_stress = 1.6e9\n"
     text += (
-        '[wind]\nfile = "wind.csv"\nshape_coefficient = -1.0\n[dynamics]\nduration = 0.1\ntime_step = 1e-6\n'
+        '[wind]\nonset = "sudden"\nfile = "wind.csv"\nshape_coefficient = -1.0\n[dynamics]\nduration = 0.1\ntime_step = 1e-6\n'
     )
     elements = "start,end,group\n1,2,cable\n2,3,cable\n3,1,edge\n"
     job = workshop.job(text, "id,x,y,z,fixed\n1,0,0,0,1\n2,1,1,0,0\n3,2,0,0,1\n", elements)

@@ -46,6 +46,7 @@ modulus = {EA / 1e-4}
 area = 1e-4
 density = 1.0
 [wind]
+onset = "sudden"
 speed = {U0}
 roughness = {K}
 shape_coefficient = -0.02
@@ -325,7 +326,7 @@ def test_force_on_a_flat_roof_by_hand(both_ways, compare, coefficient):
     u_s A rho U^2 / 2 with a third of the square; suction lifts.
     """
     text = (
-        LIMP + f"[wind]\nspeed = 30.0\nroughness = 0.0\nshape_coefficient = {coefficient}\n"
+        LIMP + f"[wind]\nonset = 'sudden'\nspeed = 30.0\nroughness = 0.0\nshape_coefficient = {coefficient}\n"
         f"profile_exponent = 0.2\nbase_height = 25.0\n"
     )
     text += "[dynamics]\nduration = 1.0\ntime_step = 0.01\n"
@@ -353,7 +354,7 @@ def test_profile_of_the_mean_speed(both_ways, compare):
     f = both_ways.run(
         both_ways.job(
             '[net]\ngenerator = "saddle"\nrise = 8.0\n' + STEEL + "[form_finding]\nmodulus_factor = 0\n"
-            "[wind]\nspeed = 30.0\nshape_coefficient = -1.0\n"
+            "[wind]\nonset = 'sudden'\nspeed = 30.0\nshape_coefficient = -1.0\n"
             "profile_exponent = 0.2\nbase_height = 30.0\n[dynamics]\nduration = 0.1\n"
         )
     )

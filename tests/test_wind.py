@@ -17,7 +17,7 @@ FLAT = (
     + "[form_finding]\nmodulus_factor = 0\n"
 )
 BLOW = (
-    "[wind]\nspeed = 30.0\nroughness = {k}\nshape_coefficient = {u}\n"
+    "[wind]\nonset = 'sudden'\nspeed = 30.0\nroughness = {k}\nshape_coefficient = {u}\n"
     "air_density = 1.25\nprofile_exponent = 0.0\n"
     "[dynamics]\nduration = 0.002\ntime_step = 1e-5\n[output]\nhistory = 0.001\n"
 )
@@ -238,6 +238,7 @@ fracture_strain = 0.0404
 [form_finding]
 modulus_factor = 0
 [wind]
+onset = "sudden"
 speed = 60.0
 shape_coefficient = -3.0
 seed = 3
