@@ -17,18 +17,22 @@ EULER = 0.5772
 
 
 def wind_lines(job: Job, model: Model) -> list[str]:
-    """The lines of `check` on the wind, notes last; none without wind."""
+    """The figures of the wind; none without wind."""
     wind = job.wind
     if wind is None:
         return []
-    gust = gust_of(wind)
     if wind.file:
-        lines = _measured_lines(job, model)
-    elif gust is None:
-        lines = [f"wind: steady, {wind.speed:g} m/s at 10 m"]
-    else:
-        lines = _gust_lines(job, model, gust) + _gust_notes(job, model, gust)
-    return lines
+        return _measured_lines(job, model)
+    gust = gust_of(wind)
+    return _gust_lines(job, model, gust) if gust else [f"wind: steady, {wind.speed:g} m/s at 10 m"]
+
+
+def wind_notes(job: Job, model: Model) -> list[str]:
+    """What a user should know of the wind."""
+    if job.wind is None:
+        return []
+    gust = gust_of(job.wind)
+    return _gust_notes(job, model, gust) if gust else []
 
 
 def expected_gust_factor(gust: Gust, dt: float, duration: float) -> float:
