@@ -2,8 +2,10 @@
 the mean wind, from which gusts grow in.
 """
 
+import h5py
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve
 
 EA, L0 = 1e6, 5.0  # N, m: two cables from the middle node to supports 5 m away at either side
@@ -255,3 +257,64 @@ def test_panels_take_their_energy_along_whatever_tears(both_ways):
     assert len(f["events/time"]) > 3
     assert np.abs(f["history/identity_error"][:]).max() < 1e-9
     assert np.abs(f["history/balance_error"][:]).max() < 1e-2
+
+
+TAPS = "name,x,y\nA,-1,0\nB,1,0\n"
+
+
+@pytest.mark.parametrize("suffix", ["csv", "h5"])
+def test_pressures_at_taps_rest_under_their_mean_and_act_as_they_are(both_ways, suffix):
+    """Two taps as far from the node as one another: it has the mean of both, from which the rest grows in."""
+    time, a = np.array([0.0, 1.0, 2.0]), np.array([-400.0, -800.0, -400.0])
+    value = np.column_stack([a, a - 200.0])
+    (both_ways.folder / "taps.csv").write_text(TAPS)
+    if suffix == "csv":
+        rows = (",".join(map(str, [t, *row])) for t, row in zip(time, value))
+        (both_ways.folder / "p.csv").write_text("\n".join(["time,A,B", *rows]) + "\n")
+    else:
+        with h5py.File(both_ways.folder / "p.h5", "w") as file:
+            file["time"], file["value"] = time, value
+    text = CABLE + f'[wind]\npressures = "p.{suffix}"\ntaps = "taps.csv"\nramp = 0.5\n' + MOVES.format(time=2)
+    f = both_ways.run(both_ways.job(text, nodes(), ELEMENTS))
+    mean = -700.0  # of both taps over two seconds
+    assert f["rest/position"][1, 2] == pytest.approx(sag(-mean * 4.0), rel=1e-4)
+    assert f["wind/mean_pressure"][1] == pytest.approx(mean)
+    t, pressure = f["wind/time"][:], f["wind/pressure"][:].mean(1)
+    share = np.where(t < 0.5, 0.5 * (1 - np.cos(2 * np.pi * t)), 1.0)
+    assert pressure == pytest.approx(mean + share * (np.interp(t, time, a) - 100.0 - mean), rel=1e-12)
+    # by its own equation of motion, with the pressure of the file, linear between its samples
+    mass = 1000.0 * 1e-4 * 5.0
+    force = lambda t, w: -np.interp(t, f["wind/time"][:], pressure) * 4.0 - pull(w)
+    found = solve_ivp(
+        lambda t, y: [y[1], force(t, y[0]) / mass],
+        (0, 2),
+        [f["rest/position"][1, 2], 0],
+        rtol=1e-9,
+        atol=1e-12,
+    )
+    assert f["history/probe_displacement"][-1, 0, 2] == pytest.approx(found.y[0, -1], rel=2e-3)
+
+
+def pull(w):
+    """Force [N] of the two cables against a sag w [m]."""
+    L = np.hypot(5.0, w)
+    return 2 * EA * (L / L0 - 1) * w / L
+
+
+@pytest.mark.parametrize(
+    "lines, message",
+    [
+        ('pressures = "p.csv"\n', "taps: missing"),
+        ('pressures = "p.csv"\ntaps = "taps.csv"\nspeed = 20\n', "speed and pressures exclude each other"),
+        ('pressures = "p.csv"\ntaps = "taps.csv"\nshape_coefficient = 1\n', "need no coefficients"),
+        ('pressures = "p.csv"\ntaps = "taps.csv"\n', "p.csv: column"),
+    ],
+)
+def test_wrong_pressures_are_refused(workshop, lines, message):
+    """With the place and what to do; nothing is computed."""
+    (workshop.folder / "taps.csv").write_text(TAPS)
+    (workshop.folder / "p.csv").write_text("time,A\n0,1\n2,1\n")
+    done = workshop.run(
+        workshop.job(CABLE + "[wind]\n" + lines + MOVES.format(time=2), nodes(), ELEMENTS), code=2
+    )
+    assert message in done.stderr

@@ -152,6 +152,10 @@ def _dynamics(f, say):
 
 
 def _wind(f, say):
+    if "wind/pressure" in f:
+        p = f["wind/pressure"][:]
+        say(f"wind: pressures of {p.min():.4g} to {p.max():.4g} N/m2 at {p.shape[1]} taps")
+        return
     u, mean = f["wind/speed"][:], f["wind/mean_speed"][:].mean()
     of = f"{u.min():.1f} to {u.max():.1f} m/s at {u.shape[1]} control points"
     say(f"wind: mean {mean:.1f} m/s, generated {of}")

@@ -24,8 +24,7 @@ from netfall.solve.loading import Roof, grows, loading_of, pressure_load
 from netfall.solve.on_roof import by_node, shape_coefficients
 from netfall.solve.start import check_start, check_tensions, low_notes, unit_notes
 from netfall.solve.unused import without_effect
-from netfall.wind.field import GeneratedHistory, make_wind_field
-from netfall.wind.measured import read_measured
+from netfall.wind.field import GeneratedHistory, make_wind_field, read_history
 
 
 @dataclass
@@ -168,9 +167,8 @@ def make_model(job: Job, ranks: int) -> Model:
     model = Model(net, roofing, zones, part, source)
     model.shape_coefficient, notes = shape_coefficients(job, zones)
     model.notes_of_values = without_effect(job, net) + notes + unit_notes(net)
-    if job.wind and job.wind.file:
-        model.history = read_measured(job)
-        model.notes_of_history = model.history.notes
+    model.history = read_history(job)
+    model.notes_of_history = model.history.notes if model.history else []
     return model
 
 
@@ -194,6 +192,7 @@ def scene_of(job: Job, net: Net) -> Scene:
         plastic=bool(np.isfinite(net.yield_stress).any()),
         fracture=bool(np.isfinite(net.fracture_strain).any()),
         wind=job.wind is not None,
+        tapped=job.wind is not None and job.wind.pressures is not None,
         varying=grows(job),
         springs=bool(net.spring.any()),
         logarithmic=job.cable.strain == "logarithmic",

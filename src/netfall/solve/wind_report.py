@@ -21,6 +21,8 @@ def wind_lines(job: Job, model: Model) -> list[str]:
     wind = job.wind
     if wind is None:
         return []
+    if wind.pressures:
+        return [_tap_line(job, model)]
     if wind.file:
         return _measured_lines(job, model)
     gust = gust_of(wind)
@@ -60,6 +62,13 @@ def gust_lengths(job: Job, gust: Gust) -> float:
 
 def wind_section(job: Job, model: Model, time: np.ndarray, gust: np.ndarray) -> dict[str, np.ndarray]:
     """The datasets of /wind from samples at times (t,) [s], gusts (t, c) [m/s]."""
+    if job.wind.pressures:
+        return {
+            "tap": model.wind_field.control_point,
+            "time": time,
+            "pressure": gust,
+            "mean_pressure": mean_pressure(job, None, model.wind_field, model.history.mean_gust),
+        }
     speed = model.wind_field.control_mean + gust
     mean = model.wind_field.control_mean + model.history.mean_gust
     section = {
@@ -133,6 +142,14 @@ def _gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
             "seed say little; run several seeds, or longer"
         )
     return notes
+
+
+def _tap_line(job: Job, model: Model) -> str:
+    mean = model.history.mean_gust
+    return (
+        f"wind: {job.wind.pressures}, pressures at {len(mean)} taps: means of {mean.min():.4g} to "
+        f"{mean.max():.4g} N/m2 over the duration; each node takes the four nearest in plan"
+    )
 
 
 def _measured_lines(job: Job, model: Model) -> list[str]:
