@@ -124,10 +124,11 @@ def test_three_stages_with_slack_and_logarithmic_strain(workshop):
         + STEEL.replace("683.08e-6", "3600e-6")
         + """strain = "logarithmic"
 yield_stress = 1.75e9
+fracture_strain = 0.5
 [form_finding]
 start = "force_density"
 [load]
-pressure = 800.0
+pressure = [0.0, 0.0, -800.0]
 steps = 2
 tolerance = 1e-4
 [wind]

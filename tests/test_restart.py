@@ -28,7 +28,10 @@ def same_but_for_the_job(calm, other):
     return assert_same_results(calm, other)
 
 
-@pytest.mark.parametrize("ranks, later", [(1, 3), (3, 1), (2, 4)])
+@pytest.mark.parametrize(
+    "ranks, later",
+    [(1, 4), (3, 2), *(pytest.param(*row, marks=pytest.mark.long) for row in [(1, 3), (3, 1), (2, 4)])],
+)
 def test_restart_on_other_ranks_gives_the_same_bits(workshop, calm, ranks, later):
     """From either of the two checkpoints that are kept, before and after fractures, also when the run had
     finished.
@@ -62,8 +65,15 @@ def test_elements_that_were_taken_out_stay_out_after_a_restart(workshop):
     assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=3, output="again.vtkhdf"))
 
 
-@pytest.mark.parametrize("ranks", [1, 2])
-@pytest.mark.parametrize("number", [signal.SIGUSR1, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "ranks, number",
+    [
+        (1, signal.SIGUSR1),
+        (2, signal.SIGTERM),
+        pytest.param(1, signal.SIGTERM, marks=pytest.mark.long),
+        pytest.param(2, signal.SIGUSR1, marks=pytest.mark.long),
+    ],
+)
 def test_signal_ends_the_run_with_a_checkpoint(workshop, calm, ranks, number):
     """Exit code 4, a line that names the checkpoint, no result file; taken up, the same bits."""
     job = workshop.job(JOB.replace("checkpoint = 0.02", "checkpoint = 0"))
@@ -208,7 +218,7 @@ def test_missing_parts_of_the_result_are_named(checkpoints, tmp_path):
     assert {p.name for p in tmp_path.iterdir()} == {new.name}
 
 
-@pytest.mark.parametrize("kills", [5, pytest.param(20, marks=pytest.mark.long)])
+@pytest.mark.parametrize("kills", [2, pytest.param(20, marks=pytest.mark.long)])
 def test_kills_change_no_bit(kills):
     """kill -9 of a rank, of mpirun, of all, at random moments; restarted on other ranks (kill_runs.py;
     --kills 100 by hand).

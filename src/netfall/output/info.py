@@ -89,7 +89,7 @@ def _or_missing(tell: Callable, *arguments):
 def missing_name(error: KeyError) -> str:
     """What a file was found to lack."""
     quoted = re.search(r"'([^']+)'", str(error.args[0]))
-    return quoted[1] if quoted else str(error.args[0])
+    return quoted[1] if quoted else "a group"
 
 
 def _seconds(f, say):
@@ -175,8 +175,9 @@ def _energies(f, say):
 
 
 def _fractures(f, say):
-    h, e, ids = f["history"], f["events"], f["net/node_id"][:]
+    h = f["history"]
     say(f"slack at the end: {h['slack'][-1]} cables; broken: {h['broken'][-1]} elements")
+    e, ids = f["events"], f["net/node_id"][:]
     nodes = (
         e["node_id"][:] if "node_id" in e else ids[np.minimum(e["particle"][:], len(ids) - 1)]
     )  # older files
