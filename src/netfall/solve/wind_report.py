@@ -106,7 +106,8 @@ def _gust_lines(job: Job, model: Model, gust: Gust) -> list[str]:
         f"{field.control_mean.min():.4g} to {field.control_mean.max():.4g} m/s, {share:.2%} of their speeds "
         "negative",
         f"gusts: the duration holds {gust_lengths(job, gust):.3g} gust lengths "
-        f"({gust.length:g} m / U0 = {gust.length / gust.speed:.3g} s); expected gust factor {factor:.3g} "
+        f"({gust.length:g} m / U0 = {gust.length / gust.speed:.3g} s)"
+        f"{', so one seed says little' * (gust_lengths(job, gust) < FEW_LENGTHS)}; expected gust factor {factor:.3g} "
         "at 10 m",
         f"gusts: samples {wind.time_step:g} s apart lack {losses.beyond:.2%} of the variance, which lies "
         f"above {0.5 / wind.time_step:.4g} Hz, and linear interpolation between them takes "
@@ -135,11 +136,6 @@ def _gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
         notes.append(
             f"note: [wind] ar_order = {wind.ar_order}: the spectrum is off by {losses.misfit:+.0%} in the "
             f"half octave from {losses.misfit_low:.3g} Hz; more lags fit better"
-        )
-    if gust_lengths(job, gust) < FEW_LENGTHS:
-        notes.append(
-            f"note: the duration holds fewer than {FEW_LENGTHS:g} gust lengths: peaks and fractures of one "
-            "seed say little; run several seeds, or longer"
         )
     return notes
 
