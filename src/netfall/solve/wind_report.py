@@ -100,15 +100,15 @@ def _gust_lines(job: Job, model: Model, gust: Gust) -> list[str]:
     wind, field = job.wind, model.wind_field
     losses, share = field.model.losses, negative_share(field.control_mean, gust.deviation)
     factor = expected_gust_factor(gust, wind.time_step, job.dynamics.duration)
+    little = ", so one seed says little" if gust_lengths(job, gust) < FEW_LENGTHS else ""
     return [
         f"wind: {wind.speed:g} m/s at 10 m, intensity {intensity(wind):.3g} there ({gust.deviation:.3g} m/s, "
         f"{wind.spectrum}); {len(field.control_point)} control points with means of "
         f"{field.control_mean.min():.4g} to {field.control_mean.max():.4g} m/s, {share:.2%} of their speeds "
         "negative",
         f"gusts: the duration holds {gust_lengths(job, gust):.3g} gust lengths "
-        f"({gust.length:g} m / U0 = {gust.length / gust.speed:.3g} s)"
-        f"{', so one seed says little' * (gust_lengths(job, gust) < FEW_LENGTHS)}; expected gust factor {factor:.3g} "
-        "at 10 m",
+        f"({gust.length:g} m / U0 = {gust.length / gust.speed:.3g} s){little}; expected gust factor "
+        f"{factor:.3g} at 10 m",
         f"gusts: samples {wind.time_step:g} s apart lack {losses.beyond:.2%} of the variance, which lies "
         f"above {0.5 / wind.time_step:.4g} Hz, and linear interpolation between them takes "
         f"{losses.between:.2%} of the rest; with {len(field.model.lags)} lags the half octave from "
