@@ -142,17 +142,19 @@ def displacements(f):
 
 
 def wind(f):
-    """Wind speeds at a few control points, and their spectrum."""
+    """Wind speeds at a few control points, or pressures at a few taps."""
     g = f["wind"]
-    t, u, points = g["time"][:], g["speed"][:], g["control_point"][:]
+    tapped = "pressure" in g
+    t, values = g["time"][:], g["pressure" if tapped else "speed"][:]
+    points = g["tap" if tapped else "control_point"][:]
     figure, axes = plt.subplots(figsize=(9, 4.2), layout="constrained")
-    for k in np.unique(np.linspace(0, u.shape[1] - 1, 3).astype(int)):
-        axes.plot(
-            t, u[:, k], lw=0.9, label=f"at ({points[k, 0]:.0f}, {points[k, 1]:.0f}, {points[k, 2]:.0f}) m"
-        )
-    axes.axhline(g["mean_speed"][:].mean(), color="0.5", lw=0.8, ls="--", label="mean")
+    for k in np.unique(np.linspace(0, values.shape[1] - 1, 3).astype(int)):
+        place = ", ".join(f"{coordinate:.0f}" for coordinate in points[k])
+        axes.plot(t, values[:, k], lw=0.9, label=f"at ({place}) m")
+    if not tapped:
+        axes.axhline(g["mean_speed"][:].mean(), color="0.5", lw=0.8, ls="--", label="mean")
     axes.set_xlabel("time [s]")
-    axes.set_ylabel("wind speed [m/s]")
+    axes.set_ylabel("pressure, positive presses [N/m2]" if tapped else "wind speed [m/s]")
     axes.grid(alpha=0.3)
     legend_below(axes)
     axes.set_title(f"{short_title(f)}: wind", pad=16)
