@@ -37,11 +37,11 @@ PACKAGES = {
         *("compile", "mechanics.arithmetic", "parallel.mpi_symbols", "parallel.sums", "solve.provenance"),
     ],
     "llvmlite": ["compile", "mechanics.arithmetic", "parallel.mpi_symbols"],
-    "scipy": ["solve.form_finding"],
+    "scipy": ["solve.form_finding", "solve.modes"],
     "shapely": ["net"],
     "pymetis": ["parallel.partition"],
-    "matplotlib": ["output.plot", "output.plot_net", "output.plot_curves", "output.plot_style", "study"],
-    "mpl_toolkits": ["output.plot_net"],
+    "matplotlib": ["output.plot", "output.plot_net", "output.plot_curves", "output.plot_style", "output.plot_modes", "study"],
+    "mpl_toolkits": ["output.plot_net", "output.plot_modes"],
     "tqdm": ["output.progress"],
 }
 

@@ -3,7 +3,8 @@
 from types import SimpleNamespace
 
 from netfall.job.keys import REQUIRED, Key
-from netfall.job.schema import CASE_KEYS, GENERATOR_KEYS, LISTS, OVERRIDES, SECTIONS
+from netfall.job.dimensions import GENERATOR_KEYS
+from netfall.job.schema import CASE_KEYS, LISTS, OVERRIDES, SECTIONS
 from netfall.job.values import fits, nearest, shown
 
 
@@ -161,7 +162,7 @@ class Validation:
             missing = "elements" if "nodes" in net else "nodes"
             self.wrong("net", f"{missing}: missing; tables come as a pair, nodes and elements")
         elif "generator" not in net and not tables:
-            expected = 'generator = "saddle" or "stadium", or nodes and elements'
+            expected = "generator = one of " + ", ".join(map(shown, GENERATOR_KEYS)) + ", or nodes and elements"
             self.wrong("net", f"generator: missing; expected {expected}")
         if net.get("unit", "m") != "m" and not tables:
             self.wrong("net", f"unit = {shown(net['unit'])}: only for tables; dimensions are in m")

@@ -15,6 +15,7 @@ REMEDY = (
     "name in [roof] groups the groups of elements whose faces carry the roof, mend the drawing, or give in "
     "nodes.csv `area` and, for wind and for pressure along the normal, normal_x, normal_y, normal_z"
 )
+PLAIN = ("saddle", "stadium")  # generators of nets of one layer whose elements meet at their ends alone
 
 
 @dataclass(frozen=True)
@@ -36,14 +37,26 @@ def roof_of(job: Job, net: Net) -> Roofing:
     groups = roof_groups(job)
     chosen = np.isin(net.group, [g for g, name in enumerate(net.group_names) if name in groups])
     carries = chosen[:: net.parts] if groups else np.ones(net.m // net.parts, bool)
-    plan = draw_plan(net, carries, checked=bool(job.net.nodes))
+    plan = draw_plan(net, carries, checked=job.net.generator not in PLAIN)
     if plan.errors:
         if _needs_faces(job, net):
             raise InputError([f"{job.path}: {error}; {REMEDY}" for error in plan.errors])
         return Roofing(no_faces(), 0.0, [f"the net has no faces: {error}" for error in plan.errors])
-    faces = find_faces(net, plan)
+    faces = _faces_but_openings(job, net, plan)
     notes = _notes(job, net, plan, faces, carries) if _loaded(job) else []
     return Roofing(faces, _covered(plan, faces), notes)
+
+
+def _faces_but_openings(job: Job, net: Net, plan: Plan) -> Faces:
+    """The faces but those that [roof] openings lie in. Raises InputError for a point that is in none."""
+    try:
+        return find_faces(net, plan, list(job.roof.openings) if job.roof else [])
+    except ValueError as error:
+        raise InputError(
+            f"{job.path}: [roof] openings: [{x:g}, {y:g}] lies in no face of the net in plan; expected "
+            "points [x, y] in m within the closed rings of elements that are to be left out"
+            for x, y in error.args
+        ) from None
 
 
 def _loaded(job: Job) -> bool:

@@ -45,11 +45,13 @@ def no_faces() -> Faces:
     return Faces(np.zeros(1, np.int64), np.zeros(0, np.int64))
 
 
-def find_faces(net: Net, plan: Plan | None = None) -> Faces:
+def find_faces(net: Net, plan: Plan | None = None, openings=()) -> Faces:
     """Faces of the net in plan: the smallest closed rings of elements and outline, less their holes.
 
     A face that is not seen whole from its centroid, or has holes, is cut into the cells of its constrained
     Delaunay tessellation, which are the same in whatever order nodes and elements are given.
+
+    openings : points (k, 2) [m] in the faces that are left out. Raises ValueError, with those in no face.
     """
     plan = plan or draw_plan(net)
     if not len(plan.segment):
@@ -59,6 +61,7 @@ def find_faces(net: Net, plan: Plan | None = None) -> Faces:
     used = np.unique(plan.segment)
     rings, polygon = _rings(polygons, plan.points, used)
     open_rim = _open_rim(rings, plan)
+    rings, polygon = _without(rings, polygon, _open_faces(polygons, openings))
     rings = _with_inner_particles(rings, plan, net)
     plain = (np.bincount(polygon, minlength=len(polygons)) == 1)[polygon] & _seen_whole(rings, plan.points)
     cells = []
@@ -87,6 +90,22 @@ def _rings(polygons, points, used) -> tuple[Faces, np.ndarray]:
     corner = order[np.searchsorted(key, xy[:, 0] + 1j * xy[:, 1])]
     start = np.concatenate([[0], np.cumsum(np.bincount(ring, minlength=len(rings)))]).astype(np.int64)
     return Faces(start, corner), polygon
+
+
+def _open_faces(polygons, openings) -> np.ndarray:
+    """Numbers of the polygons that the points `openings` (k, 2) lie in. Raises ValueError, as above."""
+    places = shapely.points(np.reshape(openings, (-1, 2)))
+    place, polygon = shapely.STRtree(polygons).query(places, predicate="within")
+    astray = np.setdiff1d(np.arange(len(places)), place)
+    if len(astray):
+        raise ValueError(*(openings[k] for k in astray))
+    return np.unique(polygon)
+
+
+def _without(rings: Faces, polygon, left_out) -> tuple[Faces, np.ndarray]:
+    """The rings of all polygons but some, and the polygon of each."""
+    kept = ~np.isin(polygon, left_out)
+    return _selected(rings, kept), polygon[kept]
 
 
 def _selected(faces: Faces, mask) -> Faces:

@@ -7,6 +7,7 @@ from mpi4py import MPI
 from netfall.job.read import Job
 from netfall.mechanics.fields import FIELDS
 from netfall.net.build import build_net
+from netfall.solve.modes_report import mode_lines
 from netfall.solve.report import (
     features,
     form_line,
@@ -53,6 +54,8 @@ def check_job(job: Job, say: Callable[[str], None]) -> None:
     if schedule:
         _describe_steps(job, setup, schedule, say)
     _describe_memory(job, setup, say)
+    for line in mode_lines(short, setup):
+        say(line)
 
 
 def _describe_net(setup: Setup, say) -> None:
