@@ -26,8 +26,8 @@ def wheel(
 ) -> Net:
     """The net with its prestress; the arguments as in the job.
 
-    The ring truss is held upright at each spoke, its inner chord also along itself at three spokes, a quarter
-    apart: so in plan it is determinate, and free to shrink.
+    The ring truss is held upright at each spoke, its inner chord also along itself at four spokes, a quarter
+    apart: so it is free to shrink, as on bearings.
     """
     r, upper, lower, H, G, P = profile(diameter, opening, ring_height, spokes, hoops, spoke_force, hoop_force)
     number = np.arange((2 * hoops + 4) * spokes).reshape(-1, spokes)
@@ -84,9 +84,9 @@ def profile(diameter, opening, ring_height, spokes, hoops, spoke_force, hoop_for
 
 
 def _supports(number: np.ndarray, spokes: int) -> np.ndarray:
-    """(n, 3) bool; along the ring at 0, 90 and 180 degrees."""
+    """(n, 3) bool; along the ring at 0, 90, 180 and 270 degrees."""
     fixed = np.zeros((number.size, 3), bool)
     fixed[number[:2], 2] = True
     fixed[number[1, [0, spokes // 2]], 1] = True
-    fixed[number[1, spokes // 4], 0] = True
+    fixed[number[1, [spokes // 4, 3 * spokes // 4]], 0] = True
     return fixed
