@@ -501,3 +501,75 @@ def test_random_faces_are_shared_out_whole_in_any_order(seed, points, kept, part
     turned = np.roll(elements[order], 1, axis=1)
     other = shares(subdivide(net_of(xy[np.argsort(number)], number[turned]), parts))
     assert np.allclose(other[number], area[: len(xy)], rtol=1e-9, atol=1e-9)
+
+
+# --- openings
+
+RINGS = "id,x,y,z,fixed\n" + "".join(
+    f"{k},{x},{y},0,{int(k in (1, 2, 3, 4, 5))}\n"
+    for k, (x, y) in enumerate([(0, 0), (6, 0), (6, 6), (0, 6), (2, 2), (4, 2), (4, 4), (2, 4)], 1)
+)
+TWO_RINGS = "start,end\n1,2\n2,3\n3,4\n4,1\n5,6\n6,7\n7,8\n8,5\n"
+LOADED = SOFT + "[load]\npressure = 100\nsteps = 1\n"
+
+
+def areas_of(workshop, elements, *arguments) -> np.ndarray:
+    """Areas of the nodes as the roof of two rings is read."""
+    job = read_job(workshop.job(LOADED, RINGS, elements), arguments)
+    net = build_net(job)
+    return tributary_areas(net.x, net, roof_of(job, net).faces)[0]
+
+
+def test_an_opening_is_left_out(workshop):
+    """6 m x 6 m round an opening of 2 m x 2 m: four trapezoids of 8 m2, whose centroids lie 5/6 m from the
+    long side: triangles of 2.5, 7/6 and twice 13/6 m2. Joined to the outer ring or not, 32 m2; with it 36.
+    """
+    spokes = TWO_RINGS + "1,5\n2,6\n3,7\n4,8\n"
+    area = areas_of(workshop, spokes, "roof.openings=[[3, 3]]")
+    assert np.allclose(area, [2.5 + 13 / 6] * 4 + [7 / 6 + 13 / 6] * 4, rtol=1e-14)
+    assert np.isclose(areas_of(workshop, TWO_RINGS, "roof.openings=[[3, 3]]").sum(), 32.0)
+    assert np.isclose(areas_of(workshop, spokes).sum(), 36.0)
+    # two of the trapezoids too, one named twice: 36 - 4 - 2 * 8
+    several = "roof.openings=[[3, 3], [3, 1], [2.5, 0.5], [3, 5]]"
+    assert np.isclose(areas_of(workshop, spokes, several).sum(), 16.0)
+
+
+def test_an_opening_in_no_face_is_refused(workshop):
+    """Beside the roof, or on an element: a line for each point."""
+    done = workshop.run(
+        workshop.job(LOADED, RINGS, TWO_RINGS), "--set", "roof.openings=[[3, 3], [7, 3], [3, 2]]", code=2
+    )
+    assert [line.split("openings: ")[1][:24] for line in done.stderr.splitlines()] == [
+        "[7, 3] lies in no face o",
+        "[3, 2] lies in no face o",
+    ]
+
+
+def test_check_tells_how_to_leave_a_large_face_out(workshop):
+    """A ring of 16 cells of 1 m2 round an opening of 9 m2, more than four times as much."""
+    xy = [(x, y) for y in range(6) for x in range(6) if not (1 < x < 4 and 1 < y < 4)]
+    number = {place: k for k, place in enumerate(xy)}
+    nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{x},{y},0,{int(k == 0)}\n" for k, (x, y) in enumerate(xy))
+    elements = "start,end\n" + "".join(
+        f"{number[x, y]},{number[other]}\n"
+        for x, y in xy
+        for other in ((x + 1, y), (x, y + 1))
+        if other in number
+    )
+    job = workshop.job(LOADED, nodes, elements)
+    (line,) = [said for said in run_netfall("check", job).stdout.splitlines() if "largest face" in said]
+    assert "9 m2 in plan around [2.5, 2.5], the usual one has 1 m2" in line
+    key = line.split("leave it out with [roof] ")[1].replace(" = ", "=")
+    told = run_netfall("check", job, "--set", f"roof.{key}").stdout
+    assert "roof: 16.0 m2 of surface" in told and "largest face" not in told
+
+
+def test_a_node_within_an_element_at_another_height_says_how_far(workshop):
+    """The foot of an inclined mast, 3 m below the cable over it: of another layer, most likely."""
+    nodes = RINGS + "9,1,3,-3,1\n"
+    job = workshop.job(LOADED, nodes, TWO_RINGS + "1,5\n2,6\n3,7\n4,8\n5,9\n".replace("5,9", "1,9"))
+    assert "within element" not in run_netfall("check", job).stdout
+    nodes = RINGS + "9,1,1,-3,1\n"
+    job = workshop.job(LOADED, nodes, TWO_RINGS + "1,5\n2,6\n3,7\n4,8\n5,9\n")
+    (note,) = [said for said in run_netfall("check", job).stdout.splitlines() if "lies within" in said]
+    assert "node 9 lies within element 8 in plan" in note and "3 m below it" in note

@@ -40,7 +40,10 @@ PACKAGES = {
     "scipy": ["solve.form_finding", "solve.modes"],
     "shapely": ["net"],
     "pymetis": ["parallel.partition"],
-    "matplotlib": ["output.plot", "output.plot_net", "output.plot_curves", "output.plot_style", "output.plot_modes", "study"],
+    "matplotlib": [
+        *("output.plot", "output.plot_net", "output.plot_roof", "output.plot_curves", "output.plot_style"),
+        *("output.plot_modes", "study"),
+    ],
     "mpl_toolkits": ["output.plot_net", "output.plot_modes"],
     "tqdm": ["output.progress"],
 }

@@ -116,26 +116,47 @@ def lattice(side: int) -> np.ndarray:
     return elements[np.lexsort((elements[:, 1], elements[:, 0]))]
 
 
-SCENES = list(itertools.product([False, True], repeat=5))
+FEATURES = ("plastic", "fracture", "logarithmic", "bars", "sections")
 PRECISIONS = {
     "double": 1e-12,
     "mixed": 2e-6,
     "single": 2e-6,
 }  # of the largest force; there are thirteen terms at the hub
-SOME = [
-    scene
-    for scene in SCENES
-    if sum(scene) in (0, 5) or scene in ((False, True, False, True, False), (True, False, True, False, False))
+# Any two features, and any feature and precision, with and without, in some row: few, for each is compiled.
+COVERING = [
+    ("00000", "double"),
+    ("11111", "double"),
+    ("00111", "single"),
+    ("11010", "single"),
+    ("10100", "single"),
+    ("11001", "mixed"),
+    ("01110", "mixed"),
+    ("00101", "mixed"),
 ]
-FEATURES = ("plastic", "fracture", "logarithmic", "bars", "sections")
-IN_PRECISIONS = [(scene, "double") for scene in SCENES] + [
-    (scene, precision) for scene in SOME for precision in ("mixed", "single")
-]
+EVERY = [("".join(there), p) for there in itertools.product("01", repeat=5) for p in PRECISIONS]
+NAMES = {row: "-".join([*itertools.compress(FEATURES, map(int, row[0])), row[1]]) for row in EVERY}
+SCENES = {
+    row: Scene(**{name: there == "1" for name, there in zip(FEATURES, row[0])}, precision=row[1])
+    for row in EVERY
+}
+ALL_FEATURES = SCENES["11111", "double"]
 EVERY_SCENE = pytest.mark.parametrize(
     "scene",
-    [Scene(**dict(zip(FEATURES, there)), precision=precision) for there, precision in IN_PRECISIONS],
-    ids=["-".join([*itertools.compress(FEATURES, there), precision]) for there, precision in IN_PRECISIONS],
+    [
+        pytest.param(SCENES[row], id=NAMES[row], marks=() if row in COVERING else pytest.mark.long)
+        for row in EVERY
+    ],
 )
+
+
+def test_scenes_that_are_always_tested_cover_all_pairs():
+    """Of features and precision, each two values stand together in some row."""
+    pairs = lambda rows: {
+        ((i, a), (j, b))
+        for there, precision in rows
+        for (i, a), (j, b) in itertools.combinations(enumerate([*there, precision]), 2)
+    }
+    assert pairs(COVERING) == pairs(EVERY)
 
 
 @EVERY_SCENE
@@ -179,14 +200,14 @@ def test_a_lattice_with_gaps_is_one_run_for_each_chunk():
     elements = lattice(40)
     elements = elements[np.random.default_rng(4).random(len(elements)) > 0.05]
     x = np.column_stack([np.arange(1600) % 40, np.arange(1600) // 40, 0.1 * np.sin(np.arange(1600))])
-    state = make_state(Scene(bars=True), 1600, elements, x, 2)
+    state = make_state(ALL_FEATURES, 1600, elements, x, 2)
     whole = Plan(state, NoHalo()).chunks.runs.whole
     assert (whole[:, 1] - whole[:, 0]).max() > 1500
     N, _, _, L = state.elements_now()
     expected = np.zeros_like(state.x)
     add_tensions(state.x, state.ends, N, L, expected)
     found = forces_of(state)[0]
-    assert np.abs(found - expected).max() <= 1e-13 * np.abs(expected).max() * 4
+    assert np.abs(found - expected).max() <= PRECISIONS["double"] * np.abs(expected).max()
     assert found.tobytes() == forces_of(state, in_runs=False)[0].tobytes()
 
 
@@ -213,7 +234,7 @@ def test_a_net_of_short_rows_is_stepped_in_parts():
     elements = lattice(side)
     elements = number[elements[inside[elements].all(1)]]
     x = np.column_stack([column, 1.1 * row, 0.1 * np.sin(np.arange(side**2))])[inside]
-    state = make_state(Scene(bars=True, fracture=True), len(x), elements, x, 2)
+    state = make_state(ALL_FEATURES, len(x), elements, x, 2)
     runs = Plan(state, NoHalo()).chunks.runs
     assert runs.spans[0, 3] > 10 and runs.spans[0, 1] == 0 and np.array_equal(runs.loose[0], [0, len(x)])
     outcomes = [[values.tobytes() for values in forces_of(state, in_runs)] for in_runs in (True, False)]

@@ -226,7 +226,16 @@ def test_pictures_are_drawn_without_a_display(storm, shared_workshop):
     names = {path.name for path in (shared_workshop.folder / "pictures").iterdir()}
     assert names == {
         f"storm_{k}.png"
-        for k in ("form", "load_displacement", "collapse", "energies", "tensions", "displacements", "wind")
+        for k in (
+            "form",
+            "roof",
+            "load_displacement",
+            "collapse",
+            "energies",
+            "tensions",
+            "displacements",
+            "wind",
+        )
     }
     for name in names:
         assert imread(shared_workshop.folder / "pictures" / name)[..., :3].std() > 0.02

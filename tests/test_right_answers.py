@@ -373,3 +373,59 @@ def test_a_probe_over_two_layers_says_whose_histories_it_keeps(workshop):
     job = workshop.job(text + "probes = [[1, 0], [0, 0]]\n", nodes, "start,end\n1,2\n2,3\n4,5\n5,6\n")
     (note,) = [note for note in notes_of(workshop, job) if "probes" in note]
     assert "[1, 0]: nodes 2, 5 lie above one another there; its histories are those of node 2" in note
+
+
+# --- what no cable bears, what the wind's profile does not reach, names that are nearly the same
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_a_strain_that_no_cable_bears_is_said_at_the_end(workshop, ranks):
+    """4.4 kN at once on EA = 10 kN: 44 % at rest, at most twice that."""
+    nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,100,-4400\n"
+    text = "[cable]\nmodulus = 1e8\narea = 1e-4\ndensity = 7850.0\n[dynamics]\nduration = 2.5\n"
+    job = workshop.job(text + "[output]\nhistory = 0.05\n", nodes, "id,start,end\n7,1,2\n")
+    line = ["run", job, "-o", workshop.folder / "r.vtkhdf"]
+    (note,) = [
+        said for said in run_netfall(*line, ranks=ranks).stdout.splitlines() if "has a strain of" in said
+    ]
+    # omega = sqrt(1e4 / 10 / 103.9) = 3.1 1/s: within 0.025 s of the lowest point, 1 - cos(0.08) = 0.3 %
+    found = float(note.split("strain of ")[1].split()[0])
+    assert note.startswith("note: element 7 (nodes 1-2, 10 m)") and abs(found / 0.88 - 1) < 4e-3
+    assert "no fracture_strain" in note
+    still = run_netfall(*line, "--set", "cable.modulus=1e11").stdout
+    assert "strain of" not in still
+
+
+def test_a_strain_that_no_cable_bears_is_said_of_statics(workshop):
+    """3 kN on EA = 10 kN: 30 %; a slack cable of twice the length beside it counts for nothing."""
+    nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,0,0,-2,0,-3000\n"
+    job = workshop.job(
+        "[cable]\nmodulus = 1e8\narea = 1e-4\ndensity = 1000.0\n[load]\nsteps = 1\n",
+        nodes,
+        "id,start,end,unstressed_length\n7,1,2,2\n8,1,2,6\n",
+    )
+    done = run_netfall("run", job, "-o", workshop.folder / "r.vtkhdf")
+    (note,) = [line for line in done.stdout.splitlines() if "strain of 0.3, " in line]
+    assert note.startswith("note: element 7 ") and " t = " not in note
+
+
+def test_nodes_below_the_wind_s_profile_are_noted(workshop):
+    """Of a roof at z = -3, -2 and 5 m with z = 0 at 2 m above ground, two nodes in the wind are too low."""
+    nodes = "id,x,y,z,fixed\n1,0,0,5,1\n2,2,0,5,1\n3,2,2,-2,0\n4,0,2,-3,0\n5,5,5,-9,1\n6,6,6,-9,1\n"
+    text = SECTION + "[wind]\nspeed = 20\nshape_coefficient = -1\nroughness = 0\nbase_height = {}\n"
+    elements = "start,end\n1,2\n2,3\n3,4\n4,1\n5,6\n"
+    job = workshop.job(text.format(2) + "[dynamics]\nduration = 1e-3\n", nodes, elements)
+    (note,) = [line for line in run_netfall("check", job).stdout.splitlines() if "base_height" in line]
+    assert "2 nodes in the wind are less than 1 m above ground, the lowest is node 4 at -1 m" in note
+    assert "base_height" not in run_netfall("check", job, "--set", "wind.base_height=4.0").stdout
+
+
+def test_a_group_whose_section_has_another_name_is_noted(workshop):
+    """Group Mast beside [cable.mast] takes [cable]; group edge, which nothing resembles, is meant to."""
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n"
+    elements = "start,end,group\n1,2,Mast\n2,3,mast\n2,3,edge\n"
+    job = workshop.job(SECTION + "[cable.mast]\narea = 2e-4\n", nodes, elements)
+    (note,) = [note for note in notes_of(workshop, job) if "group" in note]
+    assert note == (
+        'note: group "Mast" of the elements has no section [cable.Mast] and takes [cable]; was "mast" meant?'
+    )

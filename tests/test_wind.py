@@ -1,93 +1,15 @@
-"""The wind:
-variance, spectrum and coherence of the histories, the force on a roof, the choices after a fracture.
-"""
+"""The wind on a roof: its force, tables of speeds, what `check` tells of it, the choices after a fracture."""
+
+import math
+import re
 
 import numpy as np
 import pytest
-from conftest import STEEL
-from scipy.signal import csd, welch
+from conftest import STEEL, run_netfall
 
-from netfall.wind.autoregressive import GustRecursion, fit_gust_model, spread_lags
-from netfall.wind.davenport import davenport_coherence, davenport_spectrum, gust_variance
-
-U0, K, DT, ORDER, DECAY = 40.0, 0.03, 0.05, 4, np.array([8.0, 16.0, 10.0])
-POINTS = np.array([[x, y, 0.0] for x in (-30.0, -10.0, 10.0, 30.0) for y in (0.0, 15.0, 30.0)])
-STEPS = int(1500 / DT)
-
-
-@pytest.fixture(scope="module")
-def histories():
-    """1500 s at twelve points, for three seeds."""
-    model = fit_gust_model(POINTS, np.full(len(POINTS), U0), U0, K, DECAY, DT, ORDER)
-    return [
-        np.array([g.advance() for _ in range(STEPS)])
-        for g in (GustRecursion(model, seed, U0, DT) for seed in (1, 2, 3))
-    ]
-
-
-def test_spectrum_integrates_to_its_variance():
-    """The integral of Davenport's spectrum is 6 k U0^2."""
-    n = np.geomspace(1e-7, 1e5, 400_001)
-    assert abs(np.trapezoid(davenport_spectrum(n, U0, K) * n, np.log(n)) / gust_variance(U0, K) - 1) < 1e-3
-
-
-def test_variance_is_the_spectrums(histories):
-    """Within 20 % of 6 k U0^2 over 1500 s, for each seed."""
-    for u in histories:
-        assert abs(u.var(axis=0).mean() / gust_variance(U0, K) - 1) < 0.2
-        assert abs(u.mean()) < 3 * np.sqrt(gust_variance(U0, K) * 60 / 1500)  # a gust's memory is some 30 s
-
-
-def test_spectrum_band_by_band(histories):
-    """Within 25 % in each octave from 0.02 to 10 Hz, over 1500 s, averaged over points and seeds."""
-    for low in 0.02 * 2.0 ** np.arange(9):
-        ratios = []
-        for u in histories:
-            n, S = welch(u.T, 1 / DT, nperseg=8192)
-            band = (n >= low) & (n < 2 * low)
-            ratios.append(S[:, band].mean() / davenport_spectrum(n[band], U0, K).mean())
-        assert abs(np.mean(ratios) - 1) < 0.25, (low, ratios)
-
-
-@pytest.mark.parametrize("i, j", [(0, 1), (0, 3), (3, 6)])
-def test_coherence_is_davenports(histories, i, j):
-    """Between two points along and across the wind, within 0.1."""
-    n, cross = csd(*(np.concatenate([u[:, k] for u in histories]) for k in (i, j)), 1 / DT, nperseg=1024)
-    own = [welch(np.concatenate([u[:, k] for u in histories]), 1 / DT, nperseg=1024)[1] for k in (i, j)]
-    measured, asked = (
-        cross.real / np.sqrt(own[0] * own[1]),
-        davenport_coherence(n, POINTS[i] - POINTS[j], DECAY, U0),
-    )
-    for low, high in ((0.02, 0.06), (0.06, 0.15), (0.15, 0.3), (0.3, 0.6), (0.6, 1.2)):
-        band = (n >= low) & (n < high)
-        assert abs(measured[band].mean() - asked[band].mean()) < 0.1, (
-            low,
-            measured[band].mean(),
-            asked[band].mean(),
-        )
-
-
-def test_noise_is_a_function_of_seed_and_step():
-    """The same numbers whatever was drawn before; others for another seed or step."""
-    model = fit_gust_model(POINTS[:3], np.full(3, U0), U0, K, DECAY, DT, ORDER)
-    a, b = GustRecursion(model, 1, U0, DT), GustRecursion(model, 2, U0, DT)
-    assert (a.noise(5) == GustRecursion(model, 1, U0, DT).noise(5)).all()
-    assert (a.noise(5) != b.noise(5)).all() and (a.noise(5) != a.noise(6)).all()
-
-
-@pytest.mark.parametrize(
-    "speed, dt, order", [(5, 0.5, 1), (10, 0.05, 4), (40, 0.01, 3), (80, 0.1, 8), (60, 2.0, 30)]
-)
-def test_lags_are_as_many_as_asked_and_the_model_is_stable(speed, dt, order):
-    """At slow and fast winds, short and long steps."""
-    lags, gain = spread_lags(POINTS[:4], np.full(4, speed), speed, DECAY, dt, order)
-    assert 0.8 < gain < 1.25
-    assert 1 <= len(lags) <= order and lags[0] == 1 and (np.diff(lags) > 0).all()
-    model = fit_gust_model(POINTS[:4], np.full(4, speed), speed, K, DECAY, dt, order)
-    g = GustRecursion(model, 1, speed, dt)
-    u = np.array([g.advance() for _ in range(4000)])
-    assert np.isfinite(u).all() and np.abs(u).max() < 8 * np.sqrt(gust_variance(speed, K))
-
+from netfall.errors import InputError
+from netfall.job.read import read_job
+from netfall.wind.measured import place_weights
 
 FLAT = (
     '[net]\ngenerator = "saddle"\nside = 40.0\nrise = 0.0\ncells = 4\n'
@@ -125,6 +47,156 @@ def test_measured_wind_from_a_table(workshop):
     free = ~f["net/fixed"][:].astype(bool).all(1)
     assert np.allclose(f["final/velocity"][:][free, 2], impulse / mass, rtol=2e-3)
     assert np.allclose(f["wind/speed"][:3, 0], [0, 20, 20])
+
+
+MAST = "name,x,y,z\nWest,-15,0,5\nEast,15,0,30\n"
+
+
+def test_measured_wind_at_several_points(workshop):
+    """A column for each place: near it almost its own speed, carried to the height of the node."""
+    (workshop.folder / "speed.csv").write_text("time,East,west\n0,30,20\n0.004,30,20\n")
+    (workshop.folder / "points.csv").write_text(MAST)
+    text = FLAT + BLOW.format(k=0.0, u=-1.0).replace(
+        "speed = 30.0\nroughness = 0.0", 'file = "speed.csv"\npoints = "points.csv"'
+    )
+    f = workshop.run(workshop.job(text.replace("profile_exponent = 0.0", "profile_exponent = 0.2")))
+    assert f["wind/control_point"][:].tolist() == [[-15, 0, 5], [15, 0, 30]]
+    assert f["wind/mean_speed"][:].tolist() == [20, 30] and f["wind/gust_factor"][:].tolist() == [1, 1]
+    free = ~f["net/fixed"][:].astype(bool).all(1)
+    x, v = f["net/particles"][:][free], f["final/velocity"][:][free, 2]
+    mass = 7850 * 683.08e-6 * 20 / (1 + 100e3 / (1.95e11 * 683.08e-6))
+    near, far = 1 / np.hypot(x[:, 0] + 15, x[:, 1]) ** 2, 1 / np.hypot(x[:, 0] - 15, x[:, 1]) ** 2
+    # all nodes are 10 m above ground, the places 15 m and 40 m
+    speed = (near * 20 * (10 / 15) ** 0.2 + far * 30 * (10 / 40) ** 0.2) / (near + far)
+    # the net barely resists within 2 ms, the neighbours in proportion to the difference of speeds
+    assert np.allclose(v, 100 * 0.625 * speed**2 * 0.002 / mass, rtol=5e-3)
+    assert np.ptp(speed) > 2
+
+
+def test_weights_of_places_sum_to_one_and_fade():
+    """A place's own speed there; no jump where the fourth nearest changes; fewer than four, all of them."""
+    rng = np.random.default_rng(1)
+    places = rng.uniform(-50, 50, (9, 3))
+    line = np.column_stack([np.linspace(-60, 60, 20_001), np.full(20_001, 3.0), np.zeros(20_001)])
+    corner, weight = place_weights(line, places)
+    assert np.allclose(weight.sum(1), 1) and weight.min() >= 0
+    speeds = rng.uniform(10, 40, 9)
+    along = (weight * speeds[corner]).sum(1)
+    assert len(np.unique(np.sort(corner, axis=1), axis=0)) > 5  # the nearest change
+    assert np.abs(np.diff(along)).max() < 0.1  # m/s in 6 mm; the smallest change of a set moves none
+    corner, weight = place_weights(places, places)
+    assert (corner[:, 0] == np.arange(9)).all() and np.allclose(weight[:, 0], 1, atol=1e-6)
+    corner, weight = place_weights(line, places[:1])
+    assert (weight[:, 0] == 1).all() and (weight[:, 1:] == 0).all()
+    square = np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0.6, 0.8, 0]])  # all at one distance
+    assert np.isfinite(place_weights(np.zeros((1, 3)), square)[1]).all()
+
+
+@pytest.mark.parametrize(
+    "points, speeds, message",
+    [
+        (MAST, "time,west\n0,1\n1,1\n", "column east is missing; expected time, west, east"),
+        (MAST, "time,west,east\n0,1,\n1,1,1\n", "empty cells"),
+        (MAST + "west,0,0,1\n", "time,west,east\n0,1,1\n1,1,1\n", "line 4: name = 'west': expected a name"),
+        (MAST + "top,15,0,50\n", "time\n0\n", "at the same x, y as 'east'; expected one height"),
+        (MAST + "low,3,3,-9.5\n", "time\n0\n", "name = 'low': 0.5 m above ground"),
+        (MAST + "low,3,3\n", "time\n0\n", "line 4: 3 values"),
+        (MAST + "low,3,3,\n", "time\n0\n", "empty cells"),
+        (MAST + "time,3,3,1\n", "time\n0\n", "name = 'time': expected a name of its own"),
+    ],
+)
+def test_wrong_points_are_refused(workshop, points, speeds, message):
+    """With file, line and what is expected."""
+    (workshop.folder / "speed.csv").write_text(speeds)
+    (workshop.folder / "points.csv").write_text(points)
+    text = FLAT + BLOW.format(k=0.0, u=-1.0).replace(
+        "speed = 30.0\nroughness = 0.0", 'file = "speed.csv"\npoints = "points.csv"'
+    )
+    assert message in workshop.run(workshop.job(text), code=2).stderr
+
+
+@pytest.mark.parametrize(
+    "keys, message",
+    [
+        ("roughness = 0.03\nturbulence = 0.2\n", "roughness and turbulence exclude each other"),
+        ('points = "points.csv"\n', "points: only with file"),
+        ("turbulence = 1.5\n", "turbulence = 1.5: expected a number >= 0 and <= 1"),
+        ('spectrum = "karman"\n', 'expected one of "davenport", "kaimal", "von_karman", "en1991"'),
+        ("gust_length = 0\n", 'expected a number of m >= 0.1 and <= 100000 or "auto"'),
+        ("direction = 400\n", "expected a number of degrees >= -360 and <= 360"),
+    ],
+)
+def test_wrong_keys_of_the_gusts_are_refused(tmp_path, keys, message):
+    """Each on its own."""
+    job = tmp_path / "job.toml"
+    job.write_text(FLAT + BLOW.replace("roughness = {k}\n", keys).format(u=-1.0))
+    with pytest.raises(InputError, match=re.escape(message)):
+        read_job(job)
+
+
+def checked(workshop, keys):
+    """The lines of `check` on the wind of a flat roof at 10 m, and its notes on the wind."""
+    text = FLAT + BLOW.replace("roughness = {k}\n", keys).format(u=-1.0).replace("= 0.002", "= 60.0")
+    text = text.replace("time_step = 1e-5", "time_step = 0.001").replace("speed = 30.0", "speed = 40.0")
+    job = workshop.job(text)
+    done = run_netfall("check", job)
+    assert done.returncode == 0, done.stderr
+    words = ("wind:", "gusts:", "note: [wind]", "note: the duration")
+    return [line for line in done.stdout.splitlines() if line.startswith(words)]
+
+
+def test_check_tells_of_the_gusts(workshop):
+    """Intensity, negative speeds, gust lengths and factor, and what samples and lags lose, by hand."""
+    lines = checked(workshop, "roughness = 0.05\n")
+    intensity = np.sqrt(6 * 0.05)
+    assert f"intensity {intensity:.3g} there ({40 * intensity:.3g} m/s, davenport)" in lines[0]
+    negative = 0.5 * math.erfc(1 / intensity / math.sqrt(2))  # of a normal distribution
+    assert f"{negative:.2%} of their speeds negative" in lines[0] and negative > 0.03
+    assert "the duration holds 2 gust lengths (1200 m / U0 = 30 s)" in lines[1]
+    n = np.linspace(1e-6, 10, 2_000_001)
+    S = (x := 30 * n) / (1 + x**2) ** (4 / 3)
+    g = np.sqrt(2 * np.log(60 * np.sqrt((n**2 * S).sum() / S.sum())))
+    told = float(re.search(r"expected gust factor ([\d.]+)", lines[1])[1])
+    assert told == pytest.approx(1 + intensity * (g + 0.5772 / g), abs=0.01)  # three digits
+    above = (1 + 300.0**2) ** (-1 / 3)  # x = 1200 m 10 Hz / 40 m/s
+    assert f"samples 0.05 s apart lack {above:.2%} of the variance, which lies above 10 Hz" in lines[2]
+    S = S / S.sum()
+    between = (
+        1 - (S * np.cos(2 * np.pi * n * 0.05)).sum()
+    ) / 3  # mean over time of (1 - s)^2 + s^2 + 2 s (1 - s) R
+    told = float(re.search(r"between them takes ([\d.]+)%", lines[2])[1])
+    assert told == pytest.approx(100 * between, abs=0.02)  # digits; a uniform grid here
+    assert [line.split(":")[1][:14] for line in lines[3:]] == [" [wind] roughn", " the duration "]
+
+
+def test_check_notes_what_time_step_and_lags_lose(workshop):
+    """A step of 0.5 s, two lags; coefficients that do not follow the direction; nothing where all is well."""
+    notes = checked(workshop, "turbulence = 0.18\ntime_step = 0.5\nar_order = 2\ndirection = 30\n")[3:]
+    told = (
+        "time_step = 0.5:",
+        "ar_order = 2: the spectrum is off",
+        "the duration holds fewer",
+        "direction = 30:",
+    )
+    assert len(notes) == 4 and all(word in note for word, note in zip(told, notes)), notes
+    above, rest = (1 + 30.0**2) ** (-1 / 3), float(re.search(r"([\d.]+)% of the gusts", notes[0])[1])
+    assert above < rest / 100 < 1.7 * above  # with what interpolation takes, which is less
+    quiet = checked(workshop, 'turbulence = 0.18\nspectrum = "kaimal"\ntime_step = 0.02\n')
+    assert [line for line in quiet if line.startswith("note")] == []
+    assert checked(workshop, "roughness = 0\n") == ["wind: steady, 40 m/s at 10 m"]
+
+
+def test_result_keeps_what_is_known_of_the_gusts(workshop):
+    """In /wind, of the speeds there and of the model."""
+    text = FLAT + BLOW.replace("roughness = {k}", "turbulence = 0.6").format(u=-1.0)
+    f = workshop.run(workshop.job(text.replace("duration = 0.002", "duration = 0.5")))["wind"]
+    u, mean = f["speed"][:], f["mean_speed"][:]
+    assert (f["gust_factor"][:] == u.max(0) / mean).all()
+    assert (f["negative_share"][:] == (u < 0).mean(0)).all()
+    assert f["turbulence"][()] == 0.6 and f["gust_lengths"][()] == pytest.approx(0.5 * 30 / 1200)
+    assert f["variance_beyond"][()] == pytest.approx((1 + 400.0**2) ** (-1 / 3), rel=1e-3)  # quadrature
+    assert 0 < f["variance_between"][()] < f["variance_beyond"][()] < 0.03
+    assert abs(f["spectrum_misfit"][()]) < 0.15
 
 
 @pytest.mark.parametrize(

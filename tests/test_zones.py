@@ -251,10 +251,6 @@ def test_a_zone_of_the_column_has_no_polygon_too(workshop):
             '[[case]]\nname = "c"\nset = {"load.zone.a.snow" = "deep"}\n',
             '[[case]] c: set: load.zone.a.snow = "deep": expected a number of N/m2 >= 0',
         ),
-        (
-            '[[case]]\nname = "c"\nset = {}\n',
-            "[[case]] there is no static stage that the cases could be part of",
-        ),
     ],
 )
 def test_a_wrong_entry_is_one_line(workshop, text, line):
@@ -337,6 +333,26 @@ def test_result_holds_zones_and_mean_pressures_on_any_number_of_ranks(both_ways)
         assert pressure == pytest.approx(np.where(edge, -2.2, -1.0) * SUCTION, rel=1e-14)
         assert f["load/snow"][:].tolist() == np.where(edge, 5.0, 0.0).tolist()
         assert np.isnan(f["load/pressure"][edge]).all() and (f["load/pressure"][~edge] == 3.0).all()
+
+
+def test_the_roof_is_drawn_with_zones_and_pressures(workshop):
+    """A panel for the zones, the areas, wind, pressure and snow, ranges in the titles; or areas alone."""
+    from netfall.output.plot_roof import roof
+
+    titles = lambda f: [axes.get_title() for axes in roof(f).axes if axes.get_title()]
+    text = STEEL + ZONED + "[load]\npressure = 3.0\n[load.zone.edge]\npressure = [0, 0, -1]\nsnow = 5\n"
+    with workshop.run(workshop.job(text, *grid())) as f:
+        legend = [words.get_text() for words in roof(f).axes[0].get_legend().get_texts()]
+        assert legend == [f"(none): {REST:g} m2", f"edge: {EDGE:g} m2"]
+        assert titles(f) == [
+            "zones, with their area of surface",
+            "tributary area, of the surface: 0.25 to 1 m2",
+            "pressure of the mean wind: -550 to -250 N/m2",
+            "static pressure: 3 N/m2, grey: along axes",
+            "snow, in plan: 0 to 5 N/m2",
+        ]
+    with workshop.run(workshop.job(STEEL, *grid())) as f:
+        assert titles(f) == ["tributary area, of the surface: 0.25 to 1 m2"]
 
 
 def test_mean_pressure_of_a_table_is_that_of_its_mean_speed(workshop):

@@ -73,8 +73,11 @@ def plot(arguments) -> None:
     """netfall plot RESULT"""
     from netfall.output.plot import plot_all
 
-    for picture in plot_all(arguments.result, _folder(arguments.folder or arguments.result.parent)):
+    written, lacking = plot_all(arguments.result, _folder(arguments.folder or arguments.result.parent))
+    for picture in written:
         print(picture)
+    if lacking:
+        raise InputError(lacking)
 
 
 def scale(arguments) -> None:

@@ -2,8 +2,8 @@
 
 from types import SimpleNamespace
 
-from netfall.job.keys import REQUIRED, Key
 from netfall.job.dimensions import GENERATOR_KEYS
+from netfall.job.keys import REQUIRED, Key
 from netfall.job.schema import CASE_KEYS, LISTS, OVERRIDES, SECTIONS
 from netfall.job.values import fits, nearest, shown
 
@@ -125,18 +125,15 @@ class Validation:
         if "wind" in given and "dynamics" not in given:
             self.wrong("wind", "there is no [dynamics] that the wind could act in; add it or remove [wind]")
         self._prestress(given, found)
-        self._entries_of_lists(given, lists)
+        self._entries_of_lists(lists)
 
-    def _entries_of_lists(self, given: dict, lists: dict) -> None:
+    def _entries_of_lists(self, lists: dict) -> None:
         for zone in lists["zones"]:
             if zone.polygon is not None and zone.groups is not None:
                 place = f"[[zone]] {zone.name}:"
                 self.wrong(place, "polygon and groups exclude each other; keep one of the two")
         for case in lists["cases"]:
             case.set = self._loads_of_case(case)
-        if lists["cases"] and not given.get("load", {}).get("steps"):
-            without = "there is no static stage that the cases could be part of; give [load] steps > 0"
-            self.wrong("[[case]]", without)
 
     def _loads_of_case(self, case: SimpleNamespace) -> dict:
         """What a case sets, by names such as "load.snow" and "load.zone.NAME.snow"."""
@@ -162,8 +159,8 @@ class Validation:
             missing = "elements" if "nodes" in net else "nodes"
             self.wrong("net", f"{missing}: missing; tables come as a pair, nodes and elements")
         elif "generator" not in net and not tables:
-            expected = "generator = one of " + ", ".join(map(shown, GENERATOR_KEYS)) + ", or nodes and elements"
-            self.wrong("net", f"generator: missing; expected {expected}")
+            names = ", ".join(map(shown, GENERATOR_KEYS))
+            self.wrong("net", f"generator: missing; expected one of {names}, or nodes and elements")
         if net.get("unit", "m") != "m" and not tables:
             self.wrong("net", f"unit = {shown(net['unit'])}: only for tables; dimensions are in m")
 

@@ -101,6 +101,17 @@ FIELDS = (
     _particle("per_mass", ONE, STEPPED, "1/kg", "1 / mass; 0 without mass, and where every axis is held"),
     _particle("stepped_mass", ONE, STEPPED, "kg", "mass in the precision of the steps", "block_work"),
     _particle("load", AXES, STEPPED, "N", "constant external force", kept=True, given=True),
+    _particle("spring", AXES, STEPPED, "N/m", "stiffness of the elastic support", "springs", given=True),
+    _particle(
+        "spring_rest",
+        AXES,
+        np.float64,
+        "m",
+        "displacement at which it carries nothing",
+        "springs",
+        given=True,
+    ),
+    _particle("spring_zero", AXES, STEPPED, "m", "where it carries nothing, as x is stepped", "springs"),
     _particle("load_before", AXES, STEPPED, "N", "forces that vary, at the last sample", "varying"),
     _particle("load_after", AXES, STEPPED, "N", "forces that vary, at the next sample", "varying"),
     _particle("wind", AXES, STEPPED, "N s2/m2", "wind force at 1 m/s", "wind", kept=True, given=True),
@@ -186,6 +197,7 @@ class Scene:
     logarithmic: bool = False
     bars: bool = False
     sections: bool = False  # more than one stiffness or yield force
+    springs: bool = False  # elastic supports
     part_held: bool = False  # some particle is held on some axes and not on others
     energy: bool = True  # the audit of work
     fragments: bool = True  # a particle splits off where an element breaks

@@ -78,7 +78,8 @@ def is_loose(state: State, p: int, e: int) -> bool:
     It is on no other element and no support. What it carries (cladding, a weight) falls off with the element
     that held it, or it would hang on a broken one for ever.
     """
-    alone = state.valence[p] == 1 and bool(state.free[p].all())
+    sprung = state.scene.springs and bool(state.spring[p].any())
+    alone = state.valence[p] == 1 and bool(state.free[p].all()) and not sprung
     return alone and bool(state.mass[p] - state.half_mass[e] <= ROUNDING * state.mass[p])
 
 

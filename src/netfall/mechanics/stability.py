@@ -43,13 +43,15 @@ class Limit:
     element: int
 
 
-def any_shape_limits(elements, EA, L0, mass, free, bar) -> list[Limit]:
+def any_shape_limits(elements, EA, L0, mass, free, bar, support) -> list[Limit]:
     """`any_shape` and `slackening`, for the intact net.
 
-    mass : (n,) [kg]; free : (n,) bool, whether any axis is free; bar : (m,) bool.
+    mass : (n,) [kg]; free : (n,) bool, whether any axis is free; bar : (m,) bool
+    support : (n,) [N/m] of elastic supports, the stiffest axis
     """
     k = largest_stiffness(EA, L0)
     stiffness = np.bincount(elements[:, 0], k, len(mass)) + np.bincount(elements[:, 1], k, len(mass))
+    stiffness += support
     square = np.where(free, stiffness / np.where(free, mass, 1.0), 0.0)
     omega2 = square[elements[:, 0]] + square[elements[:, 1]]
     limits = []
@@ -63,12 +65,12 @@ def any_shape_limits(elements, EA, L0, mass, free, bar) -> list[Limit]:
     return limits
 
 
-def after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, share: float) -> Limit:
+def after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, support, share: float) -> Limit:
     """Limit for any fragment of the net, if fragments take along up to `share` of what their ends carry.
 
         half : (m,) [kg], half of each element's own mass; mass : (n,) [kg]; held : (n,) bool, supports,
             whose fragments may take all of it
-        eps_u : (m,) fracture strains; inf: the element never breaks
+        eps_u : (m,) fracture strains; inf: the element never breaks; support : as in `any_shape_limits`
 
     The largest dt for which at no end more is needed than may be taken, max(0, k dt^2 / 2 - half) <= share *
     carried, nor at any particle by all of its elements together more than it carries. What cannot break takes
@@ -90,7 +92,10 @@ def after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, share: float
     def lacking(dt: float) -> np.ndarray:
         need = 0.5 * k * dt * dt - half
         need = np.where(breaks, np.maximum(0.0, need), need)
-        return np.where(held, 0.0, np.bincount(elements.ravel(), np.repeat(need, 2), len(mass)) - carried)
+        lacks = (
+            np.bincount(elements.ravel(), np.repeat(need, 2), len(mass)) + 0.5 * support * dt * dt - carried
+        )
+        return np.where(held, 0.0, lacks)
 
     if lacking(dt).max(initial=0.0) > 0.0:
         low, high = float(np.sqrt(2.0 * half / k).min()), dt  # at low nothing is needed
@@ -103,7 +108,7 @@ def after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, share: float
     return Limit("after_fracture", dt, worst)
 
 
-def scaled_mass(elements, EA, L0, mass, free, share: float) -> np.ndarray:
+def scaled_mass(elements, EA, L0, mass, free, support, share: float) -> np.ndarray:
     """Masses (n,) [kg] with inertia added where that makes the step for slack cables, omega dt = 1, longest.
 
     share : of the sum of the moving masses that may be added
@@ -113,9 +118,8 @@ def scaled_mass(elements, EA, L0, mass, free, share: float) -> np.ndarray:
     free : (n,) bool, whether any axis is free
     """
     k = largest_stiffness(EA, L0)
-    stiffness = np.where(
-        free, np.bincount(elements[:, 0], k, len(mass)) + np.bincount(elements[:, 1], k, len(mass)), 0.0
-    )
+    of_elements = np.bincount(elements[:, 0], k, len(mass)) + np.bincount(elements[:, 1], k, len(mass))
+    stiffness = np.where(free, of_elements + support, 0.0)
     square = stiffness / np.where(free, mass, 1.0)
     budget = share * mass[free].sum()
 

@@ -114,6 +114,11 @@ class State:
         if self.stepped_mass is not None:
             self.stepped_mass[:] = self.mass
 
+    def place_springs(self) -> None:
+        """Bring up to date where elastic supports carry nothing."""
+        if self.scene.springs:
+            self.spring_zero[:] = self.spring_rest + (0.0 if self.scene.displaced else self.x_start)
+
     def count_displacements(self) -> None:
         """Bring displacements up to date with positions that something else than the steps has changed."""
         if self.scene.displaced:

@@ -59,6 +59,23 @@ def _faces_but_openings(job: Job, net: Net, plan: Plan) -> Faces:
         ) from None
 
 
+def largest_face(x: np.ndarray, net: Net, faces: Faces) -> tuple[float, float, np.ndarray] | None:
+    """Area in plan [m2] of the largest face and of the usual one, and where the largest lies [m].
+
+    None where there is no face.
+
+    x : (n, 3) [m]
+    """
+    if not len(faces):
+        return None
+    points = np.concatenate([x, net.corners])[:, :2]
+    area = np.bincount(faces.of_corner(), 0.5 * turned_triangles(points, faces, double_area))
+    f = int(np.argmax(area))
+    ring = faces.corner[faces.start[f] : faces.start[f + 1]]
+    within = shapely.point_on_surface(shapely.Polygon(points[ring]))
+    return float(area[f]), float(np.median(area)), np.array([within.x, within.y])
+
+
 def _loaded(job: Job) -> bool:
     weighs = any(job.loads("dead") + job.loads("snow"))
     return job.wind is not None or weighs or any(value is not None for value in job.loads("pressure"))

@@ -123,7 +123,7 @@ def _whole_net_errors(job: Job, net: Net) -> list[str]:
         label = np.empty(net.n, np.int64)
         label_parts(net.elements, label)
         held = np.zeros(net.n, bool)
-        held[label[net.fixed.any(1)]] = True
+        held[label[net.held.any(1)]] = True
         for part in np.flatnonzero((label == np.arange(net.n)) & ~held)[:5]:
             members = net.node_id[label == part]
             errors.append(
@@ -150,12 +150,22 @@ def _whole_net_errors(job: Job, net: Net) -> list[str]:
             f"{job.path}: unstressed_length in {job.net.elements} and [form_finding] exclude each other: "
             "form finding computes the unstressed lengths"
         )
-    return errors + _without_tension(job, net)
+    return errors + _springs_on_supports(job, net) + _without_tension(job, net)
+
+
+def _springs_on_supports(job: Job, net: Net) -> list[str]:
+    """Elastic supports of axes that are held rigidly."""
+    both = np.argwhere(net.fixed & (net.spring > 0))
+    return [
+        f"{job.path.parent / job.net.nodes}: node {net.node_id[p]}: spring_{'xyz'[k]} = "
+        f"{net.spring[p, k]:g}: the axis is fixed too; keep one of the two"
+        for p, k in both[:5]
+    ]
 
 
 def _without_tension(job: Job, net: Net) -> list[str]:
     """Form finding by particles without a prestress: any shape would be in equilibrium."""
-    moving = ~net.fixed[net.elements].all((1, 2))
+    moving = ~net.held[net.elements].all((1, 2))
     if job.form_finding is None or job.form_finding.method != "fpm" or not moving.any():
         return []
     if net.prestress[moving].any():

@@ -40,9 +40,11 @@ class Net:
     x : (n, 3) [m] start geometry; fixed : (n, 3) bool, per axis
     load : (n, 3) [N]; mass : (n,) [kg] carried; area : (n,) [m2] of surface, tributary, nan: from the faces
     normal : (n, 3) upward unit normal of the surface, nan: from the faces
+    spring : (n, 3) [N/m] of an elastic support, 0: none
     zone : (n,) row of zone_names that the table gives, -1: none
     elements : (m, 2) particle numbers; group : (m,) row of group_names
     section : (m,) [m2]; modulus, yield_stress : (m,) [Pa], inf: elastic; density : (m,) [kg/m3]
+    expansion : (m,) [1/K]
     fracture_strain : (m,), inf: never breaks; bar : (m,) bool, carries compression
     prestress : (m,) [N]; force_density : (m,) [N/m], nan: none; unstressed_length : (m,) [m], nan: none
     outline : (s, 2) segments of the rigid boundary in plan, which close faces but are no elements; numbers
@@ -61,6 +63,7 @@ class Net:
     mass: np.ndarray = _node(0.0, 0.0)
     area: np.ndarray = _node(np.nan)
     normal: np.ndarray = _node(UNKNOWN, UNKNOWN)
+    spring: np.ndarray = _node(NOTHING, NOTHING)
     zone: np.ndarray = _node(-1)
     zone_names: list[str] = field(default_factory=list)
     force_density: np.ndarray = _element("multiplied", np.nan)
@@ -68,6 +71,7 @@ class Net:
     section: np.ndarray = _element(key="area")
     modulus: np.ndarray = _element(key="modulus")
     density: np.ndarray = _element(key="density")
+    expansion: np.ndarray = _element(key="expansion")
     prestress: np.ndarray = _element(key="prestress")
     yield_stress: np.ndarray = _element(key="yield_stress", absent=np.inf)
     fracture_strain: np.ndarray = _element(key="fracture_strain", absent=np.inf)
@@ -87,6 +91,11 @@ class Net:
             if getattr(self, column.name) is None and empty is not None:
                 rows = self.n if column.metadata["entity"] == "node" else self.m
                 setattr(self, column.name, np.full((rows, *np.shape(empty)), empty))
+
+    @property
+    def held(self) -> np.ndarray:
+        """(n, 3) bool, axes with a support of either kind, rigid or elastic."""
+        return self.fixed | (self.spring > 0)
 
     @property
     def n(self) -> int:

@@ -105,8 +105,9 @@ def _cut_at_nodes(net, points, segment, element, span):
     chains = lambda values: np.column_stack([values[:-1], values[1:]])[same]
     notes = [
         f"node {net.node_id[p]} lies within element {net.element_id[net.parts * element[s]]} in plan "
-        "without being an end of it; it counts as a corner of the roof there"
-        for p, s in list(zip(node, row))[:MOST_NAMED]
+        f"without being an end of it{_height_over(net, p, net.undivided()[element[s]], share)}; it counts as "
+        "a corner of the roof there"
+        for p, s, share in list(zip(node, row, t))[:MOST_NAMED]
     ]
     if len(node) > MOST_NAMED:
         notes.append(f"{len(node) - MOST_NAMED} more nodes lie within elements in plan")
@@ -116,6 +117,15 @@ def _cut_at_nodes(net, points, segment, element, span):
         np.concatenate([span[whole], chains(along)]),
         notes,
     )
+
+
+def _height_over(net, p: int, ends, share: float) -> str:
+    """How far node p is from an element between `ends` in height, at a share of its length, in words."""
+    over = float(net.x[p, 2] - (1.0 - share) * net.x[ends[0], 2] - share * net.x[ends[1], 2])
+    if abs(over) <= net.tolerance:
+        return ""
+    word = "above" if over > 0 else "below"
+    return f", {abs(over):.3g} m {word} it (of another layer? name the roof's groups in [roof] groups)"
 
 
 def _crossings(net, points, segment, element) -> list[str]:

@@ -19,6 +19,7 @@ NODE_COLUMNS = (
     "mass",
     "area",
     *(f"normal_{k}" for k in AXES),
+    *(f"spring_{k}" for k in AXES),
     "zone",
 )
 ELEMENT_COLUMNS = (
@@ -73,6 +74,7 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, np.ndarray]:
         mass=nodes.numbers("mass", 0.0, low=0.0, unit="kg"),
         area=nodes.numbers("area", low=0.0, unit="m2"),
         normal=_normals(nodes),
+        spring=np.column_stack([nodes.numbers(f"spring_{k}", 0.0, low=0.0, unit="N/m") for k in AXES]),
         **_zone_column(nodes),
     )
 

@@ -10,8 +10,8 @@ A spoke k at level j (0: at the opening) has the radius r_j. By equilibrium of e
     rings               H_0 / (2 sin(pi / n)), in compression (H + G) / (2 sin(pi / n))
 
 The radials of both layers end in the one compression ring, at z = 0, which their upright parts leave alone.
-Bars have no bending stiffness, without which the ring would give way to an oval at no cost: so it is the inner
-chord of a flat ring truss, whose outer chord and web have no prestress.
+Bars have no bending stiffness, without which the ring would give way to an oval at no cost: so it is the
+inner chord of a flat ring truss, whose outer chord and web have no prestress.
 """
 
 import numpy as np

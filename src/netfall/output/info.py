@@ -1,5 +1,6 @@
 """What `netfall info` tells of a result file."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -59,16 +60,41 @@ def balance_notes(time: np.ndarray, balance: np.ndarray, broken: np.ndarray) -> 
 def print_info(path: Path, say: Callable[[str], None]) -> None:
     """Print a summary of a result file. Elements and nodes are named by the ids of the tables."""
     with open_result(path) as f:
-        say(f"{path}: {title_of(f)}")
-        _run(f, say)
-        if "form_finding" in f:
-            _form(f["form_finding"], say)
-        if "statics" in f:
-            _statics(f, say)
-        if "history" in f:
-            _dynamics(f, say)
-        seconds = f["provenance/timings"].attrs
-        say("time: " + ", ".join(f"{name} {np.max(seconds[name]):.2f} s" for name in seconds))
+        say(f"{path}: {_or_missing(title_of, f)}")
+        parts = {
+            "run": (_run, True),
+            "form finding": (_form, "form_finding" in f),
+            "statics": (_statics, "statics" in f),
+            "dynamics": (_dynamics, "history" in f),
+            "wind": (_wind, "wind" in f),
+            "energies": (_energies, "history" in f),
+            "fractures": (_fractures, "history" in f),
+            "time": (_seconds, True),
+        }
+        for name, (tell, there) in parts.items():
+            if there:
+                missing = _or_missing(tell, f, say)
+                if missing:
+                    say(f"{name}: {missing}")
+
+
+def _or_missing(tell: Callable, *arguments):
+    """What `tell` gives; where the file lacks what it reads, as one of another version may, that in words."""
+    try:
+        return tell(*arguments)
+    except KeyError as error:
+        return f"{missing_name(error)} is not in this file, which another version of netfall wrote"
+
+
+def missing_name(error: KeyError) -> str:
+    """What a file was found to lack."""
+    quoted = re.search(r"'([^']+)'", str(error.args[0]))
+    return quoted[1] if quoted else str(error.args[0])
+
+
+def _seconds(f, say):
+    seconds = f["provenance/timings"].attrs
+    say("time: " + ", ".join(f"{name} {np.max(seconds[name]):.2f} s" for name in seconds))
 
 
 def element_name(f: h5py.File, e: int) -> str:
@@ -91,7 +117,8 @@ def _run(f, say):
     )
 
 
-def _form(g, say):
+def _form(f, say):
+    g = f["form_finding"]
     N = g["tension"][:]
     say(
         f"form finding: {g['iterations'][()]} iterations, residual {g['residual'][()]:.2g} of the prestress, "
@@ -122,16 +149,16 @@ def _dynamics(f, say):
         e = p[f"limit_{name}_element"]
         element = f" (element {element_name(f, e)})" if e >= 0 else ""
         say(f"  step limit {name.replace('_', ' ')}: {p['limit_' + name]:.4g} s{element}")
-    if "wind" in f:
-        u, mean = f["wind/speed"][:], f["wind/mean_speed"][:].mean()
-        of = f"{u.min():.1f} to {u.max():.1f} m/s at {u.shape[1]} control points"
-        say(f"wind: mean {mean:.1f} m/s, generated {of}")
-    _energies(h, say)
-    say(f"slack at the end: {h['slack'][-1]} cables; broken: {h['broken'][-1]} elements")
-    _fractures(f, say)
 
 
-def _energies(h, say):
+def _wind(f, say):
+    u, mean = f["wind/speed"][:], f["wind/mean_speed"][:].mean()
+    of = f"{u.min():.1f} to {u.max():.1f} m/s at {u.shape[1]} control points"
+    say(f"wind: mean {mean:.1f} m/s, generated {of}")
+
+
+def _energies(f, say):
+    h = f["history"]
     at_end = [f"{name.replace('_', ' ')} {h[name][-1]:.4g}" for name in ENERGIES]
     say("energy at the end [J]: " + ", ".join(at_end))
     identity, balance = (np.abs(h[name][:]).max() for name in ("identity_error", "balance_error"))
@@ -144,7 +171,8 @@ def _energies(h, say):
 
 
 def _fractures(f, say):
-    e, ids = f["events"], f["net/node_id"][:]
+    h, e, ids = f["history"], f["events"], f["net/node_id"][:]
+    say(f"slack at the end: {h['slack'][-1]} cables; broken: {h['broken'][-1]} elements")
     nodes = (
         e["node_id"][:] if "node_id" in e else ids[np.minimum(e["particle"][:], len(ids) - 1)]
     )  # older files

@@ -80,7 +80,7 @@ def energies(f):
         t, np.maximum(np.abs(h["identity_error"][:]), floor), color="C5", lw=1, label="work identity"
     )
     below.set_xlabel("time [s]")
-    below.set_ylabel("error / external work [-]")
+    below.set_ylabel("share of the energy [-]")
     below.grid(alpha=0.3)
     below.legend(loc="upper center", bbox_to_anchor=(0.5, -0.32), ncols=2, frameon=False, fontsize=8)
     figure.suptitle(f"{short_title(f)}: energy")

@@ -6,7 +6,9 @@ from mpi4py import MPI
 
 from netfall.job.read import Job
 from netfall.mechanics.fields import FIELDS
+from netfall.net.areas import largest_face
 from netfall.net.build import build_net
+from netfall.solve.model import Model
 from netfall.solve.modes_report import mode_lines
 from netfall.solve.report import (
     features,
@@ -27,6 +29,7 @@ from netfall.timings import Phases
 STEP_NS, STEP_US = 8.0, 2.0
 LARGEST_FORM = 50_000  # elements up to which check also finds the form
 FRAME_BYTES = {"particle": 24 + 12 + 12, "element": 4 + 4 + 4 + 1}  # of the result file, for each state
+MUCH_LARGER = 4.0  # times the usual face of the roof: it may be an opening
 SETUP_BYTES = 500  # per element on rank 0, while the net is read, cut and sent
 
 
@@ -64,7 +67,7 @@ def _describe_net(setup: Setup, say) -> None:
     say(f"{net_line(model)} in groups {', '.join(groups)}")
     L0, N = model.L0, model.N
     say(
-        f"elements: unstressed length {L0.min():.4g} to {L0.max():.4g} m, {L0.sum():.1f} m in all; "
+        f"elements: unstressed length {L0.min():.4g} to {L0.max():.4g} m, {L0.sum():.6g} m in all; "
         f"tension {N.min():.4g} to {N.max():.4g} N"
     )
     own = float((net.density * net.section * L0).sum())
@@ -73,8 +76,19 @@ def _describe_net(setup: Setup, say) -> None:
         f"roof: {model.area.sum():.1f} m2 of surface, {model.plan_area.sum():.1f} m2 in plan; "
         f"closed faces cover {model.roofing.covered:.1%} of the net's outline in plan (its convex hull)"
     )
+    _describe_largest_face(model, say)
     for note in model.notes():
         say(f"note: {note}")
+
+
+def _describe_largest_face(model: Model, say) -> None:
+    """A face much larger than the others, which may be an opening."""
+    area, usual, (x, y) = largest_face(model.x, model.net, model.roofing.faces) or (0.0, 0.0, (0.0, 0.0))
+    if area > MUCH_LARGER * usual:
+        say(
+            f"largest face: {area:.4g} m2 in plan around [{x:.4g}, {y:.4g}], the usual one has {usual:.4g} "
+            f"m2; if it is an opening, leave it out with [roof] openings = [[{x:.4g}, {y:.4g}]]"
+        )
 
 
 def _describe_steps(job: Job, setup: Setup, schedule: Schedule, say) -> None:

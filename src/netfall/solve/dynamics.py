@@ -9,7 +9,8 @@ from netfall.mechanics.fracture import FractureRules, break_elements
 from netfall.net.net import GRAVITY
 from netfall.parallel.halo import Halo
 from netfall.solve.energy import Energies, take_snapshot, total_energies
-from netfall.solve.history import History
+from netfall.solve.history import History, most_strained
+from netfall.solve.loading import carries_weight
 from netfall.solve.loads import VaryingLoads, WindLoad
 from netfall.solve.restart import interrupted
 from netfall.step.loop import Interval
@@ -47,7 +48,7 @@ class Simulation:
             element_gid=distribution.subdomain.element_gid,
             gravity=GRAVITY,
             own_weighs=bool(job.load and job.load.self_weight),
-            carried_weighs=bool(job.load and job.load.dead),
+            carried_weighs=carries_weight(job),
             wind_stays=self.after_fracture != "particle",
             dt=schedule.dt,
             stable_dt=schedule.stable_dt,
@@ -87,6 +88,7 @@ class Simulation:
             self.advance_to(target)
             with self.phases.phase("dynamics: output"):
                 snapshot = self.snapshot()
+                self.watch_strains(snapshot)
                 self.share_events(snapshot.slack)
                 if target in history or target in saves:
                     energies = self.check_energies(snapshot)
@@ -226,6 +228,12 @@ class Simulation:
             slack=self.slack,
             broken=len(self.log.broken),
         )
+
+    def watch_strains(self, snapshot) -> None:
+        """Keep the largest strain so far, for the end of the run."""
+        gid = self.subdomain.element_gid
+        now = most_strained(self.state, self.time, snapshot.eps, snapshot.N, gid)
+        self.history.most_strained = max(self.history.most_strained, now)
 
     def stop_diverged(self, snapshot, kinetic: float) -> None:
         """Name the fastest particle and the element with the largest strain, and stop on every rank."""

@@ -18,6 +18,7 @@ from netfall.mechanics.elements import ElementState, add_tensions, element_energ
 from netfall.mechanics.loads import external_force, squared_speed
 from netfall.mechanics.motion import along_x, along_y, along_z, inverse_mass, kicked, make_kick
 from netfall.mechanics.state import State
+from netfall.mechanics.supports import add_springs, spring_energy
 from netfall.parallel.sums import exact_sums
 
 
@@ -78,14 +79,17 @@ def particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, veloci
 
 
 @kernel
-def observe(rows, part, kick_dt, zeta, share, x, particles, elements, law, f_int, snapshot):
+def observe(rows, part, kick_dt, zeta, share, x, springs, particles, elements, law, f_int, snapshot):
     """All of a snapshot at once, for a call takes as long as any of its parts; the slack cables of this rank.
 
+    springs : x_start, spring, spring_rest, None: no elastic supports
     snapshot : velocity, terms, `ElementState`, stored, heat, as in `Snapshot`, out; f_int : (n, 3) [N], zero
     """
     velocity, terms, now, stored, heat = snapshot
     element_state(x, elements, law, now)
     add_tensions(x, elements.ends, now.N, now.L, f_int)
+    if springs is not None:
+        add_springs(x, springs[0], springs[1], springs[2], f_int)
     particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, velocity, terms)
     element_energies(elements, now, law, stored, heat)
     slack = 0
@@ -99,7 +103,7 @@ def observe(rows, part, kick_dt, zeta, share, x, particles, elements, law, f_int
 class Snapshot:
     """The state at a step n as it is reported: owned particles (rows) and all elements of a rank.
 
-    slack : cables of this rank that are whole and slack
+    slack : cables of this rank that are whole and slack; sprung : (r,) [J] in elastic supports, None: none
     """
 
     rows: np.ndarray
@@ -111,6 +115,7 @@ class Snapshot:
     stored: np.ndarray
     heat: np.ndarray
     slack: int
+    sprung: np.ndarray | None = None
 
 
 def take_snapshot(state: State, before_dt: float, dt: float, zeta: float, share: float) -> Snapshot:
@@ -123,6 +128,7 @@ def take_snapshot(state: State, before_dt: float, dt: float, zeta: float, share:
     N, eps, eps_p, L, stored, heat = np.empty((6, state.m))
     now = ElementState(N, eps, eps_p, L)
     part, kick_dt, f_int = before_dt / (before_dt + dt), 0.5 * (before_dt + dt), np.zeros_like(state.x)
+    springs = (state.x_start, state.spring, state.spring_rest) if state.scene.springs else None
     slack = observe(
         rows,
         part,
@@ -130,13 +136,15 @@ def take_snapshot(state: State, before_dt: float, dt: float, zeta: float, share:
         zeta,
         share,
         state.x,
+        springs,
         state.particles,
         state.elements,
         state.law,
         f_int,
         (velocity, terms, now, stored, heat),
     )
-    return Snapshot(rows, velocity, N, eps, eps_p, terms, stored, heat, slack)
+    sprung = spring_energy(*(array[rows] for array in (state.x, *springs))) if springs else None
+    return Snapshot(rows, velocity, N, eps, eps_p, terms, stored, heat, slack, sprung)
 
 
 def total_energies(comm: MPI.Comm, state: State, snapshot: Snapshot) -> Energies:
@@ -145,4 +153,6 @@ def total_energies(comm: MPI.Comm, state: State, snapshot: Snapshot) -> Energies
     kinetic, damping, external, internal, stored, heat = exact_sums(
         comm, *snapshot.terms, snapshot.stored[mine], snapshot.heat[mine]
     )
+    if state.scene.springs:
+        stored += exact_sums(comm, snapshot.sprung)[0]
     return Energies(kinetic, stored, heat, damping, external, internal)

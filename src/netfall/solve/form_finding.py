@@ -71,10 +71,10 @@ def force_density_form(net: Net) -> np.ndarray:
     ).tocsr()
     x = net.x.copy()
     for k in range(3):
-        free = np.flatnonzero(~net.fixed[:, k])
+        free = np.flatnonzero(~net.held[:, k])
         if not len(free):
             continue
-        held = np.flatnonzero(net.fixed[:, k])
+        held = np.flatnonzero(net.held[:, k])
         rows = matrix[free]
         try:
             x[free, k] = splu(rows[:, free].tocsc()).solve(-rows[:, held] @ net.x[held, k])
@@ -135,7 +135,7 @@ def find_form(
     Collective. net : on rank 0, None elsewhere; stop, resume : as in `relax`.
     """
     x = distribution.particles(None if net is None else net.x)
-    free = 1 - distribution.particles(None if net is None else net.fixed).astype(np.uint8)
+    free = 1 - distribution.particles(None if net is None else net.held).astype(np.uint8)
     given = _Elements(distribution, net, x, settings.modulus_factor)
     largest = lambda N: largest_force(comm, N, given.ends, free)
     if settings.method == "force_density" or settings.start == "force_density":

@@ -4,10 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from netfall.mechanics.state import State
 from netfall.net.net import Net
 
 OF_ENERGY = "share of the largest energy that took part so far"
-AT_REST = 1e-6  # of the energy stored at the start: what moves with less is at rest, and rounding counts
+AT_REST = 1e-4  # of the energy stored at the start: what moves with less is at rest, and rounding counts
+MOST_STRAIN = 0.1  # that any cable bears; what is beyond it without a limit of its own is told
 UNITS = {  # column of /history: unit
     "time": "s",
     "time_step": "s",
@@ -49,6 +51,22 @@ def find_probes(net: Net, places) -> Probes:
     return Probes(np.array(particles, np.int64), np.flatnonzero(np.isin(net.elements, particles).any(1)))
 
 
+NOT_STRAINED = (0.0, 0.0, -1)
+
+
+def most_strained(state: State, time: float, eps: np.ndarray, N: np.ndarray, gid: np.ndarray) -> tuple:
+    """Largest strain beyond MOST_STRAIN of this rank's elements that nothing ever breaks, time, and element.
+
+    time : [s]; eps, N : (m,) strains and axial forces [N]; gid : (m,) global numbers of the elements
+    """
+    if max(eps.max(initial=0.0), -eps.min(initial=0.0)) <= MOST_STRAIN:
+        return NOT_STRAINED
+    endless = np.ones(len(eps), bool) if state.eps_u is None else ~np.isfinite(state.eps_u)
+    strain = np.where(endless & (N != 0.0), np.abs(eps), 0.0)  # a slack cable may hang as it likes
+    e = int(np.argmax(strain))
+    return (float(strain[e]), time, int(gid[e])) if strain[e] > MOST_STRAIN else NOT_STRAINED
+
+
 class History:
     """Rows so far; each has a value for every name of UNITS.
 
@@ -60,6 +78,7 @@ class History:
         self.probes, self.scale = probes, AT_REST * stored
         self.rows: dict[str, list] = {name: [] for name in UNITS}
         self.probe_rows: list[np.ndarray] = []
+        self.most_strained = NOT_STRAINED  # of this rank, since it was started
 
     def __len__(self) -> int:
         return len(self.rows["time"])

@@ -100,3 +100,10 @@ def grows(job: Job) -> bool:
     load = job.load
     there = any(value is not None for value in job.loads("pressure"))
     return bool(job.dynamics and there and load.ramp and not load.steps)
+
+
+def carries_weight(job: Job) -> bool:
+    """Whether what particles carry besides the elements weighs something: dead load, snow."""
+    load = job.load
+    tables = [vars(load), *load.zone.values()] if load else []
+    return any(table.get(key) for table in tables for key in ("dead", "snow"))

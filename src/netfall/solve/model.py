@@ -21,7 +21,7 @@ from netfall.net.zones import Zones, zones_of
 from netfall.parallel import partition
 from netfall.solve.loading import Roof, grows, loading_of
 from netfall.solve.on_roof import by_node, shape_coefficients
-from netfall.solve.start import check_start, check_tensions, unit_notes
+from netfall.solve.start import check_start, check_tensions, low_notes, unit_notes
 from netfall.solve.unused import without_effect
 from netfall.wind.field import GeneratedHistory, make_wind_field
 from netfall.wind.measured import read_measured
@@ -42,7 +42,10 @@ class Model:
     roof: Roof = None  # areas, normals, zones
     x: np.ndarray = None  # m, initial state
     N: np.ndarray = None  # N, there
-    L0: np.ndarray = None  # m
+    L0: np.ndarray = None  # m, at the temperature of the loads
+    cut_length: np.ndarray = None  # m, unstressed, at the temperature of form finding
+    half_mass: np.ndarray = None  # kg, half of each element's own mass
+    spring_rest: np.ndarray = None  # m, displacement at which elastic supports carry nothing
     mass: np.ndarray = None  # kg
     added: np.ndarray = None  # kg, of it, by mass scaling: inertia without weight
     permanent: np.ndarray = None  # N, of what is constant: self weight, dead load
@@ -102,9 +105,9 @@ class Model:
         return self.net.bar
 
     @property
-    def half_mass(self) -> np.ndarray:
-        """(m,) [kg], half of each element's own mass."""
-        return 0.5 * self.net.density * self.net.section * self.L0
+    def support(self) -> np.ndarray:
+        """(n,) [N/m] of elastic supports, the stiffest axis."""
+        return self.net.spring.max(1)
 
     @property
     def yield_force(self) -> np.ndarray:
@@ -188,6 +191,7 @@ def scene_of(job: Job, net: Net) -> Scene:
         fracture=bool(np.isfinite(net.fracture_strain).any()),
         wind=job.wind is not None,
         varying=grows(job),
+        springs=bool(net.spring.any()),
         logarithmic=job.cable.strain == "logarithmic",
         bars=bool(net.bar.any()),
         part_held=bool((net.fixed.any(1) & ~net.fixed.all(1)).any()),
@@ -214,7 +218,9 @@ def set_initial(job: Job, model: Model, x: np.ndarray, N: np.ndarray | None) -> 
         N = np.where(given, elastic_forces(L, L0, EA, net.bar, logarithmic), N)
     model.x, model.N, model.L0 = x, N, L0
     model.notes_of_values += check_start(job, model, L)
-    half = model.half_mass
+    model.cut_length = L0
+    half = model.half_mass = 0.5 * net.density * net.section * L0
+    model.spring_rest = _preload(net, x, N, L) if job.form_finding else np.zeros((net.n, 3))
     own = np.bincount(net.elements[:, 0], half, net.n) + np.bincount(net.elements[:, 1], half, net.n)
     area, plan_area = tributary_areas(x, net, model.roofing.faces)
     model.roof = Roof(area, plan_area, normals(x, net, model.roofing.faces), model.zones)
@@ -223,15 +229,35 @@ def set_initial(job: Job, model: Model, x: np.ndarray, N: np.ndarray | None) -> 
     model.permanent, model.live, model.growing = loading.permanent, loading.live, loading.growing
     model.mass = own + net.mass + loading.carried
     if job.dynamics is not None and job.dynamics.mass_scaling:
-        scaled = scaled_mass(net.elements, EA, L0, model.mass, model.moves, job.dynamics.mass_scaling)
+        scaled = scaled_mass(
+            net.elements, EA, L0, model.mass, model.moves, model.support, job.dynamics.mass_scaling
+        )
         model.added, model.mass = scaled - model.mass, scaled
     if job.wind is not None:
         settings = by_node(job, model.shape_coefficient)
         places = model.history.places if model.history else None
         model.wind_field = make_wind_field(x, area, model.roof.normal, settings, places)
         model.wind = model.wind_field.force
+        model.notes_of_values += low_notes(job, net, x, model.wind)
         model.history = model.history or GeneratedHistory(model.wind_field, job.wind)
         model.mean_wind = model.wind_field.mean_force(model.history.mean_gust)
+
+
+def _preload(net: Net, x: np.ndarray, N: np.ndarray, L: np.ndarray) -> np.ndarray:
+    """Displacements (n, 3) [m] at which springs carry nothing: the form is found with their axes held.
+
+    So each begins with the reaction there, against the tensions N (m,) [N] of elements of length L (m,) [m].
+    """
+    pull = np.zeros((net.n, 3))
+    along = (N / L)[:, None] * (x[net.elements[:, 1]] - x[net.elements[:, 0]])
+    np.add.at(pull, net.elements[:, 0], along)
+    np.subtract.at(pull, net.elements[:, 1], along)
+    return np.divide(-pull, net.spring, out=np.zeros((net.n, 3)), where=net.spring > 0)
+
+
+def warm(job: Job, model: Model) -> None:
+    """Bring unstressed lengths to the temperature of the loads: L0 (1 + expansion temperature)."""
+    model.L0 = model.cut_length * (1.0 + model.net.expansion * job.load.temperature)
 
 
 def _check_normals(job: Job, model: Model) -> None:

@@ -2,7 +2,7 @@
 
 Small vibrations about the rest: K u = omega^2 M u, K the tangent stiffness of all elements,
 
-    k = EA / L0 along an element, N / L across it,
+    k = EA / L0 along an element, N / L across it, the springs of supports,
 
 none of a slack cable; what has yielded answers elastically. Shift-invert Lanczos (ARPACK) about a shift just
 below zero, on rank 0, from a start vector that is always the same. Mass-proportional damping, v' = -zeta v,
@@ -16,7 +16,7 @@ import numpy as np
 from netfall.mechanics.material import largest_stiffness
 from netfall.net.net import Net
 
-STILL = 1e-12  # of the largest diagonal of M^-1 K: an omega^2 below that is rounding, a mode without stiffness
+STILL = 1e-12  # of the largest diagonal of M^-1 K: an omega^2 below that is rounding, a mechanism
 SHIFT = 1e-11  # of the same: how far below zero the shift lies, so that mechanisms can be found too
 DENSE = 300  # free axes up to which all modes are found at once
 SPARE = 4  # modes looked for beyond those asked: equal periods come in pairs, of which none must be missed
@@ -52,9 +52,9 @@ def modes_at(x, net: Net, N, L0, mass, count: int) -> Modes:
     if not len(moves):
         return Modes(np.zeros(0), np.zeros((0, net.n, 3)), 0)
     axial = np.where((N > 0.0) | net.bar, largest_stiffness(net.modulus * net.section, L0), 0.0)
-    stiffness = tangent_stiffness(x, net.elements, N, axial)[moves][:, moves]
+    stiffness = tangent_stiffness(x, net.elements, N, axial) + diags_array(net.spring.ravel())
     root = 1.0 / np.sqrt(np.repeat(mass, 3)[moves])
-    scaled = (diags_array(root) @ stiffness @ diags_array(root)).tocsc()
+    scaled = (diags_array(root) @ stiffness.tocsr()[moves][:, moves] @ diags_array(root)).tocsc()
     values, vectors, unstable = _lowest(scaled, min(count, len(moves)))
     shape = np.zeros((len(values), 3 * net.n))
     shape[:, moves] = (vectors * root[:, None]).T

@@ -18,6 +18,7 @@ from netfall.errors import DivergedError
 from netfall.mechanics.elements import add_tensions
 from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.state import State
+from netfall.mechanics.supports import add_springs
 from netfall.parallel.halo import Halo
 from netfall.parallel.sums import LIMBS, add_exactly, rounded
 from netfall.stop import NEVER, StopRequest
@@ -104,6 +105,7 @@ class Net(NamedTuple):
     free : (n, 3), 1 where the axis can move; ends : (m, 2)
     forces(x, f) : writes the total force f (n, 3) [N] of the owned particles
     stiffness(x) : upper bound (m,) [N/m] of the elements' stiffness at x
+    support : (n,) [N/m] of elastic supports, the stiffest axis, None: none
     """
 
     x: np.ndarray
@@ -111,6 +113,7 @@ class Net(NamedTuple):
     ends: np.ndarray
     forces: Callable[[np.ndarray, np.ndarray], None]
     stiffness: Callable[[np.ndarray], np.ndarray]
+    support: np.ndarray | None = None
 
 
 def relax(
@@ -157,7 +160,7 @@ def relax(
                 raise Paused(Relaxation(iteration, previous, rested, x, v, mass))
         halo.update(f)
         if rested:
-            total = np.zeros(len(x))
+            total = np.zeros(len(x)) if net.support is None else net.support.copy()
             nodal_stiffness(net.ends, net.stiffness(x), total)
             mass[:] = np.where(total > 0.0, 0.5 * MARGIN * total, 1.0)[:, None]
             halo.update(mass)
@@ -196,13 +199,16 @@ def net_of(state: State, load: np.ndarray) -> Net:
         now = state.elements_now()
         f[:] = 0.0
         add_tensions(x, state.ends, now.N, now.L, f)
+        if state.scene.springs:
+            add_springs(x, state.x_start, state.spring, state.spring_rest, f)
         f += load
 
     def stiffness(x):
         now = state.elements_now()
         return largest_stiffness(state.EA, state.L0) + geometric_stiffness(now.N, now.L)
 
-    return Net(state.x, state.free, state.ends, forces, stiffness)
+    support = state.spring.max(1).astype(float) if state.scene.springs else None
+    return Net(state.x, state.free, state.ends, forces, stiffness, support)
 
 
 def geometric_stiffness(N: np.ndarray, L: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from netfall.net.plan import listed
 from netfall.output.info import balance_notes
 from netfall.output.progress import Progress
 from netfall.parallel import partition
-from netfall.solve.history import History, find_probes
+from netfall.solve.history import MOST_STRAIN, History, find_probes, most_strained
 from netfall.solve.model import Model, scene_of
 from netfall.solve.schedule import Schedule, step_at
 from netfall.solve.setup import Setup
@@ -49,7 +49,8 @@ def before_run(job: Job, setup: Setup, schedule: Schedule | None, progress: Prog
 def after_run(
     setup: Setup, log: EventLog, history: History | None, path: Path, phases: Phases, progress: Progress
 ):
-    """The last lines of a run, on rank 0."""
+    """The last lines of a run, on rank 0. Collective."""
+    strained = _most_strained(setup, history)
     if setup.model is None:
         return
     if log.events:
@@ -69,8 +70,32 @@ def after_run(
                 *(np.array(history.rows[k]) for k in ("time", "balance_error", "broken"))
             ):
                 progress.say(note)
+    for note in _strain_notes(setup.model, *strained):
+        progress.say(note)
     progress.say("time: " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in phases.seconds.items()))
     progress.say(f"written: {path}")
+
+
+def _most_strained(setup: Setup, history: History | None) -> tuple[float, float, int]:
+    """Largest strain without a limit, its time [s] and its element, of the run or of its end. Collective."""
+    if history is not None:
+        here = history.most_strained
+    else:
+        N, eps, _, _ = setup.state.elements_now()
+        here = most_strained(setup.state, np.nan, eps, N, setup.distribution.subdomain.element_gid)
+    return max(setup.distribution.comm.allgather(here), key=lambda found: (found[0], -found[2]))
+
+
+def _strain_notes(model: Model, strain: float, time: float, element: int) -> list[str]:
+    """A note on an element that was stretched, or compressed, as no cable bears it. time : [s], nan: none"""
+    if element < 0:
+        return []
+    at = "" if np.isnan(time) else f" at t = {time:.4g} s"
+    return [
+        f"note: element {model.element_name(element)} has a strain of {strain:.3g}{at}, above the "
+        f"{MOST_STRAIN:g} that any cable bears, and no fracture_strain: check loads and units, or give "
+        "[cable] yield_stress and fracture_strain"
+    ]
 
 
 def net_line(model: Model) -> str:
@@ -118,6 +143,8 @@ def starts_moving(job: Job, setup: Setup) -> bool:
     """Whether the start is not in equilibrium, and nothing is done about it before it moves."""
     if has_statics(job):
         return False
+    if job.load and job.load.temperature:
+        return True
     return setup.residual > AT_REST * max(setup.reference, 1e-300) and setup.residual > 0
 
 
@@ -131,8 +158,10 @@ def stages(job: Job) -> list[str]:
     found = []
     if job.form_finding:
         found.append(f"form finding ({job.form_finding.method})")
-    if job.load and job.load.steps:
-        found.append(f"statics ({job.load.steps} load steps)")
+    statics = [f"{job.load.steps} load steps"] if job.load and job.load.steps else []
+    statics += [f"{len(job.cases)} cases"] if job.cases else []
+    if statics:
+        found.append(f"statics ({', '.join(statics)})")
     if job.dynamics:
         found.append(f"dynamics ({job.dynamics.duration:g} s)")
     return found or ["none: the net alone"]

@@ -234,7 +234,7 @@ def sections_of(run: Run, simulation: Simulation | None) -> dict[str, dict]:
             "residual_real_material": of_prestress(setup.residual),
             "position": model.x,
             "tension": model.N,
-            "unstressed_length": model.L0,
+            "unstressed_length": model.cut_length,
         }
     if statics and statics.load_factor:
         names = ("load_factor", "residual", "slack", "iterations")

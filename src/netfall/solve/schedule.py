@@ -61,11 +61,19 @@ def make_schedule(limit: float, dynamics, output) -> Schedule:
 def step_limits(model: Model, scene: Scene, fragment_mass: float) -> dict[str, Limit]:
     """Limits of the explicit step that hold whatever the net does, by name. Rank 0."""
     elements, EA, L0, mass = model.net.elements, model.EA, model.L0, model.mass
-    limits = any_shape_limits(elements, EA, L0, mass, model.moves, model.bar)
+    limits = any_shape_limits(elements, EA, L0, mass, model.moves, model.bar, model.support)
     if scene.fracture and scene.fragments:
         limits.append(
             after_fracture_limit(
-                elements, EA, L0, model.half_mass, mass, ~model.moves, model.eps_u, fragment_mass
+                elements,
+                EA,
+                L0,
+                model.half_mass,
+                mass,
+                ~model.moves,
+                model.eps_u,
+                model.support,
+                fragment_mass,
             )
         )
     return {limit.name: limit for limit in limits}

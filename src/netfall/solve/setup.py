@@ -18,7 +18,7 @@ from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution, cut_net
 from netfall.solve.form_finding import Form, find_form
-from netfall.solve.model import Model, make_model, model_digest, scene_of, set_initial
+from netfall.solve.model import Model, make_model, model_digest, scene_of, set_initial, warm
 from netfall.solve.relaxation import Paused, state_residual
 from netfall.solve.restart import interrupted, pause_form_finding, restore_relaxation, restored_form
 from netfall.solve.schedule import step_limits
@@ -97,7 +97,10 @@ def prepare(
         residual = state_residual(comm, state)
         reference = comm.bcast(_largest_tension(model) if model else None)
         if form is not None:
-            _check_form(job, form, residual)
+            _check_form(job, max(form.reference, reference), residual)
+        if job.load and job.load.temperature:
+            on_root(comm, lambda: warm(job, model))
+            state.L0[:] = distribution.elements(model and model.L0)
         limits = _limits(comm, job, model, scene, state, distribution, halo)
     return Setup(
         model, distribution, state, halo, form, residual, reference, limits, digest, stage, checkpoint
@@ -117,12 +120,12 @@ def _largest_tension(model: Model) -> float:
     return float(np.abs(model.N[model.moves[model.net.elements].any(1)]).max(initial=0.0))
 
 
-def _check_form(job: Job, form: Form, residual: float) -> None:
+def _check_form(job: Job, reference: float, residual: float) -> None:
     """The prestressed net with the real material is in equilibrium too. Raises InputError."""
-    if not residual <= 1.001 * job.form_finding.tolerance * form.reference:
+    if not residual <= 1.001 * job.form_finding.tolerance * reference:
         raise InputError(
             f"{job.path}: [form_finding] tolerance = {job.form_finding.tolerance:g}: the prestressed net "
-            f"with the real material has a residual of {residual / form.reference:.3g} of the prestress; "
+            f"with the real material has a residual of {residual:.3g} N, its tension is {reference:.3g} N; "
             "expected a tolerance that rounding allows"
         )
 

@@ -41,6 +41,8 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
         halo.update(shape)
         force[:] = 0.0
         add_stiffness(shape, s.ends, direction, axial, transverse, force)
+        if s.scene.springs:
+            force[:] += s.spring * shape
         return force[owned] * root[owned]
 
     number = 3 * s.gid[owned, None] + np.arange(3)

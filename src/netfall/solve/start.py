@@ -7,6 +7,7 @@ from netfall.job.read import Job
 from netfall.mechanics.material import strains
 from netfall.net.net import Net
 from netfall.net.plan import listed
+from netfall.wind.coherence import LOWEST_HEIGHT
 
 # Column of the net, unit, least and most that cables are made of, and an example in the right unit.
 PLAUSIBLE = (
@@ -75,6 +76,23 @@ def check_start(job: Job, model, L: np.ndarray) -> list[str]:
     if errors:
         raise InputError(errors)
     return strain_notes(net, eps) + _buckling(net, N)
+
+
+def low_notes(job: Job, net: Net, x: np.ndarray, wind: np.ndarray) -> list[str]:
+    """A note on nodes so near the ground, or below it, that the profile of the wind does not reach them.
+
+    x : (n, 3) [m]; wind : (n, 3) [N s2/m2] force at 1 m/s
+    """
+    height = x[:, 2] + job.wind.base_height
+    low = np.flatnonzero((height < LOWEST_HEIGHT) & wind.any(1) & ~net.fixed.all(1))
+    if not len(low):
+        return []
+    p = low[np.argmin(height[low])]
+    return [
+        f"[wind] base_height = {job.wind.base_height:g}: {len(low)} nodes in the wind are less than "
+        f"{LOWEST_HEIGHT:g} m above ground, the lowest is node {net.node_id[p]} at {height[p]:.4g} m; they "
+        f"get the speed at {LOWEST_HEIGHT:g} m (base_height is the height of z = 0 above ground)"
+    ]
 
 
 def _buckling(net: Net, N: np.ndarray) -> list[str]:

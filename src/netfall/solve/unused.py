@@ -1,14 +1,19 @@
 """Keys and columns that are given but change nothing in this job."""
 
+import difflib
+
 import numpy as np
 
 from netfall.job.read import Job
 from netfall.job.values import shown
 from netfall.net.net import Net
 from netfall.net.zones import Zones, named_zones
+from netfall.solve.loading import grows
+from netfall.solve.statics import has_statics
 from netfall.wind.sectors import Sectors
 from netfall.wind.spectra import intensity
 
+ALIKE = 0.8  # share of letters from which two names of groups may have been meant as one
 OF_GUSTS = ("time_step", "ar_order", "seed", "control_points", "coherence_decay", "spectrum", "gust_length")
 
 
@@ -20,7 +25,9 @@ def without_effect(job: Job, net: Net) -> list[str]:
         there = [key for key in keys if f"{section}.{key}" in given]
         if idle and there:
             notes.append(f"[{section}] {', '.join(there)}: no effect: {why}")
-    return notes + _idle_sections(job, net, given) + _idle_columns(job, net)
+    return (
+        notes + _idle_sections(job, net, given) + _idle_columns(job, net) + _groups_without_section(job, net)
+    )
 
 
 def _idle_keys(job: Job, net: Net) -> list[tuple]:
@@ -53,9 +60,9 @@ def _idle_keys(job: Job, net: Net) -> list[tuple]:
         ]
     if load:
         rows.append(
-            ("load", ("tolerance", "max_iterations"), moves and not load.steps, "steps = 0: no statics")
+            ("load", ("tolerance", "max_iterations"), moves and not has_statics(job), "steps = 0: no statics")
         )
-        idle = not moves or load.steps > 0 or load.pressure is None
+        idle = not grows(job)
         why = "it lets the pressure grow in a dynamic stage without load steps"
         rows.append(("load", ("ramp",), idle, why))
     if form:
@@ -69,6 +76,7 @@ def _idle_keys(job: Job, net: Net) -> list[tuple]:
             ("wind", ("roughness", "turbulence", *OF_GUSTS), bool(wind.file), "the speeds come from file"),
             ("wind", OF_GUSTS, still, f"{none} = 0: there are no gusts"),
             ("wind", ("after_fracture",), not breaks, "nothing can break"),
+            ("wind", ("ramp",), wind.onset == "sudden", 'with onset = "sudden" nothing grows in'),
         ]
     return rows
 
@@ -76,7 +84,7 @@ def _idle_keys(job: Job, net: Net) -> list[tuple]:
 def _idle_sections(job: Job, net: Net, given: set[str]) -> list[str]:
     """Notes on whole sections."""
     load, notes = job.load, []
-    if load and not load.steps and not job.dynamics:
+    if load and not has_statics(job) and not job.dynamics:
         notes.append("[load]: no effect: steps = 0 and there is no [dynamics]")
     weighs = any(job.loads("dead") + job.loads("snow"))
     on_roof = job.wind or weighs or any(value is not None for value in job.loads("pressure"))
@@ -94,8 +102,25 @@ def _idle_sections(job: Job, net: Net, given: set[str]) -> list[str]:
             f"[wind] direction = {job.wind.direction:g}: the shape coefficients do not follow it; "
             "sectors = a table gives them by direction"
         )
-    if "roof.groups" in given and not on_roof:
-        notes.append("[roof] groups: no effect: neither wind nor dead load nor pressure acts on the roof")
+    idle = [key for key in ("groups", "openings") if f"roof.{key}" in given and not on_roof]
+    if idle:
+        notes.append(
+            f"[roof] {', '.join(idle)}: no effect: neither wind nor dead load nor pressure acts on the roof"
+        )
+    return notes
+
+
+def _groups_without_section(job: Job, net: Net) -> list[str]:
+    """Notes on groups of the table that take [cable] while a section has nearly their name."""
+    notes = []
+    for name in net.group_names:
+        close = difflib.get_close_matches(name.lower(), [other.lower() for other in job.groups], 1, ALIKE)
+        if name and name not in job.groups and close:
+            meant = next(other for other in job.groups if other.lower() == close[0])
+            notes.append(
+                f'group "{name}" of the elements has no section [cable.{name}] and takes [cable]; '
+                f'was "{meant}" meant?'
+            )
     return notes
 
 
@@ -120,7 +145,7 @@ def _idle_columns(job: Job, net: Net) -> list[str]:
         notes.append("prestress: no effect: every element has a force_density")
     if net.prestress.any() and np.isfinite(net.unstressed_length).all():
         notes.append("prestress: no effect: every element has an unstressed_length")
-    if net.load.any() and not job.dynamics and not (job.load and job.load.steps):
+    if net.load.any() and not job.dynamics and not has_statics(job):
         notes.append(
             "columns load_x, load_y, load_z: no effect: neither statics ([load] steps) nor [dynamics]"
         )

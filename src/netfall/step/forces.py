@@ -12,6 +12,7 @@ from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.loads import external_force, squared_speed
 from netfall.mechanics.material import force_density
 from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
+from netfall.mechanics.supports import spring_force
 
 
 @part_of_kernel
@@ -67,6 +68,7 @@ def kick_axis(p, i, internal, square, kick, axis, f, particles):
     axis : `motion.Axis`; square : of the wind speed [m2/s2]
     Returns the work [J] of the external, internal and damping forces
     """
+    internal = spring_force(p, internal, axis)
     external = external_force(p, like(internal, 0.0), axis, square, kick.share)
     total = internal + external
     f[i] = total

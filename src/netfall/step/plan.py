@@ -109,6 +109,7 @@ class Plan:
         high = np.concatenate([np.minimum(new + CHUNK, state.n_local), self._high])
         fill_slots(state, zip(low.tolist(), high.tolist()))
         state.invert_masses()
+        state.place_springs()
         state.round_displacements()
         has_yielded = np.zeros(len(low), np.uint8)
         if state.slot_eps_p is not None:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-KARMAN = 70.7809  # 4 B(1/2, 1/3)^2, usually rounded to 70.8: with it the integral is 1
+KARMAN = 70.78013  # 4 B(1/2, 1/3)^2, usually rounded to 70.8: with it the integral is 1
 TAIL = 1e4  # x from which on every shape is x^(-5/3)
 
 

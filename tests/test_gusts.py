@@ -1,0 +1,226 @@
+"""The gusts: spectra, variance, coherence, direction, and what a seed means."""
+
+import itertools
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from netfall.job.schema import SECTIONS
+from netfall.wind.autoregressive import GustRecursion, fit_gust_model
+from netfall.wind.coherence import along_wind, davenport_coherence
+from netfall.wind.field import make_wind_field
+from netfall.wind.spectra import KARMAN, SHAPES, gust_of
+
+DECAY = (8.0, 16.0, 10.0)
+POINTS = np.array([[x, y, 0.0] for x in (-30.0, -10.0, 10.0, 30.0) for y in (0.0, 15.0, 30.0)])
+
+
+def settings(**given):
+    """A [wind] with its defaults, and what is given."""
+    return SimpleNamespace(**({key.name: key.default for key in SECTIONS["wind"]} | given))
+
+
+def model_of(dt, points=POINTS, **given):
+    """The gusts at one point, and their model."""
+    wind = settings(**({"speed": 40.0, "turbulence": 0.2} | given))
+    gust = gust_of(wind)
+    return gust, fit_gust_model(points, np.full(len(points), wind.speed), gust, DECAY, dt, wind.ar_order)
+
+
+def cross_spectra(model, dt, n):
+    """Spectra (f, c, c) [m2/s2/Hz] of a model at frequencies n [Hz], by its transfer function."""
+    c = len(model.noise_root)
+    psi = np.split(model.psi, len(model.lags), axis=1)
+    waves = (np.exp(-2j * np.pi * n * dt * lag)[:, None, None] * a for lag, a in zip(model.lags, psi))
+    transfer = np.linalg.inv(np.eye(c) - sum(waves)) @ model.noise_root
+    return 2 * dt * transfer @ transfer.conj().transpose(0, 2, 1)
+
+
+def own_spectrum(model, dt, n):
+    """The same at each point, mean over them."""
+    return np.einsum("fii->f", cross_spectra(model, dt, n).real) / len(model.noise_root)
+
+
+def of_steps(model, seed, steps):
+    """Histories (steps, c) [m/s]."""
+    recursion = GustRecursion(model, seed)
+    return np.array([recursion.advance() for _ in range(steps)])
+
+
+ABOVE = {  # share of the variance above x = n L / U0, integrated by hand
+    "davenport": lambda x: (1 + x**2) ** (-1 / 3),
+    "kaimal": lambda x: (1 + 6 * x) ** (-2 / 3),
+    "en1991": lambda x: (1 + 10.2 * x) ** (-2 / 3),
+}
+
+
+@pytest.mark.parametrize("spectrum", SHAPES)
+def test_spectra_integrate_to_the_variance(spectrum):
+    """sigma^2 = (I U0)^2 = 6 k U0^2 over all frequencies; what lies above one is the integral by hand."""
+    gust = gust_of(settings(speed=40.0, roughness=0.03, spectrum=spectrum))
+    n = np.geomspace(1e-9, 1e6, 400_001)
+    total = np.trapezoid(gust.spectrum(n) * n, np.log(n))
+    assert total == pytest.approx(6 * 0.03 * 40**2, rel=1e-4)  # x^(-2/3) of 1e6 Hz lies beyond
+    for dt in (0.01, 1.0):
+        x = 0.5 / dt * gust.length / 40.0
+        if spectrum in ABOVE:
+            assert gust.share_above(0.5 / dt) == pytest.approx(ABOVE[spectrum](x), rel=1e-3)  # quadrature
+    assert gust.share_above(0.0 + 1e-9) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_spectra_are_those_of_their_sources():
+    """At 1 Hz and 40 m/s as the sources write them, n S / sigma^2 with their own symbols."""
+    value = lambda name: gust_of(settings(speed=40.0, turbulence=0.2, spectrum=name)).spectrum(1.0)
+    variance, x, f = (0.2 * 40) ** 2, 1200 / 40, 63.2 / 40
+    assert value("davenport") == pytest.approx(4 * (0.2**2 / 6) * 40**2 * x**2 / (1 + x**2) ** (4 / 3))
+    iec = 8.1 * 0.7 * 10 / 40
+    assert value("kaimal") == pytest.approx(variance * 4 * iec / (1 + 6 * iec) ** (5 / 3))
+    assert value("von_karman") == pytest.approx(
+        variance * 4 * f / (1 + 70.8 * f**2) ** (5 / 6), rel=3e-4
+    )  # 70.8 is rounded
+    assert value("en1991") == pytest.approx(variance * 6.8 * f / (1 + 10.2 * f) ** (5 / 3))
+    beta = math.gamma(1 / 2) * math.gamma(1 / 3) / math.gamma(5 / 6)
+    assert KARMAN == pytest.approx(4 * beta**2, rel=1e-6)
+
+
+CASES = [("davenport", dt) for dt in (0.01, 0.05, 0.2, 1.0)]
+CASES += [(name, dt) for name in ("kaimal", "von_karman", "en1991") for dt in (0.05, 1.0)]
+
+
+@pytest.mark.parametrize("spectrum, dt", CASES)
+def test_variance_and_half_octaves_are_the_spectrums(spectrum, dt):
+    """At default lags, of the model itself: the variance below half of 1 / dt, and each half octave of it."""
+    gust, model = model_of(dt, POINTS[::5], spectrum=spectrum)
+    high, share = 0.5 / dt, 1 - gust.share_above(0.5 / dt)
+    n = (np.arange(2**15) + 0.5) * high / 2**15
+    ours = own_spectrum(model, dt, n)
+    # 1e-2: gain by some of the points and on a grid in proportion, the midpoint rule here
+    assert ours.mean() * high == pytest.approx(gust.deviation**2 * share, rel=1e-2)
+    below = lambda n: 1 - gust.share_above(n)
+    low = next(n for n in np.geomspace(1e-3, 1, 200) * 40 / gust.length if below(n) > 0.03)
+    edges = high / 2 ** (0.5 * np.arange(int(2 * np.log2(high / low)) + 1))
+    for upper, lower in itertools.pairwise(edges):
+        n = np.linspace(lower, upper, 200)
+        ratio = np.trapezoid(own_spectrum(model, dt, n), n) / np.trapezoid(gust.spectrum(n), n)
+        assert abs(ratio - 1) < 0.15, (lower, ratio)
+        assert abs(ratio - 1) < abs(model.losses.misfit) + 0.04, (lower, ratio)  # what it tells; finer bands
+
+
+@pytest.mark.parametrize("order", [1, 2, 4, 30])
+def test_the_variance_is_exact_with_any_number_of_lags(order):
+    """The equations between spread lags do not keep it by themselves; what is off is told."""
+    gust, model = model_of(0.05, POINTS[::5], ar_order=order)
+    n = (np.arange(2**15) + 0.5) * 10.0 / 2**15
+    variance = own_spectrum(model, 0.05, n).mean() * 10.0
+    assert variance == pytest.approx(gust.deviation**2 * (1 - gust.share_above(10.0)), rel=1e-2)
+    assert len(model.lags) <= order and model.lags[0] == 1
+    assert (abs(model.losses.misfit) > 0.15) == (order < 10)
+
+
+@pytest.mark.parametrize("dt", [0.05, 1.0])
+def test_histories_have_the_models_variance(dt):
+    """2000 memories of the gust at twelve points."""
+    gust, model = model_of(dt, spectrum="kaimal")
+    steps = int(250 * gust.memory / 40 / dt)
+    u = of_steps(model, 1, steps)
+    asked = gust.deviation**2 * (1 - gust.share_above(0.5 / dt))
+    n = np.geomspace(1e-5, 0.5 / dt, 4000)
+    scatter = np.sqrt(np.trapezoid(gust.spectrum(n) ** 2, n) / (steps * dt)) / asked  # of one point
+    assert u.var(0).mean() == pytest.approx(asked, rel=3 * scatter)
+    assert abs(u.mean()) < 3 * np.sqrt(gust.spectrum(1e-9) / 2 / (steps * dt))
+
+
+ROOF = np.array([[x, y, 0.05 * x] for x in np.linspace(-40, 40, 9) for y in np.linspace(-20, 20, 5)])
+
+
+@pytest.mark.parametrize("direction", [0.0, 30.0, 90.0, -135.0])
+def test_coherence_follows_the_direction(direction):
+    """Control points along the wind, across it and askew, by the model itself."""
+    wind = settings(
+        speed=40.0, turbulence=0.2, direction=direction, shape_coefficient=-1.0, profile_exponent=0.0
+    )
+    field = make_wind_field(ROOF, np.ones(45), np.tile([0.0, 0, 1], (45, 1)), wind)
+    angle = math.radians(direction)
+    axes = np.array(
+        [[math.cos(angle), math.sin(angle), 0], [-math.sin(angle), math.cos(angle), 0], [0, 0, 1]]
+    )
+    n = np.array([0.02, 0.03, 0.1, 0.2, 0.4, 0.8])
+    S = cross_spectra(field.model, 0.05, n)
+    seen = set()
+    for i, j in itertools.combinations(range(len(S[0])), 2):
+        apart = axes @ (field.control_point[i] - field.control_point[j])
+        across = abs(apart[0]) < 1e-9  # else along, or askew
+        seen |= {"across"} if across else {"along"} if abs(apart[1]) < 1e-9 else set()
+        asked = davenport_coherence(n, apart, np.array(DECAY), 40.0)
+        ours = (S[:, i, j] / np.sqrt(S[:, i, i] * S[:, j, j])).real
+        assert np.abs(ours - asked).max() < 0.1, (i, j, ours, asked)  # fit of the default lags: 0.08
+    assert seen == {"along", "across"}
+
+
+def test_direction_is_a_turn_of_the_net():
+    """The same gusts for a net turned with the wind; direction 0 leaves the bits of the places."""
+    turned = along_wind(ROOF, 30.0)
+    area, up = np.ones(45), np.tile([0.0, 0, 1], (45, 1))
+    wind = dict(speed=40.0, shape_coefficient=-1.0)
+    skew = make_wind_field(ROOF, area, up, settings(direction=30.0, **wind))
+    straight = make_wind_field(turned, area, up, settings(**wind))
+    assert np.allclose(along_wind(skew.control_point, 30.0), straight.control_point, atol=1e-12)
+    assert np.allclose(skew.model.psi, straight.model.psi, atol=1e-6)  # ill-conditioned equations
+    assert np.allclose(skew.weight, straight.weight, atol=1e-9)
+    assert (along_wind(ROOF, 0.0) == ROOF).all()
+
+
+def least_correlation(slow, fast, dt, **given):
+    """Of the gusts of one seed over 60 s at two speeds: the least over the points."""
+    a, b = (of_steps(model_of(dt, speed=speed, **given)[1], 5, int(60 / dt)) for speed in (slow, fast))
+    return min(np.corrcoef(a[:, k], b[:, k])[0, 1] for k in range(a.shape[1]))
+
+
+@pytest.mark.parametrize("speeds", [(40.0, 41.0), (20.0, 20.5), (60.0, 61.0)])
+@pytest.mark.parametrize("spectrum", ["davenport", "kaimal"])
+def test_a_seed_has_the_same_gusts_at_neighbouring_speeds(speeds, spectrum):
+    """Correlation above 0.99 at every point; other seeds have others."""
+    assert least_correlation(*speeds, 0.05, spectrum=spectrum) > 0.99
+    model = model_of(0.05, spectrum=spectrum)[1]
+    assert abs(np.corrcoef(of_steps(model, 1, 1200)[:, 0], of_steps(model, 2, 1200)[:, 0])[0, 1]) < 0.7
+
+
+def test_no_pair_of_speeds_has_unrelated_gusts():
+    """Wherever a lag or the length of the burn-in jumps by a step, from 15 to 75 m/s; with few lags too."""
+    speeds = np.arange(15.0, 75.0, 2.5)
+    for slow in speeds:
+        assert least_correlation(slow, 1.02 * slow, 0.5) > 0.99, slow
+    lags = [tuple(model_of(0.5, POINTS[:2], speed=speed)[1].lags) for speed in speeds]
+    assert len(set(lags)) > 10  # the scan does meet borders
+    assert least_correlation(40.0, 41.0, 0.05, ar_order=4) > 0.99
+
+
+def test_noise_is_a_function_of_seed_and_step():
+    """The same numbers whatever was drawn before, also before time 0; others for another seed or step."""
+    model = model_of(0.05, POINTS[:3])[1]
+    a, b = GustRecursion(model, 1), GustRecursion(model, 2)
+    later = a.noise(5).copy()
+    early = a.noise(-70).copy()
+    assert (a.noise(5) == later).all() and (GustRecursion(model, 1).noise(-70) == early).all()
+    drawn = [later, early, b.noise(5), a.noise(6), a.noise(64 + 5)]
+    assert len({row.tobytes() for row in drawn}) == 5
+    assert a.step == 0
+
+
+def test_the_burn_in_forgets_where_it_began():
+    """From rest twice as long before: the same gusts but for 3 % of the standard deviation."""
+    gust, model = model_of(0.2)
+    long = replace(model, burn_in=2 * model.burn_in)
+    a, b = of_steps(model, 1, 300), of_steps(long, 1, 300)
+    assert 0 < np.abs(a - b).max() < 0.03 * gust.deviation
+
+
+def test_turbulence_is_another_word_for_roughness():
+    """k = I^2 / 6."""
+    assert gust_of(settings(speed=40.0, turbulence=0.18)).deviation == pytest.approx(0.18 * 40)
+    a = gust_of(settings(speed=40.0, roughness=0.18**2 / 6)).deviation
+    assert a == pytest.approx(0.18 * 40)
+    assert gust_of(settings(speed=40.0, turbulence=0.0)) is None
