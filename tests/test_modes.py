@@ -1,7 +1,10 @@
 """Periods and modes against closed forms, and what the damping does in a run."""
 
+import re
+
 import numpy as np
 import pytest
+from conftest import run_netfall
 
 from netfall.net.net import Net
 from netfall.solve.modes import modes_at
@@ -99,3 +102,38 @@ def test_mechanisms_and_unstable_rests_are_told_apart():
         assert np.abs(bars.shape[..., :2]).max() < 1e-6  # rounding of the vectors
         pushed = modes_of(net, -100.0, 6)
         assert np.isnan(pushed.period).all() and pushed.unstable == free
+
+
+def numbers(line):
+    """The numbers of a line of `check` after its colon."""
+    return [float(word) for word in re.findall(r"[\d.]+(?:e[+-]?\d+)?(?=,| s$| %)", line)]
+
+
+def test_a_free_decay_has_the_period_and_decrement_that_check_prints(workshop):
+    """A string with masses under a load in the shape of its first mode, put on at once: it swings in this
+    mode alone, with the period T / sqrt(1 - ratio^2) and the logarithmic decrement 2 pi ratio / sqrt(1 - ratio^2).
+    """
+    nodes, count = ["id,x,y,z,fixed,mass,load_z"], 15
+    for k in range(count + 2):
+        shape = np.sin(k * np.pi / (count + 1))
+        nodes.append(f"{k},{k},0,0,{int(k in (0, count + 1))},10,{-10.0 * shape}")
+    elements = ["start,end"] + [f"{k},{k + 1}" for k in range(count + 1)]
+    text = "[cable]\nmodulus = 1e11\narea = 1e-5\ndensity = 7850.0\nprestress = 1e4\n"
+    text += "[dynamics]\nduration = 2.2\ndamping = 0.5\n[output]\nprobes = [[8.0, 0.0]]\nmodes = 2\n"
+    path = workshop.job(text, "\n".join(nodes), "\n".join(elements))
+    done = run_netfall("check", path)
+    lines = {line.split()[0]: line for line in done.stdout.splitlines()}
+    assert "without loads" in lines["modes"], done.stdout
+    period, ratio = numbers(lines["modes"])[0], numbers(lines["damping:"])[1] / 100.0
+    with workshop.run(path) as f:
+        assert f["modes/period"][0] == pytest.approx(period, rel=1e-3)  # digits printed
+        assert f["modes/damping_ratio"][0] == pytest.approx(ratio, rel=1e-3)
+        t, z = f["history/time"][:], f["history/probe_displacement"][:, 0, 2]
+    turns = [k for k in range(1, len(z) - 1) if (z[k] - z[k - 1]) * (z[k + 1] - z[k]) < 0.0][:3]
+    parabolas = [np.polyfit(t[k - 1 : k + 2] - t[k], z[k - 1 : k + 2], 2) for k in turns]
+    when = [t[k] - 0.5 * b / a for k, (a, b, _) in zip(turns, parabolas)]
+    high = [c - 0.25 * b * b / a for a, b, c in parabolas]
+    damped = np.sqrt(1.0 - ratio**2)
+    decrement = 2.0 * np.log((high[0] - high[1]) / (high[2] - high[1]))
+    assert when[2] - when[0] == pytest.approx(period / damped, rel=2e-3)  # 0.03 m of sag stretch it by 1e-3
+    assert decrement == pytest.approx(2.0 * np.pi * ratio / damped, rel=1e-2)  # digits; the same
