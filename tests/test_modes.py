@@ -111,7 +111,7 @@ def numbers(line):
 
 def test_a_free_decay_has_the_period_and_decrement_that_check_prints(workshop):
     """A string with masses under a load in the shape of its first mode, put on at once: it swings in this
-    mode alone, with the period T / sqrt(1 - ratio^2) and the logarithmic decrement 2 pi ratio / sqrt(1 - ratio^2).
+    mode alone, with period T / sqrt(1 - ratio^2) and logarithmic decrement 2 pi ratio / sqrt(1 - ratio^2).
     """
     nodes, count = ["id,x,y,z,fixed,mass,load_z"], 15
     for k in range(count + 2):
