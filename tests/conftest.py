@@ -143,7 +143,7 @@ def workshop(tmp_path, request):
 class BothWays(Workshop):
     """A workshop whose jobs run on one rank and on several, with the same bits."""
 
-    def run(self, job: Path, *arguments, ranks=3, output="result.vtkhdf", code=0):
+    def run(self, job: Path, *arguments, ranks=2, output="result.vtkhdf", code=0):
         """Run a job on one rank and on `ranks`; the result file, open, if both are equal to the bit."""
         one = super().run(job, *arguments, output=output, code=code)
         if code == 0 and ranks > 1:
@@ -154,7 +154,7 @@ class BothWays(Workshop):
 
 @pytest.fixture
 def both_ways(tmp_path):
-    """For validation: each job on one rank and on three."""
+    """For validation: each job on one rank and on two, where a test does not ask for more."""
     return BothWays(tmp_path, standing=True)
 
 

@@ -41,6 +41,7 @@ modulus_factor = 0
 [load]
 self_weight = true
 [wind]
+onset = "sudden"
 speed = 60.0
 shape_coefficient = -3.0
 seed = 3

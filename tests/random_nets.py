@@ -419,6 +419,7 @@ def wind(row: dict, rng, duration: float, tables: dict[str, str]) -> str:
         time_step=duration / 17.0,
         control_points=9,
         seed=int(rng.integers(1000)),
+        onset="sudden",  # the storms have no rest
         after_fracture=row["after_fracture"],
     )
     return section("wind", keys)

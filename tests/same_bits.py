@@ -240,7 +240,13 @@ class Earlier:
         result = kept.with_suffix(".vtkhdf")
         if not kept.exists():
             kept.parent.mkdir(exist_ok=True)
-            done = run(self.source, put_files(case, work / "old"), case)
+            folder = put_files(case, work / "old")
+            if '"onset"' not in "".join(
+                path.read_text() for path in (self.source / "netfall/job").glob("*.py")
+            ):
+                job = folder / "job.toml"  # before there was a choice, all of the wind acted at once
+                job.write_text(job.read_text().replace('onset = "sudden"\n', ""))
+            done = run(self.source, folder, case)
             if done.code < 0:  # killed or hanging: nothing to keep
                 return done
             if done.code == 0:

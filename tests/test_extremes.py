@@ -345,8 +345,8 @@ def test_wind_of_150_metres_a_second(workshop):
     No wind at all is refused as a speed: leave the section out.
     """
     wind = (
-        "[wind]\nspeed = {}\nshape_coefficient = -1.5\n[dynamics]\nduration = 1.0\ndamping = 0.5\n"
-        + QUICK.format(0.01, 5)
+        "[wind]\nonset = 'sudden'\nspeed = {}\nshape_coefficient = -1.5\n"
+        "[dynamics]\nduration = 1.0\ndamping = 0.5\n" + QUICK.format(0.01, 5)
     )
     f = workshop.run(workshop.job(STORM + wind.format(150.0)))
     assert f["history/broken"][-1] > 10
@@ -363,7 +363,7 @@ def test_a_gust_from_nothing_within_a_step(workshop):
     f = workshop.run(
         workshop.job(
             STORM.replace("[load]\ndead = 300.0\n", "")
-            + '[wind]\nfile = "gust.csv"\nshape_coefficient = -1.5\n'
+            + '[wind]\nonset = "sudden"\nfile = "gust.csv"\nshape_coefficient = -1.5\n'
             "[dynamics]\nduration = 1.0\ndamping = 0.5\n" + QUICK.format(0.01, 5)
         )
     )

@@ -224,3 +224,17 @@ def test_turbulence_is_another_word_for_roughness():
     a = gust_of(settings(speed=40.0, roughness=0.18**2 / 6)).deviation
     assert a == pytest.approx(0.18 * 40)
     assert gust_of(settings(speed=40.0, turbulence=0.0)) is None
+
+
+def test_a_recursion_goes_on_from_its_record():
+    """To the bit, within a block of noise and at its border, in a recursion that stands elsewhere."""
+    model = model_of(0.2, POINTS[:4])[1]
+    for stop in (64, 100):
+        whole, first, later = (GustRecursion(model, 7) for _ in range(3))
+        asked = [whole.advance() for _ in range(stop + 80)][stop:]
+        for _ in range(stop):
+            first.advance()
+        record = {name: np.copy(value) for name, value in first.record().items()}
+        later.advance()
+        later.restore(record)
+        assert (np.array([later.advance() for _ in range(80)]) == np.array(asked)).all()

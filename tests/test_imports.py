@@ -32,7 +32,7 @@ MAY_IMPORT = {
 # Package -> the rooms and modules that may import it; numpy and the standard library are free to all.
 PACKAGES = {
     "mpi4py": ["parallel", "step", "output", "solve", "commands", "__main__"],
-    "h5py": ["output", "study", "solve.run", "solve.provenance"],
+    "h5py": ["output", "study", "solve.run", "solve.provenance", "wind.taps"],
     "numba": [  # besides compile: intrinsics, and the version for /provenance
         *("compile", "mechanics.arithmetic", "parallel.mpi_symbols", "parallel.sums", "solve.provenance"),
     ],

@@ -2,9 +2,11 @@
 the mean wind, from which gusts grow in.
 """
 
+import h5py
 import numpy as np
 import pytest
-from scipy.optimize import brentq
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq, fsolve
 
 EA, L0 = 1e6, 5.0  # N, m: two cables from the middle node to supports 5 m away at either side
 CABLE = "[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1000.0\n"
@@ -203,3 +205,116 @@ def test_what_yields_under_the_mean_wind_stays_longer(workshop):
     L = np.hypot(5.0, f["rest/position"][1, 2])
     assert f["final/plastic_strain"][:] == pytest.approx((L - 5) / 5 - 2e-3, rel=1e-6)
     assert f["history/kinetic_energy"][:].max() < 1e-6  # J, of 20 J that the cables store
+
+
+CROSS = (
+    "id,x,y,z,fixed\n0,0,0,0,0\n1,5,0,0,1\n2,0,5,0,1\n3,-5,0,0,1\n4,0,-5,0,1\n",
+    "start,end,group\n0,1,weak\n0,2,\n0,3,\n0,4,\n1,2,\n2,3,\n3,4,\n4,1,\n",
+)
+TORN = (
+    "[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1000.0\n[cable.weak]\nfracture_strain = 2e-4\n"
+    "[load]\ndead = 50.0\n[wind]\nspeed = 20.0\nroughness = 0.0\nshape_coefficient = -1.0\n"
+    'onset = "sudden"\nafter_fracture = "{}"\n[dynamics]\nduration = 20\ndamping = 1.0\nfragment_mass = 0\n'
+    "[output]\nhistory = 0.5\n"
+)
+
+
+def on_three_cables(force):
+    """Where a node on three cables, to (0, +-5) and (-5, 0), rests under an upward force [N]."""
+    ends = np.array([[0, 5, 0], [-5, 0, 0], [0, -5, 0]], float)
+
+    def unbalanced(x):
+        d = ends - x
+        L = np.linalg.norm(d, axis=1)
+        return (EA * np.maximum(L / 5 - 1, 0) / L) @ d + [0, 0, force]
+
+    return fsolve(unbalanced, [-0.05, 0.0, 0.3], xtol=1e-13)
+
+
+@pytest.mark.parametrize("after, share", [("panels", 0.5), ("none", 1.0)])
+def test_panels_at_a_broken_cable_leave_with_their_wind_and_weight(both_ways, after, share):
+    """Four triangles around a node, of which two hang on the cable that breaks: half of it all is left."""
+    f = both_ways.run(both_ways.job(TORN.format(after), *CROSS))
+    assert f["events/element"][:].tolist() == [0] and f["net/tributary_area"][0] == pytest.approx(50.0 / 3.0)
+    q = 0.5 * 1.25 * 20.0**2
+    rest = on_three_cables(share * (q - 50.0) * 50.0 / 3.0)
+    # what the damping of 1/s leaves of the swing after 20 s: exp(-10); no weight of the cables
+    assert f["final/position"][0] == pytest.approx(rest, abs=1e-4)
+    assert np.abs(f["history/identity_error"][:]).max() < 1e-9
+    assert np.abs(f["history/balance_error"][:]).max() < 1e-3
+
+
+def test_panels_take_their_energy_along_whatever_tears(both_ways):
+    """A collapse on one rank and on three: the same bits, and both audits hold."""
+    text = (
+        '[net]\ngenerator = "saddle"\nside = 40.0\nrise = 2.0\ncells = 4\n[cable]\nmodulus = 1e11\n'
+        "area = 5e-4\ndensity = 7850.0\nprestress = 1e5\nyield_stress = 1e9\nfracture_strain = 0.015\n"
+        "[form_finding]\n[load]\ndead = 200.0\nsnow = 100.0\n[wind]\nspeed = 50.0\nturbulence = 0.2\n"
+        'shape_coefficient = -1.5\nonset = "sudden"\nafter_fracture = "panels"\n'
+        "[dynamics]\nduration = 1.0\nsafety = 0.2\n"
+    )
+    f = both_ways.run(both_ways.job(text))
+    assert len(f["events/time"]) > 3
+    assert np.abs(f["history/identity_error"][:]).max() < 1e-9
+    assert np.abs(f["history/balance_error"][:]).max() < 1e-2
+
+
+TAPS = "name,x,y\nA,-1,0\nB,1,0\n"
+
+
+@pytest.mark.parametrize("suffix", ["csv", "h5"])
+def test_pressures_at_taps_rest_under_their_mean_and_act_as_they_are(both_ways, suffix):
+    """Two taps as far from the node as one another: it has the mean of both, from which the rest grows in."""
+    time, a = np.array([0.0, 1.0, 2.0]), np.array([-400.0, -800.0, -400.0])
+    value = np.column_stack([a, a - 200.0])
+    (both_ways.folder / "taps.csv").write_text(TAPS)
+    if suffix == "csv":
+        rows = (",".join(map(str, [t, *row])) for t, row in zip(time, value))
+        (both_ways.folder / "p.csv").write_text("\n".join(["time,A,B", *rows]) + "\n")
+    else:
+        with h5py.File(both_ways.folder / "p.h5", "w") as file:
+            file["time"], file["value"] = time, value
+    text = CABLE + f'[wind]\npressures = "p.{suffix}"\ntaps = "taps.csv"\nramp = 0.5\n' + MOVES.format(time=2)
+    f = both_ways.run(both_ways.job(text, nodes(), ELEMENTS))
+    mean = -700.0  # of both taps over two seconds
+    assert f["rest/position"][1, 2] == pytest.approx(sag(-mean * 4.0), rel=1e-4)
+    assert f["wind/mean_pressure"][1] == pytest.approx(mean)
+    t, pressure = f["wind/time"][:], f["wind/pressure"][:].mean(1)
+    share = np.where(t < 0.5, 0.5 * (1 - np.cos(2 * np.pi * t)), 1.0)
+    assert pressure == pytest.approx(mean + share * (np.interp(t, time, a) - 100.0 - mean), rel=1e-12)
+    # by its own equation of motion, with the pressure of the file, linear between its samples
+    mass = 1000.0 * 1e-4 * 5.0
+    force = lambda t, w: -np.interp(t, f["wind/time"][:], pressure) * 4.0 - pull(w)
+    found = solve_ivp(
+        lambda t, y: [y[1], force(t, y[0]) / mass],
+        (0, 2),
+        [f["rest/position"][1, 2], 0],
+        rtol=1e-9,
+        atol=1e-12,
+    )
+    assert f["history/probe_displacement"][-1, 0, 2] == pytest.approx(found.y[0, -1], rel=2e-3)
+
+
+def pull(w):
+    """Force [N] of the two cables against a sag w [m]."""
+    L = np.hypot(5.0, w)
+    return 2 * EA * (L / L0 - 1) * w / L
+
+
+@pytest.mark.parametrize(
+    "lines, message",
+    [
+        ('pressures = "p.csv"\n', "taps: missing"),
+        ('pressures = "p.csv"\ntaps = "taps.csv"\nspeed = 20\n', "speed and pressures exclude each other"),
+        ('pressures = "p.csv"\ntaps = "taps.csv"\nshape_coefficient = 1\n', "need no coefficients"),
+        ('pressures = "p.csv"\ntaps = "taps.csv"\n', "p.csv: column"),
+    ],
+)
+def test_wrong_pressures_are_refused(workshop, lines, message):
+    """With the place and what to do; nothing is computed."""
+    (workshop.folder / "taps.csv").write_text(TAPS)
+    (workshop.folder / "p.csv").write_text("time,A\n0,1\n2,1\n")
+    done = workshop.run(
+        workshop.job(CABLE + "[wind]\n" + lines + MOVES.format(time=2), nodes(), ELEMENTS), code=2
+    )
+    assert message in done.stderr

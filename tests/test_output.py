@@ -3,12 +3,15 @@ pictures and words.
 """
 
 import subprocess
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall
 from kill_runs import JOB
+
+from netfall.output.info import print_info
 
 pytestmark = pytest.mark.processes
 
@@ -30,6 +33,7 @@ modulus_factor = 0
 pressure = [0.0, 0.0, 200.0]
 steps = 3
 [wind]
+onset = "sudden"
 speed = 60.0
 shape_coefficient = -3.0
 seed = 3
@@ -254,6 +258,31 @@ def test_info_tells_what_happened(storm):
         f"element {storm['events/element'][0]} ",
     ):
         assert words in text, words
+
+
+@pytest.mark.parametrize(
+    "lacking, instead",
+    [
+        ("net/plan_area", []),
+        ("history/identity_error", ["energies: identity_error"]),
+        ("net/node_id", ["statics: node_id", "dynamics: node_id", "fractures: node_id"]),
+        ("events", ["fractures: events"]),
+        ("VTKHDF", ["dynamics: a group"]),
+        ("form_finding/residual_real_material", ["form finding: residual_real_material"]),
+        ("provenance/timings", ["time: timings"]),
+    ],
+)
+def test_info_tells_what_a_file_of_another_version_has(storm, tmp_path, lacking, instead):
+    """Without a dataset or group: a line in the place of what needs it, and all else is told."""
+    path, lines = tmp_path / "old.vtkhdf", []
+    path.write_bytes(Path(storm.filename).read_bytes())
+    with h5py.File(path, "r+") as file:
+        del file[lacking]
+    print_info(path, lines.append)
+    ending = " is not in this file, which another version of netfall wrote"
+    assert [line.removesuffix(ending) for line in lines if line.endswith(ending)] == instead
+    for start in ("net: ", "energy at the end", "slack at the end"):
+        assert any(line.startswith(start) for line in lines), start
 
 
 @pytest.mark.parametrize("verb", ["info", "plot"])

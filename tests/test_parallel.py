@@ -26,6 +26,7 @@ self_weight = true
 pressure = [0.0, 0.0, 300.0]
 steps = 2
 [wind]
+onset = "sudden"
 speed = 80.0
 shape_coefficient = -1.3
 after_fracture = "{after}"
@@ -123,13 +124,15 @@ def test_three_stages_with_slack_and_logarithmic_strain(workshop):
         + STEEL.replace("683.08e-6", "3600e-6")
         + """strain = "logarithmic"
 yield_stress = 1.75e9
+fracture_strain = 0.5
 [form_finding]
 start = "force_density"
 [load]
-pressure = 800.0
+pressure = [0.0, 0.0, -800.0]
 steps = 2
 tolerance = 1e-4
 [wind]
+onset = "sudden"
 speed = 20.0
 shape_coefficient = 0.8
 [dynamics]

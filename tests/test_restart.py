@@ -28,7 +28,10 @@ def same_but_for_the_job(calm, other):
     return assert_same_results(calm, other)
 
 
-@pytest.mark.parametrize("ranks, later", [(1, 3), (3, 1), (2, 4)])
+@pytest.mark.parametrize(
+    "ranks, later",
+    [(1, 4), (3, 2), *(pytest.param(*row, marks=pytest.mark.long) for row in [(1, 3), (3, 1), (2, 4)])],
+)
 def test_restart_on_other_ranks_gives_the_same_bits(workshop, calm, ranks, later):
     """From either of the two checkpoints that are kept, before and after fractures, also when the run had
     finished.
@@ -62,8 +65,15 @@ def test_elements_that_were_taken_out_stay_out_after_a_restart(workshop):
     assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=3, output="again.vtkhdf"))
 
 
-@pytest.mark.parametrize("ranks", [1, 2])
-@pytest.mark.parametrize("number", [signal.SIGUSR1, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "ranks, number",
+    [
+        (1, signal.SIGUSR1),
+        (2, signal.SIGTERM),
+        pytest.param(1, signal.SIGTERM, marks=pytest.mark.long),
+        pytest.param(2, signal.SIGUSR1, marks=pytest.mark.long),
+    ],
+)
 def test_signal_ends_the_run_with_a_checkpoint(workshop, calm, ranks, number):
     """Exit code 4, a line that names the checkpoint, no result file; taken up, the same bits."""
     job = workshop.job(JOB.replace("checkpoint = 0.02", "checkpoint = 0"))
@@ -168,9 +178,8 @@ def test_checkpoint_of_another_job_is_refused(checkpoints, override, message):
 def test_checkpoint_of_other_tables_is_refused(workshop):
     """Another number in the wind's table, or another group of an element, is another job."""
     text = JOB[JOB.index("[cable]") : JOB.index("[form_finding]")] + "[cable.edge]\nyield_stress = 1.6e9\n"
-    text += (
-        '[wind]\nfile = "wind.csv"\nshape_coefficient = -1.0\n[dynamics]\nduration = 0.1\ntime_step = 1e-6\n'
-    )
+    text += '[wind]\nonset = "sudden"\nfile = "wind.csv"\nshape_coefficient = -1.0\n'
+    text += "[dynamics]\nduration = 0.1\ntime_step = 1e-6\n"
     elements = "start,end,group\n1,2,cable\n2,3,cable\n3,1,edge\n"
     job = workshop.job(text, "id,x,y,z,fixed\n1,0,0,0,1\n2,1,1,0,0\n3,2,0,0,1\n", elements)
     (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n1,20\n")
@@ -209,7 +218,7 @@ def test_missing_parts_of_the_result_are_named(checkpoints, tmp_path):
     assert {p.name for p in tmp_path.iterdir()} == {new.name}
 
 
-@pytest.mark.parametrize("kills", [5, pytest.param(20, marks=pytest.mark.long)])
+@pytest.mark.parametrize("kills", [2, pytest.param(20, marks=pytest.mark.long)])
 def test_kills_change_no_bit(kills):
     """kill -9 of a rank, of mpirun, of all, at random moments; restarted on other ranks (kill_runs.py;
     --kills 100 by hand).

@@ -119,7 +119,8 @@ duration = 0.01
 """
 WINDY = (
     BRITTLE.replace("195.0", "1.95e11").replace("fracture_strain = 0.0404\n", "")
-    + "[load]\ndead = 100\n[wind]\nspeed = 20\nshape_coefficient = -1\n[output]\nhistory = 0.002\n"
+    + "[load]\ndead = 100\n[wind]\nonset = 'sudden'\nspeed = 20\nshape_coefficient = -1\n"
+    "[output]\nhistory = 0.002\n"
 )
 
 
@@ -412,7 +413,10 @@ def test_a_strain_that_no_cable_bears_is_said_of_statics(workshop):
 def test_nodes_below_the_wind_s_profile_are_noted(workshop):
     """Of a roof at z = -3, -2 and 5 m with z = 0 at 2 m above ground, two nodes in the wind are too low."""
     nodes = "id,x,y,z,fixed\n1,0,0,5,1\n2,2,0,5,1\n3,2,2,-2,0\n4,0,2,-3,0\n5,5,5,-9,1\n6,6,6,-9,1\n"
-    text = SECTION + "[wind]\nspeed = 20\nshape_coefficient = -1\nroughness = 0\nbase_height = {}\n"
+    text = (
+        SECTION
+        + "[wind]\nonset = 'sudden'\nspeed = 20\nshape_coefficient = -1\nroughness = 0\nbase_height = {}\n"
+    )
     elements = "start,end\n1,2\n2,3\n3,4\n4,1\n5,6\n"
     job = workshop.job(text.format(2) + "[dynamics]\nduration = 1e-3\n", nodes, elements)
     (note,) = [line for line in run_netfall("check", job).stdout.splitlines() if "base_height" in line]

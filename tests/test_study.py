@@ -23,6 +23,7 @@ method = "force_density"
 [load]
 dead = 300.0
 [wind]
+onset = "sudden"
 speed = 90.0
 shape_coefficient = -1.5
 [dynamics]
@@ -139,7 +140,10 @@ def test_fracture_without_the_audit(workshop):
     assert audited["events/mass"][:].min() > 0
 
 
-TABLES = STEEL + '[wind]\nfile = "wind.csv"\nshape_coefficient = -1.0\n[dynamics]\nduration = 0.02\n'
+TABLES = (
+    STEEL
+    + '[wind]\nonset = "sudden"\nfile = "wind.csv"\nshape_coefficient = -1.0\n[dynamics]\nduration = 0.02\n'
+)
 NODES = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,1,0,0\n3,2,0,0,1\n"
 
 

@@ -71,18 +71,22 @@ def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
     L0, h, carried, dt = 10.0, 0.6, 36e3, 5e-4
     mass = carried + HALF * L0
     F = mass * G
-    nodes = csv(
-        "id,x,y,z,fixed,mass,load_x", [(0, 0.0, 0.0, 0.0, 1, 0.0, 0.0), (1, L0 - h, 0.0, 0.0, 0, carried, F)]
+    nodes = csv(  # of the two at [0, 0] the first is the probe
+        "id,x,y,z,fixed,mass,load_z", [(1, 0.0, 0.0, h - L0, 0, carried, -F), (0, 0.0, 0.0, 0.0, 1, 0.0, 0.0)]
     )
+    text = section(strain) + "yield_stress = 1.75e9\n" + timing(1.2, dt, 1, [(0.0, 0.0)])
+    if strain == "logarithmic":  # a scene that another test has; nothing comes near to breaking
+        text = text.replace("yield", "fracture_strain = 0.5\nyield", 1)
+        text = text.replace("[dynamics]\n", "[dynamics]\nfragments = false\n")
     job = both_ways.job(
-        section(strain) + "yield_stress = 1.75e9\n" + timing(1.2, dt, 1, [(L0 - h, 0.0)]),
+        text,
         nodes,
         csv("start,end,unstressed_length", [(0, 1, L0)]),
     )
     f = both_ways.run(job, ranks=2)
     t, L, N = (
         f["history/time"][:],
-        L0 - h + f["history/probe_displacement"][:, 0, 0],
+        L0 - h - f["history/probe_displacement"][:, 0, 2],
         f["history/probe_tension"][:, 0],
     )
     if strain == "engineering":
@@ -209,7 +213,7 @@ def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
     )
 
 
-@pytest.mark.parametrize("strain", MEASURES)
+@pytest.mark.parametrize("strain", ["engineering", pytest.param("logarithmic", marks=pytest.mark.long)])
 def test_cycles_with_slack(both_ways, compare, strain):
     """Paper Fig. 3: a cable and a bar on a heavy mass that swings in two modes:
     load, yield, slack, yield again, slack, up the same line; the bar yields both ways.

@@ -306,6 +306,7 @@ pressure = [0.0, 0.0, 2000.0]
 steps = 10
 tolerance = 1e-10
 [wind]
+onset = "sudden"
 speed = 40.0
 roughness = 0
 shape_coefficient = 0.8

@@ -81,3 +81,13 @@ def not_negative(name, unit, default, meaning, high=None):
 def count(name, default, meaning, low=1, high=None):
     """Row of an integer."""
     return Key(name, "integer", default, "", meaning, low=low, high=high)
+
+
+def choice(name, choices, default, meaning):
+    """Row of one of several words."""
+    return Key(name, "choice", default, "", meaning, choices=choices)
+
+
+def flag(name, default, meaning):
+    """Row of true or false."""
+    return Key(name, "flag", default, "", meaning)

@@ -44,7 +44,8 @@ class Job:
 
     def files(self) -> list[Path]:
         """The files that the job reads: tables of the net and of the wind."""
-        wind = (self.wind.file, self.wind.points, self.wind.sectors) if self.wind else ()
+        tables = ("file", "points", "pressures", "taps", "sectors")
+        wind = [getattr(self.wind, name) for name in tables] if self.wind else []
         named = [self.net.nodes, self.net.elements, *wind]
         return [self.path.parent / name for name in named if name]
 
@@ -128,7 +129,7 @@ def _absurd_counts(job: Job) -> list[str]:
     asked = [("output", "history", duration / job.output.history, "rows", MOST_ROWS)]
     if job.output.checkpoint:
         asked.append(("output", "checkpoint", duration / job.output.checkpoint, "checkpoints", MOST_ROWS))
-    if wind and not wind.file:
+    if wind and wind.speed:
         speeds = duration / wind.time_step * wind.control_points
         asked.append(("wind", "time_step", speeds, "wind speeds", MOST_SAMPLES))
     return [

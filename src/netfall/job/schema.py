@@ -7,21 +7,20 @@ and in jobs/README.md (a test compares the two).
 from types import SimpleNamespace
 
 from netfall.job.dimensions import DIMENSIONS, GENERATOR_KEYS
-from netfall.job.keys import ABSENT, REQUIRED, Key, between, count, not_negative, positive
+from netfall.job.keys import ABSENT, REQUIRED, Key, between, choice, count, flag, not_negative, positive
+from netfall.job.wind_keys import WIND
 
 SECTIONS: dict[str, tuple[Key, ...]] = {
     "": (Key("title", "text", "", "", "what the job is"),),
     "net": (
-        Key("generator", "choice", ABSENT, "", "a net made from dimensions", choices=tuple(GENERATOR_KEYS)),
+        choice("generator", tuple(GENERATOR_KEYS), ABSENT, "a net made from dimensions"),
         Key("nodes", "text", ABSENT, "", "path of nodes.csv, relative to the job file"),
         Key("elements", "text", ABSENT, "", "path of elements.csv, relative to the job file"),
-        Key(
+        choice(
             "unit",
-            "choice",
+            ("m", "cm", "mm", "ft", "in"),
             "m",
-            "",
             "in which the coordinates of nodes.csv stand; all else is in SI units",
-            choices=("m", "cm", "mm", "ft", "in"),
         ),
         count(
             "subdivide",
@@ -32,14 +31,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         *DIMENSIONS,
     ),
     "cable": (
-        Key(
-            "kind",
-            "choice",
-            "cable",
-            "",
-            "cable: tension only; bar: tension and compression",
-            choices=("cable", "bar"),
-        ),
+        choice("kind", ("cable", "bar"), "cable", "cable: tension only; bar: tension and compression"),
         between(1.0, 1e15, "modulus", "Pa", REQUIRED, "Young's modulus"),
         between(1e-12, 1e4, "area", "m2", REQUIRED, "cross-section"),
         between(1e-3, 1e6, "density", "kg/m3", REQUIRED, "mass density"),
@@ -47,24 +39,17 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         positive("yield_stress", "Pa", ABSENT, "yield stress; absent: elastic"),
         positive("fracture_strain", "", ABSENT, "total strain at fracture; absent: nothing breaks"),
         between(-1e-3, 1e-3, "expansion", "1/K", 12e-6, "strain for each K of temperature"),
-        Key("strain", "choice", "engineering", "", "strain measure", choices=("engineering", "logarithmic")),
+        choice("strain", ("engineering", "logarithmic"), "engineering", "strain measure"),
     ),
     "form_finding": (
-        Key(
-            "method",
-            "choice",
-            "fpm",
-            "",
-            "fpm: relaxation of particles; force_density: linear",
-            choices=("fpm", "force_density"),
+        choice(
+            "method", ("fpm", "force_density"), "fpm", "fpm: relaxation of particles; force_density: linear"
         ),
-        Key(
+        choice(
             "start",
-            "choice",
+            ("given", "force_density"),
             "given",
-            "",
             "fpm: start from the given geometry or from the force-density one",
-            choices=("given", "force_density"),
         ),
         not_negative("modulus_factor", "", 1e-3, "fpm: share of the modulus; 0: constant tension", high=1.0),
         Key(
@@ -79,7 +64,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         count("max_iterations", 200_000, "fpm: iterations after which the run gives up"),
     ),
     "load": (
-        Key("self_weight", "flag", False, "", "weight of the elements"),
+        flag("self_weight", False, "weight of the elements"),
         not_negative(
             "dead", "N/m2", 0.0, "weight of the roof's cladding, downward; its mass moves with the particles"
         ),
@@ -117,96 +102,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         ),
         Key("openings", "points", (), "m", "x, y of a point in each face that is an opening"),
     ),
-    "wind": (
-        between(0.1, 200.0, "speed", "m/s", ABSENT, "U0, mean at 10 m above ground"),
-        Key("file", "text", ABSENT, "", "path of a table time, speed, instead of a generated wind"),
-        Key(
-            "points",
-            "text",
-            ABSENT,
-            "",
-            "path of a table name, x, y, z: where the speeds of file were measured, a column each by name",
-        ),
-        between(-360.0, 360.0, "direction", "degrees", 0.0, "where it blows to, from x towards y"),
-        Key("roughness", "number", 0.03, "", "k of the gusts; 0: no gusts", low=0.0, high=0.2),
-        Key(
-            "turbulence",
-            "number",
-            ABSENT,
-            "",
-            "intensity at 10 m, instead of roughness: k = I^2 / 6; 0: no gusts",
-            low=0.0,
-            high=1.0,
-        ),
-        Key(
-            "spectrum",
-            "choice",
-            "davenport",
-            "",
-            "of the gusts",
-            choices=("davenport", "kaimal", "von_karman", "en1991"),
-        ),
-        Key(
-            "gust_length",
-            "number",
-            "auto",
-            "m",
-            "L of the spectrum; auto: 1200, 56.7, 63.2 and 63.2, in the order of the choices, at 10 m",
-            low=0.1,
-            high=1e5,
-            also=("auto",),
-        ),
-        Key(
-            "shape_coefficient",
-            "number",
-            ABSENT,
-            "",
-            "u_s: positive presses on the roof, against the upward normal; negative is suction, which lifts",
-        ),
-        Key(
-            "sectors",
-            "text",
-            ABSENT,
-            "",
-            "path of a table direction, shape_coefficient and columns named as zones are, instead of "
-            "shape_coefficient",
-        ),
-        positive("air_density", "kg/m3", 1.25, "density of the air"),
-        between(1e-4, 60.0, "time_step", "s", 0.05, "time step of the generated histories"),
-        count("ar_order", 14, "largest number of lags of the autoregressive model", high=30),
-        count("seed", 1, "number that the random histories are a function of", low=0, high=2**63 - 1),
-        count(
-            "control_points", 25, "largest number of points at which histories are generated", low=1, high=400
-        ),
-        Key(
-            "coherence_decay",
-            "vector",
-            (8.0, 16.0, 10.0),
-            "",
-            "C of Davenport's coherence along the wind, across, vertical",
-            low=0.0,
-        ),
-        not_negative("profile_exponent", "", 0.16, "of the mean speed over height", high=1.0),
-        Key("base_height", "number", 10.0, "m", "height of z = 0 above ground"),
-        Key(
-            "onset",
-            "choice",
-            "static",
-            "",
-            "static: the roof rests under its loads and the mean wind, then the gusts grow in; "
-            "sudden: all of the wind at t = 0",
-            choices=("static", "sudden"),
-        ),
-        not_negative("ramp", "s", 2.0, "time over which the gusts grow in after a static onset; 0: at once"),
-        Key(
-            "after_fracture",
-            "choice",
-            "particle",
-            "",
-            "what loses the wind at a fracture",
-            choices=("particle", "all", "none"),
-        ),
-    ),
+    "wind": WIND,
     "dynamics": (
         positive("duration", "s", REQUIRED, "simulated time"),
         positive("time_step", "s", "auto", "step of the particles", also=("auto",)),
@@ -220,11 +116,9 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "the step needs it; 0: its half element alone, as in the paper",
             high=0.5,
         ),
-        Key(
+        flag(
             "fragments",
-            "flag",
             True,
-            "",
             "whether a particle splits off where an element breaks, as in the paper; "
             "false: the element is taken out of the net, its mass stays with its ends",
         ),
@@ -236,23 +130,19 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "ask for a short step; with fracture only without fragments",
             high=1.0,
         ),
-        Key(
+        choice(
             "precision",
-            "choice",
+            ("double", "mixed", "single"),
             "double",
-            "",
             "of the steps; mixed: single for forces and velocities; single: for displacements too",
-            choices=("double", "mixed", "single"),
         ),
     ),
     "output": (
         count("frames", 120, "states written over the duration", low=1, high=1_000_000),
         positive("history", "s", 0.01, "between rows of /history"),
-        Key(
+        flag(
             "energy",
-            "flag",
             True,
-            "",
             "audit of the energies; "
             "false saves its cost, and leaves the works and both errors of /history nan",
         ),

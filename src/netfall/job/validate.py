@@ -50,7 +50,7 @@ class Validation:
     def _names(self, data: dict, given: dict) -> None:
         """The names of the sections."""
         for name in given:
-            if name not in SECTIONS:
+            if name == "" or name not in SECTIONS:
                 self.wrong("", f"[{name}]: unknown section; {nearest(name, filter(None, SECTIONS))}")
         for name in SECTIONS:
             if name and name in data and name not in given:
@@ -178,11 +178,17 @@ class Validation:
                     self.wrong("net", f"{name} = {shown(net[name])}: {only}")
 
     def _source_of_the_wind(self, wind: dict) -> None:
-        if "speed" in wind and "file" in wind:
-            self.wrong("wind", "speed and file exclude each other; keep one of the two")
-        elif "speed" not in wind and "file" not in wind:
+        sources = [key for key in ("speed", "file", "pressures") if key in wind]
+        if len(sources) > 1:
+            self.wrong("wind", f"{' and '.join(sources)} exclude each other; keep one of them")
+        elif not sources:
             expected = "a number of m/s > 0, or file = a table of time, speed"
-            self.wrong("wind", f"speed: missing; expected {expected}")
+            self.wrong("wind", f"speed: missing; expected {expected}, or pressures = one of time and taps")
+        if ("pressures" in wind) != ("taps" in wind):
+            missing = "taps" if "pressures" in wind else "pressures"
+            self.wrong(
+                "wind", f"{missing}: missing; pressures in time and the places of their taps go together"
+            )
         if "roughness" in wind and "turbulence" in wind:
             self.wrong(
                 "wind",
@@ -192,7 +198,11 @@ class Validation:
             self.wrong("wind", "points: only with file, whose speeds were measured there; add it")
 
     def _coefficients_of_the_wind(self, wind: dict) -> None:
-        if "shape_coefficient" in wind and "sectors" in wind:
+        if "pressures" in wind:
+            own = [key for key in ("shape_coefficient", "sectors", "zone") if key in wind]
+            if own:
+                self.wrong("wind", f"{', '.join(own)}: pressures at taps need no coefficients; remove it")
+        elif "shape_coefficient" in wind and "sectors" in wind:
             self.wrong("wind", "shape_coefficient and sectors exclude each other; keep one of the two")
         elif "shape_coefficient" not in wind and "sectors" not in wind:
             expected = "a number, or sectors = a table of them by the wind's direction"

@@ -117,6 +117,7 @@ FIELDS = (
     _particle("wind", AXES, STEPPED, "N s2/m2", "wind force at 1 m/s", "wind", kept=True, given=True),
     _particle("speed_before", ONE, STEPPED, "m/s", "wind speed at the last sample", "wind"),
     _particle("speed_after", ONE, STEPPED, "m/s", "wind speed at the next sample", "wind"),
+    _particle("tapped", ONE, np.uint8, "", "there where these are pressures [N/m2] instead", "tapped"),
     _particle("valence", ONE, np.int32, "", "elements attached", "fracture", kept=True, split=1, given=True),
     _particle(
         "work", AXES, np.float64, "J", "work of external, internal and damping forces", "energy", kept=True
@@ -193,6 +194,7 @@ class Scene:
     plastic: bool = False
     fracture: bool = False
     wind: bool = False
+    tapped: bool = False  # the wind is given as pressures in time, which are not squared
     varying: bool = False  # forces besides the wind that vary in time
     logarithmic: bool = False
     bars: bool = False

@@ -10,8 +10,13 @@ from netfall.compile import part_of_kernel
 
 @part_of_kernel
 def squared_speed(p, particles, share):
-    """Square [m2/s2] of the wind speed at particle p, `share` of the way between two samples."""
+    """Square [m2/s2] of the wind speed at particle p, `share` of the way between two samples.
+
+    Of pressures in time [N/m2] the pressure itself.
+    """
     speed = particles.speed_before[p] + share * (particles.speed_after[p] - particles.speed_before[p])
+    if particles.tapped is not None:
+        return speed
     return speed * speed
 
 

@@ -155,6 +155,14 @@ def _shares(points: np.ndarray, faces: Faces, double) -> np.ndarray:
     )
 
 
+def corner_areas(points: np.ndarray, faces: Faces) -> np.ndarray:
+    """Area of surface (c,) [m2] that each corner of each face has of it; points : (k, 3) [m]."""
+    half = 0.25 * turned_triangles(points, faces, lambda u, v: np.linalg.norm(np.cross(u, v), axis=1))
+    area = half.copy()
+    area[faces.next_corner()] += half
+    return area
+
+
 def normals(x: np.ndarray, net: Net, faces: Faces) -> np.ndarray:
     """Upward unit normals (n, 3) of the particles at x (n, 3) [m]; zero where a particle meets no face.
 

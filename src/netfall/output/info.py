@@ -89,7 +89,7 @@ def _or_missing(tell: Callable, *arguments):
 def missing_name(error: KeyError) -> str:
     """What a file was found to lack."""
     quoted = re.search(r"'([^']+)'", str(error.args[0]))
-    return quoted[1] if quoted else str(error.args[0])
+    return quoted[1] if quoted else "a group"
 
 
 def _seconds(f, say):
@@ -152,6 +152,10 @@ def _dynamics(f, say):
 
 
 def _wind(f, say):
+    if "wind/pressure" in f:
+        p = f["wind/pressure"][:]
+        say(f"wind: pressures of {p.min():.4g} to {p.max():.4g} N/m2 at {p.shape[1]} taps")
+        return
     u, mean = f["wind/speed"][:], f["wind/mean_speed"][:].mean()
     of = f"{u.min():.1f} to {u.max():.1f} m/s at {u.shape[1]} control points"
     say(f"wind: mean {mean:.1f} m/s, generated {of}")
@@ -171,8 +175,9 @@ def _energies(f, say):
 
 
 def _fractures(f, say):
-    h, e, ids = f["history"], f["events"], f["net/node_id"][:]
+    h = f["history"]
     say(f"slack at the end: {h['slack'][-1]} cables; broken: {h['broken'][-1]} elements")
+    e, ids = f["events"], f["net/node_id"][:]
     nodes = (
         e["node_id"][:] if "node_id" in e else ids[np.minimum(e["particle"][:], len(ids) - 1)]
     )  # older files

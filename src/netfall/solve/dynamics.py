@@ -6,13 +6,16 @@ from mpi4py import MPI
 from netfall.errors import DivergedError
 from netfall.mechanics.events import Event
 from netfall.mechanics.fracture import FractureRules, break_elements
+from netfall.mechanics.state import State
 from netfall.net.net import GRAVITY
 from netfall.parallel.halo import Halo
 from netfall.solve.energy import Energies, take_snapshot, total_energies
 from netfall.solve.history import History, most_strained
 from netfall.solve.loading import carries_weight
 from netfall.solve.loads import VaryingLoads, WindLoad
+from netfall.solve.probes import LocalProbes
 from netfall.solve.restart import interrupted
+from netfall.solve.tearing import Tearing
 from netfall.step.loop import Interval
 from netfall.step.plan import Plan, halo_width
 
@@ -64,7 +67,10 @@ class Simulation:
         self.slack = 0
         self.stopping = False
         self.look_every = max(1, min(LOOK_STEPS, LOOK_WORK // max(1, distribution.m)))  # steps
-        self._find_probe_rows()
+        self.probes = LocalProbes(self.subdomain, history.probes)
+        self.tearing = None
+        if self.after_fracture == "panels":
+            self.tearing = Tearing(run.comm, distribution, self.model, self.log.broken, schedule.stable_dt)
         with self.phases.phase("time loop"):  # compiled, or loaded
             self.plan.run(Interval(0, 0, 0.0, schedule.dt, self.zeta, 0.0, 1.0), self.phases.of_steps)
 
@@ -137,6 +143,8 @@ class Simulation:
             stop = min(stop, self.loads.due(self.schedule.step_at))
             if self.after_fracture == "all" and not self.log.events:
                 self.advance_until_first_fracture(stop)
+            elif self.tearing:
+                self.advance_with_tearing(stop)
             else:
                 self.advance_block(stop)
             if self.n < target and self.n % self.look_every == 0:
@@ -174,17 +182,42 @@ class Simulation:
         A rank learns of a fracture elsewhere only at the end of a block. The block that holds the first one
         is therefore taken back and stepped again to just behind it; no step waits for a reduction.
         """
-        begin, kept = (self.n, self.before_dt, len(self.events)), self.state.copy()
-        self.advance_block(stop)
-        mine = min((event.step for event in self.events), default=stop)
-        first = self.comm.allreduce(mine, MPI.MIN)
+        first, begin, kept = self.first_fracture(stop)
         if first < stop:
-            self.n, self.before_dt, count = begin
-            self.events, self.state = self.events[:count], kept
-            self.plan.attach(kept)
+            self.take_back(begin, kept)
             self.advance_block(first + 1)
             self.state.wind[:] = 0.0
             self.share_events()
+
+    def advance_with_tearing(self, stop: int) -> None:
+        """For after_fracture = "panels": panels leave in the step of the fracture, on all ranks.
+
+        A block with fractures is stepped again to just behind the first; see `advance_until_first_fracture`.
+        """
+        while self.n < stop:
+            first, begin, kept = self.first_fracture(stop)
+            if first >= stop:
+                return
+            if first + 1 < self.n:
+                self.take_back(begin, kept)
+                self.advance_block(first + 1)
+            known = len(self.log)
+            self.share_events()
+            self.tearing.tear(self.state, {event.element for event in self.log.events[known:]})
+            self.plan.attach(self.state)
+
+    def first_fracture(self, stop: int) -> tuple[int, tuple, State]:
+        """A block up to `stop`: the step of the first fracture in it, and how it began, for `take_back`."""
+        begin, kept = (self.n, self.before_dt, len(self.events)), self.state.copy()
+        self.advance_block(stop)
+        mine = min((event.step for event in self.events), default=stop)
+        return self.comm.allreduce(mine, MPI.MIN), begin, kept
+
+    def take_back(self, begin: tuple, kept: State) -> None:
+        """To where a block began."""
+        self.n, self.before_dt, count = begin
+        self.events, self.state = self.events[:count], kept
+        self.plan.attach(kept)
 
     def share_events(self, slack_here: int = 0) -> None:
         """Broadcast the fractures since the last time, so that every rank knows all of them.
@@ -215,7 +248,7 @@ class Simulation:
         identity = e.kinetic + e.internal + e.damping - e.external
         balance = e.kinetic + strain + plastic + e.damping - e.external
         self.history.add(
-            self._probe_values(snapshot),
+            self.probes.values(self.comm, self.state, snapshot),
             time=self.time,
             time_step=self.schedule.dt,
             kinetic_energy=e.kinetic,
@@ -257,28 +290,6 @@ class Simulation:
             f"out of all proportion to the external work; fastest: {node}, most strained: element {element}; "
             "take a smaller time_step or safety"
         )
-
-    def _find_probe_rows(self) -> None:
-        """Local rows of the probes that this rank owns, each with its place among the probes."""
-        subdomain, probes = self.subdomain, self.history.probes
-        rows = lambda numbers, sought: [
-            (k, int(row)) for k, gid in enumerate(sought) for row in np.flatnonzero(numbers == gid)
-        ]
-        self._probe_rows = rows(subdomain.particle_gid[: subdomain.n_owned], probes.particles)
-        self._probe_elements = rows(subdomain.element_gid, probes.elements)
-
-    def _probe_values(self, snapshot) -> np.ndarray:
-        """Displacements (p, 3) and tensions (k,) of the probes in one row, the same on every rank."""
-        particles, elements = len(self.history.probes.particles), len(self.history.probes.elements)
-        values = np.zeros(3 * particles + elements)
-        for k, row in self._probe_rows:
-            values[3 * k : 3 * k + 3] = self.state.x[row] - self.state.x_start[row]
-        for k, row in self._probe_elements:
-            if self.state.owned[row]:
-                values[3 * particles + k] = snapshot.N[row]
-        values += 0.0  # no negative zeros
-        self.comm.Allreduce(MPI.IN_PLACE, values, MPI.SUM)  # one term each but for zeros, so exact
-        return values
 
     def report(self) -> None:
         """Progress on rank 0."""

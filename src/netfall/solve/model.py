@@ -17,14 +17,14 @@ from netfall.mechanics.stability import scaled_mass
 from netfall.net.areas import Roofing, along_normals, normals, roof_of, tributary_areas
 from netfall.net.build import build_net
 from netfall.net.net import Net
+from netfall.net.panels import Panels, panels_of
 from netfall.net.zones import Zones, zones_of
 from netfall.parallel import partition
-from netfall.solve.loading import Roof, grows, loading_of
+from netfall.solve.loading import Roof, grows, loading_of, pressure_load
 from netfall.solve.on_roof import by_node, shape_coefficients
 from netfall.solve.start import check_start, check_tensions, low_notes, unit_notes
 from netfall.solve.unused import without_effect
-from netfall.wind.field import GeneratedHistory, make_wind_field
-from netfall.wind.measured import read_measured
+from netfall.wind.field import GeneratedHistory, make_wind_field, read_history
 
 
 @dataclass
@@ -51,6 +51,9 @@ class Model:
     permanent: np.ndarray = None  # N, of what is constant: self weight, dead load
     live: np.ndarray = None  # N, the rest of it, which statics bring on in steps
     growing: np.ndarray = None  # N, that grows over [load] ramp
+    carried: np.ndarray = None  # kg, of dead load and snow
+    pressure: np.ndarray = None  # N, of the live load, along the roof
+    panels: Panels = None  # of the cladding, where they can tear off
     wind: np.ndarray = None  # N s2/m2
     mean_wind: np.ndarray = None  # N, force of the mean wind
     shape_coefficient: np.ndarray = None  # of the wind
@@ -164,9 +167,8 @@ def make_model(job: Job, ranks: int) -> Model:
     model = Model(net, roofing, zones, part, source)
     model.shape_coefficient, notes = shape_coefficients(job, zones)
     model.notes_of_values = without_effect(job, net) + notes + unit_notes(net)
-    if job.wind and job.wind.file:
-        model.history = read_measured(job)
-        model.notes_of_history = model.history.notes
+    model.history = read_history(job)
+    model.notes_of_history = model.history.notes if model.history else []
     return model
 
 
@@ -190,6 +192,7 @@ def scene_of(job: Job, net: Net) -> Scene:
         plastic=bool(np.isfinite(net.yield_stress).any()),
         fracture=bool(np.isfinite(net.fracture_strain).any()),
         wind=job.wind is not None,
+        tapped=job.wind is not None and job.wind.pressures is not None,
         varying=grows(job),
         springs=bool(net.spring.any()),
         logarithmic=job.cable.strain == "logarithmic",
@@ -227,7 +230,7 @@ def set_initial(job: Job, model: Model, x: np.ndarray, N: np.ndarray | None) -> 
     _check_normals(job, model)
     loading = loading_of(job, model.roof, own, net.load)
     model.permanent, model.live, model.growing = loading.permanent, loading.live, loading.growing
-    model.mass = own + net.mass + loading.carried
+    model.mass, model.carried = own + net.mass + loading.carried, loading.carried
     if job.dynamics is not None and job.dynamics.mass_scaling:
         scaled = scaled_mass(
             net.elements, EA, L0, model.mass, model.moves, model.support, job.dynamics.mass_scaling
@@ -240,7 +243,24 @@ def set_initial(job: Job, model: Model, x: np.ndarray, N: np.ndarray | None) -> 
         model.wind = model.wind_field.force
         model.notes_of_values += low_notes(job, net, x, model.wind)
         model.history = model.history or GeneratedHistory(model.wind_field, job.wind)
+        if job.wind.after_fracture == "panels":
+            _make_panels(job, model)
         model.mean_wind = model.wind_field.mean_force(model.history.mean_gust)
+
+
+def _make_panels(job: Job, model: Model) -> None:
+    """The panels that can tear off. Raises InputError where there are none, or loads grow on them."""
+    if not len(model.roofing.faces) or np.isfinite(model.net.area).any():
+        raise InputError(
+            f'{job.path}: [wind] after_fracture = "panels": panels are the closed faces of the net, and '
+            "their areas those of the nodes; expected a net with faces and without a column area"
+        )
+    if model.growing is not None:
+        raise InputError(
+            f'{job.path}: [wind] after_fracture = "panels": not together with [load] ramp; remove one of them'
+        )
+    model.panels = panels_of(model.x, model.net, model.roofing.faces)
+    model.pressure = pressure_load(job.load, model.roof) if job.load else np.zeros_like(model.x)
 
 
 def _preload(net: Net, x: np.ndarray, N: np.ndarray, L: np.ndarray) -> np.ndarray:

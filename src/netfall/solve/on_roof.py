@@ -36,8 +36,8 @@ def mean_pressure(job: Job, coefficient: np.ndarray, field: WindField, mean_gust
 
     coefficient : (n,); mean_gust : (c,) [m/s] at the control points, beyond the mean of the field
     """
-    speed = field.mean + np.sum(field.weight * mean_gust[field.corner], axis=1)
-    return coefficient * (0.5 * job.wind.air_density) * speed**2
+    square = field.mean_square(mean_gust)
+    return square if field.tapped else coefficient * (0.5 * job.wind.air_density) * square
 
 
 def load_section(job: Job, zones: Zones) -> dict[str, np.ndarray]:

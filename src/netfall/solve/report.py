@@ -17,6 +17,7 @@ from netfall.solve.model import Model, scene_of
 from netfall.solve.schedule import Schedule, step_at
 from netfall.solve.setup import Setup
 from netfall.solve.statics import StaticPath, has_statics
+from netfall.solve.wind_report import wind_notes
 from netfall.timings import Phases
 
 HALF_DIGIT = 2.0**-25  # of a single-precision number just below 1: what is less is lost when added to it
@@ -199,8 +200,12 @@ def limit_line(limit: Limit, model: Model) -> str:
 
 
 def remarks_of(job: Job, setup: Setup, dt: float) -> list[str]:
-    """What a user should know of the step, of dt [s], and of the probes."""
-    return step_remarks(job, setup, dt) + probe_remarks(setup.model, job.output.probes)
+    """What a user should know of the wind, of the step, of dt [s], and of the probes."""
+    return (
+        wind_notes(job, setup.model)
+        + step_remarks(job, setup, dt)
+        + probe_remarks(setup.model, job.output.probes)
+    )
 
 
 def probe_remarks(model: Model, places) -> list[str]:

@@ -70,10 +70,13 @@ def _idle_keys(job: Job, net: Net) -> list[tuple]:
         why = 'method = "force_density" is one linear solve'
         rows.append(("form_finding", ("start", "modulus_factor", "max_iterations"), linear, why))
     if wind:
-        still = not wind.file and intensity(wind) == 0
+        still = wind.speed and intensity(wind) == 0
+        source = "file" if wind.file else "pressures"
+        of_speed = ("air_density", "direction", "profile_exponent", "base_height")
         none = "roughness" if wind.turbulence is None else "turbulence"
         rows += [
-            ("wind", ("roughness", "turbulence", *OF_GUSTS), bool(wind.file), "the speeds come from file"),
+            ("wind", ("roughness", "turbulence", *OF_GUSTS), not wind.speed, f"the wind comes from {source}"),
+            ("wind", of_speed, bool(wind.pressures), "the wind comes from pressures"),
             ("wind", OF_GUSTS, still, f"{none} = 0: there are no gusts"),
             ("wind", ("after_fracture",), not breaks, "nothing can break"),
             ("wind", ("ramp",), wind.onset == "sudden", 'with onset = "sudden" nothing grows in'),

@@ -17,18 +17,24 @@ EULER = 0.5772
 
 
 def wind_lines(job: Job, model: Model) -> list[str]:
-    """The lines of `check` on the wind, notes last; none without wind."""
+    """The figures of the wind; none without wind."""
     wind = job.wind
     if wind is None:
         return []
-    gust = gust_of(wind)
+    if wind.pressures:
+        return [_tap_line(job, model)]
     if wind.file:
-        lines = _measured_lines(job, model)
-    elif gust is None:
-        lines = [f"wind: steady, {wind.speed:g} m/s at 10 m"]
-    else:
-        lines = _gust_lines(job, model, gust) + _gust_notes(job, model, gust)
-    return lines
+        return _measured_lines(job, model)
+    gust = gust_of(wind)
+    return _gust_lines(job, model, gust) if gust else [f"wind: steady, {wind.speed:g} m/s at 10 m"]
+
+
+def wind_notes(job: Job, model: Model) -> list[str]:
+    """What a user should know of the wind."""
+    if job.wind is None:
+        return []
+    gust = gust_of(job.wind)
+    return _gust_notes(job, model, gust) if gust else []
 
 
 def expected_gust_factor(gust: Gust, dt: float, duration: float) -> float:
@@ -56,6 +62,13 @@ def gust_lengths(job: Job, gust: Gust) -> float:
 
 def wind_section(job: Job, model: Model, time: np.ndarray, gust: np.ndarray) -> dict[str, np.ndarray]:
     """The datasets of /wind from samples at times (t,) [s], gusts (t, c) [m/s]."""
+    if job.wind.pressures:
+        return {
+            "tap": model.wind_field.control_point,
+            "time": time,
+            "pressure": gust,
+            "mean_pressure": mean_pressure(job, None, model.wind_field, model.history.mean_gust),
+        }
     speed = model.wind_field.control_mean + gust
     mean = model.wind_field.control_mean + model.history.mean_gust
     section = {
@@ -87,14 +100,15 @@ def _gust_lines(job: Job, model: Model, gust: Gust) -> list[str]:
     wind, field = job.wind, model.wind_field
     losses, share = field.model.losses, negative_share(field.control_mean, gust.deviation)
     factor = expected_gust_factor(gust, wind.time_step, job.dynamics.duration)
+    little = ", so one seed says little" if gust_lengths(job, gust) < FEW_LENGTHS else ""
     return [
         f"wind: {wind.speed:g} m/s at 10 m, intensity {intensity(wind):.3g} there ({gust.deviation:.3g} m/s, "
         f"{wind.spectrum}); {len(field.control_point)} control points with means of "
         f"{field.control_mean.min():.4g} to {field.control_mean.max():.4g} m/s, {share:.2%} of their speeds "
         "negative",
         f"gusts: the duration holds {gust_lengths(job, gust):.3g} gust lengths "
-        f"({gust.length:g} m / U0 = {gust.length / gust.speed:.3g} s); expected gust factor {factor:.3g} "
-        "at 10 m",
+        f"({gust.length:g} m / U0 = {gust.length / gust.speed:.3g} s){little}; expected gust factor "
+        f"{factor:.3g} at 10 m",
         f"gusts: samples {wind.time_step:g} s apart lack {losses.beyond:.2%} of the variance, which lies "
         f"above {0.5 / wind.time_step:.4g} Hz, and linear interpolation between them takes "
         f"{losses.between:.2%} of the rest; with {len(field.model.lags)} lags the half octave from "
@@ -123,12 +137,15 @@ def _gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
             f"note: [wind] ar_order = {wind.ar_order}: the spectrum is off by {losses.misfit:+.0%} in the "
             f"half octave from {losses.misfit_low:.3g} Hz; more lags fit better"
         )
-    if gust_lengths(job, gust) < FEW_LENGTHS:
-        notes.append(
-            f"note: the duration holds fewer than {FEW_LENGTHS:g} gust lengths: peaks and fractures of one "
-            "seed say little; run several seeds, or longer"
-        )
     return notes
+
+
+def _tap_line(job: Job, model: Model) -> str:
+    mean = model.history.mean_gust
+    return (
+        f"wind: {job.wind.pressures}, pressures at {len(mean)} taps: means of {mean.min():.4g} to "
+        f"{mean.max():.4g} N/m2 over the duration; each node takes the four nearest in plan"
+    )
 
 
 def _measured_lines(job: Job, model: Model) -> list[str]:

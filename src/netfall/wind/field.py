@@ -12,8 +12,9 @@ import numpy as np
 from netfall.compile import kernel
 from netfall.wind.autoregressive import GustModel, GustRecursion, fit_gust_model
 from netfall.wind.coherence import along_wind, mean_speed
-from netfall.wind.measured import place_weights
+from netfall.wind.measured import place_weights, read_measured
 from netfall.wind.spectra import gust_of
+from netfall.wind.taps import read_taps
 
 CLOSEST = 2.0  # m between control points, at the least
 
@@ -25,6 +26,7 @@ class WindField:
     control_point : (c, 3) [m]; control_mean : (c,) [m/s]; model : of the gusts, None without gusts
     mean : (n,) [m/s]; corner : (n, 4) control points around; weight : (n, 4)
     force : (n, 3) [N s2/m2] on each particle at 1 m/s
+    tapped : given are pressures at taps [N/m2] in place of speeds and of their squares; force at 1 N/m2
     """
 
     control_point: np.ndarray
@@ -34,12 +36,17 @@ class WindField:
     corner: np.ndarray
     weight: np.ndarray
     force: np.ndarray
+    tapped: bool = False
 
-    def mean_force(self, mean_gust: np.ndarray) -> np.ndarray:
-        """Force (n, 3) [N] of the mean wind; mean_gust : (c,) [m/s], what the history's mean adds to it."""
+    def mean_square(self, mean_gust: np.ndarray) -> np.ndarray:
+        """Square (n,) [m2/s2] of the mean speed; mean_gust : (c,) [m/s], what the history adds to it."""
         speed = np.empty(len(self.mean))
         particle_speeds(self.mean, self.corner, self.weight, mean_gust, speed)
-        return self.force * (speed * speed)[:, None]
+        return speed if self.tapped else speed * speed
+
+    def mean_force(self, mean_gust: np.ndarray) -> np.ndarray:
+        """Force (n, 3) [N] of the mean wind; mean_gust : as in `mean_square`."""
+        return self.force * self.mean_square(mean_gust)[:, None]
 
 
 def control_grid(x: np.ndarray, limit: int) -> tuple[np.ndarray, np.ndarray]:
@@ -58,9 +65,14 @@ def make_wind_field(
 ) -> WindField:
     """The field for a roof at its start: x (n, 3) [m], tributary area (n,) [m2], upward normals (n, 3).
 
-    places : (c, 3) [m], of a table of speeds at several points
+    places : (c, 3) [m], of a table of speeds at several points, or (c, 2) of pressures at taps
     The force at speed U is -u_s A rho U^2 / 2 along the upward normal: suction (u_s < 0) lifts (Eq. 6, 7).
     """
+    if settings.pressures:
+        corner, weight = place_weights(x, places)
+        still, at_rest = np.zeros(len(places)), np.zeros(len(x))
+        force = -area[:, None] * normal
+        return WindField(places, still, None, at_rest, corner, weight, force, tapped=True)
     force = (-settings.shape_coefficient * 0.5 * settings.air_density * area)[:, None] * normal
     if settings.file:
         return _measured_field(x, force, settings, places)
@@ -135,6 +147,17 @@ def particle_speeds(mean, corner, weight, gust, speed):
         for k in range(4):
             u += weight[p, k] * gust[corner[p, k]]
         speed[p] = u
+
+
+def read_history(job):
+    """The history of measured speeds or of pressures at taps, None: generated. Raises InputError."""
+    wind = job.wind
+    if wind is None or wind.speed:
+        return None
+    if wind.file:
+        return read_measured(job)
+    folder = job.path.parent
+    return read_taps(folder / wind.taps, folder / wind.pressures, job.dynamics.duration)
 
 
 class GeneratedHistory:

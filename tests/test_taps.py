@@ -1,0 +1,95 @@
+"""Pressures at taps: samples from CSV and HDF5, weights at nodes, files that are refused."""
+
+import h5py
+import numpy as np
+import pytest
+
+from netfall.errors import InputError
+from netfall.wind.taps import read_taps
+
+TAPS = "name,x,y\nA,0,0\nB,10,0\nC,0,10\n"
+TIME = np.arange(-2, 200) * 0.05
+VALUES = np.outer(np.sin(TIME), [1.0, -2.0, 0.5])
+
+
+@pytest.fixture
+def files(tmp_path):
+    """The taps, and the same values in both formats."""
+    (tmp_path / "taps.csv").write_text(TAPS)
+    rows = (f"{t!r},{b!r},{a!r},{c!r}\n" for t, (a, b, c) in zip(TIME.tolist(), VALUES.tolist()))
+    (tmp_path / "cp.csv").write_text("time,b,a,C\n" + "".join(rows))
+    with h5py.File(tmp_path / "cp.h5", "w") as file:
+        file["time"], file["value"] = TIME, VALUES
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", ["cp.csv", "cp.h5"])
+def test_samples_are_the_rows_from_time_zero(files, name):
+    """Across blocks of rows, in any order, the last row for all that follow; to the bit in both formats."""
+    history = read_taps(files / "taps.csv", files / name, 9.0)
+    zero = 2
+    for k in (0, 1, 63, 64, 130, 199, 5):
+        time, value = history.sample(k)
+        assert time == TIME[zero + k] and (value == VALUES[zero + k]).all()
+    assert history.sample(5000)[0] == TIME[-1]
+    assert history.record() == ({}, {})
+    fine = np.linspace(0, 9, 90_001)  # multiples of the samples' times
+    mean = np.trapezoid(np.interp(fine, TIME, VALUES[:, 0]), fine) / 9
+    assert np.allclose(history.mean_gust, mean * np.array([1.0, -2.0, 0.5]), rtol=1e-9)
+
+
+def test_a_node_takes_what_is_near(files):
+    """At a tap its own value, between three at one distance their mean, far outside nearly the mean."""
+    history = read_taps(files / "taps.csv", files / "cp.csv", 9.0)
+    x = np.array([[10.0, 0, 3], [5.0, 5, 7], [-3e5, -3e5, 0]])
+    corner, weight = history.weights(x)
+    value = np.array([1.0, -2.0, 0.5])
+    assert np.allclose((weight * value[corner]).sum(1), [-2, -0.5 / 3, -0.5 / 3], atol=1e-3)
+
+
+def wrong_file(folder, time=TIME, value=VALUES):
+    """An HDF5 file with these datasets; path."""
+    with h5py.File(folder / "wrong.h5", "w") as file:
+        file["time"], file["value"] = time, value
+    return folder / "wrong.h5"
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        (dict(value=VALUES[:, :2]), "expected (t,) and (t, 3), a column for each of the 3 taps"),
+        (
+            dict(value=np.where(VALUES == VALUES[70, 1], np.nan, VALUES)),
+            "value: row 70 has what is no number",
+        ),
+        (dict(time=TIME[::-1]), "is not after the row before"),
+        (dict(time=TIME + 1), "covers 0.9 to"),
+        (dict(time=0.5 * TIME), "expected 0 to duration = 9 s"),
+    ],
+)
+def test_wrong_long_files_are_refused(files, change, message):
+    """With file, what is wrong and what is expected."""
+    with pytest.raises(InputError) as error:
+        read_taps(files / "taps.csv", wrong_file(files, **change), 9.0)
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "taps, values, message",
+    [
+        (TAPS, "time,a,b\n0,1,1\n9,1,1\n", "column c is missing"),
+        (TAPS, "time,a,b,c\n0,1,1,\n9,1,1,1\n", "empty cells"),
+        (TAPS + "a,3,3\n", "", "line 5: name = 'a': expected a name of its own"),
+        (TAPS + "d,3,\n", "", "empty cells"),
+    ],
+)
+def test_wrong_tables_are_refused(files, taps, values, message):
+    """With file, line and what is expected."""
+    (files / "taps.csv").write_text(taps)
+    (files / "cp.csv").write_text(values)
+    with pytest.raises(InputError) as error:
+        read_taps(files / "taps.csv", files / "cp.csv", 9.0)
+    assert message in str(error.value)
+    with pytest.raises(InputError) as error:
+        read_taps(files / "points.csv", files / "cp.h5", 9.0)
+    assert "No such file" in str(error.value)
