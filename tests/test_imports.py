@@ -37,14 +37,14 @@ PACKAGES = {
         *("compile", "mechanics.arithmetic", "parallel.mpi_symbols", "parallel.sums", "solve.provenance"),
     ],
     "llvmlite": ["compile", "mechanics.arithmetic", "parallel.mpi_symbols"],
-    "scipy": ["solve.form_finding"],
+    "scipy": ["solve.form_finding", "solve.modes"],
     "shapely": ["net"],
     "pymetis": ["parallel.partition"],
     "matplotlib": [
         *("output.plot", "output.plot_net", "output.plot_roof", "output.plot_curves", "output.plot_style"),
-        "study",
+        *("output.plot_modes", "study"),
     ],
-    "mpl_toolkits": ["output.plot_net"],
+    "mpl_toolkits": ["output.plot_net", "output.plot_modes"],
     "tqdm": ["output.progress"],
 }
 

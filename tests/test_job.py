@@ -8,6 +8,7 @@ import pytest
 from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall
 
 from netfall.errors import InputError
+from netfall.job.dimensions import GENERATOR_KEYS
 from netfall.job.read import read_job
 from netfall.job.schema import REQUIRED, SECTIONS
 
@@ -32,6 +33,9 @@ duration = 0.1
 """
 ALL_KEYS = [(section, key) for section, keys in SECTIONS.items() for key in keys]
 NAMES = [f"{section}.{key.name}".lstrip(".") for section, key in ALL_KEYS]
+
+
+OTHER_DIMENSIONS = {name for names in GENERATOR_KEYS.values() for name in names} - {"side", "rise", "cells"}
 
 
 def wrong_values(key):
@@ -94,8 +98,8 @@ def test_every_key_accepts_its_default(workshop):
     for section, key in ALL_KEYS:
         if key.default in (REQUIRED, None) or key.kind in ("vector", "points"):
             continue
-        if section == "net" and key.name in ("length", "width", "arch_rise", "spacing"):
-            continue  # of the other generator
+        if section == "net" and key.name in OTHER_DIMENSIONS:
+            continue  # of the other generators
         if key.name == "prestress":
             continue  # 0 is valid, but not with form finding
         value = str(key.default).lower() if key.kind == "flag" else repr(key.default).replace("'", '"')
@@ -204,6 +208,9 @@ def test_malformed_table_is_refused_with_its_line(workshop, name):
         (["net.cells=20000", "net.subdivide=10000"], "at most"),
         (["net.generator=stadium", "net.spacing=1e-5"], "spacing"),
         (["net.generator=stadium", "net.spacing=60"], "too wide"),
+        (["net.generator=wheel", "net.spokes=1000000", "net.hoops=100000"], "at most"),
+        (["net.generator=wheel", "net.spokes=10"], "a multiple of 4"),
+        (["net.generator=wheel", "net.opening=130"], "less than diameter"),
         (["cable.q.area=1"], "no element is of this group"),
         (["cable.prestress=2e6", "cable.yield_stress=1e6"], "yield force"),
         (["net.nodes=n.csv"], "exclude each other"),
@@ -215,7 +222,7 @@ def test_impossible_combinations_are_refused(workshop, overrides, message):
     """Values that are fine alone but not together, and sizes that no machine holds."""
     from netfall.net.build import build_net
 
-    text = WHOLE if "stadium" not in str(overrides) else WHOLE.replace("cells = 4", "")
+    text = WHOLE.replace("cells = 4", "") if "net.generator" in str(overrides) else WHOLE
     with pytest.raises(InputError) as raised:
         build_net(read_job(workshop.job(text), overrides))
     assert any(message in line for line in raised.value.lines), raised.value.lines

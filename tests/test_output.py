@@ -308,12 +308,20 @@ def test_result_keeps_the_old_file_until_the_new_one_is_whole(workshop):
     assert {p.name for p in workshop.folder.iterdir()} == {"job.toml", "result.vtkhdf"}
 
 
-@pytest.mark.parametrize("name", ["saddle", "stadium", "olympia"])
+@pytest.mark.parametrize("name", ["saddle", "stadium", "olympia", "wheel"])
 def test_shipped_jobs_are_valid_and_described(name):
     """`netfall check` of each shipped job: sizes, limits, memory and expected run time."""
     done = run_netfall("check", ROOT / "jobs" / f"{name}.toml")
     assert done.returncode == 0, done.stderr
-    for words in ("valid", "particles", "stable step", "memory:", "expected run time"):
+    for words in (
+        "valid",
+        "particles",
+        "stable step",
+        "memory:",
+        "expected run time",
+        "modes ",
+        "of the critical",
+    ):
         assert words in done.stdout, words
 
 

@@ -218,7 +218,7 @@ def test_foreign_or_damaged_partition_is_refused(workshop, damage, message):
     assert message in done.stderr and "netfall partition" in done.stderr
 
 
-@pytest.mark.parametrize("name", ["saddle", "stadium", "olympia"])
+@pytest.mark.parametrize("name", ["saddle", "stadium", "olympia", "wheel"])
 def test_shipped_partitions_belong_to_the_shipped_jobs(name):
     """partitions/ holds what `netfall partition` writes for the jobs as they are."""
     from netfall.job.read import read_job

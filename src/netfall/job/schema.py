@@ -6,13 +6,14 @@ and in jobs/README.md (a test compares the two).
 
 from types import SimpleNamespace
 
+from netfall.job.dimensions import DIMENSIONS, GENERATOR_KEYS
 from netfall.job.keys import ABSENT, REQUIRED, Key, between, choice, count, flag, not_negative, positive
 from netfall.job.wind_keys import WIND
 
 SECTIONS: dict[str, tuple[Key, ...]] = {
     "": (Key("title", "text", "", "", "what the job is"),),
     "net": (
-        choice("generator", ("saddle", "stadium"), ABSENT, "a net made from dimensions"),
+        choice("generator", tuple(GENERATOR_KEYS), ABSENT, "a net made from dimensions"),
         Key("nodes", "text", ABSENT, "", "path of nodes.csv, relative to the job file"),
         Key("elements", "text", ABSENT, "", "path of elements.csv, relative to the job file"),
         choice(
@@ -27,15 +28,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "elements for each net segment; new nodes between two fixed ones are fixed",
             high=10_000,
         ),
-        between(1e-3, 1e6, "side", "m", 73.2, "saddle: side of the square in plan"),
-        between(
-            -1e6, 1e6, "rise", "m", 3.66, "saddle: height of the boundary's high points above the middle"
-        ),
-        count("cells", 8, "saddle: cells along a side", low=2, high=20_000),
-        between(1e-3, 1e6, "length", "m", 88.0, "stadium: long axis of the ellipse"),
-        between(1e-3, 1e6, "width", "m", 66.0, "stadium: short axis of the ellipse"),
-        between(-1e6, 1e6, "arch_rise", "m", 10.0, "stadium: rise of the parabolic arch"),
-        positive("spacing", "m", 2.2, "stadium: distance of the cables"),
+        *DIMENSIONS,
     ),
     "cable": (
         choice("kind", ("cable", "bar"), "cable", "cable: tension only; bar: tension and compression"),
@@ -155,6 +148,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         ),
         Key("probes", "points", (), "m", "x, y of particles whose histories are kept"),
         not_negative("checkpoint", "s", 0.0, "simulated time between checkpoints; 0: none"),
+        count("modes", 0, "modes of the net where dynamics begins, lowest first; 0: none", low=0, high=1000),
     ),
 }
 
@@ -184,7 +178,6 @@ OVERRIDES: dict[str, tuple[str, tuple[Key, ...]]] = {
 }
 
 CASE_KEYS = _rows("load", "snow", "pressure")  # of [load] and [load.zone.NAME]: what is not permanent
-GENERATOR_KEYS = {"saddle": ("side", "rise", "cells"), "stadium": ("length", "width", "arch_rise", "spacing")}
 
 
 def defaults(section: str) -> SimpleNamespace:

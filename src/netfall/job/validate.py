@@ -2,8 +2,9 @@
 
 from types import SimpleNamespace
 
+from netfall.job.dimensions import GENERATOR_KEYS
 from netfall.job.keys import REQUIRED, Key
-from netfall.job.schema import CASE_KEYS, GENERATOR_KEYS, LISTS, OVERRIDES, SECTIONS
+from netfall.job.schema import CASE_KEYS, LISTS, OVERRIDES, SECTIONS
 from netfall.job.values import fits, nearest, shown
 
 
@@ -158,8 +159,8 @@ class Validation:
             missing = "elements" if "nodes" in net else "nodes"
             self.wrong("net", f"{missing}: missing; tables come as a pair, nodes and elements")
         elif "generator" not in net and not tables:
-            expected = 'generator = "saddle" or "stadium", or nodes and elements'
-            self.wrong("net", f"generator: missing; expected {expected}")
+            names = ", ".join(map(shown, GENERATOR_KEYS))
+            self.wrong("net", f"generator: missing; expected one of {names}, or nodes and elements")
         if net.get("unit", "m") != "m" and not tables:
             self.wrong("net", f"unit = {shown(net['unit'])}: only for tables; dimensions are in m")
 

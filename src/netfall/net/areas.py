@@ -15,6 +15,7 @@ REMEDY = (
     "name in [roof] groups the groups of elements whose faces carry the roof, mend the drawing, or give in "
     "nodes.csv `area` and, for wind and for pressure along the normal, normal_x, normal_y, normal_z"
 )
+PLAIN = ("saddle", "stadium")  # generators of nets of one layer whose elements meet at their ends alone
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ def roof_of(job: Job, net: Net) -> Roofing:
     groups = roof_groups(job)
     chosen = np.isin(net.group, [g for g, name in enumerate(net.group_names) if name in groups])
     carries = chosen[:: net.parts] if groups else np.ones(net.m // net.parts, bool)
-    plan = draw_plan(net, carries, checked=bool(job.net.nodes))
+    plan = draw_plan(net, carries, checked=job.net.generator not in PLAIN)
     if plan.errors:
         if _needs_faces(job, net):
             raise InputError([f"{job.path}: {error}; {REMEDY}" for error in plan.errors])

@@ -36,25 +36,13 @@ def build_net(job: Job) -> Net:
 
 
 def _from_generator(job: Job) -> Net:
-    name = job.net.generator
-    size = generators.expected_size(name, job.net)
-    if not size <= MOST_ELEMENTS:
-        size_key = "cells" if name == "saddle" else "spacing"
-        raise InputError(
-            f"{job.path}: [net] {size_key} = {getattr(job.net, size_key):g}: asks for {size:.3g} elements; "
-            f"at most {MOST_ELEMENTS:.0e} fit"
-        )
-    if name == "saddle":
-        net = generators.saddle(job.net.side, job.net.rise, job.net.cells)
-    else:
-        if job.net.spacing > 0.25 * min(job.net.length, job.net.width):
-            raise InputError(
-                f"{job.path}: [net] spacing = {job.net.spacing:g}: too wide for the roof; "
-                f"expected at most {0.25 * min(job.net.length, job.net.width):g} m, "
-                "a quarter of the shorter axis"
-            )
-        net = generators.stadium(job.net.length, job.net.width, job.net.arch_rise, job.net.spacing)
+    wrong = generators.wrong_dimensions(job.net, MOST_ELEMENTS)
+    if wrong:
+        raise InputError(f"{job.path}: [net] {wrong}")
+    net = generators.generate(job.net)
+    given = net.prestress
     _set_sections(job, net)
+    net.prestress = net.prestress if given is None else given
     return net
 
 

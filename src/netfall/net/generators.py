@@ -1,10 +1,12 @@
-"""The paper's two nets, with all dimensions as parameters: saddle (4.1) and stadium (4.2)."""
+"""Nets from dimensions: those of the paper, saddle (4.1) and stadium (4.2), and the wheel (wheel.py)."""
 
 from itertools import pairwise
 
 import numpy as np
 
+from netfall.job.dimensions import GENERATOR_KEYS
 from netfall.net.net import Net
+from netfall.net.wheel import wheel
 
 SNAP = 1e-3  # of the spacing: a grid point this close to the ellipse is a support on it
 
@@ -126,8 +128,32 @@ def _in_order(along_x, along_y):
     return elements[order], group[order]
 
 
-def expected_size(name: str, net) -> float:
-    """Number of elements that a generator would make, to refuse absurd ones before they are made."""
-    if name == "saddle":
-        return 2.0 * net.cells**2
-    return 2.0 * (np.pi / 8) * (net.length / net.spacing) * (net.width / net.spacing)
+def generate(net) -> Net:
+    """The net of a section [net] with a generator."""
+    make = {"saddle": saddle, "stadium": stadium, "wheel": wheel}[net.generator]
+    return make(*(getattr(net, key) for key in GENERATOR_KEYS[net.generator]))
+
+
+def wrong_dimensions(net, most: int) -> str:
+    """What is wrong with the dimensions of a section [net], in words: too many elements, or no roof."""
+    key, size = {
+        "saddle": ("cells", lambda: 2.0 * net.cells**2),
+        "stadium": (
+            "spacing",
+            lambda: 2.0 * (np.pi / 8) * (net.length / net.spacing) * (net.width / net.spacing),
+        ),
+        "wheel": ("spokes", lambda: net.spokes * (4.0 * net.hoops + 10.0)),
+    }[net.generator]
+    given = f"{key} = {getattr(net, key):g}:"
+    if not size() <= most:
+        return f"{given} asks for {size():.3g} elements; at most {most:.0e} fit"
+    if net.generator == "stadium" and net.spacing > 0.25 * min(net.length, net.width):
+        return (
+            f"{given} too wide for the roof; expected at most {0.25 * min(net.length, net.width):g} m, "
+            "a quarter of the shorter axis"
+        )
+    if net.generator == "wheel" and net.spokes % 4:
+        return f"{given} expected a multiple of 4, for the supports a quarter of the ring apart"
+    if net.generator == "wheel" and not net.opening < net.diameter:
+        return f"opening = {net.opening:g}: expected less than diameter = {net.diameter:g} m"
+    return ""

@@ -11,6 +11,7 @@ import matplotlib.pyplot as plt
 
 from netfall.output.info import missing_name, open_result
 from netfall.output.plot_curves import displacements, energies, load_displacement, tensions, wind
+from netfall.output.plot_modes import modes
 from netfall.output.plot_net import collapse, form
 from netfall.output.plot_roof import has_roof, roof
 
@@ -31,6 +32,7 @@ def plot_all(result: Path, folder: Path) -> tuple[list[Path], list[str]]:
             ("roof", roof, has_roof(f)),
             ("load_displacement", load_displacement, "statics" in f),
             ("collapse", collapse, "history" in f),
+            ("modes", modes, "modes" in f and len(f["modes/period"])),
             ("energies", energies, "history" in f),
             ("tensions", tensions, "history" in f),
             ("displacements", displacements, "history" in f and _has_probes(f["history"])),

@@ -144,6 +144,13 @@ class Result:
             self.file.create(f"{group}/{name}", np.float64, tail, total)
             self.file.append(f"{group}/{name}", block, total)
 
+    def write_whole(self, group: str, datasets: dict[str, np.ndarray] | None) -> None:
+        """Datasets that rank 0 gives whole, None elsewhere, kept from now on."""
+        for name, values in self.comm.bcast(datasets).items():
+            low, high = self.file.slabs.bounds(len(values))[self.comm.rank : self.comm.rank + 2]
+            self.file.create(f"{group}/{name}", values.dtype, values.shape[1:], max(1, len(values)))
+            self.file.append(f"{group}/{name}", values[low:high], len(values))
+
     def write_final(self, state: State, snapshot) -> None:
         """The last state in full precision, /final."""
         points, cells = self.log.points, self.distribution.m

@@ -9,6 +9,7 @@ from netfall.mechanics.fields import FIELDS
 from netfall.net.areas import largest_face
 from netfall.net.build import build_net
 from netfall.solve.model import Model
+from netfall.solve.modes_report import mode_lines
 from netfall.solve.report import (
     features,
     form_line,
@@ -56,6 +57,8 @@ def check_job(job: Job, say: Callable[[str], None]) -> None:
     if schedule:
         _describe_steps(job, setup, schedule, say)
     _describe_memory(job, setup, say)
+    for line in mode_lines(short, setup):
+        say(line)
 
 
 def _describe_net(setup: Setup, say) -> None:

@@ -62,6 +62,7 @@ def most_strained(state: State, time: float, eps: np.ndarray, N: np.ndarray, gid
     if max(eps.max(initial=0.0), -eps.min(initial=0.0)) <= MOST_STRAIN:
         return NOT_STRAINED
     endless = np.ones(len(eps), bool) if state.eps_u is None else ~np.isfinite(state.eps_u)
+    endless &= state.broken == 0  # what hangs on after a fracture has no limit any more
     strain = np.where(endless & (N != 0.0), np.abs(eps), 0.0)  # a slack cable may hang as it likes
     e = int(np.argmax(strain))
     return (float(strain[e]), time, int(gid[e])) if strain[e] > MOST_STRAIN else NOT_STRAINED

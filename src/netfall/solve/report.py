@@ -159,8 +159,10 @@ def stages(job: Job) -> list[str]:
     found = []
     if job.form_finding:
         found.append(f"form finding ({job.form_finding.method})")
-    if job.load and job.load.steps:
-        found.append(f"statics ({job.load.steps} load steps)")
+    statics = [f"{job.load.steps} load steps"] if job.load and job.load.steps else []
+    statics += [f"{len(job.cases)} cases"] if job.cases else []
+    if statics:
+        found.append(f"statics ({', '.join(statics)})")
     if job.dynamics:
         found.append(f"dynamics ({job.dynamics.duration:g} s)")
     return found or ["none: the net alone"]

@@ -22,6 +22,7 @@ from netfall.solve.dynamics import Simulation
 from netfall.solve.energy import take_snapshot, total_energies
 from netfall.solve.history import UNITS, History, find_probes
 from netfall.solve.loads import GrowingLoad, WindLoad
+from netfall.solve.modes_report import modes_now, modes_section
 from netfall.solve.on_roof import load_section
 from netfall.solve.provenance import how_it_writes, provenance_of
 from netfall.solve.relaxation import Paused
@@ -109,6 +110,7 @@ def run_stages(run: Run) -> History | None:
         record = take_up(run)
         if run.setup.stage != "dynamics":
             run.saver.statics = run_statics(run)
+            write_modes(run)
         simulation = run_dynamics(run, record if run.setup.stage == "dynamics" else None)
         provenance = provenance_of(run.comm, run.job, run.setup, run.schedule)
         units = {f"history/{name}": unit for name, unit in UNITS.items()}
@@ -159,6 +161,14 @@ def run_statics(run: Run) -> StaticPath | None:
     for line in static_lines(path, distribution.m):
         run.progress.say(line)
     return path
+
+
+def write_modes(run: Run) -> None:
+    """The modes about where the statics ended, /modes, if the job asks for them. Collective."""
+    if run.job.output.modes:
+        with run.phases.phase("modes"):
+            modes = modes_now(run.setup, run.job.output.modes)
+            run.result.write_whole("modes", modes and modes_section(run.job, modes))
 
 
 def run_dynamics(run: Run, record: dict | None) -> Simulation | None:

@@ -220,7 +220,7 @@ def keep(run, path: StaticPath, each: Equilibrium, found: Settled) -> None:
     elif each.kind == "rest":
         path.rest = numbers
         run.result.write_equilibrium("rest", state, snapshot, "position")
-    elif each.kind != "at once" and run.job.load.steps:
+    elif each.kind != "at once" and settings_of(run.job).steps:
         for name, value in {"load_factor": each.factor, **numbers}.items():
             getattr(path, name).append(value)
         run.result.write_static_step(state, snapshot)

@@ -49,6 +49,8 @@ def _idle_keys(job: Job, net: Net) -> list[tuple]:
             "it is not shorter than the duration",
         ),
     ]
+    if job.net.generator == "wheel":
+        rows.append(("cable", ("prestress",), True, "the wheel has the prestress of its own equilibrium"))
     if moves:
         whole = not moves.fragments
         rows += [

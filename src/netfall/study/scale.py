@@ -22,7 +22,9 @@ from netfall.study.launch import check_launcher, passing_result, run_job_command
 GROWING = {
     "saddle": ("side", "rise", "cells"),
     "stadium": ("length", "width", "arch_rise"),
+    "wheel": ("diameter", "opening", "spokes", "hoops"),
 }  # dimensions that grow with the root of the area
+WHOLE = {"cells": 1, "hoops": 1, "spokes": 4}  # numbers, and what they are multiples of
 PHASES = {
     "forces": "dynamics: forces and kick",
     "exchange": "dynamics: exchange",
@@ -106,7 +108,8 @@ def grown(job: Job, factor: float) -> list[str] | None:
     if job.net.generator is None:
         return [f"net.subdivide={round(job.net.subdivide * factor)}"] if factor == round(factor) else None
     longer = {key: getattr(job.net, key) * math.sqrt(factor) for key in GROWING[job.net.generator]}
-    return [f"net.{key}={round(value) if key == 'cells' else repr(value)}" for key, value in longer.items()]
+    whole = lambda key, value: WHOLE[key] * round(value / WHOLE[key])
+    return [f"net.{key}={whole(key, v) if key in WHOLE else repr(v)}" for key, v in longer.items()]
 
 
 def measure(kind: str, ranks: int, path: Path, overrides: list[str], launcher: str, folder: Path) -> Timing:

@@ -1,0 +1,92 @@
+"""A spoked-wheel roof of two layers, in equilibrium under its prestress: a ring of bars in compression, two
+tension rings around the opening, radial cables above and below with struts between them, hoops above.
+
+A spoke k at level j (0: at the opening) has the radius r_j. By equilibrium of each node, with n spokes:
+
+    in plan, upper      H_(j+1) = H_j + 2 T sin(pi / n)      T the tension of a hoop, none at level 0
+    in plan, lower      G_(j+1) = G_j = H_0                  H_0 the force of a spoke at the tension ring
+    upright, both       V_(j+1) = V_j + P = (j + 1) P        all struts push with the same P
+    slope of a radial   V / H above, V / G below             so P follows from the height of the rings
+    rings               H_0 / (2 sin(pi / n)), in compression (H + G) / (2 sin(pi / n))
+
+The radials of both layers end in the one compression ring, at z = 0, which their upright parts leave alone.
+Bars have no bending stiffness, without which the ring would give way to an oval at no cost: so it is the
+inner chord of a flat ring truss, whose outer chord and web have no prestress.
+"""
+
+import numpy as np
+
+from netfall.net.net import Net
+
+GROUPS = ["ring_outer", "ring_upper", "ring_lower", "upper", "lower", "hoop", "strut", "ring_truss"]
+
+
+def wheel(
+    diameter, opening, ring_height, ring_depth, spokes: int, hoops: int, spoke_force, hoop_force
+) -> Net:
+    """The net with its prestress; the arguments as in the job.
+
+    The ring truss is held upright at each spoke, its inner chord also along itself at four spokes, a quarter
+    apart: so it is free to shrink, as on bearings.
+    """
+    r, upper, lower, H, G, P = profile(diameter, opening, ring_height, spokes, hoops, spoke_force, hoop_force)
+    number = np.arange((2 * hoops + 4) * spokes).reshape(-1, spokes)
+    outer, chord = number[[1, 0]]
+    above, below = number[hoops + 2 : 1 : -1], number[: hoops + 2 : -1]
+    angle = 2.0 * np.pi * np.arange(spokes) / spokes
+    x = np.zeros((number.size, 3))
+    for nodes, radius, height in (
+        (chord, 0.5 * diameter + ring_depth, 0.0),
+        (outer, 0.5 * diameter, 0.0),
+        *zip(above, r, upper),
+        *zip(below, r, lower),
+    ):
+        x[nodes] = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(spokes, height)])
+    step, sine = np.diff(np.append(r, 0.5 * diameter)), np.sin(np.pi / spokes)
+    side = lambda force, radius: force / (2.0 * radius * sine)
+    around = lambda nodes: np.stack([nodes, np.roll(nodes, -1, -1)], -1)
+    outwards = lambda nodes: np.stack([nodes, np.vstack([nodes[1:], outer])], -1)
+    kinds = (  # nodes (..., 2) and force density of each group, in the order of GROUPS
+        (around(outer), -side((H[-1] + G) / (2.0 * sine), 0.5 * diameter)),
+        (around(above[0]), side(H[0] / (2.0 * sine), r[0])),
+        (around(below[0]), side(G / (2.0 * sine), r[0])),
+        (outwards(above), (H / step)[:, None]),
+        (outwards(below), (G / step)[:, None]),
+        (around(above[1:]), side(hoop_force, r[1:])[:, None]),
+        (np.stack([below, above], -1), (-P / (upper - lower))[:, None]),
+        (_truss(outer, chord), 0.0),
+    )
+    elements = np.concatenate([pairs.reshape(-1, 2) for pairs, _ in kinds])
+    density = np.concatenate([np.broadcast_to(q, pairs.shape[:-1]).ravel() for pairs, q in kinds])
+    group = np.repeat(np.arange(len(GROUPS)), [pairs.size // 2 for pairs, _ in kinds])
+    order = np.lexsort((elements.max(1), elements.min(1)))
+    net = Net(x, _supports(number, spokes), elements[order], group[order], GROUPS)
+    net.prestress = density[order] * net.lengths()
+    return net
+
+
+def _truss(outer, chord) -> np.ndarray:
+    """(4 n, 2): the outer chord, posts, and two diagonals in each bay, beside the inner chord."""
+    beyond = lambda nodes: np.roll(nodes, -1)
+    pairs = ((chord, beyond(chord)), (outer, chord), (outer, beyond(chord)), (beyond(outer), chord))
+    return np.concatenate([np.column_stack(pair) for pair in pairs])
+
+
+def profile(diameter, opening, ring_height, spokes, hoops, spoke_force, hoop_force):
+    """Radii and heights (h + 1,) [m] of the levels above and below; H (h + 1,), G, P [N] as above."""
+    r = np.linspace(0.5 * opening, 0.5 * diameter, hoops + 2)
+    step, count = np.diff(r), np.arange(hoops + 1)
+    H, G = spoke_force + 2.0 * hoop_force * np.sin(np.pi / spokes) * count, spoke_force
+    fall_above, fall_below = (count + 1) / H * step, (count + 1) / G * step  # for P = 1
+    P = ring_height / (fall_above + fall_below).sum()
+    height = lambda falls: P * falls[::-1].cumsum()[::-1]
+    return r[:-1], height(fall_above), -height(fall_below), H, G, P
+
+
+def _supports(number: np.ndarray, spokes: int) -> np.ndarray:
+    """(n, 3) bool; along the ring at 0, 90, 180 and 270 degrees."""
+    fixed = np.zeros((number.size, 3), bool)
+    fixed[number[:2], 2] = True
+    fixed[number[1, [0, spokes // 2]], 1] = True
+    fixed[number[1, [spokes // 4, 3 * spokes // 4]], 0] = True
+    return fixed

@@ -1,0 +1,125 @@
+"""The lowest periods and modes of the net about a rest, and what its damping means for them.
+
+Small vibrations about the rest: K u = omega^2 M u, K the tangent stiffness of all elements,
+
+    k = EA / L0 along an element, N / L across it, the springs of supports,
+
+none of a slack cable; what has yielded answers elastically. Shift-invert Lanczos (ARPACK) about a shift just
+below zero, on rank 0, from a start vector that is always the same. Mass-proportional damping, v' = -zeta v,
+has the share of the critical zeta / (2 omega) = zeta T / (4 pi).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netfall.mechanics.material import largest_stiffness
+from netfall.net.net import Net
+
+STILL = 1e-12  # of the largest diagonal of M^-1 K: an omega^2 below that is rounding, a mechanism
+SHIFT = 1e-11  # of the same: how far below zero the shift lies, so that mechanisms can be found too
+DENSE = 300  # free axes up to which all modes are found at once
+SPARE = 4  # modes looked for beyond those asked: equal periods come in pairs, of which none must be missed
+GOLDEN = 0.6180339887498949
+
+
+@dataclass(frozen=True)
+class Modes:
+    """The modes of lowest omega^2, ascending.
+
+    period : (k,) [s]; inf: no stiffness, a mechanism; nan: omega^2 < 0, the rest is not stable
+    shape : (k, n, 3), the largest displacement of a node is 1, its largest component positive
+    unstable : how many omega^2 of the net are below zero
+    """
+
+    period: np.ndarray
+    shape: np.ndarray
+    unstable: int
+
+    def damping_ratio(self, zeta: float) -> np.ndarray:
+        """Share (k,) of the critical damping that mass-proportional damping zeta [1/s] has in each."""
+        return zeta * self.period / (4.0 * np.pi)
+
+
+def modes_at(x, net: Net, N, L0, mass, count: int) -> Modes:
+    """The lowest modes of a net at x (n, 3) [m] with axial forces N (m,) [N]; mass : (n,) [kg].
+
+    L0 : (m,) [m]; count : how many, at most
+    """
+    from scipy.sparse import diags_array  # here: it takes 0.2 s to load
+
+    moves = np.flatnonzero((~net.fixed & (mass > 0.0)[:, None]).ravel())
+    if not len(moves):
+        return Modes(np.zeros(0), np.zeros((0, net.n, 3)), 0)
+    axial = np.where((N > 0.0) | net.bar, largest_stiffness(net.modulus * net.section, L0), 0.0)
+    stiffness = tangent_stiffness(x, net.elements, N, axial) + diags_array(net.spring.ravel())
+    root = 1.0 / np.sqrt(np.repeat(mass, 3)[moves])
+    scaled = (diags_array(root) @ stiffness.tocsr()[moves][:, moves] @ diags_array(root)).tocsc()
+    values, vectors, unstable = _lowest(scaled, min(count, len(moves)))
+    shape = np.zeros((len(values), 3 * net.n))
+    shape[:, moves] = (vectors * root[:, None]).T
+    return Modes(_periods(values, scaled.diagonal().max()), _scaled(shape.reshape(-1, net.n, 3)), unstable)
+
+
+def tangent_stiffness(x, elements, N, axial):
+    """Sparse (3 n, 3 n) [N/m] of elements with axial force N (m,) [N] and stiffness `axial` (m,) [N/m]."""
+    from scipy.sparse import coo_array
+
+    d = x[elements[:, 1]] - x[elements[:, 0]]
+    L = np.linalg.norm(d, axis=1)
+    along, across = d / L[:, None], N / L
+    block = (axial - across)[:, None, None] * along[:, :, None] * along[:, None, :]
+    block += across[:, None, None] * np.eye(3)
+    start, end = (3 * elements[:, k, None] + np.arange(3) for k in (0, 1))
+    pairs = ((start, start, 1.0), (end, end, 1.0), (start, end, -1.0), (end, start, -1.0))
+    spread = lambda numbers, axis: np.broadcast_to(np.expand_dims(numbers, axis), block.shape).ravel()
+    row = np.concatenate([spread(a, 2) for a, _, _ in pairs])
+    column = np.concatenate([spread(b, 1) for _, b, _ in pairs])
+    value = np.concatenate([sign * block.ravel() for _, _, sign in pairs])
+    return coo_array((value, (row, column)), shape=(x.size, x.size)).tocsr()
+
+
+def _lowest(matrix, count: int) -> tuple[np.ndarray, np.ndarray, int]:
+    """The `count` lowest values and vectors of a symmetric matrix, and how many values are below zero.
+
+    With values far below zero those nearest to it come.
+    """
+    size, top = matrix.shape[0], float(np.abs(matrix.diagonal()).max())
+    if size <= max(DENSE, 4 * (count + SPARE)) or top == 0.0:
+        values, vectors = np.linalg.eigh(matrix.toarray())
+        return values[:count], vectors[:, :count], int((values < -SHIFT * top).sum())
+    from scipy.sparse import eye_array
+    from scipy.sparse.linalg import LinearOperator, eigsh, splu
+
+    shift = -SHIFT * top
+    factors = splu(
+        (matrix - shift * eye_array(size)).tocsc(),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    unstable = int((factors.U.diagonal() < 0.0).sum())  # Sylvester's law of inertia
+    values, vectors = eigsh(
+        matrix,
+        count + SPARE,
+        sigma=shift,
+        OPinv=LinearOperator(matrix.shape, factors.solve),
+        v0=(np.arange(1, size + 1) * GOLDEN) % 1.0 - 0.5,
+    )
+    order = np.argsort(values, kind="stable")[:count]
+    return values[order], vectors[:, order], unstable
+
+
+def _periods(values: np.ndarray, top: float) -> np.ndarray:
+    """Periods (k,) [s] of omega^2 (k,) [1/s2], as in `Modes`."""
+    squares = np.where(np.abs(values) <= STILL * top, 0.0, values)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return 2.0 * np.pi / np.sqrt(squares)
+
+
+def _scaled(shape: np.ndarray) -> np.ndarray:
+    """Shapes (k, n, 3) with the largest displacement 1, and their largest component positive."""
+    flat = shape.reshape(len(shape), -1)
+    largest = np.take_along_axis(flat, np.abs(flat).argmax(1)[:, None], 1)
+    size = np.linalg.norm(shape, axis=2).max(1) * np.sign(largest[:, 0])
+    return shape / size[:, None, None]

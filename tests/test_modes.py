@@ -1,0 +1,139 @@
+"""Periods and modes against closed forms, and what the damping does in a run."""
+
+import re
+
+import numpy as np
+import pytest
+from conftest import run_netfall
+
+from netfall.net.net import Net
+from netfall.solve.modes import modes_at
+
+T, A, EA, M = 1e4, 2.0, 1e6, 30.0  # N tension, m spacing, N stiffness, kg of each node
+
+
+def flat_net(x, fixed, elements):
+    """A net of equal cables, with modulus 1 and a section of EA."""
+    net = Net(x, fixed, elements, np.zeros(len(elements), int), [""])
+    net.modulus, net.section = np.ones(net.m), np.full(net.m, EA)
+    net.bar = np.zeros(net.m, bool)
+    return net
+
+
+def modes_of(net, tension, count):
+    """The modes under one tension, the unstressed lengths from it, all masses M."""
+    return modes_at(
+        net.x, net, np.full(net.m, tension), net.lengths() / (1.0 + tension / EA), np.full(net.n, M), count
+    )
+
+
+def string(nodes):
+    """A straight string of so many free nodes along x."""
+    x = np.column_stack([A * np.arange(nodes + 2), np.zeros(nodes + 2), np.zeros(nodes + 2)])
+    fixed = np.zeros((nodes + 2, 3), bool)
+    fixed[[0, -1]] = True
+    return flat_net(x, fixed, np.column_stack([np.arange(nodes + 1), np.arange(1, nodes + 2)]))
+
+
+@pytest.mark.parametrize("nodes", [20, 400])  # all at once; by Lanczos's iteration
+def test_a_taut_string_has_the_periods_of_the_discrete_chain(nodes):
+    """omega_j = 2 sqrt(T / (a m)) sin(j pi / 2 (N + 1)) across, each twice: in y and in z."""
+    modes = modes_of(string(nodes), T, 6)
+    omega = 2.0 * np.sqrt(T / (A * M)) * np.sin(np.array([1, 1, 2, 2, 3, 3]) * np.pi / (2 * (nodes + 1)))
+    # rounding of the stiffness, eps EA / a, against the lowest: 2 (N + 1)^2 / pi^2 EA / T = 3e6 times larger
+    assert modes.period == pytest.approx(2.0 * np.pi / omega, rel=1e-8)
+    assert modes.unstable == 0
+    wave = np.sin(np.pi * np.arange(nodes + 2) / (nodes + 1))
+    first = modes.shape[0]
+    direction = first[(nodes + 1) // 2, 1:]
+    assert first == pytest.approx(
+        np.outer(wave, [0.0, *direction / np.linalg.norm(direction)]) / wave.max(), abs=1e-6
+    )
+
+
+def grid(cells):
+    """A flat orthogonal net with held edges."""
+    line = A * np.arange(cells + 1)
+    X, Y = np.meshgrid(line, line, indexing="ij")
+    number = np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
+    held = np.ones_like(number, bool)
+    held[1:-1, 1:-1] = False
+    inner = slice(1, -1)
+    elements = np.concatenate(
+        [
+            np.stack([number[:-1, inner], number[1:, inner]], -1).reshape(-1, 2),
+            np.stack([number[inner, :-1], number[inner, 1:]], -1).reshape(-1, 2),
+        ]
+    )
+    used = np.unique(elements)
+    row = np.searchsorted(used, elements)
+    x = np.column_stack([X.ravel(), Y.ravel(), np.zeros(X.size)])[used]
+    return flat_net(x, np.repeat(held.ravel()[used][:, None], 3, 1), row)
+
+
+@pytest.mark.parametrize("cells", [6, 24])
+def test_a_flat_net_has_the_periods_of_the_sums_of_sines(cells):
+    """omega_jk^2 = 4 T / (a m) (sin^2(j pi / 2 n) + sin^2(k pi / 2 n)), out of its plane, the lowest."""
+    modes = modes_of(grid(cells), T, 6)
+    s = np.sin(np.arange(1, cells) * np.pi / (2 * cells)) ** 2
+    omega = np.sqrt(np.sort((4.0 * T / (A * M) * (s[:, None] + s[None])).ravel())[:6])
+    assert modes.period == pytest.approx(2.0 * np.pi / omega, rel=1e-9)  # rounding, as above with 3e4
+    assert np.abs(modes.shape[..., :2]).max() < 1e-6  # rounding of the vectors: the root of it
+    assert np.linalg.norm(modes.shape, axis=2).max(1) == pytest.approx(np.ones(6), rel=1e-12)
+
+
+def test_the_damping_ratio_is_that_of_the_oscillator():
+    """v' = -zeta v, so m u'' + zeta m u' + k u = 0: the ratio is zeta / (2 omega)."""
+    modes = modes_of(string(20), T, 4)
+    assert modes.damping_ratio(0.5) == pytest.approx(0.5 / (2.0 * (2.0 * np.pi / modes.period)), rel=1e-14)
+
+
+def test_mechanisms_and_unstable_rests_are_told_apart():
+    """A flat net of bars without force has no stiffness out of its plane, a compressed one is unstable; slack
+    cables have none at all.
+    """
+    for cells in (6, 24):  # all at once; by Lanczos's iteration
+        free = (cells - 1) ** 2
+        net = grid(cells)
+        assert np.isinf(modes_of(net, 0.0, 6).period).all()
+        net.bar[:] = True
+        bars = modes_of(net, 0.0, 6)
+        assert np.isinf(bars.period).all() and bars.unstable == 0
+        assert np.abs(bars.shape[..., :2]).max() < 1e-6  # rounding of the vectors
+        pushed = modes_of(net, -100.0, 6)
+        assert np.isnan(pushed.period).all() and pushed.unstable == free
+
+
+def numbers(line):
+    """The numbers of a line of `check` after its colon."""
+    return [float(word) for word in re.findall(r"[\d.]+(?:e[+-]?\d+)?(?=,| s$| %)", line)]
+
+
+def test_a_free_decay_has_the_period_and_decrement_that_check_prints(workshop):
+    """A string with masses under a load in the shape of its first mode, put on at once: it swings in this
+    mode alone, with period T / sqrt(1 - ratio^2) and logarithmic decrement 2 pi ratio / sqrt(1 - ratio^2).
+    """
+    nodes, count = ["id,x,y,z,fixed,mass,load_z"], 15
+    for k in range(count + 2):
+        shape = np.sin(k * np.pi / (count + 1))
+        nodes.append(f"{k},{k},0,0,{int(k in (0, count + 1))},10,{-10.0 * shape}")
+    elements = ["start,end"] + [f"{k},{k + 1}" for k in range(count + 1)]
+    text = "[cable]\nmodulus = 1e11\narea = 1e-5\ndensity = 7850.0\nprestress = 1e4\n"
+    text += "[dynamics]\nduration = 2.2\ndamping = 0.5\n[output]\nprobes = [[8.0, 0.0]]\nmodes = 2\n"
+    path = workshop.job(text, "\n".join(nodes), "\n".join(elements))
+    done = run_netfall("check", path)
+    lines = {line.split()[0]: line for line in done.stdout.splitlines()}
+    assert "without loads" in lines["modes"], done.stdout
+    period, ratio = numbers(lines["modes"])[0], numbers(lines["damping:"])[1] / 100.0
+    with workshop.run(path) as f:
+        assert f["modes/period"][0] == pytest.approx(period, rel=1e-3)  # digits printed
+        assert f["modes/damping_ratio"][0] == pytest.approx(ratio, rel=1e-3)
+        t, z = f["history/time"][:], f["history/probe_displacement"][:, 0, 2]
+    turns = [k for k in range(1, len(z) - 1) if (z[k] - z[k - 1]) * (z[k + 1] - z[k]) < 0.0][:3]
+    parabolas = [np.polyfit(t[k - 1 : k + 2] - t[k], z[k - 1 : k + 2], 2) for k in turns]
+    when = [t[k] - 0.5 * b / a for k, (a, b, _) in zip(turns, parabolas)]
+    high = [c - 0.25 * b * b / a for a, b, c in parabolas]
+    damped = np.sqrt(1.0 - ratio**2)
+    decrement = 2.0 * np.log((high[0] - high[1]) / (high[2] - high[1]))
+    assert when[2] - when[0] == pytest.approx(period / damped, rel=2e-3)  # 0.03 m of sag stretch it by 1e-3
+    assert decrement == pytest.approx(2.0 * np.pi * ratio / damped, rel=1e-2)  # digits; the same

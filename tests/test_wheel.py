@@ -1,0 +1,168 @@
+"""The spoked wheel: its equilibrium by hand, its areas, and the shipped job."""
+
+import numpy as np
+import pytest
+from conftest import ROOT, assert_same_results, run_netfall
+
+from netfall.net.wheel import GROUPS, wheel
+
+N_SPOKES, R, INNER, HEIGHT, DEPTH = 24, 50.0, 20.0, 6.0, 2.0
+H, T = 5e5, 1e4  # N
+SINE = np.sin(np.pi / N_SPOKES)
+
+
+def small(hoops=2, hoop_force=T):
+    return wheel(2 * R, 2 * INNER, HEIGHT, DEPTH, N_SPOKES, hoops, H, hoop_force)
+
+
+def of(net, group):
+    """The forces [N] of the elements of a group."""
+    return net.prestress[net.group == GROUPS.index(group)]
+
+
+def residual(x, elements, N):
+    """Sum (n, 3) [N] of the elements' forces at each node."""
+    d = x[elements[:, 1]] - x[elements[:, 0]]
+    along = (N / np.linalg.norm(d, axis=1))[:, None] * d
+    total = np.zeros_like(x)
+    np.add.at(total, elements[:, 0], along)
+    np.subtract.at(total, elements[:, 1], along)
+    return total
+
+
+@pytest.mark.parametrize("hoops", [0, 1, 5])
+@pytest.mark.parametrize("hoop_force", [0.0, T])
+def test_every_node_is_in_equilibrium_without_reactions(hoops, hoop_force):
+    """Those of the supports too: the wheel carries its prestress in itself."""
+    net = small(hoops, hoop_force)
+    rounding = 1e-13 * np.abs(net.prestress).max()  # of the sums
+    assert np.abs(residual(net.x, net.elements, net.prestress)).max() < rounding
+
+
+def test_forces_of_the_rings_by_hand():
+    """H / (2 sin(pi / n)) in the tension rings; in the outer one that of both layers, with two hoops."""
+    net = small()
+    for group in ("ring_upper", "ring_lower"):
+        assert of(net, group) == pytest.approx(np.full(N_SPOKES, H / (2 * SINE)), rel=1e-13)  # rounding
+    outer = (2 * H + 2 * 2 * T * SINE) / (2 * SINE)
+    assert of(net, "ring_outer") == pytest.approx(np.full(N_SPOKES, -outer), rel=1e-13)
+    assert of(net, "hoop") == pytest.approx(np.full(2 * N_SPOKES, T), rel=1e-13)
+    assert (of(net, "ring_truss") == 0).all() and np.ptp(of(net, "strut")) < 1e-9 * -of(net, "strut").max()
+    assert (of(net, "upper") > H).all() and (of(net, "strut") < 0).all()
+
+
+def test_without_hoops_it_is_a_pair_of_straight_cables():
+    """Then slopes are equal above and below: heights +-h / 2, strut force H h / (2 (R - r))."""
+    net = small(hoops=0, hoop_force=0.0)
+    rings = net.x[np.hypot(*net.x[:, :2].T) < INNER + 1e-9]
+    assert sorted(set(np.round(rings[:, 2], 9))) == [-HEIGHT / 2, HEIGHT / 2]
+    strut = H * 0.5 * HEIGHT / (R - INNER)
+    assert of(net, "strut") == pytest.approx(np.full(N_SPOKES, -strut), rel=1e-13)
+
+
+CHECKED = """
+[net]
+generator = "wheel"
+diameter = 100.0
+opening = 40.0
+ring_height = 6.0
+ring_depth = 2.0
+spokes = 24
+hoops = 2
+spoke_force = 5e5
+hoop_force = 1e4
+[cable]
+modulus = 1.6e11
+area = 1e-3
+density = 8000.0
+[cable.ring_upper]
+area = 6e-3
+[cable.ring_lower]
+area = 6e-3
+[cable.ring_outer]
+kind = "bar"
+area = 0.1
+[cable.ring_truss]
+kind = "bar"
+area = 0.02
+[cable.strut]
+kind = "bar"
+area = 3e-3
+[roof]
+groups = ["ring_outer", "ring_upper", "upper", "hoop"]
+openings = [[0.0, 0.0]]
+[load]
+dead = 300.0
+[dynamics]
+duration = 0.1
+damping = 0.2
+"""
+
+
+def test_roof_mass_and_stability_as_check_tells_them(workshop):
+    """Area in plan n / 2 sin(2 pi / n) (R^2 - r^2), without the opening; masses of what was given; no mode
+    without stiffness.
+    """
+    done = run_netfall("check", workshop.job(CHECKED))
+    lines = {line.split(":")[0].split()[0]: line for line in done.stdout.splitlines()}
+    plan = 0.5 * N_SPOKES * np.sin(2 * np.pi / N_SPOKES) * (R**2 - INNER**2)
+    assert f"{plan:.1f} m2 in plan" in lines["roof"], done.stdout
+    net, areas = small(), dict.fromkeys(GROUPS, 1e-3)
+    areas |= {"ring_upper": 6e-3, "ring_lower": 6e-3, "ring_outer": 0.1, "ring_truss": 0.02, "strut": 3e-3}
+    area = np.array([areas[name] for name in GROUPS])[net.group]
+    own = float((8000.0 * area * net.lengths() / (1.0 + net.prestress / (1.6e11 * area))).sum())
+    assert f"elements {own:.4g} kg" in lines["masses"], done.stdout
+    assert "mechanism" not in done.stdout and "not stable" not in done.stdout and "modes" in lines
+
+
+def test_two_layers_without_roof_groups_are_refused(workshop):
+    """Which layer carries the roof is not known: the message names [roof] groups."""
+    text = CHECKED.replace('groups = ["ring_outer", "ring_upper", "upper", "hoop"]\n', "")
+    done = run_netfall("check", workshop.job(text))
+    assert done.returncode == 2 and "above one another" in done.stderr and "[roof] groups" in done.stderr
+
+
+SHORT = ("--set", "dynamics.duration=0.2", "--set", "output.frames=4")
+
+
+@pytest.fixture(scope="module")
+def shipped(shared_workshop):
+    """The shipped job, cut to its beginning."""
+    return shared_workshop.run(ROOT / "jobs" / "wheel.toml", *SHORT)
+
+
+def test_the_drift_is_carried_to_the_supports(shipped):
+    """The upright reactions of the two cases differ by 750 N/m2 on the area of the zone in plan."""
+    f = shipped
+    x, elements, held = f["net/particles"][:], f["net/elements"][:], f["net/fixed"][:, 2].astype(bool)
+    pull = {
+        name: residual(x + f[f"cases/{name}/displacement"][:], elements, f[f"cases/{name}/tension"][:])[
+            held, 2
+        ]
+        for name in ("snow", "drift")
+    }
+    zones = [name.decode() for name in f["net/zone_names"][:]]
+    area = f["net/plan_area"][:][(f["net/zone"][:] == zones.index("drift")) & ~held].sum()
+    more = pull["snow"].sum() - pull["drift"].sum()
+    assert more == pytest.approx(750.0 * area, abs=2 * 432 * 12.0)  # residuals of 12 N at most at each node
+
+
+def test_it_rests_in_the_mean_wind_and_its_modes_are_about_that(shipped):
+    """Nothing is broken in the rest or soon after, and all six modes have a period."""
+    f = shipped
+    assert len(f["events/time"]) == 0 and f["rest/residual"][()] < 12.0
+    assert np.isfinite(f["modes/period"][:]).all() and (np.diff(f["modes/period"][:]) <= 0).all()
+    ratio = 0.3 * f["modes/period"][:] / (4 * np.pi)
+    assert f["modes/damping_ratio"][:] == pytest.approx(ratio, rel=1e-14)
+
+
+def test_the_same_bits_on_two_ranks_and_through_a_restart(shipped, shared_workshop):
+    """All datasets, the modes included, which a run that is taken up does not compute again."""
+    job = ROOT / "jobs" / "wheel.toml"
+    with shared_workshop.run(job, *SHORT, ranks=2, output="two.vtkhdf") as two:
+        assert assert_same_results(shipped, two) > 90
+    more = (*SHORT, "--set", "output.checkpoint=0.08")
+    shared_workshop.run(job, *more, output="saved.vtkhdf").close()
+    last = sorted(shared_workshop.folder.glob("saved.checkpoint-3-*.h5"))[-1]
+    with shared_workshop.run(job, *more, "--restart", last, ranks=2, output="saved.vtkhdf") as again:
+        assert assert_same_results(shipped, again) > 90
