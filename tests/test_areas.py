@@ -446,7 +446,7 @@ def test_random_drawings_have_the_areas_of_their_polygons(seed, columns, rows, h
         net=SimpleNamespace(nodes="n"),
         wind=None,
         loads=loads.get,
-        roof=SimpleNamespace(groups=[f"g{layer}"]),
+        roof=SimpleNamespace(groups=[f"g{layer}"], openings=()),
     )
     area = tributary_areas(net.x, net, roof_of(job, net).faces)[1][number]
     # rounding of coordinates of 50 m, some 1e-14 m, in areas of some 0.1 m2

@@ -117,13 +117,15 @@ def test_elements_of_different_speed_are_in_the_limits(workshop):
     fixed[[0, -1]] = True
     ones = np.ones(n)
     sharp = 1.0 / (np.sqrt(k / m) * np.cos(np.pi / (2 * n)))  # 2 / omega_max of a chain fixed at both ends
-    safe = any_shape_limits(elements, k * ones, ones, m * np.ones(n + 1), ~fixed.all(1), ones > 1)[0]
+    safe = any_shape_limits(
+        elements, k * ones, ones, m * np.ones(n + 1), ~fixed.all(1), ones > 1, np.zeros(n + 1)
+    )[0]
     assert 0.7 * sharp < safe.dt <= sharp
     L0 = np.r_[0.5, ones[1:]]
     own = np.bincount(elements.ravel(), np.repeat(4.0 * L0, 2))
     for share in (0.0, 0.5):  # nothing is carried that a fragment could take
         after = after_fracture_limit(
-            elements, 2e8 * ones, L0, 4.0 * L0, own, fixed.all(1), 0.04 * ones, share
+            elements, 2e8 * ones, L0, 4.0 * L0, own, fixed.all(1), 0.04 * ones, np.zeros(len(own)), share
         )
         assert np.isclose(after.dt, 0.5 / 5000.0) and after.element == 0
 
@@ -147,9 +149,10 @@ def test_any_fragments_are_stable_within_the_limit_after_fracture(seed, weak):
     )
     share = rng.choice([0.02, 0.05, 0.5])
     eps_u = np.where(rng.random(m) < weak, 0.04, np.inf)
-    limit = after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, share)
-    strict = after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, 0.0)
-    every = after_fracture_limit(elements, EA, L0, half, mass, held, np.full(m, 0.04), share)
+    none = np.zeros(n)
+    limit = after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, none, share)
+    strict = after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, none, 0.0)
+    every = after_fracture_limit(elements, EA, L0, half, mass, held, np.full(m, 0.04), none, share)
     assert limit.dt >= strict.dt * (1 - 1e-12) and limit.dt >= every.dt * (1 - 1e-12)
     ends, masses, free, total = elements.copy(), mass.tolist(), (~held).tolist(), mass.sum()
     for e in rng.permutation(np.flatnonzero(np.isfinite(eps_u))):
@@ -163,7 +166,9 @@ def test_any_fragments_are_stable_within_the_limit_after_fracture(seed, weak):
             ends[e, end] = len(masses) - 1
         assert min(masses) > -1e-9 and np.isclose(sum(masses), total)
         alive = np.array(free) & (np.array(masses) > 1e-9)
-        assert any_shape_limits(ends, EA, L0, np.array(masses), alive, EA < 0)[0].dt >= limit.dt * (1 - 1e-6)
+        assert any_shape_limits(ends, EA, L0, np.array(masses), alive, EA < 0, np.zeros(len(masses)))[
+            0
+        ].dt >= limit.dt * (1 - 1e-6)
 
 
 @pytest.mark.parametrize("ranks", [1, 2])
@@ -270,13 +275,15 @@ def test_mass_scaling_keeps_its_budget_and_its_step(share):
     L = np.linalg.norm(np.diff(net.x[net.elements], axis=1)[:, 0], axis=1)
     free, stiffness = ~net.fixed.all(1), np.full(net.m, EA)
     mass = 300.0 + np.random.default_rng(1).uniform(0.0, 200.0, net.n)
-    scaled = scaled_mass(net.elements, stiffness, L, mass, free, share)
+    scaled = scaled_mass(net.elements, stiffness, L, mass, free, np.zeros(net.n), share)
     assert (scaled >= mass).all() and (scaled == mass)[~free].all()
     assert 0.9 * share < (scaled - mass).sum() / mass[free].sum() <= share
     limits = [
         {
             limit.name: limit.dt
-            for limit in any_shape_limits(net.elements, stiffness, L, m, free, np.zeros(net.m, bool))
+            for limit in any_shape_limits(
+                net.elements, stiffness, L, m, free, np.zeros(net.m, bool), np.zeros(net.n)
+            )
         }["slackening"]
         for m in (mass, scaled)
     ]

@@ -122,6 +122,19 @@ def test_a_mass_on_a_spring_and_a_cable_swings_with_their_stiffness(both_ways, p
     assert np.abs(f["history/balance_error"][:]).max() < (1e-6 if precision == "double" else 1e-3)
 
 
+def test_a_stiff_support_is_in_the_step_limit(workshop):
+    """One free axis: 2 / omega with the spring, half of it for a cable that goes slack; beyond it is refused."""
+    job = workshop.job(
+        CABLE + "[dynamics]\nduration = 0.1\ntime_step = 2e-3\n",
+        sprung(1e8, 0.0),
+        "start,end,unstressed_length\n1,2,5\n",
+    )
+    limit = 2.0 / np.sqrt((1e8 + EA / 5.0) / 0.25)
+    done = workshop.run(job, code=2)
+    assert f"above the stable step {limit:.4g} s" in done.stderr
+    workshop.run(job, "--set", f"dynamics.time_step={0.99 * limit}")
+
+
 def test_cases_start_from_the_permanent_state_and_leave_nothing_behind(both_ways):
     """Two cases beside load steps: each has its own equilibrium, the steps have theirs as without cases."""
     base = CABLE + "[load]\ndead = 250.0\nsnow = 500.0\nsteps = 2\ntolerance = 1e-10\n"

@@ -57,7 +57,7 @@ def storm(shared_workshop):
 def test_file_has_what_the_contract_names(storm):
     """Every group and dataset, with its shape."""
     f = storm
-    n, m, steps = len(f["net/particles"]), len(f["net/elements"]), 3
+    n, m, steps = len(f["net/particles"]), len(f["net/elements"]), 4
     rows, events, ends = len(f["history/time"]), len(f["events/time"]), len(f["final/position"])
     shapes = {
         "form_finding/position": (n, 3),

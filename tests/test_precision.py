@@ -47,7 +47,7 @@ def test_restart_gives_the_same_bits(workshop, precision):
 def test_what_is_lost_against_double(workshop, strain):
     """The stadium in its wind while its cables are taut: displacements and tensions."""
     text = (
-        (ROOT / "jobs" / "stadium.toml")
+        (ROOT / "jobs" / "stadium_paper.toml")
         .read_text()
         .replace("duration = 6.0", "duration = 0.25")
         .replace("frames = 120", "frames = 10")

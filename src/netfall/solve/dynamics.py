@@ -9,7 +9,7 @@ from netfall.mechanics.fracture import FractureRules, break_elements
 from netfall.mechanics.state import State
 from netfall.net.net import GRAVITY
 from netfall.parallel.halo import Halo
-from netfall.solve.energy import Energies, take_snapshot, total_energies
+from netfall.solve.energy import Energies, most_extreme, take_snapshot, total_energies
 from netfall.solve.history import History, most_strained
 from netfall.solve.loading import carries_weight
 from netfall.solve.loads import VaryingLoads, WindLoad
@@ -270,18 +270,7 @@ class Simulation:
 
     def stop_diverged(self, snapshot, kinetic: float) -> None:
         """Name the fastest particle and the element with the largest strain, and stop on every rank."""
-        speed = np.nan_to_num(np.abs(snapshot.velocity).max(1, initial=0.0), nan=np.inf)
-        held = ~self.state.free[snapshot.rows].any(1)
-        speed[held] = -1.0  # a support takes over what is no number from its neighbours
-        strain = np.nan_to_num(np.abs(snapshot.eps), nan=np.inf)
-        here = (
-            speed.max(initial=-1.0),
-            int(self.state.gid[snapshot.rows[speed.argmax()]]) if len(speed) else -1,
-            strain.max(initial=-1.0),
-            int(self.subdomain.element_gid[strain.argmax()]) if len(strain) else -1,
-        )
-        every = self.comm.allgather(here)
-        particle, element = max(every, key=lambda h: h[0])[1], max(every, key=lambda h: h[2])[3]
+        particle, element = most_extreme(self.comm, self.state, self.subdomain.element_gid, snapshot)
         node, element = self.comm.bcast(
             self.model and (self.model.node_name(particle), self.model.id_of(element))
         )

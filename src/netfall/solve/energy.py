@@ -156,3 +156,21 @@ def total_energies(comm: MPI.Comm, state: State, snapshot: Snapshot) -> Energies
     if state.scene.springs:
         stored += exact_sums(comm, snapshot.sprung)[0]
     return Energies(kinetic, stored, heat, damping, external, internal)
+
+
+def most_extreme(
+    comm: MPI.Comm, state: State, element_gid: np.ndarray, snapshot: Snapshot
+) -> tuple[int, int]:
+    """Numbers of the fastest particle and of the element with the largest strain. Collective."""
+    speed = np.nan_to_num(np.abs(snapshot.velocity).max(1, initial=0.0), nan=np.inf)
+    held = ~state.free[snapshot.rows].any(1)
+    speed[held] = -1.0  # a support takes over what is no number from its neighbours
+    strain = np.nan_to_num(np.abs(snapshot.eps), nan=np.inf)
+    here = (
+        speed.max(initial=-1.0),
+        int(state.gid[snapshot.rows[speed.argmax()]]) if len(speed) else -1,
+        strain.max(initial=-1.0),
+        int(element_gid[strain.argmax()]) if len(strain) else -1,
+    )
+    every = comm.allgather(here)
+    return max(every, key=lambda h: h[0])[1], max(every, key=lambda h: h[2])[3]
