@@ -123,7 +123,7 @@ def test_a_mass_on_a_spring_and_a_cable_swings_with_their_stiffness(both_ways, p
 
 
 def test_a_stiff_support_is_in_the_step_limit(workshop):
-    """One free axis: 2 / omega with the spring, half of it for a cable that goes slack; beyond it is refused."""
+    """One free axis: 2 / omega with the spring; a longer step is refused."""
     job = workshop.job(
         CABLE + "[dynamics]\nduration = 0.1\ntime_step = 2e-3\n",
         sprung(1e8, 0.0),

@@ -13,33 +13,21 @@ MOST_CURVES = 6
 def load_displacement(f):
     """Displacement of the particle that moves most, and the extremes of tension, over the load."""
     g = f["statics"]
-    share = np.concatenate([[0.0], g["load_factor"][:]])
+    share, T = g["load_factor"][:], g["tension"][:]  # the first row: the permanent loads alone
     last = g["displacement"][-1]
     p = int(np.linalg.norm(last, axis=1).argmax())
     k = int(np.abs(last[p]).argmax())
-    path = np.concatenate([[0.0], g["displacement"][:, p, k]])
-    T = g["tension"][:]
-    start = f["form_finding/tension"][:][None] if "form_finding" in f else None
     groups, names = f["net/group"][:], f["net/group_names"].asstr()[:]
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
-    left.plot(path, share, "o-", color="C0")
+    left.plot(g["displacement"][:, p, k], share, "o-", color="C0")
     left.set_xlabel(f"displacement along {'xyz'[k]} of node {f['net/node_id'][p]} [m]")
     left.set_ylabel("load factor [-]")
     left.grid(alpha=0.3)
     factor, unit = unit_of(np.abs(T).max(), "N")
     for j, name in enumerate(names):
-        mine = T[:, groups == j]
-        steps = g["load_factor"][:]
-        if start is not None:
-            mine, steps = np.concatenate([start[:, groups == j], mine]), share
-        right.fill_between(
-            steps,
-            factor * mine.min(1),
-            factor * mine.max(1),
-            alpha=0.35,
-            color=f"C{j}",
-            label=f"group {name or '(none)'}",
-        )
+        mine = factor * T[:, groups == j]
+        label = f"group {name or '(none)'}"
+        right.fill_between(share, mine.min(1), mine.max(1), alpha=0.35, color=f"C{j}", label=label)
     right.set_xlabel("load factor [-]")
     right.set_ylabel(f"tension, least to largest [{unit}]")
     right.set_ylim(bottom=min(0.0, right.get_ylim()[0]))
