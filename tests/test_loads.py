@@ -5,8 +5,15 @@ the mean wind, from which gusts grow in.
 import h5py
 import numpy as np
 import pytest
+from conftest import assert_same_results
+from mpi4py import MPI
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve
+
+from netfall.errors import Interrupted
+from netfall.job.read import read_job
+from netfall.output.progress import Progress
+from netfall.solve.run import run_job
 
 EA, L0 = 1e6, 5.0  # N, m: two cables from the middle node to supports 5 m away at either side
 CABLE = "[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1000.0\n"
@@ -331,3 +338,48 @@ def test_wrong_pressures_are_refused(workshop, lines, message):
         workshop.job(CABLE + "[wind]\n" + lines + MOVES.format(time=2), nodes(), ELEMENTS), code=2
     )
     assert message in done.stderr
+
+
+STORM = (
+    '[net]\ngenerator = "saddle"\nside = 40.0\nrise = 2.0\ncells = 4\n[cable]\nmodulus = 1e11\n'
+    "area = 5e-4\ndensity = 7850.0\nprestress = 1e5\nyield_stress = 1e9\nfracture_strain = 0.015\n"
+    "[form_finding]\n[load]\ndead = 200.0\nsnow = 100.0\nsteps = 2\ntemperature = -20.0\n"
+    '[[case]]\nname = "deep"\nset = {"load.snow" = 300.0}\n[[case]]\nname = "none"\nset = {"load.snow" = 0}\n'
+    "[wind]\nspeed = 33.0\nturbulence = 0.3\nshape_coefficient = -1.5\nramp = 0.2\ndirection = 30.0\n"
+    'after_fracture = "panels"\n[dynamics]\nduration = 0.6\n[output]\ncheckpoint = 0.31\nframes = 20\n'
+)
+
+
+@pytest.mark.parametrize("ranks", [2, 4])
+def test_a_storm_from_rest_goes_on_from_its_middle_with_the_same_bits(workshop, ranks):
+    """Cases, load steps, rest, gusts and torn panels: from a checkpoint after fractures, on other ranks."""
+    job = workshop.job(STORM)
+    whole = workshop.run(job)
+    assert 0 < (whole["events/time"][:] < 0.31).sum() < len(whole["events/time"])
+    (checkpoint,) = workshop.folder.glob("*checkpoint-3-*")
+    again = workshop.run(job, "--restart", checkpoint, ranks=ranks, output="again.vtkhdf")
+    assert assert_same_results(whole, again) > 60
+
+
+@pytest.mark.parametrize("after", [12, 18, 24, 30, 38, 46])
+def test_a_pause_anywhere_in_the_equilibria_changes_no_bit(workshop, after):
+    """Permanent state, cases, load steps, rest: stopped at a look at the residual, taken up on two ranks."""
+
+    class After:
+        """A wish to stop that comes with a certain look."""
+
+        looks = 0
+
+        @property
+        def wanted(self):
+            self.looks += 1
+            return self.looks > after
+
+    job = workshop.job(STORM.replace("duration = 0.6", "duration = 0.01").replace("checkpoint = 0.31\n", ""))
+    whole = workshop.run(job, output="whole.vtkhdf")
+    path = workshop.folder / "result.vtkhdf"
+    with pytest.raises(Interrupted) as raised:
+        run_job(MPI.COMM_WORLD, read_job(job), path, Progress(False, False), stop=After())
+    assert "in statics, " in str(raised.value)
+    (checkpoint,) = workshop.folder.glob("result.checkpoint*")
+    assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))

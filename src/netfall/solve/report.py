@@ -16,7 +16,7 @@ from netfall.solve.history import MOST_STRAIN, History, find_probes, most_strain
 from netfall.solve.model import Model, scene_of
 from netfall.solve.schedule import Schedule, step_at
 from netfall.solve.setup import Setup
-from netfall.solve.statics import StaticPath, has_statics
+from netfall.solve.statics import StaticPath, has_statics, rests_in_wind
 from netfall.solve.wind_report import wind_notes
 from netfall.timings import Phases
 
@@ -163,6 +163,8 @@ def stages(job: Job) -> list[str]:
     statics += [f"{len(job.cases)} cases"] if job.cases else []
     if statics:
         found.append(f"statics ({', '.join(statics)})")
+    if rests_in_wind(job):
+        found.append("rest under the mean wind")
     if job.dynamics:
         found.append(f"dynamics ({job.dynamics.duration:g} s)")
     return found or ["none: the net alone"]
@@ -177,8 +179,11 @@ def features(job: Job, model: Model) -> str:
         ("wind", scene.wind),
         ("damping", bool(job.dynamics and job.dynamics.damping)),
         ("self weight", bool(load and load.self_weight)),
-        ("dead load", bool(load and load.dead)),
-        ("static pressure", bool(load and load.pressure is not None)),
+        ("dead load", any(job.loads("dead"))),
+        ("snow", any(job.loads("snow"))),
+        ("static pressure", any(value is not None for value in job.loads("pressure"))),
+        ("temperature", bool(load and load.temperature)),
+        ("elastic supports", scene.springs),
         ("logarithmic strain", scene.logarithmic),
         ("broken elements taken out", scene.fracture and not scene.fragments),
         (f"{scene.precision} precision", scene.displaced),

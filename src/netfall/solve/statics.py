@@ -262,8 +262,8 @@ def _stop_at_fracture(run, snapshot: Snapshot, each: Equilibrium) -> None:
 
 
 def _advice(each: Equilibrium) -> str:
-    if each.kind == "rest":
-        return ""
+    if each.kind in ("rest", "case"):
+        return ": there is no equilibrium under it" if each.kind == "case" else ""
     return (
         f" (load factor {each.factor:.4g}): there is no static equilibrium to start from; lower the load, or "
         "set steps = 0 to let it act at once in the dynamic stage"
