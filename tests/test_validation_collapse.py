@@ -8,7 +8,7 @@ import pytest
 from conftest import ROOT
 
 THEME = "Whole jobs"
-SADDLE, STADIUM = ROOT / "jobs" / "saddle.toml", ROOT / "jobs" / "stadium.toml"
+SADDLE, STADIUM = ROOT / "jobs" / "saddle_paper.toml", ROOT / "jobs" / "stadium_paper.toml"
 SECOND = "central difference is of second order"
 
 
