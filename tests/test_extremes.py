@@ -182,7 +182,7 @@ def test_short_edge_cables_stay_right_without_fracture(workshop):
     """The stadium's shortest elements go slack and taut many times;
     "auto" gives their largest strain as a quarter of its step does.
     """
-    text = (ROOT / "jobs" / "stadium.toml").read_text()
+    text = (ROOT / "jobs" / "stadium_paper.toml").read_text()
     job = workshop.job(
         "".join(
             line

@@ -37,7 +37,7 @@ def test_second_order_in_the_step(both_ways, compare, job, until, longest):
     for k in (0, 1):
         compare(
             THEME,
-            f"{job.stem}, wind for {until:g} s: error at {longest / 2**k:g} s over that at half the step",
+            f"{job.stem.removesuffix('_paper')}, wind for {until:g} s: error at {longest / 2**k:g} s over that at half the step",
             "order 2 in the step",
             errors[k] / errors[k + 1],
             4.0,
