@@ -34,10 +34,11 @@ def test_second_order_in_the_step(both_ways, compare, job, until, longest):
         for step in (longest, longest / 2, longest / 4, longest / 32)
     ]
     errors = [np.abs(u - runs[-1]).max() for u in runs[:-1]]
+    net = job.stem.split("_")[0]
     for k in (0, 1):
         compare(
             THEME,
-            f"{job.stem.removesuffix('_paper')}, wind for {until:g} s: error at {longest / 2**k:g} s over that at half the step",
+            f"{net}, wind for {until:g} s: error at {longest / 2**k:g} s over that at half the step",
             "order 2 in the step",
             errors[k] / errors[k + 1],
             4.0,
