@@ -443,7 +443,7 @@ def test_random_drawings_have_the_areas_of_their_polygons(seed, columns, rows, h
     loads = {"dead": [1.0], "snow": [0.0], "pressure": [None]}
     job = SimpleNamespace(
         path="job",
-        net=SimpleNamespace(nodes="n"),
+        net=SimpleNamespace(nodes="n", generator=None),
         wind=None,
         loads=loads.get,
         roof=SimpleNamespace(groups=[f"g{layer}"], openings=()),

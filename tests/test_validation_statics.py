@@ -718,7 +718,7 @@ def test_load_case_of_the_paper(both_ways, compare):
         x, N = newton(x, elements, law, held, np.where(held, 0.0, load * step / 10))
         path.append((x - form, N))
     way, tension = (np.array(values) for values in zip(*path))
-    ours, middle = f["statics/displacement"][:], int(np.hypot(*start.T[:2]).argmin())
+    ours, middle = f["statics/displacement"][1:], int(np.hypot(*start.T[:2]).argmin())
     source = "Newton's method on the same net, its own form included"
     for step in (1, 5, 10):
         compare(
@@ -746,7 +746,7 @@ def test_load_case_of_the_paper(both_ways, compare):
         THEME,
         "paper's load case, ten steps: largest difference of a tension",
         source,
-        np.abs(f["statics/tension"][:] - tension).max(),
+        np.abs(f["statics/tension"][1:] - tension).max(),
         0.0,
         2 * 8 * 1e-9 * T,
         "residuals of 1e-9 T, in form and load, add up along a cable",

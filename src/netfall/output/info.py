@@ -131,7 +131,7 @@ def _statics(f, say):
     g = f["statics"]
     N, moved = g["tension"][-1], np.linalg.norm(g["displacement"][-1], axis=1)
     say(
-        f"statics: {len(g['load_factor'])} load steps; largest displacement {moved.max():.4g} m "
+        f"statics: {int((g['load_factor'][:] > 0).sum())} load steps; largest displacement {moved.max():.4g} m "
         f"(node {f['net/node_id'][moved.argmax()]}), tensions {N.min():.4g} to {N.max():.4g} N, "
         f"slack {g['slack'][-1]}, largest residual {g['residual'][:].max():.2g} N"
     )

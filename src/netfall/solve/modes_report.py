@@ -74,7 +74,7 @@ def _notes(model: Model, modes: Modes) -> list[str]:
             moved = (np.linalg.norm(modes.shape[which], axis=2) > MOVING).any(0)
             more = f" ({modes.unstable} of the net)" if np.isnan(modes.period[which]).any() else ""
             notes.append(
-                f"note: {int(which.sum())} of these modes {words}{more}: "
+                f"modes: {int(which.sum())} of these {words}{more}: "
                 f"nodes {listed(model.net.node_id[moved])} move most"
             )
     return notes
