@@ -130,8 +130,9 @@ def _form(f, say):
 def _statics(f, say):
     g = f["statics"]
     N, moved = g["tension"][-1], np.linalg.norm(g["displacement"][-1], axis=1)
+    steps = int((g["load_factor"][:] > 0).sum())
     say(
-        f"statics: {int((g['load_factor'][:] > 0).sum())} load steps; largest displacement {moved.max():.4g} m "
+        f"statics: {steps} load steps; largest displacement {moved.max():.4g} m "
         f"(node {f['net/node_id'][moved.argmax()]}), tensions {N.min():.4g} to {N.max():.4g} N, "
         f"slack {g['slack'][-1]}, largest residual {g['residual'][:].max():.2g} N"
     )
