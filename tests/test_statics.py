@@ -57,7 +57,7 @@ def newton(x, elements, law, fixed, load):
 
 
 def test_history_of_the_load_steps(workshop):
-    """The permanent state and one row a step, factors to 1, residuals below the tolerance, displacements that grow."""
+    """The permanent state and one row a step, residuals below the tolerance, displacements that grow."""
     f = workshop.run(workshop.job(LOADED))
     s = f["statics"]
     assert np.allclose(s["load_factor"][:], [0.0, 0.25, 0.5, 0.75, 1.0])
