@@ -361,9 +361,17 @@ def test_a_storm_from_rest_goes_on_from_its_middle_with_the_same_bits(workshop, 
     assert assert_same_results(whole, again) > 60
 
 
-@pytest.mark.parametrize("after", [12, 18, 24, 30, 38, 46])
-def test_a_pause_anywhere_in_the_equilibria_changes_no_bit(workshop, after):
-    """Permanent state, cases, load steps, rest: stopped at a look at the residual, taken up on two ranks."""
+CASES = STORM[: STORM.index("[wind]")].replace("steps = 2\n", "") + STORM[STORM.index("[dynamics]") :]
+
+
+@pytest.mark.parametrize(
+    "text, after", [*((STORM, k) for k in (12, 18, 24, 30, 38, 46)), (CASES, 16), (CASES, 20)]
+)
+def test_a_pause_anywhere_in_the_equilibria_changes_no_bit(workshop, text, after):
+    """Permanent state, cases, load steps, rest: stopped at a look at the residual, taken up on two ranks.
+
+    With cases alone the loads act at once after them, from the state of the start.
+    """
 
     class After:
         """A wish to stop that comes with a certain look."""
@@ -375,7 +383,7 @@ def test_a_pause_anywhere_in_the_equilibria_changes_no_bit(workshop, after):
             self.looks += 1
             return self.looks > after
 
-    job = workshop.job(STORM.replace("duration = 0.6", "duration = 0.01").replace("checkpoint = 0.31\n", ""))
+    job = workshop.job(text.replace("duration = 0.6", "duration = 0.01").replace("checkpoint = 0.31\n", ""))
     whole = workshop.run(job, output="whole.vtkhdf")
     path = workshop.folder / "result.vtkhdf"
     with pytest.raises(Interrupted) as raised:

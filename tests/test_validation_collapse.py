@@ -8,7 +8,7 @@ import pytest
 from conftest import ROOT
 
 THEME = "Whole jobs"
-SADDLE, STADIUM = ROOT / "jobs" / "saddle_paper.toml", ROOT / "jobs" / "stadium_paper.toml"
+SADDLE, STADIUM, AT_ONCE = (ROOT / "jobs" / f"{name}.toml" for name in ("saddle", "stadium", "stadium_paper"))
 SECOND = "central difference is of second order"
 
 
@@ -34,11 +34,10 @@ def test_second_order_in_the_step(both_ways, compare, job, until, longest):
         for step in (longest, longest / 2, longest / 4, longest / 32)
     ]
     errors = [np.abs(u - runs[-1]).max() for u in runs[:-1]]
-    net = job.stem.split("_")[0]
     for k in (0, 1):
         compare(
             THEME,
-            f"{net}, wind for {until:g} s: error at {longest / 2**k:g} s over that at half the step",
+            f"{job.stem}, wind for {until:g} s: error at {longest / 2**k:g} s over that at half the step",
             "order 2 in the step",
             errors[k] / errors[k + 1],
             4.0,
@@ -81,14 +80,14 @@ def test_order_in_the_subdivision(both_ways, compare):
 @pytest.mark.long
 @pytest.mark.parametrize("speed", [40, 80])
 def test_ensemble_of_winds(workshop, compare, speed):
-    """Stadium in 20 winds, with the automatic step and a quarter of it:
+    """Stadium in 20 winds at once, with the automatic step and a quarter of it:
     what the step changes beside what the wind does. Prints the ensemble.
     """
     first, broken = np.full((2, 20), np.nan), np.zeros((2, 20))
     for k, safety in enumerate((0.8, 0.2)):
         for seed in range(20):
             f = workshop.run(
-                STADIUM,
+                AT_ONCE,
                 *with_keys(wind__speed=speed, wind__seed=seed + 1, dynamics__safety=safety, output__frames=2),
             )
             if len(f["events/time"]):

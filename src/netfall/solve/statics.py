@@ -123,7 +123,6 @@ def find_equilibria(run, path: StaticPath | None, resume: Relaxation | None) -> 
     Raises Paused where it is asked to stop, DivergedError where there is no equilibrium.
     """
     state, wanted, base = run.setup.state, equilibria(run), None
-    start = committed(state)
     if path is None:
         N, load = state.elements_now().N, wanted[-1].load[: state.n_owned]
         path = StaticPath(largest_force(run.comm, N, state.ends, state.free, load))
@@ -152,7 +151,7 @@ def find_equilibria(run, path: StaticPath | None, resume: Relaxation | None) -> 
         share, slack = path.done / len(wanted), f"slack {found.slack}"
         run.progress.at(share, each.words, path.total, "iterations", slack)
     if wanted[-1].kind == "case":  # cases are beside the run: what follows starts where it would without
-        put_back(state, start)
+        to_the_start(run)
     return path
 
 
@@ -199,15 +198,21 @@ def put_back(state: State, kept: dict[str, np.ndarray]) -> None:
 
 def permanent_again(run, permanent: Equilibrium, reference: float) -> dict[str, np.ndarray]:
     """What the permanent loads leave, found once more, in a run that is taken up. Collective."""
-    state, distribution, model = run.setup.state, run.setup.distribution, run.setup.model
+    state = run.setup.state
     now = committed(state)
-    state.x[:] = distribution.particles(model.x if model else None)
-    if state.scene.plastic:
-        state.eps_p[:] = state.dissipated[:] = 0.0
+    to_the_start(run)
     settle(run, permanent, reference, NEVER)
     base = committed(state)
     put_back(state, now)
     return base
+
+
+def to_the_start(run) -> None:
+    """Put the state back to the initial one, from which nothing has moved or yielded. Collective."""
+    state, model = run.setup.state, run.setup.model
+    state.x[:] = run.setup.distribution.particles(model.x if model else None)
+    if state.scene.plastic:
+        state.eps_p[:] = state.dissipated[:] = 0.0
 
 
 def keep(run, path: StaticPath, each: Equilibrium, found: Settled) -> None:
