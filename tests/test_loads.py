@@ -5,7 +5,7 @@ the mean wind, from which gusts grow in.
 import h5py
 import numpy as np
 import pytest
-from conftest import assert_same_results
+from conftest import assert_same_results, run_netfall
 from mpi4py import MPI
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve
@@ -313,6 +313,19 @@ def test_pressures_at_taps_rest_under_their_mean_and_act_as_they_are(both_ways, 
         atol=1e-12,
     )
     assert f["history/probe_displacement"][-1, 0, 2] == pytest.approx(found.y[0, -1], rel=2e-3)
+
+
+def test_nothing_is_told_of_speeds_where_pressures_are_given(workshop):
+    """No damping by the air, whose speed is not known, and no height in its profile; periods all the same."""
+    (workshop.folder / "taps.csv").write_text(TAPS)
+    (workshop.folder / "p.csv").write_text("time,A,B\n0,-400,-400\n2,-400,-400\n")
+    text = (
+        CABLE + '[wind]\npressures = "p.csv"\ntaps = "taps.csv"\nbase_height = 0.0\n' + MOVES.format(time=2)
+    )
+    done = run_netfall("check", workshop.job(text, nodes(), ELEMENTS))
+    assert done.returncode == 0 and "modes at rest under the mean wind" in done.stdout
+    assert "the air" not in done.stdout and "above ground" not in done.stdout
+    assert "[wind] base_height: no effect: the wind comes from pressures" in done.stdout
 
 
 def pull(w):

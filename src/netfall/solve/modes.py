@@ -38,6 +38,8 @@ class Modes:
 
     def damping_ratio(self, zeta: float) -> np.ndarray:
         """Share (k,) of the critical damping that mass-proportional damping zeta [1/s] has in each."""
+        if zeta == 0.0:  # of a mechanism too, whose period is infinite
+            return np.where(np.isnan(self.period), np.nan, 0.0)
         return zeta * self.period / (4.0 * np.pi)
 
 

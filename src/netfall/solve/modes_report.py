@@ -10,7 +10,7 @@ from netfall.net.plan import listed
 from netfall.solve.model import Model
 from netfall.solve.modes import Modes, modes_at
 from netfall.solve.setup import Setup
-from netfall.solve.statics import committed, equilibria, has_statics, put_back, settle
+from netfall.solve.statics import committed, equilibria, has_statics, put_back, reference_force, settle
 from netfall.stop import NEVER
 
 MODES = 6  # that `check` prints
@@ -56,7 +56,7 @@ def go_to_rest(job: Job, setup: Setup) -> str:
         return "in the initial state, without loads"
     start = committed(setup.state)
     try:
-        settle(run, last[-1], setup.reference, NEVER)
+        settle(run, last[-1], reference_force(run, last[-1]), NEVER)
     except DivergedError:
         put_back(setup.state, start)
         return f"in the initial state, for no rest was found under {REST[last[-1].kind]},"
@@ -86,7 +86,7 @@ def _damping_lines(job: Job, model: Model, modes: Modes) -> list[str]:
         f"damping: damping = {zeta:g} 1/s is {_row(100.0 * modes.damping_ratio(zeta))} % of the critical in "
         "them (damping x period / 4 pi)"
     ]
-    if job.wind is not None and np.isfinite(modes.period).any():
+    if job.wind is not None and not job.wind.pressures and np.isfinite(modes.period).any():
         air = 100.0 * air_damping(job, model, modes)
         lines.append(
             f"damping: the air's own is left out; it would be of the order of {_row(air)} % "

@@ -83,6 +83,8 @@ def low_notes(job: Job, net: Net, x: np.ndarray, wind: np.ndarray) -> list[str]:
 
     x : (n, 3) [m]; wind : (n, 3) [N s2/m2] force at 1 m/s
     """
+    if job.wind.pressures:
+        return []
     height = x[:, 2] + job.wind.base_height
     low = np.flatnonzero((height < LOWEST_HEIGHT) & wind.any(1) & ~net.fixed.all(1))
     if not len(low):

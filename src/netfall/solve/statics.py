@@ -124,8 +124,7 @@ def find_equilibria(run, path: StaticPath | None, resume: Relaxation | None) -> 
     """
     state, wanted, base = run.setup.state, equilibria(run), None
     if path is None:
-        N, load = state.elements_now().N, wanted[-1].load[: state.n_owned]
-        path = StaticPath(largest_force(run.comm, N, state.ends, state.free, load))
+        path = StaticPath(reference_force(run, wanted[-1]))
     elif any(each.from_permanent for each in wanted[path.done :]):
         base = permanent_again(run, wanted[0], path.reference)
     run.progress.start()
@@ -153,6 +152,12 @@ def find_equilibria(run, path: StaticPath | None, resume: Relaxation | None) -> 
     if wanted[-1].kind == "case":  # cases are beside the run: what follows starts where it would without
         to_the_start(run)
     return path
+
+
+def reference_force(run, last: Equilibrium) -> float:
+    """Largest of tensions and nodal loads [N] of what can move, which the tolerance refers to. Collective."""
+    state = run.setup.state
+    return largest_force(run.comm, state.elements_now().N, state.ends, state.free, last.load[: state.n_owned])
 
 
 def settle(run, each: Equilibrium, reference: float, stop: StopRequest, resume=None, most=None) -> Settled:

@@ -100,7 +100,7 @@ def _idle_sections(job: Job, net: Net, given: set[str]) -> list[str]:
         and not any(map(any, map(dict.values, job.wind.zone.values())))
     ):
         notes.append("[wind]: no effect: shape_coefficient = 0")
-    if job.wind and "wind.direction" in given and not job.wind.sectors:
+    if job.wind and job.wind.shape_coefficient is not None and "wind.direction" in given:
         notes.append(
             f"[wind] direction = {job.wind.direction:g}: the shape coefficients do not follow it; "
             "sectors = a table gives them by direction"
