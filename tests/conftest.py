@@ -130,6 +130,19 @@ class Workshop:
         return h5py.File(self.folder / output)
 
 
+class StopAfter:
+    """A wish to stop that comes with a certain look."""
+
+    def __init__(self, looks: int):
+        """looks : so many without the wish"""
+        self.left = looks
+
+    @property
+    def wanted(self) -> bool:
+        self.left -= 1
+        return self.left < 0
+
+
 def may_stand(request) -> bool:
     """Whether the jobs of a test may run on ranks that stay."""
     return request.node.get_closest_marker("processes") is None

@@ -5,7 +5,7 @@ the mean wind, from which gusts grow in.
 import h5py
 import numpy as np
 import pytest
-from conftest import assert_same_results, run_netfall
+from conftest import StopAfter, assert_same_results, run_netfall
 from mpi4py import MPI
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve
@@ -386,21 +386,11 @@ def test_a_pause_anywhere_in_the_equilibria_changes_no_bit(workshop, text, after
     With cases alone the loads act at once after them, from the state of the start.
     """
 
-    class After:
-        """A wish to stop that comes with a certain look."""
-
-        looks = 0
-
-        @property
-        def wanted(self):
-            self.looks += 1
-            return self.looks > after
-
     job = workshop.job(text.replace("duration = 0.6", "duration = 0.01").replace("checkpoint = 0.31\n", ""))
     whole = workshop.run(job, output="whole.vtkhdf")
     path = workshop.folder / "result.vtkhdf"
     with pytest.raises(Interrupted) as raised:
-        run_job(MPI.COMM_WORLD, read_job(job), path, Progress(False, False), stop=After())
+        run_job(MPI.COMM_WORLD, read_job(job), path, Progress(False, False), stop=StopAfter(after))
     assert "in statics, " in str(raised.value)
     (checkpoint,) = workshop.folder.glob("result.checkpoint*")
     assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))

@@ -8,7 +8,7 @@ import time
 
 import h5py
 import pytest
-from conftest import BIN, ENVIRONMENT, ROOT, assert_same_results, run_netfall
+from conftest import BIN, ENVIRONMENT, ROOT, StopAfter, assert_same_results, run_netfall
 from kill_runs import JOB
 
 pytestmark = pytest.mark.processes
@@ -267,16 +267,6 @@ def test_a_pause_in_form_finding_or_statics_changes_no_bit(workshop, after, stag
     from netfall.output.progress import Progress
     from netfall.solve.run import run_job
 
-    class After:
-        """A wish to stop that comes with a certain look."""
-
-        looks = 0
-
-        @property
-        def wanted(self):
-            self.looks += 1
-            return self.looks > after
-
     job = workshop.job(PAUSED)
     whole = workshop.run(job, output="whole.vtkhdf")
     with pytest.raises(Interrupted) as raised:
@@ -285,7 +275,7 @@ def test_a_pause_in_form_finding_or_statics_changes_no_bit(workshop, after, stag
             read_job(job),
             workshop.folder / "result.vtkhdf",
             Progress(False, False),
-            stop=After(),
+            stop=StopAfter(after),
         )
     (checkpoint,) = workshop.folder.glob("result.checkpoint*")
     assert f"in {stage}" in str(raised.value) and str(checkpoint) in str(raised.value)
