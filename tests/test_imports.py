@@ -34,7 +34,7 @@ PACKAGES = {
     "mpi4py": ["parallel", "step", "output", "solve", "commands", "__main__"],
     "h5py": ["output", "study", "solve.run", "solve.provenance", "wind.taps"],
     "numba": [  # besides compile: intrinsics, and the version for /provenance
-        *("compile", "mechanics.arithmetic", "parallel.mpi_symbols", "parallel.sums", "solve.provenance"),
+        *("compile", "mechanics.arithmetic", "parallel.mpi_symbols", "solve.provenance"),
     ],
     "llvmlite": ["compile", "mechanics.arithmetic", "parallel.mpi_symbols"],
     "scipy": ["solve.form_finding", "solve.modes"],

@@ -14,6 +14,7 @@ from pathlib import Path
 import llvmlite.binding
 import numba
 from numba.core import ir, types
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import FunctionPass, register_pass
 from numba.core.cpu import CPUTargetOptions
@@ -48,6 +49,58 @@ def _choose_cache() -> str:
 
 
 numba.config.CACHE_DIR = _choose_cache()
+
+
+class FileForEach(IndexDataCacheFile):
+    """Compiled code on disk, each version in a file named by a digest of what it was compiled for.
+
+    numba's own class numbers the files and keeps the numbers in an index. Two processes that compile at the
+    same time take the same number, and from then on one version is loaded for the other.
+    """
+
+    def save(self, key, data):
+        """Write one version, whole or not at all; if two processes write the same one, the last stays."""
+        self._save_data(self._name(key), (self._source_stamp, key, data))
+
+    def load(self, key):
+        """One version; None if there is none that was made of this very source."""
+        try:
+            stamp, kept, data = self._load_data(self._name(key))
+        except OSError:
+            return None
+        return data if (stamp, kept) == (self._source_stamp, key) else None
+
+    def flush(self):
+        """Forget all versions of the function."""
+        for path in Path(self._cache_path).glob(self._stem + ".*"):
+            path.unlink(missing_ok=True)
+
+    @property
+    def _stem(self) -> str:
+        return self._index_name.removesuffix(".nbi")
+
+    def _name(self, key) -> str:
+        return f"{self._stem}.{hashlib.sha256(repr((self._version, key)).encode()).hexdigest()[:24]}"
+
+
+class _Cache(FunctionCache):
+    """numba's cache of a function's versions, but with a file for each."""
+
+    def __init__(self, function):
+        super().__init__(function)
+        index = self._cache_file
+        self._cache_file = FileForEach(self.cache_path, self._impl.filename_base, index._source_stamp)
+
+
+def _compiled(**flags):
+    """Decorator that compiles a function at its first call with arguments of these types, or loads it."""
+
+    def decorate(function):
+        dispatcher = numba.njit(**flags)(function)
+        dispatcher._cache = _Cache(function)
+        return dispatcher
+
+    return decorate
 
 
 @register_pass(mutates_CFG=False, analysis_only=False)
@@ -122,7 +175,7 @@ class _Pipeline(CompilerBase):
         return [passes]
 
 
-FLAGS = {"cache": True, "error_model": "numpy", "fastmath": False, "pipeline_class": _Pipeline}
+FLAGS = {"error_model": "numpy", "fastmath": False, "pipeline_class": _Pipeline}
 
 # Hardware gathers are a trap on processors whose microcode was mended against leaks through them: four
 # times slower there than plain loads into the lanes of a vector, which are as fast elsewhere or nearly so.
@@ -137,13 +190,13 @@ numba.config.CPU_FEATURES = (
 # decorator: this does.
 CPUTargetOptions.noalias = TargetOptions.Mapping("noalias")
 
-allocating_kernel = numba.njit(**FLAGS)
+allocating_kernel = _compiled(**FLAGS)
 # What makes no arrays needs no count of their owners, which would take a microsecond of every step.
-kernel = numba.njit(**FLAGS, _nrt=False)
+kernel = _compiled(**FLAGS, _nrt=False)
 # A call within a loop would keep it from being vectorised.
-part_of_kernel = numba.njit(**FLAGS, _nrt=False, forceinline=True)
+part_of_kernel = _compiled(**FLAGS, _nrt=False, forceinline=True)
 # No two array arguments may overlap if either is written.
-vector_kernel = numba.njit(**FLAGS, _nrt=False, noalias=True)
+vector_kernel = _compiled(**FLAGS, _nrt=False, noalias=True)
 
 
 @kernel

@@ -43,7 +43,7 @@ def roof_of(job: Job, net: Net) -> Roofing:
             raise InputError([f"{job.path}: {error}; {REMEDY}" for error in plan.errors])
         return Roofing(no_faces(), 0.0, [f"the net has no faces: {error}" for error in plan.errors])
     faces = _faces_but_openings(job, net, plan)
-    notes = _notes(job, net, plan, faces, carries) if _loaded(job) else []
+    notes = _notes(job, net, plan, faces, carries) if loads_the_roof(job) else []
     return Roofing(faces, _covered(plan, faces), notes)
 
 
@@ -76,7 +76,8 @@ def largest_face(x: np.ndarray, net: Net, faces: Faces) -> tuple[float, float, n
     return float(area[f]), float(np.median(area)), np.array([within.x, within.y])
 
 
-def _loaded(job: Job) -> bool:
+def loads_the_roof(job: Job) -> bool:
+    """Whether something acts on the areas of the roof."""
     weighs = any(job.loads("dead") + job.loads("snow"))
     return job.wind is not None or weighs or any(value is not None for value in job.loads("pressure"))
 
@@ -89,7 +90,7 @@ def along_normals(job: Job) -> bool:
 def _needs_faces(job: Job, net: Net) -> bool:
     """Whether something acts on areas, or along normals, that the tables do not give."""
     bare = (net.area > 0) & ~np.isfinite(net.normal[:, 0])
-    return _loaded(job) and bool(np.isnan(net.area).any() or (along_normals(job) and bare.any()))
+    return loads_the_roof(job) and bool(np.isnan(net.area).any() or (along_normals(job) and bare.any()))
 
 
 def _notes(job: Job, net: Net, plan: Plan, faces: Faces, carries: np.ndarray) -> list[str]:

@@ -7,16 +7,17 @@ held in 64-bit integers. Limbs of different ranks add up as integers, exactly; o
 
 import math
 
-import numba
 import numpy as np
 from mpi4py import MPI
+
+from netfall.compile import allocating_kernel
 
 LIMBS = 67  # 66 of 32 bits cover 2^-1074 to 2^1024; the last one counts what is not finite
 LOWEST = 1074  # the first limb's unit is 2^-1074
 MASK = np.int64(0xFFFFFFFF)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@allocating_kernel
 def add_exactly(values, limbs):
     """Add the values (n,) to the fixed-point number in limbs (LIMBS,), exactly, for up to 2^30 values."""
     bits = values.view(np.int64)
@@ -40,7 +41,7 @@ def add_exactly(values, limbs):
         limbs[k + 2] += sign * (high >> 32)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@allocating_kernel
 def rounded(limbs):
     """The double nearest to the fixed-point number, nan if a term was not finite. Uses up the limbs."""
     if limbs[LIMBS - 1] != 0:
@@ -81,14 +82,14 @@ def rounded(limbs):
     return -amount if negative else amount
 
 
-@numba.njit(cache=True, error_model="numpy")
+@allocating_kernel
 def add_each(terms, limbs):
     """Add each of several arrays (n,) to a fixed-point number of its own, limbs (arrays, LIMBS)."""
     for k in range(len(terms)):
         add_exactly(terms[k], limbs[k])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@allocating_kernel
 def round_each(limbs):
     """The doubles (k,) nearest to fixed-point numbers (k, LIMBS), which are used up."""
     amounts = np.empty(limbs.shape[0])

@@ -39,23 +39,17 @@ class Loading:
 
 def loading_of(job: Job, roof: Roof, own: np.ndarray, nodes: np.ndarray) -> Loading:
     """The loads of a job; own : (n,) [kg] of the elements; nodes : (n, 3) [N], loads of the nodes."""
-    load, permanent, carried = job.load, np.zeros_like(nodes), np.zeros(len(nodes))
+    load, permanent = job.load, np.zeros_like(nodes)
     if load is None:
-        return Loading(permanent, nodes.copy(), None, carried)
+        return Loading(permanent, nodes.copy(), None, np.zeros(len(nodes)))
     if load.self_weight:
         permanent[:, 2] -= GRAVITY * own
-    for value, here in roof.zones.parts(load, "dead"):
-        if value:
-            weight = value * np.where(here, roof.area, 0.0)
-            permanent[:, 2] -= weight
-            carried += weight / GRAVITY
-    for value, here in roof.zones.parts(load, "snow"):
-        if value:
-            carried += value * np.where(here, roof.plan_area, 0.0) / GRAVITY
-    pressure = pressure_load(load, roof)
+    dead = roof.zones.spread(load, "dead") * roof.area
+    permanent[:, 2] -= dead
+    carried = dead / GRAVITY + roof.zones.spread(load, "snow") * roof.plan_area / GRAVITY
     if grows(job):
-        return Loading(permanent, nodes + snow_load(load, roof), pressure, carried)
-    return Loading(permanent, nodes + snow_load(load, roof) + pressure, None, carried)
+        return Loading(permanent, nodes + snow_load(load, roof), pressure_load(load, roof), carried)
+    return Loading(permanent, live_load(load, roof, nodes), None, carried)
 
 
 def live_load(load: SimpleNamespace, roof: Roof, nodes: np.ndarray) -> np.ndarray:
@@ -79,9 +73,7 @@ def of_case(load: SimpleNamespace, case: SimpleNamespace) -> SimpleNamespace:
 def snow_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
     """Weight of the snow, (n, 3) [N], on the area in plan."""
     force = np.zeros_like(roof.normal)
-    for value, here in roof.zones.parts(load, "snow"):
-        if value:
-            force[:, 2] -= value * np.where(here, roof.plan_area, 0.0)
+    force[:, 2] -= roof.zones.spread(load, "snow") * roof.plan_area
     return force
 
 

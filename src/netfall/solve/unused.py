@@ -6,6 +6,7 @@ import numpy as np
 
 from netfall.job.read import Job
 from netfall.job.values import shown
+from netfall.net.areas import loads_the_roof
 from netfall.net.net import Net
 from netfall.net.zones import Zones, named_zones
 from netfall.solve.loading import grows
@@ -89,8 +90,7 @@ def _idle_sections(job: Job, net: Net, given: set[str]) -> list[str]:
     load, notes = job.load, []
     if load and not has_statics(job) and not job.dynamics:
         notes.append("[load]: no effect: steps = 0 and there is no [dynamics]")
-    weighs = any(job.loads("dead") + job.loads("snow"))
-    on_roof = job.wind or weighs or any(value is not None for value in job.loads("pressure"))
+    on_roof = loads_the_roof(job)
     loaded = on_roof or (load and load.self_weight) or net.load.any()
     if job.dynamics and np.isfinite(net.fracture_strain).any() and not loaded:
         notes.append("elements can break, but neither wind nor load acts on the net")
