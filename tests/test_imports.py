@@ -37,7 +37,7 @@ PACKAGES = {
         *("compile", "mechanics.arithmetic", "parallel.mpi_symbols", "solve.provenance"),
     ],
     "llvmlite": ["compile", "mechanics.arithmetic", "parallel.mpi_symbols"],
-    "scipy": ["solve.form_finding", "solve.modes"],
+    "scipy": ["solve.form_finding", "solve.modes", "solve.aggregation", "solve.multilevel", "solve.tangent"],
     "shapely": ["net"],
     "pymetis": ["parallel.partition"],
     "matplotlib": [

@@ -90,11 +90,15 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "number",
             1e-6,
             "",
-            "largest residual force / largest of prestress and nodal load of what can move",
+            "estimated error of an equilibrium, of displacements and tensions, as shares of the largest",
             low=1e-12,
             high=0.1,
         ),
-        count("max_iterations", 500_000, "iterations of a load step after which the run gives up"),
+        count(
+            "max_iterations",
+            500_000,
+            "iterations after which the run gives up, where an equilibrium has to be relaxed",
+        ),
     ),
     "roof": (
         Key(

@@ -71,6 +71,17 @@ def add_stiffness(u, ends, direction, axial, transverse, force):
 
 
 @kernel
+def axial_forces(u, ends, direction, axial, force):
+    """Axial forces (m,) [N] that displacements u (n, 3) [m] add; direction : (m, 3); axial : (m,) [N/m]"""
+    for e in range(ends.shape[0]):
+        a, b = ends[e, 0], ends[e, 1]
+        along = (u[b, 0] - u[a, 0]) * direction[e, 0]
+        along += (u[b, 1] - u[a, 1]) * direction[e, 1]
+        along += (u[b, 2] - u[a, 2]) * direction[e, 2]
+        force[e] = axial[e] * along
+
+
+@kernel
 def element_energies(elements, now, law, stored, heat):
     """Stored and dissipated energy (m,) [J] of each element, for the state of `element_state`."""
     for e in range(now.N.shape[0]):

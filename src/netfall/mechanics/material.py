@@ -103,6 +103,17 @@ def largest_stiffness(EA: np.ndarray, L0: np.ndarray) -> np.ndarray:
     return EA / L0
 
 
+def tangent_stiffness(N, eps, eps_p, L, L0, EA, yield_force, bar, logarithmic: bool) -> np.ndarray:
+    """Axial stiffness dN/dL (m,) [N/m] at strain eps after plastic strain eps_p; none if slack or yielding.
+
+    N : (m,) [N], on the yield plateau at its limit; yield_force : (m,) [N], None: elastic; bar : (m,) bool
+    """
+    taut = (EA * (eps - eps_p) >= 0.0) | (bar != 0)
+    if yield_force is not None:
+        taut &= np.abs(N) < yield_force
+    return np.where(taut, EA / (L if logarithmic else L0), 0.0)
+
+
 def unstressed_length(L: np.ndarray, N: np.ndarray, EA: np.ndarray, logarithmic: bool) -> np.ndarray:
     """Unstressed length (m,) [m] of elements of length L (m,) [m] that carry N (m,) [N], in closed form."""
     return L * np.exp(-N / EA) if logarithmic else L / (1.0 + N / EA)

@@ -185,6 +185,12 @@ class Distribution:
             None if self._subdomains is None else [rows[p.element_gid] for p in self._subdomains]
         )
 
+    def owned(self) -> list[np.ndarray] | None:
+        """On rank 0 the global numbers of the particles that each rank owns, in its order."""
+        if self._subdomains is None:
+            return None
+        return [each.particle_gid[: each.n_owned] for each in self._subdomains]
+
     def gather_particles(self, rows: np.ndarray) -> np.ndarray | None:
         """Global array (n, ...) on rank 0 of the ranks' owned rows. Collective."""
         parts = self.comm.gather(np.ascontiguousarray(rows[: self.subdomain.n_owned]))

@@ -29,7 +29,10 @@ LOOK_EVERY = 10  # iterations between looks at the residual, which take a reduct
 
 @dataclass
 class Relaxation:
-    """Where a relaxation stands before an iteration: arrays (n, 3) of owned and halo particles."""
+    """Where a relaxation stands before an iteration: arrays (n, 3) of owned and halo particles.
+
+    stage : of an equilibrium that is relaxed to several residuals in turn
+    """
 
     iteration: int
     previous: float
@@ -37,6 +40,7 @@ class Relaxation:
     x: np.ndarray
     v: np.ndarray
     mass: np.ndarray
+    stage: int = 0
 
 
 class Paused(Exception):

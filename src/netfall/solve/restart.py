@@ -118,9 +118,8 @@ def pause_form_finding(
 def relaxation_record(distribution: Distribution, at: Relaxation) -> tuple[dict, dict[str, np.ndarray]]:
     """A relaxation as small values and, on rank 0, global arrays, for `restore_relaxation`. Collective."""
     arrays = {f"relax_{name}": distribution.gather_particles(getattr(at, name)) for name in RELAXED}
-    return {
-        "relax": {"iteration": at.iteration, "previous": at.previous, "rested": bool(at.rested)}
-    }, arrays if distribution.comm.rank == 0 else {}
+    small = {"iteration": at.iteration, "previous": at.previous, "rested": bool(at.rested), "stage": at.stage}
+    return {"relax": small}, arrays if distribution.comm.rank == 0 else {}
 
 
 def restore_relaxation(distribution: Distribution, checkpoint: Checkpoint | None) -> Relaxation | None:

@@ -38,7 +38,7 @@ from netfall.solve.restart import (
 )
 from netfall.solve.schedule import Schedule, schedule_of
 from netfall.solve.setup import Setup, prepare
-from netfall.solve.statics import StaticPath, equilibria, find_equilibria, has_statics, rests_in_wind
+from netfall.solve.statics import NUMBERS, StaticPath, equilibria, find_equilibria, has_statics, rests_in_wind
 from netfall.solve.wind_report import wind_section
 from netfall.stop import NEVER, StopRequest
 from netfall.timings import Phases
@@ -144,6 +144,12 @@ def take_up(run: Run) -> dict | None:
     return record
 
 
+def numbers_of(found: dict) -> dict[str, np.ndarray]:
+    """What is kept of equilibria as datasets: whether stable, and not which node says so."""
+    arrays = {name: np.array(value) for name, value in found.items()}
+    return arrays | {"stable": arrays.pop("falls") < 0}
+
+
 def run_statics(run: Run) -> StaticPath | None:
     """The equilibria that the job asks for, from where an earlier run was interrupted in them. Collective."""
     setup, distribution = run.setup, run.setup.distribution
@@ -158,7 +164,8 @@ def run_statics(run: Run) -> StaticPath | None:
         except Paused as pause:
             where = equilibria(run)[pause.path.done].words
             raise interrupted(f"in statics, {where}", run.saver.pause_statics(pause)) from None
-    for line in static_lines(path, distribution.m):
+    node_id = setup.model.net.node_id if setup.model else None
+    for line in static_lines(path, distribution.m, node_id):
         run.progress.say(line)
     return path
 
@@ -237,12 +244,11 @@ def sections_of(run: Run, simulation: Simulation | None) -> dict[str, dict]:
             "unstressed_length": model.cut_length,
         }
     if statics and statics.load_factor:
-        names = ("load_factor", "residual", "slack", "iterations")
-        sections["statics"] = {name: np.array(getattr(statics, name)) for name in names}
+        sections["statics"] = numbers_of({name: getattr(statics, name) for name in ("load_factor", *NUMBERS)})
     if statics and statics.rest:
-        sections["rest"] = {name: np.array(value) for name, value in statics.rest.items()}
+        sections["rest"] = numbers_of(statics.rest)
     for name, numbers in statics.cases.items() if statics else ():
-        sections[f"cases/{name}"] = {key: np.array(value) for key, value in numbers.items()}
+        sections[f"cases/{name}"] = numbers_of(numbers)
     if simulation:
         sections["history"] = simulation.history.columns() | simulation.history.probe_columns()
         sections["events"] = run.log.columns()

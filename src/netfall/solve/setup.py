@@ -17,6 +17,7 @@ from netfall.output.checkpoint import Checkpoint
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution, cut_net
+from netfall.solve.equilibrium import Finder
 from netfall.solve.form_finding import Form, find_form
 from netfall.solve.model import Model, make_model, model_digest, scene_of, set_initial, warm
 from netfall.solve.relaxation import Paused, state_residual
@@ -46,6 +47,7 @@ class Setup:
     digest: str = ""  # of job and net, for checkpoints
     stage: str | None = None  # in which the run that is taken up was interrupted; None: a new run
     checkpoint: Checkpoint | None = None  # of that run, on rank 0
+    finder: Finder | None = None  # of equilibria, once one is looked for
 
 
 def prepare(

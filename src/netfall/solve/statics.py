@@ -20,12 +20,22 @@ from netfall.job.read import Job
 from netfall.job.schema import defaults
 from netfall.mechanics.state import State
 from netfall.solve.energy import Snapshot, take_snapshot
+from netfall.solve.equilibrium import Finder
 from netfall.solve.loading import live_load, of_case
-from netfall.solve.relaxation import Paused, Relaxation, largest_force, net_of, relax
+from netfall.solve.relaxation import Paused, Relaxation, largest_force
 from netfall.stop import NEVER, StopRequest
 
 HALVINGS = 6  # of the mean wind, where all of it has no equilibrium: what it bears is told to 2 %
 FEWER = 20_000  # iterations for each of them
+NUMBERS = (
+    "residual",
+    "slack",
+    "iterations",
+    "displacement_error",
+    "tension_error",
+    "relaxed",
+    "falls",
+)  # kept
 COMMITTED = ("x", "eps_p", "dissipated")  # what an equilibrium leaves in the state
 
 
@@ -50,7 +60,7 @@ class StaticPath:
     """What has been found so far.
 
     reference : [N], which the tolerance refers to; done : equilibria; total : iterations for all of these
-    load_factor, residual [N], slack, iterations : of the permanent loads, then of each load step
+    load_factor, and NUMBERS : of the permanent loads, then of each load step
     cases : the same by name; rest : the same, once found
     """
 
@@ -61,17 +71,25 @@ class StaticPath:
     residual: list[float] = field(default_factory=list)
     slack: list[int] = field(default_factory=list)
     iterations: list[int] = field(default_factory=list)
+    displacement_error: list[float] = field(default_factory=list)
+    tension_error: list[float] = field(default_factory=list)
+    relaxed: list[bool] = field(default_factory=list)
+    falls: list[int] = field(default_factory=list)
     cases: dict[str, dict] = field(default_factory=dict)
     rest: dict = field(default_factory=dict)
 
 
 class Settled(NamedTuple):
-    """An equilibrium that was found: largest residual [N], slack cables of the net."""
+    """An equilibrium that was found: slack cables of the net; the rest as in `equilibrium.Found`."""
 
     snapshot: Snapshot
+    slack: int
     iterations: int
     residual: float
-    slack: int
+    displacement_error: float
+    tension_error: float
+    relaxed: bool
+    falls: int
 
 
 def rests_in_wind(job: Job) -> bool:
@@ -166,22 +184,23 @@ def settle(run, each: Equilibrium, reference: float, stop: StopRequest, resume=N
     reference : [N], which the tolerance refers to; stop, resume : as in `relax`; most : iterations
     """
     comm, state, settings = run.comm, run.setup.state, settings_of(run.job)
-    iterations, residual = relax(
-        comm,
-        run.setup.halo,
-        net_of(state, each.load),
-        settings.tolerance * reference,
+    if run.setup.finder is None:
+        run.setup.finder = Finder(comm, run.setup.halo, run.setup.distribution, state)
+    found = run.setup.finder.find(
+        each.load,
+        settings.tolerance,
+        reference,
         most or settings.max_iterations,
         each.words,
-        stop=stop,
-        resume=resume,
+        stop,
+        resume,
     )
     snapshot = take_snapshot(state, 0.0, 1.0, 0.0, 0.0)
     _stop_at_fracture(run, snapshot, each)
     if state.scene.plastic:
         state.dissipated[:] = snapshot.heat
         state.eps_p[:] = snapshot.eps_p
-    return Settled(snapshot, iterations, residual, comm.allreduce(snapshot.slack))
+    return Settled(snapshot, comm.allreduce(snapshot.slack), *found)
 
 
 def settings_of(job: Job) -> SimpleNamespace:
@@ -223,7 +242,7 @@ def to_the_start(run) -> None:
 def keep(run, path: StaticPath, each: Equilibrium, found: Settled) -> None:
     """Note what was found, and write it. Collective."""
     state, snapshot = run.setup.state, found.snapshot
-    numbers = {"residual": found.residual, "slack": found.slack, "iterations": found.iterations}
+    numbers = {name: getattr(found, name) for name in NUMBERS}
     if each.kind == "case":
         path.cases[each.name] = numbers
         run.result.write_equilibrium(f"cases/{each.name}", state, snapshot, "displacement")

@@ -1,0 +1,133 @@
+"""Sparse matrices of 3 x 3 blocks in single precision, their rows spread over the ranks, for preconditioners.
+
+A row sums its blocks in ascending global number of the column, so a product has the same bits on any number
+of ranks.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.compile import kernel
+
+TAG = 31
+
+
+class Share(NamedTuple):
+    """What one rank has of a matrix, and of the vectors that it multiplies.
+
+    start (rows + 1,), column (k,) local, block (k, 9) float32 : compressed rows
+    n_columns : owned by this rank; ghosts follow them
+    senders, receive_counts : ranks that send ghosts, and how many; receivers, send_index : whom this rank
+        sends which of its own
+    """
+
+    start: np.ndarray
+    column: np.ndarray
+    block: np.ndarray
+    n_columns: int
+    senders: list[int]
+    receive_counts: list[int]
+    receivers: list[int]
+    send_index: list[np.ndarray]
+
+
+def shares(matrix, rows: list[np.ndarray], columns: list[np.ndarray]) -> list[Share]:
+    """The shares of all ranks of a scipy BSR matrix of 3 x 3 blocks, sorted columns.
+
+    rows, columns : the global numbers that each rank owns, in its own order
+    """
+    owner = np.empty(matrix.shape[1] // 3, np.int64)
+    place = np.empty_like(owner)
+    for rank, own in enumerate(columns):
+        owner[own], place[own] = rank, np.arange(len(own))
+    cut = [_cut(matrix, own, owner, place, rank, columns) for rank, own in enumerate(rows)]
+    wanted = [_by_owner(ghosts, owner) for _, ghosts in cut]
+    done = []
+    for rank, ((start, column, block), _) in enumerate(cut):
+        receivers = [other for other in range(len(rows)) if rank in wanted[other]]
+        done.append(
+            Share(
+                start,
+                column,
+                block,
+                len(columns[rank]),
+                list(wanted[rank]),
+                [len(ids) for ids in wanted[rank].values()],
+                receivers,
+                [place[wanted[other][rank]] for other in receivers],
+            )
+        )
+    return done
+
+
+def _cut(matrix, own, owner, place, rank: int, columns):
+    """Rows `own` of a matrix with local columns, and the global numbers of the ghosts among these."""
+    counts = np.diff(matrix.indptr)[own]
+    start = np.concatenate([[0], np.cumsum(counts)])
+    entry = np.repeat(matrix.indptr[own] - start[:-1], counts) + np.arange(start[-1])
+    column = matrix.indices[entry]
+    ghosts = np.unique(column[owner[column] != rank])
+    ghosts = ghosts[np.argsort(owner[ghosts], kind="stable")]
+    local = place.copy()
+    local[ghosts] = len(columns[rank]) + np.arange(len(ghosts))
+    block = matrix.data[entry].reshape(-1, 9).astype(np.float32)
+    return (start, local[column], block), ghosts
+
+
+def _by_owner(ghosts: np.ndarray, owner: np.ndarray) -> dict[int, np.ndarray]:
+    return {int(rank): ghosts[owner[ghosts] == rank] for rank in np.unique(owner[ghosts])}
+
+
+@kernel
+def multiply_rows(start, column, block, x, y):
+    """y (rows, 3) = blocks times x (columns, 3)."""
+    for i in range(start.shape[0] - 1):
+        a, b, c = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+        for k in range(start[i], start[i + 1]):
+            j = column[k]
+            u, v, w = x[j, 0], x[j, 1], x[j, 2]
+            a += block[k, 0] * u + block[k, 1] * v + block[k, 2] * w
+            b += block[k, 3] * u + block[k, 4] * v + block[k, 5] * w
+            c += block[k, 6] * u + block[k, 7] * v + block[k, 8] * w
+        y[i, 0], y[i, 1], y[i, 2] = a, b, c
+
+
+@kernel
+def dot_rows(a, b, out):
+    """Products (n,) of the rows of two arrays (n, 3)."""
+    for p in range(out.shape[0]):
+        out[p] = a[p, 0] * b[p, 0] + a[p, 1] * b[p, 1] + a[p, 2] * b[p, 2]
+
+
+class SpreadMatrix:
+    """The product of a matrix with a vector, rows (n_owned, 3) float32 of both on each rank."""
+
+    def __init__(self, comm: MPI.Comm, all_shares: list[Share] | None):
+        """Collective. all_shares : on rank 0."""
+        self.comm = comm
+        self.share: Share = comm.scatter(all_shares)
+        ghosts = sum(self.share.receive_counts)
+        self.x = np.zeros((self.share.n_columns + ghosts, 3), np.float32)
+        self.y = np.zeros((len(self.share.start) - 1, 3), np.float32)
+        self.out = [np.empty((len(index), 3), np.float32) for index in self.share.send_index]
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """The rows of the product, in an array that the next call overwrites. Collective."""
+        share = self.share
+        self.x[: share.n_columns] = x
+        if share.senders or share.receivers:
+            self._exchange()
+        multiply_rows(share.start, share.column, share.block, self.x, self.y)
+        return self.y
+
+    def _exchange(self) -> None:
+        requests, row, share = [], self.share.n_columns, self.share
+        for rank, count in zip(share.senders, share.receive_counts):
+            requests.append(self.comm.Irecv(self.x[row : row + count], rank, TAG))
+            row += count
+        for rank, index, out in zip(share.receivers, share.send_index, self.out):
+            np.take(self.x, index, axis=0, out=out)
+            requests.append(self.comm.Isend(out, rank, TAG))
+        MPI.Request.Waitall(requests)

@@ -1,0 +1,185 @@
+"""One equilibrium of a net: by Newton's method, or by dynamic relaxation where that does not find it.
+
+Whichever finds it, the estimated error decides when it is found: what one more correction of Newton's would
+move, as a share of the largest displacement, and what it would change of tensions, as a share of the largest.
+So `tolerance` means the same for any net and any refinement.
+"""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.mechanics.state import State
+from netfall.parallel.halo import Halo
+from netfall.parallel.subdomain import Distribution
+from netfall.solve.multilevel import Cycle
+from netfall.solve.newton import MOST_CORRECTIONS, Newton, NotFound, Stopped
+from netfall.solve.relaxation import Paused, Relaxation, net_of, relax
+from netfall.solve.tangent import Tangent, tangent_of
+from netfall.stop import NEVER, StopRequest
+
+ALIKE = 1.5  # times stiffer or softer: what the first approximate inverse serves
+SLACKER = (
+    0.01  # of the largest stiffness: below that an element counts as slack when two tangents are compared
+)
+NEARER = (1e-2, 1e-3, 1e-4, 1e-5)  # of the largest force: residuals after which Newton's is tried once more
+FEW_CORRECTIONS = 8  # then
+TIGHTER = 10.0  # times: what the relaxation is asked more of at least, where its error is too large
+MOST_AGAIN = 6  # times
+
+
+class Found(NamedTuple):
+    """An equilibrium that was found.
+
+    iterations : of conjugate gradients, or of the relaxation; residual : largest [N]
+    displacement_error, tension_error : estimates, shares of the largest; nan where none could be made
+    relaxed : whether by dynamic relaxation; falls : global number of the particle that moves most where the
+        equilibrium is not stable, -1 : it is
+    """
+
+    iterations: int
+    residual: float
+    displacement_error: float
+    tension_error: float
+    relaxed: bool
+    falls: int
+
+
+@dataclass
+class Finder:
+    """Finds equilibria of one state; keeps the approximate inverse of its first tangent."""
+
+    comm: MPI.Comm
+    halo: Halo
+    distribution: Distribution
+    state: State
+    _first: tuple[Tangent, Cycle] | None = field(default=None, init=False)
+
+    def find(
+        self,
+        load: np.ndarray,
+        tolerance: float,
+        reference: float,
+        max_iterations: int,
+        what: str,
+        stop: StopRequest = NEVER,
+        resume: Relaxation | None = None,
+    ) -> Found:
+        """Bring the state to equilibrium under a load (n, 3) [N] of owned and halo particles. Collective.
+
+        tolerance : of the estimated errors; reference : [N], the largest force that acts; max_iterations : of
+        the relaxation; stop, resume : as in `relax`
+
+        Raises DivergedError if neither finds one, Paused if asked to stop.
+        """
+        newton, state = self._newton(load), self.state
+        goals = [share * reference for share in NEARER if share > tolerance] + [tolerance * reference]
+        first, total = 0, 0
+        if resume is not None and resume.iteration > 0:
+            first = resume.stage
+        else:
+            resume = None
+            before = state.x.copy(order="K")
+            try:
+                return self._corrected(newton, tolerance, total, stop)
+            except Stopped:
+                state.x[:] = before
+                raise Paused(_not_begun(before)) from None
+            except NotFound:
+                state.x[:] = before
+        for stage in range(first, len(goals)):
+            try:
+                iterations, residual = relax(
+                    self.comm,
+                    self.halo,
+                    newton.net,
+                    goals[stage],
+                    max_iterations,
+                    what,
+                    stop=stop,
+                    resume=resume,
+                )
+            except Paused as pause:
+                pause.at.stage = stage
+                raise
+            total, resume, before = total + iterations, None, state.x.copy(order="K")
+            try:
+                return self._corrected(newton, tolerance, total, NEVER, FEW_CORRECTIONS)
+            except NotFound:
+                state.x[:] = before
+        return self._relaxed(newton, tolerance, total, residual, max_iterations, what)
+
+    def _corrected(self, newton: Newton, tolerance, before: int, stop, most: int = MOST_CORRECTIONS) -> Found:
+        """By Newton's method; before : iterations until now. Raises NotFound, Stopped."""
+        found = newton.find(tolerance, self.state.x_start, stop, most)
+        total = before + found.gradients
+        return Found(total, found.residual, found.moved, found.tension, False, self._falls(newton))
+
+    def _newton(self, load: np.ndarray) -> Newton:
+        net = net_of(self.state, load)
+        return Newton(self.comm, self.halo, self.distribution, net, self._tangent, self._approximate_inverse)
+
+    def _tangent(self) -> Tangent:
+        return tangent_of(self.state)
+
+    def _approximate_inverse(self, newton: Newton, K: Tangent) -> Cycle:
+        """That of the first tangent while K is like it, otherwise K's own. Collective."""
+        if self._first is None:
+            first = self._tangent_at_first()
+            self._first = first, newton.cycle(first)
+        first, cycle = self._first
+        unlike = not (_alike(K.axial, first.axial) and _alike(K.across, first.across))
+        return newton.cycle(K) if newton.inertia or self.comm.allreduce(unlike, MPI.LOR) else cycle
+
+    def _tangent_at_first(self) -> Tangent:
+        """Before anything has moved or yielded, the same in a run that is taken up."""
+        state = self.state
+        x = state.x.copy(order="K")
+        eps_p = None if state.eps_p is None else state.eps_p.copy()
+        state.x[:] = state.x_start
+        if eps_p is not None:
+            state.eps_p[:] = 0.0
+        first = self._tangent()
+        state.x[:] = x
+        if eps_p is not None:
+            state.eps_p[:] = eps_p
+        return first
+
+    def _relaxed(self, newton: Newton, tolerance, total, residual, max_iterations, what) -> Found:
+        """By relaxation alone: to a residual so small that the estimated errors are within the tolerance."""
+        for again in range(MOST_AGAIN):
+            try:
+                errors = newton.errors(self.state.x_start)
+            except NotFound:
+                return Found(total, residual, np.nan, np.nan, True, self._falls(newton))
+            if max(errors) <= tolerance or again == MOST_AGAIN - 1:
+                break
+            goal = residual / max(TIGHTER, 2.0 * max(errors) / tolerance)
+            iterations, residual = relax(self.comm, self.halo, newton.net, goal, max_iterations, what)
+            total += iterations
+        return Found(total, residual, *errors, True, self._falls(newton))
+
+    def _falls(self, newton: Newton) -> int:
+        """Global number of the particle that moves most in an equilibrium that is not stable; -1: it is."""
+        shape = newton.falling()
+        if shape is None:
+            return -1
+        size = np.sqrt(shape[:, 0] ** 2 + shape[:, 1] ** 2 + shape[:, 2] ** 2)
+        gid = self.distribution.subdomain.particle_gid[: len(size)]
+        p = np.lexsort((gid, -size))[0] if len(size) else 0
+        mine = (float(size[p]), -int(gid[p])) if len(size) else (-1.0, 0)
+        return -max(self.comm.allgather(mine))[1]
+
+
+def _not_begun(x: np.ndarray) -> Relaxation:
+    """Where an equilibrium is taken up from its start."""
+    return Relaxation(0, 0.0, True, x, np.zeros_like(x), np.ones_like(x))
+
+
+def _alike(now: np.ndarray, before: np.ndarray) -> bool:
+    """Whether two stiffnesses (m,) of the same elements are of one size."""
+    least = SLACKER * np.abs(before).max(initial=0.0)
+    now, before = np.maximum(now, least), np.maximum(before, least)
+    return bool((now <= ALIKE * before).all() and (before <= ALIKE * now).all())

@@ -1,0 +1,176 @@
+"""An approximate inverse of a net's tangent stiffness, at a cost in proportion to the net.
+
+Smoothed aggregation (Vanek, Mandel, Brezina 1996): particles are joined to aggregates of a particle and its
+neighbours, these again, until few are left; each level moves its aggregates as wholes, smoothed by one step
+of Jacobi's iteration.
+Between levels Chebyshev's polynomial in the stiffness, scaled by each particle's 3 x 3 block, takes out what
+varies from particle to particle. A cycle through the levels is symmetric, so that conjugate gradients may use
+it. Levels are made on rank 0, in global numbers, and spread; a cycle is in single precision.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.compile import kernel
+from netfall.parallel.agree import on_root
+from netfall.parallel.blocks import SpreadMatrix, shares
+from netfall.solve.aggregation import COARSEST, Level, levels_of
+
+DEGREE = 3  # of the polynomial before and after each coarser level
+RANGE = 10.0  # the polynomial damps eigenvalues from the largest down to this part of it
+DENSE = 4 * COARSEST  # particles of the last level up to which it is solved
+
+
+@kernel
+def smooth(residual, inverse, scale, keep, step, x):
+    """One term of Chebyshev's iteration: step = keep step + scale inverse residual; x += step. All (n, 3)."""
+    for p in range(x.shape[0]):
+        for i in range(3):
+            sum = inverse[p, i, 0] * residual[p, 0]
+            sum += inverse[p, i, 1] * residual[p, 1]
+            sum += inverse[p, i, 2] * residual[p, 2]
+            step[p, i] = keep * step[p, i] + scale * sum
+            x[p, i] += step[p, i]
+
+
+@kernel
+def factorised(matrix):
+    """Cholesky's factor of a symmetric matrix (n, n), in place, in the lower half; 1 where it is singular."""
+    n = matrix.shape[0]
+    for j in range(n):
+        for k in range(j):
+            for i in range(j, n):
+                matrix[i, j] -= matrix[i, k] * matrix[j, k]
+        root = math.sqrt(matrix[j, j]) if matrix[j, j] > 0.0 else 0.0
+        for i in range(j, n):
+            matrix[i, j] = matrix[i, j] / root if root > 0.0 else (1.0 if i == j else 0.0)
+
+
+@kernel
+def solve_factorised(lower, b):
+    """Solve in place, b (n,)."""
+    n = lower.shape[0]
+    for i in range(n):
+        for k in range(i):
+            b[i] -= lower[i, k] * b[k]
+        b[i] /= lower[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            b[i] -= lower[k, i] * b[k]
+        b[i] /= lower[i, i]
+
+
+class Cycle:
+    """The approximate inverse, for rows (n_owned, 3) on each rank."""
+
+    def __init__(self, comm: MPI.Comm, owned: list[np.ndarray] | None, matrix):
+        """On rank 0 owned : global numbers that each rank owns, in its order; matrix : BSR. Collective."""
+        self.comm = comm
+        levels = on_root(comm, lambda: levels_of(matrix))
+        spread = on_root(comm, lambda: _spread(levels, owned))
+        self.levels = []
+        for k in range(comm.bcast(None if spread is None else len(spread))):
+            each = spread[k] if spread else None
+            ends = comm.bcast(each and each["down"] is None)
+            names = ("matrix",) if ends else ("matrix", "down", "up")
+            matrices = [SpreadMatrix(comm, each and each[name]) for name in names]
+            inverse, top = comm.scatter(each and each["inverse"]), comm.bcast(each and each["top"])
+            self.levels.append(_SpreadLevel(inverse, top, *matrices))
+        self.lower = comm.bcast(on_root(comm, lambda: _last(levels[-1].matrix)))
+        self.last = comm.scatter(on_root(comm, lambda: _owned_everywhere(levels, owned)[-1]))
+
+    def __call__(self, b: np.ndarray) -> np.ndarray:
+        """Nearly the displacements (n_owned, 3) that the forces b (n_owned, 3) make. Collective."""
+        return self._cycle(0, b.astype(np.float32)).astype(float)
+
+    def _cycle(self, k: int, b: np.ndarray) -> np.ndarray:
+        if k == len(self.levels):
+            return self._solve_last(b)
+        level = self.levels[k]
+        x = level.smoothed(np.zeros_like(b), b, True)
+        if level.down is None:
+            return x
+        x += level.up(self._cycle(k + 1, level.down(b - level.matrix(x)).copy()))
+        return level.smoothed(x, b, False)
+
+    def _solve_last(self, b: np.ndarray) -> np.ndarray:
+        whole = np.zeros((len(self.lower) // 3, 3))
+        whole[self.last] = b
+        self.comm.Allreduce(MPI.IN_PLACE, whole, MPI.SUM)  # one term that is not zero: no rounding
+        flat = whole.ravel()
+        solve_factorised(self.lower, flat)
+        return whole[self.last].astype(np.float32)
+
+
+@dataclass
+class _SpreadLevel:
+    inverse: np.ndarray
+    top: float
+    matrix: SpreadMatrix
+    down: SpreadMatrix | None = None
+    up: SpreadMatrix | None = None
+
+    def smoothed(self, x: np.ndarray, b: np.ndarray, zero: bool) -> np.ndarray:
+        """x (n, 3) after Chebyshev's iteration of `DEGREE` terms towards matrix x = b; zero : x is 0."""
+        middle, half = 0.5 * (self.top + self.top / RANGE), 0.5 * (self.top - self.top / RANGE)
+        ratio = middle / half
+        factor, step = 1.0 / ratio, np.zeros_like(x)
+        keep, scale = 0.0, 1.0 / middle
+        for term in range(DEGREE):
+            residual = b if zero and term == 0 else b - self.matrix(x)
+            smooth(residual, self.inverse, np.float32(scale), np.float32(keep), step, x)
+            after = 1.0 / (2.0 * ratio - factor)
+            keep, scale, factor = after * factor, 2.0 * after / half, after
+        return x
+
+
+def _owned_everywhere(levels: list[Level], owned: list[np.ndarray]) -> list[list[np.ndarray]]:
+    """What each rank owns of each level: an aggregate goes to the owner of its first particle."""
+    rank_of = np.empty(levels[0].matrix.shape[0] // 3, np.int64)
+    for rank, own in enumerate(owned):
+        rank_of[own] = rank
+    everywhere = [owned]
+    for level in levels[:-1]:
+        up = level.coarser
+        row = np.repeat(np.arange(up.shape[0] // 3), np.diff(up.indptr))
+        first = np.full(up.shape[1] // 3, len(row), np.int64)
+        np.minimum.at(first, up.indices, row)
+        rank_of = rank_of[first]
+        everywhere.append([np.flatnonzero(rank_of == rank) for rank in range(len(owned))])
+    return everywhere
+
+
+def _spread(levels: list[Level], owned: list[np.ndarray]) -> list[dict]:
+    """What each rank gets of all levels but the last, and of that too if it is too large to be solved."""
+    from scipy.sparse import bsr_array
+
+    everywhere, out = _owned_everywhere(levels, owned), []
+    for k, level in enumerate(levels):
+        fine, down = everywhere[k], None
+        if level.coarser is None and level.matrix.shape[0] <= 3 * DENSE:
+            break
+        if level.coarser is not None:
+            down = bsr_array(level.coarser.T, blocksize=(3, 3))
+            down.sort_indices()
+        out.append(
+            {
+                "matrix": shares(level.matrix, fine, fine),
+                "down": None if down is None else shares(down, everywhere[k + 1], fine),
+                "up": None if down is None else shares(level.coarser, fine, everywhere[k + 1]),
+                "inverse": [level.inverse[own].astype(np.float32) for own in fine],
+                "top": level.top,
+            }
+        )
+    return out
+
+
+def _last(matrix) -> np.ndarray | None:
+    """The factor of the last level; None if that is too large."""
+    if matrix.shape[0] > 3 * DENSE:
+        return None
+    whole = matrix.toarray()
+    factorised(whole)
+    return whole

@@ -1,0 +1,293 @@
+"""Equilibrium by Newton's method: each correction answers the residual forces by the tangent stiffness.
+
+Conjugate gradients with a cycle through the levels of `multilevel` solve for the correction; what a full
+correction still moves is an estimate of the error before it, in displacement and tension, at any refinement.
+Where the tangent is not positive, what compression takes from it is left out; where it is singular all the
+same (a net without prestress, all slack) inertia is added until it is not.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.mechanics.elements import add_stiffness, axial_forces
+from netfall.parallel.agree import on_root
+from netfall.parallel.blocks import dot_rows
+from netfall.parallel.halo import Halo
+from netfall.parallel.subdomain import Distribution
+from netfall.parallel.sums import exact_sums
+from netfall.solve.multilevel import Cycle
+from netfall.solve.tangent import Tangent, block_matrix, without_compression
+from netfall.stop import NEVER, StopRequest
+
+MOST_CORRECTIONS = 25
+MOST_GRADIENTS = 400  # iterations of conjugate gradients for one correction
+LOOSE, TIGHT = 1e-2, 1e-4  # shares of the residual that these leave, far from the equilibrium and near it
+NEAR = 1e-2  # a correction of this share of the displacement or tension: the next is to be exact
+HALVINGS = 10  # of a correction that goes too far
+FARTHEST = 0.1  # of the net's extent: what a correction may move
+FIRST_INERTIA = 1e-6  # of the nodes' stiffness, once the tangent is found singular
+MOST_INERTIA = 1e-3
+SHORT = 0.3  # of a correction: if no more than that can be gone, the next gets more inertia
+ROUNDING = 1e-14  # of the net's extent: a correction below that is rounding
+NIL = 1e-6  # of the net's extent: a displacement below that counts as so much
+
+
+class Corrected(NamedTuple):
+    """An equilibrium that was found.
+
+    corrections, gradients : iterations; residual : largest [N]
+    moved, tension : estimated errors, shares of the largest displacement from the start and largest tension
+    """
+
+    corrections: int
+    gradients: int
+    residual: float
+    moved: float
+    tension: float
+
+
+class Stopped(Exception):
+    """Newton's method was asked to stop."""
+
+
+class NotFound(Exception):
+    """Newton's method did not find the equilibrium."""
+
+
+class Falling(NotFound):
+    """There are displacements (n_owned, 3), `shape`, against which the tangent has no stiffness."""
+
+    def __init__(self, shape: np.ndarray):
+        super().__init__("the tangent is not positive")
+        self.shape = shape
+
+
+class Newton:
+    """Newton's method for one net on these ranks."""
+
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        halo: Halo,
+        distribution: Distribution,
+        net,
+        tangent: Callable,
+        inverse: Callable | None = None,
+    ):
+        """net : `relaxation.Net`; tangent() : the `Tangent` at its positions
+        inverse(newton, tangent) : the approximate inverse to use, None: of the tangent in hand. Collective.
+        """
+        self.comm, self.halo, self.distribution, self.net, self.tangent = (
+            comm,
+            halo,
+            distribution,
+            net,
+            tangent,
+        )
+        self.inverse = inverse or Newton.cycle
+        self.owned = slice(halo.n_owned)
+        self.moves = np.ascontiguousarray(net.free[self.owned]) != 0
+        self.spread = np.zeros_like(np.ascontiguousarray(net.x))
+        self.answer = np.zeros_like(self.spread)
+        self.f = np.zeros_like(net.x)
+        self.inertia = self.extent = 0.0
+
+    def dots(self, *pairs) -> list[float]:
+        """Inner products over all ranks of pairs of arrays (n_owned, 3), correctly rounded. Collective."""
+        rows = np.empty((len(pairs), self.halo.n_owned))
+        for out, (a, b) in zip(rows, pairs):
+            dot_rows(a, b, out)
+        return exact_sums(self.comm, *rows)
+
+    def largest(self, *values) -> list[float]:
+        """Largest size in each of several arrays over all ranks. Collective."""
+        mine = np.array([np.abs(each).max(initial=0.0) for each in values])
+        self.comm.Allreduce(MPI.IN_PLACE, mine, MPI.MAX)
+        return mine.tolist()
+
+    def residual(self) -> np.ndarray:
+        """Residual forces (n_owned, 3) [N] on the free axes."""
+        self.net.forces(self.net.x, self.f)
+        return np.where(self.moves, self.f[self.owned], 0.0)
+
+    def stiffness_times(self, K: Tangent, u: np.ndarray) -> np.ndarray:
+        """Forces (n_owned, 3) [N] that answer displacements u (n_owned, 3) [m]. Collective."""
+        self.spread[self.owned] = u
+        self.halo.update(self.spread)
+        self.answer[:] = 0.0
+        add_stiffness(self.spread, self.net.ends, K.direction, K.axial, K.across, self.answer)
+        if K.support is not None:
+            self.answer += K.support * self.spread
+        out = self.answer[self.owned]
+        if self.inertia:
+            out = out + self.inertia * K.nodal[self.owned, None] * u
+        return np.where(self.moves, out, 0.0)
+
+    def solve(self, K: Tangent, cycle, r: np.ndarray, share: float) -> tuple[np.ndarray, int]:
+        """The correction (n_owned, 3) [m] of a residual, and the iterations. Collective.
+
+        Raises NotFound where the tangent is singular in its direction.
+        """
+        s, left = np.zeros_like(r), r.copy()
+        z = np.where(self.moves, cycle(left), 0.0)
+        p = z.copy()
+        rz, rr = self.dots((left, z), (r, r))
+        if not rr > 0.0:
+            return s, 0
+        if not 0.0 < rz < np.inf:
+            raise NotFound("the preconditioner is not positive")
+        for iteration in range(1, MOST_GRADIENTS + 1):
+            q = self.stiffness_times(K, p)
+            (pq,) = self.dots((p, q))
+            if not pq > 0.0:
+                raise Falling(p)
+            step = rz / pq
+            s += step * p
+            before = left.copy()
+            left -= step * q
+            z = np.where(self.moves, cycle(left), 0.0)
+            size, new, old = self.dots((left, left), (left, z), (before, z))
+            if size <= share * share * rr:
+                return s, iteration
+            p = z + (new - old) / rz * p
+            rz = new
+            if not 0.0 < rz < np.inf:
+                raise NotFound("the preconditioner is not positive")
+        raise NotFound(f"{MOST_GRADIENTS} iterations of conjugate gradients were not enough")
+
+    def cycle(self, K: Tangent) -> Cycle:
+        """The approximate inverse of a tangent. Collective."""
+        d = self.distribution
+        gather = d.gather_elements
+        parts = [gather(each) for each in (K.direction, K.axial, np.maximum(K.across, 0.0))]
+        support = None if K.support is None else d.gather_particles(K.support)
+        free, nodal = d.gather_particles(self.net.free), d.gather_particles(K.nodal)
+        ends = d.gather_elements(d.subdomain.particle_gid[d.subdomain.ends])
+        matrix = on_root(
+            self.comm, lambda: block_matrix(ends, *parts, free != 0, support, self.inertia * nodal)
+        )
+        return Cycle(self.comm, d.owned(), matrix)
+
+    def find(
+        self, tolerance: float, start: np.ndarray, stop: StopRequest = NEVER, most=MOST_CORRECTIONS
+    ) -> Corrected:
+        """Move the net to equilibrium. Collective.
+
+        tolerance : of what is missing after the last correction, a share of the largest displacement from
+            `start` (n, 3) and of the largest tension; stop : a wish to pause; most : corrections
+
+        Raises NotFound, Stopped if asked to stop; the positions are then those of the last correction.
+        """
+        self.extent, self.inertia = self._extent(), 0.0
+        K = self.tangent()
+        cycle, r, total, before = self.inverse(self, K), self.residual(), 0, np.inf
+        exact = True  # the tangent, compression included
+        for correction in range(1, most + 1):
+            if self.comm.allreduce(int(stop.wanted), MPI.MAX):
+                raise Stopped
+            share = TIGHT if before < NEAR else LOOSE
+            try:
+                s, count = self.solve(K, cycle, r, share)
+            except NotFound:
+                if exact and self.comm.allreduce(K.across.min(initial=0.0), MPI.MIN) < 0.0:
+                    K, exact = without_compression(K), False
+                else:
+                    self._more_inertia()
+                    cycle = self.cycle(K)
+                before = np.inf
+                continue
+            total += count
+            moved, change = self._sizes(K, s, start)
+            part = self._go(s, r, min(1.0, FARTHEST * self.extent / max(self.largest(s)[0], 1e-300)))
+            r, K, whole = self.residual(), self.tangent(), part == 1.0
+            whole, size = whole and not self.inertia, max(moved, change)
+            missing = max(share, min(1.0, size / before)) if 0.0 < before < np.inf else 1.0
+            if whole and exact and missing * size <= tolerance:
+                return Corrected(correction, total, self.largest(r)[0], missing * moved, missing * change)
+            before, exact = size if whole else np.inf, True
+            if part < SHORT:
+                self._more_inertia()
+            elif whole:
+                self.inertia = 0.0 if self.inertia <= FIRST_INERTIA else 0.1 * self.inertia
+        raise NotFound(f"{most} corrections were not enough")
+
+    def errors(self, start: np.ndarray) -> tuple[float, float]:
+        """Estimated errors where the net is: of displacement and tension, shares of the largest. Collective.
+
+        Raises NotFound where the tangent is singular.
+        """
+        self.extent, self.inertia = self._extent(), 0.0
+        K = self.tangent()
+        s, _ = self.solve(K, self.inverse(self, K), self.residual(), LOOSE)
+        return self._sizes(K, s, start)
+
+    def falling(self) -> np.ndarray | None:
+        """Displacements (n_owned, 3) against which the net has no stiffness; None if stable. Collective.
+
+        Conjugate gradients that answer forces of every shape come upon such displacements if there are any.
+        Only compression makes them.
+        """
+        K, self.inertia = self.tangent(), 0.0
+        if not self.comm.allreduce(K.across.min(initial=0.0), MPI.MIN) < 0.0:
+            return None
+        number = 3 * self.distribution.subdomain.particle_gid[self.owned, None] + np.arange(3)
+        forces = ((number * 2654435761) % 2**32) / 2.0**32 - 0.5  # any that depend on the number alone
+        try:
+            self.solve(K, self.inverse(self, K), np.where(self.moves, forces, 0.0), TIGHT)
+        except Falling as found:
+            return found.shape
+        except NotFound:
+            pass
+        return None
+
+    def _extent(self) -> float:
+        x = self.net.x[self.owned]
+        low, high = x.min(0, initial=np.inf), x.max(0, initial=-np.inf)
+        self.comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
+        self.comm.Allreduce(MPI.IN_PLACE, high, MPI.MAX)
+        return float((high - low).max())
+
+    def _more_inertia(self) -> None:
+        self.inertia = FIRST_INERTIA if not self.inertia else 10.0 * self.inertia
+        if self.inertia > MOST_INERTIA:
+            raise NotFound("the tangent is singular")
+
+    def _sizes(self, K: Tangent, s: np.ndarray, start: np.ndarray) -> tuple[float, float]:
+        """The correction's largest displacement and change of tension, as shares of the largest."""
+        self.spread[self.owned] = s
+        self.halo.update(self.spread)
+        change, away = (
+            np.empty(len(K.axial)),
+            np.ascontiguousarray(self.net.x[self.owned] - start[self.owned]),
+        )
+        axial_forces(self.spread, self.net.ends, K.direction, K.axial, change)
+        squares = np.empty((2, self.halo.n_owned))
+        dot_rows(s, s, squares[0])
+        away += s
+        dot_rows(away, away, squares[1])
+        step, far, change, tension = self.largest(np.sqrt(squares[0]), np.sqrt(squares[1]), change, K.N)
+        rounding = ROUNDING * self.extent
+        if step <= rounding:
+            return 0.0, 0.0
+        return step / max(far, NIL * self.extent), change / tension if tension > 0.0 else 0.0
+
+    def _go(self, s: np.ndarray, r: np.ndarray, share: float) -> float:
+        """Move by a correction, or by the part of it along which the residual does not turn round.
+
+        How much of it. Collective.
+        """
+        before = self.net.x.copy()
+        (slope,) = self.dots((r, s))
+        self.spread[self.owned] = s
+        self.halo.update(self.spread)
+        for _ in range(HALVINGS):
+            self.net.x[:] = before + share * self.spread
+            (after,) = self.dots((self.residual(), s))
+            if np.isfinite(after) and after >= -0.5 * slope:
+                break
+            part = slope / (slope - after) if np.isfinite(after) else 0.1
+            share *= min(max(part, 0.1), 0.5)
+        return share

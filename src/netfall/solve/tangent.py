@@ -1,0 +1,84 @@
+"""The tangent stiffness of a net at its positions, for Newton's method."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.mechanics.material import largest_stiffness, tangent_stiffness
+from netfall.mechanics.state import State
+from netfall.solve.relaxation import nodal_stiffness
+
+
+class Tangent(NamedTuple):
+    """Stiffness of a net at its positions.
+
+    N : (m,) [N]; direction : (m, 3) along the elements; axial, across : (m,) [N/m], of compression negative
+    support : (n, 3) [N/m] or None
+    nodal : (n,) [N/m], the elements' and supports' largest stiffness at each particle
+    """
+
+    N: np.ndarray
+    direction: np.ndarray
+    axial: np.ndarray
+    across: np.ndarray
+    support: np.ndarray | None
+    nodal: np.ndarray
+
+
+def tangent_of(state: State) -> Tangent:
+    """The tangent stiffness of a state's elements and supports at its positions."""
+    now = state.elements_now()
+    direction = (state.x[state.ends[:, 1]] - state.x[state.ends[:, 0]]) / np.maximum(now.L, 1e-300)[:, None]
+    eps_p = 0.0 if state.eps_p is None else state.eps_p
+    axial = tangent_stiffness(
+        now.N,
+        now.eps,
+        eps_p,
+        now.L,
+        state.L0,
+        state.EA,
+        state.yield_force,
+        state.bar,
+        state.scene.logarithmic,
+    )
+    across = now.N / np.maximum(now.L, 1e-300)
+    nodal = state.spring.max(1).astype(float) if state.scene.springs else np.zeros(state.n_local)
+    nodal_stiffness(state.ends, largest_stiffness(state.EA, state.L0) + np.abs(across), nodal)
+    support = np.ascontiguousarray(state.spring, float) if state.scene.springs else None
+    return Tangent(now.N, np.ascontiguousarray(direction), axial, across, support, nodal)
+
+
+def without_compression(K: Tangent) -> Tangent:
+    """The tangent without what compression takes from it."""
+    return K._replace(across=np.maximum(K.across, 0.0))
+
+
+def block_matrix(ends, direction, axial, across, free, support, inertia):
+    """The tangent stiffness as a scipy BSR matrix of 3 x 3 blocks, without held axes. Rank 0.
+
+    ends : (m, 2); direction : (m, 3); axial, across : (m,) [N/m]; free : (n, 3) bool; support : (n, 3) or
+    None; inertia : (n,) [N/m]
+    """
+    from scipy.sparse import bsr_array
+
+    n = len(free)
+    block = (axial - across)[:, None, None] * direction[:, :, None] * direction[:, None, :]
+    block += across[:, None, None] * np.eye(3)
+    diagonal = np.zeros((n, 3, 3))
+    for k in range(2):
+        np.add.at(diagonal, ends[:, k], block)
+    axis = np.arange(3)
+    diagonal[:, axis, axis] += inertia[:, None] + (0.0 if support is None else support)
+    diagonal *= free[:, :, None] & free[:, None, :]
+    diagonal[:, axis, axis] += ~free
+    both = free.any(1)[ends].all(1)
+    a, b = ends[both].T
+    beside = -block[both] * (free[a][:, :, None] & free[b][:, None, :])
+    row = np.concatenate([np.arange(n), a, b])
+    column = np.concatenate([np.arange(n), b, a])
+    blocks = np.concatenate([diagonal, beside, beside.transpose(0, 2, 1)])
+    order = np.lexsort((column, row))
+    row, column = row[order], column[order]
+    first = np.flatnonzero(np.concatenate([[True], (np.diff(row) != 0) | (np.diff(column) != 0)]))
+    start = np.searchsorted(row[first], np.arange(n + 1))
+    return bsr_array((np.add.reduceat(blocks[order], first), column[first], start), shape=(3 * n, 3 * n))

@@ -1,0 +1,152 @@
+"""Equilibria against a sparse direct solver in Newton's method, at any refinement, taut, slack, yielding."""
+
+import h5py
+import numpy as np
+import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.linalg import spsolve
+
+from netfall.net.net import GRAVITY
+
+SADDLE = """
+[net]
+generator = "saddle"
+side = 73.2
+rise = 3.66
+cells = {cells}
+[cable]
+modulus = 1.95e11
+area = 3600e-6
+density = 7900.0
+prestress = 1800e3
+{cable}
+[form_finding]
+modulus_factor = 0
+[load]
+self_weight = true
+pressure = {pressure}
+steps = 2
+"""
+EA = 1.95e11 * 3600e-6
+AREA_LOAD = 2000.0
+
+
+class Exact:
+    """The equilibrium of a net under nodal loads, from a start near it: positions x (n, 3)."""
+
+    def __init__(self, x, elements, free, L0, load, yield_force=np.inf):
+        self.elements, self.L0, self.yield_force = elements, L0, yield_force
+        self.x = x.copy()
+        moves = np.flatnonzero(free.ravel())
+        for _ in range(30):
+            residual = (self.forces() + load).ravel()[moves]
+            step = spsolve(self.stiffness()[moves][:, moves].tocsc(), residual)
+            self.x.ravel()[moves] += step
+            if np.abs(step).max() < 1e-13 * np.abs(x).max():
+                break
+        self.residual = np.abs((self.forces() + load).ravel()[moves]).max()
+
+    def lengths(self):
+        """Directions (m, 3), lengths (m,), tensions (m,)."""
+        d = self.x[self.elements[:, 1]] - self.x[self.elements[:, 0]]
+        L = np.linalg.norm(d, axis=1)
+        return d / L[:, None], L, np.clip(EA * (L - self.L0) / self.L0, 0.0, self.yield_force)
+
+    def forces(self):
+        """Of the elements on the particles, (n, 3)."""
+        d, _, N = self.lengths()
+        f = np.zeros_like(self.x)
+        np.add.at(f, self.elements[:, 0], N[:, None] * d)
+        np.add.at(f, self.elements[:, 1], -N[:, None] * d)
+        return f
+
+    def stiffness(self):
+        """Sparse (3 n, 3 n); what has none gets so little that it moves nothing else."""
+        d, L, N = self.lengths()
+        axial = np.where((N > 0.0) & (N < self.yield_force), EA / self.L0, 0.0)
+        block = (axial - N / L)[:, None, None] * d[:, :, None] * d[:, None, :]
+        block += (N / L + 1e-9 * EA / self.L0)[:, None, None] * np.eye(3)
+        parts = []
+        for i, j, sign in ((0, 0, 1), (1, 1, 1), (0, 1, -1), (1, 0, -1)):
+            row = 3 * self.elements[:, i, None, None] + np.arange(3)[None, :, None] + np.zeros((1, 1, 3), int)
+            column = (
+                3 * self.elements[:, j, None, None] + np.arange(3)[None, None, :] + np.zeros((1, 3, 1), int)
+            )
+            parts.append((row.ravel(), column.ravel(), sign * block.ravel()))
+        row, column, value = (np.concatenate(each) for each in zip(*parts))
+        return coo_array((value, (row, column)), shape=(self.x.size, self.x.size)).tocsr()
+
+
+def errors(f: h5py.File, pressure, yield_force=np.inf) -> tuple[float, float, int]:
+    """Of the last step: displacement and tension off the exact ones, shares of the largest; slack cables."""
+    net, form = f["net"], f["form_finding"]
+    elements, L0 = net["elements"][:], form["unstressed_length"][:]
+    weight = 3600e-6 * 7900.0 * GRAVITY * L0
+    load = net["tributary_area"][:][:, None] * np.array(pressure)
+    np.add.at(load[:, 2], elements.ravel(), -0.5 * np.repeat(weight, 2))
+    start = form["position"][:]
+    x = start + f["statics/displacement"][-1]
+    exact = Exact(x, elements, net["fixed"][:] == 0, L0, load, yield_force)
+    assert exact.residual < 1e-4  # N, of some 1e6: the reference itself is in equilibrium
+    N = exact.lengths()[2]
+    largest = np.linalg.norm(exact.x - start, axis=1).max()
+    moved = np.linalg.norm(exact.x - x, axis=1).max() / largest
+    return moved, np.abs(N - f["statics/tension"][-1]).max() / N.max(), int((N == 0.0).sum())
+
+
+CASES = {  # pressure [N/m2], more of [cable], yield force [N]
+    "taut": ([0.0, 0.0, AREA_LOAD], "", np.inf),
+    "slack": ([0.0, 0.0, 12 * AREA_LOAD], "", np.inf),
+    "yielding": ([0.0, 0.0, 9 * AREA_LOAD], "yield_stress = 0.75e9\n", 0.75e9 * 3600e-6),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("cells", [8, pytest.param(120, marks=pytest.mark.long)])
+def test_any_net_is_as_near_to_its_equilibrium_as_is_told(workshop, cells, case):
+    """The default tolerance, 1e-6, holds at any refinement; what is told of the error bounds it."""
+    pressure, cable, yield_force = CASES[case]
+    pressure = [each * (8.0 / cells if case != "taut" else 1.0) for each in pressure]
+    f = workshop.run(workshop.job(SADDLE.format(cells=cells, cable=cable, pressure=pressure)))
+    moved, tension, slack = errors(f, pressure, yield_force)
+    told = f["statics/displacement_error"][-1], f["statics/tension_error"][-1]
+    assert max(told) <= 1e-6
+    assert moved <= max(told[0], 1e-9) and tension <= max(told[1], 1e-9)  # 1e-9: the reference's own rounding
+    assert (slack > 0) == (case == "slack")
+    assert f["statics/stable"][:].all()
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_the_levels_give_the_same_bits_on_any_number_of_ranks(both_ways, ranks):
+    """529 free particles: two levels, whose aggregates lie across the cuts."""
+    job = both_ways.job(SADDLE.format(cells=24, cable="", pressure=[0.0, 0.0, 4000.0]))
+    assert not both_ways.run(job, ranks=ranks)["statics/relaxed"][:].any()
+
+
+STRUT = """
+[cable]
+modulus = 2e11
+density = 7850.0
+area = 1e-3
+[cable.tie]
+prestress = 10e3
+[cable.strut]
+kind = "bar"
+[load]
+steps = 1
+"""
+
+
+@pytest.mark.parametrize("share, stable", [(0.99, True), (1.01, False)])
+def test_a_strut_that_nothing_holds_sideways_is_told(workshop, share, stable):
+    """A strut of h = 3 m between ties of a = 5 m along y alone: across, these hold with 2 T / a, the strut
+    pushes with N / h: critical at N = 2 T h / a = 12 kN. (They gain less than 1e-3 of T when it shortens.)
+    """
+    nodes = "id,x,y,z,fixed,load_z\n" + f"1,0,0,0,1,0\n2,0,-5,3,1,0\n3,0,5,3,1,0\n4,0,0,3,0,{-12e3 * share}\n"
+    elements = "start,end,group\n1,4,strut\n2,4,tie\n4,3,tie\n"
+    done = workshop.run(workshop.job(STRUT, nodes, elements), code=None)
+    assert done.returncode == 0, done.stderr
+    f = workshop.open()
+    assert bool(f["statics/stable"][-1]) == stable
+    assert f["statics/tension"][-1][0] == pytest.approx(-12e3 * share, rel=1e-3)  # ties take a little
+    assert ("NOT STABLE" in done.stdout and "node 4" in done.stdout) != stable
