@@ -17,7 +17,7 @@ TAG = 31
 class Share(NamedTuple):
     """What one rank has of a matrix, and of the vectors that it multiplies.
 
-    start (rows + 1,), column (k,) local, block (k, 9) float32 : compressed rows
+    start (rows + 1,), column (k,) local int32, block (k, 9) float32 : compressed rows
     n_columns : owned by this rank; ghosts follow them
     senders, receive_counts : ranks that send ghosts, and how many; receivers, send_index : whom this rank
         sends which of its own
@@ -73,7 +73,7 @@ def _cut(matrix, own, owner, place, rank: int, columns):
     local = place.copy()
     local[ghosts] = len(columns[rank]) + np.arange(len(ghosts))
     block = matrix.data[entry].reshape(-1, 9).astype(np.float32)
-    return (start, local[column], block), ghosts
+    return (start, local[column].astype(np.int32), block), ghosts
 
 
 def _by_owner(ghosts: np.ndarray, owner: np.ndarray) -> dict[int, np.ndarray]:

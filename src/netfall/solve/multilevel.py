@@ -19,8 +19,8 @@ from netfall.parallel.agree import on_root
 from netfall.parallel.blocks import SpreadMatrix, shares
 from netfall.solve.aggregation import COARSEST, Level, levels_of
 
-DEGREE = 3  # of the polynomial before and after each coarser level
-RANGE = 10.0  # the polynomial damps eigenvalues from the largest down to this part of it
+DEGREE = 4  # of the polynomial before and after each coarser level
+RANGE = 20.0  # the polynomial damps eigenvalues from the largest down to this part of it
 DENSE = 4 * COARSEST  # particles of the last level up to which it is solved
 
 

@@ -24,8 +24,10 @@ from netfall.stop import NEVER, StopRequest
 
 MOST_CORRECTIONS = 25
 MOST_GRADIENTS = 400  # iterations of conjugate gradients for one correction
-LOOSE, TIGHT = 1e-2, 1e-4  # shares of the residual that these leave, far from the equilibrium and near it
-NEAR = 1e-2  # a correction of this share of the displacement or tension: the next is to be exact
+LEFT = 3e-3  # of the residual, that these leave: two corrections then nearly reach the default tolerance
+
+LEFT_LAST = 0.1  # the same, where no more is needed to be within the tolerance
+LOOKED = 1e-4  # the same, in search of displacements without stiffness
 HALVINGS = 10  # of a correction that goes too far
 FARTHEST = 0.1  # of the net's extent: what a correction may move
 FIRST_INERTIA = 1e-6  # of the nodes' stiffness, once the tangent is found singular
@@ -126,7 +128,7 @@ class Newton:
             out = out + self.inertia * K.nodal[self.owned, None] * u
         return np.where(self.moves, out, 0.0)
 
-    def solve(self, K: Tangent, cycle, r: np.ndarray, share: float) -> tuple[np.ndarray, int]:
+    def solve(self, K: Tangent, cycle, r: np.ndarray, share: float = LEFT) -> tuple[np.ndarray, int]:
         """The correction (n_owned, 3) [m] of a residual, and the iterations. Collective.
 
         Raises NotFound where the tangent is singular in its direction.
@@ -188,7 +190,7 @@ class Newton:
         for correction in range(1, most + 1):
             if self.comm.allreduce(int(stop.wanted), MPI.MAX):
                 raise Stopped
-            share = TIGHT if before < NEAR else LOOSE
+            share = min(max(LEFT, tolerance / (LEFT * max(before, tolerance))), LEFT_LAST)
             try:
                 s, count = self.solve(K, cycle, r, share)
             except NotFound:
@@ -221,7 +223,7 @@ class Newton:
         """
         self.extent, self.inertia = self._extent(), 0.0
         K = self.tangent()
-        s, _ = self.solve(K, self.inverse(self, K), self.residual(), LOOSE)
+        s, _ = self.solve(K, self.inverse(self, K), self.residual())
         return self._sizes(K, s, start)
 
     def falling(self) -> np.ndarray | None:
@@ -236,7 +238,7 @@ class Newton:
         number = 3 * self.distribution.subdomain.particle_gid[self.owned, None] + np.arange(3)
         forces = ((number * 2654435761) % 2**32) / 2.0**32 - 0.5  # any that depend on the number alone
         try:
-            self.solve(K, self.inverse(self, K), np.where(self.moves, forces, 0.0), TIGHT)
+            self.solve(K, self.inverse(self, K), np.where(self.moves, forces, 0.0), LOOKED)
         except Falling as found:
             return found.shape
         except NotFound:
@@ -274,7 +276,7 @@ class Newton:
             return 0.0, 0.0
         return step / max(far, NIL * self.extent), change / tension if tension > 0.0 else 0.0
 
-    def _go(self, s: np.ndarray, r: np.ndarray, share: float) -> float:
+    def _go(self, s: np.ndarray, r: np.ndarray, share: float = LEFT) -> float:
         """Move by a correction, or by the part of it along which the residual does not turn round.
 
         How much of it. Collective.
