@@ -101,8 +101,10 @@ CASES = {  # pressure [N/m2], more of [cable], yield force [N]
 }
 
 
-@pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("cells", [8, pytest.param(120, marks=pytest.mark.long)])
+LARGE = [pytest.param(120, case, marks=pytest.mark.long) for case in ("taut", "slack")]
+
+
+@pytest.mark.parametrize("cells, case", [*((8, case) for case in CASES), *LARGE])
 def test_any_net_is_as_near_to_its_equilibrium_as_is_told(workshop, cells, case):
     """The default tolerance, 1e-6, holds at any refinement; and the error is about what is told."""
     pressure, cable, yield_force = CASES[case]
