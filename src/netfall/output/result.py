@@ -210,7 +210,7 @@ def _write_provenance(group, values, phases):
 
 def net_section(net: Net, area: np.ndarray, plan_area: np.ndarray, zones: Zones) -> dict[str, np.ndarray]:
     """The datasets of /net."""
-    return {
+    return _strength_section(net) | {
         "particles": net.x,
         "elements": net.elements,
         "fixed": net.fixed.astype(np.uint8),
@@ -225,3 +225,25 @@ def net_section(net: Net, area: np.ndarray, plan_area: np.ndarray, zones: Zones)
         "zone": zones.of_node.astype(np.int32),
         "zone_names": np.array(zones.names, h5py.string_dtype()),
     }
+
+
+def _strength_section(net: Net) -> dict[str, np.ndarray]:
+    """What elements are made of; strengths as given, what was drawn of them as a factor beside them."""
+    names = lambda words: np.array(words, h5py.string_dtype())
+    section = {
+        "axial_stiffness": net.modulus * net.section,
+        "mass_per_length": net.density * net.section,
+        "expansion": net.expansion,
+        "bar": net.bar.astype(np.uint8),
+    }
+    strengths = {
+        "breaking_load": net.breaking_load / net.strength,
+        "yield_force": net.yield_stress * net.section / net.strength,
+        "fracture_strain": net.fracture_strain / net.strength,
+    }
+    section |= {name: values for name, values in strengths.items() if np.isfinite(values).any()}
+    if (net.strength != 1.0).any():
+        section["strength"] = net.strength
+    if net.type_names:
+        section |= {"type": net.type.astype(np.int32), "type_names": names(net.type_names)}
+    return section
