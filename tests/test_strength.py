@@ -218,6 +218,6 @@ def test_a_cable_holds_just_below_its_breaking_load_and_breaks_just_above(worksh
         peak = f["history/probe_tension"][:].max(0)
         # the step of some 7 ms in a period of 0.22 s samples the peak to 1 percent of the swing of 100 N
         assert peak[[0, 2]] == pytest.approx([3589.9e3] * 2, abs=2.0)
-        # a step takes at most 2 pi dt / T of the swing further; the tension of the step that breaks it is seen
+        # a step takes 2 pi dt / T of the swing at most; the tension of the step that breaks it is seen
         assert (peak[[1, 3]] > F).all() and (peak[[1, 3]] < F + 20.0).all()
         assert f["net/breaking_load"][:].tolist() == [F] * 4

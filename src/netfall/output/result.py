@@ -208,8 +208,10 @@ def _write_provenance(group, values, phases):
         timings.attrs[name] = seconds  # least, mean and largest of the ranks
 
 
-def net_section(net: Net, area: np.ndarray, plan_area: np.ndarray, zones: Zones) -> dict[str, np.ndarray]:
-    """The datasets of /net."""
+def net_section(
+    net: Net, area: np.ndarray, plan_area: np.ndarray, zones: Zones, cut_length: np.ndarray
+) -> dict[str, np.ndarray]:
+    """The datasets of /net. cut_length : (m,) [m], unstressed, at the temperature of form finding"""
     return _strength_section(net) | {
         "particles": net.x,
         "elements": net.elements,
@@ -220,6 +222,7 @@ def net_section(net: Net, area: np.ndarray, plan_area: np.ndarray, zones: Zones)
         "plan_area": plan_area,
         "node_id": net.node_id,
         "element_id": net.element_id,
+        "unstressed_length": cut_length,
         "cable": net.cable.astype(np.int32),
         "cable_names": np.array(net.cable_names, h5py.string_dtype()),
         "zone": zones.of_node.astype(np.int32),
@@ -228,7 +231,7 @@ def net_section(net: Net, area: np.ndarray, plan_area: np.ndarray, zones: Zones)
 
 
 def _strength_section(net: Net) -> dict[str, np.ndarray]:
-    """What elements are made of; strengths as given, what was drawn of them as a factor beside them."""
+    """What elements are made of, elastic supports; strengths as given, what was drawn of them as a factor beside them."""
     names = lambda words: np.array(words, h5py.string_dtype())
     section = {
         "axial_stiffness": net.modulus * net.section,
@@ -244,6 +247,8 @@ def _strength_section(net: Net) -> dict[str, np.ndarray]:
     section |= {name: values for name, values in strengths.items() if np.isfinite(values).any()}
     if (net.strength != 1.0).any():
         section["strength"] = net.strength
+    if net.spring.any():
+        section["spring"] = net.spring
     if net.type_names:
         section |= {"type": net.type.astype(np.int32), "type_names": names(net.type_names)}
     return section
