@@ -80,6 +80,17 @@ def plot(arguments) -> None:
         raise InputError(lacking)
 
 
+def report(arguments) -> None:
+    """netfall report RESULT"""
+    from netfall.output.report import write_report
+    from netfall.output.report_cables import Cutting
+
+    beside = arguments.result.with_name(f"{arguments.result.stem}-report")
+    cutting = Cutting(arguments.temperature, arguments.load)
+    for path in write_report(arguments.result, _folder(arguments.folder or beside), arguments.codes, cutting):
+        print(path)
+
+
 def scale(arguments) -> None:
     """netfall scale JOB --ranks 1,2"""
     from netfall.study.launch import default_launcher

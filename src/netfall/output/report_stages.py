@@ -7,7 +7,7 @@ import numpy as np
 
 from netfall.output.frames import Frames
 
-ROWS = ("rest", "the mean wind")
+ALIKE = 1e-6  # of a tension: frames are in single precision, and the earlier stage governs
 
 
 @dataclass(frozen=True)
@@ -90,6 +90,7 @@ class Envelope:
 
     of_most, of_least : (m,) numbers of the stages in `names`; time_most : (m,) [s], nan: not in dynamics
     slack : (stages, m) bool; slack_time : (m,) [s] or None
+    most_used : for each stage the largest share of the resistances, and the element; -1: none has any
     complete : whether the dynamic stage is there by all its steps, not by its frames alone
     """
 
@@ -102,28 +103,39 @@ class Envelope:
     slack: np.ndarray
     slack_time: np.ndarray | None
     complete: bool
+    most_used: list[tuple[float, int]]
 
 
-def envelope_of(f) -> Envelope:
-    """The envelope over all equilibria and the dynamic stage."""
+def envelope_of(f, resistance: np.ndarray) -> Envelope:
+    """The envelope over all equilibria and the dynamic stage. resistance : (m,) [N], nan: none"""
     m = len(f["net/elements"])
     nan = np.full(m, np.nan)
     rows = [(stage.name, N, N, nan) for stage in equilibria(f) for N in [stage.tension()]]
     complete = "envelope" in f
     if "history" in f:
         rows.append(("dynamics", *(_of_envelope(f) if complete else _of_frames(f))))
-    most, least = np.full(m, -np.inf), np.full(m, np.inf)
+    most, least = rows[0][1], rows[0][2]
     of_most, of_least, time = np.zeros(m, int), np.zeros(m, int), nan.copy()
     for k, (_, high, low, when) in enumerate(rows):
-        above, below = high > most, low < least
-        most, of_most = np.where(above, high, most), np.where(above, k, of_most)
-        time = np.where(above, when, time)
-        least, of_least = np.where(below, low, least), np.where(below, k, of_least)
+        above = high > most + ALIKE * np.abs(most)
+        below = low < least - ALIKE * np.abs(least)
+        of_most, time = np.where(above, k, of_most), np.where(above, when, time)
+        of_least = np.where(below, k, of_least)
+        most, least = np.maximum(most, high), np.minimum(least, low)
     bar = f["net/bar"][:].astype(bool)
     slack = np.array([(low <= 0.0) & ~bar for _, _, low, _ in rows])
+    if "history" in f:
+        slack[-1, f["events/element"][:]] = False  # broken: it carries nothing for another reason
     slack_time = f["envelope/slack_time"][:] if complete and "slack_time" in f["envelope"] else None
     names = [name for name, *_ in rows]
-    return Envelope(names, most, least, of_most, of_least, time, slack, slack_time, complete)
+    used = [_most_used(high / resistance) for _, high, _, _ in rows]
+    return Envelope(names, most, least, of_most, of_least, time, slack, slack_time, complete, used)
+
+
+def _most_used(share: np.ndarray) -> tuple[float, int]:
+    if np.isnan(share).all():
+        return np.nan, -1
+    return float(np.nanmax(share)), int(np.nanargmax(share))
 
 
 def _of_envelope(f):

@@ -231,7 +231,7 @@ def net_section(
 
 
 def _strength_section(net: Net) -> dict[str, np.ndarray]:
-    """What elements are made of, elastic supports; strengths as given, what was drawn of them as a factor beside them."""
+    """What elements are made of, springs; strengths as given, and beside them what was drawn, a factor."""
     names = lambda words: np.array(words, h5py.string_dtype())
     section = {
         "axial_stiffness": net.modulus * net.section,
