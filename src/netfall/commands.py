@@ -1,7 +1,7 @@
 """The commands: each takes the arguments that `parser` has read.
 
-What a command needs it imports itself: `info` and `plot` work where there is no MPI, and a wrong word on the
-command line is answered before anything is loaded.
+What a command needs it imports itself: `info`, `plot` and `report` work where there is no MPI, and a wrong
+word on the command line is answered before anything is loaded.
 """
 
 from pathlib import Path
