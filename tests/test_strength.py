@@ -221,3 +221,20 @@ def test_a_cable_holds_just_below_its_breaking_load_and_breaks_just_above(worksh
         # a step takes 2 pi dt / T of the swing at most; the tension of the step that breaks it is seen
         assert (peak[[1, 3]] > F).all() and (peak[[1, 3]] < F + 20.0).all()
         assert f["net/breaking_load"][:].tolist() == [F] * 4
+
+
+def test_drawn_strengths_break_the_same_on_three_ranks(both_ways):
+    """A saddle whose cables differ: some break as a load falls on it; the same bits, and what was drawn."""
+    text = (
+        '[net]\ngenerator = "saddle"\ncells = 4\nside = 20.0\nrise = 2.0\n'
+        + STEEL
+        + "breaking_load = 200e3\nstrength_deviation = 0.2\n[form_finding]\n"
+        "[load]\ndead = 500.0\npressure = 1500.0\n[dynamics]\nduration = 0.5\n[output]\nframes = 3\n"
+    )
+    with both_ways.run(both_ways.job(text), ranks=3) as f:
+        strength, broken = f["net/strength"][:], np.unique(f["events/element"][:])
+        assert 0 < len(broken) < len(strength) and (f["net/breaking_load"][:] == 200e3).all()
+        limit = 200e3 * strength / (1.95e11 * 683.08e-6)
+        strain = f["events/strain"][:]
+        first = np.unique(f["events/element"][:], return_index=True)[1]
+        assert (strain[first] >= limit[broken]).all()

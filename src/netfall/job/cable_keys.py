@@ -59,4 +59,4 @@ def wrong_combinations(cable: dict, tables: bool):
 def may_break(cable: dict) -> bool:
     """Whether a key of [cable] or of a group lets elements break."""
     tables = [table for table in (cable, *cable.values()) if isinstance(table, dict)]
-    return any({"fracture_strain", "breaking_load"} & set(table) for table in tables)
+    return any(table.get(key) is not None for table in tables for key in ("fracture_strain", "breaking_load"))
