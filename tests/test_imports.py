@@ -42,14 +42,16 @@ PACKAGES = {
     "pymetis": ["parallel.partition"],
     "matplotlib": [
         *("output.plot", "output.plot_net", "output.plot_roof", "output.plot_curves", "output.plot_style"),
-        *("output.plot_modes", "study"),
+        *("output.plot_modes", "output.plot_utilisation", "study"),
     ],
-    "mpl_toolkits": ["output.plot_net", "output.plot_modes"],
+    "mpl_toolkits": ["output.plot_net", "output.plot_modes", "output.plot_utilisation"],
     "tqdm": ["output.progress"],
 }
 
 # Modules that work on a machine without MPI -> what they and all that they import must not reach.
-WITHOUT = {name: ["mpi4py", "solve"] for name in ("output.plot", "output.info", "output.frames")}
+WITHOUT = {
+    name: ["mpi4py", "solve"] for name in ("output.plot", "output.info", "output.frames", "output.report")
+}
 
 MOST_ARGUMENTS, MOST_LINES, MOST_COLUMNS = 12, 300, 110
 

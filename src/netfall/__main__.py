@@ -1,4 +1,4 @@
-"""The entry point of the command line: netfall check | partition | run | info | plot | scale | trade."""
+"""The entry point of the command line, netfall VERB; the verbs stand in `parser`."""
 
 import os
 import signal

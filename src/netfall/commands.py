@@ -1,7 +1,7 @@
 """The commands: each takes the arguments that `parser` has read.
 
-What a command needs it imports itself: `info` and `plot` work where there is no MPI, and a wrong word on the
-command line is answered before anything is loaded.
+What a command needs it imports itself: `info`, `plot` and `report` work where there is no MPI, and a wrong
+word on the command line is answered before anything is loaded.
 """
 
 from pathlib import Path
@@ -78,6 +78,17 @@ def plot(arguments) -> None:
         print(picture)
     if lacking:
         raise InputError(lacking)
+
+
+def report(arguments) -> None:
+    """netfall report RESULT"""
+    from netfall.output.report import write_report
+    from netfall.output.report_cables import Cutting
+
+    beside = arguments.result.with_name(f"{arguments.result.stem}-report")
+    cutting = Cutting(arguments.temperature, arguments.load)
+    for path in write_report(arguments.result, _folder(arguments.folder or beside), arguments.codes, cutting):
+        print(path)
 
 
 def scale(arguments) -> None:

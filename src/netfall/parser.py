@@ -6,7 +6,7 @@ from pathlib import Path
 
 from netfall.errors import InputError
 
-VERBS = ("check", "partition", "run", "info", "plot", "scale", "trade")
+VERBS = ("check", "partition", "run", "info", "plot", "report", "scale", "trade")
 
 
 class Parser(argparse.ArgumentParser):
@@ -30,6 +30,13 @@ def parser() -> Parser:
         _of_result(verbs, "plot", "pictures from a result file"),
         None,
         "folder of the pictures (default: beside the result file)",
+    )
+    _report(
+        _of_result(
+            verbs,
+            "report",
+            "utilisation, cutting list, reactions: summary.md, tables and a picture from a result file",
+        )
     )
     _scale(
         _of_job(
@@ -93,6 +100,30 @@ def _run(verb: Parser) -> None:
     loud = verb.add_mutually_exclusive_group()
     loud.add_argument("--quiet", action="store_true", help="print errors only")
     loud.add_argument("--verbose", action="store_true", help="print residuals and step limits too")
+
+
+def _report(verb: Parser) -> None:
+    _folder(verb, None, "folder of the report (default: RESULT-report beside the result file)")
+    verb.add_argument(
+        "--codes",
+        type=Path,
+        metavar="FILE",
+        help="checks and their factors, instead of EN 1993-1-11, ASCE 19",
+    )
+    verb.add_argument(
+        "--temperature",
+        type=float,
+        default=0.0,
+        metavar="K",
+        help="at which cables are measured, from that of form finding (default: 0)",
+    )
+    verb.add_argument(
+        "--measuring-load",
+        type=float,
+        metavar="N",
+        dest="load",
+        help="under which cables are measured (default: the mean tension of each in the form)",
+    )
 
 
 def _scale(verb: Parser) -> None:

@@ -6,6 +6,7 @@ and in jobs/README.md (a test compares the two).
 
 from types import SimpleNamespace
 
+from netfall.job.cable_keys import CABLE, OF_THE_WHOLE
 from netfall.job.dimensions import DIMENSIONS, GENERATOR_KEYS
 from netfall.job.keys import ABSENT, REQUIRED, Key, between, choice, count, flag, not_negative, positive
 from netfall.job.wind_keys import WIND
@@ -30,17 +31,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         ),
         *DIMENSIONS,
     ),
-    "cable": (
-        choice("kind", ("cable", "bar"), "cable", "cable: tension only; bar: tension and compression"),
-        between(1.0, 1e15, "modulus", "Pa", REQUIRED, "Young's modulus"),
-        between(1e-12, 1e4, "area", "m2", REQUIRED, "cross-section"),
-        between(1e-3, 1e6, "density", "kg/m3", REQUIRED, "mass density"),
-        between(-1e12, 1e12, "prestress", "N", 0.0, "axial force to form-find with, tension positive"),
-        positive("yield_stress", "Pa", ABSENT, "yield stress; absent: elastic"),
-        positive("fracture_strain", "", ABSENT, "total strain at fracture; absent: nothing breaks"),
-        between(-1e-3, 1e-3, "expansion", "1/K", 12e-6, "strain for each K of temperature"),
-        choice("strain", ("engineering", "logarithmic"), "engineering", "strain measure"),
-    ),
+    "cable": CABLE,
     "form_finding": (
         choice(
             "method", ("fpm", "force_density"), "fpm", "fpm: relaxation of particles; force_density: linear"
@@ -176,7 +167,7 @@ def _rows(section: str, *names: str) -> tuple[Key, ...]:
 
 # Sections with tables inside that override some of their keys: where these stand, and which keys.
 OVERRIDES: dict[str, tuple[str, tuple[Key, ...]]] = {
-    "cable": ("", tuple(key for key in SECTIONS["cable"] if key.name != "strain")),  # [cable.GROUP]
+    "cable": ("", tuple(key for key in CABLE if key.name not in OF_THE_WHOLE)),  # [cable.GROUP]
     "load": ("zone", _rows("load", "dead", "snow", "pressure")),  # [load.zone.NAME]
     "wind": ("zone", _rows("wind", "shape_coefficient")),  # [wind.zone.NAME]
 }

@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+from netfall.job.cable_keys import may_break, wrong_combinations
 from netfall.job.dimensions import GENERATOR_KEYS
 from netfall.job.keys import REQUIRED, Key
 from netfall.job.schema import CASE_KEYS, LISTS, OVERRIDES, SECTIONS
@@ -121,6 +122,9 @@ class Validation:
         if "wind" in given:
             self._source_of_the_wind(given["wind"])
             self._coefficients_of_the_wind(given["wind"])
+        if "cable" in given:
+            for place, what in wrong_combinations(given["cable"], "elements" in given.get("net", {})):
+                self.wrong(place, what)
         self._mass_scaling(given, found)
         if "wind" in given and "dynamics" not in given:
             self.wrong("wind", "there is no [dynamics] that the wind could act in; add it or remove [wind]")
@@ -209,9 +213,7 @@ class Validation:
             self.wrong("wind", f"shape_coefficient: missing; expected {expected}")
 
     def _mass_scaling(self, given: dict, found: dict) -> None:
-        moves, cable = found.get("dynamics"), given.get("cable", {})
-        tables = [table for table in (cable, *cable.values()) if isinstance(table, dict)]
-        breaks = any("fracture_strain" in table for table in tables)
+        moves, breaks = found.get("dynamics"), may_break(given.get("cable", {}))
         if moves is not None and moves.mass_scaling and moves.fragments and breaks:
             self.wrong(
                 "dynamics",

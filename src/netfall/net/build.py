@@ -1,7 +1,5 @@
 """The net of a job: from a generator or from tables, with sections, checked as a whole."""
 
-from dataclasses import fields
-
 import numpy as np
 
 from netfall.compile import kernel
@@ -10,9 +8,12 @@ from netfall.job.read import Job
 from netfall.job.values import nearest, shown
 from netfall.net import generators
 from netfall.net.areas import roof_groups
+from netfall.net.cables import cables_of, same_names
 from netfall.net.net import Net, subdivide
+from netfall.net.sections import set_sections, set_strengths, strength_errors, strength_notes
 from netfall.net.tables import read_tables
 
+STEEP = ("saddle", "stadium")  # generators whose start is level inside and steep along the boundary
 MOST_ELEMENTS = 50_000_000  # what fits the memory of one rank at set-up, some 500 bytes each
 
 
@@ -29,9 +30,12 @@ def build_net(job: Job) -> Net:
         )
     _check_groups(job, net)
     net = subdivide(net, job.net.subdivide)
-    errors = _whole_net_errors(job, net)
+    net.cable, net.cable_names = cables_of(net, job.net.generator in STEEP)
+    set_strengths(job, net)
+    errors = _whole_net_errors(job, net) + _cables_of_one_name(job, net) + strength_errors(job, net)
     if errors:
         raise InputError(errors)
+    net.notes += strength_notes(job, net)
     return net
 
 
@@ -41,7 +45,7 @@ def _from_generator(job: Job) -> Net:
         raise InputError(f"{job.path}: [net] {wrong}")
     net = generators.generate(job.net)
     given = net.prestress
-    _set_sections(job, net)
+    set_sections(job, net)
     net.prestress = net.prestress if given is None else given
     return net
 
@@ -49,21 +53,8 @@ def _from_generator(job: Job) -> Net:
 def _with_sections(job: Job) -> Net:
     """The net of the tables; what stands in their columns overrides the job's sections."""
     net, columns = read_tables(job)
-    _set_sections(job, net)
-    for name, value in columns.items():
-        setattr(net, name, np.where(np.isnan(value), getattr(net, name), value))
+    set_sections(job, net, columns)
     return net
-
-
-def _set_sections(job: Job, net: Net) -> None:
-    """Sections of the elements from [cable] and the [cable.GROUP] of their group."""
-    tables = [vars(job.cable) | job.groups.get(name, {}) for name in net.group_names]
-    for column in fields(Net):
-        key = column.metadata.get("key")
-        if key:
-            values = [column.metadata["absent"] if t[key] is None else t[key] for t in tables]
-            setattr(net, column.name, np.array(values, float)[net.group])
-    net.bar = np.array([t["kind"] == "bar" for t in tables])[net.group]
 
 
 def _check_groups(job: Job, net: Net) -> None:
@@ -151,6 +142,15 @@ def _whole_net_errors(job: Job, net: Net) -> list[str]:
             "form finding computes the unstressed lengths"
         )
     return errors + _springs_on_supports(job, net) + _without_tension(job, net)
+
+
+def _cables_of_one_name(job: Job, net: Net) -> list[str]:
+    """Names of the table that a piece without a name has too."""
+    return [
+        f"{job.path.parent / job.net.elements}: cable = {name}: so a piece without a name is called, by the "
+        "least id of its elements; rename it, or name that piece too"
+        for name in same_names(net.cable_names)
+    ]
 
 
 def _springs_on_supports(job: Job, net: Net) -> list[str]:

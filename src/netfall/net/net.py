@@ -43,12 +43,16 @@ class Net:
     spring : (n, 3) [N/m] of an elastic support, 0: none
     zone : (n,) row of zone_names that the table gives, -1: none
     elements : (m, 2) particle numbers; group : (m,) row of group_names
-    section : (m,) [m2]; modulus, yield_stress : (m,) [Pa], inf: elastic; density : (m,) [kg/m3]
-    expansion : (m,) [1/K]
-    fracture_strain : (m,), inf: never breaks; bar : (m,) bool, carries compression
+    section : (m,) [m2]; nominal : (m,) bool, no area was given, the section is that of steel
+    modulus, yield_stress : (m,) [Pa], inf: elastic; density : (m,) [kg/m3]; expansion : (m,) [1/K]
+    fracture_strain : (m,), inf: never breaks; breaking_load : (m,) [N], inf: none
+    strength_deviation : (m,) scatter; strength : (m,) what was drawn, a factor on all of the above, in them
+    type : (m,) row of type_names, of the catalogue, -1: none; bar : (m,) bool, carries compression
     prestress : (m,) [N]; force_density : (m,) [N/m], nan: none; unstressed_length : (m,) [m], nan: none
     outline : (s, 2) segments of the rigid boundary in plan, which close faces but are no elements; numbers
         from n on are rows of `corners` (k, 3) [m], points of the boundary without a particle
+    cable : (m,) row of cable_names, the piece of cable that the element is part of (`net.cables`)
+    cable_given : name of the piece of each element of the table, "": none
     parts : elements for each one that was given; notes : what is odd in what was given
     """
 
@@ -68,14 +72,23 @@ class Net:
     zone_names: list[str] = field(default_factory=list)
     force_density: np.ndarray = _element("multiplied", np.nan)
     unstressed_length: np.ndarray = _element("split", np.nan)
-    section: np.ndarray = _element(key="area")
-    modulus: np.ndarray = _element(key="modulus")
-    density: np.ndarray = _element(key="density")
+    section: np.ndarray = _element()
+    modulus: np.ndarray = _element()
+    density: np.ndarray = _element()
     expansion: np.ndarray = _element(key="expansion")
     prestress: np.ndarray = _element(key="prestress")
     yield_stress: np.ndarray = _element(key="yield_stress", absent=np.inf)
     fracture_strain: np.ndarray = _element(key="fracture_strain", absent=np.inf)
+    nominal: np.ndarray = _element()
+    breaking_load: np.ndarray = _element()
+    strength_deviation: np.ndarray = _element(key="strength_deviation")
+    strength: np.ndarray = _element(empty=1.0)
+    type: np.ndarray = _element(empty=-1)
+    type_names: list[str] = field(default_factory=list)
     bar: np.ndarray = _element()
+    cable: np.ndarray = None
+    cable_names: list[str] = field(default_factory=list)
+    cable_given: list[str] = field(default_factory=list)
     outline: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.int64))
     corners: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     parts: int = 1

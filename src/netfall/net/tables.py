@@ -32,13 +32,19 @@ ELEMENT_COLUMNS = (
     "unstressed_length",
     "area",
     "modulus",
+    "cable",
+    "breaking_load",
+    "yield_stress",
+    "fracture_strain",
+    "type",
 )
 TO_METRES = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000), "in": (254, 10000)}
+LEAST = 1e-12  # of what is to be positive
 MOST_NAMED = 5  # pairs in one note
 
 
 def read_tables(job: Job) -> tuple[Net, dict[str, np.ndarray]]:
-    """The net of a job's tables, and the columns prestress, section and modulus (m,), nan: not given.
+    """The net of a job's tables, and the columns that override its sections, (m,) nan: not given.
 
     Raises InputError with all that is wrong in the tables.
     """
@@ -104,13 +110,18 @@ def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray):
     names, group = np.unique(words, return_inverse=True)
     columns = dict(
         prestress=cables.numbers("prestress", unit="N"),
-        section=cables.numbers("area", low=1e-12, unit="m2"),
+        area=cables.numbers("area", low=1e-12, unit="m2"),
         modulus=cables.numbers("modulus", low=1.0, unit="Pa"),
+        breaking_load=cables.numbers("breaking_load", low=LEAST, unit="N"),
+        yield_stress=cables.numbers("yield_stress", low=LEAST, unit="Pa"),
+        fracture_strain=cables.numbers("fracture_strain", low=LEAST),
+        type=cables.words("type") if "type" in cables else [],
     )
     of_elements = dict(
         elements=ends,
         group=group,
         element_id=element_id,
+        cable_given=cables.words("cable") if "cable" in cables else [],
         force_density=cables.numbers("force_density", unit="N/m"),
         unstressed_length=cables.numbers("unstressed_length", low=1e-9, unit="m"),
     )

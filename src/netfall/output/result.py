@@ -208,9 +208,11 @@ def _write_provenance(group, values, phases):
         timings.attrs[name] = seconds  # least, mean and largest of the ranks
 
 
-def net_section(net: Net, area: np.ndarray, plan_area: np.ndarray, zones: Zones) -> dict[str, np.ndarray]:
-    """The datasets of /net."""
-    return {
+def net_section(
+    net: Net, area: np.ndarray, plan_area: np.ndarray, zones: Zones, cut_length: np.ndarray
+) -> dict[str, np.ndarray]:
+    """The datasets of /net. cut_length : (m,) [m], unstressed, at the temperature of form finding"""
+    return _strength_section(net) | {
         "particles": net.x,
         "elements": net.elements,
         "fixed": net.fixed.astype(np.uint8),
@@ -220,6 +222,33 @@ def net_section(net: Net, area: np.ndarray, plan_area: np.ndarray, zones: Zones)
         "plan_area": plan_area,
         "node_id": net.node_id,
         "element_id": net.element_id,
+        "unstressed_length": cut_length,
+        "cable": net.cable.astype(np.int32),
+        "cable_names": np.array(net.cable_names, h5py.string_dtype()),
         "zone": zones.of_node.astype(np.int32),
         "zone_names": np.array(zones.names, h5py.string_dtype()),
     }
+
+
+def _strength_section(net: Net) -> dict[str, np.ndarray]:
+    """What elements are made of, springs; strengths as given, and beside them what was drawn, a factor."""
+    names = lambda words: np.array(words, h5py.string_dtype())
+    section = {
+        "axial_stiffness": net.modulus * net.section,
+        "mass_per_length": net.density * net.section,
+        "expansion": net.expansion,
+        "bar": net.bar.astype(np.uint8),
+    }
+    strengths = {
+        "breaking_load": net.breaking_load / net.strength,
+        "yield_force": net.yield_stress * net.section / net.strength,
+        "fracture_strain": net.fracture_strain / net.strength,
+    }
+    section |= {name: values for name, values in strengths.items() if np.isfinite(values).any()}
+    if (net.strength != 1.0).any():
+        section["strength"] = net.strength
+    if net.spring.any():
+        section["spring"] = net.spring
+    if net.type_names:
+        section |= {"type": net.type.astype(np.int32), "type_names": names(net.type_names)}
+    return section

@@ -31,6 +31,7 @@ def provenance_of(comm: MPI.Comm, job: Job, setup: Setup, schedule: Schedule | N
         "overrides": "\n".join(job.overrides),
         "job_digest": setup.digest,
         "title": job.title,
+        "strain": job.cable.strain,
         "netfall": netfall.__version__,
         "python": platform.python_version(),
         "numpy": np.__version__,

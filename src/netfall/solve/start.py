@@ -132,6 +132,13 @@ def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
             ),
         ),
         (
+            N > net.breaking_load,
+            lambda e: (
+                f"{at_start(e)}, above the breaking load {net.breaking_load[e]:.4g} N; "
+                "lower the prestress or choose a stronger cable"
+            ),
+        ),
+        (
             (1.0 + N / EA <= 0) | ((job.cable.strain == "logarithmic") & (np.abs(N) > LARGEST_LOG * EA)),
             lambda e: f"its axial force {N[e]:.4g} N is beyond its stiffness EA; choose a larger area",
         ),

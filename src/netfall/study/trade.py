@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.errors import InputError
+from netfall.job.cable_keys import may_break
 from netfall.job.read import Job, read_job
 from netfall.output.place import claim, release
 from netfall.sources import program_digest
@@ -184,10 +185,7 @@ def usual_settings(job: Job) -> list[list[str]]:
     automatic = ["dynamics.time_step=auto"]
     settings = [[]] + [[*automatic, f"dynamics.safety={safety}"] for safety in (0.95, 0.4, 0.2)]
     scaled = automatic
-    if np.isfinite(
-        [float(job.cable.fracture_strain or np.inf)]
-        + [float(values.get("fracture_strain") or np.inf) for values in job.groups.values()]
-    ).any():
+    if may_break(vars(job.cable) | job.groups):
         settings += [[*automatic, f"dynamics.fragment_mass={share}"] for share in (0.0, 0.01, 0.02, 0.1)]
         scaled = [*automatic, "dynamics.fragments=false"]
         settings.append(scaled)

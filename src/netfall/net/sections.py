@@ -1,0 +1,248 @@
+"""Sections and strength of the elements, as engineers have them: by modulus, area and density, or by axial
+stiffness, mass per length and breaking load, or by the name of a type in a catalogue.
+
+[cable] stands for all, [cable.GROUP] for a group, a row of elements.csv for itself; the more particular one
+counts. At one of these places `type` stands behind what is given beside it. The net has modulus, section and
+density whatever was given: without an area the section is that of steel of the same mass, and the modulus
+such that the axial stiffness is the one given.
+
+An element breaks at its breaking load F_u whatever the law, N = EA (eps - eps_p) up to the yield force N_y:
+at the total strain F_u / EA, in either measure, if F_u <= N_y. Above N_y tension never gets there, and what
+breaks it is fracture_strain.
+"""
+
+from dataclasses import fields
+from pathlib import Path
+from statistics import NormalDist
+
+import numpy as np
+
+from netfall.errors import InputError
+from netfall.job.cable_keys import EITHER, wanted
+from netfall.job.read import Job
+from netfall.job.table import Table
+from netfall.job.values import nearest, shown
+from netfall.net.net import Net
+
+OF_TYPE = ("mass_per_length", "axial_stiffness", "breaking_load", "area")
+OF_SECTION = (*OF_TYPE, "modulus", "density")
+OF_ROW = {"prestress": "prestress", "yield_stress": "yield_stress", "fracture_strain": "fracture_strain"}
+STEEL = 7850.0  # kg/m3
+ROUNDING = 1e-9  # by which a breaking load may exceed the yield force that it is meant to equal
+DRAWN_DIGITS = 9  # of what is drawn: fewer than logarithms of different libraries agree in
+
+
+def set_sections(job: Job, net: Net, rows: dict | None = None) -> None:
+    """Sections and strengths of the elements of a net.
+
+    rows : columns of elements.csv by their names, (m,) nan where empty, `type` a list of words
+
+    Raises InputError.
+    """
+    rows = rows or {}
+    tables = [vars(job.cable) | job.groups.get(name, {}) for name in net.group_names]
+    for column in fields(Net):
+        key = column.metadata.get("key")
+        if key and key not in OF_SECTION:
+            values = [column.metadata["absent"] if t[key] is None else t[key] for t in tables]
+            setattr(net, column.name, np.array(values, float)[net.group])
+    net.bar = np.array([t["kind"] == "bar" for t in tables])[net.group]
+    for name, values in rows.items():
+        if name in OF_ROW:
+            setattr(net, name, np.where(np.isnan(values), getattr(net, name), values))
+    found = _found(job, net, rows)
+    errors = _missing(job, net, found)
+    if errors:
+        raise InputError(errors)
+    _set_stiffness_and_mass(net, found)
+    net.breaking_load = np.where(np.isnan(found["breaking_load"]), np.inf, found["breaking_load"])
+
+
+def _set_stiffness_and_mass(net: Net, found: dict[str, np.ndarray]) -> None:
+    area, stiffness, mass = found["area"], found["axial_stiffness"], found["mass_per_length"]
+    net.nominal = np.isnan(area)
+    net.section = np.where(net.nominal, mass / STEEL, area)
+    net.modulus = np.where(np.isnan(stiffness), found["modulus"], stiffness / net.section)
+    net.density = np.where(np.isnan(mass), found["density"], mass / net.section)
+
+
+# --- what is given where
+
+
+def _found(job: Job, net: Net, rows: dict) -> dict[str, np.ndarray]:
+    """What each element has of OF_SECTION, (m,) nan: nothing, by [cable], its group and its row, in turn."""
+    types = catalogue_of(job)
+    found = {name: np.full(net.m, np.nan) for name in OF_SECTION}
+    net.type, net.type_names = np.full(net.m, -1), list(types)
+    errors = []
+    of_groups = [job.groups.get(name, {}) for name in net.group_names]
+    nothing = np.full(net.m, np.nan)
+    for place, level, words in (
+        (lambda e: f"{job.path}: [cable]", *_level(net, [vars(job.cable)] * len(of_groups))),
+        (lambda e: f"{job.path}: [cable.{net.group_names[net.group[e]]}]", *_level(net, of_groups)),
+        (
+            lambda e: f"{job.path.parent / str(job.net.elements)}: element {net.element_id[e]}:",
+            {name: rows.get(name, nothing) for name in OF_SECTION},
+            np.array(rows.get("type") or [""] * net.m),
+        ),
+    ):
+        row, wrong = _rows_of(words, types, place)
+        errors += wrong
+        _put(found, level, net, row, types)
+    if errors:
+        raise InputError(errors)
+    return found
+
+
+def _level(net: Net, tables: list[dict]) -> tuple[dict, np.ndarray]:
+    """What tables, one for each group, say of OF_SECTION (m,), nan: nothing; and their types, "": none."""
+    value = lambda table, name: np.nan if table.get(name) is None else table[name]
+    level = {name: np.array([value(t, name) for t in tables], float)[net.group] for name in OF_SECTION}
+    return level, np.array([table.get("type") or "" for table in tables])[net.group]
+
+
+def _rows_of(words: np.ndarray, types: dict, place) -> tuple[np.ndarray, list[str]]:
+    """Rows (m,) of the types that are named, -1: none; and a line for each name that there is not."""
+    names, first, inverse = np.unique(words, return_index=True, return_inverse=True)
+    number = {name: k for k, name in enumerate(types)}
+    wrong = [
+        f"{place(e)} type = {shown(str(name))}: no such type in the catalogue; "
+        + (nearest(str(name), types) if types else "[cable] names none: add catalogue = a path")
+        for name, e in zip(names, first)
+        if name and name not in number
+    ]
+    return np.array([number.get(str(name), -1) for name in names])[inverse], wrong
+
+
+def _put(found: dict, level: dict, net: Net, row: np.ndarray, types: dict) -> None:
+    """Put a level over what was found before: its types (rows, -1: none) first, then what it says itself."""
+    typed = row >= 0
+    if typed.any():
+        table = np.array(list(types.values()))
+        net.type = np.where(typed, row, net.type)
+        for name in OF_SECTION:
+            found[name][typed] = np.nan
+        for k, name in enumerate(OF_TYPE):
+            found[name][typed] = table[row[typed], k]
+    for one, other in EITHER:
+        for name, instead in ((one, other), (other, one)):
+            found[instead][~np.isnan(level[name])] = np.nan
+    for name, values in level.items():
+        found[name] = np.where(np.isnan(values), found[name], values)
+
+
+def catalogue_of(job: Job) -> dict[str, tuple[float, ...]]:
+    """The types by name, each with its numbers in the order of OF_TYPE, nan: not given. Raises InputError."""
+    if job.cable.catalogue is None:
+        return {}
+    path = job.path.parent / Path(job.cable.catalogue)
+    table = Table(path, ("name", *OF_TYPE), ("name", *OF_TYPE[:3]))
+    least, units = 1e-12, ("kg/m", "N", "N", "m2")
+    columns = [table.numbers(name, low=least, unit=unit) for name, unit in zip(OF_TYPE, units)]
+    types: dict[str, tuple[float, ...]] = {}
+    for k, name in enumerate(table.words("name")):
+        if name == "" or name in types:
+            table.wrong(f"{table.at(k)}: name = {name!r}: expected a name that stands once")
+        for empty in (n for n in OF_TYPE[:2] if table.words(n)[k] == ""):
+            table.wrong(f"{table.at(k)}: {empty} is empty; expected a number")
+        types[name] = tuple(float(column[k]) for column in columns)
+    table.finish()
+    return types
+
+
+def _missing(job: Job, net: Net, found: dict[str, np.ndarray]) -> list[str]:
+    """A line for each group, and each key that its elements lack."""
+    no = {name: np.isnan(values) for name, values in found.items()}
+    lacks = (
+        (no["modulus"] & no["axial_stiffness"], "modulus"),
+        (no["area"] & (~no["modulus"] | (no["mass_per_length"] & ~no["density"])), "area"),
+        (no["density"] & no["mass_per_length"], "density"),
+    )
+    lines = []
+    for rows, name in lacks:
+        for group in np.unique(net.group[rows]):
+            e = np.flatnonzero(rows & (net.group == group))[0]
+            lines.append(f"{_place(job, net, e)} {wanted(name)}, for element {net.element_id[e]}")
+    return lines
+
+
+def _place(job: Job, net: Net, e: int) -> str:
+    """The section of the job that an element has its values from."""
+    name = net.group_names[net.group[e]]
+    return f"{job.path}: [cable.{name}]" if name in job.groups else f"{job.path}: [cable]"
+
+
+# --- strength
+
+
+def set_strengths(job: Job, net: Net) -> None:
+    """Draw the strength of each cable if it scatters, and let elements break at their breaking load."""
+    if net.strength_deviation.any():
+        net.strength = drawn_strength(net, job.cable.strength_seed)
+        for name in ("yield_stress", "breaking_load", "fracture_strain"):
+            setattr(net, name, getattr(net, name) * net.strength)
+    if np.isfinite(net.breaking_load).any():
+        reached = net.breaking_load <= net.yield_stress * net.section * (1.0 + ROUNDING)
+        strain = np.where(reached, net.breaking_load / (net.modulus * net.section), np.inf)
+        net.fracture_strain = np.minimum(net.fracture_strain, strain)
+
+
+def drawn_strength(net: Net, seed: int) -> np.ndarray:
+    """Strength (m,) of the elements over its mean: lognormal, one number for each piece of cable.
+
+    Number k of the Philox sequence of the seed belongs to cable k.
+    """
+    raw = np.random.Philox(key=seed).random_raw(len(net.cable_names)) >> np.uint64(12)
+    normal = NormalDist()
+    z = np.array([normal.inv_cdf((float(k) + 0.5) * 2.0**-52) for k in raw])[net.cable]
+    spread = np.sqrt(np.log1p(net.strength_deviation**2))
+    return np.round(np.exp(spread * z - 0.5 * spread**2), DRAWN_DIGITS)
+
+
+def strength_errors(job: Job, net: Net) -> list[str]:
+    """Elements that would break at the start, or never by the breaking load that they were given."""
+    lines = []
+    drawn = " (as drawn by strength_deviation)" if net.strength_deviation.any() else ""
+    told = lambda e: (
+        f"{job.path}: element {net.element_id[e]}: breaking_load = {net.breaking_load[e]:.7g} N{drawn}"
+    )
+    limit = net.yield_stress * net.section
+    over = net.prestress > net.breaking_load
+    never = np.isfinite(net.breaking_load) & (net.breaking_load > limit * (1.0 + ROUNDING))
+    for e in np.flatnonzero(over)[:1]:
+        lines.append(
+            f"{told(e)}: below its prestress {net.prestress[e]:g} N; "
+            "lower the prestress or choose a stronger cable"
+        )
+    for e in np.flatnonzero(never & ~np.isfinite(net.fracture_strain))[:1]:
+        lines.append(
+            f"{told(e)}: above the yield force {limit[e]:g} N, which its tension never exceeds; expected "
+            "at most that, or fracture_strain beside it, at which it breaks as it yields"
+        )
+    moves = job.dynamics
+    breaks = np.isfinite(net.fracture_strain).any()
+    if moves is not None and moves.mass_scaling and moves.fragments and breaks:
+        lines.append(
+            f"{job.path}: [dynamics] mass_scaling = {moves.mass_scaling:g}: a fragment would take the added "
+            "inertia along as mass; allowed with fragments = false, or where nothing can break"
+        )
+    return lines
+
+
+def strength_notes(job: Job, net: Net) -> list[str]:
+    """Keys of the strength that change nothing."""
+    given, notes = job.given(), []
+    scatters = bool(net.strength_deviation.any())
+    if "cable.strength_seed" in given and not scatters:
+        notes.append("[cable] strength_seed: no effect: strength_deviation = 0")
+    limits = (net.yield_stress, net.fracture_strain, net.breaking_load)
+    if scatters and not any(np.isfinite(limit).any() for limit in limits):
+        notes.append("strength_deviation: no effect: no cable has a strength")
+    for e in np.flatnonzero(net.nominal & np.isfinite(net.yield_stress))[:1]:
+        notes.append(
+            f"yield_stress of element {net.element_id[e]} and others without area: acts on that of steel of "
+            f"the same mass, {net.section[e]:.4g} m2; give the metallic area, in [cable] or in the catalogue"
+        )
+    if job.cable.catalogue and not (net.type >= 0).any():
+        notes.append("[cable] catalogue: no effect: no cable has a type")
+    return notes

@@ -1,0 +1,87 @@
+"""`netfall report`: what an engineer hands on, from a result file alone.
+
+summary.md, and tables with a header: cables.csv, elements.csv, cutting_list.csv, reactions.csv; and a picture
+of the roof by utilisation. Ids are those of the tables, numbers are in SI units.
+"""
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+
+from netfall.errors import InputError
+from netfall.output.codes import read_codes
+from netfall.output.info import missing_name, open_result
+from netfall.output.place import writing
+from netfall.output.plot_utilisation import utilisation
+from netfall.output.reactions import reaction_columns
+from netfall.output.report_cables import (
+    Cutting,
+    cable_columns,
+    check_elements,
+    cutting_columns,
+    element_columns,
+    resistances_of,
+)
+from netfall.output.report_stages import envelope_of
+from netfall.output.report_text import summary
+
+DIGITS = 12  # of the numbers in tables
+
+
+def write_report(result: Path, folder: Path, codes: Path | None, cutting: Cutting) -> list[Path]:
+    """Write the report of a result file; the paths of what was written.
+
+    codes : a file of checks instead of the shipped one. Raises InputError for a wrong file.
+    """
+    checks = read_codes(codes)
+    with open_result(result) as f:
+        try:
+            resistance = resistances_of(f, checks)
+            envelope = envelope_of(f, resistance[checks[0].name])
+            checked = check_elements(f, checks, resistance, envelope)
+            tables = {
+                "cables.csv": cable_columns(f, envelope, checked),
+                "elements.csv": element_columns(f, envelope, checked),
+                "cutting_list.csv": cutting_columns(f, cutting),
+                "reactions.csv": reaction_columns(f),
+            }
+            text = summary(f, result, tables, envelope, checked, cutting)
+        except KeyError as error:
+            raise InputError(
+                f"{result}: {missing_name(error)} is not in this file, which another version of netfall "
+                "wrote; run the job again"
+            ) from None
+        folder.mkdir(parents=True, exist_ok=True)
+        _check_ours(folder / "cables.csv", tables["cables.csv"])
+        contents = {"summary.md": text} | {name: csv_text(columns) for name, columns in tables.items()}
+        for name, content in contents.items():
+            with writing(folder / name):
+                (folder / name).write_text(content, encoding="utf-8")
+        utilisation(f, envelope, checked, folder / "utilisation.png")
+    return [folder / name for name in (*contents, "utilisation.png")]
+
+
+def _check_ours(path: Path, columns: dict) -> None:
+    """Refuse to write over a table of the user's, a catalogue perhaps. Raises InputError."""
+    begin = ",".join(list(columns)[:3])
+    if path.exists() and not path.read_text(errors="replace").startswith(begin):
+        raise InputError(
+            f"{path}: exists and is no table of a report; move it away, or give another folder with -o"
+        )
+
+
+def csv_text(columns: dict[str, np.ndarray]) -> str:
+    """A table with a header; what is not a number (nan, inf) is an empty cell."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(columns)
+    table.writerows(zip(*([_cell(value) for value in values] for values in columns.values())))
+    return text.getvalue()
+
+
+def _cell(value) -> str:
+    if isinstance(value, (float, np.floating)):
+        return f"{value + 0.0:.{DIGITS}g}" if np.isfinite(value) else ""
+    return str(value)

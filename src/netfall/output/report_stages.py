@@ -1,0 +1,154 @@
+"""The stages of a result for a report: where nodes are and what elements carry in each, and the envelope."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from netfall.output.frames import Frames
+
+ALIKE = 1e-6  # of a tension: frames are in single precision, and the earlier stage governs
+
+
+@dataclass(frozen=True)
+class Stage:
+    """An equilibrium, or a moment.
+
+    tension : gives (m,) [N]; position : gives (points, 3) [m]
+    ends : (m, 2) rows of these, where elements have split off others than those of the net
+    """
+
+    name: str
+    tension: Callable[[], np.ndarray]
+    position: Callable[[], np.ndarray]
+    ends: np.ndarray | None = None
+
+
+def start_position(f) -> np.ndarray:
+    """Nodes (n, 3) [m] in the form that was found, or as given."""
+    return f["form_finding/position"][:] if "form_finding" in f else f["net/particles"][:]
+
+
+def strains(f, L: np.ndarray, L0: np.ndarray) -> np.ndarray:
+    """Strains (m,) of lengths L (m,) [m], in the measure of the run."""
+    logarithmic = f["provenance"].attrs.get("strain") == "logarithmic"
+    return np.log(L / L0) if logarithmic else (L - L0) / L0
+
+
+def start_tension(f) -> np.ndarray:
+    """Tensions (m,) [N] in the form that was found, or in the net as given, before any load."""
+    if "form_finding" in f:
+        return f["form_finding/tension"][:]
+    x, elements = f["net/particles"][:], f["net/elements"][:]
+    L = np.linalg.norm(x[elements[:, 1]] - x[elements[:, 0]], axis=1)
+    N = f["net/axial_stiffness"][:] * strains(f, L, f["net/unstressed_length"][:])
+    return np.where(f["net/bar"][:].astype(bool), N, np.maximum(N, 0.0))
+
+
+def equilibria(f) -> Iterator[Stage]:
+    """The form, the load steps, the cases, the rest under the mean wind."""
+    x = start_position(f)
+    found = "form_finding" in f
+    yield Stage("form" if found else "as given", lambda: start_tension(f), lambda: x)
+    if "statics" in f:
+        for row, factor in enumerate(f["statics/load_factor"][:]):
+            name = f"statics, load factor {factor:.4g}" if factor else "statics, permanent loads"
+            yield Stage(name, *_row(f, x, row))
+    for name in f.get("cases", ()):
+        g = f[f"cases/{name}"]
+        yield Stage(f"case {name}", *_whole(g, x))
+    if "rest" in f:
+        yield Stage("rest", lambda: f["rest/tension"][:], lambda: f["rest/position"][:])
+
+
+def _row(f, x: np.ndarray, row: int):
+    g = f["statics"]
+    return (lambda: g["tension"][row]), (lambda: x + g["displacement"][row])
+
+
+def _whole(g, x: np.ndarray):
+    return (lambda: g["tension"][:]), (lambda: x + g["displacement"][:])
+
+
+def final(f) -> Stage | None:
+    """The last state of the dynamic stage; the ends that split off are where they are now."""
+    if "history" not in f:
+        return None
+    number = f["final/particle_id"][:]
+    row = np.argsort(number, kind="stable")
+    ends, n = f["net/elements"][:].copy(), len(f["net/particles"])
+    new = f["events/new_particle"][:]
+    ends[f["events/element"][:][new >= 0], (new[new >= 0] - n) % 2] = new[new >= 0]
+    rows = row[np.searchsorted(number[row], ends)]
+    name = f"final, t = {f['history/time'][-1]:.4g} s"
+    return Stage(name, lambda: f["final/tension"][:], lambda: f["final/position"][:], rows)
+
+
+@dataclass
+class Envelope:
+    """The largest and least tension (m,) [N] of each element, by stage.
+
+    of_most, of_least : (m,) numbers of the stages in `names`; time_most : (m,) [s], nan: not in dynamics
+    slack : (stages, m) bool; slack_time : (m,) [s] or None
+    most_used : for each stage the largest share of the resistances, and the element; -1: none has any
+    complete : whether the dynamic stage is there by all its steps, not by its frames alone
+    """
+
+    names: list[str]
+    most: np.ndarray
+    least: np.ndarray
+    of_most: np.ndarray
+    of_least: np.ndarray
+    time_most: np.ndarray
+    slack: np.ndarray
+    slack_time: np.ndarray | None
+    complete: bool
+    most_used: list[tuple[float, int]]
+
+
+def envelope_of(f, resistance: np.ndarray) -> Envelope:
+    """The envelope over all equilibria and the dynamic stage. resistance : (m,) [N], nan: none"""
+    m = len(f["net/elements"])
+    nan = np.full(m, np.nan)
+    rows = [(stage.name, N, N, nan) for stage in equilibria(f) for N in [stage.tension()]]
+    complete = "envelope" in f
+    if "history" in f:
+        rows.append(("dynamics", *(_of_envelope(f) if complete else _of_frames(f))))
+    most, least = rows[0][1], rows[0][2]
+    of_most, of_least, time = np.zeros(m, int), np.zeros(m, int), nan.copy()
+    for k, (_, high, low, when) in enumerate(rows):
+        above = high > most + ALIKE * np.abs(most)
+        below = low < least - ALIKE * np.abs(least)
+        of_most, time = np.where(above, k, of_most), np.where(above, when, time)
+        of_least = np.where(below, k, of_least)
+        most, least = np.maximum(most, high), np.minimum(least, low)
+    bar = f["net/bar"][:].astype(bool)
+    slack = np.array([(low <= 0.0) & ~bar for _, _, low, _ in rows])
+    if "history" in f:
+        slack[-1, f["events/element"][:]] = False  # broken: it carries nothing for another reason
+    slack_time = f["envelope/slack_time"][:] if complete and "slack_time" in f["envelope"] else None
+    names = [name for name, *_ in rows]
+    used = [_most_used(high / resistance) for _, high, _, _ in rows]
+    return Envelope(names, most, least, of_most, of_least, time, slack, slack_time, complete, used)
+
+
+def _most_used(share: np.ndarray) -> tuple[float, int]:
+    if np.isnan(share).all():
+        return np.nan, -1
+    return float(np.nanmax(share)), int(np.nanargmax(share))
+
+
+def _of_envelope(f):
+    g = f["envelope"]
+    return g["tension_max"][:], g["tension_min"][:], g["tension_max_time"][:]
+
+
+def _of_frames(f):
+    """The largest and least tension of the frames and the last state, and when it was the largest."""
+    frames, N = Frames(f), f["final/tension"][:]
+    most, least, when = N, N, np.full(len(N), f["history/time"][-1])
+    for step, time in enumerate(frames.times):
+        N = frames.cell("tension", step).astype(float)
+        when = np.where(N > most, time, when)
+        most, least = np.maximum(most, N), np.minimum(least, N)
+    return most, least, when

@@ -1,0 +1,209 @@
+"""`netfall report`: resistances, cutting lists, reactions and envelopes against figures by hand."""
+
+import csv
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+from conftest import STEEL, run_netfall
+
+from netfall.errors import InputError
+from netfall.output.codes import read_codes
+from netfall.output.report import write_report
+from netfall.output.report_cables import Cutting
+
+# Two cables of 5 m from supports above hold node 5 against one of 4 m to a support below: with 50 kN in each
+# of the two and 2 x 50 x 4/5 = 80 kN in the third it is in equilibrium as given.
+NODES = "id,x,y,z,fixed,load_z\n1,-3,0,4,1,0\n2,3,0,4,1,0\n3,0,0,-4,1,0\n5,0,0,0,0,-200e3\n"
+ELEMENTS = "id,start,end,group,prestress,breaking_load\n{}"
+ROWS = "11,1,5,upper,50e3,240e3\n12,2,5,upper,50e3,240e3\n13,5,3,lower,80e3,\n"
+STATICS = STEEL.replace("prestress = 100e3\n", "") + "[load]\nsteps = 1\ntolerance = 1e-9\n"
+EA = 1.95e11 * 683.08e-6
+
+
+def rows_of(path) -> list[dict]:
+    with open(path, newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def column(rows, name) -> list[float]:
+    return [float(row[name]) for row in rows]
+
+
+@pytest.fixture(scope="module")
+def loaded(shared_workshop):
+    """The result of the three cables under 200 kN, and its folder."""
+    job = shared_workshop.job(STATICS, NODES, ELEMENTS.format(ROWS))
+    shared_workshop.run(job).close()
+    return shared_workshop.folder
+
+
+def report_of(folder, result="result.vtkhdf", codes=None, cutting=None):
+    """The report of a result there."""
+    write_report(folder / result, folder / "report", codes, cutting or Cutting())
+    return folder / "report"
+
+
+def test_resistances_are_those_of_the_codes(tmp_path):
+    """EN 1993-1-11 for F_uk of 240 to 10,075 kN, published; yield if it is less; ASCE 19; an own file."""
+    F_uk = 1e3 * np.array([240.0, 1520.0, 1615.0, 10075.0, 1520.0, np.inf])
+    strengths = {"breaking_load": F_uk, "yield_force": np.array([np.inf] * 4 + [900e3, np.inf])}
+    groups = np.array(["a", "a", "a", "a", "b", "a"], object)
+    en, service, asce = (check.resistance(strengths, groups) for check in read_codes())
+    assert np.round(en / 1e3)[:5].tolist() == [160, 1013, 1077, 6717, 900] and np.isnan(en[5])
+    assert service[:2].tolist() == pytest.approx([108e3, 684e3]) and asce[0] == pytest.approx(240e3 / 2.2)
+    own = tmp_path / "own.toml"
+    own.write_text(
+        '[[check]]\nname = "mine"\ntitle = "by hand"\n[[check.resistance]]\nof = "breaking_load"\n'
+        'factor = [{name = "g", use = "divide", value = 2.0, edition = "mine, 2026", groups = {b = 4.0}}]\n'
+    )
+    (mine,) = read_codes(own)
+    assert mine.resistance(strengths, groups)[[0, 4]].tolist() == [120e3, 380e3]
+    own.write_text(own.read_text().replace("2.0", "-2.0").replace('"divide"', '"by"'))
+    with pytest.raises(InputError) as raised:
+        read_codes(own)
+    assert [line.partition("factor g: ")[2] for line in raised.value.lines] == [
+        "use = 'by': expected one of multiply, divide",
+        "value = -2.0: expected a number > 0",
+    ]
+
+
+def test_reactions_balance_the_load(loaded):
+    """As given: 50 and 80 kN along the cables, by hand; under the load the sum is the load."""
+    rows = rows_of(report_of(loaded) / "reactions.csv")
+    force = {(row["stage"], row["node"]): [float(row[f"force_{axis}"]) for axis in "xyz"] for row in rows}
+    given = [force["as given", node] for node in ("1", "2", "3")]
+    assert np.array(given) == pytest.approx(
+        np.array([[30e3, 0, -40e3], [-30e3, 0, -40e3], [0, 0, 80e3]]),
+        abs=1e-5,  # rounding of lengths, of EA
+    )
+    at_load = np.array([force["statics, load factor 1", node] for node in ("1", "2", "3")])
+    assert at_load.sum(0) == pytest.approx([0, 0, -200e3], abs=2e-4 * 2)  # 1e-9 of the load, on each axis
+    with h5py.File(loaded / "result.vtkhdf") as f:
+        assert np.linalg.norm(at_load[0]) == pytest.approx(
+            f["statics/tension"][-1, 0], rel=1e-11
+        )  # digits told
+
+
+def test_the_stage_that_governs_and_slack_are_told(loaded):
+    """Under 200 kN the lower cable is slack and each upper one has 100 kN over the sine of its slope."""
+    folder = report_of(loaded)
+    rows = {row["cable"]: row for row in rows_of(folder / "cables.csv")}
+    with h5py.File(loaded / "result.vtkhdf") as f:
+        z = f["statics/displacement"][-1, 3, 2]
+    N = 100e3 * np.hypot(3.0, 4.0 - z) / (4.0 - z)
+    assert float(rows["e11"]["tension_max"]) == pytest.approx(N, rel=1e-8)  # 1e-9 of the load
+    assert float(rows["e11"]["utilisation_en1993"]) == pytest.approx(N / 160e3, rel=1e-8)
+    assert float(rows["e11"]["utilisation_asce19"]) == pytest.approx(2.2 * N / 240e3, rel=1e-8)
+    assert rows["e11"]["case_max"] == rows["e13"]["slack_in"] == "statics, load factor 1"
+    assert float(rows["e13"]["tension_max"]) == pytest.approx(80e3) and rows["e13"]["case_max"] == "as given"
+    assert (
+        rows["e13"]["utilisation_en1993"]
+        == rows["e13"]["breaking_load"]
+        == ""
+        != rows["e11"]["breaking_load"]
+    )
+    text = (folder / "summary.md").read_text()
+    assert "1 cables have neither breaking_load nor yield_stress: their utilisation is empty" in text
+    assert "| e13 | lower | statics, load factor 1 |" in text and "EN 1993-1-11:2006" in text
+
+
+def test_lengths_at_a_temperature_and_a_measuring_load_are_those_by_hand(loaded):
+    """L0 = L / (1 + N / EA); measured 15 K warmer under 60 kN: L0 (1 + 12e-6 x 15) (1 + 60 kN / EA)."""
+    unstressed = [5 / (1 + 50e3 / EA), 5 / (1 + 50e3 / EA), 4 / (1 + 80e3 / EA)]
+    assert unstressed == pytest.approx([4.9981238, 4.9981238, 3.9975991], abs=1e-7)  # EA = 133.2006 MN
+    rows = rows_of(report_of(loaded, cutting=Cutting(15.0, 60e3)) / "cutting_list.csv")
+    assert [row["cable"] for row in rows] == ["e11", "e12", "e13"]
+    assert column(rows, "unstressed_length") == pytest.approx(unstressed, rel=1e-11)  # digits of the table
+    warm = [L0 * (1 + 12e-6 * 15) for L0 in unstressed]
+    assert column(rows, "unstressed_length_at_temperature") == pytest.approx(warm, rel=1e-11)
+    measured = [L0 * (1 + 60e3 / EA) for L0 in warm]
+    assert column(rows, "length_at_measuring_load") == pytest.approx(measured, rel=1e-11)
+    assert column(rows, "temperature") == [15.0] * 3 and column(rows, "measuring_load") == [60e3] * 3
+    as_it_stands = rows_of(report_of(loaded) / "cutting_list.csv")
+    assert column(as_it_stands, "measuring_load") == pytest.approx([50e3, 50e3, 80e3])
+    assert column(as_it_stands, "length_at_measuring_load") == pytest.approx([5, 5, 4], rel=1e-11)
+
+
+def test_a_logarithmic_cable_is_measured_by_its_own_law(workshop):
+    """L0 = L exp(-N / EA), and the same length again under the load of the form."""
+    section = STATICS.replace("[load]", 'strain = "logarithmic"\n[load]')
+    workshop.run(workshop.job(section, NODES, ELEMENTS.format(ROWS))).close()
+    rows = rows_of(report_of(workshop.folder, cutting=Cutting(0.0, 50e3)) / "cutting_list.csv")
+    assert column(rows, "unstressed_length")[0] == pytest.approx(5 * np.exp(-50e3 / EA), rel=1e-11)
+    assert column(rows, "length_at_measuring_load")[0] == pytest.approx(5.0, rel=1e-11)
+
+
+def test_the_cutting_list_of_the_stadium_is_what_form_finding_gave(workshop):
+    """53 cables, each the sum of its elements, in parts of two; without strengths utilisation is empty."""
+    job = workshop.job('[net]\ngenerator = "stadium"\nsubdivide = 2\n' + STEEL + "[form_finding]\n")
+    with workshop.run(job) as f:
+        L0, cable = f["form_finding/unstressed_length"][:], f["net/cable"][:]
+        assert (f["net/unstressed_length"][:] == L0).all()
+    folder = report_of(workshop.folder)
+    rows = rows_of(folder / "cutting_list.csv")
+    assert len(rows) == 53
+    by_hand = [L0[cable == k].sum() for k in range(53)]
+    assert column(rows, "unstressed_length") == pytest.approx(by_hand, rel=1e-11)  # digits of the table
+    used = rows_of(folder / "cables.csv")
+    assert {row["utilisation_en1993"] for row in used} == {""}
+    assert "empty, no cable has a strength for it" in (folder / "summary.md").read_text()
+    assert (folder / "utilisation.png").stat().st_size > 20_000
+
+
+BREAKS = "[dynamics]\nduration = 0.05\n[output]\nframes = 5\n"
+
+
+def test_a_support_whose_cable_tore_off_carries_nothing(workshop):
+    """The upper cables break at their supports in the fall of 200 kN; then only the lower one pulls."""
+    section = STATICS.replace("[load]\nsteps = 1\ntolerance = 1e-9\n", "")
+    nodes = (
+        NODES.replace("z,fixed,load_z", "z,fixed,load_z,mass")
+        .replace("\n", ",0\n")
+        .replace(",mass,0", ",mass")
+    )
+    nodes = nodes.replace("-200e3,0", "-200e3,100")
+    job = workshop.job(section + BREAKS, nodes, ELEMENTS.format(ROWS.replace("240e3", "100e3")))
+    with workshop.run(job) as f:
+        ends = f["events/new_particle"][:] - 4 - 2 * f["events/element"][:]
+        torn = sorted(set(zip(f["events/element"][:].tolist(), ends.tolist())))
+        assert torn == [(0, 0), (1, 0)]  # at their starts, nodes 1 and 2
+    folder = report_of(workshop.folder)
+    rows = [row for row in rows_of(folder / "reactions.csv") if row["stage"].startswith("final")]
+    assert column(rows[:2], "force") == [0.0, 0.0] and [row["node"] for row in rows] == ["1", "2", "3"]
+    cables = rows_of(folder / "cables.csv")
+    assert all(float(row["broken_at"]) > 0 for row in cables[:2]) and cables[2]["broken_at"] == ""
+    assert "known by its frames and its end alone" in (folder / "summary.md").read_text()
+    shutil.copy(workshop.folder / "result.vtkhdf", workshop.folder / "whole.vtkhdf")
+    with h5py.File(workshop.folder / "whole.vtkhdf", "r+") as f:
+        tensions = {"tension_max": [99e3, 98e3, 81e3], "tension_min": [0.0, 0.0, 0.0]}
+        times = {"tension_max_time": [0.011, 0.012, 0.013], "slack_time": [0.0, 0.0, 0.02]}
+        for name, values in (tensions | times).items():
+            f[f"envelope/{name}"] = np.array(values)
+    folder = report_of(workshop.folder, "whole.vtkhdf")
+    cables = rows_of(folder / "cables.csv")
+    assert column(cables, "tension_max") == [99e3, 98e3, 81e3]
+    assert column(cables, "time_max") == [0.011, 0.012, 0.013] and cables[0]["case_max"] == "dynamics"
+    assert column(rows_of(folder / "elements.csv"), "slack_time") == [0.0, 0.0, 0.02]
+    assert "known by its frames" not in (folder / "summary.md").read_text()
+
+
+def test_the_command_writes_beside_the_result_and_spares_what_is_not_its_own(loaded):
+    """Six files in RESULT-report; a table of the user's, a catalogue say, is not written over."""
+    done = run_netfall("report", "result.vtkhdf", "--measuring-load", "60e3", cwd=loaded)
+    names = [
+        "summary.md",
+        "cables.csv",
+        "elements.csv",
+        "cutting_list.csv",
+        "reactions.csv",
+        "utilisation.png",
+    ]
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == [f"result-report/{name}" for name in names]
+    mine = "name,mass_per_length,axial_stiffness,breaking_load\nFLC40,8.9,1.77e8,1.52e6\n"
+    (loaded / "cables.csv").write_text(mine)
+    done = run_netfall("report", "result.vtkhdf", "-o", ".", cwd=loaded)
+    assert done.returncode == 2 and "cables.csv: exists and is no table of a report" in done.stderr
+    assert (loaded / "cables.csv").read_text() == mine and not (loaded / "summary.md").exists()

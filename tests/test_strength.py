@@ -1,0 +1,240 @@
+"""Cables as pieces, and their strength: breaking loads, catalogues, scatter."""
+
+import numpy as np
+import pytest
+from conftest import STEEL
+
+from netfall.errors import InputError
+from netfall.job.read import read_job
+from netfall.net.build import build_net
+
+# Two lines that cross at node 5: 1-5-2 and 3-5-4; from 2 on the first bends by 20 degrees to node 6, and
+# by 40 more to node 7; node 4 is a support, behind which the second goes on to node 8.
+NODES = """id,x,y,z,fixed
+1,-2,0,0,1
+2,2,0,0,0
+3,0,-2,0,1
+4,0,2,0,1
+5,0,0,0,0
+6,3.87938524,0.68404029,0,0
+7,4.87938524,2.41609110,0,1
+8,0,4,0,1
+"""
+ENDS = [(1, 5), (3, 5), (5, 2), (4, 5), (2, 6), (6, 7), (4, 8)]
+
+
+def net_of(workshop, elements: str, nodes=NODES, section=STEEL, overrides=()):
+    """The net of two tables."""
+    return build_net(read_job(workshop.job(section, nodes, elements), list(overrides)))
+
+
+def table(columns: str, rows) -> str:
+    """elements.csv, a row for each of the elements."""
+    return f"start,end,{columns}\n" + "\n".join(f"{a},{b},{more}" for (a, b), more in zip(ENDS, rows)) + "\n"
+
+
+def pieces(net) -> list[str]:
+    """The name of the piece of each element."""
+    return [net.cable_names[k] for k in net.cable]
+
+
+def test_a_cable_runs_straight_through_and_ends_at_bends_and_supports(workshop):
+    """At a crossing each line goes on; 20 degrees are straight, 40 are not; a support is an anchor."""
+    net = net_of(workshop, table("id", range(20, 27)))
+    assert pieces(net) == ["e20", "e21", "e20", "e21", "e20", "e25", "e26"]
+    assert net.cable.tolist() == [0, 1, 0, 1, 0, 2, 3]  # numbered as they come in the rows
+
+
+def test_groups_part_cables_and_subdivision_does_not(workshop):
+    """Where the group changes the piece ends; three elements of one segment are one piece."""
+    groups = ["a", "b", "c", "b", "c", "c", "c"]
+    net = net_of(workshop, table("group", groups), overrides=["net.subdivide=3"])
+    assert pieces(net)[::3] == ["e0", "e1", "e2", "e1", "e2", "e5", "e6"]
+    assert (net.cable.reshape(-1, 3) == net.cable[::3, None]).all()
+
+
+def test_the_column_cable_names_pieces(workshop):
+    """What is named is one piece, however it bends; what is not is a chain of its own, not through it."""
+    net = net_of(workshop, table("cable", ["", "main", "main", "", "", "main", ""]))
+    assert pieces(net) == ["e0", "main", "main", "e3", "e4", "main", "e6"]
+    with pytest.raises(InputError) as raised:
+        net_of(workshop, table("cable", ["", "e0", "", "", "", "", ""]))
+    (line,) = raised.value.lines
+    assert "elements.csv: cable = e0: so a piece without a name is called" in line
+
+
+def test_lines_of_a_generated_net_are_its_cables(tmp_path):
+    """A saddle of 32 cells, whose start is steep at its edge, has 31 cables each way; a wheel 36 radials."""
+    cells = 32
+    path = tmp_path / "job.toml"
+    path.write_text(f'[net]\ngenerator = "saddle"\ncells = {cells}\n{STEEL}')
+    net = build_net(read_job(path, []))
+    across = np.unique(np.column_stack([net.group, net.cable]), axis=0)
+    assert np.bincount(across[:, 0]).tolist() == [cells - 1] * 2
+    assert (np.bincount(net.cable) == cells).all()
+
+
+# --- what a cable is made of
+
+CATALOGUE = (
+    "name,mass_per_length,axial_stiffness,breaking_load\nFLC40,8.9,1.77e8,1.52e6\nFLC60,20.1,4.0e8,3.59e6\n"
+)
+
+
+def test_rows_override_groups_and_these_the_cable(workshop):
+    """Stiffness, mass and breaking load of each element are those of the most particular place."""
+    (workshop.folder / "cables.csv").write_text(CATALOGUE)
+    section = (
+        '[cable]\ncatalogue = "cables.csv"\ntype = "FLC40"\nprestress = 1e5\n'
+        "[cable.steel]\nmodulus = 1.6e11\narea = 1e-3\ndensity = 8000.0\n"
+        '[cable.strong]\ntype = "FLC60"\nbreaking_load = 3.0e6\n'
+        "[cable.light]\naxial_stiffness = 1e8\nmass_per_length = 2.0\n"
+    )
+    rows = ["a,,", "steel,,", "strong,,", "light,,", "steel,FLC60,", "strong,,2e6", "strong,FLC40,1e6"]
+    net = net_of(workshop, table("group,type,breaking_load", rows), section=section)
+    stiffness = [1.77e8, 1.6e8, 4.0e8, 1e8, 4.0e8, 4.0e8, 1.77e8]
+    mass = [8.9, 8.0, 20.1, 2.0, 20.1, 20.1, 8.9]
+    load = [1.52e6, 1.52e6, 3.0e6, 1.52e6, 3.59e6, 2e6, 1e6]
+    exact = lambda values: pytest.approx(values, rel=1e-15)  # a quotient and a product
+    assert (net.modulus * net.section).tolist() == exact(stiffness)
+    assert (net.density * net.section).tolist() == exact(mass)
+    assert net.breaking_load.tolist() == load
+    assert net.fracture_strain.tolist() == exact([f / k for f, k in zip(load, stiffness)])
+    assert [net.type_names[k] if k >= 0 else "" for k in net.type] == (
+        ["FLC40", "FLC40", "FLC60", "FLC40", "FLC60", "FLC60", "FLC40"]
+    )
+
+
+WRONG = {  # what is said of [cable], and rows of elements.csv: what the line must tell
+    "twice stiff": (
+        STEEL + "axial_stiffness = 1e8\n",
+        "",
+        "[cable] modulus and axial_stiffness exclude each other",
+    ),
+    "twice heavy": (STEEL + "mass_per_length = 5.0\n", "", "density and mass_per_length exclude each other"),
+    "no catalogue": (STEEL + 'type = "FLC40"\n', "", "[cable] type: needs the table that it stands in"),
+    "unknown type": (
+        STEEL + 'catalogue = "cables.csv"\ntype = "FLC4O"\n',
+        "",
+        '[cable] type = "FLC4O": no such type in the catalogue; did you mean "FLC40"?',
+    ),
+    "unknown type in a row": (
+        STEEL + 'catalogue = "cables.csv"\n',
+        "type:FLC50",
+        'elements.csv: element 0: type = "FLC50": no such type',
+    ),
+    "nothing stiff": (
+        "[cable]\narea = 1e-3\ndensity = 8e3\n",
+        "",
+        "[cable] modulus: missing; expected a number of Pa",
+    ),
+    "no area": (
+        "[cable]\nmodulus = 1e11\nmass_per_length = 8.0\n",
+        "",
+        "[cable] area: missing; expected a number of m2",
+    ),
+    "below the prestress": (
+        STEEL + "breaking_load = 99e3\n",
+        "",
+        "element 0: breaking_load = 99000 N: below its prestress 100000 N; lower the prestress",
+    ),
+    "above the yield force": (
+        STEEL + "yield_stress = 1.0e9\nbreaking_load = 700e3\n",
+        "",
+        "element 0: breaking_load = 700000 N: above the yield force 683080 N, which its tension never",
+    ),
+    "not positive": (STEEL, "breaking_load:-5", "line 2: breaking_load = '-5': expected a number of N"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_contradictions_are_told(workshop, case):
+    """One line: the place, what was given, what is allowed."""
+    section, column, told = WRONG[case]
+    (workshop.folder / "cables.csv").write_text(CATALOGUE)
+    name, _, value = (column or "id:0").partition(":")
+    rows = [value, *(range(1, 7) if name == "id" else [""] * 6)]
+    with pytest.raises(InputError) as raised:
+        net_of(workshop, table(name, rows), section=section)
+    (line,) = raised.value.lines
+    assert told in line
+
+
+def test_a_breaking_load_counts_beside_fracture_strain_as_whichever_comes_first(workshop):
+    """Below the yield force the breaking load may come first, above it only the strain can."""
+    section = STEEL + "yield_stress = 1.5e9\nfracture_strain = 0.03\n"  # yields at 1024.6 kN
+    loads = ["", "9e5", "1.2e6", "1024620", "", "", ""]
+    net = net_of(workshop, table("breaking_load", loads), section=section)
+    EA = 1.95e11 * 683.08e-6
+    expected = [0.03, 9e5 / EA, 0.03, 1024620 / EA, 0.03, 0.03, 0.03]
+    assert net.fracture_strain.tolist() == pytest.approx(expected, rel=1e-15)
+
+
+def test_strength_scatters_from_cable_to_cable(tmp_path):
+    """Of 398 cables: one factor each, mean and deviation those that were asked for; the seed changes all."""
+    path = tmp_path / "job.toml"
+    section = STEEL + "breaking_load = 1.2e6\nstrength_deviation = 0.05\n"
+    path.write_text(f'[net]\ngenerator = "saddle"\ncells = 200\n{section}')
+    net = build_net(read_job(path, []))
+    of_cable = net.strength[np.unique(net.cable, return_index=True)[1]]
+    assert (net.strength == of_cable[net.cable]).all() and len(np.unique(of_cable)) == len(of_cable) == 398
+    assert net.breaking_load.tolist() == (1.2e6 * net.strength).tolist()
+    assert of_cable.mean() == pytest.approx(1.0, abs=4 * 0.05 / np.sqrt(398))  # four standard errors
+    assert of_cable.std() == pytest.approx(0.05, rel=4 / np.sqrt(2 * 398))  # the same
+    same = build_net(read_job(path, ["net.subdivide=2"])).strength[::2]
+    other = build_net(read_job(path, ["cable.strength_seed=2"])).strength
+    assert (same == net.strength).all() and not (other == net.strength).any()
+
+
+F = 3590e3  # N, breaking load
+AREA, EA = 2.5e-3, 4.0e8
+
+
+@pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
+@pytest.mark.parametrize("law", ["elastic", "plastic"])
+def test_a_cable_holds_just_below_its_breaking_load_and_breaks_just_above(workshop, law, strain):
+    """Four cables begin 100 N below their load and swing 100 N above it, to 3589.9 kN and to 3590.1 kN.
+
+    By hand: an undamped mass that starts at rest with the force N0 under the load P swings to 2 P - N0.
+    """
+    below, above = F - 200.0, F  # N, load; the start is 100 N lower, the peak 100 N higher
+    loads = (below, above, below, above)
+    nodes = "id,x,y,z,fixed,load_x,mass\n" + "".join(
+        f"{2 * k},0,{k},0,1,0,0\n{2 * k + 1},10,{k},0,0,{load},5e4\n" for k, load in enumerate(loads)
+    )
+    elements = "start,end,prestress\n" + "".join(
+        f"{2 * k},{2 * k + 1},{P - 100.0}\n" for k, P in enumerate(loads)
+    )
+    section = (
+        f'[cable]\naxial_stiffness = {EA}\nmass_per_length = 20.0\narea = {AREA}\nstrain = "{strain}"\n'
+        f"breaking_load = {F}\n"
+    )
+    if law == "plastic":
+        section += f"yield_stress = {3600e3 / AREA}\n"
+    probes = ", ".join(f"[10.0, {k}.0]" for k in range(4))
+    run = f"[dynamics]\nduration = 0.3\n[output]\nframes = 3\nhistory = 0.001\nprobes = [{probes}]\n"
+    with workshop.run(workshop.job(section + run, nodes, elements)) as f:
+        assert sorted(set(f["events/element"][:].tolist())) == [1, 3]
+        peak = f["history/probe_tension"][:].max(0)
+        # the step of some 7 ms in a period of 0.22 s samples the peak to 1 percent of the swing of 100 N
+        assert peak[[0, 2]] == pytest.approx([3589.9e3] * 2, abs=2.0)
+        # a step takes 2 pi dt / T of the swing at most; the tension of the step that breaks it is seen
+        assert (peak[[1, 3]] > F).all() and (peak[[1, 3]] < F + 20.0).all()
+        assert f["net/breaking_load"][:].tolist() == [F] * 4
+
+
+def test_drawn_strengths_break_the_same_on_three_ranks(both_ways):
+    """A saddle whose cables differ: some break as a load falls on it; the same bits, and what was drawn."""
+    text = (
+        '[net]\ngenerator = "saddle"\ncells = 4\nside = 20.0\nrise = 2.0\n'
+        + STEEL
+        + "breaking_load = 200e3\nstrength_deviation = 0.2\n[form_finding]\n"
+        "[load]\ndead = 500.0\npressure = 1500.0\n[dynamics]\nduration = 0.5\n[output]\nframes = 3\n"
+    )
+    with both_ways.run(both_ways.job(text), ranks=3) as f:
+        strength, broken = f["net/strength"][:], np.unique(f["events/element"][:])
+        assert 0 < len(broken) < len(strength) and (f["net/breaking_load"][:] == 200e3).all()
+        limit = 200e3 * strength / (1.95e11 * 683.08e-6)
+        strain = f["events/strain"][:]
+        first = np.unique(f["events/element"][:], return_index=True)[1]
+        assert (strain[first] >= limit[broken]).all()
