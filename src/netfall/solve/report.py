@@ -16,7 +16,7 @@ from netfall.solve.history import MOST_STRAIN, History, find_probes, most_strain
 from netfall.solve.model import Model, scene_of
 from netfall.solve.schedule import Schedule, step_at
 from netfall.solve.setup import Setup
-from netfall.solve.statics import StaticPath, has_statics, rests_in_wind
+from netfall.solve.statics import StaticPath, has_statics, rests_at_loss, rests_in_wind
 from netfall.solve.wind_report import wind_notes
 from netfall.timings import Phases
 
@@ -124,15 +124,22 @@ def form_line(setup: Setup) -> str:
     )
 
 
-def static_lines(path: StaticPath, elements: int) -> list[str]:
-    """What the static stage found."""
+def static_lines(path: StaticPath, elements: int, words: str) -> list[str]:
+    """What the static stage found; words : for the rest that dynamics begins in."""
     lines = [f"case {name}: {_settled(numbers, elements)}" for name, numbers in path.cases.items()]
     if path.load_factor:
         last = {name: getattr(path, name)[-1] for name in ("residual", "slack")}
         lines.append(f"statics: {_settled(last, elements)}")
     if path.rest:
-        lines.append(f"rest under the mean wind: {_settled(path.rest, elements)}")
+        lines.append(f"{words}: {_settled(path.rest, elements)}")
     return lines
+
+
+def rest_words(job: Job) -> str:
+    """In which rest the dynamic stage begins; "": in none of its own."""
+    if rests_in_wind(job):
+        return "rest under the mean wind"
+    return "rest under all loads" if rests_at_loss(job) else ""
 
 
 def _settled(numbers: dict, elements: int) -> str:
@@ -163,8 +170,8 @@ def stages(job: Job) -> list[str]:
     statics += [f"{len(job.cases)} cases"] if job.cases else []
     if statics:
         found.append(f"statics ({', '.join(statics)})")
-    if rests_in_wind(job):
-        found.append("rest under the mean wind")
+    if words := rest_words(job):
+        found.append(words)
     if job.dynamics:
         found.append(f"dynamics ({job.dynamics.duration:g} s)")
     return found or ["none: the net alone"]

@@ -79,9 +79,15 @@ def rests_in_wind(job: Job) -> bool:
     return job.wind is not None and job.wind.onset == "static"
 
 
+def rests_at_loss(job: Job) -> bool:
+    """Whether it begins at rest under all loads, without wind, because something is lost in it."""
+    return bool(job.removes and job.dynamics) and job.wind is None
+
+
 def has_statics(job: Job) -> bool:
     """Whether equilibria are looked for before the dynamic stage."""
-    return bool(job.cases or (job.load and job.load.steps) or rests_in_wind(job))
+    rests = rests_in_wind(job) or rests_at_loss(job)
+    return bool(job.cases or (job.load and job.load.steps) or rests)
 
 
 def equilibria(run) -> list[Equilibrium]:
@@ -103,6 +109,8 @@ def equilibria(run) -> list[Equilibrium]:
         found.append(Equilibrium("step", words, permanent + factor * live, factor, "", again and step == 1))
     if rests and not steps:
         found.append(Equilibrium("at once", "the constant loads", permanent + live, 1.0, "", again))
+    if rests_at_loss(job):
+        found.append(Equilibrium("rest", "all loads", permanent + live, 1.0, "", again and not steps))
     if rests:
         wind = spread(lambda: model.mean_wind)
         found.append(Equilibrium("rest", "the mean wind", permanent + live + wind, 1.0))
@@ -131,7 +139,7 @@ def find_equilibria(run, path: StaticPath | None, resume: Relaxation | None) -> 
     for each in wanted[path.done :]:
         if each.from_permanent and base:
             put_back(state, base)
-        before = committed(state) if each.kind == "rest" else None
+        before = committed(state) if each.kind == "rest" and rests_in_wind(run.job) else None
         try:
             found = settle(run, each, path.reference, run.stop, resume)
         except Paused as pause:
@@ -273,7 +281,7 @@ def _stop_at_fracture(run, snapshot: Snapshot, each: Equilibrium) -> None:
 
 def _advice(each: Equilibrium) -> str:
     if each.kind in ("rest", "case"):
-        return ": there is no equilibrium under it" if each.kind == "case" else ""
+        return "" if each.words == "the mean wind" else ": there is no equilibrium under it"
     return (
         f" (load factor {each.factor:.4g}): there is no static equilibrium to start from; lower the load, or "
         "set steps = 0 to let it act at once in the dynamic stage"

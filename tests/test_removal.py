@@ -1,0 +1,96 @@
+"""Loss of members: by hand calculation, its energies, its bits, and what is said of it."""
+
+import numpy as np
+import pytest
+
+EA, L0, MASS, WEIGHT = 1.6e7, 10.0, 1000.0, 1e4  # N, m, kg, N
+
+CABLE = """
+[cable]
+modulus = 1.6e11
+area = 1e-4
+density = 100.0
+[load]
+tolerance = 1e-10
+"""
+HALF_CABLE = 0.5 * 100.0 * 1e-4 * L0  # kg
+PERIOD = float(2 * np.pi * np.sqrt((MASS + 2 * HALF_CABLE) * L0 / EA))  # of the weight on one cable
+
+
+def weights(count):
+    """Tables of weights that hang on two cables each; elements 2 i and 2 i + 1 hold weight i.
+
+    Both are vertical, so the motion is linear.
+    """
+    nodes, elements = ["id, x, y, z, fixed, mass, load_z"], ["id, start, end, unstressed_length"]
+    for i in range(count):
+        nodes += [f"{3 * i + k}, {5.0 * i}, 0, 0, 1, 0, 0" for k in range(2)]
+        nodes.append(f"{3 * i + 2}, {5.0 * i}, 0, {-L0}, 0, {MASS}, {-WEIGHT}")
+        elements += [f"{2 * i + k}, {3 * i + k}, {3 * i + 2}, {L0}" for k in range(2)]
+    return "\n".join(nodes), "\n".join(elements)
+
+
+def entry(elements, time, duration=0.0):
+    """An entry of [[remove]]."""
+    return f"[[remove]]\nelements = {elements}\ntime = {time}\nduration = {duration!r}\n"
+
+
+def dynamics(duration, steps, history=1e-2, more=""):
+    """Dynamics with steps of a period over so many."""
+    return (
+        f"[dynamics]\nduration = {duration!r}\ntime_step = {PERIOD / steps!r}\n{more}"
+        f"[output]\nframes = 1\nhistory = {history}\n"
+    )
+
+
+def test_a_fading_tension_swings_the_weight_as_in_closed_form(both_ways):
+    """One of two cables, lost over d: the factor is 1 + |sin(pi d / T)| / (pi d / T), over 0 to 5 periods T.
+
+    m y'' + k y = W/2 t/d: the swing that is left after d has the amplitude of sin(pi d / T) / (pi d / T).
+    """
+    shares = [1e-6, 0.1, 0.25, 0.5, 0.8, 1.0, 1.5, 2.0, 2.5, 3.3, 4.5, 5.0]
+    nodes, elements = weights(len(shares))
+    steps = 400
+    text = CABLE + dynamics(8 * PERIOD, steps)
+    text += "".join(entry([2 * i], 0.5 * PERIOD, s * PERIOD) for i, s in enumerate(shares))
+    result = both_ways.run(both_ways.job(text, nodes, elements), ranks=3)
+    before, after, peak, factor = (
+        result[f"removal/{name}"][:]
+        for name in ("tension_before", "tension_after", "tension_peak", "dynamic_factor")
+    )
+    there = np.arange(1, 2 * len(shares), 2)
+    assert before[0, there] == pytest.approx(WEIGHT / 2, rel=1e-9)  # 1e-10 of the load, found at rest
+    assert after[0, there] == pytest.approx(WEIGHT, rel=1e-9)
+    assert (after[0, there - 1] == 0).all() and np.isnan(peak[:, there - 1]).all()
+    turns = np.pi * np.array(shares)
+    exact = 1 + np.abs(np.sin(turns)) / turns
+    # the step rounds the peak down by up to (2 pi / 400)^2 / 8 = 3e-5, stretches the period by a third of
+    # that, and rounds the start
+    assert factor[0, there] == pytest.approx(exact, abs=1e-4)
+    assert (factor[:, there] == factor[0, there]).all() and np.isnan(factor[:, there - 1]).all()
+    assert np.abs(result["history/identity_error"][:]).max() < 1e-13  # rounding
+    # the step's own energy error, (2 pi / 400)^2 / 4, of energies that are as large as what takes part
+    assert np.abs(result["history/balance_error"][:]).max() < 1e-4
+
+
+def test_a_weight_whose_cable_is_lost_at_once_swings_to_twice_the_rest(both_ways):
+    """Peak 3/2 W by energy, rest W, factor 2; strain energy that leaves with the cable is dissipated."""
+    steps = 1000
+    text = CABLE + dynamics(2 * PERIOD, steps) + entry([0], 0.1 * PERIOD)
+    nodes, elements = weights(1)
+    result = both_ways.run(both_ways.job(text, nodes, elements))
+    peak, factor = result["removal/tension_peak"][0], result["removal/dynamic_factor"][0]
+    rounding = (
+        2 * np.pi / steps
+    ) ** 2 / 4  # of a peak between two steps, and of the first one at half a kick
+    assert peak[1] == pytest.approx(1.5 * WEIGHT, rel=rounding) and factor[1] == pytest.approx(
+        2, abs=rounding
+    )
+    assert result["removal/element"][:].tolist() == [0] and result["removal/entry"][:].tolist() == [0]
+    stored = 0.5 * (WEIGHT / 2) ** 2 * L0 / EA
+    assert result["history/plastic_dissipation"][-1] == pytest.approx(stored, rel=1e-9)  # at rest to 1e-10
+    assert np.abs(result["history/identity_error"][:]).max() < 1e-13  # rounding
+    assert np.abs(result["history/balance_error"][:]).max() < 4 * rounding
+    assert result["history/slack"][-1] == 0 and result["history/broken"][-1] == 0
+    assert result["VTKHDF/CellData/broken"][-2:].tolist() == [1, 0]
+    assert result["events/time"].shape == (0,) and result["rest/tension"][:] == pytest.approx([5e3] * 2)
