@@ -166,12 +166,13 @@ LISTS: dict[str, tuple[Key, ...]] = {
     "remove": (
         Key("elements", "integers", ABSENT, "", "ids of the elements that are lost"),
         Key("group", "text", ABSENT, "", "or the group of elements that is lost"),
+        Key("cables", "words", ABSENT, "", "or the names of the pieces of cable that are lost"),
         not_negative("time", "s", REQUIRED, "of the dynamic stage at which their stiffness goes"),
         not_negative("duration", "s", 0.0, "over which their tension then falls to zero; 0: at once"),
     ),
 }
 
-LOST = ("elements", "group")  # keys of [[remove]] that say what is lost: one of them
+LOST = ("elements", "group", "cables")  # keys of [[remove]] that say what is lost: one of them
 
 
 def _rows(section: str, *names: str) -> tuple[Key, ...]:

@@ -10,9 +10,11 @@ from netfall.job.read import Job
 from netfall.job.values import nearest, shown
 from netfall.net import generators
 from netfall.net.areas import roof_groups
+from netfall.net.cables import cables_of, same_names
 from netfall.net.net import Net, subdivide
 from netfall.net.tables import read_tables
 
+STEEP = ("saddle", "stadium")  # generators whose start is level inside and steep along the boundary
 MOST_ELEMENTS = 50_000_000  # what fits the memory of one rank at set-up, some 500 bytes each
 
 
@@ -29,7 +31,8 @@ def build_net(job: Job) -> Net:
         )
     _check_groups(job, net)
     net = subdivide(net, job.net.subdivide)
-    errors = _whole_net_errors(job, net)
+    net.cable, net.cable_names = cables_of(net, job.net.generator in STEEP)
+    errors = _whole_net_errors(job, net) + _cables_of_one_name(job, net)
     if errors:
         raise InputError(errors)
     return net
@@ -151,6 +154,15 @@ def _whole_net_errors(job: Job, net: Net) -> list[str]:
             "form finding computes the unstressed lengths"
         )
     return errors + _springs_on_supports(job, net) + _without_tension(job, net)
+
+
+def _cables_of_one_name(job: Job, net: Net) -> list[str]:
+    """Names of the table that a piece without a name has too."""
+    return [
+        f"{job.path.parent / job.net.elements}: cable = {name}: so a piece without a name is called, by the "
+        "least id of its elements; rename it, or name that piece too"
+        for name in same_names(net.cable_names)
+    ]
 
 
 def _springs_on_supports(job: Job, net: Net) -> list[str]:

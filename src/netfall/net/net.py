@@ -49,6 +49,8 @@ class Net:
     prestress : (m,) [N]; force_density : (m,) [N/m], nan: none; unstressed_length : (m,) [m], nan: none
     outline : (s, 2) segments of the rigid boundary in plan, which close faces but are no elements; numbers
         from n on are rows of `corners` (k, 3) [m], points of the boundary without a particle
+    cable : (m,) row of cable_names, the piece of cable that the element is part of (`net.cables`)
+    cable_given : name of the piece of each element of the table, "": none
     parts : elements for each one that was given; notes : what is odd in what was given
     """
 
@@ -76,6 +78,9 @@ class Net:
     yield_stress: np.ndarray = _element(key="yield_stress", absent=np.inf)
     fracture_strain: np.ndarray = _element(key="fracture_strain", absent=np.inf)
     bar: np.ndarray = _element()
+    cable: np.ndarray = None
+    cable_names: list[str] = field(default_factory=list)
+    cable_given: list[str] = field(default_factory=list)
     outline: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.int64))
     corners: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     parts: int = 1

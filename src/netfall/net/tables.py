@@ -32,6 +32,7 @@ ELEMENT_COLUMNS = (
     "unstressed_length",
     "area",
     "modulus",
+    "cable",
 )
 TO_METRES = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000), "in": (254, 10000)}
 MOST_NAMED = 5  # pairs in one note
@@ -111,6 +112,7 @@ def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray):
         elements=ends,
         group=group,
         element_id=element_id,
+        cable_given=cables.words("cable") if "cable" in cables else [],
         force_density=cables.numbers("force_density", unit="N/m"),
         unstressed_length=cables.numbers("unstressed_length", low=1e-9, unit="m"),
     )

@@ -233,6 +233,8 @@ def net_section(net: Net, area: np.ndarray, plan_area: np.ndarray, zones: Zones)
         "plan_area": plan_area,
         "node_id": net.node_id,
         "element_id": net.element_id,
+        "cable": net.cable.astype(np.int32),
+        "cable_names": np.array(net.cable_names, h5py.string_dtype()),
         "zone": zones.of_node.astype(np.int32),
         "zone_names": np.array(zones.names, h5py.string_dtype()),
     }

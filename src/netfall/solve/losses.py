@@ -6,6 +6,7 @@ import numpy as np
 
 from netfall.errors import InputError
 from netfall.job.read import Job
+from netfall.job.schema import LOST
 from netfall.job.values import nearest, shown
 from netfall.net.net import Net
 
@@ -32,25 +33,37 @@ def named_elements(job: Job, net: Net) -> list[np.ndarray]:
     """The rows of the elements that each entry of [[remove]] names. Raises InputError."""
     errors, found = [], []
     for number, entry in enumerate(job.removes, 1):
-        place = f"{job.path}: [[remove]] {number}:"
-        if entry.elements is not None:
-            rows = np.flatnonzero(np.isin(net.element_id, entry.elements))
-            unknown = sorted(set(entry.elements) - set(net.element_id[rows].tolist()))
-            if unknown:
-                few = ", ".join(map(str, unknown[:MOST_NAMED]))
-                ids = f"{net.element_id.min()} to {net.element_id.max()}"
-                errors.append(f"{place} elements = {shown(entry.elements)}: no element {few}; ids are {ids}")
-        else:
-            names = net.group_names
-            rows = np.flatnonzero(net.group == names.index(entry.group)) if entry.group in names else []
-            if not len(rows):
-                there = [name for g, name in enumerate(names) if name and (net.group == g).any()]
-                advice = nearest(entry.group, there) if there else "the net has no groups"
-                errors.append(f"{place} group = {shown(entry.group)}: no such group of elements; {advice}")
-        found.append(np.asarray(rows, np.int64))
+        key = next(key for key in LOST if getattr(entry, key) is not None)
+        rows, wrong = {"elements": _of_ids, "group": _of_group, "cables": _of_cables}[key](net, entry)
+        if wrong:
+            errors.append(f"{job.path}: [[remove]] {number}: {key} = {shown(getattr(entry, key))}: {wrong}")
+        found.append(rows)
     if errors:
         raise InputError(errors)
     return found
+
+
+def _of_ids(net: Net, entry) -> tuple[np.ndarray, str]:
+    """Rows of elements by their ids, and what is wrong with these."""
+    rows = np.flatnonzero(np.isin(net.element_id, entry.elements))
+    unknown = sorted(set(entry.elements) - set(net.element_id[rows].tolist()))
+    few, ids = ", ".join(map(str, unknown[:MOST_NAMED])), net.element_id
+    return rows, f"no element {few}; ids are {ids.min()} to {ids.max()}" if unknown else ""
+
+
+def _of_group(net: Net, entry) -> tuple[np.ndarray, str]:
+    names = np.array(net.group_names)[net.group]
+    rows = np.flatnonzero(names == entry.group)
+    there = sorted(set(names.tolist()) - {""})
+    advice = nearest(entry.group, there) if there else "the net has no groups"
+    return rows, "" if len(rows) else f"no such group of elements; {advice}"
+
+
+def _of_cables(net: Net, entry) -> tuple[np.ndarray, str]:
+    names = np.array(net.cable_names)[net.cable]
+    unknown = sorted(set(entry.cables) - set(net.cable_names))
+    wrong = [f"no cable {shown(name)}; {nearest(name, net.cable_names)}" for name in unknown[:MOST_NAMED]]
+    return np.flatnonzero(np.isin(names, entry.cables)), "; ".join(wrong)
 
 
 def losses_of(job: Job, model, schedule) -> list[Loss]:

@@ -27,6 +27,7 @@ from netfall.solve.statics import (
 PREFIX = "removal_"  # of its arrays in a checkpoint
 TENSIONS = ("before", "highest", "lowest", "after")  # (losses, m) [N] on rank 0, nan where not known
 MOST_ITERATIONS = 100_000  # in which the damaged net comes to rest, or is taken to have none
+MOST_NAMED = 4  # elements or cables in one line
 NO_CHANGE = 1e-3  # of the largest tension: what changes less has no dynamic factor
 
 
@@ -249,9 +250,10 @@ def words_of(job, loss: Loss) -> str:
     names = []
     for k in loss.entries:
         entry = job.removes[k]
+        for key, given in (("element", entry.elements), ("cable", entry.cables)):
+            if given is not None:
+                few = ", ".join(map(str, given[:MOST_NAMED])) + ", ..." * (len(given) > MOST_NAMED)
+                names.append(f"{key}{'s' * (len(given) > 1)} {few}")
         if entry.group is not None:
             names.append(f"group {entry.group}")
-        else:
-            few = ", ".join(map(str, entry.elements[:4])) + ", ..." * (len(entry.elements) > 4)
-            names.append(f"element{'s' * (len(entry.elements) > 1)} {few}")
     return " and ".join(names)
