@@ -1,7 +1,17 @@
 """Loss of members: by hand calculation, its energies, its bits, and what is said of it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from conftest import assert_same_results
+from mpi4py import MPI
+
+from netfall.errors import Interrupted
+from netfall.job.read import read_job
+from netfall.output.progress import Progress
+from netfall.solve.run import run_job
+from netfall.solve.statics import settle
 
 EA, L0, MASS, WEIGHT = 1.6e7, 10.0, 1000.0, 1e4  # N, m, kg, N
 
@@ -94,3 +104,103 @@ def test_a_weight_whose_cable_is_lost_at_once_swings_to_twice_the_rest(both_ways
     assert result["history/slack"][-1] == 0 and result["history/broken"][-1] == 0
     assert result["VTKHDF/CellData/broken"][-2:].tolist() == [1, 0]
     assert result["events/time"].shape == (0,) and result["rest/tension"][:] == pytest.approx([5e3] * 2)
+
+
+TORN = """
+[net]
+generator = "saddle"
+side = 40.0
+cells = 6
+subdivide = 2
+[cable]
+modulus = 1.95e11
+area = 400e-6
+density = 7850.0
+prestress = 100e3
+yield_stress = 4.5e8
+fracture_strain = 0.005
+[form_finding]
+modulus_factor = 0
+[load]
+self_weight = true
+[wind]
+speed = 35.0
+shape_coefficient = -0.3
+roughness = 0.02
+seed = 3
+ramp = 0.0
+[dynamics]
+duration = 0.44
+damping = 0.2
+[[remove]]
+elements = [20, 21, 22]
+time = 0.1
+duration = 0.08
+[[remove]]
+elements = [40]
+time = 0.15
+[[remove]]
+cables = ["e4"]
+time = 0.25
+duration = 0.1
+[output]
+history = 0.005
+frames = 88
+checkpoint = 0.15
+probes = [[0.0, 0.0], [10.0, 6.0]]
+"""
+
+
+@pytest.fixture(scope="module")
+def torn(shared_workshop):
+    """A net in the wind that loses a few elements, then one, then a whole cable; others break and yield."""
+    return shared_workshop.run(shared_workshop.job(TORN, name="torn"), output="torn.vtkhdf")
+
+
+def test_losses_have_the_same_bits_on_any_ranks_and_through_a_pause(workshop, torn):
+    """Also from checkpoints in the middle of a fade, before a loss in the very step, and among fractures."""
+    job = workshop.job(TORN)
+    with workshop.run(job, ranks=3, output="three.vtkhdf") as three:
+        assert_same_results(torn, three)
+    kept = sorted(workshop.folder.glob("three.checkpoint*"))
+    assert len(kept) == 2 and torn["history/broken"][-1] > 3
+    for checkpoint, ranks in zip(kept, (2, 1)):
+        with workshop.run(job, "--restart", checkpoint, ranks=ranks, output="again.vtkhdf") as again:
+            assert_same_results(torn, again)
+
+
+def test_a_pause_in_the_search_for_rest_changes_no_bit(workshop, torn, monkeypatch):
+    """Between two losses, whose rests are found before the dynamic stage begins."""
+    stop, calls = SimpleNamespace(wanted=False), []
+
+    def pausing(*arguments, **options):
+        calls.append(1)
+        stop.wanted = len(calls) == 2
+        return settle(*arguments, **options)
+
+    monkeypatch.setattr("netfall.solve.removal.settle", pausing)
+    job, path = workshop.job(TORN), workshop.folder / "result.vtkhdf"
+    with pytest.raises(Interrupted, match="in statics, the net without element 40"):
+        run_job(MPI.COMM_WORLD, read_job(job), path, Progress(False, False), stop=stop)
+    (checkpoint,) = workshop.folder.glob("result.checkpoint*")
+    with workshop.run(job, "--restart", checkpoint) as again:
+        assert_same_results(torn, again)
+
+
+def test_what_is_lost_leaves_the_net_with_what_hangs_on_nothing_else(torn):
+    """Its tension is 0, it is no fracture; nodes inside a lost element stand still from then on."""
+    ids, lost = torn["net/element_id"][:], torn["removal/element"][:]
+    entry = torn["removal/entry"][:]
+    assert set(ids[lost[entry == 0]]) == {20, 21, 22} and set(ids[lost[entry == 1]]) == {40}
+    cable = torn["net/cable"][:]
+    assert (cable[lost[entry == 2]] == cable[ids == 4][0]).all() and (entry == 2).sum() > 4
+    assert torn["removal/time"][:] == pytest.approx([0.1, 0.15, 0.25], abs=3e-4)  # a step
+    assert (torn["final/tension"][:][lost] == 0).all()
+    gone = dict(zip(lost.tolist(), torn["removal/time"][:][entry].tolist()))
+    assert all(t < gone.get(e, 1.0) for e, t in zip(torn["events/element"][:], torn["events/time"][:]))
+    inner = np.intersect1d(*torn["net/elements"][:][ids == 40])  # between the two halves
+    assert (torn["final/velocity"][:][inner] == 0).all()
+    rests = torn["removal/tension_after"][:]
+    assert np.isfinite(rests[0]).all() and (rests[0][lost[entry == 0]] == 0).all()
+    assert np.abs(torn["history/identity_error"][:]).max() < 1e-12  # rounding, of fragments that whip
+    assert torn["history/plastic_dissipation"][-1] > 0

@@ -198,7 +198,7 @@ def rests_after(run, losses: list[Loss]) -> np.ndarray | None:
         state.EA[rows], state.broken[rows] = 0.0, 1  # not slack: gone
         load[np.isin(distribution.subdomain.particle_gid, loss.particles)] = 0.0
         words = f"the net without {words_of(run.job, loss)}"
-        tension, line = np.full(state.m, np.nan), f"no rest of {words}: a part of it hangs on nothing"
+        tension, line = np.full(state.m, np.nan), f"no rest: a part of {words} hangs on nothing"
         if not no_rest:
             try:
                 tension, line = _settled(run, Equilibrium("loss", words, load, 1.0), reference)
@@ -209,7 +209,7 @@ def rests_after(run, losses: list[Loss]) -> np.ndarray | None:
                 pause.path = run.saver.statics or StaticPath()
                 raise interrupted(f"in statics, {words}", run.saver.pause_statics(pause)) from None
             except DivergedError as error:
-                line = f"no rest of {error}"
+                line = f"no rest: {error}"
         run.progress.say(line)
         put_back(state, best)
         found.append(distribution.gather_elements(tension, state.owned.astype(bool)))

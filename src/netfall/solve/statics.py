@@ -26,13 +26,15 @@ from netfall.stop import NEVER, StopRequest
 
 HALVINGS = 6  # of the mean wind, where all of it has no equilibrium: what it bears is told to 2 %
 FEWER = 20_000  # iterations for each of them
+ALL_LOADS = "all loads"
 COMMITTED = ("x", "eps_p", "dissipated")  # what an equilibrium leaves in the state
 
 
 class Equilibrium(NamedTuple):
     """One equilibrium that is looked for.
 
-    kind : "permanent", "case", "step", "at once" or "rest", see `equilibria`; words : for messages
+    kind : "permanent", "case", "step", "at once" or "rest", see `equilibria`; or "loss", `solve.removal`
+    words : for messages
     load : (n, 3) [N], owned and halo; factor : of the load that is not permanent; name : of a case
     from_permanent : whether it starts from the equilibrium under the permanent loads, not from the last one
     """
@@ -110,7 +112,7 @@ def equilibria(run) -> list[Equilibrium]:
     if rests and not steps:
         found.append(Equilibrium("at once", "the constant loads", permanent + live, 1.0, "", again))
     if rests_at_loss(job):
-        found.append(Equilibrium("rest", "all loads", permanent + live, 1.0, "", again and not steps))
+        found.append(Equilibrium("rest", ALL_LOADS, permanent + live, 1.0, "", again and not steps))
     if rests:
         wind = spread(lambda: model.mean_wind)
         found.append(Equilibrium("rest", "the mean wind", permanent + live + wind, 1.0))
@@ -280,8 +282,9 @@ def _stop_at_fracture(run, snapshot: Snapshot, each: Equilibrium) -> None:
 
 
 def _advice(each: Equilibrium) -> str:
-    if each.kind in ("rest", "case"):
-        return "" if each.words == "the mean wind" else ": there is no equilibrium under it"
+    if each.kind in ("rest", "case", "loss"):
+        under = each.kind == "case" or each.words == ALL_LOADS
+        return ": there is no equilibrium under it" if under else ""
     return (
         f" (load factor {each.factor:.4g}): there is no static equilibrium to start from; lower the load, or "
         "set steps = 0 to let it act at once in the dynamic stage"
