@@ -4,12 +4,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import assert_same_results
+from conftest import assert_same_results, run_netfall
 from mpi4py import MPI
 
-from netfall.errors import Interrupted
+from netfall.errors import InputError, Interrupted
 from netfall.job.read import read_job
 from netfall.output.progress import Progress
+from netfall.solve.model import make_model
 from netfall.solve.run import run_job
 from netfall.solve.statics import settle
 
@@ -204,3 +205,60 @@ def test_what_is_lost_leaves_the_net_with_what_hangs_on_nothing_else(torn):
     assert np.isfinite(rests[0]).all() and (rests[0][lost[entry == 0]] == 0).all()
     assert np.abs(torn["history/identity_error"][:]).max() < 1e-12  # rounding, of fragments that whip
     assert torn["history/plastic_dissipation"][-1] > 0
+
+
+@pytest.mark.parametrize(
+    "text, line",
+    [
+        ("elements = [0, 7, 9]\ntime = 0", "1: elements = [0, 7, 9]: no element 7, 9; ids are 0 to 1"),
+        (
+            'group = "hangar"\ntime = 0',
+            '1: group = "hangar": no such group of elements; did you mean "hanger"?',
+        ),
+        ('cables = ["e9"]\ntime = 0', '1: cables = ["e9"]: no cable "e9"; did you mean "e'),
+        (
+            'elements = [0]\ngroup = "hanger"\ntime = 0',
+            "1: elements and group exclude each other; keep one of",
+        ),
+        ("time = 0", "1: elements or group or cables: missing; say what is lost"),
+        ("elements = [0]", "1: time: missing; expected a number of s >= 0"),
+        (
+            'elements = ["a"]\ntime = 0',
+            "1: elements = ['a']: expected a list of integers (ids of the elements",
+        ),
+        ("elements = []\ntime = -1", "1: time = -1: expected a number of s >= 0"),
+    ],
+)
+def test_a_wrong_entry_is_refused(workshop, text, line):
+    """With the entry, what was given and what there is, before anything is computed."""
+    nodes, elements = weights(1)
+    rows = elements.replace("unstressed_length", "unstressed_length, group")
+    rows = "\n".join(r if i == 0 else f"{r}, hanger" for i, r in enumerate(rows.split("\n")))
+    job = workshop.job(CABLE + dynamics(1.0, 10) + f"[[remove]]\n{text}\n", nodes, rows)
+    with pytest.raises(InputError) as raised:
+        make_model(read_job(job), 1)
+    assert any(found.startswith(f"{job}: [[remove]] {line}") for found in raised.value.lines), raised.value
+
+
+def test_run_and_info_tell_of_losses(workshop):
+    """What was lost, whether the rest comes to rest, what broke, the factors; what happens too late."""
+    nodes, elements = weights(2)
+    late = entry([3], 99.0) + entry([0, 1], 1.5 * PERIOD)
+    job = workshop.job(CABLE + dynamics(2 * PERIOD, 1000) + entry([2], 0.1) + late, nodes, elements)
+    done = run_netfall("run", job, "-o", workshop.folder / "result.vtkhdf")
+    assert "note: [[remove]] 2: no effect: time = 99 is not before the end" in done.stdout, done.stdout
+    lines = [
+        "loss 1, t = 0.1001 s: element 2; the rest of the net comes to rest; nothing broke then; "
+        "largest dynamic factors 2 (element 3)",
+        "loss 2: nothing was lost: after the end, or lost before",
+        "2 elements (0, 1); no rest was found; nothing broke then",
+    ]
+    told = run_netfall("info", workshop.folder / "result.vtkhdf").stdout
+    for line in lines:
+        assert line in done.stdout and line in told, told
+    assert "no rest: a part of the net without elements 0, 1 hangs on nothing" in done.stdout
+    with workshop.open() as result:  # the weight falls freely, with the weight and mass that it has
+        fallen = result["history/time"][-1] - result["removal/time"][2]
+        speed = WEIGHT / (MASS + 2 * HALF_CABLE) * fallen
+        assert result["final/velocity"][2, 2] == pytest.approx(-speed, rel=2e-3)  # half a step of 1000
+        assert np.isnan(result["removal/tension_after"][2]).all()
