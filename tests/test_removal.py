@@ -259,7 +259,7 @@ def test_run_and_info_tell_of_losses(workshop):
     assert "note: [[remove]] 2: no effect: time = 99 is not before the end" in done.stdout, done.stdout
     lines = [
         "loss 1, t = 0.1001 s: element 2; the rest of the net comes to rest; nothing broke then; "
-        "largest dynamic factors 2 (element 3)",
+        "largest dynamic factors 2 (element 3), where the rest changes by 2% of the largest tension",
         "loss 2: nothing was lost: after the end, or lost before",
         "2 elements (0, 1); no rest was found; nothing broke then",
     ]

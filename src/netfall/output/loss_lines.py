@@ -3,6 +3,7 @@
 import numpy as np
 
 MOST_NAMED = 4  # ids of what was lost, and of the largest factors
+MUCH = 0.02  # of the largest tension: factors of what changes less are large without being telling
 
 
 def loss_lines(removal, events, element_id: np.ndarray) -> list[str]:
@@ -25,7 +26,10 @@ def loss_lines(removal, events, element_id: np.ndarray) -> list[str]:
             "no rest was found" if np.isnan(rest).all() else "the rest of the net comes to rest",
             f"{_elements(element_id[others])} broke then" if len(others) else "nothing broke then",
         ]
-        lines.append("; ".join(parts + _factors(removal["dynamic_factor"][k], element_id)))
+        change = np.abs(rest - removal["tension_before"][k])
+        largest = np.nanmax(np.abs([rest, removal["tension_before"][k]]))
+        factor = np.where(change > MUCH * largest, removal["dynamic_factor"][k], np.nan)
+        lines.append("; ".join(parts + _factors(factor, element_id)))
     return lines
 
 
@@ -35,7 +39,7 @@ def _factors(factor: np.ndarray, element_id: np.ndarray) -> list[str]:
         return []
     rows = rows[np.argsort(-factor[rows], kind="stable")][:MOST_NAMED]
     named = ", ".join(f"{factor[e]:.3g} (element {element_id[e]})" for e in rows)
-    return [f"largest dynamic factors {named}"]
+    return [f"largest dynamic factors {named}, where the rest changes by {MUCH:.0%} of the largest tension"]
 
 
 def _elements(ids: np.ndarray) -> str:

@@ -16,17 +16,17 @@ PREFIX = "envelope_"  # of its arrays in a checkpoint
 
 
 @kernel
-def widen(time, since, N, elements, x, x_start, tension, displacement):
+def widen(time, since, N, bar, broken, x, x_start, tension, displacement):
     """Take in the axial forces N (m,) [N] and positions x (n, 3) [m] of a row of the history.
 
-    time : [s]; since : [s] from the row before; elements : `Elements`; x_start : (n, 3) [m]
+    time : [s]; since : [s] from the row before; bar, broken : (m,) of `Elements`; x_start : (n, 3) [m]
     tension : (4, m), rows as TENSION; displacement : (2, n_owned), rows as DISPLACEMENT; both out
     """
     for e in range(N.shape[0]):
         if N[e] > tension[0, e]:
             tension[0, e], tension[1, e] = N[e], time
         tension[2, e] = min(tension[2, e], N[e])
-        if N[e] == 0.0 and elements.bar[e] == 0 and elements.broken[e] == 0:
+        if N[e] == 0.0 and bar[e] == 0 and broken[e] == 0:
             tension[3, e] += since
     for p in range(displacement.shape[1]):
         dx, dy, dz = x[p, 0] - x_start[p, 0], x[p, 1] - x_start[p, 1], x[p, 2] - x_start[p, 2]
@@ -48,7 +48,7 @@ class Envelope:
 
     def add(self, time: float, since: float, state, snapshot) -> None:
         """Take in a row of the history, at a time [s], `since` [s] after the one before."""
-        arrays = state.elements, state.x, state.x_start, self.tension, self.displacement
+        arrays = state.bar, state.broken, state.x, state.x_start, self.tension, self.displacement
         widen(time, since, snapshot.N, *arrays)
 
     def arrays(self, state) -> dict[str, np.ndarray]:
