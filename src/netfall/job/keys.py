@@ -11,7 +11,7 @@ class Key:
     """One key of a section.
 
     kind : "number" | "integer" | "flag" | "text" | "name" | "choice" | "vector" | "pressure" | "points" |
-        "polygon" | "words" | "loads"
+        "polygon" | "words" | "integers" | "loads"
     low, high : bounds of a number; low_open, high_open : the bound itself is excluded
     """
 
@@ -48,6 +48,8 @@ class Key:
             return f"a list of [x, y] pairs{of}"
         if self.kind == "polygon":
             return f"a list of three or more [x, y] corners{of}"
+        if self.kind == "integers":
+            return f"a list of integers ({self.meaning})"
         if self.kind == "words":
             return f"a list of names in quotes ({self.meaning})"
         noun = "an integer" if self.kind == "integer" else "a number"

@@ -36,6 +36,7 @@ class Job:
     output: SimpleNamespace
     zones: list[SimpleNamespace]  # [[zone]], in order
     cases: list[SimpleNamespace]  # [[case]]
+    removes: list[SimpleNamespace]  # [[remove]]
 
     @property
     def name(self) -> str:

@@ -158,7 +158,16 @@ LISTS: dict[str, tuple[Key, ...]] = {
         Key("name", "name", REQUIRED, "", "of the static case"),
         Key("set", "loads", REQUIRED, "N/m2", "what it sets: snow and pressure of [load] and of its zones"),
     ),
+    "remove": (
+        Key("elements", "integers", ABSENT, "", "ids of the elements that are lost"),
+        Key("group", "text", ABSENT, "", "or the group of elements that is lost"),
+        Key("cables", "words", ABSENT, "", "or the names of the pieces of cable that are lost"),
+        not_negative("time", "s", REQUIRED, "of the dynamic stage at which their stiffness goes"),
+        not_negative("duration", "s", 0.0, "over which their tension then falls to zero; 0: at once"),
+    ),
 }
+
+LOST = ("elements", "group", "cables")  # keys of [[remove]] that say what is lost: one of them
 
 
 def _rows(section: str, *names: str) -> tuple[Key, ...]:

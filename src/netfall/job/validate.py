@@ -5,7 +5,7 @@ from types import SimpleNamespace
 from netfall.job.cable_keys import may_break, wrong_combinations
 from netfall.job.dimensions import GENERATOR_KEYS
 from netfall.job.keys import REQUIRED, Key
-from netfall.job.schema import CASE_KEYS, LISTS, OVERRIDES, SECTIONS
+from netfall.job.schema import CASE_KEYS, LISTS, LOST, OVERRIDES, SECTIONS
 from netfall.job.values import fits, nearest, shown
 
 
@@ -130,6 +130,7 @@ class Validation:
             self.wrong("wind", "there is no [dynamics] that the wind could act in; add it or remove [wind]")
         self._prestress(given, found)
         self._entries_of_lists(lists)
+        self._losses(given, found, lists)
 
     def _entries_of_lists(self, lists: dict) -> None:
         for zone in lists["zones"]:
@@ -138,6 +139,19 @@ class Validation:
                 self.wrong(place, "polygon and groups exclude each other; keep one of the two")
         for case in lists["cases"]:
             case.set = self._loads_of_case(case)
+
+    def _losses(self, given: dict, found: dict, lists: dict) -> None:
+        for number, entry in enumerate(lists["removes"], 1):
+            place, there = f"[[remove]] {number}:", [key for key in LOST if getattr(entry, key) is not None]
+            if len(there) != 1:
+                two = f"{' and '.join(there)} exclude each other; keep one of them"
+                self.wrong(place, two if there else f"{' or '.join(LOST)}: missing; say what is lost")
+        if lists["removes"] and "dynamics" not in given:
+            self.wrong("[[remove]]", "there is no [dynamics] in which something could be lost; add it")
+        if lists["removes"] and "wind" not in given and found["load"] and found["load"].ramp:
+            self.wrong(
+                "load", "ramp: a job with [[remove]] starts at rest under all loads; remove one of them"
+            )
 
     def _loads_of_case(self, case: SimpleNamespace) -> dict:
         """What a case sets, by names such as "load.snow" and "load.zone.NAME.snow"."""

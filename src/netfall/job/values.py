@@ -53,6 +53,9 @@ def fits(key: Key, value) -> bool:
             and all(isinstance(p, list) and len(p) == 2 and all(map(_is_number, p)) for p in value)
             and (key.kind == "points" or len(value) >= 3)
         )
+    if key.kind == "integers":
+        whole = lambda v: isinstance(v, int) and not isinstance(v, bool)
+        return isinstance(value, list) and value != [] and all(map(whole, value))
     if key.kind == "words":
         return isinstance(value, list) and value != [] and all(isinstance(v, str) and v for v in value)
     if key.kind == "pressure" and _is_number(value):

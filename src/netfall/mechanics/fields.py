@@ -135,7 +135,12 @@ FIELDS = (
     _element("bar", np.uint8, "", "1 where compression is carried", given=True),
     _element("half_mass", np.float64, "kg", "half of the element's own mass", given=True),
     _element("owned", np.uint8, "", "1 on the one rank that reports the element"),
-    _element("broken", np.uint8, "", "1 once it has broken", kept=True),
+    _element("broken", np.uint8, "", "1 once it has broken, or is lost", kept=True),
+    _element("lost", np.uint8, "", "1 once it is lost", "losses", kept=True),
+    _element(
+        "highest", np.float64, "N", "largest tension of a step since the last loss", "losses", kept=True
+    ),
+    _element("lowest", np.float64, "N", "smallest tension of a step since then", "losses", kept=True),
     _element("yield_force", np.float64, "N", "axial force at yield", "plastic", given=True),
     _element("eps_p", np.float64, "", "plastic strain", "plastic", kept=True),
     _element(
@@ -200,6 +205,7 @@ class Scene:
     bars: bool = False
     sections: bool = False  # more than one stiffness or yield force
     springs: bool = False  # elastic supports
+    losses: bool = False  # elements leave the net at given times
     part_held: bool = False  # some particle is held on some axes and not on others
     energy: bool = True  # the audit of work
     fragments: bool = True  # a particle splits off where an element breaks
@@ -228,7 +234,7 @@ class Scene:
     @property
     def dissipating(self) -> bool:
         """Whether elements turn energy into heat."""
-        return self.plastic or (self.fracture and not self.fragments)
+        return self.plastic or self.losses or (self.fracture and not self.fragments)
 
     @property
     def plastic_sections(self) -> bool:

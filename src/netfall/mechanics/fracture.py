@@ -118,7 +118,7 @@ def split_particles(state: State, e: int, ends: list[tuple[int, bool]], step: in
 def take_out(state: State, e: int, ends: tuple[int, ...], step: int, rules: FractureRules) -> list[Event]:
     """The events at particles of this rank where element e, which breaks at some ends, is taken out."""
     before, gid = _strain_before(state, e, rules.dt), int(rules.element_gid[e])
-    _dissipate(state, e, rules.dt)
+    dissipate(state, e, rules.dt)
     state.broken[e], state.eps_u[e], state.EA[e] = 1, np.inf, 0.0
     events = []
     for end, p in enumerate(state.ends[e].tolist()):
@@ -136,7 +136,7 @@ def _lose_wind(state: State, p: int, rules: FractureRules) -> None:
         state.wind[p] = 0.0
 
 
-def _dissipate(state: State, e: int, dt: float) -> None:
+def dissipate(state: State, e: int, dt: float) -> None:
     """Count what is stored in element e as dissipated: up to half a drift ago, where its forces worked."""
     elements, law = state.elements, state.law
     L = _length_before(state, e, 0.5 * dt)

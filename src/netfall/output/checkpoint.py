@@ -25,7 +25,7 @@ from netfall.mechanics.fields import FIELDS
 from netfall.mechanics.state import State
 from netfall.output.h5 import SharedFile, check_seal
 
-FORMAT = 6
+FORMAT = 7
 STAGES = {"form finding": 1, "statics": 2, "dynamics": 3}
 KEPT = 2
 NAME = re.compile(r"(.+)checkpoint-\d-\d{12,}\.h5")

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 
 from netfall.errors import InputError
+from netfall.output.loss_lines import loss_lines
 
 FIRST_EVENTS = 8
 ENERGIES = ("external_work", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work")
@@ -67,6 +68,7 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
             "statics": (_statics, "statics" in f),
             "dynamics": (_dynamics, "history" in f),
             "wind": (_wind, "wind" in f),
+            "losses": (_losses, "removal" in f),
             "energies": (_energies, "history" in f),
             "fractures": (_fractures, "history" in f),
             "time": (_seconds, True),
@@ -160,6 +162,11 @@ def _wind(f, say):
     u, mean = f["wind/speed"][:], f["wind/mean_speed"][:].mean()
     of = f"{u.min():.1f} to {u.max():.1f} m/s at {u.shape[1]} control points"
     say(f"wind: mean {mean:.1f} m/s, generated {of}")
+
+
+def _losses(f, say):
+    for line in loss_lines(f["removal"], f["events"], f["net/element_id"][:]):
+        say(line)
 
 
 def _energies(f, say):

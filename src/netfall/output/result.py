@@ -40,7 +40,8 @@ class Result:
         self.token = comm.bcast(secrets.token_hex(4))  # keeps this run's segments apart from another's
         self.series = VtkSeries(self.file, distribution.n, distribution.m)
         self.log = log
-        self._drawn_events = -1  # fractures that the mesh written last shows
+        self._drawn_events = -1  # fractures and losses that the mesh written last shows
+        self.losses = 0  # so far, in which elements left the net
 
     # --- segments, records
 
@@ -91,7 +92,7 @@ class Result:
     def write_frame(self, time: float, state: State, snapshot) -> None:
         """One step of /VTKHDF."""
         points, cells, rows = self.log.points, self.distribution.m, snapshot.rows
-        if self._drawn_events != len(self.log):
+        if self._drawn_events != len(self.log) + self.losses:
             self._write_mesh(state, rows)
         x = state.x[rows]
         p = self._points(state, rows, np.column_stack([x, x - state.x_start[rows], snapshot.velocity]))
@@ -119,7 +120,7 @@ class Result:
             self.log.points,
             self.distribution.m,
         )
-        self._drawn_events = len(self.log)
+        self._drawn_events = len(self.log) + self.losses
 
     def write_static_step(self, state: State, snapshot) -> None:
         """One load step of /statics."""
@@ -150,6 +151,18 @@ class Result:
             low, high = self.file.slabs.bounds(len(values))[self.comm.rank : self.comm.rank + 2]
             self.file.create(f"{group}/{name}", values.dtype, values.shape[1:], max(1, len(values)))
             self.file.append(f"{group}/{name}", values[low:high], len(values))
+
+    def write_envelope(self, state: State, tension: np.ndarray, displacement: np.ndarray) -> None:
+        """The datasets of /envelope. tension : (4, m), displacement : (2, n_owned), of this rank, as named"""
+        n, m, subdomain = self.distribution.n, self.distribution.m, self.distribution.subdomain
+        owned = subdomain.particle_gid[: subdomain.n_owned]
+        cells, points = self._cells(state, tension.T), self.file.slabs.collect(owned, displacement.T, n)
+        for k, name in enumerate(("tension_max", "tension_max_time", "tension_min", "slack_time")):
+            self.file.create(f"envelope/{name}", np.float64, (), m)
+            self.file.append(f"envelope/{name}", cells[:, k], m)
+        for k, name in enumerate(("displacement_max", "displacement_max_time")):
+            self.file.create(f"envelope/{name}", np.float64, (), n)
+            self.file.append(f"envelope/{name}", points[:, k], n)
 
     def write_final(self, state: State, snapshot) -> None:
         """The last state in full precision, /final."""

@@ -201,12 +201,15 @@ class Distribution:
             whole[subdomain.particle_gid[: subdomain.n_owned]] = part
         return whole
 
-    def gather_elements(self, rows: np.ndarray) -> np.ndarray | None:
-        """Global array (m, ...) on rank 0 of rows that are equal on all ranks that hold them. Collective."""
-        parts = self.comm.gather(np.ascontiguousarray(rows))
+    def gather_elements(self, rows: np.ndarray, mine=slice(None)) -> np.ndarray | None:
+        """Global array (m, ...) on rank 0 of rows that are equal on all ranks that hold them. Collective.
+
+        mine : (m,) bool, the elements that this rank reports, where rows are not equal on all
+        """
+        parts = self.comm.gather((self.subdomain.element_gid[mine], np.ascontiguousarray(rows[mine])))
         if parts is None:
             return None
         whole = np.empty((self.m,) + rows.shape[1:], rows.dtype)
-        for subdomain, part in zip(self._subdomains, parts):
-            whole[subdomain.element_gid] = part
+        for gid, part in parts:
+            whole[gid] = part
         return whole

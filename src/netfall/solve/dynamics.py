@@ -3,17 +3,19 @@
 import numpy as np
 from mpi4py import MPI
 
-from netfall.errors import DivergedError
 from netfall.mechanics.events import Event
 from netfall.mechanics.fracture import FractureRules, break_elements
 from netfall.mechanics.state import State
 from netfall.net.net import GRAVITY
 from netfall.parallel.halo import Halo
-from netfall.solve.energy import Energies, most_extreme, take_snapshot, total_energies
+from netfall.solve.divergence import divergence
+from netfall.solve.energy import Energies, take_snapshot, total_energies
+from netfall.solve.envelope import Envelope
 from netfall.solve.history import History, most_strained
 from netfall.solve.loading import carries_weight
 from netfall.solve.loads import VaryingLoads, WindLoad
 from netfall.solve.probes import LocalProbes
+from netfall.solve.removal import Removal
 from netfall.solve.restart import interrupted
 from netfall.solve.tearing import Tearing
 from netfall.step.loop import Interval
@@ -27,19 +29,20 @@ class Simulation:
     """One run of the dynamic stage on all ranks.
 
     Order of events at a step n: the loads move on to the samples around t(n); the history row; the frame;
-    then the steps to the next target, in which elements break as they reach their fracture strain. In a long
-    way to a target all ranks look at the same steps whether one of them has been asked to stop.
+    what is lost; then the steps to the next target, in which elements break as they reach their fracture
+    strain. In a long way to a target all ranks look at the same steps whether one has been asked to stop.
     """
 
-    def __init__(self, run, loads: list, history: History, start_strain: float, start_plastic: float):
+    def __init__(self, run, loads: list, history: History, removal: Removal | None, start: tuple):
         """Collective.
 
         run : `run.Run`; loads : that vary, as `solve.loads` has them
-        start_strain, start_plastic : [J] from which energies count
+        removal : what is lost; start : strain energy and dissipated [J], from which energies count
         """
         job, schedule, distribution = run.job, run.schedule, run.setup.distribution
         self.comm, self.state, self.schedule = run.comm, run.setup.state, schedule
-        self.log, self.history = run.log, history
+        self.log, self.history, self.removal = run.log, history, removal
+        self.envelope = Envelope(distribution)
         self.wind = next((load for load in loads if isinstance(load, WindLoad)), None)
         self.loads = VaryingLoads(self.state, loads)
         self.result, self.progress, self.phases = run.result, run.progress, run.phases
@@ -62,7 +65,7 @@ class Simulation:
         self.n = 0  # step number: x(n), v(n-1/2)
         self.before_dt = 0.0
         self.events: list[Event] = []  # of this rank, not yet shared
-        self.start_strain, self.start_plastic = start_strain, start_plastic
+        self.start_strain, self.start_plastic = start
         self.largest_work = 0.0
         self.slack = 0
         self.stopping = False
@@ -107,7 +110,11 @@ class Simulation:
                     self.leave()
                 if target in saves:
                     self.save(self)
-        self.result.write_final(self.state, self.snapshot())
+        snapshot = self.snapshot()
+        if self.removal:
+            self.removal.close(self.state, snapshot.N)
+        self.result.write_envelope(self.state, self.envelope.tension, self.envelope.displacement)
+        self.result.write_final(self.state, snapshot)
         self.halo.free()
 
     def snapshot(self):
@@ -124,12 +131,14 @@ class Simulation:
             "largest_work": self.largest_work,
             "start_strain": self.start_strain,
             "start_plastic": self.start_plastic,
+            "removal": self.removal and self.removal.record(),
         }
 
     def restore(self, record: dict) -> None:
         """Take up the record of an earlier run; the loads stand where it left them."""
         self.n, self.before_dt = record["step"], record["before_dt"]
         self.largest_work = record["largest_work"]
+        self.result.losses = self.removal.done if self.removal else 0
         self.loads.restart(self.state, self.n, self.schedule.step_at)
 
     def advance_to(self, target: int) -> None:
@@ -139,6 +148,10 @@ class Simulation:
         """
         while self.n < target:
             stop = min(target, self.n - self.n % self.look_every + self.look_every)
+            if self.removal:
+                if self.n == self.removal.next_step:
+                    self.removal.happen(self)
+                stop = min(stop, self.removal.next_step)
             self.loads.advance(self.state, self.n, self.schedule.step_at)
             stop = min(stop, self.loads.due(self.schedule.step_at))
             if self.after_fracture == "all" and not self.log.events:
@@ -161,9 +174,9 @@ class Simulation:
     def advance_block(self, stop: int) -> None:
         """Step to number `stop` without a word to ranks that are not neighbours."""
         sample = self.loads.time, self.loads.dt
-        dt = self.schedule.dt
+        dt, watched = self.schedule.dt, self.removal is not None and self.removal.done > 0
         while self.n < stop:
-            interval = Interval(self.n, stop - self.n, self.before_dt, dt, self.zeta, *sample)
+            interval = Interval(self.n, stop - self.n, self.before_dt, dt, self.zeta, *sample, watched)
             done, count, error = self.plan.run(interval, self.phases.of_steps)
             if error:
                 raise MPI.Exception(error)
@@ -238,11 +251,13 @@ class Simulation:
         # nan without the audit: then only what is not finite is seen
         known = np.maximum(self.largest_work, abs(e.external)) + self.start_strain
         if not np.isfinite(e.kinetic) or e.kinetic > 2 * known + 1e-9:
-            self.stop_diverged(snapshot, e.kinetic)
+            raise divergence(self, snapshot, e.kinetic)
         return e
 
     def write_history(self, snapshot, e: Energies) -> None:
-        """One row of /history, and the probes'."""
+        """One row of /history, the probes' and the envelope's."""
+        rows = self.history.rows["time"]
+        self.envelope.add(self.time, self.time - rows[-1] if rows else 0.0, self.state, snapshot)
         strain, plastic = e.strain - self.start_strain, e.plastic - self.start_plastic
         self.largest_work = np.fmax(self.largest_work, abs(e.external))
         identity = e.kinetic + e.internal + e.damping - e.external
@@ -267,18 +282,6 @@ class Simulation:
         gid = self.subdomain.element_gid
         now = most_strained(self.state, self.time, snapshot.eps, snapshot.N, gid)
         self.history.most_strained = max(self.history.most_strained, now)
-
-    def stop_diverged(self, snapshot, kinetic: float) -> None:
-        """Name the fastest particle and the element with the largest strain, and stop on every rank."""
-        particle, element = most_extreme(self.comm, self.state, self.subdomain.element_gid, snapshot)
-        node, element = self.comm.bcast(
-            self.model and (self.model.node_name(particle), self.model.id_of(element))
-        )
-        raise DivergedError(
-            f"diverged at t = {self.time:.6g} s (step {self.n}): kinetic energy {kinetic:.3g} J is "
-            f"out of all proportion to the external work; fastest: {node}, most strained: element {element}; "
-            "take a smaller time_step or safety"
-        )
 
     def report(self) -> None:
         """Progress on rank 0."""

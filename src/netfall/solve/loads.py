@@ -58,6 +58,10 @@ class VaryingLoads:
             load.advance(step, step_at)
         self._set(state)
 
+    def renew(self, state: State) -> None:
+        """The samples anew, after one of the loads has changed."""
+        self._set(state)
+
 
 class GrowingLoad:
     """A force that grows from zero, in proportion to the time, over a ramp, and stays."""
@@ -77,6 +81,40 @@ class GrowingLoad:
         rows = len(self.force)
         state.load_before[:rows] += min(1.0, start / self.ramp) * self.force
         state.load_after[:rows] += min(1.0, end / self.ramp) * self.force
+
+
+class FadingLoad:
+    """The tension of elements that were lost: along the lines that they had, it falls linearly to zero."""
+
+    def __init__(self, element_gid: np.ndarray, duration: float):
+        """element_gid : (m,) global numbers of the rank's elements; duration : [s]"""
+        self.element_gid, self.duration = element_gid, duration
+        self.before, self.after, self.zero = 0.0, math.inf, math.inf
+
+    def begin(self, time: float, elements: np.ndarray, force: np.ndarray) -> None:
+        """Elements are lost at a time [s].
+
+        elements : (k,) global numbers, ascending; force : (k, 3) [N] on the start of each, against its end
+        """
+        self.before = time
+        self.after = self.zero = time + self.duration  # when nothing is left
+        self.all_forces, here = force, np.isin(elements, self.element_gid)
+        self.rows, self.force = np.searchsorted(self.element_gid, elements[here]), force[here]
+
+    def advance(self, step: int, step_at: Callable[[float], int]) -> None:
+        """Past the end, if the step is."""
+        if self.after < math.inf and step >= step_at(self.after):
+            self.before, self.after = self.after, math.inf
+
+    def write(self, state: State, start: float, end: float) -> None:
+        """Its values at two times."""
+        if self.zero == math.inf:
+            return
+        for time, load in ((start, state.load_before), (end, state.load_after)):
+            share = min(1.0, max(0.0, (self.zero - time) / self.duration))
+            force = (share * self.force).astype(load.dtype)
+            np.add.at(load, state.ends[self.rows, 0], force)
+            np.subtract.at(load, state.ends[self.rows, 1], force)
 
 
 class WindLoad:

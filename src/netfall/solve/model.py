@@ -21,6 +21,7 @@ from netfall.net.panels import Panels, panels_of
 from netfall.net.zones import Zones, zones_of
 from netfall.parallel import partition
 from netfall.solve.loading import Roof, grows, loading_of, pressure_load
+from netfall.solve.losses import named_elements
 from netfall.solve.on_roof import by_node, shape_coefficients
 from netfall.solve.start import check_start, check_tensions, low_notes, unit_notes
 from netfall.solve.unused import without_effect
@@ -59,6 +60,7 @@ class Model:
     shape_coefficient: np.ndarray = None  # of the wind
     wind_field: object = None
     history: object = None  # of the wind
+    lost: list[np.ndarray] = field(default_factory=list)  # elements that each [[remove]] names
     notes_of_values: list[str] = field(default_factory=list)
     notes_of_history: list[str] = field(default_factory=list)
 
@@ -165,6 +167,7 @@ def make_model(job: Job, ranks: int) -> Model:
     if part is None:
         part = partition.metis_partition(net.n, net.elements, ranks)
     model = Model(net, roofing, zones, part, source)
+    model.lost = named_elements(job, net)
     model.shape_coefficient, notes = shape_coefficients(job, zones)
     model.notes_of_values = without_effect(job, net) + notes + unit_notes(net)
     model.history = read_history(job)
@@ -193,8 +196,9 @@ def scene_of(job: Job, net: Net) -> Scene:
         fracture=bool(np.isfinite(net.fracture_strain).any()),
         wind=job.wind is not None,
         tapped=job.wind is not None and job.wind.pressures is not None,
-        varying=grows(job),
+        varying=grows(job) or any(entry.duration for entry in job.removes),
         springs=bool(net.spring.any()),
+        losses=bool(job.removes),
         logarithmic=job.cable.strain == "logarithmic",
         bars=bool(net.bar.any()),
         part_held=bool((net.fixed.any(1) & ~net.fixed.all(1)).any()),

@@ -16,7 +16,7 @@ from netfall.solve.history import MOST_STRAIN, History, find_probes, most_strain
 from netfall.solve.model import Model, scene_of
 from netfall.solve.schedule import Schedule, step_at
 from netfall.solve.setup import Setup
-from netfall.solve.statics import NUMBERS, StaticPath, has_statics, rests_in_wind
+from netfall.solve.statics import has_statics, rests_at_loss, rests_in_wind
 from netfall.solve.wind_report import wind_notes
 from netfall.timings import Phases
 
@@ -123,36 +123,11 @@ def form_line(setup: Setup) -> str:
     )
 
 
-def static_lines(path: StaticPath, elements: int, node_id: np.ndarray | None) -> list[str]:
-    """What the static stage found. node_id : (n,) on rank 0, which alone prints."""
-    found = [(f"case {name}", numbers) for name, numbers in path.cases.items()]
-    if path.load_factor:
-        found.append(("statics", {name: getattr(path, name)[-1] for name in NUMBERS}))
-    if path.rest:
-        found.append(("rest under the mean wind", path.rest))
-    lines = [f"{what}: {_settled(numbers, elements)}" for what, numbers in found]
-    if node_id is None:
-        return lines
-    falls = [(f"statics, load factor {s:.4g}", p) for s, p in zip(path.load_factor[:-1], path.falls)]
-    falls += [(what, numbers["falls"]) for what, numbers in found]
-    return lines + [_unstable(what, node_id[p]) for what, p in falls if p >= 0]
-
-
-def _unstable(what: str, node: int) -> str:
-    return (
-        f"note: {what}: NOT STABLE: compressed bars have no hold, the slightest push moves node {node} most; "
-        "the net does not stay where this was found: hold the bars, or tension the net more"
-    )
-
-
-def _settled(numbers: dict, elements: int) -> str:
-    moved, tension = numbers["displacement_error"], numbers["tension_error"]
-    error = f"to {moved:.1g} of the largest displacement and {tension:.1g} of the largest tension"
-    return (
-        f"in equilibrium {error if moved == moved else '(no estimate of the error)'}"
-        f"{', by relaxation' if numbers['relaxed'] else ''}, largest residual {numbers['residual']:.3g} N, "
-        f"slack {numbers['slack']} of {elements}"
-    )
+def rest_words(job: Job) -> str:
+    """In which rest the dynamic stage begins; "": in none of its own."""
+    if rests_in_wind(job):
+        return "rest under the mean wind"
+    return "rest under all loads" if rests_at_loss(job) else ""
 
 
 def starts_moving(job: Job, setup: Setup) -> bool:
@@ -178,8 +153,8 @@ def stages(job: Job) -> list[str]:
     statics += [f"{len(job.cases)} cases"] if job.cases else []
     if statics:
         found.append(f"statics ({', '.join(statics)})")
-    if rests_in_wind(job):
-        found.append("rest under the mean wind")
+    if words := rest_words(job):
+        found.append(words)
     if job.dynamics:
         found.append(f"dynamics ({job.dynamics.duration:g} s)")
     return found or ["none: the net alone"]

@@ -48,6 +48,9 @@ class Saver:
     def __call__(self, simulation) -> Path:
         """Write a checkpoint of the simulation at its present step; its path. Collective."""
         record, arrays = {"simulation": simulation.record()}, simulation.history.arrays()
+        arrays |= simulation.envelope.arrays(simulation.state)
+        if simulation.removal:
+            arrays |= simulation.removal.arrays()
         if simulation.wind:
             wind = simulation.wind.record()
             record["wind"] = {"k": wind["k"], "history": wind["history"]}
@@ -161,6 +164,8 @@ def restore_state(distribution: Distribution, state: State, checkpoint: Checkpoi
         )
     if not state.scene.fragments:
         state.EA[state.broken == 1] = 0.0
+    if state.lost is not None:
+        state.EA[state.lost == 1] = 0.0
     ends = distribution.elements(checkpoint.elements["ends"] if checkpoint else None)
     state.reserve(int((ends >= n).sum()))
     for e in np.flatnonzero((ends >= n).any(1)).tolist():

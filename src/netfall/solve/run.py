@@ -14,6 +14,7 @@ from netfall.errors import DivergedError, InputError, Interrupted, OutputError
 from netfall.job.read import Job
 from netfall.mechanics.events import EventLog
 from netfall.output.ids import event_ids
+from netfall.output.loss_lines import loss_lines
 from netfall.output.place import check_place, claim, release
 from netfall.output.progress import Progress
 from netfall.output.result import Result, net_section
@@ -21,12 +22,14 @@ from netfall.parallel.agree import on_root
 from netfall.solve.dynamics import Simulation
 from netfall.solve.energy import take_snapshot, total_energies
 from netfall.solve.history import UNITS, History, find_probes
+from netfall.solve.loading import grows
 from netfall.solve.loads import GrowingLoad, WindLoad
 from netfall.solve.modes_report import modes_now, modes_section
 from netfall.solve.on_roof import load_section
 from netfall.solve.provenance import how_it_writes, provenance_of
 from netfall.solve.relaxation import Paused
-from netfall.solve.report import after_run, before_run, static_lines
+from netfall.solve.removal import Removal, losses_now, rests_after
+from netfall.solve.report import after_run, before_run, rest_words
 from netfall.solve.restart import (
     Saver,
     interrupted,
@@ -38,7 +41,8 @@ from netfall.solve.restart import (
 )
 from netfall.solve.schedule import Schedule, schedule_of
 from netfall.solve.setup import Setup, prepare
-from netfall.solve.statics import NUMBERS, StaticPath, equilibria, find_equilibria, has_statics, rests_in_wind
+from netfall.solve.static_report import static_lines
+from netfall.solve.statics import StaticPath, equilibria, find_equilibria, has_statics, rests_in_wind
 from netfall.solve.wind_report import wind_section
 from netfall.stop import NEVER, StopRequest
 from netfall.timings import Phases
@@ -94,24 +98,30 @@ def run_job(
         result = Result(comm, path, setup.distribution, model.net if model else None, log)
         saver = Saver(job, setup, result, restart)
         run = Run(comm, job, setup, schedule, log, result, saver, progress, phases, stop)
-        history = run_stages(run)
+        simulation = run_stages(run)
         progress.end()
-        after_run(setup, log, history, path, phases, progress)
+        if simulation and simulation.removal and model:
+            for line in loss_lines(simulation.removal.columns(), log.columns(), model.net.element_id):
+                progress.say(line)
+        after_run(setup, log, simulation and simulation.history, path, phases, progress)
     finally:
         if claimed:
             release(claimed)
 
 
-def run_stages(run: Run) -> History | None:
-    """The stages from statics on, and the result file; the history of the dynamic stage. Collective."""
+def run_stages(run: Run) -> Simulation | None:
+    """The stages from statics on, and the result file; the dynamic stage if there was one. Collective."""
     try:
         if run.saver.given:
             run.progress.say(f"going on from {run.saver.given}")
-        record = take_up(run)
+        record, losses, after = take_up(run), losses_now(run), None
         if run.setup.stage != "dynamics":
             run.saver.statics = run_statics(run)
+            with run.phases.phase("statics"):
+                after = rests_after(run, losses)
             write_modes(run)
-        simulation = run_dynamics(run, record if run.setup.stage == "dynamics" else None)
+        removal = Removal(run, losses, after) if run.job.removes and run.job.dynamics else None
+        simulation = run_dynamics(run, record if run.setup.stage == "dynamics" else None, removal)
         provenance = provenance_of(run.comm, run.job, run.setup, run.schedule)
         units = {f"history/{name}": unit for name, unit in UNITS.items()}
         run.result.close(sections_of(run, simulation), units, provenance, run.phases.over_ranks(run.comm))
@@ -126,7 +136,7 @@ def run_stages(run: Run) -> History | None:
     except BaseException:
         run.result.file.discard()
         raise
-    return simulation.history if simulation else None
+    return simulation
 
 
 def take_up(run: Run) -> dict | None:
@@ -165,7 +175,7 @@ def run_statics(run: Run) -> StaticPath | None:
             where = equilibria(run)[pause.path.done].words
             raise interrupted(f"in statics, {where}", run.saver.pause_statics(pause)) from None
     node_id = setup.model.net.node_id if setup.model else None
-    for line in static_lines(path, distribution.m, node_id):
+    for line in static_lines(path, distribution.m, rest_words(run.job), node_id):
         run.progress.say(line)
     return path
 
@@ -178,10 +188,10 @@ def write_modes(run: Run) -> None:
             run.result.write_whole("modes", modes and modes_section(run.job, modes))
 
 
-def run_dynamics(run: Run, record: dict | None) -> Simulation | None:
+def run_dynamics(run: Run, record: dict | None, removal: Removal | None) -> Simulation | None:
     """The dynamic stage if the job has it, else one frame of the state that was reached. Collective.
 
-    record : of the run that is taken up in this stage
+    record : of the run that is taken up in this stage; removal : what is lost in it, None: nothing ever
     """
     state, model, checkpoint = run.setup.state, run.setup.model, run.setup.checkpoint
     if run.job.dynamics is None:
@@ -190,7 +200,9 @@ def run_dynamics(run: Run, record: dict | None) -> Simulation | None:
         run.result.write_final(state, snapshot)
         return None
     with run.phases.phase("wind"):
-        loads = varying_loads(run, record)
+        if record and removal:
+            removal.restore(record["simulation"]["removal"], checkpoint)
+        loads = varying_loads(run, record) + (list(removal.fades.values()) if removal else [])
     if record:
         start = record["simulation"]["start_strain"], record["simulation"]["start_plastic"]
     else:
@@ -201,9 +213,10 @@ def run_dynamics(run: Run, record: dict | None) -> Simulation | None:
     run.progress.say(
         f"dynamics: {run.job.dynamics.duration:g} s in {run.schedule.steps} steps of {run.schedule.dt:.4g} s"
     )
-    simulation = Simulation(run, loads, History(probes, start[0]), *start)
+    simulation = Simulation(run, loads, History(probes, start[0]), removal, start)
     if record:
         simulation.restore(record["simulation"])
+        simulation.envelope.restore(checkpoint)
         restore_history(run.comm, simulation.history, checkpoint)
     with run.phases.phase("dynamics"):
         simulation.run()
@@ -220,7 +233,7 @@ def varying_loads(run: Run, record: dict | None) -> list:
         loads.append(WindLoad(run.comm, distribution, field, gusts))
         if record:
             restore_wind(run.comm, loads[-1], run.setup.checkpoint)
-    if run.setup.state.scene.varying:
+    if grows(run.job):
         force = distribution.particles(model.growing if model else None)
         loads.append(GrowingLoad(force, run.job.load.ramp))
     return loads
@@ -243,8 +256,10 @@ def sections_of(run: Run, simulation: Simulation | None) -> dict[str, dict]:
             "tension": model.N,
             "unstressed_length": model.cut_length,
         }
-    if statics and statics.load_factor:
-        sections["statics"] = numbers_of({name: getattr(statics, name) for name in ("load_factor", *NUMBERS)})
+    if statics and statics.steps:
+        sections["statics"] = numbers_of(
+            {name: [step[name] for step in statics.steps] for name in statics.steps[0]}
+        )
     if statics and statics.rest:
         sections["rest"] = numbers_of(statics.rest)
     for name, numbers in statics.cases.items() if statics else ():
@@ -253,6 +268,8 @@ def sections_of(run: Run, simulation: Simulation | None) -> dict[str, dict]:
         sections["history"] = simulation.history.columns() | simulation.history.probe_columns()
         sections["events"] = run.log.columns()
         sections["events"] |= event_ids(model.net, sections["events"])
+    if simulation and simulation.removal:
+        sections["removal"] = simulation.removal.columns()
     if simulation and simulation.wind:
         sections["wind"] = wind_section(run.job, model, *simulation.wind.record_until(simulation.time))
     return sections

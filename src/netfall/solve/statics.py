@@ -27,22 +27,17 @@ from netfall.stop import NEVER, StopRequest
 
 HALVINGS = 6  # of the mean wind, where all of it has no equilibrium: what it bears is told to 2 %
 FEWER = 20_000  # iterations for each of them
-NUMBERS = (
-    "residual",
-    "slack",
-    "iterations",
-    "displacement_error",
-    "tension_error",
-    "relaxed",
-    "falls",
-)  # kept
+# What is kept of an equilibrium besides the state.
+NUMBERS = ("residual", "slack", "iterations", "displacement_error", "tension_error", "relaxed", "falls")
+ALL_LOADS = "all loads"
 COMMITTED = ("x", "eps_p", "dissipated")  # what an equilibrium leaves in the state
 
 
 class Equilibrium(NamedTuple):
     """One equilibrium that is looked for.
 
-    kind : "permanent", "case", "step", "at once" or "rest", see `equilibria`; words : for messages
+    kind : "permanent", "case", "step", "at once" or "rest", see `equilibria`; or "loss", `solve.removal`
+    words : for messages
     load : (n, 3) [N], owned and halo; factor : of the load that is not permanent; name : of a case
     from_permanent : whether it starts from the equilibrium under the permanent loads, not from the last one
     """
@@ -60,21 +55,14 @@ class StaticPath:
     """What has been found so far.
 
     reference : [N], which the tolerance refers to; done : equilibria; total : iterations for all of these
-    load_factor, and NUMBERS : of the permanent loads, then of each load step
+    steps : load_factor and NUMBERS of the permanent loads, then of each load step
     cases : the same by name; rest : the same, once found
     """
 
     reference: float = 0.0
     done: int = 0
     total: int = 0
-    load_factor: list[float] = field(default_factory=list)
-    residual: list[float] = field(default_factory=list)
-    slack: list[int] = field(default_factory=list)
-    iterations: list[int] = field(default_factory=list)
-    displacement_error: list[float] = field(default_factory=list)
-    tension_error: list[float] = field(default_factory=list)
-    relaxed: list[bool] = field(default_factory=list)
-    falls: list[int] = field(default_factory=list)
+    steps: list[dict] = field(default_factory=list)
     cases: dict[str, dict] = field(default_factory=dict)
     rest: dict = field(default_factory=dict)
 
@@ -97,9 +85,15 @@ def rests_in_wind(job: Job) -> bool:
     return job.wind is not None and job.wind.onset == "static"
 
 
+def rests_at_loss(job: Job) -> bool:
+    """Whether it begins at rest under all loads, without wind, because something is lost in it."""
+    return bool(job.removes and job.dynamics) and job.wind is None
+
+
 def has_statics(job: Job) -> bool:
     """Whether equilibria are looked for before the dynamic stage."""
-    return bool(job.cases or (job.load and job.load.steps) or rests_in_wind(job))
+    rests = rests_in_wind(job) or rests_at_loss(job)
+    return bool(job.cases or (job.load and job.load.steps) or rests)
 
 
 def equilibria(run) -> list[Equilibrium]:
@@ -121,6 +115,8 @@ def equilibria(run) -> list[Equilibrium]:
         found.append(Equilibrium("step", words, permanent + factor * live, factor, "", again and step == 1))
     if rests and not steps:
         found.append(Equilibrium("at once", "the constant loads", permanent + live, 1.0, "", again))
+    if rests_at_loss(job):
+        found.append(Equilibrium("rest", ALL_LOADS, permanent + live, 1.0, "", again and not steps))
     if rests:
         wind = spread(lambda: model.mean_wind)
         found.append(Equilibrium("rest", "the mean wind", permanent + live + wind, 1.0))
@@ -149,7 +145,7 @@ def find_equilibria(run, path: StaticPath | None, resume: Relaxation | None) -> 
     for each in wanted[path.done :]:
         if each.from_permanent and base:
             put_back(state, base)
-        before = committed(state) if each.kind == "rest" else None
+        before = committed(state) if each.kind == "rest" and rests_in_wind(run.job) else None
         try:
             found = settle(run, each, path.reference, run.stop, resume)
         except Paused as pause:
@@ -250,8 +246,7 @@ def keep(run, path: StaticPath, each: Equilibrium, found: Settled) -> None:
         path.rest = numbers
         run.result.write_equilibrium("rest", state, snapshot, "position")
     elif each.kind != "at once" and settings_of(run.job).steps:
-        for name, value in {"load_factor": each.factor, **numbers}.items():
-            getattr(path, name).append(value)
+        path.steps.append({"load_factor": each.factor, **numbers})
         run.result.write_static_step(state, snapshot)
 
 
@@ -291,8 +286,9 @@ def _stop_at_fracture(run, snapshot: Snapshot, each: Equilibrium) -> None:
 
 
 def _advice(each: Equilibrium) -> str:
-    if each.kind in ("rest", "case"):
-        return ": there is no equilibrium under it" if each.kind == "case" else ""
+    if each.kind in ("rest", "case", "loss"):
+        under = each.kind == "case" or each.words == ALL_LOADS
+        return ": there is no equilibrium under it" if under else ""
     return (
         f" (load factor {each.factor:.4g}): there is no static equilibrium to start from; lower the load, or "
         "set steps = 0 to let it act at once in the dynamic stage"

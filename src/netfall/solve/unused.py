@@ -88,6 +88,9 @@ def _idle_keys(job: Job, net: Net) -> list[tuple]:
 def _idle_sections(job: Job, net: Net, given: set[str]) -> list[str]:
     """Notes on whole sections."""
     load, notes = job.load, []
+    for number, entry in enumerate(job.removes, 1):
+        if entry.time >= job.dynamics.duration:
+            notes.append(f"[[remove]] {number}: no effect: time = {entry.time:g} is not before the end")
     if load and not has_statics(job) and not job.dynamics:
         notes.append("[load]: no effect: steps = 0 and there is no [dynamics]")
     on_roof = loads_the_roof(job)

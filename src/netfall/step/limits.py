@@ -73,3 +73,21 @@ def yield_and_break(c, count, chunks, particles, elements, slots, law, near):
                 elements.pending[count] = e
                 count += 1
     return count, any_yield
+
+
+@kernel
+def keep_extremes(particles, elements, law):
+    """Largest and smallest axial force [N] of each element so far, the present one included.
+
+    particles : as the time loop takes them
+    """
+    for e in range(elements.ends.shape[0]):
+        if elements.EA[e] == 0.0:
+            continue
+        L = length_of(elements.ends[e, 0], elements.ends[e, 1], particles)
+        eps_p = 0.0
+        if elements.eps_p is not None:
+            eps_p = elements.eps_p[e]
+        N, _ = axial_force(elements, e, strain(L, elements.L0[e], law), eps_p)
+        elements.highest[e] = max(elements.highest[e], N)
+        elements.lowest[e] = min(elements.lowest[e], N)

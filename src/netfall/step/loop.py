@@ -20,7 +20,7 @@ from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kic
 from netfall.parallel.halo import receive_forces, send_forces, wait_for_neighbours
 from netfall.parallel.mpi_symbols import lap
 from netfall.step.forces import kick_chunk
-from netfall.step.limits import count_near, yield_and_break
+from netfall.step.limits import count_near, keep_extremes, yield_and_break
 
 FORCES, EXCHANGE, INTEGRATION = 0, 1, 2  # what a step's time goes into; the kick counts with the forces
 
@@ -31,6 +31,7 @@ class Interval(NamedTuple):
     first : number of the first step, at time first * dt; steps : how many; dt : [s] their length
     before_dt : [s] length of the step before the first, 0 at the start
     zeta : [1/s] damping; sample_time : [s] of the sample before; sample_dt : [s] from it to the one after
+    watched : whether extremes of the tensions are kept, in a scene that has them
     """
 
     first: int
@@ -40,6 +41,7 @@ class Interval(NamedTuple):
     zeta: float
     sample_time: float
     sample_dt: float
+    watched: bool = False
 
 
 @part_of_kernel
@@ -117,6 +119,8 @@ def time_loop(interval, chunks, particles, elements, slots, unyielded, law, scra
         count, place = np.int64(0), np.int64(0)
         error, drifted = 0, chunks.splits
         mark = lap(seconds, -1, 0.0)
+        if elements.highest is not None and interval.watched:
+            keep_extremes(particles, elements, law)
         for c in range(chunks.low.shape[0]):
             low, high = chunks.low[c], chunks.high[c]
             if chunks.has_yielded[c]:

@@ -1,0 +1,77 @@
+"""Times what a row of the history costs on the benchmark's net: the audit and the envelope.
+
+    python envelope.py N [N ...] [losses]
+
+Prints a line of JSON for each N x N particles: seconds of a step, of the audit of a row and of the envelope;
+with losses also of a step in which the extremes of the tensions are kept.
+"""
+
+import json
+import sys
+import time
+from types import SimpleNamespace
+
+import net
+import numpy as np
+from mpi4py import MPI
+
+from netfall.mechanics.fields import Scene
+from netfall.mechanics.state import State
+from netfall.parallel.halo import Halo
+from netfall.parallel.subdomain import Distribution, cut_net
+from netfall.solve.energy import take_snapshot, total_energies
+from netfall.solve.envelope import Envelope
+from netfall.step.loop import Interval
+from netfall.step.plan import Plan, halo_width
+
+ROUNDS = 200  # short ones: the least is that of a core that nothing else took
+
+
+def best(call, seconds=2e-3) -> float:
+    """Seconds of a call, the least of some rounds."""
+    call()
+    begin = time.perf_counter()
+    call()
+    times = max(1, int(seconds / (time.perf_counter() - begin)))
+    found = []
+    for _ in range(ROUNDS):
+        begin = time.perf_counter()
+        for _ in range(times):
+            call()
+        found.append((time.perf_counter() - begin) / times)
+    return min(found)
+
+
+def measure(N: int) -> dict:
+    """The figures of a net of N x N particles, with the audit and damping."""
+    whole = net.make_net(N)
+    n, m = len(whole.x), len(whole.elements)
+    distribution = Distribution(MPI.COMM_SELF, n, m, cut_net(n, whole.elements, np.zeros(n, int), 1))
+    subdomain = distribution.subdomain
+    state = State(Scene(energy=True, losses="losses" in sys.argv), n, 0, m)
+    state.gid[:], state.ends[:], state.owned[:] = subdomain.particle_gid, subdomain.ends, 1
+    state.x[:] = state.x_start[:] = whole.x[subdomain.particle_gid]
+    state.free[:] = ~whole.fixed[subdomain.particle_gid][:, None]
+    state.mass[:], state.load[:, 2], state.half_mass[:] = net.MASS, -net.LOAD, 1.0
+    state.L0[:], state.EA[:] = whole.L0, net.EA
+    halo = Halo(MPI.COMM_SELF, subdomain, halo_width(state))
+    plan, envelope = Plan(state, halo), Envelope(distribution)
+    steps, at = max(1, 200_000 // m), SimpleNamespace(first=1)
+
+    def step(watched=False):
+        plan.run(Interval(at.first, steps, net.DT, net.DT, 0.5, 0.0, 1e9, watched))
+        at.first += steps
+        state.end_block()
+
+    snapshot = take_snapshot(state, net.DT, net.DT, 0.5, 0.0)
+    audit = lambda: total_energies(MPI.COMM_SELF, state, take_snapshot(state, net.DT, net.DT, 0.5, 0.0))
+    found = {"N": N, "elements": m, "step": best(step) / steps, "audit": best(audit)}
+    found["envelope"] = best(lambda: envelope.add(1.0, 0.01, state, snapshot))
+    if state.scene.losses:
+        found["watched step"] = best(lambda: step(True)) / steps
+    return found
+
+
+for N in sys.argv[1:]:
+    if N.isdigit():
+        print(json.dumps(measure(int(N))), flush=True)

@@ -1,0 +1,122 @@
+"""What [[remove]] asks for: which elements are lost at which step, and which particles go with them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netfall.errors import InputError
+from netfall.job.read import Job
+from netfall.job.schema import LOST
+from netfall.job.values import nearest, shown
+from netfall.net.net import Net
+
+MOST_NAMED = 8  # ids in one message
+
+
+@dataclass(frozen=True)
+class Loss:
+    """What is lost in one step, by global numbers.
+
+    step : before which it happens, at x(step); entries : of [[remove]], from 0
+    elements : (k,) ascending; entry : (k,) which of the entries names it first
+    particles : that leave with them, for nothing else holds them and they carry nothing
+    """
+
+    step: int
+    entries: tuple[int, ...]
+    elements: np.ndarray
+    entry: np.ndarray
+    particles: np.ndarray
+
+
+def named_elements(job: Job, net: Net) -> list[np.ndarray]:
+    """The rows of the elements that each entry of [[remove]] names. Raises InputError."""
+    errors, found = [], []
+    for number, entry in enumerate(job.removes, 1):
+        key = next(key for key in LOST if getattr(entry, key) is not None)
+        rows, wrong = {"elements": _of_ids, "group": _of_group, "cables": _of_cables}[key](net, entry)
+        if wrong:
+            errors.append(f"{job.path}: [[remove]] {number}: {key} = {shown(getattr(entry, key))}: {wrong}")
+        found.append(rows)
+    if errors:
+        raise InputError(errors)
+    return found
+
+
+def _of_ids(net: Net, entry) -> tuple[np.ndarray, str]:
+    """Rows of elements by their ids, and what is wrong with these."""
+    rows = np.flatnonzero(np.isin(net.element_id, entry.elements))
+    unknown = sorted(set(entry.elements) - set(net.element_id[rows].tolist()))
+    few, ids = ", ".join(map(str, unknown[:MOST_NAMED])), net.element_id
+    return rows, f"no element {few}; ids are {ids.min()} to {ids.max()}" if unknown else ""
+
+
+def _of_group(net: Net, entry) -> tuple[np.ndarray, str]:
+    names = np.array(net.group_names)[net.group]
+    rows = np.flatnonzero(names == entry.group)
+    there = sorted(set(names.tolist()) - {""})
+    advice = nearest(entry.group, there) if there else "the net has no groups"
+    return rows, "" if len(rows) else f"no such group of elements; {advice}"
+
+
+def _of_cables(net: Net, entry) -> tuple[np.ndarray, str]:
+    names = np.array(net.cable_names)[net.cable]
+    unknown = sorted(set(entry.cables) - set(net.cable_names))
+    wrong = [f"no cable {shown(name)}; {nearest(name, net.cable_names)}" for name in unknown[:MOST_NAMED]]
+    return np.flatnonzero(np.isin(names, entry.cables)), "; ".join(wrong)
+
+
+def losses_of(job: Job, model, schedule) -> list[Loss]:
+    """What is lost in the dynamic stage, step by step; nothing that lies beyond its end. Rank 0.
+
+    model : `model.Model`; schedule : `schedule.Schedule`. An element is lost once, to the first entry.
+    """
+    step = [schedule.step_at(entry.time) for entry in job.removes]
+    there = np.ones(model.net.m, bool)
+    found = []
+    for at in sorted(s for s in set(step) if s < schedule.steps):
+        entries = tuple(k for k, s in enumerate(step) if s == at)
+        entry = np.full(model.net.m, -1)
+        for k in reversed(entries):
+            entry[model.lost[k]] = k
+        elements = np.flatnonzero((entry >= 0) & there)
+        there[elements] = False
+        particles = particles_with(model, elements, there)
+        found.append(Loss(at, entries, elements, entry[elements], particles))
+    return found
+
+
+def particles_with(model, elements: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """Particles that nothing holds but the elements (k,) that go now, and that carry nothing of their own.
+
+    there : (m,) bool, which elements remain
+    """
+    net = model.net
+    held = np.bincount(net.elements[there].ravel(), minlength=net.n) > 0
+    carries = (net.mass > 0) | (model.carried > 0) | net.load.any(1) | net.held.any(1)
+    touched = np.zeros(net.n, bool)
+    touched[net.elements[elements]] = True
+    return np.flatnonzero(touched & ~held & ~carries)
+
+
+def comes_loose(net: Net, there: np.ndarray, load: np.ndarray, gone: np.ndarray) -> bool:
+    """Whether a part of the net that a force acts on hangs on no support: it has no rest.
+
+    there : (m,) bool, the elements that remain; load : (n, 3) [N]; gone : (n,) bool, particles that left
+    """
+    label = np.arange(net.n)
+    ends = net.elements[there]
+    while True:  # the least number of each part spreads by doubling steps
+        low = np.minimum(label[ends[:, 0]], label[ends[:, 1]])
+        new = label.copy()
+        np.minimum.at(new, ends[:, 0], low)
+        np.minimum.at(new, ends[:, 1], low)
+        np.minimum.at(new, label[ends[:, 0]], low)
+        np.minimum.at(new, label[ends[:, 1]], low)
+        new = new[new]
+        if (new == label).all():
+            break
+        label = new
+    supported = np.zeros(net.n, bool)
+    supported[label[net.held.any(1)]] = True
+    return bool((load.any(1) & ~gone & ~supported[label]).any())

@@ -1,0 +1,260 @@
+"""Loss of members in the dynamic stage, [[remove]]: when it happens, and what becomes of the tensions.
+
+At its step the elements leave the net (`mechanics.loss`). Their tensions stay as forces on their ends that
+fade (`loads.FadingLoad`), and from then on the extremes of every element's tension are kept in each step.
+"""
+
+import sys
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.errors import DivergedError
+from netfall.mechanics.loss import leave, lose_elements
+from netfall.solve.loads import FadingLoad
+from netfall.solve.losses import Loss, comes_loose, losses_of
+from netfall.solve.relaxation import Paused
+from netfall.solve.restart import interrupted
+from netfall.solve.statics import (
+    Equilibrium,
+    StaticPath,
+    committed,
+    put_back,
+    reference_force,
+    settle,
+)
+
+PREFIX = "removal_"  # of its arrays in a checkpoint
+TENSIONS = ("before", "highest", "lowest", "after")  # (losses, m) [N] on rank 0, nan where not known
+MOST_ITERATIONS = 100_000  # in which the damaged net comes to rest, or is taken to have none
+MOST_NAMED = 4  # elements or cables in one line
+NO_CHANGE = 1e-3  # of the largest tension: what changes less has no dynamic factor
+
+
+def losses_now(run) -> list[Loss]:
+    """What is lost in the dynamic stage of a run, on every rank. Collective."""
+    if not (run.job.removes and run.job.dynamics):
+        return []
+    model = run.setup.model
+    return run.comm.bcast(losses_of(run.job, model, run.schedule) if model else None)
+
+
+class Removal:
+    """The losses of a run, and the tensions around them; these on rank 0."""
+
+    def __init__(self, run, losses: list[Loss], after: np.ndarray | None):
+        """after : (losses, m) [N] on rank 0, of `rests_after`"""
+        self.distribution, self.losses, self.job = run.setup.distribution, losses, run.job
+        self.model, self.step_at = run.setup.model, run.schedule.step_at
+        self.dt, self.done = run.schedule.dt, 0
+        gid = self.distribution.subdomain.element_gid
+        there = {k for loss in losses for k in loss.entry.tolist()}
+        self.fades = {
+            k: FadingLoad(gid, run.job.removes[k].duration)
+            for k in sorted(there)
+            if run.job.removes[k].duration
+        }
+        self.tensions = None
+        if self.model:
+            shape = (len(losses), self.model.net.m)
+            self.tensions = {name: np.full(shape, np.nan) for name in TENSIONS}
+            if after is not None:
+                self.tensions["after"][:] = after
+
+    @property
+    def next_step(self) -> int:
+        """Step of the next loss; beyond every step after the last."""
+        return self.losses[self.done].step if self.done < len(self.losses) else sys.maxsize
+
+    def happen(self, simulation) -> None:
+        """The loss that is due at the present step. Collective."""
+        state, loss = simulation.state, self.losses[self.done]
+        now = state.elements_now()
+        self.close(state, now.N)
+        self._keep("before", self.done, state, now.N)
+        subdomain = self.distribution.subdomain
+        rows = local_rows(subdomain.element_gid, loss.elements)
+        force = self._forces(state, loss, rows, now)
+        lose_elements(state, rows, self.dt)
+        leave(state, np.flatnonzero(np.isin(subdomain.particle_gid, loss.particles)))
+        simulation.plan.attach(state)
+        for entry, fade in self.fades.items():
+            mine = loss.entry == entry
+            if mine.any():
+                fade.begin(loss.step * self.dt, loss.elements[mine], force[mine])
+        simulation.loads.renew(state)
+        state.highest[:] = state.lowest[:] = now.N
+        self.done += 1
+        simulation.result.losses = self.done
+
+    def _forces(self, state, loss: Loss, rows: np.ndarray, now) -> np.ndarray:
+        """Forces (k, 3) [N] of the elements that are lost on their starts, the same on every rank.
+
+        Of what had broken before none. Collective.
+        """
+        force = np.zeros((len(loss.elements), 3))
+        for e in rows[state.owned[rows].astype(bool) & (state.broken[rows] == 0)].tolist():
+            a, b = state.ends[e]
+            k = np.searchsorted(loss.elements, self.distribution.subdomain.element_gid[e])
+            force[k] = now.N[e] / now.L[e] * (state.x[b] - state.x[a])
+        self.distribution.comm.Allreduce(MPI.IN_PLACE, force, MPI.SUM)  # others add zeros
+        return force
+
+    def close(self, state, N: np.ndarray) -> None:
+        """End the time in which extremes belong to the last loss. N : (m,) [N], at its end. Collective."""
+        if self.done:
+            self._keep("highest", self.done - 1, state, np.maximum(state.highest, N))
+            self._keep("lowest", self.done - 1, state, np.minimum(state.lowest, N))
+
+    def _keep(self, name: str, k: int, state, rows: np.ndarray) -> None:
+        whole = self.distribution.gather_elements(rows, state.owned.astype(bool))
+        if whole is not None:
+            self.tensions[name][k] = whole
+
+    # --- records
+
+    def record(self) -> dict:
+        """How far it has come, for `restore`."""
+        return {"done": self.done}
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What a continuation needs, on rank 0."""
+        if self.tensions is None:
+            return {}
+        forces = {str(k): fade.all_forces for k, fade in self.fades.items() if fade.zero < np.inf}
+        return {f"{PREFIX}{name}": values for name, values in (self.tensions | forces).items()}
+
+    def restore(self, record: dict, checkpoint) -> None:
+        """Take up the record of an earlier run. checkpoint : on rank 0. Collective."""
+        self.done = record["done"]
+        if checkpoint:
+            self.tensions = {name: checkpoint.arrays[PREFIX + name] for name in TENSIONS}
+        for loss in self.losses[: self.done]:
+            for entry in sorted(set(loss.entry.tolist()) & set(self.fades)):
+                force = self.distribution.comm.bcast(checkpoint and checkpoint.arrays[f"{PREFIX}{entry}"])
+                self.fades[entry].begin(loss.step * self.dt, loss.elements[loss.entry == entry], force)
+
+    # --- the result
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """The datasets of /removal, a row for each entry of the job. Rank 0."""
+        m, entries = self.model.net.m, self.job.removes
+        names = ("tension_before", "tension_peak", "tension_after", "dynamic_factor")
+        found = {"time": np.array([entry.time for entry in entries])}
+        found |= {name: np.full((len(entries), m), np.nan) for name in names}
+        gone = np.zeros(m, bool)
+        for k, loss in enumerate(self.losses):
+            gone[loss.elements] = True
+            before, highest, lowest, after = (self.tensions[name][k] for name in TENSIONS)
+            peak = np.where(gone, np.nan, farthest(before, highest, lowest, after))
+            factor = dynamic_factors(before, peak, after)
+            for entry in loss.entries:
+                found["time"][entry] = loss.step * self.dt
+                for name, row in zip(names, (before, peak, after, factor)):
+                    found[name][entry] = row
+        named = [loss.elements for loss in self.losses] or [np.zeros(0, np.int64)]
+        entry = [loss.entry for loss in self.losses] or [np.zeros(0, np.int64)]
+        return found | {"element": np.concatenate(named), "entry": np.concatenate(entry)}
+
+
+def farthest(before, highest, lowest, after) -> np.ndarray:
+    """The extremes (m,) farthest from before in the direction of after; in either where that is not known."""
+    rises = np.where(np.isnan(after), highest - before >= before - lowest, after >= before)
+    return np.where(rises, highest, lowest)
+
+
+def dynamic_factors(before: np.ndarray, peak: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """(peak - before) / (after - before) (m,); nan where a loss changes nothing, or no rest is known."""
+    change, there = after - before, ~np.isnan(after)
+    largest = max(np.abs(before).max(initial=0.0), np.abs(after[there]).max(initial=0.0))
+    changes = there & (np.abs(change) > NO_CHANGE * largest)
+    return np.divide(peak - before, change, out=np.full(len(before), np.nan), where=changes)
+
+
+def local_rows(gid: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Rows of those of the wanted numbers that are among gid; both ascending."""
+    return np.searchsorted(gid, wanted[np.isin(wanted, gid)])
+
+
+# --- the rest of the damaged net
+
+
+def rests_after(run, losses: list[Loss]) -> np.ndarray | None:
+    """Tensions (losses, m) [N] at rest after each loss, on rank 0; nan: no rest was found. Collective.
+
+    From where the dynamic stage begins, with the losses so far, under all constant loads and the mean wind.
+    Leaves the state as it was. Raises Interrupted where it is asked to stop.
+    """
+    if not losses:
+        return None
+    state, distribution, model = run.setup.state, run.setup.distribution, run.setup.model
+    load = distribution.particles(constant_load(model) if model else None)
+    start, EA, broken = committed(state), state.EA.copy(), state.broken.copy()
+    loose = run.comm.bcast(loose_after(model, losses) if model else None)
+    reference = reference_force(run, Equilibrium("loss", "", load))
+    found, best = [], start
+    for loss, no_rest in zip(losses, loose):
+        rows = local_rows(distribution.subdomain.element_gid, loss.elements)
+        state.EA[rows], state.broken[rows] = 0.0, 1  # not slack: gone
+        run.setup.finder = None  # what it keeps is of the net before
+        load[np.isin(distribution.subdomain.particle_gid, loss.particles)] = 0.0
+        words = f"the net without {words_of(run.job, loss)}"
+        tension, line = np.full(state.m, np.nan), f"no rest: a part of {words} hangs on nothing"
+        if not no_rest:
+            try:
+                tension, line = _settled(run, Equilibrium("loss", words, load, 1.0), reference)
+                best = committed(state)
+            except Paused as pause:
+                put_back(state, start)
+                state.EA[:], state.broken[:] = EA, broken
+                pause.path = run.saver.statics or StaticPath()
+                raise interrupted(f"in statics, {words}", run.saver.pause_statics(pause)) from None
+            except DivergedError as error:
+                line = f"no rest: {error}"
+        run.progress.say(line)
+        put_back(state, best)
+        found.append(distribution.gather_elements(tension, state.owned.astype(bool)))
+    put_back(state, start)
+    state.EA[:], state.broken[:], run.setup.finder = EA, broken, None
+    return np.array(found) if model else None
+
+
+def _settled(run, each: Equilibrium, reference: float) -> tuple[np.ndarray, str]:
+    """Tensions (m,) [N] of this rank's elements at rest, and a line that tells of it. Collective."""
+    most = min(MOST_ITERATIONS, run.job.load.max_iterations) if run.job.load else MOST_ITERATIONS
+    rest = settle(run, each, reference, run.stop, most=most)
+    line = f"rest of {each.words}: largest residual {rest.residual:.3g} N, slack {rest.slack}"
+    return rest.snapshot.N, line
+
+
+def constant_load(model) -> np.ndarray:
+    """What acts on the damaged net, (n, 3) [N]. Rank 0."""
+    load = model.load.copy()
+    for force in (model.growing, model.mean_wind):
+        if force is not None:
+            load += force
+    return load
+
+
+def loose_after(model, losses: list[Loss]) -> list[bool]:
+    """After each loss, whether a part of the net hangs on no support. Rank 0."""
+    there, gone, load = np.ones(model.net.m, bool), np.zeros(model.net.n, bool), constant_load(model)
+    found = []
+    for loss in losses:
+        there[loss.elements], gone[loss.particles] = False, True
+        found.append(comes_loose(model.net, there, load, gone))
+    return found
+
+
+def words_of(job, loss: Loss) -> str:
+    """What a loss takes, as the job names it."""
+    names = []
+    for k in loss.entries:
+        entry = job.removes[k]
+        for key, given in (("element", entry.elements), ("cable", entry.cables)):
+            if given is not None:
+                few = ", ".join(map(str, given[:MOST_NAMED])) + ", ..." * (len(given) > MOST_NAMED)
+                names.append(f"{key}{'s' * (len(given) > 1)} {few}")
+        if entry.group is not None:
+            names.append(f"group {entry.group}")
+    return " and ".join(names)

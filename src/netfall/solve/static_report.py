@@ -1,0 +1,40 @@
+"""What is told of equilibria."""
+
+import numpy as np
+
+from netfall.solve.statics import StaticPath
+
+
+def static_lines(path: StaticPath, elements: int, words: str, node_id: np.ndarray | None) -> list[str]:
+    """What the static stage found.
+
+    words : for the rest that dynamics begins in; node_id : (n,) on rank 0, which alone prints
+    """
+    found = [(f"case {name}", numbers) for name, numbers in path.cases.items()]
+    if path.steps:
+        found.append(("statics", path.steps[-1]))
+    if path.rest:
+        found.append((words, path.rest))
+    lines = [f"{what}: {_settled(numbers, elements)}" for what, numbers in found]
+    if node_id is None:
+        return lines
+    falls = [(f"statics, load factor {step['load_factor']:.4g}", step["falls"]) for step in path.steps[:-1]]
+    falls += [(what, numbers["falls"]) for what, numbers in found]
+    return lines + [_unstable(what, node_id[p]) for what, p in falls if p >= 0]
+
+
+def _unstable(what: str, node: int) -> str:
+    return (
+        f"note: {what}: NOT STABLE: compressed bars have no hold, the slightest push moves node {node} most; "
+        "the net does not stay where this was found: hold the bars, or tension the net more"
+    )
+
+
+def _settled(numbers: dict, elements: int) -> str:
+    moved, tension = numbers["displacement_error"], numbers["tension_error"]
+    error = f"to {moved:.1g} of the largest displacement and {tension:.1g} of the largest tension"
+    return (
+        f"in equilibrium {error if moved == moved else '(no estimate of the error)'}"
+        f"{', by relaxation' if numbers['relaxed'] else ''}, largest residual {numbers['residual']:.3g} N, "
+        f"slack {numbers['slack']} of {elements}"
+    )

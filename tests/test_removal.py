@@ -1,0 +1,311 @@
+"""Loss of members: by hand calculation, its energies, its bits, and what is said of it."""
+
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import assert_same_results, run_netfall
+from mpi4py import MPI
+from test_validation_opensees import (
+    SADDLE,
+    compare_histories,
+    compare_states,
+    make_case,
+    reference,
+    shipped,
+    vertical,
+)
+
+from netfall.errors import InputError, Interrupted
+from netfall.job.read import read_job
+from netfall.output.progress import Progress
+from netfall.solve.model import make_model
+from netfall.solve.run import run_job
+from netfall.solve.statics import settle
+
+EA, L0, MASS, WEIGHT = 1.6e7, 10.0, 1000.0, 1e4  # N, m, kg, N
+
+CABLE = """
+[cable]
+modulus = 1.6e11
+area = 1e-4
+density = 100.0
+[load]
+tolerance = 1e-10
+"""
+HALF_CABLE = 0.5 * 100.0 * 1e-4 * L0  # kg
+PERIOD = float(2 * np.pi * np.sqrt((MASS + 2 * HALF_CABLE) * L0 / EA))  # of the weight on one cable
+
+
+def weights(count):
+    """Tables of weights that hang on two cables each; elements 2 i and 2 i + 1 hold weight i.
+
+    Both are vertical, so the motion is linear.
+    """
+    nodes, elements = ["id, x, y, z, fixed, mass, load_z"], ["id, start, end, unstressed_length"]
+    for i in range(count):
+        nodes += [f"{3 * i + k}, {5.0 * i}, 0, 0, 1, 0, 0" for k in range(2)]
+        nodes.append(f"{3 * i + 2}, {5.0 * i}, 0, {-L0}, 0, {MASS}, {-WEIGHT}")
+        elements += [f"{2 * i + k}, {3 * i + k}, {3 * i + 2}, {L0}" for k in range(2)]
+    return "\n".join(nodes), "\n".join(elements)
+
+
+def entry(elements, time, duration=0.0):
+    """An entry of [[remove]]."""
+    return f"[[remove]]\nelements = {elements}\ntime = {time}\nduration = {duration!r}\n"
+
+
+def dynamics(duration, steps, history=1e-2, more=""):
+    """Dynamics with steps of a period over so many."""
+    return (
+        f"[dynamics]\nduration = {duration!r}\ntime_step = {PERIOD / steps!r}\n{more}"
+        f"[output]\nframes = 1\nhistory = {history}\n"
+    )
+
+
+def test_a_fading_tension_swings_the_weight_as_in_closed_form(both_ways):
+    """One of two cables, lost over d: the factor is 1 + |sin(pi d / T)| / (pi d / T), over 0 to 5 periods T.
+
+    m y'' + k y = W/2 t/d: the swing that is left after d has the amplitude of sin(pi d / T) / (pi d / T).
+    """
+    shares = [1e-6, 0.1, 0.25, 0.5, 0.8, 1.0, 1.5, 2.0, 2.5, 3.3, 4.5, 5.0]
+    nodes, elements = weights(len(shares))
+    steps = 400
+    text = CABLE + dynamics(8 * PERIOD, steps)
+    text += "".join(entry([2 * i], 0.5 * PERIOD, s * PERIOD) for i, s in enumerate(shares))
+    result = both_ways.run(both_ways.job(text, nodes, elements), ranks=3)
+    before, after, peak, factor = (
+        result[f"removal/{name}"][:]
+        for name in ("tension_before", "tension_after", "tension_peak", "dynamic_factor")
+    )
+    there = np.arange(1, 2 * len(shares), 2)
+    assert before[0, there] == pytest.approx(WEIGHT / 2, rel=1e-9)  # 1e-10 of the load, found at rest
+    assert after[0, there] == pytest.approx(WEIGHT, rel=1e-9)
+    assert (after[0, there - 1] == 0).all() and np.isnan(peak[:, there - 1]).all()
+    turns = np.pi * np.array(shares)
+    exact = 1 + np.abs(np.sin(turns)) / turns
+    # the step rounds the peak down by up to (2 pi / 400)^2 / 8 = 3e-5, stretches the period by a third of
+    # that, and rounds the start
+    assert factor[0, there] == pytest.approx(exact, abs=1e-4)
+    assert (factor[:, there] == factor[0, there]).all() and np.isnan(factor[:, there - 1]).all()
+    assert np.abs(result["history/identity_error"][:]).max() < 1e-13  # rounding
+    # the step's own energy error, (2 pi / 400)^2 / 4, of energies that are as large as what takes part
+    assert np.abs(result["history/balance_error"][:]).max() < 1e-4
+
+
+def test_a_weight_whose_cable_is_lost_at_once_swings_to_twice_the_rest(both_ways):
+    """Peak 3/2 W by energy, rest W, factor 2; strain energy that leaves with the cable is dissipated."""
+    steps = 1000
+    text = CABLE + dynamics(2 * PERIOD, steps) + entry([0], 0.1 * PERIOD)
+    nodes, elements = weights(1)
+    result = both_ways.run(both_ways.job(text, nodes, elements))
+    peak, factor = result["removal/tension_peak"][0], result["removal/dynamic_factor"][0]
+    rounding = (
+        2 * np.pi / steps
+    ) ** 2 / 4  # of a peak between two steps, and of the first one at half a kick
+    assert peak[1] == pytest.approx(1.5 * WEIGHT, rel=rounding) and factor[1] == pytest.approx(
+        2, abs=rounding
+    )
+    assert result["removal/element"][:].tolist() == [0] and result["removal/entry"][:].tolist() == [0]
+    stored = 0.5 * (WEIGHT / 2) ** 2 * L0 / EA
+    assert result["history/plastic_dissipation"][-1] == pytest.approx(stored, rel=1e-9)  # at rest to 1e-10
+    assert np.abs(result["history/identity_error"][:]).max() < 1e-13  # rounding
+    assert np.abs(result["history/balance_error"][:]).max() < 4 * rounding
+    assert result["history/slack"][-1] == 0 and result["history/broken"][-1] == 0
+    assert result["VTKHDF/CellData/broken"][-2:].tolist() == [1, 0]
+    assert result["events/time"].shape == (0,) and result["rest/tension"][:] == pytest.approx([5e3] * 2)
+
+
+TORN = """
+[net]
+generator = "saddle"
+side = 40.0
+cells = 6
+subdivide = 2
+[cable]
+modulus = 1.95e11
+area = 400e-6
+density = 7850.0
+prestress = 100e3
+yield_stress = 4.5e8
+fracture_strain = 0.005
+[form_finding]
+modulus_factor = 0
+[load]
+self_weight = true
+[wind]
+speed = 35.0
+shape_coefficient = -0.3
+roughness = 0.02
+seed = 3
+ramp = 0.0
+[dynamics]
+duration = 0.44
+damping = 0.2
+[[remove]]
+elements = [20, 21, 22]
+time = 0.1
+duration = 0.08
+[[remove]]
+elements = [40]
+time = 0.15
+[[remove]]
+cables = ["e4"]
+time = 0.25
+duration = 0.1
+[output]
+history = 0.005
+frames = 88
+checkpoint = 0.15
+probes = [[0.0, 0.0], [10.0, 6.0]]
+"""
+
+
+@pytest.fixture(scope="module")
+def torn(shared_workshop):
+    """A net in the wind that loses a few elements, then one, then a whole cable; others break and yield."""
+    return shared_workshop.run(shared_workshop.job(TORN, name="torn"), output="torn.vtkhdf")
+
+
+def test_losses_have_the_same_bits_on_any_ranks_and_through_a_pause(workshop, torn):
+    """Also from checkpoints in the middle of a fade, before a loss in the very step, and among fractures."""
+    job = workshop.job(TORN)
+    with workshop.run(job, ranks=3, output="three.vtkhdf") as three:
+        assert_same_results(torn, three)
+    kept = sorted(workshop.folder.glob("three.checkpoint*"))
+    assert len(kept) == 2 and torn["history/broken"][-1] > 3
+    for checkpoint, ranks in zip(kept, (2, 1)):
+        with workshop.run(job, "--restart", checkpoint, ranks=ranks, output="again.vtkhdf") as again:
+            assert_same_results(torn, again)
+
+
+def test_a_pause_in_the_search_for_rest_changes_no_bit(workshop, torn, monkeypatch):
+    """Between two losses, whose rests are found before the dynamic stage begins."""
+    stop, calls = SimpleNamespace(wanted=False), []
+
+    def pausing(*arguments, **options):
+        calls.append(1)
+        stop.wanted = len(calls) == 2
+        return settle(*arguments, **options)
+
+    monkeypatch.setattr("netfall.solve.removal.settle", pausing)
+    job, path = workshop.job(TORN), workshop.folder / "result.vtkhdf"
+    with pytest.raises(Interrupted, match="in statics, the net without element 40"):
+        run_job(MPI.COMM_WORLD, read_job(job), path, Progress(False, False), stop=stop)
+    (checkpoint,) = workshop.folder.glob("result.checkpoint*")
+    with workshop.run(job, "--restart", checkpoint) as again:
+        assert_same_results(torn, again)
+
+
+def test_what_is_lost_leaves_the_net_with_what_hangs_on_nothing_else(torn):
+    """Its tension is 0, it is no fracture; nodes inside a lost element stand still from then on."""
+    ids, lost = torn["net/element_id"][:], torn["removal/element"][:]
+    entry = torn["removal/entry"][:]
+    assert set(ids[lost[entry == 0]]) == {20, 21, 22} and set(ids[lost[entry == 1]]) == {40}
+    cable = torn["net/cable"][:]
+    assert (cable[lost[entry == 2]] == cable[ids == 4][0]).all() and (entry == 2).sum() > 4
+    assert torn["removal/time"][:] == pytest.approx([0.1, 0.15, 0.25], abs=3e-4)  # a step
+    assert (torn["final/tension"][:][lost] == 0).all()
+    gone = dict(zip(lost.tolist(), torn["removal/time"][:][entry].tolist()))
+    assert all(t < gone.get(e, 1.0) for e, t in zip(torn["events/element"][:], torn["events/time"][:]))
+    inner = np.intersect1d(*torn["net/elements"][:][ids == 40])  # between the two halves
+    assert (torn["final/velocity"][:][inner] == 0).all()
+    rests = torn["removal/tension_after"][:]
+    assert np.isfinite(rests[0]).all() and (rests[0][lost[entry == 0]] == 0).all()
+    assert np.abs(torn["history/identity_error"][:]).max() < 1e-12  # rounding, of fragments that whip
+    assert torn["history/plastic_dissipation"][-1] > 0
+
+
+@pytest.mark.parametrize(
+    "text, line",
+    [
+        ("elements = [0, 7, 9]\ntime = 0", "1: elements = [0, 7, 9]: no element 7, 9; ids are 0 to 1"),
+        (
+            'group = "hangar"\ntime = 0',
+            '1: group = "hangar": no such group of elements; did you mean "hanger"?',
+        ),
+        ('cables = ["e9"]\ntime = 0', "1: cables = ['e9']: no cable \"e9\"; did you mean"),
+        (
+            'elements = [0]\ngroup = "hanger"\ntime = 0',
+            "1: elements and group exclude each other; keep one of",
+        ),
+        ("time = 0", "1: elements or group or cables: missing; say what is lost"),
+        ("elements = [0]", "1: time: missing; expected a number of s >= 0"),
+        (
+            'elements = ["a"]\ntime = 0',
+            "1: elements = ['a']: expected a list of integers (ids of the elements",
+        ),
+        ("elements = []\ntime = -1", "1: time = -1: expected a number of s >= 0"),
+    ],
+)
+def test_a_wrong_entry_is_refused(workshop, text, line):
+    """With the entry, what was given and what there is, before anything is computed."""
+    nodes, elements = weights(1)
+    rows = elements.replace("unstressed_length", "unstressed_length, group")
+    rows = "\n".join(r if i == 0 else f"{r}, hanger" for i, r in enumerate(rows.split("\n")))
+    job = workshop.job(CABLE + dynamics(1.0, 10) + f"[[remove]]\n{text}\n", nodes, rows)
+    with pytest.raises(InputError) as raised:
+        make_model(read_job(job), 1)
+    assert any(found.startswith(f"{job}: [[remove]] {line}") for found in raised.value.lines), raised.value
+
+
+def test_run_and_info_tell_of_losses(workshop):
+    """What was lost, whether the rest comes to rest, what broke, the factors; what happens too late."""
+    nodes, elements = weights(2)
+    late = entry([3], 99.0) + entry([0, 1], 1.5 * PERIOD)
+    job = workshop.job(CABLE + dynamics(2 * PERIOD, 1000) + entry([2], 0.1) + late, nodes, elements)
+    done = run_netfall("run", job, "-o", workshop.folder / "result.vtkhdf")
+    assert "note: [[remove]] 2: no effect: time = 99 is not before the end" in done.stdout, done.stdout
+    lines = [
+        "loss 1, t = 0.1001 s: element 2; the rest of the net comes to rest; nothing broke then; "
+        "largest dynamic factors 2 (element 3), where the rest changes by 2% of the largest tension",
+        "loss 2: nothing was lost: after the end, or lost before",
+        "2 elements (0, 1); no rest was found; nothing broke then",
+    ]
+    told = run_netfall("info", workshop.folder / "result.vtkhdf").stdout
+    for line in lines:
+        assert line in done.stdout and line in told, told
+    assert "no rest: a part of the net without elements 0, 1 hangs on nothing" in done.stdout
+    with workshop.open() as result:  # the weight falls freely, with the weight and mass that it has
+        fallen = result["history/time"][-1] - result["removal/time"][2]
+        speed = WEIGHT / (MASS + 2 * HALF_CABLE) * fallen
+        assert result["final/velocity"][2, 2] == pytest.approx(-speed, rel=2e-3)  # half a step of 1000
+        assert np.isnan(result["removal/tension_after"][2]).all()
+
+
+def test_a_loss_in_a_prestressed_net_moves_it_as_in_opensees(both_ways, compare):
+    """The saddle at rest under 0.2 kN/m2 loses two of its elements at once: the same scheme and step.
+
+    Not for longer: links that snap taut then double what differs every 0.03 s.
+    """
+    text = re.sub(r"yield_stress.*\n", "", shipped("saddle"))
+    text += """
+[load]
+pressure = [0.0, 0.0, 200.0]
+tolerance = 1e-10
+[dynamics]
+duration = 0.25
+time_step = 1e-4
+damping = 0.5
+[[remove]]
+elements = [17, 60]
+time = 0.0
+[output]
+history = 0.025
+probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
+"""
+    f = both_ways.run(both_ways.job(text))
+    load, lost = vertical(f, 200.0), f["removal/element"][:]
+    case = make_case(f, SADDLE, load, 0.0 * load, damping=0.5, every=250) | {"lost": lost}
+    theirs = reference("loss", both_ways.folder, case)
+    rest = f["rest/position"][:] - f["form_finding/position"][:]
+    start = (1.1e-8, 1.1e-8), "residual: 1e-10 of 1800 kN is 1.1e-8 of the nodal load"
+    what = "saddle, 0.2 kN/m2 upward"
+    compare_states(compare, f"{what}, at rest", rest, f["rest/tension"][:], theirs, "static", 1, *start)
+    within = 1.1e-8, 3e-7  # what the rest has left; in tensions that way times EA / L0
+    because = "the same scheme and step: what the rest has left"
+    compare_histories(compare, f"{what}, two elements lost", f, theirs, within, because)
+    d = f["final/position"][:] - f["form_finding/position"][:]
+    last = f"{what}, 0.25 s after the loss"
+    compare_states(compare, last, d, f["final/tension"][:], theirs, "final", 1, within, because)
