@@ -24,6 +24,7 @@ MAY_IMPORT = {
     "output": ["job", "net", "mechanics", "parallel"],
     "solve": ["job", "net", "mechanics", "wind", "parallel", "step", "output"],
     "study": ["job", "output"],
+    "api": ["job", "output", "parallel.agree", "solve.run", "study.launch"],
     "parser": [],
     "commands": ["job", "net", "parallel", "output", "solve", "study"],
     "__main__": ["parser", "commands"],
@@ -31,7 +32,7 @@ MAY_IMPORT = {
 
 # Package -> the rooms and modules that may import it; numpy and the standard library are free to all.
 PACKAGES = {
-    "mpi4py": ["parallel", "step", "output", "solve", "commands", "__main__"],
+    "mpi4py": ["parallel", "step", "output", "solve", "api.run", "commands", "__main__"],
     "h5py": ["output", "study", "solve.run", "solve.provenance", "wind.taps"],
     "numba": [  # besides compile: intrinsics, and the version for /provenance
         *("compile", "mechanics.arithmetic", "parallel.mpi_symbols", "solve.provenance"),

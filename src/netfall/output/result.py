@@ -209,13 +209,15 @@ def _write_provenance(group, values, phases):
 
 
 def net_section(net: Net, area: np.ndarray, plan_area: np.ndarray, zones: Zones) -> dict[str, np.ndarray]:
-    """The datasets of /net."""
+    """The datasets of /net, but for unstressed_length, which the model has."""
     return {
         "particles": net.x,
         "elements": net.elements,
         "fixed": net.fixed.astype(np.uint8),
         "group": net.group.astype(np.int32),
         "group_names": np.array(net.group_names, h5py.string_dtype()),
+        "axial_stiffness": net.modulus * net.section,
+        "bar": net.bar.astype(np.uint8),
         "tributary_area": area,
         "plan_area": plan_area,
         "node_id": net.node_id,

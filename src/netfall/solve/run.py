@@ -225,6 +225,7 @@ def sections_of(run: Run, simulation: Simulation | None) -> dict[str, dict]:
     if model is None:
         return {}
     sections = {"net": net_section(model.net, model.area, model.plan_area, model.zones)}
+    sections["net"]["unstressed_length"] = model.L0
     sections["load"] = load_section(run.job, model.zones)
     if setup.form:
         of_prestress = lambda force: np.float64(force / setup.form.reference if setup.form.reference else 0.0)
