@@ -25,8 +25,9 @@ MAY_IMPORT = {
     "solve": ["job", "net", "mechanics", "wind", "parallel", "step", "output"],
     "study": ["job", "output"],
     "api": ["job", "output", "parallel.agree", "solve.run", "study.launch"],
+    "exchange": ["job", "output", "api"],
     "parser": [],
-    "commands": ["job", "net", "parallel", "output", "solve", "study"],
+    "commands": ["job", "net", "parallel", "output", "solve", "study", "exchange"],
     "__main__": ["parser", "commands"],
 }
 
@@ -47,6 +48,8 @@ PACKAGES = {
     ],
     "mpl_toolkits": ["output.plot_net", "output.plot_modes"],
     "tqdm": ["output.progress"],
+    "ezdxf": ["exchange"],
+    "meshio": ["exchange"],
 }
 
 # Modules that work on a machine without MPI -> what they and all that they import must not reach.

@@ -117,6 +117,13 @@ def trade(arguments) -> None:
         print(path)
 
 
+def export(arguments) -> None:
+    """netfall export RESULT -o FILE"""
+    from netfall.exchange.export import export as write
+
+    write(arguments.result, arguments.output, arguments.time, print)
+
+
 def version() -> None:
     """netfall --version"""
     from netfall.solve.run import how_it_writes

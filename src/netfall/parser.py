@@ -6,7 +6,7 @@ from pathlib import Path
 
 from netfall.errors import InputError
 
-VERBS = ("check", "partition", "run", "info", "plot", "scale", "trade")
+VERBS = ("check", "partition", "run", "info", "plot", "scale", "trade", "export")
 
 
 class Parser(argparse.ArgumentParser):
@@ -39,6 +39,9 @@ def parser() -> Parser:
         )
     )
     _trade(_of_job(verbs, "trade", "what each saving costs: run time against error over a grid of settings"))
+    _export(
+        _of_result(verbs, "export", "a result for other programs: .dxf, .csv, .tcl (OpenSees), .json, .vtu")
+    )
     return top
 
 
@@ -131,6 +134,23 @@ def _trade(verb: Parser) -> None:
     _folder(verb, Path("."), "folder of the table (HDF5) and the picture (default: here)")
 
 
+def _export(verb: Parser) -> None:
+    verb.add_argument(
+        "-o",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        dest="output",
+        help="what to write; the ending names the format (.csv: a folder of tables)",
+    )
+    verb.add_argument(
+        "--time",
+        type=_time,
+        metavar="T",
+        help="the state at this time [s], or end for the last (default: the form)",
+    )
+
+
 # --- options that several commands have
 
 
@@ -167,6 +187,17 @@ def _count(text: str) -> int:
 def _counts(text: str) -> list[int]:
     """Different whole numbers >= 1, in ascending order."""
     return sorted({_count(word.strip()) for word in text.split(",")})
+
+
+def _time(text: str) -> float:
+    """Seconds; inf for "end"."""
+    try:
+        seconds = float("inf") if text == "end" else float(text)
+    except ValueError:
+        seconds = -1.0
+    if not seconds >= 0.0:
+        raise argparse.ArgumentTypeError(f"{text}: expected a time >= 0 in s, or end")
+    return seconds
 
 
 def _duration(text: str) -> float:
