@@ -39,8 +39,8 @@ PACKAGES = {
         *("compile", "mechanics.arithmetic", "parallel.mpi_symbols", "solve.provenance"),
     ],
     "llvmlite": ["compile", "mechanics.arithmetic", "parallel.mpi_symbols"],
-    "scipy": ["solve.form_finding", "solve.modes"],
-    "shapely": ["net"],
+    "scipy": ["solve.form_finding", "solve.modes", "exchange.join", "exchange.faults", "exchange.importing"],
+    "shapely": ["net", "exchange.faults"],
     "pymetis": ["parallel.partition"],
     "matplotlib": [
         *("output.plot", "output.plot_net", "output.plot_roof", "output.plot_curves", "output.plot_style"),
@@ -49,7 +49,6 @@ PACKAGES = {
     "mpl_toolkits": ["output.plot_net", "output.plot_modes"],
     "tqdm": ["output.progress"],
     "ezdxf": ["exchange"],
-    "meshio": ["exchange"],
 }
 
 # Modules that work on a machine without MPI -> what they and all that they import must not reach.

@@ -117,6 +117,14 @@ def trade(arguments) -> None:
         print(path)
 
 
+def import_(arguments) -> None:
+    """netfall import FILE -o FOLDER"""
+    from netfall.exchange.importing import Options, import_file
+
+    asked = {name: getattr(arguments, name) for name in Options.__dataclass_fields__}
+    import_file(arguments.drawing, arguments.folder, Options(**asked), print)
+
+
 def export(arguments) -> None:
     """netfall export RESULT -o FILE"""
     from netfall.exchange.export import export as write

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from netfall.errors import InputError
 
-VERBS = ("check", "partition", "run", "info", "plot", "scale", "trade", "export")
+VERBS = ("check", "partition", "run", "info", "plot", "scale", "trade", "import", "export")
 
 
 class Parser(argparse.ArgumentParser):
@@ -14,6 +14,9 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str):
         raise InputError(f"{self.prog}: {message}; {self.prog} --help shows what it takes")
+
+
+IMPORT = "a drawing or mesh (.dxf, .json of COMPAS, .vtu) to tables, a picture and a first job"
 
 
 def parser() -> Parser:
@@ -39,6 +42,7 @@ def parser() -> Parser:
         )
     )
     _trade(_of_job(verbs, "trade", "what each saving costs: run time against error over a grid of settings"))
+    _import(verbs.add_parser("import", help=IMPORT, description=IMPORT))
     _export(
         _of_result(verbs, "export", "a result for other programs: .dxf, .csv, .tcl (OpenSees), .json, .vtu")
     )
@@ -134,6 +138,32 @@ def _trade(verb: Parser) -> None:
     _folder(verb, Path("."), "folder of the table (HDF5) and the picture (default: here)")
 
 
+def _import(verb: Parser) -> None:
+    verb.add_argument("drawing", type=Path, metavar="FILE")
+    verb.add_argument("-o", type=Path, required=True, metavar="FOLDER", dest="folder", help="what is written")
+    units = ("m", "dm", "cm", "mm", "km", "in", "ft", "yd")
+    verb.add_argument("--unit", choices=units, help="of the drawing (default: what the file says)")
+    verb.add_argument(
+        "--tolerance",
+        type=_length,
+        default=1e-3,
+        metavar="M",
+        help="ends no farther apart are one node [m] (default: 1e-3)",
+    )
+    verb.add_argument(
+        "--supports",
+        metavar="LAYER",
+        help="layer that marks supports: its points, circles and blocks, and all nodes on its lines; "
+        "or points, of any layer; or outline (default: what the file says, else the outline)",
+    )
+    verb.add_argument(
+        "--layers", type=_words, metavar="NAME,...", help="layers to read, which become groups (default: all)"
+    )
+    verb.add_argument(
+        "--split", action="store_true", help="make a joint wherever elements cross, or an end lies on one"
+    )
+
+
 def _export(verb: Parser) -> None:
     verb.add_argument(
         "-o",
@@ -187,6 +217,22 @@ def _count(text: str) -> int:
 def _counts(text: str) -> list[int]:
     """Different whole numbers >= 1, in ascending order."""
     return sorted({_count(word.strip()) for word in text.split(",")})
+
+
+def _words(text: str) -> list[str]:
+    """Names between commas."""
+    return [word.strip() for word in text.split(",") if word.strip()]
+
+
+def _length(text: str) -> float:
+    """Metres > 0."""
+    try:
+        metres = float(text)
+    except ValueError:
+        metres = 0.0
+    if not 0.0 < metres < 1e3:
+        raise argparse.ArgumentTypeError(f"{text}: expected a length > 0 in m")
+    return metres
 
 
 def _time(text: str) -> float:

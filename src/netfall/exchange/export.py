@@ -10,6 +10,7 @@ from netfall.api.result import Result
 from netfall.errors import InputError
 from netfall.exchange.opensees import write_tcl
 from netfall.exchange.state import State, lengths, state_of
+from netfall.exchange.vtu import write_vtu
 from netfall.job.table import write_table
 from netfall.output.place import writing
 
@@ -112,27 +113,21 @@ def _compas(result: Result, state: State, path: Path) -> list[str]:
 
 
 def _vtu(result: Result, state: State, path: Path) -> list[str]:
-    """An UnstructuredGrid of lines, for ParaView and meshio."""
-    import meshio
-
+    """An UnstructuredGrid of lines, for ParaView."""
     names = sorted(set(state.group.tolist()))
-    mesh = meshio.Mesh(
-        state.position,
-        [("line", state.ends.astype(np.int64))],
-        point_data={
-            "node_id": state.node_id,
-            "fixed": state.fixed.any(1).astype(np.uint8),
-            "displacement": state.displacement.astype(np.float64),
-        },
-        cell_data={
-            "element_id": [state.element_id],
-            "group": [np.array([names.index(name) for name in state.group.tolist()], np.int32)],
-            "tension": [state.tension.astype(np.float64)],
-            "unstressed_length": [state.unstressed_length],
-            "broken": [state.broken.astype(np.uint8)],
-        },
-    )
-    meshio.vtu.write(str(path), mesh, binary=True)
+    points = {
+        "node_id": state.node_id,
+        "fixed": state.fixed.any(1).astype(np.uint8),
+        "displacement": state.displacement,
+    }
+    cells = {
+        "element_id": state.element_id,
+        "group": np.array([names.index(name) for name in state.group.tolist()], np.int32),
+        "tension": state.tension,
+        "unstressed_length": state.unstressed_length,
+        "broken": state.broken.astype(np.uint8),
+    }
+    write_vtu(path, state.position, state.ends, points, cells)
     groups = ", ".join(f"{k} {name or '(none)'}" for k, name in enumerate(names))
     return [f"{path}: {state.name}, {len(state.position)} points, {len(state.ends)} lines; groups: {groups}"]
 
