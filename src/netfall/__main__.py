@@ -1,4 +1,4 @@
-"""The entry point of the command line: netfall check | partition | run | info | plot | scale | trade."""
+"""The entry point of the command line: netfall check | partition | run | info | plot | ..."""
 
 import os
 import signal

@@ -92,7 +92,7 @@ def _in_plan(x: np.ndarray, ends: np.ndarray):
 def outline(x: np.ndarray, ends: np.ndarray) -> np.ndarray:
     """Whether nodes (n,) are the ends of single elements, or lie on the outer boundary of the faces in plan.
 
-    Not those of the boundary that an element joins to such an end, which is where that cable is held.
+    Where most of the boundary is joined to such ends, as in a net without edge cables, only these.
     """
     import shapely
 
@@ -100,10 +100,11 @@ def outline(x: np.ndarray, ends: np.ndarray) -> np.ndarray:
     faces = shapely.get_parts(shapely.polygonize(_in_plan(x, ends)))
     if not len(faces):
         return single
-    around = shapely.get_parts(shapely.union_all(faces, grid_size=None))
-    corners = shapely.get_coordinates([shapely.get_exterior_ring(part) for part in around])
+    whole = shapely.get_parts(shapely.union_all(faces))
+    corners = shapely.get_coordinates(shapely.get_exterior_ring(whole))
     number = lambda xy: xy[:, 0] + 1j * xy[:, 1]
     inner = np.zeros(len(x), bool)
     inner[ends[single[ends].any(1)]] = True
     used = np.bincount(ends.ravel(), minlength=len(x)) > 0
-    return single | (used & ~inner & np.isin(number(x), number(corners)))
+    around = used & np.isin(number(x), number(corners))
+    return single | (around & ~inner if inner[around].mean() > 0.5 else around)

@@ -8,6 +8,7 @@ from netfall.output.frames import Frames
 from netfall.output.plot_style import short_title, unit_of
 
 STAGES = 6  # pictures of the collapse
+MOST_READ = 20_000  # elements in the picture of a net that was read
 MOST_NAMED = 12  # groups in a legend
 MOST_DRAWN = 60_000  # elements in a picture; of larger nets every k-th is drawn
 STYLES = (("taut", "#30507a", 0.8), ("slack", "#9ab8d8", 0.6), ("broken", "#d62728", 1.1))
@@ -116,7 +117,7 @@ def as_read(lines, group: list[str], held, marks, title: str, path) -> None:
     where something is wrong with it.
     """
     names = sorted(set(group))
-    every = max(1, len(lines) // MOST_DRAWN)
+    every = max(1, len(lines) // MOST_READ)
     figure = plt.figure(figsize=(9, 6.2))
     axes = _space(figure, (1, 1, 1), lines.reshape(-1, 3))
     colours = plt.get_cmap("tab10" if len(names) <= 10 else "tab20")
@@ -133,7 +134,7 @@ def as_read(lines, group: list[str], held, marks, title: str, path) -> None:
     ):
         if len(places):
             style = dict(marker=marker, color=colour, s=14, depthshade=False, clip_on=False)
-            axes.scatter(*places[:MOST_DRAWN].T, label=label, **style)
+            axes.scatter(*places[:MOST_READ].T, label=label, **style)
     figure.subplots_adjust(left=0.0, right=1.0, top=0.96, bottom=0.12)
     figure.legend(loc="lower center", ncols=4, frameon=False, fontsize=8)
     figure.suptitle(f"{title}, as it was read", fontsize=10)
