@@ -39,7 +39,7 @@ PACKAGES = {
         *("compile", "mechanics.arithmetic", "parallel.mpi_symbols", "solve.provenance"),
     ],
     "llvmlite": ["compile", "mechanics.arithmetic", "parallel.mpi_symbols"],
-    "scipy": ["solve.form_finding", "solve.modes", "exchange.join", "exchange.faults", "exchange.importing"],
+    "scipy": ["solve.form_finding", "solve.modes", "exchange.join", "exchange.faults"],
     "shapely": ["net", "exchange.faults"],
     "pymetis": ["parallel.partition"],
     "matplotlib": [

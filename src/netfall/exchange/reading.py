@@ -10,7 +10,7 @@ from netfall.exchange import faults
 from netfall.exchange.compas import read_json
 from netfall.exchange.drawing import METRES, Drawing
 from netfall.exchange.dxf import read_dxf
-from netfall.exchange.join import Joined, join, parts_of, split
+from netfall.exchange.join import Joined, join, nearest_nodes, parts_of, split
 from netfall.exchange.vtu import read_vtu
 from netfall.job.values import nearest
 
@@ -205,8 +205,6 @@ def _on_support_layer(reading: Reading) -> np.ndarray:
 
 def _supports(reading: Reading) -> np.ndarray:
     """Which nodes (n,) are held; says where that comes from."""
-    from scipy.spatial import cKDTree
-
     drawing, net, asked = reading.drawing, reading.net, reading.options.supports
     fixed = np.zeros(len(net.x), bool)
     if asked == OUTLINE or (asked is None and not len(drawing.held)):
@@ -221,7 +219,7 @@ def _supports(reading: Reading) -> np.ndarray:
             fixed[net.ends[_on_support_layer(reading)]] = True
         why, advice = {None: "as the file says", AT_POINTS: "at points"}.get(asked, f'layer "{asked}"'), ""
         if len(marks):
-            apart, node = cKDTree(net.x).query(marks)
+            apart, node = nearest_nodes(net.x, marks)
             good = apart <= reading.options.tolerance
             fixed[node[good]] = True
             told = [
