@@ -14,6 +14,7 @@ from test_validation_opensees import needs_opensees, python_with_opensees, shipp
 import netfall
 from netfall.errors import InputError
 from netfall.exchange.export import export
+from netfall.exchange.reading import Options, read_net
 
 # Digits of a number that a text holds in full.
 EXACT = 1e-15
@@ -80,6 +81,18 @@ def test_drawing_shows_the_form_and_the_broken_state(broken, tmp_path):
     assert [line.dxf.layer for line in form.modelspace().query("LINE")] == ["hanging"] * 4 + ["bracing"] * 4
     points = [tuple(point.dxf.location) for point in form.modelspace().query("POINT[layer=='supports']")]
     assert points == [(-10, 0, 2), (10, 0, 2), (0, -10, 0), (0, 10, 0)]
+
+
+@pytest.mark.parametrize("ending", ["dxf", "json", "vtu"])
+def test_what_was_exported_is_imported_as_the_same_net(broken, tmp_path, ending):
+    """The form goes out and comes in again: places, elements and supports."""
+    written(broken, tmp_path / f"form.{ending}")
+    again = read_net(tmp_path / f"form.{ending}", Options(supports="supports" if ending == "dxf" else None))
+    with netfall.open(broken) as result:
+        x = result.form_finding["position"][result.file["net/elements"][:]]
+    in_order = lambda lines: lines[np.lexsort(lines.reshape(-1, 6).T)]  # a Graph is ordered by its nodes
+    assert in_order(again.net.x[again.net.ends]) == pytest.approx(in_order(x), abs=EXACT)
+    assert again.net.x[again.fixed].tolist() == [[-10, 0, 2], [10, 0, 2], [0, -10, 0], [0, 10, 0]]
 
 
 def test_compas_and_vtk_files_hold_the_state(broken, tmp_path):

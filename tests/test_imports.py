@@ -26,7 +26,7 @@ MAY_IMPORT = {
     "study": ["job", "output"],
     "api": ["job", "output", "parallel.agree", "solve.run", "study.launch"],
     "exchange": ["job", "output", "api"],
-    "parser": [],
+    "parser": ["examples"],
     "commands": ["job", "net", "parallel", "output", "solve", "study", "exchange"],
     "__main__": ["parser", "commands"],
 }

@@ -10,6 +10,14 @@ import netfall
 from netfall.errors import InputError
 
 
+def init(arguments) -> None:
+    """netfall init JOB"""
+    from netfall.job.template import write_template
+
+    write_template(arguments.job)
+    print(f"{arguments.job}: a job to start from; next: netfall check {arguments.job}")
+
+
 def check(arguments) -> None:
     """netfall check JOB"""
     from netfall.job.read import read_job

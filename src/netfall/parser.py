@@ -5,8 +5,9 @@ import os
 from pathlib import Path
 
 from netfall.errors import InputError
+from netfall.examples import shown
 
-VERBS = ("check", "partition", "run", "info", "plot", "scale", "trade", "import", "export")
+VERBS = ("check", "partition", "run", "info", "plot", "scale", "trade", "import", "export", "init")
 
 
 class Parser(argparse.ArgumentParser):
@@ -16,6 +17,7 @@ class Parser(argparse.ArgumentParser):
         raise InputError(f"{self.prog}: {message}; {self.prog} --help shows what it takes")
 
 
+INIT = "write a job to start from, with every key in it"
 IMPORT = "a drawing or mesh (.dxf, .json of COMPAS, .vtu) to tables, a picture and a first job"
 
 
@@ -25,6 +27,7 @@ def parser() -> Parser:
     top = Parser(prog="netfall", description=about)
     top.add_argument("--version", action="store_true", help="print the version and the MPI and HDF5 in use")
     verbs = top.add_subparsers(dest="verb", metavar=" | ".join(VERBS))
+    _init(verbs.add_parser("init", help=INIT, description=INIT))
     _of_job(verbs, "check", "validate a job; print sizes, step limits, memory and expected run time")
     _partition(_of_job(verbs, "partition", "write partitions/NAME.graph and NAME.graph.part.P"))
     _run(_of_job(verbs, "run", "run a job; on P ranks: mpirun -n P netfall run JOB"))
@@ -46,7 +49,15 @@ def parser() -> Parser:
     _export(
         _of_result(verbs, "export", "a result for other programs: .dxf, .csv, .tcl (OpenSees), .json, .vtu")
     )
+    for name, verb in verbs.choices.items():
+        verb.epilog, verb.formatter_class = shown(name), argparse.RawDescriptionHelpFormatter
     return top
+
+
+def _init(verb: Parser) -> None:
+    verb.add_argument(
+        "job", type=_file, nargs="?", default=Path("job.toml"), metavar="JOB", help="default: job.toml"
+    )
 
 
 def _of_job(verbs, name: str, text: str) -> Parser:
