@@ -55,7 +55,10 @@ def test_an_import_by_the_command_is_told_and_checked(tmp_path):
     """`netfall import`, and `netfall check` of what it writes; a drawing without a unit is refused."""
     path = Sketch("").net().save(tmp_path / "roof.dxf")
     done = run_netfall("import", path, "-o", tmp_path / "roof")
-    assert done.returncode == 2 and "has no unit ($INSUNITS = 0); say which with --unit" in done.stderr
+    assert (
+        done.returncode == 2
+        and "has no unit that is known ($INSUNITS = 0); say which with --unit" in done.stderr
+    )
     assert not (tmp_path / "roof").exists()
     done = run_netfall("import", path, "-o", tmp_path / "roof", "--unit", "m", "--supports", "outline")
     assert done.returncode == 0 and "14 of 20 nodes are held" in done.stdout, done.stdout + done.stderr
@@ -93,6 +96,9 @@ def test_every_kind_of_line_is_read(tmp_path):
     assert of("f").tolist() == [2.0] and [8, 6, 2] in net.x.round(9).tolist()
     told = "\n".join(reading.lines)
     assert "2 blocks exploded, blocks in blocks to depth 2" in told and "left out: 1 TEXT" in told
+    sketch.document.saveas(tmp_path / "binary.dxf", fmt="bin")
+    again = read_net(tmp_path / "binary.dxf", Options(supports="outline"))
+    assert (again.net.x == net.x).all() and (again.net.ends == net.ends).all()
 
 
 def gaps(s):

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.errors import InputError
-from netfall.exchange.drawing import METRES, Drawing, counted
+from netfall.exchange.drawing import Drawing, counted
 from netfall.exchange.dxf_lines import split_lines
 
 CURVES = ("LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE", "HELIX")
@@ -88,7 +88,7 @@ class _Reader:
         """An entity of the model space, or of a block that stands on `layer`, at so many blocks' depth."""
         kind, own = entity.dxftype(), entity.dxf.layer
         layer = own if layer is None or own != "0" else layer
-        if kind == "INSERT" and layer != self.supports:
+        if kind == "INSERT" and layer != self.supports and layer.lower() not in self.off:
             self._explode(entity, layer, depth)
             return
         if not self.shows(layer):
@@ -200,14 +200,7 @@ def _sides(entity) -> list:
 
 
 def _unit(document) -> tuple[str | None, str]:
-    """The unit of the drawing, as $INSUNITS has it."""
-    from ezdxf import units
-
+    """The unit of the drawing, as $INSUNITS has it; None for no unit, or one that no roof is drawn in."""
     number = int(document.header.get("$INSUNITS", 0))
     name = {1: "in", 2: "ft", 4: "mm", 5: "cm", 6: "m", 7: "km", 10: "yd", 14: "dm"}.get(number)
-    if name is None and number:
-        factor = units.conversion_factor(number, units.M)
-        raise InputError(
-            f"$INSUNITS = {number}: a unit of {factor:g} m; give --unit, one of {', '.join(METRES)}"
-        )
     return name, f"$INSUNITS = {number}"

@@ -12,7 +12,7 @@ def split_lines(text: str) -> tuple[np.ndarray, list[str], str]:
     A DXF file is pairs of lines, a group code and a value; an entity begins with the code 0. (DXF Reference,
     Autodesk, "ENTITIES section".)
     """
-    words = text.splitlines()
+    words = text.split("\n")
     words = words[: len(words) // 2 * 2]
     codes = np.array([int(word) for word in words[0::2]], np.int64)
     values = np.array(words[1::2], dtype=object)

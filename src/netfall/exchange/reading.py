@@ -108,7 +108,7 @@ def _read(path: Path, options: Options) -> Drawing:
             )
     if drawing.unit is None and options.unit is None and path.suffix.lower() == ".dxf":
         raise InputError(
-            f"{path}: the drawing has no unit ({drawing.unit_from}); say which with --unit, "
+            f"{path}: the drawing has no unit that is known ({drawing.unit_from}); say which with --unit, "
             f"one of {', '.join(METRES)}; its extent is {_extent(drawing.lines)}"
         )
     drawing.said = drawing.unit
