@@ -201,3 +201,8 @@ def test_what_cannot_be_exported_is_told(broken, tmp_path):
     done = run_netfall("export", broken, "-o", tmp_path / "a.json", "--time", "late")
     assert done.returncode == 2 and "expected a time >= 0 in s, or end" in done.stderr
     assert list(tmp_path.iterdir()) == []
+    (tmp_path / "own.dxf").write_text("drawn by hand")
+    with pytest.raises(InputError, match="is not what netfall exported"):
+        written(broken, tmp_path / "own.dxf")
+    for name in ("a.dxf", "a.tcl", "a.json", "a.vtu", "a.csv"):  # what netfall wrote it writes again
+        assert written(broken, tmp_path / name) == written(broken, tmp_path / name)

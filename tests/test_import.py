@@ -356,6 +356,20 @@ def test_what_is_no_drawing_is_refused(tmp_path):
             report(tmp_path / name)
 
 
+def test_tables_made_by_hand_are_not_written_over(tmp_path):
+    """A folder with other tables is refused; a job that was changed stays when the drawing is read again."""
+    path = Sketch().net().save(tmp_path / "roof.dxf")
+    (tmp_path / "nodes.csv").write_text("id, x, y, z\n")
+    with pytest.raises(InputError, match="that no import wrote"):
+        import_file(path, tmp_path, Options(), print)
+    import_file(path, tmp_path / "roof", Options(), lambda line: None)
+    job = tmp_path / "roof" / "roof.toml"
+    job.write_text(job.read_text().replace("50e3", "70e3"))
+    said = []
+    import_file(path, tmp_path / "roof", Options(), said.append)
+    assert "70e3" in job.read_text() and "stays as it is" in said[-2]
+
+
 def test_a_drawing_of_a_hundred_thousand_lines_is_read_in_seconds(tmp_path):
     """1e5 lines, with joining and all checks: some 5 s of a core; ten are asked for."""
     sketch = Sketch("mm", cells=(224, 223))

@@ -17,6 +17,7 @@ from netfall.output.place import writing
 AXES = ("x", "y", "z")
 COLOURS = (5, 3, 30, 6, 4, 140, 40, 200)  # of AutoCAD's table, for groups in turn
 RED = 1
+MARK = "by netfall"  # stands in each file that is written: what has it may be replaced
 
 
 def export(source: Path, target: Path, time: float | None, say: Callable[[str], None]) -> None:
@@ -33,6 +34,8 @@ def export(source: Path, target: Path, time: float | None, say: Callable[[str], 
     if target.is_dir() != (write is _tables) and target.exists():
         kind = "a folder" if target.is_dir() else "a file"
         raise InputError(f"-o {target}: is {kind} already; give another name")
+    if target.is_file() and MARK.encode() not in target.read_bytes():
+        raise InputError(f"-o {target}: exists, and is not what netfall exported; give another name")
     if write is write_tcl and time is not None:
         raise InputError("--time: a .tcl holds an equilibrium, not a state in motion; leave --time out")
     with Result(source) as result, writing(target):
@@ -98,7 +101,7 @@ def _compas(result: Result, state: State, path: Path) -> list[str]:
             "broken": bool(state.broken[e]),
         }
     data = {
-        "attributes": {"name": result.title, "state": state.name, "unit": "m"},
+        "attributes": {"name": result.title, "state": state.name, "made": MARK, "unit": "m"},
         "default_node_attributes": {"x": 0.0, "y": 0.0, "z": 0.0, "is_anchor": False},
         "default_edge_attributes": {},
         "node": node,
@@ -127,7 +130,7 @@ def _vtu(result: Result, state: State, path: Path) -> list[str]:
         "unstressed_length": state.unstressed_length,
         "broken": state.broken.astype(np.uint8),
     }
-    write_vtu(path, state.position, state.ends, points, cells)
+    write_vtu(path, state.position, state.ends, points, cells, MARK)
     groups = ", ".join(f"{k} {name or '(none)'}" for k, name in enumerate(names))
     return [f"{path}: {state.name}, {len(state.position)} points, {len(state.ends)} lines; groups: {groups}"]
 
@@ -150,6 +153,7 @@ def _dxf(result: Result, state: State, path: Path) -> list[str]:
         space.add_line(a, b, dxfattribs={"layer": "broken" if broken else layers[group]})
     for x in state.position[state.fixed.any(1)].tolist():
         space.add_point(x, dxfattribs={"layer": "supports"})
+    drawing.header.custom_vars.append("made", MARK)
     drawing.saveas(path)
     shown = ", ".join(dict.fromkeys(layers.values()))
     broken = f", {int(state.broken.sum())} on layer broken" if state.broken.any() else ""

@@ -19,6 +19,8 @@ def import_file(path: Path, folder: Path, options: Options, say: Callable[[str],
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"-o {folder}: is a file; expected a folder")
+    if (folder / "nodes.csv").exists() and not (folder / "report.txt").exists():
+        raise InputError(f"-o {folder}: holds a nodes.csv that no import wrote; give another folder")
     reading = read_net(path, options)
     for line in reading.lines:
         say(line)

@@ -145,14 +145,15 @@ def _base64(data: bytes, length: int) -> bytes:
     return base64.b64decode(data[: 4 * -(-length // 3)])[:length]
 
 
-def write_vtu(path: Path, x: np.ndarray, ends: np.ndarray, point_data: dict, cell_data: dict) -> None:
-    """Lines between points x (p, 3), with arrays of points and cells by name; all digits, as text."""
+def write_vtu(path: Path, x: np.ndarray, ends: np.ndarray, point_data: dict, cell_data: dict, comment: str):
+    """Write lines between points x (p, 3), with arrays of points and cells by name; all digits, as text."""
     m = len(ends)
     cells = {"connectivity": ends.astype(np.int64).ravel()}
     cells |= {"offsets": 2 * np.arange(1, m + 1), "types": np.full(m, LINE, np.uint8)}
     sections = {"PointData": point_data, "CellData": cell_data, "Points": {"Points": x}, "Cells": cells}
     lines = [
         '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
+        f"<!-- {comment} -->",
         f'<UnstructuredGrid><Piece NumberOfPoints="{len(x)}" NumberOfCells="{m}">',
     ]
     for section, arrays in sections.items():
