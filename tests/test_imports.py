@@ -24,21 +24,26 @@ MAY_IMPORT = {
     "output": ["job", "net", "mechanics", "parallel"],
     "solve": ["job", "net", "mechanics", "wind", "parallel", "step", "output"],
     "study": ["job", "output"],
-    "parser": [],
-    "commands": ["job", "net", "parallel", "output", "solve", "study"],
+    "api": ["job", "output", "parallel.agree", "solve.run", "study.launch"],
+    "exchange": ["job", "output", "api"],
+    "parser": ["examples"],
+    "commands": ["job", "net", "parallel", "output", "solve", "study", "exchange"],
     "__main__": ["parser", "commands"],
 }
 
 # Package -> the rooms and modules that may import it; numpy and the standard library are free to all.
 PACKAGES = {
-    "mpi4py": ["parallel", "step", "output", "solve", "commands", "__main__"],
+    "mpi4py": ["parallel", "step", "output", "solve", "api.run", "commands", "__main__"],
     "h5py": ["output", "study", "solve.run", "solve.provenance", "wind.taps"],
     "numba": [  # besides compile: intrinsics, and the version for /provenance
         *("compile", "mechanics.arithmetic", "parallel.mpi_symbols", "solve.provenance"),
     ],
     "llvmlite": ["compile", "mechanics.arithmetic", "parallel.mpi_symbols"],
-    "scipy": ["solve.form_finding", "solve.modes", "solve.aggregation", "solve.multilevel", "solve.tangent"],
-    "shapely": ["net"],
+    "scipy": [
+        *("solve.form_finding", "solve.modes", "solve.aggregation", "solve.multilevel", "solve.tangent"),
+        *("exchange.join", "exchange.faults"),
+    ],
+    "shapely": ["net", "exchange.faults"],
     "pymetis": ["parallel.partition"],
     "matplotlib": [
         *("output.plot", "output.plot_net", "output.plot_roof", "output.plot_curves", "output.plot_style"),
@@ -46,6 +51,7 @@ PACKAGES = {
     ],
     "mpl_toolkits": ["output.plot_net", "output.plot_modes", "output.plot_utilisation"],
     "tqdm": ["output.progress"],
+    "ezdxf": ["exchange"],
 }
 
 # Modules that work on a machine without MPI -> what they and all that they import must not reach.

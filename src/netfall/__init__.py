@@ -6,4 +6,50 @@ The work in order: a **job** (what was asked), a **net** (nodes, cables, support
 statics, dynamics), the **output** (result file, pictures). Imports run from left to right of that line.
 """
 
+from importlib import import_module
+
+from netfall.errors import DivergedError, InputError, Interrupted, OutputError
+
 __version__ = "0.1.0"
+__all__ = [
+    "DivergedError",
+    "InputError",
+    "Interrupted",
+    "Net",
+    "OutputError",
+    "Result",
+    "open",
+    "run",
+]
+
+
+def open(path):
+    """The `Result` in a file: result.history["kinetic_energy"], result.tension(element=17), ...
+
+    Raises InputError for a file that is no result of netfall.
+    """
+    return import_module("netfall.api.result").Result(path)
+
+
+def run(job, overrides=None, ranks=None, output=None, quiet=True):
+    """Run a job and give its `Result`.
+
+    job : path of a job file; or a dict with its sections, {"net": {...}, "cable": {"modulus": 1.6e11, ...}}.
+        There "net" may be a `Net`, or hold its arrays: {"nodes": (n, 3), "elements": (m, 2), "fixed": (n,),
+        "groups": (m,)}. Paths in a dict are relative to the working directory.
+    overrides : keys and values, {"wind.speed": 36.0}, as --set of the command
+    ranks : MPI ranks; more than one are started for the run. None: one, or those of mpirun if a script runs
+        under it; there the call is collective, and every rank gets the result.
+    output : path of the result file; None: a temporary one, gone when the result is
+    quiet : False prints what the command prints
+
+    Raises InputError if the job is wrong (every error a line), DivergedError if it has no solution.
+    """
+    return import_module("netfall.api.run").run(job, overrides, ranks, output, quiet)
+
+
+def __getattr__(name: str):
+    """Net and Result, which load numpy and h5py, when they are asked for."""
+    if name in ("Net", "Result"):
+        return getattr(import_module(f"netfall.api.{name.lower()}"), name)
+    raise AttributeError(f"module 'netfall' has no attribute {name!r}")

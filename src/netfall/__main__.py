@@ -25,6 +25,11 @@ def check_verb(words: list[str]) -> None:
     raise InputError(f"netfall {words[0]}: is no command; {advice}")
 
 
+def _command(verb: str):
+    """What does it; a word of Python has a _ after it."""
+    return getattr(commands, f"{verb}_" if verb == "import" else verb)
+
+
 def main() -> None:
     """Entry point: run a command; the exit code says how it ended (jobs/README.md)."""
     top = parser()
@@ -34,7 +39,7 @@ def main() -> None:
         if arguments.verb is None and not arguments.version:
             top.print_help()
             sys.exit(2)
-        commands.version() if arguments.version else getattr(commands, arguments.verb)(arguments)
+        commands.version() if arguments.version else _command(arguments.verb)(arguments)
     except (InputError, DivergedError, Interrupted) as error:
         if _rank() == 0:
             print(error, file=sys.stderr, flush=True)

@@ -10,6 +10,14 @@ import netfall
 from netfall.errors import InputError
 
 
+def init(arguments) -> None:
+    """netfall init JOB"""
+    from netfall.job.template import write_template
+
+    write_template(arguments.job)
+    print(f"{arguments.job}: a job to start from; next: netfall check {arguments.job}")
+
+
 def check(arguments) -> None:
     """netfall check JOB"""
     from netfall.job.read import read_job
@@ -126,6 +134,21 @@ def trade(arguments) -> None:
         lambda line: print(line, flush=True),
     ):
         print(path)
+
+
+def import_(arguments) -> None:
+    """netfall import FILE -o FOLDER"""
+    from netfall.exchange.importing import Options, import_file
+
+    asked = {name: getattr(arguments, name) for name in Options.__dataclass_fields__}
+    import_file(arguments.drawing, arguments.folder, Options(**asked), print)
+
+
+def export(arguments) -> None:
+    """netfall export RESULT -o FILE"""
+    from netfall.exchange.export import export as write
+
+    write(arguments.result, arguments.output, arguments.time, print)
 
 
 def version() -> None:

@@ -5,8 +5,9 @@ import os
 from pathlib import Path
 
 from netfall.errors import InputError
+from netfall.examples import shown
 
-VERBS = ("check", "partition", "run", "info", "plot", "report", "scale", "trade")
+VERBS = ("check", "partition", "run", "info", "plot", "report", "scale", "trade", "import", "export", "init")
 
 
 class Parser(argparse.ArgumentParser):
@@ -16,12 +17,17 @@ class Parser(argparse.ArgumentParser):
         raise InputError(f"{self.prog}: {message}; {self.prog} --help shows what it takes")
 
 
+INIT = "write a job to start from, with every key in it"
+IMPORT = "a drawing or mesh (.dxf, .json of COMPAS, .vtu) to tables, a picture and a first job"
+
+
 def parser() -> Parser:
     """The commands and their options."""
     about = "Form finding, load and collapse analysis of cable roofs on MPI ranks."
     top = Parser(prog="netfall", description=about)
     top.add_argument("--version", action="store_true", help="print the version and the MPI and HDF5 in use")
     verbs = top.add_subparsers(dest="verb", metavar=" | ".join(VERBS))
+    _init(verbs.add_parser("init", help=INIT, description=INIT))
     _of_job(verbs, "check", "validate a job; print sizes, step limits, memory and expected run time")
     _partition(_of_job(verbs, "partition", "write partitions/NAME.graph and NAME.graph.part.P"))
     _run(_of_job(verbs, "run", "run a job; on P ranks: mpirun -n P netfall run JOB"))
@@ -46,7 +52,19 @@ def parser() -> Parser:
         )
     )
     _trade(_of_job(verbs, "trade", "what each saving costs: run time against error over a grid of settings"))
+    _import(verbs.add_parser("import", help=IMPORT, description=IMPORT))
+    _export(
+        _of_result(verbs, "export", "a result for other programs: .dxf, .csv, .tcl (OpenSees), .json, .vtu")
+    )
+    for name, verb in verbs.choices.items():
+        verb.epilog, verb.formatter_class = shown(name), argparse.RawDescriptionHelpFormatter
     return top
+
+
+def _init(verb: Parser) -> None:
+    verb.add_argument(
+        "job", type=_file, nargs="?", default=Path("job.toml"), metavar="JOB", help="default: job.toml"
+    )
 
 
 def _of_job(verbs, name: str, text: str) -> Parser:
@@ -162,6 +180,49 @@ def _trade(verb: Parser) -> None:
     _folder(verb, Path("."), "folder of the table (HDF5) and the picture (default: here)")
 
 
+def _import(verb: Parser) -> None:
+    verb.add_argument("drawing", type=Path, metavar="FILE")
+    verb.add_argument("-o", type=Path, required=True, metavar="FOLDER", dest="folder", help="what is written")
+    units = ("m", "dm", "cm", "mm", "km", "in", "ft", "yd")
+    verb.add_argument("--unit", choices=units, help="of the drawing (default: what the file says)")
+    verb.add_argument(
+        "--tolerance",
+        type=_length,
+        default=1e-3,
+        metavar="M",
+        help="ends no farther apart are one node [m] (default: 1e-3)",
+    )
+    verb.add_argument(
+        "--supports",
+        metavar="LAYER",
+        help="layer that marks supports: its points, circles and blocks, and all nodes on its lines; "
+        "or points, of any layer; or outline (default: what the file says, else the outline)",
+    )
+    verb.add_argument(
+        "--layers", type=_words, metavar="NAME,...", help="layers to read, which become groups (default: all)"
+    )
+    verb.add_argument(
+        "--split", action="store_true", help="make a joint wherever elements cross, or an end lies on one"
+    )
+
+
+def _export(verb: Parser) -> None:
+    verb.add_argument(
+        "-o",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        dest="output",
+        help="what to write; the ending names the format (.csv: a folder of tables)",
+    )
+    verb.add_argument(
+        "--time",
+        type=_time,
+        metavar="T",
+        help="the state at this time [s], or end for the last (default: the form)",
+    )
+
+
 # --- options that several commands have
 
 
@@ -198,6 +259,33 @@ def _count(text: str) -> int:
 def _counts(text: str) -> list[int]:
     """Different whole numbers >= 1, in ascending order."""
     return sorted({_count(word.strip()) for word in text.split(",")})
+
+
+def _words(text: str) -> list[str]:
+    """Names between commas."""
+    return [word.strip() for word in text.split(",") if word.strip()]
+
+
+def _length(text: str) -> float:
+    """Metres > 0."""
+    try:
+        metres = float(text)
+    except ValueError:
+        metres = 0.0
+    if not 0.0 < metres < 1e3:
+        raise argparse.ArgumentTypeError(f"{text}: expected a length > 0 in m")
+    return metres
+
+
+def _time(text: str) -> float:
+    """Seconds; inf for "end"."""
+    try:
+        seconds = float("inf") if text == "end" else float(text)
+    except ValueError:
+        seconds = -1.0
+    if not seconds >= 0.0:
+        raise argparse.ArgumentTypeError(f"{text}: expected a time >= 0 in s, or end")
+    return seconds
 
 
 def _duration(text: str) -> float:

@@ -142,3 +142,12 @@ def _rows_of(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
         raise InputError(f"{path}: {error.strerror or error}; paths are relative to the job file") from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: not a CSV table ({error})") from None
+
+
+def write_table(path: Path, columns: dict) -> None:
+    """Write columns of one length by name as a table that `Table` reads; numbers come back exactly."""
+    cells = [np.asarray(values).tolist() for values in columns.values()]
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*cells))

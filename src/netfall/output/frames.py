@@ -19,13 +19,29 @@ class Frames:
         start, n = int(self.g[f"Steps/PointDataOffsets/{name}"][step]), self._points(step)
         return self.g[f"PointData/{name}"][start : start + n]
 
+    def cell_part(self, name, step, low, high):
+        """Rows low to high of a cell field at a step."""
+        start = int(self.g[f"Steps/CellDataOffsets/{name}"][step])
+        return self.g[f"CellData/{name}"][start + low : start + high]
+
+    def point_part(self, name, step, low, high):
+        """Rows low to high of a point field at a step; the nodes of the net come first."""
+        start = int(self.g[f"Steps/PointDataOffsets/{name}"][step])
+        return self.g[f"PointData/{name}"][start + low : start + high]
+
     def _points(self, step):
         return int(self.g["NumberOfPoints"][int(self.g["Steps/PartOffsets"][step])])
 
+    def positions(self, step):
+        """Positions (points, 3) [m] at a step."""
+        first = int(self.g["Steps/PointOffsets"][step])
+        return self.g["Points"][first : first + self._points(step)]
+
+    def ends(self, step):
+        """Rows (m, 2) of the points at the ends of the elements at a step."""
+        link = int(self.g["Steps/ConnectivityIdOffsets"][step, 0])
+        return self.g["Connectivity"][link : link + 2 * self.cells].reshape(-1, 2)
+
     def lines(self, step):
         """End points (m, 2, 3) [m] of the elements at a step."""
-        s = self.g["Steps"]
-        n = self._points(step)
-        first, link = int(s["PointOffsets"][step]), int(s["ConnectivityIdOffsets"][step, 0])
-        points = self.g["Points"][first : first + n]
-        return points[self.g["Connectivity"][link : link + 2 * self.cells].reshape(-1, 2)]
+        return self.positions(step)[self.ends(step)]

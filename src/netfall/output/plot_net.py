@@ -8,6 +8,8 @@ from netfall.output.frames import Frames
 from netfall.output.plot_style import short_title, unit_of
 
 STAGES = 6  # pictures of the collapse
+MOST_READ = 20_000  # elements in the picture of a net that was read
+MOST_NAMED = 12  # groups in a legend
 MOST_DRAWN = 60_000  # elements in a picture; of larger nets every k-th is drawn
 STYLES = (("taut", "#30507a", 0.8), ("slack", "#9ab8d8", 0.6), ("broken", "#d62728", 1.1))
 
@@ -108,3 +110,33 @@ def _space(figure, place, points):
     axes.zaxis.set_major_locator(plt.MaxNLocator(3))
     axes.tick_params(labelsize=7, pad=1)
     return axes
+
+
+def as_read(lines, group: list[str], held, marks, title: str, path) -> None:
+    """Write a picture of a net that was read: lines (m, 2, 3) [m] by group, supports (h, 3), and marks (k, 3)
+    where something is wrong with it.
+    """
+    names = sorted(set(group))
+    every = max(1, len(lines) // MOST_READ)
+    figure = plt.figure(figsize=(9, 6.2))
+    axes = _space(figure, (1, 1, 1), lines.reshape(-1, 3))
+    colours = plt.get_cmap("tab10" if len(names) <= 10 else "tab20")
+    of = np.array([names.index(name) for name in group])[::every]
+    for k, name in enumerate(names):
+        shown = lines[::every][of == k]
+        label = f"{name or '(none)'}, {int(np.sum(np.array(group) == name))}" if k < MOST_NAMED else None
+        axes.add_collection3d(
+            Line3DCollection(shown, colors=[colours(k % 20)], linewidths=0.9, label=label, clip_on=False)
+        )
+    for places, marker, colour, label in (
+        (held, "s", "#222222", f"supports, {len(held)}"),
+        (np.reshape(marks, (-1, 3)), "x", "#d62728", f"faults, {len(marks)}"),
+    ):
+        if len(places):
+            style = dict(marker=marker, color=colour, s=14, depthshade=False, clip_on=False)
+            axes.scatter(*places[:MOST_READ].T, label=label, **style)
+    figure.subplots_adjust(left=0.0, right=1.0, top=0.96, bottom=0.12)
+    figure.legend(loc="lower center", ncols=4, frameon=False, fontsize=8)
+    figure.suptitle(f"{title}, as it was read", fontsize=10)
+    figure.savefig(path, dpi=130)
+    plt.close(figure)

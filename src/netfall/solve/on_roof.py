@@ -41,10 +41,13 @@ def mean_pressure(job: Job, coefficient: np.ndarray, field: WindField, mean_gust
 
 
 def load_section(job: Job, zones: Zones) -> dict[str, np.ndarray]:
-    """The datasets of /load: snow and pressure (n,) [N/m2] of what has any; nan: a pressure along axes."""
+    """The datasets of /load: snow and pressure (n,) [N/m2], temperature [K], of what has any.
+
+    A pressure along axes is nan.
+    """
     if job.load is None:
         return {}
-    found = {}
+    found = {"temperature": np.float64(job.load.temperature)} if job.load.temperature else {}
     if any(value for value, _ in zones.parts(job.load, "snow")):
         found["snow"] = zones.spread(job.load, "snow")
     parts = zones.parts(job.load, "pressure")

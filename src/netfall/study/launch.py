@@ -41,6 +41,15 @@ def passing_result(folder: Path) -> Iterator[Path]:
         yield Path(place) / "result.vtkhdf"
 
 
+def run_command(
+    launcher: str, ranks: int, job: Path, output: Path, overrides: list[str], *options: str
+) -> list[str]:
+    """The words of `netfall run` on so many ranks, for `subprocess`. launcher : command with {ranks} in it"""
+    own = [sys.executable, "-m", "netfall", "run", str(job), "-o", str(output), *options]
+    settings = [word for override in overrides for word in ("--set", override)]
+    return [*shlex.split(launcher.format(ranks=ranks)), *own, *settings]
+
+
 def run_job_command(
     launcher: str, ranks: int, job: Path, output: Path, overrides: list[str], *options: str
 ) -> None:
@@ -50,20 +59,7 @@ def run_job_command(
 
     Raises RunFailed if it does not end with exit code 0, with what it printed.
     """
-    command = [
-        *shlex.split(launcher.format(ranks=ranks)),
-        sys.executable,
-        "-m",
-        "netfall",
-        "run",
-        str(job),
-        "-o",
-        str(output),
-        "--quiet",
-        *options,
-    ]
-    for override in overrides:
-        command += ["--set", override]
+    command = run_command(launcher, ranks, job, output, overrides, "--quiet", *options)
     try:
         ended = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
     except OSError as error:

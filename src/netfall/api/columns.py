@@ -1,0 +1,63 @@
+"""Tables of a result as Python sees them: columns by name."""
+
+from collections.abc import Callable, Iterator, Mapping
+
+import numpy as np
+
+from netfall.job.values import nearest
+
+
+class Columns(Mapping):
+    """Arrays by name, each read when it is asked for. `dict(columns)` reads all; a pandas.DataFrame takes it.
+
+    names : of the columns, as they are listed; read : gives the array of a name; units : of some of them
+    """
+
+    def __init__(self, place: str, names: list[str], read: Callable[[str], np.ndarray], units=None):
+        """place : what it is, for messages"""
+        self._place, self._names, self._read, self.units = place, list(names), read, units or {}
+        self._kept: dict[str, np.ndarray] = {}
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name not in self._names:
+            raise KeyError(f"{self._place}: no column {name!r}; {nearest(str(name), self._names)}")
+        if name not in self._kept:
+            self._kept[name] = self._read(name)
+        return self._kept[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __repr__(self) -> str:
+        told = [f"  {name} {_shape(self[name])} {self.units.get(name, '')}".rstrip() for name in self]
+        return "\n".join([f"{self._place}:", *told])
+
+
+def _shape(values) -> str:
+    return str(np.shape(values)).replace(",)", ")")
+
+
+def of_group(place: str, group, renamed: dict[str, str] | None = None) -> Columns:
+    """The datasets of an HDF5 group. renamed : dataset by name of the column, in place of its own names"""
+    names = renamed or {name: name for name in group if hasattr(group[name], "shape")}
+    units = {name: _unit(group[dataset]) for name, dataset in names.items() if "unit" in group[dataset].attrs}
+    return Columns(place, list(names), lambda name: _values(group[names[name]]), units)
+
+
+def of_arrays(place: str, arrays: dict[str, Callable[[], np.ndarray]], units=None) -> Columns:
+    """Arrays that functions give."""
+    return Columns(place, list(arrays), lambda name: arrays[name](), units)
+
+
+def _values(dataset) -> np.ndarray:
+    """A dataset as an array, texts as str."""
+    kind = dataset.dtype
+    return np.array(dataset.asstr()[()], str) if kind.kind == "O" else dataset[()]
+
+
+def _unit(dataset) -> str:
+    unit = dataset.attrs["unit"]
+    return f"[{unit.decode() if isinstance(unit, bytes) else unit}]"

@@ -1,0 +1,103 @@
+"""A net made in Python from arrays, and its tables."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from netfall.errors import InputError
+from netfall.job.table import write_table
+
+AXES = ("x", "y", "z")
+
+
+@dataclass
+class Net:
+    """A net of n nodes and m elements from arrays, for the "net" of a job that is a dict.
+
+    nodes : (n, 3) [m]; elements : (m, 2) nodes at the ends, by their ids
+    fixed : (n,) or (n, 3) bool, held in all directions or by axis; groups : (m,) names, or one for all
+    node_id : (n,), else 0 to n - 1; element_id : (m,), else 0 to m - 1
+    node_columns, element_columns : further columns of the tables by name, (n,) or (m,), or one value for all:
+        {"mass": ..., "load_z": ...} and {"prestress": ..., "force_density": ..., "unstressed_length": ...}
+    """
+
+    nodes: np.ndarray
+    elements: np.ndarray
+    fixed: np.ndarray = None
+    groups: list[str] | str = None
+    node_id: np.ndarray = None
+    element_id: np.ndarray = None
+    node_columns: dict = field(default_factory=dict)
+    element_columns: dict = field(default_factory=dict)
+
+    def node_table(self) -> dict[str, np.ndarray]:
+        """The columns of nodes.csv. Raises InputError for arrays that do not fit each other."""
+        x = _array("nodes", self.nodes, (None, 3), float)
+        n = len(x)
+        table = {"id": _ids("node_id", self.node_id, n), **{k: x[:, i] for i, k in enumerate(AXES)}}
+        fixed = np.zeros(n, bool) if self.fixed is None else np.asarray(self.fixed)
+        if fixed.shape not in ((n,), (n, 3)) or not np.isin(fixed, (0, 1)).all():
+            raise InputError(
+                f"Net: fixed has the shape {fixed.shape}: expected ({n},) or ({n}, 3) of True or False, "
+                "a value for each node"
+            )
+        fixed = fixed.astype(int)
+        table |= (
+            {"fixed": fixed} if fixed.ndim == 1 else {f"fixed_{k}": fixed[:, i] for i, k in enumerate(AXES)}
+        )
+        return table | _columns("node_columns", self.node_columns, n)
+
+    def element_table(self) -> dict[str, np.ndarray]:
+        """The columns of elements.csv. Raises InputError for arrays that do not fit each other."""
+        ends = _array("elements", self.elements, (None, 2), int)
+        m = len(ends)
+        table = {"id": _ids("element_id", self.element_id, m), "start": ends[:, 0], "end": ends[:, 1]}
+        if self.groups is not None:
+            table |= _columns("groups", {"group": self.groups}, m)
+        return table | _columns("element_columns", self.element_columns, m)
+
+    def write(self, folder: str | Path) -> dict[str, str]:
+        """Write nodes.csv and elements.csv into a folder; the [net] of a job in that folder."""
+        folder = Path(folder)
+        tables = {"nodes.csv": self.node_table(), "elements.csv": self.element_table()}
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, table in tables.items():
+            write_table(folder / name, table)
+        return {"nodes": "nodes.csv", "elements": "elements.csv"}
+
+
+def _array(name: str, values, shape: tuple, kind) -> np.ndarray:
+    """Values as an array of so many columns. Raises InputError."""
+    array = np.asarray(values)
+    expected = "(n, 3) of numbers [m]" if kind is float else "(m, 2) of ids of nodes"
+    whole = kind is float or np.issubdtype(array.dtype, np.integer)
+    if array.ndim != 2 or array.shape[1] != shape[1] or array.dtype.kind not in "iuf" or not whole:
+        raise InputError(f"Net: {name} has the shape {array.shape} of {array.dtype}: expected {expected}")
+    return array.astype(kind)
+
+
+def _ids(name: str, values, rows: int) -> np.ndarray:
+    if values is None:
+        return np.arange(rows)
+    array = np.asarray(values)
+    if array.shape != (rows,) or array.dtype.kind not in "iu":
+        raise InputError(
+            f"Net: {name} has the shape {array.shape} of {array.dtype}: expected {rows} integers"
+        )
+    return array
+
+
+def _columns(name: str, given: dict, rows: int) -> dict[str, np.ndarray]:
+    """Columns of so many rows; one value serves all. A nan is an empty cell."""
+    found = {}
+    for column, values in given.items():
+        array = np.asarray(values)
+        if array.shape not in ((), (rows,)):
+            raise InputError(
+                f"Net: {name} {column!r} has the shape {array.shape}: expected ({rows},), or one value"
+            )
+        array = np.broadcast_to(array, rows)
+        empty = np.isnan(array) if array.dtype.kind == "f" else np.zeros(rows, bool)
+        found[column] = np.where(empty, "", array.astype(object)) if empty.any() else array
+    return found

@@ -1,0 +1,37 @@
+"""What `netfall COMMAND --help` shows at its end: commands as they are typed."""
+
+EXAMPLES: dict[str, tuple[str, ...]] = {
+    "init": ("netfall init roof.toml",),
+    "check": (
+        "netfall check jobs/stadium.toml",
+        "netfall check roof.toml --set wind.speed=45 --set cable.prestress=80e3",
+    ),
+    "partition": ("netfall partition jobs/stadium.toml -n 8",),
+    "run": (
+        "netfall run roof.toml",
+        "mpirun -n 2 netfall run jobs/stadium.toml -o results/stadium.vtkhdf",
+        "netfall run roof.toml -o gust.vtkhdf --set wind.seed=7 --set output.checkpoint=1",
+        "netfall run roof.toml --restart roof.checkpoint-3-00004000.h5 --walltime 02:00:00",
+    ),
+    "info": ("netfall info results/stadium.vtkhdf",),
+    "plot": ("netfall plot results/stadium.vtkhdf -o pictures",),
+    "scale": ('netfall scale jobs/stadium.toml --ranks 1,2,4 --launcher "srun -n {ranks}"',),
+    "trade": ("netfall trade jobs/saddle.toml --vary dynamics.safety=0.8,0.4,0.2",),
+    "import": (
+        "netfall import roof.dxf -o roof",
+        "netfall import roof.dxf -o roof --unit mm --supports anchors --layers cables,edge",
+        "netfall import plan.dxf -o plan --split --tolerance 5e-3",
+    ),
+    "export": (
+        "netfall export roof.vtkhdf -o roof.dxf",
+        "netfall export roof.vtkhdf -o collapse.vtu --time 4.2",
+        "netfall export roof.vtkhdf -o roof.tcl",
+    ),
+}
+
+
+def shown(verb: str) -> str:
+    """The examples of a command as they stand below its options."""
+    lines = EXAMPLES.get(verb, ())
+    title = "examples:" if len(lines) > 1 else "example:"
+    return "\n".join([title, *(f"  {line}" for line in lines)]) if lines else ""

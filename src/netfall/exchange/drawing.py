@@ -1,0 +1,62 @@
+"""What is read of a drawing or mesh, whatever its format: lines, points, layers."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+METRES = {
+    "m": 1.0,
+    "cm": 0.01,
+    "mm": 0.001,
+    "dm": 0.1,
+    "km": 1000.0,
+    "in": 0.0254,
+    "ft": 0.3048,
+    "yd": 0.9144,
+}
+
+
+@dataclass
+class Drawing:
+    """k lines and p points.
+
+    lines : (k, 2, 3), in the unit of the drawing until `scaled`; layer : (k,) rows of `layers`
+    points : (p, 3) that may mark supports; point_layer : (p,) rows of `layers`
+    held : (q, 3) supports that the file itself names
+    keys : (k, 2) ids of nodes at the ends, None: the file has none
+    columns : of the elements by name, (k,)
+    unit : that of the coordinates; said : what the file says, None: nothing; unit_from : where it says so
+    read, left_out : what was found, in words and numbers
+    """
+
+    lines: np.ndarray
+    layer: np.ndarray
+    layers: list[str]
+    points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    point_layer: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    held: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    keys: np.ndarray = None
+    columns: dict[str, np.ndarray] = field(default_factory=dict)
+    unit: str | None = None
+    said: str | None = None
+    unit_from: str = ""
+    read: list[str] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
+
+    def scaled(self, unit: str) -> None:
+        """Bring all coordinates to metres."""
+        factor = METRES[unit]
+        times, by = (1.0, round(1.0 / factor)) if factor in (0.1, 0.01, 0.001) else (factor, 1.0)
+        for name in ("lines", "points", "held"):
+            setattr(self, name, getattr(self, name) * times / by)  # 2200 mm are 2.2 m to the last bit
+
+
+def counted(words: dict[str, int]) -> str:
+    """Counts by name, in words: "12 LINE, 3 ARC"."""
+    return ", ".join(f"{count} {name}" for name, count in sorted(words.items()))
+
+
+def edges_of(faces) -> np.ndarray:
+    """The sides (k, 2) of faces, each a list of nodes, once."""
+    pairs = [(a, b) for face in faces for a, b in zip(face, [*face[1:], face[0]], strict=True)]
+    return np.unique(np.sort(np.array(pairs, np.int64).reshape(-1, 2), axis=1), axis=0)

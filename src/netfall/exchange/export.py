@@ -1,0 +1,166 @@
+"""`netfall export`: a result in the format that a file's ending names."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from netfall.api.result import Result
+from netfall.errors import InputError
+from netfall.exchange.opensees import write_tcl
+from netfall.exchange.state import State, lengths, state_of
+from netfall.exchange.vtu import write_vtu
+from netfall.job.table import write_table
+from netfall.output.place import writing
+
+AXES = ("x", "y", "z")
+COLOURS = (5, 3, 30, 6, 4, 140, 40, 200)  # of AutoCAD's table, for groups in turn
+RED = 1
+MARK = "by netfall"  # stands in each file that is written: what has it may be replaced
+
+
+def export(source: Path, target: Path, time: float | None, say: Callable[[str], None]) -> None:
+    """Write a result to a file, in the format of its ending. time : [s], None: the form; inf: the last frame
+
+    Raises InputError for another ending, a time that there is not, or a file that is no result.
+    """
+    writers = {".dxf": _dxf, ".csv": _tables, ".tcl": write_tcl, ".json": _compas, ".vtu": _vtu}
+    write = writers.get(target.suffix.lower(), _tables if target.suffix == "" else None)
+    if write is None:
+        raise InputError(f"-o {target}: the ending names the format; expected one of {', '.join(writers)}")
+    if not target.parent.is_dir():
+        raise InputError(f"-o {target}: the folder {target.parent} does not exist; make it")
+    if target.is_dir() != (write is _tables) and target.exists():
+        kind = "a folder" if target.is_dir() else "a file"
+        raise InputError(f"-o {target}: is {kind} already; give another name")
+    if target.is_file() and MARK.encode() not in target.read_bytes():
+        raise InputError(f"-o {target}: exists, and is not what netfall exported; give another name")
+    if write is write_tcl and time is not None:
+        raise InputError("--time: a .tcl holds an equilibrium, not a state in motion; leave --time out")
+    with Result(source) as result, writing(target):
+        for line in write(result, state_of(result, time), target):
+            say(line)
+
+
+def _tables(result: Result, state: State, folder: Path) -> list[str]:
+    """nodes.csv and elements.csv, which netfall reads as a net, history.csv and events.csv."""
+    folder.mkdir(exist_ok=True)
+    found = hasattr(result, "form_finding") and state.time is None
+    nodes = {"id": state.node_id, **{k: state.position[:, i] for i, k in enumerate(AXES)}}
+    nodes |= {f"fixed_{k}": state.fixed[:, i].astype(int) for i, k in enumerate(AXES)}
+    elements = {"id": state.element_id, "start": state.node_id[state.ends[:, 0]]}
+    elements |= {"end": state.node_id[state.ends[:, 1]], "group": state.group}
+    # Form finding takes no unstressed lengths; the prestress of a form gives the same ones.
+    elements |= {"prestress": state.tension} if found else {"unstressed_length": state.unstressed_length}
+    if state.time is not None:
+        elements |= {"tension": state.tension, "broken": state.broken.astype(int)}
+    tables = {"nodes": nodes, "elements": elements}
+    if hasattr(result, "history"):
+        tables |= {"history": _history(result), "events": dict(result.events)}
+    for name, columns in tables.items():
+        write_table(folder / f"{name}.csv", columns)
+    told = [f"{folder / name}.csv: {len(next(iter(table.values())))} rows" for name, table in tables.items()]
+    return [f"{folder}: {state.name}; coordinates in m, forces in N", *told]
+
+
+def _history(result: Result) -> dict[str, np.ndarray]:
+    """The columns of /history; those of probes by the ids of their nodes and elements."""
+    history = result.history
+    columns = {name: history[name] for name in history if not name.startswith("probe")}
+    if "probe_particle" in history:
+        nodes = result.nodes["id"][history["probe_particle"]]
+        elements = result.elements["id"][history["probe_element"]]
+        for row, node in enumerate(nodes):
+            for i, k in enumerate(AXES):
+                columns[f"displacement_{k} of node {node}"] = history["probe_displacement"][:, row, i]
+        for row, element in enumerate(elements):
+            columns[f"tension of element {element}"] = history["probe_tension"][:, row]
+    return columns
+
+
+def _compas(result: Result, state: State, path: Path) -> list[str]:
+    """A Graph of COMPAS 2, `compas.json_load` reads it: nodes and edges with their attributes."""
+    force_density = state.tension / lengths(state.position, state.ends)
+    node = {
+        str(number): {**dict(zip(AXES, x)), "is_anchor": any(fixed), "fixed": fixed}
+        for number, x, fixed in zip(
+            state.node_id.tolist(), state.position.tolist(), state.fixed.tolist(), strict=True
+        )
+    }
+    edge: dict[str, dict] = {number: {} for number in node}
+    doubled = 0
+    for e, (a, b) in enumerate(state.node_id[state.ends].tolist()):
+        doubled += str(b) in edge[str(a)] or str(a) in edge[str(b)]
+        edge[str(a)][str(b)] = {
+            "id": int(state.element_id[e]),
+            "group": str(state.group[e]),
+            "tension": float(state.tension[e]),
+            "q": float(force_density[e]),
+            "unstressed_length": float(state.unstressed_length[e]),
+            "broken": bool(state.broken[e]),
+        }
+    data = {
+        "attributes": {"name": result.title, "state": state.name, "made": MARK, "unit": "m"},
+        "default_node_attributes": {"x": 0.0, "y": 0.0, "z": 0.0, "is_anchor": False},
+        "default_edge_attributes": {},
+        "node": node,
+        "edge": edge,
+        "max_node": int(state.node_id.max()),
+    }
+    path.write_text(json.dumps({"dtype": "compas.datastructures/Graph", "data": data}), encoding="utf-8")
+    told = [f"{path}: {state.name}, {len(node)} nodes, {len(state.ends)} edges; m, N, N/m"]
+    if doubled:
+        told.append(f"note: {doubled} elements join nodes that another one joins: a Graph holds one of them")
+    return told
+
+
+def _vtu(result: Result, state: State, path: Path) -> list[str]:
+    """An UnstructuredGrid of lines, for ParaView."""
+    names = sorted(set(state.group.tolist()))
+    points = {
+        "node_id": state.node_id,
+        "fixed": state.fixed.any(1).astype(np.uint8),
+        "displacement": state.displacement,
+    }
+    cells = {
+        "element_id": state.element_id,
+        "group": np.array([names.index(name) for name in state.group.tolist()], np.int32),
+        "tension": state.tension,
+        "unstressed_length": state.unstressed_length,
+        "broken": state.broken.astype(np.uint8),
+    }
+    write_vtu(path, state.position, state.ends, points, cells, MARK)
+    groups = ", ".join(f"{k} {name or '(none)'}" for k, name in enumerate(names))
+    return [f"{path}: {state.name}, {len(state.position)} points, {len(state.ends)} lines; groups: {groups}"]
+
+
+def _dxf(result: Result, state: State, path: Path) -> list[str]:
+    """Lines in metres, a layer for each group; broken elements and supports on layers of their own."""
+    import ezdxf
+
+    drawing = ezdxf.new("R2010", units=ezdxf.units.M)
+    space = drawing.modelspace()
+    layers = {name: _layer_name(name or "cables") for name in sorted(set(state.group.tolist()))}
+    for k, layer in enumerate(dict.fromkeys(layers.values())):
+        drawing.layers.add(layer, color=COLOURS[k % len(COLOURS)])
+    drawing.layers.add("supports", color=RED)
+    if state.broken.any():
+        drawing.layers.add("broken", color=RED)
+    for (a, b), group, broken in zip(
+        state.position[state.ends].tolist(), state.group.tolist(), state.broken.tolist(), strict=True
+    ):
+        space.add_line(a, b, dxfattribs={"layer": "broken" if broken else layers[group]})
+    for x in state.position[state.fixed.any(1)].tolist():
+        space.add_point(x, dxfattribs={"layer": "supports"})
+    drawing.header.custom_vars.append("made", MARK)
+    drawing.saveas(path)
+    shown = ", ".join(dict.fromkeys(layers.values()))
+    broken = f", {int(state.broken.sum())} on layer broken" if state.broken.any() else ""
+    held = f"{int(state.fixed.any(1).sum())} points on layer supports"
+    return [f"{path}: {state.name}, {len(state.ends)} lines in m on layers {shown}{broken}; {held}"]
+
+
+def _layer_name(name: str) -> str:
+    """A name without what DXF forbids in one."""
+    return "".join("_" if letter in '<>/\\":;?*|=`' else letter for letter in name)

@@ -1,0 +1,61 @@
+"""The first job for a net that was imported: what runs at once, with what is to be decided marked."""
+
+import numpy as np
+
+from netfall.job.toml_text import toml_value
+
+TEXT = """\
+# {name}: a first job for the net that was imported. Sections and forces are placeholders: CHOOSE them.
+#
+#   netfall check {job}
+#   netfall run {job}
+
+title = {title}
+
+[net]
+nodes = "nodes.csv"
+elements = "elements.csv"
+
+[cable]                         # CHOOSE; the values of all groups that have none of their own below
+modulus = 1.6e11                # Pa
+area = 500e-6                   # m2
+density = 7850.0                # kg/m3
+prestress = 50e3                # N, with which the form is found
+# yield_stress = 1.4e9          # Pa
+# fracture_strain = 0.03
+
+{groups}
+[form_finding]                  # finds the form under the prestress; remove it to keep the geometry as drawn
+
+[load]
+self_weight = true
+# dead = 300.0                  # N/m2 of roof surface, cladding
+# snow = 750.0                  # N/m2 in plan
+steps = 1
+
+# [wind]
+# speed = 40.0                  # m/s, mean at 10 m
+# turbulence = 0.2
+# shape_coefficient = -1.3      # suction
+#
+# [dynamics]
+# duration = 6.0                # s
+"""
+GROUP = """\
+# [cable.{name}]
+# area = 500e-6                 # m2
+# kind = "bar"                  # if it carries compression too
+"""
+
+
+def first_job(name: str, groups: list[str], length: np.ndarray) -> str:
+    """The text of the job for a drawing's name, its groups, and the lengths (m,) [m] of its elements."""
+    parts = [GROUP.format(name=toml_key(group)) for group in groups]
+    title = toml_value(" ".join(name.split()) or "imported net")
+    return TEXT.format(name=name, job="this file", title=title, groups="".join(parts))
+
+
+def toml_key(name: str) -> str:
+    """A name as a key of TOML."""
+    bare = name.replace("_", "").replace("-", "")
+    return name if bare.isascii() and bare.isalnum() else toml_value(name)

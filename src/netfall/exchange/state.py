@@ -1,0 +1,103 @@
+"""One state of a result, as other programs take it: points, lines, ids that are unique, tensions."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netfall.api.result import Result
+from netfall.errors import InputError
+
+
+@dataclass(frozen=True)
+class State:
+    """p points, the nodes of the net and those that split off; m elements.
+
+    name : what it is; time : [s], None: the form
+    position, displacement : (p, 3) [m], from the form; fixed : (p, 3) bool
+    node_id : (p,) unique, of points that split off above those of the net
+    ends : (m, 2) rows of points; element_id : (m,) unique; cable : (m,) ids of the tables
+    group : (m,) names; tension : (m,) [N]; unstressed_length : (m,) [m]; broken : (m,) bool
+    """
+
+    name: str
+    time: float | None
+    position: np.ndarray
+    displacement: np.ndarray
+    node_id: np.ndarray
+    fixed: np.ndarray
+    ends: np.ndarray
+    element_id: np.ndarray
+    cable: np.ndarray
+    group: np.ndarray
+    tension: np.ndarray
+    unstressed_length: np.ndarray
+    broken: np.ndarray
+
+
+def state_of(result: Result, time: float | None) -> State:
+    """The form (time None), or the frame nearest to a time [s]; inf: the last one.
+
+    Raises InputError for a time that the run did not reach, and for a file that lacks what this needs.
+    """
+    needed = [name for name in ("unstressed_length", "axial_stiffness") if name not in result.elements]
+    if needed:
+        raise InputError(
+            f"{result.path}: /net/{needed[0]} is not in this file, which another version of netfall wrote; "
+            "run the job again"
+        )
+    if time is None:
+        position, tension = form_of(result)
+        broken, ends, name = np.zeros(len(tension), bool), result.file["net/elements"][:], "form"
+        moved = np.zeros_like(position)
+    else:
+        frame = result.frame(min(time, float(result.time[-1])) if np.isinf(time) else time)
+        position, tension, broken, ends = frame.position, frame.tension, frame.broken, frame.ends
+        moved = frame.displacement
+        time, name = frame.time, f"t = {frame.time:g} s"
+    split = len(position) - len(result.nodes["id"])
+    return State(
+        name=name,
+        time=time,
+        position=position,
+        displacement=moved,
+        node_id=_unique(result.nodes["id"], split),
+        fixed=np.vstack([result.nodes["fixed"], np.zeros((split, 3), bool)]),
+        ends=ends,
+        element_id=_unique(result.elements["id"]),
+        cable=result.elements["id"],
+        group=result.elements["group"],
+        tension=tension,
+        unstressed_length=result.elements["unstressed_length"],
+        broken=broken,
+    )
+
+
+def form_of(result: Result) -> tuple[np.ndarray, np.ndarray]:
+    """Position (n, 3) [m] and tension (m,) [N] of the form; of the given geometry if none was found."""
+    if hasattr(result, "form_finding"):
+        return result.form_finding["position"], result.form_finding["tension"]
+    x = result.file["net/particles"][:]
+    elements = result.elements
+    tension = elastic(lengths(x, result.file["net/elements"][:]), elements)
+    return x, tension
+
+
+def elastic(length: np.ndarray, elements) -> np.ndarray:
+    """Forces (m,) [N] of elastic elements of these lengths [m]: EA (L - L0) / L0, a cable's not below 0."""
+    free = elements["unstressed_length"]
+    force = elements["axial_stiffness"] * (length - free) / free
+    return np.where(elements["bar"].astype(bool), force, np.maximum(force, 0.0))
+
+
+def lengths(x: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Lengths (m,) [m]."""
+    return np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
+
+
+def _unique(ids: np.ndarray, more: int = 0) -> np.ndarray:
+    """The ids; those that stand before already, and `more` at the end, get numbers above all."""
+    first = np.zeros(len(ids), bool)
+    first[np.unique(ids, return_index=True)[1]] = True
+    found, highest = ids.copy(), int(ids.max())
+    found[~first] = highest + 1 + np.arange((~first).sum())
+    return np.append(found, int(found.max()) + 1 + np.arange(more))

@@ -1,0 +1,172 @@
+"""VTU, the XML file of VTK's unstructured grids: reading lines of every encoding but LZ4, and writing them.
+
+meshio, which reads it too, leaves out polylines without a word (5.3).
+Format: VTK User's Guide, "XML file formats"; a block of data is its size, then its bytes.
+"""
+
+import base64
+import lzma
+import re
+import xml.etree.ElementTree as xml
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from netfall.errors import InputError
+from netfall.exchange.drawing import Drawing, edges_of
+
+LINE, POLY_LINE, TRIANGLE, POLYGON, PIXEL, QUAD = 3, 4, 5, 7, 8, 9
+TYPES = {"Float32": "f4", "Float64": "f8", "Int8": "i1", "Int16": "i2", "Int32": "i4", "Int64": "i8"}
+TYPES |= {
+    name.replace("Int", "UInt"): kind.replace("i", "u") for name, kind in TYPES.items() if "Int" in name
+}
+INFLATE = {"vtkZLibDataCompressor": zlib.decompress, "vtkLZMADataCompressor": lzma.decompress}
+SUPPORTS, GROUPS, IDS = ("fixed", "is_anchor", "is_fixed"), ("group",), ("node_id",)
+APPENDED = re.compile(rb"<AppendedData[^>]*>\s*_", re.S)
+
+
+def read_vtu(path: Path, supports: str | None, wanted: list[str] | None) -> Drawing:
+    """The lines, polylines and sides of faces of a grid. supports, wanted : as of `read_dxf`, of groups
+
+    Raises InputError for another file.
+    """
+    try:
+        file = _File(path.read_bytes())
+        x = file.array("Points").reshape(-1, 3).astype(float)
+        ends, cell = _cells(*(file.array(name) for name in ("connectivity", "offsets", "types")))
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}; expected a VTU file") from None
+    except (xml.ParseError, KeyError, ValueError, zlib.error, lzma.LZMAError) as error:
+        raise InputError(f"{path}: not a VTU file that can be read: {error}") from None
+    number = file.first("CellData", GROUPS)
+    group = np.zeros(len(ends), np.int64) if number is None else number.astype(np.int64)[cell]
+    names = [f"group {k}" if number is not None else "cables" for k in np.unique(group).tolist()]
+    _, layer = np.unique(group, return_inverse=True)
+    if wanted is not None:
+        kept = np.isin(layer, [k for k, name in enumerate(names) if name in (*wanted, supports)])
+        ends, layer = ends[kept], layer[kept]
+    held, keys = file.first("PointData", SUPPORTS), file.first("PointData", IDS)
+    return Drawing(
+        lines=x[ends],
+        layer=layer,
+        layers=names,
+        held=x[:0] if held is None else x[held.reshape(len(x), -1).any(1)],
+        keys=None if keys is None else keys.astype(np.int64)[ends],
+        read=[f"{len(x)} points, {len(ends)} lines"],
+    )
+
+
+def _cells(connectivity, offsets, types) -> tuple[np.ndarray, np.ndarray]:
+    """Lines (k, 2) as rows of points, and the cell (k,) of each; sides of faces once."""
+    starts = np.append(0, offsets[:-1]).astype(np.int64)
+    plain = np.flatnonzero(types == LINE)
+    ends = [np.column_stack([connectivity[starts[plain]], connectivity[starts[plain] + 1]])]
+    cells, faces = [plain], []
+    for cell in np.flatnonzero(types == POLY_LINE).tolist():
+        points = connectivity[starts[cell] : offsets[cell]]
+        ends.append(np.column_stack([points[:-1], points[1:]]))
+        cells.append(np.full(len(points) - 1, cell))
+    surfaces = np.flatnonzero(np.isin(types, (TRIANGLE, POLYGON, PIXEL, QUAD))).tolist()
+    for cell in surfaces:
+        points = connectivity[starts[cell] : offsets[cell]].tolist()
+        faces.append([points[k] for k in (0, 1, 3, 2)] if types[cell] == PIXEL else points)
+    if faces:
+        ends.append(edges_of(faces))
+        cells.append(np.full(len(ends[-1]), surfaces[0]))
+    return np.concatenate(ends).astype(np.int64), np.concatenate(cells)
+
+
+class _File:
+    """A VTU file: its arrays by name."""
+
+    def __init__(self, data: bytes):
+        found = APPENDED.search(data)
+        self.bytes = data[found.end() : data.rindex(b"</AppendedData>")] if found else b""
+        text = data[: found.start()] + b"</VTKFile>" if found else data
+        self.raw = bool(found) and b'encoding="raw"' in found.group()
+        self.root = xml.fromstring(text)
+        if self.root.tag != "VTKFile" or self.root.get("type") != "UnstructuredGrid":
+            raise ValueError("it holds no UnstructuredGrid")
+        if len(self.root.findall(".//Piece")) != 1:
+            raise ValueError("it has several pieces; save it as one")
+        self.order = "<" if self.root.get("byte_order", "LittleEndian") == "LittleEndian" else ">"
+        self.size = np.dtype(self.order + TYPES[self.root.get("header_type", "UInt32")])
+        self.compressor = self.root.get("compressor")
+
+    def array(self, name: str) -> np.ndarray:
+        """Points, connectivity, offsets or types."""
+        place = ".//Points/DataArray" if name == "Points" else f".//Cells/DataArray[@Name='{name}']"
+        element = self.root.find(place)
+        if element is None:
+            raise KeyError(f"{name} is missing")
+        return self._values(element)
+
+    def first(self, data: str, names: tuple[str, ...]) -> np.ndarray | None:
+        """The first array there is of these names; None: none."""
+        for name in names:
+            element = self.root.find(f".//{data}/DataArray[@Name='{name}']")
+            if element is not None and element.get("type") in TYPES:
+                return self._values(element)
+        return None
+
+    def _values(self, element) -> np.ndarray:
+        kind = np.dtype(TYPES[element.get("type")])
+        form = element.get("format", "ascii")
+        if form == "ascii":
+            return np.array((element.text or "").split(), dtype=kind)
+        if form == "appended":
+            data, raw = self.bytes[int(element.get("offset")) :], self.raw
+        else:
+            data, raw = (element.text or "").strip().encode(), False
+        return np.frombuffer(self._decoded(data, raw), kind.newbyteorder(self.order)).astype(kind)
+
+    def _decoded(self, data: bytes, raw: bool) -> bytes:
+        """The bytes of a block. Of a compressed one in base64 the sizes at its head are encoded apart."""
+        width = self.size.itemsize
+        if not self.compressor:
+            block = data if raw else _base64(data, width)
+            length = int(np.frombuffer(block, self.size, 1)[0])
+            return (block if raw else _base64(data, width + length))[width : width + length]
+        if self.compressor not in INFLATE:
+            raise ValueError(f"compressed by {self.compressor}; save it with zlib, or without compression")
+        blocks = int(np.frombuffer(data if raw else _base64(data, width), self.size, 1)[0])
+        head = (3 + blocks) * width
+        sizes = np.frombuffer(data if raw else _base64(data, head), self.size, 3 + blocks)[3:].astype(int)
+        start = head if raw else 4 * -(-head // 3)
+        packed = data[start : start + sizes.sum()] if raw else _base64(data[start:], int(sizes.sum()))
+        stops = np.cumsum(sizes)
+        inflate = INFLATE[self.compressor]
+        return b"".join(inflate(packed[a:b]) for a, b in zip(stops - sizes, stops, strict=True))
+
+
+def _base64(data: bytes, length: int) -> bytes:
+    """The first bytes that are encoded there."""
+    return base64.b64decode(data[: 4 * -(-length // 3)])[:length]
+
+
+def write_vtu(path: Path, x: np.ndarray, ends: np.ndarray, point_data: dict, cell_data: dict, comment: str):
+    """Write lines between points x (p, 3), with arrays of points and cells by name; all digits, as text."""
+    m = len(ends)
+    cells = {"connectivity": ends.astype(np.int64).ravel()}
+    cells |= {"offsets": 2 * np.arange(1, m + 1), "types": np.full(m, LINE, np.uint8)}
+    sections = {"PointData": point_data, "CellData": cell_data, "Points": {"Points": x}, "Cells": cells}
+    lines = [
+        '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
+        f"<!-- {comment} -->",
+        f'<UnstructuredGrid><Piece NumberOfPoints="{len(x)}" NumberOfCells="{m}">',
+    ]
+    for section, arrays in sections.items():
+        lines += [
+            f"<{section}>",
+            *(_data_array(name, np.asarray(a)) for name, a in arrays.items()),
+            f"</{section}>",
+        ]
+    path.write_text("\n".join([*lines, "</Piece></UnstructuredGrid></VTKFile>", ""]), encoding="ascii")
+
+
+def _data_array(name: str, values: np.ndarray) -> str:
+    kind = next(name for name, code in TYPES.items() if np.dtype(code) == values.dtype)
+    width = f' NumberOfComponents="{values.shape[1]}"' if values.ndim > 1 else ""
+    text = " ".join(map(repr, values.ravel().tolist()))
+    return f'<DataArray type="{kind}" Name="{name}"{width} format="ascii">{text}</DataArray>'

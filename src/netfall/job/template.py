@@ -1,0 +1,80 @@
+"""`netfall init`: a commented job to start from. Every key stands in it, from the table of keys."""
+
+from pathlib import Path
+
+from netfall.errors import InputError
+from netfall.job.keys import REQUIRED, Key
+from netfall.job.schema import LISTS, SECTIONS
+from netfall.job.toml_text import toml_value
+
+# Sections that the job has, and the keys that are set in it; all else stands as a comment.
+SET: dict[str, dict[str, object]] = {
+    "": {"title": "A roof"},
+    "net": {"generator": "saddle", "side": 40.0, "rise": 4.0, "cells": 10},
+    "cable": {"modulus": 1.6e11, "area": 400e-6, "density": 7850.0, "prestress": 60e3},
+    "form_finding": {},
+    "load": {"dead": 300.0, "snow": 500.0, "steps": 5},
+}
+EXAMPLE = {"name": "edge", "duration": 6.0, "set": {"load.snow": 750.0}}  # of keys that have no default
+HEAD = """\
+# A job to start from: a net from a generator, its form, and a static load. SI units.
+#
+#   netfall check {name}        what it is, and how long it takes
+#   netfall run {name}
+#
+# A section that is absent is a thing that the scene does not have. What begins with # has the default that
+# stands there, or none where it says so; take away the # of the section, and of the keys that are to differ.
+# Your own net: nodes = "nodes.csv", elements = "elements.csv" in [net] in place of the generator, or netfall
+# import. [cable.GROUP] overrides [cable] for the elements of a group.
+"""
+COLUMN = 38  # where comments begin
+
+
+def write_template(path: Path) -> None:
+    """Write the job. Raises InputError if there is such a file."""
+    if path.exists():
+        raise InputError(f"{path}: is there already; give another name")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist; make it")
+    path.write_text(template(path.name), encoding="utf-8")
+
+
+def template(name: str) -> str:
+    """The text of the job, for the name of its file."""
+    lines = [HEAD.format(name=name)]
+    for section, keys in SECTIONS.items():
+        lines += _section(f"[{section}]" if section else "", keys, SET.get(section))
+    for section, keys in LISTS.items():
+        lines += _section(f"[[{section}]]", keys, None)
+    return "\n".join(lines) + "\n"
+
+
+def _section(head: str, keys: tuple[Key, ...], given: dict | None) -> list[str]:
+    """A section; given : what is set in it, None: all of it is a comment."""
+    mark = "# " if given is None else ""
+    told = [_line(key, given or {}) for key in keys]
+    return [*([mark + head] if head else []), *told, ""]
+
+
+def _line(key: Key, given: dict) -> str:
+    meaning = f"{key.unit}, {key.meaning}" if key.unit else key.meaning
+    if any(word not in meaning for word in key.choices):
+        meaning += ": " + ", ".join(key.choices)
+    if key.name in given:
+        setting = f"{key.name} = {_value(given[key.name])}"
+    elif key.default is REQUIRED:
+        example = f" {_value(EXAMPLE[key.name])}" if key.name in EXAMPLE else ""
+        setting = f"# {key.name} ={example}"
+        meaning += " (needed)"
+    elif key.default is None:
+        setting = f"# {key.name} ="
+        meaning += "" if "absent" in meaning else " (absent)"
+    else:
+        setting = f"# {key.name} = {_value(key.default)}"
+    return f"{setting:<{COLUMN}}# {meaning}"
+
+
+def _value(value) -> str:
+    """A value as one would type it: 1.6e+11, 60000.0."""
+    short = f"{value:.12g}" if isinstance(value, float) else ""
+    return short if "e" in short else toml_value(value)

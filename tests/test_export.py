@@ -1,0 +1,208 @@
+"""Results for other programs: what they read is what the result file holds."""
+
+import csv
+import json
+import subprocess
+
+import ezdxf
+import numpy as np
+import pytest
+from conftest import ENVIRONMENT, ROOT, run_netfall
+from test_python import cross
+from test_validation_opensees import needs_opensees, python_with_opensees, shipped
+
+import netfall
+from netfall.errors import InputError
+from netfall.exchange.export import export
+from netfall.exchange.reading import Options, read_net
+
+# Digits of a number that a text holds in full.
+EXACT = 1e-15
+
+
+@pytest.fixture(scope="module")
+def broken(tmp_path_factory):
+    """The four cables of the tutorial, of which some break; the elements are parts of two."""
+    path = tmp_path_factory.mktemp("export") / "cross.vtkhdf"
+    overrides = {"cable.fracture_strain": 0.0017, "net.subdivide": 2}
+    netfall.run(cross(load={"self_weight": True}), overrides, output=path).close()
+    return path
+
+
+def written(result, target, time=None):
+    """What `export` says; the file is at `target`."""
+    lines = []
+    export(result, target, time, lines.append)
+    return lines
+
+
+def rows(path):
+    with open(path, newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_tables_give_the_same_net_again(broken, tmp_path):
+    """The form and its tensions come back from the tables, through the prestress; ids are unique."""
+    written(broken, tmp_path / "t.csv")
+    job = {
+        "net": {
+            "nodes": str(tmp_path / "t.csv" / "nodes.csv"),
+            "elements": str(tmp_path / "t.csv/elements.csv"),
+        }
+    }
+    again = netfall.run(job | {"cable": cross()["cable"], "load": {"self_weight": True, "steps": 1}})
+    with again, netfall.open(broken) as result:
+        assert again.nodes["x"] == pytest.approx(result.form_finding["position"][:, 0], abs=EXACT)
+        free = result.form_finding["unstressed_length"]
+        assert again.elements["unstressed_length"] == pytest.approx(free, rel=3 * EXACT)
+        assert len(set(again.elements["id"])) == 8 and len(set(result.elements["id"])) == 4
+        table = rows(tmp_path / "t.csv" / "history.csv")
+        assert [float(row["kinetic_energy"]) for row in table] == result.history["kinetic_energy"].tolist()
+        assert float(table[-1]["displacement_z of node 5"]) == result.history["probe_displacement"][-1, 0, 2]
+        events = rows(tmp_path / "t.csv" / "events.csv")
+        assert [int(row["element"]) for row in events] == result.events["element"].tolist() != []
+
+
+def test_drawing_shows_the_form_and_the_broken_state(broken, tmp_path):
+    """Lines in metres by group, supports as points; at the end what broke on a layer of its own."""
+    written(broken, tmp_path / "form.dxf")
+    written(broken, tmp_path / "end.dxf", np.inf)
+    form, end = (ezdxf.readfile(tmp_path / f"{name}.dxf") for name in ("form", "end"))
+    with netfall.open(broken) as result:
+        x = result.form_finding["position"][result.file["net/elements"][:]]
+        ends = np.array([[line.dxf.start, line.dxf.end] for line in form.modelspace().query("LINE")])
+        assert ends == pytest.approx(x, abs=EXACT)
+        last = result.frame(0.2)
+        layers = [line.dxf.layer for line in end.modelspace().query("LINE")]
+        assert [layer == "broken" for layer in layers] == last.broken.tolist()
+        deformed = np.array([[line.dxf.start, line.dxf.end] for line in end.modelspace().query("LINE")])
+        assert deformed == pytest.approx(last.position[last.ends], abs=EXACT)
+    assert form.header["$INSUNITS"] == 6  # metres
+    assert [line.dxf.layer for line in form.modelspace().query("LINE")] == ["hanging"] * 4 + ["bracing"] * 4
+    points = [tuple(point.dxf.location) for point in form.modelspace().query("POINT[layer=='supports']")]
+    assert points == [(-10, 0, 2), (10, 0, 2), (0, -10, 0), (0, 10, 0)]
+
+
+@pytest.mark.parametrize("ending", ["dxf", "json", "vtu"])
+def test_what_was_exported_is_imported_as_the_same_net(broken, tmp_path, ending):
+    """The form goes out and comes in again: places, elements and supports."""
+    written(broken, tmp_path / f"form.{ending}")
+    again = read_net(tmp_path / f"form.{ending}", Options(supports="supports" if ending == "dxf" else None))
+    with netfall.open(broken) as result:
+        x = result.form_finding["position"][result.file["net/elements"][:]]
+    in_order = lambda lines: lines[np.lexsort(lines.reshape(-1, 6).T)]  # a Graph is ordered by its nodes
+    assert in_order(again.net.x[again.net.ends]) == pytest.approx(in_order(x), abs=EXACT)
+    assert again.net.x[again.fixed].tolist() == [[-10, 0, 2], [10, 0, 2], [0, -10, 0], [0, 10, 0]]
+
+
+def test_compas_and_vtk_files_hold_the_state(broken, tmp_path):
+    """Nodes, edges and values, read by the standard library and by VTK itself."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
+
+    written(broken, tmp_path / "state.json", 0.1)
+    written(broken, tmp_path / "state.vtu", 0.1)
+    document = json.loads((tmp_path / "state.json").read_text())
+    assert document["dtype"] == "compas.datastructures/Graph"
+    reader = vtkXMLUnstructuredGridReader()
+    reader.SetFileName(str(tmp_path / "state.vtu"))
+    reader.Update()
+    grid = reader.GetOutput()
+    with netfall.open(broken) as result:
+        frame = result.frame(0.1)
+    node, edge = document["data"]["node"], document["data"]["edge"]
+    places = np.array([[node[name][k] for k in "xyz"] for name in node])
+    assert places == pytest.approx(frame.position, abs=EXACT)
+    q = [values["q"] for ends in edge.values() for values in ends.values()]
+    length = np.linalg.norm(np.diff(frame.position[frame.ends], axis=1)[:, 0], axis=1)
+    assert sorted(q) == pytest.approx(sorted(frame.tension / length), rel=3 * EXACT)
+    assert [name for name in node if node[name]["is_anchor"]] == ["1", "2", "3", "4"]
+    assert vtk_to_numpy(grid.GetPoints().GetData()) == pytest.approx(frame.position, abs=EXACT)
+    assert (vtk_to_numpy(grid.GetCells().GetConnectivityArray()).reshape(-1, 2) == frame.ends).all()
+    assert (vtk_to_numpy(grid.GetCellData().GetArray("tension")) == frame.tension).all()
+
+
+@pytest.fixture(scope="module")
+def stadium(tmp_path_factory):
+    """The stadium under its cladding, 42 cables slack, as a result and as a model for OpenSees."""
+    folder = tmp_path_factory.mktemp("stadium")
+    (folder / "job.toml").write_text(
+        shipped("stadium").replace("1e-11", "1e-10") + "[load]\ndead = 1000.0\nsteps = 1\ntolerance = 1e-10\n"
+    )
+    netfall.run(folder / "job.toml", output=folder / "s.vtkhdf").close()
+    written(folder / "s.vtkhdf", folder / "s.tcl")
+    return folder
+
+
+def words_of(path, command):
+    """Words of the lines that begin with a command."""
+    lines = (line.split() for line in path.read_text().splitlines())
+    return [words[1:] for words in lines if words and words[0] == command]
+
+
+def test_the_model_for_opensees_is_in_the_same_equilibrium(stadium):
+    """The forces of the trusses as the text gives them, where netfall's nodes are, balance its loads."""
+    path = stadium / "s.tcl"
+    x = {int(tag): np.array(place, float) for tag, *place in words_of(path, "node")}
+    materials = words_of(path, "uniaxialMaterial")
+    modulus = {tag: float(E) for kind, tag, E, *_ in materials if kind == "Elastic"}
+    initial = {w[1]: (modulus[w[2]], float(w[3])) for w in materials if w[0] == "InitStrainMaterial"}
+    force = {tag: np.zeros(3) for tag in x}
+    for tag, *load in words_of(path, "load"):
+        force[int(tag)] += np.array(load, float)
+    with netfall.open(stadium / "s.vtkhdf") as result:
+        moved = dict(zip(result.nodes["id"].tolist(), result.statics["displacement"][-1]))
+        theirs = result.statics["tension"][-1]
+    ours = []
+    for _, _tag, a, b, area, material in words_of(path, "element"):
+        a, b = int(a), int(b)
+        E, strain = initial[material]
+        length, along = np.linalg.norm(x[b] - x[a]), x[b] + moved[b] - x[a] - moved[a]
+        N = max(0.0, E * float(area) * ((np.linalg.norm(along) - length) / length + strain))
+        ours.append(N)
+        force[a] += N * along / np.linalg.norm(along)
+        force[b] -= N * along / np.linalg.norm(along)
+    for tag, *_ in words_of(path, "fix"):
+        del force[int(tag)]
+    # a strain of 1e-3 is right to 2e-13 of itself: twice differences of lengths, right to their last bit
+    assert ours == pytest.approx(theirs, abs=1e-11 * theirs.max()) and (theirs == 0).sum() == 42
+    assert max(np.abs(f).max() for f in force.values()) < 1e-9 * theirs.max()  # what counts as no load
+
+
+def test_opensees_finds_the_same_tensions(stadium):
+    """The exported model, run by OpenSees from the form on."""
+    needs_opensees()
+    command = [
+        python_with_opensees(),
+        ROOT / "tests" / "opensees_tcl.py",
+        stadium / "s.tcl",
+        stadium / "a.npz",
+    ]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    answer = np.load(stadium / "a.npz")
+    theirs = dict(zip(answer["element"].tolist(), answer["tension"]))
+    with netfall.open(stadium / "s.vtkhdf") as result:
+        ours = dict(zip(result.elements["id"].tolist(), result.statics["tension"][-1]))
+    # both stop at a residual of 1e-10 of the prestress; 1.1e-10 was found
+    assert max(abs(ours[e] - theirs[e]) for e in ours) < 1e-9 * max(ours.values())
+
+
+def test_what_cannot_be_exported_is_told(broken, tmp_path):
+    """Another ending, a time that was not reached, a motion as an equilibrium: exit code 2, no file."""
+    for name, time, words in (
+        ("a.stl", None, "the ending names the format; expected one of .dxf, .csv"),
+        ("a.dxf", 9.0, "time 9 s: the frames are from 0 to 0.2 s"),
+        ("a.tcl", 0.1, "leave --time out"),
+        ("none/a.dxf", None, "does not exist"),
+    ):
+        with pytest.raises(InputError, match=words):
+            written(broken, tmp_path / name, time)
+    done = run_netfall("export", broken, "-o", tmp_path / "a.json", "--time", "late")
+    assert done.returncode == 2 and "expected a time >= 0 in s, or end" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "own.dxf").write_text("drawn by hand")
+    with pytest.raises(InputError, match="is not what netfall exported"):
+        written(broken, tmp_path / "own.dxf")
+    for name in ("a.dxf", "a.tcl", "a.json", "a.vtu", "a.csv"):  # what netfall wrote it writes again
+        assert written(broken, tmp_path / name) == written(broken, tmp_path / name)

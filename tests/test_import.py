@@ -1,0 +1,380 @@
+"""Drawings and meshes become nets: what other libraries draw comes back, and what is wrong in it is told."""
+
+import json
+import time
+
+import numpy as np
+import pytest
+from conftest import run_netfall
+from drawings import FIELD, Sketch, places
+from vtkmodules.util.numpy_support import numpy_to_vtk
+from vtkmodules.vtkCommonCore import vtkIdList, vtkPoints
+from vtkmodules.vtkCommonDataModel import VTK_POLY_LINE, VTK_QUAD, vtkUnstructuredGrid
+from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
+
+from netfall.errors import InputError
+from netfall.exchange.importing import import_file
+from netfall.exchange.reading import Options, read_net
+from netfall.job.read import read_job
+from netfall.net.build import build_net
+from netfall.solve.check import check_job
+
+ROUNDING = 1e-12  # m: a coordinate of some metres in mm or inches, and back
+
+
+def report(path, **options) -> str:
+    """What is told of a drawing."""
+    return "\n".join(read_net(path, Options(**options)).lines)
+
+
+def same_nodes(net, x) -> bool:
+    """Whether a net has these nodes (n, 3), in any order."""
+    near = lambda points: points[np.lexsort(np.round(points.T, 9))]
+    return len(net.x) == len(x) and np.abs(near(net.x) - near(x)).max() <= ROUNDING
+
+
+@pytest.mark.parametrize("unit", ["mm", "m", "in"])
+def test_a_drawing_comes_back_in_metres(tmp_path, unit):
+    """All nodes, elements and groups, whatever the unit that the file names; its first job is valid."""
+    sketch = Sketch(unit).net()
+    path = sketch.save(tmp_path / "roof.dxf")
+    lines = []
+    import_file(path, tmp_path / "roof", Options(), lines.append)
+    job = read_job(tmp_path / "roof" / "roof.toml")
+    net = build_net(job)
+    assert same_nodes(net, places(sketch))
+    assert net.m == 31 and [net.group_names[g] for g in net.group].count("x") == 16
+    edge = [i in (0, 4) or j in (0, 3) for i in range(5) for j in range(4)]
+    assert net.fixed.all(1).sum() == sum(edge)
+    assert not any(line.startswith(("gap", "crossing", "near", "loose", "dup", "unit: an")) for line in lines)
+    assert (tmp_path / "roof" / "net.png").stat().st_size > 10_000
+    check_job(job, lambda line: None)  # which finds the form
+
+
+def test_an_import_by_the_command_is_told_and_checked(tmp_path):
+    """`netfall import`, and `netfall check` of what it writes; a drawing without a unit is refused."""
+    path = Sketch("").net().save(tmp_path / "roof.dxf")
+    done = run_netfall("import", path, "-o", tmp_path / "roof")
+    assert (
+        done.returncode == 2
+        and "has no unit that is known ($INSUNITS = 0); say which with --unit" in done.stderr
+    )
+    assert not (tmp_path / "roof").exists()
+    done = run_netfall("import", path, "-o", tmp_path / "roof", "--unit", "m", "--supports", "outline")
+    assert done.returncode == 0 and "14 of 20 nodes are held" in done.stdout, done.stdout + done.stderr
+    assert done.stdout.startswith((tmp_path / "roof" / "report.txt").read_text()[:-1])
+    done = run_netfall("check", tmp_path / "roof" / "roof.toml")
+    assert done.returncode == 0 and "valid" in done.stdout, done.stderr
+
+
+def test_every_kind_of_line_is_read(tmp_path):
+    """Polylines, splines, arcs and circles by segments, faces by their sides, blocks in blocks."""
+    sketch = Sketch("m")
+    space = sketch.space
+    space.add_lwpolyline([(0, 0), (4, 0), (4, 4)], close=True, dxfattribs={"layer": "a", "elevation": 2.0})
+    space.add_polyline3d([(0, 0, 2), (2, 2, 5), (4, 4, 2)], dxfattribs={"layer": "b"})
+    space.add_arc((0, 4, 2), radius=4.0, start_angle=-90, end_angle=0, dxfattribs={"layer": "c"})
+    space.add_spline([(4, 0, 2), (6, 1, 3), (8, 0, 2)], dxfattribs={"layer": "d"})
+    space.add_3dface([(4, 4, 2), (8, 4, 2), (8, 0, 2), (4, 0, 2)], dxfattribs={"layer": "e"})
+    inner = sketch.document.blocks.new("inner")
+    inner.add_line((0, 0), (1, 0))  # on layer 0, so on that of the block where it stands
+    outer = sketch.document.blocks.new("outer")
+    outer.add_blockref("inner", (0, 0), dxfattribs={"rotation": 90, "yscale": 2, "xscale": 2})
+    space.add_blockref("outer", (8, 4, 2), dxfattribs={"layer": "f"})
+    space.add_text("roof")
+    path = sketch.save(tmp_path / "kinds.dxf")
+    reading = read_net(path, Options(supports="outline"))
+    net, drawing = reading.net, reading.drawing
+    length = np.linalg.norm(np.diff(net.x[net.ends], axis=1)[:, 0], axis=1)
+    of = lambda name: length[[drawing.layers[k] == name for k in drawing.layer[net.line]]]
+    assert of("a").tolist() == [4.0, 4.0, pytest.approx(32**0.5)]
+    assert of("b") == pytest.approx([17**0.5] * 2)
+    # a chord of sagitta s = size / 200 on an arc is shorter by 8 s^2 / 3 c^2, here at most 2.5e-4 of it
+    assert len(of("c")) >= 4 and of("c").sum() == pytest.approx(2 * np.pi, rel=1e-2)
+    assert len(of("d")) >= 4 and of("d").sum() > 2 * 5**0.5
+    assert of("e").tolist() == [4.0] * 3  # one side lies on the polyline, which comes first
+    assert of("f").tolist() == [2.0] and [8, 6, 2] in net.x.round(9).tolist()
+    told = "\n".join(reading.lines)
+    assert "2 blocks exploded, blocks in blocks to depth 2" in told and "left out: 1 TEXT" in told
+    sketch.document.saveas(tmp_path / "binary.dxf", fmt="bin")
+    again = read_net(tmp_path / "binary.dxf", Options(supports="outline"))
+    assert (again.net.x == net.x).all() and (again.net.ends == net.ends).all()
+
+
+def gaps(s):
+    s.net(skip=(4,))
+    a, b = s.corner(1, 0), s.corner(2, 0)
+    s.line((a[0] + 0.6e-3, a[1] - 0.8e-3, a[2]), b)
+
+
+def wide_gap(s):
+    s.net(skip=(9,))
+    (a, b, layer) = list(s.pieces())[9]
+    x, y, z = s.corner(*a)
+    s.line((x, y + 0.006, z), s.corner(*b), layer)
+
+
+def duplicates(s):
+    s.net()
+    s.line(s.corner(2, 1), s.corner(1, 1), "copy")
+
+
+def crossing(s):
+    s.net()
+    a, b, c = s.corner(1, 1), s.corner(2, 2), s.corner(2, 1)
+    s.line(a, b, "diagonal")
+    d = s.corner(1, 2)
+    middle = [(p + q) / 2 for p, q in zip(a, b)]
+    s.line(c, [2 * m - p for m, p in zip(middle, c)], "other")
+    s.line([2 * m - p for m, p in zip(middle, c)], d, "other")
+
+
+def touching(s):
+    s.net()
+    a, b = s.corner(1, 1), s.corner(2, 1)
+    s.line([(p + q) / 2 for p, q in zip(a, b)], s.corner(2, 2), "stay")
+
+
+def blocks(s):
+    cell = s.document.blocks.new("cell")
+    deep = s.document.blocks.new("deep")
+    deep.add_line((0, 0), s.at(FIELD))
+    cell.add_blockref("deep", (0, 0))
+    cell.add_blockref("deep", (0, 0), dxfattribs={"rotation": 90})
+    for i in range(3):
+        for j in range(3):
+            s.space.add_blockref("cell", s.at(FIELD * i, FIELD * j), dxfattribs={"layer": "x"})
+
+
+def layer_too_many(s):
+    s.net()
+    frame = [(-5, -5), (15, -5), (15, 12), (-5, 12)]
+    for a, b in zip(frame, frame[1:] + frame[:1]):
+        s.line(a, b, "title block")
+    s.document.layers.add("axes").off()
+    s.line((-1, 0), (9, 0), "axes")
+
+
+def inches(s):
+    s.net()
+    s.document.header["$INSUNITS"] = 6  # the file says metres
+
+
+def loose_part(s):
+    s.net()
+    s.line((20, 0, 1), (22, 0, 1), "x")
+
+
+def no_length(s):
+    s.net()
+    s.line((2.0, 2.0, 0.075), (2.0004, 2.0, 0.075), "x")
+
+
+def loose_end(s):
+    s.net()
+    s.line(s.corner(2, 1), (4.0, 3.1, 1.0), "y")
+
+
+def far_away(s):
+    s.net()
+    for line in s.space:
+        line.translate(*s.at(4.5e5, 5.4e6))
+
+
+FAULTS = {  # unit, how it is drawn, options, what is told of it (with the place)
+    "a gap of 1 mm": ("mm", gaps, {}, ["gap: 1 ends", "1 mm at (2.0006, -0.0008, -0.125) m"]),
+    "a gap of 6 mm": ("mm", wide_gap, {}, ["near miss: 1 pairs", "6 mm at (2, 2, 0.075) m"]),
+    "a line twice": (
+        "m",
+        duplicates,
+        {},
+        ["duplicate: 1", '(4, 2, -0.025) to (2, 2, 0.075), layer "copy", as'],
+    ),
+    "a crossing": (
+        "m",
+        crossing,
+        {},
+        ["crossing: 1", "at (3, 3, 0.025), layer", '"diagonal" and layer "other"'],
+    ),
+    "an end on a line": ("mm", touching, {}, ["touch: 1", "at (3, 2, 0.025) m, (3000, 2000, 25) mm"]),
+    "blocks in blocks": (
+        "mm",
+        blocks,
+        {},
+        ["27 blocks exploded, blocks in blocks to depth 2", "extent 6 x 6 x 0"],
+    ),
+    "a layer too many": (
+        "mm",
+        layer_too_many,
+        {},
+        [
+            "loose part: 1",
+            "4 elements at (-5, -5, 0) m",
+            "layer title block",
+            '1 on layer "axes", which is off',
+        ],
+    ),
+    "inches": ("in", inches, {}, ["extent 315 x 236.2 x", "unit: m (from $INSUNITS = 6)"]),
+    "inches, said": ("in", inches, {"unit": "in"}, ["extent 8 x 6", "from --unit; the file says m"]),
+    "millimetres for metres": ("mm", inches, {}, ["8000 x 6000"]),
+    "a loose part": (
+        "m",
+        loose_part,
+        {"supports": "outline"},
+        ["1 elements at (20, 0, 1), layer x, without a"],
+    ),
+    "a line without length": ("mm", no_length, {}, ["no length: 1", "at (2, 2, 0.075) m"]),
+    "a loose end": ("mm", loose_end, {"supports": "marks"}, ["loose end: 1", "at (4, 3.1, 1) m"]),
+    "far from the origin": ("mm", far_away, {}, ["the drawing lies 5.4e+06 m from the origin"]),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_faulty_drawing_is_told_with_its_place(tmp_path, fault):
+    """The report names the fault, how often, and where; and a net is left whose first job is valid."""
+    unit, draw, options, words = FAULTS[fault]
+    sketch = Sketch(unit)
+    draw(sketch)
+    if options.get("supports") == "marks":
+        for i, j in [(i, j) for i in range(5) for j in range(4) if i in (0, 4) or j in (0, 3)]:
+            sketch.space.add_circle(sketch.at(*sketch.corner(i, j)), 0.1, dxfattribs={"layer": "marks"})
+    path = sketch.save(tmp_path / "faulty.dxf")
+    told = report(path, **options)
+    assert [word for word in words if word not in told] == [], told
+    import_file(path, tmp_path / "net", Options(**options), lambda line: None)
+    said = []
+    check_job(read_job(tmp_path / "net" / "net.toml"), said.append)
+    assert "form finding" in "\n".join(said)
+
+
+def test_joints_are_made_where_they_are_asked_for(tmp_path):
+    """Cables drawn as whole lines that cross: with --split each crossing is a node, as if drawn in pieces."""
+    sketch = Sketch("mm", cells=(6, 5))
+    for i in range(1, 6):
+        sketch.line((2 * i, 0), (2 * i, 10), "y")
+    for j in range(1, 5):
+        sketch.line((0, 2 * j), (12, 2 * j), "x")
+    path = sketch.save(tmp_path / "whole.dxf")
+    assert "crossing: 20 elements cross without a joint; --split makes joints" in report(path)
+    reading = read_net(path, Options(split=True))
+    assert len(reading.net.ends) == 4 * 6 + 5 * 5 and len(reading.net.x) == 20 + 18
+    assert reading.fixed.sum() == 18 and "split: joints at 0 touches and 20 crossings" in "\n".join(
+        reading.lines
+    )
+
+
+def test_supports_come_from_a_layer_from_points_or_from_the_outline(tmp_path):
+    """Points, circles and blocks of a layer; its lines, with joints where the net ends on them."""
+    sketch = Sketch("mm").net()
+    sketch.document.blocks.new("anchor").add_circle((0, 0), 100)
+    at = lambda i, j: sketch.at(*sketch.corner(i, j))
+    sketch.space.add_blockref("anchor", at(0, 0), dxfattribs={"layer": "held"})
+    sketch.space.add_circle(at(4, 3), 50, dxfattribs={"layer": "held"})
+    sketch.space.add_point(at(4, 0), dxfattribs={"layer": "held"})
+    sketch.space.add_point(at(0, 3), dxfattribs={"layer": "points"})
+    sketch.space.add_point(sketch.at(1, 1, 0), dxfattribs={"layer": "held"})
+    path = sketch.save(tmp_path / "held.dxf")
+    told = report(path, supports="held")
+    assert "supports: 3 of 20 nodes are held" in told
+    assert "support: 1 points of supports are not at a node" in told and "at (1, 1, 0) m" in told
+    with pytest.raises(InputError, match=r'--supports helt: .* did you mean "held"'):
+        report(path, supports="helt")
+    edge = Sketch("m")
+    for j in range(1, 4):
+        edge.line((0, j), (8, j), "x")
+    edge.space.add_lwpolyline([(0, 0), (8, 0), (8, 4), (0, 4)], close=True, dxfattribs={"layer": "beam"})
+    reading = read_net(edge.save(tmp_path / "edge.dxf"), Options(supports="beam"))
+    assert reading.fixed.all() and len(reading.net.x) == 4 + 6 and len(reading.net.ends) == 3 + 10
+
+
+def test_compas_files_of_both_versions_come_back(tmp_path):
+    """A Graph of COMPAS 2 in inches, a Mesh of COMPAS 1 with edge data: nodes, supports, force densities."""
+    x = {"0": (0, 0, 0), "1": (100, 0, 0), "7": (100, 100, 50), "3": (0, 100, 0)}
+    attributes = {key: dict(zip("xyz", place), is_anchor=key != "7") for key, place in x.items()}
+    edge = {"0": {"1": {"q": 2.0}}, "1": {"7": {"q": 3.0}}, "7": {"3": {"q": 4.0}}, "3": {}}
+    graph = {"default_node_attributes": {"x": 0.0, "y": 0.0, "z": 0.0}, "node": attributes, "edge": edge}
+    (tmp_path / "graph.json").write_text(json.dumps({"dtype": "compas.datastructures/Graph", "data": graph}))
+    import_file(tmp_path / "graph.json", tmp_path / "graph", Options(unit="in"), lambda line: None)
+    net = build_net(read_job(tmp_path / "graph" / "graph.toml"))
+    assert net.node_id.tolist() == [0, 1, 7, 3] and net.fixed.all(1).tolist() == [True, True, False, True]
+    assert net.x == pytest.approx(0.0254 * np.array(list(x.values())), abs=ROUNDING)
+    assert net.force_density.tolist() == [2.0, 3.0, 4.0]
+    mesh = {"attributes": {}, "dva": {"x": 0.0, "y": 0.0, "z": 0.0}, "vertex": attributes}
+    mesh |= {"face": {"0": ["0", "1", "7", "3"]}, "edgedata": {"1-7": {"q": 5.0, "group": "edge"}}}
+    (tmp_path / "mesh.json").write_text(json.dumps({"dtype": "compas.datastructures/Mesh", "value": mesh}))
+    reading = read_net(tmp_path / "mesh.json", Options(unit="mm"))
+    assert len(reading.net.ends) == 4 and reading.drawing.layers == ["cables", "edge"]
+    assert np.nansum(reading.drawing.columns["force_density"]) == 5.0
+
+
+@pytest.mark.parametrize("mode", ["Ascii", "Binary", "Appended raw", "Appended encoded"])
+@pytest.mark.parametrize("compressor", ["None", "ZLib", "LZMA"])
+def test_vtu_files_of_every_encoding_come_back(tmp_path, mode, compressor):
+    """Polylines and a quadrangle, written by VTK; many points, so that compressed blocks are several."""
+    count = 9000  # 216 kB; VTK compresses blocks of 32 kB
+    grid, points = vtkUnstructuredGrid(), vtkPoints()
+    points.SetDataTypeToDouble()
+    x = np.column_stack([np.arange(count) * 0.5, np.arange(count) % 7, np.sqrt(np.arange(count))])
+    points.SetData(numpy_to_vtk(x, deep=1))
+    grid.SetPoints(points)
+    for kind, rows in ((VTK_POLY_LINE, range(count - 2)), (VTK_QUAD, (0, 1, count - 1, count - 2))):
+        ids = vtkIdList()
+        for row in rows:
+            ids.InsertNextId(row)
+        grid.InsertNextCell(kind, ids)
+    fixed = numpy_to_vtk((np.arange(count) % 10 == 0).astype(np.uint8), deep=1)
+    fixed.SetName("fixed")
+    grid.GetPointData().AddArray(fixed)
+    writer = vtkXMLUnstructuredGridWriter()
+    writer.SetInputData(grid)
+    writer.SetFileName(str(tmp_path / "net.vtu"))
+    getattr(writer, f"SetDataModeTo{mode.split()[0]}")()
+    getattr(writer, f"SetCompressorTypeTo{compressor}")()
+    writer.SetEncodeAppendedData("encoded" in mode)
+    writer.Write()
+    reading = read_net(tmp_path / "net.vtu", Options())
+    assert (reading.net.x == x).all() and reading.fixed.sum() == count / 10
+    assert len(reading.net.ends) == count - 3 + 3  # a side of the quadrangle is an element of the polyline
+
+
+def test_what_is_no_drawing_is_refused(tmp_path):
+    """A line for each: another ending, another content, no lines, an unknown layer."""
+    (tmp_path / "a.dxf").write_text("not a drawing\n")
+    (tmp_path / "a.json").write_text('{"vertices": 3}')
+    (tmp_path / "a.vtu").write_text("<VTKFile type='PolyData'/>")
+    (tmp_path / "a.stl").write_text("solid")
+    Sketch().save(tmp_path / "empty.dxf")
+    for name, words in (
+        ("a.dxf", "not a DXF file that can be read"),
+        ("a.json", "no edges; expected a Graph"),
+        ("a.vtu", "holds no UnstructuredGrid"),
+        ("a.stl", "one of the endings .dxf, .json, .vtu"),
+        ("empty.dxf", "no lines of a net in it"),
+        ("none.dxf", "No such file"),
+    ):
+        with pytest.raises(InputError, match=words):
+            report(tmp_path / name)
+
+
+def test_tables_made_by_hand_are_not_written_over(tmp_path):
+    """A folder with other tables is refused; a job that was changed stays when the drawing is read again."""
+    path = Sketch().net().save(tmp_path / "roof.dxf")
+    (tmp_path / "nodes.csv").write_text("id, x, y, z\n")
+    with pytest.raises(InputError, match="that no import wrote"):
+        import_file(path, tmp_path, Options(), print)
+    import_file(path, tmp_path / "roof", Options(), lambda line: None)
+    job = tmp_path / "roof" / "roof.toml"
+    job.write_text(job.read_text().replace("50e3", "70e3"))
+    said = []
+    import_file(path, tmp_path / "roof", Options(), said.append)
+    assert "70e3" in job.read_text() and "stays as it is" in said[-2]
+
+
+def test_a_drawing_of_a_hundred_thousand_lines_is_read_in_seconds(tmp_path):
+    """1e5 lines, with joining and all checks: some 5 s of a core; ten are asked for."""
+    sketch = Sketch("mm", cells=(224, 223))
+    path = sketch.save_at_once(tmp_path / "large.dxf")
+    begin = time.process_time()
+    reading = read_net(path, Options())
+    assert time.process_time() - begin < 10.0
+    assert len(reading.net.ends) > 1e5 and same_nodes(reading.net, places(sketch))

@@ -1,0 +1,150 @@
+"""netfall from Python: results by the ids of the tables, nets from arrays, ranks started for the user."""
+
+import subprocess
+import sys
+
+import h5py
+import numpy as np
+import pytest
+from conftest import BIN, ENVIRONMENT, ROOT, assert_same_results, on_ranks, run_netfall
+from test_readme import blocks
+
+import netfall
+
+PAGE = ROOT / "jobs" / "README.md"
+
+
+def cross(**sections) -> dict:
+    """The net of the tutorial, four cables and a weight, whose ids do not begin with 0, made from arrays."""
+    return {
+        "title": 'Four cables, "crossed"',
+        "net": {
+            "nodes": np.array([[-10, 0, 2], [10, 0, 2], [0, -10, 0], [0, 10, 0], [0, 0, 0]]),
+            "elements": [[1, 5], [2, 5], [3, 5], [4, 5]],
+            "fixed": np.array([True] * 4 + [False]),
+            "groups": ["hanging"] * 2 + ["bracing"] * 2,
+            "node_id": np.arange(1, 6),
+            "element_id": [1, 2, 13, 14],
+            "node_columns": {"mass": [0.0] * 4 + [1000.0], "load_z": [0.0] * 4 + [-10e3]},
+        },
+        "cable": {"modulus": 1.6e11, "area": np.float64(500e-6), "density": 7850.0, "prestress": 100e3},
+        "form_finding": {"modulus_factor": 0},
+        "load": {"steps": 0},
+        "dynamics": {"duration": 0.2},
+        "output": {"frames": 40, "probes": [[0.0, 0.0]]},
+        **sections,
+    }
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_importing_netfall_loads_neither_compiler_nor_mpi():
+    """Not even numpy and h5py: they come with the first call."""
+    heavy = "numba, mpi4py, numpy, h5py, matplotlib"
+    text = f"import netfall, sys; print([n for n in '{heavy}'.split(', ') if n in sys.modules])"
+    done = subprocess.run([BIN / "python", "-c", text], env=ENVIRONMENT, capture_output=True, text=True)
+    assert done.stdout.strip() == "[]", done.stderr
+
+
+def test_a_net_from_arrays_swings_and_breaks_as_the_tutorial_says(here):
+    """Histories by id against the hand calculation, and the state after the break; numbers are ids."""
+    with netfall.run(cross()) as swing:
+        z = swing.displacement(node=5)[:, 2]  # from the form, at rest under the weight twice 0.02815 m
+        assert z.min() == pytest.approx(-0.0563, abs=2e-4)  # the frame nearest to the lowest point
+        assert swing.tension(element=1)[0] == pytest.approx(100e3, rel=1e-6)
+        assert (swing.tension(element=1) == swing.tension(element=[13, 1])[:, 1]).all()
+        assert swing.history["kinetic_energy"][0] < swing.history["kinetic_energy"].max()
+        assert not hasattr(swing, "wind") and swing.elements["group"].tolist()[2:] == ["bracing"] * 2
+        assert swing.nodes["id"].tolist() == [1, 2, 3, 4, 5]
+        assert swing.elements["end"].tolist() == [5] * 4
+        with pytest.raises(KeyError, match=r"element 3: .* 1 to 14"):
+            swing.tension(element=3)
+        with pytest.raises(KeyError, match="did you mean"):
+            swing.history["kinetic_enegy"]
+        place = swing.path
+        assert place.exists()
+    assert not place.parent.exists()  # what was temporary is gone
+    with netfall.run(cross(), {"cable.fracture_strain": 0.0017}) as broken:
+        assert broken.events["time"][:2] == pytest.approx([0.1217] * 2, abs=5e-5)
+        assert broken.events["element"][:2].tolist() == [1, 2]
+        state = broken.frame(0.2)
+        assert state.broken[:2].all() and state.element.tolist() == [1, 2, 13, 14]
+        new = state.ends[0][state.ends[0] >= 5]  # the point that split off, from the weight or a support
+        assert len(new) == 1 and state.node[new[0]] in (1, 5) and len(state.position) == len(state.node)
+        assert state.tension == pytest.approx(broken.file["final/tension"][:], rel=1e-6)  # single precision
+        length = np.linalg.norm(np.diff(state.position[state.ends], axis=1)[:, 0], axis=1)
+        expected = (length - broken.elements["unstressed_length"]) / broken.elements["unstressed_length"]
+        assert state.strain == pytest.approx(expected, abs=1e-6)  # single precision
+        with pytest.raises(netfall.InputError, match=r"0 to 0\.2 s"):
+            broken.frame(4.2)
+
+
+def test_ranks_are_started_and_give_the_bits_of_the_command(here):
+    """A run in this process, one on two ranks that are started, and `netfall run` on the tables."""
+    job = cross()
+    netfall.run(job, output="one.vtkhdf").close()
+    netfall.run(job, ranks=2, output="two.vtkhdf").close()
+    (here / "job.toml").write_text(blocks(PAGE, "toml")[0])
+    for name, text in zip(("nodes.csv", "elements.csv"), blocks(PAGE, "csv")):
+        (here / name).write_text(text.replace("\n3, 3", "\n13, 3").replace("\n4, 4, 5, b", "\n14, 4, 5, b"))
+    settings = ["load.steps=0", "dynamics.duration=0.2", "output.frames=40"]
+    options = [word for setting in settings for word in ("--set", setting)]
+    done = run_netfall("run", "job.toml", *options, "-o", "command.vtkhdf", cwd=here)
+    assert done.returncode == 0, done.stderr
+    with h5py.File("one.vtkhdf") as one:
+        for other in ("two.vtkhdf", "command.vtkhdf"):
+            with h5py.File(other) as file:
+                assert_same_results(one, file)
+    assert [path.name for path in here.iterdir() if path.name.startswith(".netfall")] == []
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_what_the_command_says_is_raised(here, ranks):
+    """A wrong job as InputError with all its lines, one without a solution as DivergedError."""
+    wrong = {"cable.modulos": 1.0, "cable.area": "thick"}
+    with pytest.raises(netfall.InputError) as error:
+        netfall.run(cross(), wrong, ranks=ranks)
+    assert error.value.lines == [
+        'job.toml: [cable] area = "thick": expected a number of m2 >= 1e-12 and <= 10000',
+        'job.toml: [cable] modulos: unknown key; did you mean "modulus"?',
+    ]
+    with pytest.raises(netfall.DivergedError, match="form finding"):
+        netfall.run(cross(form_finding={"modulus_factor": 0, "max_iterations": 3}), ranks=ranks)
+    with pytest.raises(netfall.InputError, match=r"fixed has the shape \(3,\): expected \(5,\)"):
+        netfall.run(cross() | {"net": cross()["net"] | {"fixed": [1, 1, 0]}}, ranks=ranks)
+
+
+def test_under_mpirun_every_rank_gets_the_result(here):
+    """A script on two ranks: the run is on both, and asking for another number of them is refused."""
+    (here / "script.py").write_text(
+        "import sys; sys.path[:0] = sys.argv[1:]\n"
+        "import netfall; from test_python import cross\n"
+        "result = netfall.run(cross())\n"
+        "print('ranks', result.file['provenance'].attrs['ranks'], result.tension(element=13)[0].round())\n"
+        "try: netfall.run(cross(), ranks=3)\n"
+        "except netfall.InputError as error: print(error)\n"
+        "try: netfall.run(cross(cable={}))\n"
+        "except netfall.InputError as error: print(error.lines[0])\n"
+    )
+    command = [*on_ranks(2), sys.executable, "script.py", str(ROOT / "tests")]
+    done = subprocess.run(command, env=ENVIRONMENT, cwd=here, capture_output=True, text=True, timeout=120)
+    assert done.stdout.count("ranks 2 100000.0") == 2, done.stdout + done.stderr
+    assert (
+        done.stdout.count("leave ranks out") == 2 and done.stdout.count("job.toml: [cable] modulus: mis") == 2
+    )
+    assert [path.name for path in here.iterdir()] == ["script.py"]
+
+
+def test_the_worked_example_runs_as_it_stands(here):
+    """Every block of Python of jobs/notebook.md, in one process, and what the page says that it prints."""
+    page = ROOT / "jobs" / "notebook.md"
+    (here / "notebook.py").write_text("\n".join(blocks(page, "python")))
+    command = [BIN / "python", "notebook.py"]
+    done = subprocess.run(command, env=ENVIRONMENT, cwd=here, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == "".join(blocks(page, "text")).splitlines()
+    assert (here / "prestress.png").stat().st_size > 10_000
