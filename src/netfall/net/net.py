@@ -175,6 +175,40 @@ def subdivide(net: Net, parts: int) -> Net:
     )
 
 
+def joined(net: Net) -> Net:
+    """The net before `subdivide`, from its result; places in the middle of elements are forgotten."""
+    if net.parts == 1:
+        return net
+    n = net.n - net.inner_particles().size
+    columns = {}
+    for column in fields(net):
+        values, row = getattr(net, column.name), column.metadata
+        if row and values is not None:
+            columns[column.name] = values[:n] if row["entity"] == "node" else values[:: net.parts]
+            if row.get("divided") == "split":
+                columns[column.name] = columns[column.name] * net.parts
+            elif row.get("divided") == "multiplied":
+                columns[column.name] = columns[column.name] / net.parts
+    return replace(
+        net,
+        x=net.x[:n],
+        fixed=net.fixed[:n],
+        parts=1,
+        node_id=net.node_id[:n],
+        elements=net.undivided(),
+        group=net.group[:: net.parts],
+        cable=None if net.cable is None else net.cable[:: net.parts],
+        **columns,
+    )
+
+
+def spaced(net: Net, x: np.ndarray) -> np.ndarray:
+    """Places (n, 3) [m] of all particles where those that were given are at x; the others evenly between."""
+    start, end = x[net.undivided()].transpose(1, 0, 2)[:, :, None]
+    share = (np.arange(1, net.parts) / net.parts)[None, :, None]
+    return np.concatenate([x, ((1 - share) * start + share * end).reshape(-1, 3)])
+
+
 def _continued(net: Net, column, k: int, parts: int) -> np.ndarray | None:
     """A column of a net with k more nodes, whose elements are each in `parts`; as its row in `Net` says."""
     values, row = getattr(net, column.name), column.metadata

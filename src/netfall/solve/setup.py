@@ -13,6 +13,7 @@ from netfall.job.read import Job
 from netfall.mechanics.fields import FIELDS, Scene
 from netfall.mechanics.stability import Limit
 from netfall.mechanics.state import State
+from netfall.net.net import joined, spaced
 from netfall.output.checkpoint import Checkpoint
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
@@ -83,14 +84,7 @@ def prepare(
         if stage in ("statics", "dynamics"):
             form = _restored_initial(comm, job, model, checkpoint)
         elif job.form_finding is not None:
-            try:
-                resume = restore_relaxation(distribution, checkpoint)
-                form = find_form(comm, net, distribution, job.form_finding, halo, report, stop, resume)
-            except Paused as pause:
-                path = pause_form_finding(job, result, digest, distribution, pause, restart)
-                raise interrupted(f"in form finding, iteration {pause.at.iteration}", path) from None
-            x, N = distribution.gather_particles(form.x), distribution.gather_elements(form.N)
-            on_root(comm, lambda: set_initial(job, model, x, N))
+            form = _form(job, model, distribution, halo, report, result, digest, restart, checkpoint, stop)
         else:
             form = None
             on_root(comm, lambda: set_initial(job, model, net.x, None))
@@ -107,6 +101,30 @@ def prepare(
     return Setup(
         model, distribution, state, halo, form, residual, reference, limits, digest, stage, checkpoint
     )
+
+
+def _form(job, model, distribution, halo, report, result, digest, restart, checkpoint, stop) -> Form:
+    """Find the form and put the model into it; arguments as in `prepare`. Collective.
+
+    Nothing loads an element between its ends while the form is found, so it is straight and has one tension:
+    a net that was subdivided has the form of the net as it was given, its new particles evenly spaced.
+    """
+    comm, net = distribution.comm, model and model.net
+    as_given = model and joined(net)
+    if comm.bcast(model and net.parts > 1):
+        part = model and model.part[: as_given.n]
+        cut = on_root(comm, lambda: cut_net(as_given.n, as_given.elements, part, comm.size))
+        distribution = Distribution(comm, *comm.bcast(model and (as_given.n, as_given.m)), cut)
+        halo = Halo(comm, distribution.subdomain, 3)
+    try:
+        resume = restore_relaxation(distribution, checkpoint)
+        form = find_form(comm, as_given, distribution, job.form_finding, halo, report, stop, resume)
+    except Paused as pause:
+        path = pause_form_finding(job, result, digest, distribution, pause, restart)
+        raise interrupted(f"in form finding, iteration {pause.at.iteration}", path) from None
+    x, N = distribution.gather_particles(form.x), distribution.gather_elements(form.N)
+    on_root(comm, lambda: set_initial(job, model, spaced(net, x), np.repeat(N, net.parts)))
+    return form
 
 
 def _restored_initial(comm: MPI.Comm, job: Job, model: Model | None, checkpoint: Checkpoint | None):

@@ -1,0 +1,100 @@
+"""Time and accuracy of equilibria against Newton's method with a sparse direct solver, on the same saddle.
+
+    python jobs/bench/equilibrium.py 120 200 400            cells along a side; 2 c (c - 1) elements each
+    mpirun -n 2 python jobs/bench/equilibrium.py 400 --alone without the direct solver
+
+Self weight, then 2 kN/m2 upward in two steps. Times are of the equilibria, set-up of the net left out.
+"""
+
+import argparse
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+from mpi4py import MPI
+from scipy.sparse import coo_array
+from scipy.sparse.linalg import splu
+
+from netfall.job.read import read_job
+from netfall.solve.equilibrium import Finder
+from netfall.solve.setup import prepare
+from netfall.solve.statics import equilibria, reference_force
+from netfall.timings import Phases
+
+JOB = Path(__file__).with_name("equilibrium.toml")
+CLOSE = 1e-7  # of the largest displacement: the direct solver's last correction
+
+parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+parser.add_argument("cells", type=int, nargs="+")
+parser.add_argument("--alone", action="store_true", help="without the direct solver")
+arguments = parser.parse_args()
+
+
+class Direct:
+    """Newton's method with scipy's direct solver, from the same start."""
+
+    def __init__(self, model):
+        net = model.net
+        self.elements, self.L0, self.EA = net.elements, model.L0, net.modulus * net.section
+        self.x, self.start, self.moves = model.x.copy(), model.x, np.flatnonzero(~net.fixed.ravel())
+
+    def find(self, load: np.ndarray) -> None:
+        """Move to equilibrium under a load (n, 3) [N]."""
+        while True:
+            d = self.x[self.elements[:, 1]] - self.x[self.elements[:, 0]]
+            L = np.sqrt((d * d).sum(1))
+            N = np.maximum(self.EA * (L - self.L0) / self.L0, 0.0)
+            f = load.copy()
+            for k, sign in ((0, 1.0), (1, -1.0)):
+                for axis in range(3):
+                    f[:, axis] += sign * np.bincount(self.elements[:, k], N / L * d[:, axis], len(f))
+            step = splu(self.stiffness(d / L[:, None], N / L)).solve(f.ravel()[self.moves])
+            self.x.ravel()[self.moves] += step
+            if np.abs(step).max() < CLOSE * np.abs(self.x - self.start).max():
+                return
+
+    def stiffness(self, along, across):
+        """Sparse tangent of the axes that move."""
+        block = (self.EA / self.L0 - across)[:, None, None] * along[:, :, None] * along[:, None, :]
+        block += across[:, None, None] * np.eye(3)
+        place = 3 * self.elements[:, :, None] + np.arange(3)
+        row, column, value = [], [], []
+        for i, j in ((0, 0), (1, 1), (0, 1), (1, 0)):
+            row.append(np.repeat(place[:, i], 3, axis=1).ravel())
+            column.append(np.tile(place[:, j], 3).ravel())
+            value.append((block if i == j else -block).ravel())
+        whole = (np.concatenate(value), (np.concatenate(row), np.concatenate(column)))
+        n = self.x.size
+        return coo_array(whole, shape=(n, n)).tocsr()[self.moves][:, self.moves].tocsc()
+
+
+def measure(comm: MPI.Comm, cells: int) -> str:
+    """A row of the table: elements, seconds, iterations; seconds of the direct solver, error. Collective."""
+    job = read_job(JOB, [f"net.cells={cells}"])
+    setup = prepare(comm, job, Phases())
+    run = SimpleNamespace(comm=comm, job=job, setup=setup)
+    wanted = equilibria(run)
+    finder = Finder(comm, setup.halo, setup.distribution, setup.state)
+    reference, began, iterations = reference_force(run, wanted[-1]), time.perf_counter(), 0
+    for each in wanted:
+        found = finder.find(each.load, job.load.tolerance, reference, 1000, each.words)
+        iterations += found.iterations
+    seconds = time.perf_counter() - began
+    x = setup.distribution.gather_particles(setup.state.x)
+    loads = [setup.distribution.gather_particles(each.load) for each in wanted]
+    row = f"{setup.distribution.m:9d} {seconds:8.2f} s {iterations:5d} iterations"
+    if comm.rank > 0 or arguments.alone:
+        return row
+    direct, began = Direct(setup.model), time.perf_counter()
+    for load in loads:
+        direct.find(load)
+    error = np.abs(x - direct.x).max() / np.abs(direct.x - direct.start).max()
+    return f"{row} {time.perf_counter() - began:8.2f} s direct, largest displacement off by {error:.1e}"
+
+
+measure(MPI.COMM_WORLD, 24)  # compiles
+for count in arguments.cells:
+    line = measure(MPI.COMM_WORLD, count)
+    if MPI.COMM_WORLD.rank == 0:
+        print(line, flush=True)
