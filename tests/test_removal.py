@@ -211,8 +211,7 @@ def test_what_is_lost_leaves_the_net_with_what_hangs_on_nothing_else(torn):
     assert all(t < gone.get(e, 1.0) for e, t in zip(torn["events/element"][:], torn["events/time"][:]))
     inner = np.intersect1d(*torn["net/elements"][:][ids == 40])  # between the two halves
     assert (torn["final/velocity"][:][inner] == 0).all()
-    rests = torn["removal/tension_after"][:]
-    assert np.isfinite(rests[0]).all() and (rests[0][lost[entry == 0]] == 0).all()
+    assert np.isnan(torn["removal/tension_after"][:]).all()  # each loss breaks something at rest too
     assert np.abs(torn["history/identity_error"][:]).max() < 1e-12  # rounding, of fragments that whip
     assert torn["history/plastic_dissipation"][-1] > 0
 
