@@ -24,9 +24,9 @@ def cables_of(net: Net, in_plan: bool = False) -> tuple[np.ndarray, list[str]]:
     in the table is called by the least id of its elements, "e17". A name of the table is one piece, whatever
     its elements are.
     """
-    names = np.array(net.cable_given or [""] * (net.m // net.parts))
+    names = np.array(net.cable_given) if net.cable_given else np.zeros(net.m // net.parts, "U1")
     label = _chains(net, np.array([1.0, 1.0, 0.0 if in_plan else 1.0]), names != "")
-    if (names != "").any():
+    if net.cable_given:
         _, of_name, row = np.unique(names, return_index=True, return_inverse=True)
         label = np.where(names != "", len(label) + of_name[row], label)
     _, first, piece = np.unique(label, return_index=True, return_inverse=True)
@@ -76,7 +76,7 @@ def _bends(net: Net, axes: np.ndarray, named: np.ndarray) -> np.ndarray:
     out = np.stack([unit, -unit], axis=1).reshape(-1, 3)  # from the node of each end into its element
     node, group = ends.ravel(), np.repeat(net.group[:: net.parts], 2)
     free = np.flatnonzero(~net.fixed[node].all(1) & ~np.repeat(named, 2))
-    order = free[np.lexsort((free, group[free], node[free]))]
+    order = free[np.argsort(node[free] * len(net.group_names) + group[free], kind="stable")]
     found, cosines, apart = [np.zeros((0, 2), np.int64)], [np.zeros(0)], 1
     while apart < len(order):
         a, b = order[:-apart], order[apart:]

@@ -71,38 +71,36 @@ def _set_stiffness_and_mass(net: Net, found: dict[str, np.ndarray]) -> None:
 
 def _found(job: Job, net: Net, rows: dict) -> dict[str, np.ndarray]:
     """What each element has of OF_SECTION, (m,) nan: nothing, by [cable], its group and its row, in turn."""
-    types = catalogue_of(job)
-    found = {name: np.full(net.m, np.nan) for name in OF_SECTION}
-    net.type, net.type_names = np.full(net.m, -1), list(types)
-    errors = []
-    of_groups = [job.groups.get(name, {}) for name in net.group_names]
-    nothing = np.full(net.m, np.nan)
-    for place, level, words in (
-        (lambda e: f"{job.path}: [cable]", *_level(net, [vars(job.cable)] * len(of_groups))),
-        (lambda e: f"{job.path}: [cable.{net.group_names[net.group[e]]}]", *_level(net, of_groups)),
-        (
-            lambda e: f"{job.path.parent / str(job.net.elements)}: element {net.element_id[e]}:",
-            {name: rows.get(name, nothing) for name in OF_SECTION},
-            np.array(rows.get("type") or [""] * net.m),
-        ),
-    ):
-        row, wrong = _rows_of(words, types, place)
-        errors += wrong
-        _put(found, level, net, row, types)
+    types, names = catalogue_of(job), net.group_names
+    found = {name: np.full(len(names), np.nan) for name in (*OF_SECTION, "type")}
+    place = lambda section: lambda k: f"{job.path}: [{section(k)}]"
+    errors = _put(found, *_level([vars(job.cable)] * len(names)), types, place(lambda k: "cable"))
+    of_groups = [job.groups.get(name, {}) for name in names]
+    errors += _put(found, *_level(of_groups), types, place(lambda k: f"cable.{names[k]}"))
+    found = {name: values[net.group] for name, values in found.items()}
+    if rows:
+        of_rows = {name: rows[name] for name in OF_SECTION if name in rows}
+        place = lambda e: f"{job.path.parent / str(job.net.elements)}: element {net.element_id[e]}:"
+        errors += _put(found, of_rows, np.array(rows.get("type") or [""] * net.m), types, place)
     if errors:
         raise InputError(errors)
+    if types:
+        number = found["type"]
+        net.type, net.type_names = np.where(np.isnan(number), -1, number).astype(int), list(types)
     return found
 
 
-def _level(net: Net, tables: list[dict]) -> tuple[dict, np.ndarray]:
-    """What tables, one for each group, say of OF_SECTION (m,), nan: nothing; and their types, "": none."""
+def _level(tables: list[dict]) -> tuple[dict, np.ndarray]:
+    """What tables say of OF_SECTION, (k,) nan: nothing; and their types, "": none."""
     value = lambda table, name: np.nan if table.get(name) is None else table[name]
-    level = {name: np.array([value(t, name) for t in tables], float)[net.group] for name in OF_SECTION}
-    return level, np.array([table.get("type") or "" for table in tables])[net.group]
+    level = {name: np.array([value(table, name) for table in tables], float) for name in OF_SECTION}
+    return level, np.array([table.get("type") or "" for table in tables])
 
 
 def _rows_of(words: np.ndarray, types: dict, place) -> tuple[np.ndarray, list[str]]:
-    """Rows (m,) of the types that are named, -1: none; and a line for each name that there is not."""
+    """Rows (k,) of the types that are named, -1: none; and a line for each name that there is not."""
+    if not (words != "").any():  # a million words take a second to sort
+        return np.full(len(words), -1), []
     names, first, inverse = np.unique(words, return_index=True, return_inverse=True)
     number = {name: k for k, name in enumerate(types)}
     wrong = [
@@ -114,21 +112,27 @@ def _rows_of(words: np.ndarray, types: dict, place) -> tuple[np.ndarray, list[st
     return np.array([number.get(str(name), -1) for name in names])[inverse], wrong
 
 
-def _put(found: dict, level: dict, net: Net, row: np.ndarray, types: dict) -> None:
-    """Put a level over what was found before: its types (rows, -1: none) first, then what it says itself."""
+def _put(found: dict, level: dict, words: np.ndarray, types: dict, place) -> list[str]:
+    """Put a level over what was found before: its types (k,) words first, then what it says itself.
+
+    A line for each name of a type that there is not; place(row) : where it stands
+    """
+    row, wrong = _rows_of(words, types, place)
     typed = row >= 0
     if typed.any():
         table = np.array(list(types.values()))
-        net.type = np.where(typed, row, net.type)
         for name in OF_SECTION:
             found[name][typed] = np.nan
         for k, name in enumerate(OF_TYPE):
             found[name][typed] = table[row[typed], k]
+        found["type"][typed] = row[typed]
     for one, other in EITHER:
         for name, instead in ((one, other), (other, one)):
-            found[instead][~np.isnan(level[name])] = np.nan
+            if name in level:
+                found[instead][~np.isnan(level[name])] = np.nan
     for name, values in level.items():
         found[name] = np.where(np.isnan(values), found[name], values)
+    return wrong
 
 
 def catalogue_of(job: Job) -> dict[str, tuple[float, ...]]:
