@@ -49,7 +49,7 @@ def test_iterations_that_run_out_end_the_run(workshop):
 
 
 def test_a_subdivided_net_has_the_form_of_the_net_as_given(both_ways):
-    """At constant tension nothing would keep the new nodes apart: they are spaced evenly on straight lines."""
+    """At constant tension nothing keeps the new nodes apart: they are spaced evenly on straight lines."""
     job = '[net]\ngenerator = "saddle"\nside = 20.0\nrise = 2.0\ncells = 4\nsubdivide = {}\n' + STEEL
     form = "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n"
     whole = both_ways.run(both_ways.job(job.format(1) + form, name="whole"))
