@@ -15,6 +15,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     ),
     "info": ("netfall info results/stadium.vtkhdf",),
     "plot": ("netfall plot results/stadium.vtkhdf -o pictures",),
+    "report": ("netfall report results/stadium.vtkhdf -o report",),
     "scale": ('netfall scale jobs/stadium.toml --ranks 1,2,4 --launcher "srun -n {ranks}"',),
     "trade": ("netfall trade jobs/saddle.toml --vary dynamics.safety=0.8,0.4,0.2",),
     "import": (

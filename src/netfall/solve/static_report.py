@@ -32,9 +32,9 @@ def _unstable(what: str, node: int) -> str:
 
 def _settled(numbers: dict, elements: int) -> str:
     moved, tension = numbers["displacement_error"], numbers["tension_error"]
-    error = f"to {moved:.1g} of the largest displacement and {tension:.1g} of the largest tension"
+    error = f"to {moved:.0e} of displacements, {tension:.0e} of tensions"
     return (
-        f"in equilibrium {error if moved == moved else '(no estimate of the error)'}"
+        f"in equilibrium {error if moved == moved else '(error not known)'}"
         f"{', by relaxation' if numbers['relaxed'] else ''}, largest residual {numbers['residual']:.3g} N, "
         f"slack {numbers['slack']} of {elements}"
     )
