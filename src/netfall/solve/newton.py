@@ -137,9 +137,9 @@ class Newton:
         z = np.where(self.moves, cycle(left), 0.0)
         p = z.copy()
         rz, rr = self.dots((left, z), (r, r))
-        if not rr > 0.0:
+        if rr == 0.0:
             return s, 0
-        if not 0.0 < rz < np.inf:
+        if not (0.0 < rz < np.inf and rr < np.inf):
             raise NotFound("the preconditioner is not positive")
         for iteration in range(1, MOST_GRADIENTS + 1):
             q = self.stiffness_times(K, p)
