@@ -2,6 +2,7 @@
 
     python jobs/bench/equilibrium.py 120 200 400            cells along a side; 2 c (c - 1) elements each
     mpirun -n 2 python jobs/bench/equilibrium.py 400 --alone without the direct solver
+    python jobs/bench/equilibrium.py 400 --save net.npz    then equilibrium_petsc.py net.npz
 
 Self weight, then 2 kN/m2 upward in two steps. Times are of the equilibria, set-up of the net left out.
 """
@@ -28,6 +29,7 @@ CLOSE = 1e-7  # of the largest displacement: the direct solver's last correction
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("cells", type=int, nargs="+")
 parser.add_argument("--alone", action="store_true", help="without the direct solver")
+parser.add_argument("--save", help="file for the net and its loads, for equilibrium_petsc.py")
 arguments = parser.parse_args()
 
 
@@ -86,6 +88,18 @@ def measure(comm: MPI.Comm, cells: int) -> str:
     row = f"{setup.distribution.m:9d} {seconds:8.2f} s {iterations:5d} iterations"
     if comm.rank > 0 or arguments.alone:
         return row
+    if arguments.save:
+        model = setup.model
+        EA, fixed = model.net.modulus * model.net.section, model.net.fixed
+        np.savez(
+            arguments.save,
+            elements=model.net.elements,
+            x=model.x,
+            L0=model.L0,
+            EA=EA,
+            fixed=fixed,
+            loads=loads,
+        )
     direct, began = Direct(setup.model), time.perf_counter()
     for load in loads:
         direct.find(load)

@@ -197,6 +197,7 @@ def joined(net: Net) -> Net:
         node_id=net.node_id[:n],
         elements=net.undivided(),
         group=net.group[:: net.parts],
+        outline=np.where(net.outline >= net.n, net.outline - (net.n - n), net.outline),
         cable=None if net.cable is None else net.cable[:: net.parts],
         **columns,
     )

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
+from netfall.errors import DivergedError
 from netfall.mechanics.state import State
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
@@ -26,8 +27,10 @@ SLACKER = (
 )
 NEARER = (1e-2, 1e-3, 1e-4, 1e-5)  # of the largest force: residuals after which Newton's is tried once more
 FEW_CORRECTIONS = 8  # then
-TIGHTER = 10.0  # times: what the relaxation is asked more of at least, where its error is too large
+TIGHTER = 10.0  # times: what the relaxation is asked more of, where its error is too large
 MOST_AGAIN = 6  # times
+ROUNDING = 1e-13  # of the largest force: residuals below that are rounding
+STABLE, UNKNOWN = -1, -2
 
 
 class Found(NamedTuple):
@@ -36,7 +39,7 @@ class Found(NamedTuple):
     iterations : of conjugate gradients, or of the relaxation; residual : largest [N]
     displacement_error, tension_error : estimates, shares of the largest; nan where none could be made
     relaxed : whether by dynamic relaxation; falls : global number of the particle that moves most where the
-        equilibrium is not stable, -1 : it is
+        equilibrium is not stable, else `STABLE`, or `UNKNOWN` where that could not be told
     """
 
     iterations: int
@@ -45,6 +48,11 @@ class Found(NamedTuple):
     tension_error: float
     relaxed: bool
     falls: int
+
+    @property
+    def error(self) -> float:
+        """The larger of both."""
+        return max(self.displacement_error, self.tension_error)
 
 
 @dataclass
@@ -55,7 +63,7 @@ class Finder:
     halo: Halo
     distribution: Distribution
     state: State
-    _first: tuple[Tangent, Cycle] | None = field(default=None, init=False)
+    _first: tuple[Tangent, list[float], Cycle] | None = field(default=None, init=False)
 
     def find(
         self,
@@ -75,10 +83,9 @@ class Finder:
         Raises DivergedError if neither finds one, Paused if asked to stop.
         """
         newton, state = self._newton(load), self.state
-        goals = [share * reference for share in NEARER if share > tolerance] + [tolerance * reference]
         first, total = 0, 0
-        if resume is not None and resume.iteration > 0:
-            first = resume.stage
+        if resume is not None and (resume.iteration > 0 or resume.stage > 0):
+            first, total = resume.stage, resume.total
         else:
             resume = None
             before = state.x.copy(order="K")
@@ -89,6 +96,9 @@ class Finder:
                 raise Paused(_not_begun(before)) from None
             except NotFound:
                 state.x[:] = before
+        asked, found = tolerance * reference, None
+        goals = [*(share * reference for share in NEARER if share > tolerance), asked]
+        goals += [max(asked / TIGHTER**k, ROUNDING * reference) for k in range(1, MOST_AGAIN)]
         for stage in range(first, len(goals)):
             try:
                 iterations, residual = relax(
@@ -102,14 +112,31 @@ class Finder:
                     resume=resume,
                 )
             except Paused as pause:
-                pause.at.stage = stage
+                pause.at.stage, pause.at.total = stage, total
                 raise
+            except DivergedError:
+                if found is None:
+                    raise
+                state.x[:] = before
+                return found
             total, resume, before = total + iterations, None, state.x.copy(order="K")
             try:
                 return self._corrected(newton, tolerance, total, NEVER, FEW_CORRECTIONS)
             except NotFound:
                 state.x[:] = before
-        return self._relaxed(newton, tolerance, total, residual, max_iterations, what)
+            if goals[stage] <= asked:
+                found = self._relaxed(newton, total, residual)
+                if not found.error > tolerance:
+                    break
+        return found
+
+    def _relaxed(self, newton: Newton, total: int, residual: float) -> Found:
+        """What relaxation alone has reached. Collective."""
+        try:
+            errors = newton.errors(self.state.x_start)
+        except NotFound:
+            errors = np.nan, np.nan
+        return Found(total, residual, *errors, True, self._falls(newton))
 
     def _corrected(self, newton: Newton, tolerance, before: int, stop, most: int = MOST_CORRECTIONS) -> Found:
         """By Newton's method; before : iterations until now. Raises NotFound, Stopped."""
@@ -128,9 +155,10 @@ class Finder:
         """That of the first tangent while K is like it, otherwise K's own. Collective."""
         if self._first is None:
             first = self._tangent_at_first()
-            self._first = first, newton.cycle(first)
-        first, cycle = self._first
-        unlike = not (_alike(K.axial, first.axial) and _alike(K.across, first.across))
+            least = [SLACKER * size for size in newton.largest(first.axial, first.across)]
+            self._first = first, least, newton.cycle(first)
+        first, least, cycle = self._first
+        unlike = not (_alike(K.axial, first.axial, least[0]) and _alike(K.across, first.across, least[1]))
         return newton.cycle(K) if newton.inertia or self.comm.allreduce(unlike, MPI.LOR) else cycle
 
     def _tangent_at_first(self) -> Tangent:
@@ -147,25 +175,14 @@ class Finder:
             state.eps_p[:] = eps_p
         return first
 
-    def _relaxed(self, newton: Newton, tolerance, total, residual, max_iterations, what) -> Found:
-        """By relaxation alone: to a residual so small that the estimated errors are within the tolerance."""
-        for again in range(MOST_AGAIN):
-            try:
-                errors = newton.errors(self.state.x_start)
-            except NotFound:
-                return Found(total, residual, np.nan, np.nan, True, self._falls(newton))
-            if max(errors) <= tolerance or again == MOST_AGAIN - 1:
-                break
-            goal = residual / max(TIGHTER, 2.0 * max(errors) / tolerance)
-            iterations, residual = relax(self.comm, self.halo, newton.net, goal, max_iterations, what)
-            total += iterations
-        return Found(total, residual, *errors, True, self._falls(newton))
-
     def _falls(self, newton: Newton) -> int:
-        """Global number of the particle that moves most in an equilibrium that is not stable; -1: it is."""
-        shape = newton.falling()
+        """Global number of the particle that moves most in an equilibrium that is not stable, or `STABLE`."""
+        try:
+            shape = newton.falling()
+        except NotFound:
+            return UNKNOWN
         if shape is None:
-            return -1
+            return STABLE
         size = np.sqrt(shape[:, 0] ** 2 + shape[:, 1] ** 2 + shape[:, 2] ** 2)
         gid = self.distribution.subdomain.particle_gid[: len(size)]
         p = np.lexsort((gid, -size))[0] if len(size) else 0
@@ -178,8 +195,7 @@ def _not_begun(x: np.ndarray) -> Relaxation:
     return Relaxation(0, 0.0, True, x, np.zeros_like(x), np.ones_like(x))
 
 
-def _alike(now: np.ndarray, before: np.ndarray) -> bool:
-    """Whether two stiffnesses (m,) of the same elements are of one size."""
-    least = SLACKER * np.abs(before).max(initial=0.0)
+def _alike(now: np.ndarray, before: np.ndarray, least: float) -> bool:
+    """Whether two stiffnesses (m,) of the same elements are of one size; below `least` they are."""
     now, before = np.maximum(now, least), np.maximum(before, least)
     return bool((now <= ALIKE * before).all() and (before <= ALIKE * now).all())

@@ -13,13 +13,12 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.mechanics.elements import add_stiffness, axial_forces
-from netfall.parallel.agree import on_root
 from netfall.parallel.blocks import dot_rows
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import exact_sums
 from netfall.solve.multilevel import Cycle
-from netfall.solve.tangent import Tangent, block_matrix, without_compression
+from netfall.solve.tangent import Tangent, scattered, whole_matrix, without_compression
 from netfall.stop import NEVER, StopRequest
 
 MOST_CORRECTIONS = 25
@@ -92,6 +91,7 @@ class Newton:
         self.inverse = inverse or Newton.cycle
         self.owned = slice(halo.n_owned)
         self.moves = np.ascontiguousarray(net.free[self.owned]) != 0
+        self.moved_elements = net.free.any(1)[net.ends].any(1)  # the others, between supports, do not count
         self.spread = np.zeros_like(np.ascontiguousarray(net.x))
         self.answer = np.zeros_like(self.spread)
         self.f = np.zeros_like(net.x)
@@ -141,6 +141,7 @@ class Newton:
             return s, 0
         if not (0.0 < rz < np.inf and rr < np.inf):
             raise NotFound("the preconditioner is not positive")
+        first = rz
         for iteration in range(1, MOST_GRADIENTS + 1):
             q = self.stiffness_times(K, p)
             (pq,) = self.dots((p, q))
@@ -152,7 +153,7 @@ class Newton:
             left -= step * q
             z = np.where(self.moves, cycle(left), 0.0)
             size, new, old = self.dots((left, left), (left, z), (before, z))
-            if size <= share * share * rr:
+            if size <= share * share * rr and new <= share * share * first:
                 return s, iteration
             p = z + (new - old) / rz * p
             rz = new
@@ -162,16 +163,8 @@ class Newton:
 
     def cycle(self, K: Tangent) -> Cycle:
         """The approximate inverse of a tangent. Collective."""
-        d = self.distribution
-        gather = d.gather_elements
-        parts = [gather(each) for each in (K.direction, K.axial, np.maximum(K.across, 0.0))]
-        support = None if K.support is None else d.gather_particles(K.support)
-        free, nodal = d.gather_particles(self.net.free), d.gather_particles(K.nodal)
-        ends = d.gather_elements(d.subdomain.particle_gid[d.subdomain.ends])
-        matrix = on_root(
-            self.comm, lambda: block_matrix(ends, *parts, free != 0, support, self.inertia * nodal)
-        )
-        return Cycle(self.comm, d.owned(), matrix)
+        matrix = whole_matrix(self.distribution, self.net, K, self.inertia)
+        return Cycle(self.comm, self.distribution.owned(), matrix)
 
     def find(
         self, tolerance: float, start: np.ndarray, stop: StopRequest = NEVER, most=MOST_CORRECTIONS
@@ -202,10 +195,13 @@ class Newton:
                 before = np.inf
                 continue
             total += count
-            moved, change = self._sizes(K, s, start)
+            moved, change, predicted = self._sizes(K, s, start)
             part = self._go(s, r, min(1.0, FARTHEST * self.extent / max(self.largest(s)[0], 1e-300)))
-            r, K, whole = self.residual(), self.tangent(), part == 1.0
-            whole, size = whole and not self.inertia, max(moved, change)
+            old, r, K = K, self.residual(), self.tangent()
+            whole, change = part == 1.0 and not self.inertia, max(change, self._unforeseen(old, K, predicted))
+            size = max(moved, change)
+            if self._turned(old, K):  # slack or yield that came or went: the tangent did not know
+                before = np.inf
             missing = max(share, min(1.0, size / before)) if 0.0 < before < np.inf else 1.0
             if whole and exact and missing * size <= tolerance:
                 return Corrected(correction, total, self.largest(r)[0], missing * moved, missing * change)
@@ -224,25 +220,22 @@ class Newton:
         self.extent, self.inertia = self._extent(), 0.0
         K = self.tangent()
         s, _ = self.solve(K, self.inverse(self, K), self.residual())
-        return self._sizes(K, s, start)
+        return self._sizes(K, s, start)[:2]
 
     def falling(self) -> np.ndarray | None:
         """Displacements (n_owned, 3) against which the net has no stiffness; None if stable. Collective.
 
         Conjugate gradients that answer forces of every shape come upon such displacements if there are any.
-        Only compression makes them.
+        Only compression makes them. Raises NotFound where that cannot be told.
         """
         K, self.inertia = self.tangent(), 0.0
         if not self.comm.allreduce(K.across.min(initial=0.0), MPI.MIN) < 0.0:
             return None
         number = 3 * self.distribution.subdomain.particle_gid[self.owned, None] + np.arange(3)
-        forces = ((number * 2654435761) % 2**32) / 2.0**32 - 0.5  # any that depend on the number alone
         try:
-            self.solve(K, self.inverse(self, K), np.where(self.moves, forces, 0.0), LOOKED)
+            self.solve(K, self.inverse(self, K), np.where(self.moves, scattered(number), 0.0), LOOKED)
         except Falling as found:
             return found.shape
-        except NotFound:
-            pass
         return None
 
     def _extent(self) -> float:
@@ -257,8 +250,19 @@ class Newton:
         if self.inertia > MOST_INERTIA:
             raise NotFound("the tangent is singular")
 
-    def _sizes(self, K: Tangent, s: np.ndarray, start: np.ndarray) -> tuple[float, float]:
-        """The correction's largest displacement and change of tension, as shares of the largest."""
+    def _unforeseen(self, old: Tangent, new: Tangent, predicted: np.ndarray) -> float:
+        """Largest change of tension that the old tangent did not predict, a share of the largest."""
+        off, tension = self.largest(
+            (new.N - old.N - predicted)[self.moved_elements], new.N[self.moved_elements]
+        )
+        return off / tension if tension > 0.0 else 0.0
+
+    def _turned(self, old: Tangent, new: Tangent) -> bool:
+        """Whether an element has become slack or taut, or begun or ceased to yield. Collective."""
+        return self.comm.allreduce(bool(((old.axial == 0.0) != (new.axial == 0.0)).any()), MPI.LOR)
+
+    def _sizes(self, K: Tangent, s: np.ndarray, start: np.ndarray) -> tuple[float, float, np.ndarray]:
+        """A correction's largest displacement and change of tension, shares of the largest; all changes."""
         self.spread[self.owned] = s
         self.halo.update(self.spread)
         change, away = (
@@ -270,11 +274,12 @@ class Newton:
         dot_rows(s, s, squares[0])
         away += s
         dot_rows(away, away, squares[1])
-        step, far, change, tension = self.largest(np.sqrt(squares[0]), np.sqrt(squares[1]), change, K.N)
-        rounding = ROUNDING * self.extent
-        if step <= rounding:
-            return 0.0, 0.0
-        return step / max(far, NIL * self.extent), change / tension if tension > 0.0 else 0.0
+        counts = self.moved_elements
+        sizes = (np.sqrt(squares[0]), np.sqrt(squares[1]), change[counts], K.N[counts])
+        step, far, most, tension = self.largest(*sizes)
+        if step <= ROUNDING * self.extent:
+            return 0.0, 0.0, change
+        return step / max(far, NIL * self.extent), most / tension if tension > 0.0 else 0.0, change
 
     def _go(self, s: np.ndarray, r: np.ndarray, share: float = LEFT) -> float:
         """Move by a correction, or by the part of it along which the residual does not turn round.

@@ -31,7 +31,7 @@ LOOK_EVERY = 10  # iterations between looks at the residual, which take a reduct
 class Relaxation:
     """Where a relaxation stands before an iteration: arrays (n, 3) of owned and halo particles.
 
-    stage : of an equilibrium that is relaxed to several residuals in turn
+    stage : of an equilibrium that is relaxed to several residuals in turn; total : iterations before it
     """
 
     iteration: int
@@ -41,6 +41,7 @@ class Relaxation:
     v: np.ndarray
     mass: np.ndarray
     stage: int = 0
+    total: int = 0
 
 
 class Paused(Exception):

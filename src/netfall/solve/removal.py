@@ -223,6 +223,9 @@ def _settled(run, each: Equilibrium, reference: float) -> tuple[np.ndarray, str]
     """Tensions (m,) [N] of this rank's elements at rest, and a line that tells of it. Collective."""
     most = min(MOST_ITERATIONS, run.job.load.max_iterations) if run.job.load else MOST_ITERATIONS
     rest = settle(run, each, reference, run.stop, most=most)
+    if rest.falls >= 0:
+        node = run.comm.bcast(run.setup.model and run.setup.model.net.node_id[rest.falls])
+        return np.full_like(rest.snapshot.N, np.nan), f"no rest of {each.words}: not stable at node {node}"
     line = f"rest of {each.words}: largest residual {rest.residual:.3g} N, slack {rest.slack}"
     return rest.snapshot.N, line
 

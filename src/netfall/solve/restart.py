@@ -61,7 +61,7 @@ class Saver:
         """Write a checkpoint of the static stage where its relaxation was paused; its path. Collective."""
         self.statics = pause.path
         record, arrays = relaxation_record(self.result.distribution, pause.at)
-        step = pause.path.total + pause.at.iteration
+        step = pause.path.total + pause.at.total + pause.at.iteration
         return self._write("statics", step, self.setup.state, record, arrays)
 
     def _write(self, stage: str, step: int, state: State, own_record: dict, own_arrays: dict) -> Path:
@@ -122,6 +122,7 @@ def relaxation_record(distribution: Distribution, at: Relaxation) -> tuple[dict,
     """A relaxation as small values and, on rank 0, global arrays, for `restore_relaxation`. Collective."""
     arrays = {f"relax_{name}": distribution.gather_particles(getattr(at, name)) for name in RELAXED}
     small = {"iteration": at.iteration, "previous": at.previous, "rested": bool(at.rested), "stage": at.stage}
+    small["total"] = at.total
     return {"relax": small}, arrays if distribution.comm.rank == 0 else {}
 
 

@@ -21,6 +21,7 @@ from netfall.output.result import Result, net_section
 from netfall.parallel.agree import on_root
 from netfall.solve.dynamics import Simulation
 from netfall.solve.energy import take_snapshot, total_energies
+from netfall.solve.equilibrium import STABLE
 from netfall.solve.history import UNITS, History, find_probes
 from netfall.solve.loading import grows
 from netfall.solve.loads import GrowingLoad, WindLoad
@@ -157,7 +158,7 @@ def take_up(run: Run) -> dict | None:
 def numbers_of(found: dict) -> dict[str, np.ndarray]:
     """What is kept of equilibria as datasets: whether stable, and not which node says so."""
     arrays = {name: np.array(value) for name, value in found.items()}
-    return arrays | {"stable": arrays.pop("falls") < 0}
+    return arrays | {"stable": arrays.pop("falls") == STABLE}
 
 
 def run_statics(run: Run) -> StaticPath | None:

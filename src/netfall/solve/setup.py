@@ -110,18 +110,21 @@ def _form(job, model, distribution, halo, report, result, digest, restart, check
     a net that was subdivided has the form of the net as it was given, its new particles evenly spaced.
     """
     comm, net = distribution.comm, model and model.net
-    as_given = model and joined(net)
+    as_given, own_halo = model and joined(net), None
     if comm.bcast(model and net.parts > 1):
         part = model and model.part[: as_given.n]
         cut = on_root(comm, lambda: cut_net(as_given.n, as_given.elements, part, comm.size))
         distribution = Distribution(comm, *comm.bcast(model and (as_given.n, as_given.m)), cut)
-        halo = Halo(comm, distribution.subdomain, 3)
+        halo = own_halo = Halo(comm, distribution.subdomain, 3)
     try:
         resume = restore_relaxation(distribution, checkpoint)
         form = find_form(comm, as_given, distribution, job.form_finding, halo, report, stop, resume)
     except Paused as pause:
         path = pause_form_finding(job, result, digest, distribution, pause, restart)
         raise interrupted(f"in form finding, iteration {pause.at.iteration}", path) from None
+    finally:
+        if own_halo:
+            own_halo.free()
     x, N = distribution.gather_particles(form.x), distribution.gather_elements(form.N)
     on_root(comm, lambda: set_initial(job, model, spaced(net, x), np.repeat(N, net.parts)))
     return form

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from netfall.solve.equilibrium import STABLE, UNKNOWN
 from netfall.solve.statics import StaticPath
 
 
@@ -20,10 +21,13 @@ def static_lines(path: StaticPath, elements: int, words: str, node_id: np.ndarra
         return lines
     falls = [(f"statics, load factor {step['load_factor']:.4g}", step["falls"]) for step in path.steps[:-1]]
     falls += [(what, numbers["falls"]) for what, numbers in found]
-    return lines + [_unstable(what, node_id[p]) for what, p in falls if p >= 0]
+    return lines + [_unstable(what, p, node_id) for what, p in falls if p != STABLE]
 
 
-def _unstable(what: str, node: int) -> str:
+def _unstable(what: str, p: int, node_id: np.ndarray) -> str:
+    if p == UNKNOWN:
+        return f"note: {what}: whether compressed bars stay there could not be told"
+    node = node_id[p]
     return (
         f"note: {what}: NOT STABLE: compressed bars have no hold, the slightest push moves node {node} most; "
         "the net does not stay where this was found: hold the bars, or tension the net more"

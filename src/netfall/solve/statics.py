@@ -20,7 +20,7 @@ from netfall.job.read import Job
 from netfall.job.schema import defaults
 from netfall.mechanics.state import State
 from netfall.solve.energy import Snapshot, take_snapshot
-from netfall.solve.equilibrium import Finder
+from netfall.solve.equilibrium import STABLE, Finder
 from netfall.solve.loading import live_load, of_case
 from netfall.solve.relaxation import Paused, Relaxation, largest_force
 from netfall.stop import NEVER, StopRequest
@@ -139,7 +139,7 @@ def find_equilibria(run, path: StaticPath | None, resume: Relaxation | None) -> 
     state, wanted, base = run.setup.state, equilibria(run), None
     if path is None:
         path = StaticPath(reference_force(run, wanted[-1]))
-    elif any(each.from_permanent for each in wanted[path.done :]):
+    elif path.done > 0 and any(each.from_permanent for each in wanted[path.done :]):
         base = permanent_again(run, wanted[0], path.reference)
     run.progress.start()
     for each in wanted[path.done :]:
@@ -262,8 +262,8 @@ def bearable(run, wanted: list[Equilibrium], before: dict, reference: float) -> 
         put_back(run.setup.state, before)
         share = rest._replace(load=still + middle * (rest.load - still), factor=middle)
         try:
-            settle(run, share, reference, NEVER, most=FEWER)
-            low = middle
+            stays = settle(run, share, reference, NEVER, most=FEWER).falls == STABLE
+            low, high = (middle, high) if stays else (low, middle)
         except DivergedError:
             high = middle
     return (

@@ -6,6 +6,8 @@ import numpy as np
 
 from netfall.mechanics.material import largest_stiffness, tangent_stiffness
 from netfall.mechanics.state import State
+from netfall.parallel.agree import on_root
+from netfall.parallel.subdomain import Distribution
 from netfall.solve.relaxation import nodal_stiffness
 
 
@@ -53,6 +55,16 @@ def without_compression(K: Tangent) -> Tangent:
     return K._replace(across=np.maximum(K.across, 0.0))
 
 
+def whole_matrix(distribution: Distribution, net, K: Tangent, inertia: float):
+    """The matrix of `block_matrix` on rank 0, compression left out. net : `relaxation.Net`. Collective."""
+    d = distribution
+    elements = [d.gather_elements(each) for each in (K.direction, K.axial, np.maximum(K.across, 0.0))]
+    support = None if K.support is None else d.gather_particles(K.support)
+    free, nodal = d.gather_particles(net.free), d.gather_particles(K.nodal)
+    ends = d.gather_elements(d.subdomain.particle_gid[d.subdomain.ends])
+    return on_root(d.comm, lambda: block_matrix(ends, *elements, free != 0, support, inertia * nodal))
+
+
 def block_matrix(ends, direction, axial, across, free, support, inertia):
     """The tangent stiffness as a scipy BSR matrix of 3 x 3 blocks, without held axes. Rank 0.
 
@@ -82,3 +94,11 @@ def block_matrix(ends, direction, axial, across, free, support, inertia):
     first = np.flatnonzero(np.concatenate([[True], (np.diff(row) != 0) | (np.diff(column) != 0)]))
     start = np.searchsorted(row[first], np.arange(n + 1))
     return bsr_array((np.add.reduceat(blocks[order], first), column[first], start), shape=(3 * n, 3 * n))
+
+
+def scattered(number: np.ndarray) -> np.ndarray:
+    """Numbers from -0.5 to 0.5, as if by chance, that depend on the given integers alone (SplitMix64)."""
+    bits = number.astype(np.uint64) + np.uint64(0x9E3779B97F4A7C15)
+    bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return (bits ^ (bits >> np.uint64(31))) / 2.0**64 - 0.5
