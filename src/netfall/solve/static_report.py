@@ -39,6 +39,6 @@ def _settled(numbers: dict, elements: int) -> str:
     error = f"to {moved:.0e} of displacements, {tension:.0e} of tensions"
     return (
         f"in equilibrium {error if moved == moved else '(error not known)'}"
-        f"{', by relaxation' if numbers['relaxed'] else ''}, largest residual {numbers['residual']:.3g} N, "
+        f"{', by relaxation' if numbers['relaxed'] else ''}, residual {numbers['residual']:.3g} N, "
         f"slack {numbers['slack']} of {elements}"
     )
