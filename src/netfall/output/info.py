@@ -66,6 +66,7 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
             "run": (_run, True),
             "form finding": (_form, "form_finding" in f),
             "statics": (_statics, "statics" in f),
+            "stability": (_stability, True),
             "dynamics": (_dynamics, "history" in f),
             "wind": (_wind, "wind" in f),
             "losses": (_losses, "removal" in f),
@@ -138,6 +139,14 @@ def _statics(f, say):
         f"(node {f['net/node_id'][moved.argmax()]}), tensions {N.min():.4g} to {N.max():.4g} N, "
         f"slack {g['slack'][-1]}, largest residual {g['residual'][:].max():.2g} N"
     )
+
+
+def _stability(f, say):
+    """Name the equilibria that are not stable; results of older versions do not tell."""
+    places = ["statics", "rest", *(f"cases/{name}" for name in f.get("cases", ()))]
+    for place in places:
+        if place in f and "stable" in f[place] and not np.all(f[place]["stable"][()]):
+            say(f"note: an equilibrium of /{place} is NOT STABLE: compressed bars have no hold")
 
 
 def _dynamics(f, say):
