@@ -107,7 +107,7 @@ def test_a_spring_begins_with_the_reaction_of_the_form_and_shares_what_follows(b
     assert f["statics/tension"][-1] == pytest.approx([20e3 + EA * u / unstressed], rel=1e-9)
 
 
-@pytest.mark.parametrize("precision", ["double", "mixed", "single"])
+@pytest.mark.parametrize("precision", ["double", pytest.param("mixed", marks=pytest.mark.long), "single"])
 def test_a_mass_on_a_spring_and_a_cable_swings_with_their_stiffness(both_ways, precision):
     """A step load of 3 kN: u = u_s (1 - cos omega t), omega^2 = (k + EA / L0) / m; the energies balance."""
     k, unstressed = 4e5, 5.0 / (1.0 + 20e3 / EA)

@@ -47,7 +47,7 @@ def collapse_on_one_rank(shared_workshop):
     return job, shared_workshop.run(job, output="one.vtkhdf")
 
 
-@pytest.mark.parametrize("ranks", [2, 3, 4])
+@pytest.mark.parametrize("ranks", [2, 3, pytest.param(4, marks=pytest.mark.long)])
 def test_collapse_is_the_same_on_any_number_of_ranks(shared_workshop, collapse_on_one_rank, ranks):
     """Every dataset but /provenance to the last bit, events included."""
     job, one = collapse_on_one_rank
@@ -87,7 +87,7 @@ def test_audits_through_the_collapse(collapse_on_one_rank):
     assert np.abs(f["history/balance_error"][:]).max() < 1e-3
 
 
-@pytest.mark.parametrize("after", ["all", "none"])
+@pytest.mark.parametrize("after", ["all", pytest.param("none", marks=pytest.mark.long)])
 def test_other_choices_after_fracture_on_three_ranks(shared_workshop, after):
     """The whole wind ends at the same step on all ranks; or never does."""
     job = shared_workshop.job(COLLAPSE.format(after=after), name=after)

@@ -254,7 +254,7 @@ PAUSED = PAUSED.replace("duration = 0.4", "duration = 0.02").replace("checkpoint
 
 
 @pytest.mark.parametrize(
-    "after, stage", [(0, "form finding"), (20, "form finding"), (36, "statics"), (60, "statics")]
+    "after, stage", [(0, "form finding"), (20, "form finding"), (36, "statics"), (46, "statics")]
 )
 def test_a_pause_in_form_finding_or_statics_changes_no_bit(workshop, after, stage):
     """Stopped after some looks at the residual, taken up on two ranks:

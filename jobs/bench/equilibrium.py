@@ -25,6 +25,7 @@ from netfall.timings import Phases
 
 JOB = Path(__file__).with_name("equilibrium.toml")
 CLOSE = 1e-7  # of the largest displacement: the direct solver's last correction
+SYMMETRIC = {"SymmetricMode": True}  # of SuperLU
 
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("cells", type=int, nargs="+")
@@ -51,7 +52,9 @@ class Direct:
             for k, sign in ((0, 1.0), (1, -1.0)):
                 for axis in range(3):
                     f[:, axis] += sign * np.bincount(self.elements[:, k], N / L * d[:, axis], len(f))
-            step = splu(self.stiffness(d / L[:, None], N / L)).solve(f.ravel()[self.moves])
+            step = splu(self.stiffness(d / L[:, None], N / L), "MMD_AT_PLUS_A", options=SYMMETRIC).solve(
+                f.ravel()[self.moves]
+            )
             self.x.ravel()[self.moves] += step
             if np.abs(step).max() < CLOSE * np.abs(self.x - self.start).max():
                 return
