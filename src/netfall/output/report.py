@@ -54,7 +54,8 @@ def write_report(result: Path, folder: Path, codes: Path | None, cutting: Cuttin
                 "wrote; run the job again"
             ) from None
         folder.mkdir(parents=True, exist_ok=True)
-        _check_ours(folder / "cables.csv", tables["cables.csv"])
+        for name, columns in tables.items():
+            _check_ours(folder / name, columns)
         contents = {"summary.md": text} | {name: csv_text(columns) for name, columns in tables.items()}
         for name, content in contents.items():
             with writing(folder / name):

@@ -80,6 +80,8 @@ def losses_of(job: Job, model, schedule) -> list[Loss]:
         for k in reversed(entries):
             entry[model.lost[k]] = k
         elements = np.flatnonzero((entry >= 0) & there)
+        if not len(elements):  # lost before: nothing happens
+            continue
         there[elements] = False
         particles = particles_with(model, elements, there)
         found.append(Loss(at, entries, elements, entry[elements], particles))

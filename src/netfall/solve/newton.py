@@ -1,9 +1,9 @@
 """Equilibrium by Newton's method: each correction answers the residual forces by the tangent stiffness.
 
-Conjugate gradients with a cycle through the levels of `multilevel` solve for the correction; what a full
-correction still moves is an estimate of the error before it, in displacement and tension, at any refinement.
-Where the tangent is not positive, what compression takes from it is left out; where it is singular all the
-same (a net without prestress, all slack) inertia is added until it is not.
+Conjugate gradients with a cycle through the levels of `multilevel` solve for it; what a full correction moves
+is an estimate of the error before it, in displacement and tension, at any refinement. Where the tangent is
+not positive, what compression takes from it is left out; where it is singular all the same (no prestress, all
+slack) inertia is added until it is not.
 """
 
 from collections.abc import Callable
@@ -37,9 +37,8 @@ NIL = 1e-6  # of the net's extent: a displacement below that counts as so much
 
 
 class Corrected(NamedTuple):
-    """An equilibrium that was found.
+    """An equilibrium that was found: corrections, gradients : iterations; residual : largest [N]
 
-    corrections, gradients : iterations; residual : largest [N]
     moved, tension : estimated errors, shares of the largest displacement from the start and largest tension
     """
 
@@ -233,7 +232,8 @@ class Newton:
             return None
         number = 3 * self.distribution.subdomain.particle_gid[self.owned, None] + np.arange(3)
         try:
-            self.solve(K, self.inverse(self, K), np.where(self.moves, scattered(number), 0.0), LOOKED)
+            held = self.moves & (K.nodal[self.owned, None] > 0.0)  # not what has left the net
+            self.solve(K, self.inverse(self, K), np.where(held, scattered(number), 0.0), LOOKED)
         except Falling as found:
             return found.shape
         return None

@@ -11,10 +11,12 @@ from mpi4py import MPI
 
 from netfall.errors import DivergedError
 from netfall.mechanics.loss import leave, lose_elements
+from netfall.solve.equilibrium import STABLE
 from netfall.solve.loads import FadingLoad
 from netfall.solve.losses import Loss, comes_loose, losses_of
 from netfall.solve.relaxation import Paused
 from netfall.solve.restart import interrupted
+from netfall.solve.static_report import error_words
 from netfall.solve.statics import (
     Equilibrium,
     StaticPath,
@@ -25,7 +27,8 @@ from netfall.solve.statics import (
 )
 
 PREFIX = "removal_"  # of its arrays in a checkpoint
-TENSIONS = ("before", "highest", "lowest", "after")  # (losses, m) [N] on rank 0, nan where not known
+# (losses, m) [N] on rank 0, nan where not known; rest: before the loss; lowest is not known of what broke.
+TENSIONS = ("before", "highest", "lowest", "rest", "after")
 MOST_ITERATIONS = 100_000  # in which the damaged net comes to rest, or is taken to have none
 MOST_NAMED = 4  # elements or cables in one line
 NO_CHANGE = 1e-3  # of the largest tension: what changes less has no dynamic factor
@@ -43,7 +46,7 @@ class Removal:
     """The losses of a run, and the tensions around them; these on rank 0."""
 
     def __init__(self, run, losses: list[Loss], after: np.ndarray | None):
-        """after : (losses, m) [N] on rank 0, of `rests_after`"""
+        """after : (losses + 1, m) [N] on rank 0, of `rests_after`"""
         self.distribution, self.losses, self.job = run.setup.distribution, losses, run.job
         self.model, self.step_at = run.setup.model, run.schedule.step_at
         self.dt, self.done = run.schedule.dt, 0
@@ -59,7 +62,7 @@ class Removal:
             shape = (len(losses), self.model.net.m)
             self.tensions = {name: np.full(shape, np.nan) for name in TENSIONS}
             if after is not None:
-                self.tensions["after"][:] = after
+                self.tensions["rest"][:], self.tensions["after"][:] = after[:-1], after[1:]
 
     @property
     def next_step(self) -> int:
@@ -104,7 +107,8 @@ class Removal:
         """End the time in which extremes belong to the last loss. N : (m,) [N], at its end. Collective."""
         if self.done:
             self._keep("highest", self.done - 1, state, np.maximum(state.highest, N))
-            self._keep("lowest", self.done - 1, state, np.minimum(state.lowest, N))
+            lowest = np.where(state.broken != 0, np.nan, np.minimum(state.lowest, N))
+            self._keep("lowest", self.done - 1, state, lowest)
 
     def _keep(self, name: str, k: int, state, rows: np.ndarray) -> None:
         whole = self.distribution.gather_elements(rows, state.owned.astype(bool))
@@ -145,9 +149,9 @@ class Removal:
         gone = np.zeros(m, bool)
         for k, loss in enumerate(self.losses):
             gone[loss.elements] = True
-            before, highest, lowest, after = (self.tensions[name][k] for name in TENSIONS)
+            before, highest, lowest, rest, after = (self.tensions[name][k] for name in TENSIONS)
             peak = np.where(gone, np.nan, farthest(before, highest, lowest, after))
-            factor = dynamic_factors(before, peak, after)
+            factor = np.where(np.isnan(lowest), np.nan, dynamic_factors(before, peak, rest, after))
             for entry in loss.entries:
                 found["time"][entry] = loss.step * self.dt
                 for name, row in zip(names, (before, peak, after, factor)):
@@ -158,16 +162,23 @@ class Removal:
 
 
 def farthest(before, highest, lowest, after) -> np.ndarray:
-    """The extremes (m,) farthest from before in the direction of after; in either where that is not known."""
+    """The extremes (m,) farthest from before in the direction of after; in either where that is not known.
+
+    The highest of what broke, whose lowest is nan.
+    """
     rises = np.where(np.isnan(after), highest - before >= before - lowest, after >= before)
-    return np.where(rises, highest, lowest)
+    return np.where(rises | np.isnan(lowest), highest, lowest)
 
 
-def dynamic_factors(before: np.ndarray, peak: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """(peak - before) / (after - before) (m,); nan where a loss changes nothing, or no rest is known."""
+def dynamic_factors(before, peak, rest, after) -> np.ndarray:
+    """(peak - before) / (after - before) (m,); nan where a loss changes nothing, or no rest is known.
+
+    rest : (m,) [N] at rest before the loss, which is what it changes; before : in motion, gusts included
+    """
     change, there = after - before, ~np.isnan(after)
     largest = max(np.abs(before).max(initial=0.0), np.abs(after[there]).max(initial=0.0))
-    changes = there & (np.abs(change) > NO_CHANGE * largest)
+    changed = np.minimum(np.abs(change), np.abs(after - np.where(np.isnan(rest), before, rest)))
+    changes = there & (changed > NO_CHANGE * largest)
     return np.divide(peak - before, change, out=np.full(len(before), np.nan), where=changes)
 
 
@@ -180,9 +191,10 @@ def local_rows(gid: np.ndarray, wanted: np.ndarray) -> np.ndarray:
 
 
 def rests_after(run, losses: list[Loss]) -> np.ndarray | None:
-    """Tensions (losses, m) [N] at rest after each loss, on rank 0; nan: no rest was found. Collective.
+    """Tensions (losses + 1, m) [N] at rest before any loss and after each, on rank 0. Collective.
 
-    From where the dynamic stage begins, with the losses so far, under all constant loads and the mean wind.
+    nan: no rest was found. From where the dynamic stage begins, with the losses so far, under all constant
+    loads and the mean wind.
     Leaves the state as it was. Raises Interrupted where it is asked to stop.
     """
     if not losses:
@@ -192,7 +204,8 @@ def rests_after(run, losses: list[Loss]) -> np.ndarray | None:
     start, EA, broken = committed(state), state.EA.copy(), state.broken.copy()
     loose = run.comm.bcast(loose_after(model, losses) if model else None)
     reference = reference_force(run, Equilibrium("loss", "", load))
-    found, best = [], start
+    mine = lambda tension: distribution.gather_elements(tension, state.owned.astype(bool))
+    found, best = [mine(state.elements_now().N)], start
     for loss, no_rest in zip(losses, loose):
         rows = local_rows(distribution.subdomain.element_gid, loss.elements)
         state.EA[rows], state.broken[rows] = 0.0, 1  # not slack: gone
@@ -202,8 +215,8 @@ def rests_after(run, losses: list[Loss]) -> np.ndarray | None:
         tension, line = np.full(state.m, np.nan), f"no rest: a part of {words} hangs on nothing"
         if not no_rest:
             try:
-                tension, line = _settled(run, Equilibrium("loss", words, load, 1.0), reference)
-                best = committed(state)
+                tension, line, stays = _settled(run, Equilibrium("loss", words, load, 1.0), reference)
+                best = committed(state) if stays else best
             except Paused as pause:
                 put_back(state, start)
                 state.EA[:], state.broken[:] = EA, broken
@@ -213,21 +226,23 @@ def rests_after(run, losses: list[Loss]) -> np.ndarray | None:
                 line = f"no rest: {error}"
         run.progress.say(line)
         put_back(state, best)
-        found.append(distribution.gather_elements(tension, state.owned.astype(bool)))
+        found.append(mine(tension))
     put_back(state, start)
     state.EA[:], state.broken[:], run.setup.finder = EA, broken, None
     return np.array(found) if model else None
 
 
-def _settled(run, each: Equilibrium, reference: float) -> tuple[np.ndarray, str]:
-    """Tensions (m,) [N] of this rank's elements at rest, and a line that tells of it. Collective."""
+def _settled(run, each: Equilibrium, reference: float) -> tuple[np.ndarray, str, bool]:
+    """Tensions (m,) [N] of this rank's elements at rest, a line on it, whether it is stable. Collective."""
     most = min(MOST_ITERATIONS, run.job.load.max_iterations) if run.job.load else MOST_ITERATIONS
     rest = settle(run, each, reference, run.stop, most=most)
     if rest.falls >= 0:
         node = run.comm.bcast(run.setup.model and run.setup.model.net.node_id[rest.falls])
-        return np.full_like(rest.snapshot.N, np.nan), f"no rest of {each.words}: not stable at node {node}"
-    line = f"rest of {each.words}: largest residual {rest.residual:.3g} N, slack {rest.slack}"
-    return rest.snapshot.N, line
+        line = f"no rest of {each.words}: not stable at node {node}"
+        return np.full_like(rest.snapshot.N, np.nan), line, False
+    line = f"rest of {each.words}: {error_words(rest.displacement_error, rest.tension_error)}"
+    known = "" if rest.falls == STABLE else ", whether it is stable could not be told"
+    return rest.snapshot.N, f"{line}, residual {rest.residual:.3g} N, slack {rest.slack}{known}", True
 
 
 def constant_load(model) -> np.ndarray:

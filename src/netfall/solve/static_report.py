@@ -35,10 +35,17 @@ def _unstable(what: str, p: int, node_id: np.ndarray) -> str:
 
 
 def _settled(numbers: dict, elements: int) -> str:
-    moved, tension = numbers["displacement_error"], numbers["tension_error"]
-    error = f"to {moved:.0e} of displacements, {tension:.0e} of tensions"
     return (
-        f"in equilibrium {error if moved == moved else '(error not known)'}"
+        f"in equilibrium {error_words(numbers['displacement_error'], numbers['tension_error'])}"
         f"{', by relaxation' if numbers['relaxed'] else ''}, residual {numbers['residual']:.3g} N, "
         f"slack {numbers['slack']} of {elements}"
+    )
+
+
+def error_words(moved: float, tension: float) -> str:
+    """Estimated errors in words, nan: not known."""
+    return (
+        f"to {moved:.0e} of displacements, {tension:.0e} of tensions"
+        if moved == moved
+        else "(error not known)"
     )
