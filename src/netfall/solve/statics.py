@@ -20,15 +20,13 @@ from netfall.job.read import Job
 from netfall.job.schema import defaults
 from netfall.mechanics.state import State
 from netfall.solve.energy import Snapshot, take_snapshot
-from netfall.solve.equilibrium import STABLE, Finder
+from netfall.solve.equilibrium import STABLE, Finder, Found
 from netfall.solve.loading import live_load, of_case
 from netfall.solve.relaxation import Paused, Relaxation, largest_force
 from netfall.stop import NEVER, StopRequest
 
 HALVINGS = 6  # of the mean wind, where all of it has no equilibrium: what it bears is told to 2 %
 FEWER = 20_000  # iterations for each of them
-# What is kept of an equilibrium besides the state.
-NUMBERS = ("residual", "slack", "iterations", "displacement_error", "tension_error", "relaxed", "falls")
 ALL_LOADS = "all loads"
 COMMITTED = ("x", "eps_p", "dissipated")  # what an equilibrium leaves in the state
 
@@ -55,7 +53,7 @@ class StaticPath:
     """What has been found so far.
 
     reference : [N], which the tolerance refers to; done : equilibria; total : iterations for all of these
-    steps : load_factor and NUMBERS of the permanent loads, then of each load step
+    steps : load_factor and `Settled.numbers` of the permanent loads, then of each load step
     cases : the same by name; rest : the same, once found
     """
 
@@ -68,16 +66,15 @@ class StaticPath:
 
 
 class Settled(NamedTuple):
-    """An equilibrium that was found: slack cables of the net; the rest as in `equilibrium.Found`."""
+    """An equilibrium that was found, and the state in it; slack : cables of the net."""
 
     snapshot: Snapshot
     slack: int
-    iterations: int
-    residual: float
-    displacement_error: float
-    tension_error: float
-    relaxed: bool
-    falls: int
+    found: Found
+
+    def numbers(self) -> dict:
+        """What is kept of it besides the state."""
+        return {"slack": self.slack, **self.found._asdict()}
 
 
 def rests_in_wind(job: Job) -> bool:
@@ -160,7 +157,7 @@ def find_equilibria(run, path: StaticPath | None, resume: Relaxation | None) -> 
             base = committed(state)
         keep(run, path, each, found)
         path.done += 1
-        path.total += found.iterations
+        path.total += found.found.iterations
         share, slack = path.done / len(wanted), f"slack {found.slack}"
         run.progress.at(share, each.words, path.total, "iterations", slack)
     if wanted[-1].kind == "case":  # cases are beside the run: what follows starts where it would without
@@ -196,7 +193,7 @@ def settle(run, each: Equilibrium, reference: float, stop: StopRequest, resume=N
     if state.scene.plastic:
         state.dissipated[:] = snapshot.heat
         state.eps_p[:] = snapshot.eps_p
-    return Settled(snapshot, comm.allreduce(snapshot.slack), *found)
+    return Settled(snapshot, comm.allreduce(snapshot.slack), found)
 
 
 def settings_of(job: Job) -> SimpleNamespace:
@@ -238,7 +235,7 @@ def to_the_start(run) -> None:
 def keep(run, path: StaticPath, each: Equilibrium, found: Settled) -> None:
     """Note what was found, and write it. Collective."""
     state, snapshot = run.setup.state, found.snapshot
-    numbers = {name: getattr(found, name) for name in NUMBERS}
+    numbers = found.numbers()
     if each.kind == "case":
         path.cases[each.name] = numbers
         run.result.write_equilibrium(f"cases/{each.name}", state, snapshot, "displacement")
@@ -262,7 +259,7 @@ def bearable(run, wanted: list[Equilibrium], before: dict, reference: float) -> 
         put_back(run.setup.state, before)
         share = rest._replace(load=still + middle * (rest.load - still), factor=middle)
         try:
-            stays = settle(run, share, reference, NEVER, most=FEWER).falls == STABLE
+            stays = settle(run, share, reference, NEVER, most=FEWER).found.falls == STABLE
             low, high = (middle, high) if stays else (low, middle)
         except DivergedError:
             high = middle
