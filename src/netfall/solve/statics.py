@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from netfall.errors import DivergedError
+from netfall.errors import DivergedError, NoRest
 from netfall.job.read import Job
 from netfall.job.schema import defaults
 from netfall.mechanics.state import State
@@ -125,13 +125,13 @@ def live_of_case(load: SimpleNamespace, model, case) -> np.ndarray:
     return live_load(of_case(load, case), model.roof, model.net.load)
 
 
-def find_equilibria(run, path: StaticPath | None, resume: Relaxation | None) -> StaticPath:
+def find_equilibria(run, path: StaticPath | None, resume: Relaxation | None, seen=None) -> StaticPath:
     """Bring the state to the last equilibrium that the job asks for, by way of all the others. Collective.
 
     run : `run.Run`; path, resume : how far an earlier run came, and where within the equilibrium after that;
-        None: from the start
+        None: from the start; seen : list for all that is found, for `recall`
 
-    Raises Paused where it is asked to stop, DivergedError where there is no equilibrium.
+    Raises Paused where it is asked to stop, NoRest where there is no equilibrium.
     """
     state, wanted, base = run.setup.state, equilibria(run), None
     if path is None:
@@ -149,20 +149,26 @@ def find_equilibria(run, path: StaticPath | None, resume: Relaxation | None) -> 
             pause.path = path
             raise
         except DivergedError as error:
-            if before is None:
-                raise
-            raise DivergedError(f"{error}; {bearable(run, wanted, before, path.reference)}") from None
+            bears = "" if before is None else f"; {bearable(run, wanted, before, path.reference)}"
+            raise NoRest(f"{error}{bears}") from None
         resume = None
         if each.kind == "permanent":
             base = committed(state)
-        keep(run, path, each, found)
-        path.done += 1
-        path.total += found.found.iterations
+        if seen is not None:
+            seen.append((found, committed(state)))
+        note(run, path, each, found)
         share, slack = path.done / len(wanted), f"slack {found.slack}"
         run.progress.at(share, each.words, path.total, "iterations", slack)
     if wanted[-1].kind == "case":  # cases are beside the run: what follows starts where it would without
         to_the_start(run)
     return path
+
+
+def note(run, path: StaticPath, each: Equilibrium, found: Settled) -> None:
+    """Write what was found, and count it. Collective."""
+    keep(run, path, each, found)
+    path.done += 1
+    path.total += found.found.iterations
 
 
 def reference_force(run, last: Equilibrium) -> float:
