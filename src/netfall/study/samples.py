@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 SPEED = "wind.speed"
-SECTIONS = ("title", "net.", "cable", "form_finding.", "load.", "wind.", "dynamics.", "output.", "cases")
 MOST_CURVES = 6  # combinations of inputs that have a curve of their own
 RESAMPLES = 2000
 SEED = 1  # of the resamples
@@ -45,8 +44,8 @@ class Curve(NamedTuple):
 
 
 def inputs_of(members: dict[str, np.ndarray]) -> list[str]:
-    """The inputs that differ between members, by name: keys of the job, and what was removed."""
-    names = [name for name in members if name == "removed" or name.startswith(SECTIONS)]
+    """The inputs that differ between members, by name: keys of the job ("section.key"), and `removed`."""
+    names = [name for name in members if name == "removed" or "." in name]
     return [name for name in names if len(np.unique(members[name])) > 1]
 
 
