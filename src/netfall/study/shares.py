@@ -25,7 +25,7 @@ def wilson(runs: np.ndarray, failed: np.ndarray) -> np.ndarray:
     z, share = 1.959963984540054, failed / runs
     middle = (share + z * z / (2 * runs)) / (1 + z * z / runs)
     half = z / (1 + z * z / runs) * np.sqrt(share * (1 - share) / runs + z * z / (4 * runs * runs))
-    return np.stack([middle - half, middle + half])
+    return np.stack([np.minimum(middle - half, share), np.maximum(middle + half, share)])  # rounding at 0, 1
 
 
 def half_width(band: np.ndarray) -> float:
