@@ -103,14 +103,14 @@ def _row(speed, grid, runs, failed, drawn: Fits | None, missing, samples: int) -
     row = {"median": fit.median[0], "dispersion": fit.dispersion[0]}
     row |= {"median_interval": nothing, "dispersion_interval": nothing, "band_at_median": nothing}
     row |= {"band": np.full((len(grid), 2), np.nan), "without_curve": 0}
-    row["median_bounds"] = np.array([fit.low[0], fit.high[0]])
+    row["median_bounds"] = np.ravel(probit.median_bounds(fit))
     if drawn is not None:
         row["without_curve"] = int((drawn.verdict != probit.FITTED).sum())
-        row["band"] = _interval(*probit.curve(grid, drawn))
+        row["band"] = _interval(*probit.share_bounds(grid, drawn))
     if drawn is not None and found:
-        row["median_interval"] = _interval(drawn.low[:, None], drawn.high[:, None])[0]
-        row["dispersion_interval"] = _interval(drawn.least[:, None], drawn.most[:, None])[0]
-        row["band_at_median"] = _interval(*probit.curve(fit.median, drawn))[0]
+        row["median_interval"] = _interval(*probit.median_bounds(drawn))
+        row["dispersion_interval"] = _interval(*probit.dispersion_bounds(drawn))
+        row["band_at_median"] = _interval(*probit.share_bounds(fit.median, drawn))[0]
     both = probit.fit(speed, runs + missing, np.array([failed + missing, failed]))
     row["median_if_left_out"] = both.median
     notes = [_reason(fit, speed, runs, failed)] if not found else []
@@ -119,14 +119,14 @@ def _row(speed, grid, runs, failed, drawn: Fits | None, missing, samples: int) -
 
 
 def _interval(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Percentiles (g, 2) over samples (R, g) that are known to lie between `low` and `high`."""
+    """Percentiles (2,) or (g, 2) over samples (R,) or (R, g), each known to lie between `low` and `high`."""
     skipped = round(0.5 * (1.0 - LEVEL) * RESAMPLES)
-    return np.stack([np.sort(low, axis=0)[skipped - 1], np.sort(high, axis=0)[-skipped]], axis=1)
+    return np.stack([np.sort(low, axis=0)[skipped - 1], np.sort(high, axis=0)[-skipped]], axis=-1)
 
 
 def _reason(fit: Fits, speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> str:
     """Why there is no curve, and what is known nevertheless."""
-    low, high = fit.low[0], fit.high[0]
+    low, high = np.ravel(probit.median_bounds(fit))
     if not runs.any():
         return "no run came to an end"
     between = f"the median lies {_between(low, high)}"

@@ -10,7 +10,7 @@ from netfall.study.losses import losses_of
 from netfall.study.members import Study, read_study, unit_of_column, with_unit
 from netfall.study.ranks import rank_correlations
 from netfall.study.samples import SPEED, inputs_of, is_seed
-from netfall.study.shares import binned, half_width, narrower
+from netfall.study.shares import binned, half_width, narrower, with_interval
 
 MOST_NAMED = 5  # elements, losses, reasons
 MOST_VALUES = 6  # values of an input that are listed
@@ -123,20 +123,11 @@ def _table(g, rows, say) -> None:
     say(f"  {'':{wide}}{head}   {'median [m/s]':<21}  {'dispersion':<21}  band")
     for k, (_, runs, failed) in zip(rows, tables):
         counts = "".join(f"{f'{y}/{n}':>11}" for n, y in zip(runs, failed))
-        median = _with_interval(g["median"][k], g["median_interval"][k], 4)
-        dispersion = _with_interval(g["dispersion"][k], g["dispersion_interval"][k], 3)
+        median = with_interval(g["median"][k], g["median_interval"][k], 4)
+        dispersion = with_interval(g["dispersion"][k], g["dispersion_interval"][k], 3)
         half = half_width(g["band_at_median"][k])
         band = f"+-{half:.0%}" if np.isfinite(half) else "none"
         say(f"  {g['measure'][k]:{wide}}{counts}   {median:<21}  {dispersion:<21}  {band}")
-
-
-def _with_interval(value: float, interval: np.ndarray, digits: int) -> str:
-    if not np.isfinite(value):
-        return "none"
-    text = f"{value:.{digits}g}"
-    return (
-        text if np.isnan(interval).any() else f"{text} ({interval[0]:.{digits}g}..{interval[1]:.{digits}g})"
-    )
 
 
 def _sureness(g, rows, say) -> None:

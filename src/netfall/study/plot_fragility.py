@@ -8,7 +8,7 @@ import numpy as np
 from netfall.study.members import Study
 from netfall.study.normal import cdf, log
 from netfall.study.plot_parts import suptitle
-from netfall.study.shares import binned, wilson
+from netfall.study.shares import binned, wilson, with_interval
 
 COLUMNS = 3  # panels beside each other
 POINTS = 200  # of a curve
@@ -35,9 +35,9 @@ def fragility(study: Study):
     panels[0, 0].set_ylim(-0.02, 1.02)
     for axes in panels[:, 0]:
         axes.set_ylabel("share of runs that fail [-]")
-    figure.supxlabel(f"mean wind speed [m/s], of {study.exposure}", fontsize=10, y=0.075)
+    figure.supxlabel(f"mean wind speed [m/s], exposure {study.exposure}", fontsize=10, y=0.075)
     figure.legend(handles=_handles(g, names), loc="lower center", ncols=4, frameon=False, fontsize=9)
-    suptitle(figure, study, f"fragility within {study.exposure}")
+    suptitle(figure, study, f"runs that fail within {study.exposure}")
     height = figure.get_figheight()
     figure.subplots_adjust(
         left=0.06, right=0.985, top=1 - 0.75 / height, bottom=1.15 / height, hspace=0.3, wspace=0.06
@@ -60,7 +60,7 @@ def _draw(axes, g, k: int, j: int, curves: int) -> None:
     axes.errorbar(
         at, share, [share - low, high - share], fmt="o", color=colour, ms=4, lw=1, capsize=2, alpha=0.9
     )
-    text = textwrap.fill(_text(g, k), WRAPPED) if curves == 1 else _short(g, k)
+    text = _text(g, k) if curves == 1 else _short(g, k)
     axes.text(
         0.02,
         0.97 - 0.07 * j,
@@ -75,20 +75,17 @@ def _draw(axes, g, k: int, j: int, curves: int) -> None:
 def _text(g, k: int) -> str:
     """Median and dispersion with their intervals, or why there is none."""
     if not np.isfinite(g["median"][k]):
-        return f"no curve: {g['note'][k]}"
-    (a, b), (c, d) = g["median_interval"][k], g["dispersion_interval"][k]
-    median, dispersion = f"median {g['median'][k]:.4g}", f"dispersion {g['dispersion'][k]:.3g}"
-    if np.isnan([a, b, c, d]).any():
-        return f"{median} m/s, {dispersion}, no intervals"
-    return f"{median} ({a:.4g}..{b:.4g}) m/s, {dispersion} ({c:.2g}..{d:.2g})"
+        return textwrap.fill(f"no curve: {g['note'][k]}", WRAPPED)
+    median = with_interval(g["median"][k], g["median_interval"][k], 4)
+    dispersion = with_interval(g["dispersion"][k], g["dispersion_interval"][k], 3)
+    return f"median {median} m/s\ndispersion {dispersion}"
 
 
 def _short(g, k: int) -> str:
     """Median and its interval; there are other curves in the panel."""
     if not np.isfinite(g["median"][k]):
         return "no curve"
-    a, b = g["median_interval"][k]
-    return f"{g['median'][k]:.4g}" + ("" if np.isnan([a, b]).any() else f" ({a:.4g}..{b:.4g})") + " m/s"
+    return with_interval(g["median"][k], g["median_interval"][k], 4) + " m/s"
 
 
 def _handles(g, names: list[str]) -> list:

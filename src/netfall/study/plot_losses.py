@@ -22,15 +22,21 @@ def loss_map(study: Study):
     draw_values(study, left, factor, "largest dynamic factor", "viridis_r", low)
     lost = of_element(losses.roof_lost)
     draw_values(study, right, lost, "share of the roof lost", "viridis_r", percent=True)
-    suptitle(figure, study, "loss of each (grey: not lost, or no factor; dots: supports; numbers: ids)")
+    suptitle(
+        figure, study, "after the loss of each (grey: not lost, or no factor; dots: supports; numbers: ids)"
+    )
     return figure
 
 
 def loss_chart(study: Study):
-    """Dots for each member, a row for each loss, sorted by the largest factor; what breaks besides."""
+    """Dots for each member, a row for each loss; what breaks besides.
+
+    The worst come first: without a rest, then by the roof that goes, then by the dynamic factor.
+    """
     losses = losses_of(study)
     factor = np.where(study.finished, study.members.get("dynamic_factor_max", np.nan), np.nan)
-    order = np.lexsort((np.nan_to_num(-losses.roof_lost), -np.nan_to_num(losses.dynamic_factor)))
+    worst = (losses.no_rest > 0, np.nan_to_num(losses.roof_lost), np.nan_to_num(losses.dynamic_factor))
+    order = np.lexsort([-1.0 * values for values in reversed(worst)])
     shown = order[:MOST_ROWS]
     place = np.full(len(losses.name), -1)
     place[shown] = np.arange(len(shown))
@@ -40,6 +46,8 @@ def loss_chart(study: Study):
     )
     there = (y >= 0) & np.isfinite(factor)
     left.plot(factor[there], y[there], "o", color="C0", ms=4, alpha=0.7)
+    for row in np.flatnonzero(np.isnan(losses.dynamic_factor[shown])):
+        left.text(1.0, row, " no factor", va="center", fontsize=7, color="0.5")
     left.axvline(1.0, color="0.6", lw=0.8)
     left.axvline(2.0, color="0.6", lw=0.8, ls=":")
     left.set_xlabel("largest dynamic factor of each member [-]; dotted: 2")
@@ -49,8 +57,9 @@ def loss_chart(study: Study):
     left.set_ylim(len(shown) - 0.5, -0.5)
     for axes in (left, right):
         axes.grid(alpha=0.3)
-    of = f" (the first {len(shown)} of {len(order)})" if len(shown) < len(order) else ""
-    suptitle(figure, study, f"loss of each{of}")
+        axes.set_axisbelow(True)
+    of = f" (the worst {len(shown)} of {len(order)})" if len(shown) < len(order) else ""
+    suptitle(figure, study, f"after each loss{of}")
     return figure
 
 

@@ -76,9 +76,9 @@ def _name_largest(axes, study: Study, rows: np.ndarray, values: np.ndarray) -> N
             axes.annotate(
                 str(study.net["element_id"][e]),
                 middle,
-                xytext=(4, 4),
+                xytext=(4, 6),
                 textcoords="offset points",
                 fontsize=8,
                 zorder=4,
-                bbox={"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.75},
+                bbox={"boxstyle": "round,pad=0.05", "fc": "white", "ec": "none", "alpha": 0.75},
             )

@@ -9,14 +9,13 @@ from netfall.study.samples import SPEED
 
 MOST_LINES = 300  # members that are drawn
 POINTS = 200  # in time
-FEWEST = 5  # members still running, below which there is no band
 SHOWN = 0.995  # share of all fractures within the time that is shown
 
 
 def spread(study: Study):
     """A thin line for each member that broke, and the median and the 5 to 95 % band over them.
 
-    Members whose exposure has ended no longer count; the band ends where fewer than half are left.
+    A member whose exposure has ended counts on with what broke up to then.
     """
     courses = _courses(study)
     first = study.members["first_fracture"]
@@ -27,12 +26,10 @@ def spread(study: Study):
     lines = _lines(study, axes, courses, left)
     grid = np.linspace(0.0, span, POINTS)
     count = np.array([np.searchsorted(t, grid, side="right") for t in courses.values()], float)
-    count[grid > left[:, None]] = np.nan
-    known = np.isfinite(count).sum(0) >= max(FEWEST, 0.5 * len(courses))
-    if known.any():
-        low, middle, high = np.nanquantile(count[:, known], (0.05, 0.5, 0.95), axis=0)
-        axes.fill_between(grid[known], low, high, color="k", alpha=0.12, lw=0, label="5 to 95 % of members")
-        axes.plot(grid[known], middle, color="k", lw=2.2, label="median")
+    low, middle, high = np.quantile(count, (0.05, 0.5, 0.95), axis=0)
+    label = f"5 to 95 % of {len(courses)} members (to the end of the exposure)"
+    axes.fill_between(grid, low, high, color="k", alpha=0.12, lw=0, label=label)
+    axes.plot(grid, middle, color="k", lw=2.2, label="median")
     axes.set_xlim(0, span)
     axes.set_ylim(bottom=0)
     axes.set_xlabel("time since the first fracture [s]")

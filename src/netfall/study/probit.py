@@ -18,68 +18,78 @@ CLOSE = 1e-7  # change of z after which one more iteration leaves nothing: the e
 
 
 class Fits(NamedTuple):
-    """Curves of R samples. Where a sample has none, its median is known to lie between two bounds.
+    """Curves of R samples; of a sample without one, what is known nevertheless.
 
     median, dispersion : (R,) [m/s], [-]; nan: none
-    low, high : (R,) [m/s]           bounds of the median; the median itself where there is a fit
-    least, most : (R,)               bounds of the dispersion, likewise
-    verdict : (R,)                   FITTED, or why there is no fit
+    verdict : (R,)        FITTED, or why there is no curve
+    below, above : (R,)   speeds up to which nothing failed (0: none), from which everything did (inf: none)
+    mixed, share : (R,)   the speed between these, if it is one alone, with the share that failed; else nan
     """
 
     median: np.ndarray
     dispersion: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    least: np.ndarray
-    most: np.ndarray
     verdict: np.ndarray
+    below: np.ndarray
+    above: np.ndarray
+    mixed: np.ndarray
+    share: np.ndarray
 
 
 def fit(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> Fits:
     """The curves of samples (R, s): how many ran at each speed (s,), ascending [m/s], and how many failed."""
     runs, failed = np.broadcast_arrays(np.atleast_2d(runs), np.atleast_2d(failed))
-    below, above, verdict = _separation(speed, runs, failed)
-    median, dispersion = np.full((2, len(runs)), np.nan)
+    below, above, between = _separation(speed, runs, failed)
+    verdict = _verdict(speed, runs, failed, between)
+    median, dispersion, mixed, share = np.full((4, len(runs)), np.nan)
     todo = np.flatnonzero(verdict == FITTED)
     if len(todo):
         median[todo], dispersion[todo], found = _peaks(speed, runs[todo].T, failed[todo].T)
         verdict[todo[~found]] = NOT_FOUND
-    bounds = np.select(
-        [verdict == NONE_FAILED, verdict == ALL_FAILED, verdict == SEPARATED, verdict == FITTED],
-        [
-            (below, np.full_like(below, np.inf)),
-            (np.zeros_like(above), above),
-            (below, above),
-            (median, median),
-        ],
-        np.array([[0.0], [np.inf]]),
-    )
-    fitted, sharp, flat = verdict == FITTED, verdict == SEPARATED, verdict == FALLING
-    least = np.select([fitted, sharp, flat], [dispersion, 0.0, np.inf], 0.0)
-    most = np.select([fitted, sharp, flat], [dispersion, 0.0, np.inf], np.inf)
-    return Fits(median, dispersion, *bounds, least, most, verdict)
+    row, place = np.nonzero(between & (between.sum(1) == 1)[:, None])
+    mixed[row], share[row] = speed[place], failed[row, place] / runs[row, place]
+    return Fits(median, dispersion, verdict, below, above, mixed, share)
 
 
 def _separation(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray):
-    """The speeds (R,) up to which nothing failed (0: none) and from which everything did (inf: none), and the
-    verdict (R,) that follows from the counts (R, s).
+    """The speeds (R,) up to which nothing failed and from which everything did, and which speeds (R, s) with
+    runs lie between.
     """
     used = runs > 0
     spared = np.logical_and.accumulate(failed == 0, axis=1)
     lost = np.logical_and.accumulate((failed == runs)[:, ::-1], axis=1)[:, ::-1]
     below = np.max(np.where(spared & used, speed, 0.0), axis=1)
     above = np.min(np.where(lost & used, speed, np.inf), axis=1)
-    between = (used & ~spared & ~lost).sum(1)
+    return below, above, used & ~spared & ~lost
+
+
+def _verdict(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray, between: np.ndarray) -> np.ndarray:
+    """Whether the likelihood has a peak with a curve that rises (R,): it does if some fail at a lower speed
+    than some that hold, other than at one speed alone, and failures grow with the speed.
+    """
     total, all_runs = failed.sum(1), runs.sum(1)
     u = log(speed) - log(speed).mean()
     growth = np.sum((failed * all_runs[:, None] - runs * total[:, None]) * u, axis=1)
     nothing = 1e-12 * total * np.sum(runs * np.abs(u), axis=1)  # rounding, where the shares are all the same
-    verdict = np.select(
-        [total == 0, total == all_runs, used.sum(1) == 1, between <= 1, growth <= nothing],
+    return np.select(
+        [total == 0, total == all_runs, (runs > 0).sum(1) == 1, between.sum(1) <= 1, growth <= nothing],
         [NONE_FAILED, ALL_FAILED, ONE_SPEED, SEPARATED, FALLING],
         FITTED,
     )
-    return below, above, verdict
+
+
+def median_bounds(fits: Fits) -> tuple[np.ndarray, np.ndarray]:
+    """Between which speeds (R,) the median lies: the two are the same where there is a curve."""
+    fitted, nothing = fits.verdict == FITTED, np.isin(fits.verdict, (FALLING, NOT_FOUND))
+    low = np.select([fitted, nothing, fits.share <= 0.5], [fits.median, 0.0, fits.mixed], fits.below)
+    high = np.select([fitted, nothing, fits.share >= 0.5], [fits.median, np.inf, fits.mixed], fits.above)
+    return low, high
+
+
+def dispersion_bounds(fits: Fits) -> tuple[np.ndarray, np.ndarray]:
+    """Likewise of the dispersion; 0 where speeds separate failures, infinite where these do not grow."""
+    cases = [fits.verdict == FITTED, fits.verdict == SEPARATED, fits.verdict == FALLING]
+    values = [fits.dispersion, 0.0, np.inf]
+    return np.select(cases, values, 0.0), np.select(cases, values, np.inf)
 
 
 def _peaks(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray):
@@ -115,14 +125,16 @@ def _newton_step(a, b, u, runs, failed):
     return (bb * ra - ab * rb) / det, (aa * rb - ab * ra) / det
 
 
-def curve(speed: np.ndarray, fits: Fits) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds (R, g) of the share that fails at speeds (g,): the two are the same where there is a fit, else
-    0 and 1 at the speeds between the bounds of the median (at all speeds where it has none).
+def share_bounds(speed: np.ndarray, fits: Fits) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds (R, g) of the share that fails at speeds (g,): the two are the same where there is a curve, else
+    what is left to one that grows from nothing to everything through the share that is known.
     """
-    fitted = (fits.verdict == FITTED)[:, None]
-    median, dispersion = (np.where(fitted, c[:, None], 1.0) for c in (fits.median, fits.dispersion))
+    column = {name: values[:, None] for name, values in fits._asdict().items()}
+    fitted = column["verdict"] == FITTED
+    median, dispersion = (np.where(fitted, column[name], 1.0) for name in ("median", "dispersion"))
     share = cdf((log(speed) - log(median)) / dispersion)
-    return (
-        np.where(fitted, share, speed > fits.high[:, None]),
-        np.where(fitted, share, speed >= fits.low[:, None]),
-    )
+    nothing = np.isin(column["verdict"], (FALLING, NOT_FOUND))
+    mixed, known = column["mixed"], column["share"]
+    least = np.select([nothing, speed >= column["above"], speed >= mixed], [0.0, 1.0, known], 0.0)
+    most = np.select([nothing, speed <= column["below"], speed <= mixed], [1.0, 0.0, known], 1.0)
+    return np.where(fitted, share, least), np.where(fitted, share, most)

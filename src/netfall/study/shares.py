@@ -28,6 +28,19 @@ def wilson(runs: np.ndarray, failed: np.ndarray) -> np.ndarray:
     return np.stack([np.minimum(middle - half, share), np.maximum(middle + half, share)])  # rounding at 0, 1
 
 
+def with_interval(value: float, interval: np.ndarray, digits: int) -> str:
+    """A value with its interval (2,), in words: "38.2 (37.2..39.3)", "46.6 (> 42)"; "none" of nan."""
+    if not np.isfinite(value):
+        return "none"
+    text = f"{value:.{digits}g}"
+    if np.isnan(interval).any():
+        return f"{text} (no interval)"
+    low, high = (f"{v:.{digits}g}" for v in interval)
+    if np.isfinite(interval[1]):
+        return f"{text} ({low}..{high})" if interval[0] > 0 else f"{text} (< {high})"
+    return f"{text} (> {low})" if interval[0] > 0 else f"{text} (any)"
+
+
 def half_width(band: np.ndarray) -> float:
     """Half the width of a band (2,)."""
     return 0.5 * (band[1] - band[0])
