@@ -1,0 +1,66 @@
+"""What the loss of each element or cable did, over all members of a study that lost it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netfall.study.members import Study
+
+
+@dataclass
+class Losses:
+    """A row for each thing that was lost, in the order of the members; the worst over its members, nan: none.
+
+    name : (l,) the id of the element, or the name of the cable
+    place : (N,) the row of each member
+    dynamic_factor, roof_lost : (l,)
+    broken : (l,) elements that broke besides
+    no_rest : (l,) members that found no equilibrium
+    """
+
+    name: np.ndarray
+    place: np.ndarray
+    dynamic_factor: np.ndarray
+    roof_lost: np.ndarray
+    broken: np.ndarray
+    no_rest: np.ndarray
+
+
+def losses_of(study: Study) -> Losses | None:
+    """The losses of a study; None if it removes nothing."""
+    m = study.members
+    if "removed" not in m:
+        return None
+    names, first, place = np.unique(m["removed"].astype(str), return_index=True, return_inverse=True)
+    order = np.argsort(first)  # as the members stand
+    place = np.argsort(order)[place]
+    factor = m.get("dynamic_factor_max", np.full(len(place), np.nan))
+    no_rest = m["state"] == "no_rest"
+    lost = np.where(no_rest, 1.0, m["roof_lost"])
+
+    def worst(values: np.ndarray, kept: np.ndarray) -> np.ndarray:
+        most = np.full(len(names), -np.inf)
+        kept = kept & np.isfinite(values)
+        np.maximum.at(most, place[kept], values[kept])
+        return np.where(np.isfinite(most), most, np.nan)
+
+    return Losses(
+        names[order],
+        place,
+        worst(factor, study.finished),
+        worst(lost, study.finished | no_rest),
+        worst(m["broken"].astype(float), study.finished),
+        np.bincount(place[no_rest], minlength=len(names)),
+    )
+
+
+def elements_lost(study: Study, losses: Losses) -> np.ndarray:
+    """The row (m,) of the loss that takes each element, -1: none; those of cables where /net has `cable`."""
+    row = {name: k for k, name in enumerate(losses.name)}
+    names = study.net["element_id"].astype(str)
+    found = np.array([row.get(name, -1) for name in names])
+    if "cable" in study.net and "cable_names" in study.net:
+        cables = [row.get(str(name), -1) for name in study.net["cable_names"]]
+        of_cable = np.array([cables[k] if k >= 0 else -1 for k in study.net["cable"]])
+        return np.where(found >= 0, found, of_cable)
+    return found

@@ -1,0 +1,76 @@
+"""Loss of each element or cable: dynamic factors and what is lost of the roof, as a map and as a chart."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from netfall.study.losses import elements_lost, losses_of
+from netfall.study.members import Study
+from netfall.study.plot_parts import draw_values, plan_panels, suptitle
+
+MOST_ROWS = 50  # losses in the chart
+NO_REST = "#d62728"
+
+
+def loss_map(study: Study):
+    """Two panels: each element by the largest dynamic factor, and by the roof that goes, after its loss."""
+    losses = losses_of(study)
+    row = elements_lost(study, losses)
+    of_element = lambda values: np.where(row >= 0, values[row], np.nan)
+    figure, (left, right) = plan_panels(study, 2)
+    factor = of_element(losses.dynamic_factor)
+    low = float(min(1.0, np.nanmin(factor))) if np.isfinite(factor).any() else 1.0
+    draw_values(study, left, factor, "largest dynamic factor", "viridis_r", low)
+    lost = of_element(losses.roof_lost)
+    draw_values(study, right, lost, "share of the roof lost", "viridis_r", percent=True)
+    suptitle(
+        figure, study, "after the loss of each (grey: not lost, or no factor; dots: supports; numbers: ids)"
+    )
+    return figure
+
+
+def loss_chart(study: Study):
+    """Dots for each member, a row for each loss; what breaks besides.
+
+    The worst come first: without a rest, then by the roof that goes, then by the dynamic factor.
+    """
+    losses = losses_of(study)
+    factor = np.where(study.finished, study.members.get("dynamic_factor_max", np.nan), np.nan)
+    worst = (losses.no_rest > 0, np.nan_to_num(losses.roof_lost), np.nan_to_num(losses.dynamic_factor))
+    order = np.lexsort([-1.0 * values for values in reversed(worst)])
+    shown = order[:MOST_ROWS]
+    place = np.full(len(losses.name), -1)
+    place[shown] = np.arange(len(shown))
+    y = place[losses.place]
+    figure, (left, right) = plt.subplots(
+        1, 2, figsize=(11, 1.8 + 0.19 * len(shown)), sharey=True, layout="constrained", width_ratios=(3, 2)
+    )
+    there = (y >= 0) & np.isfinite(factor)
+    left.plot(factor[there], y[there], "o", color="C0", ms=4, alpha=0.7)
+    for row in np.flatnonzero(np.isnan(losses.dynamic_factor[shown])):
+        left.text(1.0, row, " no factor", va="center", fontsize=7, color="0.5")
+    left.axvline(1.0, color="0.6", lw=0.8)
+    left.axvline(2.0, color="0.6", lw=0.8, ls=":")
+    left.set_xlabel("largest dynamic factor of each member [-]; dotted: 2")
+    _draw_lost(right, losses, shown)
+    left.set_yticks(np.arange(len(shown)), losses.name[shown], fontsize=8)
+    left.set_ylabel("what is lost")
+    left.set_ylim(len(shown) - 0.5, -0.5)
+    for axes in (left, right):
+        axes.grid(alpha=0.3)
+        axes.set_axisbelow(True)
+    of = f" (the worst {len(shown)} of {len(order)})" if len(shown) < len(order) else ""
+    suptitle(figure, study, f"after each loss{of}")
+    return figure
+
+
+def _draw_lost(axes, losses, shown: np.ndarray) -> None:
+    """Share of the roof lost, with the number of elements that broke besides, or that there was no rest."""
+    lost = 100 * np.nan_to_num(losses.roof_lost[shown])
+    bad = losses.no_rest[shown] > 0
+    axes.barh(np.arange(len(shown)), lost, color=np.where(bad, NO_REST, "C0"), height=0.7)
+    for y, k in enumerate(shown):
+        broken = losses.broken[k]
+        text = "no rest" if bad[y] else f"{broken:.0f} broke" if broken > 0 else ""
+        axes.text(lost[y] + 1, y, text, va="center", fontsize=7, color=NO_REST if bad[y] else "0.3")
+    axes.set_xlim(0, max(10.0, 1.25 * lost.max(initial=0.0)))
+    axes.set_xlabel("largest share of the roof lost [%], and what broke besides")

@@ -1,0 +1,84 @@
+"""What the pictures of a study share: titles, the net in plan coloured by element."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.collections import LineCollection
+
+from netfall.output.plot_style import LONGEST_TITLE
+from netfall.study.members import Study
+
+NOTHING = "0.8"  # elements without a value
+MOST_DRAWN = 60_000  # elements in a picture; of larger nets those with the largest values are drawn
+MOST_NAMED = 5  # elements with their ids
+WIDTH = 6.2  # inches of a panel
+SHORTEST, LONGEST = 2.4, 7.0  # inches of its height
+
+
+def suptitle(figure, study: Study, what: str) -> None:
+    """The study's title, and what is shown."""
+    title = " ".join(study.title.split())
+    title = title if len(title) <= LONGEST_TITLE else title[: LONGEST_TITLE - 3] + "..."
+    figure.suptitle(f"{title}: {what}", fontsize=11)
+
+
+def plan_panels(study: Study, count: int):
+    """A figure with panels beside each other that show the net in plan."""
+    x = study.net["particles"][:, :2]
+    extent = np.ptp(x, axis=0)
+    height = float(np.clip(0.8 * WIDTH * extent[1] / max(extent[0], 1e-9), SHORTEST, LONGEST))
+    figure, panels = plt.subplots(
+        1, count, figsize=(count * WIDTH, height + 1.3), layout="constrained", squeeze=False
+    )
+    margin = 0.04 * extent.max()
+    for axes in panels[0]:
+        axes.set_aspect("equal")
+        axes.set_xlim(x[:, 0].min() - margin, x[:, 0].max() + margin)
+        axes.set_ylim(x[:, 1].min() - margin, x[:, 1].max() + margin)
+        axes.set_xlabel("x [m]")
+        axes.set_ylabel("y [m]")
+    return figure, panels[0]
+
+
+def draw_values(study: Study, axes, values: np.ndarray, label: str, colours: str, low=0.0, percent=False):
+    """The elements coloured by values (m,), nan: grey, the largest on top; the largest with their ids."""
+    x, elements = study.net["particles"][:, :2], study.net["elements"]
+    known = np.isfinite(values)
+    width = float(np.clip(90.0 / np.sqrt(len(elements)), 0.5, 3.0))
+    every = max(1, len(elements) // MOST_DRAWN)
+    rest = np.flatnonzero(~known)[::every]
+    axes.add_collection(LineCollection(x[elements[rest]], colors=NOTHING, linewidths=0.5 * width, zorder=1))
+    rows = np.flatnonzero(known)
+    rows = rows[np.argsort(values[rows], kind="stable")][-MOST_DRAWN:]
+    high = values[rows[-1]] if len(rows) else 1.0
+    palette = plt.get_cmap(colours)
+    lines = LineCollection(
+        x[elements[rows]], array=values[rows], cmap=palette, linewidths=width, zorder=2, capstyle="round"
+    )
+    lines.set_clim(low, high if high > low else low + 1.0)
+    axes.add_collection(lines)
+    held = study.net["fixed"].any(1)
+    axes.plot(*x[held].T, ".", color="k", ms=min(4.0, 40 / len(x) ** 0.4), zorder=3)
+    bar = axes.figure.colorbar(lines, ax=axes, orientation="horizontal", shrink=0.8, pad=0.02)
+    bar.set_label(label, fontsize=9)
+    if percent:
+        bar.ax.xaxis.set_major_formatter(plt.matplotlib.ticker.PercentFormatter(1.0, decimals=None))
+    _name_largest(axes, study, rows[::-1][:MOST_NAMED], values)
+
+
+def _name_largest(axes, study: Study, rows: np.ndarray, values: np.ndarray) -> None:
+    """The ids of elements at their middles, but none on top of another."""
+    x = study.net["particles"][:, :2]
+    apart, placed = 0.05 * np.ptp(x, axis=0).max(), []
+    for e in rows:
+        middle = x[study.net["elements"][e]].mean(0)
+        if values[e] > 0 and all(np.linalg.norm(middle - other) > apart for other in placed):
+            placed.append(middle)
+            axes.annotate(
+                str(study.net["element_id"][e]),
+                middle,
+                xytext=(4, 6),
+                textcoords="offset points",
+                fontsize=8,
+                zorder=4,
+                bbox={"boxstyle": "round,pad=0.05", "fc": "white", "ec": "none", "alpha": 0.75},
+            )

@@ -1,0 +1,97 @@
+"""Study files made from known truths: a small net, capacities that are drawn, and what follows from them."""
+
+import h5py
+import numpy as np
+
+TEXT = h5py.string_dtype("utf-8")
+
+
+def net(cells: int = 6):
+    """/net of a square lattice of nodes, 10 m apart, held at its edge; ids count from 101 and 1001."""
+    n = cells + 1
+    x, y = np.meshgrid(10.0 * np.arange(n), 10.0 * np.arange(n), indexing="ij")
+    number = np.arange(n * n).reshape(n, n)
+    pairs = [(number[:-1], number[1:]), (number[:, :-1], number[:, 1:])]
+    elements = np.concatenate([np.stack([a.ravel(), b.ravel()], 1) for a, b in pairs])
+    edge = (np.minimum(x, y) == 0) | (np.maximum(x, y) == x.max())
+    elements = elements[~edge.ravel()[elements].all(1)]
+    return {
+        "particles": np.stack([x.ravel(), y.ravel(), np.zeros(n * n)], 1),
+        "elements": elements,
+        "element_id": 1001 + np.arange(len(elements)),
+        "node_id": 101 + np.arange(n * n),
+        "fixed": np.repeat(edge.ravel()[:, None], 3, axis=1),
+        "group": (elements[:, 1] - elements[:, 0] == 1).astype(int),
+        "tributary_area": np.where(edge.ravel(), 25.0, 100.0),
+    }
+
+
+def columns(inputs: dict, failed: np.ndarray, severity: np.ndarray, **changed) -> dict:
+    """Columns of /members: the inputs, and results of runs that failed (N,) as badly as `severity` (N,) says,
+    0 to 1.
+    """
+    n = len(failed)
+    value = lambda x: np.where(failed, x, np.nan)
+    found = {
+        "first_fracture": value(5.0 - 4.0 * severity),
+        "first_element": np.where(failed, 7, -1),
+        "first_element_id": np.where(failed, 1008, -1),
+        "broken": np.where(failed, 1 + (30 * severity).astype(int), 0),
+        "roof_lost": np.where(failed, np.clip(1.2 * severity - 0.1, 0.0, 1.0), 0.0),
+        "displacement_max": 0.2 + severity,
+        "tension_max": 1e5 * (1.0 + severity),
+        "utilisation_max": 0.5 + severity,
+        "balance_error": np.full(n, 1e-4),
+        "duration": np.full(n, 6.0),
+        "seconds": np.full(n, 0.5),
+        "state": np.full(n, "finished", object),
+        "reason": np.full(n, "", object),
+    }
+    return inputs | found | changed
+
+
+def events_of(members: dict, elements: int, seed: int = 1) -> dict:
+    """/events of the members: after the first fracture the others follow, at random times."""
+    generator, rows = np.random.default_rng(seed), []
+    for k in np.flatnonzero(members["broken"] > 0):
+        others = np.setdiff1d(np.arange(elements), members["first_element"][k])
+        more = generator.choice(others, members["broken"][k] - 1, replace=False)
+        later = members["first_fracture"][k] + np.sort(generator.exponential(0.4, len(more)))
+        rows += [(k, members["first_fracture"][k], members["first_element"][k])]
+        rows += [(k, t, e) for t, e in zip(later, more)]
+    member, time, element = zip(*rows) if rows else ((), (), ())
+    return {
+        "member": np.array(member, int),
+        "time": np.array(time, float),
+        "element": np.array(element, int),
+    }
+
+
+def write_study(path, members: dict, section: dict, roof: dict | None = None, title="a roof") -> None:
+    """Write a study file of these columns and of what stands in /fragility."""
+    roof = roof or net()
+    m = len(roof["elements"])
+    events = events_of(members, m)
+    ran = members["state"] == "finished"
+    broke = np.unique(np.stack([events["member"], events["element"]], 1), axis=0)
+    first = members["first_element"][ran & (members["broken"] > 0)]
+    with h5py.File(path, "w") as file:
+        file.attrs["netfall_study"], file.attrs["title"] = 1, title
+        for group, data in (("members", members), ("events", events), ("net", roof), ("fragility", section)):
+            for name, values in data.items():
+                text = isinstance(values, np.ndarray) and values.dtype == object
+                file[f"{group}/{name}"] = values.astype(TEXT) if text else values
+        file["first_breaks"] = np.bincount(first, minlength=m)
+        file["breaks"] = np.bincount(broke[ran[broke[:, 0]], 1], minlength=m)
+        file.create_group("provenance").attrs["study"] = 'job = "roof.toml"\n'
+
+
+def drawn_members(generator, seeds: int, speeds, median: float, dispersion: float, shared=True) -> dict:
+    """Members of `seeds` seeds at each speed, the capacity of each seed drawn from a lognormal distribution;
+    not shared: the capacity of each run, with a seed of its own.
+    """
+    speed = np.repeat(np.array(speeds, float), seeds)
+    seed = np.tile(np.arange(1, seeds + 1), len(speeds)) if shared else np.arange(1, len(speed) + 1)
+    capacity = median * np.exp(dispersion * generator.standard_normal(seed.max()))[seed - 1]
+    severity = np.clip(2.5 * (speed / capacity - 1.0), 0.0, 1.0)
+    return columns({"wind.speed": speed, "wind.seed": seed}, speed > capacity, severity)
