@@ -3,6 +3,7 @@
 import argparse
 from pathlib import Path
 
+from netfall import arguments as take
 from netfall.errors import InputError
 from netfall.examples import shown
 
@@ -67,7 +68,7 @@ def parser() -> Parser:
 
 def _init(verb: Parser) -> None:
     verb.add_argument(
-        "job", type=file, nargs="?", default=Path("job.toml"), metavar="JOB", help="default: job.toml"
+        "job", type=take.file, nargs="?", default=Path("job.toml"), metavar="JOB", help="default: job.toml"
     )
 
 
@@ -100,7 +101,7 @@ def _partition(verb: Parser) -> None:
 def _run(verb: Parser) -> None:
     verb.add_argument(
         "-o",
-        type=file,
+        type=take.file,
         metavar="FILE",
         dest="output",
         help="result file (default: the job's name with .vtkhdf, here)",
@@ -110,7 +111,7 @@ def _run(verb: Parser) -> None:
     )
     verb.add_argument(
         "--walltime",
-        type=duration,
+        type=take.duration,
         metavar="HH:MM:SS",
         help="stop with a checkpoint (exit code 4) after this time",
     )
@@ -149,7 +150,7 @@ def _report(verb: Parser) -> None:
 
 
 def _scale(verb: Parser) -> None:
-    verb.add_argument("--ranks", type=counts, required=True, metavar="1,2,...", help="numbers of ranks")
+    verb.add_argument("--ranks", type=take.counts, required=True, metavar="1,2,...", help="numbers of ranks")
     _launcher(verb)
     _repeats(verb, 3, "runs of each case, of which the best counts (default: 3)")
     _folder(verb, Path("."), "folder of the table and the picture (default: here)")
@@ -179,7 +180,9 @@ def _trade(verb: Parser) -> None:
         help="largest relative error of the setting that is recommended (default: 0.05)",
     )
     _repeats(verb, 2, "runs of each setting, of which the fastest counts (default: 2)")
-    verb.add_argument("--ranks", type=count, default=1, metavar="P", help="ranks of each run (default: 1)")
+    verb.add_argument(
+        "--ranks", type=take.count, default=1, metavar="P", help="ranks of each run (default: 1)"
+    )
     _launcher(verb)
     _folder(verb, Path("."), "folder of the table (HDF5) and the picture (default: here)")
 
@@ -187,11 +190,11 @@ def _trade(verb: Parser) -> None:
 def _study(verb: Parser) -> None:
     verb.add_argument("study", type=Path, metavar="STUDY", help="a study file")
     text = "study file (default: STUDY's name with .study.h5, here)"
-    verb.add_argument("-o", type=file, metavar="FILE", dest="output", help=text)
+    verb.add_argument("-o", type=take.file, metavar="FILE", dest="output", help=text)
     text = "runs at once (default: as many as there are cores)"
-    verb.add_argument("--workers", type=count, metavar="W", help=text)
+    verb.add_argument("--workers", type=take.count, metavar="W", help=text)
     text = "the I-th of N parts, for job arrays; without it the parts are joined, and what is missing is run"
-    verb.add_argument("--shard", type=shard, metavar="I/N", help=text)
+    verb.add_argument("--shard", type=take.shard, metavar="I/N", help=text)
     verb.add_argument("--retry", action="store_true", help="run again what failed")
     _launcher(verb)
     verb.add_argument("--quiet", action="store_true", help="print errors only")
@@ -204,7 +207,7 @@ def _import(verb: Parser) -> None:
     verb.add_argument("--unit", choices=units, help="of the drawing (default: what the file says)")
     verb.add_argument(
         "--tolerance",
-        type=length,
+        type=take.length,
         default=1e-3,
         metavar="M",
         help="ends no farther apart are one node [m] (default: 1e-3)",
@@ -216,7 +219,10 @@ def _import(verb: Parser) -> None:
         "or points, of any layer; or outline (default: what the file says, else the outline)",
     )
     verb.add_argument(
-        "--layers", type=words, metavar="NAME,...", help="layers to read, which become groups (default: all)"
+        "--layers",
+        type=take.words,
+        metavar="NAME,...",
+        help="layers to read, which become groups (default: all)",
     )
     verb.add_argument(
         "--split", action="store_true", help="make a joint wherever elements cross, or an end lies on one"
@@ -234,7 +240,7 @@ def _export(verb: Parser) -> None:
     )
     verb.add_argument(
         "--time",
-        type=time,
+        type=take.time,
         metavar="T",
         help="the state at this time [s], or end for the last (default: the form)",
     )
@@ -249,7 +255,7 @@ def _launcher(verb: Parser) -> None:
 
 
 def _repeats(verb: Parser, default: int, text: str) -> None:
-    verb.add_argument("--repeats", type=count, default=default, metavar="N", help=text)
+    verb.add_argument("--repeats", type=take.count, default=default, metavar="N", help=text)
 
 
 def _folder(verb: Parser, default: Path | None, text: str) -> None:

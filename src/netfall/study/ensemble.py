@@ -4,13 +4,10 @@ A run that ends is a line of the journal, NAME.study.journal beside the study fi
 NAME.study.h5, is made from it when all runs are there. The same command goes on after any interruption.
 """
 
-import json
 import os
 import platform
 import shlex
 import sys
-from collections import deque
-from dataclasses import dataclass
 from pathlib import Path
 
 import netfall
@@ -23,52 +20,13 @@ from netfall.sources import program_digest
 from netfall.study.fragility import fragility_section
 from netfall.study.journal import Journal, read_journal
 from netfall.study.launch import default_launcher
+from netfall.study.place import Place, place_of
 from netfall.study.plan import Plan, read_plan
 from netfall.study.pool import run_tasks, worker_command
+from netfall.study.queue import Queue
 from netfall.study.table import OUTCOMES, Table, check_digests, digests_of
 
-SUFFIX, JOURNAL = ".study.h5", ".study.journal"
 DEATHS = 3  # of workers at one member, after which it is given up
-OF_GUSTS = ("wind.seed", "wind.ramp")  # what members may differ in that share form, rest and gust model
-
-
-@dataclass(frozen=True)
-class Place:
-    """The files of a study, or of a part of it, all beside one another: `stem`, the name without its ending."""
-
-    folder: Path
-    stem: str
-    part: str = ""
-
-    @property
-    def result(self) -> Path:
-        """The study file."""
-        return self.folder / f"{self.stem}{self.part}{SUFFIX}"
-
-    @property
-    def journal(self) -> Path:
-        """The journal."""
-        return self.folder / f"{self.stem}{self.part}{JOURNAL}"
-
-    @property
-    def members(self) -> Path:
-        """The folder of the result files that are kept."""
-        return self.folder / f"{self.stem}.members"
-
-    def parts(self) -> list["Place"]:
-        """The parts of the study that have been run, whole or not."""
-        found = set()
-        for suffix in (SUFFIX, JOURNAL):
-            for path in self.folder.glob(f"{self.stem}.*-of-*{suffix}"):
-                found.add(path.name.removesuffix(suffix).removeprefix(self.stem))
-        return [Place(self.folder, self.stem, part) for part in sorted(found)]
-
-
-def place_of(path: Path, output: Path | None, shard: tuple[int, int] | None) -> Place:
-    """Where the results of a study file go."""
-    output = output or Path(f"{path.stem}{SUFFIX}")
-    stem = output.name.removesuffix(SUFFIX) if output.name.endswith(SUFFIX) else output.stem
-    return Place(output.parent, stem, f".{shard[0]}-of-{shard[1]}" if shard else "")
 
 
 def pieces_of(job, each: str, group: str | None) -> list:
@@ -155,36 +113,6 @@ def _what_there_is(plan: Plan, place: Place, digests: dict, shard, progress: Pro
     return table
 
 
-class Queue:
-    """Members to run; a worker gets those that share most with its last one."""
-
-    def __init__(self, plan: Plan, numbers: list[int]):
-        self.plan, self.groups = plan, {}
-        for number in numbers:
-            self.groups.setdefault(self._key(number), deque()).append(number)
-        self.given: dict[str, int] = {}
-
-    def _key(self, number: int) -> str:
-        values = self.plan.member(number).values
-        return json.dumps([value for name, value in values.items() if name not in OF_GUSTS])
-
-    def take(self, last: str | None) -> tuple[str, int] | None:
-        """The next member and its key; None if there are no more."""
-        if not self.groups:
-            return None
-        fresh = (key for key in self.groups if key not in self.given)
-        key = last if last in self.groups else next(fresh, next(iter(self.groups)))
-        self.given[key] = self.given.get(key, 0) + 1
-        number = self.groups[key].popleft()
-        if not self.groups[key]:
-            del self.groups[key]
-        return key, number
-
-    def back(self, number: int) -> None:
-        """Take a member back, to be given out again."""
-        self.groups.setdefault(self._key(number), deque()).appendleft(number)
-
-
 class Runs:
     """The runs of a study that are still to be made."""
 
@@ -221,8 +149,8 @@ class Runs:
             self.place.members.mkdir(exist_ok=True)
         command = _command(launcher, self.plan.ranks)
         self.progress.say(
-            f"netfall {netfall.__version__}: {self.plan.path.name}, {len(missing)} of {len(self.plan)} runs to "
-            f"make, {min(workers, max(1, len(missing)))} at once on {self.plan.ranks} "
+            f"netfall {netfall.__version__}: {self.plan.path.name}, {len(missing)} of {len(self.plan)} runs "
+            f"to make, {min(workers, max(1, len(missing)))} at once on {self.plan.ranks} "
             f"rank{'s' * (self.plan.ranks > 1)} each"
         )
         self.progress.start()

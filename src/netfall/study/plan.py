@@ -14,27 +14,15 @@ from netfall.errors import InputError
 from netfall.job.read import Job, read_job
 from netfall.job.toml_text import toml_value
 from netfall.job.values import nearest, shown
-from netfall.study.draws import DISTRIBUTIONS, METHODS, draw
+from netfall.study.draws import draw
+from netfall.study.sections import MOST, SAMPLE, Axis, axis_of, check_sample, loss_section, run_section
 
-MOST = 10_000_000  # members
-RUN = {"ranks": 1, "keep": "none", "time_limit": 3600.0}
-SAMPLE = ("count", "method", "seed")
-KEEP = ("none", "broken", "all")
-REMOVE = ("each", "group", "time", "duration")
-EACH = {"element": "elements", "cable": "cables"}  # and the key of [[remove]] that names it
-
-
-@dataclass(frozen=True)
-class Axis:
-    """One thing that varies: the key of the job, or "removed", and its values."""
-
-    name: str
-    values: list
+EACH = {"element": "elements", "cable": "cables"}  # what is lost, and the key of [[remove]] that names it
 
 
 @dataclass(frozen=True)
 class Member:
-    """One run: its number from 0, and what it changes in the job. removed : id or name; remove : [[remove]]"""
+    """One run: its number from 0, what it changes in the job. removed : id or name; remove : [[remove]]"""
 
     number: int
     values: dict
@@ -129,14 +117,14 @@ def read_plan(path: Path, pieces_of) -> Plan:
         if not isinstance(table, dict):
             wrong(f"{name} = {shown(table)}: expected a section, [{name}]")
             tables[name] = {}
-    run = _run_section(tables["run"], wrong)
+    run = run_section(tables["run"], wrong)
     vary, loss = _flat(tables["vary"]), None
     if "remove" in vary:
-        loss = _loss(vary["remove"], wrong)
-    axes = [_axis(name, value, wrong) for name, value in vary.items()]
+        loss = loss_section(vary["remove"], wrong)
+    axes = [axis_of(name, value, wrong) for name, value in vary.items()]
     sample = _flat(tables["sample"])
     distributions = {name: each for name, each in sample.items() if name not in SAMPLE}
-    _check_sample(sample, distributions, vary, wrong)
+    check_sample(sample, distributions, vary, wrong)
     if not axes and not distributions:
         wrong("nothing varies; expected [vary] or [sample]")
     if errors:
@@ -178,100 +166,6 @@ def _flat(table: dict, prefix: str = "") -> dict:
         ends = not isinstance(value, dict) or {"from", "distribution", "each"} & set(value)
         found |= {f"{prefix}{name}": value} if ends else _flat(value, f"{prefix}{name}.")
     return found
-
-
-def _run_section(table: dict, wrong) -> dict:
-    for name in set(table) - set(RUN):
-        wrong(f"[run] {name}: unknown key; {nearest(name, RUN)}")
-    run = RUN | {name: value for name, value in table.items() if name in RUN}
-    if not _whole(run["ranks"], 1):
-        wrong(f"[run] ranks = {shown(run['ranks'])}: expected a whole number >= 1")
-    if run["keep"] not in KEEP:
-        wrong(f"[run] keep = {shown(run['keep'])}: expected {', '.join(KEEP)}")
-    if not _number(run["time_limit"]) or run["time_limit"] <= 0:
-        wrong(f"[run] time_limit = {shown(run['time_limit'])}: expected seconds for a run, > 0")
-    return run
-
-
-def _number(value) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _whole(value, least: int) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and value >= least
-
-
-def _loss(value, wrong) -> dict:
-    place = f"[vary] remove = {shown(value)}"
-    if not isinstance(value, dict) or value.get("each") not in EACH:
-        wrong(f'{place}: expected {{each = "element", ...}} or {{each = "cable", ...}}')
-        return {}
-    for name in set(value) - set(REMOVE):
-        wrong(f"{place}: {name}: unknown key; {nearest(name, REMOVE)}")
-    if not isinstance(value.get("group", ""), str):
-        wrong(f"{place}: group = {shown(value['group'])}: expected the name of a group of elements")
-    if not _number(value.get("time")) or value["time"] < 0:
-        wrong(f"{place}: time = {shown(value.get('time'))}: expected the time of the loss, s >= 0")
-    if not _number(value.get("duration", 0.0)) or value.get("duration", 0.0) < 0:
-        wrong(f"{place}: duration = {shown(value['duration'])}: expected s >= 0")
-    return value
-
-
-def _axis(name: str, value, wrong) -> Axis:
-    """The values of one key."""
-    place = f"[vary] {name} = {shown(value)}"
-    if name == "remove":
-        return Axis("removed", [])
-    if isinstance(value, dict):
-        step = value.get("step", 1)
-        whole = all(_whole(value.get(end), -(10**15)) for end in ("from", "to")) and _whole(step, 1)
-        if not whole or set(value) - {"from", "to", "step"} or value["to"] < value["from"]:
-            wrong(f"{place}: expected {{from = 1, to = 50}}, whole numbers, both included, or a list")
-            return Axis(name, [0])
-        if (value["to"] - value["from"]) // step >= MOST:
-            wrong(f"{place}: more than {MOST} values")
-            return Axis(name, [0])
-        return Axis(name, list(range(value["from"], value["to"] + 1, step)))
-    if not isinstance(value, list) or not value:
-        wrong(f"{place}: expected a list of values, or {{from = 1, to = 50}}")
-        return Axis(name, [0])
-    keys = [json.dumps(each, default=str) for each in value]
-    twice = next((each for k, each in enumerate(value) if keys[k] in keys[:k]), None)
-    if twice is not None:
-        wrong(f"{place}: {shown(twice)} stands in it twice")
-    return Axis(name, value)
-
-
-def _check_sample(sample: dict, distributions: dict, vary: dict, wrong) -> None:
-    if sample and not _whole(sample.get("count"), 1):
-        wrong(f"[sample] count = {shown(sample.get('count'))}: expected the number of draws, >= 1")
-    if sample.get("method", "sobol") not in METHODS:
-        wrong(f"[sample] method = {shown(sample['method'])}: expected {', '.join(METHODS)}")
-    if not _whole(sample.get("seed", 1), 0):
-        wrong(f"[sample] seed = {shown(sample['seed'])}: expected a whole number >= 0")
-    if sample and not distributions:
-        wrong("[sample] names no key of the job to draw")
-    for name, each in distributions.items():
-        place = f"[sample] {name} = {shown(each)}"
-        if name in vary:
-            wrong(f"{place}: stands in [vary] too")
-        kind = each.get("distribution") if isinstance(each, dict) else None
-        if kind not in DISTRIBUTIONS:
-            wrong(
-                f'{place}: expected {{distribution = "normal", mean = 1.0, deviation = 0.1}}; known: '
-                f"{', '.join(DISTRIBUTIONS)}"
-            )
-            continue
-        names = DISTRIBUTIONS[kind]
-        values = [each.get(called) for called in names]
-        if not all(map(_number, values)) or set(each) != {"distribution", *names}:
-            wrong(f"{place}: expected numbers {' and '.join(names)}, and nothing else")
-        elif kind == "uniform" and not values[0] < values[1]:
-            wrong(f"{place}: expected from < to")
-        elif kind != "uniform" and not values[1] > 0:
-            wrong(f"{place}: expected deviation > 0")
-        elif kind == "lognormal" and not values[0] > 0:
-            wrong(f"{place}: expected mean > 0")
 
 
 def _try(plan: Plan) -> None:

@@ -99,8 +99,8 @@ def run_tasks(
     """Have tasks done by `count` workers until there are no more, or `stop.wanted`.
 
     take(key) : the next task, (key, number, task), best one whose key a worker had last; None: no more
-    done(number, answer) : an answer has come; died(number, why) : a task ended its worker, or took longer than
-        time_limit [s]; take may give it out again
+    done(number, answer) : an answer has come
+    died(number, why, again) : a task ended its worker, or took longer than time_limit [s], then not `again`
     """
     workers: list[Worker] = []
     with selectors.DefaultSelector() as selector:

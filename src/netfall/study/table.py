@@ -1,4 +1,4 @@
-"""The table of a study's runs: a row for each member, filled from journals and study files, written as HDF5."""
+"""The table of a study's runs: a row for each member, from journals and study files, written as HDF5."""
 
 import base64
 import os
@@ -100,7 +100,7 @@ class Table:
     def write(self, path: Path, plan, title: str, provenance: dict, fragility) -> None:
         """Write the rows that are known, in the order of the members. Raises OutputError.
 
-        provenance : texts and numbers; fragility(members) : the datasets of /fragility, from those of /members
+        provenance : texts and numbers; fragility(members) : datasets of /fragility, from those of /members
         """
         rows = np.flatnonzero(self.there)
         members = self._members(rows, plan)
@@ -159,8 +159,8 @@ def check_digests(path: Path, found: dict, wanted: dict) -> None:
     changed = [words for name, words in DIGESTS.items() if found.get(name) != wanted[name]]
     if changed:
         raise InputError(
-            f"{path}: was made before {' and '.join(changed)} changed, and its runs are not those of now; move "
-            "it away to run the study from its start, or give another name with -o"
+            f"{path}: was made before {' and '.join(changed)} changed, and its runs are not those of now; "
+            "move it away to run the study from its start, or give another name with -o"
         )
 
 
