@@ -259,13 +259,13 @@ def bearable(run, wanted: list[Equilibrium], before: dict, reference: float) -> 
     before : the state without the wind, as of `committed`
     """
     rest, still = wanted[-1], wanted[-2].load
-    low, high = 0.0, 1.0
+    low, high, most = 0.0, 1.0, min(FEWER, settings_of(run.job).max_iterations)
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         put_back(run.setup.state, before)
         share = rest._replace(load=still + middle * (rest.load - still), factor=middle)
         try:
-            stays = settle(run, share, reference, NEVER, most=FEWER).found.falls == STABLE
+            stays = settle(run, share, reference, NEVER, most=most).found.falls == STABLE
             low, high = (middle, high) if stays else (low, middle)
         except DivergedError:
             high = middle

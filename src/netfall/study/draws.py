@@ -11,6 +11,7 @@ DISTRIBUTIONS = {
     "normal": ("mean", "deviation"),
     "lognormal": ("mean", "deviation"),
     "uniform": ("from", "to"),
+    "integer": ("from", "to"),  # both included
 }
 LEAST = 2.0**-53  # of a share: the inverse of a distribution at 0 is infinite
 
@@ -42,6 +43,8 @@ def _values(distribution: dict, share: np.ndarray) -> np.ndarray:
     first, second = (float(distribution[name]) for name in DISTRIBUTIONS[kind])
     if kind == "uniform":
         return first + (second - first) * share
+    if kind == "integer":
+        return np.floor(first + (second + 1.0 - first) * share)
     from scipy.special import ndtri
 
     if kind == "normal":

@@ -29,15 +29,15 @@ from netfall.study.table import OUTCOMES, Table, check_digests, digests_of
 DEATHS = 3  # of workers at one member, after which it is given up
 
 
-def pieces_of(job, each: str, group: str | None) -> list:
+def pieces_of(job, each: str, group: str | list[str] | None) -> list:
     """Ids of elements, or names of cables, that are lost one after another. Raises InputError."""
     net = build_net(job)
-    rows = range(net.m)
-    if group is not None:
-        rows = [e for e in rows if net.group_names[net.group[e]] == group]
-        if not rows:
-            known = ", ".join(name for name in net.group_names if name) or "none"
-            raise InputError(f"{job.path}: no element has the group {group}; groups: {known}")
+    there = {net.group_names[k] for k in net.group}
+    groups = there if group is None else {group} if isinstance(group, str) else set(group)
+    if groups - there:
+        known = ", ".join(sorted(filter(None, there))) or "none"
+        raise InputError(f"{job.path}: no element has the group {min(groups - there)}; groups: {known}")
+    rows = [e for e in range(net.m) if net.group_names[net.group[e]] in groups]
     if each == "element":
         return list(dict.fromkeys(int(net.element_id[e]) for e in rows))
     return list(dict.fromkeys(net.cable_names[net.cable[e]] for e in rows))

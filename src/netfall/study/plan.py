@@ -39,7 +39,8 @@ class Member:
 class Plan:
     """A study, checked. Members come in the order of the axes as they are written, draws innermost.
 
-    draws : (count, k) of the keys `sampled`, None without [sample]; loss : what each loss has in common
+    draws : (count, k) of the keys `sampled`, None without [sample]; whole : those with whole numbers
+    loss : what each loss has in common; exposure : [s], duration of the job's own dynamic stage
     """
 
     path: Path
@@ -47,12 +48,13 @@ class Plan:
     job: Path
     axes: list[Axis]
     sampled: list[str]
+    whole: set[str]
     draws: np.ndarray | None
     loss: dict | None
     ranks: int
     keep: str
     time_limit: float
-    exposure: float  # s, the duration of the job's own dynamic stage
+    exposure: float
     notes: list[str]
 
     def __len__(self) -> int:
@@ -68,7 +70,8 @@ class Plan:
             chosen[axis.name] = axis.values[k]
         values = {axis.name: chosen[axis.name] for axis in self.axes if axis.name != "removed"}
         if self.draws is not None:
-            values |= dict(zip(self.sampled, self.draws[row].tolist()))
+            drawn = zip(self.sampled, self.draws[row].tolist())
+            values |= {name: int(value) if name in self.whole else value for name, value in drawn}
         removed = chosen.get("removed")
         remove = None if removed is None else self._entry(removed)
         return Member(number, values, "" if removed is None else str(removed), remove)
@@ -141,8 +144,9 @@ def read_plan(path: Path, pieces_of) -> Plan:
             notes.append(f"note: [sample] count = {count}: Sobol's points are even for powers of two only")
     own = read_job(job).dynamics
     exposure = own.duration if own else math.nan
+    whole = {name for name, each in distributions.items() if each["distribution"] == "integer"}
     plan = Plan(
-        path, text, job, axes, list(distributions), draws, loss, **run, exposure=exposure, notes=notes
+        path, text, job, axes, list(distributions), whole, draws, loss, **run, exposure=exposure, notes=notes
     )
     _try(plan)
     return plan
@@ -177,7 +181,8 @@ def _try(plan: Plan) -> None:
     errors = []
     tried = [(name, value) for axis in plan.axes if axis.name != "removed" for name, value in _few(axis)]
     for k, name in enumerate(plan.sampled):
-        tried += [(name, float(end)) for end in (plan.draws[:, k].min(), plan.draws[:, k].max())]
+        number = int if name in plan.whole else float
+        tried += [(name, number(end)) for end in (plan.draws[:, k].min(), plan.draws[:, k].max())]
     for name, value in tried:
         if not _settable(name, value):
             errors.append(f"{plan.path}: {name} = {shown(value)}: expected a key of the job, SECTION.KEY")

@@ -51,10 +51,14 @@ def loss_section(value, wrong) -> dict:
         return {}
     for name in set(value) - set(REMOVE):
         wrong(f"{place}: {name}: unknown key; {nearest(name, REMOVE)}")
-    if not isinstance(value.get("group", ""), str):
-        wrong(f"{place}: group = {shown(value['group'])}: expected the name of a group of elements")
+    groups = value.get("group", [])
+    if not isinstance(groups, str | list) or not all(isinstance(name, str) for name in groups):
+        wrong(
+            f"{place}: group = {shown(groups)}: expected the name of a group of elements, or a list of them"
+        )
     if not _number(value.get("time")) or value["time"] < 0:
-        wrong(f"{place}: time = {shown(value.get('time'))}: expected the time of the loss, s >= 0")
+        given = f"time = {shown(value['time'])}" if "time" in value else "time: missing"
+        wrong(f"{place}: {given}; expected the time of the loss, s >= 0")
     if not _number(value.get("duration", 0.0)) or value.get("duration", 0.0) < 0:
         wrong(f"{place}: duration = {shown(value['duration'])}: expected s >= 0")
     return value
@@ -87,7 +91,8 @@ def axis_of(name: str, value, wrong) -> Axis:
 
 def check_sample(sample: dict, distributions: dict, vary: dict, wrong) -> None:
     if sample and not _whole(sample.get("count"), 1):
-        wrong(f"[sample] count = {shown(sample.get('count'))}: expected the number of draws, >= 1")
+        given = f"count = {shown(sample['count'])}" if "count" in sample else "count: missing"
+        wrong(f"[sample] {given}; expected the number of draws, >= 1")
     if sample.get("method", "sobol") not in METHODS:
         wrong(f"[sample] method = {shown(sample['method'])}: expected {', '.join(METHODS)}")
     if not _whole(sample.get("seed", 1), 0):
@@ -109,9 +114,11 @@ def check_sample(sample: dict, distributions: dict, vary: dict, wrong) -> None:
         values = [each.get(called) for called in names]
         if not all(map(_number, values)) or set(each) != {"distribution", *names}:
             wrong(f"{place}: expected numbers {' and '.join(names)}, and nothing else")
-        elif kind == "uniform" and not values[0] < values[1]:
+        elif kind == "integer" and not all(isinstance(value, int) for value in values):
+            wrong(f"{place}: expected whole numbers from and to")
+        elif names == ("from", "to") and not values[0] < values[1]:
             wrong(f"{place}: expected from < to")
-        elif kind != "uniform" and not values[1] > 0:
+        elif names == ("mean", "deviation") and not values[1] > 0:
             wrong(f"{place}: expected deviation > 0")
         elif kind == "lognormal" and not values[0] > 0:
             wrong(f"{place}: expected mean > 0")
