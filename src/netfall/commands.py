@@ -100,7 +100,20 @@ def report(arguments) -> None:
 
 
 def scale(arguments) -> None:
-    """netfall scale JOB --ranks 1,2"""
+    """netfall scale JOB --ranks 1,2, netfall scale STUDY --workers 1,2"""
+    if (arguments.ranks is None) == (arguments.workers is None):
+        raise InputError(
+            "netfall scale: expected either --ranks 1,2, for a job, or --workers 1,2, for a study"
+        )
+    if arguments.workers:
+        from netfall.study.throughput import throughput
+
+        a, say = arguments, lambda line: print(line, flush=True)
+        if a.overrides:
+            raise InputError(f"netfall scale: --set {a.overrides[0]}: change the study file instead")
+        for path in throughput(a.job, a.workers, a.launcher, a.repeats, _folder(a.folder), say):
+            print(path)
+        return
     from netfall.study.launch import default_launcher
     from netfall.study.scale import scale as run_scale
 
