@@ -4,6 +4,7 @@ What a command needs it imports itself: `info`, `plot` and `report` work where t
 word on the command line is answered before anything is loaded.
 """
 
+import os
 from pathlib import Path
 
 import netfall
@@ -155,6 +156,8 @@ def study(arguments) -> None:
     from netfall.stop import StopRequest
     from netfall.study.ensemble import study as run_study
 
+    if int(os.environ.get("OMPI_COMM_WORLD_SIZE", "1")) > 1:
+        raise InputError("netfall study: starts ranks itself; run it without mpirun, with [run] ranks = P")
     a, progress = arguments, Progress(not arguments.quiet)
     run_study(a.study, a.output, a.workers, a.shard, a.launcher, a.retry, progress, StopRequest())
 

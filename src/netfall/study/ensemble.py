@@ -22,7 +22,7 @@ from netfall.study.journal import Journal, read_journal
 from netfall.study.launch import default_launcher
 from netfall.study.place import Place, place_of
 from netfall.study.plan import Member, Plan, read_plan
-from netfall.study.pool import run_tasks, worker_command
+from netfall.study.pool import Pool, worker_command
 from netfall.study.queue import Queue
 from netfall.study.table import OUTCOMES, Table, check_digests, digests_of
 
@@ -155,15 +155,8 @@ class Runs:
         )
         self.progress.start()
         try:
-            run_tasks(
-                command,
-                min(workers, len(missing)),
-                self.take,
-                self.finish,
-                self.died,
-                self.plan.time_limit,
-                stop,
-            )
+            count, limit = min(workers, len(missing)), self.plan.time_limit
+            Pool(command, count, limit, self.take, self.finish, self.died).run(stop)
             self.journal.sync()
         finally:
             self.journal.close()

@@ -17,7 +17,7 @@ from netfall.errors import InputError
 from netfall.stop import NEVER
 from netfall.study.ensemble import pieces_of, task_of, worker_words
 from netfall.study.plan import Plan, read_plan
-from netfall.study.pool import run_tasks
+from netfall.study.pool import Pool
 from netfall.study.queue import Queue
 
 RUNS = 16  # of each worker, the first one left out
@@ -64,7 +64,8 @@ def measure(plan: Plan, numbers: list[int], workers: int, launcher: str | None) 
     def died(number, why, again):
         raise InputError(f"{plan.path}: run {number}: {why}")
 
-    run_tasks(worker_words(launcher, plan.ranks), workers, take, done, died, plan.time_limit, NEVER)
+    command = worker_words(launcher, plan.ranks)
+    Pool(command, workers, plan.time_limit, take, done, died).run(NEVER)
     return found
 
 
