@@ -1,8 +1,10 @@
 """Loss of members: by hand calculation, its energies, its bits, and what is said of it."""
 
+import csv
 import re
 from types import SimpleNamespace
 
+import h5py
 import numpy as np
 import pytest
 from conftest import assert_same_results, run_netfall
@@ -20,6 +22,8 @@ from test_validation_opensees import (
 from netfall.errors import InputError, Interrupted
 from netfall.job.read import read_job
 from netfall.output.progress import Progress
+from netfall.output.report import write_report
+from netfall.output.report_cables import Cutting
 from netfall.solve.model import make_model
 from netfall.solve.run import run_job
 from netfall.solve.statics import settle
@@ -269,11 +273,28 @@ def test_run_and_info_tell_of_losses(workshop):
     for line in lines:
         assert line in done.stdout and line in told, told
     assert "no rest: a part of the net without elements 0, 1 hangs on nothing" in done.stdout
+    report_tells_of_losses(workshop.folder)
     with workshop.open() as result:  # the weight falls freely, with the weight and mass that it has
         fallen = result["history/time"][-1] - result["removal/time"][2]
         speed = WEIGHT / (MASS + 2 * HALF_CABLE) * fallen
         assert result["final/velocity"][2, 2] == pytest.approx(-speed, rel=2e-3)  # half a step of 1000
         assert np.isnan(result["removal/tension_after"][2]).all()
+
+
+def report_tells_of_losses(folder):
+    """The peak of 3/2 W governs, which the rows of the history miss; what was lost is not slack."""
+    write_report(folder / "result.vtkhdf", folder / "report", None, Cutting())
+    with open(folder / "report" / "cables.csv", newline="") as file:
+        cables = {row["cable"]: row for row in csv.DictReader(file)}
+    other = cables["e3"]
+    with h5py.File(folder / "result.vtkhdf") as f:
+        rows = f["envelope/tension_max"][3]
+    assert float(other["tension_max"]) == pytest.approx(1.5 * WEIGHT, rel=2e-5)  # peak between two steps
+    assert rows < 1.4995 * WEIGHT and other["case_max"] == "loss 1, t = 0.1001 s" and other["lost_at"] == ""
+    assert [cables[name]["lost_at"][:6] for name in ("e0", "e1", "e2")] == ["0.2356", "0.2356", "0.1000"]
+    assert {row["slack_in"] for row in cables.values()} == {"as given"}  # before any load
+    text = (folder / "report" / "summary.md").read_text()
+    assert "| e2 |  | 0.1001 s |  |" in text and "- loss 1, t = 0.1001 s: element 2; the rest" in text
 
 
 def test_a_loss_in_a_prestressed_net_moves_it_as_in_opensees(both_ways, compare):

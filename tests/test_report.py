@@ -177,7 +177,10 @@ def test_a_support_whose_cable_tore_off_carries_nothing(workshop):
     assert column(rows[:2], "force") == [0.0, 0.0] and [row["node"] for row in rows] == ["1", "2", "3"]
     cables = rows_of(folder / "cables.csv")
     assert all(float(row["broken_at"]) > 0 for row in cables[:2]) and cables[2]["broken_at"] == ""
-    assert "known by its frames and its end alone" in (folder / "summary.md").read_text()
+    assert [row["slack_in"] for row in cables[:2]] == ["", ""]  # broken, and so not slack
+    text = (folder / "summary.md").read_text()
+    assert "known by its frames and its end alone" in text
+    assert "2 cables have an element that was lost or broke" in text and "| e12 | upper |  | 0." in text
     shutil.copy(workshop.folder / "frames.vtkhdf", workshop.folder / "whole.vtkhdf")
     with h5py.File(workshop.folder / "whole.vtkhdf", "r+") as f:
         tensions = {"tension_max": [99e3, 98e3, 81e3], "tension_min": [0.0, 0.0, 0.0]}
