@@ -20,8 +20,8 @@ COLUMNS = {
     "cutting_list.csv": "a row for each cable: `unstressed_length` [m] at the temperature of form finding, "
     "`length_in_form` [m], `temperature` [K], `unstressed_length_at_temperature` [m], `measuring_load` [N], "
     "`length_at_measuring_load` [m] (at that temperature), `mass` [kg]",
-    "reactions.csv": "a row for each support and stage: place [m], force [N] with which the elements pull at "
-    "it along the axes that it holds",
+    "reactions.csv": "a row for each support and stage: place [m], force [N] along the axes that it holds, "
+    "with which the elements pull at it; at an elastic support the force on its spring",
 }
 
 
@@ -205,7 +205,11 @@ def _reactions(table: dict) -> list[str]:
         total[np.abs(total) < ROUNDING * table["force"][of].sum()] = 0.0
         largest = f"{force(table['force'][top])} at node {table['node'][top]}"
         rows.append([stage, *(force(value) for value in total), largest])
-    lines = ["Forces with which the elements pull at the supports, and their sums over all supports.", ""]
+    lines = [
+        "Forces with which the elements pull at the supports; at elastic supports the force on the spring,",
+        "in which what acts on the node itself is included; and their sums over all supports.",
+        "",
+    ]
     return lines + _rows(["stage", "sum in x", "sum in y", "sum in z", "largest"], rows)
 
 
