@@ -21,11 +21,14 @@ from test_validation_opensees import (
 
 from netfall.errors import InputError, Interrupted
 from netfall.job.read import read_job
+from netfall.output.loss_lines import loss_lines
 from netfall.output.progress import Progress
 from netfall.output.report import write_report
 from netfall.output.report_cables import Cutting
 from netfall.solve.model import make_model
+from netfall.solve.removal import words_of
 from netfall.solve.run import run_job
+from netfall.solve.start import elements_in_words
 from netfall.solve.statics import settle
 
 EA, L0, MASS, WEIGHT = 1.6e7, 10.0, 1000.0, 1e4  # N, m, kg, N
@@ -279,6 +282,26 @@ def test_run_and_info_tell_of_losses(workshop):
         speed = WEIGHT / (MASS + 2 * HALF_CABLE) * fallen
         assert result["final/velocity"][2, 2] == pytest.approx(-speed, rel=2e-3)  # half a step of 1000
         assert np.isnan(result["removal/tension_after"][2]).all()
+
+
+def test_the_parts_of_an_element_are_named_once():
+    """In what a loss takes, in its largest factors, and where elements start beyond a limit."""
+    rows, of_two = lambda values: np.array([values]), np.array([7, 7, 9, 9])
+    removal = {
+        "time": np.array([0.1]),
+        "entry": np.array([0, 0]),
+        "element": np.array([2, 3]),
+        "tension_before": rows([1.0, 1.0, 1.0, 1.0]),
+        "tension_after": rows([2.0, 2.0, 0.0, 0.0]),
+        "dynamic_factor": rows([1.8, 1.9, np.nan, np.nan]),
+    }
+    (line,) = loss_lines(removal, {"time": np.zeros(0), "element": np.zeros(0, int)}, of_two)
+    assert line.startswith("loss 1, t = 0.1 s: element 9; ") and "factors 1.9 (element 7), where" in line
+    entry = SimpleNamespace(elements=(7, 7, 7), cables=None, group=None)
+    job, loss = SimpleNamespace(removes=[entry]), SimpleNamespace(entries=(0,))
+    assert words_of(job, loss) == "element 7"
+    assert elements_in_words(SimpleNamespace(element_id=of_two), np.array([0, 1])) == "element 7"
+    assert elements_in_words(SimpleNamespace(element_id=of_two), np.arange(4)) == "2 elements (7, 9)"
 
 
 def report_tells_of_losses(folder):
