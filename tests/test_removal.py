@@ -28,7 +28,7 @@ from netfall.output.report_cables import Cutting
 from netfall.solve.model import make_model
 from netfall.solve.removal import words_of
 from netfall.solve.run import run_job
-from netfall.solve.start import elements_in_words
+from netfall.solve.start import in_words
 from netfall.solve.statics import settle
 
 EA, L0, MASS, WEIGHT = 1.6e7, 10.0, 1000.0, 1e4  # N, m, kg, N
@@ -300,8 +300,8 @@ def test_the_parts_of_an_element_are_named_once():
     entry = SimpleNamespace(elements=(7, 7, 7), cables=None, group=None)
     job, loss = SimpleNamespace(removes=[entry]), SimpleNamespace(entries=(0,))
     assert words_of(job, loss) == "element 7"
-    assert elements_in_words(SimpleNamespace(element_id=of_two), np.array([0, 1])) == "element 7"
-    assert elements_in_words(SimpleNamespace(element_id=of_two), np.arange(4)) == "2 elements (7, 9)"
+    assert in_words(SimpleNamespace(element_id=of_two), np.array([0, 1])) == "element 7"
+    assert in_words(SimpleNamespace(element_id=of_two), np.arange(4)) == "2 elements (7, 9)"
 
 
 def report_tells_of_losses(folder):
