@@ -165,7 +165,8 @@ duration = 0.1
 history = 0.005
 frames = 88
 checkpoint = 0.15
-probes = [[0.0, 0.0], [10.0, 6.0]]
+probes = [[0.0, 0.0], 15, [10.0, 6.0, 2.0]]
+elements = [40, 20, 33]
 """
 
 
@@ -224,6 +225,35 @@ def test_what_is_lost_leaves_the_net_with_what_hangs_on_nothing_else(torn):
     assert np.isnan(torn["removal/tension_after"][:]).all()  # each loss breaks something at rest too
     assert np.abs(torn["history/identity_error"][:]).max() < 1e-12  # rounding, of fragments that whip
     assert torn["history/plastic_dissipation"][-1] > 0
+
+
+def test_histories_of_what_is_named_by_id_are_those_of_the_frames(torn):
+    """Both halves of each element, one lost at 0.15 s; a node by its id, one by its place in space."""
+    h, ids = torn["history"], torn["net/element_id"][:]
+    assert h["element_id"][:].tolist() == [40, 40, 20, 20, 33, 33]
+    assert (ids[h["element"][:]] == h["element_id"][:]).all() and np.ptp(h["element"][:].reshape(3, 2)) > 1
+    m, frames = len(ids), len(torn["VTKHDF/Steps/Values"])
+    assert torn["VTKHDF/Steps/Values"][:] == pytest.approx(h["time"][:])
+    tension = torn["VTKHDF/CellData/tension"][:].reshape(frames, m)[:, h["element"][:]]
+    assert (h["element_tension"][:].astype(np.float32) == tension).all() and (tension[0] > 1e4).all()
+    assert (h["element_tension"][:, 0][h["time"][:] > 0.152] == 0).all()
+    x = torn["net/particles"][:]
+    nearest = np.argmin(np.linalg.norm(x - [10.0, 6.0, 2.0], axis=1))
+    assert torn["net/node_id"][:][h["probe_particle"][1:]].tolist() == [15, torn["net/node_id"][nearest]]
+
+
+def test_histories_of_what_there_is_not_are_refused(workshop):
+    """Both keys at once, with the ids that there are."""
+    job = workshop.job(CABLE + "[dynamics]\nduration = 1.0\n" + NONE_SUCH, *weights(1))
+    with pytest.raises(InputError) as raised:
+        make_model(read_job(job), 1)
+    assert raised.value.lines == [
+        f"{job}: [output] probes: no node 7; ids are 0 to 2",
+        f"{job}: [output] elements: no element 5, 9; ids are 0 to 1",
+    ]
+
+
+NONE_SUCH = "[output]\nprobes = [0, 7, [0.0, 1.0]]\nelements = [9, 1, 5]\n"
 
 
 @pytest.mark.parametrize(

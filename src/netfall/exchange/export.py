@@ -67,7 +67,8 @@ def _tables(result: Result, state: State, folder: Path) -> list[str]:
 def _history(result: Result) -> dict[str, np.ndarray]:
     """The columns of /history; those of probes by the ids of their nodes and elements."""
     history = result.history
-    columns = {name: history[name] for name in history if not name.startswith("probe")}
+    by_id = ("probe", "element")
+    columns = {name: history[name] for name in history if not name.startswith(by_id)}
     if "probe_particle" in history:
         nodes = result.nodes["id"][history["probe_particle"]]
         elements = result.elements["id"][history["probe_element"]]
@@ -76,6 +77,9 @@ def _history(result: Result) -> dict[str, np.ndarray]:
                 columns[f"displacement_{k} of node {node}"] = history["probe_displacement"][:, row, i]
         for row, element in enumerate(elements):
             columns[f"tension of element {element}"] = history["probe_tension"][:, row]
+    if "element_tension" in history:
+        for row, element in enumerate(history["element_id"]):
+            columns[f"tension of element {element}"] = history["element_tension"][:, row]
     return columns
 
 

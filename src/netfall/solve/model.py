@@ -23,6 +23,7 @@ from netfall.parallel import partition
 from netfall.solve.loading import Roof, grows, loading_of, pressure_load
 from netfall.solve.losses import named_elements
 from netfall.solve.on_roof import by_node, shape_coefficients
+from netfall.solve.probes import Probes, find_probes
 from netfall.solve.start import check_start, check_tensions, low_notes, unit_notes
 from netfall.solve.unused import without_effect
 from netfall.wind.field import GeneratedHistory, make_wind_field, read_history
@@ -61,6 +62,7 @@ class Model:
     wind_field: object = None
     history: object = None  # of the wind
     lost: list[np.ndarray] = field(default_factory=list)  # elements that each [[remove]] names
+    probes: Probes = None
     notes_of_values: list[str] = field(default_factory=list)
     notes_of_history: list[str] = field(default_factory=list)
 
@@ -167,7 +169,7 @@ def make_model(job: Job, ranks: int) -> Model:
     if part is None:
         part = partition.metis_partition(net.n, net.elements, ranks)
     model = Model(net, roofing, zones, part, source)
-    model.lost = named_elements(job, net)
+    model.lost, model.probes = named_elements(job, net), find_probes(job, net)
     model.shape_coefficient, notes = shape_coefficients(job, zones)
     model.notes_of_values = without_effect(job, net) + notes + unit_notes(net)
     model.history = read_history(job)
