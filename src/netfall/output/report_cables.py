@@ -131,13 +131,17 @@ def cutting_columns(f, cutting: Cutting) -> dict[str, np.ndarray]:
     """A row for each cable: its lengths [m] in the form, unstressed, and as it is measured.
 
     At the temperature T above that of form finding and the load N a piece of unstressed length L0 measures
-    L0 (1 + expansion T) (1 + N / EA), with the logarithmic strain L0 (1 + expansion T) exp(N / EA).
+    L0 (1 + expansion T) (1 + N / EA), with the logarithmic strain L0 (1 + expansion T) exp(N / EA). A load
+    that is given is that of cables; bars are then measured without any.
     """
     cable, count = f["net/cable"][:], len(f["net/cable_names"])
     total = lambda values: np.bincount(cable, values, count)
     x, elements, L0 = start_position(f), f["net/elements"][:], f["net/unstressed_length"][:]
     EA, first = f["net/axial_stiffness"][:], np.unique(cable, return_index=True)[1]
-    load = total(start_tension(f) * L0) / total(L0) if cutting.load is None else np.full(count, cutting.load)
+    if cutting.load is None:
+        load = total(start_tension(f) * L0) / total(L0)
+    else:
+        load = np.where(f["net/bar"][:][first], 0.0, cutting.load)
     warm = L0 * (1.0 + f["net/expansion"][:] * cutting.temperature)
     strain = load[cable] / EA
     logarithmic = f["provenance"].attrs.get("strain") == "logarithmic"
