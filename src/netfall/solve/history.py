@@ -91,7 +91,7 @@ class History:
         probes, rows = self.probes, len(self)
         at_nodes, met = 3 * len(probes.particles), len(probes.elements)
         values = np.array(self.probe_rows).reshape(rows, at_nodes + met + len(probes.named))
-        columns = {"probe_displacement": values[:, :at_nodes].reshape(rows, -1, 3)}
+        columns = {"probe_displacement": values[:, :at_nodes].reshape(rows, len(probes.particles), 3)}
         if at_nodes:
             columns |= {
                 "probe_tension": values[:, at_nodes : at_nodes + met],
