@@ -11,6 +11,7 @@ from netfall.output.place import writing
 from netfall.output.plot_force import MOST_DRAWN, add_supports, limits
 from netfall.output.plot_net import _space
 from netfall.output.plot_style import short_title, unit_of
+from netfall.output.reactions import held_axes
 from netfall.output.report_cables import Checked
 from netfall.output.report_stages import Envelope, start_position
 
@@ -46,7 +47,7 @@ def _draw(f, values: np.ndarray, high: float, label: str, over):
     space, plan = _space(figure, (1, 2, 1), x), figure.add_subplot(1, 2, 2)
     _add_lines(f, space.add_collection3d, Line3DCollection, x, values, (high, over))
     drawn = _add_lines(f, plan.add_collection, LineCollection, x[:, :2], values, (high, over))
-    held = f["net/fixed"][:].any(1)
+    held = held_axes(f).any(1)
     size = min(4.0, 40 / len(x) ** 0.4)
     add_supports(f, space, x)
     plan.plot(*x[held, :2].T, ".", color="k", ms=size)
