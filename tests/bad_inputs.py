@@ -120,7 +120,7 @@ def wrong_values(key: Key):
     numbers = st.lists(st.floats(0, 9), max_size=6)
     lists = (
         numbers.filter(lambda v: len(v) != 3).map(repr)
-        if key.kind != "points"
+        if key.kind not in ("points", "places")
         else numbers.filter(len).map(repr)
     )
     return st.one_of(

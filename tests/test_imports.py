@@ -49,9 +49,13 @@ PACKAGES = {
     "pymetis": ["parallel.partition"],
     "matplotlib": [
         *("output.plot", "output.plot_net", "output.plot_roof", "output.plot_curves", "output.plot_style"),
-        *("output.plot_modes", "output.plot_utilisation", "study"),
+        *("output.plot_modes", "output.plot_utilisation", "output.plot_force", "output.plot_states"),
+        *("output.plot_collapse", "study"),
     ],
-    "mpl_toolkits": ["output.plot_net", "output.plot_modes", "output.plot_utilisation"],
+    "mpl_toolkits": [
+        *("output.plot_net", "output.plot_modes", "output.plot_utilisation", "output.plot_force"),
+        "output.plot_collapse",
+    ],
     "tqdm": ["output.progress"],
     "ezdxf": ["exchange"],
 }

@@ -56,6 +56,8 @@ def wrong_values(key):
         values += ["[1, 2]", "nan", '"up"', "true"]
     if key.kind == "points":
         values += ["[1, 2]", "[[1, 2, 3]]", "[[1, inf]]"]
+    if key.kind == "places":
+        values += ["[true]", "[1.5]", '["a"]', "[[1, 2, 3, 4]]", "[[1, inf]]", "3"]
     if key.kind == "choice":
         values += ['"nonsense"', "1", "true", '""']
     if key.kind == "flag":
@@ -96,7 +98,7 @@ def test_every_key_accepts_its_default(workshop):
     """The defaults of the schema are themselves valid."""
     path = workshop.job(WHOLE)
     for section, key in ALL_KEYS:
-        if key.default in (REQUIRED, None) or key.kind in ("vector", "points"):
+        if key.default in (REQUIRED, None) or key.kind in ("vector", "points", "places"):
             continue
         if section == "net" and key.name in OTHER_DIMENSIONS:
             continue  # of the other generators

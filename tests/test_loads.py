@@ -13,6 +13,7 @@ from scipy.optimize import brentq, fsolve
 from netfall.errors import Interrupted
 from netfall.job.read import read_job
 from netfall.output.progress import Progress
+from netfall.output.reactions import reaction_columns
 from netfall.solve.run import run_job
 
 EA, L0 = 1e6, 5.0  # N, m: two cables from the middle node to supports 5 m away at either side
@@ -105,6 +106,12 @@ def test_a_spring_begins_with_the_reaction_of_the_form_and_shares_what_follows(b
     u = 3000.0 / (4e5 + EA / unstressed)
     assert f["statics/displacement"][:, 1, 0] == pytest.approx([0.0, u], rel=1e-8, abs=1e-12)
     assert f["statics/tension"][-1] == pytest.approx([20e3 + EA * u / unstressed], rel=1e-9)
+    reactions = reaction_columns(f)
+    of_spring = reactions["force_x"][reactions["node"] == 2]
+    # the spring bears the load of its own node too: 20 kN in the form, then k u beside
+    assert of_spring == pytest.approx([-20e3, -20e3, -20e3 + 4e5 * u], rel=1e-9)  # 1e-10 of the load
+    at_both = [reactions["force_x"][reactions["stage"] == name].sum() for name in set(reactions["stage"])]
+    assert sorted(at_both) == pytest.approx([0.0, 0.0, 3000.0], abs=1e-5)
 
 
 @pytest.mark.parametrize("precision", ["double", pytest.param("mixed", marks=pytest.mark.long), "single"])

@@ -12,6 +12,8 @@ from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall
 from kill_runs import JOB
 
 from netfall.output.info import print_info
+from netfall.output.plot_collapse import stage_steps
+from netfall.output.plot_force import ForceScale, edge_of
 
 pytestmark = pytest.mark.processes
 
@@ -232,6 +234,7 @@ def test_pictures_are_drawn_without_a_display(storm, shared_workshop):
         f"storm_{k}.png"
         for k in (
             "form",
+            "states",
             "roof",
             "load_displacement",
             "collapse",
@@ -243,6 +246,30 @@ def test_pictures_are_drawn_without_a_display(storm, shared_workshop):
     }
     for name in names:
         assert imread(shared_workshop.folder / "pictures" / name)[..., :3].std() > 0.02
+
+
+def test_stages_are_those_where_something_happens():
+    """Around the first fracture and as they go on; after losses; else where the motion is largest."""
+    times, none = np.linspace(0.0, 10.0, 101), np.zeros(0)
+    fractures = np.array([4.05, 4.15, 4.35, 4.55, 9.0])
+    shown = times[stage_steps(times, fractures, none, [])]
+    assert shown == pytest.approx([0.0, 4.0, 4.1, 4.2, 4.4, 4.6])
+    assert times[stage_steps(times, fractures[:1], np.array([2.0, 6.0]), [6.55])] == pytest.approx(
+        [0.0, 1.9, 2.1, 4.1, 6.1, 6.6]  # what is lost at 2 s is gone after it
+    )
+    assert times[stage_steps(times, none, none, [3.04, 7.04])] == pytest.approx([0, 2, 3.1, 4, 7.1, 10])
+
+
+def test_scales_end_where_nearly_all_forces_are():
+    """Tension and compression have one each; a fragment's peak is beyond; the supports make an edge."""
+    N = np.concatenate([np.linspace(1.0, 100.0, 1000), [1e6, 0.0, -5.0, -5.0]])
+    scale = ForceScale.of(N)
+    assert scale.tension[0] == 0.0 and 98.0 < scale.tension[1] < 101.0  # 99 of 100
+    assert scale.compression == pytest.approx((0.99 * 5.0, 1.01 * 5.0))
+    assert ForceScale.of(np.array([98.0, 104.0])).tension[0] > 97.0  # a narrow range is not lost on 0 to 104
+    x = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 3], [0, 1, 0], [0.5, 0.4, 1]], float)
+    assert edge_of(x, np.array([3, 0, 2, 1])).tolist() == [0, 1, 2, 3, 0]
+    assert edge_of(x, np.array([0, 1, 2, 4])).tolist() == []  # node 3 is outside
 
 
 def test_info_tells_what_happened(storm):

@@ -1,8 +1,10 @@
 """Loss of members: by hand calculation, its energies, its bits, and what is said of it."""
 
+import csv
 import re
 from types import SimpleNamespace
 
+import h5py
 import numpy as np
 import pytest
 from conftest import assert_same_results, run_netfall
@@ -19,9 +21,14 @@ from test_validation_opensees import (
 
 from netfall.errors import InputError, Interrupted
 from netfall.job.read import read_job
+from netfall.output.loss_lines import loss_lines
 from netfall.output.progress import Progress
+from netfall.output.report import write_report
+from netfall.output.report_cables import Cutting
 from netfall.solve.model import make_model
+from netfall.solve.removal import words_of
 from netfall.solve.run import run_job
+from netfall.solve.start import in_words
 from netfall.solve.statics import settle
 
 EA, L0, MASS, WEIGHT = 1.6e7, 10.0, 1000.0, 1e4  # N, m, kg, N
@@ -158,7 +165,8 @@ duration = 0.1
 history = 0.005
 frames = 88
 checkpoint = 0.15
-probes = [[0.0, 0.0], [10.0, 6.0]]
+probes = [[0.0, 0.0], 15, [10.0, 6.0, 2.0]]
+elements = [40, 20, 33]
 """
 
 
@@ -219,6 +227,35 @@ def test_what_is_lost_leaves_the_net_with_what_hangs_on_nothing_else(torn):
     assert torn["history/plastic_dissipation"][-1] > 0
 
 
+def test_histories_of_what_is_named_by_id_are_those_of_the_frames(torn):
+    """Both halves of each element, one lost at 0.15 s; a node by its id, one by its place in space."""
+    h, ids = torn["history"], torn["net/element_id"][:]
+    assert h["element_id"][:].tolist() == [40, 40, 20, 20, 33, 33]
+    assert (ids[h["element"][:]] == h["element_id"][:]).all() and np.ptp(h["element"][:].reshape(3, 2)) > 1
+    m, frames = len(ids), len(torn["VTKHDF/Steps/Values"])
+    assert torn["VTKHDF/Steps/Values"][:] == pytest.approx(h["time"][:])
+    tension = torn["VTKHDF/CellData/tension"][:].reshape(frames, m)[:, h["element"][:]]
+    assert (h["element_tension"][:].astype(np.float32) == tension).all() and (tension[0] > 1e4).all()
+    assert (h["element_tension"][:, 0][h["time"][:] > 0.152] == 0).all()
+    x = torn["net/particles"][:]
+    nearest = np.argmin(np.linalg.norm(x - [10.0, 6.0, 2.0], axis=1))
+    assert torn["net/node_id"][:][h["probe_particle"][1:]].tolist() == [15, torn["net/node_id"][nearest]]
+
+
+def test_histories_of_what_there_is_not_are_refused(workshop):
+    """Both keys at once, with the ids that there are."""
+    job = workshop.job(CABLE + "[dynamics]\nduration = 1.0\n" + NONE_SUCH, *weights(1))
+    with pytest.raises(InputError) as raised:
+        make_model(read_job(job), 1)
+    assert raised.value.lines == [
+        f"{job}: [output] probes: no node 7; ids are 0 to 2",
+        f"{job}: [output] elements: no element 5, 9; ids are 0 to 1",
+    ]
+
+
+NONE_SUCH = "[output]\nprobes = [0, 7, [0.0, 1.0]]\nelements = [9, 1, 5]\n"
+
+
 @pytest.mark.parametrize(
     "text, line",
     [
@@ -269,11 +306,48 @@ def test_run_and_info_tell_of_losses(workshop):
     for line in lines:
         assert line in done.stdout and line in told, told
     assert "no rest: a part of the net without elements 0, 1 hangs on nothing" in done.stdout
+    report_tells_of_losses(workshop.folder)
     with workshop.open() as result:  # the weight falls freely, with the weight and mass that it has
         fallen = result["history/time"][-1] - result["removal/time"][2]
         speed = WEIGHT / (MASS + 2 * HALF_CABLE) * fallen
         assert result["final/velocity"][2, 2] == pytest.approx(-speed, rel=2e-3)  # half a step of 1000
         assert np.isnan(result["removal/tension_after"][2]).all()
+
+
+def test_the_parts_of_an_element_are_named_once():
+    """In what a loss takes, in its largest factors, and where elements start beyond a limit."""
+    rows, of_two = lambda values: np.array([values]), np.array([7, 7, 9, 9])
+    removal = {
+        "time": np.array([0.1]),
+        "entry": np.array([0, 0]),
+        "element": np.array([2, 3]),
+        "tension_before": rows([1.0, 1.0, 1.0, 1.0]),
+        "tension_after": rows([2.0, 2.0, 0.0, 0.0]),
+        "dynamic_factor": rows([1.8, 1.9, np.nan, np.nan]),
+    }
+    (line,) = loss_lines(removal, {"time": np.zeros(0), "element": np.zeros(0, int)}, of_two)
+    assert line.startswith("loss 1, t = 0.1 s: element 9; ") and "factors 1.9 (element 7), where" in line
+    entry = SimpleNamespace(elements=(7, 7, 7), cables=None, group=None)
+    job, loss = SimpleNamespace(removes=[entry]), SimpleNamespace(entries=(0,))
+    assert words_of(job, loss) == "element 7"
+    assert in_words(SimpleNamespace(element_id=of_two), np.array([0, 1])) == "element 7"
+    assert in_words(SimpleNamespace(element_id=of_two), np.arange(4)) == "2 elements (7, 9)"
+
+
+def report_tells_of_losses(folder):
+    """The peak of 3/2 W governs, which the rows of the history miss; what was lost is not slack."""
+    write_report(folder / "result.vtkhdf", folder / "report", None, Cutting())
+    with open(folder / "report" / "cables.csv", newline="") as file:
+        cables = {row["cable"]: row for row in csv.DictReader(file)}
+    other = cables["e3"]
+    with h5py.File(folder / "result.vtkhdf") as f:
+        rows = f["envelope/tension_max"][3]
+    assert float(other["tension_max"]) == pytest.approx(1.5 * WEIGHT, rel=2e-5)  # peak between two steps
+    assert rows < 1.4995 * WEIGHT and other["case_max"] == "loss 1, t = 0.1001 s" and other["lost_at"] == ""
+    assert [cables[name]["lost_at"][:6] for name in ("e0", "e1", "e2")] == ["0.2356", "0.2356", "0.1000"]
+    assert {row["slack_in"] for row in cables.values()} == {"as given"}  # before any load
+    text = (folder / "report" / "summary.md").read_text()
+    assert "| e2 |  | 0.1001 s |  |" in text and "- loss 1, t = 0.1001 s: element 2; the rest" in text
 
 
 def test_a_loss_in_a_prestressed_net_moves_it_as_in_opensees(both_ways, compare):

@@ -69,6 +69,29 @@ def test_resistances_are_those_of_the_codes(tmp_path):
     ]
 
 
+def test_an_unknown_key_or_group_of_a_file_of_checks_is_refused(loaded):
+    """With the file, the key, its value, and the nearest that is known; nothing is written."""
+    own = loaded / "own.toml"
+    text = (
+        '[[check]]\nname = "mine"\ntitle = "by hand"\n[[check.resistance]]\nof = "breaking_load"\n'
+        'factor = [{name = "g", use = "divide", value = 2.0, edition = "mine", groups = {uper = 4.0}}]\n'
+    )
+    own.write_text(text)
+    done = run_netfall("report", "result.vtkhdf", "--codes", "own.toml", "-o", "none", cwd=loaded)
+    assert done.returncode == 2 and not (loaded / "none").exists()
+    place = "own.toml: [[check]] 1: factor g:"
+    wrong = 'groups: uper = 4: no such group of elements in the result; did you mean "upper"?'
+    assert f"{place} {wrong}" in done.stderr
+    own.write_text("factr = 3\n" + text.replace("divide", "multiply").replace("groups =", "group ="))
+    with pytest.raises(InputError) as raised:
+        read_codes(own)
+    assert raised.value.lines == [
+        f"{own}: factr = 3: unknown key of the file; known: check",
+        f"{own}: [[check]] 1: factor g: group = {{'uper': 4.0}}: unknown key of factor; "
+        'did you mean "groups"?',
+    ]
+
+
 def test_reactions_balance_the_load(loaded):
     """As given: 50 and 80 kN along the cables, by hand; under the load the sum is the load."""
     rows = rows_of(report_of(loaded) / "reactions.csv")
@@ -177,7 +200,10 @@ def test_a_support_whose_cable_tore_off_carries_nothing(workshop):
     assert column(rows[:2], "force") == [0.0, 0.0] and [row["node"] for row in rows] == ["1", "2", "3"]
     cables = rows_of(folder / "cables.csv")
     assert all(float(row["broken_at"]) > 0 for row in cables[:2]) and cables[2]["broken_at"] == ""
-    assert "known by its frames and its end alone" in (folder / "summary.md").read_text()
+    assert [row["slack_in"] for row in cables[:2]] == ["", ""]  # broken, and so not slack
+    text = (folder / "summary.md").read_text()
+    assert "known by its frames and its end alone" in text
+    assert "2 cables have an element that was lost or broke" in text and "| e12 | upper |  | 0." in text
     shutil.copy(workshop.folder / "frames.vtkhdf", workshop.folder / "whole.vtkhdf")
     with h5py.File(workshop.folder / "whole.vtkhdf", "r+") as f:
         tensions = {"tension_max": [99e3, 98e3, 81e3], "tension_min": [0.0, 0.0, 0.0]}

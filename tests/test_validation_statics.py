@@ -8,6 +8,8 @@ from conftest import ROOT, STEEL
 from scipy.optimize import brentq, fsolve
 from test_statics import elastic, newton
 
+from netfall.output.report_cables import Cutting, cutting_columns
+
 THEME, FORM = "Statics", "Form finding"
 FOOT, POUND = 0.3048, 4.4482216152605  # m, N
 GRAVITY = 9.81  # m/s2, of self_weight
@@ -577,6 +579,14 @@ def test_olympia_net(both_ways, compare):
     dN = q[:, None] / L[:, None] * np.einsum("ea,ep,pak->ek", C @ x, C, dx)
     dN[rounded, range(len(rounded))] += L[rounded]
     ours, N = f["form_finding/position"][:], f["form_finding/tension"][:]
+    mast = np.array([row["group"] == "mast" for row in rows])
+    unstressed = L / (1.0 + q * L / (1.6e11 * np.where(mast, 1e-3, 1e-5)))  # the job's modulus and areas
+    cutting = cutting_columns(f, Cutting(0.0, 50.0))
+    by_hand = np.bincount(f["net/cable"][:], unstressed)
+    assert cutting["unstressed_length"] == pytest.approx(
+        by_hand, rel=1e-10
+    )  # rounding of the linear solution
+    assert sorted(cutting["measuring_load"]) == [0.0] * 4 + [50.0] * 32  # a mast is measured without load
     digits = (
         "printed to 10 digits, from force densities printed to 9 "
         "decimals: the linear solution's slope times half a digit"

@@ -113,7 +113,7 @@ class Result:
     def history(self) -> Columns:
         """A row for each [output] history (t,): time [s], kinetic_energy, strain_energy, plastic_dissipation,
         damping_work, external_work [J], identity_error, balance_error, slack, broken; probe_displacement
-        (t, p, 3) [m], probe_tension (t, k) [N].
+        (t, p, 3) [m], probe_tension (t, k) [N]; element_tension (t, k) [N] of element_id (k,).
         """
         return of_group(f"{self.path}: history", self._group("history"))
 

@@ -67,16 +67,26 @@ def _tables(result: Result, state: State, folder: Path) -> list[str]:
 def _history(result: Result) -> dict[str, np.ndarray]:
     """The columns of /history; those of probes by the ids of their nodes and elements."""
     history = result.history
-    columns = {name: history[name] for name in history if not name.startswith("probe")}
+    by_id = ("probe", "element")
+    columns = {name: history[name] for name in history if not name.startswith(by_id)}
     if "probe_particle" in history:
         nodes = result.nodes["id"][history["probe_particle"]]
-        elements = result.elements["id"][history["probe_element"]]
         for row, node in enumerate(nodes):
             for i, k in enumerate(AXES):
                 columns[f"displacement_{k} of node {node}"] = history["probe_displacement"][:, row, i]
-        for row, element in enumerate(elements):
-            columns[f"tension of element {element}"] = history["probe_tension"][:, row]
+        for row, element in enumerate(history["probe_element"]):
+            columns[f"tension of element {_named(result, element)}"] = history["probe_tension"][:, row]
+    if "element_tension" in history:
+        for row, element in enumerate(history["element"]):
+            columns[f"tension of element {_named(result, element)}"] = history["element_tension"][:, row]
     return columns
+
+
+def _named(result: Result, element: int) -> str:
+    """The id of an element, with its nodes where it is one part of several."""
+    ids, rows = result.elements["id"], result.elements
+    nodes = f" ({rows['start'][element]}-{rows['end'][element]})"
+    return f"{ids[element]}{nodes if (ids == ids[element]).sum() > 1 else ''}"
 
 
 def _compas(result: Result, state: State, path: Path) -> list[str]:

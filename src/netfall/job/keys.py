@@ -11,7 +11,7 @@ class Key:
     """One key of a section.
 
     kind : "number" | "integer" | "flag" | "text" | "name" | "choice" | "vector" | "pressure" | "points" |
-        "polygon" | "words" | "integers" | "loads"
+        "places" | "polygon" | "words" | "integers" | "loads"
     low, high : bounds of a number; low_open, high_open : the bound itself is excluded
     """
 
@@ -46,6 +46,8 @@ class Key:
             return f"three numbers{of}, [x, y, z], or one number along the normals"
         if self.kind == "points":
             return f"a list of [x, y] pairs{of}"
+        if self.kind == "places":
+            return f"a list of places [x, y] or [x, y, z]{of}, or of ids of nodes"
         if self.kind == "polygon":
             return f"a list of three or more [x, y] corners{of}"
         if self.kind == "integers":

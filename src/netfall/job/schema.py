@@ -141,7 +141,8 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "audit of the energies; "
             "false saves its cost, and leaves the works and both errors of /history nan",
         ),
-        Key("probes", "points", (), "m", "x, y of particles whose histories are kept"),
+        Key("probes", "places", (), "m", "[x, y], [x, y, z] or ids of nodes whose histories are kept"),
+        Key("elements", "integers", ABSENT, "", "ids of elements whose tensions are kept"),
         not_negative("checkpoint", "s", 0.0, "simulated time between checkpoints; 0: none"),
         count("modes", 0, "modes of the net where dynamics begins, lowest first; 0: none", low=0, high=1000),
     ),

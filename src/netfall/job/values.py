@@ -35,6 +35,10 @@ def _is_number(value) -> bool:
         return False
 
 
+def _is_whole(value) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
 def fits(key: Key, value) -> bool:
     """Whether a value is what the key's row of the table allows."""
     if key.kind == "text":
@@ -53,9 +57,11 @@ def fits(key: Key, value) -> bool:
             and all(isinstance(p, list) and len(p) == 2 and all(map(_is_number, p)) for p in value)
             and (key.kind == "points" or len(value) >= 3)
         )
+    if key.kind == "places":
+        place = lambda v: isinstance(v, list) and len(v) in (2, 3) and all(map(_is_number, v))
+        return isinstance(value, list) and all(_is_whole(v) or place(v) for v in value)
     if key.kind == "integers":
-        whole = lambda v: isinstance(v, int) and not isinstance(v, bool)
-        return isinstance(value, list) and value != [] and all(map(whole, value))
+        return isinstance(value, list) and value != [] and all(map(_is_whole, value))
     if key.kind == "words":
         return isinstance(value, list) and value != [] and all(isinstance(v, str) and v for v in value)
     if key.kind == "pressure" and _is_number(value):

@@ -7,10 +7,17 @@ from pathlib import Path
 import numpy as np
 
 from netfall.errors import InputError
+from netfall.job.values import nearest, shown
 
 SHIPPED = Path(__file__).with_name("codes.toml")
 STRENGTHS = ("breaking_load", "yield_force")
 USES = ("multiply", "divide")
+KEYS = {  # of each kind of table in the file
+    "the file": ("check",),
+    "[[check]]": ("name", "title", "resistance"),
+    "[[check.resistance]]": ("of", "factor"),
+    "factor": ("name", "use", "value", "edition", "meaning", "groups"),
+}
 
 
 @dataclass(frozen=True)
@@ -62,6 +69,7 @@ def read_codes(path: Path | None = None) -> list[Check]:
     tables = data.get("check")
     if not isinstance(tables, list) or not tables or not all(isinstance(t, dict) for t in tables):
         raise InputError(f"{path}: no [[check]]; expected a file in the form of {SHIPPED}")
+    _know_keys(data, "the file", f"{path}:", errors)
     checks = [_check(table, f"{path}: [[check]] {k}:", errors) for k, table in enumerate(tables, 1)]
     if not errors and len({check.name for check in checks}) < len(checks):
         errors.append(f"{path}: two checks have one name; names are unique")
@@ -70,7 +78,30 @@ def read_codes(path: Path | None = None) -> list[Check]:
     return checks
 
 
+def check_groups(path: Path | None, checks: list[Check], names: list[str]) -> None:
+    """Refuse values for groups that the net does not have. names : of its groups. Raises InputError."""
+    there, errors = sorted(set(names) - {""}), []
+    for k, check in enumerate(checks, 1):
+        for factor in (factor for _, factors in check.resistances for factor in factors):
+            for group in [name for name in factor.groups if name not in there]:
+                errors.append(
+                    f"{path or SHIPPED}: [[check]] {k}: factor {factor.name}: groups: {group} = "
+                    f"{factor.groups[group]:g}: no such group of elements in the result; "
+                    f"{nearest(group, there) if there else 'its net has no groups'}"
+                )
+    if errors:
+        raise InputError(errors)
+
+
+def _know_keys(table: dict, kind: str, place: str, errors: list[str]) -> None:
+    for key in table:
+        if key not in KEYS[kind]:
+            advice = nearest(key, KEYS[kind])
+            errors.append(f"{place} {key} = {shown(table[key])}: unknown key of {kind}; {advice}")
+
+
 def _check(table: dict, place: str, errors: list[str]) -> Check:
+    _know_keys(table, "[[check]]", place, errors)
     for key in ("name", "title"):
         if not isinstance(table.get(key), str) or not table[key]:
             errors.append(f"{place} {key} = {table.get(key)!r}: expected a text")
@@ -80,6 +111,7 @@ def _check(table: dict, place: str, errors: list[str]) -> Check:
         given = []
     found = []
     for one in given:
+        _know_keys(one, "[[check.resistance]]", place, errors)
         if one.get("of") not in STRENGTHS:
             errors.append(f"{place} of = {one.get('of')!r}: expected one of {', '.join(STRENGTHS)}")
         factors = one.get("factor", [])
@@ -92,13 +124,17 @@ def _check(table: dict, place: str, errors: list[str]) -> Check:
 
 def _factor(table: dict, place: str, errors: list[str]) -> Factor:
     place = f"{place} factor {table.get('name')}:"
+    _know_keys(table, "factor", place, errors)
     if table.get("use") not in USES:
         errors.append(f"{place} use = {table.get('use')!r}: expected one of {', '.join(USES)}")
     groups = table.get("groups", {})
-    values = [table.get("value"), *(groups.values() if isinstance(groups, dict) else [None])]
-    for value in values:
+    if not isinstance(groups, dict):
+        errors.append(f"{place} groups = {shown(groups)}: expected a table of values by group")
+        groups = {}
+    given = [("value", table.get("value")), *((f"groups: {name}", value) for name, value in groups.items())]
+    for key, value in given:
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < np.inf:
-            errors.append(f"{place} value = {value!r}: expected a number > 0")
+            errors.append(f"{place} {key} = {value!r}: expected a number > 0")
     for key in ("name", "edition"):
         if not isinstance(table.get(key), str) or not table[key]:
             errors.append(f"{place} {key} = {table.get(key)!r}: expected a text")

@@ -37,7 +37,10 @@ def _factors(factor: np.ndarray, element_id: np.ndarray) -> list[str]:
     rows = np.flatnonzero(~np.isnan(factor))
     if not len(rows):
         return []
-    rows = rows[np.argsort(-factor[rows], kind="stable")][:MOST_NAMED]
+    rows = rows[np.argsort(-factor[rows], kind="stable")]
+    rows = rows[np.sort(np.unique(element_id[rows], return_index=True)[1])][
+        :MOST_NAMED
+    ]  # the largest of each
     named = ", ".join(f"{factor[e]:.3g} (element {element_id[e]})" for e in rows)
     return [f"largest dynamic factors {named}, where the rest changes by {MUCH:.0%} of the largest tension"]
 

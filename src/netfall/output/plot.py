@@ -1,8 +1,8 @@
 """Pictures from a result file (matplotlib, no display needed). Reads the file alone, never the solver.
 
-Which pictures come depends on what the file holds: the form (paper Fig. 6, 10), the roof in plan, the
-load-displacement curve (Fig. 6), stages of the collapse (Fig. 7, 11), energies (Fig. 8, 15), tensions and
-displacements of the probes (Fig. 13, 14), wind.
+Which pictures come depends on what the file holds: the form (paper Fig. 6, 10), states at rest, the roof in
+plan, the load-displacement curve (Fig. 6), stages of the collapse (Fig. 7, 11), energies (Fig. 8, 15),
+tensions and displacements of the probes (Fig. 13, 14), wind.
 """
 
 from pathlib import Path
@@ -10,10 +10,11 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 
 from netfall.output.info import missing_name, open_result
+from netfall.output.plot_collapse import collapse
 from netfall.output.plot_curves import displacements, energies, load_displacement, tensions, wind
 from netfall.output.plot_modes import modes
-from netfall.output.plot_net import collapse, form
 from netfall.output.plot_roof import has_roof, roof
+from netfall.output.plot_states import form, has_states, states
 
 
 def _has_probes(history) -> bool:
@@ -29,6 +30,7 @@ def plot_all(result: Path, folder: Path) -> tuple[list[Path], list[str]]:
         folder.mkdir(parents=True, exist_ok=True)
         pictures = [
             ("form", form, "form_finding" in f),
+            ("states", states, has_states(f)),
             ("roof", roof, has_roof(f)),
             ("load_displacement", load_displacement, "statics" in f),
             ("collapse", collapse, "history" in f),

@@ -5,9 +5,15 @@ import numpy as np
 
 from netfall.output.frames import Frames
 from netfall.output.info import element_name
-from netfall.output.plot_style import legend_below, mark_first_fracture, short_title, unit_of
+from netfall.output.plot_style import legend_below, mark_events, short_title, unit_of
+from netfall.output.report_losses import broken_at, lost_at
 
 MOST_CURVES = 6
+MOST_NAMED = 10  # of the elements that the job names
+LEAST_ROWS = 10  # of the history before the first fracture, for a picture of them
+BULK = 0.5, 99.5  # percentiles of values that a scale shows
+MUCH_MORE = 1.0  # times the range of the bulk: what is farther out is left out of the scale
+UNTIL = "until the first fracture"
 
 
 def load_displacement(f):
@@ -49,17 +55,27 @@ def energies(f):
         ("damping_work", "damping", "C2", "-"),
     )
     total = sum(h[name][:] for name, *_ in names[1:])
-    factor, unit = unit_of(max(np.abs(h[name][:]).max() for name, *_ in names), "J")
-    figure, (top, below) = plt.subplots(
-        2, 1, figsize=(9, 7), sharex=True, height_ratios=(3, 1), layout="constrained"
+    first = early_end(f)
+    places = [["early", "top"], ["below", "below"]] if first else [["top"], ["below"]]
+    size = {"figsize": (11 if first else 9, 7), "height_ratios": (3, 1), "layout": "constrained"}
+    figure, panels = plt.subplot_mosaic(places, **size)
+    top, below = panels["top"], panels["below"]
+    for panel in [panels[name] for name in ("early", "top") if name in panels]:
+        rows = t <= first if panel is not top else np.full(len(t), True)
+        scale, named = unit_of(max(np.abs(h[name][:][rows]).max() for name, *_ in names), "J")
+        for name, label, colour, style in names:
+            panel.plot(t[rows], scale * h[name][:][rows], color=colour, ls=style, lw=1.3, label=label)
+        panel.plot(
+            t[rows], scale * total[rows], color="0.6", ls="--", lw=2.2, zorder=0, label="sum of the four"
+        )
+        panel.set_ylabel(f"energy [{named}]")
+        panel.grid(alpha=0.3)
+    if first:
+        panels["early"].set_title(UNTIL, fontsize=9)
+    figure.legend(
+        *top.get_legend_handles_labels(), loc="outside lower center", ncols=6, frameon=False, fontsize=8
     )
-    for name, label, colour, style in names:
-        top.plot(t, factor * h[name][:], color=colour, ls=style, lw=1.3, label=label)
-    top.plot(t, factor * total, color="0.6", ls="--", lw=2.2, zorder=0, label="sum of the four")
-    top.set_ylabel(f"energy [{unit}]")
-    top.grid(alpha=0.3)
-    top.legend(loc="upper center", bbox_to_anchor=(0.5, -0.04), ncols=3, frameon=False, fontsize=8)
-    mark_first_fracture(top, f)
+    mark_events(top, f)
     floor = 1e-17
     below.semilogy(
         t, np.maximum(np.abs(h["balance_error"][:]), floor), color="C4", lw=1, label="physical balance"
@@ -70,32 +86,53 @@ def energies(f):
     below.set_xlabel("time [s]")
     below.set_ylabel("share of the energy [-]")
     below.grid(alpha=0.3)
-    below.legend(loc="upper center", bbox_to_anchor=(0.5, -0.32), ncols=2, frameon=False, fontsize=8)
+    below.legend(loc="lower right", ncols=2, frameon=False, fontsize=8)
     figure.suptitle(f"{short_title(f)}: energy")
     return figure
 
 
 def tensions(f):
-    """Tension histories of the probes' elements, or of the elements that break first (paper Fig. 13)."""
+    """Tension histories of the elements that the job names, else at the probes and of what breaks first.
+
+    After its fracture an element is drawn thin: it swings loose (paper Fig. 13).
+    """
     figure, axes = plt.subplots(figsize=(9, 4.8), layout="constrained")
     curves = _tension_curves(f)
     factor, unit = unit_of(max(np.abs(N).max() for _, N, _ in curves), "N")
-    broken = dict(zip(f["events/element"][:].tolist(), f["events/time"][:].tolist()))
-    for t, N, e in curves:
-        note = f", breaks at {broken[e]:.3f} s" if e in broken else ""
-        axes.plot(t, factor * N, lw=1, label=f"element {element_name(f, e)}{note}")
+    broken, lost = broken_at(f), lost_at(f)
+    for k, (t, N, e) in enumerate(curves):
+        end = np.fmin(broken[e], lost[e])
+        note = f", breaks at {end:.3f} s" if end == broken[e] else f", lost at {end:.3f} s" if end > 0 else ""
+        whole = ~(t > end)
+        axes.plot(
+            t[whole], factor * N[whole], lw=1, color=f"C{k % 10}", label=f"element {element_name(f, e)}{note}"
+        )
+        axes.plot(t[~whole], factor * N[~whole], lw=0.5, color=f"C{k % 10}", alpha=0.35)
+    sizes = np.concatenate([N for _, N, _ in curves])
+    _set_readable(axes, factor * sizes)
     axes.set_xlabel("time [s]")
-    axes.set_ylabel(f"tension [{unit}]")
+    axes.set_ylabel(f"axial force, positive in tension [{unit}]")
     axes.grid(alpha=0.3)
-    mark_first_fracture(axes, f)
+    mark_events(axes, f)
     legend_below(axes, 3)
     axes.set_title(f"{short_title(f)}: tensions", pad=16)
     return figure
 
 
+def _set_readable(axes, values: np.ndarray) -> None:
+    """End the scale above nearly all values, where single ones are far from them."""
+    low, high = np.percentile(values, BULK)
+    margin = 0.08 * max(high - low, 1e-9 * abs(high))
+    if values.max() > high + MUCH_MORE * (high - low) or values.min() < low - MUCH_MORE * (high - low):
+        axes.set_ylim(low - margin, high + 3 * margin)
+
+
 def _tension_curves(f) -> list[tuple[np.ndarray, np.ndarray, int]]:
-    """Times, tensions and element of each curve: probes, then what breaks first, else the largest tension."""
+    """Times, tensions, element of each curve: named; or probes, then what breaks first; or the largest."""
     h, frames, curves = f["history"], Frames(f), []
+    if "element_tension" in h:
+        named = h["element"][:MOST_NAMED]
+        return [(h["time"][:], h["element_tension"][:, k], e) for k, e in enumerate(named)]
     if "probe_tension" in h and h["probe_tension"].shape[1]:
         chosen = h["probe_element"][:MOST_CURVES]
         curves = [(h["time"][:], h["probe_tension"][:, k], e) for k, e in enumerate(chosen)]
@@ -111,22 +148,45 @@ def _tension_curves(f) -> list[tuple[np.ndarray, np.ndarray, int]]:
 
 
 def displacements(f):
-    """Displacement histories of the probes (paper Fig. 14)."""
-    h = f["history"]
-    d, particles = h["probe_displacement"][:], h["probe_particle"][:]
-    x = f["net/particles"][:]
-    figure, axes = plt.subplots(3, 1, figsize=(9, 7), sharex=True, layout="constrained")
-    name = lambda p: f"node {f['net/node_id'][p]} at ({x[p, 0]:.1f}, {x[p, 1]:.1f}) m"
-    for k, axis in enumerate(axes):
+    """Displacement histories of the probes (paper Fig. 14); beside the whole what was before a fracture."""
+    h, first = f["history"], early_end(f)
+    t, d, particles = h["time"][:], h["probe_displacement"][:], h["probe_particle"][:]
+    x, columns = f["net/particles"][:], 2 if first else 1
+    figure, axes = plt.subplots(
+        3,
+        columns,
+        figsize=(5.5 * columns + 3.5 * (not first), 7),
+        sharex="col",
+        layout="constrained",
+        squeeze=False,
+    )
+    name = lambda p: f"node {f['net/node_id'][p]} at ({', '.join(f'{value:.1f}' for value in x[p])}) m"
+    for (k, column), axis in np.ndenumerate(axes):
+        rows = t <= first if first and column == 0 else np.full(len(t), True)
         for j, p in enumerate(particles[:MOST_CURVES]):
-            axis.plot(h["time"][:], d[:, j, k], lw=1, label=name(p))
-        axis.set_ylabel(f"displacement {'xyz'[k]} [m]")
+            axis.plot(t[rows], d[rows, j, k], lw=1, label=name(p))
+        if column == 0:
+            axis.set_ylabel(f"displacement {'xyz'[k]} [m]")
         axis.grid(alpha=0.3)
-    axes[-1].set_xlabel("time [s]")
-    mark_first_fracture(axes[0], f)
-    axes[-1].legend(loc="upper center", bbox_to_anchor=(0.5, -0.22), ncols=3, frameon=False, fontsize=8)
+    for axis in axes[-1]:
+        axis.set_xlabel("time [s]")
+    mark_events(axes[0, -1], f)
+    if first:
+        axes[0, 0].set_title(UNTIL, fontsize=9)
+    labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(*labels, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
     figure.suptitle(f"{short_title(f)}: displacements")
     return figure
+
+
+def early_end(f) -> float:
+    """The time [s] of the first fracture, up to which a picture of its own is due; 0: none is.
+
+    After it what flies sets the scales.
+    """
+    events, end = f["events/time"][:], f["history/time"][-1]
+    rows = np.count_nonzero(f["history/time"][:] <= events[0]) if len(events) else 0
+    return float(events[0]) if rows >= LEAST_ROWS and events[0] < 0.95 * end else 0.0
 
 
 def wind(f):

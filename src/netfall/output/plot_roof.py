@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 
 from netfall.output.plot_style import short_title, unit_of
+from netfall.output.reactions import held_axes
 
 MOST_DRAWN = 60_000  # elements in a picture; of larger nets every k-th is drawn
 WIDTH = 5.6  # inches of a panel
@@ -62,7 +63,7 @@ def _panels(f, count: int):
     for unused in panels[count:]:
         unused.remove()
     every = max(1, len(elements) // MOST_DRAWN)
-    held = f["net/fixed"][:].any(1)
+    held = held_axes(f).any(1)
     margin = max(0.03 * extent.max(), 0.55 * np.sqrt(f["net/plan_area"][:].max()))
     for axes in panels[:count]:
         lines = LineCollection(x[elements[::every]], colors="0.25", linewidths=0.35, zorder=2)

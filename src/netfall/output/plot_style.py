@@ -2,11 +2,14 @@
 
 import h5py
 import matplotlib
+import numpy as np
 
 from netfall.output.info import title_of
+from netfall.output.report_losses import lost_at
 
 matplotlib.use("Agg")
 LONGEST_TITLE = 90  # characters
+ROOM = 0.14  # of the width, from one time that is told to the next
 
 
 def short_title(f: h5py.File) -> str:
@@ -23,20 +26,26 @@ def unit_of(largest: float, unit: str) -> tuple[float, str]:
     return 1.0, unit
 
 
-def mark_first_fracture(axes, f) -> None:
-    """A line at the first fracture, if there is one."""
-    events = f["events/time"][:]
-    if len(events):
-        axes.axvline(events[0], color="0.5", lw=0.8, ls=":")
-        axes.annotate(
-            f"first fracture {events[0]:.3f} s",
-            (events[0], 1.0),
-            xycoords=("data", "axes fraction"),
-            xytext=(3, 3),
-            textcoords="offset points",
-            fontsize=7,
-            color="0.4",
-        )
+def mark_events(axes, f) -> None:
+    """A line at each loss of members and at the first fracture, with its time where there is room."""
+    lost = lost_at(f)
+    marks = [(t, f"first fracture {t:.3f} s", ":") for t in f["events/time"][:1]]
+    marks += [(t, f"loss {t:.3f} s", "--") for t in np.unique(lost[~np.isnan(lost)])]
+    low, high = axes.get_xlim()
+    told: list[float] = []
+    for t, words, style in marks:
+        axes.axvline(t, color="0.5", lw=0.8, ls=style)
+        if all(abs(t - other) > ROOM * (high - low) for other in told):
+            told.append(t)
+            axes.annotate(
+                words,
+                (t, 1.0),
+                xycoords=("data", "axes fraction"),
+                xytext=(3, 3),
+                textcoords="offset points",
+                fontsize=7,
+                color="0.4",
+            )
 
 
 def legend_below(axes, ncols=4) -> None:

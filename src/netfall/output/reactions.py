@@ -1,8 +1,13 @@
-"""With what forces the elements pull at the supports, in each stage."""
+"""The reactions of a roof at its supports, in each stage.
+
+Where an axis is held: the force with which the elements pull at the support; what acts on the node itself
+goes into it besides. At an elastic support: the force on the spring (`mechanics.supports`), in which that is
+included.
+"""
 
 import numpy as np
 
-from netfall.output.report_stages import Stage, equilibria, final
+from netfall.output.report_stages import Stage, equilibria, final, start_position, start_tension
 
 
 def held_axes(f) -> np.ndarray:
@@ -26,14 +31,31 @@ def pull_at(x: np.ndarray, ends: np.ndarray, N: np.ndarray) -> np.ndarray:
 
 
 def reaction_columns(f) -> dict[str, np.ndarray]:
-    """A row for each support and stage: the force [N] with which elements pull at it along its held axes.
-
-    Nothing else is in them: what acts on the node itself goes into the support besides.
-    """
+    """A row for each support and stage: the force [N] on it along the axes that it holds."""
     held, elements = held_axes(f), f["net/elements"][:]
     nodes = np.flatnonzero(held.any(1))
-    blocks = [_of_stage(f, stage, held, nodes, elements) for stage in _stages(f)]
+    springs = Springs(f, nodes) if "spring" in f["net"] else None
+    blocks = [_of_stage(f, stage, held[nodes], nodes, elements, springs) for stage in _stages(f)]
     return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+
+
+class Springs:
+    """The springs of the supports: stiffness (k, 3) [N/m], place at the start (k, 3) [m], preload (k, 3) [N].
+
+    Form finding holds their nodes, and each begins with the reaction there; else with none.
+    """
+
+    def __init__(self, f, nodes: np.ndarray):
+        """nodes : (k,) the supports"""
+        x = start_position(f)
+        self.stiffness, self.start = f["net/spring"][:][nodes], x[nodes]
+        self.preload = np.zeros((len(nodes), 3))
+        if "form_finding" in f:
+            self.preload = pull_at(x, f["net/elements"][:], start_tension(f))[nodes]
+
+    def force(self, x: np.ndarray) -> np.ndarray:
+        """Forces (k, 3) [N] on the supports with their nodes at x (k, 3) [m]."""
+        return self.preload + self.stiffness * (x - self.start)
 
 
 def _stages(f):
@@ -43,11 +65,14 @@ def _stages(f):
         yield last
 
 
-def _of_stage(f, stage: Stage, held, nodes, elements) -> dict[str, np.ndarray]:
+def _of_stage(f, stage: Stage, held, nodes, elements, springs: Springs | None) -> dict[str, np.ndarray]:
+    """held : (k, 3) bool, axes of the supports, rows (k,) of the net"""
     x = stage.position()
     pull = pull_at(x, elements if stage.ends is None else stage.ends, stage.tension())
     at = nodes if stage.ends is None else _rows_of_nodes(f, nodes)
-    force = np.where(held[nodes], pull[at], 0.0)
+    force = np.where(held, pull[at], 0.0)
+    if springs:
+        force = np.where(springs.stiffness > 0.0, springs.force(x[at]), force)
     return {
         "node": f["net/node_id"][:][nodes],
         "stage": np.full(len(nodes), stage.name, object),

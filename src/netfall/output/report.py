@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.errors import InputError
-from netfall.output.codes import read_codes
+from netfall.output.codes import check_groups, read_codes
 from netfall.output.info import missing_name, open_result
 from netfall.output.place import writing
 from netfall.output.plot_utilisation import utilisation
@@ -38,6 +38,7 @@ def write_report(result: Path, folder: Path, codes: Path | None, cutting: Cuttin
     checks = read_codes(codes)
     with open_result(result) as f:
         try:
+            check_groups(codes, checks, f["net/group_names"].asstr()[:].tolist())
             resistance = resistances_of(f, checks)
             envelope = envelope_of(f, resistance[checks[0].name])
             checked = check_elements(f, checks, resistance, envelope)

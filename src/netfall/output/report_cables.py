@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netfall.output.codes import STRENGTHS, Check
+from netfall.output.report_losses import broken_at, lost_at
 from netfall.output.report_stages import Envelope, start_position, start_tension
 
 
@@ -83,7 +84,8 @@ def element_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.nda
         "tension_min": envelope.least,
         "case_min": names[envelope.of_least],
         "slack_in": _slack_words(envelope.names, envelope.slack),
-        "broken_at": _broken_at(f),
+        "lost_at": lost_at(f),
+        "broken_at": broken_at(f),
     }
     if envelope.slack_time is not None:
         columns["slack_time"] = envelope.slack_time
@@ -100,9 +102,7 @@ def cable_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
     low = _first_by(-envelope.least, cable)
     each = element_columns(f, envelope, checked)
     strengths = strengths_of(f)
-    slack = np.zeros((len(envelope.names), count), bool)
-    for stage, of_elements in zip(slack, envelope.slack):
-        np.logical_or.at(stage, cable, of_elements)
+    slack = _any_of(envelope.slack, cable, count) & ~_any_of(envelope.gone, cable, count)
     columns = {
         "cable": f["net/cable_names"].asstr()[:].astype(object),
         "group": each["group"][at],
@@ -118,6 +118,7 @@ def cable_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
         "tension_min": envelope.least[low],
         "case_min": each["case_min"][low],
         "slack_in": _slack_words(envelope.names, slack),
+        "lost_at": _least_of(each["lost_at"], cable, count),
         "broken_at": _least_of(each["broken_at"], cable, count),
     }
     for check in checked.checks:
@@ -130,13 +131,17 @@ def cutting_columns(f, cutting: Cutting) -> dict[str, np.ndarray]:
     """A row for each cable: its lengths [m] in the form, unstressed, and as it is measured.
 
     At the temperature T above that of form finding and the load N a piece of unstressed length L0 measures
-    L0 (1 + expansion T) (1 + N / EA), with the logarithmic strain L0 (1 + expansion T) exp(N / EA).
+    L0 (1 + expansion T) (1 + N / EA), with the logarithmic strain L0 (1 + expansion T) exp(N / EA). A load
+    that is given is that of cables; bars are then measured without any.
     """
     cable, count = f["net/cable"][:], len(f["net/cable_names"])
     total = lambda values: np.bincount(cable, values, count)
     x, elements, L0 = start_position(f), f["net/elements"][:], f["net/unstressed_length"][:]
     EA, first = f["net/axial_stiffness"][:], np.unique(cable, return_index=True)[1]
-    load = total(start_tension(f) * L0) / total(L0) if cutting.load is None else np.full(count, cutting.load)
+    if cutting.load is None:
+        load = total(start_tension(f) * L0) / total(L0)
+    else:
+        load = np.where(f["net/bar"][:][first], 0.0, cutting.load)
     warm = L0 * (1.0 + f["net/expansion"][:] * cutting.temperature)
     strain = load[cable] / EA
     logarithmic = f["provenance"].attrs.get("strain") == "logarithmic"
@@ -169,13 +174,12 @@ def _least_of(values: np.ndarray, cable: np.ndarray, count: int) -> np.ndarray:
     return np.where(np.isfinite(least), least, np.nan)
 
 
-def _broken_at(f) -> np.ndarray:
-    """Time (m,) [s] at which elements broke, nan: whole."""
-    time = np.full(len(f["net/elements"]), np.nan)
-    if "events" in f:
-        e, t = f["events/element"][:], f["events/time"][:]
-        time[e[::-1]] = t[::-1]
-    return time
+def _any_of(which: np.ndarray, cable: np.ndarray, count: int) -> np.ndarray:
+    """In which stages any element of each cable is one of which (stages, m) bool; (stages, cables) bool."""
+    found = np.zeros((len(which), count), bool)
+    for stage, of_elements in zip(found, which):
+        np.logical_or.at(stage, cable, of_elements)
+    return found
 
 
 def _slack_words(names: list[str], slack: np.ndarray) -> np.ndarray:

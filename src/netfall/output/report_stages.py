@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netfall.output.frames import Frames
+from netfall.output.report_losses import broken_at, loss_rows, lost_at
 
 ALIKE = 1e-6  # of a tension: frames are in single precision, and the earlier stage governs
 
@@ -89,7 +90,7 @@ class Envelope:
     """The largest and least tension (m,) [N] of each element, by stage.
 
     of_most, of_least : (m,) numbers of the stages in `names`; time_most : (m,) [s], nan: not in dynamics
-    slack : (stages, m) bool; slack_time : (m,) [s] or None
+    slack, gone : (stages, m) bool, gone: lost or broken, and so not slack; slack_time : (m,) [s] or None
     most_used : for each stage the largest share of the resistances, and the element; -1: none has any
     complete : whether the dynamic stage is there by all its steps, not by its frames alone
     """
@@ -101,35 +102,40 @@ class Envelope:
     of_least: np.ndarray
     time_most: np.ndarray
     slack: np.ndarray
+    gone: np.ndarray
     slack_time: np.ndarray | None
     complete: bool
     most_used: list[tuple[float, int]]
 
 
 def envelope_of(f, resistance: np.ndarray) -> Envelope:
-    """The envelope over all equilibria and the dynamic stage. resistance : (m,) [N], nan: none"""
+    """The envelope over all equilibria, losses and the dynamic stage. resistance : (m,) [N], nan: none
+
+    A loss comes before the dynamic stage that it is part of: of equal tensions the loss governs.
+    """
     m = len(f["net/elements"])
-    nan = np.full(m, np.nan)
-    rows = [(stage.name, N, N, nan) for stage in equilibria(f) for N in [stage.tension()]]
+    nan, whole = np.full(m, np.nan), np.zeros(m, bool)
+    rows = [(stage.name, N, N, nan, whole) for stage in equilibria(f) for N in [stage.tension()]]
+    rows += [(name, high, low, nan, gone) for name, high, low, gone in loss_rows(f)]
     complete = "envelope" in f
     if "history" in f:
-        rows.append(("dynamics", *(_of_envelope(f) if complete else _of_frames(f))))
+        high, low, when = _of_envelope(f) if complete else _of_frames(f)
+        gone = ~np.isnan(lost_at(f)) | ~np.isnan(broken_at(f))
+        rows.append(("dynamics", high, np.where(gone & (low == 0.0), np.nan, low), when, gone))
     most, least = rows[0][1], rows[0][2]
     of_most, of_least, time = np.zeros(m, int), np.zeros(m, int), nan.copy()
-    for k, (_, high, low, when) in enumerate(rows):
+    for k, (_, high, low, when, _) in enumerate(rows):
         above = high > most + ALIKE * np.abs(most)
         below = low < least - ALIKE * np.abs(least)
         of_most, time = np.where(above, k, of_most), np.where(above, when, time)
         of_least = np.where(below, k, of_least)
-        most, least = np.maximum(most, high), np.minimum(least, low)
+        most, least = np.fmax(most, high), np.fmin(least, low)
     bar = f["net/bar"][:].astype(bool)
-    slack = np.array([(low <= 0.0) & ~bar for _, _, low, _ in rows])
-    if "history" in f:
-        slack[-1, f["events/element"][:]] = False  # broken: it carries nothing for another reason
+    slack = np.array([(low <= 0.0) & ~bar & ~gone for _, _, low, _, gone in rows])
     slack_time = f["envelope/slack_time"][:] if complete and "slack_time" in f["envelope"] else None
-    names = [name for name, *_ in rows]
-    used = [_most_used(high / resistance) for _, high, _, _ in rows]
-    return Envelope(names, most, least, of_most, of_least, time, slack, slack_time, complete, used)
+    names, gone = [name for name, *_ in rows], np.array([gone for *_, gone in rows])
+    used = [_most_used(high / resistance) for _, high, *_ in rows]
+    return Envelope(names, most, least, of_most, of_least, time, slack, gone, slack_time, complete, used)
 
 
 def _most_used(share: np.ndarray) -> tuple[float, int]:

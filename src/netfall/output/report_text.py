@@ -5,21 +5,23 @@ from pathlib import Path
 import numpy as np
 
 from netfall.output.info import provenance_text, title_of
+from netfall.output.loss_lines import loss_lines
 from netfall.output.report_cables import Checked, Cutting
 from netfall.output.report_stages import Envelope
 
 WORST = 10
 ROUNDING = 1e-12  # of the forces that a sum is of
-MOST_SLACK = 15  # cables listed
+MOST_LISTED = 15  # cables
 COLUMNS = {
     "cables.csv": "a row for each cable: strength [N], largest and least tension [N] with stage, time [s] "
-    "and element of the largest, stages in which it is slack, when it broke [s], resistance [N], utilisation",
+    "and element of the largest, stages in which it is slack, when the first of it was lost and broke [s], "
+    "resistance [N], utilisation",
     "elements.csv": "the same for each element between its nodes; `unstressed_length` [m]",
     "cutting_list.csv": "a row for each cable: `unstressed_length` [m] at the temperature of form finding, "
     "`length_in_form` [m], `temperature` [K], `unstressed_length_at_temperature` [m], `measuring_load` [N], "
     "`length_at_measuring_load` [m] (at that temperature), `mass` [kg]",
-    "reactions.csv": "a row for each support and stage: place [m], force [N] with which the elements pull at "
-    "it along the axes that it holds",
+    "reactions.csv": "a row for each support and stage: place [m], force [N] along the axes that it holds, "
+    "with which the elements pull at it; at an elastic support the force on its spring",
 }
 
 
@@ -31,6 +33,8 @@ def summary(f, result: Path, tables: dict, envelope: Envelope, checked: Checked,
         ["## Utilisation", "", *_utilisation(cables, checked)],
         ["## Factors", "", *_factors(checked)],
         ["## Tensions", "", *_tensions(f, envelope, checked.checks[0].name)],
+        *([["## Losses", "", *_losses(f)]] if "removal" in f else []),
+        ["## Lost and broken cables", "", *_gone(cables)],
         ["## Slack cables", "", *_slack(cables, envelope)],
         ["## Reactions", "", *_reactions(tables["reactions.csv"])],
         ["## Cutting list", "", *_cutting(tables["cutting_list.csv"], cutting)],
@@ -160,14 +164,36 @@ def _tensions(f, envelope: Envelope, check: str) -> list[str]:
     return lines
 
 
+def _losses(f) -> list[str]:
+    return [f"- {line}" for line in loss_lines(f["removal"], f["events"], f["net/element_id"][:])]
+
+
+def _gone(cables: dict) -> list[str]:
+    """The cables of which an element was lost or broke, in the order of time."""
+    first = np.fmin(cables["lost_at"], cables["broken_at"])
+    rows = [k for k in np.argsort(first, kind="stable") if np.isfinite(first[k])]
+    if not rows:
+        return ["None."]
+    second = lambda time: f"{time:.4g} s" if np.isfinite(time) else ""
+    table = [
+        [cables["cable"][k], cables["group"][k], second(cables["lost_at"][k]), second(cables["broken_at"][k])]
+        for k in rows[:MOST_LISTED]
+    ]
+    lines = [f"{len(rows)} cables have an element that was lost or broke:", ""]
+    return lines + _rows(["cable", "group", "lost at", "broke at"], table) + _more(rows)
+
+
 def _slack(cables: dict, envelope: Envelope) -> list[str]:
     rows = np.flatnonzero(cables["slack_in"] != "")
     if not len(rows):
         return ["None, in any of: " + ", ".join(envelope.names) + "."]
-    table = [[cables["cable"][k], cables["group"][k], cables["slack_in"][k]] for k in rows[:MOST_SLACK]]
-    lines = [f"{len(rows)} cables have an element without tension:", ""]
-    lines += _rows(["cable", "group", "slack in"], table)
-    return lines + (["", f"and {len(rows) - MOST_SLACK} more (cables.csv)"] if len(rows) > MOST_SLACK else [])
+    table = [[cables["cable"][k], cables["group"][k], cables["slack_in"][k]] for k in rows[:MOST_LISTED]]
+    lines = [f"{len(rows)} cables have an element without tension, in stages in which they are whole:", ""]
+    return lines + _rows(["cable", "group", "slack in"], table) + _more(rows)
+
+
+def _more(rows) -> list[str]:
+    return ["", f"and {len(rows) - MOST_LISTED} more (cables.csv)"] if len(rows) > MOST_LISTED else []
 
 
 def _reactions(table: dict) -> list[str]:
@@ -179,7 +205,11 @@ def _reactions(table: dict) -> list[str]:
         total[np.abs(total) < ROUNDING * table["force"][of].sum()] = 0.0
         largest = f"{force(table['force'][top])} at node {table['node'][top]}"
         rows.append([stage, *(force(value) for value in total), largest])
-    lines = ["Forces with which the elements pull at the supports, and their sums over all supports.", ""]
+    lines = [
+        "Forces with which the elements pull at the supports; at elastic supports the force on the spring,",
+        "in which what acts on the node itself is included; and their sums over all supports.",
+        "",
+    ]
     return lines + _rows(["stage", "sum in x", "sum in y", "sum in z", "largest"], rows)
 
 

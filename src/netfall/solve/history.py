@@ -1,11 +1,9 @@
 """The history of a dynamic stage: rows by name, and those of the probes. The same on every rank."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from netfall.mechanics.state import State
-from netfall.net.net import Net
+from netfall.solve.probes import Probes
 
 OF_ENERGY = "share of the largest energy that took part so far"
 AT_REST = 1e-4  # of the energy stored at the start: what moves with less is at rest, and rounding counts
@@ -35,20 +33,6 @@ def energy_in_play(row: dict[str, float]) -> float:
     gone = row["kinetic_energy"] + max(row["strain_energy"], 0.0) + row["plastic_dissipation"]
     energy = max(abs(row["external_work"]), gone + row["damping_work"])
     return energy if energy == energy else 0.0  # nan without the audit
-
-
-@dataclass(frozen=True)
-class Probes:
-    """Particles and elements whose histories are kept, in global numbers."""
-
-    particles: np.ndarray
-    elements: np.ndarray
-
-
-def find_probes(net: Net, places) -> Probes:
-    """The particles nearest in plan to the places (p, 2) [m], and the elements that meet there."""
-    particles = [int(np.argmin(np.sum((net.x[:, :2] - np.array(place)) ** 2, axis=1))) for place in places]
-    return Probes(np.array(particles, np.int64), np.flatnonzero(np.isin(net.elements, particles).any(1)))
 
 
 NOT_STRAINED = (0.0, 0.0, -1)
@@ -85,7 +69,7 @@ class History:
         return len(self.rows["time"])
 
     def add(self, probe_row: np.ndarray, **values: float) -> None:
-        """A row, both errors in J. probe_row : displacements (p, 3) and tensions (k,) of the probes."""
+        """A row, both errors in J. probe_row : as `LocalProbes.values` gives it"""
         self.scale = max(self.scale, energy_in_play(values))
         for name in ERRORS:
             values[name] /= self.scale or 1.0
@@ -103,17 +87,21 @@ class History:
         return {name: np.array(values, kind(name)) for name, values in self.rows.items()}
 
     def probe_columns(self) -> dict[str, np.ndarray]:
-        """What was kept of the probes, as datasets of /history."""
-        particles, rows = len(self.probes.particles), len(self)
-        if not particles:
-            return {"probe_displacement": np.zeros((rows, 0, 3))}
-        values = np.array(self.probe_rows)
-        return {
-            "probe_displacement": values[:, : 3 * particles].reshape(rows, -1, 3),
-            "probe_tension": values[:, 3 * particles :],
-            "probe_particle": self.probes.particles,
-            "probe_element": self.probes.elements,
-        }
+        """What was kept of nodes and elements by name, as datasets of /history."""
+        probes, rows = self.probes, len(self)
+        at_nodes, met = 3 * len(probes.particles), len(probes.elements)
+        values = np.array(self.probe_rows).reshape(rows, at_nodes + met + len(probes.named))
+        columns = {"probe_displacement": values[:, :at_nodes].reshape(rows, len(probes.particles), 3)}
+        if at_nodes:
+            columns |= {
+                "probe_tension": values[:, at_nodes : at_nodes + met],
+                "probe_particle": probes.particles,
+                "probe_element": probes.elements,
+            }
+        if len(probes.named):
+            named = {"element": probes.named, "element_id": probes.named_id}
+            columns |= {"element_tension": values[:, at_nodes + met :], **named}
+        return columns
 
     def arrays(self) -> dict[str, np.ndarray]:
         """What a continuation needs, for `restore`."""

@@ -24,6 +24,7 @@ from netfall.solve.loading import Roof, grows, loading_of, preload, pressure_loa
 from netfall.solve.losses import named_elements
 from netfall.solve.memory import FORGETFUL, OF_SPEED, Memory, key_of
 from netfall.solve.on_roof import by_node, shape_coefficients
+from netfall.solve.probes import Probes, find_probes
 from netfall.solve.start import check_start, check_tensions, low_notes, unit_notes
 from netfall.solve.unused import without_effect
 from netfall.wind.field import GeneratedHistory, make_wind_field, read_history
@@ -62,6 +63,7 @@ class Model:
     wind_field: object = None
     history: object = None  # of the wind
     lost: list[np.ndarray] = field(default_factory=list)  # elements that each [[remove]] names
+    probes: Probes = None
     notes_of_values: list[str] = field(default_factory=list)
     notes_of_history: list[str] = field(default_factory=list)
 
@@ -160,7 +162,7 @@ def make_model(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Model:
     key = ranks, job.changes_net(), key_of(job, without=OF_SPEED)
     net, roofing, zones, part, source = memory.once("net", key, lambda: _partitioned(job, ranks))
     model = Model(net, roofing, zones, part, source)
-    model.lost = named_elements(job, net)
+    model.lost, model.probes = named_elements(job, net), find_probes(job, net)
     model.shape_coefficient, notes = shape_coefficients(job, zones)
     model.notes_of_values = without_effect(job, net) + notes + unit_notes(net)
     model.history = read_history(job)

@@ -1,25 +1,79 @@
-"""The probes of a rank: histories of particles and elements that all ranks get to know."""
+"""Histories of nodes and elements that the job names: [output] probes and elements."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
 
+from netfall.errors import InputError
+from netfall.job.read import Job
 from netfall.mechanics.state import State
+from netfall.net.net import Net
+
+MOST_NAMED = 8  # ids in one message
+
+
+@dataclass(frozen=True)
+class Probes:
+    """Whose histories are kept, in global numbers.
+
+    particles : displacements; elements : tensions of those that meet there
+    named : (k,) elements by id, tensions; named_id : (k,) their ids
+    """
+
+    particles: np.ndarray
+    elements: np.ndarray
+    named: np.ndarray
+    named_id: np.ndarray
+
+
+def find_probes(job: Job, net: Net) -> Probes:
+    """The nodes and elements that [output] names. Raises InputError where there is none of an id."""
+    nodes, wanted = job.output.probes, job.output.elements or ()
+    node_id, element_id = net.node_id, net.element_id
+    errors = _unknown(job, "probes", "node", [v for v in nodes if isinstance(v, int)], node_id)
+    errors += _unknown(job, "elements", "element", wanted, element_id)
+    if errors:
+        raise InputError(errors)
+    particles = np.array([_particle(net, each) for each in nodes], np.int64)
+    rows = [np.flatnonzero(element_id == one) for one in dict.fromkeys(wanted)]
+    named = np.concatenate([np.zeros(0, np.int64), *rows])
+    met = np.flatnonzero(np.isin(net.elements, particles).any(1))
+    return Probes(particles, met, named, element_id[named])
+
+
+def _particle(net: Net, probe) -> int:
+    """The node of an id, or the one nearest to a place: [x, y] in plan, [x, y, z] in space."""
+    if isinstance(probe, int):
+        return int(np.flatnonzero(net.node_id == probe)[0])
+    return int(np.argmin(np.sum((net.x[:, : len(probe)] - np.array(probe)) ** 2, axis=1)))
+
+
+def _unknown(job: Job, key: str, what: str, wanted, ids: np.ndarray) -> list[str]:
+    """A line on the ids that there are not."""
+    unknown = sorted(set(wanted) - set(ids.tolist()))
+    few = ", ".join(map(str, unknown[:MOST_NAMED])) + ", ..." * (len(unknown) > MOST_NAMED)
+    line = f"{job.path}: [output] {key}: no {what} {few}; ids are {ids.min()} to {ids.max()}"
+    return [line] if unknown else []
 
 
 class LocalProbes:
     """Local rows of the probes that this rank has, each with its place among all."""
 
-    def __init__(self, subdomain, probes):
-        """probes : `history.Probes`"""
+    def __init__(self, subdomain, probes: Probes):
         rows = lambda numbers, sought: [
             (k, int(row)) for k, gid in enumerate(sought) for row in np.flatnonzero(numbers == gid)
         ]
-        self.count = len(probes.particles), len(probes.elements)
+        elements = np.concatenate([probes.elements, probes.named])
+        self.count = len(probes.particles), len(elements)
         self.particles = rows(subdomain.particle_gid[: subdomain.n_owned], probes.particles)
-        self.elements = rows(subdomain.element_gid, probes.elements)
+        self.elements = rows(subdomain.element_gid, elements)
 
     def values(self, comm: MPI.Comm, state: State, snapshot) -> np.ndarray:
-        """Displacements (p, 3) [m] and tensions (k,) [N] in one row, the same on every rank. Collective."""
+        """Displacements (p, 3) [m], tensions [N] of what meets there and of what is named, in one row.
+
+        The same on every rank. Collective.
+        """
         particles, elements = self.count
         values = np.zeros(3 * particles + elements)
         for k, row in self.particles:

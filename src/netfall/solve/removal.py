@@ -272,6 +272,7 @@ def words_of(job, loss: Loss) -> str:
         entry = job.removes[k]
         for key, given in (("element", entry.elements), ("cable", entry.cables)):
             if given is not None:
+                given = list(dict.fromkeys(given))
                 few = ", ".join(map(str, given[:MOST_NAMED])) + ", ..." * (len(given) > MOST_NAMED)
                 names.append(f"{key}{'s' * (len(given) > 1)} {few}")
         if entry.group is not None:

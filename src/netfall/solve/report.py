@@ -12,7 +12,7 @@ from netfall.net.plan import listed
 from netfall.output.info import balance_notes
 from netfall.output.progress import Progress
 from netfall.parallel import partition
-from netfall.solve.history import MOST_STRAIN, History, find_probes, most_strained
+from netfall.solve.history import MOST_STRAIN, History, most_strained
 from netfall.solve.model import Model, scene_of
 from netfall.solve.schedule import Schedule, step_at
 from netfall.solve.setup import Setup
@@ -203,25 +203,31 @@ def remarks_of(job: Job, setup: Setup, dt: float) -> list[str]:
     )
 
 
-def probe_remarks(model: Model, places) -> list[str]:
-    """Notes on probes far from any node, by more than the longest element, or where several lie in plan."""
+def probe_remarks(model: Model, probes) -> list[str]:
+    """Notes on probes far from any node, by more than the longest element, or where several lie in plan.
+
+    probes : of the job; those that are ids of nodes have none
+    """
     net, remarks = model.net, []
     ends = model.x[net.elements]
     longest = np.sqrt(np.sum((ends[:, 1] - ends[:, 0]) ** 2, axis=1)).max(initial=0.0)
-    for place, p in zip(places, find_probes(net, places).particles):
-        distance = np.hypot(*(net.x[:, :2] - np.array(place)).T)
+    for place, p in zip(probes, model.probes.particles):
+        if isinstance(place, int):
+            continue
+        axes, name = len(place), ", ".join(f"{value:g}" for value in place)
+        distance = np.linalg.norm(net.x[:, :axes] - np.array(place), axis=1)
         away = float(distance[p])
         level = np.flatnonzero(distance <= away + net.tolerance)
-        if len(level) > 1 and np.ptp(net.x[level, :2], axis=0).max() <= net.tolerance:
+        if axes == 2 and len(level) > 1 and np.ptp(net.x[level, :2], axis=0).max() <= net.tolerance:
             remarks.append(
-                f"note: [output] probes: [{place[0]:g}, {place[1]:g}]: nodes {listed(net.node_id[level])} "
-                f"lie above one another there; its histories are those of node {net.node_id[p]}"
+                f"note: [output] probes: [{name}]: nodes {listed(net.node_id[level])} lie above one another "
+                f"there; its histories are those of node {net.node_id[p]} ([x, y, z] or an id tell)"
             )
         if away > longest:
+            at = ", ".join(f"{value:.6g}" for value in net.x[p, :axes])
             remarks.append(
-                f"note: [output] probes: [{place[0]:g}, {place[1]:g}] is {away:.4g} m away from every node, "
-                f"the longest element {longest:.4g} m long; its histories are those "
-                f"of node {net.node_id[p]}, at [{net.x[p, 0]:.6g}, {net.x[p, 1]:.6g}]"
+                f"note: [output] probes: [{name}] is {away:.4g} m away from every node, the longest element "
+                f"{longest:.4g} m long; its histories are those of node {net.node_id[p]}, at [{at}]"
             )
     return remarks
 

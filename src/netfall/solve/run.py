@@ -22,7 +22,7 @@ from netfall.parallel.agree import on_root
 from netfall.solve.dynamics import Simulation
 from netfall.solve.energy import take_snapshot, total_energies
 from netfall.solve.equilibrium import STABLE
-from netfall.solve.history import UNITS, History, find_probes
+from netfall.solve.history import UNITS, History
 from netfall.solve.loading import grows
 from netfall.solve.loads import GrowingLoad, WindLoad
 from netfall.solve.memory import FORGETFUL, Memory
@@ -220,7 +220,7 @@ def run_dynamics(run: Run, record: dict | None, removal: Removal | None) -> Simu
         state.count_displacements()
         energies = total_energies(run.comm, state, take_snapshot(state, 0.0, 1.0, 0.0, 0.0))
         start = energies.strain, energies.plastic
-    probes = run.comm.bcast(find_probes(model.net, run.job.output.probes) if model else None)
+    probes = run.comm.bcast(model.probes if model else None)
     run.progress.say(
         f"dynamics: {run.job.dynamics.duration:g} s in {run.schedule.steps} steps of {run.schedule.dt:.4g} s"
     )

@@ -31,7 +31,7 @@ def unit_notes(net: Net) -> list[str]:
         odd = np.flatnonzero(np.isfinite(values) & ((values < low) | (values > high)))
         if len(odd):
             notes.append(
-                f"{key} = {values[odd[0]]:g} {unit} of {_elements(net, odd)} is far from what cables have, "
+                f"{key} = {values[odd[0]]:g} {unit} of {in_words(net, odd)} is far from what cables have, "
                 f"{low:g} to {high:g}: {example}".replace("  ", " ")
             )
     return notes
@@ -67,9 +67,9 @@ def check_start(job: Job, model, L: np.ndarray) -> list[str]:
     ):
         rows = np.flatnonzero(over)
         if len(rows):
-            e = rows[0]
+            e, one = rows[0], len(np.unique(net.element_id[rows])) == 1
             errors.append(
-                f"{job.path}: {_elements(net, rows)} start{'s' * (len(rows) == 1)} beyond {what}: "
+                f"{job.path}: {in_words(net, rows)} start{'s' * one} beyond {what}: "
                 f"{value[e]:.4g} in element {model.element_name(e)} at a length of {L[e]:.6g} m, allowed "
                 f"{limit[e]:.4g}, with EA = {model.EA[e]:.4g} N; {UNITS}"
             )
@@ -103,16 +103,15 @@ def _buckling(net: Net, N: np.ndarray) -> list[str]:
     if not len(rows):
         return []
     return [
-        f"[net] subdivide cuts {_elements(net, rows)} in parts, compressed bars without bending stiffness, "
+        f"[net] subdivide cuts {in_words(net, rows)} in parts, compressed bars without bending stiffness, "
         "which buckle at the nodes between them; subdivide = 1 leaves them whole"
     ]
 
 
-def _elements(net: Net, rows: np.ndarray) -> str:
-    """Elements by the first few of their ids, and how many there are."""
-    if len(rows) == 1:
-        return f"element {net.element_id[rows[0]]}"
-    return f"{len(rows)} elements ({listed(net.element_id[rows])})"
+def in_words(net: Net, rows: np.ndarray) -> str:
+    """Elements by the first few of their ids, and how many there are; the parts of one share its id."""
+    ids = list(dict.fromkeys(net.element_id[rows].tolist()))
+    return f"element {ids[0]}" if len(ids) == 1 else f"{len(ids)} elements ({listed(ids)})"
 
 
 def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:

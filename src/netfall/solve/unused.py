@@ -39,7 +39,7 @@ def _idle_keys(job: Job, net: Net) -> list[tuple]:
     rows = [
         (
             "output",
-            ("frames", "history", "energy", "probes", "checkpoint"),
+            ("frames", "history", "energy", "probes", "elements", "checkpoint"),
             not moves,
             "there is no [dynamics]",
         ),
