@@ -13,6 +13,7 @@ from netfall.study.samples import SPEED, inputs_of, is_seed
 from netfall.study.shares import binned, half_width, narrower, with_interval
 
 MOST_NAMED = 5  # elements, losses, reasons
+FEW_WITHOUT = 0.02  # share of resamples without a curve up to which the width goes with 1 / sqrt(samples)
 MOST_VALUES = 6  # values of an input that are listed
 
 
@@ -140,7 +141,7 @@ def _sureness(g, rows, say) -> None:
     )
     half = half_width(g["band_at_median"][k])
     aim, needed = narrower(half, samples)
-    if needed:
+    if needed and g["without_curve"][k] <= FEW_WITHOUT * g["resamples"]:
         more = f"+-{100 * aim:g}% would take some {needed}"
         say(f"  {g['measure'][k]}: +-{half:.0%} with {samples} independent samples; {more}")
     for note in dict.fromkeys(g["note"][rows]):

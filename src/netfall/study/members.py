@@ -30,6 +30,14 @@ RESULTS = {
     "reason": "",
 }
 
+# What must be in a file: the factors are there only if members are removed, the curves with several speeds.
+NEEDED = (
+    *(f"members/{name}" for name in RESULTS if not name.startswith("dynamic_factor")),
+    *(f"events/{name}" for name in ("member", "time", "element")),
+    *(f"net/{name}" for name in ("particles", "elements", "element_id", "node_id", "fixed")),
+    *("first_breaks", "breaks"),
+)
+
 
 @dataclass
 class Study:
@@ -62,7 +70,10 @@ class Study:
     @property
     def exposure(self) -> str:
         """How long the wind blows in each member, in words."""
-        least, most = (f"{self.members['duration'].min():g}", f"{self.members['duration'].max():g}")
+        seconds = np.unique(self.members["duration"][np.isfinite(self.members["duration"])])
+        if not len(seconds):
+            return "unknown"
+        least, most = f"{seconds[0]:g}", f"{seconds[-1]:g}"
         return f"{least} s" if least == most else f"{least} to {most} s"
 
 
@@ -78,11 +89,9 @@ def is_study(path: Path) -> bool:
 def read_study(path: Path) -> Study:
     """A study file in memory. Raises InputError where something of it is missing."""
     with h5py.File(path, "r") as file:
-        groups = ("members", "events", "net", "first_breaks", "breaks")
-        missing = [f"{path}: no /{name}; expected a study file that is whole" for name in groups]
-        missing = [line for line, name in zip(missing, groups) if name not in file]
+        missing = [name for name in NEEDED if name not in file]
         if missing:
-            raise InputError(missing)
+            raise InputError([f"{path}: no /{name}; expected a study file that is whole" for name in missing])
         members = _columns(file["members"])
         fragility = _columns(file["fragility"]) if "fragility" in file else fragility_section(members)
         return Study(

@@ -33,6 +33,7 @@ def fragility(study: Study):
         unused.remove()
     panels[0, 0].set_xlim(g["band_speed"][0], g["band_speed"][-1])
     panels[0, 0].set_ylim(-0.02, 1.02)
+    panels[0, 0].xaxis.set_major_locator(plt.MaxNLocator(8, steps=[1, 2, 5, 10]))
     for axes in panels[:, 0]:
         axes.set_ylabel("share of runs that fail [-]")
     figure.supxlabel(f"mean wind speed [m/s], exposure {study.exposure}", fontsize=10, y=0.075)

@@ -37,7 +37,7 @@ def spread(study: Study):
     axes.grid(alpha=0.3)
     if lines is not None:
         figure.colorbar(lines, ax=axes, label="mean wind speed [m/s]")
-    axes.legend(loc="upper left", frameon=False, fontsize=9)
+    axes.legend(loc="upper left", fontsize=9, framealpha=0.9)
     suptitle(figure, study, f"spread of the collapse in {len(courses)} members that broke")
     return figure
 

@@ -17,8 +17,10 @@ from netfall.study.plot_spread import spread
 from netfall.study.ranks import drawn_inputs, responses
 
 
-def plot_study(path: Path, folder: Path) -> list[Path]:
-    """Write every picture that the study has data for, and the members as a table; their paths."""
+def plot_study(path: Path, folder: Path) -> tuple[list[Path], list[str]]:
+    """Write every picture that the study has data for, and the members as a table; their paths, and no line
+    of what cannot be drawn (`output.plot.plot_all` has some).
+    """
     study = read_study(path)
     folder.mkdir(parents=True, exist_ok=True)
     losses = losses_of(study)
@@ -42,7 +44,7 @@ def plot_study(path: Path, folder: Path) -> list[Path]:
     written.append(folder / f"{study.name}_members.csv")
     with writing(written[-1]):
         write_members(study, written[-1])
-    return written
+    return written, []
 
 
 def write_members(study: Study, path: Path) -> None:
