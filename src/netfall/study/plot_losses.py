@@ -19,12 +19,11 @@ def loss_map(study: Study):
     figure, (left, right) = plan_panels(study, 2)
     factor = of_element(losses.dynamic_factor)
     low = float(min(1.0, np.nanmin(factor))) if np.isfinite(factor).any() else 1.0
-    draw_values(study, left, factor, "largest dynamic factor", "viridis_r", low)
-    lost = of_element(losses.roof_lost)
-    draw_values(study, right, lost, "share of the roof lost", "viridis_r", percent=True)
-    suptitle(
-        figure, study, "after the loss of each (grey: not lost, or no factor; dots: supports; numbers: ids)"
-    )
+    names = np.where(row >= 0, losses.name[row], "")
+    draw_values(study, left, factor, "largest dynamic factor (grey: none)", low=low, names=names)
+    lost = of_element(np.where(losses.roof_lost > 0, losses.roof_lost, np.nan))
+    draw_values(study, right, lost, "share of the roof lost (grey: nothing)", percent=True, names=names)
+    suptitle(figure, study, "after the loss of each (the largest on top; dots: supports)")
     return figure
 
 
