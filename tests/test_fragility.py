@@ -16,6 +16,8 @@ from netfall.output.info import open_result
 from netfall.study import fragility, normal, probit, samples
 from netfall.study.fragility import fragility_section
 from netfall.study.info_study import print_study
+from netfall.study.members import read_study
+from netfall.study.plot_study import pictures_of
 from netfall.study.ranks import spearman
 from netfall.study.shares import narrower
 
@@ -276,7 +278,7 @@ def test_a_study_is_drawn_and_written(storm, tmp_path, capsys):
         assert [row["state"] for row in rows] == file["members/state"].asstr()[:].tolist()
 
 
-def test_losses_and_draws_are_drawn_and_told(tmp_path, capsys):
+def test_losses_and_draws_are_drawn_and_told(tmp_path):
     """The loss of each element, with seeds; then draws of prestress and speed, one run each."""
     generator, roof = np.random.default_rng(11), net()
     m = len(roof["elements"])
@@ -306,10 +308,16 @@ def test_losses_and_draws_are_drawn_and_told(tmp_path, capsys):
     told = lines_of(tmp_path / "draws.study.h5")
     assert "cable.prestress pooled" in told and "no seed differs" in told
     assert "wind.speed [m/s]: first_fracture -" in told and "cable.prestress [N]: " in told
-    for name, pictures in (("loss", ("loss_map", "losses")), ("draws", ("inputs", "fragility"))):
-        commands.plot(SimpleNamespace(result=tmp_path / f"{name}.study.h5", folder=None))
-        written = capsys.readouterr().out
-        assert all(f"{name}_{picture}.png" in written for picture in pictures)
+    for name, known, new in (
+        ("loss", ["breaks", "spread"], ["loss_map", "losses"]),
+        ("draws", ["fragility", "breaks", "spread"], ["inputs"]),
+    ):
+        study = read_study(tmp_path / f"{name}.study.h5")
+        pictures = pictures_of(study)
+        assert list(pictures) == known + new
+        for picture in new:
+            pictures[picture](study).savefig(tmp_path / f"{picture}.png", dpi=60)
+            assert (tmp_path / f"{picture}.png").stat().st_size > 10_000
 
 
 def test_a_study_is_no_result_and_must_be_whole(storm, tmp_path):
