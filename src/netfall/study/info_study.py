@@ -111,7 +111,9 @@ def _fragility(study: Study, say) -> None:
     for name in dict.fromkeys(g["curve"]):
         rows = np.flatnonzero(g["curve"] == name)
         of = f" for {name}" if name else ""
-        say(f"fragility{of}: failed of those that ran, within {g['exposure'][rows[0]]:g} s{pooled}")
+        seconds = g["exposure"][rows[0]]
+        within = f"{seconds:g} s" if np.isfinite(seconds) else study.exposure
+        say(f"fragility{of}: failed of those that ran, within {within}{pooled}")
         _table(g, rows, say)
         _sureness(g, rows, say)
 
@@ -119,11 +121,12 @@ def _fragility(study: Study, say) -> None:
 def _table(g, rows, say) -> None:
     """A line for each measure: counts at each speed, median and dispersion with their intervals, the band."""
     tables = [binned(g["speed"], g["runs"][k], g["failed"][k]) for k in rows]
-    head = "".join(f"{f'{v:.4g} m/s':>11}" for v in tables[0][0])
+    column = max(11, 2 * len(str(g["runs"][rows].max())) + 3)
+    head = "".join(f"{f'{v:.4g} m/s':>{column}}" for v in tables[0][0])
     wide = max(len(g["measure"][k]) for k in rows)
     say(f"  {'':{wide}}{head}   {'median [m/s]':<21}  {'dispersion':<21}  band")
     for k, (_, runs, failed) in zip(rows, tables):
-        counts = "".join(f"{f'{y}/{n}':>11}" for n, y in zip(runs, failed))
+        counts = "".join(f"{f'{y}/{n}':>{column}}" for n, y in zip(runs, failed))
         median = with_interval(g["median"][k], g["median_interval"][k], 4)
         dispersion = with_interval(g["dispersion"][k], g["dispersion_interval"][k], 3)
         half = half_width(g["band_at_median"][k])
@@ -146,7 +149,8 @@ def _sureness(g, rows, say) -> None:
         say(f"  {g['measure'][k]}: +-{half:.0%} with {samples} independent samples; {more}")
     for note in dict.fromkeys(g["note"][rows]):
         if note:
-            say(f"  note, {', '.join(g['measure'][rows][g['note'][rows] == note])}: {note}")
+            of = g["measure"][rows][g["note"][rows] == note]
+            say(f"  note, {', '.join(of) if len(of) < len(rows) else 'all measures'}: {note}")
     if g["left_out"][k]:
         texts = [
             f"{g['measure'][k]} {least:.4g} or {most:.4g}"
@@ -154,7 +158,8 @@ def _sureness(g, rows, say) -> None:
             for least, most in [g["median_if_left_out"][k]]
             if np.isfinite(least) and np.isfinite(most)
         ]
-        say(f"  {g['left_out'][k]} left out; the medians if all of them failed, or none: {', '.join(texts)}")
+        of = texts or ["none"]
+        say(f"  {g['left_out'][k]} left out; the medians if all of them failed, or none: {', '.join(of)}")
 
 
 def _elements(study: Study, say) -> None:

@@ -85,7 +85,8 @@ def _text(g, k: int) -> str:
 def _short(g, k: int) -> str:
     """Median and its interval; there are other curves in the panel."""
     if not np.isfinite(g["median"][k]):
-        return "no curve"
+        low, high = g["median_bounds"][k]
+        return f"no curve; median {low:g} to {high:g} m/s".replace(" to inf", " or more")
     return with_interval(g["median"][k], g["median_interval"][k], 4) + " m/s"
 
 
