@@ -1,9 +1,12 @@
 """Compiled code that several processes keep on disk at the same time."""
 
 import multiprocessing
+import os
+import subprocess
+import sys
 from pathlib import Path
 
-from netfall.compile import FileForEach
+from netfall.compile import FileForEach, turn
 
 
 def keep(folder: Path, start, mine: str, repeats: int) -> None:
@@ -41,3 +44,28 @@ def test_code_of_a_changed_source_is_not_loaded(tmp_path):
     assert FileForEach(str(tmp_path), "motion.axis-1", stamp(1)).load("float64") == "old law"
     FileForEach(str(tmp_path), "motion.axis-1", stamp(1)).flush()
     assert FileForEach(str(tmp_path), "motion.axis-1", stamp(1)).load("float64") is None
+
+
+def test_one_of_several_processes_compiles_and_the_others_load(tmp_path):
+    """The ranks of a first run lack the same versions at the same moment."""
+    program = (
+        "import numpy as np\n"
+        "from netfall.net.parts import label_parts, parts_of\n"
+        "assert parts_of(np.array([[2, 1]]), 3).tolist() == [0, 1, 1]\n"
+        "print(sum(label_parts.stats.cache_misses.values()))\n"
+    )
+    start = lambda: subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, env=own)
+    own = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    compiled = [int(process.communicate(timeout=120)[0]) for process in [start(), start(), start()]]
+    assert sum(compiled) == 1
+
+
+def test_a_turn_is_one_process_at_a_time_and_no_reason_to_hang(tmp_path):
+    """A process that was stopped while it compiled keeps others waiting for a while, and not for ever."""
+    lock = turn(tmp_path / "lock")
+    assert turn(tmp_path / "lock", 0.05) is None
+    lock.close()
+    again = turn(tmp_path / "lock", 0.05)
+    assert again is not None
+    again.close()
+    assert turn(tmp_path / "no folder" / "lock") is None

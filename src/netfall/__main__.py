@@ -47,7 +47,7 @@ def main() -> None:
     except BrokenPipeError:
         sys.exit(1)
     except BaseException as error:
-        _abort(error)
+        abort(error)
 
 
 def _rank() -> int:
@@ -60,7 +60,7 @@ def _rank() -> int:
     return MPI.COMM_WORLD.rank
 
 
-def _abort(error: BaseException) -> None:
+def abort(error: BaseException) -> None:
     """An error on one rank ends all of them: the others would wait for it."""
     if isinstance(error, SystemExit):
         raise error

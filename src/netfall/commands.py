@@ -141,6 +141,16 @@ def trade(arguments) -> None:
         print(path)
 
 
+def study(arguments) -> None:
+    """netfall study STUDY"""
+    from netfall.output.progress import Progress
+    from netfall.stop import StopRequest
+    from netfall.study.ensemble import study as run_study
+
+    a, progress = arguments, Progress(not arguments.quiet)
+    run_study(a.study, a.output, a.workers, a.shard, a.launcher, a.retry, progress, StopRequest())
+
+
 def import_(arguments) -> None:
     """netfall import FILE -o FOLDER"""
     from netfall.exchange.importing import Options, import_file

@@ -5,6 +5,7 @@ model: a division by zero gives inf and not an exception (and does not stop vect
 """
 
 import contextlib
+import fcntl
 import hashlib
 import operator
 import shutil
@@ -84,12 +85,59 @@ class FileForEach(IndexDataCacheFile):
 
 
 class _Cache(FunctionCache):
-    """numba's cache of a function's versions, but with a file for each."""
+    """numba's cache of a function's versions, but with a file for each.
+
+    Of several processes that lack a version, such as the ranks of a first run, one compiles it.
+    """
 
     def __init__(self, function):
         super().__init__(function)
         index = self._cache_file
         self._cache_file = FileForEach(self.cache_path, self._impl.filename_base, index._source_stamp)
+        self._turns = {}  # by signature: to compile it
+
+    def load_overload(self, sig, target_context):
+        """One version; None if it is this process that has to compile it."""
+        found = super().load_overload(sig, target_context)
+        if found is None and sig not in self._turns:
+            name = self._cache_file._name(self._index_key(sig, target_context.codegen()))
+            self._turns[sig] = turn(Path(self.cache_path, f"{name}.lock"))
+            found = super().load_overload(sig, target_context)
+            if found is not None:
+                self._end_turn(sig)
+        return found
+
+    def save_overload(self, sig, data):
+        """Write one version, for which others may wait."""
+        super().save_overload(sig, data)
+        self._end_turn(sig)
+
+    def _end_turn(self, sig):
+        lock = self._turns.pop(sig, None)
+        if lock:
+            lock.close()
+
+
+def turn(path: Path, longest: float = 300.0):
+    """The file of a lock, open and locked until it is closed; None where there are no locks.
+
+    longest : s to wait for another process, which may have been stopped in the middle
+    """
+    try:
+        lock = path.open("w")
+    except OSError:
+        return None
+    end = time.monotonic() + longest
+    while time.monotonic() < end:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return lock
+        except BlockingIOError:
+            time.sleep(0.02)
+        except OSError:
+            break
+    lock.close()
+    return None
 
 
 def _compiled(**flags):

@@ -17,6 +17,10 @@ class DivergedError(Exception):
     exit_code = 3
 
 
+class NoRest(DivergedError):
+    """A load has no equilibrium."""
+
+
 class Interrupted(Exception):
     """The run stopped at a common step with a checkpoint. Exit code 4."""
 

@@ -18,6 +18,11 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "report": ("netfall report results/stadium.vtkhdf -o report",),
     "scale": ('netfall scale jobs/stadium.toml --ranks 1,2,4 --launcher "srun -n {ranks}"',),
     "trade": ("netfall trade jobs/saddle.toml --vary dynamics.safety=0.8,0.4,0.2",),
+    "study": (
+        "netfall study jobs/studies/stadium.toml",
+        "netfall study jobs/studies/stadium.toml --shard 3/8",
+        "netfall study roof_study.toml -o results/roof.study.h5 --workers 16",
+    ),
     "import": (
         "netfall import roof.dxf -o roof",
         "netfall import roof.dxf -o roof --unit mm --supports anchors --layers cables,edge",

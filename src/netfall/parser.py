@@ -1,13 +1,16 @@
 """The words of the command line: the commands, their options, and what each option takes."""
 
 import argparse
-import os
 from pathlib import Path
 
+from netfall import arguments as take
 from netfall.errors import InputError
 from netfall.examples import shown
 
-VERBS = ("check", "partition", "run", "info", "plot", "report", "scale", "trade", "import", "export", "init")
+VERBS = (
+    *("check", "partition", "run", "info", "plot", "report", "scale", "trade", "study"),
+    *("import", "export", "init"),
+)
 
 
 class Parser(argparse.ArgumentParser):
@@ -18,6 +21,7 @@ class Parser(argparse.ArgumentParser):
 
 
 INIT = "write a job to start from, with every key in it"
+STUDY = "many runs of a job: ensembles, fragility, loss of each element; goes on where it was interrupted"
 IMPORT = "a drawing or mesh (.dxf, .json of COMPAS, .vtu) to tables, a picture and a first job"
 
 
@@ -52,6 +56,7 @@ def parser() -> Parser:
         )
     )
     _trade(_of_job(verbs, "trade", "what each saving costs: run time against error over a grid of settings"))
+    _study(verbs.add_parser("study", help=STUDY, description=STUDY))
     _import(verbs.add_parser("import", help=IMPORT, description=IMPORT))
     _export(
         _of_result(verbs, "export", "a result for other programs: .dxf, .csv, .tcl (OpenSees), .json, .vtu")
@@ -63,7 +68,7 @@ def parser() -> Parser:
 
 def _init(verb: Parser) -> None:
     verb.add_argument(
-        "job", type=_file, nargs="?", default=Path("job.toml"), metavar="JOB", help="default: job.toml"
+        "job", type=take.file, nargs="?", default=Path("job.toml"), metavar="JOB", help="default: job.toml"
     )
 
 
@@ -96,7 +101,7 @@ def _partition(verb: Parser) -> None:
 def _run(verb: Parser) -> None:
     verb.add_argument(
         "-o",
-        type=_file,
+        type=take.file,
         metavar="FILE",
         dest="output",
         help="result file (default: the job's name with .vtkhdf, here)",
@@ -106,7 +111,7 @@ def _run(verb: Parser) -> None:
     )
     verb.add_argument(
         "--walltime",
-        type=_duration,
+        type=take.duration,
         metavar="HH:MM:SS",
         help="stop with a checkpoint (exit code 4) after this time",
     )
@@ -145,7 +150,7 @@ def _report(verb: Parser) -> None:
 
 
 def _scale(verb: Parser) -> None:
-    verb.add_argument("--ranks", type=_counts, required=True, metavar="1,2,...", help="numbers of ranks")
+    verb.add_argument("--ranks", type=take.counts, required=True, metavar="1,2,...", help="numbers of ranks")
     _launcher(verb)
     _repeats(verb, 3, "runs of each case, of which the best counts (default: 3)")
     _folder(verb, Path("."), "folder of the table and the picture (default: here)")
@@ -175,9 +180,24 @@ def _trade(verb: Parser) -> None:
         help="largest relative error of the setting that is recommended (default: 0.05)",
     )
     _repeats(verb, 2, "runs of each setting, of which the fastest counts (default: 2)")
-    verb.add_argument("--ranks", type=_count, default=1, metavar="P", help="ranks of each run (default: 1)")
+    verb.add_argument(
+        "--ranks", type=take.count, default=1, metavar="P", help="ranks of each run (default: 1)"
+    )
     _launcher(verb)
     _folder(verb, Path("."), "folder of the table (HDF5) and the picture (default: here)")
+
+
+def _study(verb: Parser) -> None:
+    verb.add_argument("study", type=Path, metavar="STUDY", help="a study file")
+    text = "study file (default: STUDY's name with .study.h5, here)"
+    verb.add_argument("-o", type=take.file, metavar="FILE", dest="output", help=text)
+    text = "runs at once (default: as many as there are cores)"
+    verb.add_argument("--workers", type=take.count, metavar="W", help=text)
+    text = "the I-th of N parts, for job arrays; without it the parts are joined, and what is missing is run"
+    verb.add_argument("--shard", type=take.shard, metavar="I/N", help=text)
+    verb.add_argument("--retry", action="store_true", help="run again what failed")
+    _launcher(verb)
+    verb.add_argument("--quiet", action="store_true", help="print errors only")
 
 
 def _import(verb: Parser) -> None:
@@ -187,7 +207,7 @@ def _import(verb: Parser) -> None:
     verb.add_argument("--unit", choices=units, help="of the drawing (default: what the file says)")
     verb.add_argument(
         "--tolerance",
-        type=_length,
+        type=take.length,
         default=1e-3,
         metavar="M",
         help="ends no farther apart are one node [m] (default: 1e-3)",
@@ -199,7 +219,10 @@ def _import(verb: Parser) -> None:
         "or points, of any layer; or outline (default: what the file says, else the outline)",
     )
     verb.add_argument(
-        "--layers", type=_words, metavar="NAME,...", help="layers to read, which become groups (default: all)"
+        "--layers",
+        type=take.words,
+        metavar="NAME,...",
+        help="layers to read, which become groups (default: all)",
     )
     verb.add_argument(
         "--split", action="store_true", help="make a joint wherever elements cross, or an end lies on one"
@@ -217,7 +240,7 @@ def _export(verb: Parser) -> None:
     )
     verb.add_argument(
         "--time",
-        type=_time,
+        type=take.time,
         metavar="T",
         help="the state at this time [s], or end for the last (default: the form)",
     )
@@ -232,7 +255,7 @@ def _launcher(verb: Parser) -> None:
 
 
 def _repeats(verb: Parser, default: int, text: str) -> None:
-    verb.add_argument("--repeats", type=_count, default=default, metavar="N", help=text)
+    verb.add_argument("--repeats", type=take.count, default=default, metavar="N", help=text)
 
 
 def _folder(verb: Parser, default: Path | None, text: str) -> None:
@@ -240,58 +263,3 @@ def _folder(verb: Parser, default: Path | None, text: str) -> None:
 
 
 # --- what an option takes
-
-
-def _file(text: str) -> Path:
-    """The path of a file to write."""
-    if text.endswith(os.sep) or not text:
-        raise argparse.ArgumentTypeError(f"{text!r}: is a folder; expected the name of a file")
-    return Path(text)
-
-
-def _count(text: str) -> int:
-    """A whole number >= 1."""
-    if not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text}: expected a whole number >= 1")
-    return int(text)
-
-
-def _counts(text: str) -> list[int]:
-    """Different whole numbers >= 1, in ascending order."""
-    return sorted({_count(word.strip()) for word in text.split(",")})
-
-
-def _words(text: str) -> list[str]:
-    """Names between commas."""
-    return [word.strip() for word in text.split(",") if word.strip()]
-
-
-def _length(text: str) -> float:
-    """Metres > 0."""
-    try:
-        metres = float(text)
-    except ValueError:
-        metres = 0.0
-    if not 0.0 < metres < 1e3:
-        raise argparse.ArgumentTypeError(f"{text}: expected a length > 0 in m")
-    return metres
-
-
-def _time(text: str) -> float:
-    """Seconds; inf for "end"."""
-    try:
-        seconds = float("inf") if text == "end" else float(text)
-    except ValueError:
-        seconds = -1.0
-    if not seconds >= 0.0:
-        raise argparse.ArgumentTypeError(f"{text}: expected a time >= 0 in s, or end")
-    return seconds
-
-
-def _duration(text: str) -> float:
-    """Seconds of HH:MM:SS."""
-    parts = text.split(":")
-    if len(parts) != 3 or not all(part.isdigit() for part in parts):
-        raise argparse.ArgumentTypeError(f"{text}: expected HH:MM:SS")
-    hours, minutes, seconds = map(int, parts)
-    return 3600.0 * hours + 60.0 * minutes + seconds

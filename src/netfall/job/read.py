@@ -86,8 +86,8 @@ class Job:
         return any(o.startswith("net.") for o in self.overrides)
 
 
-def read_job(path: str | Path, overrides: list[str] = ()) -> Job:
-    """Job of a TOML file with `SECTION.KEY=VALUE` overrides.
+def read_job(path: str | Path, overrides: list[str] = (), removes: list[dict] = ()) -> Job:
+    """Job of a TOML file with `SECTION.KEY=VALUE` overrides, and entries of [[remove]] after its own.
 
     Raises
     ------
@@ -97,6 +97,9 @@ def read_job(path: str | Path, overrides: list[str] = ()) -> Job:
     data, text = _parse(path)
     errors: list[str] = []
     _apply_overrides(data, overrides, errors)
+    if removes:
+        own = data.get("remove", [])
+        data["remove"] = [*own, *removes] if isinstance(own, list) else own
     sections = Validation(str(path), errors).sections(data)
     job = Job(path, text, tuple(overrides), **sections)
     errors = errors or _absurd_counts(job) + _slow_gusts(job)

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from netfall.compile import kernel
 from netfall.errors import InputError
 from netfall.job.read import Job
 from netfall.job.values import nearest, shown
@@ -10,6 +9,7 @@ from netfall.net import generators
 from netfall.net.areas import roof_groups
 from netfall.net.cables import cables_of, same_names
 from netfall.net.net import Net, subdivide
+from netfall.net.parts import parts_of
 from netfall.net.sections import set_sections, set_strengths, strength_errors, strength_notes
 from netfall.net.tables import read_tables
 
@@ -74,29 +74,6 @@ def _check_groups(job: Job, net: Net) -> None:
         raise InputError(lines)
 
 
-@kernel
-def label_parts(elements, label):
-    """Write the lowest particle of the part of the net that each belongs to.
-
-    elements : (m, 2); label : (n,), out
-
-    Union by path halving; scipy has the same, but takes a tenth of a second to load, before every run.
-    """
-    for p in range(label.shape[0]):
-        label[p] = p
-    for e in range(elements.shape[0]):
-        a, b = elements[e, 0], elements[e, 1]
-        while label[a] != a:
-            label[a] = label[label[a]]
-            a = label[a]
-        while label[b] != b:
-            label[b] = label[label[b]]
-            b = label[b]
-        label[max(a, b)] = min(a, b)
-    for p in range(label.shape[0]):
-        label[p] = label[label[p]]
-
-
 def _whole_net_errors(job: Job, net: Net) -> list[str]:
     errors = []
     lengths = net.lengths()
@@ -111,8 +88,7 @@ def _whole_net_errors(job: Job, net: Net) -> list[str]:
         errors.append(f"{job.path}: node {net.node_id[p]} belongs to no element; remove it or connect it")
     equilibrium = job.form_finding is not None or (job.load is not None and job.load.steps > 0)
     if equilibrium and not errors:
-        label = np.empty(net.n, np.int64)
-        label_parts(net.elements, label)
+        label = parts_of(net.elements, net.n)
         held = np.zeros(net.n, bool)
         held[label[net.held.any(1)]] = True
         for part in np.flatnonzero((label == np.arange(net.n)) & ~held)[:5]:

@@ -10,6 +10,7 @@ that was subdivided always belong together.
 import numpy as np
 
 from netfall.net.net import Net
+from netfall.net.parts import parts_of
 
 LARGEST_BEND = 30.0  # degrees; a ring of 12 sides and more is one piece
 DIGITS = 9  # of the cosine of a bend; what differs less is equally straight, and the earlier rows are taken
@@ -48,18 +49,7 @@ def same_names(names: list[str]) -> list[str]:
 def _chains(net: Net, axes: np.ndarray, named: np.ndarray) -> np.ndarray:
     """For each element as it was given the same number (m / parts,) along a chain; as `_bends`."""
     pairs = _matched(_bends(net, axes, named), 2 * net.m // net.parts) // 2
-    label = np.arange(net.m // net.parts)
-    while True:  # the least number spreads by doubling steps
-        low = np.minimum(label[pairs[:, 0]], label[pairs[:, 1]])
-        new = label.copy()
-        np.minimum.at(new, pairs[:, 0], low)
-        np.minimum.at(new, pairs[:, 1], low)
-        np.minimum.at(new, label[pairs[:, 0]], low)
-        np.minimum.at(new, label[pairs[:, 1]], low)
-        new = new[new]
-        if (new == label).all():
-            return label
-        label = new
+    return parts_of(pairs, net.m // net.parts)
 
 
 def _bends(net: Net, axes: np.ndarray, named: np.ndarray) -> np.ndarray:

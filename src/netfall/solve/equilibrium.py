@@ -22,9 +22,7 @@ from netfall.solve.tangent import Tangent, tangent_of
 from netfall.stop import NEVER, StopRequest
 
 ALIKE = 1.5  # times stiffer or softer: what the first approximate inverse serves
-SLACKER = (
-    0.01  # of the largest stiffness: below that an element counts as slack when two tangents are compared
-)
+SLACKER = 0.01  # of the largest stiffness: below that an element counts as slack in comparing two tangents
 NEARER = (1e-2, 1e-3, 1e-4, 1e-5)  # of the largest force: residuals after which Newton's is tried once more
 FEW_CORRECTIONS = 8  # then
 TIGHTER = 10.0  # times: what the relaxation is asked more of, where its error is too large

@@ -9,6 +9,7 @@ from netfall.job.read import Job
 from netfall.job.schema import LOST
 from netfall.job.values import nearest, shown
 from netfall.net.net import Net
+from netfall.net.parts import parts_of
 
 MOST_NAMED = 8  # ids in one message
 
@@ -106,19 +107,7 @@ def comes_loose(net: Net, there: np.ndarray, load: np.ndarray, gone: np.ndarray)
 
     there : (m,) bool, the elements that remain; load : (n, 3) [N]; gone : (n,) bool, particles that left
     """
-    label = np.arange(net.n)
-    ends = net.elements[there]
-    while True:  # the least number of each part spreads by doubling steps
-        low = np.minimum(label[ends[:, 0]], label[ends[:, 1]])
-        new = label.copy()
-        np.minimum.at(new, ends[:, 0], low)
-        np.minimum.at(new, ends[:, 1], low)
-        np.minimum.at(new, label[ends[:, 0]], low)
-        np.minimum.at(new, label[ends[:, 1]], low)
-        new = new[new]
-        if (new == label).all():
-            break
-        label = new
+    label = parts_of(net.elements[there], net.n)
     supported = np.zeros(net.n, bool)
     supported[label[net.held.any(1)]] = True
     return bool((load.any(1) & ~gone & ~supported[label]).any())

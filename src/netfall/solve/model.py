@@ -22,6 +22,7 @@ from netfall.net.zones import Zones, zones_of
 from netfall.parallel import partition
 from netfall.solve.loading import Roof, grows, loading_of, pressure_load
 from netfall.solve.losses import named_elements
+from netfall.solve.memory import FORGETFUL, OF_SPEED, Memory, key_of
 from netfall.solve.on_roof import by_node, shape_coefficients
 from netfall.solve.start import check_start, check_tensions, low_notes, unit_notes
 from netfall.solve.unused import without_effect
@@ -154,18 +155,10 @@ class Model:
         return f"{self.net.element_id[e]} (nodes {ids}, {self.L0[e]:.4g} m)"
 
 
-def make_model(job: Job, ranks: int) -> Model:
+def make_model(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Model:
     """Net, areas and partition of a job; the initial state comes with `set_initial`. Raises InputError."""
-    net = build_net(job)
-    zones = zones_of(job, net)
-    roofing = roof_of(job, net)
-    part, source = None, "METIS, k-way"
-    if not job.changes_net():
-        part = partition.read_partition(job.name, net.n, net.elements, ranks)
-        if part is not None:
-            source = f"{partition.FOLDER / job.name}.graph.part.{ranks}"
-    if part is None:
-        part = partition.metis_partition(net.n, net.elements, ranks)
+    key = ranks, job.changes_net(), key_of(job, without=OF_SPEED)
+    net, roofing, zones, part, source = memory.once("net", key, lambda: _partitioned(job, ranks))
     model = Model(net, roofing, zones, part, source)
     model.lost = named_elements(job, net)
     model.shape_coefficient, notes = shape_coefficients(job, zones)
@@ -173,6 +166,18 @@ def make_model(job: Job, ranks: int) -> Model:
     model.history = read_history(job)
     model.notes_of_history = model.history.notes if model.history else []
     return model
+
+
+def _partitioned(job: Job, ranks: int) -> tuple:
+    """Net, roofing, zones, partition and where this comes from."""
+    net = build_net(job)
+    zones = zones_of(job, net)
+    roofing = roof_of(job, net)
+    if not job.changes_net():
+        part = partition.read_partition(job.name, net.n, net.elements, ranks)
+        if part is not None:
+            return net, roofing, zones, part, f"{partition.FOLDER / job.name}.graph.part.{ranks}"
+    return net, roofing, zones, partition.metis_partition(net.n, net.elements, ranks), "METIS, k-way"
 
 
 def model_digest(job: Job, net: Net) -> str:
@@ -207,7 +212,9 @@ def scene_of(job: Job, net: Net) -> Scene:
     )
 
 
-def set_initial(job: Job, model: Model, x: np.ndarray, N: np.ndarray | None) -> None:
+def set_initial(
+    job: Job, model: Model, x: np.ndarray, N: np.ndarray | None, memory: Memory = FORGETFUL
+) -> None:
     """Unstressed lengths, masses, loads and wind of the initial state x (n, 3) [m] with tensions N (m,) [N].
 
     N : None: the prestress of the tables. Raises InputError.
@@ -243,7 +250,9 @@ def set_initial(job: Job, model: Model, x: np.ndarray, N: np.ndarray | None) -> 
     if job.wind is not None:
         settings = by_node(job, model.shape_coefficient)
         places = model.history.places if model.history else None
-        model.wind_field = make_wind_field(x, area, model.roof.normal, settings, places)
+        key = key_of(job), x.tobytes()
+        find = lambda: make_wind_field(x, area, model.roof.normal, settings, places)
+        model.wind_field = memory.once("wind", key, find)
         model.wind = model.wind_field.force
         model.notes_of_values += low_notes(job, net, x, model.wind)
         model.history = model.history or GeneratedHistory(model.wind_field, job.wind)

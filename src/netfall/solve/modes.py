@@ -15,6 +15,7 @@ import numpy as np
 
 from netfall.mechanics.material import largest_stiffness
 from netfall.net.net import Net
+from netfall.solve.tangent import block_matrix
 
 STILL = 1e-12  # of the largest diagonal of M^-1 K: an omega^2 below that is rounding, a mechanism
 SHIFT = 1e-11  # of the same: how far below zero the shift lies, so that mechanisms can be found too
@@ -54,31 +55,18 @@ def modes_at(x, net: Net, N, L0, mass, count: int) -> Modes:
     if not len(moves):
         return Modes(np.zeros(0), np.zeros((0, net.n, 3)), 0)
     axial = np.where((N > 0.0) | net.bar, largest_stiffness(net.modulus * net.section, L0), 0.0)
-    stiffness = tangent_stiffness(x, net.elements, N, axial) + diags_array(net.spring.ravel())
+    along = x[net.elements[:, 1]] - x[net.elements[:, 0]]
+    L = np.linalg.norm(along, axis=1)
+    free = np.ones((net.n, 3), bool)  # held axes are left out below
+    stiffness = block_matrix(
+        net.elements, along / L[:, None], axial, N / L, free, net.spring, np.zeros(net.n)
+    )
     root = 1.0 / np.sqrt(np.repeat(mass, 3)[moves])
     scaled = (diags_array(root) @ stiffness.tocsr()[moves][:, moves] @ diags_array(root)).tocsc()
     values, vectors, unstable = _lowest(scaled, min(count, len(moves)))
     shape = np.zeros((len(values), 3 * net.n))
     shape[:, moves] = (vectors * root[:, None]).T
     return Modes(_periods(values, scaled.diagonal().max()), _scaled(shape.reshape(-1, net.n, 3)), unstable)
-
-
-def tangent_stiffness(x, elements, N, axial):
-    """Sparse (3 n, 3 n) [N/m] of elements with axial force N (m,) [N] and stiffness `axial` (m,) [N/m]."""
-    from scipy.sparse import coo_array
-
-    d = x[elements[:, 1]] - x[elements[:, 0]]
-    L = np.linalg.norm(d, axis=1)
-    along, across = d / L[:, None], N / L
-    block = (axial - across)[:, None, None] * along[:, :, None] * along[:, None, :]
-    block += across[:, None, None] * np.eye(3)
-    start, end = (3 * elements[:, k, None] + np.arange(3) for k in (0, 1))
-    pairs = ((start, start, 1.0), (end, end, 1.0), (start, end, -1.0), (end, start, -1.0))
-    spread = lambda numbers, axis: np.broadcast_to(np.expand_dims(numbers, axis), block.shape).ravel()
-    row = np.concatenate([spread(a, 2) for a, _, _ in pairs])
-    column = np.concatenate([spread(b, 1) for _, b, _ in pairs])
-    value = np.concatenate([sign * block.ravel() for _, _, sign in pairs])
-    return coo_array((value, (row, column)), shape=(x.size, x.size)).tocsr()
 
 
 def _lowest(matrix, count: int) -> tuple[np.ndarray, np.ndarray, int]:

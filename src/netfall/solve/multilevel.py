@@ -70,7 +70,8 @@ class Cycle:
         """On rank 0 owned : global numbers that each rank owns, in its order; matrix : BSR. Collective."""
         self.comm = comm
         levels = on_root(comm, lambda: levels_of(matrix))
-        spread = on_root(comm, lambda: _spread(levels, owned))
+        everywhere = on_root(comm, lambda: _owned_everywhere(levels, owned))
+        spread = on_root(comm, lambda: _spread(levels, everywhere))
         self.levels = []
         for k in range(comm.bcast(None if spread is None else len(spread))):
             each = spread[k] if spread else None
@@ -80,11 +81,13 @@ class Cycle:
             inverse, top = comm.scatter(each and each["inverse"]), comm.bcast(each and each["top"])
             self.levels.append(_SpreadLevel(inverse, top, *matrices))
         self.lower = comm.bcast(on_root(comm, lambda: _last(levels[-1].matrix)))
-        self.last = comm.scatter(on_root(comm, lambda: _owned_everywhere(levels, owned)[-1]))
+        self.last = comm.scatter(everywhere and everywhere[-1])
 
     def __call__(self, b: np.ndarray) -> np.ndarray:
         """Nearly the displacements (n_owned, 3) that the forces b (n_owned, 3) make. Collective."""
-        return self._cycle(0, b.astype(np.float32)).astype(float)
+        with np.errstate(over="ignore"):  # of what diverges, which the caller sees
+            single = b.astype(np.float32)
+        return self._cycle(0, single).astype(float)
 
     def _cycle(self, k: int, b: np.ndarray) -> np.ndarray:
         if k == len(self.levels):
@@ -143,11 +146,14 @@ def _owned_everywhere(levels: list[Level], owned: list[np.ndarray]) -> list[list
     return everywhere
 
 
-def _spread(levels: list[Level], owned: list[np.ndarray]) -> list[dict]:
-    """What each rank gets of all levels but the last, and of that too if it is too large to be solved."""
+def _spread(levels: list[Level], everywhere: list[list[np.ndarray]]) -> list[dict]:
+    """What each rank gets of all levels but the last, and of that too if it is too large to be solved.
+
+    everywhere : of `_owned_everywhere`
+    """
     from scipy.sparse import bsr_array
 
-    everywhere, out = _owned_everywhere(levels, owned), []
+    out = []
     for k, level in enumerate(levels):
         fine, down = everywhere[k], None
         if level.coarser is None and level.matrix.shape[0] <= 3 * DENSE:

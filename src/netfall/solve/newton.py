@@ -18,13 +18,13 @@ from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import exact_sums
 from netfall.solve.multilevel import Cycle
+from netfall.solve.relaxation import largest_residual
 from netfall.solve.tangent import Tangent, scattered, whole_matrix, without_compression
 from netfall.stop import NEVER, StopRequest
 
 MOST_CORRECTIONS = 25
 MOST_GRADIENTS = 400  # iterations of conjugate gradients for one correction
 LEFT = 3e-3  # of the residual, that these leave: two corrections then nearly reach the default tolerance
-
 LEFT_LAST = 0.1  # the same, where no more is needed to be within the tolerance
 LOOKED = 1e-4  # the same, in search of displacements without stiffness
 HALVINGS = 10  # of a correction that goes too far
@@ -37,12 +37,11 @@ NIL = 1e-6  # of the net's extent: a displacement below that counts as so much
 
 
 class Corrected(NamedTuple):
-    """An equilibrium that was found: corrections, gradients : iterations; residual : largest [N]
+    """An equilibrium that was found: gradients : iterations of all corrections; residual : largest [N]
 
     moved, tension : estimated errors, shares of the largest displacement from the start and largest tension
     """
 
-    corrections: int
     gradients: int
     residual: float
     moved: float
@@ -75,19 +74,13 @@ class Newton:
         distribution: Distribution,
         net,
         tangent: Callable,
-        inverse: Callable | None = None,
+        inverse: Callable,
     ):
         """net : `relaxation.Net`; tangent() : the `Tangent` at its positions
-        inverse(newton, tangent) : the approximate inverse to use, None: of the tangent in hand. Collective.
+        inverse(newton, tangent) : the approximate inverse to use. Collective.
         """
-        self.comm, self.halo, self.distribution, self.net, self.tangent = (
-            comm,
-            halo,
-            distribution,
-            net,
-            tangent,
-        )
-        self.inverse = inverse or Newton.cycle
+        self.comm, self.halo, self.distribution = comm, halo, distribution
+        self.net, self.tangent, self.inverse = net, tangent, inverse
         self.owned = slice(halo.n_owned)
         self.moves = np.ascontiguousarray(net.free[self.owned]) != 0
         self.moved_elements = net.free.any(1)[net.ends].any(1)  # the others, between supports, do not count
@@ -179,7 +172,7 @@ class Newton:
         K = self.tangent()
         cycle, r, total, before = self.inverse(self, K), self.residual(), 0, np.inf
         exact = True  # the tangent, compression included
-        for correction in range(1, most + 1):
+        for _ in range(most):
             if self.comm.allreduce(int(stop.wanted), MPI.MAX):
                 raise Stopped
             share = min(max(LEFT, tolerance / (LEFT * max(before, tolerance))), LEFT_LAST)
@@ -203,7 +196,10 @@ class Newton:
                 before = np.inf
             missing = max(share, min(1.0, size / before)) if 0.0 < before < np.inf else 1.0
             if whole and exact and missing * size <= tolerance:
-                return Corrected(correction, total, self.largest(r)[0], missing * moved, missing * change)
+                worst = largest_residual(self.f, self.net.free, self.halo.n_owned)
+                return Corrected(
+                    total, self.comm.allreduce(worst, MPI.MAX), missing * moved, missing * change
+                )
             before, exact = size if whole else np.inf, True
             if part < SHORT:
                 self._more_inertia()
@@ -265,10 +261,8 @@ class Newton:
         """A correction's largest displacement and change of tension, shares of the largest; all changes."""
         self.spread[self.owned] = s
         self.halo.update(self.spread)
-        change, away = (
-            np.empty(len(K.axial)),
-            np.ascontiguousarray(self.net.x[self.owned] - start[self.owned]),
-        )
+        change = np.empty(len(K.axial))
+        away = np.ascontiguousarray(self.net.x[self.owned] - start[self.owned])
         axial_forces(self.spread, self.net.ends, K.direction, K.axial, change)
         squares = np.empty((2, self.halo.n_owned))
         dot_rows(s, s, squares[0])
@@ -281,7 +275,7 @@ class Newton:
             return 0.0, 0.0, change
         return step / max(far, NIL * self.extent), most / tension if tension > 0.0 else 0.0, change
 
-    def _go(self, s: np.ndarray, r: np.ndarray, share: float = LEFT) -> float:
+    def _go(self, s: np.ndarray, r: np.ndarray, share: float) -> float:
         """Move by a correction, or by the part of it along which the residual does not turn round.
 
         How much of it. Collective.

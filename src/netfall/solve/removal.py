@@ -235,14 +235,15 @@ def rests_after(run, losses: list[Loss]) -> np.ndarray | None:
 def _settled(run, each: Equilibrium, reference: float) -> tuple[np.ndarray, str, bool]:
     """Tensions (m,) [N] of this rank's elements at rest, a line on it, whether it is stable. Collective."""
     most = min(MOST_ITERATIONS, run.job.load.max_iterations) if run.job.load else MOST_ITERATIONS
-    rest = settle(run, each, reference, run.stop, most=most)
+    settled = settle(run, each, reference, run.stop, most=most)
+    rest, N = settled.found, settled.snapshot.N
     if rest.falls >= 0:
         node = run.comm.bcast(run.setup.model and run.setup.model.net.node_id[rest.falls])
         line = f"no rest of {each.words}: not stable at node {node}"
-        return np.full_like(rest.snapshot.N, np.nan), line, False
+        return np.full_like(N, np.nan), line, False
     line = f"rest of {each.words}: {error_words(rest.displacement_error, rest.tension_error)}"
     known = "" if rest.falls == STABLE else ", whether it is stable could not be told"
-    return rest.snapshot.N, f"{line}, residual {rest.residual:.3g} N, slack {rest.slack}{known}", True
+    return N, f"{line}, residual {rest.residual:.3g} N, slack {settled.slack}{known}", True
 
 
 def constant_load(model) -> np.ndarray:

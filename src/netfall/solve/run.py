@@ -25,9 +25,11 @@ from netfall.solve.equilibrium import STABLE
 from netfall.solve.history import UNITS, History, find_probes
 from netfall.solve.loading import grows
 from netfall.solve.loads import GrowingLoad, WindLoad
+from netfall.solve.memory import FORGETFUL, Memory
 from netfall.solve.modes_report import modes_now, modes_section
 from netfall.solve.on_roof import load_section
 from netfall.solve.provenance import how_it_writes, provenance_of
+from netfall.solve.recall import find_or_recall
 from netfall.solve.relaxation import Paused
 from netfall.solve.removal import Removal, losses_now, rests_after
 from netfall.solve.report import after_run, before_run, rest_words
@@ -43,7 +45,13 @@ from netfall.solve.restart import (
 from netfall.solve.schedule import Schedule, schedule_of
 from netfall.solve.setup import Setup, prepare
 from netfall.solve.static_report import static_lines
-from netfall.solve.statics import StaticPath, equilibria, find_equilibria, has_statics, rests_in_wind
+from netfall.solve.statics import (
+    StaticPath,
+    equilibria,
+    find_equilibria,
+    has_statics,
+    rests_in_wind,
+)
 from netfall.solve.wind_report import wind_section
 from netfall.stop import NEVER, StopRequest
 from netfall.timings import Phases
@@ -63,7 +71,8 @@ class Run:
     saver: Saver
     progress: Progress
     phases: Phases
-    stop: StopRequest
+    stop: StopRequest = NEVER
+    memory: Memory = FORGETFUL
 
 
 def run_job(
@@ -171,7 +180,8 @@ def run_statics(run: Run) -> StaticPath | None:
     resume = restore_relaxation(distribution, setup.checkpoint) if setup.stage == "statics" else None
     with run.phases.phase("statics"):
         try:
-            path = find_equilibria(run, run.saver.statics, resume)
+            begun = run.saver.statics is not None or resume is not None
+            path = find_equilibria(run, run.saver.statics, resume) if begun else find_or_recall(run)
         except Paused as pause:
             where = equilibria(run)[pause.path.done].words
             raise interrupted(f"in statics, {where}", run.saver.pause_statics(pause)) from None

@@ -20,6 +20,7 @@ from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution, cut_net
 from netfall.solve.equilibrium import Finder
 from netfall.solve.form_finding import Form, find_form
+from netfall.solve.memory import FORGETFUL, OF_SPEED, Memory, key_of
 from netfall.solve.model import Model, make_model, model_digest, scene_of, set_initial, warm
 from netfall.solve.relaxation import Paused, state_residual
 from netfall.solve.restart import interrupted, pause_form_finding, restore_relaxation, restored_form
@@ -59,11 +60,12 @@ def prepare(
     result: Path | None = None,
     restart: Path | None = None,
     stop: StopRequest = NEVER,
+    memory: Memory = FORGETFUL,
 ) -> Setup:
     """The job in its initial state: form found, prestressed, loaded. Collective.
 
     result : path of the result file, beside which a form finding that is stopped leaves a checkpoint
-    restart : the checkpoint to go on from
+    restart : the checkpoint to go on from; memory : of runs before in this process
 
     Raises InputError for what is wrong in the job, DivergedError if form finding does not converge,
     Interrupted if `stop` asks for it.
@@ -71,7 +73,7 @@ def prepare(
     with phases.phase("net and partition"):
         if comm.rank > 0:
             wake()  # while rank 0 reads the net
-        model = on_root(comm, lambda: make_model(job, comm.size))
+        model = on_root(comm, lambda: make_model(job, comm.size, memory))
         net = model.net if model else None
         n, m, scene = comm.bcast((net.n, net.m, scene_of(job, net)) if model else None)
         cut = on_root(comm, lambda: cut_net(n, net.elements, model.part, comm.size))
@@ -84,10 +86,13 @@ def prepare(
         if stage in ("statics", "dynamics"):
             form = _restored_initial(comm, job, model, checkpoint)
         elif job.form_finding is not None:
-            form = _form(job, model, distribution, halo, report, result, digest, restart, checkpoint, stop)
+            of_run = result, digest, restart, checkpoint, stop
+            find = lambda: _form(job, model, distribution, halo, report, *of_run)
+            form, x, N = memory.once("form", key_of(job, without=OF_SPEED), find)
+            on_root(comm, lambda: set_initial(job, model, x, N, memory))
         else:
             form = None
-            on_root(comm, lambda: set_initial(job, model, net.x, None))
+            on_root(comm, lambda: set_initial(job, model, net.x, None, memory))
     with phases.phase("state"):
         state = make_state(distribution, model, scene)
         residual = state_residual(comm, state)
@@ -103,8 +108,8 @@ def prepare(
     )
 
 
-def _form(job, model, distribution, halo, report, result, digest, restart, checkpoint, stop) -> Form:
-    """Find the form and put the model into it; arguments as in `prepare`. Collective.
+def _form(job, model, distribution, halo, report, result, digest, restart, checkpoint, stop) -> tuple:
+    """Find the form; and, on rank 0, positions (n, 3) [m] and tensions (m,) [N] of the net in it. Collective.
 
     Nothing loads an element between its ends while the form is found, so it is straight and has one tension:
     a net that was subdivided has the form of the net as it was given, its new particles evenly spaced.
@@ -126,8 +131,7 @@ def _form(job, model, distribution, halo, report, result, digest, restart, check
         if own_halo:
             own_halo.free()
     x, N = distribution.gather_particles(form.x), distribution.gather_elements(form.N)
-    on_root(comm, lambda: set_initial(job, model, spaced(net, x), np.repeat(N, net.parts)))
-    return form
+    return form, model and spaced(net, x), model and np.repeat(N, net.parts)
 
 
 def _restored_initial(comm: MPI.Comm, job: Job, model: Model | None, checkpoint: Checkpoint | None):

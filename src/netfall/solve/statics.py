@@ -15,20 +15,18 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from netfall.errors import DivergedError
+from netfall.errors import DivergedError, NoRest
 from netfall.job.read import Job
 from netfall.job.schema import defaults
 from netfall.mechanics.state import State
 from netfall.solve.energy import Snapshot, take_snapshot
-from netfall.solve.equilibrium import STABLE, Finder
+from netfall.solve.equilibrium import STABLE, Finder, Found
 from netfall.solve.loading import live_load, of_case
 from netfall.solve.relaxation import Paused, Relaxation, largest_force
 from netfall.stop import NEVER, StopRequest
 
 HALVINGS = 6  # of the mean wind, where all of it has no equilibrium: what it bears is told to 2 %
 FEWER = 20_000  # iterations for each of them
-# What is kept of an equilibrium besides the state.
-NUMBERS = ("residual", "slack", "iterations", "displacement_error", "tension_error", "relaxed", "falls")
 ALL_LOADS = "all loads"
 COMMITTED = ("x", "eps_p", "dissipated")  # what an equilibrium leaves in the state
 
@@ -55,7 +53,7 @@ class StaticPath:
     """What has been found so far.
 
     reference : [N], which the tolerance refers to; done : equilibria; total : iterations for all of these
-    steps : load_factor and NUMBERS of the permanent loads, then of each load step
+    steps : load_factor and `Settled.numbers` of the permanent loads, then of each load step
     cases : the same by name; rest : the same, once found
     """
 
@@ -68,16 +66,15 @@ class StaticPath:
 
 
 class Settled(NamedTuple):
-    """An equilibrium that was found: slack cables of the net; the rest as in `equilibrium.Found`."""
+    """An equilibrium that was found, and the state in it; slack : cables of the net."""
 
     snapshot: Snapshot
     slack: int
-    iterations: int
-    residual: float
-    displacement_error: float
-    tension_error: float
-    relaxed: bool
-    falls: int
+    found: Found
+
+    def numbers(self) -> dict:
+        """What is kept of it besides the state."""
+        return {"slack": self.slack, **self.found._asdict()}
 
 
 def rests_in_wind(job: Job) -> bool:
@@ -128,13 +125,13 @@ def live_of_case(load: SimpleNamespace, model, case) -> np.ndarray:
     return live_load(of_case(load, case), model.roof, model.net.load)
 
 
-def find_equilibria(run, path: StaticPath | None, resume: Relaxation | None) -> StaticPath:
+def find_equilibria(run, path: StaticPath | None, resume: Relaxation | None, seen=None) -> StaticPath:
     """Bring the state to the last equilibrium that the job asks for, by way of all the others. Collective.
 
     run : `run.Run`; path, resume : how far an earlier run came, and where within the equilibrium after that;
-        None: from the start
+        None: from the start; seen : list for all that is found, for `recall`
 
-    Raises Paused where it is asked to stop, DivergedError where there is no equilibrium.
+    Raises Paused where it is asked to stop, NoRest where there is no equilibrium.
     """
     state, wanted, base = run.setup.state, equilibria(run), None
     if path is None:
@@ -152,20 +149,26 @@ def find_equilibria(run, path: StaticPath | None, resume: Relaxation | None) -> 
             pause.path = path
             raise
         except DivergedError as error:
-            if before is None:
-                raise
-            raise DivergedError(f"{error}; {bearable(run, wanted, before, path.reference)}") from None
+            bears = "" if before is None else f"; {bearable(run, wanted, before, path.reference)}"
+            raise NoRest(f"{error}{bears}") from None
         resume = None
         if each.kind == "permanent":
             base = committed(state)
-        keep(run, path, each, found)
-        path.done += 1
-        path.total += found.iterations
+        if seen is not None:
+            seen.append((found, committed(state)))
+        note(run, path, each, found)
         share, slack = path.done / len(wanted), f"slack {found.slack}"
         run.progress.at(share, each.words, path.total, "iterations", slack)
     if wanted[-1].kind == "case":  # cases are beside the run: what follows starts where it would without
         to_the_start(run)
     return path
+
+
+def note(run, path: StaticPath, each: Equilibrium, found: Settled) -> None:
+    """Write what was found, and count it. Collective."""
+    keep(run, path, each, found)
+    path.done += 1
+    path.total += found.found.iterations
 
 
 def reference_force(run, last: Equilibrium) -> float:
@@ -196,7 +199,7 @@ def settle(run, each: Equilibrium, reference: float, stop: StopRequest, resume=N
     if state.scene.plastic:
         state.dissipated[:] = snapshot.heat
         state.eps_p[:] = snapshot.eps_p
-    return Settled(snapshot, comm.allreduce(snapshot.slack), *found)
+    return Settled(snapshot, comm.allreduce(snapshot.slack), found)
 
 
 def settings_of(job: Job) -> SimpleNamespace:
@@ -238,7 +241,7 @@ def to_the_start(run) -> None:
 def keep(run, path: StaticPath, each: Equilibrium, found: Settled) -> None:
     """Note what was found, and write it. Collective."""
     state, snapshot = run.setup.state, found.snapshot
-    numbers = {name: getattr(found, name) for name in NUMBERS}
+    numbers = found.numbers()
     if each.kind == "case":
         path.cases[each.name] = numbers
         run.result.write_equilibrium(f"cases/{each.name}", state, snapshot, "displacement")
@@ -256,13 +259,13 @@ def bearable(run, wanted: list[Equilibrium], before: dict, reference: float) -> 
     before : the state without the wind, as of `committed`
     """
     rest, still = wanted[-1], wanted[-2].load
-    low, high = 0.0, 1.0
+    low, high, most = 0.0, 1.0, min(FEWER, settings_of(run.job).max_iterations)
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         put_back(run.setup.state, before)
         share = rest._replace(load=still + middle * (rest.load - still), factor=middle)
         try:
-            stays = settle(run, share, reference, NEVER, most=FEWER).falls == STABLE
+            stays = settle(run, share, reference, NEVER, most=most).found.falls == STABLE
             low, high = (middle, high) if stays else (low, middle)
         except DivergedError:
             high = middle

@@ -58,7 +58,8 @@ def without_compression(K: Tangent) -> Tangent:
 def whole_matrix(distribution: Distribution, net, K: Tangent, inertia: float):
     """The matrix of `block_matrix` on rank 0, compression left out. net : `relaxation.Net`. Collective."""
     d = distribution
-    elements = [d.gather_elements(each) for each in (K.direction, K.axial, np.maximum(K.across, 0.0))]
+    K = without_compression(K)
+    elements = [d.gather_elements(each) for each in (K.direction, K.axial, K.across)]
     support = None if K.support is None else d.gather_particles(K.support)
     free, nodal = d.gather_particles(net.free), d.gather_particles(K.nodal)
     ends = d.gather_elements(d.subdomain.particle_gid[d.subdomain.ends])

@@ -1,0 +1,72 @@
+"""What options take, from the text on the command line."""
+
+import argparse
+import os
+from pathlib import Path
+
+
+def file(text: str) -> Path:
+    """The path of a file to write."""
+    if text.endswith(os.sep) or not text:
+        raise argparse.ArgumentTypeError(f"{text!r}: is a folder; expected the name of a file")
+    return Path(text)
+
+
+def count(text: str) -> int:
+    """A whole number >= 1."""
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text}: expected a whole number >= 1")
+    return int(text)
+
+
+def counts(text: str) -> list[int]:
+    """Different whole numbers >= 1, in ascending order."""
+    return sorted({count(word.strip()) for word in text.split(",")})
+
+
+def words(text: str) -> list[str]:
+    """Names between commas."""
+    return [word.strip() for word in text.split(",") if word.strip()]
+
+
+def length(text: str) -> float:
+    """Metres > 0."""
+    try:
+        metres = float(text)
+    except ValueError:
+        metres = 0.0
+    if not 0.0 < metres < 1e3:
+        raise argparse.ArgumentTypeError(f"{text}: expected a length > 0 in m")
+    return metres
+
+
+def time(text: str) -> float:
+    """Seconds; inf for "end"."""
+    try:
+        seconds = float("inf") if text == "end" else float(text)
+    except ValueError:
+        seconds = -1.0
+    if not seconds >= 0.0:
+        raise argparse.ArgumentTypeError(f"{text}: expected a time >= 0 in s, or end")
+    return seconds
+
+
+def duration(text: str) -> float:
+    """Seconds of HH:MM:SS."""
+    parts = text.split(":")
+    if len(parts) != 3 or not all(part.isdigit() for part in parts):
+        raise argparse.ArgumentTypeError(f"{text}: expected HH:MM:SS")
+    hours, minutes, seconds = map(int, parts)
+    return 3600.0 * hours + 60.0 * minutes + seconds
+
+
+def shard(text: str) -> tuple[int, int]:
+    """I/N."""
+    parts = text.split("/")
+    if (
+        len(parts) != 2
+        or not all(part.isdigit() for part in parts)
+        or not 1 <= int(parts[0]) <= int(parts[1])
+    ):
+        raise argparse.ArgumentTypeError(f"{text}: expected I/N, the I-th of N parts, for example 2/8")
+    return int(parts[0]), int(parts[1])

@@ -1,0 +1,157 @@
+"""One run of a study: a job from form finding to the end of its dynamic stage, and what is told of it."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.errors import DivergedError, InputError, NoRest, OutputError
+from netfall.job.read import Job
+from netfall.mechanics.events import EventLog
+from netfall.net.net import Net
+from netfall.net.parts import parts_of
+from netfall.output.place import check_place
+from netfall.output.progress import Progress
+from netfall.output.result import Result
+from netfall.output.unwritten import Unwritten
+from netfall.parallel.agree import on_root
+from netfall.solve.memory import Memory
+from netfall.solve.restart import Saver
+from netfall.solve.run import Run, run_stages
+from netfall.solve.schedule import schedule_of
+from netfall.solve.setup import Setup, prepare
+from netfall.timings import Phases
+
+NAN = float("nan")
+# What is told of a run that has no dynamic stage, or did not come to its end.
+NOTHING = {
+    "first_fracture": NAN,
+    "first_element": -1,
+    "broken": 0,
+    "roof_lost": NAN,
+    "displacement_max": NAN,
+    "tension_max": NAN,
+    "utilisation_max": NAN,
+    "balance_error": NAN,
+    "dynamic_factor_max": NAN,
+    "dynamic_factor_element": -1,
+    "times": [],
+    "elements": [],
+    "net": {},
+}
+
+
+def run_member(
+    comm: MPI.Comm, read: Callable[[], Job], path: Path | None, memory: Memory, net: bool
+) -> dict | None:
+    """Run a job; what came of it, on rank 0: NOTHING's names, `state`, `reason`, `seconds`. Collective.
+
+    read : reads the job, on every rank; path : of a result file, None: none is written
+    memory : of runs before in this process; net : whether what `net_told` tells is wanted too
+
+    A run without a rest, or that diverges, or whose input is wrong, is a result too.
+    """
+    begin = time.perf_counter()
+    try:
+        outcome = _outcome(comm, read(), path, memory, net)
+        found = {"state": "finished", "reason": ""} | (outcome or {})
+    except NoRest as error:  # it fails before the first gust
+        found = NOTHING | {"state": "no_rest", "reason": str(error), "first_fracture": 0.0, "roof_lost": 1.0}
+    except DivergedError as error:
+        found = NOTHING | {"state": "diverged", "reason": str(error)}
+    except InputError as error:
+        found = NOTHING | {"state": "failed", "reason": "; ".join(error.lines)}
+    except OutputError as error:
+        if not getattr(error, "on_every_rank", comm.size == 1):
+            raise
+        found = NOTHING | {"state": "failed", "reason": str(error)}
+    return found | {"seconds": time.perf_counter() - begin} if comm.rank == 0 else None
+
+
+def _outcome(comm: MPI.Comm, job: Job, path: Path | None, memory: Memory, net: bool) -> dict | None:
+    """Run the stages; what came of them, on rank 0. Collective."""
+    if path:
+        on_root(comm, lambda: check_place(path))
+    phases = Phases()
+    setup = prepare(comm, job, phases, memory=memory)
+    schedule = comm.bcast(on_root(comm, lambda: schedule_of(job, setup.limits, setup.model)))
+    log, own = EventLog(setup.distribution.n), setup.model and setup.model.net
+    result = Result(comm, path, setup.distribution, own, log) if path else Unwritten(comm)
+    saver = Saver(job, setup, result, None)
+    run = Run(comm, job, setup, schedule, log, result, saver, Progress(False), phases, memory=memory)
+    simulation = run_stages(run)
+    spread = setup.distribution
+    tension = spread.gather_elements(simulation.envelope.tension[0], setup.state.owned.astype(bool))
+    displacement = spread.gather_particles(simulation.envelope.displacement[0][:, None])
+    if comm.rank > 0:
+        return None
+    told = NOTHING | _told(setup, simulation, tension, displacement)
+    return told | {"net": net_told(own, setup.model.x, setup.model.area)} if net else told
+
+
+def _told(setup: Setup, simulation, tension: np.ndarray, displacement: np.ndarray) -> dict:
+    """What is told of a run that came to its end. Rank 0.
+
+    tension : (m,) [N], displacement : (n, 1) [m], the largest over the rows of the history
+    """
+    model, log, history = setup.model, simulation.log, simulation.history.columns()
+    removal = simulation.removal.columns() if simulation.removal else None
+    gone = np.zeros(model.net.m, bool)
+    gone[list(log.broken)] = True
+    found = {
+        "times": [event.time for event in log.events],
+        "elements": [event.element for event in log.events],
+        "broken": len(log.broken),
+        "displacement_max": float(displacement.max()),
+        "balance_error": float(history["balance_error"][-1]),
+    }
+    if log.events:
+        found |= {"first_fracture": log.events[0].time, "first_element": log.events[0].element}
+    if removal:
+        gone[removal["element"]] = True
+        tension = np.fmax(tension, np.fmax.reduce(removal["tension_peak"], 0))
+        found |= _largest_factor(removal["dynamic_factor"])
+    strength = np.where(np.isfinite(model.net.breaking_load), model.net.breaking_load, model.yield_force)
+    known = np.isfinite(strength) & (strength > 0.0)
+    used = tension[known] / strength[known]
+    return found | {
+        "roof_lost": roof_lost(model.net, model.area, gone),
+        "tension_max": float(tension.max()),
+        "utilisation_max": float(used.max()) if len(used) else NAN,
+    }
+
+
+def net_told(net: Net, x: np.ndarray, area: np.ndarray) -> dict[str, np.ndarray]:
+    """The datasets of /net in a study file: of the form x (n, 3) [m], with areas (n,) [m2]."""
+    return {
+        "particles": x,
+        "elements": net.elements,
+        "fixed": net.fixed.astype(np.uint8),
+        "node_id": net.node_id,
+        "element_id": net.element_id,
+        "group": net.group.astype(np.int32),
+        "tributary_area": area,
+    }
+
+
+def _largest_factor(factors: np.ndarray) -> dict:
+    """The largest of the dynamic factors (losses, m), and its element."""
+    if np.isnan(factors).all():
+        return {}
+    largest = np.nanargmax(factors)
+    element = int(largest % factors.shape[1])
+    return {"dynamic_factor_max": float(factors.flat[largest]), "dynamic_factor_element": element}
+
+
+def roof_lost(net: Net, area: np.ndarray, gone: np.ndarray) -> float:
+    """Share of the roof's area (n,) [m2] at particles that no path of elements connects to a support.
+
+    gone : (m,) bool, elements that broke or were removed; nan: there is no roof
+    """
+    label = parts_of(net.elements[~gone], net.n)
+    supported = np.zeros(net.n, bool)
+    supported[label[net.held.any(1)]] = True
+    total = float(area.sum())
+    return float(area[~supported[label]].sum()) / total if total > 0.0 else NAN

@@ -1,0 +1,201 @@
+"""The table of a study's runs: a row for each member, from journals and study files, written as HDF5."""
+
+import base64
+import os
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from netfall.errors import InputError
+from netfall.output.place import writing
+
+FORMAT = 1
+# What is told of each run: data type, and what stands there while nothing is known.
+OUTCOMES = {
+    "first_fracture": (float, np.nan),
+    "first_element": (np.int64, -1),
+    "broken": (np.int64, 0),
+    "roof_lost": (float, np.nan),
+    "displacement_max": (float, np.nan),
+    "tension_max": (float, np.nan),
+    "utilisation_max": (float, np.nan),
+    "balance_error": (float, np.nan),
+    "dynamic_factor_max": (float, np.nan),
+    "dynamic_factor_element": (np.int64, -1),
+    "seconds": (float, np.nan),
+    "state": (object, ""),
+    "reason": (object, ""),
+}
+OF_LOSSES = ("dynamic_factor_max", "dynamic_factor_element")
+UNITS = {
+    **dict.fromkeys(("first_fracture", "seconds", "duration"), "s"),
+    **dict.fromkeys(("displacement_max",), "m"),
+    **dict.fromkeys(("tension_max",), "N"),
+    **dict.fromkeys(("balance_error",), "J"),
+}
+NET = ("particles", "elements", "fixed", "node_id", "element_id", "group", "tributary_area")
+DIGESTS = {"study": "the study file", "job": "the job or its tables", "program": "the program"}
+TEXT = h5py.string_dtype()
+
+
+class Table:
+    """Rows by the number of the member; `there` : which are known; `tries` : how often each was begun."""
+
+    def __init__(self, count: int):
+        self.columns = {name: np.full(count, empty, dtype) for name, (dtype, empty) in OUTCOMES.items()}
+        self.there = np.zeros(count, bool)
+        self.tries = np.zeros(count, np.int64)
+        self.times: dict[int, np.ndarray] = {}  # of fractures, by member
+        self.elements: dict[int, np.ndarray] = {}
+        self.net: dict[str, np.ndarray] = {}
+
+    def add(self, record: dict) -> None:
+        """Take in a record of a journal."""
+        if "try" in record:
+            self.tries[record["try"]] += 1
+        if "done" in record:
+            self._add_row(record["done"], record)
+
+    def _add_row(self, number: int, told: dict) -> None:
+        if self.there[number]:
+            return
+        self.there[number] = True
+        for name in OUTCOMES:
+            self.columns[name][number] = told[name]
+        if told["times"]:
+            self.times[number] = np.array(told["times"])
+            self.elements[number] = np.array(told["elements"], np.int64)
+        if told["net"] and not self.net:
+            self.net = {name: _unpacked(told["net"][name]) for name in NET}
+
+    def add_file(self, path: Path) -> None:
+        """Take in the rows of a study file, of a part or whole."""
+        with h5py.File(path) as f:
+            numbers = f["members/member"][:]
+            new = ~self.there[numbers]
+            for name in OUTCOMES:
+                if name in f["members"]:
+                    values = f[f"members/{name}"]
+                    values = values.asstr()[:] if OUTCOMES[name][0] is object else values[:]
+                    self.columns[name][numbers[new]] = values[new]
+            self.tries[numbers] += f["provenance/attempts"][:]
+            member, time, element = (f[f"events/{name}"][:] for name in ("member", "time", "element"))
+            bounds = np.searchsorted(member, np.arange(len(numbers) + 1))
+            for row in np.flatnonzero(new & (np.diff(bounds) > 0)):
+                part = slice(bounds[row], bounds[row + 1])
+                self.times[int(numbers[row])] = time[part]
+                self.elements[int(numbers[row])] = element[part]
+            self.there[numbers] = True
+            if not self.net and "net" in f:
+                self.net = {name: f[f"net/{name}"][:] for name in NET}
+
+    def counts(self) -> dict[str, int]:
+        """How many runs ended in each state."""
+        names, counts = np.unique(self.columns["state"][self.there].astype(str), return_counts=True)
+        return dict(zip(names.tolist(), counts.tolist()))
+
+    # --- the study file
+
+    def write(self, path: Path, plan, title: str, provenance: dict, fragility) -> None:
+        """Write the rows that are known, in the order of the members. Raises OutputError.
+
+        provenance : texts and numbers; fragility(members) : datasets of /fragility, from those of /members
+        """
+        rows = np.flatnonzero(self.there)
+        members = self._members(rows, plan)
+        temporary = path.with_name(f".{path.name}.part")
+        with writing(path):
+            with h5py.File(temporary, "w") as f:
+                f.attrs["netfall_study"], f.attrs["title"] = FORMAT, title
+                _write(f, "members", members)
+                self._write_events(f, rows)
+                if self.net:
+                    _write(f, "net", self.net)
+                    self._write_counts(f, rows)
+                if "wind.speed" in members:
+                    _write(f, "fragility", fragility(members))
+                _write(f, "provenance", provenance | {"attempts": self.tries[rows]})
+            os.replace(temporary, path)
+
+    def _members(self, rows: np.ndarray, plan) -> dict[str, np.ndarray]:
+        """The columns of /members."""
+        found = [plan.member(int(number)) for number in rows]
+        inputs = {name: _column([member.values[name] for member in found]) for name in plan.inputs}
+        columns = {"member": rows} | inputs | {name: values[rows] for name, values in self.columns.items()}
+        if plan.loss:
+            columns["removed"] = np.array([member.removed for member in found], object)
+        else:
+            columns = {name: values for name, values in columns.items() if name not in OF_LOSSES}
+        columns["duration"] = np.array([plan.duration(member) for member in found])
+        for name in ("first_element", "dynamic_factor_element"):
+            if name in columns and self.net:
+                ids, element = self.net["element_id"], columns[name]
+                columns[f"{name}_id"] = np.where(element >= 0, ids[np.maximum(element, 0)], -1)
+        return columns
+
+    def _write_events(self, f: h5py.File, rows: np.ndarray) -> None:
+        broke = [(row, int(number)) for row, number in enumerate(rows) if int(number) in self.times]
+        join = lambda parts, dtype: np.concatenate([np.zeros(0, dtype), *parts])
+        columns = {
+            "member": join([np.full(len(self.times[n]), row) for row, n in broke], np.int64),
+            "time": join([self.times[n] for _, n in broke], float),
+            "element": join([self.elements[n] for _, n in broke], np.int64),
+        }
+        _write(f, "events", columns)
+
+    def _write_counts(self, f: h5py.File, rows: np.ndarray) -> None:
+        """How often each element was the first to break, and broke at all."""
+        first, at_all = np.zeros((2, len(self.net["elements"])), np.int64)
+        for number in rows.tolist():
+            if number in self.elements:
+                first[self.elements[number][0]] += 1
+                at_all[np.unique(self.elements[number])] += 1
+        f["first_breaks"], f["breaks"] = first, at_all
+
+
+def check_digests(path: Path, found: dict, wanted: dict) -> None:
+    """Raises InputError if a journal or a study file was made by another study, job or program."""
+    changed = [words for name, words in DIGESTS.items() if found.get(name) != wanted[name]]
+    if changed:
+        raise InputError(
+            f"{path}: was made before {' and '.join(changed)} changed, and its runs are not those of now; "
+            "move it away to run the study from its start, or give another name with -o"
+        )
+
+
+def digests_of(path: Path) -> dict | None:
+    """The digests in a study file; None if it is none."""
+    try:
+        with h5py.File(path) as f:
+            if "netfall_study" not in f.attrs:
+                return None
+            return {name: f[f"provenance/{name}_digest"].asstr()[()] for name in DIGESTS}
+    except (OSError, KeyError):
+        return None
+
+
+def _unpacked(told: dict) -> np.ndarray:
+    flat = np.frombuffer(base64.b64decode(told["bytes"]), told["type"])
+    return flat.reshape(told["shape"])
+
+
+def _column(values: list) -> np.ndarray:
+    """Values of a key of the job as a column: numbers where all are, else texts."""
+    if all(isinstance(value, int) and not isinstance(value, bool) for value in values):
+        return np.array(values, np.int64)
+    if all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values):
+        return np.array(values, float)
+    return np.array([value if isinstance(value, str) else str(value) for value in values], object)
+
+
+def _write(f: h5py.File, group: str, columns: dict) -> None:
+    place = f.create_group(group)
+    for name, values in columns.items():
+        values = np.asarray(values)
+        dtype = TEXT if values.dtype == object or values.dtype.kind == "U" else values.dtype
+        dataset = place.create_dataset(
+            name, data=values.astype(object) if dtype is TEXT else values, dtype=dtype
+        )
+        if name in UNITS and group == "members":
+            dataset.attrs["unit"] = UNITS[name]

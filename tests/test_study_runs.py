@@ -1,0 +1,343 @@
+"""`netfall study`: the same bits however it is run, nothing lost, and what is wrong in a study file."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from conftest import BIN, ENVIRONMENT, ROOT, assert_same_results, run_netfall, run_on_standing_ranks
+
+from netfall.errors import InputError
+from netfall.net.net import Net
+from netfall.solve.member import roof_lost
+from netfall.stop import NEVER
+from netfall.study.draws import draw
+from netfall.study.ensemble import pieces_of
+from netfall.study.journal import Journal, read_journal
+from netfall.study.plan import read_plan
+from netfall.study.pool import run_tasks
+
+SADDLE = f"""
+job = "{ROOT}/jobs/saddle.toml"
+[vary]
+"net.cells" = [4]
+"dynamics.duration" = [1.0]
+"load.max_iterations" = [2000]
+"wind.speed" = [30.0, 75.0, 180.0]
+"wind.seed" = {{from = 1, to = 2}}
+"""
+
+
+def write(folder: Path, text: str = SADDLE, name: str = "saddle") -> Path:
+    """A study file."""
+    path = folder / f"{name}.toml"
+    path.write_text(text)
+    return path
+
+
+def same_studies(one: Path, other: Path) -> None:
+    """Equal in all but seconds and provenance."""
+    with h5py.File(one, "r+") as a, h5py.File(other, "r+") as b:
+        for f in (a, b):
+            f["members"].pop("seconds", None)
+        assert assert_same_results(a, b) > 20
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The study, run at once by two workers."""
+    folder = tmp_path_factory.mktemp("whole")
+    done = run_netfall("study", write(folder), "--workers", 2, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert not (folder / "saddle.study.journal").exists()
+    return folder / "saddle.study.h5"
+
+
+def test_members_are_the_runs_of_the_job(whole, tmp_path):
+    """In order, with what a run of its own finds; a wind without a rest is a row too."""
+    with h5py.File(whole) as f:
+        members = f["members"]
+        state = members["state"].asstr()[:].tolist()
+        assert members["wind.speed"][:].tolist() == [30.0, 30.0, 75.0, 75.0, 180.0, 180.0]
+        assert members["wind.seed"][:].tolist() == [1, 2] * 3
+        assert state[:2] == ["finished"] * 2 and state[4:] == ["no_rest"] * 2
+        assert members["first_fracture"][4:].tolist() == [0.0, 0.0] and np.isnan(members["first_fracture"][0])
+        assert "the mean wind" in members["reason"].asstr()[4] and members["reason"].asstr()[0] == ""
+        broken = members["broken"][2]
+        assert broken > 0 and f["breaks"][:].sum() == members["broken"][:].sum()
+        assert f["first_breaks"][:].sum() == (members["broken"][:] > 0).sum()
+        own = [
+            "net.cells=4",
+            "dynamics.duration=1.0",
+            "load.max_iterations=2000",
+            "wind.speed=75.0",
+            "wind.seed=1",
+        ]
+        words = [word for setting in own for word in ("--set", setting)]
+        job = ROOT / "jobs" / "saddle.toml"
+        done = run_on_standing_ranks("run", job, "-o", tmp_path / "own.vtkhdf", *words, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        with h5py.File(tmp_path / "own.vtkhdf") as run:
+            mine = f["events/member"][:] == 2
+            assert f["events/time"][mine].tolist() == run["events/time"][:].tolist()
+            assert members["balance_error"][2] == run["history/balance_error"][-1]
+            assert members["displacement_max"][2] == run["envelope/displacement_max"][:].max()
+            assert members["tension_max"][2] == run["envelope/tension_max"][:].max()
+            assert (
+                broken == run["history/broken"][-1] and f["net/particles"].shape == run["net/particles"].shape
+            )
+
+
+def test_a_killed_study_goes_on_to_the_same_bits(whole, tmp_path):
+    """The driver, then a worker are killed; the rest is run on two ranks."""
+    study = write(tmp_path)
+    command = [BIN / "netfall", "study", study, "--workers", "1"]
+    driver = subprocess.Popen(command, cwd=tmp_path, env=ENVIRONMENT, stdout=subprocess.DEVNULL)
+    journal = tmp_path / "saddle.study.journal"
+    wait_for(lambda: journal.exists() and b'"done"' in journal.read_bytes())
+    driver.kill()
+    driver.wait()
+    there = {record["done"] for record in read_journal(journal)[0] if "done" in record}
+    assert 0 < len(there) < 6
+    study.write_text(SADDLE + "[run]\nranks = 2\n")
+    driver = subprocess.Popen(command, cwd=tmp_path, env=ENVIRONMENT, stdout=subprocess.PIPE)
+    wait_for(lambda: (pids := workers_of(driver.pid)) and not os.kill(pids[0], signal.SIGKILL))
+    assert driver.wait(120) == 0, driver.stdout.read()
+    driver.stdout.close()
+    same_studies(whole, tmp_path / "saddle.study.h5")
+    with h5py.File(tmp_path / "saddle.study.h5") as f:
+        assert f["provenance/attempts"][:].sum() >= 6
+
+
+def wait_for(there) -> None:
+    """Until something is there; a failure after two minutes."""
+    end = time.monotonic() + 120
+    while not there():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def workers_of(pid: int) -> list[int]:
+    """Processes of a driver's workers."""
+    children = Path(f"/proc/{pid}/task/{pid}/children")
+    return [int(word) for word in children.read_text().split()] if children.exists() else []
+
+
+def test_parts_are_joined_and_what_is_missing_is_run(whole, tmp_path):
+    study = write(tmp_path)
+    done = run_netfall("study", study, "--shard", "2/3", "--workers", 1, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "saddle.2-of-3.study.h5") as part:
+        assert part["members/member"][:].tolist() == [1, 4]
+    done = run_netfall("study", study, "--workers", 2, cwd=tmp_path)
+    assert done.returncode == 0 and "saddle.2-of-3.study.h5: 2 of 6 runs are there" in done.stdout, (
+        done.stdout
+    )
+    same_studies(whole, tmp_path / "saddle.study.h5")
+    again = run_netfall("study", study, cwd=tmp_path)
+    assert again.returncode == 0 and "whole already, 6 runs" in again.stdout
+    study.write_text(SADDLE.replace("75.0", "76.0"))
+    other = run_netfall("study", study, cwd=tmp_path)
+    assert other.returncode == 2
+    assert "saddle.study.h5: was made before the study file changed" in other.stderr
+
+
+def test_each_cable_is_lost_in_a_run_of_its_own(tmp_path):
+    """A weight on two cables, one lost at once: the other's tension doubles, and its peak is three halves."""
+    (tmp_path / "nodes.csv").write_text("id,x,y,z,fixed,load_z\n1,0,0,0,0,-1000\n2,0,0,10,1,0\n3,0,0,5,1,0\n")
+    (tmp_path / "elements.csv").write_text("id,start,end,prestress\n7,1,2,500\n9,1,3,500\n")
+    (tmp_path / "job.toml").write_text(
+        '[net]\nnodes = "nodes.csv"\nelements = "elements.csv"\n[cable]\nmodulus = 1.95e11\n'
+        "area = 683.08e-6\ndensity = 7850.0\nyield_stress = 1.75e9\nfracture_strain = 0.04\n"
+        "[dynamics]\nduration = 0.4\n[output]\nhistory = 1e-3\n"
+    )
+    lost = '[vary]\nremove = {each = "element", time = 0.0}\n[run]\nkeep = "all"\n'
+    study = write(tmp_path, f'job = "job.toml"\n{lost}', "lost")
+    done = run_netfall("study", study, "--workers", 1, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "lost.study.h5") as f:
+        assert f["members/removed"].asstr()[:].tolist() == ["7", "9"]
+        # undamped: (peak - before) / (after - before) = 2; the step reaches the peak to its square
+        assert f["members/dynamic_factor_max"][:] == pytest.approx([2.0, 2.0], rel=2e-3)
+        assert f["members/dynamic_factor_element_id"][:].tolist() == [9, 7]
+    assert (tmp_path / "lost.members" / "000001.vtkhdf").exists()
+
+
+# --- the journal and the pool
+
+
+def test_a_journal_that_is_cut_at_any_byte_loses_one_record_at_most(tmp_path):
+    path, records = tmp_path / "x.journal", [{"done": k, "times": [0.1 * k, float("inf")]} for k in range(3)]
+    journal = Journal(path, {"format": 1})
+    for record in records:
+        journal.add(record)
+    journal.close()
+    whole = path.read_bytes()
+    ends = [k + 1 for k, byte in enumerate(whole) if byte == ord("\n")]
+    for cut in range(len(whole) + 1):
+        path.write_bytes(whole[:cut])
+        found, _ = read_journal(path)
+        assert found == [{"format": 1}, *records][: sum(end <= cut for end in ends)]
+        journal = Journal(path, {"format": 1})
+        journal.add({"done": 9})
+        journal.close()
+        assert read_journal(path)[0] == [*(found or [{"format": 1}]), {"done": 9}]
+    path.write_bytes(whole[:20].replace(b"1", b"2") + whole[20:])
+    with pytest.raises(InputError, match="line 1 is damaged"):
+        read_journal(path)
+
+
+FAKE = """
+import json, os, sys, time
+for line in sys.stdin:
+    task = json.loads(line)
+    if task["what"] == "die":
+        sys.exit("netfall: rank 0: no memory")
+    if task["what"] == "sleep":
+        time.sleep(60)
+    print(json.dumps({"pid": os.getpid()}), flush=True)
+"""
+
+
+def test_workers_that_die_or_take_too_long_are_replaced():
+    """Who waits is not held up; a death may be tried again, what takes too long is not."""
+    tasks = [("a", 0, "go"), ("a", 1, "die"), ("a", 2, "sleep"), ("a", 3, "go"), ("b", 4, "go")]
+    done, died = {}, []
+    take = lambda last: (
+        (lambda key, number, what: (key, number, {"what": what}))(*tasks.pop(0)) if tasks else None
+    )
+
+    def note(number, why, again):
+        died.append((number, why, again))
+        if again and len(died) < 3:
+            tasks.append(("a", number, "die"))
+
+    run_tasks([sys.executable, "-c", FAKE], 2, take, done.__setitem__, note, 3.0, NEVER)
+    assert sorted(done) == [0, 3, 4]
+    assert [number for number, _, again in died if again] == [1, 1, 1] or len(died) >= 3
+    assert (2, "took longer than time_limit = 3 s", False) in died
+    assert (1, "its worker ended with exit code 1: netfall: rank 0: no memory", True) in died
+
+
+# --- draws, the roof that is lost
+
+
+@pytest.mark.parametrize("method", ["sobol", "latin_hypercube", "random"])
+def test_draws_have_their_distribution(method):
+    """Mean and deviation of the values themselves, within five standard errors of random draws."""
+    count = 1024
+    asked = [
+        {"distribution": "normal", "mean": 10.0, "deviation": 2.0},
+        {"distribution": "lognormal", "mean": 10.0, "deviation": 5.0},
+        {"distribution": "uniform", "from": 1.0, "to": 3.0},
+        {"distribution": "integer", "from": 1, "to": 4},
+    ]
+    drawn = draw(method, count, 3, asked)
+    assert drawn.shape == (count, 4) and (drawn == draw(method, count, 3, asked)).all()
+    deviation = np.array([2.0, 5.0, 2.0 / np.sqrt(12.0), np.sqrt(1.25)])
+    assert np.all(np.abs(drawn.mean(0) - [10.0, 10.0, 2.0, 2.5]) < 5.0 * deviation / np.sqrt(count))
+    assert drawn.std(0) == pytest.approx(deviation, rel=0.15)
+    assert set(drawn[:, 3].tolist()) == {1.0, 2.0, 3.0, 4.0}
+    if method != "random":  # one in each stratum
+        assert len(set(((drawn[:, 2] - 1.0) / 2.0 * count).astype(int))) == count
+
+
+def test_the_share_of_the_roof_that_is_lost():
+    """A chain of four particles between supports: without elements 1 and 2 the particle between is lost."""
+    fixed = np.array([[True] * 3, [False] * 3, [False] * 3, [False] * 3, [True] * 3])
+    net = Net(
+        group=np.zeros(4, int),
+        group_names=[""],
+        x=np.arange(15.0).reshape(5, 3),
+        elements=np.array([[0, 1], [1, 2], [2, 3], [3, 4]]),
+        fixed=fixed,
+    )
+    area, gone = np.array([1.0, 2.0, 4.0, 2.0, 1.0]), np.zeros(4, bool)
+    assert roof_lost(net, area, gone) == 0.0
+    gone[1] = True
+    assert roof_lost(net, area, gone) == 0.0
+    gone[2] = True
+    assert roof_lost(net, area, gone) == 0.4
+    gone[:] = True
+    assert roof_lost(net, area, gone) == 0.8
+    assert np.isnan(roof_lost(net, np.zeros(5), gone))
+
+
+# --- wrong input
+
+JOB = f'job = "{ROOT}/jobs/saddle.toml"\n'
+WRONG = [
+    ("[vary]\n", "nothing varies; expected [vary] or [sample]"),
+    (
+        '[vary]\n"wind.sped" = [3.0]\n',
+        'wind.sped = 3.0: {job}: [wind] sped: unknown key; did you mean "speed"?',
+    ),
+    ('[vary]\n"wind.speed" = [3.0, -1.0]\n', "wind.speed = -1.0: {job}: [wind] speed = -1.0: expected"),
+    (
+        '[vary]\n"wind.speed" = []\n',
+        "[vary] wind.speed = []: expected a list of values, or {{from = 1, to = 50}}",
+    ),
+    ('[vary]\n"wind.speed" = [3, 4, 3]\n', "[vary] wind.speed = [3, 4, 3]: 3 stands in it twice"),
+    (
+        '[vary]\n"wind.seed" = {from = 5, to = 1}\n',
+        "expected {{from = 1, to = 50}}, whole numbers, both included",
+    ),
+    ('[vary]\n"wind.seed" = {from = 1, to = 99999999}\n', "more than 10000000 values"),
+    ('[vary]\n"title" = ["a"]\n', 'title = "a": expected a key of the job, SECTION.KEY'),
+    ('[vary]\nremove = {each = "node", time = 1.0}\n', 'expected {{each = "element", ...}}'),
+    (
+        '[vary]\nremove = {each = "cable", time = 1.0, group = "ring"}\n',
+        "no element has the group ring; groups: x, y",
+    ),
+    ('[vary]\nremove = {each = "cable"}\n', "time: missing; expected the time of the loss"),
+    (
+        '[sample]\n"wind.speed" = {distribution = "normal", mean = 1.0, deviation = 1.0}\n',
+        "[sample] count: missing; expected the number",
+    ),
+    (
+        '[sample]\ncount = 4\n"wind.speed" = {distribution = "beta"}\n',
+        "known: normal, lognormal, uniform, integer",
+    ),
+    (
+        '[sample]\ncount = 4\n"wind.speed" = {distribution = "uniform", from = 2.0, to = 1.0}\n',
+        "expected from < to",
+    ),
+    (
+        '[sample]\ncount = 8\n"wind.speed" = {distribution = "normal", mean = 1.0, deviation = 9.0}\n',
+        "expected a",
+    ),
+    ('[sample]\ncount = 8\n"wind.seed" = {distribution = "integer", from = 1, to = 2.5}\n', "whole numbers"),
+    ('[vary]\n"wind.seed" = [1]\n[run]\nkeep = "some"\n', 'keep = "some": expected none, broken, all'),
+    ('[vary]\n"wind.seed" = [1]\n[run]\nrank = 2\n', '[run] rank: unknown key; did you mean "ranks"?'),
+    ('[vary]\n"wind.seed" = [1]\n[varry]\n', 'varry: unknown; did you mean "vary"?'),
+]
+
+
+@pytest.mark.parametrize(("text", "line"), WRONG, ids=[line[:40] for _, line in WRONG])
+def test_a_wrong_study_file_is_refused_in_one_line(tmp_path, text, line):
+    with pytest.raises(InputError) as error:
+        read_plan(write(tmp_path, JOB + text), pieces_of)
+    told = line.format(job=ROOT / "jobs" / "saddle.toml")
+    assert any(told in each and "saddle.toml" in each for each in error.value.lines), error.value.lines
+
+
+def test_the_order_of_the_members(tmp_path):
+    """As the file has it, the last key fastest, draws within."""
+    text = JOB + (
+        '[vary]\n"wind.seed" = [3, 1]\nwind.speed = [20.0, 30.0]\n'
+        '[sample]\ncount = 2\nmethod = "random"\n'
+        '"cable.prestress" = {distribution = "uniform", from = 1e5, to = 2e5}\n'
+    )
+    plan = read_plan(write(tmp_path, text), pieces_of)
+    found = [plan.member(k).values for k in range(len(plan))]
+    first, second = plan.draws[:, 0].tolist()
+    assert [(m["wind.seed"], m["wind.speed"], m["cable.prestress"]) for m in found] == [
+        (seed, speed, prestress) for seed in (3, 1) for speed in (20.0, 30.0) for prestress in (first, second)
+    ]
+    assert json.loads(json.dumps(plan.member(0).overrides))[0] == "wind.seed=3"
