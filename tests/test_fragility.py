@@ -329,7 +329,7 @@ def test_a_study_is_no_result_and_must_be_whole(storm, tmp_path):
         file["members/state"] = ["finished"]
     with pytest.raises(InputError) as refused:
         print_study(tmp_path / "part.study.h5", print)
-    assert "no /members/roof_lost" in str(refused.value) and "no /net/particles" in str(refused.value)
+    assert "no /members/roof_lost" in str(refused.value) and "no /events/time" in str(refused.value)
 
 
 def test_every_dataset_is_described(storm):

@@ -23,6 +23,7 @@ RESULTS = {
     "utilisation_max": "",
     "balance_error": "",
     "dynamic_factor_max": "",
+    "dynamic_factor_element": "",
     "dynamic_factor_element_id": "",
     "duration": "s",
     "seconds": "s",
@@ -30,13 +31,8 @@ RESULTS = {
     "reason": "",
 }
 
-# What must be in a file: the factors are there only if members are removed, the curves with several speeds.
-NEEDED = (
-    *(f"members/{name}" for name in RESULTS if not name.startswith("dynamic_factor")),
-    *(f"events/{name}" for name in ("member", "time", "element")),
-    *(f"net/{name}" for name in ("particles", "elements", "element_id", "node_id", "fixed")),
-    *("first_breaks", "breaks"),
-)
+EVENTS = ("member", "time", "element")
+NET = {"particles": (0, 3), "elements": (0, 2), "element_id": (0,), "node_id": (0,), "fixed": (0, 3)}
 
 
 @dataclass
@@ -89,9 +85,10 @@ def is_study(path: Path) -> bool:
 def read_study(path: Path) -> Study:
     """A study file in memory. Raises InputError where something of it is missing."""
     with h5py.File(path, "r") as file:
-        missing = [name for name in NEEDED if name not in file]
+        missing = [name for name in _needed(file) if name not in file]
         if missing:
             raise InputError([f"{path}: no /{name}; expected a study file that is whole" for name in missing])
+        nothing = {name: np.zeros(shape, int) for name, shape in NET.items()}
         members = _columns(file["members"])
         fragility = _columns(file["fragility"]) if "fragility" in file else fragility_section(members)
         return Study(
@@ -99,11 +96,17 @@ def read_study(path: Path) -> Study:
             str(file.attrs.get("title", "")) or path.name,
             members,
             _columns(file["events"]),
-            _columns(file["net"]),
+            _columns(file["net"]) if "net" in file else nothing,
             fragility,
-            file["first_breaks"][:],
-            file["breaks"][:],
+            *(file[name][:] if name in file else np.zeros(0, int) for name in ("first_breaks", "breaks")),
         )
+
+
+def _needed(file: h5py.File) -> list[str]:
+    """What must be in a file: factors only if members are removed, and a net only if a run had one."""
+    names = [f"members/{name}" for name in RESULTS if not name.startswith("dynamic_factor")]
+    names += [f"events/{name}" for name in EVENTS]
+    return names + [f"net/{name}" for name in NET] * ("net" in file)
 
 
 def _columns(group: h5py.Group) -> dict[str, np.ndarray]:

@@ -9,6 +9,7 @@ from netfall.study.members import Study
 
 NOTHING = "0.8"  # elements without a value
 MOST_DRAWN = 60_000  # elements in a picture; of larger nets those with the largest values are drawn
+SHORT = 0.015  # share of the picture, of an element that has a dot
 COLOURS = "viridis_r"
 MOST_NAMED = 5  # elements with their ids
 WIDTH = 6.2  # inches of a panel
@@ -59,6 +60,7 @@ def draw_values(study: Study, axes, values: np.ndarray, label: str, low=0.0, per
     )
     lines.set_clim(low, high if high > low else low + 1.0)
     axes.add_collection(lines)
+    _dot_short(axes, x[elements[rows]], values[rows], lines)
     held = study.net["fixed"].any(1)
     axes.plot(*x[held].T, ".", color="k", ms=min(4.0, 40 / len(x) ** 0.4), zorder=3)
     bar = axes.figure.colorbar(lines, ax=axes, orientation="horizontal", shrink=0.8, pad=0.02)
@@ -68,6 +70,14 @@ def draw_values(study: Study, axes, values: np.ndarray, label: str, low=0.0, per
     names = (study.net["element_id"] if names is None else names).astype(str)
     _, first = np.unique(names[rows[::-1]], return_index=True)  # of those that share a name, the largest
     _name_largest(axes, study, rows[::-1][np.sort(first)][:MOST_NAMED], names)
+
+
+def _dot_short(axes, ends: np.ndarray, values: np.ndarray, lines) -> None:
+    """A dot of the same colour on elements (k, 2, 2) that are too short for a line to be seen."""
+    extent = max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
+    short = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) < SHORT * extent
+    middle = ends[short].mean(1)
+    axes.scatter(*middle.T, s=14, c=lines.cmap(lines.norm(values[short])), zorder=3.5, lw=0)
 
 
 def _name_largest(axes, study: Study, rows: np.ndarray, names: np.ndarray) -> None:
