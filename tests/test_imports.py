@@ -23,17 +23,18 @@ MAY_IMPORT = {
     "step": ["mechanics", "parallel.halo", "parallel.mpi_symbols"],
     "output": ["job", "net", "mechanics", "parallel"],
     "solve": ["job", "net", "mechanics", "wind", "parallel", "step", "output"],
-    "study": ["job", "output"],
+    "study": ["job", "net", "output"],
+    "worker": ["__main__", "job", "parallel.agree", "solve"],
     "api": ["job", "output", "parallel.agree", "solve.run", "study.launch"],
     "exchange": ["job", "output", "api"],
-    "parser": ["examples"],
+    "parser": ["arguments", "examples"],
     "commands": ["job", "net", "parallel", "output", "solve", "study", "exchange"],
     "__main__": ["parser", "commands"],
 }
 
 # Package -> the rooms and modules that may import it; numpy and the standard library are free to all.
 PACKAGES = {
-    "mpi4py": ["parallel", "step", "output", "solve", "api.run", "commands", "__main__"],
+    "mpi4py": ["parallel", "step", "output", "solve", "api.run", "commands", "__main__", "worker"],
     "h5py": ["output", "study", "solve.run", "solve.provenance", "wind.taps"],
     "numba": [  # besides compile: intrinsics, and the version for /provenance
         *("compile", "mechanics.arithmetic", "parallel.mpi_symbols", "solve.provenance"),
@@ -41,6 +42,7 @@ PACKAGES = {
     "llvmlite": ["compile", "mechanics.arithmetic", "parallel.mpi_symbols"],
     "scipy": [
         *("solve.form_finding", "solve.modes", "solve.aggregation", "solve.multilevel", "solve.tangent"),
+        "study.draws",
         *("exchange.join", "exchange.faults"),
     ],
     "shapely": ["net", "exchange.faults"],

@@ -16,7 +16,7 @@ from netfall.mechanics.state import State
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
 from netfall.solve.multilevel import Cycle
-from netfall.solve.newton import MOST_CORRECTIONS, Newton, NotFound, Stopped
+from netfall.solve.newton import Newton, NotFound, Stopped
 from netfall.solve.relaxation import Paused, Relaxation, net_of, relax
 from netfall.solve.tangent import Tangent, tangent_of
 from netfall.stop import NEVER, StopRequest
@@ -24,7 +24,6 @@ from netfall.stop import NEVER, StopRequest
 ALIKE = 1.5  # times stiffer or softer: what the first approximate inverse serves
 SLACKER = 0.01  # of the largest stiffness: below that an element counts as slack in comparing two tangents
 NEARER = (1e-2, 1e-3, 1e-4, 1e-5)  # of the largest force: residuals after which Newton's is tried once more
-FEW_CORRECTIONS = 8  # then
 TIGHTER = 10.0  # times: what the relaxation is asked more of, where its error is too large
 MOST_AGAIN = 6  # times
 ROUNDING = 1e-13  # of the largest force: residuals below that are rounding
@@ -119,7 +118,7 @@ class Finder:
                 return found
             total, resume, before = total + iterations, None, state.x.copy(order="K")
             try:
-                return self._corrected(newton, tolerance, total, NEVER, FEW_CORRECTIONS)
+                return self._corrected(newton, tolerance, total, NEVER, True)
             except NotFound:
                 state.x[:] = before
             if goals[stage] <= asked:
@@ -136,9 +135,9 @@ class Finder:
             errors = np.nan, np.nan
         return Found(total, residual, *errors, True, self._falls(newton))
 
-    def _corrected(self, newton: Newton, tolerance, before: int, stop, most: int = MOST_CORRECTIONS) -> Found:
+    def _corrected(self, newton: Newton, tolerance, before: int, stop, near: bool = False) -> Found:
         """By Newton's method; before : iterations until now. Raises NotFound, Stopped."""
-        found = newton.find(tolerance, self.state.x_start, stop, most)
+        found = newton.find(tolerance, self.state.x_start, stop, near)
         total = before + found.gradients
         return Found(total, found.residual, found.moved, found.tension, False, self._falls(newton))
 

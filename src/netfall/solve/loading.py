@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from netfall.job.read import Job
-from netfall.net.net import GRAVITY
+from netfall.net.net import GRAVITY, Net
 from netfall.net.zones import Zones
 
 
@@ -99,3 +99,15 @@ def carries_weight(job: Job) -> bool:
     load = job.load
     tables = [vars(load), *load.zone.values()] if load else []
     return any(table.get(key) for table in tables for key in ("dead", "snow"))
+
+
+def preload(net: Net, x: np.ndarray, N: np.ndarray, L: np.ndarray) -> np.ndarray:
+    """Displacements (n, 3) [m] at which springs carry nothing: the form is found with their axes held.
+
+    So each begins with the reaction there, against the tensions N (m,) [N] of elements of length L (m,) [m].
+    """
+    pull = np.zeros((net.n, 3))
+    along = (N / L)[:, None] * (x[net.elements[:, 1]] - x[net.elements[:, 0]])
+    np.add.at(pull, net.elements[:, 0], along)
+    np.subtract.at(pull, net.elements[:, 1], along)
+    return np.divide(-pull, net.spring, out=np.zeros((net.n, 3)), where=net.spring > 0)

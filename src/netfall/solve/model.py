@@ -20,7 +20,7 @@ from netfall.net.net import Net
 from netfall.net.panels import Panels, panels_of
 from netfall.net.zones import Zones, zones_of
 from netfall.parallel import partition
-from netfall.solve.loading import Roof, grows, loading_of, pressure_load
+from netfall.solve.loading import Roof, grows, loading_of, preload, pressure_load
 from netfall.solve.losses import named_elements
 from netfall.solve.memory import FORGETFUL, OF_SPEED, Memory, key_of
 from netfall.solve.on_roof import by_node, shape_coefficients
@@ -234,7 +234,7 @@ def set_initial(
     model.notes_of_values += check_start(job, model, L)
     model.cut_length = L0
     half = model.half_mass = 0.5 * net.density * net.section * L0
-    model.spring_rest = _preload(net, x, N, L) if job.form_finding else np.zeros((net.n, 3))
+    model.spring_rest = preload(net, x, N, L) if job.form_finding else np.zeros((net.n, 3))
     own = np.bincount(net.elements[:, 0], half, net.n) + np.bincount(net.elements[:, 1], half, net.n)
     area, plan_area = tributary_areas(x, net, model.roofing.faces)
     model.roof = Roof(area, plan_area, normals(x, net, model.roofing.faces), model.zones)
@@ -274,18 +274,6 @@ def _make_panels(job: Job, model: Model) -> None:
         )
     model.panels = panels_of(model.x, model.net, model.roofing.faces)
     model.pressure = pressure_load(job.load, model.roof) if job.load else np.zeros_like(model.x)
-
-
-def _preload(net: Net, x: np.ndarray, N: np.ndarray, L: np.ndarray) -> np.ndarray:
-    """Displacements (n, 3) [m] at which springs carry nothing: the form is found with their axes held.
-
-    So each begins with the reaction there, against the tensions N (m,) [N] of elements of length L (m,) [m].
-    """
-    pull = np.zeros((net.n, 3))
-    along = (N / L)[:, None] * (x[net.elements[:, 1]] - x[net.elements[:, 0]])
-    np.add.at(pull, net.elements[:, 0], along)
-    np.subtract.at(pull, net.elements[:, 1], along)
-    return np.divide(-pull, net.spring, out=np.zeros((net.n, 3)), where=net.spring > 0)
 
 
 def warm(job: Job, model: Model) -> None:

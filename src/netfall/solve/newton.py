@@ -23,7 +23,8 @@ from netfall.solve.tangent import Tangent, scattered, whole_matrix, without_comp
 from netfall.stop import NEVER, StopRequest
 
 MOST_CORRECTIONS = 25
-MOST_GRADIENTS = 400  # iterations of conjugate gradients for one correction
+FEW_CORRECTIONS = 8  # near the equilibrium
+MOST_GRADIENTS = 200  # iterations of conjugate gradients for one correction; a relaxation is then cheaper
 LEFT = 3e-3  # of the residual, that these leave: two corrections then nearly reach the default tolerance
 LEFT_LAST = 0.1  # the same, where no more is needed to be within the tolerance
 LOOKED = 1e-4  # the same, in search of displacements without stiffness
@@ -54,6 +55,10 @@ class Stopped(Exception):
 
 class NotFound(Exception):
     """Newton's method did not find the equilibrium."""
+
+
+class Slow(NotFound):
+    """Conjugate gradients did not converge: the tangent is nearly singular."""
 
 
 class Falling(NotFound):
@@ -151,20 +156,19 @@ class Newton:
             rz = new
             if not 0.0 < rz < np.inf:
                 raise NotFound("the preconditioner is not positive")
-        raise NotFound(f"{MOST_GRADIENTS} iterations of conjugate gradients were not enough")
+        raise Slow(f"{MOST_GRADIENTS} iterations of conjugate gradients were not enough")
 
     def cycle(self, K: Tangent) -> Cycle:
         """The approximate inverse of a tangent. Collective."""
         matrix = whole_matrix(self.distribution, self.net, K, self.inertia)
         return Cycle(self.comm, self.distribution.owned(), matrix)
 
-    def find(
-        self, tolerance: float, start: np.ndarray, stop: StopRequest = NEVER, most=MOST_CORRECTIONS
-    ) -> Corrected:
+    def find(self, tolerance: float, start, stop: StopRequest = NEVER, near: bool = False) -> Corrected:
         """Move the net to equilibrium. Collective.
 
         tolerance : of what is missing after the last correction, a share of the largest displacement from
-            `start` (n, 3) and of the largest tension; stop : a wish to pause; most : corrections
+            `start` (n, 3) and of the largest tension; stop : a wish to pause
+        near : whether the net is near the equilibrium, so that few corrections will do, and none is too dear
 
         Raises NotFound, Stopped if asked to stop; the positions are then those of the last correction.
         """
@@ -172,13 +176,16 @@ class Newton:
         K = self.tangent()
         cycle, r, total, before = self.inverse(self, K), self.residual(), 0, np.inf
         exact = True  # the tangent, compression included
+        most = FEW_CORRECTIONS if near else MOST_CORRECTIONS
         for _ in range(most):
             if self.comm.allreduce(int(stop.wanted), MPI.MAX):
                 raise Stopped
             share = min(max(LEFT, tolerance / (LEFT * max(before, tolerance))), LEFT_LAST)
             try:
                 s, count = self.solve(K, cycle, r, share)
-            except NotFound:
+            except NotFound as error:
+                if isinstance(error, Slow) and not near:
+                    raise
                 if exact and self.comm.allreduce(K.across.min(initial=0.0), MPI.MIN) < 0.0:
                     K, exact = without_compression(K), False
                 else:
@@ -196,14 +203,13 @@ class Newton:
                 before = np.inf
             missing = max(share, min(1.0, size / before)) if 0.0 < before < np.inf else 1.0
             if whole and exact and missing * size <= tolerance:
-                worst = largest_residual(self.f, self.net.free, self.halo.n_owned)
-                return Corrected(
-                    total, self.comm.allreduce(worst, MPI.MAX), missing * moved, missing * change
-                )
+                mine = largest_residual(self.f, self.net.free, self.halo.n_owned)
+                worst = self.comm.allreduce(mine, MPI.MAX)
+                return Corrected(total, worst, missing * moved, missing * change)
             before, exact = size if whole else np.inf, True
             if part < SHORT:
                 self._more_inertia()
-            elif whole:
+            elif part == 1.0:
                 self.inertia = 0.0 if self.inertia <= FIRST_INERTIA else 0.1 * self.inertia
         raise NotFound(f"{most} corrections were not enough")
 

@@ -77,7 +77,7 @@ def study(
         missing = [number for number in mine if not table.there[number]]
         if missing or not place.result.exists():
             runs = Runs(plan, place, table, {"format": 1, "members": len(plan), **digests}, progress, retry)
-            runs.run(missing, workers or _cores() // plan.ranks or 1, launcher, stop)
+            runs.run(missing, workers or _cores(launcher) // plan.ranks or 1, launcher, stop)
         else:
             progress.say(f"{place.result}: whole already, {len(mine)} runs")
     finally:
@@ -85,9 +85,9 @@ def study(
     return place.result
 
 
-def _cores() -> int:
-    """Cores there are for workers: of the allocation, else of this process."""
-    tasks = os.environ.get("SLURM_NTASKS", "")
+def _cores(launcher: str | None) -> int:
+    """Cores there are for workers: here, or in the allocation where a launcher reaches all of it."""
+    tasks = os.environ.get("SLURM_NTASKS", "") if launcher else ""
     return int(tasks) if tasks.isdigit() else len(os.sched_getaffinity(0))
 
 
