@@ -16,6 +16,7 @@ from netfall.output.info import open_result
 from netfall.study import fragility, normal, probit, samples
 from netfall.study.fragility import fragility_section
 from netfall.study.info_study import print_study
+from netfall.study.losses import elements_lost, losses_of
 from netfall.study.members import read_study
 from netfall.study.plot_study import pictures_of
 from netfall.study.ranks import spearman
@@ -318,6 +319,19 @@ def test_losses_and_draws_are_drawn_and_told(tmp_path):
         for picture in new:
             pictures[picture](study).savefig(tmp_path / f"{picture}.png", dpi=60)
             assert (tmp_path / f"{picture}.png").stat().st_size > 10_000
+
+
+def test_the_loss_of_a_cable_is_that_of_its_elements(tmp_path):
+    """Each element by the loss of its cable, if /net names cables; an element that is not lost by none."""
+    roof = net()
+    m = len(roof["elements"])
+    roof["cable"] = np.where(np.arange(m) < 4, "north", np.where(np.arange(m) < 9, "south", "")).astype(
+        object
+    )
+    members = columns({"removed": np.array(["south", "north"], object)}, np.zeros(2, bool), np.zeros(2))
+    write_study(tmp_path / "cables.study.h5", members, {}, roof)
+    study = read_study(tmp_path / "cables.study.h5")
+    assert elements_lost(study, losses_of(study)).tolist() == [1] * 4 + [0] * 5 + [-1] * (m - 9)
 
 
 def test_a_study_is_no_result_and_must_be_whole(storm, tmp_path):
