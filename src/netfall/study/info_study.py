@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.output.info import LARGEST_BALANCE
-from netfall.study.losses import losses_of
+from netfall.study.losses import TELLING, losses_of
 from netfall.study.members import Study, read_study, unit_of_column, with_unit
 from netfall.study.ranks import rank_correlations
 from netfall.study.samples import SPEED, inputs_of, is_seed
@@ -192,6 +192,11 @@ def _losses(study: Study, say) -> None:
         worst = [f"{text.format(values[k])} (loss of {losses.name[k]})" for k in rows if values[k] > 0]
         if worst:
             say(f"  {title}: " + ", ".join(worst))
+    if (losses.dynamic_factor > TELLING).any():
+        say(
+            f"  note: factors above {TELLING:g} are of elements whose tension at rest hardly changes, or of "
+            "a roof that went on breaking"
+        )
 
 
 def _named(names: np.ndarray) -> str:

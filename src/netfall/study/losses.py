@@ -6,6 +6,10 @@ import numpy as np
 
 from netfall.study.members import Study
 
+# A dynamic factor above this is of an element whose tension at rest hardly changes, or of a roof that went on
+# breaking, which the rest after the loss alone does not know.
+TELLING = 10.0
+
 
 @dataclass
 class Losses:

@@ -3,6 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection
+from matplotlib.colors import LogNorm
 
 from netfall.output.plot_style import LONGEST_TITLE
 from netfall.study.members import Study
@@ -41,7 +42,9 @@ def plan_panels(study: Study, count: int):
     return figure, panels[0]
 
 
-def draw_values(study: Study, axes, values: np.ndarray, label: str, low=0.0, percent=False, names=None):
+def draw_values(
+    study: Study, axes, values: np.ndarray, label: str, low=0.0, percent=False, names=None, log=False
+):
     """The elements coloured by values (m,), nan: grey, the largest on top and named: by ids if no names (m,)
     are given.
     """
@@ -58,6 +61,8 @@ def draw_values(study: Study, axes, values: np.ndarray, label: str, low=0.0, per
     lines = LineCollection(
         x[elements[rows]], array=values[rows], cmap=palette, linewidths=width, zorder=2, capstyle="round"
     )
+    if log:
+        lines.set_norm(LogNorm())
     lines.set_clim(low, high if high > low else low + 1.0)
     axes.add_collection(lines)
     _dot_short(axes, x[elements[rows]], values[rows], lines)
