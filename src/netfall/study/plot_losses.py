@@ -36,7 +36,7 @@ def loss_map(study: Study):
 def loss_chart(study: Study):
     """Dots for each member, a row for each loss; what breaks besides.
 
-    The worst come first: without a rest, then by the roof that goes, by what breaks, then by the dynamic factor.
+    The worst come first: without a rest, then by the roof that goes, what breaks, the dynamic factor.
     """
     losses = losses_of(study)
     factor = np.where(study.finished, study.members.get("dynamic_factor_max", np.nan), np.nan)
