@@ -378,7 +378,7 @@ CASES = STORM[: STORM.index("[wind]")].replace("steps = 2\n", "") + STORM[STORM.
 
 
 @pytest.mark.parametrize(
-    "text, after", [*((STORM, k) for k in (12, 18, 24, 30, 38, 46)), (CASES, 16), (CASES, 20)]
+    "text, after", [*((STORM, k) for k in (12, 18, 24, 30, 36, 42)), (CASES, 16), (CASES, 20)]
 )
 def test_a_pause_anywhere_in_the_equilibria_changes_no_bit(workshop, text, after):
     """Permanent state, cases, load steps, rest: stopped at a look at the residual, taken up on two ranks.

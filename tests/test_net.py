@@ -7,9 +7,10 @@ from conftest import STEEL
 from netfall.job.read import read_job
 from netfall.net import generators
 from netfall.net.areas import normals, roof_of, tributary_areas
-from netfall.net.build import build_net, label_parts
+from netfall.net.build import build_net
 from netfall.net.faces import find_faces
 from netfall.net.net import subdivide
+from netfall.net.parts import label_parts
 
 
 def test_stadium_has_the_papers_counts():

@@ -21,21 +21,44 @@ from netfall.study.draws import draw
 from netfall.study.ensemble import pieces_of
 from netfall.study.journal import Journal, read_journal
 from netfall.study.plan import read_plan
-from netfall.study.pool import run_tasks
+from netfall.study.pool import Pool
 
-SADDLE = f"""
-job = "{ROOT}/jobs/saddle.toml"
+JOB = """
+[net]
+generator = "saddle"
+side = 40.0
+rise = 2.0
+cells = 4
+[cable]
+modulus = 1e11
+area = 5e-4
+density = 7850.0
+prestress = 1e5
+yield_stress = 1e9
+fracture_strain = 0.015
+[form_finding]
+[load]
+dead = 200.0
+steps = 2
+max_iterations = 2000
+[wind]
+speed = 33.0
+turbulence = 0.3
+shape_coefficient = -1.5
+[dynamics]
+duration = 1.6
+"""
+STUDY = """
+job = "roof.toml"
 [vary]
-"net.cells" = [4]
-"dynamics.duration" = [1.0]
-"load.max_iterations" = [2000]
-"wind.speed" = [30.0, 75.0, 180.0]
-"wind.seed" = {{from = 1, to = 2}}
+"wind.speed" = [20.0, 30.0, 180.0]
+"wind.seed" = {from = 1, to = 2}
 """
 
 
-def write(folder: Path, text: str = SADDLE, name: str = "saddle") -> Path:
-    """A study file."""
+def write(folder: Path, text: str = STUDY, name: str = "storm") -> Path:
+    """A study file, and the job of STUDY."""
+    (folder / "roof.toml").write_text(JOB)
     path = folder / f"{name}.toml"
     path.write_text(text)
     return path
@@ -55,8 +78,8 @@ def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
     done = run_netfall("study", write(folder), "--workers", 2, cwd=folder)
     assert done.returncode == 0, done.stderr
-    assert not (folder / "saddle.study.journal").exists()
-    return folder / "saddle.study.h5"
+    assert not (folder / "storm.study.journal").exists()
+    return folder / "storm.study.h5"
 
 
 def test_members_are_the_runs_of_the_job(whole, tmp_path):
@@ -64,7 +87,7 @@ def test_members_are_the_runs_of_the_job(whole, tmp_path):
     with h5py.File(whole) as f:
         members = f["members"]
         state = members["state"].asstr()[:].tolist()
-        assert members["wind.speed"][:].tolist() == [30.0, 30.0, 75.0, 75.0, 180.0, 180.0]
+        assert members["wind.speed"][:].tolist() == [20.0, 20.0, 30.0, 30.0, 180.0, 180.0]
         assert members["wind.seed"][:].tolist() == [1, 2] * 3
         assert state[:2] == ["finished"] * 2 and state[4:] == ["no_rest"] * 2
         assert members["first_fracture"][4:].tolist() == [0.0, 0.0] and np.isnan(members["first_fracture"][0])
@@ -72,15 +95,10 @@ def test_members_are_the_runs_of_the_job(whole, tmp_path):
         broken = members["broken"][2]
         assert broken > 0 and f["breaks"][:].sum() == members["broken"][:].sum()
         assert f["first_breaks"][:].sum() == (members["broken"][:] > 0).sum()
-        own = [
-            "net.cells=4",
-            "dynamics.duration=1.0",
-            "load.max_iterations=2000",
-            "wind.speed=75.0",
-            "wind.seed=1",
-        ]
+        own = ["wind.speed=30.0", "wind.seed=1"]
         words = [word for setting in own for word in ("--set", setting)]
-        job = ROOT / "jobs" / "saddle.toml"
+        (tmp_path / "roof.toml").write_text(JOB)
+        job = tmp_path / "roof.toml"
         done = run_on_standing_ranks("run", job, "-o", tmp_path / "own.vtkhdf", *words, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         with h5py.File(tmp_path / "own.vtkhdf") as run:
@@ -99,19 +117,20 @@ def test_a_killed_study_goes_on_to_the_same_bits(whole, tmp_path):
     study = write(tmp_path)
     command = [BIN / "netfall", "study", study, "--workers", "1"]
     driver = subprocess.Popen(command, cwd=tmp_path, env=ENVIRONMENT, stdout=subprocess.DEVNULL)
-    journal = tmp_path / "saddle.study.journal"
+    journal = tmp_path / "storm.study.journal"
     wait_for(lambda: journal.exists() and b'"done"' in journal.read_bytes())
     driver.kill()
     driver.wait()
     there = {record["done"] for record in read_journal(journal)[0] if "done" in record}
     assert 0 < len(there) < 6
-    study.write_text(SADDLE + "[run]\nranks = 2\n")
+    study.write_text(STUDY + "[run]\nranks = 2\n")
     driver = subprocess.Popen(command, cwd=tmp_path, env=ENVIRONMENT, stdout=subprocess.PIPE)
-    wait_for(lambda: (pids := workers_of(driver.pid)) and not os.kill(pids[0], signal.SIGKILL))
+    wait_for(lambda: workers_of(driver.pid))
+    os.kill(workers_of(driver.pid)[0], signal.SIGKILL)
     assert driver.wait(120) == 0, driver.stdout.read()
     driver.stdout.close()
-    same_studies(whole, tmp_path / "saddle.study.h5")
-    with h5py.File(tmp_path / "saddle.study.h5") as f:
+    same_studies(whole, tmp_path / "storm.study.h5")
+    with h5py.File(tmp_path / "storm.study.h5") as f:
         assert f["provenance/attempts"][:].sum() >= 6
 
 
@@ -133,19 +152,17 @@ def test_parts_are_joined_and_what_is_missing_is_run(whole, tmp_path):
     study = write(tmp_path)
     done = run_netfall("study", study, "--shard", "2/3", "--workers", 1, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    with h5py.File(tmp_path / "saddle.2-of-3.study.h5") as part:
+    with h5py.File(tmp_path / "storm.2-of-3.study.h5") as part:
         assert part["members/member"][:].tolist() == [1, 4]
     done = run_netfall("study", study, "--workers", 2, cwd=tmp_path)
-    assert done.returncode == 0 and "saddle.2-of-3.study.h5: 2 of 6 runs are there" in done.stdout, (
-        done.stdout
-    )
-    same_studies(whole, tmp_path / "saddle.study.h5")
+    assert done.returncode == 0 and "storm.2-of-3.study.h5: 2 of 6 runs are there" in done.stdout, done.stdout
+    same_studies(whole, tmp_path / "storm.study.h5")
     again = run_netfall("study", study, cwd=tmp_path)
     assert again.returncode == 0 and "whole already, 6 runs" in again.stdout
-    study.write_text(SADDLE.replace("75.0", "76.0"))
+    study.write_text(STUDY.replace("30.0", "31.0"))
     other = run_netfall("study", study, cwd=tmp_path)
     assert other.returncode == 2
-    assert "saddle.study.h5: was made before the study file changed" in other.stderr
+    assert "storm.study.h5: was made before the study file changed" in other.stderr
 
 
 def test_each_cable_is_lost_in_a_run_of_its_own(tmp_path):
@@ -195,6 +212,7 @@ def test_a_journal_that_is_cut_at_any_byte_loses_one_record_at_most(tmp_path):
 
 FAKE = """
 import json, os, sys, time
+print("{}", flush=True)
 for line in sys.stdin:
     task = json.loads(line)
     if task["what"] == "die":
@@ -218,11 +236,18 @@ def test_workers_that_die_or_take_too_long_are_replaced():
         if again and len(died) < 3:
             tasks.append(("a", number, "die"))
 
-    run_tasks([sys.executable, "-c", FAKE], 2, take, done.__setitem__, note, 3.0, NEVER)
+    Pool([sys.executable, "-c", FAKE], 2, 3.0, take, done.__setitem__, note).run(NEVER)
     assert sorted(done) == [0, 3, 4]
     assert [number for number, _, again in died if again] == [1, 1, 1] or len(died) >= 3
     assert (2, "took longer than time_limit = 3 s", False) in died
     assert (1, "its worker ended with exit code 1: netfall: rank 0: no memory", True) in died
+
+
+def test_workers_that_do_not_start_end_the_study():
+    """And make no row of any run."""
+    command, tasks = [sys.executable, "-c", "raise SystemExit('no slots')"], [("a", 0, {})] * 9
+    with pytest.raises(InputError, match="does not start: its worker ended with exit code 1: no slots"):
+        Pool(command, 1, 60.0, lambda _: tasks.pop(), None, lambda *_: None).run(NEVER)
 
 
 # --- draws, the roof that is lost
@@ -271,7 +296,7 @@ def test_the_share_of_the_roof_that_is_lost():
 
 # --- wrong input
 
-JOB = f'job = "{ROOT}/jobs/saddle.toml"\n'
+OF_STUDY = f'job = "{ROOT}/jobs/saddle.toml"\n'
 WRONG = [
     ("[vary]\n", "nothing varies; expected [vary] or [sample]"),
     (
@@ -322,14 +347,14 @@ WRONG = [
 @pytest.mark.parametrize(("text", "line"), WRONG, ids=[line[:40] for _, line in WRONG])
 def test_a_wrong_study_file_is_refused_in_one_line(tmp_path, text, line):
     with pytest.raises(InputError) as error:
-        read_plan(write(tmp_path, JOB + text), pieces_of)
+        read_plan(write(tmp_path, OF_STUDY + text), pieces_of)
     told = line.format(job=ROOT / "jobs" / "saddle.toml")
-    assert any(told in each and "saddle.toml" in each for each in error.value.lines), error.value.lines
+    assert any(told in each and "toml" in each for each in error.value.lines), error.value.lines
 
 
 def test_the_order_of_the_members(tmp_path):
     """As the file has it, the last key fastest, draws within."""
-    text = JOB + (
+    text = OF_STUDY + (
         '[vary]\n"wind.seed" = [3, 1]\nwind.speed = [20.0, 30.0]\n'
         '[sample]\ncount = 2\nmethod = "random"\n'
         '"cable.prestress" = {distribution = "uniform", from = 1e5, to = 2e5}\n'

@@ -4,6 +4,7 @@ What a command needs it imports itself: `info`, `plot` and `report` work where t
 word on the command line is answered before anything is loaded.
 """
 
+import os
 from pathlib import Path
 
 import netfall
@@ -105,7 +106,20 @@ def report(arguments) -> None:
 
 
 def scale(arguments) -> None:
-    """netfall scale JOB --ranks 1,2"""
+    """netfall scale JOB --ranks 1,2, netfall scale STUDY --workers 1,2"""
+    if (arguments.ranks is None) == (arguments.workers is None):
+        raise InputError(
+            "netfall scale: expected either --ranks 1,2, for a job, or --workers 1,2, for a study"
+        )
+    if arguments.workers:
+        from netfall.study.throughput import throughput
+
+        a, say = arguments, lambda line: print(line, flush=True)
+        if a.overrides:
+            raise InputError(f"netfall scale: --set {a.overrides[0]}: change the study file instead")
+        for path in throughput(a.job, a.workers, a.launcher, a.repeats, _folder(a.folder), say):
+            print(path)
+        return
     from netfall.study.launch import default_launcher
     from netfall.study.scale import scale as run_scale
 
@@ -147,6 +161,8 @@ def study(arguments) -> None:
     from netfall.stop import StopRequest
     from netfall.study.ensemble import study as run_study
 
+    if int(os.environ.get("OMPI_COMM_WORLD_SIZE", "1")) > 1:
+        raise InputError("netfall study: starts ranks itself; run it without mpirun, with [run] ranks = P")
     a, progress = arguments, Progress(not arguments.quiet)
     run_study(a.study, a.output, a.workers, a.shard, a.launcher, a.retry, progress, StopRequest())
 

@@ -16,7 +16,10 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "info": ("netfall info results/stadium.vtkhdf",),
     "plot": ("netfall plot results/stadium.vtkhdf -o pictures",),
     "report": ("netfall report results/stadium.vtkhdf -o report",),
-    "scale": ('netfall scale jobs/stadium.toml --ranks 1,2,4 --launcher "srun -n {ranks}"',),
+    "scale": (
+        'netfall scale jobs/stadium.toml --ranks 1,2,4 --launcher "srun -n {ranks}"',
+        "netfall scale jobs/studies/stadium.toml --workers 1,2",
+    ),
     "trade": ("netfall trade jobs/saddle.toml --vary dynamics.safety=0.8,0.4,0.2",),
     "study": (
         "netfall study jobs/studies/stadium.toml",

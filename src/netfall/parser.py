@@ -150,7 +150,9 @@ def _report(verb: Parser) -> None:
 
 
 def _scale(verb: Parser) -> None:
-    verb.add_argument("--ranks", type=take.counts, required=True, metavar="1,2,...", help="numbers of ranks")
+    verb.add_argument("--ranks", type=take.counts, metavar="1,2,...", help="numbers of ranks, for a job")
+    text = "numbers of workers, for a study file: runs a minute"
+    verb.add_argument("--workers", type=take.counts, metavar="1,2,...", help=text)
     _launcher(verb)
     _repeats(verb, 3, "runs of each case, of which the best counts (default: 3)")
     _folder(verb, Path("."), "folder of the table and the picture (default: here)")

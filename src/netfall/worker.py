@@ -3,8 +3,9 @@
     mpirun -n 2 python -m netfall.worker
 
 Each line of standard input is a task, JSON: `job`, a path; `overrides` of --set; `removes`, entries of
-[[remove]]; `result`, a path or null; `net`, whether the net is told too. Each line of standard output
-answers one, with what `solve.member` tells. The end of input ends the ranks.
+[[remove]]; `result`, a path or null; `net`, whether the net is told too. The first line of standard output
+says that the ranks have started; then each answers a task, with what `solve.member` tells. The end of input
+ends the ranks.
 """
 
 import base64
@@ -58,6 +59,8 @@ def serve() -> None:
     comm, tasks = MPI.COMM_WORLD, MPI.COMM_WORLD.Dup()
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # libraries that print by themselves
+    if comm.rank == 0:
+        print(json.dumps({"ranks": comm.size}), file=answers, flush=True)
     memory = Memory(REMEMBERED)
     while (task := next_task(tasks)) is not None:
         words = task["job"], [*task["overrides"], *OWN], task["removes"]

@@ -88,6 +88,7 @@ def _outcome(comm: MPI.Comm, job: Job, path: Path | None, memory: Memory, net: b
     if comm.rank > 0:
         return None
     told = NOTHING | _told(setup, simulation, tension, displacement)
+    told["dynamic_seconds"] = phases.seconds["dynamics"]
     return told | {"net": net_told(own, setup.model.x, setup.model.area)} if net else told
 
 

@@ -21,8 +21,8 @@ from netfall.study.fragility import fragility_section
 from netfall.study.journal import Journal, read_journal
 from netfall.study.launch import default_launcher
 from netfall.study.place import Place, place_of
-from netfall.study.plan import Plan, read_plan
-from netfall.study.pool import run_tasks, worker_command
+from netfall.study.plan import Member, Plan, read_plan
+from netfall.study.pool import Pool, worker_command
 from netfall.study.queue import Queue
 from netfall.study.table import OUTCOMES, Table, check_digests, digests_of
 
@@ -147,7 +147,7 @@ class Runs:
         )
         if self.plan.keep != "none":
             self.place.members.mkdir(exist_ok=True)
-        command = _command(launcher, self.plan.ranks)
+        command = worker_words(launcher, self.plan.ranks)
         self.progress.say(
             f"netfall {netfall.__version__}: {self.plan.path.name}, {len(missing)} of {len(self.plan)} runs "
             f"to make, {min(workers, max(1, len(missing)))} at once on {self.plan.ranks} "
@@ -155,15 +155,8 @@ class Runs:
         )
         self.progress.start()
         try:
-            run_tasks(
-                command,
-                min(workers, len(missing)),
-                self.take,
-                self.finish,
-                self.died,
-                self.plan.time_limit,
-                stop,
-            )
+            count, limit = min(workers, len(missing)), self.plan.time_limit
+            Pool(command, count, limit, self.take, self.finish, self.died).run(stop)
             self.journal.sync()
         finally:
             self.journal.close()
@@ -181,14 +174,8 @@ class Runs:
         key, number = found
         member = self.plan.member(number)
         self._note({"try": number})
-        task = {
-            "job": str(self.plan.job),
-            "overrides": member.overrides,
-            "removes": [member.remove] if member.remove else [],
-            "result": None if self.plan.keep == "none" else str(self._kept(number)),
-            "net": number == self.net_from and not self.table.net,
-        }
-        return key, number, task
+        result = None if self.plan.keep == "none" else str(self._kept(number))
+        return key, number, task_of(self.plan, member, result, number == self.net_from and not self.table.net)
 
     def _kept(self, number: int) -> Path:
         return self.place.members / f"{number:06d}.vtkhdf"
@@ -246,8 +233,15 @@ class Runs:
         self.progress.say(f"written: {self.place.result} ({ended})")
 
 
-def _command(launcher: str | None, ranks: int) -> list[str]:
-    """The words that start a worker."""
+def task_of(plan: Plan, member: Member, result: str | None = None, net: bool = False) -> dict:
+    """What a worker is told of a member. result : path of a file to keep; net : whether to tell the net"""
+    removes = [member.remove] if member.remove else []
+    rest = {"result": result, "net": net}
+    return {"job": str(plan.job), "overrides": member.overrides, "removes": removes, **rest}
+
+
+def worker_words(launcher: str | None, ranks: int) -> list[str]:
+    """The command that starts a worker."""
     if launcher is None and ranks == 1:
         return worker_command([])
     usual = default_launcher().replace("-n {ranks}", "--bind-to none -n {ranks}")  # workers share the cores
