@@ -62,7 +62,9 @@ PACKAGES = {
 
 # Modules that work on a machine without MPI -> what they and all that they import must not reach.
 WITHOUT = {
-    name: ["mpi4py", "solve"] for name in ("output.plot", "output.info", "output.frames", "output.report")
+    name: ["mpi4py", "solve"]
+    for name in ("output.plot", "output.info", "output.frames", "output.report")
+    + ("study.plot_study", "study.info_study")
 }
 
 MOST_ARGUMENTS, MOST_LINES, MOST_COLUMNS = 12, 300, 110

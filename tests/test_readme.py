@@ -16,6 +16,7 @@ FOLDERS = (
     "partitions",
     "src/netfall",
     "src/netfall/output",
+    "src/netfall/study",
     "tests",
 )
 PAGES = [ROOT / folder / "README.md" for folder in FOLDERS]

@@ -74,15 +74,20 @@ def run(arguments) -> None:
 def info(arguments) -> None:
     """netfall info RESULT"""
     from netfall.output.info import print_info
+    from netfall.study.info_study import print_study
+    from netfall.study.members import is_study
 
-    print_info(arguments.result, print)
+    (print_study if is_study(arguments.result) else print_info)(arguments.result, print)
 
 
 def plot(arguments) -> None:
     """netfall plot RESULT"""
     from netfall.output.plot import plot_all
+    from netfall.study.members import is_study
+    from netfall.study.plot_study import plot_study
 
-    written, lacking = plot_all(arguments.result, _folder(arguments.folder or arguments.result.parent))
+    draw = plot_study if is_study(arguments.result) else plot_all
+    written, lacking = draw(arguments.result, _folder(arguments.folder or arguments.result.parent))
     for picture in written:
         print(picture)
     if lacking:

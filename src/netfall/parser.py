@@ -35,9 +35,9 @@ def parser() -> Parser:
     _of_job(verbs, "check", "validate a job; print sizes, step limits, memory and expected run time")
     _partition(_of_job(verbs, "partition", "write partitions/NAME.graph and NAME.graph.part.P"))
     _run(_of_job(verbs, "run", "run a job; on P ranks: mpirun -n P netfall run JOB"))
-    _of_result(verbs, "info", "what ran, how it ended, the energies, the first fractures")
+    _of_result(verbs, "info", "of a result or study file: what ran, how it ended, what broke first")
     _folder(
-        _of_result(verbs, "plot", "pictures from a result file"),
+        _of_result(verbs, "plot", "pictures from a result or study file"),
         None,
         "folder of the pictures (default: beside the result file)",
     )

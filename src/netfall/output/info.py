@@ -31,6 +31,9 @@ def open_result(path: Path) -> h5py.File:
     if "provenance" not in file or "net" not in file:
         file.close()
         raise InputError(f"{path}: an HDF5 file, but not a result of netfall (no /provenance, /net)")
+    if "netfall_study" in file.attrs:
+        file.close()
+        raise InputError(f"{path}: a study file, for netfall info and plot; expected the result of one run")
     return file
 
 

@@ -64,7 +64,7 @@ def _curve_rows(members, curve: Curve, counted, measures, speed, grid) -> list[d
     failed = np.array([measures[name][mine] for name in measures]).reshape(len(measures), -1)
     runs, counts = at.sum(0), failed.astype(int) @ at.astype(int)
     samples = _resampled(curve, at, failed) if curve.samples >= FEWEST else None
-    exposure = np.unique(members["duration"][curve.rows])
+    exposure = np.unique(members["duration"][mine])
     missing = (members[SPEED][out][:, None] == speed).sum(0)
     rows = []
     for k, name in enumerate(measures):

@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 
 from netfall.output.info import LARGEST_BALANCE
-from netfall.study.losses import losses_of
+from netfall.study.losses import TELLING, losses_of
 from netfall.study.members import Study, read_study, unit_of_column, with_unit
 from netfall.study.ranks import rank_correlations
 from netfall.study.samples import SPEED, inputs_of, is_seed
 from netfall.study.shares import binned, half_width, narrower, with_interval
 
 MOST_NAMED = 5  # elements, losses, reasons
+FEW_WITHOUT = 0.02  # share of resamples without a curve up to which the width goes with 1 / sqrt(samples)
 MOST_VALUES = 6  # values of an input that are listed
 
 
@@ -110,7 +111,9 @@ def _fragility(study: Study, say) -> None:
     for name in dict.fromkeys(g["curve"]):
         rows = np.flatnonzero(g["curve"] == name)
         of = f" for {name}" if name else ""
-        say(f"fragility{of}: failed of those that ran, within {g['exposure'][rows[0]]:g} s{pooled}")
+        seconds = g["exposure"][rows[0]]
+        within = f"{seconds:g} s" if np.isfinite(seconds) else study.exposure
+        say(f"fragility{of}: failed of those that ran, within {within}{pooled}")
         _table(g, rows, say)
         _sureness(g, rows, say)
 
@@ -118,11 +121,12 @@ def _fragility(study: Study, say) -> None:
 def _table(g, rows, say) -> None:
     """A line for each measure: counts at each speed, median and dispersion with their intervals, the band."""
     tables = [binned(g["speed"], g["runs"][k], g["failed"][k]) for k in rows]
-    head = "".join(f"{f'{v:.4g} m/s':>11}" for v in tables[0][0])
+    column = max(11, 2 * len(str(g["runs"][rows].max())) + 3)
+    head = "".join(f"{f'{v:.4g} m/s':>{column}}" for v in tables[0][0])
     wide = max(len(g["measure"][k]) for k in rows)
     say(f"  {'':{wide}}{head}   {'median [m/s]':<21}  {'dispersion':<21}  band")
     for k, (_, runs, failed) in zip(rows, tables):
-        counts = "".join(f"{f'{y}/{n}':>11}" for n, y in zip(runs, failed))
+        counts = "".join(f"{f'{y}/{n}':>{column}}" for n, y in zip(runs, failed))
         median = with_interval(g["median"][k], g["median_interval"][k], 4)
         dispersion = with_interval(g["dispersion"][k], g["dispersion_interval"][k], 3)
         half = half_width(g["band_at_median"][k])
@@ -140,12 +144,13 @@ def _sureness(g, rows, say) -> None:
     )
     half = half_width(g["band_at_median"][k])
     aim, needed = narrower(half, samples)
-    if needed:
+    if needed and g["without_curve"][k] <= FEW_WITHOUT * g["resamples"]:
         more = f"+-{100 * aim:g}% would take some {needed}"
         say(f"  {g['measure'][k]}: +-{half:.0%} with {samples} independent samples; {more}")
     for note in dict.fromkeys(g["note"][rows]):
         if note:
-            say(f"  note, {', '.join(g['measure'][rows][g['note'][rows] == note])}: {note}")
+            of = g["measure"][rows][g["note"][rows] == note]
+            say(f"  note, {', '.join(of) if len(of) < len(rows) else 'all measures'}: {note}")
     if g["left_out"][k]:
         texts = [
             f"{g['measure'][k]} {least:.4g} or {most:.4g}"
@@ -153,7 +158,8 @@ def _sureness(g, rows, say) -> None:
             for least, most in [g["median_if_left_out"][k]]
             if np.isfinite(least) and np.isfinite(most)
         ]
-        say(f"  {g['left_out'][k]} left out; the medians if all of them failed, or none: {', '.join(texts)}")
+        of = texts or ["none"]
+        say(f"  {g['left_out'][k]} left out; the medians if all of them failed, or none: {', '.join(of)}")
 
 
 def _elements(study: Study, say) -> None:
@@ -186,6 +192,11 @@ def _losses(study: Study, say) -> None:
         worst = [f"{text.format(values[k])} (loss of {losses.name[k]})" for k in rows if values[k] > 0]
         if worst:
             say(f"  {title}: " + ", ".join(worst))
+    if (losses.dynamic_factor > TELLING).any():
+        say(
+            f"  note: factors above {TELLING:g} are of elements whose tension at rest hardly changes, or of "
+            "a roof that went on breaking"
+        )
 
 
 def _named(names: np.ndarray) -> str:

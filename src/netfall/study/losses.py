@@ -6,6 +6,10 @@ import numpy as np
 
 from netfall.study.members import Study
 
+# A dynamic factor above this is of an element whose tension at rest hardly changes, or of a roof that went on
+# breaking, which the rest after the loss alone does not know.
+TELLING = 10.0
+
 
 @dataclass
 class Losses:
@@ -55,12 +59,11 @@ def losses_of(study: Study) -> Losses | None:
 
 
 def elements_lost(study: Study, losses: Losses) -> np.ndarray:
-    """The row (m,) of the loss that takes each element, -1: none; those of cables where /net has `cable`."""
+    """The row (m,) of the loss that takes each element, -1: none; those of cables where /net names them,
+    in `cable` (m,).
+    """
     row = {name: k for k, name in enumerate(losses.name)}
-    names = study.net["element_id"].astype(str)
-    found = np.array([row.get(name, -1) for name in names])
-    if "cable" in study.net and "cable_names" in study.net:
-        cables = [row.get(str(name), -1) for name in study.net["cable_names"]]
-        of_cable = np.array([cables[k] if k >= 0 else -1 for k in study.net["cable"]])
-        return np.where(found >= 0, found, of_cable)
-    return found
+    found = np.array([row.get(name, -1) for name in study.net["element_id"].astype(str)], int)
+    if "cable" not in study.net:
+        return found
+    return np.where(found >= 0, found, [row.get(str(name), -1) for name in study.net["cable"]])

@@ -23,12 +23,16 @@ RESULTS = {
     "utilisation_max": "",
     "balance_error": "",
     "dynamic_factor_max": "",
+    "dynamic_factor_element": "",
     "dynamic_factor_element_id": "",
     "duration": "s",
     "seconds": "s",
     "state": "",
     "reason": "",
 }
+
+EVENTS = ("member", "time", "element")
+NET = {"particles": (0, 3), "elements": (0, 2), "element_id": (0,), "node_id": (0,), "fixed": (0, 3)}
 
 
 @dataclass
@@ -62,7 +66,10 @@ class Study:
     @property
     def exposure(self) -> str:
         """How long the wind blows in each member, in words."""
-        least, most = (f"{self.members['duration'].min():g}", f"{self.members['duration'].max():g}")
+        seconds = np.unique(self.members["duration"][np.isfinite(self.members["duration"])])
+        if not len(seconds):
+            return "unknown"
+        least, most = f"{seconds[0]:g}", f"{seconds[-1]:g}"
         return f"{least} s" if least == most else f"{least} to {most} s"
 
 
@@ -78,11 +85,10 @@ def is_study(path: Path) -> bool:
 def read_study(path: Path) -> Study:
     """A study file in memory. Raises InputError where something of it is missing."""
     with h5py.File(path, "r") as file:
-        groups = ("members", "events", "net", "first_breaks", "breaks")
-        missing = [f"{path}: no /{name}; expected a study file that is whole" for name in groups]
-        missing = [line for line, name in zip(missing, groups) if name not in file]
+        missing = [name for name in _needed(file) if name not in file]
         if missing:
-            raise InputError(missing)
+            raise InputError([f"{path}: no /{name}; expected a study file that is whole" for name in missing])
+        nothing = {name: np.zeros(shape, int) for name, shape in NET.items()}
         members = _columns(file["members"])
         fragility = _columns(file["fragility"]) if "fragility" in file else fragility_section(members)
         return Study(
@@ -90,11 +96,17 @@ def read_study(path: Path) -> Study:
             str(file.attrs.get("title", "")) or path.name,
             members,
             _columns(file["events"]),
-            _columns(file["net"]),
+            _columns(file["net"]) if "net" in file else nothing,
             fragility,
-            file["first_breaks"][:],
-            file["breaks"][:],
+            *(file[name][:] if name in file else np.zeros(0, int) for name in ("first_breaks", "breaks")),
         )
+
+
+def _needed(file: h5py.File) -> list[str]:
+    """What must be in a file: factors only if members are removed, and a net only if a run had one."""
+    names = [f"members/{name}" for name in RESULTS if not name.startswith("dynamic_factor")]
+    names += [f"events/{name}" for name in EVENTS]
+    return names + [f"net/{name}" for name in NET] * ("net" in file)
 
 
 def _columns(group: h5py.Group) -> dict[str, np.ndarray]:

@@ -66,10 +66,11 @@ def cdf(x: np.ndarray) -> np.ndarray:
     return np.where(x > 0, 1.0 - tail, tail)
 
 
-def inverse_mills(x: np.ndarray) -> np.ndarray:
-    """phi(x) / Phi(x), also where both are too small to be numbers."""
+def inverse_mills(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """phi(x) / Phi(x) and phi(x) / (1 - Phi(x)), also where these are too small to be numbers."""
     side = np.abs(x)
     tail = tail_ratio(side)
-    density = ONE_BY_ROOT_TWO_PI * exp(-0.5 * np.minimum(side, 40.0) ** 2)
-    right = density / (1.0 - np.minimum(density / ONE_BY_ROOT_TWO_PI * tail, 0.5))
-    return np.where(x > 0, right, ONE_BY_ROOT_TWO_PI / tail)
+    peak = exp(-0.5 * np.minimum(side, 40.0) ** 2)
+    toward = ONE_BY_ROOT_TWO_PI / tail
+    away = ONE_BY_ROOT_TWO_PI * peak / (1.0 - np.minimum(peak * tail, 0.5))
+    return np.where(x > 0, away, toward), np.where(x > 0, toward, away)

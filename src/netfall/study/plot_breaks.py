@@ -15,6 +15,6 @@ def breaks(study: Study):
         (right, study.breaks, ran, f"breaks at all, share of the {ran} members that finished"),
     ):
         shares = np.where(counts > 0, counts / max(of, 1), np.nan)
-        draw_values(study, axes, shares, label, "viridis_r", percent=True)
+        draw_values(study, axes, shares, label, percent=True)
     suptitle(figure, study, "where it breaks (grey: never; dots: supports; numbers: ids)")
     return figure

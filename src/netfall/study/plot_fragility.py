@@ -33,6 +33,7 @@ def fragility(study: Study):
         unused.remove()
     panels[0, 0].set_xlim(g["band_speed"][0], g["band_speed"][-1])
     panels[0, 0].set_ylim(-0.02, 1.02)
+    panels[0, 0].xaxis.set_major_locator(plt.MaxNLocator(8, steps=[1, 2, 5, 10]))
     for axes in panels[:, 0]:
         axes.set_ylabel("share of runs that fail [-]")
     figure.supxlabel(f"mean wind speed [m/s], exposure {study.exposure}", fontsize=10, y=0.075)
@@ -84,7 +85,8 @@ def _text(g, k: int) -> str:
 def _short(g, k: int) -> str:
     """Median and its interval; there are other curves in the panel."""
     if not np.isfinite(g["median"][k]):
-        return "no curve"
+        low, high = g["median_bounds"][k]
+        return f"no curve; median {low:g} to {high:g} m/s".replace(" to inf", " or more")
     return with_interval(g["median"][k], g["median_interval"][k], 4) + " m/s"
 
 

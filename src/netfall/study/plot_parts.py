@@ -3,12 +3,15 @@
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection
+from matplotlib.colors import LogNorm
 
 from netfall.output.plot_style import LONGEST_TITLE
 from netfall.study.members import Study
 
 NOTHING = "0.8"  # elements without a value
 MOST_DRAWN = 60_000  # elements in a picture; of larger nets those with the largest values are drawn
+SHORT = 0.015  # share of the picture, of an element that has a dot
+COLOURS = "viridis_r"
 MOST_NAMED = 5  # elements with their ids
 WIDTH = 6.2  # inches of a panel
 SHORTEST, LONGEST = 2.4, 7.0  # inches of its height
@@ -39,8 +42,12 @@ def plan_panels(study: Study, count: int):
     return figure, panels[0]
 
 
-def draw_values(study: Study, axes, values: np.ndarray, label: str, colours: str, low=0.0, percent=False):
-    """The elements coloured by values (m,), nan: grey, the largest on top; the largest with their ids."""
+def draw_values(
+    study: Study, axes, values: np.ndarray, label: str, low=0.0, percent=False, names=None, log=False
+):
+    """The elements coloured by values (m,), nan: grey, the largest on top and named: by ids if no names (m,)
+    are given.
+    """
     x, elements = study.net["particles"][:, :2], study.net["elements"]
     known = np.isfinite(values)
     width = float(np.clip(90.0 / np.sqrt(len(elements)), 0.5, 3.0))
@@ -50,31 +57,44 @@ def draw_values(study: Study, axes, values: np.ndarray, label: str, colours: str
     rows = np.flatnonzero(known)
     rows = rows[np.argsort(values[rows], kind="stable")][-MOST_DRAWN:]
     high = values[rows[-1]] if len(rows) else 1.0
-    palette = plt.get_cmap(colours)
+    palette = plt.get_cmap(COLOURS)
     lines = LineCollection(
         x[elements[rows]], array=values[rows], cmap=palette, linewidths=width, zorder=2, capstyle="round"
     )
+    if log:
+        lines.set_norm(LogNorm())
     lines.set_clim(low, high if high > low else low + 1.0)
     axes.add_collection(lines)
+    _dot_short(axes, x[elements[rows]], values[rows], lines)
     held = study.net["fixed"].any(1)
     axes.plot(*x[held].T, ".", color="k", ms=min(4.0, 40 / len(x) ** 0.4), zorder=3)
     bar = axes.figure.colorbar(lines, ax=axes, orientation="horizontal", shrink=0.8, pad=0.02)
     bar.set_label(label, fontsize=9)
     if percent:
         bar.ax.xaxis.set_major_formatter(plt.matplotlib.ticker.PercentFormatter(1.0, decimals=None))
-    _name_largest(axes, study, rows[::-1][:MOST_NAMED], values)
+    names = (study.net["element_id"] if names is None else names).astype(str)
+    _, first = np.unique(names[rows[::-1]], return_index=True)  # of those that share a name, the largest
+    _name_largest(axes, study, rows[::-1][np.sort(first)][:MOST_NAMED], names)
 
 
-def _name_largest(axes, study: Study, rows: np.ndarray, values: np.ndarray) -> None:
-    """The ids of elements at their middles, but none on top of another."""
+def _dot_short(axes, ends: np.ndarray, values: np.ndarray, lines) -> None:
+    """A dot of the same colour on elements (k, 2, 2) that are too short for a line to be seen."""
+    extent = max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
+    short = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) < SHORT * extent
+    middle = ends[short].mean(1)
+    axes.scatter(*middle.T, s=14, c=lines.cmap(lines.norm(values[short])), zorder=3.5, lw=0)
+
+
+def _name_largest(axes, study: Study, rows: np.ndarray, names: np.ndarray) -> None:
+    """Names of elements at their middles, but none on top of another."""
     x = study.net["particles"][:, :2]
     apart, placed = 0.05 * np.ptp(x, axis=0).max(), []
     for e in rows:
         middle = x[study.net["elements"][e]].mean(0)
-        if values[e] > 0 and all(np.linalg.norm(middle - other) > apart for other in placed):
+        if all(np.linalg.norm(middle - other) > apart for other in placed):
             placed.append(middle)
             axes.annotate(
-                str(study.net["element_id"][e]),
+                names[e],
                 middle,
                 xytext=(4, 6),
                 textcoords="offset points",

@@ -3,6 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
+from netfall.output.plot_style import legend_below
 from netfall.study.members import Study
 from netfall.study.plot_parts import suptitle
 from netfall.study.samples import SPEED
@@ -37,21 +38,21 @@ def spread(study: Study):
     axes.grid(alpha=0.3)
     if lines is not None:
         figure.colorbar(lines, ax=axes, label="mean wind speed [m/s]")
-    axes.legend(loc="upper left", frameon=False, fontsize=9)
+    legend_below(axes, 2)
     suptitle(figure, study, f"spread of the collapse in {len(courses)} members that broke")
     return figure
 
 
 def _courses(study: Study) -> dict[int, np.ndarray]:
     """Times since its first fracture [s] at which elements of a member break for the first time, by row."""
-    e, ran = study.events, study.finished
+    e = study.events
     _, first = np.unique(np.stack([e["member"], e["element"]], 1), axis=0, return_index=True)
-    first = first[ran[e["member"][first]]]
-    found = {}
-    for k in np.unique(e["member"][first]):
-        t = np.sort(e["time"][first][e["member"][first] == k])
-        found[int(k)] = t - t[0]
-    return found
+    first = first[study.finished[e["member"][first]]]
+    member, time = e["member"][first], e["time"][first]
+    order = np.lexsort((time, member))
+    rows, start = np.unique(member[order], return_index=True)
+    courses = np.split(time[order], start[1:])
+    return {int(k): t - t[0] for k, t in zip(rows, courses)}
 
 
 def _lines(study: Study, axes, courses: dict[int, np.ndarray], left: np.ndarray):

@@ -1,6 +1,7 @@
 """Pictures and the table of a study file: which come depends on what it holds. No MPI, no solver."""
 
 import csv
+from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -17,10 +18,8 @@ from netfall.study.plot_spread import spread
 from netfall.study.ranks import drawn_inputs, responses
 
 
-def plot_study(path: Path, folder: Path) -> list[Path]:
-    """Write every picture that the study has data for, and the members as a table; their paths."""
-    study = read_study(path)
-    folder.mkdir(parents=True, exist_ok=True)
+def pictures_of(study: Study) -> dict[str, Callable]:
+    """The pictures that a study has data for, by name: what draws each from the study."""
     losses = losses_of(study)
     broke = bool(study.breaks.any())
     pictures = [
@@ -31,18 +30,26 @@ def plot_study(path: Path, folder: Path) -> list[Path]:
         ("losses", loss_chart, losses is not None),
         ("inputs", inputs, bool(drawn_inputs(study)) and bool(responses(study))),
     ]
+    return {name: draw for name, draw, there in pictures if there}
+
+
+def plot_study(path: Path, folder: Path) -> tuple[list[Path], list[str]]:
+    """Write every picture that the study has data for, and the members as a table; their paths, and no line
+    of what cannot be drawn (`output.plot.plot_all` has some).
+    """
+    study = read_study(path)
+    folder.mkdir(parents=True, exist_ok=True)
     written = []
-    for name, draw, there in pictures:
-        if there:
-            written.append(folder / f"{study.name}_{name}.png")
-            figure = draw(study)
-            with writing(written[-1]):
-                figure.savefig(written[-1], dpi=130)
-            plt.close(figure)
+    for name, draw in pictures_of(study).items():
+        figure = draw(study)
+        written.append(folder / f"{study.name}_{name}.png")
+        with writing(written[-1]):
+            figure.savefig(written[-1], dpi=130)
+        plt.close(figure)
     written.append(folder / f"{study.name}_members.csv")
     with writing(written[-1]):
         write_members(study, written[-1])
-    return written
+    return written, []
 
 
 def write_members(study: Study, path: Path) -> None:

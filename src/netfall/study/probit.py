@@ -14,6 +14,7 @@ from netfall.study.normal import cdf, exp, inverse_mills, log
 FITTED, NONE_FAILED, ALL_FAILED, ONE_SPEED, SEPARATED, FALLING, NOT_FOUND = range(7)
 MOST = 100  # iterations; about eight are needed
 LONGEST = 2.0  # change of z in an iteration
+AT_ONCE = 8000  # counts: what stays in the cache
 CLOSE = 1e-7  # change of z after which one more iteration leaves nothing: the error is squared by each
 
 
@@ -43,8 +44,9 @@ def fit(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> Fits:
     median, dispersion, mixed, share = np.full((4, len(runs)), np.nan)
     todo = np.flatnonzero(verdict == FITTED)
     if len(todo):
-        median[todo], dispersion[todo], found = _peaks(speed, runs[todo].T, failed[todo].T)
-        verdict[todo[~found]] = NOT_FOUND
+        for some in np.array_split(todo, -(-len(todo) * len(speed) // AT_ONCE)):
+            median[some], dispersion[some], found = _peaks(speed, runs[some].T, failed[some].T)
+            verdict[some[~found]] = NOT_FOUND
     row, place = np.nonzero(between & (between.sum(1) == 1)[:, None])
     mixed[row], share[row] = speed[place], failed[row, place] / runs[row, place]
     return Fits(median, dispersion, verdict, below, above, mixed, share)
@@ -116,7 +118,7 @@ def _peaks(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray):
 def _newton_step(a, b, u, runs, failed):
     """The step to the peak of the quadratic that the logarithm of the likelihood is near (a, b)."""
     z = a + b * u
-    up, down = inverse_mills(z), inverse_mills(-z)
+    up, down = inverse_mills(z)
     slope = failed * up - (runs - failed) * down
     bend = failed * up * (up + z) + (runs - failed) * down * (down - z)
     aa, ab, bb = bend.sum(0), (bend * u).sum(0), (bend * u * u).sum(0)

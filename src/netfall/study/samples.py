@@ -80,7 +80,7 @@ def _curve(members, rows: np.ndarray, apart: list[str], pooled: list[str]) -> Cu
     together = np.zeros(len(rows), int)
     for codes in groups.values():
         together = _codes(together, codes)
-    if len(np.unique(together)) < len(rows):
+    if groups and len(np.unique(together)) < len(rows):
         return Curve(name, rows, groups, None)
     speed = codes_of(members[SPEED][rows])
     repeated = 2 * len(np.unique(speed)) <= len(rows)

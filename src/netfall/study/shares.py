@@ -56,4 +56,4 @@ def narrower(half: float, samples: int) -> tuple[float, int]:
     aim = next((a for a in NARROWER if a <= 0.8 * half), NARROWER[-1])
     needed = samples * (half / aim) ** 2
     digit = 10.0 ** max(0, int(np.log10(needed)) - 1)
-    return aim, int(digit * np.ceil(needed / digit))
+    return aim, int(digit * np.ceil(needed / digit - 1e-9))

@@ -1,0 +1,354 @@
+"""Fragility curves, their intervals, and what is told and drawn of a study: files made from known truths."""
+
+import csv
+import math
+from types import SimpleNamespace
+
+import h5py
+import numpy as np
+import pytest
+from conftest import ROOT
+from study_files import columns, drawn_members, net, write_study
+
+from netfall import commands
+from netfall.errors import InputError
+from netfall.output.info import open_result
+from netfall.study import fragility, normal, probit, samples
+from netfall.study.fragility import fragility_section
+from netfall.study.info_study import print_study
+from netfall.study.losses import elements_lost, losses_of
+from netfall.study.members import read_study
+from netfall.study.plot_study import pictures_of
+from netfall.study.ranks import spearman
+from netfall.study.shares import narrower
+
+SPEEDS = (30.0, 34.0, 38.0, 42.0, 46.0)
+# Baker (2015), Earthquake Spectra 31(1), 579: 40 ground motions at each intensity, and his fit.
+BAKER_IM = np.array([0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0])
+BAKER_COLLAPSES = np.array([0, 0, 0, 4, 6, 13, 12, 16])
+BAKER_THETA, BAKER_BETA = 1.0761, 0.4292
+
+
+@pytest.fixture(autouse=True)
+def fewer_resamples(monkeypatch):
+    """A fifth of them, for time; it moves the ends of an interval by some 2 % of its width."""
+    monkeypatch.setattr(fragility, "RESAMPLES", 400)
+    monkeypatch.setattr(samples, "RESAMPLES", 400)
+
+
+def lines_of(path) -> str:
+    """What `netfall info` prints of a study file."""
+    said = []
+    print_study(path, said.append)
+    return "\n".join(said)
+
+
+def test_the_normal_distribution_is_that_of_the_standard_library():
+    """Exponential, logarithm and Phi, made of sums, products and quotients alone."""
+    x = np.linspace(-37.0, 37.0, 7401)
+    exact = np.array([0.5 * math.erfc(-v / math.sqrt(2.0)) for v in x])
+    near = np.abs(x) < 5
+    # West gives Hart's approximation 1e-15 of 1; of the tail itself it has ten digits, from 5 on eight.
+    assert np.abs(normal.cdf(x) - exact).max() < 4e-16
+    assert np.abs(normal.cdf(x)[near] / exact[near] - 1).max() < 1e-10
+    assert np.abs(normal.cdf(x) / exact - 1).max() < 1e-8
+    density, (up, down) = np.exp(-0.5 * x * x) / math.sqrt(2 * math.pi), normal.inverse_mills(x)
+    assert np.abs(up * exact / density - 1).max() < 1e-8
+    assert np.abs(down * exact[::-1] / density - 1).max() < 1e-8
+    y = np.linspace(-700.0, 700.0, 7001)
+    assert np.abs(normal.exp(y) / np.exp(y) - 1).max() < 5e-16  # two roundings
+    assert np.abs(normal.log(np.exp(y)) - y).max() < 2e-13  # of the argument: 700 times the last digit
+
+
+def test_bakers_collapses_give_bakers_curve():
+    """Four decimals, as he prints them."""
+    fit = probit.fit(BAKER_IM, np.full(8, 40), BAKER_COLLAPSES)
+    assert round(float(fit.median[0]), 4) == BAKER_THETA
+    assert round(float(fit.dispersion[0]), 4) == BAKER_BETA
+
+
+def test_no_curve_nearby_is_likelier():
+    """Counts of 300 studies at random: the likelihood falls on all sides of the fit, and as it must."""
+    generator, speed = np.random.default_rng(1), np.array(SPEEDS)
+    runs = generator.integers(1, 60, (300, 5))
+    share = normal.cdf(
+        np.log(speed / generator.uniform(32, 44, (300, 1))) / generator.uniform(0.02, 0.5, (300, 1))
+    )
+    failed = generator.binomial(runs, share)
+    fit = probit.fit(speed, runs, failed)
+    found = fit.verdict == probit.FITTED
+    assert found.sum() > 250
+
+    def likelihood(median, dispersion):
+        z = np.log(speed / median[found, None]) / dispersion[found, None]
+        return (failed[found] * np.log(normal.cdf(z)) + (runs - failed)[found] * np.log(normal.cdf(-z))).sum(
+            1
+        )
+
+    best = likelihood(fit.median, fit.dispersion)
+    for step in (0.999, 1.001):
+        assert (likelihood(step * fit.median, fit.dispersion) < best).all()
+        assert (likelihood(fit.median, step * fit.dispersion) < best).all()
+        assert (likelihood(step * fit.median, step * fit.dispersion) < best).all()
+
+
+@pytest.mark.parametrize(
+    ("failed", "words", "bounds"),
+    [
+        ([0, 0, 0, 0, 0], "none failed up to 46 m/s", (46, np.inf)),
+        ([20, 20, 20, 20, 20], "all failed from 30 m/s on", (0, 30)),
+        ([0, 0, 20, 20, 20], "between 34 and 38 m/s", (34, 38)),
+        ([0, 0, 5, 20, 20], "between 38 and 42 m/s", (38, 42)),
+        ([0, 0, 15, 20, 20], "between 34 and 38 m/s", (34, 38)),
+        ([0, 0, 0, 0, 5], "above 46 m/s", (46, np.inf)),
+        ([9, 7, 5, 3, 1], "do not grow", (0, np.inf)),
+        ([4, 4, 4, 4, 4], "do not grow", (0, np.inf)),
+    ],
+)
+def test_what_has_no_curve_has_no_number(failed, words, bounds):
+    """The note says why, and between which speeds the median lies."""
+    speed, k = np.repeat(SPEEDS, 20), np.tile(np.arange(20), 5)
+    broke = k < np.repeat(failed, 20)
+    inputs = {"wind.speed": speed, "wind.seed": np.arange(100)}
+    section = fragility_section(columns(inputs, broke, 0.5 * broke))
+    assert np.isnan([section["median"][0], section["dispersion"][0], *section["median_interval"][0]]).all()
+    assert section["median_bounds"][0].tolist() == list(bounds)
+    assert words in section["note"][0]
+    assert section["failed"][0].tolist() == failed
+
+
+def test_the_curve_of_known_capacities_is_found():
+    """200 seeds: median and dispersion lie within their intervals; seeds count as samples, not runs."""
+    section = fragility_section(drawn_members(np.random.default_rng(4), 200, SPEEDS, 38.0, 0.1))
+    (low, high), (least, most) = section["median_interval"][0], section["dispersion_interval"][0]
+    assert low < 38.0 < high and least < 0.1 < most
+    assert section["samples"][0] == 200 and section["resampled"][0] == "wind.seed"
+    assert section["runs"][0].tolist() == [200] * 5
+    inside = section["band"][0][:, 0] <= normal.cdf(np.log(section["band_speed"] / 38.0) / 0.1)
+    assert inside.mean() > 0.9
+    assert abs(np.subtract(*section["band_at_median"][0])) < 0.14  # +-7 % of 196 samples at one speed
+
+
+def test_speeds_do_not_replace_seeds():
+    """With many speeds the capacity of each seed is known, and the median as sure as the mean of these, to
+    1.96 dispersion / sqrt(n). The same runs with seeds of their own are surer, as each is a capacity.
+    """
+    generator = np.random.default_rng(5)
+    speeds = np.linspace(26.0, 54.0, 57)
+    halves = []
+    for shared in (True, False):
+        section = fragility_section(drawn_members(generator, 50, speeds, 38.0, 0.1, shared))
+        halves.append(0.5 * np.subtract(*section["median_interval"][0][::-1]) / section["median"][0])
+    # A fifth: what 50 draws leave open of the deviation (10 %), and percentiles of 400 samples (7 %).
+    assert halves[0] == pytest.approx(1.96 * 0.1 / math.sqrt(50), rel=0.2)
+    assert halves[1] < 0.5 * halves[0]
+
+
+def test_the_interval_holds_the_truth_as_often_as_it_says(monkeypatch):
+    """Sixty studies of 50 seeds: 95 % of them would be 57; fewer than 50 come once in 10^4 at 94 %, and an
+    interval of half the width would hold it in 40.
+    """
+    monkeypatch.setattr(fragility, "LOST_ROOF", ())
+    generator, held = np.random.default_rng(6), 0
+    for _ in range(60):
+        section = fragility_section(drawn_members(generator, 50, SPEEDS, 38.0, 0.1))
+        low, high = section["median_interval"][0]
+        held += low <= 38.0 <= high
+    assert 50 <= held < 60
+
+
+def test_no_rest_counts_and_faults_do_not():
+    """A roof without rest failed by every measure; what diverged or had a fault is left out, and bounded."""
+    members = drawn_members(np.random.default_rng(7), 50, SPEEDS, 38.0, 0.1)
+    plain = fragility_section(members)
+    standing = np.flatnonzero((members["broken"] == 0) & (members["wind.speed"] == 38.0))[:6]
+    members["state"][standing] = ["no_rest"] * 3 + ["diverged"] * 2 + ["failed"]
+    for name in ("first_fracture", "roof_lost"):
+        members[name][standing] = np.nan
+    section = fragility_section(members)
+    assert (section["failed"][:, 2] == plain["failed"][:, 2] + 3).all()
+    assert (section["runs"][:, 2] == 47).all() and (section["left_out"] == 3).all()
+    if_failed, if_held = section["median_if_left_out"][0]
+    assert if_failed < section["median"][0] < if_held
+    everything = columns(
+        {"wind.speed": members["wind.speed"]}, members["broken"] > 0, 0.0 * members["broken"]
+    )
+    everything["state"][:] = "failed"
+    assert "no run came to an end" in fragility_section(everything)["note"][0]
+
+
+def test_combinations_have_curves_and_draws_are_pooled():
+    """Two prestresses: two curves, each as if alone; forty: one. Seeds that cross draws: the fewer count."""
+    generator = np.random.default_rng(8)
+    parts = [drawn_members(generator, 40, SPEEDS, median, 0.1) for median in (36.0, 42.0)]
+    both = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    section = fragility_section(both | {"cable.prestress": np.repeat([8e4, 12e4], 200)})
+    assert section["curve"][0] == "cable.prestress = 80000" and len(section["measure"]) == 12
+    for part, first in zip(parts, (0, 6)):
+        alone = fragility_section(part)
+        for name in ("median", "dispersion", "median_interval", "band"):
+            assert np.array_equal(alone[name], section[name][first : first + 6], equal_nan=True)
+    drawn = parts[0] | {"cable.prestress": generator.normal(1e5, 5e3, 40)[parts[0]["wind.seed"] - 1]}
+    pooled = fragility_section(drawn)
+    assert pooled["pooled"].tolist() == ["cable.prestress"] and set(pooled["curve"]) == {""}
+    assert pooled["samples"][0] == 40 and np.array_equal(pooled["median"], alone_median(parts[0]))
+    crossed = {name: np.tile(values, 9) for name, values in parts[0].items()}
+    crossed["cable.prestress"] = np.repeat(generator.normal(1e5, 5e3, 9), 200)
+    section = fragility_section(crossed)
+    assert section["samples"][0] == 9 and section["resampled"][0] == "wind.seed and cable.prestress"
+
+
+def alone_median(members):
+    """The medians of members, by measure."""
+    return fragility_section(members)["median"]
+
+
+def test_few_samples_have_no_interval():
+    """Five seeds: a curve, perhaps, but nothing is said of how sure it is."""
+    section = fragility_section(drawn_members(np.random.default_rng(9), 5, SPEEDS, 38.0, 0.2))
+    assert np.isfinite(section["median"][0]) and np.isnan(section["median_interval"]).all()
+    assert "5 independent samples" in section["note"][0]
+
+
+def test_a_narrower_band_takes_the_square_of_samples():
+    """+-14 % with 50: 10 % takes 98; what is narrow or says nothing has no number."""
+    assert narrower(0.14, 50) == (0.1, 98)
+    assert narrower(0.0693, 200) == (0.05, 390)
+    assert narrower(0.45, 50)[1] == 0 and narrower(math.nan, 50)[1] == 0
+
+
+def test_rank_correlation_of_a_known_case():
+    """By hand: 1 - 6 sum d^2 / (n (n^2 - 1)) with d = 2 0 -2 2 0 -2 1 -1; what is not finite is left out."""
+    x = np.array([1.0, 2, 3, 4, 5, 6, 7, 8, np.nan])
+    y = np.array([3.0, 2, 1, 6, 5, 4, 8, 7, 1.0])
+    assert spearman(x, y)[0] == pytest.approx(1 - 6 * 18 / (8 * 63), rel=1e-12)  # rounding
+    assert spearman(x, y)[1] == 8 and np.isnan(spearman(x[:5], y[:5])[0])
+
+
+@pytest.fixture(scope="module")
+def storm(tmp_path_factory):
+    """A study of five speeds and 30 seeds, with members of every state."""
+    path = tmp_path_factory.mktemp("study") / "storm.study.h5"
+    members = drawn_members(np.random.default_rng(10), 30, SPEEDS, 38.0, 0.1)
+    for row, state, reason in (
+        (149, "no_rest", "no equilibrium under the mean wind"),
+        (1, "diverged", "t = 2 s: speeds without bound"),
+        (2, "diverged", "t = 2 s: speeds without bound"),
+        (0, "failed", "no answer within 60 s"),
+    ):
+        members["state"][row], members["reason"][row], members["broken"][row] = state, reason, 0
+        for name in ("first_fracture", "roof_lost", "displacement_max", "tension_max", "balance_error"):
+            members[name][row] = np.nan
+        members["first_element"][row] = members["first_element_id"][row] = -1
+    write_study(path, members, fragility_section(members), title="a storm")
+    return path
+
+
+def test_a_study_is_told_in_words(storm, capsys):
+    """States with reasons, shares by speed, the median, the samples of a narrower band, elements by id."""
+    commands.info(SimpleNamespace(result=storm))
+    told = capsys.readouterr().out
+    with h5py.File(storm) as file:
+        g, state = file["fragility"], file["members/state"].asstr()[:]
+        counts = [f"{f}/{n}" for f, n in zip(g["failed"][0], g["runs"][0])]
+        median, first = g["median"][0], file["first_breaks"][:]
+    assert "a storm" in told and f"{(state == 'finished').sum()} finished, 1 no_rest" in told
+    assert "diverged, 2 times: t = 2 s: speeds without bound; first: row 1 (" in told
+    assert "failed, 1 times: no answer within 60 s" in told and "exposure 6 s" in told
+    line = next(line for line in told.splitlines() if line.strip().startswith("first fracture  "))
+    assert [word for word in line.split() if "/" in word] == counts and f"{median:.4g} (" in line
+    assert "with 30 independent samples; +-" in told and "would take some" in told
+    assert f"element 1008 (111-118) in {first[7]}" in told and "3 left out" in told
+
+
+def test_a_study_is_drawn_and_written(storm, tmp_path, capsys):
+    """Pictures by what there is; the table gives back every number, with units in its first line."""
+    commands.plot(SimpleNamespace(result=storm, folder=tmp_path / "out"))
+    written = capsys.readouterr().out.split()
+    names = [f"storm_{name}" for name in ("fragility.png", "breaks.png", "spread.png", "members.csv")]
+    assert written == [str(tmp_path / "out" / name) for name in names]
+    assert all((tmp_path / "out" / name).stat().st_size > 10_000 for name in names)
+    with open(tmp_path / "out" / "storm_members.csv") as file:
+        head = file.readline()
+        rows = list(csv.DictReader(file))
+    assert head.startswith("# wind.seed, wind.speed [m/s], first_fracture [s]") and len(rows) == 150
+    with h5py.File(storm) as file:
+        for name in ("wind.speed", "first_fracture", "roof_lost"):
+            read = np.array([float(row[name] or "nan") for row in rows])
+            assert np.array_equal(read, file[f"members/{name}"][:], equal_nan=True)
+        assert [row["state"] for row in rows] == file["members/state"].asstr()[:].tolist()
+
+
+def test_losses_and_draws_are_drawn_and_told(tmp_path):
+    """The loss of each element, with seeds; then draws of prestress and speed, one run each."""
+    generator, roof = np.random.default_rng(11), net()
+    m = len(roof["elements"])
+    ids = np.repeat(roof["element_id"], 2).astype(str).astype(object)
+    severity = np.where(ids == "1020", 0.9, 0.0)
+    factor = np.where(severity > 0, np.nan, 1.5 + np.arange(2 * m) / (4 * m))
+    members = columns({"removed": ids, "wind.seed": np.tile([1, 2], m)}, severity > 0, severity)
+    members |= {"dynamic_factor_max": factor, "dynamic_factor_element_id": np.full(2 * m, 1003)}
+    members["state"][8] = "no_rest"  # the first seed of the fifth
+    write_study(tmp_path / "loss.study.h5", members, {}, roof)
+    told = lines_of(tmp_path / "loss.study.h5")
+    assert "60 different" in told and "1 leave a roof without a rest (1005)" in told
+    assert "98.0% (loss of 1020)" in told and f"{factor[-1]:.3g} (loss of 1060)" in told
+    n = 200
+    speed, prestress = generator.uniform(30, 46, n), generator.normal(1e5, 5e3, n)
+    capacity = 38.0 * (prestress / 1e5) ** 3
+    members = columns(
+        {"wind.speed": speed, "cable.prestress": prestress},
+        speed > capacity,
+        np.clip(2 * (speed / capacity - 1), 0, 1),
+    )
+    section = fragility_section(members)
+    write_study(tmp_path / "draws.study.h5", members, section, roof)
+    assert section["samples"][0] == n and section["resampled"][0] == "runs"
+    # The capacity's deviation: 3 times 5 %.
+    assert section["dispersion_interval"][0][0] < 0.15 < section["dispersion_interval"][0][1]
+    told = lines_of(tmp_path / "draws.study.h5")
+    assert "cable.prestress pooled" in told and "no seed differs" in told
+    assert "wind.speed [m/s]: first_fracture -" in told and "cable.prestress [N]: " in told
+    for name, known, new in (
+        ("loss", ["breaks", "spread"], ["loss_map", "losses"]),
+        ("draws", ["fragility", "breaks", "spread"], ["inputs"]),
+    ):
+        study = read_study(tmp_path / f"{name}.study.h5")
+        pictures = pictures_of(study)
+        assert list(pictures) == known + new
+        for picture in new:
+            pictures[picture](study).savefig(tmp_path / f"{picture}.png", dpi=60)
+            assert (tmp_path / f"{picture}.png").stat().st_size > 10_000
+
+
+def test_the_loss_of_a_cable_is_that_of_its_elements(tmp_path):
+    """Each element by the loss of its cable, if /net names cables; an element that is not lost by none."""
+    roof = net()
+    m = len(roof["elements"])
+    roof["cable"] = np.where(np.arange(m) < 4, "north", np.where(np.arange(m) < 9, "south", "")).astype(
+        object
+    )
+    members = columns({"removed": np.array(["south", "north"], object)}, np.zeros(2, bool), np.zeros(2))
+    write_study(tmp_path / "cables.study.h5", members, {}, roof)
+    study = read_study(tmp_path / "cables.study.h5")
+    assert elements_lost(study, losses_of(study)).tolist() == [1] * 4 + [0] * 5 + [-1] * (m - 9)
+
+
+def test_a_study_is_no_result_and_must_be_whole(storm, tmp_path):
+    """Commands for results refuse it; a file that lacks columns is refused by their names."""
+    with pytest.raises(InputError, match="study file, for netfall info and plot"):
+        open_result(storm)
+    with h5py.File(tmp_path / "part.study.h5", "w") as file:
+        file.attrs["netfall_study"] = 1
+        file["members/state"] = ["finished"]
+    with pytest.raises(InputError) as refused:
+        print_study(tmp_path / "part.study.h5", print)
+    assert "no /members/roof_lost" in str(refused.value) and "no /events/time" in str(refused.value)
+
+
+def test_every_dataset_is_described(storm):
+    """The README of studies names each dataset of the file, as the result's does."""
+    text = (ROOT / "src/netfall/study/README.md").read_text()
+    with h5py.File(storm) as file:
+        names = [name for group in ("members", "events", "fragility") for name in file[group]]
+    assert [name for name in names if f"`{name}`" not in text] == []
