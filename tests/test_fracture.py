@@ -4,6 +4,12 @@ import numpy as np
 import pytest
 from conftest import STEEL
 
+from netfall.mechanics.fields import Scene
+from netfall.mechanics.fracture import dissipate
+from netfall.mechanics.state import State
+from netfall.net.net import Net
+from netfall.solve.losses import comes_loose
+
 BRITTLE = STEEL.replace("prestress = 100e3\n", "fracture_strain = 1e-3\n")
 DYNAMICS = "[dynamics]\nduration = {}\n[output]\nhistory = 0.001\nframes = {}\n"
 
@@ -140,3 +146,22 @@ def test_an_elastic_element_taken_out_balances(workshop):
         np.abs(f["history/identity_error"][:]).max() < 1e-10
         and np.abs(f["history/balance_error"][:]).max() < 1e-3
     )
+
+
+def test_what_cannot_yield_dissipates_its_strain_energy_when_it_goes():
+    """Beside a group that yields: its yield force is infinite, and its plastic work is 0 and not inf x 0."""
+    state = State(Scene(plastic=True, fracture=True, fragments=False), 2, 0, 1)
+    state.ends[:], state.owned[:], state.free[:], state.mass[:] = [[0, 1]], 1, 1, 1.0
+    state.x[1, 0], state.L0[:], state.EA[:], state.yield_force[:] = 2.0, 1.9, 1e6, np.inf
+    dissipate(state, 0, 1e-4)
+    assert state.dissipated[0] == pytest.approx(0.5 * 1e6 * 0.1**2 / 1.9, rel=1e-12)
+
+
+def test_a_part_that_is_held_along_other_axes_only_is_loose():
+    """A weight that is guided in x and y and hangs on nothing has no rest."""
+    fixed = np.array([[True, True, True], [True, True, False]])
+    net = Net(x=np.zeros((2, 3)), elements=np.array([[0, 1]]), fixed=fixed, group=[0], group_names=[""])
+    load, gone = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), np.zeros(2, bool)
+    assert not comes_loose(net, np.array([True]), load, gone)
+    assert comes_loose(net, np.array([False]), load, gone)
+    assert not comes_loose(net, np.array([False]), load[:, [0, 2, 1]], gone)

@@ -7,11 +7,17 @@ from pathlib import Path
 PACKAGE = Path(__file__).parent
 
 
+# What tells of results, and makes none.
+TELLING = ("study/", "exchange/", "api/", "output/plot", "output/report", "output/info", "parser", "commands")
+
+
 @functools.cache
-def program_digest() -> str:
-    """Fingerprint of the package's source files, names and contents."""
+def program_digest(without: tuple[str, ...] = ()) -> str:
+    """Fingerprint of the package's source files, names and contents, but of those whose names begin so."""
     total = hashlib.sha256()
     for path in sorted(PACKAGE.rglob("*.py")):
+        if path.relative_to(PACKAGE).as_posix().startswith(without):
+            continue
         content = path.read_bytes()
         total.update(f"{path.relative_to(PACKAGE)} {len(content)}\n".encode() + content)
     return total.hexdigest()

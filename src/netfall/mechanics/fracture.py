@@ -143,7 +143,7 @@ def dissipate(state: State, e: int, dt: float) -> None:
     eps = strain.py_func(L, elements.L0[e], law)
     eps_p = 0.0 if state.eps_p is None else state.eps_p[e]
     N, now = axial_force.py_func(elements, e, eps, eps_p)
-    if state.yield_force is not None:
+    if state.yield_force is not None and now != eps_p:  # of what cannot yield it is not a number
         state.dissipated[e] += yield_energy.py_func(elements, e, eps_p, now, law)
         state.eps_p[e] = now
     state.dissipated[e] += stored_energy.py_func(elements, e, N, now, law)

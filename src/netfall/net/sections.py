@@ -223,6 +223,12 @@ def strength_errors(job: Job, net: Net) -> list[str]:
             f"{told(e)}: above the yield force {limit[e]:g} N, which its tension never exceeds; expected "
             "at most that, or fracture_strain beside it, at which it breaks as it yields"
         )
+    brittle = net.bar & np.isfinite(limit) & (net.breaking_load < limit * (1.0 - ROUNDING))
+    for e in np.flatnonzero(brittle)[:1]:
+        lines.append(
+            f"{told(e)}: below the yield force {limit[e]:g} N of a bar, which may yield in compression; "
+            "that is not computed: leave out yield_stress, or give a breaking_load of at least that"
+        )
     moves = job.dynamics
     breaks = np.isfinite(net.fracture_strain).any()
     if moves is not None and moves.mass_scaling and moves.fragments and breaks:

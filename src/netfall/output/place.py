@@ -57,7 +57,7 @@ def _check_replaceable(path: Path) -> None:
     """
     try:
         with h5py.File(path, "r") as file:
-            ours = "provenance" in file
+            ours = "provenance" in file and "netfall_study" not in file.attrs
     except BlockingIOError:
         raise InputError(
             f"{path}: another program has it open for writing; close it there, or give another name with -o"

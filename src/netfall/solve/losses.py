@@ -103,11 +103,12 @@ def particles_with(model, elements: np.ndarray, there: np.ndarray) -> np.ndarray
 
 
 def comes_loose(net: Net, there: np.ndarray, load: np.ndarray, gone: np.ndarray) -> bool:
-    """Whether a part of the net that a force acts on hangs on no support: it has no rest.
+    """Whether a force acts on a part of the net along an axis that no support of it holds: it has no rest.
 
     there : (m,) bool, the elements that remain; load : (n, 3) [N]; gone : (n,) bool, particles that left
     """
     label = parts_of(net.elements[there], net.n)
-    supported = np.zeros(net.n, bool)
-    supported[label[net.held.any(1)]] = True
-    return bool((load.any(1) & ~gone & ~supported[label]).any())
+    supported = np.zeros((net.n, 3), bool)
+    for axis in range(3):
+        supported[label[net.held[:, axis]], axis] = True
+    return bool(((load != 0.0) & ~gone[:, None] & ~supported[label]).any())

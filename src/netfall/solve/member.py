@@ -12,6 +12,7 @@ from netfall.job.read import Job
 from netfall.mechanics.events import EventLog
 from netfall.net.net import Net
 from netfall.net.parts import parts_of
+from netfall.output.loss_lines import MUCH
 from netfall.output.place import check_place
 from netfall.output.progress import Progress
 from netfall.output.result import Result
@@ -113,7 +114,7 @@ def _told(setup: Setup, simulation, tension: np.ndarray, displacement: np.ndarra
     if removal:
         gone[removal["element"]] = True
         tension = np.fmax(tension, np.fmax.reduce(removal["tension_peak"], 0))
-        found |= _largest_factor(removal["dynamic_factor"])
+        found |= _largest_factor(removal)
     strength = np.where(np.isfinite(model.net.breaking_load), model.net.breaking_load, model.yield_force)
     known = np.isfinite(strength) & (strength > 0.0)
     used = tension[known] / strength[known]
@@ -133,12 +134,17 @@ def net_told(net: Net, x: np.ndarray, area: np.ndarray) -> dict[str, np.ndarray]
         "node_id": net.node_id,
         "element_id": net.element_id,
         "group": net.group.astype(np.int32),
+        "cable": np.array(net.cable_names)[net.cable],
         "tributary_area": area,
     }
 
 
-def _largest_factor(factors: np.ndarray) -> dict:
-    """The largest of the dynamic factors (losses, m), and its element."""
+def _largest_factor(removal: dict[str, np.ndarray]) -> dict:
+    """The largest dynamic factor among elements whose tension a loss changes by much, and its element."""
+    change = np.abs(removal["tension_after"] - removal["tension_before"])
+    factors = np.where(
+        change > MUCH * np.nanmax(removal["tension_before"]), removal["dynamic_factor"], np.nan
+    )
     if np.isnan(factors).all():
         return {}
     largest = np.nanargmax(factors)

@@ -16,7 +16,7 @@ from netfall.job.read import read_job
 from netfall.net.build import build_net
 from netfall.output.place import check_place, claim, release
 from netfall.output.progress import Progress
-from netfall.sources import program_digest
+from netfall.sources import TELLING, program_digest
 from netfall.study.fragility import fragility_section
 from netfall.study.journal import Journal, read_journal
 from netfall.study.launch import default_launcher
@@ -67,7 +67,8 @@ def study(
     place = place_of(path, output, shard)
     if place.result.exists() and digests_of(place.result) is None:
         check_place(place.result)
-    digests = {"study": plan.digest(), "job": read_job(plan.job).digest(), "program": program_digest()}
+    program = program_digest(TELLING)
+    digests = {"study": plan.digest(), "job": read_job(plan.job).digest(), "program": program}
     claimed = claim(place.result)
     try:
         table = _what_there_is(plan, place, digests, shard, progress)

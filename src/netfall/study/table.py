@@ -30,11 +30,10 @@ OUTCOMES = {
 OF_LOSSES = ("dynamic_factor_max", "dynamic_factor_element")
 UNITS = {
     **dict.fromkeys(("first_fracture", "seconds", "duration"), "s"),
-    **dict.fromkeys(("displacement_max",), "m"),
-    **dict.fromkeys(("tension_max",), "N"),
-    **dict.fromkeys(("balance_error",), "J"),
+    "displacement_max": "m",
+    "tension_max": "N",
 }
-NET = ("particles", "elements", "fixed", "node_id", "element_id", "group", "tributary_area")
+NET = ("particles", "elements", "fixed", "node_id", "element_id", "group", "cable", "tributary_area")
 DIGESTS = {"study": "the study file", "job": "the job or its tables", "program": "the program"}
 TEXT = h5py.string_dtype()
 
@@ -88,7 +87,8 @@ class Table:
                 self.elements[int(numbers[row])] = element[part]
             self.there[numbers] = True
             if not self.net and "net" in f:
-                self.net = {name: f[f"net/{name}"][:] for name in NET}
+                self.net = {name: f[f"net/{name}"][:] for name in NET if name != "cable"}
+                self.net["cable"] = f["net/cable"].asstr()[:].astype(str)
 
     def counts(self) -> dict[str, int]:
         """How many runs ended in each state."""
@@ -148,7 +148,7 @@ class Table:
         """How often each element was the first to break, and broke at all."""
         first, at_all = np.zeros((2, len(self.net["elements"])), np.int64)
         for number in rows.tolist():
-            if number in self.elements:
+            if number in self.elements and self.columns["state"][number] == "finished":
                 first[self.elements[number][0]] += 1
                 at_all[np.unique(self.elements[number])] += 1
         f["first_breaks"], f["breaks"] = first, at_all
