@@ -1,9 +1,23 @@
 """Work whose errors reach every rank before any of them waits for another."""
 
+import time
 from collections.abc import Callable
 from typing import Any
 
 from mpi4py import MPI
+
+SPIN = 1e-3  # s for which a rank waits awake
+SLEEP = 0.1  # of the time waited so far: how long it sleeps between two looks, ...
+LONGEST = 0.02  # ... at most [s]
+
+
+def wait_asleep(comm: MPI.Comm) -> None:
+    """A barrier that leaves the core to others: MPI waits awake, beside a rank that compiles or reads."""
+    request, begin = comm.Ibarrier(), time.perf_counter()
+    while not request.Test():
+        waited = time.perf_counter() - begin
+        if waited > SPIN:
+            time.sleep(min(SLEEP * waited, LONGEST))
 
 
 def on_root(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
@@ -14,6 +28,7 @@ def on_root(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
             result = work()
         except Exception as raised:
             error = raised
+    wait_asleep(comm)
     error = comm.bcast(error)
     if error is not None:
         error.on_every_rank = True
