@@ -18,10 +18,12 @@ from netfall.net.net import Net
 from netfall.solve.member import roof_lost
 from netfall.stop import NEVER
 from netfall.study.draws import draw
-from netfall.study.ensemble import pieces_of
+from netfall.study.ensemble import net_key, pieces_of
 from netfall.study.journal import Journal, read_journal
 from netfall.study.plan import read_plan
 from netfall.study.pool import Pool
+from netfall.study.table import OUTCOMES, Table
+from netfall.study.watch import Watch
 
 JOB = """
 [net]
@@ -212,6 +214,7 @@ def test_a_journal_that_is_cut_at_any_byte_loses_one_record_at_most(tmp_path):
 
 FAKE = """
 import json, os, sys, time
+time.sleep(float(sys.argv[1]))
 print("{}", flush=True)
 for line in sys.stdin:
     task = json.loads(line)
@@ -236,11 +239,45 @@ def test_workers_that_die_or_take_too_long_are_replaced():
         if again and len(died) < 3:
             tasks.append(("a", number, "die"))
 
-    Pool([sys.executable, "-c", FAKE], 2, 3.0, take, done.__setitem__, note).run(NEVER)
+    Pool([sys.executable, "-c", FAKE, "0"], 2, 3.0, take, done.__setitem__, note).run(NEVER)
     assert sorted(done) == [0, 3, 4]
     assert [number for number, _, again in died if again] == [1, 1, 1] or len(died) >= 3
     assert (2, "took longer than time_limit = 3 s", False) in died
     assert (1, "its worker ended with exit code 1: netfall: rank 0: no memory", True) in died
+
+
+def test_the_start_of_a_worker_is_no_part_of_a_run():
+    """A time limit is of the run."""
+    tasks, done = [("a", 0, {"what": "go"})], []
+    take = lambda _: tasks.pop() if tasks else None
+    Pool([sys.executable, "-c", FAKE, "0.8"], 1, 0.5, take, lambda number, _: done.append(number), None).run(
+        NEVER
+    )
+    assert done == [0]
+
+
+def test_a_file_that_changes_while_a_study_runs_ends_it(tmp_path):
+    """Touched it may be; what was run with another text would be mixed with the rest."""
+    table = tmp_path / "nodes.csv"
+    table.write_text("one")
+    watch = Watch([table])
+    os.utime(table, (1, 1))
+    watch.check()
+    table.write_text("two")
+    with pytest.raises(InputError, match=r"nodes.csv: changed while the study ran"):
+        watch.check()
+
+
+def test_a_run_that_failed_and_is_made_again_counts_once():
+    """What comes later in the journal stands; other rows are never replaced."""
+    table, row = (
+        Table(2),
+        {name: value for name, (_, value) in OUTCOMES.items()} | {"times": [], "elements": []},
+    )
+    for number, state in ((0, "failed"), (1, "finished"), (0, "finished"), (1, "diverged")):
+        table.add({"done": number, **row, "state": state})
+    assert table.columns["state"].tolist() == ["finished"] * 2 and table.counts["finished"] == 2
+    assert table.counts["failed"] == table.counts["diverged"] == 0 and table.there.all()
 
 
 def test_workers_that_do_not_start_end_the_study():
@@ -338,6 +375,15 @@ WRONG = [
         "expected a",
     ),
     ('[sample]\ncount = 8\n"wind.seed" = {distribution = "integer", from = 1, to = 2.5}\n', "whole numbers"),
+    ('[vary]\n"wind.speed" = [20.0]\nwind.speed = [30.0]\n', "wind.speed: stands twice"),
+    ("[vary]\nremoved = [1]\n", "removed = 1: expected a key of the job, SECTION.KEY"),
+    ("[vary]\nremove = {time = 1.0}\n", 'expected {{each = "element", ...}}'),
+    ('[vary]\n"output.modes" = [2]\n', "members leave no checkpoints and find no modes"),
+    ('[vary]\n"net.cells" = [4, 6]\n', "make a study of each net"),
+    (
+        '[sample]\ncount = 1000000000000\n"wind.speed" = {distribution = "uniform", from = 1.0, to = 2.0}\n',
+        "at most",
+    ),
     ('[vary]\n"wind.seed" = [1]\n[run]\nkeep = "some"\n', 'keep = "some": expected none, broken, all'),
     ('[vary]\n"wind.seed" = [1]\n[run]\nrank = 2\n', '[run] rank: unknown key; did you mean "ranks"?'),
     ('[vary]\n"wind.seed" = [1]\n[varry]\n', 'varry: unknown; did you mean "vary"?'),
@@ -347,7 +393,7 @@ WRONG = [
 @pytest.mark.parametrize(("text", "line"), WRONG, ids=[line[:40] for _, line in WRONG])
 def test_a_wrong_study_file_is_refused_in_one_line(tmp_path, text, line):
     with pytest.raises(InputError) as error:
-        read_plan(write(tmp_path, OF_STUDY + text), pieces_of)
+        read_plan(write(tmp_path, OF_STUDY + text), pieces_of, net_key)
     told = line.format(job=ROOT / "jobs" / "saddle.toml")
     assert any(told in each and "toml" in each for each in error.value.lines), error.value.lines
 
@@ -359,7 +405,7 @@ def test_the_order_of_the_members(tmp_path):
         '[sample]\ncount = 2\nmethod = "random"\n'
         '"cable.prestress" = {distribution = "uniform", from = 1e5, to = 2e5}\n'
     )
-    plan = read_plan(write(tmp_path, text), pieces_of)
+    plan = read_plan(write(tmp_path, text), pieces_of, net_key)
     found = [plan.member(k).values for k in range(len(plan))]
     first, second = plan.draws[:, 0].tolist()
     assert [(m["wind.seed"], m["wind.speed"], m["cable.prestress"]) for m in found] == [

@@ -18,7 +18,7 @@ class DivergedError(Exception):
 
 
 class NoRest(DivergedError):
-    """A load has no equilibrium."""
+    """There is no equilibrium under the mean wind."""
 
 
 class Interrupted(Exception):

@@ -3,9 +3,9 @@
     mpirun -n 2 python -m netfall.worker
 
 Each line of standard input is a task, JSON: `job`, a path; `overrides` of --set; `removes`, entries of
-[[remove]]; `result`, a path or null; `net`, whether the net is told too. The first line of standard output
-says that the ranks have started; then each answers a task, with what `solve.member` tells. The end of input
-ends the ranks.
+[[remove]]; `result`, a path or null; `net`, whether the net in its form is wanted in place of a run. The
+first line of standard output says that the ranks have started; then each answers a task, with what
+`solve.member` tells. The end of input ends the ranks.
 """
 
 import base64
@@ -52,23 +52,27 @@ def serve() -> None:
 
     from netfall.job.read import read_job
     from netfall.parallel.agree import on_root
-    from netfall.solve.member import run_member
+    from netfall.solve.member import net_of, run_member
     from netfall.solve.memory import Memory
+    from netfall.sources import TELLING, program_digest
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a study that is interrupted ends its workers itself
     comm, tasks = MPI.COMM_WORLD, MPI.COMM_WORLD.Dup()
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # libraries that print by themselves
     if comm.rank == 0:
-        print(json.dumps({"ranks": comm.size}), file=answers, flush=True)
+        print(json.dumps({"ranks": comm.size, "program": program_digest(TELLING)}), file=answers, flush=True)
     memory = Memory(REMEMBERED)
     while (task := next_task(tasks)) is not None:
         words = task["job"], [*task["overrides"], *OWN], task["removes"]
         read = lambda words=words: comm.bcast(on_root(comm, lambda: read_job(*words)))
         result = Path(task["result"]) if task["result"] else None
-        found = run_member(comm, read, result, memory, task["net"])
+        if task["net"]:
+            net = net_of(comm, read, memory)
+            found = {"net": {name: packed(array) for name, array in (net or {}).items()}}
+        else:
+            found = run_member(comm, read, result, memory)
         if comm.rank == 0:
-            found["net"] = {name: packed(array) for name, array in found["net"].items()}
             print(json.dumps(found), file=answers, flush=True)
 
 

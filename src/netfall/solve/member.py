@@ -40,23 +40,20 @@ NOTHING = {
     "dynamic_factor_element": -1,
     "times": [],
     "elements": [],
-    "net": {},
 }
 
 
-def run_member(
-    comm: MPI.Comm, read: Callable[[], Job], path: Path | None, memory: Memory, net: bool
-) -> dict | None:
+def run_member(comm: MPI.Comm, read: Callable[[], Job], path: Path | None, memory: Memory) -> dict | None:
     """Run a job; what came of it, on rank 0: NOTHING's names, `state`, `reason`, `seconds`. Collective.
 
     read : reads the job, on every rank; path : of a result file, None: none is written
-    memory : of runs before in this process; net : whether what `net_told` tells is wanted too
+    memory : of runs before in this process
 
     A run without a rest, or that diverges, or whose input is wrong, is a result too.
     """
     begin = time.perf_counter()
     try:
-        outcome = _outcome(comm, read(), path, memory, net)
+        outcome = _outcome(comm, read(), path, memory)
         found = {"state": "finished", "reason": ""} | (outcome or {})
     except NoRest as error:  # it fails before the first gust
         found = NOTHING | {"state": "no_rest", "reason": str(error), "first_fracture": 0.0, "roof_lost": 1.0}
@@ -71,7 +68,7 @@ def run_member(
     return found | {"seconds": time.perf_counter() - begin} if comm.rank == 0 else None
 
 
-def _outcome(comm: MPI.Comm, job: Job, path: Path | None, memory: Memory, net: bool) -> dict | None:
+def _outcome(comm: MPI.Comm, job: Job, path: Path | None, memory: Memory) -> dict | None:
     """Run the stages; what came of them, on rank 0. Collective."""
     if path:
         on_root(comm, lambda: check_place(path))
@@ -82,15 +79,19 @@ def _outcome(comm: MPI.Comm, job: Job, path: Path | None, memory: Memory, net: b
     result = Result(comm, path, setup.distribution, own, log) if path else Unwritten(comm)
     saver = Saver(job, setup, result, None)
     run = Run(comm, job, setup, schedule, log, result, saver, Progress(False), phases, memory=memory)
-    simulation = run_stages(run)
+    try:
+        simulation = run_stages(run)
+    except (InputError, DivergedError):  # on every rank alike
+        setup.halo.free()
+        raise
+    setup.halo.free()
     spread = setup.distribution
     tension = spread.gather_elements(simulation.envelope.tension[0], setup.state.owned.astype(bool))
     displacement = spread.gather_particles(simulation.envelope.displacement[0][:, None])
     if comm.rank > 0:
         return None
     told = NOTHING | _told(setup, simulation, tension, displacement)
-    told["dynamic_seconds"] = phases.seconds["dynamics"]
-    return told | {"net": net_told(own, setup.model.x, setup.model.area)} if net else told
+    return told | {"dynamic_seconds": phases.seconds["dynamics"]}
 
 
 def _told(setup: Setup, simulation, tension: np.ndarray, displacement: np.ndarray) -> dict:
@@ -125,10 +126,18 @@ def _told(setup: Setup, simulation, tension: np.ndarray, displacement: np.ndarra
     }
 
 
-def net_told(net: Net, x: np.ndarray, area: np.ndarray) -> dict[str, np.ndarray]:
-    """The datasets of /net in a study file: of the form x (n, 3) [m], with areas (n,) [m2]."""
+def net_of(comm: MPI.Comm, read: Callable[[], Job], memory: Memory) -> dict[str, np.ndarray] | None:
+    """The datasets of /net in a study file, of a job in its form, on rank 0; None: no form. Collective."""
+    try:
+        setup = prepare(comm, read(), Phases(), memory=memory)
+    except (InputError, DivergedError):
+        return None
+    setup.halo.free()
+    if comm.rank > 0:
+        return None
+    net, area = setup.model.net, setup.model.area
     return {
-        "particles": x,
+        "particles": setup.model.x,
         "elements": net.elements,
         "fixed": net.fixed.astype(np.uint8),
         "node_id": net.node_id,

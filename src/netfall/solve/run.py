@@ -230,7 +230,11 @@ def run_dynamics(run: Run, record: dict | None, removal: Removal | None) -> Simu
         simulation.envelope.restore(checkpoint)
         restore_history(run.comm, simulation.history, checkpoint)
     with run.phases.phase("dynamics"):
-        simulation.run()
+        try:
+            simulation.run()
+        except DivergedError:  # on every rank
+            simulation.halo.free()
+            raise
     return simulation
 
 

@@ -149,8 +149,9 @@ def find_equilibria(run, path: StaticPath | None, resume: Relaxation | None, see
             pause.path = path
             raise
         except DivergedError as error:
-            bears = "" if before is None else f"; {bearable(run, wanted, before, path.reference)}"
-            raise NoRest(f"{error}{bears}") from None
+            if before is None:
+                raise
+            raise NoRest(f"{error}; {bearable(run, wanted, before, path.reference)}") from None
         resume = None
         if each.kind == "permanent":
             base = committed(state)

@@ -41,5 +41,5 @@ class Place:
 def place_of(path: Path, output: Path | None, shard: tuple[int, int] | None) -> Place:
     """Where the results of a study file go."""
     output = output or Path(f"{path.stem}{SUFFIX}")
-    stem = output.name.removesuffix(SUFFIX) if output.name.endswith(SUFFIX) else output.stem
+    stem = output.name.removesuffix(".h5").removesuffix(".study")
     return Place(output.parent, stem, f".{shard[0]}-of-{shard[1]}" if shard else "")

@@ -5,7 +5,7 @@ import itertools
 import json
 import math
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,8 @@ from netfall.study.draws import draw
 from netfall.study.sections import MOST, SAMPLE, Axis, axis_of, check_sample, loss_section, run_section
 
 EACH = {"element": "elements", "cable": "cables"}  # what is lost, and the key of [[remove]] that names it
+LOST = "[[remove]]"  # the name of the axis of losses: no key of a job can have it
+OWN = ("output.checkpoint", "output.modes")  # which members have their own way
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,7 @@ class Plan:
 
     draws : (count, k) of the keys `sampled`, None without [sample]; whole : those with whole numbers
     loss : what each loss has in common; exposure : [s], duration of the job's own dynamic stage
+    files : that the members read
     """
 
     path: Path
@@ -55,6 +58,7 @@ class Plan:
     keep: str
     time_limit: float
     exposure: float
+    files: list[Path]
     notes: list[str]
 
     def __len__(self) -> int:
@@ -68,18 +72,18 @@ class Plan:
         for axis in reversed(self.axes):
             rest, k = divmod(rest, len(axis.values))
             chosen[axis.name] = axis.values[k]
-        values = {axis.name: chosen[axis.name] for axis in self.axes if axis.name != "removed"}
+        values = {axis.name: chosen[axis.name] for axis in self.axes if axis.name != LOST}
         if self.draws is not None:
             drawn = zip(self.sampled, self.draws[row].tolist())
             values |= {name: int(value) if name in self.whole else value for name, value in drawn}
-        removed = chosen.get("removed")
+        removed = chosen.get(LOST)
         remove = None if removed is None else self._entry(removed)
         return Member(number, values, "" if removed is None else str(removed), remove)
 
     @property
     def inputs(self) -> list[str]:
         """The keys of the job that vary or are drawn."""
-        return [axis.name for axis in self.axes if axis.name != "removed"] + self.sampled
+        return [axis.name for axis in self.axes if axis.name != LOST] + self.sampled
 
     def duration(self, member: Member) -> float:
         """Of a member's dynamic stage [s]."""
@@ -100,10 +104,11 @@ class Plan:
         return hashlib.sha256(json.dumps([asked, self.sampled, draws, self.loss]).encode()).hexdigest()
 
 
-def read_plan(path: Path, pieces_of) -> Plan:
+def read_plan(path: Path, pieces_of, net_key) -> Plan:
     """The plan of a study file, with every value of every key tried in the job.
 
     pieces_of(job, each, group) : ids of elements, or names of cables, of a net
+    net_key(job) : what rows and ids of a net's elements are, the same for all members
 
     Raises InputError with a line for each thing that is wrong.
     """
@@ -121,11 +126,11 @@ def read_plan(path: Path, pieces_of) -> Plan:
             wrong(f"{name} = {shown(table)}: expected a section, [{name}]")
             tables[name] = {}
     run = run_section(tables["run"], wrong)
-    vary, loss = _flat(tables["vary"]), None
+    vary, loss = _flat(tables["vary"], wrong), None
     if "remove" in vary:
         loss = loss_section(vary["remove"], wrong)
     axes = [axis_of(name, value, wrong) for name, value in vary.items()]
-    sample = _flat(tables["sample"])
+    sample = _flat(tables["sample"], wrong)
     distributions = {name: each for name, each in sample.items() if name not in SAMPLE}
     check_sample(sample, distributions, vary, wrong)
     if not axes and not distributions:
@@ -133,23 +138,39 @@ def read_plan(path: Path, pieces_of) -> Plan:
     if errors:
         raise InputError(errors)
     job = path.parent / data["job"]
+    combinations = math.prod(len(axis.values) for axis in axes if axis.name != LOST)
+    if combinations * sample.get("count", 1) > MOST:
+        raise InputError(
+            f"{path}: asks for {combinations * sample.get('count', 1)} runs; at most {MOST} are possible"
+        )
     if loss:
-        pieces = pieces_of(read_job(job), loss["each"], loss.get("group"))
-        axes = [Axis(axis.name, pieces) if axis.name == "removed" else axis for axis in axes]
+        first = [f"{axis.name}={toml_value(axis.values[0])}" for axis in axes if axis.name != LOST]
+        pieces = pieces_of(read_job(job, first), loss["each"], loss.get("group"))
+        axes = [Axis(LOST, pieces) if axis.name == LOST else axis for axis in axes]
     draws, notes = None, []
     if distributions:
         method, count = sample.get("method", "sobol"), sample["count"]
         draws = draw(method, count, sample.get("seed", 1), list(distributions.values()))
         if method == "sobol" and count & (count - 1):
             notes.append(f"note: [sample] count = {count}: Sobol's points are even for powers of two only")
-    own = read_job(job).dynamics
-    exposure = own.duration if own else math.nan
+    own = read_job(job)
+    exposure = own.dynamics.duration if own.dynamics else math.nan
     whole = {name for name, each in distributions.items() if each["distribution"] == "integer"}
     plan = Plan(
-        path, text, job, axes, list(distributions), whole, draws, loss, **run, exposure=exposure, notes=notes
+        path,
+        text,
+        job,
+        axes,
+        list(distributions),
+        whole,
+        draws,
+        loss,
+        **run,
+        exposure=exposure,
+        files=[job, *own.files()],
+        notes=notes,
     )
-    _try(plan)
-    return plan
+    return replace(plan, files=_try(plan, net_key))
 
 
 def _parse(path: Path) -> tuple[dict, str]:
@@ -163,27 +184,37 @@ def _parse(path: Path) -> tuple[dict, str]:
         raise InputError(f"{path}: not valid TOML: {' '.join(str(error).split())}") from None
 
 
-def _flat(table: dict, prefix: str = "") -> dict:
+def _flat(table: dict, wrong, prefix: str = "") -> dict:
     """Keys of the job by their whole names, whether written "wind.speed" or wind.speed."""
     found = {}
     for name, value in table.items():
-        ends = not isinstance(value, dict) or {"from", "distribution", "each"} & set(value)
-        found |= {f"{prefix}{name}": value} if ends else _flat(value, f"{prefix}{name}.")
+        whole = f"{prefix}{name.strip()}"
+        ends = not isinstance(value, dict) or {"from", "distribution"} & set(value)
+        ends = ends or whole == "remove" or "." in name
+        for called, one in ({whole: value} if ends else _flat(value, wrong, f"{whole}.")).items():
+            if called in found:
+                wrong(f"{called}: stands twice")
+            found[called] = one
     return found
 
 
-def _try(plan: Plan) -> None:
-    """Each value of each key in the job, and the ends of each draw. Raises InputError."""
+def _try(plan: Plan, net_key) -> list[Path]:
+    """Try each value of each key in the job, and the ends of each draw; the files read. Raises InputError."""
     if len(plan) > MOST:
         raise InputError(f"{plan.path}: asks for {len(plan)} runs; at most {MOST} are possible")
-    plain = plan.job
+    plain, files, nets = plan.job, dict.fromkeys(plan.files), set()
     first = plan.member(0).values
     errors = []
-    tried = [(name, value) for axis in plan.axes if axis.name != "removed" for name, value in _few(axis)]
+    tried = [(name, value) for axis in plan.axes if axis.name != LOST for name, value in _few(axis)]
     for k, name in enumerate(plan.sampled):
         number = int if name in plan.whole else float
         tried += [(name, number(end)) for end in (plan.draws[:, k].min(), plan.draws[:, k].max())]
     for name, value in tried:
+        if name in OWN:
+            errors.append(
+                f"{plan.path}: {name}: members leave no checkpoints and find no modes; remove the key"
+            )
+            continue
         if not _settable(name, value):
             errors.append(f"{plan.path}: {name} = {shown(value)}: expected a key of the job, SECTION.KEY")
             continue
@@ -192,12 +223,21 @@ def _try(plan: Plan) -> None:
         except InputError as error:
             errors += [f"{plan.path}: {name} = {shown(value)}: {line}" for line in error.lines]
         else:
+            files |= dict.fromkeys(job.files())
             if job.dynamics is None:
                 errors.append(f"{plan.job}: [dynamics] is missing: a study is of the dynamic stage")
+            elif name.startswith("net."):
+                nets.add(net_key(job))
+    if len(nets) > 1:
+        errors.append(
+            f"{plan.path}: keys of [net] that vary change its elements, which are the rows of the study's "
+            "counts; make a study of each net"
+        )
     if plan.loss and not tried:
         plan.read(plan.member(0))
     if errors:
         raise InputError(list(dict.fromkeys(errors)))
+    return list(files)
 
 
 def _few(axis: Axis) -> itertools.chain:

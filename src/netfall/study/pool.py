@@ -7,10 +7,12 @@ network, their workers outlive a driver that was killed, a task that kills its w
 """
 
 import contextlib
+import ctypes
 import json
 import os
 import selectors
 import shlex
+import signal
 import subprocess
 import sys
 import tempfile
@@ -21,7 +23,9 @@ from dataclasses import dataclass, field
 from netfall.errors import InputError
 
 LOOK = 0.2  # s between looks at the clock and at the wish to stop
-END = 10.0  # s that a worker is given to end
+END = 10.0  # s that workers are given to end
+START = 900.0  # s that a worker is given to start: in a queue's allocation it may have to wait
+DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of Linux
 STARTS = 3  # in a row that fail: then none will do
 TOLD = 200  # characters of what a worker said at its end
 
@@ -31,7 +35,7 @@ class Worker:
 
     def __init__(self, command: list[str]):
         self.key = self.task = None
-        self.ready, self.since, self.heard = False, 0.0, bytearray()
+        self.ready, self.since, self.heard = False, time.monotonic(), bytearray()
         self.complaints = tempfile.TemporaryFile("w+")
         try:
             self.process = subprocess.Popen(
@@ -42,6 +46,7 @@ class Worker:
                 stderr=self.complaints,
                 bufsize=0,
                 start_new_session=True,  # an interrupt from the keyboard is for the study
+                preexec_fn=_end_with_the_study,
             )
         except OSError as error:
             raise InputError(
@@ -50,7 +55,9 @@ class Worker:
 
     def give(self, key, number: int, task: dict) -> None:
         """A task, and the number of the member."""
-        self.key, self.task, self.since = key, number, time.monotonic()
+        self.key, self.task = key, number
+        if self.ready:
+            self.since = time.monotonic()
         rest = memoryview(json.dumps(task).encode() + b"\n")
         with contextlib.suppress(BrokenPipeError):  # it has died: its silence tells
             while rest:
@@ -73,19 +80,28 @@ class Worker:
         ended = f"signal {-code}" if code < 0 else f"exit code {code}"
         return f"its worker ended with {ended}{': ' if told else ''}{told[:TOLD]}"
 
-    def end(self, kill: bool = False) -> None:
-        """Let it go; with `kill` in the middle of a task."""
+    def let_go(self) -> None:
+        """Tell it to end, in the middle of a task if it has one."""
         with contextlib.suppress(BrokenPipeError):
             self.process.stdin.close()
-        if kill:
+        if self.task is not None:
             self.process.terminate()
+
+    def end(self, until: float) -> None:
+        """Wait for its end, after `let_go`, until a time of the monotonic clock; then make an end of it."""
         try:
-            self.process.wait(END)
+            self.process.wait(max(0.0, until - time.monotonic()))
         except subprocess.TimeoutExpired:
-            self.process.kill()
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self.process.pid, signal.SIGKILL)
             self.process.wait()
         self.process.stdout.close()
         self.complaints.close()
+
+
+def _end_with_the_study() -> None:
+    """Have the system end this process, a worker that begins, when the study does, however that ends."""
+    ctypes.CDLL(None).prctl(DEATH_SIGNAL, signal.SIGTERM)
 
 
 def worker_command(launcher: list[str]) -> list[str]:
@@ -100,6 +116,7 @@ class Pool:
     take(key) : the next task, (key, number, task), best one whose key a worker had last; None: no more
     done(number, answer) : an answer has come
     died(number, why, again) : a task ended its worker, or took longer than time_limit [s], then not `again`
+    started : what a worker says when it has started
     """
 
     command: list[str]
@@ -108,6 +125,7 @@ class Pool:
     take: Callable
     done: Callable
     died: Callable
+    started: Callable = lambda told: None
     workers: list[Worker] = field(default_factory=list)
     stillborn: int = 0  # workers in a row that ended before they had started
 
@@ -124,13 +142,23 @@ class Pool:
                     for worker in busy:
                         if worker in ready:
                             self._hear(worker)
-                        elif time.monotonic() - worker.since > self.time_limit:
-                            self._drop(worker, kill=True)
-                            late = f"took longer than time_limit = {self.time_limit:g} s"
-                            self.died(worker.task, late, False)
+                        else:
+                            self._look_at_the_clock(worker)
         finally:
             for worker in self.workers:
-                worker.end(kill=worker.task is not None)
+                worker.let_go()
+            until = time.monotonic() + END
+            for worker in self.workers:
+                worker.end(until)
+
+    def _look_at_the_clock(self, worker: Worker) -> None:
+        """End a worker that takes too long: for a task, or to start."""
+        passed = time.monotonic() - worker.since
+        if worker.ready and passed > self.time_limit:
+            self._drop(worker)
+            self.died(worker.task, f"took longer than time_limit = {self.time_limit:g} s", False)
+        elif not worker.ready and passed > START:
+            self._bury(worker, f"has not started in {START:g} s")
 
     def _hand_out(self) -> None:
         """A task for each worker that has none, and a worker for each task that is left."""
@@ -156,10 +184,12 @@ class Pool:
             if worker.ready:
                 number, worker.task = worker.task, None
                 self.done(number, json.loads(line))
-            worker.ready, self.stillborn = True, 0
+            else:
+                self.started(json.loads(line))
+                worker.ready, worker.since, self.stillborn = True, time.monotonic(), 0
 
-    def _bury(self, worker: Worker) -> None:
-        why = worker.last_words()
+    def _bury(self, worker: Worker, why: str = "") -> None:
+        why = why or worker.last_words()
         self._drop(worker)
         self.stillborn = 0 if worker.ready else self.stillborn + 1
         if self.stillborn == STARTS:
@@ -167,7 +197,8 @@ class Pool:
             raise InputError(f"{command}: does not start: {why}; --launcher gives another way")
         self.died(worker.task, why, True)
 
-    def _drop(self, worker: Worker, kill: bool = False) -> None:
+    def _drop(self, worker: Worker) -> None:
         self.selector.unregister(worker.process.stdout)
         self.workers.remove(worker)
-        worker.end(kill)
+        worker.let_go()
+        worker.end(time.monotonic() + END)

@@ -68,7 +68,7 @@ def axis_of(name: str, value, wrong) -> Axis:
     """The values of one key."""
     place = f"[vary] {name} = {shown(value)}"
     if name == "remove":
-        return Axis("removed", [])
+        return Axis("[[remove]]", [])
     if isinstance(value, dict):
         step = value.get("step", 1)
         whole = all(_whole(value.get(end), -(10**15)) for end in ("from", "to")) and _whole(step, 1)

@@ -2,6 +2,7 @@
 
 import base64
 import os
+from collections import Counter
 from pathlib import Path
 
 import h5py
@@ -47,7 +48,8 @@ class Table:
         self.tries = np.zeros(count, np.int64)
         self.times: dict[int, np.ndarray] = {}  # of fractures, by member
         self.elements: dict[int, np.ndarray] = {}
-        self.net: dict[str, np.ndarray] = {}
+        self.net: dict[str, np.ndarray] | None = None  # None: not asked for yet; empty: it has no form
+        self.counts: Counter[str] = Counter()  # of states
 
     def add(self, record: dict) -> None:
         """Take in a record of a journal."""
@@ -55,18 +57,21 @@ class Table:
             self.tries[record["try"]] += 1
         if "done" in record:
             self._add_row(record["done"], record)
+        if "net" in record:
+            self.net = {name: _unpacked(each) for name, each in record["net"].items()}
 
     def _add_row(self, number: int, told: dict) -> None:
         if self.there[number]:
-            return
+            if self.columns["state"][number] != "failed":
+                return
+            self.counts["failed"] -= 1  # it was run again
         self.there[number] = True
         for name in OUTCOMES:
             self.columns[name][number] = told[name]
+        self.counts[told["state"]] += 1
         if told["times"]:
             self.times[number] = np.array(told["times"])
             self.elements[number] = np.array(told["elements"], np.int64)
-        if told["net"] and not self.net:
-            self.net = {name: _unpacked(told["net"][name]) for name in NET}
 
     def add_file(self, path: Path) -> None:
         """Take in the rows of a study file, of a part or whole."""
@@ -78,7 +83,8 @@ class Table:
                     values = f[f"members/{name}"]
                     values = values.asstr()[:] if OUTCOMES[name][0] is object else values[:]
                     self.columns[name][numbers[new]] = values[new]
-            self.tries[numbers] += f["provenance/attempts"][:]
+            self.tries[numbers[new]] += f["provenance/attempts"][:][new]
+            self.counts.update(self.columns["state"][numbers[new]].tolist())
             member, time, element = (f[f"events/{name}"][:] for name in ("member", "time", "element"))
             bounds = np.searchsorted(member, np.arange(len(numbers) + 1))
             for row in np.flatnonzero(new & (np.diff(bounds) > 0)):
@@ -86,14 +92,18 @@ class Table:
                 self.times[int(numbers[row])] = time[part]
                 self.elements[int(numbers[row])] = element[part]
             self.there[numbers] = True
-            if not self.net and "net" in f:
-                self.net = {name: f[f"net/{name}"][:] for name in NET if name != "cable"}
-                self.net["cable"] = f["net/cable"].asstr()[:].astype(str)
+            if self.net is None:
+                self.net = (
+                    {} if "net" not in f else {name: f[f"net/{name}"][:] for name in NET if name != "cable"}
+                )
+                if self.net:
+                    self.net["cable"] = f["net/cable"].asstr()[:].astype(str)
 
-    def counts(self) -> dict[str, int]:
-        """How many runs ended in each state."""
-        names, counts = np.unique(self.columns["state"][self.there].astype(str), return_counts=True)
-        return dict(zip(names.tolist(), counts.tolist()))
+    def forget_failed(self) -> None:
+        """Runs that failed count as not made."""
+        failed = self.there & (self.columns["state"] == "failed")
+        self.there[failed] = False
+        self.counts["failed"] = 0
 
     # --- the study file
 
@@ -116,7 +126,9 @@ class Table:
                 if "wind.speed" in members:
                     _write(f, "fragility", fragility(members))
                 _write(f, "provenance", provenance | {"attempts": self.tries[rows]})
+            _sync(temporary)
             os.replace(temporary, path)
+            _sync(path.parent)  # before the journal goes
 
     def _members(self, rows: np.ndarray, plan) -> dict[str, np.ndarray]:
         """The columns of /members."""
@@ -152,6 +164,13 @@ class Table:
                 first[self.elements[number][0]] += 1
                 at_all[np.unique(self.elements[number])] += 1
         f["first_breaks"], f["breaks"] = first, at_all
+
+
+def _sync(path: Path) -> None:
+    """Have a file, or the names in a folder, on the disk."""
+    file = os.open(path, os.O_RDONLY)
+    os.fsync(file)
+    os.close(file)
 
 
 def check_digests(path: Path, found: dict, wanted: dict) -> None:

@@ -1,7 +1,7 @@
 """`netfall scale STUDY`: runs a minute against workers.
 
 The members are those that share form, rest and gust model with the first one. What each worker does once, its
-start and what is shared, is left out: the clock runs from the first answer of the last worker to have one.
+start and what is shared, is left out: the clock runs from the answer with which each may have had one.
 """
 
 import csv
@@ -15,10 +15,11 @@ import numpy as np
 
 from netfall.errors import InputError
 from netfall.stop import NEVER
-from netfall.study.ensemble import pieces_of, task_of, worker_words
+from netfall.study.ensemble import net_key, pieces_of
 from netfall.study.plan import Plan, read_plan
 from netfall.study.pool import Pool
 from netfall.study.queue import Queue
+from netfall.study.runs import task_of, worker_words
 
 RUNS = 16  # of each worker, the first one left out
 
@@ -81,7 +82,7 @@ def throughput(
 
     Raises InputError.
     """
-    plan = read_plan(path, pieces_of)
+    plan = read_plan(path, pieces_of, net_key)
     first = next(iter(Queue(plan, range(len(plan))).groups.values()))
     asked = (RUNS + 1) * max(workers)
     numbers = list(itertools.islice(itertools.cycle(first), asked))

@@ -1,0 +1,185 @@
+"""The runs of a study that are still to be made, and the study file that comes of them all."""
+
+import os
+import platform
+import secrets
+import shlex
+import sys
+from pathlib import Path
+
+import netfall
+from netfall.errors import InputError, Interrupted
+from netfall.job.read import read_job
+from netfall.output.place import writing
+from netfall.output.progress import Progress
+from netfall.study.fragility import fragility_section
+from netfall.study.journal import Journal
+from netfall.study.launch import check_launcher, default_launcher
+from netfall.study.place import Place
+from netfall.study.plan import Member, Plan
+from netfall.study.pool import Pool, worker_command
+from netfall.study.queue import Queue
+from netfall.study.table import OUTCOMES, Table
+from netfall.study.watch import Watch
+
+DEATHS = 3  # of workers at one member, after which it is given up
+NET = -1  # in place of a member's number: the task that tells the net
+
+
+class Runs:
+    """The runs of a study that are still to be made."""
+
+    def __init__(
+        self, plan: Plan, place: Place, table: Table, header: dict, watch: Watch, progress: Progress
+    ):
+        """header : of the journal; table : what there is"""
+        self.plan, self.place, self.table, self.header = plan, place, table, header
+        self.watch, self.progress = watch, progress
+        self.deaths: dict[int, int] = {}
+        self.done = self.broke = 0
+        self.net_asked = table.net is not None
+        self.token = secrets.token_hex(4)  # of this session's files, apart from those of one that was killed
+        self.journal = Journal(place.journal, header)
+
+    def run(self, missing: list[int], workers: int, launcher: str | None, stop) -> None:
+        """Make the runs, and the study file. Raises Interrupted."""
+        self.queue, self.count = Queue(self.plan, missing), len(missing)
+        count, ranks = max(1, min(workers, len(missing))), self.plan.ranks
+        self.progress.say(
+            f"netfall {netfall.__version__}: {self.plan.path.name}, {len(missing)} of {len(self.plan)} runs "
+            f"to make, {count} at once on {ranks} rank{'s' * (ranks > 1)} each"
+        )
+        self.progress.start()
+        try:
+            self._make_room()
+            asks = self.take, self.finish, self.died, self.started
+            Pool(worker_words(launcher, ranks), count, self.plan.time_limit, *asks).run(stop)
+            self.journal.sync()
+        finally:
+            self.journal.close()
+        self.progress.end()
+        if self.done < self.count or not self.net_asked:
+            there = int(self.table.there.sum())
+            raise Interrupted(f"interrupted after {there} of {len(self.plan)} runs; the same command goes on")
+        self._write(workers)
+
+    def _make_room(self) -> None:
+        """A folder for the result files that are kept, without what a killed session left in it."""
+        if self.plan.keep == "none":
+            return
+        with writing(self.place.members):
+            self.place.members.mkdir(exist_ok=True)
+            for old in self.place.members.glob(".*"):
+                old.unlink()
+
+    # --- what the pool asks and tells
+
+    def started(self, told: dict) -> None:
+        """A worker has started. Raises InputError if it is not one of this study."""
+        if told["ranks"] != self.plan.ranks:
+            raise InputError(
+                f"--launcher: started {told['ranks']} ranks; expected a command that starts {{ranks}} of "
+                f"them, here {self.plan.ranks}"
+            )
+        if told["program"] != self.header["program"]:
+            raise InputError(
+                "the program has changed while the study ran; start it again to see what is valid"
+            )
+
+    def take(self, last: str | None) -> tuple | None:
+        """The next task. The first tells the net and its form, which are the first member's."""
+        if not self.net_asked:
+            self.net_asked = True
+            return None, NET, task_of(self.plan, self.plan.member(0), net=True)
+        found = self.queue.take(last)
+        if found is None:
+            return None
+        key, number = found
+        self._note({"try": number})
+        result = None if self.plan.keep == "none" else str(self._kept(number, self.token))
+        return key, number, task_of(self.plan, self.plan.member(number), result)
+
+    def finish(self, number: int, told: dict) -> None:
+        """A run has ended. Raises InputError if what it has read is no longer what it was."""
+        self.watch.check()
+        if number == NET:
+            self._note({"net": told["net"]})
+            return
+        self._note({"done": number, **told})
+        self.done += 1
+        self.broke += told["broken"] > 0
+        self._keep(number, told)
+        counts = self.table.counts.items()
+        ended = "".join(f", {name} {count}" for name, count in counts if count and name != "finished")
+        share, done = self.done / self.count, f"{self.done} of {self.count}"
+        self.progress.at(share, done, self.done, "runs", f"with fractures {self.broke}{ended}")
+
+    def died(self, number: int, why: str, again: bool) -> None:
+        """A run ended its worker, or took too long."""
+        self.deaths[number] = self.deaths.get(number, 0) + 1
+        if again and self.deaths[number] < DEATHS:
+            if number == NET:
+                self.net_asked = False
+            else:
+                self.queue.back(number)
+            return
+        times = f", {self.deaths[number]} times" if again else ""
+        empty = {name: value for name, (_, value) in OUTCOMES.items()}
+        told = {"state": "failed", "reason": why + times, "times": [], "elements": [], "net": {}}
+        self.finish(number, empty | told)
+
+    def _note(self, record: dict) -> None:
+        self.journal.add(record)
+        self.table.add(record)
+
+    # --- files
+
+    def _kept(self, number: int, token: str = "") -> Path:
+        return self.place.members / (f".{number:06d}-{token}.vtkhdf" if token else f"{number:06d}.vtkhdf")
+
+    def _keep(self, number: int, told: dict) -> None:
+        """Give a result file its name, or remove it."""
+        there = self._kept(number, self.token)
+        if self.plan.keep == "none" or not there.exists():
+            return
+        with writing(there):
+            if self.plan.keep == "broken" and not told["broken"]:
+                there.unlink()
+            else:
+                os.replace(there, self._kept(number))
+
+    def _write(self, workers: int) -> None:
+        """The study file, and the end of the journal."""
+        job = read_job(self.plan.job)
+        provenance = {f"{name}_digest": self.header[name] for name in ("study", "job", "program")} | {
+            "study": self.plan.text,
+            "job": job.text,
+            "netfall": netfall.__version__,
+            "python": platform.python_version(),
+            "command": shlex.join(sys.argv),
+            "workers": workers,
+            "ranks": self.plan.ranks,
+        }
+        if self.plan.draws is not None:
+            provenance["draws"] = self.plan.draws
+        title = job.title or job.name
+        self.table.write(self.place.result, self.plan, title, provenance, fragility_section)
+        self.place.journal.unlink()
+        ended = ", ".join(f"{name} {count}" for name, count in self.table.counts.items() if count)
+        self.progress.say(f"written: {self.place.result} ({ended})")
+
+
+def task_of(plan: Plan, member: Member, result: str | None = None, net: bool = False) -> dict:
+    """What a worker is told of a member. result : path of a file to write; net : whether to tell the net"""
+    removes = [member.remove] if member.remove else []
+    rest = {"result": result, "net": net}
+    return {"job": str(plan.job), "overrides": member.overrides, "removes": removes, **rest}
+
+
+def worker_words(launcher: str | None, ranks: int) -> list[str]:
+    """The command that starts a worker."""
+    if launcher is None and ranks == 1:
+        return worker_command([])
+    check_launcher(launcher or default_launcher())
+    usual = default_launcher().replace("-n {ranks}", "--bind-to none -n {ranks}")  # workers share the cores
+    return worker_command(shlex.split((launcher or usual).format(ranks=ranks)))
