@@ -147,7 +147,9 @@ def wait_for(there) -> None:
 def workers_of(pid: int) -> list[int]:
     """Processes of a driver's workers."""
     children = Path(f"/proc/{pid}/task/{pid}/children")
-    return [int(word) for word in children.read_text().split()] if children.exists() else []
+    found = [int(word) for word in children.read_text().split()] if children.exists() else []
+    command = lambda child: Path(f"/proc/{child}/cmdline")
+    return [child for child in found if command(child).exists() and b"worker" in command(child).read_bytes()]
 
 
 def test_parts_are_joined_and_what_is_missing_is_run(whole, tmp_path):
