@@ -115,7 +115,7 @@ def _told(setup: Setup, simulation, tension: np.ndarray, displacement: np.ndarra
     if removal:
         gone[removal["element"]] = True
         tension = np.fmax(tension, np.fmax.reduce(removal["tension_peak"], 0))
-        found |= _largest_factor(removal)
+        found |= {} if log.events else _largest_factor(removal)  # the rest is that of a net that holds
     strength = np.where(np.isfinite(model.net.breaking_load), model.net.breaking_load, model.yield_force)
     known = np.isfinite(strength) & (strength > 0.0)
     used = tension[known] / strength[known]
