@@ -14,6 +14,7 @@ import pytest
 from conftest import BIN, ENVIRONMENT, ROOT, assert_same_results, run_netfall, run_on_standing_ranks
 
 from netfall.errors import InputError
+from netfall.job.read import read_job
 from netfall.net.net import Net
 from netfall.solve.member import roof_lost
 from netfall.stop import NEVER
@@ -398,6 +399,14 @@ def test_a_wrong_study_file_is_refused_in_one_line(tmp_path, text, line):
         read_plan(write(tmp_path, OF_STUDY + text), pieces_of, net_key)
     told = line.format(job=ROOT / "jobs" / "saddle.toml")
     assert any(told in each and "toml" in each for each in error.value.lines), error.value.lines
+
+
+def test_a_job_is_no_study_and_a_study_no_job(tmp_path):
+    study = write(tmp_path)
+    with pytest.raises(InputError, match=r"storm.toml: is a study file; netfall study .*storm.toml runs it"):
+        read_job(study)
+    with pytest.raises(InputError, match=r"roof.toml: is a job file; netfall run"):
+        read_plan(tmp_path / "roof.toml", pieces_of, net_key)
 
 
 def test_the_order_of_the_members(tmp_path):

@@ -95,6 +95,8 @@ def read_job(path: str | Path, overrides: list[str] = (), removes: list[dict] = 
     """
     path = Path(path)
     data, text = _parse(path)
+    if "job" in data and {"vary", "sample"} & set(data):
+        raise InputError(f"{path}: is a study file; netfall study {path} runs it")
     errors: list[str] = []
     _apply_overrides(data, overrides, errors)
     if removes:

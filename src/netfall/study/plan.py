@@ -113,6 +113,8 @@ def read_plan(path: Path, pieces_of, net_key) -> Plan:
     Raises InputError with a line for each thing that is wrong.
     """
     data, text = _parse(path)
+    if "net" in data and "job" not in data:
+        raise InputError(f"{path}: is a job file; netfall run {path} runs it; a study file names it in job")
     errors: list[str] = []
     wrong = lambda what: errors.append(f"{path}: {what}")
     for name in data:
