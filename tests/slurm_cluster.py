@@ -16,10 +16,10 @@ from pathlib import Path
 
 CPUS = 2  # of the node; the cores of the machine may be fewer
 DAEMONS = ("munged", "slurmctld", "slurmd")
-WAIT = 300.0  # s that anything may take
+WAIT = 600.0  # s that anything may take
 PATH = f"{os.environ['PATH']}:/usr/sbin:/sbin"
 
-# cred_expire is how long a job that was requeued waits before it starts again: two minutes if nothing is said.
+# cred_expire: how long a job that went back to the queue waits there; two minutes if nothing is said
 CONFIGURATION = """
 ClusterName=netfall
 SlurmctldHost={host}(127.0.0.1)
@@ -47,7 +47,7 @@ MpiDefault=none
 ReturnToService=2
 KillWait=10
 SlurmdParameters=config_overrides
-NodeName={host} NodeAddr=127.0.0.1 CPUs={cpus} Boards=1 SocketsPerBoard=1 CoresPerSocket={cpus} ThreadsPerCore=1
+NodeName={host} NodeAddr=127.0.0.1 CPUs={cpus} SocketsPerBoard=1 CoresPerSocket={cpus} ThreadsPerCore=1
 PartitionName=all Nodes={host} Default=YES MaxTime=60 State=UP
 """
 
@@ -107,11 +107,17 @@ class Cluster:
         end = time.monotonic() + WAIT
         while not there():
             assert time.monotonic() < end, f"{what} within {WAIT} s; queue: {self.queue()}"
-            time.sleep(0.1)
+            time.sleep(0.05)
 
     def until_empty(self) -> None:
         """Wait until no job is left."""
         self.until(lambda: not self.queue(), "end of all jobs")
+
+    def clear(self) -> None:
+        """End all jobs."""
+        self.command("scancel", "-s", "KILL", *self.queue(), check=False)
+        self.command("scancel", *self.queue(), check=False)  # those that wait
+        self.until_empty()
 
 
 @contextmanager
@@ -141,8 +147,6 @@ def cluster(environment: dict):
                 here.until((folder / "munge.socket").exists, "munged")
         here.until(lambda: "idle" in here.command("sinfo", "-h", "-o", "%t", check=False), "an idle node")
         yield here
-        here.command("scancel", "--full", "-s", "KILL", f"--user={_user()}", check=False)
-        here.until_empty()
     finally:
         _end(started, folder)
 
