@@ -134,7 +134,7 @@ def cluster(environment: dict):
             log = (folder / f"{name}.out").open("w")
             started.append(
                 subprocess.Popen(
-                    words,
+                    ["setpriv", "--pdeathsig", "TERM", *words],  # they end also if this process is killed
                     env=here.environment,
                     stdin=subprocess.DEVNULL,
                     stdout=log,
