@@ -16,7 +16,7 @@ from pathlib import Path
 
 CPUS = 2  # of the node; the cores of the machine may be fewer
 DAEMONS = ("munged", "slurmctld", "slurmd")
-WAIT = 600.0  # s that anything may take
+WAIT = 300.0  # s that anything may take
 PATH = f"{os.environ['PATH']}:/usr/sbin:/sbin"
 
 # cred_expire: how long a job that went back to the queue waits there; two minutes if nothing is said
@@ -55,6 +55,15 @@ PartitionName=all Nodes={host} Default=YES MaxTime=60 State=UP
 def missing() -> list[str]:
     """Programs that are not there."""
     return [name for name in (*DAEMONS, "sbatch", "srun") if shutil.which(name, path=PATH) is None]
+
+
+def kill_all(*variables: str) -> None:
+    """kill -9 of every process that has these in its environment, NAME=VALUE."""
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):  # it has ended, or is another user's
+            there = (process / "environ").read_bytes().split(b"\0")
+            if all(each.encode() in there for each in variables):
+                os.kill(int(process.name), signal.SIGKILL)
 
 
 def free_ports(count: int) -> list[int]:
@@ -113,10 +122,13 @@ class Cluster:
         """Wait until no job is left."""
         self.until(lambda: not self.queue(), "end of all jobs")
 
+    def kill(self, variable: str) -> None:
+        """kill -9 of the script and all processes of jobs that have a variable, NAME=VALUE."""
+        kill_all(f"SLURM_CONF={self.folder}/slurm.conf", variable)
+
     def clear(self) -> None:
         """End all jobs."""
-        self.command("scancel", "-s", "KILL", *self.queue(), check=False)
-        self.command("scancel", *self.queue(), check=False)  # those that wait
+        self.command("scancel", *self.queue(), check=False)
         self.until_empty()
 
 
@@ -193,9 +205,5 @@ def _end(started: list[subprocess.Popen], folder: Path) -> None:
         except subprocess.TimeoutExpired:
             daemon.kill()
             daemon.wait()
-    for process in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):  # it has ended, or is another user's
-            own = f"SLURM_CONF={folder}/slurm.conf".encode() in (process / "environ").read_bytes()
-            if own and int(process.name) != os.getpid():
-                os.kill(int(process.name), signal.SIGKILL)
+    kill_all(f"SLURM_CONF={folder}/slurm.conf")
     shutil.rmtree(folder, ignore_errors=True)

@@ -148,7 +148,7 @@ def test_a_study_that_is_stopped_and_killed_goes_on_to_the_same_bits(slurm, site
     until_restart(slurm, job, 1)
     stopped = runs_there(journal)
     until_some(slurm, journal, stopped)
-    slurm.command("scancel", "-s", "KILL", job)
+    slurm.kill(f"SLURM_JOB_ID={job}")  # scancel -s KILL would send SIGTERM first
     slurm.until_empty()
     killed = runs_there(journal)
     assert 0 < stopped < killed < MEMBERS
@@ -162,7 +162,7 @@ def test_a_study_that_is_stopped_and_killed_goes_on_to_the_same_bits(slurm, site
     slurm.submit(*words, cwd=site)
     slurm.until_empty()
     same_studies(whole, site / "saddle.study.h5")
-    assert (site / "saddle.study.fragility.png").exists() or list(site.glob("*.png"))
+    assert list(site.glob("*.png"))  # and the script has drawn them
 
 
 def test_an_array_is_killed_and_sent_back_and_joined_to_the_same_bits(slurm, site, whole):
@@ -173,7 +173,7 @@ def test_an_array_is_killed_and_sent_back_and_joined_to_the_same_bits(slurm, sit
     until_some(slurm, journals[0])
     slurm.command("scancel", "--batch", "-s", "USR1", f"{job}_1")
     until_some(slurm, journals[1])
-    slurm.command("scancel", "-s", "KILL", f"{job}_2")
+    slurm.kill("SLURM_ARRAY_TASK_ID=2")
     slurm.until(lambda: f"{job}_2" not in slurm.queue(), "end of part 2")
     slurm.command("scontrol", "requeue", f"{job}_2")
     join = slurm.submit(
