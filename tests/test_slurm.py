@@ -162,7 +162,6 @@ def test_a_study_that_is_stopped_and_killed_goes_on_to_the_same_bits(slurm, site
     slurm.submit(*words, cwd=site)
     slurm.until_empty()
     same_studies(whole, site / "saddle.study.h5")
-    assert list(site.glob("*.png"))  # and the script has drawn them
 
 
 def test_an_array_is_killed_and_sent_back_and_joined_to_the_same_bits(slurm, site, whole):
