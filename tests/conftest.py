@@ -26,8 +26,11 @@ prestress = 100e3
 
 def pytest_addoption(parser):
     parser.addoption("--long", action="store_true", help="also the tests that take minutes")
+    parser.addoption("--slurm", action="store_true", help="also the tests under Slurm and on two hosts")
     parser.addoption("--table", help="write the comparisons of tests/validation to this file")
 
+
+LEFT_OUT = {"long": "takes minutes", "slurm": "starts Slurm or hosts of its own, as root"}  # by the mark
 
 # Workers take files from this list in turn, the longest first so that all end together; then the others.
 LONGEST_FIRST = ["restart", "precision", "parallel", "validation_dynamics", "dynamics", "extremes"]
@@ -35,11 +38,12 @@ ANY_TIME = ["kernels"]  # their cases share nothing and fill what is left at the
 
 
 def pytest_collection_modifyitems(config, items):
-    """Leave out what is long; begin with what takes longest where there are several workers."""
-    if not config.getoption("--long"):
-        for item in items:
-            if "long" in item.keywords:
-                item.add_marker(pytest.mark.skip(reason="takes minutes; --long runs it"))
+    """Leave out what is not asked for; begin with what takes longest where there are several workers."""
+    for mark, reason in LEFT_OUT.items():
+        if not config.getoption(f"--{mark}"):
+            for item in items:
+                if mark in item.keywords:
+                    item.add_marker(pytest.mark.skip(reason=f"{reason}; --{mark} runs it"))
     if on_worker(config):
         items.sort(key=lambda item: turn_of(item.path.stem.removeprefix("test_")))
 

@@ -89,8 +89,12 @@ def study(
 
 def _cores(launcher: str | None) -> int:
     """Cores there are for workers: here, or in the allocation where a launcher reaches all of it."""
-    tasks = os.environ.get("SLURM_NTASKS", "") if launcher else ""
-    return int(tasks) if tasks.isdigit() else len(os.sched_getaffinity(0))
+    here = len(os.sched_getaffinity(0))
+    if launcher:
+        tasks = os.environ.get("SLURM_NTASKS", "")
+        return int(tasks) if tasks.isdigit() else here
+    given = os.environ.get("SLURM_CPUS_ON_NODE", "")  # a Slurm that binds nothing leaves all of them in sight
+    return min(here, int(given)) if given.isdigit() else here
 
 
 def _what_there_is(plan: Plan, place: Place, digests: dict, shard, progress: Progress) -> Table:
