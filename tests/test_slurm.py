@@ -18,7 +18,7 @@ from two_hosts import two_hosts
 from netfall.study.journal import read_journal
 
 pytestmark = [pytest.mark.slurm, pytest.mark.processes]
-MEMBERS = 6  # of SADDLE
+MEMBERS = 6  # of STUDY
 SHORT = f"""
 job = "{ROOT}/jobs/saddle.toml"
 [vary]
@@ -62,7 +62,7 @@ def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
     done = run_netfall("study", write(folder), "--workers", 2, cwd=folder)
     assert done.returncode == 0, done.stderr
-    return folder / "saddle.study.h5"
+    return folder / "storm.study.h5"
 
 
 def runs_there(journal: Path) -> int:
@@ -140,8 +140,8 @@ def test_slurm_sends_the_signal_before_the_time_is_up(slurm, site):
 
 def test_a_study_that_is_stopped_and_killed_goes_on_to_the_same_bits(slurm, site, whole):
     """jobs/studies/stadium.slurm: a signal sends it back to the queue, scancel ends it, sbatch goes on."""
-    words = ["--cpus-per-task=1", "--export=ALL,STUDY=saddle.toml", "jobs/studies/stadium.slurm"]
-    journal = site / "saddle.study.journal"
+    words = ["--cpus-per-task=1", "--export=ALL,STUDY=storm.toml", "jobs/studies/stadium.slurm"]
+    journal = site / "storm.study.journal"
     job = slurm.submit(*words, cwd=site)
     until_some(slurm, journal)
     slurm.command("scancel", "--batch", "-s", "USR1", job)
@@ -161,14 +161,14 @@ def test_a_study_that_is_stopped_and_killed_goes_on_to_the_same_bits(slurm, site
     assert slurm.facts(job)["JobState"] == "CANCELLED" and journal.exists()
     slurm.submit(*words, cwd=site)
     slurm.until_empty()
-    same_studies(whole, site / "saddle.study.h5")
+    same_studies(whole, site / "storm.study.h5")
 
 
 def test_an_array_is_killed_and_sent_back_and_joined_to_the_same_bits(slurm, site, whole):
     """jobs/studies/parts.slurm: one part is signalled, the other killed and queued again; then joined."""
-    words = ["--array=1-2", "--export=ALL,STUDY=saddle.toml", "jobs/studies/parts.slurm"]
+    words = ["--array=1-2", "--export=ALL,STUDY=storm.toml", "jobs/studies/parts.slurm"]
     job = slurm.submit(*words, cwd=site)
-    journals = [site / f"saddle.{k}-of-2.study.journal" for k in (1, 2)]
+    journals = [site / f"storm.{k}-of-2.study.journal" for k in (1, 2)]
     until_some(slurm, journals[0])
     slurm.command("scancel", "--batch", "-s", "USR1", f"{job}_1")
     until_some(slurm, journals[1])
@@ -176,13 +176,13 @@ def test_an_array_is_killed_and_sent_back_and_joined_to_the_same_bits(slurm, sit
     slurm.until(lambda: f"{job}_2" not in slurm.queue(), "end of part 2")
     slurm.command("scontrol", "requeue", f"{job}_2")
     join = slurm.submit(
-        f"--dependency=afterok:{job}", "--wrap", ".venv/bin/netfall study saddle.toml", cwd=site
+        f"--dependency=afterok:{job}", "--wrap", ".venv/bin/netfall study storm.toml", cwd=site
     )
     slurm.until_empty()
     assert [slurm.facts(f"{job}_{k}")["Restarts"] for k in (1, 2)] == ["1", "1"]
     said = (site / f"slurm-{join}.out").read_text()
-    assert all(f"saddle.{k}-of-2.study.h5: 3 of 6 runs are there" in said for k in (1, 2)), said
-    same_studies(whole, site / "saddle.study.h5")
+    assert all(f"storm.{k}-of-2.study.h5: 3 of 6 runs are there" in said for k in (1, 2)), said
+    same_studies(whole, site / "storm.study.h5")
 
 
 def test_srun_starts_the_ranks_of_a_worker(slurm, site):
@@ -193,12 +193,12 @@ def test_srun_starts_the_ranks_of_a_worker(slurm, site):
     study.write_text(SHORT + "[run]\nranks = 2\n")
     launcher = "srun --exact --mpi=pmix -n {ranks}"
     job = slurm.submit(
-        "--ntasks=2", "--wrap", f'.venv/bin/netfall study saddle.toml --launcher "{launcher}"', cwd=site
+        "--ntasks=2", "--wrap", f'.venv/bin/netfall study storm.toml --launcher "{launcher}"', cwd=site
     )
     slurm.until_empty()
     said = (site / f"slurm-{job}.out").read_text()
     assert "1 at once on 2 ranks each" in said and "written:" in said, said
-    same_studies(site / "alone.study.h5", site / "saddle.study.h5")
+    same_studies(site / "alone.study.h5", site / "storm.study.h5")
 
 
 # --- two hosts

@@ -1,5 +1,6 @@
 """`netfall study`: the same bits however it is run, nothing lost, and what is wrong in a study file."""
 
+import contextlib
 import json
 import os
 import signal
@@ -423,3 +424,37 @@ def test_the_order_of_the_members(tmp_path):
         (seed, speed, prestress) for seed in (3, 1) for speed in (20.0, 30.0) for prestress in (first, second)
     ]
     assert json.loads(json.dumps(plan.member(0).overrides))[0] == "wind.seed=3"
+
+
+# --- killed again and again
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("victim", ["worker", "driver", "all"])
+def test_twenty_kills_change_no_bit(tmp_path, victim):
+    """At random moments, some while the journal is written; each followed by the same command."""
+    text = STUDY.replace("[20.0, 30.0, 180.0]", "[20.0, 30.0]").replace("to = 2", "to = 30")
+    study, chance = write(tmp_path, text), np.random.default_rng(5)
+    done = run_netfall("study", study, "-o", tmp_path / "whole.study.h5", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    kills, result = 0, tmp_path / "storm.study.h5"
+    while not result.exists() or kills < 20:
+        if result.exists():  # whole before the last kill: once more
+            same_studies(tmp_path / "whole.study.h5", result)
+            result.unlink()
+        driver = subprocess.Popen([BIN / "netfall", "study", study, "--quiet"], cwd=tmp_path, env=ENVIRONMENT)
+        while driver.poll() is None and kills < 20:
+            time.sleep(chance.uniform(0.5, 4.0))
+            kills += strike(driver, victim)
+        driver.wait(300)
+    same_studies(tmp_path / "whole.study.h5", result)
+
+
+def strike(driver, victim: str) -> bool:
+    """Kill a worker, the driver, or all of a study at once; whether there was something to kill."""
+    workers = workers_of(driver.pid) if driver.poll() is None else []
+    struck = {"worker": workers[:1], "driver": [driver.pid], "all": [driver.pid, *workers]}[victim]
+    for pid in struck if workers else []:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+    return bool(workers)
