@@ -54,8 +54,11 @@ def animate(result: Path, folder: Path, form: str | None, fps: int) -> tuple[Pat
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{result.stem}_collapse.{form}"
         passing = path.with_name(f".{path.name}")  # under its own name only once it is whole
-        (_write_mp4 if form == "mp4" else _write_gif)(film, passing, fps)
-        passing.replace(path)
+        try:
+            (_write_mp4 if form == "mp4" else _write_gif)(film, passing, fps)
+            passing.replace(path)
+        finally:
+            passing.unlink(missing_ok=True)
     plt.close(film.figure)
     return path, f"{film.told(fps)}, {path.stat().st_size / 1e6:.2g} MB; {why}"
 
