@@ -50,12 +50,13 @@ PACKAGES = {
     "matplotlib": [
         *("output.plot", "output.plot_net", "output.plot_roof", "output.plot_curves", "output.plot_style"),
         *("output.plot_modes", "output.plot_utilisation", "output.plot_force", "output.plot_states"),
-        *("output.plot_collapse", "study"),
+        *("output.plot_collapse", "output.plot_animation", "study"),
     ],
     "mpl_toolkits": [
         *("output.plot_net", "output.plot_modes", "output.plot_utilisation", "output.plot_force"),
-        "output.plot_collapse",
+        *("output.plot_collapse", "output.plot_animation"),
     ],
+    "PIL": ["output.plot_animation"],
     "tqdm": ["output.progress"],
     "ezdxf": ["exchange"],
 }

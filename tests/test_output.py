@@ -3,6 +3,7 @@ pictures and words.
 """
 
 import subprocess
+from itertools import pairwise
 from pathlib import Path
 
 import h5py
@@ -10,8 +11,11 @@ import numpy as np
 import pytest
 from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall
 from kill_runs import JOB
+from PIL import Image
 
+from netfall.errors import InputError
 from netfall.output.info import print_info
+from netfall.output.plot_animation import animate, format_of
 from netfall.output.plot_collapse import stage_steps
 from netfall.output.plot_force import ForceScale, edge_of
 
@@ -434,3 +438,37 @@ def test_a_place_that_is_taken_is_refused(workshop):
         assert "another run is writing it" in workshop.run(job, code=2).stderr
     workshop.run(job).close()
     assert not (workshop.folder / ".result.vtkhdf.lock").exists()
+
+
+def test_animation_has_a_picture_for_each_frame(storm, tmp_path):
+    """All 17 at 15 a second on average, each unlike the one before; elements turn red as they break."""
+    path, told = animate(Path(storm.filename), tmp_path, "gif", 15)
+    assert path.name == "storm_collapse.gif" and told.startswith("17 frames at 15 a second: 1.13 s for 0.8 s")
+    with Image.open(path) as film:
+        assert film.n_frames == 17
+        pictures, seconds = [], 0.0
+        for k in range(17):
+            film.seek(k)
+            pictures.append(np.asarray(film.convert("RGB"), float)[60:340])  # without title and bars
+            seconds += film.info["duration"] / 1000
+    assert seconds == pytest.approx(17 / 15, abs=0.01)  # a GIF counts hundredths
+    assert all((one != other).any() for one, other in pairwise(pictures))
+    red = [int(((p[..., 0] > 180) & (p[..., 1:] < 90).all(-1)).sum()) for p in pictures]
+    assert len(storm["events/time"]) > 3 and max(red[-5:]) > red[0] + 20
+
+
+def test_format_of_the_animation_and_why():
+    """MP4 where ffmpeg is, GIF where it is not; asked for without it: what to do."""
+    assert format_of(None, True) == ("mp4", "MP4, by ffmpeg")
+    assert format_of(None, False)[0] == "gif" and "ffmpeg" in format_of(None, False)[1]
+    assert format_of("gif", True)[0] == "gif"
+    with pytest.raises(InputError, match="install it, or take --format gif"):
+        format_of("mp4", False)
+
+
+def test_animation_without_frames_says_what_to_do(workshop):
+    """A job without dynamics has one state: the message names [dynamics]."""
+    f = workshop.run(workshop.job('[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\n"))
+    with pytest.raises(InputError, match=r"no frames to animate.*\[dynamics\] duration"):
+        animate(Path(f.filename), workshop.folder, "gif", 15)
+    assert {p.name for p in workshop.folder.iterdir()} == {"job.toml", "result.vtkhdf"}

@@ -82,6 +82,9 @@ def info(arguments) -> None:
 
 def plot(arguments) -> None:
     """netfall plot RESULT"""
+    if arguments.animate or arguments.format or arguments.fps:
+        _animate(arguments)
+        return
     from netfall.output.plot import plot_all
     from netfall.study.members import is_study
     from netfall.study.plot_study import plot_study
@@ -92,6 +95,20 @@ def plot(arguments) -> None:
         print(picture)
     if lacking:
         raise InputError(lacking)
+
+
+def _animate(arguments) -> None:
+    """netfall plot RESULT --animate"""
+    from netfall.output.plot_animation import animate
+    from netfall.study.members import is_study
+
+    a = arguments
+    if not a.animate:
+        raise InputError("netfall plot: --format and --fps are of the animation; add --animate")
+    if is_study(a.result):
+        raise InputError(f"{a.result}: a study file has no frames; animate the result file of one run")
+    path, told = animate(a.result, _folder(a.folder or a.result.parent), a.format, a.fps or 15)
+    print(f"{path}: {told}")
 
 
 def report(arguments) -> None:

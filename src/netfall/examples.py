@@ -14,7 +14,10 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "netfall run roof.toml --restart roof.checkpoint-3-00004000.h5 --walltime 02:00:00",
     ),
     "info": ("netfall info results/stadium.vtkhdf",),
-    "plot": ("netfall plot results/stadium.vtkhdf -o pictures",),
+    "plot": (
+        "netfall plot results/stadium.vtkhdf -o pictures",
+        "netfall plot results/stadium.vtkhdf --animate --fps 25",
+    ),
     "report": ("netfall report results/stadium.vtkhdf -o report",),
     "scale": (
         'netfall scale jobs/stadium.toml --ranks 1,2,4 --launcher "srun -n {ranks}"',

@@ -36,11 +36,7 @@ def parser() -> Parser:
     _partition(_of_job(verbs, "partition", "write partitions/NAME.graph and NAME.graph.part.P"))
     _run(_of_job(verbs, "run", "run a job; on P ranks: mpirun -n P netfall run JOB"))
     _of_result(verbs, "info", "of a result or study file: what ran, how it ended, what broke first")
-    _folder(
-        _of_result(verbs, "plot", "pictures from a result or study file"),
-        None,
-        "folder of the pictures (default: beside the result file)",
-    )
+    _plot(_of_result(verbs, "plot", "pictures, or an animation, from a result or study file"))
     _report(
         _of_result(
             verbs,
@@ -123,6 +119,16 @@ def _run(verb: Parser) -> None:
     loud = verb.add_mutually_exclusive_group()
     loud.add_argument("--quiet", action="store_true", help="print errors only")
     loud.add_argument("--verbose", action="store_true", help="print residuals and step limits too")
+
+
+def _plot(verb: Parser) -> None:
+    _folder(verb, None, "folder of the pictures (default: beside the result file)")
+    text = "an animation of the dynamic stage in place of the pictures"
+    verb.add_argument("--animate", action="store_true", help=text)
+    text = "of the animation (default: mp4 where ffmpeg is installed, else gif)"
+    verb.add_argument("--format", choices=("mp4", "gif"), help=text)
+    text = "frames of the animation in a second (default: 15)"
+    verb.add_argument("--fps", type=take.count, metavar="N", help=text)
 
 
 def _report(verb: Parser) -> None:

@@ -189,11 +189,10 @@ class Validation:
         if not tables and not (isinstance(generator, str) and generator in GENERATOR_KEYS):
             return
         own = () if tables else GENERATOR_KEYS[generator]
-        for other, names in GENERATOR_KEYS.items():
-            for name in names:
-                if name in net and name not in own:
-                    only = f'only for generator = "{other}"; remove it'
-                    self.wrong("net", f"{name} = {shown(net[name])}: {only}")
+        for name in dict.fromkeys(name for names in GENERATOR_KEYS.values() for name in names):
+            if name in net and name not in own:
+                others = " or ".join(shown(other) for other, keys in GENERATOR_KEYS.items() if name in keys)
+                self.wrong("net", f"{name} = {shown(net[name])}: only for generator = {others}; remove it")
 
     def _source_of_the_wind(self, wind: dict) -> None:
         sources = [key for key in ("speed", "file", "pressures") if key in wind]

@@ -15,7 +15,11 @@ REMEDY = (
     "name in [roof] groups the groups of elements whose faces carry the roof, mend the drawing, or give in "
     "nodes.csv `area` and, for wind and for pressure along the normal, normal_x, normal_y, normal_z"
 )
-PLAIN = ("saddle", "stadium")  # generators of nets of one layer whose elements meet at their ends alone
+PLAIN = (
+    "saddle",
+    "stadium",
+    "ring",
+)  # generators of nets of one layer whose elements meet at their ends alone
 
 
 @dataclass(frozen=True)

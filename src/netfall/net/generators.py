@@ -1,14 +1,14 @@
-"""Nets from dimensions: those of the paper, saddle (4.1) and stadium (4.2), and the wheel (wheel.py)."""
+"""Nets from dimensions: those of the paper, saddle (4.1), stadium (4.2); others: ring, wheel, dome."""
 
 from itertools import pairwise
 
 import numpy as np
 
 from netfall.job.dimensions import GENERATOR_KEYS
-from netfall.net.net import Net
+from netfall.net.dome import dome, wrong_dome
+from netfall.net.net import Net, pair_key
+from netfall.net.ring import SNAP, ring
 from netfall.net.wheel import wheel
-
-SNAP = 1e-3  # of the spacing: a grid point this close to the ellipse is a support on it
 
 
 def saddle(side: float, rise: float, cells: int) -> Net:
@@ -45,7 +45,39 @@ def saddle(side: float, rise: float, cells: int) -> Net:
     )
 
 
-def stadium(length: float, width: float, arch_rise: float, spacing: float) -> Net:
+def stadium(length: float, width: float, arch_rise: float, spacing: float, halves: int = 1) -> Net:
+    """A stadium roof, one half as in the paper or both, which share the arch."""
+    half = half_stadium(length, width, arch_rise, spacing)
+    return half if halves == 1 else mirrored(half)
+
+
+def mirrored(half: Net) -> Net:
+    """A net on one side of its supports on y = 0 together with its mirror image on the other side of them."""
+    away = np.flatnonzero(half.x[:, 1] > 0)
+    away = away[np.lexsort((half.x[away, 0], -half.x[away, 1]))]
+    k, corners = len(away), len(half.corners)
+    here = k + np.arange(half.n + corners)
+    there = here.copy()
+    there[away] = np.arange(k)
+    along_x, along_y = (half.elements[half.group == group] for group in (0, 1))
+    elements, group = _in_order(
+        np.concatenate([there[along_x], here[along_x]]),
+        np.concatenate([there[along_y][:, ::-1], here[along_y]]),
+    )
+    outline = np.concatenate([there[half.outline], here[half.outline]])
+    once = np.sort(np.unique(pair_key(outline, len(here) + k), return_index=True)[1])  # the arch has it twice
+    return Net(
+        np.concatenate([half.x[away] * [1.0, -1.0, 1.0], half.x]),
+        np.concatenate([half.fixed[away], half.fixed]),
+        elements,
+        group,
+        half.group_names,
+        outline=outline[once],
+        corners=half.corners,
+    )
+
+
+def half_stadium(length: float, width: float, arch_rise: float, spacing: float) -> Net:
     """Half of a stadium roof, from a rigid parabolic arch (y = 0) to a rigid elliptic edge (z = 0).
 
     Cables along x and y at multiples of `spacing`, each ending on the arch or on the ellipse. The start
@@ -130,30 +162,31 @@ def _in_order(along_x, along_y):
 
 def generate(net) -> Net:
     """The net of a section [net] with a generator."""
-    make = {"saddle": saddle, "stadium": stadium, "wheel": wheel}[net.generator]
+    makers = {"saddle": saddle, "stadium": stadium, "ring": ring, "wheel": wheel, "dome": dome}
+    make = makers[net.generator]
     return make(*(getattr(net, key) for key in GENERATOR_KEYS[net.generator]))
 
 
 def wrong_dimensions(net, most: int) -> str:
     """What is wrong with the dimensions of a section [net], in words: too many elements, or no roof."""
+    grid = lambda: 2.0 * (np.pi / 8) * (net.length / net.spacing) * (net.width / net.spacing)
     key, size = {
         "saddle": ("cells", lambda: 2.0 * net.cells**2),
-        "stadium": (
-            "spacing",
-            lambda: 2.0 * (np.pi / 8) * (net.length / net.spacing) * (net.width / net.spacing),
-        ),
+        "stadium": ("spacing", lambda: net.halves * grid()),
+        "ring": ("spacing", lambda: 2.0 * grid()),
         "wheel": ("spokes", lambda: net.spokes * (4.0 * net.hoops + 10.0)),
+        "dome": ("spokes", lambda: net.spokes * (6.0 * net.hoops + 7.0)),
     }[net.generator]
     given = f"{key} = {getattr(net, key):g}:"
     if not size() <= most:
         return f"{given} asks for {size():.3g} elements; at most {most:.0e} fit"
-    if net.generator == "stadium" and net.spacing > 0.25 * min(net.length, net.width):
+    if net.generator in ("stadium", "ring") and net.spacing > 0.25 * min(net.length, net.width):
         return (
             f"{given} too wide for the roof; expected at most {0.25 * min(net.length, net.width):g} m, "
             "a quarter of the shorter axis"
         )
     if net.generator == "wheel" and net.spokes % 4:
         return f"{given} expected a multiple of 4, for the supports a quarter of the ring apart"
-    if net.generator == "wheel" and not net.opening < net.diameter:
+    if net.generator in ("wheel", "dome") and not net.opening < net.diameter:
         return f"opening = {net.opening:g}: expected less than diameter = {net.diameter:g} m"
-    return ""
+    return wrong_dome(net) if net.generator == "dome" else ""

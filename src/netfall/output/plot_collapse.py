@@ -51,11 +51,14 @@ def collapse(f):
     return figure
 
 
-def view(frames: Frames, steps: list[int]) -> np.ndarray:
-    """The box (2, 3) [m] of the pictures: the net at the start, and nearly all of what moves out of it."""
+def view(frames: Frames, steps: list[int], farthest: float = FARTHEST) -> np.ndarray:
+    """The box (2, 3) [m] of the pictures: the net at the start, and nearly all of what moves out of it.
+
+    farthest : as FARTHEST
+    """
     start = frames.lines(0).reshape(-1, 3)
     low, high = start.min(0), start.max(0)
-    reach = FARTHEST * (high - low).max()
+    reach = farthest * (high - low).max()
     there = [np.percentile(frames.lines(step).reshape(-1, 3), IN_VIEW, axis=0) for step in steps]
     lowest, highest = np.min(there, axis=0)[0], np.max(there, axis=0)[1]
     return np.array([np.clip(lowest, low - reach, low), np.clip(highest, high, high + reach)])

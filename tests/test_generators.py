@@ -1,0 +1,128 @@
+"""The whole stadium, the ring and the dome: what they are made of, their equilibrium, the shipped jobs."""
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from test_wheel import residual
+
+from netfall.net import generators
+from netfall.net.areas import tributary_areas
+from netfall.net.dome import GROUPS, dome
+from netfall.net.faces import find_faces
+from netfall.net.net import pair_key
+from netfall.net.ring import ring
+
+STADIUM = 88.0, 66.0, 10.0, 2.2
+
+
+def places(x):
+    """Nodes by their place, in an order that does not depend on their numbers."""
+    return np.array(sorted(map(tuple, np.round(x, 9) + 0.0)))
+
+
+def test_the_whole_stadium_is_two_halves_that_share_the_arch():
+    """Twice 544 particles and 937 elements, less the 39 of the arch; its own mirror image; the areas too."""
+    half, whole = generators.stadium(*STADIUM), generators.stadium(*STADIUM, 2)
+    arch = int((half.x[:, 1] == 0).sum())
+    assert (whole.n, whole.m) == (2 * half.n - arch, 2 * half.m) == (1049, 1874)
+    assert np.array_equal(places(whole.x), places(whole.x * [1, -1, 1]))
+    assert (np.bincount(whole.elements.ravel(), minlength=whole.n)[~whole.fixed.all(1)] == 4).all()
+    assert len(np.unique(pair_key(whole.elements, whole.n))) == whole.m
+    assert np.sort(whole.lengths()) == pytest.approx(np.repeat(np.sort(half.lengths()), 2), rel=1e-14)
+    own, both = (tributary_areas(net.x, net, find_faces(net))[1] for net in (half, whole))
+    free = lambda net, area: np.sort(area[~net.fixed.all(1)])
+    assert free(whole, both) == pytest.approx(np.repeat(free(half, own), 2), rel=1e-12)  # rounding
+
+
+@pytest.mark.parametrize(
+    ("length", "width", "spacing"), [(60, 60, 3), (88, 66, 2.2), (56, 80, 4), (60, 60, 1.37)]
+)
+def test_ring_holds_every_cable_at_both_ends(length, width, spacing):
+    """Supports on the ellipse, four elements at each free node, symmetric, faces over the whole plan."""
+    net = ring(float(length), float(width), 4.0, spacing)
+    held = net.fixed.all(1)
+    x, y, z = net.x.T
+    u, v = 2 * x / length, 2 * y / width
+    assert u[held] ** 2 + v[held] ** 2 == pytest.approx(np.ones(held.sum()), abs=1e-3)  # grid points on it
+    assert (u[~held] ** 2 + v[~held] ** 2 < 1).all() and z == pytest.approx(4 * (u**2 - v**2), abs=1e-12)
+    assert (np.bincount(net.elements.ravel(), minlength=net.n)[~held] == 4).all()
+    for mirror in ([-1, 1, 1], [1, -1, 1]):
+        assert np.array_equal(places(net.x), places(net.x * mirror))
+    edge = net.x[net.outline[:, 0], :2]
+    polygon = 0.5 * abs(np.sum(edge[:, 0] * np.roll(edge[:, 1], -1) - np.roll(edge[:, 0], -1) * edge[:, 1]))
+    area = tributary_areas(net.x, net, find_faces(net))[1]
+    assert (
+        area.sum() == pytest.approx(polygon, rel=1e-12)
+        and 0 < 1 - polygon / (np.pi * length * width / 4) < 0.01
+    )
+
+
+def test_ring_of_constant_horizontal_force_is_a_hypar():
+    """H z_xx + H z_yy = 0 in a circle: no force upright where all four elements are as long in plan."""
+    net = ring(60.0, 60.0, 4.0, 3.0)
+    plan = np.linalg.norm(np.diff(net.x[net.elements][..., :2], axis=1)[:, 0], axis=1)
+    force = residual(net.x, net.elements, 1e5 / plan * net.lengths())  # 100 kN along x and along y
+    regular = np.bincount(net.elements.ravel(), np.repeat(np.abs(plan - 3.0) < 1e-9, 2), net.n) == 4
+    assert regular.sum() > 200 and np.abs(force[regular]).max() < 1e-7  # rounding of 1e5 N
+    slope = (
+        4.0 * (3.0 / 30.0) ** 2 * 2 / 3.0
+    )  # what the cables along x alone give to a node: 2 H rise dx / a^2
+    along_x = residual(net.x, net.elements, np.where(net.group == 0, 1e5 / plan * net.lengths(), 0.0))
+    assert along_x[regular, 2] == pytest.approx(np.full(regular.sum(), 1e5 * slope), rel=1e-9)
+
+
+def of(net, group):
+    return net.prestress[net.group == GROUPS.index(group)]
+
+
+@pytest.mark.parametrize(("hoops", "spokes"), [(0, 6), (1, 12), (4, 36), (3, 25)])
+def test_every_free_node_of_the_dome_is_in_equilibrium(hoops, spokes):
+    """To rounding, far below 1e-9 of the prestress; cables are taut, struts pressed, all alike around."""
+    net = dome(100.0, 16.0, 6.0, 7.0, spokes, hoops, 2e5)
+    force, free = residual(net.x, net.elements, net.prestress), ~net.fixed.all(1)
+    assert np.abs(force[free]).max() < 1e-13 * np.abs(net.prestress).max()
+    assert (net.n, net.m) == ((2 * hoops + 3) * spokes, (6 * hoops + 7) * spokes)
+    assert (of(net, "strut") < 0).all() and (net.prestress[net.group != GROUPS.index("strut")] > 0).all()
+    for group in GROUPS:
+        alike = np.sort(of(net, group)).reshape(-1, 2 * spokes if group in ("ridge", "diagonal") else spokes)
+        assert (np.ptp(alike, axis=1) <= 1e-13 * np.abs(net.prestress).max()).all()
+
+
+def test_forces_of_the_dome_by_hand():
+    """Central ring S / (2 sin(pi / n)), the lower one fall / climb of it; without hoops struts S fall / out;
+    supports carry the pull of the whole and no weight.
+    """
+    n, S, fall, climb = 24, 2e5, 3.0, 4.0
+    net = dome(100.0, 20.0, fall, fall + climb, n, 0, S)
+    out = 50.0 * np.cos(np.pi / n) - 10.0
+    assert of(net, "ring_upper") == pytest.approx(np.full(n, S / (2 * np.sin(np.pi / n))), rel=1e-12)
+    lower = S * fall / climb / (2 * np.sin(np.pi / n))
+    assert of(net, "ring_lower") == pytest.approx(np.full(n, lower), rel=1e-12)
+    assert of(net, "strut") == pytest.approx(np.full(n, -S * fall / out), rel=1e-12)
+    pull = residual(net.x, net.elements, net.prestress)[net.fixed.all(1)]
+    assert np.abs(pull[:, 2]).max() < 1e-9 * S  # ridge down, diagonal up, alike
+
+
+def test_the_prestress_of_the_dome_is_one_of_its_null_space():
+    """In the null space of the equilibrium matrix (SVD), and of all symmetric states the only one."""
+    net = dome(60.0, 12.0, 5.0, 6.0, 8, 1, 1e5)
+    direction = np.diff(net.x[net.elements], axis=1)[:, 0] / net.lengths()[:, None]
+    A, rows = np.zeros((net.n, 3, net.m)), np.arange(net.m)
+    A[net.elements[:, 0], :, rows] += direction
+    A[net.elements[:, 1], :, rows] -= direction
+    values, vectors = np.linalg.svd(A[~net.fixed.all(1)].reshape(-1, net.m))[1:]
+    null = vectors[(values > 1e-9 * values[0]).sum() :]
+    share = null.T @ (null @ net.prestress)
+    assert share == pytest.approx(net.prestress, abs=1e-9 * np.abs(net.prestress).max())
+    kind = np.unique(np.round(net.prestress, 3), return_inverse=True)[1]  # elements alike by symmetry
+    alike = (kind[:, None] == np.arange(kind.max() + 1)).astype(float)
+    symmetric = np.linalg.svd(A[~net.fixed.all(1)].reshape(-1, net.m) @ alike, compute_uv=False)
+    assert (symmetric < 1e-9 * symmetric[0]).sum() == 1
+
+
+@pytest.mark.parametrize("name", ["ring", "dome"])
+def test_shipped_jobs_stand_under_their_cases(shared_workshop, name):
+    """The job as shipped: it finds every case, and all of them are stable."""
+    with shared_workshop.run(ROOT / "jobs" / f"{name}.toml", output=f"{name}.vtkhdf") as f:
+        assert len(f["cases"]) == 2 and all(f[f"cases/{case}/stable"][()] for case in f["cases"])
+        assert all(f[f"cases/{case}/displacement_error"][()] < 1e-6 for case in f["cases"])
