@@ -50,8 +50,9 @@ def _idle_keys(job: Job, net: Net) -> list[tuple]:
             "it is not shorter than the duration",
         ),
     ]
-    if job.net.generator == "wheel":
-        rows.append(("cable", ("prestress",), True, "the wheel has the prestress of its own equilibrium"))
+    if job.net.generator in ("wheel", "dome"):
+        own = f"the {job.net.generator} has the prestress of its own equilibrium"
+        rows.append(("cable", ("prestress",), True, own))
     if moves:
         whole = not moves.fragments
         rows += [

@@ -23,6 +23,8 @@ GROWING = {
     "saddle": ("side", "rise", "cells"),
     "stadium": ("length", "width", "arch_rise"),
     "wheel": ("diameter", "opening", "spokes", "hoops"),
+    "ring": ("length", "width", "rise"),
+    "dome": ("diameter", "opening", "dome_height", "strut", "spokes", "hoops"),
 }  # dimensions that grow with the root of the area
 WHOLE = {"cells": 1, "hoops": 1, "spokes": 4}  # numbers, and what they are multiples of
 PHASES = {
