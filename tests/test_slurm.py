@@ -175,9 +175,9 @@ def test_an_array_is_killed_and_sent_back_and_joined_to_the_same_bits(slurm, sit
     slurm.kill("SLURM_ARRAY_TASK_ID=2")
     slurm.until(lambda: f"{job}_2" not in slurm.queue(), "end of part 2")
     slurm.command("scontrol", "requeue", f"{job}_2")
-    join = slurm.submit(
-        f"--dependency=afterok:{job}", "--wrap", ".venv/bin/netfall study storm.toml", cwd=site
-    )
+    slurm.until_empty()
+    # without a dependency: afterok is given up when a part is killed, though it is queued again
+    join = slurm.submit("--wrap", ".venv/bin/netfall study storm.toml", cwd=site)
     slurm.until_empty()
     assert [slurm.facts(f"{job}_{k}")["Restarts"] for k in (1, 2)] == ["1", "1"]
     said = (site / f"slurm-{join}.out").read_text()
@@ -207,7 +207,7 @@ def test_srun_starts_the_ranks_of_a_worker(slurm, site):
 @pytest.mark.skipif(os.getuid() != 0, reason="namespaces for hosts of their own need root")
 def test_two_ranks_on_two_hosts_have_the_bits_of_one(tmp_path):
     """A rank on each of two hosts that share a network and their files."""
-    settings = ["net.cells=4", "dynamics.duration=0.3", "wind.speed=75.0", "wind.ramp=0.1"]
+    settings = ["net.cells=4", "dynamics.duration=0.3", "wind.speed=40.0", "wind.ramp=0.1"]
     words = ["run", ROOT / "jobs" / "saddle.toml", *(w for each in settings for w in ("--set", each))]
     done = run_netfall(*words, "-o", tmp_path / "one.vtkhdf", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
