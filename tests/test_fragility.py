@@ -13,6 +13,7 @@ from study_files import columns, drawn_members, net, write_study
 from netfall import commands
 from netfall.errors import InputError
 from netfall.output.info import open_result
+from netfall.parser import parser
 from netfall.study import fragility, normal, probit, samples
 from netfall.study.fragility import fragility_section
 from netfall.study.info_study import print_study
@@ -263,7 +264,7 @@ def test_a_study_is_told_in_words(storm, capsys):
 
 def test_a_study_is_drawn_and_written(storm, tmp_path, capsys):
     """Pictures by what there is; the table gives back every number, with units in its first line."""
-    commands.plot(SimpleNamespace(result=storm, folder=tmp_path / "out"))
+    commands.plot(parser().parse_args(["plot", str(storm), "-o", str(tmp_path / "out")]))
     written = capsys.readouterr().out.split()
     names = [f"storm_{name}" for name in ("fragility.png", "breaks.png", "spread.png", "members.csv")]
     assert written == [str(tmp_path / "out" / name) for name in names]
