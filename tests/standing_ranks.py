@@ -14,10 +14,7 @@ import os
 import sys
 import tempfile
 import threading
-import time
 from subprocess import PIPE, CompletedProcess, Popen
-
-PAUSE = 5e-3  # s between two looks for a task; waiting in MPI would take a core
 
 
 class StandingRanks:
@@ -62,19 +59,6 @@ class StandingRanks:
             self.process = None
 
 
-def next_task(comm) -> list | None:
-    """The task that rank 0 has read, on every rank; None at the end."""
-    if comm.rank == 0:
-        line = sys.stdin.readline()
-        task = json.loads(line) if line else None
-        for rank in range(1, comm.size):
-            comm.send(task, rank)
-        return task
-    while not comm.iprobe(source=0):
-        time.sleep(PAUSE)
-    return comm.recv(source=0)
-
-
 class Aloud(io.StringIO):
     """What is written here is also said at once: a rank that gives up has no time for an answer."""
 
@@ -102,6 +86,8 @@ def call(folder: str, arguments: list[str]) -> tuple[int, str, str]:
 def serve():
     """Work on tasks until there are no more."""
     from mpi4py import MPI
+
+    from netfall.worker import next_task
 
     comm = MPI.COMM_WORLD.Dup()  # what is sent here never meets what netfall sends
     answers = os.fdopen(os.dup(1), "w")

@@ -94,7 +94,7 @@ def read_job(path: str | Path, overrides: list[str] = (), removes: list[dict] = 
     InputError : one line for each thing that is wrong
     """
     path = Path(path)
-    data, text = _parse(path)
+    data, text = read_toml(path, "job")
     if "job" in data and {"vary", "sample"} & set(data):
         raise InputError(f"{path}: is a study file; netfall study {path} runs it")
     errors: list[str] = []
@@ -110,16 +110,16 @@ def read_job(path: str | Path, overrides: list[str] = (), removes: list[dict] = 
     return job
 
 
-def _parse(path: Path) -> tuple[dict, str]:
-    """The tables of a TOML file, and its text. Raises InputError."""
+def read_toml(path: Path, kind: str) -> tuple[dict, str]:
+    """The tables of a TOML file, and its text. kind : of file, for the messages. Raises InputError."""
     try:
         text = path.read_bytes().decode("utf-8-sig")  # a byte-order mark is not part of it
         return tomllib.loads(text), text
     except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}; give the path of a job file") from None
+        raise InputError(f"{path}: {error.strerror or error}; give the path of a {kind} file") from None
     except UnicodeDecodeError as error:
         raise InputError(
-            f"{path}: not a text file (byte {error.start} is not UTF-8); expected a TOML job file"
+            f"{path}: not a text file (byte {error.start} is not UTF-8); expected a TOML {kind} file"
         ) from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML: {' '.join(str(error).split())}") from None

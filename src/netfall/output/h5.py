@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 from mpi4py import MPI
 
-from netfall.output.place import writing
+from netfall.output.place import sync, writing
 from netfall.parallel.agree import on_all, on_root
 from netfall.parallel.slabs import Slabs
 
@@ -231,8 +231,7 @@ def publish(temporary: Path, path: Path, seal: bool = False) -> None:
             digest = hashlib.file_digest(file, "sha256").digest()
             file.seek(0, os.SEEK_END)
             file.write(SEAL + digest)
-    with open(temporary, "rb") as written:
-        os.fsync(written.fileno())
+    sync(temporary)
     os.replace(temporary, path)
 
 

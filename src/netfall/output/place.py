@@ -33,6 +33,15 @@ def writing(path: Path):
         ) from error
 
 
+def sync(path: Path) -> None:
+    """Have a file, or the names in a folder, on the disk."""
+    there = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(there)
+    finally:
+        os.close(there)
+
+
 def check_place(path: Path) -> None:
     """Refuse a result file that could not be written at the end. Raises InputError."""
     folder = path.parent

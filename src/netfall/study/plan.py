@@ -4,21 +4,28 @@ import hashlib
 import itertools
 import json
 import math
-import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from netfall.errors import InputError
-from netfall.job.read import Job, read_job
+from netfall.job.read import Job, read_job, read_toml
 from netfall.job.toml_text import toml_value
 from netfall.job.values import nearest, shown
 from netfall.study.draws import draw
-from netfall.study.sections import MOST, SAMPLE, Axis, axis_of, check_sample, loss_section, run_section
+from netfall.study.sections import (
+    EACH,
+    LOST,
+    MOST,
+    SAMPLE,
+    Axis,
+    axis_of,
+    check_sample,
+    loss_section,
+    run_section,
+)
 
-EACH = {"element": "elements", "cable": "cables"}  # what is lost, and the key of [[remove]] that names it
-LOST = "[[remove]]"  # the name of the axis of losses: no key of a job can have it
 OWN = ("output.checkpoint", "output.modes")  # which members have their own way
 
 
@@ -112,7 +119,7 @@ def read_plan(path: Path, pieces_of, net_key) -> Plan:
 
     Raises InputError with a line for each thing that is wrong.
     """
-    data, text = _parse(path)
+    data, text = read_toml(path, "study")
     if "net" in data and "job" not in data:
         raise InputError(f"{path}: is a job file; netfall run {path} runs it; a study file names it in job")
     errors: list[str] = []
@@ -175,17 +182,6 @@ def read_plan(path: Path, pieces_of, net_key) -> Plan:
     return replace(plan, files=_try(plan, net_key))
 
 
-def _parse(path: Path) -> tuple[dict, str]:
-    """The tables of the file, and its text. Raises InputError."""
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-        return tomllib.loads(text), text
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}; give the path of a study file") from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: not valid TOML: {' '.join(str(error).split())}") from None
-
-
 def _flat(table: dict, wrong, prefix: str = "") -> dict:
     """Keys of the job by their whole names, whether written "wind.speed" or wind.speed."""
     found = {}
@@ -204,7 +200,7 @@ def _try(plan: Plan, net_key) -> list[Path]:
     """Try each value of each key in the job, and the ends of each draw; the files read. Raises InputError."""
     if len(plan) > MOST:
         raise InputError(f"{plan.path}: asks for {len(plan)} runs; at most {MOST} are possible")
-    plain, files, nets = plan.job, dict.fromkeys(plan.files), set()
+    files, nets = dict.fromkeys(plan.files), set()
     first = plan.member(0).values
     errors = []
     tried = [(name, value) for axis in plan.axes if axis.name != LOST for name, value in _few(axis)]
@@ -221,7 +217,7 @@ def _try(plan: Plan, net_key) -> list[Path]:
             errors.append(f"{plan.path}: {name} = {shown(value)}: expected a key of the job, SECTION.KEY")
             continue
         try:
-            job = read_job(plain, [f"{n}={toml_value(v)}" for n, v in (first | {name: value}).items()])
+            job = read_job(plan.job, [f"{n}={toml_value(v)}" for n, v in (first | {name: value}).items()])
         except InputError as error:
             errors += [f"{plan.path}: {name} = {shown(value)}: {line}" for line in error.lines]
         else:

@@ -15,7 +15,7 @@ class Queue:
         self.plan, self.groups = plan, {}
         for number in numbers:
             self.groups.setdefault(self._key(number), deque()).append(number)
-        self.given: dict[str, int] = {}
+        self.given: set[str] = set()
 
     def _key(self, number: int) -> str:
         values = self.plan.member(number).values
@@ -27,7 +27,7 @@ class Queue:
             return None
         fresh = (key for key in self.groups if key not in self.given)
         key = last if last in self.groups else next(fresh, next(iter(self.groups)))
-        self.given[key] = self.given.get(key, 0) + 1
+        self.given.add(key)
         number = self.groups[key].popleft()
         if not self.groups[key]:
             del self.groups[key]

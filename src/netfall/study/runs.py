@@ -125,7 +125,7 @@ class Runs:
             return
         times = f", {self.deaths[number]} times" if again else ""
         empty = {name: value for name, (_, value) in OUTCOMES.items()}
-        told = {"state": "failed", "reason": why + times, "times": [], "elements": [], "net": {}}
+        told = {"state": "failed", "reason": why + times, "times": [], "elements": []}
         self.finish(number, empty | told)
 
     def _note(self, record: dict) -> None:

@@ -12,18 +12,20 @@ RUN = {"ranks": 1, "keep": "none", "time_limit": 3600.0}
 SAMPLE = ("count", "method", "seed")
 KEEP = ("none", "broken", "all")
 REMOVE = ("each", "group", "time", "duration")
-EACH = ("element", "cable")
+EACH = {"element": "elements", "cable": "cables"}  # what is lost, and the key of [[remove]] that names it
+LOST = "[[remove]]"  # the name of the axis of losses: no key of a job can have it
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One thing that varies: the key of the job, or "removed", and its values."""
+    """One thing that varies: the key of the job, or LOST, and its values."""
 
     name: str
     values: list
 
 
 def run_section(table: dict, wrong) -> dict:
+    """The keys of [run], given or by default."""
     for name in set(table) - set(RUN):
         wrong(f"[run] {name}: unknown key; {nearest(name, RUN)}")
     run = RUN | {name: value for name, value in table.items() if name in RUN}
@@ -45,6 +47,7 @@ def _whole(value, least: int) -> bool:
 
 
 def loss_section(value, wrong) -> dict:
+    """What all losses of [vary] remove have in common, as it is given."""
     place = f"[vary] remove = {shown(value)}"
     if not isinstance(value, dict) or value.get("each") not in EACH:
         wrong(f'{place}: expected {{each = "element", ...}} or {{each = "cable", ...}}')
@@ -68,7 +71,7 @@ def axis_of(name: str, value, wrong) -> Axis:
     """The values of one key."""
     place = f"[vary] {name} = {shown(value)}"
     if name == "remove":
-        return Axis("[[remove]]", [])
+        return Axis(LOST, [])
     if isinstance(value, dict):
         step = value.get("step", 1)
         whole = all(_whole(value.get(end), -(10**15)) for end in ("from", "to")) and _whole(step, 1)
@@ -90,6 +93,7 @@ def axis_of(name: str, value, wrong) -> Axis:
 
 
 def check_sample(sample: dict, distributions: dict, vary: dict, wrong) -> None:
+    """Check [sample]; distributions : its keys of the job; vary : those of [vary]."""
     if sample and not _whole(sample.get("count"), 1):
         given = f"count = {shown(sample['count'])}" if "count" in sample else "count: missing"
         wrong(f"[sample] {given}; expected the number of draws, >= 1")

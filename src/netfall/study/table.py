@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 
 from netfall.errors import InputError
-from netfall.output.place import writing
+from netfall.output.place import sync, writing
 
 FORMAT = 1
 # What is told of each run: data type, and what stands there while nothing is known.
@@ -126,9 +126,9 @@ class Table:
                 if "wind.speed" in members:
                     _write(f, "fragility", fragility(members))
                 _write(f, "provenance", provenance | {"attempts": self.tries[rows]})
-            _sync(temporary)
+            sync(temporary)
             os.replace(temporary, path)
-            _sync(path.parent)  # before the journal goes
+            sync(path.parent)  # before the journal goes
 
     def _members(self, rows: np.ndarray, plan) -> dict[str, np.ndarray]:
         """The columns of /members."""
@@ -164,13 +164,6 @@ class Table:
                 first[self.elements[number][0]] += 1
                 at_all[np.unique(self.elements[number])] += 1
         f["first_breaks"], f["breaks"] = first, at_all
-
-
-def _sync(path: Path) -> None:
-    """Have a file, or the names in a folder, on the disk."""
-    file = os.open(path, os.O_RDONLY)
-    os.fsync(file)
-    os.close(file)
 
 
 def check_digests(path: Path, found: dict, wanted: dict) -> None:

@@ -32,7 +32,6 @@ class Throughput:
     answered: list[float] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
     dynamics: list[float] = field(default_factory=list)
-    given: dict[int, int] = field(default_factory=dict)
 
     @property
     def minute(self) -> float:
