@@ -63,7 +63,7 @@ if ! grep -qsx "core $state" "$stamp"; then
     if [ $parallel = 1 ] && ! $venv/bin/python -c 'import h5py; assert h5py.get_config().mpi' 2>/dev/null; then
         # Compiled once and kept. Without build isolation, or pip would also compile mpi4py; without
         # pip's cache, which does not tell a parallel h5py wheel from a serial one.
-        wheels=${XDG_CACHE_HOME:-$HOME/.cache}/netfall/h5py-mpi-$($venv/bin/python -c 'import sys; print("cp%d%d" % sys.version_info[:2])')-$(. /etc/os-release; echo "$ID${VERSION_ID:-}")
+        wheels=${XDG_CACHE_HOME:-${HOME:-~}/.cache}/netfall/h5py-mpi-$($venv/bin/python -c 'import sys; print("cp%d%d" % sys.version_info[:2])')-$(. /etc/os-release; echo "$ID${VERSION_ID:-}")
         mkdir -p "$wheels"
         if ! ls "$wheels"/h5py-*.whl >/dev/null 2>&1; then
             say "compiling h5py against the parallel HDF5 (a minute)"
