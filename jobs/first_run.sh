@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Sets up what is missing, runs the stadium's collapse on two ranks, and draws its pictures into results/.
 set -euo pipefail
+export PATH # bash has one of its own where the environment has none, but Open MPI needs to see it
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash jobs/setup.sh
 mkdir -p results

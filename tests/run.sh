@@ -2,6 +2,7 @@
 # Sets up what is missing, checks format and rules of the code, and runs all tests, those under mpirun included.
 # Arguments go to pytest; -n 0 runs one test at a time.
 set -euo pipefail
+export PATH # bash has one of its own where the environment has none, but Open MPI needs to see it
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash jobs/setup.sh test
 .venv/bin/ruff format --check --quiet .
