@@ -5,15 +5,20 @@ from decimal import Decimal, localcontext
 import numpy as np
 import pytest
 
-from netfall.compile import vector_kernel
+from netfall.compile import kernel, vector_kernel
 from netfall.mechanics.arithmetic import inverse_root, logarithm
 
 
 @vector_kernel
-def each(numbers, roots, logarithms):
+def in_registers(numbers, roots, logarithms):
     for i in range(np.uint64(len(numbers))):
         roots[i] = inverse_root(numbers[i])
         logarithms[i] = logarithm(numbers[i])
+
+
+@kernel
+def each(numbers, roots, logarithms):
+    in_registers(numbers, roots, logarithms)
 
 
 def exact(number: float, function) -> Decimal:

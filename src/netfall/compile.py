@@ -21,6 +21,7 @@ from numba.core.compiler_machinery import FunctionPass, register_pass
 from numba.core.cpu import CPUTargetOptions
 from numba.core.ir_utils import get_definition, guard
 from numba.core.options import TargetOptions
+from numba.core.registry import CPUDispatcher
 from numba.core.untyped_passes import IRProcessing
 
 KEPT_DAYS = 30  # of compiled code that these sources did not make; a run of theirs may still be going on
@@ -140,12 +141,21 @@ def turn(path: Path, longest: float = 300.0):
     return None
 
 
+class _Inner(CPUDispatcher):
+    """A function that only kernels call: compiled without the way in from Python, which takes long to make."""
+
+    def __call__(self, *args, **kwargs):
+        raise TypeError(f"{self.py_func.__qualname__} can be called by kernels alone")
+
+
 def _compiled(**flags):
     """Decorator that compiles a function at its first call with arguments of these types, or loads it."""
 
     def decorate(function):
         dispatcher = numba.njit(**flags)(function)
         dispatcher._cache = _Cache(function)
+        if flags.get("no_cpython_wrapper"):
+            dispatcher.__class__ = _Inner
         return dispatcher
 
     return decorate
@@ -223,7 +233,8 @@ class _Pipeline(CompilerBase):
         return [passes]
 
 
-FLAGS = {"error_model": "numpy", "fastmath": False, "pipeline_class": _Pipeline}
+FLAGS = {"error_model": "numpy", "fastmath": False, "pipeline_class": _Pipeline, "no_cfunc_wrapper": True}
+INNER = {"no_cpython_wrapper": True}  # a third of the time to compile goes into ways in from Python
 
 # Hardware gathers are a trap on processors whose microcode was mended against leaks through them: four
 # times slower there than plain loads into the lanes of a vector, which are as fast elsewhere or nearly so.
@@ -241,10 +252,12 @@ CPUTargetOptions.noalias = TargetOptions.Mapping("noalias")
 allocating_kernel = _compiled(**FLAGS)
 # What makes no arrays needs no count of their owners, which would take a microsecond of every step.
 kernel = _compiled(**FLAGS, _nrt=False)
+# The other three are for kernels to call.
+inner_kernel = _compiled(**FLAGS, **INNER, _nrt=False)
 # A call within a loop would keep it from being vectorised.
-part_of_kernel = _compiled(**FLAGS, _nrt=False, forceinline=True)
+part_of_kernel = _compiled(**FLAGS, **INNER, _nrt=False, forceinline=True)
 # No two array arguments may overlap if either is written.
-vector_kernel = _compiled(**FLAGS, _nrt=False, noalias=True)
+vector_kernel = _compiled(**FLAGS, **INNER, _nrt=False, noalias=True)
 
 
 @kernel

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.compile import kernel
+from netfall.compile import inner_kernel, kernel
 from netfall.mechanics.material import axial_force, stored_energy, strain, yield_energy
 
 
@@ -81,7 +81,7 @@ def axial_forces(u, ends, direction, axial, force):
         force[e] = axial[e] * along
 
 
-@kernel
+@inner_kernel
 def element_energies(elements, now, law, stored, heat):
     """Stored and dissipated energy (m,) [J] of each element, for the state of `element_state`."""
     for e in range(now.N.shape[0]):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.compile import kernel, part_of_kernel
+from netfall.compile import inner_kernel, part_of_kernel
 from netfall.mechanics.arithmetic import like
 
 
@@ -42,7 +42,7 @@ def kicked(v, a, kick):
     return kick.c_v * v + kick.c_a * a
 
 
-@kernel
+@inner_kernel
 def inverse_mass(mass):
     """1 / mass [1/kg]; 0 for a particle left without mass, which keeps its velocity."""
     return 1.0 / mass if mass > 0.0 else 0.0

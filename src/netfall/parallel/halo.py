@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from netfall.compile import kernel
+from netfall.compile import inner_kernel, kernel
 from netfall.errors import InputError
 from netfall.mechanics.motion import inverse_mass
 from netfall.parallel.mpi_symbols import (
@@ -64,13 +64,13 @@ class HaloBuffers(NamedTuple):
     found: np.ndarray
 
 
-@kernel
+@inner_kernel
 def buffer_in_use(buffers):
     """Place of the buffer of this exchange, to be added to `send_at` and `receive_at`."""
     return buffers.to_second * (buffers.count[0] % 2)
 
 
-@kernel
+@inner_kernel
 def send_buffer(buffers):
     """Let the neighbours have the buffer; MPI's error code, 0 for success."""
     buffers.count[0] += 1
@@ -82,7 +82,7 @@ def send_buffer(buffers):
     return 0
 
 
-@kernel
+@inner_kernel
 def wait_for_neighbours(buffers):
     """Wait until the neighbours' buffers are there; MPI's error code, 0 for success."""
     for k in range(buffers.counts.shape[0]):
@@ -104,7 +104,7 @@ def wait_for_neighbours(buffers):
 # --- the forces of a step: total force, and with fracture mass and valence, which the halo cannot know of
 
 
-@kernel
+@inner_kernel
 def send_forces(particles, buffers):
     """Pack and send the boundary particles' total forces; MPI's error code, and the place of the buffer."""
     place, width = buffer_in_use(buffers), 3 if particles.valence is None else 5
@@ -119,7 +119,7 @@ def send_forces(particles, buffers):
     return send_buffer(buffers), place
 
 
-@kernel
+@inner_kernel
 def receive_forces(n_owned, particles, place, buffers):
     """Unpack the total forces of the halo particles, which have arrived. place : of `send_forces`"""
     for i in range(buffers.receive_at.shape[0]):

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from numba import types
 from numba.extending import intrinsic
 
-from netfall.compile import kernel
+from netfall.compile import inner_kernel
 
 
 def _load_mpi_symbols() -> None:
@@ -62,7 +62,7 @@ def announced(typing, address):
     return types.int64(types.uint64), read
 
 
-@kernel
+@inner_kernel
 def lap(seconds, k, since):
     """Add the time since a lap began to seconds[k] [s]; when the next begins. None: nothing is timed."""
     if seconds is None:

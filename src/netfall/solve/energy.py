@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from netfall.compile import kernel, part_of_kernel
+from netfall.compile import inner_kernel, kernel, part_of_kernel
 from netfall.mechanics.elements import ElementState, add_tensions, element_energies, element_state
 from netfall.mechanics.loads import external_force, squared_speed
 from netfall.mechanics.motion import along_x, along_y, along_z, inverse_mass, kicked, make_kick
@@ -50,7 +50,7 @@ def energies_along(p, axis, internal, square, part, kick, mass):
     return now, way * force, way * internal, way * (kick.zeta * mass * (0.5 * (old + new)))
 
 
-@kernel
+@inner_kernel
 def particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, velocity, terms):
     """Velocity and energy terms of owned particles at the very time n, part of the way through the kick.
 

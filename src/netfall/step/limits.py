@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from netfall.compile import kernel, vector_kernel
+from netfall.compile import inner_kernel, vector_kernel
 from netfall.mechanics.arithmetic import like
 from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.material import axial_force, strain, yield_energy
@@ -23,7 +23,7 @@ def count_near(near, particles):
     return count
 
 
-@kernel
+@inner_kernel
 def length_of(p, o, particles):
     """Distance [m] of two particles, of positions or of what displacements from x_start give.
 
@@ -39,7 +39,7 @@ def length_of(p, o, particles):
     return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@kernel
+@inner_kernel
 def yield_and_break(c, count, chunks, particles, elements, slots, law, near):
     """Yield of the elements of chunk c at x(n), and those that reach their fracture strain.
 
@@ -75,7 +75,7 @@ def yield_and_break(c, count, chunks, particles, elements, slots, law, near):
     return count, any_yield
 
 
-@kernel
+@inner_kernel
 def keep_extremes(particles, elements, law):
     """Largest and smallest axial force [N] of each element so far, the present one included.
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.compile import kernel
+from netfall.compile import inner_kernel, kernel
 from netfall.mechanics.fields import SLOTS
 
 FEWEST = 3  # particles that are worth a register of their own
@@ -45,7 +45,7 @@ def make_runs(chunks: int, particles: int, lanes: int) -> Runs:
     )
 
 
-@kernel
+@inner_kernel
 def end_of_run(p, high, other):
     """The first particle after p, at most `high`, whose far ends are farther or nearer in number."""
     end = p + 1
@@ -59,7 +59,7 @@ def end_of_run(p, high, other):
     return end
 
 
-@kernel
+@inner_kernel
 def kick_at_once(low, high, width, lanes, other):
     """Whether so few particles of a chunk are in whole runs that the kick had better go through all of it."""
     outside, p = high - low, low
