@@ -142,7 +142,7 @@ def turn(path: Path, longest: float = 300.0):
 
 
 class _Inner(CPUDispatcher):
-    """A function that only kernels call: compiled without the way in from Python, which takes long to make."""
+    """A function that only kernels call: compiled without the way in from Python, which is long to make."""
 
     def __call__(self, *args, **kwargs):
         raise TypeError(f"{self.py_func.__qualname__} can be called by kernels alone")
