@@ -33,9 +33,9 @@ def model_of(dt, points=POINTS, **given):
 def cross_spectra(model, dt, n):
     """Spectra (f, c, c) [m2/s2/Hz] of a model at frequencies n [Hz], by its transfer function."""
     c = len(model.noise_root)
-    psi = np.split(model.psi, len(model.lags), axis=1)
+    psi = [part.T for part in np.split(model.psi, len(model.lags))]
     waves = (np.exp(-2j * np.pi * n * dt * lag)[:, None, None] * a for lag, a in zip(model.lags, psi))
-    transfer = np.linalg.inv(np.eye(c) - sum(waves)) @ model.noise_root
+    transfer = np.linalg.inv(np.eye(c) - sum(waves)) @ model.noise_root.T
     return 2 * dt * transfer @ transfer.conj().transpose(0, 2, 1)
 
 

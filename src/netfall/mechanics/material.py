@@ -13,13 +13,21 @@ Two forms of the same law: for one element of `Elements` (`axial_force` and what
 the vector loop of the step (`force_density`), arranged for whole registers.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
+from netfall.arithmetic import (
+    exponential,
+    exponential_less_one,
+    fused,
+    inverse_root,
+    like,
+    logarithm,
+    shortening,
+)
 from netfall.compile import kernel, part_of_kernel
-from netfall.mechanics.arithmetic import fused, inverse_root, like, logarithm, shortening
+from netfall.functions import exp, log
 
 NEARLY = 1.0 - 1e-9  # a force or a strain this close to its limit is looked at again, exactly
 NEARLY_SINGLE = 1.0 - 1e-5  # the same where it was computed in single precision
@@ -54,7 +62,7 @@ def nearly(single: bool) -> float:
 def strain(L, L0, law):
     """Strain of length L [m] against the unstressed length L0 [m]."""
     if law.logarithmic is not None:
-        return math.log(L / L0)
+        return logarithm(L / L0)
     return (L - L0) / L0
 
 
@@ -80,7 +88,7 @@ def stored_energy(elements, e, N, eps_p, law):
         return 0.0
     u = N / EA
     if law.logarithmic is not None:
-        return EA * L0 * math.exp(eps_p) * (math.exp(u) * u - math.expm1(u))
+        return EA * L0 * exponential(eps_p) * (exponential(u) * u - exponential_less_one(u))
     return 0.5 * N * u * L0
 
 
@@ -89,9 +97,9 @@ def yield_energy(elements, e, eps_p, eps_p_new, law):
     """Energy [J] that yield of element e from plastic strain eps_p to eps_p_new turns into heat."""
     EA, L0, limit = elements.EA[e], elements.L0[e], elements.yield_force[e]
     if law.logarithmic is not None:
-        grown = abs(math.exp(eps_p_new) - math.exp(eps_p))
+        grown = abs(exponential(eps_p_new) - exponential(eps_p))
         tension = eps_p_new > eps_p
-        return EA * abs(math.expm1(limit / EA if tension else -limit / EA)) * L0 * grown
+        return EA * abs(exponential_less_one(limit / EA if tension else -limit / EA)) * L0 * grown
     return limit * L0 * abs(eps_p_new - eps_p)
 
 
@@ -116,12 +124,12 @@ def tangent_stiffness(N, eps, eps_p, L, L0, EA, yield_force, bar, logarithmic: b
 
 def unstressed_length(L: np.ndarray, N: np.ndarray, EA: np.ndarray, logarithmic: bool) -> np.ndarray:
     """Unstressed length (m,) [m] of elements of length L (m,) [m] that carry N (m,) [N], in closed form."""
-    return L * np.exp(-N / EA) if logarithmic else L / (1.0 + N / EA)
+    return L * exp(-N / EA) if logarithmic else L / (1.0 + N / EA)
 
 
 def strains(L: np.ndarray, L0: np.ndarray, logarithmic: bool) -> np.ndarray:
     """Strains (m,) of lengths L (m,) [m] against the unstressed lengths L0 (m,) [m]."""
-    return np.log(L / L0) if logarithmic else (L - L0) / L0
+    return log(L / L0) if logarithmic else (L - L0) / L0
 
 
 def elastic_forces(L, L0, EA, bar, logarithmic: bool) -> np.ndarray:

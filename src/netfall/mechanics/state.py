@@ -6,6 +6,7 @@ latter and grow when these are used up. What a scene does not have is None.
 
 import numpy as np
 
+from netfall.functions import exp
 from netfall.mechanics.elements import ElementState, element_state
 from netfall.mechanics.fields import (
     FIELDS,
@@ -96,7 +97,7 @@ class State:
         if self.eps_u is None:
             return None
         least = self.eps_u.min(initial=np.inf)
-        longest = float(np.exp(least) if self.scene.logarithmic else 1.0 + least)
+        longest = float(exp(least) if self.scene.logarithmic else 1.0 + least)
         return longest * nearly(self.scene.displaced)
 
     def elements_now(self) -> ElementState:

@@ -6,6 +6,7 @@ import numpy as np
 import shapely
 
 from netfall.errors import InputError
+from netfall.functions import lengths
 from netfall.job.read import Job
 from netfall.net.faces import Faces, double_area, find_faces, no_faces, turned_triangles
 from netfall.net.net import Net
@@ -140,7 +141,7 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> tuple[np.ndarray, 
     Shares of points without a particle go to the rigid boundary. A given `area` is one of surface.
     """
     points = np.concatenate([x, net.corners])
-    surface = _shares(points, faces, lambda u, v: np.linalg.norm(np.cross(u, v), axis=1))[: net.n]
+    surface = _shares(points, faces, lambda u, v: lengths(np.cross(u, v)))[: net.n]
     plan = _shares(points[:, :2], faces, double_area)[: net.n]
     given = np.isfinite(net.area)
     if not given.any():
@@ -162,7 +163,7 @@ def _shares(points: np.ndarray, faces: Faces, double) -> np.ndarray:
 
 def corner_areas(points: np.ndarray, faces: Faces) -> np.ndarray:
     """Area of surface (c,) [m2] that each corner of each face has of it; points : (k, 3) [m]."""
-    half = 0.25 * turned_triangles(points, faces, lambda u, v: np.linalg.norm(np.cross(u, v), axis=1))
+    half = 0.25 * turned_triangles(points, faces, lambda u, v: lengths(np.cross(u, v)))
     area = half.copy()
     area[faces.next_corner()] += half
     return area
@@ -181,6 +182,6 @@ def normals(x: np.ndarray, net: Net, faces: Faces) -> np.ndarray:
         vector = np.stack([np.bincount(of_corner, c, len(faces)) for c in 0.5 * np.cross(p, q).T], -1)
         around = [np.bincount(faces.corner, vector[of_corner, k], len(points)) for k in range(3)]
         total = np.stack(around, -1)[: net.n]
-        length = np.linalg.norm(total, axis=1, keepdims=True)
+        length = lengths(total)[:, None]
         found = np.divide(total, length, out=found, where=length > 0)
     return np.where(np.isfinite(net.normal), net.normal, found)

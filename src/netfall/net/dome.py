@@ -18,6 +18,7 @@ so that d_j = q_j fall_j / climb_j, and all follows from q_0. The upper ring of 
 
 import numpy as np
 
+from netfall.functions import cos, sin
 from netfall.net.net import Net
 
 GROUPS = ["ridge", "diagonal", "hoop", "ring_upper", "ring_lower", "strut"]
@@ -29,7 +30,7 @@ def dome(diameter, opening, dome_height, strut, spokes: int, hoops: int, spoke_f
     above = np.arange((hoops + 2) * spokes).reshape(-1, spokes)  # the supports are the last row
     below = above.size + np.arange((hoops + 1) * spokes).reshape(-1, spokes)
     angle = 2.0 * np.pi / spokes * (np.arange(spokes) + 0.5 * (np.arange(hoops + 2)[:, None] % 2))
-    upper = np.stack([r[:, None] * np.cos(angle), r[:, None] * np.sin(angle), 0.0 * angle + z[:, None]], -1)
+    upper = np.stack([r[:, None] * cos(angle), r[:, None] * sin(angle), 0.0 * angle + z[:, None]], -1)
     x = np.concatenate([upper.reshape(-1, 3), (upper[:-1] - [0.0, 0.0, strut]).reshape(-1, 3)])
     around = lambda nodes: np.stack([nodes, np.roll(nodes, -1, -1)], -1)
     kinds = (  # nodes (..., 2) and force density of each group, in the order of GROUPS
@@ -62,12 +63,12 @@ def _both_ways(inner: np.ndarray, outer: np.ndarray) -> np.ndarray:
 def profile(diameter, opening, dome_height, strut, spokes, hoops, spoke_force):
     """Radii, heights (h + 2,) [m] of levels; q, d, c (h + 1,) and upper ring [N/m]; P (h + 1,) [N]."""
     r, z = levels(diameter, opening, dome_height, hoops)
-    cosine = np.cos(np.pi / spokes)
+    cosine = cos(np.pi / spokes)
     fall, out, inwards = -np.diff(z), r[1:] * cosine - r[:-1], r[1:] - r[:-1] * cosine
     share = fall / (strut - fall)  # d / q
     growth = (1.0 + share[:-1]) * inwards[:-1] / out[1:]
     q = 0.5 * spoke_force / out[0] * np.concatenate([[1.0], np.cumprod(growth)])
-    d, bend = q * share, r[:-1] * (1.0 - np.cos(2.0 * np.pi / spokes))
+    d, bend = q * share, r[:-1] * (1.0 - cos(2.0 * np.pi / spokes))
     return r, z, q, d, d * out / bend, q[0] * out[0] / bend[0], 2.0 * q * fall
 
 
@@ -80,7 +81,7 @@ def levels(diameter, opening, dome_height, hoops):
 def wrong_dome(net) -> str:
     """What is wrong with the dimensions of a dome, in words: no cable may push."""
     r, z = levels(net.diameter, net.opening, net.dome_height, net.hoops)
-    if not (r[1:] * np.cos(np.pi / net.spokes) > r[:-1]).all():
+    if not (r[1:] * cos(np.pi / net.spokes) > r[:-1]).all():
         return (
             f"hoops = {net.hoops}: the rings are too close for {net.spokes} spokes; expected each "
             "cos(pi / spokes) of the next one's radius at most: fewer hoops or more spokes"

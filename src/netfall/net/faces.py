@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import shapely
 
+from netfall.functions import lengths
 from netfall.net.net import Net, pair_key
 from netfall.net.plan import Plan, draw_plan
 
@@ -139,7 +140,7 @@ def _with_inner_particles(rings: Faces, plan: Plan, net: Net) -> Faces:
     element, span = plan.element[row], plan.span[row]
     inner = net.inner_particles()[element]  # of the outline some other element's, dropped by `there`
     ends = plan.points[net.undivided()[element]]
-    t, apart = np.arange(1, net.parts) / net.parts, np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    t, apart = np.arange(1, net.parts) / net.parts, lengths(ends[:, 1] - ends[:, 0])
     margin = np.where(np.ptp(span, axis=1) < 1.0, net.tolerance / np.maximum(apart, 1e-300), 0.0)[:, None]
     there = (element >= 0)[:, None] & (t > span[:, :1] + margin) & (t < span[:, 1:] - margin)
     flip = lambda values: np.where(turned[:, None], values[:, ::-1], values)

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
+from netfall.functions import lengths
+
 GRAVITY = 9.81  # m/s2, for self weight and for the mass of the dead load
 SAME_PLACE = 1e-3  # m, and at most
 SAME_SHARE = 0.01  # of the usual length of an element: nodes no farther apart were meant as one
@@ -137,7 +139,7 @@ class Net:
 
     def lengths(self) -> np.ndarray:
         """Lengths of the elements (m,) [m] in the start geometry."""
-        return np.linalg.norm(self.x[self.elements[:, 1]] - self.x[self.elements[:, 0]], axis=1)
+        return lengths(self.x[self.elements[:, 1]] - self.x[self.elements[:, 0]])
 
 
 def pair_key(pairs: np.ndarray, count: int) -> np.ndarray:

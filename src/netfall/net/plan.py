@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import shapely
 
+from netfall.functions import lengths
 from netfall.net.net import Net, pair_key
 
 MOST_NAMED = 5  # pairs in one message
@@ -39,7 +40,7 @@ def draw_plan(net: Net, carries: np.ndarray | None = None, checked: bool = True)
     element = np.arange(len(ends)) if carries is None else np.flatnonzero(carries)
     segment = np.concatenate([ends[element], net.outline])
     element = np.concatenate([element, np.full(len(net.outline), -1)])
-    length = np.linalg.norm(points[segment[:, 1]] - points[segment[:, 0]], axis=1)
+    length = lengths(points[segment[:, 1]] - points[segment[:, 0]])
     lies = length > (net.tolerance if checked else 0.0)
     segment, element = segment[lies], element[lies]
     span = np.tile([0.0, 1.0], (len(segment), 1))

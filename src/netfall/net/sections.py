@@ -13,16 +13,17 @@ breaks it is fracture_strain.
 
 from dataclasses import fields
 from pathlib import Path
-from statistics import NormalDist
 
 import numpy as np
 
 from netfall.errors import InputError
+from netfall.functions import exp, log1p
 from netfall.job.cable_keys import EITHER, wanted
 from netfall.job.read import Job
 from netfall.job.table import Table
 from netfall.job.values import nearest, shown
 from netfall.net.net import Net
+from netfall.normal import quantile
 
 OF_TYPE = ("mass_per_length", "axial_stiffness", "breaking_load", "area")
 OF_SECTION = (*OF_TYPE, "modulus", "density")
@@ -197,10 +198,9 @@ def drawn_strength(net: Net, seed: int) -> np.ndarray:
     Number k of the Philox sequence of the seed belongs to cable k.
     """
     raw = np.random.Philox(key=seed).random_raw(len(net.cable_names)) >> np.uint64(12)
-    normal = NormalDist()
-    z = np.array([normal.inv_cdf((float(k) + 0.5) * 2.0**-52) for k in raw])[net.cable]
-    spread = np.sqrt(np.log1p(net.strength_deviation**2))
-    return np.round(np.exp(spread * z - 0.5 * spread**2), DRAWN_DIGITS)
+    z = quantile((raw + 0.5) * 2.0**-52)[net.cable]
+    spread = np.sqrt(log1p(net.strength_deviation**2))
+    return np.round(exp(spread * z - 0.5 * spread**2), DRAWN_DIGITS)
 
 
 def strength_errors(job: Job, net: Net) -> list[str]:

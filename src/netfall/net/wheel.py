@@ -16,6 +16,7 @@ inner chord of a flat ring truss, whose outer chord and web have no prestress.
 
 import numpy as np
 
+from netfall.functions import cos, sin
 from netfall.net.net import Net
 
 GROUPS = ["ring_outer", "ring_upper", "ring_lower", "upper", "lower", "hoop", "strut", "ring_truss"]
@@ -41,8 +42,8 @@ def wheel(
         *zip(above, r, upper),
         *zip(below, r, lower),
     ):
-        x[nodes] = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(spokes, height)])
-    step, sine = np.diff(np.append(r, 0.5 * diameter)), np.sin(np.pi / spokes)
+        x[nodes] = np.column_stack([radius * cos(angle), radius * sin(angle), np.full(spokes, height)])
+    step, sine = np.diff(np.append(r, 0.5 * diameter)), sin(np.pi / spokes)
     side = lambda force, radius: force / (2.0 * radius * sine)
     around = lambda nodes: np.stack([nodes, np.roll(nodes, -1, -1)], -1)
     outwards = lambda nodes: np.stack([nodes, np.vstack([nodes[1:], outer])], -1)
@@ -76,7 +77,7 @@ def profile(diameter, opening, ring_height, spokes, hoops, spoke_force, hoop_for
     """Radii and heights (h + 1,) [m] of the levels above and below; H (h + 1,), G, P [N] as above."""
     r = np.linspace(0.5 * opening, 0.5 * diameter, hoops + 2)
     step, count = np.diff(r), np.arange(hoops + 1)
-    H, G = spoke_force + 2.0 * hoop_force * np.sin(np.pi / spokes) * count, spoke_force
+    H, G = spoke_force + 2.0 * hoop_force * sin(np.pi / spokes) * count, spoke_force
     fall_above, fall_below = (count + 1) / H * step, (count + 1) / G * step  # for P = 1
     P = ring_height / (fall_above + fall_below).sum()
     height = lambda falls: P * falls[::-1].cumsum()[::-1]

@@ -87,7 +87,8 @@ def largest_eigenvalue(matrix, inverse: np.ndarray) -> float:
     v = ((np.arange(3 * n) * 2654435761) % 2**32) / 2.0**32 - 0.5
     value = 1.0
     for _ in range(POWERS):
-        w = np.einsum("pij,pj->pi", inverse, (matrix @ v).reshape(n, 3)).ravel()
+        force = (matrix @ v).reshape(n, 1, 3)
+        w = np.add.reduce(inverse * force, axis=2).ravel()
         value = math.sqrt(math.fsum(w * w) / math.fsum(v * v))
         v = w / value
     return SAFE * value

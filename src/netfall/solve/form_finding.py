@@ -19,6 +19,7 @@ from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
 from netfall.solve.relaxation import Net as RelaxedNet
 from netfall.solve.relaxation import Relaxation, geometric_stiffness, largest_force, largest_residual, relax
+from netfall.solve.sparse import solve_sparse
 from netfall.stop import NEVER, StopRequest
 
 
@@ -52,34 +53,26 @@ def form_tensions(x, ends, T0, stiffness, L_start, bar, N, L):
 def force_density_form(net: Net) -> np.ndarray:
     """Equilibrium positions (n, 3) [m] for given force densities, or prestress / length where none are given.
 
-    sum_e q_e (x_other - x_p) = 0 on each free axis: one sparse system per axis. Only on rank 0.
+    sum_e q_e (x_other - x_p) = 0 on each free axis: a sparse system, in factors. Only on rank 0.
 
     Raises InputError where the system is singular: the densities then define no shape.
     """
-    from scipy.sparse import coo_array  # here: it takes 0.2 s to load, and relaxation does without
-    from scipy.sparse.linalg import splu
-
     q = np.where(np.isfinite(net.force_density), net.force_density, net.prestress / net.lengths())
-    start, end = net.elements.T
-    n = net.n
-    matrix = coo_array(
-        (
-            np.concatenate([q, q, -q, -q]),
-            (np.concatenate([start, end, start, end]), np.concatenate([start, end, end, start])),
-        ),
-        shape=(n, n),
-    ).tocsr()
+    total = np.zeros(net.n)
+    pull = np.zeros((net.n, 3))  # of the held ends
+    for end in range(2):
+        np.add.at(total, net.elements[:, end], q)
     x = net.x.copy()
-    for k in range(3):
-        free = np.flatnonzero(~net.held[:, k])
-        if not len(free):
-            continue
-        held = np.flatnonzero(net.held[:, k])
-        rows = matrix[free]
-        try:
-            x[free, k] = splu(rows[:, free].tocsc()).solve(-rows[:, held] @ net.x[held, k])
-        except RuntimeError:
-            x[free, k] = np.nan
+    for axes in _held_alike(net):
+        held = net.held[:, axes[0]]
+        free, place = np.flatnonzero(~held), np.cumsum(~held) - 1
+        for end in range(2):
+            there = net.elements[:, 1 - end]
+            np.add.at(pull, net.elements[:, end], np.where(held[there], q, 0.0)[:, None] * net.x[there])
+        within = ~held[net.elements].any(1)
+        found = solve_sparse(place[net.elements[within]], -q[within], total[free], pull[free][:, axes])
+        x[np.ix_(free, axes)] = np.nan if found is None else found
+        pull[:] = 0.0
     if not np.isfinite(x).all():
         p = int(np.flatnonzero(~np.isfinite(x).all(1))[0])
         raise InputError(
@@ -87,6 +80,15 @@ def force_density_form(net: Net) -> np.ndarray:
             "give force densities (or prestress) that hold every free node"
         )
     return x
+
+
+def _held_alike(net: Net) -> list[list[int]]:
+    """The axes on which something is free, those together on which the same nodes are."""
+    groups: dict[bytes, list[int]] = {}
+    for axis in range(3):
+        if not net.held[:, axis].all():
+            groups.setdefault(net.held[:, axis].tobytes(), []).append(axis)
+    return list(groups.values())
 
 
 class _Elements:

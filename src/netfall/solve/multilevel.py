@@ -8,13 +8,13 @@ varies from particle to particle. A cycle through the levels is symmetric, so th
 it. Levels are made on rank 0, in global numbers, and spread; a cycle is in single precision.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
 
 from netfall.compile import kernel
+from netfall.linear import factorised, solve_factorised
 from netfall.parallel.agree import on_root
 from netfall.parallel.blocks import SpreadMatrix, shares
 from netfall.solve.aggregation import COARSEST, Level, levels_of
@@ -36,33 +36,6 @@ def smooth(residual, inverse, scale, keep, step, x):
             x[p, i] += step[p, i]
 
 
-@kernel
-def factorised(matrix):
-    """Cholesky's factor of a symmetric matrix (n, n), in place, in the lower half; 1 where it is singular."""
-    n = matrix.shape[0]
-    for j in range(n):
-        for k in range(j):
-            for i in range(j, n):
-                matrix[i, j] -= matrix[i, k] * matrix[j, k]
-        root = math.sqrt(matrix[j, j]) if matrix[j, j] > 0.0 else 0.0
-        for i in range(j, n):
-            matrix[i, j] = matrix[i, j] / root if root > 0.0 else (1.0 if i == j else 0.0)
-
-
-@kernel
-def solve_factorised(lower, b):
-    """Solve in place, b (n,)."""
-    n = lower.shape[0]
-    for i in range(n):
-        for k in range(i):
-            b[i] -= lower[i, k] * b[k]
-        b[i] /= lower[i, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            b[i] -= lower[k, i] * b[k]
-        b[i] /= lower[i, i]
-
-
 class Cycle:
     """The approximate inverse, for rows (n_owned, 3) on each rank."""
 
@@ -80,7 +53,7 @@ class Cycle:
             matrices = [SpreadMatrix(comm, each and each[name]) for name in names]
             inverse, top = comm.scatter(each and each["inverse"]), comm.bcast(each and each["top"])
             self.levels.append(_SpreadLevel(inverse, top, *matrices))
-        self.lower = comm.bcast(on_root(comm, lambda: _last(levels[-1].matrix)))
+        self.factor = comm.bcast(on_root(comm, lambda: _last(levels[-1].matrix)))
         self.last = comm.scatter(everywhere and everywhere[-1])
 
     def __call__(self, b: np.ndarray) -> np.ndarray:
@@ -100,11 +73,11 @@ class Cycle:
         return level.smoothed(x, b, False)
 
     def _solve_last(self, b: np.ndarray) -> np.ndarray:
-        whole = np.zeros((len(self.lower) // 3, 3))
+        whole = np.zeros((len(self.factor) // 3, 3))
         whole[self.last] = b
         self.comm.Allreduce(MPI.IN_PLACE, whole, MPI.SUM)  # one term that is not zero: no rounding
         flat = whole.ravel()
-        solve_factorised(self.lower, flat)
+        solve_factorised(self.factor, flat)
         return whole[self.last].astype(np.float32)
 
 

@@ -9,6 +9,7 @@ same bits on any number of ranks.
 import numpy as np
 from mpi4py import MPI
 
+from netfall.linear import top_of_tridiagonal
 from netfall.mechanics.elements import add_stiffness
 from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.stability import Limit
@@ -64,19 +65,17 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
         j = len(diagonal)
         ended = beside[-1] <= 1e-9 * max(np.abs(diagonal))  # the vectors span all that there is
         if j % EACH == 0 or ended or j == MOST:
-            values, vectors = np.linalg.eigh(
-                np.diag(diagonal) + np.diag(beside[1:j], 1) + np.diag(beside[1:j], -1)
-            )
-            missing = 0.0 if ended else beside[-1] * abs(vectors[-1, -1])
-            if ended or missing <= CLOSE * values[-1] or j == MOST:
+            top, vector = _top(diagonal, beside[1:j])
+            missing = 0.0 if ended else beside[-1] * abs(vector[-1])
+            if ended or missing <= CLOSE * top or j == MOST:
                 break
         before, v = v, w / beside[-1]
-    if not values[-1] > 0.0:
+    if not top > 0.0:
         return Limit("assembled", np.inf, -1)
     mode = np.zeros_like(start)  # the vectors come again, so that they need not be kept
     before, v = np.zeros_like(start), start / beside[0]
     for k in range(j):
-        mode += vectors[k, -1] * v
+        mode += vector[k] * v
         if k < j - 1:
             w = apply(v) - (beside[k] if k else 0.0) * before - diagonal[k] * v
             before, v = v, w / beside[k + 1]
@@ -84,4 +83,10 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
     halo.update(shape)
     energy = axial * np.sum((shape[s.ends[:, 1]] - shape[s.ends[:, 0]]) * direction, axis=1) ** 2
     largest = (float(energy.max()), -int(element_gid[np.argmax(energy)])) if len(energy) else (-1.0, 1)
-    return Limit("assembled", 2.0 / float(np.sqrt(values[-1] + missing)), -max(comm.allgather(largest))[1])
+    return Limit("assembled", 2.0 / float(np.sqrt(top + missing)), -max(comm.allgather(largest))[1])
+
+
+def _top(diagonal: list[float], beside: list[float]) -> tuple[float, np.ndarray]:
+    """The largest eigenvalue of a symmetric tridiagonal matrix, and its vector."""
+    pivot, vector = np.empty((2, len(diagonal)))
+    return top_of_tridiagonal(np.array(diagonal), np.array([*beside, 0.0]), pivot, vector), vector

@@ -6,8 +6,8 @@ it. `Particles` come as the plan prepares them (`plan.stepped_particles`).
 
 import numpy as np
 
+from netfall.arithmetic import fused, like
 from netfall.compile import part_of_kernel, vector_kernel
-from netfall.mechanics.arithmetic import fused, like
 from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.loads import external_force, squared_speed
 from netfall.mechanics.material import force_density

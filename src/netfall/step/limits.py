@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 
+from netfall.arithmetic import like
 from netfall.compile import inner_kernel, vector_kernel
-from netfall.mechanics.arithmetic import like
 from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.material import axial_force, strain, yield_energy
 from netfall.step.forces import seen_by_forces

@@ -5,8 +5,9 @@ import textwrap
 import matplotlib.pyplot as plt
 import numpy as np
 
+from netfall.functions import log
+from netfall.normal import cdf
 from netfall.study.members import Study
-from netfall.study.normal import cdf, log
 from netfall.study.plot_parts import suptitle
 from netfall.study.shares import binned, wilson, with_interval
 

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.study.normal import cdf, exp, inverse_mills, log
+from netfall.functions import exp, log
+from netfall.normal import cdf, inverse_mills
 
 FITTED, NONE_FAILED, ALL_FAILED, ONE_SPEED, SEPARATED, FALLING, NOT_FOUND = range(7)
 MOST = 100  # iterations; about eight are needed

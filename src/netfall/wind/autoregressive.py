@@ -16,7 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from netfall.functions import cos, geometric, log, sin
+from netfall.linear import eliminate, factorised, product, solve_columns
 from netfall.wind.coherence import davenport_coherence
+from netfall.wind.noise import standard_normal
 from netfall.wind.spectra import Gust
 
 PER_OCTAVE = 24  # nodes of the integral over frequencies
@@ -32,7 +35,8 @@ def frequency_nodes(gust: Gust, dt: float) -> np.ndarray:
     """Frequencies [Hz] from 0 to half of 1 / dt, in proportion to one another."""
     high = 0.5 / dt
     low = min(LOWEST * gust.speed / gust.memory, 0.01 * high)
-    return np.append(0.0, np.geomspace(low, high, max(2, int(np.ceil(PER_OCTAVE * np.log2(high / low))))))
+    octaves = float(log(high / low) / log(2.0))
+    return np.append(0.0, geometric(low, high, max(2, int(np.ceil(PER_OCTAVE * octaves)))))
 
 
 def cosine_weights(n: np.ndarray, lags: np.ndarray, dt: float) -> np.ndarray:
@@ -44,7 +48,7 @@ def cosine_weights(n: np.ndarray, lags: np.ndarray, dt: float) -> np.ndarray:
     h, omega = np.diff(n), 2.0 * np.pi * dt * np.asarray(lags, float)[:, None]
     weight = np.zeros((len(lags), len(n)))
     with np.errstate(divide="ignore", invalid="ignore"):
-        rise = -2.0 * np.sin(0.5 * omega * (n[1:] + n[:-1])) * np.sin(0.5 * omega * h) / (omega**2 * h)
+        rise = -2.0 * sin(0.5 * omega * (n[1:] + n[:-1])) * sin(0.5 * omega * h) / (omega * omega * h)
     flat = np.asarray(lags) == 0
     weight[:, 1:] += np.where(flat[:, None], 0.5 * h, rise)
     weight[:, :-1] += np.where(flat[:, None], 0.5 * h, -rise)
@@ -60,8 +64,10 @@ def covariances(points, mean, gust: Gust, decay, dt, lags) -> np.ndarray:
     weight = cosine_weights(n, lags, dt) * gust.spectrum(n)
     i, j = np.triu_indices(len(points))
     coherence = davenport_coherence(n, points[i] - points[j], decay, 0.5 * (mean[i] + mean[j]))
+    found = np.empty((len(lags), len(i)))
+    product(weight, coherence, found)
     R = np.empty((len(lags), len(points), len(points)))
-    R[:, i, j] = weight @ coherence
+    R[:, i, j] = found
     R[:, j, i] = R[:, i, j]
     R[0] += NUGGET * R[0, 0, 0] * np.eye(len(points))
     return R
@@ -70,7 +76,7 @@ def covariances(points, mean, gust: Gust, decay, dt, lags) -> np.ndarray:
 def lags_of(gust: Gust, dt: float, order: int) -> np.ndarray:
     """At most `order` lags [steps] in proportion, from one to the memory of the gust."""
     memory = max(2.0, gust.memory / (gust.speed * dt))
-    return np.unique(np.round(np.geomspace(1.0, memory, order)).astype(int))
+    return np.unique(np.round(geometric(1.0, memory, order)).astype(int))
 
 
 def yule_walker(R: np.ndarray, known: np.ndarray, lags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -82,16 +88,31 @@ def yule_walker(R: np.ndarray, known: np.ndarray, lags: np.ndarray) -> tuple[np.
     between = np.searchsorted(known, np.abs(lags[:, None] - lags))
     matrix = R[between].transpose(0, 2, 1, 3).reshape(p * c, p * c)
     right = R[np.searchsorted(known, lags)].reshape(p * c, c)
-    stacked = np.linalg.solve(matrix, right)  # (p c, c): Psi_j^T one below the other
-    sigma = R[0] - right.T @ stacked
+    stacked, predicted = right.copy(), np.empty((c, c))  # (p c, c): Psi_j^T one below the other
+    factorised(matrix)
+    solve_columns(matrix, stacked)
+    product(np.ascontiguousarray(right.T), stacked, predicted)
+    sigma = R[0] - predicted
     return stacked.reshape(p, c, c).transpose(0, 2, 1), 0.5 * (sigma + sigma.T)
+
+
+def root_of(sigma: np.ndarray) -> np.ndarray:
+    """Cholesky's factor (c, c), lower, of a covariance."""
+    upper = sigma.copy()
+    factorised(upper)
+    return np.triu(upper).T
 
 
 def model_spectrum(n: np.ndarray, lags, psi, sigma, dt: float) -> np.ndarray:
     """One-sided spectra (f,) [m2/s2/Hz] of an AR model, mean over its points, at frequencies n (f,) [Hz]."""
-    waves = np.exp(-2j * np.pi * dt * np.outer(n, lags))
-    transfer = np.linalg.inv(np.eye(len(sigma)) - np.tensordot(waves, psi, 1))
-    return 2.0 * dt * np.sum(np.abs(transfer @ np.linalg.cholesky(sigma)) ** 2, axis=(1, 2)) / len(sigma)
+    root, total = root_of(sigma).astype(complex), np.empty(len(n))
+    for k, phase in enumerate(2.0 * np.pi * dt * np.multiply.outer(n, lags)):
+        wave = cos(phase) - 1j * sin(phase)
+        left = np.eye(len(sigma)) - np.add.reduce(wave[:, None, None] * psi, axis=0)
+        response = root.copy()
+        eliminate(left, response)
+        total[k] = np.add.reduce((response.real**2 + response.imag**2).ravel())
+    return 2.0 * dt * total / len(sigma)
 
 
 @dataclass(frozen=True)
@@ -113,7 +134,8 @@ class Losses:
 class GustModel:
     """Coefficients of the vector AR model.
 
-    lags : (p,) [steps]; psi : (c, p c), side by side; noise_root : (c, c), Sigma = noise_root noise_root^T
+    lags : (p,) [steps]; psi : (p c, c), Psi_j^T one below the other
+    noise_root : (c, c), upper, Sigma = noise_root^T noise_root
     covariance : (c, c) [m2/s2], of simultaneous gusts; burn_in : [steps]
     """
 
@@ -136,9 +158,9 @@ def fit_gust_model(points, mean, gust: Gust, decay, dt: float, order: int) -> Gu
     R = covariances(points, mean, gust, decay, dt, known)
     psi, sigma = yule_walker(R, known, lags)
     gain, losses = _judge(R, known, lags, gust, dt)
-    root = np.linalg.cholesky(gain * sigma)  # unique and smooth, so neighbouring speeds have the same gusts
+    root = root_of(gain * sigma).T.copy()  # unique and smooth, so neighbouring speeds have the same gusts
     burn_in = int(np.ceil(BURN_IN * gust.memory / (gust.speed * dt)))
-    return GustModel(lags, np.hstack(list(psi)), root, R[0], burn_in, losses)
+    return GustModel(lags, np.vstack(list(psi.transpose(0, 2, 1))), root, R[0], burn_in, losses)
 
 
 def _judge(R, known, lags, gust: Gust, dt: float) -> tuple[float, Losses]:
@@ -175,10 +197,9 @@ class GustRecursion:
 
     def __init__(self, model: GustModel, seed: int):
         self.model = model
-        self.past = np.zeros((int(model.lags[-1]), len(model.psi)))  # row s % len: speeds of step s
+        self.past = np.zeros((int(model.lags[-1]), len(model.noise_root)))  # row s % len: speeds of step s
         self._bits = np.random.Philox(key=seed)
         self._start = self._bits.state  # with nothing drawn
-        self._generator = np.random.Generator(self._bits)
         self._block, self._noise = None, None
         self.step = -model.burn_in
         while self.step < 0:
@@ -199,14 +220,18 @@ class GustRecursion:
             self._start["state"]["counter"][:] = 0
             self._start["state"]["counter"][3] = np.int64(block).astype(np.uint64)
             self._bits.state = self._start
-            self._block, self._noise = block, self._generator.standard_normal((BLOCK, self.past.shape[1]))
+            c = self.past.shape[1]
+            self._block, self._noise = block, standard_normal(self._bits, BLOCK * c).reshape(BLOCK, c)
         return self._noise[row]
 
     def advance(self) -> np.ndarray:
         """Gust speeds (c,) [m/s] of the next step."""
         model, ring = self.model, len(self.past)
         before = self.past[(self.step - model.lags) % ring]
-        u = model.noise_root @ self.noise(self.step) + model.psi @ before.ravel()
+        both = np.empty((2, before.shape[1]))
+        product(self.noise(self.step)[None], model.noise_root, both[:1])
+        product(before.reshape(1, -1), model.psi, both[1:])
+        u = both[0] + both[1]
         self.past[self.step % ring] = u
         self.step += 1
         return u

@@ -3,9 +3,9 @@
 Coherence: exp(-n sqrt(Cx^2 dx^2 + Cy^2 dy^2 + Cz^2 dz^2) / U), Davenport 1968, x along the wind.
 """
 
-import math
-
 import numpy as np
+
+from netfall.functions import cos, exp, lengths, power, sin
 
 LOWEST_HEIGHT = 1.0  # m; the power law is not continued below it
 
@@ -16,16 +16,17 @@ def davenport_coherence(n: np.ndarray, separation: np.ndarray, decay, speed) -> 
     In axes of the wind. decay : (Cx, Cy, Cz), dimensionless; speed : (pairs,) [m/s], mean of the two points
     One separation (3,) gives (f,).
     """
-    delay = np.sqrt(np.sum((np.asarray(decay) * separation) ** 2, axis=-1)) / speed
-    return np.exp(-np.multiply.outer(n, delay))
+    delay = lengths(np.asarray(decay) * separation) / speed
+    return exp(-np.multiply.outer(n, delay))
 
 
 def mean_speed(height: np.ndarray, speed: float, exponent: float) -> np.ndarray:
     """Mean speed [m/s] at heights above ground [m]: U0 (z / 10 m)^exponent."""
-    return speed * (np.maximum(height, LOWEST_HEIGHT) / 10.0) ** exponent
+    return speed * power(np.maximum(height, LOWEST_HEIGHT) / 10.0, exponent)
 
 
 def along_wind(x: np.ndarray, direction: float) -> np.ndarray:
     """Places x (n, 3) in axes along the wind, across it and up. direction : [degrees] from x towards y."""
-    c, s = math.cos(math.radians(direction)), math.sin(math.radians(direction))
+    angle = direction * (np.pi / 180.0)
+    c, s = cos(angle), sin(angle)
     return np.column_stack([c * x[:, 0] + s * x[:, 1], c * x[:, 1] - s * x[:, 0], x[:, 2]])

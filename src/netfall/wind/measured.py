@@ -8,6 +8,7 @@ plan, weighted by distance, and the power-law profile carries each from its own 
 import numpy as np
 
 from netfall.errors import InputError
+from netfall.functions import lengths
 from netfall.job.table import Table
 from netfall.wind.coherence import LOWEST_HEIGHT
 
@@ -20,7 +21,7 @@ def place_weights(x: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.nda
     Weights ((R - d) / (R d))^2 at distance d, R that of the fifth nearest (Shepard 1968, Franke and Little):
     a place fades out before another takes its turn. At a place its own speed; with less than five, 1 / d^2.
     """
-    apart = np.hypot(x[:, None, 0] - places[:, 0], x[:, None, 1] - places[:, 1])
+    apart = lengths(x[:, None, :2] - places[:, :2])
     order = np.argsort(apart, axis=1, kind="stable")[:, :5]
     d = np.maximum(np.take_along_axis(apart, order, 1), TOGETHER)
     few = min(4, len(places))
@@ -108,7 +109,7 @@ def read_places(path) -> tuple[list[str], np.ndarray, list[str]]:
     if np.isnan(places).any():
         table.wrong("empty cells; expected a number in each")
     for row in range(len(places)):
-        near = np.hypot(*(places[:row, :2] - places[row, :2]).T) < TOGETHER
+        near = lengths(places[:row, :2] - places[row, :2]) < TOGETHER
         if near.any():
             table.wrong(
                 f"{table.at(row)}: name = {names[row]!r}: at the same x, y as {names[int(near.argmax())]!r}; "

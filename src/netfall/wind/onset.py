@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 
+from netfall.functions import cos
+
 FINEST = 16  # samples of the ramp, at least: linear between them, gusts are right to 0.3 %
 
 
@@ -11,7 +13,7 @@ def growth(time: float, ramp: float) -> float:
     """Share of the gusts at a time [s]: (1 - cos(pi t / ramp)) / 2 over the ramp [s], then 1."""
     if time >= ramp:
         return 1.0
-    return 0.5 * (1.0 - math.cos(math.pi * max(time, 0.0) / ramp))
+    return 0.5 * (1.0 - float(cos(math.pi * max(time, 0.0) / ramp)))
 
 
 class GrowingGusts:

@@ -15,28 +15,41 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from netfall.functions import cube_root, geometric, log
+
 KARMAN = 70.78013  # 4 B(1/2, 1/3)^2, usually rounded to 70.8: with it the integral is 1
 TAIL = 1e4  # x from which on every shape is x^(-5/3)
 
 
+def four_thirds(a: np.ndarray) -> np.ndarray:
+    """a^(4/3) of a > 0."""
+    return a * cube_root(a)
+
+
+def five_thirds(a: np.ndarray) -> np.ndarray:
+    """a^(5/3) of a > 0."""
+    root = cube_root(a)
+    return a * root * root
+
+
 def davenport(x: np.ndarray) -> np.ndarray:
     """2/3 x / (1 + x^2)^(4/3): S = 4 k U0^2 x^2 / (n (1 + x^2)^(4/3)), Davenport 1961, paper Eq. 5."""
-    return (2.0 / 3.0) * x / (1.0 + x * x) ** (4.0 / 3.0)
+    return (2.0 / 3.0) * x / four_thirds(1.0 + x * x)
 
 
 def kaimal(x: np.ndarray) -> np.ndarray:
     """4 / (1 + 6 x)^(5/3): Kaimal et al. 1972 as IEC 61400-1 writes it, n S / sigma^2 = x F."""
-    return 4.0 / (1.0 + 6.0 * x) ** (5.0 / 3.0)
+    return 4.0 / five_thirds(1.0 + 6.0 * x)
 
 
 def von_karman(x: np.ndarray) -> np.ndarray:
     """4 / (1 + 70.8 x^2)^(5/6): von Karman 1948, n S / sigma^2 = x F; L is the integral length."""
-    return 4.0 / (1.0 + KARMAN * x * x) ** (5.0 / 6.0)
+    return 4.0 / np.sqrt(five_thirds(1.0 + KARMAN * x * x))
 
 
 def en1991(x: np.ndarray) -> np.ndarray:
     """6.8 / (1 + 10.2 x)^(5/3): EN 1991-1-4:2005, Eq. B.2, with x = f_L, S_L = x F."""
-    return 6.8 / (1.0 + 10.2 * x) ** (5.0 / 3.0)
+    return 6.8 / five_thirds(1.0 + 10.2 * x)
 
 
 @dataclass(frozen=True)
@@ -69,15 +82,15 @@ class Gust:
     def spectrum(self, n: np.ndarray) -> np.ndarray:
         """One-sided spectrum [m2/s2/Hz] at frequencies n [Hz]."""
         per = self.length / self.speed
-        return self.deviation**2 * per * self.density(np.asarray(n, float) * per)
+        return self.deviation * self.deviation * per * self.density(np.asarray(n, float) * per)
 
     def share_above(self, n: float) -> float:
         """Share of the variance at frequencies above n [Hz]."""
         x = n * self.length / self.speed
         if x >= TAIL:
             return float(1.5 * x * self.density(x))
-        rest = np.geomspace(x, TAIL, 4000)
-        return float(np.trapezoid(rest * self.density(rest), np.log(rest)) + 1.5 * TAIL * self.density(TAIL))
+        rest = geometric(x, TAIL, 4000)
+        return float(np.trapezoid(rest * self.density(rest), log(rest)) + 1.5 * TAIL * self.density(TAIL))
 
 
 def intensity(settings) -> float:

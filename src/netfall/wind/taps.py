@@ -34,7 +34,8 @@ class TapHistory:
         self._rows, self._begin, self._block = rows, -1, None
         share = _shares(time, duration)
         blocks = range(0, len(time), ROWS)
-        self.mean_gust = sum(share[first : first + ROWS] @ rows(first, first + ROWS) for first in blocks)
+        sums = (np.add.reduce(share[i : i + ROWS, None] * rows(i, i + ROWS), axis=0) for i in blocks)
+        self.mean_gust = sum(sums)
 
     def sample(self, k: int) -> tuple[float, np.ndarray]:
         """Time [s] and values (c,) of row k; the last one stands for all that follow."""

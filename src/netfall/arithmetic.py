@@ -1,4 +1,4 @@
-"""Inverse root and logarithm of vector registers.
+"""Inverse root, logarithm and exponential, for vector registers or a number at a time.
 
 A processor's own root and division together take some 35 cycles for a register, four times as long as all
 the rest of an element; a guess and two rounds of fused multiply-add take seven, and give the same bits on
@@ -6,19 +6,18 @@ every processor. The logarithm of the mathematical library works on one number a
 two units in the last place (tests/test_arithmetic.py).
 """
 
+import math
+
 import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
 from netfall.compile import part_of_kernel
+from netfall.functions import LN2_HIGH, LN2_LOW, SQRT_HALF
 
-SQRT_HALF = np.sqrt(0.5)
-LN2_HIGH = float.fromhex(
-    "0x1.62e42fefa3800p-1"
-)  # ln 2 with its last bits zero: times an exponent it is exact
-LN2_LOW = float.fromhex("0x1.ef35793c76730p-45")  # ln 2 less that
 HALF, THREE_EIGHTHS, FIVE_SIXTEENTHS, ONE, LEAST = np.float32([0.5, 0.375, 0.3125, 1.0, 1e-7])
+INVERSE_LN2 = 1.0 / (LN2_HIGH + LN2_LOW)
 GUESS = np.int64(0x5FE6EB50C7B537A9)  # less half the bits of a number: its inverse root within 3.5 %
 
 
@@ -118,3 +117,29 @@ def logarithm(a):
         series = fused(series, z, 1.0 / (2 * n + 1))
     # ln m = f - f^2/2 + ..., written as f - s (f - 2 z series): its first term is exact
     return fused(float(k), LN2_HIGH, f - (s * (f - 2.0 * z * series) - float(k) * LN2_LOW))
+
+
+@part_of_kernel
+def _series(rest):
+    """(e^rest - 1 - rest) / rest^2 of |rest| < 0.35, cut after rest^12 / 14!: 1e-17."""
+    total = 1.0
+    for k in range(14, 2, -1):
+        total = fused(total, rest / k, 1.0)
+    return 0.5 * total
+
+
+@part_of_kernel
+def exponential(a):
+    """e to the power of a, |a| < 700."""
+    k = math.floor(a * INVERSE_LN2 + 0.5)
+    rest = fused(-k, LN2_LOW, fused(-k, LN2_HIGH, a))
+    whole = 1.0 + fused(rest * rest, _series(rest), rest)
+    return whole * number_of((np.int64(k) + 1023) << 52)
+
+
+@part_of_kernel
+def exponential_less_one(a):
+    """e to the power of a, less 1, |a| < 700, to its last digits however small a is."""
+    if abs(a) < 0.35:
+        return fused(a * a, _series(a), a)
+    return exponential(a) - 1.0

@@ -1,0 +1,114 @@
+"""The digest of each shipped job's result, and runs of them as other processors would do them.
+
+    .venv/bin/python tests/processors.py                  as here; compare with digests.toml
+    .venv/bin/python tests/processors.py --like all       as others too: each of LIKE, and all of them at once
+    .venv/bin/python tests/processors.py --only stadium --ranks 3
+    .venv/bin/python tests/processors.py --write          after a change of bits that is meant
+
+A digest covers the names, types, shapes and bytes of all datasets and attributes but those of /provenance,
+and of /modes, whose vectors LAPACK and ARPACK find. Variables of numpy, OpenBLAS, the C library and the
+compiler make them choose as they would on another processor. The exit code is 1 if a digest differs.
+"""
+
+import argparse
+import hashlib
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from pathlib import Path
+
+import h5py
+from same_bits import MPIRUN, ROOT, contents
+
+DIGESTS = Path(__file__).with_name("digests.toml")
+JOBS = {path.stem: path for path in sorted((ROOT / "jobs").glob("*.toml"))}
+LEFT_OUT = ("provenance", "modes")
+LIKE = {
+    "numpy without AVX2": {"NPY_DISABLE_CPU_FEATURES": "X86_V3"},
+    "OpenBLAS for Nehalem": {"OPENBLAS_CORETYPE": "Nehalem"},
+    "OpenBLAS for Haswell": {"OPENBLAS_CORETYPE": "Haswell"},
+    "C library without AVX2 and FMA": {
+        "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX2_Usable,-FMA_Usable"
+    },
+    "kernels for Haswell": {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": "+avx,+avx2,+fma,+bmi,+bmi2"},
+    "kernels for x86-64-v3": {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": "+avx2,+fma,+f16c"},
+    "kernels in registers of 128 bits": {
+        "NUMBA_CPU_NAME": "generic",
+        "NUMBA_CPU_FEATURES": "+sse4.2,+avx,+fma",
+    },
+}
+TOGETHER = {key: value for name in reversed(LIKE) for key, value in LIKE[name].items()}
+
+
+def digest(result: Path) -> str:
+    """Of a result file."""
+    sha = hashlib.sha256()
+    with h5py.File(result, "r") as file:
+        for name, array in sorted(contents(file).items()):
+            if not name.startswith(LEFT_OUT):
+                data = array.tobytes() if array.dtype != object else repr(array.tolist()).encode()
+                sha.update(f"{name} {array.dtype} {array.shape} ".encode() + data)
+    return sha.hexdigest()[:16]
+
+
+def kept() -> dict[str, str]:
+    """The digests that stand in the repository, by job."""
+    return tomllib.loads(DIGESTS.read_text())
+
+
+def run(job: Path, folder: Path, ranks: int = 1, environment: dict | None = None) -> str:
+    """The digest of a job's result."""
+    result = folder / "result.vtkhdf"
+    command = [sys.executable, "-m", "netfall", "run", str(job), "-o", str(result), "--quiet"]
+    subprocess.run(
+        [*([str(MPIRUN), "-n", str(ranks)] if ranks > 1 else []), *command],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(ROOT / "src")} | (environment or {}),
+        check=True,
+    )
+    return digest(result)
+
+
+def main() -> int:
+    """Run what is asked for and say what differs."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", action="append", choices=JOBS)
+    parser.add_argument("--like", action="append", choices=["all", "together", *LIKE])
+    parser.add_argument("--ranks", type=int, default=1)
+    parser.add_argument("--write", action="store_true")
+    asked = parser.parse_args()
+    wanted = (
+        LIKE if asked.like and "all" in asked.like else {k: LIKE[k] for k in asked.like or [] if k in LIKE}
+    )
+    variants = {"as here": {}} | wanted
+    if asked.like and {"all", "together"} & set(asked.like):
+        variants |= {"all of them together": TOGETHER}
+    expected, wrong = ({} if asked.write else kept()), 0
+    for name in asked.only or JOBS:
+        for like, environment in variants.items():
+            begin = time.monotonic()
+            with tempfile.TemporaryDirectory() as folder:
+                found = run(JOBS[name], Path(folder), asked.ranks, environment)
+            same = found == expected.setdefault(name, found)
+            wrong += not same
+            took, state = time.monotonic() - begin, "equal" if same else "DIFFERS"
+            print(f"{name:15} {found} {state} {took:6.1f} s  {like}", flush=True)
+    if asked.write:
+        lines = [
+            f'{name} = "{value}"\n'
+            for name, value in sorted((kept() | expected).items() if DIGESTS.exists() else expected.items())
+        ]
+        DIGESTS.write_text(
+            "# Of the results of the jobs in jobs/, by tests/processors.py: whoever changes them says why.\n"
+            + "".join(lines)
+        )
+    return int(wrong > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,165 @@
+"""The functions that are ours, for the same bits on any processor, against exact ones to many digits."""
+
+import math
+from statistics import NormalDist
+
+import mpmath
+import numpy as np
+import pytest
+
+from netfall import functions
+from netfall.arithmetic import exponential, exponential_less_one
+from netfall.compile import kernel
+from netfall.linear import eliminate, factorised, product, solve_columns, solve_factorised, top_of_tridiagonal
+from netfall.normal import quantile
+from netfall.solve.sparse import solve_sparse
+from netfall.wind.noise import standard_normal
+
+mpmath.mp.prec = 160
+ROUNDING = np.finfo(float).eps
+
+
+def numbers(low: float, high: float, count: int = 2000, logarithmic: bool = False) -> np.ndarray:
+    found = np.random.default_rng(1).uniform(low, high, count)
+    return 10.0**found if logarithmic else found
+
+
+def worst(ours: np.ndarray, exact, arguments: np.ndarray) -> float:
+    """Largest error in units of the last place of the exact value."""
+    errors = []
+    for value, argument in zip(np.asarray(ours).tolist(), arguments.tolist()):
+        true = exact(mpmath.mpf(argument))
+        errors.append(abs((mpmath.mpf(value) - true) / mpmath.mpf(float(np.spacing(abs(float(true)))))))
+    return float(max(errors))
+
+
+@kernel
+def each(numbers, whole, less_one):
+    for i in range(numbers.shape[0]):
+        whole[i] = exponential(numbers[i])
+        less_one[i] = exponential_less_one(numbers[i])
+
+
+# Measured, in units of the last place: 0.85, 0.75, 1.9, 1.4, 1.4, 0.9, 1.7.
+@pytest.mark.parametrize(
+    "name, exact, over, units",
+    [
+        ("exp", mpmath.exp, (-700.0, 700.0), 1.0),
+        ("exp", mpmath.exp, (-1.0, 1.0), 1.0),
+        ("log", mpmath.log, (-290.0, 290.0, "powers"), 1.0),
+        ("log", mpmath.log, (0.5, 2.0), 1.0),
+        ("log1p", mpmath.log1p, (-20.0, 5.0, "powers"), 2.0),
+        ("sin", mpmath.sin, (-3.0, 3.0), 1.5),
+        ("cos", mpmath.cos, (-3.0, 3.0), 1.5),
+        ("cube_root", mpmath.cbrt, (-10.0, 20.0, "powers"), 1.0),
+    ],
+)
+def test_functions_are_right_to_two_units_of_the_last_place(name, exact, over, units):
+    x = numbers(*over[:2], logarithmic=len(over) == 3)
+    assert worst(getattr(functions, name)(x), exact, x) <= units
+
+
+def test_sines_of_many_turns_are_right_to_sixteen_digits_after_the_point():
+    x = numbers(-functions.LARGEST_ANGLE, functions.LARGEST_ANGLE)
+    for ours, exact in ((functions.sin, mpmath.sin), (functions.cos, mpmath.cos)):
+        off = [abs(mpmath.mpf(y) - exact(mpmath.mpf(a))) for y, a in zip(ours(x).tolist(), x.tolist())]
+        assert max(off) <= ROUNDING
+
+
+def test_powers_lose_no_more_than_the_logarithm_makes_of_it():
+    """Of heights above ground over 10 m, with the exponents of the profile."""
+    x = numbers(-1.0, 3.0, logarithmic=True)
+    for exponent in (0.12, 0.16, 0.4):
+        assert (
+            worst(functions.power(x, exponent), lambda a, e=exponent: a ** mpmath.mpf(e), x)
+            <= 1.0 + 7 * exponent
+        )
+
+
+def test_exact_values_stay_exact():
+    assert [float(f(0.0)) for f in (functions.exp, functions.cos, functions.sin, functions.log1p)] == [
+        1,
+        1,
+        0,
+        0,
+    ]
+    assert float(functions.log(1.0)) == 0.0 and float(functions.log(2.0)) == math.log(2.0)
+    assert functions.geometric(1.0, 16.0, 5).tolist() == pytest.approx([1, 2, 4, 8, 16], rel=4 * ROUNDING)
+    assert np.isfinite(functions.exp(np.array([-1e4, 1e4]))).all()
+
+
+def test_exponentials_of_the_material_law():
+    x = np.concatenate([numbers(-3.0, 3.0), numbers(-12.0, -1.0, logarithmic=True)])
+    whole, less_one = np.empty((2, len(x)))
+    each(x, whole, less_one)
+    assert worst(whole, mpmath.exp, x) <= 1.0
+    assert worst(less_one, mpmath.expm1, x) <= 4.0  # near -0.35, where e^x less 1 is a third of e^x
+
+
+def test_normal_numbers_are_those_of_numpy_to_rounding():
+    """The same bits of chance by the same method: in a million some 280 in the tail, 7000 beside a layer."""
+    ours = standard_normal(np.random.Philox(key=5), 1_000_000)
+    theirs = np.random.Generator(np.random.Philox(key=5)).standard_normal(1_000_000)
+    assert np.abs(ours - theirs).max() <= 1e-13  # numpy's tables have their own last digits
+    assert np.abs(ours).max() > 4.5 and np.array_equal(
+        ours, standard_normal(np.random.Philox(key=5), 1_000_000)
+    )
+
+
+def test_quantiles_are_those_of_the_standard_library():
+    p = np.concatenate([numbers(0.0, 1.0), numbers(-300.0, -1.0, logarithmic=True)])
+    expected = np.array([NormalDist().inv_cdf(each) for each in p.tolist()])
+    assert np.abs(quantile(p) - expected).max() <= 8 * ROUNDING * np.abs(expected).max()
+
+
+def test_dense_solutions_leave_residuals_of_rounding():
+    rng = np.random.default_rng(2)
+    root = rng.normal(size=(60, 60))
+    matrix, right = root @ root.T + np.eye(60), rng.normal(size=(60, 4))
+    upper, found = matrix.copy(), right.copy()
+    assert factorised(upper) == 0
+    solve_columns(upper, found)
+    one = right[:, 0].copy()
+    solve_factorised(upper, one)
+    assert np.array_equal(one, found[:, 0])
+    assert (
+        np.abs(matrix @ found - right).max() < 1e-11
+        and np.abs(np.linalg.solve(matrix, right) - found).max() < 1e-11
+    )
+    a, out = rng.normal(size=(5, 60)), np.empty((5, 4))
+    product(a, right, out)
+    assert np.abs(out - a @ right).max() < 1e-13
+    left, solution = root[:6, :6] + 1j * root[6:12, :6], right[:6].astype(complex)
+    mine = left.copy()
+    eliminate(mine, solution)
+    assert np.abs(left @ solution - right[:6]).max() < 1e-12
+
+
+def test_singular_rows_are_counted():
+    singular = np.ones((3, 3))
+    assert factorised(singular) == 2 and np.triu(singular).tolist() == [[1, 1, 1], [0, 1, 0], [0, 0, 1]]
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 300])
+def test_the_top_of_a_tridiagonal_matrix(n):
+    rng = np.random.default_rng(n)
+    diagonal, beside = rng.normal(size=n), rng.normal(size=n)
+    whole = np.diag(diagonal) + np.diag(beside[: n - 1], 1) + np.diag(beside[: n - 1], -1)
+    values, vectors = np.linalg.eigh(whole)
+    vector = np.empty(n)
+    assert abs(top_of_tridiagonal(diagonal, beside, np.empty(n), vector) - values[-1]) < 1e-13 * n
+    assert np.abs(np.abs(vector) - np.abs(vectors[:, -1])).max() < 1e-11
+
+
+def test_sparse_solutions_of_matrices_with_both_signs():
+    """A random graph, pairs given twice and either way; some diagonals negative, as struts make them."""
+    rng, n = np.random.default_rng(4), 200
+    ends = rng.integers(0, n, (700, 2))
+    ends = ends[ends[:, 0] != ends[:, 1]]
+    q, diagonal, right = rng.normal(size=len(ends)), rng.choice([-40.0, 40.0], n), rng.normal(size=(n, 3))
+    whole = np.diag(diagonal)
+    for (a, b), value in zip(ends, q):
+        whole[a, b] += value
+        whole[b, a] += value
+    assert np.abs(solve_sparse(ends, q, diagonal, right) - np.linalg.solve(whole, right)).max() < 1e-12
+    assert solve_sparse(np.array([[0, 1]]), np.array([1.0]), np.array([1.0, 1.0]), np.ones((2, 1))) is None

@@ -1,0 +1,47 @@
+"""The results of the shipped jobs: the same bits on any processor, on any number of ranks."""
+
+import os
+import subprocess
+import sys
+
+import llvmlite.binding
+import numpy as np
+import pytest
+from conftest import ROOT, run_on_standing_ranks
+from processors import JOBS, LIKE, TOGETHER, digest, kept, run
+
+FEATURES = [name for name, here in llvmlite.binding.get_host_cpu_features().items() if here]
+CHANGED = "the bits of {}'s result have changed; if that is meant: tests/processors.py --write, and say why"
+
+
+def test_every_shipped_job_has_a_digest():
+    assert sorted(kept()) == sorted(JOBS)
+
+
+@pytest.mark.parametrize("name", JOBS)
+def test_shipped_jobs_have_the_bits_that_they_had(name, tmp_path):
+    result = tmp_path / "result.vtkhdf"
+    done = run_on_standing_ranks("run", JOBS[name], "-o", result, "--quiet", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert digest(result) == kept()[name], CHANGED.format(name)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", JOBS)
+def test_shipped_jobs_on_three_ranks_as_on_another_processor(name, tmp_path):
+    """All variables at once; one at a time: tests/processors.py --like all."""
+    assert run(JOBS[name], tmp_path, 3, TOGETHER) == kept()[name]
+
+
+@pytest.mark.skipif("avx2" not in FEATURES, reason="there is nothing to leave out")
+def test_the_variables_change_what_is_not_ours():
+    """Else equal digests would say nothing: numpy's own exponentials differ without newer instructions."""
+    own = "import numpy as np; print(np.exp(np.linspace(-30, 30, 99999)).tobytes().hex())"
+    outputs = [
+        subprocess.run(
+            [sys.executable, "-c", own], env=os.environ | more, capture_output=True, text=True, cwd=ROOT
+        ).stdout
+        for more in ({}, LIKE["numpy without AVX2"] | LIKE["C library without AVX2 and FMA"])
+    ]
+    theirs = [np.frombuffer(bytes.fromhex(text.strip())) for text in outputs]
+    assert 0 < (theirs[0] != theirs[1]).sum() and np.allclose(theirs[0], theirs[1], rtol=1e-14)
