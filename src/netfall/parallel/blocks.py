@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from netfall.compile import kernel
+from netfall.compile import kernel, part_of_kernel
 
 TAG = 31
 
@@ -94,6 +94,41 @@ def multiply_rows(start, column, block, x, y):
         y[i, 0], y[i, 1], y[i, 2] = a, b, c
 
 
+@part_of_kernel
+def add_step(i, inverse, r, s, t, scale, keep, step):
+    """Row i of step = keep step + scale inverse (r, s, t).
+
+    inverse : (n, 6), of symmetric blocks the entries 00, 01, 02, 11, 12, 22
+    """
+    a, b, c = inverse[i, 0], inverse[i, 1], inverse[i, 2]
+    d, e, f = inverse[i, 3], inverse[i, 4], inverse[i, 5]
+    step[i, 0] = keep * step[i, 0] + scale * (a * r + b * s + c * t)
+    step[i, 1] = keep * step[i, 1] + scale * (b * r + d * s + e * t)
+    step[i, 2] = keep * step[i, 2] + scale * (c * r + e * s + f * t)
+
+
+@kernel
+def first_step(inverse, b, scale, step):
+    """step = scale inverse b: the step from zero. All (rows, 3); inverse : as in `add_step`"""
+    for i in range(step.shape[0]):
+        step[i, 0] = step[i, 1] = step[i, 2] = 0.0
+        add_step(i, inverse, b[i, 0], b[i, 1], b[i, 2], scale, scale, step)
+
+
+@kernel
+def step_rows(start, column, block, inverse, b, x, scale, keep, step):
+    """step = keep step + scale inverse (b - blocks times x). All (rows, 3); inverse : as in `add_step`"""
+    for i in range(start.shape[0] - 1):
+        r, s, t = b[i, 0], b[i, 1], b[i, 2]
+        for k in range(start[i], start[i + 1]):
+            j = column[k]
+            u, v, w = x[j, 0], x[j, 1], x[j, 2]
+            r -= block[k, 0] * u + block[k, 1] * v + block[k, 2] * w
+            s -= block[k, 3] * u + block[k, 4] * v + block[k, 5] * w
+            t -= block[k, 6] * u + block[k, 7] * v + block[k, 8] * w
+        add_step(i, inverse, r, s, t, scale, keep, step)
+
+
 @kernel
 def dot_rows(a, b, out):
     """Products (n,) of the rows of two arrays (n, 3)."""
@@ -110,20 +145,33 @@ class SpreadMatrix:
         self.share: Share = comm.scatter(all_shares)
         ghosts = sum(self.share.receive_counts)
         self.x = np.zeros((self.share.n_columns + ghosts, 3), np.float32)
+        self.own = self.x[: self.share.n_columns]
         self.y = np.zeros((len(self.share.start) - 1, 3), np.float32)
         self.out = [np.empty((len(index), 3), np.float32) for index in self.share.send_index]
 
-    def __call__(self, x: np.ndarray) -> np.ndarray:
-        """The rows of the product, in an array that the next call overwrites. Collective."""
+    def __call__(self, x: np.ndarray | None = None) -> np.ndarray:
+        """The rows of the product, in an array that the next call overwrites. Collective.
+
+        x : (n_columns, 3); None: what is in `own`
+        """
         share = self.share
-        self.x[: share.n_columns] = x
-        if share.senders or share.receivers:
-            self._exchange()
+        if x is not None:
+            self.own[:] = x
+        self._exchange()
         multiply_rows(share.start, share.column, share.block, self.x, self.y)
         return self.y
 
+    def take_step(self, b: np.ndarray, inverse: np.ndarray, scale, keep, step: np.ndarray) -> None:
+        """step = keep step + scale inverse (b - product with `own`), and add it to `own`. Collective."""
+        share = self.share
+        self._exchange()
+        step_rows(share.start, share.column, share.block, inverse, b, self.x, scale, keep, step)
+        self.own += step
+
     def _exchange(self) -> None:
         requests, row, share = [], self.share.n_columns, self.share
+        if not (share.senders or share.receivers):
+            return
         for rank, count in zip(share.senders, share.receive_counts):
             requests.append(self.comm.Irecv(self.x[row : row + count], rank, TAG))
             row += count

@@ -13,35 +13,34 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from netfall.compile import kernel
 from netfall.linear import factorised, solve_factorised
 from netfall.parallel.agree import on_root
-from netfall.parallel.blocks import SpreadMatrix, shares
+from netfall.parallel.blocks import SpreadMatrix, first_step, shares
+from netfall.parallel.halo import Halo
+from netfall.parallel.subdomain import Distribution
 from netfall.solve.aggregation import COARSEST, Level, levels_of
+from netfall.solve.element_matrix import ElementMatrix
+from netfall.solve.tangent import Tangent, whole_matrix
 
 DEGREE = 4  # of the polynomial before and after each coarser level
 RANGE = 20.0  # the polynomial damps eigenvalues from the largest down to this part of it
 DENSE = 4 * COARSEST  # particles of the last level up to which it is solved
-
-
-@kernel
-def smooth(residual, inverse, scale, keep, step, x):
-    """One term of Chebyshev's iteration: step = keep step + scale inverse residual; x += step. All (n, 3)."""
-    for p in range(x.shape[0]):
-        for i in range(3):
-            sum = inverse[p, i, 0] * residual[p, 0]
-            sum += inverse[p, i, 1] * residual[p, 1]
-            sum += inverse[p, i, 2] * residual[p, 2]
-            step[p, i] = keep * step[p, i] + scale * sum
-            x[p, i] += step[p, i]
+UPPER = ([0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2])  # entries of symmetric blocks that are kept
 
 
 class Cycle:
     """The approximate inverse, for rows (n_owned, 3) on each rank."""
 
-    def __init__(self, comm: MPI.Comm, owned: list[np.ndarray] | None, matrix):
-        """On rank 0 owned : global numbers that each rank owns, in its order; matrix : BSR. Collective."""
-        self.comm = comm
+    def __init__(
+        self, comm: MPI.Comm, distribution: Distribution, halo: Halo, net, K: Tangent, inertia: float
+    ):
+        """Of a net's tangent, without what compression takes from it. Collective.
+
+        net : `relaxation.Net`; inertia : share of the nodes' stiffness that is added
+        """
+        self.comm, owned = comm, distribution.owned()
+        matrix = whole_matrix(distribution, net, K, inertia)
+        finest = ElementMatrix(distribution, halo, net, K, inertia)
         levels = on_root(comm, lambda: levels_of(matrix))
         everywhere = on_root(comm, lambda: _owned_everywhere(levels, owned))
         spread = on_root(comm, lambda: _spread(levels, everywhere))
@@ -49,10 +48,10 @@ class Cycle:
         for k in range(comm.bcast(None if spread is None else len(spread))):
             each = spread[k] if spread else None
             ends = comm.bcast(each and each["down"] is None)
-            names = ("matrix",) if ends else ("matrix", "down", "up")
-            matrices = [SpreadMatrix(comm, each and each[name]) for name in names]
+            matrix = SpreadMatrix(comm, each and each["matrix"]) if k else finest
+            beside = [] if ends else [SpreadMatrix(comm, each and each[name]) for name in ("down", "up")]
             inverse, top = comm.scatter(each and each["inverse"]), comm.bcast(each and each["top"])
-            self.levels.append(_SpreadLevel(inverse, top, *matrices))
+            self.levels.append(_SpreadLevel(inverse, top, matrix, *beside))
         self.factor = comm.bcast(on_root(comm, lambda: _last(levels[-1].matrix)))
         self.last = comm.scatter(everywhere and everywhere[-1])
 
@@ -66,11 +65,13 @@ class Cycle:
         if k == len(self.levels):
             return self._solve_last(b)
         level = self.levels[k]
-        x = level.smoothed(np.zeros_like(b), b, True)
+        x = level.matrix.own
+        level.smooth(b, True)
         if level.down is None:
             return x
-        x += level.up(self._cycle(k + 1, level.down(b - level.matrix(x)).copy()))
-        return level.smoothed(x, b, False)
+        x += level.up(self._cycle(k + 1, level.down(b - level.matrix()).copy()))
+        level.smooth(b, False)
+        return x
 
     def _solve_last(self, b: np.ndarray) -> np.ndarray:
         whole = np.zeros((len(self.factor) // 3, 3))
@@ -85,22 +86,27 @@ class Cycle:
 class _SpreadLevel:
     inverse: np.ndarray
     top: float
-    matrix: SpreadMatrix
+    matrix: SpreadMatrix | ElementMatrix
     down: SpreadMatrix | None = None
     up: SpreadMatrix | None = None
 
-    def smoothed(self, x: np.ndarray, b: np.ndarray, zero: bool) -> np.ndarray:
-        """x (n, 3) after Chebyshev's iteration of `DEGREE` terms towards matrix x = b; zero : x is 0."""
+    def smooth(self, b: np.ndarray, zero: bool) -> None:
+        """Chebyshev's iteration of `DEGREE` terms towards matrix x = b, on the x in `matrix.own`.
+
+        zero : begin with x = 0
+        """
         middle, half = 0.5 * (self.top + self.top / RANGE), 0.5 * (self.top - self.top / RANGE)
         ratio = middle / half
-        factor, step = 1.0 / ratio, np.zeros_like(x)
+        factor, step = 1.0 / ratio, np.zeros_like(b)
         keep, scale = 0.0, 1.0 / middle
         for term in range(DEGREE):
-            residual = b if zero and term == 0 else b - self.matrix(x)
-            smooth(residual, self.inverse, np.float32(scale), np.float32(keep), step, x)
+            if zero and term == 0:
+                first_step(self.inverse, b, np.float32(scale), step)
+                self.matrix.own[:] = step
+            else:
+                self.matrix.take_step(b, self.inverse, np.float32(scale), np.float32(keep), step)
             after = 1.0 / (2.0 * ratio - factor)
             keep, scale, factor = after * factor, 2.0 * after / half, after
-        return x
 
 
 def _owned_everywhere(levels: list[Level], owned: list[np.ndarray]) -> list[list[np.ndarray]]:
@@ -136,10 +142,10 @@ def _spread(levels: list[Level], everywhere: list[list[np.ndarray]]) -> list[dic
             down.sort_indices()
         out.append(
             {
-                "matrix": shares(level.matrix, fine, fine),
+                "matrix": shares(level.matrix, fine, fine) if k else None,
                 "down": None if down is None else shares(down, everywhere[k + 1], fine),
                 "up": None if down is None else shares(level.coarser, fine, everywhere[k + 1]),
-                "inverse": [level.inverse[own].astype(np.float32) for own in fine],
+                "inverse": [level.inverse[own][:, *UPPER].astype(np.float32) for own in fine],
                 "top": level.top,
             }
         )

@@ -19,7 +19,7 @@ from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import exact_sums
 from netfall.solve.multilevel import Cycle
 from netfall.solve.relaxation import largest_residual
-from netfall.solve.tangent import Tangent, scattered, whole_matrix, without_compression
+from netfall.solve.tangent import Tangent, scattered, without_compression
 from netfall.stop import NEVER, StopRequest
 
 MOST_CORRECTIONS = 25
@@ -160,8 +160,7 @@ class Newton:
 
     def cycle(self, K: Tangent) -> Cycle:
         """The approximate inverse of a tangent. Collective."""
-        matrix = whole_matrix(self.distribution, self.net, K, self.inertia)
-        return Cycle(self.comm, self.distribution.owned(), matrix)
+        return Cycle(self.comm, self.distribution, self.halo, self.net, K, self.inertia)
 
     def find(self, tolerance: float, start, stop: StopRequest = NEVER, near: bool = False) -> Corrected:
         """Move the net to equilibrium. Collective.

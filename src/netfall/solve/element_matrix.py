@@ -1,0 +1,112 @@
+"""The tangent stiffness in single precision by its elements, half as long as in blocks, for preconditioners.
+
+A product is bound by memory: five numbers and a far end for each end of an element, where a block has nine.
+A row sums its elements in ascending global number of the far end, so it has the same bits on any number of
+ranks.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.compile import kernel, part_of_kernel
+from netfall.parallel.blocks import add_step
+from netfall.parallel.halo import Halo
+from netfall.parallel.subdomain import Distribution
+from netfall.solve.tangent import Tangent, without_compression
+
+
+class Rows(NamedTuple):
+    """The rows of one rank, n of them.
+
+    start : (n + 1,) where the elements of each begin; other : (k,) far ends; element : (k, 5) direction,
+    axial stiffness less that across, that across [N/m]; support : (n, 3) [N/m] or None; free : (n, 3)
+    """
+
+    start: np.ndarray
+    other: np.ndarray
+    element: np.ndarray
+    support: np.ndarray | None
+    free: np.ndarray
+
+
+@part_of_kernel
+def _answer(i, rows, x):
+    """What row i of the matrix makes of x (n, 3), as three numbers."""
+    start, other, element, free = rows.start, rows.other, rows.element, rows.free
+    a = b = c = np.float32(0.0)
+    if rows.support is not None:
+        a = rows.support[i, 0] * x[i, 0]
+        b = rows.support[i, 1] * x[i, 1]
+        c = rows.support[i, 2] * x[i, 2]
+    for k in range(start[i], start[i + 1]):
+        j = other[k]
+        u, v, w = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1], x[i, 2] - x[j, 2]
+        dx, dy, dz, across = element[k, 0], element[k, 1], element[k, 2], element[k, 4]
+        along = element[k, 3] * (dx * u + dy * v + dz * w)
+        a += along * dx + across * u
+        b += along * dy + across * v
+        c += along * dz + across * w
+    none = np.float32(0.0)
+    return a if free[i, 0] else none, b if free[i, 1] else none, c if free[i, 2] else none
+
+
+@kernel
+def multiply_elements(rows, x, y):
+    """y (n_owned, 3) = matrix times x (n, 3)."""
+    for i in range(y.shape[0]):
+        y[i, 0], y[i, 1], y[i, 2] = _answer(i, rows, x)
+
+
+@kernel
+def step_elements(rows, inverse, b, x, scale, keep, step):
+    """step = keep step + scale inverse (b - matrix times x). All (n_owned, 3); inverse : of `add_step`"""
+    for i in range(step.shape[0]):
+        r, s, t = _answer(i, rows, x)
+        add_step(i, inverse, b[i, 0] - r, b[i, 1] - s, b[i, 2] - t, scale, keep, step)
+
+
+class ElementMatrix:
+    """The product with a vector of rows (n_owned, 3) float32 on each rank, as of `blocks.SpreadMatrix`.
+
+    What it is multiplied with is zero on held axes.
+    """
+
+    def __init__(self, distribution: Distribution, halo: Halo, net, K: Tangent, inertia: float):
+        """Compression is left out.
+
+        net : `relaxation.Net`; inertia : share of the nodes' stiffness that is added
+        """
+        d, n = distribution.subdomain, halo.n_owned
+        K, ends = without_compression(K), net.ends.astype(np.int64)
+        row, other = np.concatenate([ends, ends[:, ::-1]]).T
+        element = np.tile(np.column_stack([K.direction, K.axial - K.across, K.across]), (2, 1))
+        mine = np.flatnonzero((row < n) & (element[:, 3:] != 0.0).any(1))
+        gid = np.tile(d.element_gid, 2)
+        mine = mine[np.lexsort((gid[mine], d.particle_gid[other[mine]], row[mine]))]
+        support = None
+        if K.support is not None or inertia:
+            held = np.zeros((n, 3)) if K.support is None else K.support[:n]
+            support = (held + inertia * K.nodal[:n, None]).astype(np.float32)
+        self.rows = Rows(
+            np.searchsorted(row[mine], np.arange(n + 1)).astype(np.int32),
+            other[mine].astype(np.int32),
+            element[mine].astype(np.float32),
+            support,
+            (net.free[:n] != 0).astype(np.uint8),
+        )
+        self.halo = halo
+        self.x = np.zeros((len(net.x), 3), np.float32)
+        self.own, self.y = self.x[:n], np.empty((n, 3), np.float32)
+
+    def __call__(self) -> np.ndarray:
+        """The rows of the product with `own`, in an array that the next call overwrites. Collective."""
+        self.halo.update(self.x)
+        multiply_elements(self.rows, self.x, self.y)
+        return self.y
+
+    def take_step(self, b: np.ndarray, inverse: np.ndarray, scale, keep, step: np.ndarray) -> None:
+        """step = keep step + scale inverse (b - product with `own`), and add it to `own`. Collective."""
+        self.halo.update(self.x)
+        step_elements(self.rows, inverse, b, self.x, scale, keep, step)
+        self.own += step
