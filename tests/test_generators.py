@@ -179,7 +179,8 @@ def test_a_dome_of_a_million_elements_is_in_equilibrium():
     net = dome(100.0, 16.0, 6.0, 7.0, 4000, 40, 2e5)
     assert net.m == 988_000
     force, free = residual(net.x, net.elements, net.prestress), ~net.fixed.all(1)
-    assert np.abs(force[free]).max() < 1e-13 * np.abs(net.prestress).max()
+    # places of some 50 m are rounded to 7e-15 m, the shortest elements have 13 mm; 7e-13 was found
+    assert np.abs(force[free]).max() < 2e-12 * np.abs(net.prestress).max()
 
 
 @pytest.mark.parametrize("name", ["ring", "dome"])
