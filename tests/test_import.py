@@ -63,8 +63,10 @@ def test_an_import_by_the_command_is_told_and_checked(tmp_path):
     done = run_netfall("import", path, "-o", tmp_path / "roof", "--unit", "m", "--supports", "outline")
     assert done.returncode == 0 and "14 of 20 nodes are held" in done.stdout, done.stdout + done.stderr
     assert done.stdout.startswith((tmp_path / "roof" / "report.txt").read_text()[:-1])
-    done = run_netfall("check", tmp_path / "roof" / "roof.toml")
+    done = run_netfall("check", tmp_path / "roof" / "roof.toml", "-o", tmp_path / "pictures")
     assert done.returncode == 0 and "valid" in done.stdout, done.stderr
+    picture = tmp_path / "pictures" / "roof_net.png"
+    assert done.stdout.startswith(f"picture: {picture}\n") and picture.stat().st_size > 10_000
 
 
 def test_every_kind_of_line_is_read(tmp_path):

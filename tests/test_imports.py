@@ -50,11 +50,11 @@ PACKAGES = {
     "matplotlib": [
         *("output.plot", "output.plot_net", "output.plot_roof", "output.plot_curves", "output.plot_style"),
         *("output.plot_modes", "output.plot_utilisation", "output.plot_force", "output.plot_states"),
-        *("output.plot_collapse", "output.plot_animation", "study"),
+        *("output.plot_collapse", "output.plot_animation", "output.plot_job", "study"),
     ],
     "mpl_toolkits": [
         *("output.plot_net", "output.plot_modes", "output.plot_utilisation", "output.plot_force"),
-        *("output.plot_collapse", "output.plot_animation"),
+        *("output.plot_collapse", "output.plot_animation", "output.plot_job"),
     ],
     "PIL": ["output.plot_animation"],
     "tqdm": ["output.progress"],

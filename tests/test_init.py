@@ -3,15 +3,21 @@
 import shlex
 import tomllib
 
+import numpy as np
 import pytest
+from conftest import STEEL
 
 from netfall.errors import InputError
 from netfall.examples import EXAMPLES
 from netfall.job.read import read_job
 from netfall.job.schema import LISTS, SECTIONS
 from netfall.job.template import write_template
+from netfall.net.build import build_net
+from netfall.output import plot_job
 from netfall.parser import parser
 from netfall.solve.check import check_job
+from netfall.solve.check_picture import draw_check
+from netfall.solve.model import make_model
 
 
 def test_the_first_job_is_valid_and_names_every_key(tmp_path):
@@ -45,3 +51,72 @@ def test_examples_are_commands_that_the_program_takes(verb):
         assert asked.verb == verb
         shown = next(action for action in top._actions if action.dest == "verb").choices[verb].format_help()
         assert f"  {example}\n" in shown
+
+
+DRAWN = """
+[[zone]]
+name = "glass"
+groups = ["edge"]
+[[zone]]
+name = "drift"
+polygon = [[3.5, -1.0], [9.0, -1.0], [9.0, 2.0], [3.5, 2.0]]
+[load.zone.drift]
+snow = 900.0
+[wind]
+speed = 25.0
+direction = 200.0
+shape_coefficient = -0.6
+[[remove]]
+time = 0.1
+elements = [5, 9]
+[dynamics]
+duration = 0.2
+[output]
+probes = [6, [4.0, 3.9]]
+elements = [3]
+"""
+
+
+def drawn_net() -> tuple[str, str]:
+    """Tables of a net of 4 x 4 nodes, 2 m apart: three corners held, one in part, two nodes on springs."""
+    number = lambda i, j: 1 + 4 * i + j
+    held = {1: "1,1,1,0", 4: "1,1,1,0", 13: "1,1,1,0", 16: "0,1,1,0", 2: "0,0,0,1e6", 3: "0,0,0,1e6"}
+    nodes = ["id,x,y,z,fixed_x,fixed_y,fixed_z,spring_z"]
+    nodes += [
+        f"{number(i, j)},{2 * i},{2 * j},0,{held.get(number(i, j), '0,0,0,0')}"
+        for i in range(4)
+        for j in range(4)
+    ]
+    pairs = [(number(i, j), number(i + 1, j), j) for i in range(3) for j in range(4)]
+    pairs += [(number(i, j), number(i, j + 1), i) for i in range(4) for j in range(3)]
+    rows = [f"{k},{a},{b},{'edge' if s == 0 else 'net'}" for k, (a, b, s) in enumerate(pairs, 1)]
+    return "\n".join(nodes), "\n".join(["id,start,end,group", *rows])
+
+
+def test_check_draws_what_the_job_says(workshop, monkeypatch):
+    """Its legend counts what the tables hold."""
+    kept = []
+    monkeypatch.setattr(plot_job.plt, "close", kept.append)
+    job = workshop.job(STEEL + DRAWN, *drawn_net())
+    read = read_job(job)
+    picture = draw_check(read, make_model(read, 1), workshop.folder / "pictures")
+    assert picture.name == "job_net.png" and picture.stat().st_size > 10_000
+    told = [text.get_text() for legend in kept[0].legends for text in legend.get_texts()]
+    assert {"edge, 6", "net, 18", "supports, 3", "springs, 2 (z: 2)", "probes, 2"} <= set(told)
+    assert {"held in part, 1 (y: 1, z: 1)", "to be removed, 2", "[output] elements, 1"} <= set(told)
+    # nodes of "drift": (4, 0), (6, 0) and (4, 2), (6, 2), of which the first two are at the edge too
+    assert {"zone drift, 4 nodes, 9 m2 in plan", "wind of 25 m/s to 200 degrees"} <= set(told)
+    assert "zone glass, 5 nodes, 8 m2 in plan" in told and "no zone, 7 nodes, 19 m2 in plan" in told
+
+
+def test_the_picture_of_a_large_net_shows_every_kth_cable(tmp_path):
+    """Of each group, evenly: a saddle of 100 cables each way, of which each fifth is left."""
+    path = tmp_path / "job.toml"
+    path.write_text(f'[net]\ngenerator = "saddle"\nside = 40.0\nrise = 2.0\ncells = 101\n{STEEL}')
+    net = build_net(read_job(path))
+    rows, every = plot_job.rows_shown(net, net.m // 5)
+    assert every == 5 and net.m == 20_200
+    for group, axis in ((0, 1), (1, 0)):
+        mine = rows[net.group[rows] == group]
+        at = np.unique(net.x[net.elements[mine], axis].round(9))
+        assert len(at) == 20 and len(mine) == 20 * 101 and np.allclose(np.diff(at), 5 * 40.0 / 101)

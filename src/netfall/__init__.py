@@ -26,6 +26,7 @@ __all__ = [
 def open(path):
     """The `Result` in a file: result.history["kinetic_energy"], result.tension(element=17), ...
 
+    All of it in SI units: m, s, N, J, kg; a table that is printed names the unit of each column.
     Raises InputError for a file that is no result of netfall.
     """
     return import_module("netfall.api.result").Result(path)
@@ -35,9 +36,9 @@ def run(job, overrides=None, ranks=None, output=None, quiet=True):
     """Run a job and give its `Result`.
 
     job : path of a job file; or a dict with its sections, {"net": {...}, "cable": {"modulus": 1.6e11, ...}}.
-        There "net" may be a `Net`, or hold its arrays: {"nodes": (n, 3), "elements": (m, 2), "fixed": (n,),
-        "groups": (m,)}. Paths in a dict are relative to the working directory.
-    overrides : keys and values, {"wind.speed": 36.0}, as --set of the command
+        There "net" may be a `Net`, or hold its arrays: {"nodes": (n, 3) [m], "elements": (m, 2) by ids,
+        "fixed": (n,), "groups": (m,)}. Paths in a dict are relative to the working directory.
+    overrides : keys and values, {"wind.speed": 36.0} [m/s], as --set of the command, in the keys' SI units
     ranks : MPI ranks; more than one are started for the run. None: one, or those of mpirun if a script runs
         under it; there the call is collective, and every rank gets the result.
     output : path of the result file; None: a temporary one, gone when the result is

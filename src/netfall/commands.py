@@ -24,7 +24,8 @@ def check(arguments) -> None:
     from netfall.job.read import read_job
     from netfall.solve.check import check_job
 
-    check_job(read_job(arguments.job, arguments.overrides), print)
+    folder = arguments.folder and _folder(arguments.folder)
+    check_job(read_job(arguments.job, arguments.overrides), print, folder)
 
 
 def partition(arguments) -> None:

@@ -3,7 +3,7 @@
 EXAMPLES: dict[str, tuple[str, ...]] = {
     "init": ("netfall init roof.toml",),
     "check": (
-        "netfall check jobs/stadium.toml",
+        "netfall check jobs/stadium.toml -o pictures",
         "netfall check roof.toml --set wind.speed=45 --set cable.prestress=80e3",
     ),
     "partition": ("netfall partition jobs/stadium.toml -n 8",),

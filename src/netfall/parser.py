@@ -32,7 +32,8 @@ def parser() -> Parser:
     top.add_argument("--version", action="store_true", help="print the version and the MPI and HDF5 in use")
     verbs = top.add_subparsers(dest="verb", metavar=" | ".join(VERBS))
     _init(verbs.add_parser("init", help=INIT, description=INIT))
-    _of_job(verbs, "check", "validate a job; print sizes, step limits, memory and expected run time")
+    text = "validate a job; print sizes, step limits, memory and expected run time; draw its net"
+    _folder(_of_job(verbs, "check", text), None, "folder for a picture of the net (default: none is drawn)")
     _partition(_of_job(verbs, "partition", "write partitions/NAME.graph and NAME.graph.part.P"))
     _run(_of_job(verbs, "run", "run a job; on P ranks: mpirun -n P netfall run JOB"))
     _of_result(verbs, "info", "of a result or study file: what ran, how it ended, what broke first")

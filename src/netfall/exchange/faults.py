@@ -6,6 +6,7 @@ NEAR_SHARE, NEAR_TIMES = (
     0.01,
     10.0,
 )  # of the usual length; of the tolerance: what is no more apart was meant as one
+AT_ONCE = 4096  # elements whose neighbours are looked for together, for the memory that long ones take
 PARALLEL = 1e-9  # squared sine of an angle below which elements do not cross, but lie on each other
 
 
@@ -53,15 +54,8 @@ def crossings(x: np.ndarray, ends: np.ndarray, tolerance: float):
     """Pairs of elements (k, 2) that come within the tolerance [m] of each other between their ends, and where
     (k, 3). (Ericson, Real-Time Collision Detection, 5.1.9: closest points of two segments.)
     """
-    import shapely
-
-    lines = _in_plan(x, ends)
-    first, second = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=tolerance)
-    later = first < second
-    pairs = np.column_stack([first[later], second[later]])
+    pairs = _near_pairs(x, ends, tolerance)
     a, b = ends[pairs[:, 0]], ends[pairs[:, 1]]
-    apart = (a[:, :, None] != b[:, None, :]).all((1, 2))
-    pairs, a, b = pairs[apart], a[apart], b[apart]
     p, d, q, e = x[a[:, 0]], x[a[:, 1]] - x[a[:, 0]], x[b[:, 0]], x[b[:, 1]] - x[b[:, 0]]
     dot = lambda u, v: np.einsum("ij,ij->i", u, v)
     dd, ee, de = dot(d, d), dot(e, e), dot(d, e)
@@ -75,6 +69,23 @@ def crossings(x: np.ndarray, ends: np.ndarray, tolerance: float):
     inside = _between(s, dd, tolerance) & _between(t, ee, tolerance)
     found = good & inside & (np.linalg.norm(on_a - on_b, axis=1) <= tolerance)
     return pairs[found], on_a[found]
+
+
+def _near_pairs(x: np.ndarray, ends: np.ndarray, tolerance: float) -> np.ndarray:
+    """Pairs of elements (k, 2) without a common node whose boxes in space are no farther apart."""
+    import shapely
+
+    low, high = x[ends].min(1) - tolerance, x[ends].max(1) + tolerance
+    boxes = shapely.box(*low[:, :2].T, *high[:, :2].T)
+    tree, found = shapely.STRtree(boxes), [np.zeros((0, 2), np.int64)]
+    for start in range(0, len(ends), AT_ONCE):
+        first, second = tree.query(boxes[start : start + AT_ONCE])
+        pairs = np.column_stack([start + first, second])[start + first < second]
+        one, other = pairs.T
+        apart = (ends[one][:, :, None] != ends[other][:, None, :]).all((1, 2))
+        level = (low[one, 2] <= high[other, 2]) & (low[other, 2] <= high[one, 2])
+        found.append(pairs[apart & level])
+    return np.concatenate(found)
 
 
 def _between(share: np.ndarray, square: np.ndarray, tolerance: float) -> np.ndarray:
@@ -100,11 +111,19 @@ def outline(x: np.ndarray, ends: np.ndarray) -> np.ndarray:
     faces = shapely.get_parts(shapely.polygonize(_in_plan(x, ends)))
     if not len(faces):
         return single
-    whole = shapely.get_parts(shapely.union_all(faces))
-    corners = shapely.get_coordinates(shapely.get_exterior_ring(whole))
+    corners = shapely.get_coordinates(shapely.get_exterior_ring(shapely.get_parts(_union(faces))))
     number = lambda xy: xy[:, 0] + 1j * xy[:, 1]
     inner = np.zeros(len(x), bool)
     inner[ends[single[ends].any(1)]] = True
     used = np.bincount(ends.ravel(), minlength=len(x)) > 0
     around = used & np.isin(number(x), number(corners))
     return single | (around & ~inner if inner[around].mean() > 0.5 else around)
+
+
+def _union(faces):
+    """The union of faces, quickly where they do not overlap; they do where elements cross without a joint."""
+    import shapely
+
+    if shapely.coverage_is_valid(faces):
+        return shapely.coverage_union_all(faces)
+    return shapely.union_all(faces)

@@ -1,7 +1,5 @@
 """Nets from dimensions: those of the paper, saddle (4.1), stadium (4.2); others: ring, wheel, dome."""
 
-from itertools import pairwise
-
 import numpy as np
 
 from netfall.job.dimensions import GENERATOR_KEYS
@@ -92,48 +90,14 @@ def half_stadium(length: float, width: float, arch_rise: float, spacing: float) 
     gap = np.minimum(to_edge_x(Y) - np.abs(X), to_edge_y(X) - Y)
     gap[(np.abs(X) > a) | (b < Y)] = -np.inf
     inside, on_edge = gap > SNAP * spacing, np.abs(gap) <= SNAP * spacing
-    columns, rows = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
-
-    points: dict = {}  # a place on the grid or an end of a cable: its x, y and whether it is a support
-    for i, j in np.argwhere(inside | (on_edge & (inside.any(1)[:, None] | inside.any(0)[None]))):
-        points["grid", i, j] = (X[i, j], Y[i, j], bool(on_edge[i, j]))
-    along_x, along_y = [], []
-
-    def edge_point(i, j, name, x, y):
-        """The support on the grid if the cable ends in one, else a support of its own."""
-        if on_edge[i, j]:
-            return ("grid", i, j)
-        points[name] = (x, y, True)
-        return name
-
-    for i in columns:
-        x = X[i, 0]
-        points["arch", i] = (x, 0.0, True)
-        js = np.flatnonzero(inside[i])
-        chain = [("arch", i)] + [("grid", i, j) for j in js]
-        chain.append(edge_point(i, js[-1] + 1, ("edge y", i), x, to_edge_y(x)))
-        along_y += pairwise(chain)
-    for j in rows:
-        y = Y[0, j]
-        inner = np.flatnonzero(inside[:, j])
-        chain = [edge_point(inner[0] - 1, j, ("edge -x", j), -to_edge_x(y), y)] + [
-            ("grid", i, j) for i in inner
-        ]
-        chain.append(edge_point(inner[-1] + 1, j, ("edge x", j), to_edge_x(y), y))
-        along_x += pairwise(chain)
-
-    names = sorted(points, key=lambda name: (points[name][1], points[name][0]))
-    number = {name: k for k, name in enumerate(names)}
-    xy = np.array([points[name][:2] for name in names])
-    support = np.array([points[name][2] for name in names])
+    xy, support, along_x, along_y = _stadium_cables(X, Y, inside, on_edge, to_edge_x, to_edge_y)
     height = arch_rise * (1 - (xy[:, 0] / a) ** 2)
     z = np.where(
         support & (xy[:, 1] > 0),
         0.0,
         height * (1 - xy[:, 1] / np.maximum(to_edge_y(xy[:, 0]), SNAP * spacing)),
     )
-    numbered = lambda pairs: np.array([[number[s], number[e]] for s, e in pairs], np.int64)
-    elements, group = _in_order(numbered(along_x), numbered(along_y))
+    elements, group = _in_order(along_x, along_y)
     n = len(xy)
     arch = np.flatnonzero(support & (xy[:, 1] == 0))
     edge = np.flatnonzero(support & (xy[:, 1] > 0))
@@ -150,6 +114,47 @@ def half_stadium(length: float, width: float, arch_rise: float, spacing: float) 
         outline=np.column_stack([ring, np.roll(ring, -1)]),
         corners=np.array([[-a, 0.0, 0.0], [a, 0.0, 0.0]]),
     )
+
+
+def _stadium_cables(X, Y, inside, on_edge, to_edge_x, to_edge_y):
+    """Places (n, 2) [m] in rows along x, whether each is a support, elements along x and along y.
+
+    Each cable ends in a support of its own, or in a point of the grid that lies on the ellipse.
+    """
+    columns, rows = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
+    x, y = X[columns, 0], Y[0, rows]
+    grid = inside | (on_edge & (inside.any(1)[:, None] | inside.any(0)[None]))
+    number = np.where(grid, np.cumsum(grid).reshape(grid.shape) - 1, -1)
+    last_y = inside.shape[1] - inside[columns, ::-1].argmax(1)  # beyond the last point inside
+    first_x, last_x = inside[:, rows].argmax(0) - 1, inside.shape[0] - inside[::-1, rows].argmax(0)
+    reach_y, reach_x = np.array([to_edge_y(one) for one in x]), np.array([to_edge_x(one) for one in y])
+    ends = (  # of the cables: those on the arch, and at the ellipse the number on the grid, or -1
+        (np.full(len(x), -1), x, np.zeros(len(x))),
+        (np.where(on_edge[columns, last_y], number[columns, last_y], -1), x, reach_y),
+        (np.where(on_edge[first_x, rows], number[first_x, rows], -1), -reach_x, y),
+        (np.where(on_edge[last_x, rows], number[last_x, rows], -1), reach_x, y),
+    )
+    numbers = np.concatenate([end[0] for end in ends])
+    own = numbers < 0
+    numbers[own] = grid.sum() + np.arange(own.sum())
+    places = np.concatenate([np.column_stack(end[1:]) for end in ends])[own]
+    arch, far, left, right = np.split(numbers, np.cumsum([len(end[0]) for end in ends[:-1]]))
+    along_y = _pairs(number, inside, arch, number[columns, 0], number[columns, last_y - 1], far)
+    first, last = number[first_x + 1, rows], number[last_x - 1, rows]
+    along_x = _pairs(number.T, inside.T, left, first, last, right)
+    xy = np.concatenate([np.column_stack([X[grid], Y[grid]]), places])
+    support = np.concatenate([on_edge[grid], np.ones(len(places), bool)])
+    order = np.lexsort((xy[:, 0], xy[:, 1]))
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return xy[order], support[order], rank[along_x], rank[along_y]
+
+
+def _pairs(number, inside, start, first, last, end) -> np.ndarray:
+    """Elements (k, 2) of the cables along the second axis of a grid: to its first point, within, beyond."""
+    within = inside[:, :-1] & inside[:, 1:]
+    inner = np.column_stack([number[:, :-1][within], number[:, 1:][within]])
+    return np.concatenate([np.column_stack([start, first]), inner, np.column_stack([last, end])])
 
 
 def _in_order(along_x, along_y):

@@ -29,6 +29,24 @@ def _space(figure, place, points):
     return axes
 
 
+def group_colours(count: int) -> list:
+    """A colour for each of some groups; none is red, which means faults, loss and fracture."""
+    tab = plt.get_cmap("tab10" if count <= 9 else "tab20").colors
+    red = {plt.get_cmap("tab20").colors[k] for k in (6, 7)}
+    plain = [colour for colour in tab if colour not in red]
+    return [plain[k % len(plain)] for k in range(count)]
+
+
+def named_groups(names: list[str], count) -> list[str | None]:
+    """What a legend says of each group, with its number of elements; of many the last says the rest."""
+    labels: list[str | None] = [f"{name or '(no group)'}, {k}" for name, k in zip(names, count)]
+    if len(names) > MOST_NAMED:
+        rest = int(sum(count[MOST_NAMED - 1 :]))
+        labels[MOST_NAMED - 1 :] = [None] * (len(names) - MOST_NAMED + 1)
+        labels[MOST_NAMED - 1] = f"{len(names) - MOST_NAMED + 1} more groups, {rest}"
+    return labels
+
+
 def as_read(lines, group: list[str], held, marks, title: str, path) -> None:
     """Write a picture of a net that was read: lines (m, 2, 3) [m] by group, supports (h, 3), and marks (k, 3)
     where something is wrong with it.
@@ -37,13 +55,13 @@ def as_read(lines, group: list[str], held, marks, title: str, path) -> None:
     every = max(1, len(lines) // MOST_READ)
     figure = plt.figure(figsize=(9, 6.2))
     axes = _space(figure, (1, 1, 1), lines.reshape(-1, 3))
-    colours = plt.get_cmap("tab10" if len(names) <= 10 else "tab20")
-    of = np.array([names.index(name) for name in group])[::every]
-    for k, name in enumerate(names):
-        shown = lines[::every][of == k]
-        label = f"{name or '(none)'}, {int(np.sum(np.array(group) == name))}" if k < MOST_NAMED else None
+    row = {name: k for k, name in enumerate(names)}
+    of = np.array([row[name] for name in group])
+    labels = named_groups(names, np.bincount(of))
+    for k, colour in enumerate(group_colours(len(names))):
+        shown = lines[::every][of[::every] == k]
         axes.add_collection3d(
-            Line3DCollection(shown, colors=[colours(k % 20)], linewidths=0.9, label=label, clip_on=False)
+            Line3DCollection(shown, colors=[colour], linewidths=0.9, label=labels[k], clip_on=False)
         )
     for places, marker, colour, label in (
         (held, "s", "#222222", f"supports, {len(held)}"),

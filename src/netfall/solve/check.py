@@ -1,6 +1,7 @@
 """What `netfall check` tells of a job before it is run: sizes, step limits, memory, expected run time."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 from mpi4py import MPI
 
@@ -8,7 +9,9 @@ from netfall.job.read import Job
 from netfall.mechanics.fields import FIELDS
 from netfall.net.areas import largest_face
 from netfall.net.build import build_net
-from netfall.solve.model import Model
+from netfall.solve.check_picture import draw_check
+from netfall.solve.memory import Memory
+from netfall.solve.model import Model, make_model
 from netfall.solve.modes_report import mode_lines
 from netfall.solve.report import (
     features,
@@ -33,8 +36,11 @@ MUCH_LARGER = 4.0  # times the usual face of the roof: it may be an opening
 SETUP_BYTES = 500  # per element on rank 0, while the net is read, cut and sent
 
 
-def check_job(job: Job, say: Callable[[str], None]) -> None:
-    """Validate a job and describe it. Raises InputError for what is wrong in it."""
+def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) -> None:
+    """Validate a job and describe it. Raises InputError for what is wrong in it.
+
+    folder : for a picture of the net, which is there even where no form is found; None: no picture
+    """
     short = job
     if job.form_finding and build_net(job).m > LARGEST_FORM:
         say(
@@ -42,7 +48,10 @@ def check_job(job: Job, say: Callable[[str], None]) -> None:
             "figures are those of the start geometry"
         )
         short = Job(**{**vars(job), "form_finding": None})
-    setup = prepare(MPI.COMM_SELF, short, Phases())
+    memory = Memory(1)
+    if folder:
+        say(f"picture: {draw_check(job, make_model(short, 1, memory), folder)}")
+    setup = prepare(MPI.COMM_SELF, short, Phases(), memory=memory)
     schedule = schedule_of(job, setup.limits, setup.model) if job.dynamics else None
     say(f"{job.path}: {job.title or job.name}: valid")
     _describe_net(setup, say)
