@@ -60,8 +60,8 @@ def write_tcl(result: Result, state: State, path: Path) -> list[str]:
     if other.any():
         told.append(
             f"note: {int(other.sum())} elements are not linear elastic there (they yielded, or the strain is "
-            "logarithmic): their unstressed lengths give the same force in this equilibrium alone; where many "
-            "have yielded, OpenSees may not get there from the form"
+            "logarithmic): their unstressed lengths give the same force in this equilibrium alone; where "
+            "many have yielded, OpenSees may not get there from the form"
         )
     return told
 
