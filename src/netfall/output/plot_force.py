@@ -19,6 +19,7 @@ MOST_SUPPORTS = 2_000  # marked
 PERCENTILES = 1.0, 99.0  # of the forces, between which colours differ
 NEARLY_ALIKE = 0.5  # least over largest from which on a scale begins at the least, not at 0
 LONGEST_GAP = 4.0  # medians of the distance from support to support, up to which they are an edge
+MOST_TURNS = 1.6  # full turns, to either side, along an edge: an L has 1.5; mast feet and anchors zigzag
 SLACK = "#c9c9c9"
 SUPPORT = "#111111"
 
@@ -127,4 +128,12 @@ def edge_of(x: np.ndarray, supports: np.ndarray) -> np.ndarray:
     within = Path(x[closed, :2]).contains_points(x[:, :2], radius=1e-3 * np.ptp(x[:, :2]))
     within |= Path(x[closed, :2]).contains_points(x[:, :2], radius=-1e-3 * np.ptp(x[:, :2]))
     whole = within.all() and gaps.max() <= LONGEST_GAP * max(np.median(gaps), 1e-9)
-    return closed if whole else np.zeros(0, int)
+    return closed if whole and turns(x[order, :2]) <= MOST_TURNS else np.zeros(0, int)
+
+
+def turns(plan: np.ndarray) -> float:
+    """Full turns, counted to either side, once around the polygon with the corners plan (k, 2) [m]."""
+    sides = np.roll(plan, -1, axis=0) - plan
+    heading = np.arctan2(sides[:, 1], sides[:, 0])
+    turn = np.remainder(np.roll(heading, -1) - heading + np.pi, 2.0 * np.pi) - np.pi
+    return float(np.abs(turn).sum() / (2.0 * np.pi))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netfall.output.codes import STRENGTHS, Check
-from netfall.output.report_losses import broken_at, lost_at
+from netfall.output.report_losses import broken_at, largest_factor, lost_at
 from netfall.output.report_stages import Envelope, start_position, start_tension
 
 
@@ -89,6 +89,8 @@ def element_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.nda
     }
     if envelope.slack_time is not None:
         columns["slack_time"] = envelope.slack_time
+    if "removal" in f:
+        columns["dynamic_factor"] = largest_factor(f)
     for check in checked.checks:
         columns[f"resistance_{check.name}"] = checked.resistance[check.name]
         columns[f"utilisation_{check.name}"] = checked.utilisation[check.name]
@@ -121,6 +123,8 @@ def cable_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
         "lost_at": _least_of(each["lost_at"], cable, count),
         "broken_at": _least_of(each["broken_at"], cable, count),
     }
+    if "dynamic_factor" in each:
+        columns["dynamic_factor"] = -_least_of(-each["dynamic_factor"], cable, count)
     for check in checked.checks:
         for name in (f"resistance_{check.name}", f"utilisation_{check.name}"):
             columns[name] = each[name][at]
