@@ -64,13 +64,19 @@ def add_by_force(axes, lines: np.ndarray, N: np.ndarray, scale: ForceScale, widt
     lines, N = lines[::every], N[::every]
     idle = N == 0.0
     if idle.any():
-        axes.add_collection3d(Line3DCollection(lines[idle], colors=SLACK, linewidths=0.7 * width))
+        axes.add_collection3d(
+            Line3DCollection(lines[idle], colors=SLACK, linewidths=0.7 * width, clip_on=False)
+        )
     for sign, ends, palette in ((1, scale.tension, TENSION), (-1, scale.compression, COMPRESSION)):
         rows = np.flatnonzero(sign * N > 0.0)
         if len(rows):
             rows = rows[np.argsort(sign * N[rows], kind="stable")]
             shown = Line3DCollection(
-                lines[rows], array=scale.factor * sign * N[rows], cmap=palette, linewidths=width
+                lines[rows],
+                array=scale.factor * sign * N[rows],
+                cmap=palette,
+                linewidths=width,
+                clip_on=False,
             )
             shown.set_clim(scale.factor * ends[0], scale.factor * ends[1])
             axes.add_collection3d(shown)
@@ -107,11 +113,18 @@ def add_supports(f, axes, x: np.ndarray) -> None:
     rows = np.flatnonzero(held_axes(f).any(1))
     edge = edge_of(x, rows)
     if len(edge):
-        axes.plot(*x[edge].T, color=SUPPORT, lw=0.8, ls=(0, (3, 2)), label="edge through the supports")
+        axes.plot(
+            *x[edge].T,
+            color=SUPPORT,
+            lw=0.8,
+            ls=(0, (3, 2)),
+            label="edge through the supports",
+            clip_on=False,
+        )
     size = float(np.clip(20.0 / np.sqrt(max(len(rows), 1)), 1.2, 4.0))
     shown = rows[:: max(1, len(rows) // MOST_SUPPORTS)]
     label = f"supports, {len(rows)}"
-    axes.plot(*x[shown].T, ls="", marker="s", color=SUPPORT, ms=size, mew=0, label=label)
+    axes.plot(*x[shown].T, ls="", marker="s", color=SUPPORT, ms=size, mew=0, label=label, clip_on=False)
 
 
 def edge_of(x: np.ndarray, supports: np.ndarray) -> np.ndarray:

@@ -119,11 +119,18 @@ def _add_lines(f, add, kind, x: np.ndarray, shading: Shading):
     lost = np.isfinite(lost_at(f)[none])
     width = float(np.clip(60.0 / np.sqrt(len(elements)), 0.6, 2.0))
     if (~lost).any():
-        add(kind(x[elements[none[~lost]]], colors=NOTHING, linewidths=0.7))
+        add(kind(x[elements[none[~lost]]], colors=NOTHING, linewidths=0.7, clip_on=False))
     if lost.any():
-        add(kind(x[elements[none[lost]]], colors=LOST, linewidths=width, linestyles="--"))
+        add(kind(x[elements[none[lost]]], colors=LOST, linewidths=width, linestyles="--", clip_on=False))
     palette = plt.get_cmap(COLOURS).with_extremes(over=shading.over)
     rows = order[known]
-    lines = kind(x[elements[rows]], array=values[rows], cmap=palette, norm=shading.scale, linewidths=width)
+    lines = kind(
+        x[elements[rows]],
+        array=values[rows],
+        cmap=palette,
+        norm=shading.scale,
+        linewidths=width,
+        clip_on=False,
+    )
     add(lines)
     return lines
