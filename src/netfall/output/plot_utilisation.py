@@ -14,7 +14,7 @@ from netfall.output.plot_force import MOST_DRAWN, add_supports, limits
 from netfall.output.plot_net import _space
 from netfall.output.plot_style import short_title, unit_of
 from netfall.output.reactions import held_axes
-from netfall.output.report_cables import Checked
+from netfall.output.report_cables import Checked, only_compressed
 from netfall.output.report_losses import lost_at
 from netfall.output.report_stages import Envelope, start_position
 
@@ -48,7 +48,8 @@ def utilisation(f, envelope: Envelope, checked: Checked, path: Path) -> None:
         label = f"utilisation, {name}; grey: none; magenta: above 1"
     else:
         factor, unit = unit_of(np.abs(envelope.most).max(), "N")
-        values, label = factor * envelope.most, f"largest tension [{unit}]; no element has a strength"
+        values = factor * np.where(only_compressed(f, envelope), np.nan, envelope.most)
+        label = f"largest tension [{unit}]; no element has a strength; grey: only compressed"
         over = plt.get_cmap(COLOURS)(1.0)
         high = (limits(values[values > 0.0]) or (0.0, 1e-9))[1]  # not the largest: that is a fragment's
     _write(f, Shading(values, Normalize(0.0, high), over, "how far elements are used", label), path)

@@ -63,9 +63,14 @@ def resistances_of(f, checks: list[Check]) -> dict[str, np.ndarray]:
 
 def check_elements(f, checks: list[Check], resistance: dict, envelope: Envelope) -> Checked:
     """The largest tension as a share of the resistances. What is only compressed has none."""
-    only_compressed = f["net/bar"][:].astype(bool) & (envelope.most <= 0.0)
-    used = {name: np.where(only_compressed, np.nan, envelope.most / R) for name, R in resistance.items()}
+    none = only_compressed(f, envelope)
+    used = {name: np.where(none, np.nan, envelope.most / R) for name, R in resistance.items()}
     return Checked(checks, resistance, used)
+
+
+def only_compressed(f, envelope: Envelope) -> np.ndarray:
+    """Bars (m,) that are in tension in no stage."""
+    return f["net/bar"][:].astype(bool) & (envelope.most <= 0.0)
 
 
 def element_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarray]:
