@@ -12,7 +12,6 @@ def loss_lines(removal, events, element_id: np.ndarray) -> list[str]:
     removal, events : datasets by name, as in the result file; element_id : (m,)
     """
     lines, time = [], removal["time"][:]
-    factors = telling_factors(removal)
     for k in range(len(time)):
         lost = removal["element"][:][removal["entry"][:] == k]
         if not len(lost):
@@ -27,16 +26,15 @@ def loss_lines(removal, events, element_id: np.ndarray) -> list[str]:
             "no rest was found" if np.isnan(rest).all() else "the rest of the net comes to rest",
             f"{_elements(element_id[others])} broke then" if len(others) else "nothing broke then",
         ]
-        lines.append("; ".join(parts + _factors(factors[k], element_id)))
+        lines.append("; ".join(parts + _factors(telling_factor(removal, k), element_id)))
     return lines
 
 
-def telling_factors(removal) -> np.ndarray:
-    """Dynamic factors (r, m) where the rest changes by much; nan elsewhere. removal : as in `loss_lines`"""
-    before, after = removal["tension_before"][:], removal["tension_after"][:]
-    sizes = np.abs(np.concatenate([before, after], axis=1))
-    largest = np.where(np.isnan(sizes), 0.0, sizes).max(axis=1, initial=0.0, keepdims=True)
-    return np.where(np.abs(after - before) > MUCH * largest, removal["dynamic_factor"][:], np.nan)
+def telling_factor(removal, k: int) -> np.ndarray:
+    """Dynamic factors (m,) of entry k where the rest changes by much, nan elsewhere; as in `loss_lines`."""
+    before, after = removal["tension_before"][k], removal["tension_after"][k]
+    largest = np.fmax(np.abs(before), np.abs(after)).max(initial=0.0)  # nan where there is no rest
+    return np.where(np.abs(after - before) > MUCH * largest, removal["dynamic_factor"][k], np.nan)
 
 
 def _factors(factor: np.ndarray, element_id: np.ndarray) -> list[str]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from netfall.output.loss_lines import telling_factors
+from netfall.output.loss_lines import telling_factor
 
 
 def lost_at(f) -> np.ndarray:
@@ -47,25 +47,24 @@ def loss_rows(f) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
 
 def largest_factor(f) -> np.ndarray:
     """The largest telling dynamic factor (m,) after any loss, nan: none."""
-    factors = telling_factors(f["removal"])
-    most = np.where(np.isnan(factors), -np.inf, factors).max(axis=0, initial=-np.inf)
-    return np.where(np.isfinite(most), most, np.nan)
+    most = np.full(len(f["net/elements"]), np.nan)
+    for k in range(len(f["removal/time"])):
+        most = np.fmax(most, telling_factor(f["removal"], k))
+    return most
 
 
-def worst_peaks(f, resistance: np.ndarray, count: int) -> list[tuple[int, int]]:
+def worst_after(f, resistance: np.ndarray, count: int) -> list[tuple[int, int]]:
     """Loss and element of the tensions that use the most of the resistance (m,) [N], the worst first.
 
     Where nothing has a resistance the largest. Of each cable one after each loss; entries of one moment are
     one loss.
     """
     g, cable = f["removal"], f["net/cable"][:]
-    highest, time = g["tension_highest"][:], g["time"][:]
-    share = highest / (resistance if np.isfinite(resistance).any() else 1.0)
-    share = np.where(np.isnan(share), -np.inf, share)
-    found: dict[tuple[float, int], tuple[int, int]] = {}
-    for place in np.argsort(-share, axis=None, kind="stable").tolist():
-        k, e = divmod(place, len(cable))
-        if len(found) == count or not share[k, e] > 0.0:
-            break
-        found.setdefault((float(time[k]), int(cable[e])), (k, e))
-    return list(found.values())
+    found = []
+    for k in np.unique(g["time"][:], return_index=True)[1]:
+        share = g["tension_highest"][k] / (resistance if np.isfinite(resistance).any() else 1.0)
+        rows = np.flatnonzero(share > 0.0)
+        rows = rows[np.argsort(-share[rows], kind="stable")]
+        rows = rows[np.sort(np.unique(cable[rows], return_index=True)[1])][:count]
+        found += [(float(share[e]), int(k), int(e)) for e in rows]
+    return [(k, e) for _, k, e in sorted(found, key=lambda one: -one[0])[:count]]

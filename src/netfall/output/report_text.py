@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from netfall.output.info import provenance_text, title_of
-from netfall.output.loss_lines import loss_lines, telling_factors
+from netfall.output.loss_lines import loss_lines, telling_factor
 from netfall.output.report_cables import Checked, Cutting
-from netfall.output.report_losses import worst_peaks
+from netfall.output.report_losses import worst_after
 from netfall.output.report_stages import Envelope
 
 WORST = 10
@@ -174,15 +174,15 @@ def _tensions(f, envelope: Envelope, check: str) -> list[str]:
 
 
 def _losses(f, checked: Checked) -> list[str]:
-    """What each loss did, and the tensions around the peaks that are worst."""
+    """What each loss did, and the tensions that are worst after them."""
     g, ids = f["removal"], f["net/element_id"][:]
     names, cable = f["net/cable_names"].asstr()[:], f["net/cable"][:]
     lines = [f"- {line}" for line in loss_lines(g, f["events"], ids)]
     check = checked.checks[0].name
-    resistance, factors, rows = checked.resistance[check], telling_factors(g), []
-    for k, e in worst_peaks(f, resistance, WORST):
+    resistance, rows = checked.resistance[check], []
+    for k, e in worst_after(f, resistance, WORST):
         N = {name: g[f"tension_{name}"][k, e] for name in ("before", "highest", "after")}
-        numbers = [factors[k, e], N["highest"] / resistance[e]]
+        numbers = [telling_factor(g, k)[e], N["highest"] / resistance[e]]
         told = [f"{value:.3g}" if np.isfinite(value) else "" for value in numbers]
         rows.append([k + 1, names[cable[e]], ids[e], *map(force, N.values()), *told])
     if not rows:
