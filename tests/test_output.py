@@ -274,6 +274,9 @@ def test_scales_end_where_nearly_all_forces_are():
     x = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 3], [0, 1, 0], [0.5, 0.4, 1]], float)
     assert edge_of(x, np.array([3, 0, 2, 1])).tolist() == [0, 1, 2, 3, 0]
     assert edge_of(x, np.array([0, 1, 2, 4])).tolist() == []  # node 3 is outside
+    around = 2.0 * np.pi * np.arange(12) / 12
+    feet = np.array([[r * np.cos(a), r * np.sin(a), 0.0] for a, r in zip(around, [8.0, 14.0] * 6)])
+    assert edge_of(feet, np.arange(12)).tolist() == []  # masts and anchors in turn
 
 
 def test_info_tells_what_happened(storm):

@@ -223,8 +223,27 @@ def test_what_is_lost_leaves_the_net_with_what_hangs_on_nothing_else(torn):
     inner = np.intersect1d(*torn["net/elements"][:][ids == 40])  # between the two halves
     assert (torn["final/velocity"][:][inner] == 0).all()
     assert np.isnan(torn["removal/tension_after"][:]).all()  # each loss breaks something at rest too
+    extremes_are_beyond_all_rows(torn)
     assert np.abs(torn["history/identity_error"][:]).max() < 1e-12  # rounding, of fragments that whip
     assert torn["history/plastic_dissipation"][-1] > 0
+
+
+def extremes_are_beyond_all_rows(torn):
+    """Those of every step after each loss hold all frames, of which there is one in 17 steps, and more."""
+    time, ends = torn["history/time"][:], [*torn["removal/time"][:], np.inf]
+    frames = torn["VTKHDF/CellData/tension"][:].reshape(len(time), -1).astype(float)
+    largest = frames.max()
+    for k in range(3):
+        rows = frames[(time >= ends[k]) & (time <= ends[k + 1])]
+        high, low = (torn[f"removal/tension_{which}"][k] for which in ("highest", "lowest"))
+        there = ~np.isnan(low)
+        assert (
+            np.isnan(high)
+            == np.isin(np.arange(len(low)), torn["removal/element"][:][torn["removal/entry"][:] <= k])
+        ).all()
+        single = 1e-7 * largest  # of the frames
+        assert (high >= rows.max(0) - single)[there].all() and (low <= rows.min(0) + single)[there].all()
+        assert (high > rows.max(0) + single)[there].any()
 
 
 def test_histories_of_what_is_named_by_id_are_those_of_the_frames(torn):
@@ -346,7 +365,12 @@ def report_tells_of_losses(folder):
     assert rows < 1.4995 * WEIGHT and other["case_max"] == "loss 1, t = 0.1001 s" and other["lost_at"] == ""
     assert [cables[name]["lost_at"][:6] for name in ("e0", "e1", "e2")] == ["0.2356", "0.2356", "0.1000"]
     assert {row["slack_in"] for row in cables.values()} == {"as given"}  # before any load
+    assert (
+        float(other["dynamic_factor"]) == pytest.approx(2.0, abs=2e-5) and not cables["e2"]["dynamic_factor"]
+    )
+    assert (folder / "report" / "dynamic_factors.png").stat().st_size > 20_000
     text = (folder / "report" / "summary.md").read_text()
+    assert "| 1 | e3 | 3 | 5 kN | 15 kN | 10 kN | 2 |  |" in text  # no strength, so no utilisation
     assert "| e2 |  | 0.1001 s |  |" in text and "- loss 1, t = 0.1001 s: element 2; the rest" in text
 
 

@@ -6,7 +6,7 @@ import shutil
 import h5py
 import numpy as np
 import pytest
-from conftest import STEEL, run_netfall
+from conftest import ROOT, STEEL, run_netfall
 
 from netfall.errors import InputError
 from netfall.output.codes import read_codes
@@ -173,6 +173,33 @@ def test_the_cutting_list_of_the_stadium_is_what_form_finding_gave(workshop):
     assert {row["utilisation_en1993"] for row in used} == {""}
     assert "empty, no cable has a strength for it" in (folder / "summary.md").read_text()
     assert (folder / "utilisation.png").stat().st_size > 20_000
+
+
+def test_the_cutting_list_of_the_olympia_net_is_that_of_its_published_form(workshop):
+    """By form finding to the digits of the table; by published positions and forces to their decimals."""
+    tables = ROOT / "jobs" / "olympia"
+    text = (ROOT / "jobs" / "olympia.toml").read_text().split("[dynamics]")[0]
+    with workshop.run(workshop.job(text.replace('"olympia/', f'"{tables}/'))) as f:
+        L0, cable = f["form_finding/unstressed_length"][:], f["net/cable"][:]
+        EA, names = f["net/axial_stiffness"][:], f["net/cable_names"].asstr()[:].tolist()
+    rows = rows_of(report_of(workshop.folder, cutting=Cutting(15.0, 20.0)) / "cutting_list.csv")
+    assert [row["cable"] for row in rows] == names
+    assert column(rows, "unstressed_length") == pytest.approx(np.bincount(cable, L0), rel=1e-11)  # digits
+    nodes, elements = rows_of(tables / "nodes.csv"), rows_of(tables / "elements.csv")
+    moved, forces = (rows_of(tables / f"published_{what}.csv") for what in ("displacements", "forces"))
+    place = {
+        row["id"]: [float(row[a]) + float(by[b]) for a, b in zip("xyz", "uvw")]
+        for row, by in zip(nodes, moved)
+    }
+    L = [np.linalg.norm(np.subtract(place[row["end"]], place[row["start"]])) for row in elements]
+    published = np.array(L) / (1.0 + np.array(column(forces, "f")) / EA)
+    # a force f is off by its rounding, 5e-10, and so L0 by 5e-10 of 1.6e6; a place by that on each axis
+    assert L0 == pytest.approx(published, abs=1e-8)
+    for k in (0, 1, names.index("e37")):  # two cables, and a mast, which is measured without a load
+        load = 0.0 if names[k] == "e37" else 20.0
+        of = cable == k
+        measured = (published[of] * (1.0 + 12e-6 * 15.0) * (1.0 + load / EA[of])).sum()
+        assert float(rows[k]["length_at_measuring_load"]) == pytest.approx(measured, abs=1e-8)
 
 
 BREAKS = "[dynamics]\nduration = 0.05\n[output]\nframes = 5\n"

@@ -2,8 +2,8 @@
 
     python envelope.py N [N ...] [losses]
 
-Prints a line of JSON for each N x N particles: seconds of a step, of the audit of a row and of the envelope;
-with losses also of a step in which the extremes of the tensions are kept.
+Prints a line of JSON for each N x N particles: CPU seconds of a step, of the audit of a row and of the
+envelope; with losses also of a step in which the extremes of the tensions are kept.
 """
 
 import json
@@ -28,17 +28,17 @@ ROUNDS = 200  # short ones: the least is that of a core that nothing else took
 
 
 def best(call, seconds=2e-3) -> float:
-    """Seconds of a call, the least of some rounds."""
+    """CPU seconds of a call, the least of some rounds."""
     call()
-    begin = time.perf_counter()
+    begin = time.process_time()
     call()
-    times = max(1, int(seconds / (time.perf_counter() - begin)))
+    times = max(1, int(seconds / (time.process_time() - begin)))
     found = []
     for _ in range(ROUNDS):
-        begin = time.perf_counter()
+        begin = time.process_time()
         for _ in range(times):
             call()
-        found.append((time.perf_counter() - begin) / times)
+        found.append((time.process_time() - begin) / times)
     return min(found)
 
 

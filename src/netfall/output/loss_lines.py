@@ -26,11 +26,15 @@ def loss_lines(removal, events, element_id: np.ndarray) -> list[str]:
             "no rest was found" if np.isnan(rest).all() else "the rest of the net comes to rest",
             f"{_elements(element_id[others])} broke then" if len(others) else "nothing broke then",
         ]
-        change = np.abs(rest - removal["tension_before"][k])
-        largest = np.nanmax(np.abs([rest, removal["tension_before"][k]]))
-        factor = np.where(change > MUCH * largest, removal["dynamic_factor"][k], np.nan)
-        lines.append("; ".join(parts + _factors(factor, element_id)))
+        lines.append("; ".join(parts + _factors(telling_factor(removal, k), element_id)))
     return lines
+
+
+def telling_factor(removal, k: int) -> np.ndarray:
+    """Dynamic factors (m,) of entry k where the rest changes by much, nan elsewhere; as in `loss_lines`."""
+    before, after = removal["tension_before"][k], removal["tension_after"][k]
+    largest = np.fmax(np.abs(before), np.abs(after)).max(initial=0.0)  # nan where there is no rest
+    return np.where(np.abs(after - before) > MUCH * largest, removal["dynamic_factor"][k], np.nan)
 
 
 def _factors(factor: np.ndarray, element_id: np.ndarray) -> list[str]:

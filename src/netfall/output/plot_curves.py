@@ -27,6 +27,7 @@ def load_displacement(f):
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
     left.plot(g["displacement"][:, p, k], share, "o-", color="C0")
     left.set_xlabel(f"displacement along {'xyz'[k]} of node {f['net/node_id'][p]} [m]")
+    left.xaxis.set_major_locator(plt.MaxNLocator(5))
     left.set_ylabel("load factor [-]")
     left.grid(alpha=0.3)
     factor, unit = unit_of(np.abs(T).max(), "N")

@@ -19,6 +19,7 @@ MOST_SUPPORTS = 2_000  # marked
 PERCENTILES = 1.0, 99.0  # of the forces, between which colours differ
 NEARLY_ALIKE = 0.5  # least over largest from which on a scale begins at the least, not at 0
 LONGEST_GAP = 4.0  # medians of the distance from support to support, up to which they are an edge
+MOST_TURNS = 1.6  # full turns, to either side, along an edge: an L has 1.5; mast feet and anchors zigzag
 SLACK = "#c9c9c9"
 SUPPORT = "#111111"
 
@@ -63,13 +64,19 @@ def add_by_force(axes, lines: np.ndarray, N: np.ndarray, scale: ForceScale, widt
     lines, N = lines[::every], N[::every]
     idle = N == 0.0
     if idle.any():
-        axes.add_collection3d(Line3DCollection(lines[idle], colors=SLACK, linewidths=0.7 * width))
+        axes.add_collection3d(
+            Line3DCollection(lines[idle], colors=SLACK, linewidths=0.7 * width, clip_on=False)
+        )
     for sign, ends, palette in ((1, scale.tension, TENSION), (-1, scale.compression, COMPRESSION)):
         rows = np.flatnonzero(sign * N > 0.0)
         if len(rows):
             rows = rows[np.argsort(sign * N[rows], kind="stable")]
             shown = Line3DCollection(
-                lines[rows], array=scale.factor * sign * N[rows], cmap=palette, linewidths=width
+                lines[rows],
+                array=scale.factor * sign * N[rows],
+                cmap=palette,
+                linewidths=width,
+                clip_on=False,
             )
             shown.set_clim(scale.factor * ends[0], scale.factor * ends[1])
             axes.add_collection3d(shown)
@@ -106,11 +113,18 @@ def add_supports(f, axes, x: np.ndarray) -> None:
     rows = np.flatnonzero(held_axes(f).any(1))
     edge = edge_of(x, rows)
     if len(edge):
-        axes.plot(*x[edge].T, color=SUPPORT, lw=0.8, ls=(0, (3, 2)), label="edge through the supports")
+        axes.plot(
+            *x[edge].T,
+            color=SUPPORT,
+            lw=0.8,
+            ls=(0, (3, 2)),
+            label="edge through the supports",
+            clip_on=False,
+        )
     size = float(np.clip(20.0 / np.sqrt(max(len(rows), 1)), 1.2, 4.0))
     shown = rows[:: max(1, len(rows) // MOST_SUPPORTS)]
     label = f"supports, {len(rows)}"
-    axes.plot(*x[shown].T, ls="", marker="s", color=SUPPORT, ms=size, mew=0, label=label)
+    axes.plot(*x[shown].T, ls="", marker="s", color=SUPPORT, ms=size, mew=0, label=label, clip_on=False)
 
 
 def edge_of(x: np.ndarray, supports: np.ndarray) -> np.ndarray:
@@ -127,4 +141,12 @@ def edge_of(x: np.ndarray, supports: np.ndarray) -> np.ndarray:
     within = Path(x[closed, :2]).contains_points(x[:, :2], radius=1e-3 * np.ptp(x[:, :2]))
     within |= Path(x[closed, :2]).contains_points(x[:, :2], radius=-1e-3 * np.ptp(x[:, :2]))
     whole = within.all() and gaps.max() <= LONGEST_GAP * max(np.median(gaps), 1e-9)
-    return closed if whole else np.zeros(0, int)
+    return closed if whole and turns(x[order, :2]) <= MOST_TURNS else np.zeros(0, int)
+
+
+def turns(plan: np.ndarray) -> float:
+    """Full turns, counted to either side, once around the polygon with the corners plan (k, 2) [m]."""
+    sides = np.roll(plan, -1, axis=0) - plan
+    heading = np.arctan2(sides[:, 1], sides[:, 0])
+    turn = np.remainder(np.roll(heading, -1) - heading + np.pi, 2.0 * np.pi) - np.pi
+    return float(np.abs(turn).sum() / (2.0 * np.pi))

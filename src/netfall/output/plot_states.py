@@ -53,11 +53,13 @@ def states(f):
         title = f"{stage.name}: {factor * N.min():.4g} to {factor * N.max():.4g} {scale.unit}"
         axes.set_title(title + (f", {slack} slack (grey)" if slack else ""), fontsize=9)
     height = figure.get_figheight()
-    margins = {"top": 1 - 0.6 / height, "bottom": 0.95 / height, "hspace": 0.15, "wspace": 0.02}
+    margins = {"top": 1 - 0.75 / height, "bottom": 0.95 / height, "hspace": 0.15, "wspace": 0.02}
     figure.subplots_adjust(left=0.02, right=0.98, **margins)
     force_bars(figure, scale, everything, 0.55 / height, 0.13 / height)
+    edge = len(axes.get_legend_handles_labels()[0]) > 1
+    marks = "squares: supports" + ", dashed: their edge" * edge
     more = f" ({left_out} more are in the file)" if left_out else ""
-    figure.suptitle(f"{short_title(f)}: axial forces at rest{more}; squares: supports", fontsize=10)
+    figure.suptitle(f"{short_title(f)}: axial forces at rest{more}; {marks}", fontsize=10)
     return figure
 
 

@@ -1,10 +1,12 @@
-"""A picture of the roof, its elements coloured by how far they are used."""
+"""Pictures of the roof, its elements coloured: by how far they are used, and by their dynamic factors."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection
+from matplotlib.colors import LogNorm, Normalize
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from netfall.output.place import writing
@@ -12,12 +14,30 @@ from netfall.output.plot_force import MOST_DRAWN, add_supports, limits
 from netfall.output.plot_net import _space
 from netfall.output.plot_style import short_title, unit_of
 from netfall.output.reactions import held_axes
-from netfall.output.report_cables import Checked
+from netfall.output.report_cables import Checked, only_compressed
+from netfall.output.report_losses import lost_at
 from netfall.output.report_stages import Envelope, start_position
 
-NOTHING = "#b8b8b8"  # what has no strength, or is only compressed
+NOTHING = "#b8b8b8"  # what has no value: no strength, only compressed, no factor
 OVER = "#e000c0"  # what is used by more than its resistance
+LOST = OVER
+TICKS = 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0  # of a logarithmic scale
 COLOURS = "turbo"
+MUCH = 10.0  # a factor from which on the scale is logarithmic
+
+
+@dataclass(frozen=True)
+class Shading:
+    """Values (m,) of the elements, nan: none, and their scale.
+
+    over : colour of what is beyond its end; words : what the picture shows; label : of the scale
+    """
+
+    values: np.ndarray
+    scale: Normalize
+    over: str
+    words: str
+    label: str
 
 
 def utilisation(f, envelope: Envelope, checked: Checked, path: Path) -> None:
@@ -28,25 +48,39 @@ def utilisation(f, envelope: Envelope, checked: Checked, path: Path) -> None:
         label = f"utilisation, {name}; grey: none; magenta: above 1"
     else:
         factor, unit = unit_of(np.abs(envelope.most).max(), "N")
-        values, label = factor * envelope.most, f"largest tension [{unit}]; no element has a strength"
+        values = factor * np.where(only_compressed(f, envelope), np.nan, envelope.most)
+        label = f"largest tension [{unit}]; no element has a strength; grey: only compressed"
         over = plt.get_cmap(COLOURS)(1.0)
         high = (limits(values[values > 0.0]) or (0.0, 1e-9))[1]  # not the largest: that is a fragment's
-    figure = _draw(f, values, high, label, over)
+    _write(f, Shading(values, Normalize(0.0, high), over, "how far elements are used", label), path)
+
+
+def dynamic_factors(f, factor: np.ndarray, path: Path) -> None:
+    """Write the picture of the largest dynamic factors (m,) after losses, nan: none; dashed: lost."""
+    known = factor[np.isfinite(factor)]
+    high = float(max(2.0, np.percentile(known, 99))) if len(known) else 2.0
+    low = float(min(1.0, known.min(initial=1.0)))
+    scale = LogNorm(low, high) if high > MUCH and low > 0.0 else Normalize(low, high)
+    label = "dynamic factor, (peak - before) / (at rest afterwards - before); grey: none; magenta: lost"
+    over = plt.get_cmap(COLOURS)(1.0)
+    words = "dynamic factors after losses, the largest of each element"
+    _write(f, Shading(factor, scale, over, words, label), path)
+
+
+def _write(f, shading: Shading, path: Path) -> None:
+    figure = _draw(f, shading)
     with writing(path):
         figure.savefig(path, dpi=130)
     plt.close(figure)
 
 
-def _draw(f, values: np.ndarray, high: float, label: str, over):
-    """The net in space and in plan, coloured by values (m,) from 0 to high, nan: grey; dots: supports.
-
-    over : colour of what is beyond
-    """
-    x = start_position(f)
+def _draw(f, shading: Shading):
+    """The net in space and in plan, coloured; squares and dots: supports."""
+    x, values = start_position(f), shading.values
     figure = plt.figure(figsize=(14, 6.6))
     space, plan = _space(figure, (1, 2, 1), x), figure.add_subplot(1, 2, 2)
-    _add_lines(f, space.add_collection3d, Line3DCollection, x, values, (high, over))
-    drawn = _add_lines(f, plan.add_collection, LineCollection, x[:, :2], values, (high, over))
+    _add_lines(f, space.add_collection3d, Line3DCollection, x, shading)
+    drawn = _add_lines(f, plan.add_collection, LineCollection, x[:, :2], shading)
     held = held_axes(f).any(1)
     size = min(4.0, 40 / len(x) ** 0.4)
     add_supports(f, space, x)
@@ -55,34 +89,49 @@ def _draw(f, values: np.ndarray, high: float, label: str, over):
     plan.set_aspect("equal")
     plan.set_xlabel("x [m]")
     plan.set_ylabel("y [m]")
-    figure.subplots_adjust(left=0.02, right=0.97, top=0.94, bottom=0.2, wspace=0.12)
-    most = float(np.nanmax(values))
+    figure.subplots_adjust(left=0.02, right=0.97, top=0.94, bottom=0.2, wspace=0.22)
+    most = float(np.nanmax(values)) if np.isfinite(values).any() else np.nan
     bar = figure.colorbar(
         drawn,
         cax=figure.add_axes((0.3, 0.09, 0.4, 0.028)),
         orientation="horizontal",
-        extend="max" if most > high else "neither",
+        extend="max" if most > shading.scale.vmax else "neither",
+        format="{x:g}",
     )
-    bar.set_label(f"{label}; largest {most:.4g}")
-    figure.suptitle(f"{short_title(f)}: how far elements are used, in space and in plan", fontsize=11)
+    if isinstance(shading.scale, LogNorm):
+        bar.set_ticks([tick for tick in TICKS if shading.scale.vmin <= tick <= shading.scale.vmax])
+    bar.set_label(
+        f"{shading.label}; largest {most:.4g}" if np.isfinite(most) else f"{shading.label}; no values"
+    )
+    figure.suptitle(f"{short_title(f)}: {shading.words}, in space and in plan", fontsize=11)
     return figure
 
 
-def _add_lines(f, add, kind, x: np.ndarray, values: np.ndarray, scale: tuple):
-    """Add the elements between places x (n, 2 or 3), the most used on top; those that have a colour.
+def _add_lines(f, add, kind, x: np.ndarray, shading: Shading):
+    """Add the elements between places x (n, 2 or 3), the largest values on top; those that have a colour.
 
-    scale : the value at its end, and the colour beyond
+    Where it is a picture of what a loss did, what was lost is dashed.
     """
-    elements = f["net/elements"][:]
+    elements, values = f["net/elements"][:], shading.values
     order = np.argsort(np.where(np.isfinite(values), values, -np.inf), kind="stable")
     order = order[::-1][:: max(1, len(order) // MOST_DRAWN)][::-1]
     known = np.isfinite(values[order])
-    if not known.all():
-        add(kind(x[elements[order[~known]]], colors=NOTHING, linewidths=0.7))
+    none = order[~known]
+    lost = np.isfinite(lost_at(f)[none])
     width = float(np.clip(60.0 / np.sqrt(len(elements)), 0.6, 2.0))
-    palette = plt.get_cmap(COLOURS).with_extremes(over=scale[1])
+    if (~lost).any():
+        add(kind(x[elements[none[~lost]]], colors=NOTHING, linewidths=0.7, clip_on=False))
+    if lost.any():
+        add(kind(x[elements[none[lost]]], colors=LOST, linewidths=width, linestyles="--", clip_on=False))
+    palette = plt.get_cmap(COLOURS).with_extremes(over=shading.over)
     rows = order[known]
-    lines = kind(x[elements[rows]], array=values[rows], cmap=palette, linewidths=width)
-    lines.set_clim(0.0, scale[0])
+    lines = kind(
+        x[elements[rows]],
+        array=values[rows],
+        cmap=palette,
+        norm=shading.scale,
+        linewidths=width,
+        clip_on=False,
+    )
     add(lines)
     return lines

@@ -1,7 +1,8 @@
 """`netfall report`: what an engineer hands on, from a result file alone.
 
-summary.md, and tables with a header: cables.csv, elements.csv, cutting_list.csv, reactions.csv; and a picture
-of the roof by utilisation. Ids are those of the tables, numbers are in SI units.
+summary.md, and tables with a header: cables.csv, elements.csv, cutting_list.csv, reactions.csv; and pictures
+of the roof by utilisation and, where members are lost, by dynamic factors. Ids are those of the tables,
+numbers are in SI units.
 """
 
 import csv
@@ -14,7 +15,7 @@ from netfall.errors import InputError
 from netfall.output.codes import check_groups, read_codes
 from netfall.output.info import missing_name, open_result
 from netfall.output.place import writing
-from netfall.output.plot_utilisation import utilisation
+from netfall.output.plot_utilisation import dynamic_factors, utilisation
 from netfall.output.reactions import reaction_columns
 from netfall.output.report_cables import (
     Cutting,
@@ -62,7 +63,12 @@ def write_report(result: Path, folder: Path, codes: Path | None, cutting: Cuttin
             with writing(folder / name):
                 (folder / name).write_text(content, encoding="utf-8")
         utilisation(f, envelope, checked, folder / "utilisation.png")
-    return [folder / name for name in (*contents, "utilisation.png")]
+        pictures = ["utilisation.png"]
+        if "removal" in f:
+            factors = tables["elements.csv"]["dynamic_factor"]
+            dynamic_factors(f, factors, folder / "dynamic_factors.png")
+            pictures.append("dynamic_factors.png")
+    return [folder / name for name in (*contents, *pictures)]
 
 
 def _check_ours(path: Path, columns: dict) -> None:

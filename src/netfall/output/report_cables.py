@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netfall.output.codes import STRENGTHS, Check
-from netfall.output.report_losses import broken_at, lost_at
+from netfall.output.report_losses import broken_at, largest_factor, lost_at
 from netfall.output.report_stages import Envelope, start_position, start_tension
 
 
@@ -63,9 +63,14 @@ def resistances_of(f, checks: list[Check]) -> dict[str, np.ndarray]:
 
 def check_elements(f, checks: list[Check], resistance: dict, envelope: Envelope) -> Checked:
     """The largest tension as a share of the resistances. What is only compressed has none."""
-    only_compressed = f["net/bar"][:].astype(bool) & (envelope.most <= 0.0)
-    used = {name: np.where(only_compressed, np.nan, envelope.most / R) for name, R in resistance.items()}
+    none = only_compressed(f, envelope)
+    used = {name: np.where(none, np.nan, envelope.most / R) for name, R in resistance.items()}
     return Checked(checks, resistance, used)
+
+
+def only_compressed(f, envelope: Envelope) -> np.ndarray:
+    """Bars (m,) that are in tension in no stage."""
+    return f["net/bar"][:].astype(bool) & (envelope.most <= 0.0)
 
 
 def element_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarray]:
@@ -89,6 +94,8 @@ def element_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.nda
     }
     if envelope.slack_time is not None:
         columns["slack_time"] = envelope.slack_time
+    if "removal" in f:
+        columns["dynamic_factor"] = largest_factor(f)
     for check in checked.checks:
         columns[f"resistance_{check.name}"] = checked.resistance[check.name]
         columns[f"utilisation_{check.name}"] = checked.utilisation[check.name]
@@ -121,6 +128,8 @@ def cable_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
         "lost_at": _least_of(each["lost_at"], cable, count),
         "broken_at": _least_of(each["broken_at"], cable, count),
     }
+    if "dynamic_factor" in each:
+        columns["dynamic_factor"] = -_least_of(-each["dynamic_factor"], cable, count)
     for check in checked.checks:
         for name in (f"resistance_{check.name}", f"utilisation_{check.name}"):
             columns[name] = each[name][at]

@@ -5,16 +5,19 @@ from pathlib import Path
 import numpy as np
 
 from netfall.output.info import provenance_text, title_of
-from netfall.output.loss_lines import loss_lines
+from netfall.output.loss_lines import loss_lines, telling_factor
 from netfall.output.report_cables import Checked, Cutting
+from netfall.output.report_losses import worst_after
 from netfall.output.report_stages import Envelope
 
 WORST = 10
-ROUNDING = 1e-12  # of the forces that a sum is of
+ROUNDING = 1e-10  # of the forces that a sum is of: what rests is not exactly at rest
 MOST_LISTED = 15  # cables
+ALWAYS = "all stages"
 COLUMNS = {
     "cables.csv": "a row for each cable: strength [N], largest and least tension [N] with stage, time [s] "
     "and element of the largest, stages in which it is slack, when the first of it was lost and broke [s], "
+    "largest dynamic factor after a loss (where the rest changes by 2 % of the largest tension), "
     "resistance [N], utilisation",
     "elements.csv": "the same for each element between its nodes; `unstressed_length` [m]",
     "cutting_list.csv": "a row for each cable: `unstressed_length` [m] at the temperature of form finding, "
@@ -33,7 +36,7 @@ def summary(f, result: Path, tables: dict, envelope: Envelope, checked: Checked,
         ["## Utilisation", "", *_utilisation(cables, checked)],
         ["## Factors", "", *_factors(checked)],
         ["## Tensions", "", *_tensions(f, envelope, checked.checks[0].name)],
-        *([["## Losses", "", *_losses(f)]] if "removal" in f else []),
+        *([["## Losses", "", *_losses(f, checked)]] if "removal" in f else []),
         ["## Lost and broken cables", "", *_gone(cables)],
         ["## Slack cables", "", *_slack(cables, envelope)],
         ["## Reactions", "", *_reactions(tables["reactions.csv"])],
@@ -103,6 +106,12 @@ def _utilisation(cables: dict, checked: Checked) -> list[str]:
             f"- {int(without.sum())} cables have neither breaking_load nor yield_stress: "
             "their utilisation is empty"
         )
+    least = int(np.argmin(cables["tension_min"]))
+    if cables["tension_min"][least] < 0.0:
+        lines.append(
+            f"- compression, not checked: largest {force(-cables['tension_min'][least])} in cable "
+            f"{cables['cable'][least]} ({cables['group'][least]}), {cables['case_min'][least]}"
+        )
     share = np.round(np.where(np.isnan(first), -1.0, first), 6)
     broken = np.where(np.isnan(cables["broken_at"]), np.inf, cables["broken_at"])
     order = [k for k in np.lexsort((broken, -share))[:WORST] if np.isfinite(first[k])]
@@ -164,8 +173,28 @@ def _tensions(f, envelope: Envelope, check: str) -> list[str]:
     return lines
 
 
-def _losses(f) -> list[str]:
-    return [f"- {line}" for line in loss_lines(f["removal"], f["events"], f["net/element_id"][:])]
+def _losses(f, checked: Checked) -> list[str]:
+    """What each loss did, and the tensions that are worst after them."""
+    g, ids = f["removal"], f["net/element_id"][:]
+    names, cable = f["net/cable_names"].asstr()[:], f["net/cable"][:]
+    lines = [f"- {line}" for line in loss_lines(g, f["events"], ids)]
+    check = checked.checks[0].name
+    resistance, rows = checked.resistance[check], []
+    for k, e in worst_after(f, resistance, WORST):
+        N = {name: g[f"tension_{name}"][k, e] for name in ("before", "highest", "after")}
+        numbers = [telling_factor(g, k)[e], N["highest"] / resistance[e]]
+        told = [f"{value:.3g}" if np.isfinite(value) else "" for value in numbers]
+        rows.append([k + 1, names[cable[e]], ids[e], *map(force, N.values()), *told])
+    if not rows:
+        return lines
+    header = ["loss", "cable", "element", "before", "largest", "at rest afterwards", "dynamic factor", check]
+    return [
+        *lines,
+        "",
+        "The most used after a loss, by the tensions of every step:",
+        "",
+        *_rows(header, rows),
+    ]
 
 
 def _gone(cables: dict) -> list[str]:
@@ -187,9 +216,19 @@ def _slack(cables: dict, envelope: Envelope) -> list[str]:
     rows = np.flatnonzero(cables["slack_in"] != "")
     if not len(rows):
         return ["None, in any of: " + ", ".join(envelope.names) + "."]
-    table = [[cables["cable"][k], cables["group"][k], cables["slack_in"][k]] for k in rows[:MOST_LISTED]]
+    words = {k: _briefly(cables["slack_in"][k].split("; "), envelope.names) for k in rows}
+    rows = sorted(rows, key=lambda k: words[k] == ALWAYS)  # what never carries comes last
+    table = [[cables["cable"][k], cables["group"][k], words[k]] for k in rows[:MOST_LISTED]]
     lines = [f"{len(rows)} cables have an element without tension, in stages in which they are whole:", ""]
     return lines + _rows(["cable", "group", "slack in"], table) + _more(rows)
+
+
+def _briefly(stages: list[str], names: list[str]) -> str:
+    """Some of all stages, in few words."""
+    others = [name for name in names if name not in stages]
+    if 2 * len(stages) <= len(names):
+        return "; ".join(stages)
+    return f"all stages but {'; '.join(others)}" if others else ALWAYS
 
 
 def _more(rows) -> list[str]:

@@ -114,7 +114,7 @@ def _told(setup: Setup, simulation, tension: np.ndarray, displacement: np.ndarra
         found |= {"first_fracture": log.events[0].time, "first_element": log.events[0].element}
     if removal:
         gone[removal["element"]] = True
-        tension = np.fmax(tension, np.fmax.reduce(removal["tension_peak"], 0))
+        tension = np.fmax(tension, np.fmax.reduce(removal["tension_highest"], 0))
         found |= {} if log.events else _largest_factor(removal)  # the rest is that of a net that holds
     strength = np.where(np.isfinite(model.net.breaking_load), model.net.breaking_load, model.yield_force)
     known = np.isfinite(strength) & (strength > 0.0)

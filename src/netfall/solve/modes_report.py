@@ -10,7 +10,15 @@ from netfall.net.plan import listed
 from netfall.solve.model import Model
 from netfall.solve.modes import Modes, modes_at
 from netfall.solve.setup import Setup
-from netfall.solve.statics import committed, equilibria, has_statics, put_back, reference_force, settle
+from netfall.solve.statics import (
+    committed,
+    equilibria,
+    has_statics,
+    put_back,
+    reference_force,
+    rests_at_loss,
+    settle,
+)
 from netfall.stop import NEVER
 
 MODES = 6  # that `check` prints
@@ -54,13 +62,13 @@ def go_to_rest(job: Job, setup: Setup) -> str:
     last = [each for each in equilibria(run) if each.kind in REST] if has_statics(job) else []
     if not last:
         return "in the initial state, without loads"
-    start = committed(setup.state)
+    start, loads = committed(setup.state), "all loads" if rests_at_loss(job) else REST[last[-1].kind]
     try:
         settle(run, last[-1], reference_force(run, last[-1]), NEVER)
     except DivergedError:
         put_back(setup.state, start)
-        return f"in the initial state, for no rest was found under {REST[last[-1].kind]},"
-    return f"at rest under {REST[last[-1].kind]}"
+        return f"in the initial state, for no rest was found under {loads},"
+    return f"at rest under {loads}"
 
 
 def _notes(model: Model, modes: Modes) -> list[str]:

@@ -143,18 +143,20 @@ class Removal:
     def columns(self) -> dict[str, np.ndarray]:
         """The datasets of /removal, a row for each entry of the job. Rank 0."""
         m, entries = self.model.net.m, self.job.removes
-        names = ("tension_before", "tension_peak", "tension_after", "dynamic_factor")
+        names = ("tension_before", "tension_highest", "tension_lowest", "tension_peak", "tension_after")
+        names = (*names, "dynamic_factor")
         found = {"time": np.array([entry.time for entry in entries])}
         found |= {name: np.full((len(entries), m), np.nan) for name in names}
         gone = np.zeros(m, bool)
         for k, loss in enumerate(self.losses):
             gone[loss.elements] = True
             before, highest, lowest, rest, after = (self.tensions[name][k] for name in TENSIONS)
-            peak = np.where(gone, np.nan, farthest(before, highest, lowest, after))
+            highest, lowest = np.where(gone, np.nan, highest), np.where(gone, np.nan, lowest)
+            peak = farthest(before, highest, lowest, after)
             factor = np.where(np.isnan(lowest), np.nan, dynamic_factors(before, peak, rest, after))
             for entry in loss.entries:
                 found["time"][entry] = loss.step * self.dt
-                for name, row in zip(names, (before, peak, after, factor)):
+                for name, row in zip(names, (before, highest, lowest, peak, after, factor)):
                     found[name][entry] = row
         named = [loss.elements for loss in self.losses] or [np.zeros(0, np.int64)]
         entry = [loss.entry for loss in self.losses] or [np.zeros(0, np.int64)]
