@@ -4,8 +4,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 
 from netfall.compile import kernel
+from netfall.parallel.sums import exact_sums
 
 COARSEST = 100  # aggregates at which the levels end
 MOST_LEVELS = 20
@@ -89,7 +91,8 @@ def largest_eigenvalue(matrix, inverse: np.ndarray) -> float:
     for _ in range(POWERS):
         force = (matrix @ v).reshape(n, 1, 3)
         w = np.add.reduce(inverse * force, axis=2).ravel()
-        value = math.sqrt(math.fsum(w * w) / math.fsum(v * v))
+        new, old = exact_sums(MPI.COMM_SELF, w * w, v * v)
+        value = math.sqrt(new / old)
         v = w / value
     return SAFE * value
 

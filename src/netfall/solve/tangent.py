@@ -94,7 +94,8 @@ def block_matrix(ends, direction, axial, across, free, support, inertia):
     row, column = row[order], column[order]
     first = np.flatnonzero(np.concatenate([[True], (np.diff(row) != 0) | (np.diff(column) != 0)]))
     start = np.searchsorted(row[first], np.arange(n + 1))
-    return bsr_array((np.add.reduceat(blocks[order], first), column[first], start), shape=(3 * n, 3 * n))
+    blocks = blocks[order] if len(first) == len(row) else np.add.reduceat(blocks[order], first)
+    return bsr_array((blocks, column[first], start), shape=(3 * n, 3 * n))
 
 
 def scattered(number: np.ndarray) -> np.ndarray:
