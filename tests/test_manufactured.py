@@ -1,0 +1,164 @@
+"""The dynamic stage against a plain one, step by step, and against motions that were prescribed."""
+
+import numpy as np
+import pytest
+from plain_step import GRAVITY, Plain
+
+SIDE, SPACING = 5, 4.0  # nodes, m
+MODULUS, AREA, DENSITY = 1.0e10, 1.0e-4, 7000.0
+DT, STEPS = 2.5e-3, 260  # s
+SAFETY = 0.4
+YIELD, WEAK, BREAK = 45.0e6, 5.0e6, 0.012  # Pa, of struts, strain
+SPEEDS = np.array([[-0.5, 20.0], [0.1, 12.0], [0.35, 30.0], [0.62, 3.0], [2.0, 28.0]])
+JOB = f"""
+[cable]
+modulus = {MODULUS}
+area = {AREA}
+density = {DENSITY}
+yield_stress = {YIELD}
+fracture_strain = {BREAK}
+[cable.strut]
+kind = "bar"
+yield_stress = {WEAK}
+area = {2 * AREA}
+[load]
+self_weight = true
+dead = 30.0
+snow = 20.0
+pressure = 60.0
+ramp = 0.4
+[wind]
+onset = "sudden"
+file = "wind.csv"
+shape_coefficient = -1.1
+air_density = 1.25
+profile_exponent = 0.0
+after_fracture = "particle"
+[dynamics]
+duration = {DT * STEPS}
+time_step = {DT}
+safety = {SAFETY}
+damping = 0.7
+fragment_mass = 0.5
+[output]
+history = {DT * 20}
+frames = 4
+"""
+
+
+def make_tables():
+    """A grid in a bowl with held, sprung and half-held nodes, struts, areas, masses and loads of nodes."""
+    rng = np.random.default_rng(5)
+    i, j = (k.ravel() for k in np.meshgrid(np.arange(SIDE), np.arange(SIDE), indexing="ij"))
+    n = SIDE * SIDE
+    x = np.column_stack([SPACING * i, SPACING * j, 0.05 * (i - 2.0) ** 2 - 0.04 * (j - 2.0) ** 2])
+    x += rng.uniform(-0.2, 0.2, (n, 3))
+    edge = (i == 0) | (i == SIDE - 1) | (j == 0) | (j == SIDE - 1)
+    free = ~np.repeat(edge[:, None], 3, 1)
+    free[6] = [False, True, True]
+    sprung = np.flatnonzero(edge)[[3, 9]]
+    free[sprung] = True
+    spring = np.zeros((n, 3))
+    spring[sprung] = [2e5, 3e5, 1.5e5]
+    number = np.arange(n).reshape(SIDE, SIDE)
+    ends = [*zip(number[:-1].ravel(), number[1:].ravel())]
+    ends += [*zip(number[:, :-1].ravel(), number[:, 1:].ravel())]
+    ends = np.array([*ends, (6, 12), (12, 18), (8, 12), (12, 16)])
+    bar = np.arange(len(ends)) >= len(ends) - 4
+    length = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
+    normal = np.column_stack([rng.uniform(-0.2, 0.2, (n, 2)), np.ones(n)])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    return dict(
+        x=x,
+        free=free,
+        spring=spring,
+        ends=ends,
+        L0=length / (1.0 + np.where(bar, -4e-4, rng.uniform(-1e-3, 3e-3, len(ends)))),
+        bar=bar,
+        area=np.where(edge, 0.0, rng.uniform(12.0, 18.0, n)),
+        normal=normal,
+        carried=rng.uniform(25.0, 45.0, n),
+        load=rng.uniform(-300.0, 300.0, (n, 3)),
+    )
+
+
+def table(columns: dict) -> str:
+    """CSV text."""
+    rows = zip(*(map(str, values) for values in columns.values()))
+    return "\n".join([",".join(columns), *map(",".join, rows)]) + "\n"
+
+
+def as_files(t: dict) -> tuple[str, str]:
+    """nodes.csv and elements.csv."""
+    each = lambda name, values: {f"{name}_{k}": c.tolist() for k, c in zip("xyz", values.T)}
+    nodes = {"id": range(len(t["x"]))} | dict(zip("xyz", t["x"].T.tolist()))
+    nodes |= each("fixed", 1 - t["free"].astype(int)) | each("spring", t["spring"]) | each("load", t["load"])
+    nodes |= {"mass": t["carried"].tolist(), "area": t["area"].tolist()} | each("normal", t["normal"])
+    elements = dict(zip(("start", "end"), t["ends"].T.tolist())) | {"unstressed_length": t["L0"].tolist()}
+    return table(nodes), table(elements | {"group": np.where(t["bar"], "strut", "")})
+
+
+def plain_of(t: dict) -> Plain:
+    """The same job, by hand: what [load] and [wind] of JOB put on nodes of such areas and normals."""
+    section = np.where(t["bar"], 2.0, 1.0) * AREA
+    half = 0.5 * DENSITY * section * t["L0"]
+    own = np.bincount(t["ends"].ravel(), np.repeat(half, 2), len(t["x"]))
+    weight = 30.0 * t["area"] + 20.0 * t["area"] * t["normal"][:, 2]
+    load = t["load"].copy()
+    load[:, 2] -= weight + GRAVITY * own
+    outward = t["area"][:, None] * t["normal"]
+    return Plain(
+        x=t["x"].copy(),
+        free=t["free"],
+        mass=own + t["carried"] + weight / GRAVITY,
+        load=load,
+        growing=-60.0 * outward,
+        ramp=0.4,
+        wind=1.1 * 0.5 * 1.25 * outward,
+        speed=SPEEDS,
+        spring=t["spring"],
+        ends=t["ends"].copy(),
+        L0=t["L0"],
+        EA=MODULUS * section,
+        limit=np.where(t["bar"], WEAK, YIELD) * section,
+        eps_u=np.full(len(t["ends"]), BREAK),
+        half=half,
+        bar=t["bar"],
+        zeta=0.7,
+        stable_dt=DT / SAFETY,
+    )
+
+
+def test_every_step_is_the_plain_one(workshop):
+    """Wind, growing pressure, springs, struts, yield, fragments: positions, velocities, events, energies.
+
+    To rounding, which the whipping of what has broken makes larger: 1e-9 of the largest of each.
+    """
+    t = make_tables()
+    plain = plain_of(t)
+    start = plain.energies(DT, 0.0)["strain"]
+    (workshop.folder / "wind.csv").write_text(table(dict(zip(("time", "speed"), SPEEDS.T.tolist()))))
+    f = workshop.run(workshop.job(JOB, *as_files(t)))
+    plain.run(DT, STEPS)
+    columns = (f[f"events/{name}"][:].tolist() for name in ("step", "element", "particle", "new_particle"))
+    assert list(zip(*columns)) == [event[:4] for event in plain.events]
+    close = lambda one, other: np.abs(one - other).max() <= 1e-9 * np.abs(other).max()
+    assert close(f["events/mass"][:], np.array([event[4] for event in plain.events]))
+    assert close(f["events/time"][:], DT * np.array([event[0] for event in plain.events]))
+    row = np.argsort(f["final/particle_id"][:])
+    order = np.argsort(plain.id)
+    assert f["final/particle_id"][:][row].tolist() == sorted(plain.id)
+    assert close(f["final/position"][:][row], plain.x[order])
+    end = plain.energies(DT, DT * STEPS)
+    assert close(f["final/velocity"][:][row], plain.velocity[order])
+    assert close(f["final/tension"][:], plain.axial(plain.strains()[0])[0])
+    assert close(f["final/plastic_strain"][:], plain.axial(plain.strains()[0])[1])
+    last = lambda name: f[f"history/{name}"][-1]
+    assert close(last("kinetic_energy"), end["kinetic"]) and close(
+        last("plastic_dissipation"), end["plastic"]
+    )
+    assert close(last("strain_energy"), end["strain"] - start)
+    assert close(last("external_work"), end["external"]) and close(last("damping_work"), end["damping"])
+    assert np.abs(f["history/identity_error"][:]).max() < 1e-12  # rounding
+    # what the case is to have: each kind of event, and slack
+    assert len(plain.events) > 3 and (plain.eps_p < 0).any() and last("slack") > 3
