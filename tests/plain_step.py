@@ -18,7 +18,9 @@ class Plain:
     x, v : [m], [m/s] half a step behind; free : (n, 3) bool; mass : (n,) [kg]; load : (n, 3) [N], constant
     growing : (n, 3) [N], in full after `ramp` [s]; wind : (n, 3) [N] at 1 m/s; spring : (n, 3) [N/m]
     speed : (t, 2) times [s] and speeds [m/s]
-    ends, L0, EA, limit, eps_u, bar : of the elements; weighs : whether what breaks off has weight
+    ends, L0, EA, limit, eps_u, half, bar : of the elements; half : [kg], half of their own mass
+    zeta : [1/s]; stable_dt : [s], for which what breaks off is made heavy enough
+    after : what becomes of the wind, as after_fracture; weighs : whether elements weigh anything
     """
 
     x: np.ndarray
@@ -39,6 +41,8 @@ class Plain:
     bar: np.ndarray
     zeta: float
     stable_dt: float
+    after: str = "particle"
+    weighs: bool = True
     v: np.ndarray = None
     events: list = field(default_factory=list)
 
@@ -105,14 +109,15 @@ class Plain:
             assert abs(size[0] - size[1]) > 1e-6 * size.max() and valence[p] > 1
             mass = max(self.half[e], 0.5 * self.EA[e] / self.L0[e] * self.stable_dt**2)
             self.eps_u[e] = np.inf
+            weight = GRAVITY * mass if self.weighs else 0.0
             self.mass[p] -= mass
-            self.load[p, 2] += GRAVITY * mass
-            self.wind[p] = 0.0
+            self.load[p, 2] += weight
+            self.wind[p if self.after == "particle" else slice(None)] *= self.after == "none"
             self.ends[e, end] = len(self.x)
             row = lambda array, value: np.concatenate([array, [value]])
             self.x, self.v, self.start = (row(a, a[p]) for a in (self.x, self.v, self.start))
             self.free, self.mass = row(self.free, [True] * 3), row(self.mass, mass)
-            self.load = row(self.load, [0, 0, -GRAVITY * mass])
+            self.load = row(self.load, [0, 0, -weight])
             self.growing, self.wind, self.spring = (
                 row(a, np.zeros(3)) for a in (self.growing, self.wind, self.spring)
             )

@@ -7,6 +7,7 @@ put in their place here. The bits are those of compiled code but for the order o
 
 import ctypes
 import importlib.machinery
+import json
 import os
 import sys
 import time
@@ -95,5 +96,6 @@ class Finder:
 
 
 sys.meta_path.insert(0, Finder)
+json.JSONEncoder.default = lambda self, number: number.item()  # what compiled code gives is Python's own
 warnings.filterwarnings("ignore", category=RuntimeWarning)  # wrapping and dividing is what kernels do
 os.environ["PYTHONWARNINGS"] = "ignore::RuntimeWarning"
