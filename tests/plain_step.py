@@ -21,6 +21,7 @@ class Plain:
     ends, L0, EA, limit, eps_u, half, bar : of the elements; half : [kg], half of their own mass
     zeta : [1/s]; stable_dt : [s], for which what breaks off is made heavy enough
     after : what becomes of the wind, as after_fracture; weighs : whether elements weigh anything
+    fragments : whether a particle splits off; else an element is taken out
     """
 
     x: np.ndarray
@@ -43,6 +44,7 @@ class Plain:
     stable_dt: float
     after: str = "particle"
     weighs: bool = True
+    fragments: bool = True
     v: np.ndarray = None
     events: list = field(default_factory=list)
 
@@ -64,7 +66,7 @@ class Plain:
         lowest = np.where(self.bar, -self.limit, 0.0)
         held = np.clip(N, lowest, self.limit)
         yields = (N > self.limit) | (self.bar & (N < -self.limit))
-        return held, np.where(yields, self.eps_p + (N - held) / self.EA, self.eps_p)
+        return held, np.where(yields, self.eps_p + (N - held) / np.maximum(self.EA, 1.0), self.eps_p)
 
     def forces(self, time):
         """External and internal forces, strains; what yields does."""
@@ -88,6 +90,7 @@ class Plain:
 
     def run(self, dt, steps):
         """So many steps, the first kick a half."""
+        self.dt = dt
         for n in range(steps):
             external, internal, eps = self.forces(n * dt)
             length = 0.5 * dt if n == 0 else dt
@@ -107,6 +110,9 @@ class Plain:
             end = int(size[1] > size[0])
             p, number = self.ends[e, end], self.n + 2 * e + end
             assert abs(size[0] - size[1]) > 1e-6 * size.max() and valence[p] > 1
+            if not self.fragments:
+                self.take_out(e, p, n)
+                continue
             mass = max(self.half[e], 0.5 * self.EA[e] / self.L0[e] * self.stable_dt**2)
             self.eps_u[e] = np.inf
             weight = GRAVITY * mass if self.weighs else 0.0
@@ -124,12 +130,25 @@ class Plain:
             self.id.append(number)
             self.events.append((n, e, p if p < self.n else self.id[p], number, mass))
 
+    def take_out(self, e, p, n):
+        """Element e, which breaks at particle p, is gone; its mass stays, what it stores is heat.
+
+        As of half a drift ago, between the positions of both steps.
+        """
+        a, b = self.ends[e]
+        L = np.linalg.norm(self.x[b] - self.x[a] - 0.5 * self.dt * (self.v[b] - self.v[a]))
+        trial = self.EA[e] * (L / self.L0[e] - 1.0 - self.eps_p[e])
+        N = min(trial, self.limit[e])
+        self.heat[e] += N**2 / self.EA[e] * self.L0[e] / 2 + N * self.L0[e] * (trial - N) / self.EA[e]
+        self.eps_u[e], self.EA[e], self.limit[e] = np.inf, 0.0, 0.0
+        self.events.append((n, e, p, -1, 0.0))
+
     def energies(self, dt, time):
         """Kinetic, strain, dissipated, damping and external energy [J] at x(n), halfway through the kick."""
         heat, eps_p = self.heat.copy(), self.eps_p.copy()
         external, internal, eps = self.forces(time)
         N, new = self.axial(eps)
-        stored = 0.5 * (N**2 / self.EA * self.L0).sum()
+        stored = 0.5 * (N**2 / np.maximum(self.EA, 1.0) * self.L0).sum()
         stored += 0.5 * (self.spring * (self.x - self.start) ** 2).sum()
         lost = self.heat.sum()
         self.heat, self.eps_p = heat, eps_p

@@ -254,6 +254,17 @@ def test_a_panel_takes_its_pressure_along(workshop):
     assert f["final/position"][0] == pytest.approx(plain.x[0], rel=1e-9)
 
 
+def test_a_spring_holds_the_form_that_was_found(workshop):
+    """It begins with the reaction there; nothing moves."""
+    table = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_x\n1,0,0,0,1,1,1,\n2,5,0,0,0,1,1,4e5\n"
+    text = CABLE + "prestress = 20e3\n[form_finding]\n[dynamics]\nduration = 0.01\ntime_step = 2e-4\n"
+    job = workshop.job(text + "[output]\nhistory = 0.002\n", table, "start,end\n1,2\n")
+    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False))
+    f = workshop.open()
+    assert np.abs(f["final/position"][1] - [5.0, 0.0, 0.0]).max() < 1e-14  # rounding: 20 kN over 4e5 N/m
+    assert f["net/spring"][1, 0] == 4e5
+
+
 def test_form_finding_gives_way_by_a_share_of_the_modulus(workshop):
     """20 kN against 21 kN in line, a hundredth of EA: 20e3 + 1e4 u / 5 = 21e3 - 1e4 u / 5."""
     text = CABLE + "[form_finding]\nmodulus_factor = 0.01\ntolerance = 1e-10\n"
