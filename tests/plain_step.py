@@ -90,8 +90,10 @@ class Plain:
 
     def run(self, dt, steps):
         """So many steps, the first kick a half."""
-        self.dt = dt
+        self.dt, self.slack = dt, []
         for n in range(steps):
+            if n % 10 == 0:
+                self.note_slack()
             external, internal, eps = self.forces(n * dt)
             length = 0.5 * dt if n == 0 else dt
             new = self.kick(length, external, internal)
@@ -101,6 +103,12 @@ class Plain:
             self.v = new
             self.x = self.x + dt * new
             self.split(np.flatnonzero(eps > self.eps_u), n, external + internal)
+
+        self.note_slack()
+
+    def note_slack(self):
+        """Cables that are whole and slack now."""
+        self.slack.append((self.axial(self.strains()[0])[0] == 0.0) & ~self.bar & (self.eps_u < np.inf))
 
     def split(self, elements, n, force):
         """Break elements at x(n+1), each at the end with the larger force."""

@@ -254,6 +254,16 @@ def test_a_panel_takes_its_pressure_along(workshop):
     assert f["final/position"][0] == pytest.approx(plain.x[0], rel=1e-9)
 
 
+def test_a_node_between_two_cables_splits_where_one_breaks(workshop):
+    """Its load pulls harder than the weak cable can hold; the other is slack, but holds it still."""
+    text = CABLE + "[cable.weak]\nfracture_strain = 2e-3\n[dynamics]\nduration = 0.01\ntime_step = 2e-4\n"
+    table = "id,x,y,z,fixed,load_x\n1,-5,0,0,1,0\n2,0,0,0,0,20e3\n3,5,0,0,1,0\n"
+    job = workshop.job(text, table, "start,end,group\n1,2,weak\n2,3,\n")
+    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False))
+    f = workshop.open()
+    assert f["events/particle"][:].tolist() == [1] and f["events/new_particle"][:].tolist() == [4]
+
+
 def test_a_spring_holds_the_form_that_was_found(workshop):
     """It begins with the reaction there; nothing moves."""
     table = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_x\n1,0,0,0,1,1,1,\n2,5,0,0,0,1,1,4e5\n"

@@ -2,6 +2,7 @@
 
 import os
 
+import h5py
 import numpy as np
 import pytest
 from conftest import ROOT, assert_same_results
@@ -192,6 +193,8 @@ def test_every_step_is_the_plain_one(torn):
     assert close(last("strain_energy"), end["strain"] - start)
     assert close(last("external_work"), end["external"]) and close(last("damping_work"), end["damping"])
     assert np.abs(f["history/identity_error"][:]).max() < 1e-12  # rounding
+    assert f["envelope/slack_time"][:] == pytest.approx(10 * DT * np.sum(plain.slack[1:], axis=0), abs=1e-12)
+    assert f["VTKHDF/Steps/Values"][:] == pytest.approx(DT * STEPS * np.linspace(0, 1, 5), abs=DT)
     # the step's own error; what yields alone is 7 %
     assert np.abs(f["history/balance_error"][:]).max() < 0.02
     assert last("plastic_dissipation") > 0.05 * last("external_work")
@@ -222,13 +225,17 @@ def test_what_becomes_of_the_wind_is_the_plain_one(workshop, after, fragments):
 
 
 def test_two_ranks_and_a_restart_give_its_bits(torn, shared_workshop):
-    """Cut through what breaks and yields; then from its checkpoint on one rank."""
+    """Cut through what breaks and yields; then from its checkpoint."""
     job, one = torn
     more = "--set", f"output.checkpoint={MIDDLE}"
     with shared_workshop.run(job, *more, ranks=2, output="two.vtkhdf") as two:
         assert_same_results(one, two)
     (checkpoint,) = shared_workshop.folder.glob("two.checkpoint*")
-    again = shared_workshop.run(job, *more, "--restart", checkpoint, output="again.vtkhdf")
+    with h5py.File(checkpoint) as kept:  # each particle knows how many elements are left at it
+        ends, n = kept["elements/ends"][:].astype(int), SIDE**2
+        rows = np.where(ends < n, ends, n + np.searchsorted(np.sort(ends[ends >= n]), ends))
+        assert kept["particles/valence"][:].ravel().tolist() == np.bincount(rows.ravel()).tolist()
+    again = shared_workshop.run(job, *more, "--restart", checkpoint, ranks=2, output="again.vtkhdf")
     assert_same_results(one, again)
     assert 3 < one["history/broken"][int(MIDDLE / (10 * DT))] < one["history/broken"][-1]
 
@@ -241,3 +248,81 @@ def test_compiled_code_gives_the_bits_of_plain_python(torn, shared_workshop):
     environment = {"PYTHONPATH": path}
     with shared_workshop.run(job, output="plain.vtkhdf", environment=environment) as plain:
         assert_same_results(compiled, plain)
+
+
+# --- motions that were prescribed
+
+TAPPED = """
+[cable]
+modulus = 1e10
+area = 1e-4
+density = 5000.0
+strain = "logarithmic"
+[wind]
+taps = "taps.csv"
+pressures = "pressures.csv"
+onset = "sudden"
+[dynamics]
+duration = {T}
+time_step = {dt}
+damping = 0.6
+[output]
+history = {T}
+probes = [2, 3]
+"""
+HALF_LINE = (
+    "id,x,y,z,fixed_x,fixed_y,fixed_z,mass,area,normal_x,normal_y,normal_z\n"
+    "1,-4,0,0,1,1,1,0,,,,\n2,0,0,0,1,1,0,30,4,0,0,1\n3,4,0,0,1,1,0,50,5,0,0,1\n4,8,0,0,1,1,1,0,,,,\n"
+)
+RELAXED, SPAN, PERIOD = 3.99, 4.0, 1.2  # m, m, s
+MASS = np.array([30.0, 50.0]) + 5000.0 * 1e-4 * RELAXED
+SURFACE = np.array([4.0, 5.0])
+
+
+def prescribed(t):
+    """Height, velocity and acceleration (2, t) of the two nodes, from rest."""
+    size, rate = np.array([[0.3], [-0.2]]), np.array([[3.0], [5.0]])
+    return size * (1 - np.cos(rate * t)), size * rate * np.sin(rate * t), size * rate**2 * np.cos(rate * t)
+
+
+def pressures_for(t):
+    """Pressures (2, t) [N/m2] on the two nodes that make them move so: -A p = M (z'' + zeta z') - f(z)."""
+    z, v, a = prescribed(t)
+    rise = np.diff(np.vstack([0 * t, z, 0 * t]), axis=0)
+    L = np.hypot(SPAN, rise)
+    pull = 1e6 * np.log(L / RELAXED) * rise / L
+    return -(MASS[:, None] * (a + 0.6 * v) - np.diff(pull, axis=0)) / SURFACE[:, None]
+
+
+def test_a_prescribed_motion_is_met_at_second_order(workshop):
+    """By tapped pressures at each step, with damping and the logarithmic strain: positions and works."""
+    (workshop.folder / "taps.csv").write_text("name,x,y\nA,0,0\nB,4,0\n")
+    own = np.array([1e6, 1 / 16]) / (1e6 + 1 / 16)  # weights of both taps at a node: 1 / d^2, d at least 1 mm
+    weights = np.array([own, own[::-1]])
+    fine = np.linspace(0.0, PERIOD, 20001)
+    z, v, _ = prescribed(fine)
+    power = -SURFACE[:, None] * pressures_for(fine) * v
+    exact = {
+        "external_work": np.trapezoid(power.sum(0), fine),
+        "damping_work": np.trapezoid(0.6 * (MASS[:, None] * v**2).sum(0), fine),
+        "kinetic_energy": 0.5 * (MASS * v[:, -1] ** 2).sum(),
+    }
+    errors = []
+    for steps in (150, 300, 600):
+        t = np.linspace(0.0, PERIOD, steps + 1)
+        at_taps = np.linalg.solve(weights, pressures_for(t))
+        columns = {"time": t.tolist(), "A": at_taps[0].tolist(), "B": at_taps[1].tolist()}
+        (workshop.folder / "pressures.csv").write_text(table(columns))
+        text = TAPPED.format(T=PERIOD, dt=PERIOD / steps)
+        name = f"steps-{steps}"
+        job = workshop.job(text, HALF_LINE, "start,end,unstressed_length\n" + "".join(
+            f"{k},{k + 1},{RELAXED}\n" for k in (1, 2, 3)), name=name)  # fmt: skip
+        run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / f"{name}.vtkhdf", Progress(False))
+        f = workshop.open(f"{name}.vtkhdf")
+        off = f["history/probe_displacement"][-1, :, 2] - z[:, -1]
+        errors.append([*off, *(f[f"history/{name}"][-1] - value for name, value in exact.items())])
+        errors[-1].append(f["history/balance_error"][-1])
+    errors = np.abs(errors)
+    order = np.log2(errors[:-1] / errors[1:])
+    assert order[1] == pytest.approx(2.0, abs=0.1), (errors, order)
+    assert errors[-1, :2].max() < 1e-4  # m, of 0.6 m
