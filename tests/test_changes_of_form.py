@@ -1,7 +1,9 @@
 """Exact changes of form: what other units, axes, orders and names may not change; single parts."""
 
+import json
 from types import SimpleNamespace
 
+import h5py
 import numpy as np
 import pytest
 from conftest import STEEL, assert_same_results
@@ -11,7 +13,9 @@ from test_loads import CABLE, CROSS, ELEMENTS, nodes
 from test_manufactured import JOB, make_tables, run_here
 
 from netfall.job.read import read_job
+from netfall.mechanics.stability import any_shape_limits
 from netfall.net.build import build_net
+from netfall.output.checkpoint import checkpoint_path, remove_older
 from netfall.output.progress import Progress
 from netfall.parallel.halo import HaloBuffers, exchange_rows
 from netfall.parallel.mpi_symbols import HANDLE
@@ -254,14 +258,28 @@ def test_a_panel_takes_its_pressure_along(workshop):
     assert f["final/position"][0] == pytest.approx(plain.x[0], rel=1e-9)
 
 
-def test_a_node_between_two_cables_splits_where_one_breaks(workshop):
-    """Its load pulls harder than the weak cable can hold; the other is slack, but holds it still."""
-    text = CABLE + "[cable.weak]\nfracture_strain = 2e-3\n[dynamics]\nduration = 0.01\ntime_step = 2e-4\n"
-    table = "id,x,y,z,fixed,load_x\n1,-5,0,0,1,0\n2,0,0,0,0,20e3\n3,5,0,0,1,0\n"
-    job = workshop.job(text, table, "start,end,group\n1,2,weak\n2,3,\n")
+def test_what_has_yielded_at_rest_yields_no_more(workshop):
+    """Dead load beyond yield, found at rest; in the steps that follow nothing is dissipated."""
+    text = CABLE + "yield_stress = 2e7\n[load]\ndead = 400.0\nsteps = 1\ntolerance = 1e-9\n"
+    text += "[dynamics]\nduration = 0.05\n[output]\nhistory = 0.01\n"
+    job = workshop.job(text, nodes(), ELEMENTS)
     run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False))
     f = workshop.open()
-    assert f["events/particle"][:].tolist() == [1] and f["events/new_particle"][:].tolist() == [4]
+    sine = 0.5 * 1600.0 / 2000.0
+    strain = 1 / np.sqrt(1 - sine**2) - 1
+    assert f["final/plastic_strain"][:] == pytest.approx(strain - 2e-3, rel=1e-6)
+    # of 2 kN 5 m 0.09, at rest to 1e-9
+    assert np.abs(f["history/plastic_dissipation"][:]).max() < 1e-5
+
+
+def test_limits_of_two_masses_on_one_cable():
+    """omega^2 = 2 k / M: stable below 2 / omega, and half of that where the cable may go slack."""
+    ends, EA, L0, mass = np.array([[0, 1]]), np.array([1e6]), np.array([5.0]), np.array([20.0, 20.0])
+    found = any_shape_limits(ends, EA, L0, mass, np.ones(2, bool), np.zeros(1, bool), np.zeros(2))
+    omega = np.sqrt(2 * 2e5 / 20.0)
+    assert {limit.name: limit.dt for limit in found} == pytest.approx(
+        {"any_shape": 2 / omega, "slackening": 1 / omega}, rel=1e-14
+    )
 
 
 def test_a_spring_holds_the_form_that_was_found(workshop):
@@ -308,6 +326,17 @@ def test_it_breaks_at_its_breaking_load(workshop):
     job = workshop.job(text, nodes(), ELEMENTS)
     net = build_net(read_job(job))
     assert net.fracture_strain == pytest.approx([300e3 / (1.95e11 * 683.08e-6)] * 2, rel=1e-14)
+
+
+def test_a_run_that_goes_on_leaves_the_last_two_checkpoints(tmp_path):
+    """And the one that it was given; none of another job."""
+    result = tmp_path / "result.vtkhdf"
+    paths = [checkpoint_path(result, "dynamics", 10 * k) for k in range(6)]
+    for k, path in enumerate(paths):
+        with h5py.File(path, "w") as file:
+            file["record"] = json.dumps({"job": "another" if k == 1 else "this"})
+    remove_older(paths[5], result, "this", paths[2])
+    assert sorted(tmp_path.iterdir()) == [paths[k] for k in (1, 2, 4, 5)]
 
 
 # --- parts of the wind
