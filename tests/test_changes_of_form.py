@@ -1,20 +1,31 @@
 """Exact changes of form: what other units, axes, orders and names may not change; single parts."""
 
 import json
+import os
+import subprocess
 from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
-from conftest import STEEL, assert_same_results
+from conftest import BIN, ENVIRONMENT, ROOT, STEEL, assert_same_results
 from mpi4py import MPI
 from plain_step import Plain
 from test_loads import CABLE, CROSS, ELEMENTS, nodes
-from test_manufactured import JOB, make_tables, run_here
+from test_manufactured import (
+    IN_PLAIN_PYTHON,
+    JOB,
+    OF_OWN_SCENES,
+    UNCOMPILED,
+    make_tables,
+    of_own_scene,
+    run_here,
+)
 
 from netfall.job.read import read_job
 from netfall.mechanics.stability import any_shape_limits
 from netfall.net.build import build_net
+from netfall.net.net import Net, subdivide
 from netfall.output.checkpoint import checkpoint_path, remove_older
 from netfall.output.progress import Progress
 from netfall.parallel.halo import HaloBuffers, exchange_rows
@@ -163,6 +174,7 @@ duration = {fade}
 """
 
 
+@of_own_scene
 def test_a_fading_cable_between_two_weights(workshop):
     """Both fall back alike: the factor is 1 + |sin(pi d / T)| / (pi d / T) in the cables that are left.
 
@@ -229,6 +241,7 @@ class Panelled(Plain):
             self.wind[0] *= 0.5
 
 
+@of_own_scene
 def test_a_panel_takes_its_pressure_along(workshop):
     """Wind, pressure and mass, in the step of the fracture: the motion after it against the plain step."""
     job = workshop.job(CABLE + PANELS, *CROSS)
@@ -258,6 +271,7 @@ def test_a_panel_takes_its_pressure_along(workshop):
     assert f["final/position"][0] == pytest.approx(plain.x[0], rel=1e-9)
 
 
+@of_own_scene
 def test_what_has_yielded_at_rest_yields_no_more(workshop):
     """Dead load beyond yield, found at rest; in the steps that follow nothing is dissipated."""
     text = CABLE + "yield_stress = 2e7\n[load]\ndead = 400.0\nsteps = 1\ntolerance = 1e-9\n"
@@ -272,6 +286,31 @@ def test_what_has_yielded_at_rest_yields_no_more(workshop):
     assert np.abs(f["history/plastic_dissipation"][:]).max() < 1e-5
 
 
+@of_own_scene
+def test_what_comes_loose_at_a_cut_is_the_same_on_two_ranks(workshop):
+    """A chain that is pulled apart at every node; a node that has lost one cable is a loose end of the other."""
+    rows = [f"{k},{5 * k},0,0,{int(k in (0, 11))},{(-1) ** k * (2e4 + 1e3 * k)}" for k in range(12)]
+    table = "\n".join(["id,x,y,z,fixed,load_y", *rows]) + "\n"
+    elements = "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(11))
+    text = CABLE + "fracture_strain = 2e-3\n[dynamics]\nduration = 0.04\ntime_step = 2e-4\n"
+    job = workshop.job(text + "[output]\nhistory = 0.01\n", table, elements)
+    one = workshop.run(job, output="one.vtkhdf")
+    for ranks in (2, 3):
+        assert_same_results(one, workshop.run(job, ranks=ranks, output=f"{ranks}.vtkhdf"))
+    new = one["events/new_particle"][:]
+    assert (new < 0).sum() > 2 and (new >= 0).sum() > 2
+
+
+def test_parts_share_the_unstressed_length():
+    """A third each; of the force density three times as much."""
+    x, ends = np.array([[0.0, 0, 0], [6.0, 0, 0]]), np.array([[0, 1]])
+    column = lambda value: np.array([value])
+    net = Net(x, np.zeros((2, 3), bool), ends, np.zeros(1, int), [""])
+    net.unstressed_length, net.force_density = column(5.7), column(4e3)
+    parts = subdivide(net, 3)
+    assert parts.unstressed_length == pytest.approx([1.9] * 3) and (parts.force_density == 12e3).all()
+
+
 def test_limits_of_two_masses_on_one_cable():
     """omega^2 = 2 k / M: stable below 2 / omega, and half of that where the cable may go slack."""
     ends, EA, L0, mass = np.array([[0, 1]]), np.array([1e6]), np.array([5.0]), np.array([20.0, 20.0])
@@ -282,6 +321,7 @@ def test_limits_of_two_masses_on_one_cable():
     )
 
 
+@of_own_scene
 def test_a_spring_holds_the_form_that_was_found(workshop):
     """It begins with the reaction there; nothing moves."""
     table = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_x\n1,0,0,0,1,1,1,\n2,5,0,0,0,1,1,4e5\n"
@@ -293,15 +333,17 @@ def test_a_spring_holds_the_form_that_was_found(workshop):
     assert f["net/spring"][1, 0] == 4e5
 
 
+@of_own_scene
 def test_form_finding_gives_way_by_a_share_of_the_modulus(workshop):
     """20 kN against 21 kN in line, a hundredth of EA: 20e3 + 1e4 u / 5 = 21e3 - 1e4 u / 5."""
-    text = CABLE + "[form_finding]\nmodulus_factor = 0.01\ntolerance = 1e-10\n"
+    text = CABLE + "[form_finding]\nmodulus_factor = 0.01\nmax_iterations = 2000\ntolerance = 1e-10\n"
     elements = "start,end,prestress\n1,2,20e3\n2,3,21e3\n"
     job = workshop.job(text, nodes(), elements)
     run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False))
     assert workshop.open()["form_finding/position"][1] == pytest.approx([0.25, 0.0, 0.0], abs=1e-7)
 
 
+@of_own_scene
 def test_a_case_that_yields_leaves_the_next_one_alone(workshop):
     """Two equal cases around one under which the cables yield: equal results, to the bit."""
     text = (
@@ -399,3 +441,14 @@ def test_a_rank_may_be_one_exchange_ahead():
         exchange_rows((turn + 1) * np.array([[1.0], [10.0]]), 2, ahead)
         exchange_rows(arrived, 0, behind)
         assert arrived[:, 0].tolist() == [turn, 10.0 * turn]
+
+
+@pytest.mark.skipif(IN_PLAIN_PYTHON, reason="this is what it starts")
+def test_what_has_a_scene_of_its_own_holds_in_plain_python():
+    """The tests here and in test_manufactured.py that would each be compiled for."""
+    path = os.pathsep.join([str(UNCOMPILED), ENVIRONMENT.get("PYTHONPATH", "")])
+    line = [BIN / "python", "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *OF_OWN_SCENES]
+    done = subprocess.run(
+        line, cwd=ROOT / "tests", env=ENVIRONMENT | {"PYTHONPATH": path}, capture_output=True, text=True
+    )
+    assert done.returncode == 0 and "skipped" not in done.stdout, done.stdout + done.stderr
