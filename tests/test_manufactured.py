@@ -1,11 +1,17 @@
 """The dynamic stage against a plain one, step by step, and against motions that were prescribed."""
 
+import contextlib
 import os
+import random
+import signal
+import subprocess
+import time
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT, assert_same_results
+from conftest import BIN, ENVIRONMENT, ROOT, assert_same_results, on_ranks
 from mpi4py import MPI
 from plain_step import GRAVITY, Plain
 
@@ -339,3 +345,47 @@ def test_a_prescribed_motion_is_met_at_second_order(workshop):
     order = np.log2(errors[:-1] / errors[1:])
     assert order[1] == pytest.approx(2.0, abs=0.1), (errors, order)
     assert errors[-1, :2].max() < 1e-4  # m, of 0.6 m
+
+
+@pytest.mark.long
+@pytest.mark.processes
+@pytest.mark.parametrize("seed", range(3))
+def test_ranks_that_are_stopped_at_random_change_no_bit(workshop, seed):
+    """Three ranks with shared memory, each stopped and continued again and again while the others go on."""
+    run_long = JOB.format(after="particle").replace(f"duration = {DT * STEPS}", "duration = 10.0")
+    run_long = run_long.replace(f"history = {DT * 10}", "history = 5.0")
+    (workshop.folder / "wind.csv").write_text("time,speed\n-0.1,22.0\n0.06,36.0\n0.2,25.0\n70.0,12.0\n")
+    job = workshop.job(run_long, *as_files(make_tables()))
+    one = workshop.run(job, output="one.vtkhdf")
+    line = [*on_ranks(3), BIN / "netfall", "run", job, "-o", workshop.folder / "three.vtkhdf"]
+    process = subprocess.Popen(line, env=ENVIRONMENT, stdout=subprocess.DEVNULL, stdin=subprocess.DEVNULL)
+    choose, stops = random.Random(seed), 0
+    while process.poll() is None:
+        ranks = [pid for pid in children_of(process.pid) if b"netfall" in command_of(pid)]
+        time.sleep(choose.uniform(0.0, 0.02))
+        if len(ranks) < 3:
+            continue
+        with contextlib.suppress(ProcessLookupError):
+            stopped = choose.choice(ranks)
+            os.kill(stopped, signal.SIGSTOP)
+            time.sleep(choose.uniform(0.0, 0.03))
+            os.kill(stopped, signal.SIGCONT)
+            stops += 1
+    assert process.returncode == 0 and stops > 5
+    assert_same_results(one, workshop.open("three.vtkhdf"))
+
+
+def children_of(pid: int) -> list[int]:
+    """Processes that a process has started."""
+    try:
+        return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    except OSError:
+        return []
+
+
+def command_of(pid: int) -> bytes:
+    """The command line of a process."""
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return b""
