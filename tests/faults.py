@@ -1,0 +1,233 @@
+"""Faults made by hand: which of them does a quick set of tests find, and which test?
+
+    python tests/faults.py [--only NAME]... [--part PART]... [--table] [--fresh]
+
+faults.toml holds the faults: an exact edit of one file of the program each, and what it means; and for each
+part of the program the tests of its quick set, the likely finder first. Source and tests are copied, one
+fault at a time is put in, and its quick set runs until the first failure, some seconds of a processor: the
+kernels run as plain Python (tests/uncompiled), for the compiler would take longer than the tests. What came
+of it goes to a journal beside the copy, so that a run that was killed goes on where it was; a row counts as
+long as the fault, its file and the names of its tests are the same. --table writes faults.md from it.
+"""
+
+import argparse
+import hashlib
+import importlib
+import json
+import os
+import resource
+import shutil
+import sys
+import tempfile
+import time
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PLACE = Path(tempfile.gettempdir()) / f"netfall-faults-{ROOT.name}"
+TREE, JOURNAL = PLACE / "tree", PLACE / "journal.jsonl"
+COPIED = ("src", "tests", "jobs", "partitions", "pyproject.toml", "README.md")
+LIMIT = 90  # CPU s of a quick set
+LONGEST = 240  # s, whatever the processor does besides; a fault may make a run wait for ever
+LOADED = ("numba", "numpy", "h5py", "shapely", "scipy.sparse", "pytest", "_pytest.assertion.rewrite")
+
+
+@dataclass(frozen=True)
+class Fault:
+    """An edit: `old`, which stands once in src/netfall/`file`, becomes `new`; tests : the quick set."""
+
+    name: str
+    part: str
+    file: str
+    old: str
+    new: str
+    means: str
+    tests: tuple[str, ...]
+    explained: str = ""  # why no test finds it
+
+    def edited(self, source: Path) -> str:
+        """The file's text with the fault in it. Raises ValueError unless the old text stands there once."""
+        text = (source / "netfall" / self.file).read_text()
+        count = text.count(self.old)
+        if count != 1:
+            raise ValueError(
+                f"{self.name}: {self.file}: the old text stands there {count} times; expected once"
+            )
+        return text.replace(self.old, self.new)
+
+    def key(self, root: Path) -> str:
+        """Changes with the fault, its file and the names of its tests."""
+        return hashlib.sha256("\0".join([self.edited(root / "src"), *self.tests]).encode()).hexdigest()[:16]
+
+
+def read_faults(path: Path = ROOT / "tests" / "faults.toml") -> list[Fault]:
+    """The faults, each with its quick set: tests of its own first, then those of its part."""
+    data = tomllib.loads(path.read_text())
+    found = []
+    for row in data["fault"]:
+        row = dict(row)
+        first = row.pop("first", [])
+        tests = [*first, *(test for test in data["quick"][row["part"]] if test not in first)]
+        found.append(Fault(**row, tests=tuple(tests)))
+    return found
+
+
+def fresh_copy() -> None:
+    """Source and tests in a folder of their own."""
+    for name in COPIED:
+        source, target = ROOT / name, TREE / name
+        if source.is_dir():
+            shutil.rmtree(target, ignore_errors=True)
+            shutil.copytree(source, target, ignore=shutil.ignore_patterns("__pycache__", "faults.*"))
+        else:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(source, target)
+    if not (TREE / ".venv").exists():
+        (TREE / ".venv").symlink_to((ROOT / ".venv").resolve())
+
+
+def run_tests(tests: list[str]) -> dict:
+    """The quick set in the copy: which test failed first, "" if none, and how long it took."""
+    before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
+    output = PLACE / "output.txt"
+    child = os.fork()
+    if child == 0:
+        os._exit(in_the_copy(tests, output))
+    code = None
+    while code is None and time.monotonic() - begin < LONGEST:
+        pid, status = os.waitpid(child, os.WNOHANG)
+        code = os.waitstatus_to_exitcode(status) if pid else None
+        time.sleep(0.05)
+    if code is None:
+        os.killpg(child, 9)
+        os.waitpid(child, 0)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return {
+        "found": failed_in(output, code),
+        "cpu": round(cpu, 1),
+        "seconds": round(time.monotonic() - begin, 1),
+    }
+
+
+def in_the_copy(tests: list[str], output: Path) -> int:
+    """pytest's exit code, in a process that this one was copied to: what it has loaded need not be again."""
+    os.setsid()
+    file = os.open(output, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    os.dup2(file, 1)
+    os.dup2(file, 2)
+    os.chdir(TREE)
+    path = [str(TREE / "tests" / "uncompiled"), str(TREE / "src")]
+    sys.path[:0] = path
+    os.environ["PYTHONPATH"] = os.pathsep.join(path)
+    importlib.import_module("sitecustomize")
+    import pytest
+
+    asked = ["-x", "-q", "-rfE", "-n", "0", "-p", "no:cacheprovider", "--tb=line"]
+    return int(pytest.main([*asked, *(f"tests/{test}" for test in tests)]))
+
+
+def failed_in(output: Path, code: int | None) -> str:
+    """The first test that failed, in pytest's own words, "" if none did. code : None, it had to be ended"""
+    if code in (0, None):
+        return "" if code == 0 else "waits for ever"
+    if code == 4:
+        sys.exit(f"{output}: pytest knows no such test")
+    rows = (row for row in output.read_text().splitlines() if row.startswith(("FAILED", "ERROR ")))
+    row = next(rows, "the tests ended")
+    return row.removeprefix("FAILED ").removeprefix("ERROR ").partition(" - ")[0].removeprefix("tests/")
+
+
+def try_fault(fault: Fault) -> dict:
+    """Put a fault in, run its quick set, and take it out again."""
+    path = TREE / "src" / "netfall" / fault.file
+    kept = path.read_text()
+    try:
+        path.write_text(fault.edited(TREE / "src"))
+        return run_tests(list(fault.tests))
+    finally:
+        path.write_text(kept)
+
+
+def rows_so_far() -> dict[str, dict]:
+    """What the journal knows, by key."""
+    if not JOURNAL.exists():
+        return {}
+    lines = [line for line in JOURNAL.read_text().splitlines() if line.endswith("}")]
+    return {row["key"]: row for row in map(json.loads, lines)}
+
+
+def write_table(faults: list[Fault], rows: dict[str, dict]) -> str:
+    """faults.md from the rows; a line on the totals."""
+    known = [(fault, rows[fault.key(ROOT)]) for fault in faults if fault.key(ROOT) in rows]
+    found = sum(bool(row["found"]) for _, row in known)
+    total = (
+        f"{found} of {len(known)} faults are found by their quick sets; {len(faults) - len(known)} not run."
+    )
+    lines = [
+        "# Faults made by hand, and what finds them",
+        "",
+        "Written by `python tests/faults.py --table`; each fault is an edit in [faults.toml](faults.toml).",
+        f"The quick set of a part of the program stops at the first failure. {total}",
+        "",
+        "| part | file | what the fault does | found by | CPU s |",
+        "|---|---|---|---|---|",
+    ]
+    for fault, row in known:
+        by = f"`{row['found']}`" if row["found"] else f"**not found** {fault.explained}"
+        lines.append(f"| {fault.part} | {fault.file} | {fault.means} | {by} | {row['cpu']:.0f} |")
+    (ROOT / "tests" / "faults.md").write_text("\n".join(lines) + "\n")
+    return total
+
+
+def options() -> argparse.Namespace:
+    """The command line."""
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("--only", action="append", default=[], metavar="NAME", help="faults whose names begin so")
+    p.add_argument("--part", action="append", default=[], help="faults of this part of the program")
+    p.add_argument("--fresh", action="store_true", help="forget the journal")
+    p.add_argument("--table", action="store_true", help="write faults.md from the journal, and end")
+    p.add_argument("--sound", action="store_true", help="run all quick sets without a fault first")
+    p.add_argument("--place", type=Path, default=PLACE, help=f"of copy and journal (default: {PLACE})")
+    return p.parse_args()
+
+
+def main() -> None:
+    """Try what has not been tried; then the table."""
+    global TREE, JOURNAL, PLACE
+    asked, faults = options(), read_faults()
+    PLACE = asked.place
+    TREE, JOURNAL = PLACE / "tree", PLACE / "journal.jsonl"
+    for fault in faults:
+        fault.edited(ROOT / "src")
+    if asked.table:
+        print(write_table(faults, rows_so_far()))
+        return
+    if asked.fresh:
+        JOURNAL.unlink(missing_ok=True)
+    fresh_copy()
+    for name in LOADED:
+        importlib.import_module(name)
+    chosen = [f for f in faults if not asked.only or f.name.startswith(tuple(asked.only))]
+    chosen = [f for f in chosen if not asked.part or f.part in asked.part]
+    if asked.sound:
+        result = run_tests(list(dict.fromkeys(test for fault in chosen for test in fault.tests)))
+        print("without a fault:", result, flush=True)
+        if result["found"]:
+            sys.exit("the quick sets fail without a fault")
+    rows = rows_so_far()
+    for fault in chosen:
+        key = fault.key(ROOT)
+        if key not in rows:
+            row = {"name": fault.name, "key": key} | try_fault(fault)
+            rows[key] = row
+            with JOURNAL.open("a") as file:
+                file.write(json.dumps(row) + "\n")
+            late = "  LONGER THAN THE LIMIT" if row["cpu"] > LIMIT else ""
+            print(f"{fault.name}: {row['found'] or 'NOT FOUND'} ({row['cpu']:.0f} CPU s){late}", flush=True)
+    print(write_table(faults, rows))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,169 @@
+"""The dynamic stage written down plainly, particle by particle, from the equations of src/netfall/README.md.
+
+It shares no line with the program: no slots, no runs, no chunks, no displacements, no halo. What a step does
+is read off here; test_manufactured.py compares.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+GRAVITY = 9.81
+
+
+@dataclass
+class Plain:
+    """A net of particles (n, 3) and elements (m, 2), with the loads of one job.
+
+    x, v : [m], [m/s] half a step behind; free : (n, 3) bool; mass : (n,) [kg]; load : (n, 3) [N], constant
+    growing : (n, 3) [N], in full after `ramp` [s]; wind : (n, 3) [N] at 1 m/s; spring : (n, 3) [N/m]
+    speed : (t, 2) times [s] and speeds [m/s]
+    ends, L0, EA, limit, eps_u, half, bar : of the elements; half : [kg], half of their own mass
+    zeta : [1/s]; stable_dt : [s], for which what breaks off is made heavy enough
+    after : what becomes of the wind, as after_fracture; weighs : whether elements weigh anything
+    fragments : whether a particle splits off; else an element is taken out
+    """
+
+    x: np.ndarray
+    free: np.ndarray
+    mass: np.ndarray
+    load: np.ndarray
+    growing: np.ndarray
+    ramp: float
+    wind: np.ndarray
+    speed: np.ndarray
+    spring: np.ndarray
+    ends: np.ndarray
+    L0: np.ndarray
+    EA: np.ndarray
+    limit: np.ndarray
+    eps_u: np.ndarray
+    half: np.ndarray
+    bar: np.ndarray
+    zeta: float
+    stable_dt: float
+    after: str = "particle"
+    weighs: bool = True
+    fragments: bool = True
+    v: np.ndarray = None
+    events: list = field(default_factory=list)
+
+    def __post_init__(self):
+        self.v, self.start = np.zeros_like(self.x), self.x.copy()
+        self.eps_p, self.heat = np.zeros(len(self.ends)), np.zeros(len(self.ends))
+        self.work = np.zeros(3)  # J, of external, internal and damping forces
+        self.id = list(range(len(self.x)))
+        self.n = len(self.x)
+
+    def strains(self):
+        d = self.x[self.ends[:, 1]] - self.x[self.ends[:, 0]]
+        L = np.sqrt((d**2).sum(1))
+        return L / self.L0 - 1.0, d / L[:, None]
+
+    def axial(self, eps):
+        """Forces and new plastic strains."""
+        N = self.EA * (eps - self.eps_p)
+        lowest = np.where(self.bar, -self.limit, 0.0)
+        held = np.clip(N, lowest, self.limit)
+        yields = (N > self.limit) | (self.bar & (N < -self.limit))
+        return held, np.where(yields, self.eps_p + (N - held) / np.maximum(self.EA, 1.0), self.eps_p)
+
+    def forces(self, time):
+        """External and internal forces, strains; what yields does."""
+        eps, direction = self.strains()
+        N, eps_p = self.axial(eps)
+        self.heat += self.limit * self.L0 * np.abs(eps_p - self.eps_p)
+        self.eps_p = eps_p
+        internal = self.spring * (self.start - self.x)
+        for e, (a, b) in enumerate(self.ends):
+            internal[a] += N[e] * direction[e]
+            internal[b] -= N[e] * direction[e]
+        speed = np.interp(time, *self.speed.T)
+        external = self.load + min(1.0, time / self.ramp) * self.growing + speed**2 * self.wind
+        return external, internal, eps
+
+    def kick(self, dt, external, internal):
+        """Velocities after a kick of dt."""
+        h = 0.5 * self.zeta * dt
+        new = ((1 - h) * self.v + dt * (external + internal) / self.mass[:, None]) / (1 + h)
+        return np.where(self.free, new, 0.0)
+
+    def run(self, dt, steps):
+        """So many steps, the first kick a half."""
+        self.dt, self.slack = dt, []
+        for n in range(steps):
+            if n % 10 == 0:
+                self.note_slack()
+            external, internal, eps = self.forces(n * dt)
+            length = 0.5 * dt if n == 0 else dt
+            new = self.kick(length, external, internal)
+            mean = 0.5 * (self.v + new)
+            forces = external, internal, self.zeta * self.mass[:, None] * mean
+            self.work += [length * (mean * force).sum() for force in forces]
+            self.v = new
+            self.x = self.x + dt * new
+            self.split(np.flatnonzero(eps > self.eps_u), n, external + internal)
+
+        self.note_slack()
+
+    def note_slack(self):
+        """Cables that are whole and slack now."""
+        self.slack.append((self.axial(self.strains()[0])[0] == 0.0) & ~self.bar & (self.eps_u < np.inf))
+
+    def split(self, elements, n, force):
+        """Break elements at x(n+1), each at the end with the larger force."""
+        valence = np.bincount(self.ends.ravel(), minlength=len(self.x))
+        for e in elements:
+            size = np.linalg.norm(force[self.ends[e]], axis=1)
+            end = int(size[1] > size[0])
+            p, number = self.ends[e, end], self.n + 2 * e + end
+            assert abs(size[0] - size[1]) > 1e-6 * size.max() and valence[p] > 1
+            if not self.fragments:
+                self.take_out(e, p, n)
+                continue
+            mass = max(self.half[e], 0.5 * self.EA[e] / self.L0[e] * self.stable_dt**2)
+            self.eps_u[e] = np.inf
+            weight = GRAVITY * mass if self.weighs else 0.0
+            self.mass[p] -= mass
+            self.load[p, 2] += weight
+            self.wind[p if self.after == "particle" else slice(None)] *= self.after == "none"
+            self.ends[e, end] = len(self.x)
+            row = lambda array, value: np.concatenate([array, [value]])
+            self.x, self.v, self.start = (row(a, a[p]) for a in (self.x, self.v, self.start))
+            self.free, self.mass = row(self.free, [True] * 3), row(self.mass, mass)
+            self.load = row(self.load, [0, 0, -weight])
+            self.growing, self.wind, self.spring = (
+                row(a, np.zeros(3)) for a in (self.growing, self.wind, self.spring)
+            )
+            self.id.append(number)
+            self.events.append((n, e, p if p < self.n else self.id[p], number, mass))
+
+    def take_out(self, e, p, n):
+        """Element e, which breaks at particle p, is gone; its mass stays, what it stores is heat.
+
+        As of half a drift ago, between the positions of both steps.
+        """
+        a, b = self.ends[e]
+        L = np.linalg.norm(self.x[b] - self.x[a] - 0.5 * self.dt * (self.v[b] - self.v[a]))
+        trial = self.EA[e] * (L / self.L0[e] - 1.0 - self.eps_p[e])
+        N = min(trial, self.limit[e])
+        self.heat[e] += N**2 / self.EA[e] * self.L0[e] / 2 + N * self.L0[e] * (trial - N) / self.EA[e]
+        self.eps_u[e], self.EA[e], self.limit[e] = np.inf, 0.0, 0.0
+        self.events.append((n, e, p, -1, 0.0))
+
+    def energies(self, dt, time):
+        """Kinetic, strain, dissipated, damping and external energy [J] at x(n), halfway through the kick."""
+        heat, eps_p = self.heat.copy(), self.eps_p.copy()
+        external, internal, eps = self.forces(time)
+        N, new = self.axial(eps)
+        stored = 0.5 * (N**2 / np.maximum(self.EA, 1.0) * self.L0).sum()
+        stored += 0.5 * (self.spring * (self.x - self.start) ** 2).sum()
+        lost = self.heat.sum()
+        self.heat, self.eps_p = heat, eps_p
+        new = self.kick(dt, external, internal)
+        self.velocity = v = 0.5 * (self.v + new)
+        way = 0.5 * dt * 0.5 * (self.v + v)
+        work = self.work[0] + (way * external).sum()
+        damping = self.work[2] + (way * self.zeta * self.mass[:, None] * 0.5 * (self.v + new)).sum()
+        kinetic = 0.5 * (self.mass[:, None] * v**2).sum()
+        return dict(kinetic=kinetic, strain=stored, plastic=lost, external=work, damping=damping)

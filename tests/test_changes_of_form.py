@@ -1,0 +1,511 @@
+"""Exact changes of form: what other units, axes, orders and names may not change; single parts."""
+
+import json
+import os
+import subprocess
+from types import SimpleNamespace
+
+import h5py
+import numpy as np
+import pytest
+from conftest import BIN, ENVIRONMENT, ROOT, STEEL, assert_same_results
+from mpi4py import MPI
+from plain_step import Plain
+from scipy.optimize import brentq
+from test_loads import CABLE, CROSS, EA, ELEMENTS, nodes
+from test_manufactured import (
+    DT,
+    IN_PLAIN_PYTHON,
+    JOB,
+    OF_OWN_SCENES,
+    STEPS,
+    UNCOMPILED,
+    make_tables,
+    of_own_scene,
+    plain_of,
+    run_here,
+)
+
+from netfall.job.read import read_job
+from netfall.mechanics.stability import any_shape_limits
+from netfall.net.build import build_net
+from netfall.net.net import Net, subdivide
+from netfall.output.checkpoint import checkpoint_path, remove_older
+from netfall.output.progress import Progress
+from netfall.output.reactions import reaction_columns
+from netfall.output.report_stages import envelope_of
+from netfall.parallel.halo import HaloBuffers, exchange_rows
+from netfall.parallel.mpi_symbols import HANDLE
+from netfall.solve.run import run_job
+from netfall.study.losses import losses_of
+from netfall.study.queue import Queue
+from netfall.wind.field import make_wind_field
+from netfall.wind.onset import GrowingGusts
+
+STATE = ("position", "velocity", "tension", "plastic_strain")  # in /final
+
+
+@pytest.fixture(scope="module")
+def original(shared_workshop):
+    """The net of test_manufactured.py, which is torn, as it is given there."""
+    return run_here(shared_workshop, JOB.format(after="particle"), make_tables(), "original")[1]
+
+
+def final(f, name):
+    """Of /final, by number."""
+    values = f[f"final/{name}"][:]
+    return values if len(values) == len(f["net/elements"]) else values[np.argsort(f["final/particle_id"][:])]
+
+
+def times(text: str, factors: dict) -> str:
+    """A job text with numbers of some keys multiplied; "section.key" where a key stands twice."""
+    lines, section = [], ""
+    for line in text.splitlines():
+        key, _, value = line.partition(" = ")
+        section = line.strip("[]") if line.startswith("[") else section
+        factor = factors.get(f"{section}.{key}", factors.get(key, 1.0))
+        lines.append(f"{key} = {float(value) * factor!r}" if factor != 1.0 else line)
+    return "\n".join(lines) + "\n"
+
+
+def test_twice_the_mass_under_twice_the_force_moves_the_same(original, workshop):
+    """To the bit: stiffness, strength, density and loads times four; tensions and energies are four times."""
+    keys = ("modulus", "density", "yield_stress", "dead", "snow", "pressure", "air_density")
+    t = make_tables()
+    t |= {name: 4.0 * t[name] for name in ("load", "carried", "spring")}
+    f = run_here(workshop, times(JOB.format(after="particle"), dict.fromkeys(keys, 4.0)), t)[1]
+    for name, factor in zip(STATE, (1.0, 1.0, 4.0, 1.0)):
+        assert (final(f, name) == factor * final(original, name)).all(), name
+    for name in ("kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work", "external_work"):
+        assert (f[f"history/{name}"][:] == 4.0 * original[f"history/{name}"][:]).all(), name
+    assert (f["history/balance_error"][:] == original["history/balance_error"][:]).all()
+    assert (f["events/element"][:] == original["events/element"][:]).all()
+
+
+def test_four_times_the_size_in_twice_the_time_is_the_same_motion(original, workshop):
+    """To the bit, with Froude's numbers: speeds times two, forces and masses times four, gravity as it is."""
+    factors = dict.fromkeys(("modulus", "yield_stress"), 4.0) | {"air_density": 1 / 16, "damping": 0.5}
+    factors |= dict.fromkeys(("dead", "snow", "pressure"), 0.25)
+    factors |= dict.fromkeys(("ramp", "duration", "time_step", "history"), 2.0)
+    t = make_tables()
+    t |= {name: 4.0 * t[name] for name in ("x", "L0", "carried", "load")} | {"area": 16.0 * t["area"]}
+    text = times(JOB.format(after="particle"), factors).replace("[4.0, 8.0]", "[16.0, 32.0]")
+    f = run_here(workshop, text, t, wind=(2.0, 2.0))[1]
+    for name, factor in zip(STATE, (4.0, 2.0, 4.0, 1.0)):
+        assert (final(f, name) == factor * final(original, name)).all(), name
+    assert (f["history/kinetic_energy"][:] == 16.0 * original["history/kinetic_energy"][:]).all()
+    assert (f["events/time"][:] == 2.0 * original["events/time"][:]).all()
+
+
+@pytest.mark.parametrize("sign", [(-1, 1, 1), (1, -1, 1), (-1, -1, 1)])
+def test_a_mirror_image_moves_as_the_mirror_shows(original, workshop, sign):
+    """To the bit: no axis has a preferred sense. (z has: gravity.)"""
+    t = make_tables()
+    t |= {name: t[name] * sign for name in ("x", "load", "normal")}
+    text = JOB.format(after="particle").replace("[4.0, 8.0]", f"[{4.0 * sign[0]}, {8.0 * sign[1]}]")
+    f = run_here(workshop, text, t)[1]
+    for name in STATE:
+        assert (final(f, name) == final(original, name) * (sign if name in STATE[:2] else 1.0)).all(), name
+
+
+def test_a_turn_by_a_right_angle_changes_rounding_alone(original, workshop):
+    """x and y exchanged: a length sums its squares in the order of the axes, so bits may differ."""
+    t = make_tables()
+    t |= {name: t[name][:, [1, 0, 2]] for name in ("x", "free", "spring", "load", "normal")}
+    text = JOB.format(after="particle").replace("[4.0, 8.0]", "[8.0, 4.0]")
+    f = run_here(workshop, text, t)[1]
+    assert (f["events/element"][:] == original["events/element"][:]).all()
+    for name in STATE:
+        turned = final(original, name)[:, [1, 0, 2]] if name in STATE[:2] else final(original, name)
+        assert np.abs(final(f, name) - turned).max() <= 1e-9 * np.abs(turned).max(), name  # as the plain one
+
+
+def test_other_numbers_and_another_order_of_the_nodes_change_no_bit(original, workshop):
+    """By id: rows of nodes.csv shuffled and renamed. A particle sums in the order of its elements."""
+    t, order = make_tables(), np.random.default_rng(2).permutation(25)
+    place = np.argsort(order)  # of each old row
+    shuffled = {name: t[name][order] for name in ("x", "free", "spring", "area", "normal", "carried", "load")}
+    t |= shuffled | {"ends": place[t["ends"]], "names": 1000 - 7 * order}
+    text = JOB.format(after="particle").replace("[12, ", f"[{1000 - 7 * 12}, ")
+    f = run_here(workshop, text, t)[1]
+    assert (f["events/element"][:] == original["events/element"][:]).all()
+    new = original["final/particle_id"][:]
+    old = np.where(new < 25, place[np.minimum(new, 24)], new)
+    rows = np.searchsorted(np.sort(f["final/particle_id"][:]), old)
+    for name in STATE[:2]:
+        assert (final(f, name)[rows] == original[f"final/{name}"][:]).all(), name
+    for name in STATE[2:]:
+        assert (final(f, name) == final(original, name)).all(), name
+    for name in ("kinetic_energy", "external_work", "probe_displacement", "element_tension"):
+        assert (f[f"history/{name}"][:] == original[f"history/{name}"][:]).all(), name
+
+
+def test_another_order_of_the_elements_changes_rounding_alone(original, workshop):
+    """By id, with some turned round: sums at a particle have another order."""
+    t, rng = make_tables(), np.random.default_rng(3)
+    order = rng.permutation(len(t["ends"]))
+    turned = rng.random(len(order)) < 0.5
+    t |= {name: t[name][order] for name in ("ends", "L0", "bar")}
+    t["ends"][turned] = t["ends"][turned, ::-1]
+    t["ids"] = order
+    f = run_here(workshop, JOB.format(after="particle"), t)[1]
+    assert order[f["events/element"][:]].tolist() == original["events/element"][:].tolist()
+    assert f["events/particle"][:].tolist() == original["events/particle"][:].tolist()
+    for name in STATE[2:]:
+        one, other = final(original, name)[order], final(f, name)
+        assert np.abs(one - other).max() <= 1e-9 * np.abs(one).max(), name
+
+
+def test_reactions_at_the_end_are_those_of_what_still_pulls(original):
+    """What has torn off a support does not, however taut it still is; springs push back by their way."""
+    plain = plain_of(make_tables())
+    plain.run(DT, STEPS)
+    eps, direction = plain.strains()
+    pull = np.zeros_like(plain.x)
+    along = plain.axial(eps)[0][:, None] * direction
+    np.add.at(pull, plain.ends[:, 0], along)
+    np.add.at(pull, plain.ends[:, 1], -along)
+    pull = np.where(plain.spring > 0, plain.spring * (plain.x - plain.start), np.where(plain.free, 0.0, pull))
+    rows = reaction_columns(original)
+    last = np.flatnonzero([name.startswith("final") for name in rows["stage"]])
+    found = np.column_stack([rows[f"force_{axis}"][last] for axis in "xyz"])
+    assert np.abs(found - pull[rows["node"][last]]).max() <= 1e-7 * np.abs(pull).max()  # N, of kN of springs
+
+
+# --- losses, panels, cases
+
+
+LINE = "id,x,y,z,fixed,load_x\n0,0,0,0,1,0\n1,5,0,0,0,{W}\n2,10,0,0,0,-{W}\n3,15,0,0,1,0\n"
+FADE = """
+[cable]
+modulus = 1e10
+area = 1e-4
+density = 4000.0
+prestress = 2000.0
+[load]
+tolerance = 1e-11
+[dynamics]
+duration = {duration}
+time_step = {dt}
+[output]
+history = {history}
+frames = 2
+checkpoint = {checkpoint}
+[[remove]]
+elements = [1]
+time = {time}
+duration = {fade}
+"""
+
+
+@of_own_scene
+def test_a_fading_cable_between_two_weights(workshop):
+    """Both fall back alike: the factor is 1 + |sin(pi d / T)| / (pi d / T) in the cables that are left.
+
+    Their tension falls, so the peak is their least since the loss; they begin with what the middle one takes.
+    The same bits from a checkpoint in the middle of the fade.
+    """
+    W = 1500.0  # N: at rest the outer cables carry 2000 + W / 3, the middle one 2000 - 2 W / 3
+    EA, L0 = 1e6, 5.0 / (1 + 2000.0 / 1e6)
+    mass = 4000.0 * 1e-4 * L0
+    period = 2 * np.pi * np.sqrt(mass * L0 / EA)
+    dt, fade = period / 400, 0.3 * period
+    rows = dict(duration=1.6 * period, dt=dt, history=40 * dt, checkpoint=130 * dt, time=100 * dt, fade=fade)
+    job = workshop.job(FADE.format(**rows), LINE.format(W=W), "start,end\n0,1\n1,2\n2,3\n")
+    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "whole.vtkhdf", Progress(False))
+    f = workshop.open("whole.vtkhdf")
+    before, after, peak, factor = (
+        f[f"removal/{name}"][0]
+        for name in ("tension_before", "tension_after", "tension_peak", "dynamic_factor")
+    )
+    assert before == pytest.approx([2500.0, 1000.0, 2500.0], rel=1e-9)
+    assert after == pytest.approx([1500.0, 0.0, 1500.0], rel=1e-9) and (peak[[0, 2]] < 1500.0).all()
+    turn = np.pi * 0.3
+    # the step rounds the peak by (2 pi / 400)^2 / 8 of the swing
+    assert factor[[0, 2]] == pytest.approx(1 + np.sin(turn) / turn, abs=1e-4)
+    assert factor[0] == pytest.approx(factor[2], rel=1e-12)
+    (checkpoint, *_) = sorted(workshop.folder.glob("whole.checkpoint*"))
+    again = workshop.folder / "again.vtkhdf"
+    run_job(MPI.COMM_WORLD, read_job(job), again, Progress(False), restart=checkpoint)
+    assert_same_results(f, workshop.open("again.vtkhdf"))
+
+
+PANELS = """
+[cable.weak]
+fracture_strain = 2e-4
+[load]
+dead = 50.0
+pressure = [3.0, -2.0, 90.0]
+[wind]
+speed = 20.0
+roughness = 0.0
+shape_coefficient = -1.0
+onset = "sudden"
+after_fracture = "panels"
+[dynamics]
+duration = 0.16
+time_step = 4e-4
+damping = 1.0
+[output]
+history = 0.02
+"""
+
+
+class Panelled(Plain):
+    """A cross with two panels at each arm: with the first arm half of what the middle carries goes."""
+
+    def split(self, elements, n, force):
+        """As ever, and what leaves with the panels."""
+        super().split(elements, n, force)
+        for _ in elements:
+            gone = 0.5 * self.panels["mass"]
+            self.mass[0] -= gone
+            self.load[0] -= 0.5 * self.panels["pressure"]
+            self.load[0, 2] += 9.81 * gone
+            self.wind[0] *= 0.5
+
+
+@of_own_scene
+def test_a_panel_takes_its_pressure_along(workshop):
+    """Wind, pressure and mass, in the step of the fracture: the motion after it against the plain step."""
+    job = workshop.job(CABLE + PANELS, *CROSS)
+    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False))
+    f = workshop.open()
+    rows = np.array([line.split(",")[1:] for line in CROSS[0].split()[1:]], float)
+    x, fixed = rows[:, :3], rows[:, 3]
+    ends = np.array([line.split(",")[:2] for line in CROSS[1].split()[1:]], int)
+    L0 = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
+    half, area = 0.5 * 1000.0 * 1e-4 * L0, np.array([50.0, *[25.0] * 4]) / 3.0
+    up, carried = np.array([0.0, 0.0, 1.0]), 50.0 * area / 9.81
+    pressure = area[:, None] * np.array([3.0, -2.0, 90.0])
+    plain = Panelled(
+        x=x, free=np.repeat(fixed[:, None] == 0, 3, 1), zeta=1.0, stable_dt=1e-3,
+        after="none", weighs=False, ramp=1.0,
+        mass=np.bincount(ends.ravel(), np.repeat(half, 2)) + carried, growing=np.zeros((5, 3)),
+        load=pressure - 9.81 * carried[:, None] * up, wind=0.5 * 1.25 * area[:, None] * up,
+        speed=np.array([[0.0, 20.0], [9.0, 20.0]]), spring=np.zeros((5, 3)), ends=ends.copy(), L0=L0,
+        EA=np.full(8, 1e6), limit=np.full(8, np.inf), half=half, bar=np.zeros(8, bool),
+        eps_u=np.array([2e-4, *[np.inf] * 7]),
+    )  # fmt: skip
+    plain.panels = {"mass": carried[0], "pressure": pressure[0].copy()}
+    plain.run(4e-4, 400)
+    assert f["events/step"][:].tolist() == [event[0] for event in plain.events] and len(plain.events) == 1
+    assert f["events/time"][0] < 0.1
+    # profile and areas are rounded, nothing else
+    assert f["final/position"][0] == pytest.approx(plain.x[0], rel=1e-9)
+
+
+@of_own_scene
+def test_what_has_yielded_at_rest_yields_no_more(workshop):
+    """Dead load beyond yield, found at rest, then most of it lifted: the sag that plastic strain leaves."""
+    text = CABLE + "yield_stress = 2e7\n[load]\ndead = 400.0\npressure = -250.0\nsteps = 1\n"
+    text += "tolerance = 1e-9\n[dynamics]\nduration = 0.05\n[output]\nhistory = 0.01\n"
+    job = workshop.job(text, nodes(), ELEMENTS)
+    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False))
+    f = workshop.open()
+    sine = 0.5 * 1600.0 / 2000.0
+    plastic = 1 / np.sqrt(1 - sine**2) - 1 - 2e-3
+    assert f["final/plastic_strain"][:] == pytest.approx(plastic, rel=1e-6)
+    pull = lambda w: 2 * EA * (np.hypot(5, w) / 5 - 1 - plastic) * w / np.hypot(5, w) - 600.0
+    assert -f["statics/displacement"][-1, 1, 2] == pytest.approx(brentq(pull, 0.1, 5.0), rel=1e-6)
+    assert np.abs(f["history/plastic_dissipation"][:]).max() < 1e-5  # of 2 kN 5 m 0.09, at rest to 1e-9
+
+
+@of_own_scene
+def test_what_comes_loose_at_a_cut_is_the_same_on_two_ranks(workshop):
+    """A chain that is pulled apart; a node that has lost one cable is a loose end of the other."""
+    rows = [
+        f"{k},{5 * k},0,0,{int(k in (0, 11))},{(-1) ** k * (1 + k % 2) * (2e4 + 1e3 * k)}" for k in range(12)
+    ]
+    table = "\n".join(["id,x,y,z,fixed,load_y", *rows]) + "\n"
+    elements = "start,end,group\n" + "".join(f"{k},{k + 1},{'weak' * (k % 2)}\n" for k in range(11))
+    text = CABLE + "fracture_strain = 3e-3\n[cable.weak]\nfracture_strain = 2e-3\n"
+    text += "[dynamics]\nduration = 0.04\ntime_step = 2e-4\n[output]\nhistory = 0.01\n"
+    job = workshop.job(text, table, elements)
+    one = workshop.run(job, output="one.vtkhdf")
+    for ranks in (2, 3):
+        assert_same_results(one, workshop.run(job, ranks=ranks, output=f"{ranks}.vtkhdf"))
+    new = one["events/new_particle"][:]
+    assert (new < 0).sum() > 2 and (new >= 0).sum() > 2
+
+
+def test_parts_share_the_unstressed_length():
+    """A third each; of the force density three times as much."""
+    x, ends = np.array([[0.0, 0, 0], [6.0, 0, 0]]), np.array([[0, 1]])
+    column = lambda value: np.array([value])
+    net = Net(x, np.zeros((2, 3), bool), ends, np.zeros(1, int), [""])
+    net.unstressed_length, net.force_density = column(5.7), column(4e3)
+    parts = subdivide(net, 3)
+    assert parts.unstressed_length == pytest.approx([1.9] * 3) and (parts.force_density == 12e3).all()
+
+
+def test_limits_of_two_masses_on_one_cable():
+    """omega^2 = 2 k / M: stable below 2 / omega, and half of that where the cable may go slack."""
+    ends, stiff, L0, mass = np.array([[0, 1]]), np.array([1e6]), np.array([5.0]), np.array([20.0, 20.0])
+    found = any_shape_limits(ends, stiff, L0, mass, np.ones(2, bool), np.zeros(1, bool), np.zeros(2))
+    omega = np.sqrt(2 * 2e5 / 20.0)
+    assert {limit.name: limit.dt for limit in found} == pytest.approx(
+        {"any_shape": 2 / omega, "slackening": 1 / omega}, rel=1e-14
+    )
+
+
+@of_own_scene
+def test_a_spring_holds_the_form_that_was_found(workshop):
+    """It begins with the reaction there; nothing moves."""
+    table = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_x\n1,0,0,0,1,1,1,\n2,5,0,0,0,1,1,4e5\n"
+    text = CABLE + "prestress = 20e3\n[form_finding]\n[dynamics]\nduration = 0.01\ntime_step = 2e-4\n"
+    job = workshop.job(text + "[output]\nhistory = 0.002\n", table, "start,end\n1,2\n")
+    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False))
+    f = workshop.open()
+    assert np.abs(f["final/position"][1] - [5.0, 0.0, 0.0]).max() < 1e-14  # rounding: 20 kN over 4e5 N/m
+    assert f["net/spring"][1, 0] == 4e5
+
+
+@of_own_scene
+def test_form_finding_gives_way_by_a_share_of_the_modulus(workshop):
+    """20 kN against 21 kN in line, a hundredth of EA: 20e3 + 1e4 u / 5 = 21e3 - 1e4 u / 5."""
+    text = CABLE + "[form_finding]\nmodulus_factor = 0.01\nmax_iterations = 2000\ntolerance = 1e-10\n"
+    elements = "start,end,prestress\n1,2,20e3\n2,3,21e3\n"
+    job = workshop.job(text, nodes(), elements)
+    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False))
+    assert workshop.open()["form_finding/position"][1] == pytest.approx([0.25, 0.0, 0.0], abs=1e-7)
+
+
+@of_own_scene
+def test_a_case_that_yields_leaves_the_next_one_alone(workshop):
+    """Two equal cases around one under which the cables yield: equal results, to the bit."""
+    text = (
+        CABLE
+        + "yield_stress = 2e7\n[load]\ndead = 50.0\ntolerance = 1e-9\n"
+        + "".join(
+            f'[[case]]\nname = "{name}"\nset = {{"load.snow" = {snow}}}\n'
+            for name, snow in (("first", 60.0), ("heavy", 400.0), ("again", 60.0))
+        )
+    )
+    job = workshop.job(text, nodes(), ELEMENTS)
+    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False))
+    f = workshop.open()
+    of_cases = [f[f"cases/{name}/tension"][:] for name in ("first", "heavy", "again")]
+    whole = envelope_of(f, np.full(2, np.nan))
+    assert (whole.most == np.max(of_cases, axis=0)).all() and (whole.least == 0.0).all()  # as given
+    assert (f["cases/heavy/tension"][:] == 2000.0).all()  # at yield
+    for name in ("displacement", "tension"):
+        assert np.array_equal(f[f"cases/first/{name}"][:], f[f"cases/again/{name}"][:])
+
+
+def test_it_breaks_at_its_breaking_load(workshop):
+    """The strain at fracture is the breaking load over EA, where that comes before the one that is given."""
+    text = STEEL.replace("prestress = 100e3\n", "breaking_load = 300e3\n")
+    job = workshop.job(text, nodes(), ELEMENTS)
+    net = build_net(read_job(job))
+    assert net.fracture_strain == pytest.approx([300e3 / (1.95e11 * 683.08e-6)] * 2, rel=1e-14)
+
+
+def test_a_run_that_goes_on_leaves_the_last_two_checkpoints(tmp_path):
+    """And the one that it was given; none of another job."""
+    result = tmp_path / "result.vtkhdf"
+    paths = [checkpoint_path(result, "dynamics", 10 * k) for k in range(6)]
+    for k, path in enumerate(paths):
+        with h5py.File(path, "w") as file:
+            file["record"] = json.dumps({"job": "another" if k == 1 else "this"})
+    remove_older(paths[5], result, "this", paths[2])
+    assert sorted(tmp_path.iterdir()) == [paths[k] for k in (1, 2, 4, 5)]
+
+
+# --- studies
+
+
+def test_a_worker_goes_on_with_what_it_knows():
+    """Members that share all but the gusts, one after the other; another worker begins with others."""
+    values = {1: ("a", 1), 2: ("b", 1), 3: ("a", 2), 4: ("b", 2)}
+    member = lambda k: SimpleNamespace(values={"load.snow": values[k][0], "wind.seed": values[k][1]})
+    queue = Queue(SimpleNamespace(member=member), [1, 2, 3, 4])
+    first, number = queue.take(None)
+    assert number == 1 and queue.take(first) == (first, 3)
+    assert [queue.take(first)[1], queue.take(None)[1], queue.take(None)] == [2, 4, None]
+
+
+def test_a_roof_without_a_rest_is_lost_as_a_whole():
+    """Whatever it had lost when that was found; of several members of a loss the worst counts."""
+    members = {
+        "removed": np.array(["7", "7", "9"]),
+        "state": np.array(["finished", "no_rest", "finished"]),
+        "roof_lost": np.array([0.2, 0.1, 0.3]),
+        "broken": np.array([3, 1, 0]),
+    }
+    found = losses_of(SimpleNamespace(members=members, finished=members["state"] == "finished"))
+    assert found.name.tolist() == ["7", "9"] and found.roof_lost.tolist() == [1.0, 0.3]
+    assert found.no_rest.tolist() == [1, 0] and found.broken.tolist() == [3.0, 0.0]
+
+
+# --- parts of the wind
+
+
+def test_a_table_of_speeds_begins_at_its_mean():
+    """What grows in is what differs from the mean; a table that begins before time 0 may act at once."""
+    rows = [(-0.5, 10.0), (0.5, 30.0), (4.0, 18.0)]
+    of = SimpleNamespace(mean_gust=np.array([20.0]), sample=lambda k: (rows[k][0], np.array([rows[k][1]])))
+    grown, found = GrowingGusts(of, 2.0), []
+    for _ in rows:
+        found += [(t, float(u[0])) for t, u in grown.next()]
+    time, speed = np.transpose(found)
+    share = 0.5 * (1 - np.cos(np.pi * np.clip(time, 0, 2) / 2))
+    given = np.interp(time, *np.transpose(rows))
+    assert speed == pytest.approx(20.0 + share * (given - 20.0), rel=1e-12) and len(time) > 16
+    at_once = GrowingGusts(of, 0.0)
+    assert [at_once.next()[0][1][0] for _ in rows] == [10.0, 30.0, 18.0]
+
+
+def test_gusts_keep_their_variance_between_control_points():
+    """Of a gust that is interpolated, as of one at a point: the weights' product with the covariance is 1."""
+    x = np.array([[a, b, 0.0] for a in np.linspace(0, 90, 7) for b in np.linspace(0, 70, 6)])
+    settings = SimpleNamespace(
+        pressures=None, file=None, direction=20.0, control_points=9, base_height=10.0, speed=30.0,
+        profile_exponent=0.0, coherence_decay=(8.0, 10.0, 10.0), time_step=0.5, ar_order=4,
+        shape_coefficient=-1.0, air_density=1.25, turbulence=0.2, roughness=0.0, spectrum="kaimal",
+        gust_length="auto",
+    )  # fmt: skip
+    field = make_wind_field(x, np.ones(42), np.tile([0.0, 0.0, 1.0], (42, 1)), settings)
+    pairs = field.model.covariance[field.corner[:, :, None], field.corner[:, None, :]]
+    variance = np.einsum("ni,nj,nij->n", field.weight, field.weight, pairs)
+    assert variance == pytest.approx(field.model.covariance[0, 0] * np.ones(42), rel=1e-9)
+    assert (field.weight.sum(1) > 1.1).any()  # interpolation alone would lose more than that
+
+
+# --- the exchange
+
+
+def test_a_rank_may_be_one_exchange_ahead():
+    """It fills its second buffer while its neighbour, which is stopped, has not yet read the first."""
+    numbers = np.zeros(64)
+    address = np.uint64(numbers.ctypes.data)
+    none = np.zeros(0, np.uint32)
+    common = dict(numbers=numbers, to_second=8, requests=np.zeros((2, 0), HANDLE), comm=HANDLE(0))
+    ahead, behind = (
+        HaloBuffers(
+            send_index=send, send_at=8, receive_at=receive, count=np.zeros(1, np.int64),
+            own_count=own, counts=counts, found=np.zeros(1, np.int32), **common,
+        )
+        for send, receive, own, counts in (
+            (np.array([0, 1], np.uint32), np.zeros(0, np.int64), address, np.array([address])),
+            (none, np.array([8, 9]), address + np.uint64(8 * 40), np.array([address])),
+        )
+    )  # fmt: skip
+    arrived = np.zeros((2, 1))
+    for turn in range(1, 4):
+        if turn == 1:
+            exchange_rows(np.array([[1.0], [10.0]]), 2, ahead)
+        exchange_rows((turn + 1) * np.array([[1.0], [10.0]]), 2, ahead)
+        exchange_rows(arrived, 0, behind)
+        assert arrived[:, 0].tolist() == [turn, 10.0 * turn]
+
+
+@pytest.mark.skipif(IN_PLAIN_PYTHON, reason="this is what it starts")
+def test_what_has_a_scene_of_its_own_holds_in_plain_python():
+    """The tests here and in test_manufactured.py that would each be compiled for."""
+    path = os.pathsep.join([str(UNCOMPILED), ENVIRONMENT.get("PYTHONPATH", "")])
+    line = [BIN / "python", "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *OF_OWN_SCENES]
+    done = subprocess.run(
+        line, cwd=ROOT / "tests", env=ENVIRONMENT | {"PYTHONPATH": path}, capture_output=True, text=True
+    )
+    assert done.returncode == 0 and "skipped" not in done.stdout, done.stdout + done.stderr

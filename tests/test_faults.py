@@ -1,0 +1,32 @@
+"""The list of faults made by hand (faults.py) stays true to the program."""
+
+import ast
+
+import pytest
+from conftest import ROOT
+from faults import read_faults
+
+FAULTS = read_faults()
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=[fault.name for fault in FAULTS])
+def test_every_fault_still_applies(fault):
+    """Its old text stands once in its file, what it makes of that is Python, and another program."""
+    made = ast.parse(fault.edited(ROOT / "src"))
+    assert ast.dump(made) != ast.dump(ast.parse((ROOT / "src" / "netfall" / fault.file).read_text()))
+
+
+def test_every_test_of_a_quick_set_is_there():
+    """By its file and name; a case of it by its id."""
+    for test in sorted({test for fault in FAULTS for test in fault.tests}):
+        file, _, name = test.partition("::")
+        text = (ROOT / "tests" / file).read_text()
+        assert f"def {name.partition('[')[0]}(" in text if name else text, test
+
+
+def test_faults_are_spread_over_the_program():
+    """Sixty at least, each with a name of its own, from every part that computes or tells."""
+    assert len(FAULTS) >= 60 and len({fault.name for fault in FAULTS}) == len(FAULTS)
+    assert {fault.file.partition("/")[0] for fault in FAULTS} >= {
+        *("mechanics", "step", "solve", "wind", "net", "parallel", "output", "study")
+    }

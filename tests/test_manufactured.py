@@ -1,0 +1,391 @@
+"""The dynamic stage against a plain one, step by step, and against motions that were prescribed."""
+
+import contextlib
+import os
+import random
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from conftest import BIN, ENVIRONMENT, ROOT, assert_same_results, on_ranks
+from mpi4py import MPI
+from plain_step import GRAVITY, Plain
+
+from netfall.job.read import read_job
+from netfall.output.progress import Progress
+from netfall.solve.run import run_job
+
+UNCOMPILED = ROOT / "tests" / "uncompiled"
+IN_PLAIN_PYTHON = "uncompiled" in os.environ.get("PYTHONPATH", "")
+OF_OWN_SCENES = []  # ids of tests
+
+
+def of_own_scene(test):
+    """A test whose scene no other has: it runs in plain Python, sooner than the compiler would be ready."""
+    OF_OWN_SCENES.append(f"{test.__module__}.py::{test.__name__}")
+    reason = "has a scene of its own: test_changes_of_form.py runs it in plain Python"
+    return pytest.mark.skipif(not IN_PLAIN_PYTHON, reason=reason)(test)
+
+
+SIDE, SPACING = 5, 4.0  # nodes, m
+MODULUS, AREA, DENSITY = 1.0e10, 1.0e-4, 7000.0
+DT, STEPS = 2.5e-3, 130  # s
+SAFETY = 0.4
+YIELD, WEAK = 45.0e6, 5.0e6  # Pa, of cables and struts
+BREAK, BRITTLE = 0.012, 0.003  # strains, likewise
+SPEEDS = np.array([[-0.1, 22.0], [0.061, 36.0], [0.2113, 25.0], [0.2718, 2.0], [2.0, 30.0]])
+JOB = f"""
+[cable]
+modulus = {MODULUS}
+area = {AREA}
+density = {DENSITY}
+yield_stress = {YIELD}
+fracture_strain = {BREAK}
+[cable.strut]
+kind = "bar"
+yield_stress = {WEAK}
+fracture_strain = {BRITTLE}
+area = {2 * AREA}
+[load]
+self_weight = true
+dead = 30.0
+snow = 20.0
+pressure = 60.0
+ramp = 0.2
+[wind]
+onset = "sudden"
+file = "wind.csv"
+shape_coefficient = -1.1
+air_density = 1.25
+profile_exponent = 0.0
+after_fracture = "{{after}}"
+[dynamics]
+duration = {DT * STEPS}
+time_step = {DT}
+safety = {SAFETY}
+damping = 0.7
+fragment_mass = 0.5
+[output]
+history = {DT * 10}
+frames = 4
+probes = [12, [4.0, 8.0]]
+elements = [41, 3, 29]
+"""
+
+
+def make_tables():
+    """A grid in a bowl with held, sprung and half-held nodes, struts, areas, masses and loads of nodes."""
+    rng = np.random.default_rng(5)
+    i, j = (k.ravel() for k in np.meshgrid(np.arange(SIDE), np.arange(SIDE), indexing="ij"))
+    n = SIDE * SIDE
+    x = np.column_stack([SPACING * i, SPACING * j, 0.05 * (i - 2.0) ** 2 - 0.04 * (j - 2.0) ** 2])
+    x += rng.uniform(-0.2, 0.2, (n, 3))
+    edge = (i == 0) | (i == SIDE - 1) | (j == 0) | (j == SIDE - 1)
+    free = ~np.repeat(edge[:, None], 3, 1)
+    free[6] = [False, True, True]
+    sprung = np.flatnonzero(edge)[[3, 9]]
+    free[sprung] = True
+    spring = np.zeros((n, 3))
+    spring[sprung] = [2e5, 3e5, 1.5e5]
+    number = np.arange(n).reshape(SIDE, SIDE)
+    ends = [*zip(number[:-1].ravel(), number[1:].ravel())]
+    ends += [*zip(number[:, :-1].ravel(), number[:, 1:].ravel())]
+    ends = np.array([*ends, (6, 12), (12, 18), (8, 12), (12, 16)])
+    bar = np.arange(len(ends)) >= len(ends) - 4
+    length = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
+    normal = np.column_stack([rng.uniform(-0.2, 0.2, (n, 2)), np.ones(n)])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    return dict(
+        x=x,
+        free=free,
+        spring=spring,
+        ends=ends,
+        L0=length / (1.0 + np.where(bar, -4e-4, rng.uniform(-1e-3, 3e-3, len(ends)))),
+        bar=bar,
+        area=np.where(edge, 0.0, rng.uniform(12.0, 18.0, n)),
+        normal=normal,
+        carried=rng.uniform(25.0, 45.0, n),
+        load=rng.uniform(-300.0, 300.0, (n, 3)),
+    )
+
+
+def table(columns: dict) -> str:
+    """CSV text."""
+    rows = zip(*(map(str, values) for values in columns.values()))
+    return "\n".join([",".join(columns), *map(",".join, rows)]) + "\n"
+
+
+def as_files(t: dict) -> tuple[str, str]:
+    """nodes.csv and elements.csv."""
+    each = lambda name, values: {f"{name}_{k}": c.tolist() for k, c in zip("xyz", values.T)}
+    nodes = {"id": t.get("names", range(len(t["x"])))} | dict(zip("xyz", t["x"].T.tolist()))
+    nodes |= each("fixed", 1 - t["free"].astype(int)) | each("spring", t["spring"]) | each("load", t["load"])
+    nodes |= {"mass": t["carried"].tolist(), "area": t["area"].tolist()} | each("normal", t["normal"])
+    names = np.array(list(nodes["id"]))
+    elements = {"id": t.get("ids", range(len(t["ends"])))}
+    elements |= dict(zip(("start", "end"), names[t["ends"]].T.tolist())) | {
+        "unstressed_length": t["L0"].tolist()
+    }
+    return table(nodes), table(elements | {"group": np.where(t["bar"], "strut", "")})
+
+
+def plain_of(t: dict) -> Plain:
+    """The same job, by hand: what [load] and [wind] of JOB put on nodes of such areas and normals."""
+    section = np.where(t["bar"], 2.0, 1.0) * AREA
+    half = 0.5 * DENSITY * section * t["L0"]
+    own = np.bincount(t["ends"].ravel(), np.repeat(half, 2), len(t["x"]))
+    weight = 30.0 * t["area"] + 20.0 * t["area"] * t["normal"][:, 2]
+    load = t["load"].copy()
+    load[:, 2] -= weight + GRAVITY * own
+    outward = t["area"][:, None] * t["normal"]
+    return Plain(
+        x=t["x"].copy(),
+        free=t["free"],
+        mass=own + t["carried"] + weight / GRAVITY,
+        load=load,
+        growing=-60.0 * outward,
+        ramp=0.2,
+        wind=1.1 * 0.5 * 1.25 * outward,
+        speed=SPEEDS,
+        spring=t["spring"],
+        ends=t["ends"].copy(),
+        L0=t["L0"],
+        EA=MODULUS * section,
+        limit=np.where(t["bar"], WEAK, YIELD) * section,
+        eps_u=np.where(t["bar"], BRITTLE, BREAK),
+        half=half,
+        bar=t["bar"],
+        zeta=0.7,
+        stable_dt=DT / SAFETY,
+    )
+
+
+MIDDLE = 70 * DT  # s, after some fractures
+
+
+def run_here(workshop, text: str, tables: dict, name: str = "result", wind=(1.0, 1.0)):
+    """The job and its result, by this process. wind : factors of the times and speeds"""
+    rows = dict(zip(("time", "speed"), (SPEEDS * wind).T.tolist()))
+    (workshop.folder / "wind.csv").write_text(table(rows))
+    job = workshop.job(text, *as_files(tables), name=name)
+    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / f"{name}.vtkhdf", Progress(False))
+    return job, workshop.open(f"{name}.vtkhdf")
+
+
+@pytest.fixture(scope="module")
+def torn(shared_workshop):
+    """The job, and its result on one rank."""
+    return run_here(shared_workshop, JOB.format(after="particle"), make_tables())
+
+
+def test_every_step_is_the_plain_one(torn):
+    """Wind, growing pressure, springs, struts, yield, fragments: positions, velocities, events, energies.
+
+    To rounding, which the whipping of what has broken makes larger: 1e-9 of the largest of each.
+    """
+    f, plain = torn[1], plain_of(make_tables())
+    start = plain.energies(DT, 0.0)["strain"]
+    plain.run(DT, STEPS)
+    columns = (f[f"events/{name}"][:].tolist() for name in ("step", "element", "particle", "new_particle"))
+    assert list(zip(*columns)) == [event[:4] for event in plain.events]
+    close = lambda one, other: np.abs(one - other).max() <= 1e-9 * np.abs(other).max()
+    assert close(f["events/mass"][:], np.array([event[4] for event in plain.events]))
+    assert close(f["events/time"][:], DT * np.array([event[0] for event in plain.events]))
+    row = np.argsort(f["final/particle_id"][:])
+    order = np.argsort(plain.id)
+    assert f["final/particle_id"][:][row].tolist() == sorted(plain.id)
+    assert close(f["final/position"][:][row], plain.x[order])
+    end = plain.energies(DT, DT * STEPS)
+    assert close(f["final/velocity"][:][row], plain.velocity[order])
+    assert close(f["final/tension"][:], plain.axial(plain.strains()[0])[0])
+    assert close(f["final/plastic_strain"][:], plain.axial(plain.strains()[0])[1])
+    last = lambda name: f[f"history/{name}"][-1]
+    assert close(last("kinetic_energy"), end["kinetic"]) and close(
+        last("plastic_dissipation"), end["plastic"]
+    )
+    assert close(last("strain_energy"), end["strain"] - start)
+    assert close(last("external_work"), end["external"]) and close(last("damping_work"), end["damping"])
+    assert np.abs(f["history/identity_error"][:]).max() < 1e-12  # rounding
+    assert f["envelope/slack_time"][:] == pytest.approx(10 * DT * np.sum(plain.slack[1:], axis=0), abs=1e-12)
+    assert f["VTKHDF/Steps/Values"][:] == pytest.approx(DT * STEPS * np.linspace(0, 1, 5), abs=DT)
+    # the step's own error; what yields alone is 7 %
+    assert np.abs(f["history/balance_error"][:]).max() < 0.02
+    assert last("plastic_dissipation") > 0.05 * last("external_work")
+    # what the case is to have: each kind of event, and slack
+    assert len(plain.events) > 3 and (plain.eps_p < 0).any() and last("slack") > 3
+    for k, e in enumerate(f["history/element"][:]):
+        assert f["history/element_tension"][-1, k] == f["final/tension"][e]
+    moved = f["final/position"][:] - f["net/particles"][:][f["final/particle_id"][:] % SIDE**2]
+    at = [row[p] for p in f["history/probe_particle"][:]]
+    assert (f["history/probe_displacement"][-1] == moved[at]).all() and len(at) == 2
+
+
+@of_own_scene
+@pytest.mark.parametrize("after, fragments", [("all", True), ("none", False)])
+def test_what_becomes_of_the_wind_is_the_plain_one(workshop, after, fragments):
+    """All of it ends with the first fracture; or none of it with any, and what breaks is taken out."""
+    plain = plain_of(make_tables())
+    plain.after, plain.fragments = after, fragments
+    text = JOB.format(after=after).replace("[dynamics]", f"[dynamics]\nfragments = {str(fragments).lower()}")
+    f = run_here(workshop, text, make_tables())[1]
+    plain.run(DT, STEPS)
+    assert fragments or any(plain.bar[event[1]] for event in plain.events)
+    columns = (f[f"events/{name}"][:].tolist() for name in ("step", "element", "particle", "new_particle"))
+    assert list(zip(*columns)) == [event[:4] for event in plain.events] and plain.events
+    position = f["final/position"][:][np.argsort(f["final/particle_id"][:])]
+    assert np.abs(position - plain.x[np.argsort(plain.id)]).max() <= 1e-9 * np.abs(plain.x).max()
+    heat = plain.energies(DT, DT * STEPS)["plastic"]
+    assert f["history/plastic_dissipation"][-1] == pytest.approx(heat, rel=1e-9)
+
+
+def test_two_ranks_and_a_restart_give_its_bits(torn, shared_workshop):
+    """Cut through what breaks and yields; then from its checkpoint."""
+    job, one = torn
+    more = "--set", f"output.checkpoint={MIDDLE}"
+    with shared_workshop.run(job, *more, ranks=2, output="two.vtkhdf") as two:
+        assert_same_results(one, two)
+    (checkpoint,) = shared_workshop.folder.glob("two.checkpoint*")
+    with h5py.File(checkpoint) as kept:  # each particle knows how many elements are left at it
+        ends, n = kept["elements/ends"][:].astype(int), SIDE**2
+        rows = np.where(ends < n, ends, n + np.searchsorted(np.sort(ends[ends >= n]), ends))
+        assert kept["particles/valence"][:].ravel().tolist() == np.bincount(rows.ravel()).tolist()
+    again = shared_workshop.run(job, *more, "--restart", checkpoint, ranks=2, output="again.vtkhdf")
+    assert_same_results(one, again)
+    assert 3 < one["history/broken"][int(MIDDLE / (10 * DT))] < one["history/broken"][-1]
+
+
+@pytest.mark.skipif(IN_PLAIN_PYTHON, reason="nothing is compiled")
+def test_compiled_code_gives_the_bits_of_plain_python(torn, shared_workshop):
+    """The same functions without the compiler, by Python's own arithmetic and the C library's fma."""
+    job, compiled = torn
+    path = os.pathsep.join([str(UNCOMPILED), os.environ.get("PYTHONPATH", "")])
+    environment = {"PYTHONPATH": path}
+    with shared_workshop.run(job, output="plain.vtkhdf", environment=environment) as plain:
+        assert_same_results(compiled, plain)
+
+
+# --- motions that were prescribed
+
+TAPPED = """
+[cable]
+modulus = 1e10
+area = 1e-4
+density = 5000.0
+strain = "logarithmic"
+[wind]
+taps = "taps.csv"
+pressures = "pressures.csv"
+onset = "sudden"
+[dynamics]
+duration = {T}
+time_step = {dt}
+damping = 0.6
+[output]
+history = {T}
+probes = [2, 3]
+"""
+HALF_LINE = (
+    "id,x,y,z,fixed_x,fixed_y,fixed_z,mass,area,normal_x,normal_y,normal_z\n"
+    "1,-4,0,0,1,1,1,0,,,,\n2,0,0,0,1,1,0,30,4,0,0,1\n3,4,0,0,1,1,0,50,5,0,0,1\n4,8,0,0,1,1,1,0,,,,\n"
+)
+RELAXED, SPAN, PERIOD = 3.99, 4.0, 1.2  # m, m, s
+MASS = np.array([30.0, 50.0]) + 5000.0 * 1e-4 * RELAXED
+SURFACE = np.array([4.0, 5.0])
+
+
+def prescribed(t):
+    """Height, velocity and acceleration (2, t) of the two nodes, from rest."""
+    size, rate = np.array([[0.3], [-0.2]]), np.array([[3.0], [5.0]])
+    return size * (1 - np.cos(rate * t)), size * rate * np.sin(rate * t), size * rate**2 * np.cos(rate * t)
+
+
+def pressures_for(t):
+    """Pressures (2, t) [N/m2] on the two nodes that make them move so: -A p = M (z'' + zeta z') - f(z)."""
+    z, v, a = prescribed(t)
+    rise = np.diff(np.vstack([0 * t, z, 0 * t]), axis=0)
+    L = np.hypot(SPAN, rise)
+    pull = 1e6 * np.log(L / RELAXED) * rise / L
+    return -(MASS[:, None] * (a + 0.6 * v) - np.diff(pull, axis=0)) / SURFACE[:, None]
+
+
+@of_own_scene
+def test_a_prescribed_motion_is_met_at_second_order(workshop):
+    """By tapped pressures at each step, with damping and the logarithmic strain: positions and works."""
+    (workshop.folder / "taps.csv").write_text("name,x,y\nA,0,0\nB,4,0\n")
+    own = np.array([1e6, 1 / 16]) / (1e6 + 1 / 16)  # weights of both taps at a node: 1 / d^2, d at least 1 mm
+    weights = np.array([own, own[::-1]])
+    fine = np.linspace(0.0, PERIOD, 20001)
+    z, v, _ = prescribed(fine)
+    power = -SURFACE[:, None] * pressures_for(fine) * v
+    exact = {
+        "external_work": np.trapezoid(power.sum(0), fine),
+        "damping_work": np.trapezoid(0.6 * (MASS[:, None] * v**2).sum(0), fine),
+        "kinetic_energy": 0.5 * (MASS * v[:, -1] ** 2).sum(),
+    }
+    errors = []
+    for steps in (150, 300, 600):
+        t = np.linspace(0.0, PERIOD, steps + 1)
+        at_taps = np.linalg.solve(weights, pressures_for(t))
+        columns = {"time": t.tolist(), "A": at_taps[0].tolist(), "B": at_taps[1].tolist()}
+        (workshop.folder / "pressures.csv").write_text(table(columns))
+        text = TAPPED.format(T=PERIOD, dt=PERIOD / steps)
+        name = f"steps-{steps}"
+        job = workshop.job(text, HALF_LINE, "start,end,unstressed_length\n" + "".join(
+            f"{k},{k + 1},{RELAXED}\n" for k in (1, 2, 3)), name=name)  # fmt: skip
+        run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / f"{name}.vtkhdf", Progress(False))
+        f = workshop.open(f"{name}.vtkhdf")
+        off = f["history/probe_displacement"][-1, :, 2] - z[:, -1]
+        errors.append([*off, *(f[f"history/{name}"][-1] - value for name, value in exact.items())])
+        errors[-1].append(f["history/balance_error"][-1])
+    errors = np.abs(errors)
+    order = np.log2(errors[:-1] / errors[1:])
+    assert order[1] == pytest.approx(2.0, abs=0.1), (errors, order)
+    assert errors[-1, :2].max() < 1e-4  # m, of 0.6 m
+
+
+@pytest.mark.long
+@pytest.mark.processes
+@pytest.mark.parametrize("seed", range(3))
+def test_ranks_that_are_stopped_at_random_change_no_bit(workshop, seed):
+    """Three ranks with shared memory, each stopped and continued again and again while the others go on."""
+    run_long = JOB.format(after="particle").replace(f"duration = {DT * STEPS}", "duration = 10.0")
+    run_long = run_long.replace(f"history = {DT * 10}", "history = 5.0")
+    (workshop.folder / "wind.csv").write_text("time,speed\n-0.1,22.0\n0.06,36.0\n0.2,25.0\n70.0,12.0\n")
+    job = workshop.job(run_long, *as_files(make_tables()))
+    one = workshop.run(job, output="one.vtkhdf")
+    line = [*on_ranks(3), BIN / "netfall", "run", job, "-o", workshop.folder / "three.vtkhdf"]
+    process = subprocess.Popen(line, env=ENVIRONMENT, stdout=subprocess.DEVNULL, stdin=subprocess.DEVNULL)
+    choose, stops = random.Random(seed), 0
+    while process.poll() is None:
+        ranks = [pid for pid in children_of(process.pid) if b"netfall" in command_of(pid)]
+        time.sleep(choose.uniform(0.0, 0.02))
+        if len(ranks) < 3:
+            continue
+        with contextlib.suppress(ProcessLookupError):
+            stopped = choose.choice(ranks)
+            os.kill(stopped, signal.SIGSTOP)
+            time.sleep(choose.uniform(0.0, 0.03))
+            os.kill(stopped, signal.SIGCONT)
+            stops += 1
+    assert process.returncode == 0 and stops > 5
+    assert_same_results(one, workshop.open("three.vtkhdf"))
+
+
+def children_of(pid: int) -> list[int]:
+    """Processes that a process has started."""
+    try:
+        return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    except OSError:
+        return []
+
+
+def command_of(pid: int) -> bytes:
+    """The command line of a process."""
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return b""
