@@ -42,7 +42,7 @@ def plain_compile(module):
 
 
 def plain_arithmetic(module):
-    """The intrinsic functions of mechanics/arithmetic.py."""
+    """The intrinsic functions of arithmetic.py."""
     import numpy as np
 
     def like(sample, number):
@@ -72,7 +72,7 @@ def plain_symbols(module):
 
 PLAIN = {
     "netfall.compile": plain_compile,
-    "netfall.mechanics.arithmetic": plain_arithmetic,
+    "netfall.arithmetic": plain_arithmetic,
     "netfall.parallel.mpi_symbols": plain_symbols,
 }
 
