@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.mechanics.events import Event
-from netfall.mechanics.material import axial_force, stored_energy, strain, strains, yield_energy
+from netfall.mechanics.material import energies_at, strains
 from netfall.mechanics.stability import ROUNDING, fragment_mass
 from netfall.mechanics.state import State
 
@@ -140,13 +140,12 @@ def dissipate(state: State, e: int, dt: float) -> None:
     """Count what is stored in element e as dissipated: up to half a drift ago, where its forces worked."""
     elements, law = state.elements, state.law
     L = _length_before(state, e, 0.5 * dt)
-    eps = strain.py_func(L, elements.L0[e], law)
-    eps_p = 0.0 if state.eps_p is None else state.eps_p[e]
-    N, now = axial_force.py_func(elements, e, eps, eps_p)
-    if state.yield_force is not None and now != eps_p:  # of what cannot yield it is not a number
-        state.dissipated[e] += yield_energy.py_func(elements, e, eps_p, now, law)
+    eps_p = 0.0 if state.eps_p is None else float(state.eps_p[e])
+    now, heat, stored = energies_at(elements, e, float(L), eps_p, law)
+    if state.eps_p is not None:
+        state.dissipated[e] += heat
         state.eps_p[e] = now
-    state.dissipated[e] += stored_energy.py_func(elements, e, N, now, law)
+    state.dissipated[e] += stored
 
 
 def _strain_before(state: State, e: int, dt: float) -> float:

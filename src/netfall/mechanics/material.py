@@ -103,6 +103,16 @@ def yield_energy(elements, e, eps_p, eps_p_new, law):
     return limit * L0 * abs(eps_p_new - eps_p)
 
 
+@kernel
+def energies_at(elements, e, L, eps_p, law):
+    """Plastic strain of element e at length L [m]; what yield to it turns to heat, and what is stored [J]."""
+    N, now = axial_force(elements, e, strain(L, elements.L0[e], law), eps_p)
+    heat = 0.0
+    if elements.yield_force is not None and now != eps_p:
+        heat = yield_energy(elements, e, eps_p, now, law)
+    return now, heat, stored_energy(elements, e, N, now, law)
+
+
 # --- arrays of elements
 
 
