@@ -49,7 +49,10 @@ def test_oscillator_converges_at_second_order(workshop, damping):
     assert np.allclose(np.divide(errors[:-1], errors[1:]), 4.0, rtol=0.05)
 
 
-@pytest.mark.parametrize("strain, fragments", [("engineering", "true"), ("logarithmic", "false")])
+@pytest.mark.parametrize(
+    "strain, fragments",
+    [("engineering", "true"), pytest.param("logarithmic", "false", marks=pytest.mark.long)],
+)
 def test_plastic_oscillation_balances(workshop, strain, fragments):
     """A weight dropped on a cable makes it yield:
     stored energy, dissipation and external work balance for both measures. Nothing comes near to breaking.

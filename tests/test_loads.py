@@ -114,7 +114,9 @@ def test_a_spring_begins_with_the_reaction_of_the_form_and_shares_what_follows(b
     assert sorted(at_both) == pytest.approx([0.0, 0.0, 3000.0], abs=1e-5)
 
 
-@pytest.mark.parametrize("precision", ["double", pytest.param("mixed", marks=pytest.mark.long), "single"])
+@pytest.mark.parametrize(
+    "precision", ["double", *(pytest.param(each, marks=pytest.mark.long) for each in ("mixed", "single"))]
+)
 def test_a_mass_on_a_spring_and_a_cable_swings_with_their_stiffness(both_ways, precision):
     """A step load of 3 kN: u = u_s (1 - cos omega t), omega^2 = (k + EA / L0) / m; the energies balance."""
     k, unstressed = 4e5, 5.0 / (1.0 + 20e3 / EA)

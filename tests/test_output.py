@@ -359,14 +359,6 @@ def test_shipped_jobs_are_valid_and_described(name):
         assert words in done.stdout, words
 
 
-@pytest.mark.parametrize("name", ["saddle", "stadium"])
-def test_shipped_jobs_run_shortened(workshop, name):
-    """The shipped jobs, cut to their beginning, run on two ranks."""
-    f = workshop.run(ROOT / "jobs" / f"{name}.toml", "--set", "dynamics.duration=0.05", ranks=2)
-    assert f["provenance"].attrs["partition"].startswith(("METIS", "partitions/"))
-    assert np.abs(f["history/identity_error"][:]).max() < 1e-10
-
-
 def test_progress_is_plain_lines_when_nobody_watches(workshop):
     """No carriage returns in a log; quiet prints nothing;
     the lines tell percent, time, rate, slack and broken counts.

@@ -47,7 +47,7 @@ def collapse_on_one_rank(shared_workshop):
     return job, shared_workshop.run(job, output="one.vtkhdf")
 
 
-@pytest.mark.parametrize("ranks", [2, 3, pytest.param(4, marks=pytest.mark.long)])
+@pytest.mark.parametrize("ranks", [3, *(pytest.param(n, marks=pytest.mark.long) for n in (2, 4))])
 def test_collapse_is_the_same_on_any_number_of_ranks(shared_workshop, collapse_on_one_rank, ranks):
     """Every dataset but /provenance to the last bit, events included."""
     job, one = collapse_on_one_rank
@@ -57,7 +57,7 @@ def test_collapse_is_the_same_on_any_number_of_ranks(shared_workshop, collapse_o
     assert other["provenance"].attrs["ranks"] == ranks
 
 
-@pytest.mark.parametrize("ranks, per_node", [(2, 1), (3, 2)])
+@pytest.mark.parametrize("ranks, per_node", [pytest.param(2, 1, marks=pytest.mark.long), (3, 2)])
 def test_messages_and_shared_memory_give_the_same_bits(
     shared_workshop, collapse_on_one_rank, ranks, per_node
 ):
@@ -101,7 +101,7 @@ def test_other_choices_after_fracture_on_three_ranks(shared_workshop, after):
     assert_same_results(*files)
 
 
-@pytest.mark.parametrize("ranks", [3, 5])
+@pytest.mark.parametrize("ranks", [3, pytest.param(5, marks=pytest.mark.long)])
 def test_more_ranks_than_free_particles(workshop, ranks):
     """Ranks that own one particle, or nothing:
     a single cable and a small net, with fracture, on up to five ranks.

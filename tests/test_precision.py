@@ -13,7 +13,7 @@ from test_restart import SLOW
 LOST = {"mixed": 1e-4, "single": 1e-4}  # of the largest displacement or tension, while cables are taut
 
 
-@pytest.mark.parametrize("precision", LOST)
+@pytest.mark.parametrize("precision", ["mixed", pytest.param("single", marks=pytest.mark.long)])
 def test_collapse_is_the_same_on_three_ranks(workshop, precision):
     """Fractures, yield, wind and static load; the audits hold as far as the numbers reach."""
     keys = ["--set", "dynamics.duration=1.0", "--set", f"dynamics.precision={precision}"]

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 
+import h5py
 import llvmlite.binding
 import numpy as np
 import pytest
@@ -24,6 +25,9 @@ def test_shipped_jobs_have_the_bits_that_they_had(name, tmp_path):
     done = run_on_standing_ranks("run", JOBS[name], "-o", result, "--quiet", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert digest(result) == kept()[name], CHANGED.format(name)
+    with h5py.File(result) as f:
+        if "history" in f:
+            assert np.abs(f["history/identity_error"][:]).max() < 1e-10  # of the energy that took part
 
 
 @pytest.mark.long

@@ -156,6 +156,7 @@ def test_it_rests_in_the_mean_wind_and_its_modes_are_about_that(shipped):
     assert f["modes/damping_ratio"][:] == pytest.approx(ratio, rel=1e-14)
 
 
+@pytest.mark.long
 def test_the_same_bits_on_two_ranks_and_through_a_restart(shipped, shared_workshop):
     """All datasets, the modes included, which a run that is taken up does not compute again."""
     job = ROOT / "jobs" / "wheel.toml"

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
+from netfall.arithmetic import fused
 from netfall.compile import kernel, part_of_kernel
 
 TAG = 31
@@ -83,14 +84,14 @@ def _by_owner(ghosts: np.ndarray, owner: np.ndarray) -> dict[int, np.ndarray]:
 @kernel
 def multiply_rows(start, column, block, x, y):
     """y (rows, 3) = blocks times x (columns, 3)."""
-    for i in range(start.shape[0] - 1):
+    for i in range(np.uint64(start.shape[0] - 1)):
         a, b, c = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-        for k in range(start[i], start[i + 1]):
-            j = column[k]
+        for k in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            j = np.uint64(column[k])
             u, v, w = x[j, 0], x[j, 1], x[j, 2]
-            a += block[k, 0] * u + block[k, 1] * v + block[k, 2] * w
-            b += block[k, 3] * u + block[k, 4] * v + block[k, 5] * w
-            c += block[k, 6] * u + block[k, 7] * v + block[k, 8] * w
+            a = fused(block[k, 2], w, fused(block[k, 1], v, fused(block[k, 0], u, a)))
+            b = fused(block[k, 5], w, fused(block[k, 4], v, fused(block[k, 3], u, b)))
+            c = fused(block[k, 8], w, fused(block[k, 7], v, fused(block[k, 6], u, c)))
         y[i, 0], y[i, 1], y[i, 2] = a, b, c
 
 
@@ -102,9 +103,9 @@ def add_step(i, inverse, r, s, t, scale, keep, step):
     """
     a, b, c = inverse[i, 0], inverse[i, 1], inverse[i, 2]
     d, e, f = inverse[i, 3], inverse[i, 4], inverse[i, 5]
-    step[i, 0] = keep * step[i, 0] + scale * (a * r + b * s + c * t)
-    step[i, 1] = keep * step[i, 1] + scale * (b * r + d * s + e * t)
-    step[i, 2] = keep * step[i, 2] + scale * (c * r + e * s + f * t)
+    step[i, 0] = fused(scale, fused(c, t, fused(b, s, a * r)), keep * step[i, 0])
+    step[i, 1] = fused(scale, fused(e, t, fused(d, s, b * r)), keep * step[i, 1])
+    step[i, 2] = fused(scale, fused(f, t, fused(e, s, c * r)), keep * step[i, 2])
 
 
 @kernel
@@ -118,14 +119,14 @@ def first_step(inverse, b, scale, step):
 @kernel
 def step_rows(start, column, block, inverse, b, x, scale, keep, step):
     """step = keep step + scale inverse (b - blocks times x). All (rows, 3); inverse : as in `add_step`"""
-    for i in range(start.shape[0] - 1):
+    for i in range(np.uint64(start.shape[0] - 1)):
         r, s, t = b[i, 0], b[i, 1], b[i, 2]
-        for k in range(start[i], start[i + 1]):
-            j = column[k]
+        for k in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            j = np.uint64(column[k])
             u, v, w = x[j, 0], x[j, 1], x[j, 2]
-            r -= block[k, 0] * u + block[k, 1] * v + block[k, 2] * w
-            s -= block[k, 3] * u + block[k, 4] * v + block[k, 5] * w
-            t -= block[k, 6] * u + block[k, 7] * v + block[k, 8] * w
+            r = fused(-block[k, 2], w, fused(-block[k, 1], v, fused(-block[k, 0], u, r)))
+            s = fused(-block[k, 5], w, fused(-block[k, 4], v, fused(-block[k, 3], u, s)))
+            t = fused(-block[k, 8], w, fused(-block[k, 7], v, fused(-block[k, 6], u, t)))
         add_step(i, inverse, r, s, t, scale, keep, step)
 
 

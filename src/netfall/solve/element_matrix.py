@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.arithmetic import fused
 from netfall.compile import kernel, part_of_kernel
 from netfall.parallel.blocks import add_step
 from netfall.parallel.halo import Halo
@@ -39,14 +40,14 @@ def _answer(i, rows, x):
         a = rows.support[i, 0] * x[i, 0]
         b = rows.support[i, 1] * x[i, 1]
         c = rows.support[i, 2] * x[i, 2]
-    for k in range(start[i], start[i + 1]):
-        j = other[k]
+    for k in range(np.uint64(start[i]), np.uint64(start[i + 1])):  # unsigned: no index counts from the end
+        j = np.uint64(other[k])
         u, v, w = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1], x[i, 2] - x[j, 2]
         dx, dy, dz, across = element[k, 0], element[k, 1], element[k, 2], element[k, 4]
-        along = element[k, 3] * (dx * u + dy * v + dz * w)
-        a += along * dx + across * u
-        b += along * dy + across * v
-        c += along * dz + across * w
+        along = element[k, 3] * fused(dz, w, fused(dy, v, dx * u))
+        a = fused(across, u, fused(along, dx, a))
+        b = fused(across, v, fused(along, dy, b))
+        c = fused(across, w, fused(along, dz, c))
     none = np.float32(0.0)
     return a if free[i, 0] else none, b if free[i, 1] else none, c if free[i, 2] else none
 
@@ -54,14 +55,14 @@ def _answer(i, rows, x):
 @kernel
 def multiply_elements(rows, x, y):
     """y (n_owned, 3) = matrix times x (n, 3)."""
-    for i in range(y.shape[0]):
+    for i in range(np.uint64(y.shape[0])):
         y[i, 0], y[i, 1], y[i, 2] = _answer(i, rows, x)
 
 
 @kernel
 def step_elements(rows, inverse, b, x, scale, keep, step):
     """step = keep step + scale inverse (b - matrix times x). All (n_owned, 3); inverse : of `add_step`"""
-    for i in range(step.shape[0]):
+    for i in range(np.uint64(step.shape[0])):
         r, s, t = _answer(i, rows, x)
         add_step(i, inverse, b[i, 0] - r, b[i, 1] - s, b[i, 2] - t, scale, keep, step)
 
