@@ -32,14 +32,11 @@ class Rows(NamedTuple):
 
 
 @part_of_kernel
-def _answer(i, rows, x):
-    """What row i of the matrix makes of x (n, 3), as three numbers."""
-    start, other, element, free = rows.start, rows.other, rows.element, rows.free
+def _answer(i, start, other, element, support, free, x):
+    """What row i of the matrix makes of x (n, 3), as three numbers; the others are of `Rows`."""
     a = b = c = np.float32(0.0)
-    if rows.support is not None:
-        a = rows.support[i, 0] * x[i, 0]
-        b = rows.support[i, 1] * x[i, 1]
-        c = rows.support[i, 2] * x[i, 2]
+    if support is not None:
+        a, b, c = support[i, 0] * x[i, 0], support[i, 1] * x[i, 1], support[i, 2] * x[i, 2]
     for k in range(np.uint64(start[i]), np.uint64(start[i + 1])):  # unsigned: no index counts from the end
         j = np.uint64(other[k])
         u, v, w = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1], x[i, 2] - x[j, 2]
@@ -53,17 +50,17 @@ def _answer(i, rows, x):
 
 
 @kernel
-def multiply_elements(rows, x, y):
+def multiply_elements(start, other, element, support, free, x, y):
     """y (n_owned, 3) = matrix times x (n, 3)."""
     for i in range(np.uint64(y.shape[0])):
-        y[i, 0], y[i, 1], y[i, 2] = _answer(i, rows, x)
+        y[i, 0], y[i, 1], y[i, 2] = _answer(i, start, other, element, support, free, x)
 
 
 @kernel
-def step_elements(rows, inverse, b, x, scale, keep, step):
+def step_elements(start, other, element, support, free, inverse, b, x, scale, keep, step):
     """step = keep step + scale inverse (b - matrix times x). All (n_owned, 3); inverse : of `add_step`"""
     for i in range(np.uint64(step.shape[0])):
-        r, s, t = _answer(i, rows, x)
+        r, s, t = _answer(i, start, other, element, support, free, x)
         add_step(i, inverse, b[i, 0] - r, b[i, 1] - s, b[i, 2] - t, scale, keep, step)
 
 
@@ -103,11 +100,11 @@ class ElementMatrix:
     def __call__(self) -> np.ndarray:
         """The rows of the product with `own`, in an array that the next call overwrites. Collective."""
         self.halo.update(self.x)
-        multiply_elements(self.rows, self.x, self.y)
+        multiply_elements(*self.rows, self.x, self.y)
         return self.y
 
     def take_step(self, b: np.ndarray, inverse: np.ndarray, scale, keep, step: np.ndarray) -> None:
         """step = keep step + scale inverse (b - product with `own`), and add it to `own`. Collective."""
         self.halo.update(self.x)
-        step_elements(self.rows, inverse, b, self.x, scale, keep, step)
+        step_elements(*self.rows, inverse, b, self.x, scale, keep, step)
         self.own += step
