@@ -27,7 +27,7 @@ DIGESTS = Path(__file__).with_name("digests.toml")
 JOBS = {path.stem: path for path in sorted((ROOT / "jobs").glob("*.toml"))}
 LEFT_OUT = ("provenance", "modes")
 LIKE = {
-    "numpy without AVX2": {"NPY_DISABLE_CPU_FEATURES": "X86_V3"},
+    "numpy without AVX2": {"NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR"},
     "OpenBLAS for Nehalem": {"OPENBLAS_CORETYPE": "Nehalem"},
     "OpenBLAS for Haswell": {"OPENBLAS_CORETYPE": "Haswell"},
     "C library without AVX2 and FMA": {
