@@ -8,14 +8,21 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from netfall.errors import InputError
 from netfall.job.schema import SECTIONS
-from netfall.wind.autoregressive import GustRecursion, fit_gust_model
+from netfall.wind.autoregressive import GustRecursion, fit_gust_model, root_of
 from netfall.wind.coherence import along_wind, davenport_coherence
 from netfall.wind.field import make_wind_field
 from netfall.wind.spectra import KARMAN, SHAPES, gust_of
 
 DECAY = (8.0, 16.0, 10.0)
 POINTS = np.array([[x, y, 0.0] for x in (-30.0, -10.0, 10.0, 30.0) for y in (0.0, 15.0, 30.0)])
+
+
+def test_a_covariance_that_is_none_is_refused():
+    """Two points whose gusts are more than alike."""
+    with pytest.raises(InputError, match="control_points"):
+        root_of(np.array([[1.0, 2.0], [2.0, 1.0]]))
 
 
 def settings(**given):

@@ -41,7 +41,7 @@ PACKAGES = {
     ],
     "llvmlite": ["compile", "arithmetic", "parallel.mpi_symbols"],
     "scipy": [
-        *("solve.form_finding", "solve.modes", "solve.aggregation", "solve.multilevel", "solve.tangent"),
+        *("solve.modes", "solve.aggregation", "solve.multilevel", "solve.tangent"),
         "study.draws",
         *("exchange.join", "exchange.faults"),
     ],

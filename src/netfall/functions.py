@@ -37,8 +37,9 @@ def exp(x: np.ndarray) -> np.ndarray:
 
 
 def log(x: np.ndarray) -> np.ndarray:
-    """The natural logarithm of x > 0."""
-    share, power = np.frexp(np.asarray(x, float))
+    """The natural logarithm of x > 0; of 0 minus infinity, of what is less no number."""
+    x = np.asarray(x, float)
+    share, power = np.frexp(x)
     small = share < SQRT_HALF
     share, power = np.where(small, 2.0 * share, share), power - small
     f = share - 1.0
@@ -47,7 +48,8 @@ def log(x: np.ndarray) -> np.ndarray:
     for k in range(TERMS - 2, 0, -1):
         total = (total + 1.0 / (2 * k + 1)) * square
     # ln share = 2 artanh s = f - s (f - 2 total): its first term is exact
-    return power * LN2_HIGH + (f - (s * (f - 2.0 * total) - power * LN2_LOW))
+    found = power * LN2_HIGH + (f - (s * (f - 2.0 * total) - power * LN2_LOW))
+    return np.where(x > 0.0, found, np.where(x == 0.0, -np.inf, np.nan))
 
 
 def log1p(x: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from netfall.errors import InputError
 from netfall.functions import cos, geometric, log, sin
 from netfall.linear import eliminate, factorised, product, solve_columns
 from netfall.wind.coherence import davenport_coherence
@@ -89,25 +90,35 @@ def yule_walker(R: np.ndarray, known: np.ndarray, lags: np.ndarray) -> tuple[np.
     matrix = R[between].transpose(0, 2, 1, 3).reshape(p * c, p * c)
     right = R[np.searchsorted(known, lags)].reshape(p * c, c)
     stacked, predicted = right.copy(), np.empty((c, c))  # (p c, c): Psi_j^T one below the other
-    factorised(matrix)
+    factorise(matrix)
     solve_columns(matrix, stacked)
     product(np.ascontiguousarray(right.T), stacked, predicted)
     sigma = R[0] - predicted
     return stacked.reshape(p, c, c).transpose(0, 2, 1), 0.5 * (sigma + sigma.T)
 
 
+def factorise(matrix: np.ndarray) -> None:
+    """Cholesky's factor, in place, as of `linear.factorised`. Raises InputError where there is none."""
+    if factorised(matrix):
+        raise InputError(
+            "[wind] the equations of the gusts are singular to rounding; expected fewer control_points, "
+            "a lower ar_order or a longer time_step"
+        )
+
+
 def root_of(sigma: np.ndarray) -> np.ndarray:
     """Cholesky's factor (c, c), lower, of a covariance."""
     upper = sigma.copy()
-    factorised(upper)
+    factorise(upper)
     return np.triu(upper).T
 
 
 def model_spectrum(n: np.ndarray, lags, psi, sigma, dt: float) -> np.ndarray:
     """One-sided spectra (f,) [m2/s2/Hz] of an AR model, mean over its points, at frequencies n (f,) [Hz]."""
     root, total = root_of(sigma).astype(complex), np.empty(len(n))
-    for k, phase in enumerate(2.0 * np.pi * dt * np.multiply.outer(n, lags)):
-        wave = cos(phase) - 1j * sin(phase)
+    phase = 2.0 * np.pi * dt * np.multiply.outer(n, lags)
+    waves = cos(phase) - 1j * sin(phase)
+    for k, wave in enumerate(waves):
         left = np.eye(len(sigma)) - np.add.reduce(wave[:, None, None] * psi, axis=0)
         response = root.copy()
         eliminate(left, response)
