@@ -2,9 +2,19 @@
 Its forms: test_validation_statics.py.
 """
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from conftest import STEEL
+from conftest import STEEL, StopAfter
+from mpi4py import MPI
+
+from netfall.errors import Interrupted
+from netfall.job.read import read_job
+from netfall.solve import large_form
+from netfall.solve.newton import NotFound
+from netfall.solve.setup import prepare
+from netfall.timings import Phases
 
 
 @pytest.mark.parametrize("start", ["given", "force_density"])
@@ -60,3 +70,65 @@ def test_a_subdivided_net_has_the_form_of_the_net_as_given(both_ways):
     L = np.linalg.norm(x[elements[:, 1]] - x[elements[:, 0]], axis=1).reshape(-1, 40)
     assert np.ptp(L, axis=1).max() < 1e-13 * L.max() * 40  # rounding of places, some 10 m
     assert parts["form_finding/residual_real_material"][()] < 1.1e-9  # as asked, in the divided net too
+
+
+JOBS = Path(__file__).resolve().parents[1] / "jobs"
+NEVER_LARGE = 10**9
+
+
+@pytest.fixture
+def form_of(monkeypatch):
+    """The form of a job: as of a net that is large from so many particles on; options : of `prepare`."""
+
+    def find(job, large, *settings, **options):
+        monkeypatch.setattr(large_form, "LARGE", large)
+        job = read_job(JOBS / f"{job}.toml", list(settings))
+        return prepare(MPI.COMM_SELF, job, Phases(), **options).form
+
+    return find
+
+
+@pytest.mark.parametrize("job", ["stadium", "stadium_whole", "ring"])
+def test_newton_s_method_finds_the_form_that_relaxation_finds(form_of, job):
+    """Flat at the start. Relaxed to 1e-10 of the prestress it is right to some 1e-7 of the net's extent:
+    a residual of 1e-10 T over the net's 50 spacings, squared.
+    """
+    settings = "form_finding.modulus_factor=1e-3", "form_finding.tolerance=1e-10"
+    relaxed, found = form_of(job, NEVER_LARGE, *settings), form_of(job, 0, *settings)
+    assert found.iterations < 100 < relaxed.iterations
+    assert np.abs(found.x - relaxed.x).max() < 1e-7 * np.ptp(relaxed.x)
+    assert np.abs(found.N - relaxed.N).max() < 1e-7 * relaxed.N.max()
+    assert found.residual <= 1e-10 * found.reference
+
+
+def test_what_newton_s_method_does_not_find_is_relaxed(form_of, monkeypatch):
+    """At constant tension, and where it gives up on the way: the bits of relaxation alone."""
+
+    def give_up(newton, *_):
+        newton.net.x[:] += 1.0
+        raise NotFound
+
+    monkeypatch.setattr(large_form.Newton, "find", give_up)
+    for factor in 0, 1e-3:
+        settings = f"form_finding.modulus_factor={factor}"
+        relaxed, found = form_of("ring", NEVER_LARGE, settings), form_of("ring", 0, settings)
+        assert np.array_equal(relaxed.x, found.x) and relaxed.iterations == found.iterations
+
+
+def test_the_form_of_a_large_net_has_the_same_bits_on_any_ranks(shared_workshop):
+    """A saddle of 10,305 particles; with one rank's bits on three."""
+    job = f'[net]\ngenerator = "saddle"\ncells = 100\n{STEEL}[form_finding]\n'
+    job = shared_workshop.job(job, name="large")
+    one = shared_workshop.run(job, output="one.vtkhdf")["form_finding"]
+    three = shared_workshop.run(job, ranks=3, output="three.vtkhdf")["form_finding"]
+    assert len(one["position"]) >= large_form.LARGE and one["iterations"][()] < 100
+    assert all(np.array_equal(one[name][()], three[name][()]) for name in one)
+
+
+def test_the_form_of_a_large_net_can_be_interrupted(form_of, tmp_path):
+    """A run asked to stop between two corrections leaves a checkpoint that begins anew, to the same bits."""
+    net = "ring", 0, "form_finding.modulus_factor=1e-3"
+    with pytest.raises(Interrupted, match="in form finding, iteration 0") as stopped:
+        form_of(*net, stop=StopAfter(1), result=tmp_path / "result.vtkhdf")
+    checkpoint = Path(str(stopped.value).split("--restart ")[1])
+    assert np.array_equal(form_of(*net, restart=checkpoint).x, form_of(*net).x)

@@ -17,7 +17,7 @@ from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
 from netfall.solve.multilevel import Cycle
 from netfall.solve.newton import Newton, NotFound, Stopped
-from netfall.solve.relaxation import Paused, Relaxation, net_of, relax
+from netfall.solve.relaxation import Paused, Relaxation, net_of, not_begun, relax
 from netfall.solve.tangent import Tangent, tangent_of
 from netfall.stop import NEVER, StopRequest
 
@@ -90,7 +90,7 @@ class Finder:
                 return self._corrected(newton, tolerance, total, stop)
             except Stopped:
                 state.x[:] = before
-                raise Paused(_not_begun(before)) from None
+                raise Paused(not_begun(before)) from None
             except NotFound:
                 state.x[:] = before
         asked, found = tolerance * reference, None
@@ -185,11 +185,6 @@ class Finder:
         p = np.lexsort((gid, -size))[0] if len(size) else 0
         mine = (float(size[p]), -int(gid[p])) if len(size) else (-1.0, 0)
         return -max(self.comm.allgather(mine))[1]
-
-
-def _not_begun(x: np.ndarray) -> Relaxation:
-    """Where an equilibrium is taken up from its start."""
-    return Relaxation(0, 0.0, True, x, np.zeros_like(x), np.ones_like(x))
 
 
 def _alike(now: np.ndarray, before: np.ndarray, least: float) -> bool:

@@ -17,6 +17,7 @@ from netfall.net.net import Net
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
+from netfall.solve.large_form import large_form
 from netfall.solve.relaxation import Net as RelaxedNet
 from netfall.solve.relaxation import Relaxation, geometric_stiffness, largest_force, largest_residual, relax
 from netfall.solve.sparse import solve_sparse
@@ -91,7 +92,7 @@ def _held_alike(net: Net) -> list[list[int]]:
     return list(groups.values())
 
 
-class _Elements:
+class Elements:
     """The form-finding elements of one rank: tensions by `form_tensions` and the forces that follow."""
 
     def __init__(self, distribution: Distribution, net: Net | None, x: np.ndarray, modulus_factor: float):
@@ -111,9 +112,13 @@ class _Elements:
         with np.errstate(divide="ignore", invalid="ignore"):  # a form that has collapsed is refused later
             self.stiffness = modulus_factor * EA / self.L_start
 
+    def measure(self, x):
+        """Tensions `N` and lengths `L` at x."""
+        form_tensions(x, self.ends, self.T0, self.stiffness, self.L_start, self.bar, self.N, self.L)
+
     def forces(self, x, f):
         """Write the forces f (n, 3) [N] of the elements at x."""
-        form_tensions(x, self.ends, self.T0, self.stiffness, self.L_start, self.bar, self.N, self.L)
+        self.measure(x)
         f[:] = 0.0
         add_tensions(x, self.ends, self.N, self.L, f)
 
@@ -138,11 +143,11 @@ def find_form(
     """
     x = distribution.particles(None if net is None else net.x)
     free = 1 - distribution.particles(None if net is None else net.held).astype(np.uint8)
-    given = _Elements(distribution, net, x, settings.modulus_factor)
+    given = Elements(distribution, net, x, settings.modulus_factor)
     largest = lambda N: largest_force(comm, N, given.ends, free)
     if settings.method == "force_density" or settings.start == "force_density":
         x = distribution.particles(on_root(comm, lambda: force_density_form(net)))
-        elements = _Elements(distribution, net, x, settings.modulus_factor)
+        elements = Elements(distribution, net, x, settings.modulus_factor)
     else:
         elements = given
     if settings.method == "force_density":
@@ -157,15 +162,15 @@ def find_form(
             )
         return Form(x, N, 1, residual, reference)
     reference = largest(elements.T0)
-    iterations, residual = relax(
-        comm,
-        halo,
+    moving, asked = (
         RelaxedNet(x, free, elements.ends, elements.forces, elements.bound),
         settings.tolerance * reference,
-        settings.max_iterations,
-        "form finding",
-        report,
-        stop,
-        resume,
     )
-    return Form(x, elements.N, iterations, residual, reference)
+    found = None
+    if resume is None or resume.iteration == 0:
+        found = large_form(comm, distribution, halo, moving, elements, settings, asked, stop)
+        resume = None
+    if found is None:
+        most = settings.max_iterations
+        found = relax(comm, halo, moving, asked, most, "form finding", report, stop, resume)
+    return Form(x, elements.N, *found, reference)

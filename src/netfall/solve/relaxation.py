@@ -51,6 +51,11 @@ class Paused(Exception):
         self.at = at
 
 
+def not_begun(x: np.ndarray) -> Relaxation:
+    """Where a relaxation is taken up from its start."""
+    return Relaxation(0, 0.0, True, x, np.zeros_like(x), np.ones_like(x))
+
+
 @kernel
 def relax_step(x, v, f, mass, free, first, n_owned, kinetic):
     """One step of all particles (n, 3); `kinetic` (n_owned,) gets their energy.
