@@ -3,6 +3,7 @@
     python jobs/bench/equilibrium.py 120 200 400            cells along a side; 2 c (c - 1) elements each
     mpirun -n 2 python jobs/bench/equilibrium.py 400 --alone without the direct solver
     python jobs/bench/equilibrium.py 400 --save net.npz    then equilibrium_petsc.py net.npz
+    python jobs/bench/equilibrium.py 400 --until slack     or yielding: more than 2 kN/m2, see `CARRIES`
 
 Self weight, then 2 kN/m2 upward in two steps. Times are of the equilibria, set-up of the net left out.
 """
@@ -18,19 +19,24 @@ from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu
 
 from netfall.job.read import read_job
-from netfall.solve.equilibrium import Finder
 from netfall.solve.setup import prepare
-from netfall.solve.statics import equilibria, reference_force
+from netfall.solve.statics import equilibria, reference_force, settle
+from netfall.stop import NEVER
 from netfall.timings import Phases
 
 JOB = Path(__file__).with_name("equilibrium.toml")
 CLOSE = 1e-7  # of the largest displacement: the direct solver's last correction
 SYMMETRIC = {"SymmetricMode": True}  # of SuperLU
+CARRIES = {  # pressure of each cell of 8 x 8 [N/m2], of more cells so much that each cable carries the same
+    "slack": (24e3, []),
+    "yielding": (12e3, ["cable.yield_stress=0.75e9"]),
+}
 
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("cells", type=int, nargs="+")
 parser.add_argument("--alone", action="store_true", help="without the direct solver")
-parser.add_argument("--save", help="file for the net and its loads, for equilibrium_petsc.py")
+parser.add_argument("--until", choices=CARRIES, help="under so much load that cables go slack or yield")
+parser.add_argument("--save", help="file for the net, its loads and equilibria, for equilibrium_petsc.py")
 arguments = parser.parse_args()
 
 
@@ -74,40 +80,60 @@ class Direct:
         return coo_array(whole, shape=(n, n)).tocsr()[self.moves][:, self.moves].tocsc()
 
 
+def job_of(cells: int):
+    """The saddle of so many cells, and what it carries."""
+    more = [f"net.cells={cells}"]
+    if arguments.until:
+        pressure, cable = CARRIES[arguments.until]
+        more += [f"load.pressure=[0, 0, {pressure * cells / 8}]", *cable]
+    return read_job(JOB, more)
+
+
 def measure(comm: MPI.Comm, cells: int) -> str:
     """A row of the table: elements, seconds, iterations; seconds of the direct solver, error. Collective."""
-    job = read_job(JOB, [f"net.cells={cells}"])
+    job = job_of(cells)
     setup = prepare(comm, job, Phases())
-    run = SimpleNamespace(comm=comm, job=job, setup=setup)
-    wanted = equilibria(run)
-    finder = Finder(comm, setup.halo, setup.distribution, setup.state)
+    run = SimpleNamespace(comm=comm, job=job, setup=setup, result=None, stop=NEVER)
+    gather = setup.distribution.gather_particles
+    wanted, found = equilibria(run), []
     reference, began, iterations = reference_force(run, wanted[-1]), time.perf_counter(), 0
     for each in wanted:
-        found = finder.find(each.load, job.load.tolerance, reference, 1000, each.words)
-        iterations += found.iterations
+        settled = settle(run, each, reference, NEVER)
+        iterations += settled.found.iterations
+        if arguments.save:
+            N = setup.distribution.gather_elements(settled.snapshot.N)
+            found.append((gather(setup.state.x), N, gather(each.load)))
     seconds = time.perf_counter() - began
-    x = setup.distribution.gather_particles(setup.state.x)
-    loads = [setup.distribution.gather_particles(each.load) for each in wanted]
+    x, loads = gather(setup.state.x), [gather(each.load) for each in wanted]
     row = f"{setup.distribution.m:9d} {seconds:8.2f} s {iterations:5d} iterations"
-    if comm.rank > 0 or arguments.alone:
+    if comm.rank > 0:
         return row
     if arguments.save:
-        model = setup.model
-        EA, fixed = model.net.modulus * model.net.section, model.net.fixed
-        np.savez(
-            arguments.save,
-            elements=model.net.elements,
-            x=model.x,
-            L0=model.L0,
-            EA=EA,
-            fixed=fixed,
-            loads=loads,
-        )
+        save(setup.model, *zip(*found))
+    if arguments.alone or arguments.until:
+        return row
     direct, began = Direct(setup.model), time.perf_counter()
     for load in loads:
         direct.find(load)
     error = np.abs(x - direct.x).max() / np.abs(direct.x - direct.start).max()
     return f"{row} {time.perf_counter() - began:8.2f} s direct, largest displacement off by {error:.1e}"
+
+
+def save(model, found, tension, loads) -> None:
+    """What equilibrium_petsc.py reads."""
+    net = model.net
+    np.savez(
+        arguments.save,
+        elements=net.elements,
+        x=model.x,
+        L0=model.L0,
+        EA=net.modulus * net.section,
+        yield_force=net.yield_stress * net.section,
+        fixed=net.fixed,
+        loads=loads,
+        found=found,
+        tension=tension,
+    )
 
 
 measure(MPI.COMM_WORLD, 24)  # compiles
