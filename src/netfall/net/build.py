@@ -14,7 +14,7 @@ from netfall.net.sections import set_sections, set_strengths, strength_errors, s
 from netfall.net.tables import read_tables
 
 STEEP = ("saddle", "stadium")  # generators whose start is level inside and steep along the boundary
-MOST_ELEMENTS = 50_000_000  # what fits the memory of one rank at set-up, some 500 bytes each
+MOST_ELEMENTS = 50_000_000  # some 2000 bytes each on rank 0 at set-up
 
 
 def build_net(job: Job) -> Net:

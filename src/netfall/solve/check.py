@@ -25,15 +25,17 @@ from netfall.solve.report import (
 )
 from netfall.solve.schedule import Schedule, schedule_of
 from netfall.solve.setup import Setup, prepare
+from netfall.solve.statics import has_statics
 from netfall.solve.wind_report import wind_lines
 from netfall.timings import Phases
 
 # For an element and step, and for a step, on one core with all features on (jobs/bench).
 STEP_NS, STEP_US = 8.0, 2.0
-LARGEST_FORM = 50_000  # elements up to which check also finds the form
+LARGEST_FORM = 400_000  # elements up to which check also finds the form, in some ten seconds
 FRAME_BYTES = {"particle": 24 + 12 + 12, "element": 4 + 4 + 4 + 1}  # of the result file, for each state
 MUCH_LARGER = 4.0  # times the usual face of the roof: it may be an opening
-SETUP_BYTES = 500  # per element on rank 0, while the net is read, cut and sent
+SETUP_BYTES = 2000  # per element on rank 0, at most: while the faces of the roof are found
+EQUILIBRIUM_BYTES = 700  # per element, on its own rank, for the tangent and its levels
 
 
 def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) -> None:
@@ -120,8 +122,9 @@ def _describe_memory(job: Job, setup: Setup, say) -> None:
     frames = job.output.frames + 1 if job.dynamics else 1
     file = frames * (n * FRAME_BYTES["particle"] + m * FRAME_BYTES["element"])
     file += job.load.steps * (24 * n + 8 * m) if job.load else 0
+    more = f"{EQUILIBRIUM_BYTES * m / 1e6:.3g} MB for its equilibria, " if has_statics(job) else ""
     say(
-        f"memory: {held / 1e6:.3g} MB for the state ({held / m:.0f} bytes an element) and "
+        f"memory: {held / 1e6:.3g} MB for the state ({held / m:.0f} bytes an element), {more}and up to "
         f"{SETUP_BYTES * m / 1e6:.3g} MB on rank 0 at set-up, beside some 250 MB for Python on each rank; "
         f"result file about {max(file, 1e5) / 1e6:.3g} MB"
     )
