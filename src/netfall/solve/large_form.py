@@ -3,10 +3,12 @@
 Relaxation takes the more iterations the finer the net is. Newton's method does not, once it begins near the
 form: from equilibrium by force density, which is a linear problem. Without axial stiffness (constant tension)
 its tangent couples particles along cables alone, across each of them; the levels of `multilevel` do not serve
-that, and relaxation is faster.
+that, and relaxation is faster. Neither is it tried where struts are compressed: such a net has several forms,
+and what is looked for is the one near the given geometry.
 """
 
 import numpy as np
+from mpi4py import MPI
 
 from netfall.mechanics.elements import add_tensions
 from netfall.solve.newton import Newton, NotFound, Stopped
@@ -27,7 +29,8 @@ def large_form(comm, distribution, halo, net, elements, settings, asked: float, 
 
     None where Newton's method is not tried or does not find it; net.x is then as before. Raises Paused.
     """
-    if distribution.n < LARGE or settings.modulus_factor == 0.0:
+    compressed = comm.allreduce(bool((elements.T0 < 0.0).any()), MPI.LOR)  # has more than one form
+    if distribution.n < LARGE or settings.modulus_factor == 0.0 or compressed:
         return None
     before = net.x.copy(order="K")
     inverse = lambda newton, tangent: newton.cycle(tangent)
