@@ -137,6 +137,24 @@ def dot_rows(a, b, out):
         out[p] = a[p, 0] * b[p, 0] + a[p, 1] * b[p, 1] + a[p, 2] * b[p, 2]
 
 
+@kernel
+def advance(step, p, q, s, left, before):
+    """s += step p; before = left; left -= step q. All (n, 3), step a number."""
+    for i in range(s.shape[0]):
+        for k in range(3):
+            s[i, k] += step * p[i, k]
+            before[i, k] = left[i, k]
+            left[i, k] -= step * q[i, k]
+
+
+@kernel
+def turn(share, z, p):
+    """p = z + share p. Both (n, 3), share a number."""
+    for i in range(p.shape[0]):
+        for k in range(3):
+            p[i, k] = z[i, k] + share * p[i, k]
+
+
 class SpreadMatrix:
     """The product of a matrix with a vector, rows (n_owned, 3) float32 of both on each rank."""
 

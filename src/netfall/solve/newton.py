@@ -6,14 +6,13 @@ not positive, what compression takes from it is left out; where it is singular a
 slack) inertia is added until it is not.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
 
 from netfall.mechanics.elements import add_stiffness, axial_forces
-from netfall.parallel.blocks import dot_rows
+from netfall.parallel.blocks import advance, dot_rows, turn
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import exact_sums
@@ -72,15 +71,7 @@ class Falling(NotFound):
 class Newton:
     """Newton's method for one net on these ranks."""
 
-    def __init__(
-        self,
-        comm: MPI.Comm,
-        halo: Halo,
-        distribution: Distribution,
-        net,
-        tangent: Callable,
-        inverse: Callable,
-    ):
+    def __init__(self, comm: MPI.Comm, halo: Halo, distribution: Distribution, net, tangent, inverse):
         """net : `relaxation.Net`; tangent() : the `Tangent` at its positions
         inverse(newton, tangent) : the approximate inverse to use. Collective.
         """
@@ -88,6 +79,7 @@ class Newton:
         self.net, self.tangent, self.inverse = net, tangent, inverse
         self.owned = slice(halo.n_owned)
         self.moves = np.ascontiguousarray(net.free[self.owned]) != 0
+        self.stays = np.nonzero(~self.moves)
         self.moved_elements = net.free.any(1)[net.ends].any(1)  # the others, between supports, do not count
         self.spread = np.zeros_like(np.ascontiguousarray(net.x))
         self.answer = np.zeros_like(self.spread)
@@ -113,7 +105,7 @@ class Newton:
         return np.where(self.moves, self.f[self.owned], 0.0)
 
     def stiffness_times(self, K: Tangent, u: np.ndarray) -> np.ndarray:
-        """Forces (n_owned, 3) [N] that answer displacements u (n_owned, 3) [m]. Collective."""
+        """Forces (n_owned, 3) [N] that answer displacements u (n_owned, 3) [m]; a view. Collective."""
         self.spread[self.owned] = u
         self.halo.update(self.spread)
         self.answer[:] = 0.0
@@ -122,16 +114,21 @@ class Newton:
             self.answer += K.support * self.spread
         out = self.answer[self.owned]
         if self.inertia:
-            out = out + self.inertia * K.nodal[self.owned, None] * u
-        return np.where(self.moves, out, 0.0)
+            out += self.inertia * K.nodal[self.owned, None] * u
+        return self._held(out)
+
+    def _held(self, rows: np.ndarray) -> np.ndarray:
+        """The same rows (n_owned, 3), with 0 on held axes."""
+        rows[self.stays] = 0.0
+        return rows
 
     def solve(self, K: Tangent, cycle, r: np.ndarray, share: float = LEFT) -> tuple[np.ndarray, int]:
         """The correction (n_owned, 3) [m] of a residual, and the iterations. Collective.
 
         Raises NotFound where the tangent is singular in its direction.
         """
-        s, left = np.zeros_like(r), r.copy()
-        z = np.where(self.moves, cycle(left), 0.0)
+        s, left, before = np.zeros_like(r), r.copy(), np.empty_like(r)
+        z = self._held(cycle(left))
         p = z.copy()
         rz, rr = self.dots((left, z), (r, r))
         if rr == 0.0:
@@ -145,14 +142,12 @@ class Newton:
             if not pq > 0.0:
                 raise Falling(p)
             step = rz / pq
-            s += step * p
-            before = left.copy()
-            left -= step * q
-            z = np.where(self.moves, cycle(left), 0.0)
+            advance(step, p, q, s, left, before)
+            z = self._held(cycle(left))
             size, new, old = self.dots((left, left), (left, z), (before, z))
             if size <= share * share * rr and new <= share * share * first:
                 return s, iteration
-            p = z + (new - old) / rz * p
+            turn((new - old) / rz, z, p)
             rz = new
             if not 0.0 < rz < np.inf:
                 raise NotFound("the preconditioner is not positive")

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.compile import kernel
 from netfall.mechanics.material import largest_stiffness, tangent_stiffness
 from netfall.mechanics.state import State
 from netfall.parallel.agree import on_root
@@ -66,6 +67,25 @@ def whole_matrix(distribution: Distribution, net, K: Tangent, inertia: float):
     return on_root(d.comm, lambda: block_matrix(ends, *elements, free != 0, support, inertia * nodal))
 
 
+@kernel
+def element_blocks(direction, axial, across, block):
+    """The stiffness (m, 3, 3) [N/m] of one end of each element against the other."""
+    for e in range(block.shape[0]):
+        for i in range(3):
+            along = (axial[e] - across[e]) * direction[e, i]
+            for j in range(3):
+                block[e, i, j] = along * direction[e, j] + (across[e] if i == j else 0.0)
+
+
+@kernel
+def add_blocks(place, block, out):
+    """Add blocks (m, 3, 3) to out (n, 3, 3) at their places (m,), in their order."""
+    for e in range(block.shape[0]):
+        for i in range(3):
+            for j in range(3):
+                out[place[e], i, j] += block[e, i, j]
+
+
 def block_matrix(ends, direction, axial, across, free, support, inertia):
     """The tangent stiffness as a scipy BSR matrix of 3 x 3 blocks, without held axes. Rank 0.
 
@@ -75,11 +95,10 @@ def block_matrix(ends, direction, axial, across, free, support, inertia):
     from scipy.sparse import bsr_array
 
     n = len(free)
-    block = (axial - across)[:, None, None] * direction[:, :, None] * direction[:, None, :]
-    block += across[:, None, None] * np.eye(3)
-    diagonal = np.zeros((n, 3, 3))
+    block, diagonal = np.empty((len(ends), 3, 3)), np.zeros((n, 3, 3))
+    element_blocks(direction, axial, across, block)
     for k in range(2):
-        np.add.at(diagonal, ends[:, k], block)
+        add_blocks(ends[:, k], block, diagonal)
     axis = np.arange(3)
     diagonal[:, axis, axis] += inertia[:, None] + (0.0 if support is None else support)
     diagonal *= free[:, :, None] & free[:, None, :]
