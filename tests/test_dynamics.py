@@ -229,33 +229,6 @@ def test_divergence_names_the_last_good_checkpoint(workshop, monkeypatch):
             assert np.isfinite(file["particles/v"][()]).all()
 
 
-def test_the_audit_changes_nothing_and_can_be_left_out(workshop):
-    """energy = false: the same motion to the bit;
-    the works and both errors are nan, the rest of /history is as before.
-    """
-    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,-10,0\n3,5,5,-10,1\n"
-    job = workshop.job(
-        ELASTIC + "[load]\nself_weight = true\n[dynamics]\nduration = 0.5\ndamping = 0.3\n",
-        nodes,
-        "start,end\n1,2\n2,3\n",
-    )
-    audited, bare = (
-        workshop.run(job, output="a.vtkhdf"),
-        workshop.run(job, "--set", "output.energy=false", output="b.vtkhdf"),
-    )
-    for name in (
-        "final/position",
-        "final/velocity",
-        "final/tension",
-        "history/kinetic_energy",
-        "history/strain_energy",
-        "history/time",
-    ):
-        assert np.array_equal(audited[name], bare[name]), name
-    for name in ("external_work", "damping_work", "identity_error", "balance_error"):
-        assert np.isfinite(audited[f"history/{name}"]).all() and np.isnan(bare[f"history/{name}"]).all()
-
-
 def test_a_step_that_could_be_far_longer_than_the_run(workshop):
     """A net so soft that its limit is 1e9 history rows long: a step for each row."""
     text = "[cable]\nmodulus = 1.0\narea = 1e-12\ndensity = 7850.0\n[dynamics]\nduration = 0.1\n"

@@ -4,7 +4,7 @@ import re
 import subprocess
 
 import pytest
-from conftest import ROOT, run_netfall
+from conftest import ROOT, run_netfall, run_on_standing_ranks
 
 from netfall.parser import parser
 
@@ -112,7 +112,7 @@ def test_python_of_the_readme_files_runs(workshop):
         (cross / name).write_text(text)
     (cross / "cross.toml").write_text(blocks(page, "toml")[0])
     for name, options in (("cross", ()), ("sudden", ("--set", "load.steps=0"))):
-        done = run_netfall("run", cross / "cross.toml", "-o", cross / f"{name}.vtkhdf", *options)
+        done = run_on_standing_ranks("run", cross / "cross.toml", "-o", cross / f"{name}.vtkhdf", *options)
         assert done.returncode == 0, done.stderr
     for text in blocks(page, "python"):
         done = subprocess.run(

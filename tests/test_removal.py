@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-from conftest import assert_same_results, run_netfall
+from conftest import assert_same_results, run_on_standing_ranks
 from mpi4py import MPI
 from test_validation_opensees import (
     SADDLE,
@@ -313,7 +313,7 @@ def test_run_and_info_tell_of_losses(workshop):
     nodes, elements = weights(2)
     late = entry([3], 99.0) + entry([0, 1], 1.5 * PERIOD)
     job = workshop.job(CABLE + dynamics(2 * PERIOD, 1000) + entry([2], 0.1) + late, nodes, elements)
-    done = run_netfall("run", job, "-o", workshop.folder / "result.vtkhdf")
+    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf")
     assert "note: [[remove]] 2: no effect: time = 99 is not before the end" in done.stdout, done.stdout
     lines = [
         "loss 1, t = 0.1001 s: element 2; the rest of the net comes to rest; nothing broke then; "
@@ -321,7 +321,7 @@ def test_run_and_info_tell_of_losses(workshop):
         "loss 2: nothing was lost: after the end, or lost before",
         "2 elements (0, 1); no rest was found; nothing broke then",
     ]
-    told = run_netfall("info", workshop.folder / "result.vtkhdf").stdout
+    told = run_on_standing_ranks("info", workshop.folder / "result.vtkhdf").stdout
     for line in lines:
         assert line in done.stdout and line in told, told
     assert "no rest: a part of the net without elements 0, 1 hangs on nothing" in done.stdout

@@ -193,10 +193,10 @@ AREA, EA = 2.5e-3, 4.0e8
 @pytest.mark.parametrize(
     "law, strain",
     [
-        ("elastic", "logarithmic"),
+        ("elastic", "engineering"),
         ("plastic", "engineering"),
-        pytest.param("elastic", "engineering", marks=pytest.mark.long),
-        pytest.param("plastic", "logarithmic", marks=pytest.mark.long),
+        ("plastic", "logarithmic"),
+        pytest.param("elastic", "logarithmic", marks=pytest.mark.long),
     ],
 )
 def test_a_cable_holds_just_below_its_breaking_load_and_breaks_just_above(workshop, law, strain):
@@ -206,9 +206,9 @@ def test_a_cable_holds_just_below_its_breaking_load_and_breaks_just_above(worksh
     """
     below, above = F - 200.0, F  # N, load; the start is 100 N lower, the peak 100 N higher
     loads = (below, above, below, above)
-    nodes = "id,x,y,z,fixed,load_x,mass\n" + "".join(
-        f"{2 * k},0,{k},0,1,0,0\n{2 * k + 1},10,{k},0,0,{load},5e4\n" for k, load in enumerate(loads)
-    )
+    nodes = "id,x,y,z,fixed,load_z,mass\n" + "".join(
+        f"{2 * k + 1},0,{k},-10,0,{-load},5e4\n{2 * k},0,{k},0,1,0,0\n" for k, load in enumerate(loads)
+    )  # of the two at [0, k] the first is the probe
     elements = "start,end,prestress\n" + "".join(
         f"{2 * k},{2 * k + 1},{P - 100.0}\n" for k, P in enumerate(loads)
     )
@@ -218,7 +218,7 @@ def test_a_cable_holds_just_below_its_breaking_load_and_breaks_just_above(worksh
     )
     if law == "plastic":
         section += f"yield_stress = {3600e3 / AREA}\n"
-    probes = ", ".join(f"[10.0, {k}.0]" for k in range(4))
+    probes = ", ".join(f"[0.0, {k}.0]" for k in range(4))
     run = f"[dynamics]\nduration = 0.3\n[output]\nframes = 3\nhistory = 0.001\nprobes = [{probes}]\n"
     with workshop.run(workshop.job(section + run, nodes, elements)) as f:
         assert sorted(set(f["events/element"][:].tolist())) == [1, 3]
