@@ -5,7 +5,16 @@ what is lost against double, and that the bits stay the same on any number of ra
 import h5py
 import numpy as np
 import pytest
-from conftest import NEVER_REACHED, ROOT, STILL_AIR, WHOLE, assert_same_results, run_on_standing_ranks
+from conftest import (
+    AREAS,
+    NEVER_REACHED,
+    ROOF,
+    ROOT,
+    STILL_AIR,
+    WHOLE,
+    assert_same_results,
+    run_on_standing_ranks,
+)
 from test_extremes import positions, reached
 from test_parallel import COLLAPSE
 from test_restart import SLOW
@@ -74,7 +83,10 @@ def test_a_creep_that_single_precision_cannot_follow(workshop):
     is announced.
     """
     stiffness, mass, zeta, dt, seconds = 1e5, 1e4, 20.0, 4e-5, 20.0
-    nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-100,0,{mass - 3.925e-3!r},{-stiffness!r}\n"
+    nodes = (
+        f"id,x,y,z,fixed,mass,load_z{AREAS}\n1,0,0,0,1,0,0{ROOF}\n"
+        f"2,0,0,-100,0,{mass - 3.925e-3!r},{-stiffness!r}{ROOF}\n"
+    )
     text = (
         "[cable]\nmodulus = 1e13\narea = 1e-6\ndensity = 78.5\n"
         + NEVER_REACHED.replace("1e12", "9e12")
