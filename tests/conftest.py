@@ -41,7 +41,7 @@ def pytest_addoption(parser):
 LEFT_OUT = {"long": "takes minutes", "slurm": "starts Slurm or hosts of its own, as root"}  # by the mark
 
 # Workers take files from this list in turn, the longest first so that all end together; then the others.
-LONGEST_FIRST = ["restart", "precision", "parallel", "validation_dynamics", "dynamics", "extremes"]
+LONGEST_FIRST = ["restart", "precision", "parallel", "loads", "study", "right_answers", "removal", "extremes"]
 ANY_TIME = ["kernels"]  # their cases share nothing and fill what is left at the end
 
 

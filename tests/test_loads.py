@@ -322,7 +322,7 @@ def test_pressures_at_taps_rest_under_their_mean_and_act_as_they_are(both_ways, 
     assert pressure == pytest.approx(mean + share * (np.interp(t, time, a) - 100.0 - mean), rel=1e-12)
     # by its own equation of motion, with the pressure of the file, linear between its samples
     mass = 1000.0 * 1e-4 * 5.0
-    force = lambda t, w: -np.interp(t, f["wind/time"][:], pressure) * 4.0 - pull(w)
+    force = lambda now, w: -np.interp(now, t, pressure) * 4.0 - pull(w)
     found = solve_ivp(
         lambda t, y: [y[1], force(t, y[0]) / mass],
         (0, 2),
