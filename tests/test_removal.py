@@ -247,7 +247,7 @@ def extremes_are_beyond_all_rows(torn):
 
 
 def test_the_envelope_is_that_of_all_rows(torn):
-    """All rows of the history: every frame in single precision, the probes exactly; slack time counts rows."""
+    """All rows of the history: each frame in single precision, the probes exactly; slack time counts rows."""
     time, m, n = torn["history/time"][:], len(torn["net/elements"]), len(torn["net/particles"])
     assert torn["VTKHDF/Steps/Values"][:] == pytest.approx(time, abs=1e-12)
     frames = torn["VTKHDF/CellData/tension"][:].reshape(len(time), m)
