@@ -3,8 +3,8 @@
     mpirun -n 3 python tests/standing_ranks.py
 
 Each line of standard input is a task, JSON: the folder to be in, and the arguments of `netfall`. Each line of
-standard output answers one: exit code, and what was said to standard output and standard error. The end of
-input ends the ranks.
+standard output answers one: exit code (255 if the ranks differ in theirs), and what was said to standard
+output and standard error. The end of input ends the ranks.
 """
 
 import contextlib
@@ -95,7 +95,8 @@ def serve():
     while (task := next_task(comm)) is not None:
         codes, outs, errors = zip(*(comm.allgather(call(*task))))
         if comm.rank == 0:
-            print(json.dumps([max(codes), "".join(outs), "".join(errors)]), file=answers, flush=True)
+            code = codes[0] if len({*codes}) == 1 else 255
+            print(json.dumps([code, "".join(outs), "".join(errors)]), file=answers, flush=True)
 
 
 if __name__ == "__main__":

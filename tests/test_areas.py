@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from conftest import run_netfall
+from conftest import run_on_standing_ranks
 from hypothesis import HealthCheck, given, settings
 from scipy.spatial import Delaunay
 
@@ -322,7 +322,7 @@ def test_suction_lifts_and_a_positive_coefficient_presses(workshop, coefficient)
 def test_check_states_both_areas_and_the_outline(workshop):
     """The line of `netfall check`, and the notes on parallel elements and on a node within an element."""
     job = workshop.job(PRESSED, *grid_tables("long", [(11, 12)]))
-    done = run_netfall("check", job)
+    done = run_on_standing_ranks("check", job)
     line = "roof: 16.0 m2 of surface, 16.0 m2 in plan; closed faces cover 100.0% of the net's outline in plan"
     assert done.returncode == 0 and line in done.stdout, done.stdout + done.stderr
     assert "note: elements 101 and 128 both join nodes 11 and 12" in done.stdout
@@ -557,10 +557,12 @@ def test_check_tells_how_to_leave_a_large_face_out(workshop):
         if other in number
     )
     job = workshop.job(LOADED, nodes, elements)
-    (line,) = [said for said in run_netfall("check", job).stdout.splitlines() if "largest face" in said]
+    (line,) = [
+        said for said in run_on_standing_ranks("check", job).stdout.splitlines() if "largest face" in said
+    ]
     assert "9 m2 in plan around [2.5, 2.5], the usual one has 1 m2" in line
     key = line.split("leave it out with [roof] ")[1].replace(" = ", "=")
-    told = run_netfall("check", job, "--set", f"roof.{key}").stdout
+    told = run_on_standing_ranks("check", job, "--set", f"roof.{key}").stdout
     assert "roof: 16.0 m2 of surface" in told and "largest face" not in told
 
 
@@ -568,8 +570,10 @@ def test_a_node_within_an_element_at_another_height_says_how_far(workshop):
     """The foot of an inclined mast, 3 m below the cable over it: of another layer, most likely."""
     nodes = RINGS + "9,1,3,-3,1\n"
     job = workshop.job(LOADED, nodes, TWO_RINGS + "1,5\n2,6\n3,7\n4,8\n5,9\n".replace("5,9", "1,9"))
-    assert "within element" not in run_netfall("check", job).stdout
+    assert "within element" not in run_on_standing_ranks("check", job).stdout
     nodes = RINGS + "9,1,1,-3,1\n"
     job = workshop.job(LOADED, nodes, TWO_RINGS + "1,5\n2,6\n3,7\n4,8\n5,9\n")
-    (note,) = [said for said in run_netfall("check", job).stdout.splitlines() if "lies within" in said]
+    (note,) = [
+        said for said in run_on_standing_ranks("check", job).stdout.splitlines() if "lies within" in said
+    ]
     assert "node 9 lies within element 8 in plan" in note and "3 m below it" in note

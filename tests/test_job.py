@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import pytest
-from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall
+from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall, run_on_standing_ranks
 
 from netfall.errors import InputError
 from netfall.job.dimensions import GENERATOR_KEYS
@@ -235,20 +235,20 @@ def test_impossible_combinations_are_refused(workshop, overrides, message):
 
 @pytest.mark.parametrize("ranks", [1, 2])
 @pytest.mark.parametrize(
-    "override, message",
+    "override, message, run",
     [
-        ("wind.speed=fast", "expected a number of m/s"),
-        ("cable.q.area=1.0", "no element is of this group"),
-        ("dynamics.time_step=1.0", "above the stable step"),
-        ("net.side=-1", "[net] side"),
+        ("wind.speed=fast", "expected a number of m/s", run_netfall),
+        ("cable.q.area=1.0", "no element is of this group", run_on_standing_ranks),
+        ("dynamics.time_step=1.0", "above the stable step", run_netfall),
+        ("net.side=-1", "[net] side", run_on_standing_ranks),
     ],
 )
-def test_command_line_answers_wrong_input(workshop, ranks, override, message):
+def test_command_line_answers_wrong_input(workshop, ranks, override, message, run):
     """Exit code 2 on every rank, one line on standard error, no file left, no traceback;
     read before and after the net is built.
     """
     job = workshop.job(WHOLE)
-    done = run_netfall("run", job, "--set", override, ranks=ranks, cwd=workshop.folder)
+    done = run("run", job, "--set", override, ranks=ranks, cwd=workshop.folder)
     assert done.returncode == 2, done.stdout + done.stderr
     lines = [line for line in done.stderr.splitlines() if line.startswith(str(job))]
     assert len(lines) == 1 and message in lines[0], done.stderr
@@ -259,7 +259,7 @@ def test_command_line_answers_wrong_input(workshop, ranks, override, message):
 def test_unwritable_place_is_refused(workshop):
     """A result that could not be written at the end is refused at the start."""
     job = workshop.job(WHOLE)
-    done = run_netfall("run", job, "-o", workshop.folder / "nowhere" / "x.vtkhdf")
+    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "nowhere" / "x.vtkhdf")
     assert done.returncode == 2 and "does not exist" in done.stderr
 
 

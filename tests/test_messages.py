@@ -4,7 +4,7 @@ import subprocess
 import sys
 
 import pytest
-from conftest import BIN, ENVIRONMENT, run_netfall
+from conftest import BIN, ENVIRONMENT, run_netfall, run_on_standing_ranks
 from test_long_runs import ELEMENTS, JOB, NODES
 
 TINY = JOB.replace("16.2", "0.001")
@@ -22,9 +22,9 @@ def test_a_long_title_is_told_and_drawn(workshop):
     title = "A roof " * 40
     job = workshop.job(TINY, NODES, ELEMENTS)
     result = workshop.run(job, "--set", f'title="{title}"').filename
-    told = run_netfall("info", result)
+    told = run_on_standing_ranks("info", result)
     assert told.returncode == 0 and title in told.stdout, told.stderr
-    drawn = run_netfall("plot", result)
+    drawn = run_on_standing_ranks("plot", result)
     assert drawn.returncode == 0 and "energies.png" in drawn.stdout, drawn.stderr
 
 
@@ -40,7 +40,7 @@ def test_a_wind_beyond_all_winds_is_refused(workshop, speed, roughness, says):
     """At once: neither an overflow nor minutes for the memory of gusts that last half an hour."""
     job = workshop.job(TINY, NODES, ELEMENTS)
     values = ("--set", f"wind.speed={speed}", "--set", f"wind.roughness={roughness}")
-    assert says in the_line(run_netfall("check", job, *values, timeout=30))
+    assert says in the_line(run_on_standing_ranks("check", job, *values, timeout=30))
 
 
 def test_a_slow_wind_without_gusts_runs(workshop):
@@ -77,7 +77,7 @@ def test_a_folder_is_no_result_file(workshop, there):
     job = workshop.job(TINY, NODES, ELEMENTS)
     if there:
         (workshop.folder / "out").mkdir()
-    line = the_line(run_netfall("run", job, "-o", f"{workshop.folder}/out/"))
+    line = the_line(run_on_standing_ranks("run", job, "-o", f"{workshop.folder}/out/"))
     assert "is a folder; expected the name of a file" in line
     assert (workshop.folder / "out").exists() == there
 
@@ -88,7 +88,7 @@ def test_a_file_is_no_folder_for_pictures(workshop, verb):
     job = workshop.job(TINY, NODES, ELEMENTS)
     more = ["--ranks", "1"] if verb == "scale" else []
     for place in (job, job / "pictures"):
-        line = the_line(run_netfall(verb, job, "-o", place, *more))
+        line = the_line(run_on_standing_ranks(verb, job, "-o", place, *more))
         assert f"-o {place}: {job} is a file; expected a folder" in line
 
 
@@ -127,15 +127,15 @@ def test_a_probe_far_from_the_net_is_noted(workshop):
     A near one is not noted.
     """
     job = workshop.job(TINY + "probes = [[1.5, 1.5], [4.0, 5.0]]\n", NODES, ELEMENTS)
-    done = run_netfall("run", job, "-o", workshop.folder / "result.vtkhdf")
+    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf")
     (note,) = [line for line in done.stdout.splitlines() if "probes" in line]
     assert "[4, 5] is 5 m away" in note and "longest element 2 m" in note and "node 2, at [1, 1]" in note
-    assert note in run_netfall("check", job).stdout
+    assert note in run_on_standing_ranks("check", job).stdout
 
 
 def test_a_step_longer_than_the_duration_is_refused(workshop):
     """It would be one step to a time that was not asked for."""
     job = workshop.job(TINY, NODES, ELEMENTS)
     values = ("--set", "dynamics.duration=5e-7")
-    line = the_line(run_netfall("run", job, "-o", workshop.folder / "result.vtkhdf", *values))
+    line = the_line(run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf", *values))
     assert "time_step = 1e-06: longer than duration = 5e-07 s" in line

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from conftest import run_netfall
+from conftest import run_on_standing_ranks
 
 from netfall.net.net import Net
 from netfall.solve.modes import modes_at
@@ -121,7 +121,7 @@ def test_a_free_decay_has_the_period_and_decrement_that_check_prints(workshop):
     text = "[cable]\nmodulus = 1e11\narea = 1e-5\ndensity = 7850.0\nprestress = 1e4\n"
     text += "[dynamics]\nduration = 2.2\ndamping = 0.5\n[output]\nprobes = [[8.0, 0.0]]\nmodes = 2\n"
     path = workshop.job(text, "\n".join(nodes), "\n".join(elements))
-    done = run_netfall("check", path)
+    done = run_on_standing_ranks("check", path)
     lines = {line.split()[0]: line for line in done.stdout.splitlines()}
     assert "without loads" in lines["modes"], done.stdout
     period, ratio = numbers(lines["modes"])[0], numbers(lines["damping:"])[1] / 100.0

@@ -9,7 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall
+from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall, run_on_standing_ranks
 from kill_runs import JOB
 from PIL import Image
 
@@ -18,8 +18,6 @@ from netfall.output.info import print_info
 from netfall.output.plot_animation import animate, format_of
 from netfall.output.plot_collapse import stage_steps
 from netfall.output.plot_force import ForceScale, edge_of
-
-pytestmark = pytest.mark.processes
 
 STORM = """title = "Storm over a saddle"
 [net]
@@ -215,7 +213,7 @@ def test_ids_of_the_tables_stand_on_every_step(workshop, ranks):
     assert all(p in ends[e] for e, p in zip(events["element"], events["node_id"][:]))
     e = events["element"][0]
     told = f"element {events['element_id'][0]} ({ends[e][0]}-{ends[e][1]}) at node {events['node_id'][0]}"
-    assert told in run_netfall("info", f.filename).stdout
+    assert told in run_on_standing_ranks("info", f.filename).stdout
 
 
 def test_job_without_dynamics_is_one_frame(workshop):
@@ -345,7 +343,7 @@ def test_result_keeps_the_old_file_until_the_new_one_is_whole(workshop):
 @pytest.mark.parametrize("name", ["saddle", "stadium", "olympia", "wheel"])
 def test_shipped_jobs_are_valid_and_described(name):
     """`netfall check` of each shipped job: sizes, limits, memory and expected run time."""
-    done = run_netfall("check", ROOT / "jobs" / f"{name}.toml")
+    done = run_on_standing_ranks("check", ROOT / "jobs" / f"{name}.toml")
     assert done.returncode == 0, done.stderr
     for words in (
         "valid",

@@ -4,7 +4,7 @@ partitions are read, written, and refused when foreign.
 
 import numpy as np
 import pytest
-from conftest import ROOT, STEEL, assert_same_results, run_netfall
+from conftest import ROOT, STEEL, assert_same_results, run_netfall, run_on_standing_ranks
 
 from netfall.net import generators
 from netfall.parallel.partition import metis_partition, read_partition, write_partition
@@ -212,7 +212,7 @@ def test_partition_by_hand_is_used_and_changes_no_bit(workshop):
 def test_foreign_or_damaged_partition_is_refused(workshop, damage, message):
     """One line with the file, what is wrong, and what to do; exit code 2 on both ranks."""
     job = workshop.job(SMALL)
-    run_netfall("partition", job, "-n", 2, cwd=workshop.folder)
+    run_on_standing_ranks("partition", job, "-n", 2, cwd=workshop.folder)
     damage(workshop.folder / "partitions")
     done = workshop.run(job, ranks=2, code=2)
     assert message in done.stderr and "netfall partition" in done.stderr

@@ -5,7 +5,16 @@ what is lost against double, and that the bits stay the same on any number of ra
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT, assert_same_results, run_netfall
+from conftest import (
+    AREAS,
+    NEVER_REACHED,
+    ROOF,
+    ROOT,
+    STILL_AIR,
+    WHOLE,
+    assert_same_results,
+    run_on_standing_ranks,
+)
 from test_extremes import positions, reached
 from test_parallel import COLLAPSE
 from test_restart import SLOW
@@ -74,17 +83,23 @@ def test_a_creep_that_single_precision_cannot_follow(workshop):
     is announced.
     """
     stiffness, mass, zeta, dt, seconds = 1e5, 1e4, 20.0, 4e-5, 20.0
-    nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-100,0,{mass - 3.925e-3!r},{-stiffness!r}\n"
+    nodes = (
+        f"id,x,y,z,fixed,mass,load_z{AREAS}\n1,0,0,0,1,0,0{ROOF}\n"
+        f"2,0,0,-100,0,{mass - 3.925e-3!r},{-stiffness!r}{ROOF}\n"
+    )
     text = (
         "[cable]\nmodulus = 1e13\narea = 1e-6\ndensity = 78.5\n"
-        + f"[dynamics]\nduration = {seconds}\ntime_step = {dt}\ndamping = {zeta}\n"
+        + NEVER_REACHED.replace("1e12", "9e12")
+        + STILL_AIR
+        + WHOLE
+        + f"duration = {seconds}\ntime_step = {dt}\ndamping = {zeta}\n"
         f"[output]\nhistory = 0.1\nframes = 20\n"
     )
     job = workshop.job(text, nodes, "start,end\n1,2\n")
     slow = 0.5 * zeta - np.sqrt(0.25 * zeta**2 - stiffness / mass)
     fast = zeta - slow
     for precision, least, most in (("double", 0.0, 1e-6), ("mixed", 0.0, 1e-4), ("single", 1e-4, 0.05)):
-        done = run_netfall(
+        done = run_on_standing_ranks(
             "run", job, "--set", f"dynamics.precision={precision}", "-o", workshop.folder / "result.vtkhdf"
         )
         assert (

@@ -4,7 +4,7 @@ import re
 import subprocess
 
 import pytest
-from conftest import ROOT, run_netfall
+from conftest import ROOT, run_on_standing_ranks
 
 from netfall.parser import parser
 
@@ -69,7 +69,7 @@ def test_first_job_prints_what_the_readme_shows(workshop):
     """The job of README.md prints what is shown, on two ranks, up to the first fracture; then chaos."""
     job = workshop.folder / "first.toml"
     job.write_text(blocks(ROOT / "README.md", "toml")[0])
-    done = run_netfall("run", job, ranks=2, cwd=workshop.folder)
+    done = run_on_standing_ranks("run", job, ranks=2, cwd=workshop.folder)
     assert done.returncode == 0, done.stderr
     shown = (ROOT / "README.md").read_text().split("The run prints")[1].split("```")[1].strip().splitlines()
     settled = [line for line in shown if line.startswith(("net", "statics", "dynamics"))]
@@ -112,7 +112,7 @@ def test_python_of_the_readme_files_runs(workshop):
         (cross / name).write_text(text)
     (cross / "cross.toml").write_text(blocks(page, "toml")[0])
     for name, options in (("cross", ()), ("sudden", ("--set", "load.steps=0"))):
-        done = run_netfall("run", cross / "cross.toml", "-o", cross / f"{name}.vtkhdf", *options)
+        done = run_on_standing_ranks("run", cross / "cross.toml", "-o", cross / f"{name}.vtkhdf", *options)
         assert done.returncode == 0, done.stderr
     for text in blocks(page, "python"):
         done = subprocess.run(

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-from conftest import assert_same_results, run_netfall
+from conftest import assert_same_results, run_on_standing_ranks
 from mpi4py import MPI
 from test_validation_opensees import (
     SADDLE,
@@ -246,6 +246,31 @@ def extremes_are_beyond_all_rows(torn):
         assert (high > rows.max(0) + single)[there].any()
 
 
+def test_the_envelope_is_that_of_all_rows(torn):
+    """All rows of the history: each frame in single precision, the probes exactly; slack time counts rows."""
+    time, m, n = torn["history/time"][:], len(torn["net/elements"]), len(torn["net/particles"])
+    assert torn["VTKHDF/Steps/Values"][:] == pytest.approx(time, abs=1e-12)
+    frames = torn["VTKHDF/CellData/tension"][:].reshape(len(time), m)
+    envelope = {name: torn[f"envelope/{name}"][:] for name in torn["envelope"]}
+    assert (envelope["tension_max"].astype(np.float32) == frames.max(0)).all()
+    assert (envelope["tension_min"].astype(np.float32) == frames.min(0)).all()
+    broken = torn["VTKHDF/CellData/broken"][:].reshape(len(time), m)
+    slack = ((frames == 0) & (broken == 0))[1:]  # all are cables
+    assert envelope["slack_time"] == pytest.approx((slack * np.diff(time)[:, None]).sum(0), abs=1e-12)
+    assert slack.any() and not slack.all(0).any()
+    points = torn["VTKHDF/PointData/displacement"][:]
+    offsets = torn["VTKHDF/Steps/PointDataOffsets/displacement"][:]
+    moved = np.linalg.norm([points[a : a + n] for a in offsets.tolist()], axis=2)
+    assert envelope["displacement_max"] == pytest.approx(moved.max(0), rel=1e-6)  # single precision
+    element, particle = torn["history/probe_element"][:], torn["history/probe_particle"][:]
+    tension = torn["history/probe_tension"][:]
+    assert (envelope["tension_max"][element] == tension.max(0)).all()
+    assert (envelope["tension_max_time"][element] == time[tension.argmax(0)]).all()
+    u = np.linalg.norm(torn["history/probe_displacement"][:], axis=2)
+    assert envelope["displacement_max"][particle] == pytest.approx(u.max(0), rel=1e-15)  # its root
+    assert (envelope["displacement_max_time"][particle] == time[u.argmax(0)]).all()
+
+
 def test_histories_of_what_is_named_by_id_are_those_of_the_frames(torn):
     """Both halves of each element, one lost at 0.15 s; a node by its id, one by its place in space."""
     h, ids = torn["history"], torn["net/element_id"][:]
@@ -313,7 +338,7 @@ def test_run_and_info_tell_of_losses(workshop):
     nodes, elements = weights(2)
     late = entry([3], 99.0) + entry([0, 1], 1.5 * PERIOD)
     job = workshop.job(CABLE + dynamics(2 * PERIOD, 1000) + entry([2], 0.1) + late, nodes, elements)
-    done = run_netfall("run", job, "-o", workshop.folder / "result.vtkhdf")
+    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf")
     assert "note: [[remove]] 2: no effect: time = 99 is not before the end" in done.stdout, done.stdout
     lines = [
         "loss 1, t = 0.1001 s: element 2; the rest of the net comes to rest; nothing broke then; "
@@ -321,7 +346,7 @@ def test_run_and_info_tell_of_losses(workshop):
         "loss 2: nothing was lost: after the end, or lost before",
         "2 elements (0, 1); no rest was found; nothing broke then",
     ]
-    told = run_netfall("info", workshop.folder / "result.vtkhdf").stdout
+    told = run_on_standing_ranks("info", workshop.folder / "result.vtkhdf").stdout
     for line in lines:
         assert line in done.stdout and line in told, told
     assert "no rest: a part of the net without elements 0, 1 hangs on nothing" in done.stdout

@@ -6,7 +6,7 @@ import shutil
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT, STEEL, run_netfall
+from conftest import ROOT, STEEL, run_netfall, run_on_standing_ranks
 
 from netfall.errors import InputError
 from netfall.output.codes import read_codes
@@ -77,7 +77,7 @@ def test_an_unknown_key_or_group_of_a_file_of_checks_is_refused(loaded):
         'factor = [{name = "g", use = "divide", value = 2.0, edition = "mine", groups = {uper = 4.0}}]\n'
     )
     own.write_text(text)
-    done = run_netfall("report", "result.vtkhdf", "--codes", "own.toml", "-o", "none", cwd=loaded)
+    done = run_on_standing_ranks("report", "result.vtkhdf", "--codes", "own.toml", "-o", "none", cwd=loaded)
     assert done.returncode == 2 and not (loaded / "none").exists()
     place = "own.toml: [[check]] 1: factor g:"
     wrong = 'groups: uper = 4: no such group of elements in the result; did you mean "upper"?'
@@ -260,6 +260,6 @@ def test_the_command_writes_beside_the_result_and_spares_what_is_not_its_own(loa
     assert done.stdout.splitlines() == [f"result-report/{name}" for name in names]
     mine = "name,mass_per_length,axial_stiffness,breaking_load\nFLC40,8.9,1.77e8,1.52e6\n"
     (loaded / "cables.csv").write_text(mine)
-    done = run_netfall("report", "result.vtkhdf", "-o", ".", cwd=loaded)
+    done = run_on_standing_ranks("report", "result.vtkhdf", "-o", ".", cwd=loaded)
     assert done.returncode == 2 and "cables.csv: exists and is no table of a report" in done.stderr
     assert (loaded / "cables.csv").read_text() == mine and not (loaded / "summary.md").exists()

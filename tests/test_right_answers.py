@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import run_netfall
+from conftest import run_on_standing_ranks
 
 from netfall.job.read import read_job
 from netfall.solve.model import make_model
@@ -26,7 +26,7 @@ TO_MIDDLE = "start,end,force_density\n1,5,3\n2,5,3\n3,5,1\n4,5,1\n"
 def test_form_finding_by_particles_without_prestress_is_refused(workshop):
     """A table with force densities alone: what to give instead, with which the middle is at z = 2 / 8."""
     job = workshop.job(SECTION + "[form_finding]\n", CROSS, TO_MIDDLE)
-    line = the_line(run_netfall("run", job))
+    line = the_line(run_on_standing_ranks("run", job))
     assert "no element that can move has a prestress" in line and 'or method = "force_density"' in line
     f = workshop.run(job, "--set", 'form_finding.method="force_density"')
     assert np.allclose(f["form_finding/position"][4], [0, 0, 0.25], atol=1e-15)
@@ -36,7 +36,7 @@ def test_a_prestress_between_supports_alone_finds_no_form(workshop):
     """What cannot move holds nothing."""
     elements = "start,end,prestress\n1,5,0\n2,5,0\n3,5,0\n4,5,0\n1,3,1000\n"
     job = workshop.job(SECTION + "[form_finding]\n", CROSS, elements)
-    assert "no element that can move has a prestress, and" in the_line(run_netfall("check", job))
+    assert "no element that can move has a prestress, and" in the_line(run_on_standing_ranks("check", job))
 
 
 def test_a_collapsed_form_is_refused(workshop):
@@ -46,7 +46,7 @@ def test_a_collapsed_form_is_refused(workshop):
     job = workshop.job(
         SECTION + 'prestress = 1e4\n[form_finding]\nmethod = "force_density"\n', nodes, elements
     )
-    line = the_line(run_netfall("run", job))
+    line = the_line(run_on_standing_ranks("run", job))
     assert "the form has collapsed: element 1" in line and "m as given" in line
     assert not list(workshop.folder.glob("*.vtkhdf"))
 
@@ -96,7 +96,8 @@ def notes_of(workshop, job, *settings) -> list[str]:
     """The notes of `netfall check`, which are those of `netfall run` too."""
     arguments = [word for setting in settings for word in ("--set", setting)]
     told = [
-        run_netfall(*verb, job, *arguments) for verb in (["check"], ["run", "-o", workshop.folder / "r.h5"])
+        run_on_standing_ranks(*verb, job, *arguments)
+        for verb in (["check"], ["run", "-o", workshop.folder / "r.h5"])
     ]
     assert all(done.returncode == 0 for done in told), told[0].stderr + told[1].stderr
     check, run = ([line for line in done.stdout.splitlines() if "note:" in line] for done in told)
@@ -127,10 +128,10 @@ WINDY = (
 def test_a_modulus_in_gigapascals_is_refused(workshop):
     """195 for 195e9: 100 kN is a strain of 1e5 / (195 * 683.08e-6) = 7.507e5 in all elements."""
     job = workshop.job(BRITTLE)
-    line = the_line(run_netfall("run", job))
+    line = the_line(run_on_standing_ranks("run", job))
     assert "elements (0, 1, 2, 3, 4, ...) start beyond fracture_strain: 7.507e+05 in element 0" in line
     assert "allowed 0.0404" in line and "check the units of modulus (Pa)" in line
-    assert "units" not in run_netfall("check", job, "--set", "cable.modulus=1.95e11").stdout
+    assert "units" not in run_on_standing_ranks("check", job, "--set", "cable.modulus=1.95e11").stdout
 
 
 @pytest.mark.parametrize(
@@ -145,9 +146,10 @@ def test_an_unstressed_length_beyond_the_limits_is_refused(workshop, limit, says
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,2,0,0,0\n3,4,0,0,1\n"
     elements = "id,start,end,unstressed_length\n7,1,2,{0}\n9,2,3,{0}\n"
     job = workshop.job(f"{SECTION}{limit}\n[dynamics]\nduration = 1e-4\n", nodes, elements.format(1.9))
-    assert "2 elements (7, 9) " + says in the_line(run_netfall("run", job))
+    assert "2 elements (7, 9) " + says in the_line(run_on_standing_ranks("run", job))
     (workshop.folder / "elements.csv").write_text(elements.format(1.985))
-    assert not [note for note in notes_of(workshop, job) if "unit" in note or "strain" in note]
+    notes = make_model(read_job(job), 1).notes()
+    assert not [note for note in notes if "unit" in note or "strain" in note]
 
 
 @pytest.mark.parametrize(
@@ -232,10 +234,13 @@ def test_a_yield_stress_above_fracture_is_said(workshop):
 
 
 def test_a_trade_of_safety_beside_a_fixed_step_says_so(workshop):
-    """What would give the same run several times."""
+    """What would give the same run several times; said before any is started, by a launcher that fails."""
     job = workshop.job(WINDY)
     fixed = ("--set", "dynamics.time_step=2e-4", "--reference", "dynamics.time_step=1e-4")
-    done = run_netfall("trade", job, "--vary", "dynamics.safety=0.8", *fixed, "-o", workshop.folder / "out")
+    fixed += ("--launcher", "false {ranks}")
+    done = run_on_standing_ranks(
+        "trade", job, "--vary", "dynamics.safety=0.8", *fixed, "-o", workshop.folder / "out"
+    )
     assert "--vary dynamics.safety: time_step is fixed" in done.stdout, done.stderr
 
 
@@ -270,9 +275,11 @@ def test_the_balance_of_a_start_out_of_equilibrium_is_a_share_of_what_moves(work
     assert np.isclose(h["kinetic_energy"][:].max(), 1.6e7 / 0.99 * 1e-6 * (1 - q), rtol=1e-3)
     assert np.abs(h["identity_error"][:]).max() < 1e-12
     assert h["balance_error"].attrs["unit"] == "share of the largest energy that took part so far"
-    info = run_netfall("info", f.filename).stdout
+    info = run_on_standing_ranks("info", f.filename).stdout
     assert ("is off by up to" in info) == bool(told) and (told or "physical balance") in info
-    run = run_netfall("run", workshop.folder / "job.toml", "-o", workshop.folder / "again.vtkhdf").stdout
+    run = run_on_standing_ranks(
+        "run", workshop.folder / "job.toml", "-o", workshop.folder / "again.vtkhdf"
+    ).stdout
     assert ("is off by up to" in run) == bool(told)
 
 
@@ -296,7 +303,7 @@ def test_a_step_too_long_for_what_is_unstressed_is_refused(workshop, kind):
     """
     text = f'{SECTION}kind = "{kind}"\n[dynamics]\nduration = 0.01\ntime_step = '
     elements = "start,end\n1,2\n2,3\n"
-    line = the_line(run_netfall("run", workshop.job(text + "3.2e-4\n", BAR, elements)))
+    line = the_line(run_on_standing_ranks("run", workshop.job(text + "3.2e-4\n", BAR, elements)))
     assert "above the stable step 0.0003132 s of the intact net" in line
     workshop.run(workshop.job(text + "3.1e-4\n", BAR, elements))
 
@@ -387,13 +394,15 @@ def test_a_strain_that_no_cable_bears_is_said_at_the_end(workshop, ranks):
     job = workshop.job(text + "[output]\nhistory = 0.05\n", nodes, "id,start,end\n7,1,2\n")
     line = ["run", job, "-o", workshop.folder / "r.vtkhdf"]
     (note,) = [
-        said for said in run_netfall(*line, ranks=ranks).stdout.splitlines() if "has a strain of" in said
+        said
+        for said in run_on_standing_ranks(*line, ranks=ranks).stdout.splitlines()
+        if "has a strain of" in said
     ]
     # omega = sqrt(1e4 / 10 / 103.9) = 3.1 1/s: within 0.025 s of the lowest point, 1 - cos(0.08) = 0.3 %
     found = float(note.split("strain of ")[1].split()[0])
     assert note.startswith("note: element 7 (nodes 1-2, 10 m)") and abs(found / 0.88 - 1) < 4e-3
     assert "no fracture_strain" in note
-    still = run_netfall(*line, "--set", "cable.modulus=1e11").stdout
+    still = run_on_standing_ranks(*line, "--set", "cable.modulus=1e11").stdout
     assert "strain of" not in still
 
 
@@ -405,7 +414,7 @@ def test_a_strain_that_no_cable_bears_is_said_of_statics(workshop):
         nodes,
         "id,start,end,unstressed_length\n7,1,2,2\n8,1,2,6\n",
     )
-    done = run_netfall("run", job, "-o", workshop.folder / "r.vtkhdf")
+    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "r.vtkhdf")
     (note,) = [line for line in done.stdout.splitlines() if "strain of 0.3, " in line]
     assert note.startswith("note: element 7 ") and " t = " not in note
 
@@ -419,9 +428,11 @@ def test_nodes_below_the_wind_s_profile_are_noted(workshop):
     )
     elements = "start,end\n1,2\n2,3\n3,4\n4,1\n5,6\n"
     job = workshop.job(text.format(2) + "[dynamics]\nduration = 1e-3\n", nodes, elements)
-    (note,) = [line for line in run_netfall("check", job).stdout.splitlines() if "base_height" in line]
+    (note,) = [
+        line for line in run_on_standing_ranks("check", job).stdout.splitlines() if "base_height" in line
+    ]
     assert "2 nodes in the wind are less than 1 m above ground, the lowest is node 4 at -1 m" in note
-    assert "base_height" not in run_netfall("check", job, "--set", "wind.base_height=4.0").stdout
+    assert "base_height" not in run_on_standing_ranks("check", job, "--set", "wind.base_height=4.0").stdout
 
 
 def test_a_group_whose_section_has_another_name_is_noted(workshop):

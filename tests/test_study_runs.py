@@ -177,7 +177,7 @@ def test_each_cable_is_lost_in_a_run_of_its_own(tmp_path):
     (tmp_path / "elements.csv").write_text("id,start,end,prestress\n7,1,2,500\n9,1,3,500\n")
     (tmp_path / "job.toml").write_text(
         '[net]\nnodes = "nodes.csv"\nelements = "elements.csv"\n[cable]\nmodulus = 1.95e11\n'
-        "area = 683.08e-6\ndensity = 7850.0\nyield_stress = 1.75e9\nfracture_strain = 0.04\n"
+        "area = 683.08e-6\ndensity = 7850.0\n"
         "[dynamics]\nduration = 0.4\n[output]\nhistory = 1e-3\n"
     )
     lost = '[vary]\nremove = {each = "element", time = 0.0}\n[run]\nkeep = "all"\n'

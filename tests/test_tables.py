@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import STEEL, run_netfall
+from conftest import STEEL, run_netfall, run_on_standing_ranks
 
 from netfall.errors import InputError
 from netfall.job.read import read_job
@@ -156,5 +156,5 @@ def test_further_columns_of_a_wind_table_are_named(workshop):
     wind = (
         '[wind]\nonset = "sudden"\nfile = "gust.csv"\nshape_coefficient = -1.0\n[dynamics]\nduration = 0.01\n'
     )
-    done = run_netfall("check", workshop.job(STEEL + wind, nodes, ELEMENTS))
+    done = run_on_standing_ranks("check", workshop.job(STEEL + wind, nodes, ELEMENTS))
     assert done.returncode == 0 and 'left alone: "direction"' in done.stdout, done.stdout + done.stderr

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import ROOT, assert_same_results, run_netfall
+from conftest import ROOT, assert_same_results, run_on_standing_ranks
 
 from netfall.net.wheel import GROUPS, wheel
 
@@ -103,7 +103,7 @@ def test_roof_mass_and_stability_as_check_tells_them(workshop):
     """Area in plan n / 2 sin(2 pi / n) (R^2 - r^2), without the opening; masses of what was given; no mode
     without stiffness.
     """
-    done = run_netfall("check", workshop.job(CHECKED))
+    done = run_on_standing_ranks("check", workshop.job(CHECKED))
     lines = {line.split(":")[0].split()[0]: line for line in done.stdout.splitlines()}
     plan = 0.5 * N_SPOKES * np.sin(2 * np.pi / N_SPOKES) * (R**2 - INNER**2)
     assert f"{plan:.1f} m2 in plan" in lines["roof"], done.stdout
@@ -118,7 +118,7 @@ def test_roof_mass_and_stability_as_check_tells_them(workshop):
 def test_two_layers_without_roof_groups_are_refused(workshop):
     """Which layer carries the roof is not known: the message names [roof] groups."""
     text = CHECKED.replace('groups = ["ring_outer", "ring_upper", "upper", "hoop"]\n', "")
-    done = run_netfall("check", workshop.job(text))
+    done = run_on_standing_ranks("check", workshop.job(text))
     assert done.returncode == 2 and "above one another" in done.stderr and "[roof] groups" in done.stderr
 
 

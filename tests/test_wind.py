@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from conftest import STEEL, run_netfall
+from conftest import STEEL, run_on_standing_ranks
 
 from netfall.errors import InputError
 from netfall.job.read import read_job
@@ -139,7 +139,7 @@ def checked(workshop, keys):
     text = FLAT + BLOW.replace("roughness = {k}\n", keys).format(u=-1.0).replace("= 0.002", "= 60.0")
     text = text.replace("time_step = 1e-5", "time_step = 0.001").replace("speed = 30.0", "speed = 40.0")
     job = workshop.job(text)
-    done = run_netfall("check", job)
+    done = run_on_standing_ranks("check", job)
     assert done.returncode == 0, done.stderr
     words = ("wind:", "gusts:", "note: [wind]")
     return [line for line in done.stdout.splitlines() if line.startswith(words)]

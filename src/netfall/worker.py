@@ -18,7 +18,7 @@ from pathlib import Path
 
 from netfall.__main__ import abort  # which also sees to one thread for each rank
 
-PAUSE = 2e-3  # s between two looks for a task: waiting in MPI would take a core
+PAUSE = 2e-3, 2e-2  # s between two looks for a task, at first and later: waiting in MPI would take a core
 REMEMBERED = 4  # forms, rests and winds of earlier members
 # A member leaves no checkpoints, which change nothing in what it finds, and its modes are not asked.
 OWN = ["output.checkpoint=0.0", "output.modes=0"]
@@ -32,8 +32,9 @@ def next_task(comm) -> dict | None:
         for rank in range(1, comm.size):
             comm.send(task, rank)
         return task
+    begin = time.monotonic()
     while not comm.iprobe(source=0):
-        time.sleep(PAUSE)
+        time.sleep(min(max(PAUSE[0], 0.1 * (time.monotonic() - begin)), PAUSE[1]))
     return comm.recv(source=0)
 
 
