@@ -97,7 +97,7 @@ class InPlainPython:
         self.by_number = {n: StandingRanks([*on_ranks(n), BIN / "python"], plain) for n in (1, 3)}
 
     def __call__(self, *arguments, ranks=1, cwd=None):
-        return self.by_number[ranks].run(*arguments, cwd=cwd)
+        return self.by_number[ranks].run(*arguments, cwd=cwd, timeout=3000)
 
 
 @pytest.mark.long
@@ -109,11 +109,11 @@ def test_nets_of_any_scene_have_the_same_bits_on_any_ranks_and_through_a_restart
     @hypothesis.given(jobs())
     def of_any_scene(drawn):
         tried(drawn, run, seen)
+        print(dict(seen), flush=True)
 
     try:
         of_any_scene()
     finally:
-        print(dict(seen))
         for ranks in run.by_number.values():
             ranks.stop()
     assert seen["exit code 0"] > 0.7 * EXAMPLES and min(seen[k] for k in ("broken", "yielded", "slack")) > 3
