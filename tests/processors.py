@@ -50,6 +50,8 @@ EMULATED = {  # by qemu's name of a processor: its kernels
     "Haswell": LIKE["kernels for Haswell"],
     "EPYC": {"NUMBA_CPU_NAME": "znver1", "NUMBA_CPU_FEATURES": "+avx,+avx2,+fma,+bmi,+bmi2"},
 }
+# qemu 7.2 is wrong in an instruction of numpy's sorting with AVX2: argsort leaves numbers out of order there.
+AVOIDED = LIKE["numpy without AVX2"]
 TOGETHER = {key: value for name in reversed(LIKE) for key, value in LIKE[name].items()}
 
 
@@ -80,8 +82,9 @@ def no_emulator() -> str:
 
 def run_emulated(job: Path, folder: Path, processor: str) -> str:
     """The digest of a job's result on a processor of EMULATED, after a run here that compiles for it."""
-    run(job, folder, 1, EMULATED[processor])
-    return run(job, folder, 1, EMULATED[processor], (EMULATOR, "-cpu", processor))
+    more = EMULATED[processor] | AVOIDED
+    run(job, folder, 1, more)
+    return run(job, folder, 1, more, (EMULATOR, "-cpu", processor))
 
 
 def run(job: Path, folder: Path, ranks: int = 1, environment: dict | None = None, by: tuple = ()) -> str:
