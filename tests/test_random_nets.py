@@ -78,16 +78,16 @@ def tried(drawn, run, seen: Counter) -> None:
     "scene", [pytest.param(FULL, id="full"), pytest.param(OTHER, id="other", marks=pytest.mark.long)]
 )
 def test_a_net_with_everything_has_the_same_bits_on_any_ranks_and_through_a_restart(scene):
-    """Wind, taps, growing loads, losses that fade, springs, struts, yield, fracture: four nets of each."""
+    """Wind, taps, growing loads, losses that fade, springs, struts, yield, fracture: three nets of each."""
     seen = Counter()
 
-    @hypothesis.settings(max_examples=4, derandomize=True, **QUIET)
+    @hypothesis.settings(max_examples=3, derandomize=True, **QUIET)
     @hypothesis.given(jobs(st.just(scene)))
     def of_the_scene(drawn):
         tried(drawn, run_on_standing_ranks, seen)
 
     of_the_scene()
-    assert seen["exit code 0"] >= 3 and seen["broken"] and seen["yielded"] and seen["slack"], seen
+    assert seen["exit code 0"] >= 2 and seen["broken"] and seen["yielded"] and seen["slack"], seen
 
 
 class InPlainPython:
