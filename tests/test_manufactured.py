@@ -307,6 +307,33 @@ def test_a_node_that_two_ranks_take_apart_is_loose_for_both(workshop, owners):
     assert_same_results(one, workshop.run(job, ranks=2, output="two.vtkhdf"))
 
 
+JUST = """
+[cable]
+modulus = 1e10
+area = 1e-4
+density = 1000.0
+yield_stress = 4e7
+[dynamics]
+duration = {T}
+time_step = {dt}
+[output]
+history = {T}
+"""
+
+
+@of_own_scene
+def test_a_cable_that_is_pulled_just_beyond_its_yield_force_yields(workshop):
+    """By half of 1.005 N_y, at once: it goes as far as N_y^2 / 2 k (N_y - F), by energy, and N_y / k back."""
+    k, limit, force, mass = 2e5, 4e3, 0.5 * 1.005 * 4e3, 20.0 + 0.25
+    period = 2.0 * np.pi * np.sqrt(mass / k)
+    nodes = f"id,x,y,z,fixed_x,fixed_y,fixed_z,mass,load_x\n0,0,0,0,1,1,1,0,0\n1,5,0,0,0,1,1,20,{force}\n"
+    job = workshop.job(JUST.format(T=0.6 * period, dt=period / 1000), nodes, "start,end\n0,1\n")
+    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False))
+    left = (limit**2 / (2.0 * k * (limit - force)) - limit / k) / 5.0
+    # the peak lies between steps: (2 pi / 1000)^2 / 8 of the way, which is 200 times what is left
+    assert workshop.open()["final/plastic_strain"][0] == pytest.approx(left, rel=2e-3)
+
+
 # --- motions that were prescribed
 
 TAPPED = """
