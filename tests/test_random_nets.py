@@ -141,7 +141,7 @@ def test_every_key_of_a_job_is_drawn():
     """But for the dimensions of generated nets."""
     found = set()
 
-    @hypothesis.settings(max_examples=120, derandomize=True, phases=[hypothesis.Phase.generate], **QUIET)
+    @hypothesis.settings(max_examples=240, derandomize=True, phases=[hypothesis.Phase.generate], **QUIET)
     @hypothesis.given(jobs())
     def collect(drawn):
         found.update(keys_of(drawn.job))
