@@ -141,9 +141,9 @@ def settled(row: dict) -> dict:
 # --- geometry: points (n, 3), pairs (m, 2), held (n,)
 
 
-def grid(rng, crossed=False):
+def grid(rng, crossed=False, most=8):
     """A jittered grid on a saddle; `crossed`: both diagonals of some cells as well, without a node."""
-    a, b = (int(k) for k in rng.integers(4, 6 if crossed else 9, 2))
+    a, b = (int(k) for k in rng.integers(4, 6 if crossed else most + 1, 2))
     number = np.arange(a * b).reshape(a, b)
     i, j = np.meshgrid(np.arange(a), np.arange(b), indexing="ij")
     held = ((i == 0) | (i == a - 1) | (j == 0) | (j == b - 1)).ravel()

@@ -17,6 +17,7 @@ from plain_step import GRAVITY, Plain
 
 from netfall.job.read import read_job
 from netfall.output.progress import Progress
+from netfall.parallel.partition import write_partition
 from netfall.solve.run import run_job
 
 UNCOMPILED = ROOT / "tests" / "uncompiled"
@@ -266,6 +267,71 @@ def test_compiled_code_gives_the_bits_of_plain_python(torn, shared_workshop):
     environment = {"PYTHONPATH": path}
     with shared_workshop.run(job, output="plain.vtkhdf", environment=environment) as plain:
         assert_same_results(compiled, plain)
+
+
+PULLED = """
+[cable]
+modulus = 1e10
+area = 1e-4
+density = 1000.0
+fracture_strain = 2e-3
+[cable.strong]
+fracture_strain = 5e-3
+[dynamics]
+duration = 0.008
+time_step = 1e-4
+[output]
+history = 0.001
+"""
+THREE = "id,x,y,z,fixed,load_y\n0,-5,0,0,1,0\n1,0,0,0,0,2e4\n2,5,0,0,1,0\n"
+
+
+@of_own_scene
+@pytest.mark.parametrize("owners", ["001", "110"])
+def test_a_node_that_two_ranks_take_apart_is_loose_for_both(workshop, owners):
+    """It loses one cable within its rank, then the one across the cut, from which nothing splits off.
+
+    Both break at the node: 20 kN across them against 2 and 5 kN in them. What is left of it is half the
+    second cable's mass: the end of that, for either rank.
+    """
+    job = workshop.job(PULLED, THREE, "start,end,group\n0,1,\n1,2,strong\n")
+    one = workshop.run(job, output="one.vtkhdf")
+    assert one["events/element"][:].tolist() == [0, 1] and (one["events/particle"][:] == 1).all()
+    assert one["events/new_particle"][:].tolist() == [3 + 2 * 0 + 1, -1]
+    # 20 kN on 0.5 kg; the cables hold up to 250 N of it, and a step is a fortieth of the time
+    way = 5.0 * np.sqrt(1.002**2 - 1.0)
+    assert one["events/time"][0] == pytest.approx(np.sqrt(2.0 * way / (2e4 / 0.5)), rel=0.04)
+    ends = np.array([[0, 1], [1, 2]])
+    write_partition(job.stem, 3, ends, 2, workshop.folder / "partitions")
+    (workshop.folder / "partitions" / f"{job.stem}.graph.part.2").write_text("\n".join(owners) + "\n")
+    assert_same_results(one, workshop.run(job, ranks=2, output="two.vtkhdf"))
+
+
+JUST = """
+[cable]
+modulus = 1e10
+area = 1e-4
+density = 1000.0
+yield_stress = 4e7
+[dynamics]
+duration = {T}
+time_step = {dt}
+[output]
+history = {T}
+"""
+
+
+@of_own_scene
+def test_a_cable_that_is_pulled_just_beyond_its_yield_force_yields(workshop):
+    """By half of 1.005 N_y, at once: it goes as far as N_y^2 / 2 k (N_y - F), by energy, and N_y / k back."""
+    k, limit, force, mass = 2e5, 4e3, 0.5 * 1.005 * 4e3, 20.0 + 0.25
+    period = 2.0 * np.pi * np.sqrt(mass / k)
+    nodes = f"id,x,y,z,fixed_x,fixed_y,fixed_z,mass,load_x\n0,0,0,0,1,1,1,0,0\n1,5,0,0,0,1,1,20,{force}\n"
+    job = workshop.job(JUST.format(T=0.6 * period, dt=period / 1000), nodes, "start,end\n0,1\n")
+    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False))
+    left = (limit**2 / (2.0 * k * (limit - force)) - limit / k) / 5.0
+    # the peak lies between steps: (2 pi / 1000)^2 / 8 of the way, which is 200 times what is left
+    assert workshop.open()["final/plastic_strain"][0] == pytest.approx(left, rel=2e-3)
 
 
 # --- motions that were prescribed

@@ -1,0 +1,153 @@
+"""Random nets with all features: the same bits on one rank, on three, and through a stop and a restart."""
+
+import os
+import re
+from collections import Counter
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import hypothesis
+import hypothesis.strategies as st
+import pytest
+from conftest import BIN, ENVIRONMENT, ROOT, on_ranks, run_on_standing_ranks
+from drawn_jobs import FULL, OTHER, jobs
+from same_bits import differences, figures, without_mpirun
+from standing_ranks import StandingRanks
+
+from netfall.job.schema import LISTS, SECTIONS
+
+EXAMPLES = int(os.environ.get("NETFALL_EXAMPLES", "40"))  # of random scenes, with --long
+QUIET = dict(deadline=None, database=None, suppress_health_check=list(hypothesis.HealthCheck))
+
+
+class Runs:
+    """One job in a folder of its own, run by ranks that stay."""
+
+    def __init__(self, drawn, run, folder: Path):
+        """run : as `run_on_standing_ranks`"""
+        self.drawn, self._run, self.folder = drawn, run, folder
+        for name, text in (drawn.tables | {"job.toml": drawn.text}).items():
+            (folder / name).write_text(text)
+
+    def run(self, name: str, ranks: int, *more) -> tuple[int, str]:
+        """Exit code and messages of a run, whose result has this name."""
+        line = ["run", "job.toml", "-o", f"{name}.vtkhdf", "--quiet", *more]
+        done = self._run(*line, ranks=ranks, cwd=self.folder)
+        return done.returncode, re.sub(r"\w+\.checkpoint\S*", "", without_mpirun(done.stderr))
+
+    def same(self, what: str, first, other, name: str) -> None:
+        """Both ended alike: by exit code and message, or with equal results."""
+        assert other == first, f"{what}: {other}, on one rank {first}"
+        if first[0] == 0:
+            lines = differences(self.folder / "one.vtkhdf", self.folder / f"{name}.vtkhdf")[1]
+            assert not lines, f"{what}: " + "; ".join(lines[:8])
+
+    def compare(self) -> int:
+        """The exit code on one rank; AssertionError if other ranks or a restart give another result."""
+        first = self.run("one", 1)
+        stops, goes_on = self.drawn.ranks
+        at_checkpoints = self.drawn.stop == "checkpoint"
+        # Single precision sums the audit's works from one output to the next, and a checkpoint is one.
+        needed = (at_checkpoints and stops == 3) or self.drawn.scene["precision"] != "double"
+        kept = () if needed else ("--set", "output.checkpoint=0")
+        self.same("three ranks", first, self.run("three", 3, *kept), "three")
+        if first[0] != 0:
+            return first[0]
+        name = {1: "one", 3: "three"}[stops] if at_checkpoints else "paused"
+        if not at_checkpoints:
+            assert self.run(name, stops, "--walltime", "00:00:00")[0] == 4
+        (checkpoint, *_) = sorted(self.folder.glob(f"{name}.checkpoint-*.h5"))
+        again = self.run("again" if at_checkpoints else name, goes_on, "--restart", checkpoint.name)
+        self.same(f"{stops} ranks to {checkpoint.name}, {goes_on} from there", first, again,
+                  "again" if at_checkpoints else name)  # fmt: skip
+        return 0
+
+
+def tried(drawn, run, seen: Counter) -> None:
+    """Compare, and count what became of the job."""
+    with TemporaryDirectory() as folder:
+        runs = Runs(drawn, run, Path(folder))
+        code = runs.compare()
+        seen[f"exit code {code}"] += 1
+        if code == 0:
+            found = figures(Path(folder) / "one.vtkhdf")
+            seen.update(name for name in ("broken", "yielded", "slack") if found[name])
+
+
+@pytest.mark.parametrize(
+    "scene", [pytest.param(FULL, id="full"), pytest.param(OTHER, id="other", marks=pytest.mark.long)]
+)
+def test_a_net_with_everything_has_the_same_bits_on_any_ranks_and_through_a_restart(scene):
+    """Wind, taps, growing loads, losses that fade, springs, struts, yield, fracture: three nets of each."""
+    seen = Counter()
+
+    @hypothesis.settings(max_examples=3, derandomize=True, **QUIET)
+    @hypothesis.given(jobs(st.just(scene)))
+    def of_the_scene(drawn):
+        tried(drawn, run_on_standing_ranks, seen)
+
+    of_the_scene()
+    assert seen["exit code 0"] >= 2 and seen["broken"] and seen["yielded"] and seen["slack"], seen
+
+
+class InPlainPython:
+    """Ranks that stay, whose kernels are not compiled: so each scene costs its steps alone."""
+
+    def __init__(self):
+        path = os.pathsep.join([str(ROOT / "tests" / "uncompiled"), os.environ.get("PYTHONPATH", "")])
+        plain = ENVIRONMENT | {"PYTHONPATH": path}
+        self.by_number = {n: StandingRanks([*on_ranks(n), BIN / "python"], plain) for n in (1, 3)}
+
+    def __call__(self, *arguments, ranks=1, cwd=None):
+        return self.by_number[ranks].run(*arguments, cwd=cwd, timeout=3000)
+
+
+@pytest.mark.long
+def test_nets_of_any_scene_have_the_same_bits_on_any_ranks_and_through_a_restart():
+    """Scenes drawn too, in plain Python. NETFALL_EXAMPLES: how many."""
+    seen, run = Counter(), InPlainPython()
+
+    @hypothesis.settings(max_examples=EXAMPLES, **QUIET)
+    @hypothesis.given(jobs())
+    def of_any_scene(drawn):
+        tried(drawn, run, seen)
+        print(dict(seen), flush=True)
+
+    try:
+        of_any_scene()
+    finally:
+        for ranks in run.by_number.values():
+            ranks.stop()
+    assert seen["exit code 0"] > 0.7 * EXAMPLES and min(seen[k] for k in ("broken", "yielded", "slack")) > 3
+
+
+def keys_of(job: dict, place: str = "") -> set[str]:
+    """Names of the keys in nested dicts; those inside groups and zones as those of the section."""
+    found = set()
+    for name, value in job.items():
+        if name in SECTIONS or name in LISTS:
+            entries = value if isinstance(value, list) else [value]
+            found |= set().union(
+                *(keys_of(entry, f"{name}.") for entry in entries if isinstance(entry, dict))
+            )
+        elif isinstance(value, dict) and place != "case.":
+            found |= keys_of(value, place)
+        else:
+            found.add(place + name)
+    return found
+
+
+def test_every_key_of_a_job_is_drawn():
+    """But for the dimensions of generated nets."""
+    found = set()
+
+    @hypothesis.settings(max_examples=240, derandomize=True, phases=[hypothesis.Phase.generate], **QUIET)
+    @hypothesis.given(jobs())
+    def collect(drawn):
+        found.update(keys_of(drawn.job))
+
+    collect()
+    named = (SECTIONS | LISTS).items()
+    every = {f"{name}.{key.name}".removeprefix(".") for name, keys in named for key in keys}
+    of_generators = {"generator", *(key.name for key in SECTIONS["net"][5:])}
+    assert every - found == {f"net.{name}" for name in of_generators}
