@@ -85,8 +85,9 @@ def test_exact_values_stay_exact():
     ]
     assert float(functions.log(1.0)) == 0.0 and float(functions.log(2.0)) == math.log(2.0)
     assert functions.geometric(1.0, 16.0, 5).tolist() == pytest.approx([1, 2, 4, 8, 16], rel=4 * ROUNDING)
-    assert functions.log(np.array([0.0, -0.0])).tolist() == [-math.inf] * 2
-    assert np.isnan(functions.log(np.array([-1.0, math.nan]))).all()
+    with np.errstate(divide="ignore"):
+        assert functions.log(np.array([0.0, -0.0])).tolist() == [-math.inf] * 2
+        assert np.isnan(functions.log(np.array([-1.0, math.nan]))).all()
     assert np.isfinite(functions.exp(np.array([-1e4, 1e4]))).all()
 
 
