@@ -112,6 +112,10 @@ class Elements:
         with np.errstate(divide="ignore", invalid="ignore"):  # a form that has collapsed is refused later
             self.stiffness = modulus_factor * EA / self.L_start
 
+    def densities(self):
+        """Force densities (m,) [N/m]: as given, elsewhere of the prestress where the elements begin."""
+        return np.where(np.isfinite(self.q), self.q, self.T0 / self.L_start)
+
     def measure(self, x):
         """Tensions `N` and lengths `L` at x."""
         form_tensions(x, self.ends, self.T0, self.stiffness, self.L_start, self.bar, self.N, self.L)
@@ -151,7 +155,7 @@ def find_form(
     else:
         elements = given
     if settings.method == "force_density":
-        N = np.where(np.isfinite(given.q), given.q, given.T0 / given.L_start) * elements.L_start
+        N = given.densities() * elements.L_start
         f = np.zeros_like(x)
         add_tensions(x, elements.ends, N, elements.L_start, f)
         residual, reference = comm.allreduce(largest_residual(f, free, halo.n_owned), MPI.MAX), largest(N)

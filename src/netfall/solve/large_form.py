@@ -29,8 +29,9 @@ def large_form(comm, distribution, halo, net, elements, settings, asked: float, 
 
     None where Newton's method is not tried or does not find it; net.x is then as before. Raises Paused.
     """
-    compressed = comm.allreduce(bool((elements.T0 < 0.0).any()), MPI.LOR)  # has more than one form
-    if distribution.n < LARGE or settings.modulus_factor == 0.0 or compressed:
+    if distribution.n < LARGE or settings.modulus_factor == 0.0:
+        return None
+    if comm.allreduce(bool((elements.T0 < 0.0).any()), MPI.LOR):  # compressed struts
         return None
     before = net.x.copy(order="K")
     inverse = lambda newton, tangent: newton.cycle(tangent)
@@ -40,11 +41,11 @@ def large_form(comm, distribution, halo, net, elements, settings, asked: float, 
         for k in range(MOST_AGAIN):
             found = newton.find(settings.tolerance * TIGHTER**k, before, stop)
             total += found.gradients
-            if found.residual <= asked:
-                stable = newton.falling() is None
-                if stable:
-                    return total, found.residual
-                break
+            if found.residual > asked:
+                continue
+            if newton.falling() is None:
+                return total, found.residual
+            break
     except Stopped:
         net.x[:] = before
         raise Paused(not_begun(before)) from None
@@ -77,7 +78,7 @@ def _towards_force_density(newton: Newton, elements) -> int:
     """
     x = newton.net.x
     elements.measure(x)
-    q = np.where(np.isfinite(elements.q), elements.q, elements.T0 / np.maximum(elements.L_start, 1e-300))
+    q = elements.densities()
     N = q * elements.L
     newton.f[:] = 0.0
     add_tensions(x, elements.ends, N, elements.L, newton.f)
