@@ -12,7 +12,7 @@ from mpi4py import MPI
 from netfall.errors import Interrupted
 from netfall.job.read import read_job
 from netfall.solve import large_form
-from netfall.solve.newton import NotFound
+from netfall.solve.outcome import NotFound
 from netfall.solve.setup import prepare
 from netfall.timings import Phases
 

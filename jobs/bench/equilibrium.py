@@ -20,7 +20,7 @@ from scipy.sparse.linalg import splu
 
 from netfall.job.read import read_job
 from netfall.solve.setup import prepare
-from netfall.solve.statics import equilibria, reference_force, settle
+from netfall.solve.statics import equilibria, find_equilibria
 from netfall.stop import NEVER
 from netfall.timings import Phases
 
@@ -89,33 +89,36 @@ def job_of(cells: int):
     return read_job(JOB, more)
 
 
+class Unseen:
+    """A result and a progress that nobody sees."""
+
+    def __getattr__(self, name):
+        return lambda *_: None
+
+
 def measure(comm: MPI.Comm, cells: int) -> str:
     """A row of the table: elements, seconds, iterations; seconds of the direct solver, error. Collective."""
     job = job_of(cells)
     setup = prepare(comm, job, Phases())
-    run = SimpleNamespace(comm=comm, job=job, setup=setup, result=None, stop=NEVER)
-    gather = setup.distribution.gather_particles
-    wanted, found = equilibria(run), []
-    reference, began, iterations = reference_force(run, wanted[-1]), time.perf_counter(), 0
-    for each in wanted:
-        settled = settle(run, each, reference, NEVER)
-        iterations += settled.found.iterations
-        if arguments.save:
-            N = setup.distribution.gather_elements(settled.snapshot.N)
-            found.append((gather(setup.state.x), N, gather(each.load)))
+    run = SimpleNamespace(comm=comm, job=job, setup=setup, result=Unseen(), progress=Unseen(), stop=NEVER)
+    gather, found = setup.distribution.gather_particles, []
+    began = time.perf_counter()
+    path = find_equilibria(run, None, None, found)
     seconds = time.perf_counter() - began
-    x, loads = gather(setup.state.x), [gather(each.load) for each in wanted]
-    row = f"{setup.distribution.m:9d} {seconds:8.2f} s {iterations:5d} iterations"
+    loads = [gather(each.load) for each in equilibria(run)]
+    x = [gather(there["x"]) for _, there in found]
+    N = [setup.distribution.gather_elements(settled.snapshot.N) for settled, _ in found]
+    row = f"{setup.distribution.m:9d} {seconds:8.2f} s {path.total:5d} iterations"
     if comm.rank > 0:
         return row
     if arguments.save:
-        save(setup.model, *zip(*found))
+        save(setup.model, x, N, loads)
     if arguments.alone or arguments.until:
         return row
     direct, began = Direct(setup.model), time.perf_counter()
     for load in loads:
         direct.find(load)
-    error = np.abs(x - direct.x).max() / np.abs(direct.x - direct.start).max()
+    error = np.abs(x[-1] - direct.x).max() / np.abs(direct.x - direct.start).max()
     return f"{row} {time.perf_counter() - began:8.2f} s direct, largest displacement off by {error:.1e}"
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.compile import inner_kernel, kernel
+from netfall.compile import inner_kernel, kernel, part_of_kernel
 from netfall.mechanics.material import axial_force, stored_energy, strain, yield_energy
 
 
@@ -21,6 +21,22 @@ class ElementState(NamedTuple):
     L: np.ndarray
 
 
+@part_of_kernel
+def _state_of(x, elements, law, e):
+    """Force, strain, plastic strain and length of element e at x (n, 3) [m], and the vector along it."""
+    a, b = elements.ends[e, 0], elements.ends[e, 1]
+    dx, dy, dz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
+    L = math.sqrt(dx * dx + dy * dy + dz * dz)
+    eps_p = 0.0
+    if elements.eps_p is not None:
+        eps_p = elements.eps_p[e]
+    N, eps = 0.0, 0.0  # also out of the net: how far its ends are apart is no strain
+    if elements.EA[e] != 0.0:
+        eps = strain(L, elements.L0[e], law)
+        N, eps_p = axial_force(elements, e, eps, eps_p)
+    return N, eps, eps_p, L, (dx, dy, dz)
+
+
 @kernel
 def element_state(x, elements, law, now):
     """Force, strain, plastic strain and length of each element at x (n, 3) [m], changing nothing else.
@@ -28,17 +44,19 @@ def element_state(x, elements, law, now):
     elements : `Elements`; law : `Law`; now : `ElementState`, out
     """
     for e in range(elements.ends.shape[0]):
+        now.N[e], now.eps[e], now.eps_p[e], now.L[e], _ = _state_of(x, elements, law, e)
+
+
+@kernel
+def add_element_forces(x, elements, law, f):
+    """Add the axial forces of all elements at x (n, 3) [m] to the f (n, 3) [N] of their particles."""
+    for e in range(elements.ends.shape[0]):
         a, b = elements.ends[e, 0], elements.ends[e, 1]
-        dx, dy, dz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
-        now.L[e] = math.sqrt(dx * dx + dy * dy + dz * dz)
-        eps_p = 0.0
-        if elements.eps_p is not None:
-            eps_p = elements.eps_p[e]
-        if elements.EA[e] == 0.0:  # out of the net: how far its ends are apart is no strain
-            now.N[e], now.eps[e], now.eps_p[e] = 0.0, 0.0, eps_p
-            continue
-        now.eps[e] = strain(now.L[e], elements.L0[e], law)
-        now.N[e], now.eps_p[e] = axial_force(elements, e, now.eps[e], eps_p)
+        N, _, _, L, (dx, dy, dz) = _state_of(x, elements, law, e)
+        q = N / L if L > 0.0 else 0.0
+        for k, d in ((0, q * dx), (1, q * dy), (2, q * dz)):
+            f[a, k] += d
+            f[b, k] -= d
 
 
 @kernel

@@ -16,14 +16,18 @@ from netfall.mechanics.state import State
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
 from netfall.solve.multilevel import Cycle
-from netfall.solve.newton import Newton, NotFound, Stopped
+from netfall.solve.newton import Newton
+from netfall.solve.outcome import AT_START, NotFound, Stopped
+from netfall.solve.path import approach
 from netfall.solve.relaxation import Paused, Relaxation, net_of, not_begun, relax
+from netfall.solve.stable import falling
 from netfall.solve.tangent import Tangent, tangent_of
 from netfall.stop import NEVER, StopRequest
 
 ALIKE = 1.5  # times stiffer or softer: what the first approximate inverse serves
 SLACKER = 0.01  # of the largest stiffness: below that an element counts as slack in comparing two tangents
 NEARER = (1e-2, 1e-3, 1e-4, 1e-5)  # of the largest force: residuals after which Newton's is tried once more
+NEARER_GUESS = 0.5  # times
 TIGHTER = 10.0  # times: what the relaxation is asked more of, where its error is too large
 MOST_AGAIN = 6  # times
 ROUNDING = 1e-13  # of the largest force: residuals below that are rounding
@@ -71,11 +75,13 @@ class Finder:
         what: str,
         stop: StopRequest = NEVER,
         resume: Relaxation | None = None,
+        guess: np.ndarray | None = None,
     ) -> Found:
         """Bring the state to equilibrium under a load (n, 3) [N] of owned and halo particles. Collective.
 
         tolerance : of the estimated errors; reference : [N], the largest force that acts; max_iterations : of
-        the relaxation; stop, resume : as in `relax`
+        the relaxation; stop, resume : as in `relax`; guess : positions (n, 3) [m] to begin from, where the
+        largest residual is less than `NEARER_GUESS` times that at the present ones
 
         Raises DivergedError if neither finds one, Paused if asked to stop.
         """
@@ -84,6 +90,8 @@ class Finder:
         if resume is not None and (resume.iteration > 0 or resume.stage > 0):
             first, total = resume.stage, resume.total
         else:
+            if guess is not None and resume is None:
+                self._begin_at(guess, newton)
             resume = None
             before = state.x.copy(order="K")
             try:
@@ -127,6 +135,15 @@ class Finder:
                     break
         return found
 
+    def _begin_at(self, guess: np.ndarray, newton: Newton) -> None:
+        """Begin there if that is nearer to equilibrium. Collective."""
+        state, before, residuals = self.state, self.state.x.copy(order="K"), []
+        for x in (before, guess):
+            state.x[:] = x
+            residuals += newton.largest(newton.residual())
+        if not residuals[1] < NEARER_GUESS * residuals[0]:
+            state.x[:] = before
+
     def _relaxed(self, newton: Newton, total: int, residual: float) -> Found:
         """What relaxation alone has reached. Collective."""
         try:
@@ -137,7 +154,10 @@ class Finder:
 
     def _corrected(self, newton: Newton, tolerance, before: int, stop, near: bool = False) -> Found:
         """By Newton's method; before : iterations until now. Raises NotFound, Stopped."""
-        found = newton.find(tolerance, self.state.x_start, stop, near)
+        start, begun = self.state.x_start, AT_START
+        if newton.large and not near:
+            begun = approach(newton, start, stop)
+        found = newton.find(tolerance, start, stop, near, begun)
         total = before + found.gradients
         return Found(total, found.residual, found.moved, found.tension, False, self._falls(newton))
 
@@ -175,7 +195,7 @@ class Finder:
     def _falls(self, newton: Newton) -> int:
         """Global number of the particle that moves most in an equilibrium that is not stable, or `STABLE`."""
         try:
-            shape = newton.falling()
+            shape = falling(newton)
         except NotFound:
             return UNKNOWN
         if shape is None:

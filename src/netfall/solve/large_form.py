@@ -11,11 +11,12 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.mechanics.elements import add_tensions
-from netfall.solve.newton import Newton, NotFound, Stopped
+from netfall.solve.newton import LARGE, Newton
+from netfall.solve.outcome import NotFound, Stopped
 from netfall.solve.relaxation import Paused, nodal_stiffness, not_begun
+from netfall.solve.stable import falling
 from netfall.solve.tangent import Tangent
 
-LARGE = 10_000  # particles; below that relaxation takes no longer
 NEAR = 1e-2  # of the residual forces, what the start leaves
 TIGHTER = 0.1  # times: the tolerance where the residual asks for more
 MOST_AGAIN = 4
@@ -43,7 +44,7 @@ def large_form(comm, distribution, halo, net, elements, settings, asked: float, 
             total += found.gradients
             if found.residual > asked:
                 continue
-            if newton.falling() is None:
+            if falling(newton) is None:
                 return total, found.residual
             break
     except Stopped:
@@ -85,7 +86,6 @@ def _towards_force_density(newton: Newton, elements) -> int:
     r = np.where(newton.moves, newton.f[newton.owned], 0.0)
     K = _tangent(elements, x, N, q, q)
     s, count = newton.solve(K, newton.cycle(K), r, NEAR)
-    newton.spread[newton.owned] = s
-    newton.halo.update(newton.spread)
+    newton.spread_out(s)
     x += newton.spread
     return count

@@ -7,14 +7,13 @@ import numpy as np
 from netfall.errors import DivergedError
 from netfall.job.read import Job
 from netfall.net.plan import listed
+from netfall.solve.committed import committed, put_back
 from netfall.solve.model import Model
 from netfall.solve.modes import Modes, modes_at
 from netfall.solve.setup import Setup
 from netfall.solve.statics import (
-    committed,
     equilibria,
     has_statics,
-    put_back,
     reference_force,
     rests_at_loss,
     settle,

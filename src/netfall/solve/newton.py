@@ -6,8 +6,6 @@ not positive, what compression takes from it is left out; where it is singular a
 slack) inertia is added until it is not.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from mpi4py import MPI
 
@@ -17,8 +15,9 @@ from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import exact_sums
 from netfall.solve.multilevel import Cycle
+from netfall.solve.outcome import AT_START, Begun, Corrected, Falling, NotFound, Slow, Stopped
 from netfall.solve.relaxation import largest_residual
-from netfall.solve.tangent import Tangent, scattered, without_compression
+from netfall.solve.tangent import Tangent, without_compression
 from netfall.stop import NEVER, StopRequest
 
 MOST_CORRECTIONS = 25
@@ -26,46 +25,15 @@ FEW_CORRECTIONS = 8  # near the equilibrium
 MOST_GRADIENTS = 200  # iterations of conjugate gradients for one correction; a relaxation is then cheaper
 LEFT = 3e-3  # of the residual, that these leave: two corrections then nearly reach the default tolerance
 LEFT_LAST = 0.1  # the same, where no more is needed to be within the tolerance
-LOOKED = 1e-4  # the same, in search of displacements without stiffness
 HALVINGS = 10  # of a correction that goes too far
 FARTHEST = 0.1  # of the net's extent: what a correction may move
 FIRST_INERTIA = 1e-6  # of the nodes' stiffness, once the tangent is found singular
 MOST_INERTIA = 1e-3
+MANY_GRADIENTS = 25  # for one correction of a large net; another approximate inverse is then cheaper
+LARGE = 10_000  # particles; below that relaxation takes no longer than what serves larger nets
 SHORT = 0.3  # of a correction: if no more than that can be gone, the next gets more inertia
 ROUNDING = 1e-14  # of the net's extent: a correction below that is rounding
 NIL = 1e-6  # of the net's extent: a displacement below that counts as so much
-
-
-class Corrected(NamedTuple):
-    """An equilibrium that was found: gradients : iterations of all corrections; residual : largest [N]
-
-    moved, tension : estimated errors, shares of the largest displacement from the start and largest tension
-    """
-
-    gradients: int
-    residual: float
-    moved: float
-    tension: float
-
-
-class Stopped(Exception):
-    """Newton's method was asked to stop."""
-
-
-class NotFound(Exception):
-    """Newton's method did not find the equilibrium."""
-
-
-class Slow(NotFound):
-    """Conjugate gradients did not converge: the tangent is nearly singular."""
-
-
-class Falling(NotFound):
-    """There are displacements (n_owned, 3), `shape`, against which the tangent has no stiffness."""
-
-    def __init__(self, shape: np.ndarray):
-        super().__init__("the tangent is not positive")
-        self.shape = shape
 
 
 class Newton:
@@ -85,6 +53,15 @@ class Newton:
         self.answer = np.zeros_like(self.spread)
         self.f = np.zeros_like(net.x)
         self.inertia = self.extent = 0.0
+        self.large = distribution.n >= LARGE
+
+    def begin(self) -> None:
+        """Forget earlier inertia, and see how large the net is now. Collective."""
+        x = self.net.x[self.owned]
+        low, high = x.min(0, initial=np.inf), x.max(0, initial=-np.inf)
+        self.comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
+        self.comm.Allreduce(MPI.IN_PLACE, high, MPI.MAX)
+        self.extent, self.inertia = float((high - low).max()), 0.0
 
     def dots(self, *pairs) -> list[float]:
         """Inner products over all ranks of pairs of arrays (n_owned, 3), correctly rounded. Collective."""
@@ -104,10 +81,14 @@ class Newton:
         self.net.forces(self.net.x, self.f)
         return np.where(self.moves, self.f[self.owned], 0.0)
 
-    def stiffness_times(self, K: Tangent, u: np.ndarray) -> np.ndarray:
-        """Forces (n_owned, 3) [N] that answer displacements u (n_owned, 3) [m]; a view. Collective."""
+    def spread_out(self, u: np.ndarray) -> None:
+        """Put displacements u (n_owned, 3) [m] in `spread` (n, 3), halo particles too. Collective."""
         self.spread[self.owned] = u
         self.halo.update(self.spread)
+
+    def stiffness_times(self, K: Tangent, u: np.ndarray) -> np.ndarray:
+        """Forces (n_owned, 3) [N] that answer displacements u (n_owned, 3) [m]; a view. Collective."""
+        self.spread_out(u)
         self.answer[:] = 0.0
         add_stiffness(self.spread, self.net.ends, K.direction, K.axial, K.across, self.answer)
         if K.support is not None:
@@ -157,23 +138,29 @@ class Newton:
         """The approximate inverse of a tangent. Collective."""
         return Cycle(self.comm, self.distribution, self.halo, self.net, K, self.inertia)
 
-    def find(self, tolerance: float, start, stop: StopRequest = NEVER, near: bool = False) -> Corrected:
+    def find(
+        self, tolerance: float, start, stop: StopRequest = NEVER, near: bool = False, begun: Begun = AT_START
+    ) -> Corrected:
         """Move the net to equilibrium. Collective.
 
         tolerance : of what is missing after the last correction, a share of the largest displacement from
             `start` (n, 3) and of the largest tension; stop : a wish to pause
         near : whether the net is near the equilibrium, so that few corrections will do, and none is too dear
+        begun : how far the net has come before
 
         Raises NotFound, Stopped if asked to stop; the positions are then those of the last correction.
         """
-        self.extent, self.inertia = self._extent(), 0.0
+        self.begin()
         K = self.tangent()
-        cycle, r, total, before = self.inverse(self, K), self.residual(), 0, np.inf
+        total, before, cycle = begun
+        cycle, r = cycle or self.inverse(self, K), self.residual()
         exact = True  # the tangent, compression included
         most = FEW_CORRECTIONS if near else MOST_CORRECTIONS
         for _ in range(most):
             if self.comm.allreduce(int(stop.wanted), MPI.MAX):
                 raise Stopped
+            if cycle is None:
+                cycle = self.cycle(K)
             share = min(max(LEFT, tolerance / (LEFT * max(before, tolerance))), LEFT_LAST)
             try:
                 s, count = self.solve(K, cycle, r, share)
@@ -188,13 +175,15 @@ class Newton:
                 before = np.inf
                 continue
             total += count
-            moved, change, predicted = self._sizes(K, s, start)
-            part = self._go(s, r, min(1.0, FARTHEST * self.extent / max(self.largest(s)[0], 1e-300)))
+            moved, change, predicted = self.sizes(K, s, start)
+            part = self.go(s, r)
             old, r, K = K, self.residual(), self.tangent()
-            whole, change = part == 1.0 and not self.inertia, max(change, self._unforeseen(old, K, predicted))
-            size = max(moved, change)
-            if self._turned(old, K):  # slack or yield that came or went: the tangent did not know
+            whole, change = part == 1.0 and not self.inertia, max(change, self.unforeseen(old, K, predicted))
+            size, turned = max(moved, change), self.turned(old, K)
+            if turned:  # slack or yield that came or went: the tangent did not know
                 before = np.inf
+            if self.large and (turned or count > MANY_GRADIENTS):
+                cycle = None
             missing = max(share, min(1.0, size / before)) if 0.0 < before < np.inf else 1.0
             if whole and exact and missing * size <= tolerance:
                 mine = largest_residual(self.f, self.net.free, self.halo.n_owned)
@@ -212,55 +201,31 @@ class Newton:
 
         Raises NotFound where the tangent is singular.
         """
-        self.extent, self.inertia = self._extent(), 0.0
+        self.begin()
         K = self.tangent()
         s, _ = self.solve(K, self.inverse(self, K), self.residual())
-        return self._sizes(K, s, start)[:2]
-
-    def falling(self) -> np.ndarray | None:
-        """Displacements (n_owned, 3) against which the net has no stiffness; None if stable. Collective.
-
-        Conjugate gradients that answer forces of every shape come upon such displacements if there are any.
-        Only compression makes them. Raises NotFound where that cannot be told.
-        """
-        K, self.inertia = self.tangent(), 0.0
-        if not self.comm.allreduce(K.across.min(initial=0.0), MPI.MIN) < 0.0:
-            return None
-        number = 3 * self.distribution.subdomain.particle_gid[self.owned, None] + np.arange(3)
-        try:
-            held = self.moves & (K.nodal[self.owned, None] > 0.0)  # not what has left the net
-            self.solve(K, self.inverse(self, K), np.where(held, scattered(number), 0.0), LOOKED)
-        except Falling as found:
-            return found.shape
-        return None
-
-    def _extent(self) -> float:
-        x = self.net.x[self.owned]
-        low, high = x.min(0, initial=np.inf), x.max(0, initial=-np.inf)
-        self.comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
-        self.comm.Allreduce(MPI.IN_PLACE, high, MPI.MAX)
-        return float((high - low).max())
+        return self.sizes(K, s, start)[:2]
 
     def _more_inertia(self) -> None:
         self.inertia = FIRST_INERTIA if not self.inertia else 10.0 * self.inertia
         if self.inertia > MOST_INERTIA:
             raise NotFound("the tangent is singular")
 
-    def _unforeseen(self, old: Tangent, new: Tangent, predicted: np.ndarray) -> float:
+    def unforeseen(self, old: Tangent, new: Tangent, predicted: np.ndarray) -> float:
         """Largest change of tension that the old tangent did not predict, a share of the largest."""
         off, tension = self.largest(
             (new.N - old.N - predicted)[self.moved_elements], new.N[self.moved_elements]
         )
         return off / tension if tension > 0.0 else 0.0
 
-    def _turned(self, old: Tangent, new: Tangent) -> bool:
-        """Whether an element has become slack or taut, or begun or ceased to yield. Collective."""
-        return self.comm.allreduce(bool(((old.axial == 0.0) != (new.axial == 0.0)).any()), MPI.LOR)
+    def turned(self, old: Tangent, new: Tangent) -> int:
+        """How many elements have become slack or taut, or begun or ceased to yield. Collective."""
+        turned = (old.axial == 0.0) != (new.axial == 0.0)
+        return self.comm.allreduce(np.count_nonzero(turned & self.distribution.subdomain.element_owned))
 
-    def _sizes(self, K: Tangent, s: np.ndarray, start: np.ndarray) -> tuple[float, float, np.ndarray]:
+    def sizes(self, K: Tangent, s: np.ndarray, start: np.ndarray) -> tuple[float, float, np.ndarray]:
         """A correction's largest displacement and change of tension, shares of the largest; all changes."""
-        self.spread[self.owned] = s
-        self.halo.update(self.spread)
+        self.spread_out(s)
         change = np.empty(len(K.axial))
         away = np.ascontiguousarray(self.net.x[self.owned] - start[self.owned])
         axial_forces(self.spread, self.net.ends, K.direction, K.axial, change)
@@ -275,18 +240,22 @@ class Newton:
             return 0.0, 0.0, change
         return step / max(far, NIL * self.extent), most / tension if tension > 0.0 else 0.0, change
 
-    def _go(self, s: np.ndarray, r: np.ndarray, share: float) -> float:
+    def most_of(self, s: np.ndarray) -> float:
+        """The part of a correction that does not move anything too far. Collective."""
+        return min(1.0, FARTHEST * self.extent / max(self.largest(s)[0], 1e-300))
+
+    def go(self, s: np.ndarray, r: np.ndarray, left=0.0) -> float:
         """Move by a correction, or by the part of it along which the residual does not turn round.
 
-        How much of it. Collective.
+        How much of it. left : residual (n_owned, 3) [N] that r leaves out. Collective.
         """
+        share = self.most_of(s)
         before = self.net.x.copy()
         (slope,) = self.dots((r, s))
-        self.spread[self.owned] = s
-        self.halo.update(self.spread)
+        self.spread_out(s)
         for _ in range(HALVINGS):
             self.net.x[:] = before + share * self.spread
-            (after,) = self.dots((self.residual(), s))
+            (after,) = self.dots((self.residual() - left, s))
             if np.isfinite(after) and after >= -0.5 * slope:
                 break
             part = slope / (slope - after) if np.isfinite(after) else 0.1

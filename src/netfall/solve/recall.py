@@ -1,5 +1,6 @@
 """The static stage of a run whose job asks for the same equilibria as an earlier one of this process."""
 
+from netfall.solve.committed import put_back
 from netfall.solve.memory import key_of
 from netfall.solve.statics import (
     Settled,
@@ -7,7 +8,6 @@ from netfall.solve.statics import (
     equilibria,
     find_equilibria,
     note,
-    put_back,
     to_the_start,
 )
 

@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 from netfall.compile import kernel
 from netfall.errors import DivergedError
-from netfall.mechanics.elements import add_tensions
+from netfall.mechanics.elements import add_element_forces
 from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.state import State
 from netfall.mechanics.supports import add_springs
@@ -205,10 +205,11 @@ def largest_force(comm: MPI.Comm, N: np.ndarray, ends: np.ndarray, free: np.ndar
 def net_of(state: State, load: np.ndarray) -> Net:
     """The net of a state under a load (n, 3) [N] of owned and halo particles, plastic state unchanged."""
 
+    load = np.asfortranarray(load)  # as positions and forces are
+
     def forces(x, f):
-        now = state.elements_now()
         f[:] = 0.0
-        add_tensions(x, state.ends, now.N, now.L, f)
+        add_element_forces(x, state.elements, state.law, f)
         if state.scene.springs:
             add_springs(x, state.x_start, state.spring, state.spring_rest, f)
         f += load

@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 from netfall.errors import DivergedError
 from netfall.mechanics.loss import leave, lose_elements
+from netfall.solve.committed import committed, put_back
 from netfall.solve.equilibrium import STABLE
 from netfall.solve.loads import FadingLoad
 from netfall.solve.losses import Loss, comes_loose, losses_of
@@ -20,8 +21,6 @@ from netfall.solve.static_report import error_words
 from netfall.solve.statics import (
     Equilibrium,
     StaticPath,
-    committed,
-    put_back,
     reference_force,
     settle,
 )

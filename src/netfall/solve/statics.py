@@ -18,17 +18,17 @@ from mpi4py import MPI
 from netfall.errors import DivergedError, NoRest
 from netfall.job.read import Job
 from netfall.job.schema import defaults
-from netfall.mechanics.state import State
+from netfall.solve.committed import carried_on, committed, put_back
 from netfall.solve.energy import Snapshot, take_snapshot
 from netfall.solve.equilibrium import STABLE, Finder, Found
 from netfall.solve.loading import live_load, of_case
+from netfall.solve.newton import LARGE
 from netfall.solve.relaxation import Paused, Relaxation, largest_force
 from netfall.stop import NEVER, StopRequest
 
 HALVINGS = 6  # of the mean wind, where all of it has no equilibrium: what it bears is told to 2 %
 FEWER = 20_000  # iterations for each of them
 ALL_LOADS = "all loads"
-COMMITTED = ("x", "eps_p", "dissipated")  # what an equilibrium leaves in the state
 
 
 class Equilibrium(NamedTuple):
@@ -134,17 +134,23 @@ def find_equilibria(run, path: StaticPath | None, resume: Relaxation | None, see
     Raises Paused where it is asked to stop, NoRest where there is no equilibrium.
     """
     state, wanted, base = run.setup.state, equilibria(run), None
+    large = run.setup.distribution.n >= LARGE
     if path is None:
         path = StaticPath(reference_force(run, wanted[-1]))
-    elif path.done > 0 and any(each.from_permanent for each in wanted[path.done :]):
+    elif path.done > 0 and any(
+        each.from_permanent or (large and each.kind == "step") for each in wanted[path.done :]
+    ):
         base = permanent_again(run, wanted[0], path.reference)
     run.progress.start()
     for each in wanted[path.done :]:
         if each.from_permanent and base:
             put_back(state, base)
         before = committed(state) if each.kind == "rest" and rests_in_wind(run.job) else None
+        guess = None
+        if large and each.kind == "step" and path.steps[-1]["load_factor"] > 0.0:
+            guess = carried_on(state, base, each.factor / path.steps[-1]["load_factor"])
         try:
-            found = settle(run, each, path.reference, run.stop, resume)
+            found = settle(run, each, path.reference, run.stop, resume, guess=guess)
         except Paused as pause:
             pause.path = path
             raise
@@ -178,10 +184,11 @@ def reference_force(run, last: Equilibrium) -> float:
     return largest_force(run.comm, state.elements_now().N, state.ends, state.free, last.load[: state.n_owned])
 
 
-def settle(run, each: Equilibrium, reference: float, stop: StopRequest, resume=None, most=None) -> Settled:
-    """Bring the state to one equilibrium, what yields on the way included. Collective.
+def settle(run, each: Equilibrium, reference: float, stop: StopRequest, resume=None, most=None, guess=None):
+    """Bring the state to one equilibrium, what yields on the way included; `Settled`. Collective.
 
     reference : [N], which the tolerance refers to; stop, resume : as in `relax`; most : iterations
+    guess : positions (n, 3) [m] that may be nearer to it
     """
     comm, state, settings = run.comm, run.setup.state, settings_of(run.job)
     if run.setup.finder is None:
@@ -194,6 +201,7 @@ def settle(run, each: Equilibrium, reference: float, stop: StopRequest, resume=N
         each.words,
         stop,
         resume,
+        guess,
     )
     snapshot = take_snapshot(state, 0.0, 1.0, 0.0, 0.0)
     _stop_at_fracture(run, snapshot, each)
@@ -206,18 +214,6 @@ def settle(run, each: Equilibrium, reference: float, stop: StopRequest, resume=N
 def settings_of(job: Job) -> SimpleNamespace:
     """The keys of [load] that say how an equilibrium is found; their defaults without [load]."""
     return job.load or defaults("load")
-
-
-def committed(state: State) -> dict[str, np.ndarray]:
-    """Copies of what an equilibrium leaves in the state, for `put_back`."""
-    there = ((name, getattr(state, name)) for name in COMMITTED)
-    return {name: array.copy(order="K") for name, array in there if array is not None}
-
-
-def put_back(state: State, kept: dict[str, np.ndarray]) -> None:
-    """The state as it was when `committed` was called."""
-    for name, array in kept.items():
-        getattr(state, name)[:] = array
 
 
 def permanent_again(run, permanent: Equilibrium, reference: float) -> dict[str, np.ndarray]:
