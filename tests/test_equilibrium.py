@@ -1,12 +1,24 @@
 """Equilibria against a sparse direct solver in Newton's method, at any refinement, taut, slack, yielding."""
 
+from types import SimpleNamespace
+
 import h5py
 import numpy as np
 import pytest
+from conftest import StopAfter
+from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 
+from netfall.job.read import read_job
 from netfall.net.net import GRAVITY
+from netfall.solve import newton, path, statics
+from netfall.solve.committed import committed, put_back
+from netfall.solve.path import _Way
+from netfall.solve.relaxation import Paused
+from netfall.solve.setup import prepare
+from netfall.stop import NEVER
+from netfall.timings import Phases
 
 SADDLE = """
 [net]
@@ -153,3 +165,85 @@ def test_a_strut_that_nothing_holds_sideways_is_told(workshop, share, stable):
     assert bool(f["statics/stable"][-1]) == stable
     assert f["statics/tension"][-1][0] == pytest.approx(-12e3 * share, rel=1e-3)  # ties take a little
     assert ("NOT STABLE" in done.stdout and "node 4" in done.stdout) != stable
+
+
+class Unseen:
+    """A result and a progress that nobody sees."""
+
+    def __getattr__(self, name):
+        return lambda *_: None
+
+
+class Statics:
+    """The static stage of a job in this process: as of a net that is large from so many particles on."""
+
+    def __init__(self, job, large, monkeypatch):
+        monkeypatch.setattr(newton, "LARGE", large)
+        monkeypatch.setattr(statics, "LARGE", large)
+        self.job, self.seen = read_job(job), []
+        self.setup = prepare(MPI.COMM_SELF, self.job, Phases())
+
+    def find(self, stop=NEVER, done=None, resume=None):
+        """All equilibria; positions of the last. Raises Paused."""
+        run = SimpleNamespace(
+            comm=MPI.COMM_SELF,
+            job=self.job,
+            setup=self.setup,
+            result=Unseen(),
+            progress=Unseen(),
+            stop=stop,
+        )
+        self.path = statics.find_equilibria(run, done, resume, self.seen)
+        return self.setup.state.x.copy()
+
+    def off(self) -> tuple[float, float]:
+        """Of the last: displacement and tension off the exact ones, shares of the largest."""
+        model = self.setup.model
+        net, load = model.net, model.permanent + model.live
+        exact = Exact(self.setup.state.x, net.elements, ~net.fixed, model.L0, load)
+        N, tension = exact.lengths()[2], self.seen[-1][0].snapshot.N
+        moved = np.linalg.norm(exact.x - self.setup.state.x, axis=1).max()
+        far = np.linalg.norm(exact.x - model.x, axis=1).max()
+        return moved / far, np.abs(N - tension).max() / N.max()
+
+
+def test_a_large_net_comes_to_much_load_by_parts_of_it(workshop, monkeypatch):
+    """With twelve times its load cables go slack: no relaxation, and right; with its own, in one part."""
+    parts = []
+    whole = _Way.go_part
+    monkeypatch.setattr(_Way, "go_part", lambda *given: parts.append(whole(*given)) or parts[-1])
+    for times, few in ((1, True), (12, False)):
+        parts.clear()
+        job = workshop.job(SADDLE.format(cells=24, cable="", pressure=[0.0, 0.0, 3 * times * AREA_LOAD]))
+        found = Statics(job, 0, monkeypatch)
+        found.find()
+        assert not any(each["relaxed"] for each in found.path.steps)
+        assert (len(parts) == len(found.path.steps)) == few
+        assert max(found.off()) < 1e-6
+    assert found.path.steps[-1]["slack"] > 0
+
+
+def test_what_the_way_by_parts_does_not_find_is_relaxed(workshop, monkeypatch):
+    """Where it gives up on the way, the positions are put back and relaxation finds it, as in small nets."""
+    job = workshop.job(SADDLE.format(cells=24, cable="", pressure=[0.0, 0.0, 36 * AREA_LOAD]))
+    monkeypatch.setattr(path, "PARTS", 1)
+    found = Statics(job, 0, monkeypatch)
+    found.find()
+    assert found.path.steps[1]["iterations"] > 300 and max(found.off()) < 1e-6
+
+
+@pytest.mark.parametrize("corrections", [2, 5, 8])
+def test_a_large_net_can_be_interrupted_in_its_equilibria(workshop, monkeypatch, corrections):
+    """Asked to stop between two corrections, in one of three load steps; taken up, to the same bits."""
+    text = SADDLE.format(cells=24, cable="", pressure=[0.0, 0.0, 0.3 * AREA_LOAD])
+    job = workshop.job(text.replace("steps = 2", "steps = 3"))
+    whole = Statics(job, 0, monkeypatch)
+    x = whole.find()
+    steps = [each["iterations"] for each in whole.path.steps]
+    assert steps[2] < steps[1]  # begun where the step before points to
+    stopped = Statics(job, 0, monkeypatch)
+    with pytest.raises(Paused) as pause:
+        stopped.find(StopAfter(corrections))
+    again = Statics(job, 0, monkeypatch)
+    put_back(again.setup.state, committed(stopped.setup.state))
+    assert np.array_equal(again.find(NEVER, pause.value.path, pause.value.at), x)

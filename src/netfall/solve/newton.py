@@ -103,8 +103,10 @@ class Newton:
         rows[self.stays] = 0.0
         return rows
 
-    def solve(self, K: Tangent, cycle, r: np.ndarray, share: float = LEFT) -> tuple[np.ndarray, int]:
-        """The correction (n_owned, 3) [m] of a residual, and the iterations. Collective.
+    def solve(
+        self, K: Tangent, cycle, r: np.ndarray, share: float = LEFT, most: int = MOST_GRADIENTS
+    ) -> tuple[np.ndarray, int]:
+        """The correction (n_owned, 3) [m] of a residual, and the iterations, at most so many. Collective.
 
         Raises NotFound where the tangent is singular in its direction.
         """
@@ -117,7 +119,7 @@ class Newton:
         if not (0.0 < rz < np.inf and rr < np.inf):
             raise NotFound("the preconditioner is not positive")
         first = rz
-        for iteration in range(1, MOST_GRADIENTS + 1):
+        for iteration in range(1, most + 1):
             q = self.stiffness_times(K, p)
             (pq,) = self.dots((p, q))
             if not pq > 0.0:
@@ -132,7 +134,7 @@ class Newton:
             rz = new
             if not 0.0 < rz < np.inf:
                 raise NotFound("the preconditioner is not positive")
-        raise Slow(f"{MOST_GRADIENTS} iterations of conjugate gradients were not enough")
+        raise Slow(f"{most} iterations of conjugate gradients were not enough")
 
     def cycle(self, K: Tangent) -> Cycle:
         """The approximate inverse of a tangent. Collective."""

@@ -9,7 +9,7 @@ that of a relaxation does.
 import numpy as np
 from mpi4py import MPI
 
-from netfall.solve.newton import LEFT, MANY_GRADIENTS, Newton
+from netfall.solve.newton import LEFT, MANY_GRADIENTS, MOST_GRADIENTS, Newton
 from netfall.solve.outcome import AT_START, Begun, NotFound, Stopped
 from netfall.solve.tangent import without_compression
 from netfall.stop import StopRequest
@@ -20,8 +20,12 @@ SMALLEST = 1e-3  # of what is missing: a part below that is none
 SHORTER = 0.1, 0.9  # times, within which a part is made shorter until it is foreseen
 HALF = 0.5  # times, where too many elements turn
 PARTS = 50
+SLOW = 5000  # iterations for all that is missing, as the last part tells; a relaxation is then cheaper
+FAILURES = 3  # of parts that are then tried again, shorter
+AGAIN = 0.25  # times
 CORRECTIONS = 15  # for each part
 MANY_ROUGH = 12  # iterations for those; another approximate inverse is then cheaper
+MOST_ROUGH = 80
 ROUGH = 0.1  # of the residual, what each of these leaves
 NEAR = 2e-2  # of the largest displacement and tension: what the last of them may move
 
@@ -42,19 +46,21 @@ def approach(newton: Newton, start: np.ndarray, stop: StopRequest) -> Begun:
             if part == 0:
                 return AT_START
             raise
-        share, size = way.go_part(K, s)
+        before = way.gradients
+        share, size = way.go_part(K, s, r)
         if share == 1.0:
             return Begun(way.gradients, size, way.cycle)
-        way.settle((1.0 - share) * r)
+        if way.gradients - before > SLOW * share:
+            raise NotFound("the parts are too many")
     raise NotFound(f"{PARTS} parts were not enough")
 
 
 class _Way:
-    """The approximate inverse in use, and the iterations so far."""
+    """The approximate inverse in use; iterations and failures so far."""
 
     def __init__(self, newton: Newton, start: np.ndarray, stop: StopRequest):
         self.newton, self.start, self.stop = newton, start, stop
-        self.gradients, self.cycle = 0, None
+        self.gradients, self.failures, self.cycle = 0, 0, None
         newton.begin()
 
     def tangent(self):
@@ -68,17 +74,38 @@ class _Way:
             raise Stopped
         if self.cycle is None:
             self.cycle = newton.inverse(newton, K)
-        s, count = newton.solve(K, self.cycle, r, share)
+        s, count = newton.solve(K, self.cycle, r, share, MOST_ROUGH if share == ROUGH else MOST_GRADIENTS)
         self.gradients += count
         if count > (MANY_GRADIENTS if share == LEFT else MANY_ROUGH):
             self.cycle = None
         return s
 
-    def go_part(self, K, s: np.ndarray) -> tuple[float, float]:
-        """Move by the part of a correction whose effect its tangent foresees; the part, and its size."""
+    def go_part(self, K, s: np.ndarray, r: np.ndarray) -> tuple[float, float]:
+        """Answer the share of a residual r (n_owned, 3) [N] that its correction s foresees; it, and its size.
+
+        All of it is answered by s alone. Raises NotFound, Stopped.
+        """
+        newton, most = self.newton, 1.0
+        before = newton.net.x.copy()
+        while True:
+            share, size = self._move(K, s, most)
+            if share == 1.0:
+                return share, size
+            try:
+                self._settle((1.0 - share) * r)
+                return share, size
+            except NotFound:
+                self.failures += 1
+                if self.failures > FAILURES:
+                    raise
+                newton.net.x[:] = before
+                self.cycle, most = None, AGAIN * share
+
+    def _move(self, K, s: np.ndarray, most: float) -> tuple[float, float]:
+        """Move by the part of a correction that its tangent foresees, at most so much; it, and its size."""
         newton = self.newton
         moved, change, predicted = newton.sizes(K, s, self.start)
-        before, share = newton.net.x.copy(), newton.most_of(s)
+        before, share = newton.net.x.copy(), min(most, newton.most_of(s))
         newton.spread_out(s)
         while True:
             newton.net.x[:] = before + share * newton.spread
@@ -93,7 +120,7 @@ class _Way:
             if share < SMALLEST:
                 raise NotFound("no part of the load is foreseen")
 
-    def settle(self, left: np.ndarray) -> None:
+    def _settle(self, left: np.ndarray) -> None:
         """Bring the net near to equilibrium but for a residual (n_owned, 3) [N]. Raises NotFound, Stopped."""
         newton = self.newton
         K = self.tangent()
