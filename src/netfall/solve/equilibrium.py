@@ -27,7 +27,7 @@ from netfall.stop import NEVER, StopRequest
 ALIKE = 1.5  # times stiffer or softer: what the first approximate inverse serves
 SLACKER = 0.01  # of the largest stiffness: below that an element counts as slack in comparing two tangents
 NEARER = (1e-2, 1e-3, 1e-4, 1e-5)  # of the largest force: residuals after which Newton's is tried once more
-NEARER_GUESS = 0.5  # times
+SMALLER = 0.5  # times: the residual of a guess, if it is to be taken
 TIGHTER = 10.0  # times: what the relaxation is asked more of, where its error is too large
 MOST_AGAIN = 6  # times
 ROUNDING = 1e-13  # of the largest force: residuals below that are rounding
@@ -80,8 +80,7 @@ class Finder:
         """Bring the state to equilibrium under a load (n, 3) [N] of owned and halo particles. Collective.
 
         tolerance : of the estimated errors; reference : [N], the largest force that acts; max_iterations : of
-        the relaxation; stop, resume : as in `relax`; guess : positions (n, 3) [m] to begin from, where the
-        largest residual is less than `NEARER_GUESS` times that at the present ones
+        the relaxation; stop, resume : as in `relax`; guess : positions (n, 3) [m] that may be nearer
 
         Raises DivergedError if neither finds one, Paused if asked to stop.
         """
@@ -90,10 +89,10 @@ class Finder:
         if resume is not None and (resume.iteration > 0 or resume.stage > 0):
             first, total = resume.stage, resume.total
         else:
-            if guess is not None and resume is None:
-                self._begin_at(guess, newton)
             resume = None
             before = state.x.copy(order="K")
+            if guess is not None:
+                self._begin_at(guess, newton)
             try:
                 return self._corrected(newton, tolerance, total, stop)
             except Stopped:
@@ -136,12 +135,12 @@ class Finder:
         return found
 
     def _begin_at(self, guess: np.ndarray, newton: Newton) -> None:
-        """Begin there if that is nearer to equilibrium. Collective."""
+        """Begin there if the residual is so much smaller there. Collective."""
         state, before, residuals = self.state, self.state.x.copy(order="K"), []
         for x in (before, guess):
             state.x[:] = x
             residuals += newton.largest(newton.residual())
-        if not residuals[1] < NEARER_GUESS * residuals[0]:
+        if not residuals[1] < SMALLER * residuals[0]:
             state.x[:] = before
 
     def _relaxed(self, newton: Newton, total: int, residual: float) -> Found:
