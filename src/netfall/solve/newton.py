@@ -30,6 +30,7 @@ FARTHEST = 0.1  # of the net's extent: what a correction may move
 FIRST_INERTIA = 1e-6  # of the nodes' stiffness, once the tangent is found singular
 MOST_INERTIA = 1e-3
 MANY_GRADIENTS = 25  # for one correction of a large net; another approximate inverse is then cheaper
+CAUTION = 10.0  # times more is taken to be left of the tensions after so many
 LARGE = 10_000  # particles; below that relaxation takes no longer than what serves larger nets
 SHORT = 0.3  # of a correction: if no more than that can be gone, the next gets more inertia
 ROUNDING = 1e-14  # of the net's extent: a correction below that is rounding
@@ -186,7 +187,8 @@ class Newton:
                 before = np.inf
             if self.large and (turned or count > MANY_GRADIENTS):
                 cycle = None
-            missing = max(share, min(1.0, size / before)) if 0.0 < before < np.inf else 1.0
+            left = CAUTION * share if self.large and count > MANY_GRADIENTS else share
+            missing = max(left, min(1.0, size / before)) if 0.0 < before < np.inf else 1.0
             if whole and exact and missing * size <= tolerance:
                 mine = largest_residual(self.f, self.net.free, self.halo.n_owned)
                 worst = self.comm.allreduce(mine, MPI.MAX)
