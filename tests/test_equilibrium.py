@@ -1,6 +1,7 @@
 """Equilibria against a sparse direct solver in Newton's method, at any refinement, taut, slack, yielding."""
 
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import h5py
 import numpy as np
@@ -167,19 +168,11 @@ def test_a_strut_that_nothing_holds_sideways_is_told(workshop, share, stable):
     assert ("NOT STABLE" in done.stdout and "node 4" in done.stdout) != stable
 
 
-class Unseen:
-    """A result and a progress that nobody sees."""
-
-    def __getattr__(self, name):
-        return lambda *_: None
-
-
 class Statics:
     """The static stage of a job in this process: as of a net that is large from so many particles on."""
 
     def __init__(self, job, large, monkeypatch):
         monkeypatch.setattr(newton, "LARGE", large)
-        monkeypatch.setattr(statics, "LARGE", large)
         self.job, self.seen = read_job(job), []
         self.setup = prepare(MPI.COMM_SELF, self.job, Phases())
 
@@ -189,8 +182,8 @@ class Statics:
             comm=MPI.COMM_SELF,
             job=self.job,
             setup=self.setup,
-            result=Unseen(),
-            progress=Unseen(),
+            result=Mock(),
+            progress=Mock(),
             stop=stop,
         )
         self.path = statics.find_equilibria(run, done, resume, self.seen)

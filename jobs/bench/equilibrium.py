@@ -12,6 +12,7 @@ import argparse
 import time
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 from mpi4py import MPI
@@ -89,18 +90,11 @@ def job_of(cells: int):
     return read_job(JOB, more)
 
 
-class Unseen:
-    """A result and a progress that nobody sees."""
-
-    def __getattr__(self, name):
-        return lambda *_: None
-
-
 def measure(comm: MPI.Comm, cells: int) -> str:
     """A row of the table: elements, seconds, iterations; seconds of the direct solver, error. Collective."""
     job = job_of(cells)
     setup = prepare(comm, job, Phases())
-    run = SimpleNamespace(comm=comm, job=job, setup=setup, result=Unseen(), progress=Unseen(), stop=NEVER)
+    run = SimpleNamespace(comm=comm, job=job, setup=setup, result=Mock(), progress=Mock(), stop=NEVER)
     gather, found = setup.distribution.gather_particles, []
     began = time.perf_counter()
     path = find_equilibria(run, None, None, found)

@@ -11,7 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.mechanics.elements import add_tensions
-from netfall.solve.newton import LARGE, Newton
+from netfall.solve.newton import Newton, is_large
 from netfall.solve.outcome import NotFound, Stopped
 from netfall.solve.relaxation import Paused, nodal_stiffness, not_begun
 from netfall.solve.stable import falling
@@ -30,7 +30,7 @@ def large_form(comm, distribution, halo, net, elements, settings, asked: float, 
 
     None where Newton's method is not tried or does not find it; net.x is then as before. Raises Paused.
     """
-    if distribution.n < LARGE or settings.modulus_factor == 0.0:
+    if not is_large(distribution) or settings.modulus_factor == 0.0:
         return None
     if comm.allreduce(bool((elements.T0 < 0.0).any()), MPI.LOR):  # compressed struts
         return None

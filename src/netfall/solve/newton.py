@@ -37,6 +37,11 @@ ROUNDING = 1e-14  # of the net's extent: a correction below that is rounding
 NIL = 1e-6  # of the net's extent: a displacement below that counts as so much
 
 
+def is_large(distribution: Distribution) -> bool:
+    """Whether a net is so large that the ways of large nets are shorter."""
+    return distribution.n >= LARGE
+
+
 class Newton:
     """Newton's method for one net on these ranks."""
 
@@ -54,7 +59,7 @@ class Newton:
         self.answer = np.zeros_like(self.spread)
         self.f = np.zeros_like(net.x)
         self.inertia = self.extent = 0.0
-        self.large = distribution.n >= LARGE
+        self.large = is_large(distribution)
 
     def begin(self) -> None:
         """Forget earlier inertia, and see how large the net is now. Collective."""

@@ -24,9 +24,9 @@ SLOW = 5000  # iterations for all that is missing, as the last part tells; a rel
 FAILURES = 3  # of parts that are then tried again, shorter
 AGAIN = 0.25  # times
 CORRECTIONS = 15  # for each part
-MANY_ROUGH = 12  # iterations for those; another approximate inverse is then cheaper
+ROUGH = 0.1  # of the residual, what each of these leaves, and parts but the first
+MANY_ROUGH = 12  # iterations for that; another approximate inverse is then cheaper
 MOST_ROUGH = 80
-ROUGH = 0.1  # of the residual, what each of these leaves
 NEAR = 2e-2  # of the largest displacement and tension: what the last of them may move
 
 
@@ -41,7 +41,7 @@ def approach(newton: Newton, start: np.ndarray, stop: StopRequest) -> Begun:
     for part in range(PARTS):
         r, K = newton.residual(), way.tangent()
         try:
-            s = way.solve(K, r, LEFT if part == 0 else ROUGH)
+            s = way.solve(K, r, rough=part > 0)
         except NotFound:
             if part == 0:
                 return AT_START
@@ -67,16 +67,19 @@ class _Way:
         """Where the net is, without compression."""
         return without_compression(self.newton.tangent())
 
-    def solve(self, K, r: np.ndarray, share: float) -> np.ndarray:
+    def solve(self, K, r: np.ndarray, rough: bool = True) -> np.ndarray:
         """The correction of a residual. Raises NotFound, Stopped."""
+        share, many, most = (
+            (ROUGH, MANY_ROUGH, MOST_ROUGH) if rough else (LEFT, MANY_GRADIENTS, MOST_GRADIENTS)
+        )
         newton = self.newton
         if newton.comm.allreduce(int(self.stop.wanted), MPI.MAX):
             raise Stopped
         if self.cycle is None:
             self.cycle = newton.inverse(newton, K)
-        s, count = newton.solve(K, self.cycle, r, share, MOST_ROUGH if share == ROUGH else MOST_GRADIENTS)
+        s, count = newton.solve(K, self.cycle, r, share, most)
         self.gradients += count
-        if count > (MANY_GRADIENTS if share == LEFT else MANY_ROUGH):
+        if count > many:
             self.cycle = None
         return s
 
@@ -126,7 +129,7 @@ class _Way:
         K = self.tangent()
         for _ in range(CORRECTIONS):
             r = newton.residual() - left
-            s = self.solve(K, r, ROUGH)
+            s = self.solve(K, r)
             moved, change, predicted = newton.sizes(K, s, self.start)
             share = newton.go(s, r, left)
             old, K = K, self.tangent()

@@ -204,7 +204,6 @@ def largest_force(comm: MPI.Comm, N: np.ndarray, ends: np.ndarray, free: np.ndar
 
 def net_of(state: State, load: np.ndarray) -> Net:
     """The net of a state under a load (n, 3) [N] of owned and halo particles, plastic state unchanged."""
-
     load = np.asfortranarray(load)  # as positions and forces are
 
     def forces(x, f):

@@ -22,7 +22,7 @@ from netfall.solve.committed import carried_on, committed, put_back
 from netfall.solve.energy import Snapshot, take_snapshot
 from netfall.solve.equilibrium import STABLE, Finder, Found
 from netfall.solve.loading import live_load, of_case
-from netfall.solve.newton import LARGE
+from netfall.solve.newton import is_large
 from netfall.solve.relaxation import Paused, Relaxation, largest_force
 from netfall.stop import NEVER, StopRequest
 
@@ -134,7 +134,7 @@ def find_equilibria(run, path: StaticPath | None, resume: Relaxation | None, see
     Raises Paused where it is asked to stop, NoRest where there is no equilibrium.
     """
     state, wanted, base = run.setup.state, equilibria(run), None
-    large = run.setup.distribution.n >= LARGE
+    large = is_large(run.setup.distribution)
     if path is None:
         path = StaticPath(reference_force(run, wanted[-1]))
     elif path.done > 0 and any(
