@@ -41,8 +41,7 @@ PACKAGES = {
     ],
     "llvmlite": ["compile", "arithmetic", "parallel.mpi_symbols"],
     "scipy": [
-        *("solve.modes", "solve.aggregation", "solve.multilevel", "solve.tangent"),
-        "study.draws",
+        *("solve.modes", "parallel.block_rows", "study.draws"),
         *("exchange.join", "exchange.faults"),
     ],
     "shapely": ["net", "exchange.faults"],

@@ -4,81 +4,14 @@ A row sums its blocks in ascending global number of the column, so a product has
 of ranks.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from mpi4py import MPI
 
 from netfall.arithmetic import fused
 from netfall.compile import kernel, part_of_kernel
+from netfall.parallel.block_rows import BlockRows
 
 TAG = 31
-
-
-class Share(NamedTuple):
-    """What one rank has of a matrix, and of the vectors that it multiplies.
-
-    start (rows + 1,), column (k,) local int32, block (k, 9) float32 : compressed rows
-    n_columns : owned by this rank; ghosts follow them
-    senders, receive_counts : ranks that send ghosts, and how many; receivers, send_index : whom this rank
-        sends which of its own
-    """
-
-    start: np.ndarray
-    column: np.ndarray
-    block: np.ndarray
-    n_columns: int
-    senders: list[int]
-    receive_counts: list[int]
-    receivers: list[int]
-    send_index: list[np.ndarray]
-
-
-def shares(matrix, rows: list[np.ndarray], columns: list[np.ndarray]) -> list[Share]:
-    """The shares of all ranks of a scipy BSR matrix of 3 x 3 blocks, sorted columns.
-
-    rows, columns : the global numbers that each rank owns, in its own order
-    """
-    owner = np.empty(matrix.shape[1] // 3, np.int64)
-    place = np.empty_like(owner)
-    for rank, own in enumerate(columns):
-        owner[own], place[own] = rank, np.arange(len(own))
-    cut = [_cut(matrix, own, owner, place, rank, columns) for rank, own in enumerate(rows)]
-    wanted = [_by_owner(ghosts, owner) for _, ghosts in cut]
-    done = []
-    for rank, ((start, column, block), _) in enumerate(cut):
-        receivers = [other for other in range(len(rows)) if rank in wanted[other]]
-        done.append(
-            Share(
-                start,
-                column,
-                block,
-                len(columns[rank]),
-                list(wanted[rank]),
-                [len(ids) for ids in wanted[rank].values()],
-                receivers,
-                [place[wanted[other][rank]] for other in receivers],
-            )
-        )
-    return done
-
-
-def _cut(matrix, own, owner, place, rank: int, columns):
-    """Rows `own` of a matrix with local columns, and the global numbers of the ghosts among these."""
-    counts = np.diff(matrix.indptr)[own]
-    start = np.concatenate([[0], np.cumsum(counts)])
-    entry = np.repeat(matrix.indptr[own] - start[:-1], counts) + np.arange(start[-1])
-    column = matrix.indices[entry]
-    ghosts = np.unique(column[owner[column] != rank])
-    ghosts = ghosts[np.argsort(owner[ghosts], kind="stable")]
-    local = place.copy()
-    local[ghosts] = len(columns[rank]) + np.arange(len(ghosts))
-    block = matrix.data[entry].reshape(-1, 9).astype(np.float32)
-    return (start, local[column].astype(np.int32), block), ghosts
-
-
-def _by_owner(ghosts: np.ndarray, owner: np.ndarray) -> dict[int, np.ndarray]:
-    return {int(rank): ghosts[owner[ghosts] == rank] for rank in np.unique(owner[ghosts])}
 
 
 @kernel
@@ -156,45 +89,51 @@ def turn(share, z, p):
 
 
 class SpreadMatrix:
-    """The product of a matrix with a vector, rows (n_owned, 3) float32 of both on each rank."""
+    """The product of a matrix with a vector, rows float32 (rows, 3) of both on each rank."""
 
-    def __init__(self, comm: MPI.Comm, all_shares: list[Share] | None):
-        """Collective. all_shares : on rank 0."""
-        self.comm = comm
-        self.share: Share = comm.scatter(all_shares)
-        ghosts = sum(self.share.receive_counts)
-        self.x = np.zeros((self.share.n_columns + ghosts, 3), np.float32)
-        self.own = self.x[: self.share.n_columns]
-        self.y = np.zeros((len(self.share.start) - 1, 3), np.float32)
-        self.out = [np.empty((len(index), 3), np.float32) for index in self.share.send_index]
+    def __init__(self, rows: BlockRows):
+        """Collective."""
+        local, ghosts = rows.local, rows.ghosts
+        self.comm, self.n_columns = rows.comm, len(rows.columns.mine)
+        self.start, self.column = local.indptr.astype(np.int32), local.indices.astype(np.int32)
+        self.block = local.data.reshape(-1, 9).astype(np.float32)
+        self.x = np.zeros((self.n_columns + len(ghosts.number), 3), np.float32)
+        self.own = self.x[: self.n_columns]
+        self.y = np.zeros((len(self.start) - 1, 3), np.float32)
+        ends = self.n_columns + np.cumsum(ghosts.counts)
+        self.receives = [
+            (rank, self.x[end - count : end])
+            for rank, (end, count) in enumerate(zip(ends, ghosts.counts))
+            if count
+        ]
+        self.sends = [
+            (rank, places, np.empty((len(places), 3), np.float32))
+            for rank, places in enumerate(ghosts.asked)
+            if len(places)
+        ]
 
     def __call__(self, x: np.ndarray | None = None) -> np.ndarray:
         """The rows of the product, in an array that the next call overwrites. Collective.
 
         x : (n_columns, 3); None: what is in `own`
         """
-        share = self.share
         if x is not None:
             self.own[:] = x
         self._exchange()
-        multiply_rows(share.start, share.column, share.block, self.x, self.y)
+        multiply_rows(self.start, self.column, self.block, self.x, self.y)
         return self.y
 
     def take_step(self, b: np.ndarray, inverse: np.ndarray, scale, keep, step: np.ndarray) -> None:
         """step = keep step + scale inverse (b - product with `own`), and add it to `own`. Collective."""
-        share = self.share
         self._exchange()
-        step_rows(share.start, share.column, share.block, inverse, b, self.x, scale, keep, step)
+        step_rows(self.start, self.column, self.block, inverse, b, self.x, scale, keep, step)
         self.own += step
 
     def _exchange(self) -> None:
-        requests, row, share = [], self.share.n_columns, self.share
-        if not (share.senders or share.receivers):
+        if not (self.receives or self.sends):
             return
-        for rank, count in zip(share.senders, share.receive_counts):
-            requests.append(self.comm.Irecv(self.x[row : row + count], rank, TAG))
-            row += count
-        for rank, index, out in zip(share.receivers, share.send_index, self.out):
-            np.take(self.x, index, axis=0, out=out)
+        requests = [self.comm.Irecv(rows, rank, TAG) for rank, rows in self.receives]
+        for rank, places, out in self.sends:
+            np.take(self.x, places, axis=0, out=out)
             requests.append(self.comm.Isend(out, rank, TAG))
         MPI.Request.Waitall(requests)

@@ -1,15 +1,17 @@
-"""The levels of `multilevel`, made on rank 0: aggregates of particles, and how these move."""
+"""The levels of `multilevel`: aggregates of particles, and how these move."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.compile import kernel
+from netfall.parallel.agree import on_root
+from netfall.parallel.block_rows import BlockRows, Owners, blocks_of, entries_of
 from netfall.parallel.sums import exact_sums
 
 COARSEST = 100  # aggregates at which the levels end
+EVERYWHERE = 4000  # at most: to work on all of them costs a rank less than an exchange with others
 MOST_LEVELS = 20
 MERGED = 0.7  # of a level's particles, in aggregates, at most: else it is the last one
 POWERS = 15  # iterations for the largest eigenvalue of a coarse level
@@ -19,55 +21,107 @@ TINY = 1e-9  # of a block's trace, added to it: what nothing holds would make it
 
 @dataclass
 class Level:
-    """One level on rank 0: `matrix`, scipy BSR of 3 x 3 blocks; `inverse` (n, 3, 3) of its diagonal blocks.
+    """One level: `matrix`; `inverse` (rows, 3, 3) of the diagonal blocks of this rank's rows.
 
-    top : bound of the eigenvalues of inverse times matrix; coarser : prolongation from the next level, if any
+    top : bound of the eigenvalues of inverse times matrix
+    down, up : to the next level and from there, if there is one
     """
 
-    matrix: object
+    matrix: BlockRows
     inverse: np.ndarray
     top: float
-    coarser: object = None
+    down: BlockRows | None = None
+    up: BlockRows | None = None
 
 
-def levels_of(matrix) -> list[Level]:
-    """The levels of a tangent stiffness, a scipy BSR matrix of 3 x 3 blocks in which all axes can move.
+def levels_of(matrix: BlockRows) -> list[Level]:
+    """The levels of a tangent stiffness, all axes of whose blocks can move. Collective.
 
-    Held axes have a row and column of zeros but for the diagonal. Rank 0.
+    Held axes have a row and column of zeros but for the diagonal. Small levels each rank makes for itself.
     """
-    from scipy.sparse import bsr_array
-
     levels = []
     while True:
-        matrix.sort_indices()
-        n = matrix.shape[0] // 3
-        inverse = inverse_blocks(diagonal_blocks(matrix))
+        inverse = inverse_blocks(matrix.diagonal())
         # An element's stiffness is at most twice its share of the diagonal blocks, so 2 bounds a net's.
         level = Level(matrix, inverse, largest_eigenvalue(matrix, inverse) if levels else 2.0)
         levels.append(level)
-        if n <= COARSEST or len(levels) == MOST_LEVELS:
+        if matrix.rows.n <= COARSEST or len(levels) == MOST_LEVELS:
             return levels
-        number, count = aggregates(matrix.indptr, matrix.indices)
-        if not 0 < count < MERGED * n:
+        number, count = aggregates(matrix)
+        if not 0 < count < MERGED * matrix.rows.n:
             return levels
-        member = np.flatnonzero(number >= 0)
-        start = np.concatenate([[0], np.cumsum(number >= 0)])
-        alike = np.broadcast_to(np.eye(3), (len(member), 3, 3))
-        whole = bsr_array((alike, number[member], start), shape=(3 * n, 3 * count))
-        scaled = bsr_array((inverse, np.arange(n), np.arange(n + 1)), shape=matrix.shape)
-        level.coarser = bsr_array(whole - (4.0 / (3.0 * level.top)) * (scaled @ (matrix @ whole)))
-        level.coarser.sort_indices()
-        matrix = bsr_array(level.coarser.T @ (matrix @ level.coarser), blocksize=(3, 3))
+        level.up = prolongation(level, number, _owners(matrix, number, count))
+        level.down = level.up.transposed()
+        matrix = level.down.times(matrix.times(level.up))
+        matrix.own.sort_indices()
+        if matrix.comm.size > 1 and matrix.rows.n <= EVERYWHERE:
+            matrix = matrix.everywhere()
 
 
-def diagonal_blocks(matrix) -> np.ndarray:
-    """The blocks (n, 3, 3) on the diagonal of a BSR matrix."""
-    n = matrix.shape[0] // 3
-    row = np.repeat(np.arange(n), np.diff(matrix.indptr))
-    at = np.flatnonzero(row == matrix.indices)
-    blocks = np.zeros((n, 3, 3))
-    blocks[row[at]] = matrix.data[at]
-    return blocks
+def _owners(matrix: BlockRows, number: np.ndarray, count: int) -> Owners:
+    """An aggregate goes to the owner of its first particle. Collective. number, count : of `aggregates`"""
+    rank, comm = np.empty(count, np.int32), matrix.comm
+    member = np.flatnonzero(number >= 0)[::-1]
+    rank[number[member]] = matrix.rows.rank[member]  # the last one stays
+    return Owners(comm, np.flatnonzero(rank == comm.rank))
+
+
+def prolongation(level: Level, number: np.ndarray, owners: Owners) -> BlockRows:
+    """How rows move when each of the aggregates moves as a whole, smoothed by one step of Jacobi's iteration.
+
+    number : (n,) of each row's aggregate; owners : of the aggregates
+    """
+    rows, own = level.matrix.rows, level.matrix.own
+    of_rows, factor = number[rows.mine], 4.0 / (3.0 * level.top)
+    start, aggregate = np.empty(len(own.indptr), np.int64), np.empty(len(own.indices), np.int32)
+    block, matrix = np.empty((len(own.indices), 3, 3)), (own.indptr, own.indices, own.data)
+    smooth_rows(*matrix, number, of_rows, level.inverse, factor, start, aggregate, block)
+    up = blocks_of(block[: start[-1]], aggregate[: start[-1]], start, owners.n)
+    return BlockRows(level.matrix.comm, up, rows, owners)
+
+
+@kernel
+def smooth_rows(begin, column, matrix, number, own, inverse, factor, start, aggregate, block):
+    """Fill the rows of a prolongation: start (rows + 1,), aggregate (k,), block (k, 3, 3); k at most.
+
+    begin, column, matrix : compressed rows of blocks; number : (n,) of each column's aggregate; own : (rows,)
+    of each row's; inverse : (rows, 3, 3); factor : of the step
+    """
+    end = 0
+    for p in range(own.shape[0]):
+        start[p], first = end, end
+        for entry in range(begin[p], begin[p + 1]):  # the aggregates that it meets, in ascending order
+            a, k = number[column[entry]], end
+            while k > first and aggregate[k - 1] > a:
+                k -= 1
+            if a < 0 or (k > first and aggregate[k - 1] == a):
+                continue
+            for after in range(end, k, -1):
+                aggregate[after] = aggregate[after - 1]
+            aggregate[k] = a
+            end += 1
+        kept = first
+        for k in range(first, end):
+            a, differs = aggregate[k], False
+            s = block[kept]
+            for i in range(3):
+                for j in range(3):
+                    s[i, j] = 0.0
+            for entry in range(begin[p], begin[p + 1]):
+                if number[column[entry]] == a:
+                    for i in range(3):
+                        for j in range(3):
+                            s[i, j] += matrix[entry, i, j]
+            for j in range(3):
+                u, v, w = s[0, j], s[1, j], s[2, j]
+                for i in range(3):
+                    moved = inverse[p, i, 0] * u + inverse[p, i, 1] * v + inverse[p, i, 2] * w
+                    s[i, j] = (1.0 if a == own[p] and i == j else 0.0) - factor * moved
+                    differs |= s[i, j] != 0.0
+            aggregate[kept] = a
+            kept += differs
+        end = kept
+    start[-1] = end
 
 
 def inverse_blocks(blocks: np.ndarray) -> np.ndarray:
@@ -83,15 +137,14 @@ def inverse_blocks(blocks: np.ndarray) -> np.ndarray:
     return whole / (a * A + b * B + c * C)[:, None, None]
 
 
-def largest_eigenvalue(matrix, inverse: np.ndarray) -> float:
-    """Of inverse times matrix, by powers, a little more to be safe. The sums are exact."""
-    n = len(inverse)
-    v = ((np.arange(3 * n) * 2654435761) % 2**32) / 2.0**32 - 0.5
+def largest_eigenvalue(matrix: BlockRows, inverse: np.ndarray) -> float:
+    """Of inverse times matrix, by powers, a little more to be safe. The sums are exact. Collective."""
+    number = 3 * matrix.rows.mine[:, None] + np.arange(3)
+    v = ((number * 2654435761) % 2**32) / 2.0**32 - 0.5
     value = 1.0
     for _ in range(POWERS):
-        force = (matrix @ v).reshape(n, 1, 3)
-        w = np.add.reduce(inverse * force, axis=2).ravel()
-        new, old = exact_sums(MPI.COMM_SELF, w * w, v * v)
+        w = np.add.reduce(inverse * matrix.times_vector(v)[:, None], axis=2)
+        new, old = exact_sums(matrix.comm, (w * w).ravel(), (v * v).ravel())
         value = math.sqrt(new / old)
         v = w / value
     return SAFE * value
@@ -137,8 +190,18 @@ def aggregates_into(start, column, number):
     return count
 
 
-def aggregates(start, column) -> tuple[np.ndarray, int]:
-    """The number (n,) of each node's aggregate, -1 or less: none, and how many there are."""
-    number = np.empty(len(start) - 1, np.int64)
-    count = aggregates_into(start.astype(np.int64), column.astype(np.int64), number)
-    return number, count
+def aggregates(matrix: BlockRows) -> tuple[np.ndarray, int]:
+    """The number (n,) of each row's aggregate, -1 or less: none, and how many there are. Collective.
+
+    In the order of the global numbers, one after the other: rank 0 does it.
+    """
+    comm, own = matrix.comm, matrix.own
+    parts = comm.gather((matrix.rows.mine, np.diff(own.indptr), own.indices))
+
+    def joined():
+        row, counts, column = (np.concatenate(each) for each in zip(*parts))
+        counts, entries = entries_of(counts, np.argsort(row))
+        number = np.empty(len(row), np.int64)
+        return number, aggregates_into(np.concatenate([[0], np.cumsum(counts)]), column[entries], number)
+
+    return comm.bcast(on_root(comm, joined))

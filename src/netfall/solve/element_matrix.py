@@ -13,8 +13,8 @@ from netfall.arithmetic import fused
 from netfall.compile import kernel, part_of_kernel
 from netfall.parallel.blocks import add_step
 from netfall.parallel.halo import Halo
-from netfall.parallel.subdomain import Distribution
 from netfall.solve.tangent import Tangent, without_compression
+from netfall.solve.tangent_matrix import Incidence
 
 
 class Rows(NamedTuple):
@@ -64,35 +64,49 @@ def step_elements(start, other, element, support, free, inverse, b, x, scale, ke
         add_step(i, inverse, b[i, 0] - r, b[i, 1] - s, b[i, 2] - t, scale, keep, step)
 
 
+@kernel
+def fill_elements(at, direction, axial, across, start, other, element):
+    """Fill these of `Rows`, slack elements left out.
+
+    at : `Incidence`; direction, axial, across : of `Tangent`
+    """
+    k = 0
+    for p in range(start.shape[0] - 1):
+        start[p] = k
+        for entry in range(at.start[p], at.start[p + 1]):
+            e = at.element[entry]
+            along = axial[e] - across[e]
+            if along == 0.0 and across[e] == 0.0:
+                continue
+            other[k] = at.far[entry]
+            element[k, 0], element[k, 1], element[k, 2] = direction[e, 0], direction[e, 1], direction[e, 2]
+            element[k, 3], element[k, 4] = along, across[e]
+            k += 1
+    start[-1] = k
+
+
 class ElementMatrix:
     """The product with a vector of rows (n_owned, 3) float32 on each rank, as of `blocks.SpreadMatrix`.
 
     What it is multiplied with is zero on held axes.
     """
 
-    def __init__(self, distribution: Distribution, halo: Halo, net, K: Tangent, inertia: float):
+    def __init__(self, halo: Halo, net, K: Tangent, at: Incidence, inertia: float):
         """Compression is left out.
 
-        net : `relaxation.Net`; inertia : share of the nodes' stiffness that is added
+        net : `relaxation.Net`; at : of the particles that this rank owns; inertia : share of the nodes'
+        stiffness that is added
         """
-        d, n = distribution.subdomain, halo.n_owned
-        K, ends = without_compression(K), net.ends.astype(np.int64)
-        row, other = np.concatenate([ends, ends[:, ::-1]]).T
-        element = np.tile(np.column_stack([K.direction, K.axial - K.across, K.across]), (2, 1))
-        mine = np.flatnonzero((row < n) & (element[:, 3:] != 0.0).any(1))
-        gid = np.tile(d.element_gid, 2)
-        mine = mine[np.lexsort((gid[mine], d.particle_gid[other[mine]], row[mine]))]
+        n, K = halo.n_owned, without_compression(K)
         support = None
         if K.support is not None or inertia:
             held = np.zeros((n, 3)) if K.support is None else K.support[:n]
             support = (held + inertia * K.nodal[:n, None]).astype(np.float32)
-        self.rows = Rows(
-            np.searchsorted(row[mine], np.arange(n + 1)).astype(np.int32),
-            other[mine].astype(np.int32),
-            element[mine].astype(np.float32),
-            support,
-            (net.free[:n] != 0).astype(np.uint8),
-        )
+        start, other = np.empty(n + 1, np.int32), np.empty(len(at.far), np.int32)
+        element = np.empty((len(at.far), 5), np.float32)
+        fill_elements(at, K.direction, K.axial, K.across, start, other, element)
+        free = (net.free[:n] != 0).astype(np.uint8)
+        self.rows = Rows(start, other[: start[-1]], element[: start[-1]], support, free)
         self.halo = halo
         self.x = np.zeros((len(net.x), 3), np.float32)
         self.own, self.y = self.x[:n], np.empty((n, 3), np.float32)

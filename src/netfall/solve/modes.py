@@ -15,7 +15,7 @@ import numpy as np
 
 from netfall.mechanics.material import largest_stiffness
 from netfall.net.net import Net
-from netfall.solve.tangent import block_matrix
+from netfall.solve.tangent_matrix import block_matrix, incidence_of
 
 STILL = 1e-12  # of the largest diagonal of M^-1 K: an omega^2 below that is rounding, a mechanism
 SHIFT = 1e-11  # of the same: how far below zero the shift lies, so that mechanisms can be found too
@@ -58,8 +58,10 @@ def modes_at(x, net: Net, N, L0, mass, count: int) -> Modes:
     along = x[net.elements[:, 1]] - x[net.elements[:, 0]]
     L = np.linalg.norm(along, axis=1)
     free = np.ones((net.n, 3), bool)  # held axes are left out below
+    number = np.arange(net.n)
     stiffness = block_matrix(
-        net.elements, along / L[:, None], axial, N / L, free, net.spring, np.zeros(net.n)
+        *(net.elements, along / L[:, None], axial, N / L, free, net.spring, np.zeros(net.n)),
+        *(number, incidence_of(net.elements, number, net.n), net.n),
     )
     root = 1.0 / np.sqrt(np.repeat(mass, 3)[moves])
     scaled = (diags_array(root) @ stiffness.tocsr()[moves][:, moves] @ diags_array(root)).tocsc()

@@ -5,7 +5,8 @@ neighbours, these again, until few are left; each level moves its aggregates as 
 of Jacobi's iteration.
 Between levels Chebyshev's polynomial in the stiffness, scaled by each particle's 3 x 3 block, takes out what
 varies from particle to particle. A cycle through the levels is symmetric, so that conjugate gradients may use
-it. Levels are made on rank 0, in global numbers, and spread; a cycle is in single precision.
+it. All ranks make the levels, in double precision; a cycle is in single precision. Small levels each rank has
+whole.
 """
 
 from dataclasses import dataclass
@@ -14,13 +15,13 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.linear import factorised, solve_factorised
-from netfall.parallel.agree import on_root
-from netfall.parallel.blocks import SpreadMatrix, first_step, shares
+from netfall.parallel.blocks import SpreadMatrix, first_step
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
-from netfall.solve.aggregation import COARSEST, Level, levels_of
+from netfall.solve.aggregation import COARSEST, levels_of
 from netfall.solve.element_matrix import ElementMatrix
-from netfall.solve.tangent import Tangent, whole_matrix
+from netfall.solve.tangent import Tangent
+from netfall.solve.tangent_matrix import incidence_of, tangent_rows
 
 DEGREE = 4  # of the polynomial before and after each coarser level
 RANGE = 20.0  # the polynomial damps eigenvalues from the largest down to this part of it
@@ -38,22 +39,22 @@ class Cycle:
 
         net : `relaxation.Net`; inertia : share of the nodes' stiffness that is added
         """
-        self.comm, owned = comm, distribution.owned()
-        matrix = whole_matrix(distribution, net, K, inertia)
-        finest = ElementMatrix(distribution, halo, net, K, inertia)
-        levels = on_root(comm, lambda: levels_of(matrix))
-        everywhere = on_root(comm, lambda: _owned_everywhere(levels, owned))
-        spread = on_root(comm, lambda: _spread(levels, everywhere))
+        self.comm = comm
+        at = incidence_of(net.ends, distribution.subdomain.particle_gid, halo.n_owned)
+        levels = levels_of(tangent_rows(distribution, net, K, at, inertia))
+        owners = [levels[0].matrix.rows, *(level.up.columns for level in levels[:-1])]
+        self.factor = None
+        if levels[-1].matrix.rows.n <= DENSE:
+            self.factor = levels.pop().matrix.dense()
+            factorised(self.factor)
+        self.whole = sum(level.matrix.comm is comm for level in levels)  # from there on a rank has all rows
+        self.rows = owners[min(self.whole, len(owners) - 1)]
         self.levels = []
-        for k in range(comm.bcast(None if spread is None else len(spread))):
-            each = spread[k] if spread else None
-            ends = comm.bcast(each and each["down"] is None)
-            matrix = SpreadMatrix(comm, each and each["matrix"]) if k else finest
-            beside = [] if ends else [SpreadMatrix(comm, each and each[name]) for name in ("down", "up")]
-            inverse, top = comm.scatter(each and each["inverse"]), comm.bcast(each and each["top"])
-            self.levels.append(_SpreadLevel(inverse, top, matrix, *beside))
-        self.factor = comm.bcast(on_root(comm, lambda: _last(levels[-1].matrix)))
-        self.last = comm.scatter(everywhere and everywhere[-1])
+        for level in levels:
+            inverse = level.inverse[:, *UPPER].astype(np.float32)
+            matrix = SpreadMatrix(level.matrix) if self.levels else ElementMatrix(halo, net, K, at, inertia)
+            beside = (SpreadMatrix(level.down), SpreadMatrix(level.up)) if level.up else ()
+            self.levels.append(_SpreadLevel(inverse, level.top, matrix, *beside))
 
     def __call__(self, b: np.ndarray) -> np.ndarray:
         """Nearly the displacements (n_owned, 3) that the forces b (n_owned, 3) make. Collective."""
@@ -62,8 +63,12 @@ class Cycle:
         return self._cycle(0, single).astype(float)
 
     def _cycle(self, k: int, b: np.ndarray) -> np.ndarray:
-        if k == len(self.levels):
-            return self._solve_last(b)
+        if k == self.whole:
+            b = self._gathered(b)
+        x = self._solved(b) if k == len(self.levels) else self._smoothed(k, b)
+        return x[self.rows.mine] if k == self.whole else x
+
+    def _smoothed(self, k: int, b: np.ndarray) -> np.ndarray:
         level = self.levels[k]
         x = level.matrix.own
         level.smooth(b, True)
@@ -73,13 +78,16 @@ class Cycle:
         level.smooth(b, False)
         return x
 
-    def _solve_last(self, b: np.ndarray) -> np.ndarray:
-        whole = np.zeros((len(self.factor) // 3, 3))
-        whole[self.last] = b
+    def _gathered(self, b: np.ndarray) -> np.ndarray:
+        whole = np.zeros((self.rows.n, 3), np.float32)
+        whole[self.rows.mine] = b
         self.comm.Allreduce(MPI.IN_PLACE, whole, MPI.SUM)  # one term that is not zero: no rounding
-        flat = whole.ravel()
+        return whole
+
+    def _solved(self, b: np.ndarray) -> np.ndarray:
+        flat = b.astype(float).ravel()
         solve_factorised(self.factor, flat)
-        return whole[self.last].astype(np.float32)
+        return flat.reshape(-1, 3).astype(np.float32)
 
 
 @dataclass
@@ -107,55 +115,3 @@ class _SpreadLevel:
                 self.matrix.take_step(b, self.inverse, np.float32(scale), np.float32(keep), step)
             after = 1.0 / (2.0 * ratio - factor)
             keep, scale, factor = after * factor, 2.0 * after / half, after
-
-
-def _owned_everywhere(levels: list[Level], owned: list[np.ndarray]) -> list[list[np.ndarray]]:
-    """What each rank owns of each level: an aggregate goes to the owner of its first particle."""
-    rank_of = np.empty(levels[0].matrix.shape[0] // 3, np.int64)
-    for rank, own in enumerate(owned):
-        rank_of[own] = rank
-    everywhere = [owned]
-    for level in levels[:-1]:
-        up = level.coarser
-        row = np.repeat(np.arange(up.shape[0] // 3), np.diff(up.indptr))
-        first = np.full(up.shape[1] // 3, len(row), np.int64)
-        np.minimum.at(first, up.indices, row)
-        rank_of = rank_of[first]
-        everywhere.append([np.flatnonzero(rank_of == rank) for rank in range(len(owned))])
-    return everywhere
-
-
-def _spread(levels: list[Level], everywhere: list[list[np.ndarray]]) -> list[dict]:
-    """What each rank gets of all levels but the last, and of that too if it is too large to be solved.
-
-    everywhere : of `_owned_everywhere`
-    """
-    from scipy.sparse import bsr_array
-
-    out = []
-    for k, level in enumerate(levels):
-        fine, down = everywhere[k], None
-        if level.coarser is None and level.matrix.shape[0] <= 3 * DENSE:
-            break
-        if level.coarser is not None:
-            down = bsr_array(level.coarser.T, blocksize=(3, 3))
-            down.sort_indices()
-        out.append(
-            {
-                "matrix": shares(level.matrix, fine, fine) if k else None,
-                "down": None if down is None else shares(down, everywhere[k + 1], fine),
-                "up": None if down is None else shares(level.coarser, fine, everywhere[k + 1]),
-                "inverse": [level.inverse[own][:, *UPPER].astype(np.float32) for own in fine],
-                "top": level.top,
-            }
-        )
-    return out
-
-
-def _last(matrix) -> np.ndarray | None:
-    """The factor of the last level; None if that is too large."""
-    if matrix.shape[0] > 3 * DENSE:
-        return None
-    whole = matrix.toarray()
-    factorised(whole)
-    return whole

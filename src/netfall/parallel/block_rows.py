@@ -1,0 +1,169 @@
+"""Sparse matrices of 3 x 3 blocks in double precision, their rows spread over the ranks.
+
+A row keeps its blocks in ascending global number of the column, and a product sums in that order. So each
+block of a product has the same bits on any number of ranks.
+"""
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from mpi4py import MPI
+
+
+class Owners:
+    """Which rank owns which rows of a matrix, or of a vector; all ranks know it.
+
+    mine : global numbers of this rank's rows, in its order; rank, place : (n,) the owner of each row, and
+        where the row stands there
+    """
+
+    def __init__(self, comm: MPI.Comm, mine: np.ndarray):
+        """Collective."""
+        everyone = comm.allgather(mine)
+        self.mine, self.n = mine, sum(map(len, everyone))
+        self.rank, self.place = np.empty((2, self.n), np.int32)
+        for rank, own in enumerate(everyone):
+            self.rank[own], self.place[own] = rank, np.arange(len(own))
+
+
+class Ghosts(NamedTuple):
+    """What a rank needs of others' rows, and they of its own.
+
+    number : global numbers, owner by owner, each owner's ascending; counts : (ranks,) of each owner
+    asked : of each rank the places of this rank's rows that it needs
+    """
+
+    number: np.ndarray
+    counts: np.ndarray
+    asked: list[np.ndarray]
+
+
+def ghosts_of(comm: MPI.Comm, wanted: np.ndarray, owners: Owners) -> Ghosts:
+    """The ghosts among rows that a rank needs, by global numbers in any order and number. Collective."""
+    needs = np.zeros(owners.n, bool)
+    needs[wanted] = True
+    needs[owners.mine] = False
+    number = np.flatnonzero(needs)
+    number = number[np.argsort(owners.rank[number], kind="stable")]
+    counts = np.bincount(owners.rank[number], minlength=comm.size)
+    asked = comm.alltoall(np.split(owners.place[number], np.cumsum(counts)[:-1]))
+    return Ghosts(number, counts, asked)
+
+
+def to_others(comm: MPI.Comm, parts: list) -> list:
+    """What each rank has for this one, of parts for each; its own part is not copied. Collective."""
+    own = parts[comm.rank]
+    got = comm.alltoall([None if rank == comm.rank else part for rank, part in enumerate(parts)])
+    got[comm.rank] = own
+    return got
+
+
+class BlockRows:
+    """The rows of a matrix that this rank owns."""
+
+    def __init__(self, comm: MPI.Comm, own, rows: Owners, columns: Owners):
+        """own : scipy BSR array (3 rows of this rank, 3 columns of all ranks), columns ascending in a row."""
+        self.comm, self.own, self.rows, self.columns = comm, own, rows, columns
+
+    @cached_property
+    def ghosts(self) -> Ghosts:
+        """Columns that others own. Collective at first."""
+        return ghosts_of(self.comm, self.own.indices, self.columns)
+
+    @cached_property
+    def local(self):
+        """The same rows, columns as they stand on this rank, then ghosts. Collective at first."""
+        place = self.columns.place.copy()
+        first = len(self.columns.mine)
+        place[self.ghosts.number] = first + np.arange(len(self.ghosts.number), dtype=np.int32)
+        column = place[self.own.indices]
+        n_columns = first + len(self.ghosts.number)
+        return blocks_of(self.own.data, column, self.own.indptr, n_columns)
+
+    def with_ghosts(self, ghosts: Ghosts):
+        """This rank's rows and after them those ghosts, as scipy BSR. Collective."""
+        if not self.comm.allreduce(len(ghosts.number)):
+            return self.own
+        got = self.comm.alltoall([_rows_at(self.own, places) for places in ghosts.asked])
+        counts, columns, blocks = zip((np.diff(self.own.indptr), self.own.indices, self.own.data), *got)
+        start = np.concatenate([[0], np.cumsum(np.concatenate(counts))])
+        return blocks_of(np.concatenate(blocks), np.concatenate(columns), start, self.columns.n)
+
+    def times(self, other: "BlockRows") -> "BlockRows":
+        """The product with another matrix, its columns in no order. Collective."""
+        own = self.local @ other.with_ghosts(self.ghosts)
+        return BlockRows(self.comm, own, self.rows, other.columns)
+
+    def times_vector(self, x: np.ndarray) -> np.ndarray:
+        """The product (rows, 3) with a vector of rows (columns, 3) on each rank. Collective."""
+        got = self.comm.alltoall([x[places] for places in self.ghosts.asked])
+        return (self.local @ np.concatenate([x, *got]).ravel()).reshape(-1, 3)
+
+    def transposed(self) -> "BlockRows":
+        """The transposed matrix. Collective."""
+        from scipy.sparse import csr_array
+
+        own, rank = self.own, self.columns.rank[self.own.indices]
+        row = self.rows.mine[_row_of_each(own)]
+        out = []
+        for to in range(self.comm.size):
+            entries = np.flatnonzero(rank == to)
+            out.append((own.indices[entries], row[entries], own.data[entries]))
+        row, column, block = (np.concatenate(each) for each in zip(*to_others(self.comm, out)))
+        shape = (len(self.columns.mine), self.rows.n)
+        order = csr_array((np.arange(len(row)), (self.columns.place[row], column)), shape)
+        order.sort_indices()
+        block = block[order.data].transpose(0, 2, 1)
+        return BlockRows(
+            self.comm, blocks_of(block, order.indices, order.indptr, self.rows.n), self.columns, self.rows
+        )
+
+    def diagonal(self) -> np.ndarray:
+        """The blocks (rows, 3, 3) on the diagonal."""
+        row = _row_of_each(self.own)
+        at = np.flatnonzero(self.rows.mine[row] == self.own.indices)
+        blocks = np.zeros((len(self.rows.mine), 3, 3))
+        blocks[row[at]] = self.own.data[at]
+        return blocks
+
+    def everywhere(self) -> "BlockRows":
+        """A square matrix, all of whose rows each rank has. Collective."""
+        own = self.own
+        parts = self.comm.allgather((self.rows.mine, np.diff(own.indptr), own.indices, own.data))
+        row, counts, column, block = (np.concatenate(each) for each in zip(*parts))
+        counts, entries = entries_of(counts, np.argsort(row))
+        start = np.concatenate([[0], np.cumsum(counts)])
+        owners = Owners(MPI.COMM_SELF, np.arange(self.rows.n))
+        whole = blocks_of(block[entries], column[entries], start, self.rows.n)
+        return BlockRows(MPI.COMM_SELF, whole, owners, owners)
+
+    def dense(self) -> np.ndarray:
+        """The whole matrix (3 rows, 3 columns of all) on every rank. Collective."""
+        whole = np.zeros((self.rows.n, 3, self.columns.n, 3))
+        whole[self.rows.mine[_row_of_each(self.own)], :, self.own.indices] = self.own.data
+        self.comm.Allreduce(MPI.IN_PLACE, whole, MPI.SUM)  # one term that is not zero: no rounding
+        return whole.reshape(3 * self.rows.n, -1)
+
+
+def blocks_of(block: np.ndarray, column: np.ndarray, start: np.ndarray, n_columns: int):
+    """A scipy BSR array of blocks (k, 3, 3) in rows of blocks from start (rows + 1,)."""
+    from scipy.sparse import bsr_array
+
+    return bsr_array((block, column, start), shape=(3 * (len(start) - 1), 3 * n_columns))
+
+
+def _row_of_each(matrix) -> np.ndarray:
+    return np.repeat(np.arange(len(matrix.indptr) - 1), np.diff(matrix.indptr))
+
+
+def _rows_at(matrix, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """How many blocks each of some rows of a matrix has, their columns and the blocks."""
+    counts, entries = entries_of(np.diff(matrix.indptr), places)
+    return counts, matrix.indices[entries], matrix.data[entries]
+
+
+def entries_of(counts: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of compressed rows with so many entries: how many some of them have, and where these stand."""
+    start, counts = (np.cumsum(counts) - counts)[rows], counts[rows]
+    return counts, np.repeat(start - (np.cumsum(counts) - counts), counts) + np.arange(counts.sum())
