@@ -9,7 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.compile import inner_kernel, kernel, part_of_kernel
-from netfall.mechanics.material import axial_force, stored_energy, strain, yield_energy
+from netfall.mechanics.material import (
+    TINY,
+    axial_force,
+    stored_energy,
+    strain,
+    tangent_stiffness,
+    yield_energy,
+)
 
 
 class ElementState(NamedTuple):
@@ -45,6 +52,20 @@ def element_state(x, elements, law, now):
     """
     for e in range(elements.ends.shape[0]):
         now.N[e], now.eps[e], now.eps_p[e], now.L[e], _ = _state_of(x, elements, law, e)
+
+
+@kernel
+def element_tangents(x, elements, law, N, direction, axial, across):
+    """Axial force [N] and stiffness [N/m] (m,), along and across, of each element, and its direction (m, 3).
+
+    x : (n, 3) [m]; elements : `Elements`; law : `Law`; the others are out
+    """
+    for e in range(elements.ends.shape[0]):
+        N[e], eps, _, L, along = _state_of(x, elements, law, e)
+        length = max(L, TINY)
+        for k in range(3):
+            direction[e, k] = along[k] / length
+        axial[e], across[e] = tangent_stiffness(elements, e, N[e], eps, L, law), N[e] / length
 
 
 @kernel

@@ -80,6 +80,24 @@ def axial_force(elements, e, eps, eps_p):
     return N, eps_p
 
 
+@part_of_kernel
+def tangent_stiffness(elements, e, N, eps, L, law):
+    """Axial stiffness dN/dL [N/m] of element e, of length L [m], at strain eps; none if slack or yielding.
+
+    N : [N] there, on the yield plateau at its limit
+    """
+    eps_p = 0.0
+    if elements.eps_p is not None:
+        eps_p = elements.eps_p[e]
+    if not (elements.EA[e] * (eps - eps_p) >= 0.0 or elements.bar[e]):
+        return 0.0
+    if elements.yield_force is not None and not abs(N) < elements.yield_force[e]:
+        return 0.0
+    if law.logarithmic is not None:
+        return elements.EA[e] / L
+    return elements.EA[e] / elements.L0[e]
+
+
 @kernel
 def stored_energy(elements, e, N, eps_p, law):
     """Elastic energy [J] of element e at axial force N [N]: the integral of N dL from L0 on."""
@@ -119,17 +137,6 @@ def energies_at(elements, e, L, eps_p, law):
 def largest_stiffness(EA: np.ndarray, L0: np.ndarray) -> np.ndarray:
     """Axial stiffness dN/dL (m,) [N/m] that an element has at most, for the limits of the step."""
     return EA / L0
-
-
-def tangent_stiffness(N, eps, eps_p, L, L0, EA, yield_force, bar, logarithmic: bool) -> np.ndarray:
-    """Axial stiffness dN/dL (m,) [N/m] at strain eps after plastic strain eps_p; none if slack or yielding.
-
-    N : (m,) [N], on the yield plateau at its limit; yield_force : (m,) [N], None: elastic; bar : (m,) bool
-    """
-    taut = (EA * (eps - eps_p) >= 0.0) | (bar != 0)
-    if yield_force is not None:
-        taut &= np.abs(N) < yield_force
-    return np.where(taut, EA / (L if logarithmic else L0), 0.0)
 
 
 def unstressed_length(L: np.ndarray, N: np.ndarray, EA: np.ndarray, logarithmic: bool) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Sparse matrices of 3 x 3 blocks in double precision, their rows spread over the ranks.
 
-A row keeps its blocks in ascending global number of the column, and a product sums in that order. So each
-block of a product has the same bits on any number of ranks.
+A row keeps its blocks in ascending global number of the column, and a product sums in that order. So it has
+the same bits on any number of ranks.
 """
 
 from functools import cached_property
@@ -81,51 +81,10 @@ class BlockRows:
         n_columns = first + len(self.ghosts.number)
         return blocks_of(self.own.data, column, self.own.indptr, n_columns)
 
-    def with_ghosts(self, ghosts: Ghosts):
-        """This rank's rows and after them those ghosts, as scipy BSR. Collective."""
-        if not self.comm.allreduce(len(ghosts.number)):
-            return self.own
-        got = self.comm.alltoall([_rows_at(self.own, places) for places in ghosts.asked])
-        counts, columns, blocks = zip((np.diff(self.own.indptr), self.own.indices, self.own.data), *got)
-        start = np.concatenate([[0], np.cumsum(np.concatenate(counts))])
-        return blocks_of(np.concatenate(blocks), np.concatenate(columns), start, self.columns.n)
-
-    def times(self, other: "BlockRows") -> "BlockRows":
-        """The product with another matrix, its columns in no order. Collective."""
-        own = self.local @ other.with_ghosts(self.ghosts)
-        return BlockRows(self.comm, own, self.rows, other.columns)
-
     def times_vector(self, x: np.ndarray) -> np.ndarray:
         """The product (rows, 3) with a vector of rows (columns, 3) on each rank. Collective."""
         got = self.comm.alltoall([x[places] for places in self.ghosts.asked])
         return (self.local @ np.concatenate([x, *got]).ravel()).reshape(-1, 3)
-
-    def transposed(self) -> "BlockRows":
-        """The transposed matrix. Collective."""
-        from scipy.sparse import csr_array
-
-        own, rank = self.own, self.columns.rank[self.own.indices]
-        row = self.rows.mine[_row_of_each(own)]
-        out = []
-        for to in range(self.comm.size):
-            entries = np.flatnonzero(rank == to)
-            out.append((own.indices[entries], row[entries], own.data[entries]))
-        row, column, block = (np.concatenate(each) for each in zip(*to_others(self.comm, out)))
-        shape = (len(self.columns.mine), self.rows.n)
-        order = csr_array((np.arange(len(row)), (self.columns.place[row], column)), shape)
-        order.sort_indices()
-        block = block[order.data].transpose(0, 2, 1)
-        return BlockRows(
-            self.comm, blocks_of(block, order.indices, order.indptr, self.rows.n), self.columns, self.rows
-        )
-
-    def diagonal(self) -> np.ndarray:
-        """The blocks (rows, 3, 3) on the diagonal."""
-        row = _row_of_each(self.own)
-        at = np.flatnonzero(self.rows.mine[row] == self.own.indices)
-        blocks = np.zeros((len(self.rows.mine), 3, 3))
-        blocks[row[at]] = self.own.data[at]
-        return blocks
 
     def everywhere(self) -> "BlockRows":
         """A square matrix, all of whose rows each rank has. Collective."""
@@ -146,6 +105,27 @@ class BlockRows:
         return whole.reshape(3 * self.rows.n, -1)
 
 
+class Rows(NamedTuple):
+    """Compressed rows of blocks.
+
+    start : (rows + 1,) where those of each begin; column : (k,); block : (k, 3, 3)
+    """
+
+    start: np.ndarray
+    column: np.ndarray
+    block: np.ndarray
+
+
+def rows_of(matrix) -> Rows:
+    """Those of a scipy BSR array."""
+    return Rows(matrix.indptr, matrix.indices, matrix.data)
+
+
+def place_here(comm: MPI.Comm, owners: Owners) -> np.ndarray:
+    """Where each row (n,) stands on this rank, -1: on another."""
+    return np.where(owners.rank == comm.rank, owners.place, np.int32(-1))
+
+
 def blocks_of(block: np.ndarray, column: np.ndarray, start: np.ndarray, n_columns: int):
     """A scipy BSR array of blocks (k, 3, 3) in rows of blocks from start (rows + 1,)."""
     from scipy.sparse import bsr_array
@@ -153,14 +133,18 @@ def blocks_of(block: np.ndarray, column: np.ndarray, start: np.ndarray, n_column
     return bsr_array((block, column, start), shape=(3 * (len(start) - 1), 3 * n_columns))
 
 
+def ascending(start: np.ndarray, column: np.ndarray, n_columns: int) -> tuple[np.ndarray, np.ndarray]:
+    """The same compressed rows, the columns of each in ascending order."""
+    from scipy.sparse import csr_array
+
+    shape = len(start) - 1, n_columns
+    rows = csr_array((np.empty(len(column), bool), column, start), shape)
+    rows.sort_indices()
+    return rows.indptr, rows.indices
+
+
 def _row_of_each(matrix) -> np.ndarray:
     return np.repeat(np.arange(len(matrix.indptr) - 1), np.diff(matrix.indptr))
-
-
-def _rows_at(matrix, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """How many blocks each of some rows of a matrix has, their columns and the blocks."""
-    counts, entries = entries_of(np.diff(matrix.indptr), places)
-    return counts, matrix.indices[entries], matrix.data[entries]
 
 
 def entries_of(counts: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,6 +4,8 @@ A row sums its blocks in ascending global number of the column, so a product has
 of ranks.
 """
 
+from functools import cached_property
+
 import numpy as np
 from mpi4py import MPI
 
@@ -50,9 +52,9 @@ def first_step(inverse, b, scale, step):
 
 
 @kernel
-def step_rows(start, column, block, inverse, b, x, scale, keep, step):
-    """step = keep step + scale inverse (b - blocks times x). All (rows, 3); inverse : as in `add_step`"""
-    for i in range(np.uint64(start.shape[0] - 1)):
+def step_rows(rows, start, column, block, inverse, b, x, scale, keep, step):
+    """In these rows step = keep step + scale inverse (b - blocks times x). inverse : as in `add_step`"""
+    for i in rows:
         r, s, t = b[i, 0], b[i, 1], b[i, 2]
         for k in range(np.uint64(start[i]), np.uint64(start[i + 1])):
             j = np.uint64(column[k])
@@ -95,8 +97,8 @@ class SpreadMatrix:
         """Collective."""
         local, ghosts = rows.local, rows.ghosts
         self.comm, self.n_columns = rows.comm, len(rows.columns.mine)
-        self.start, self.column = local.indptr.astype(np.int32), local.indices.astype(np.int32)
-        self.block = local.data.reshape(-1, 9).astype(np.float32)
+        self.start, self.column = local.indptr, local.indices
+        self.block = local.data.reshape(-1, 9).astype(np.float32, copy=False)
         self.x = np.zeros((self.n_columns + len(ghosts.number), 3), np.float32)
         self.own = self.x[: self.n_columns]
         self.y = np.zeros((len(self.start) - 1, 3), np.float32)
@@ -112,28 +114,46 @@ class SpreadMatrix:
             if len(places)
         ]
 
+    @cached_property
+    def _order(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows that others need or that need others, and the rest; of a square matrix."""
+        boundary = np.zeros(len(self.start) - 1, bool)
+        row = np.repeat(np.arange(len(boundary), dtype=np.uint32), np.diff(self.start))
+        for rows in (row[self.column >= self.n_columns], *(places for _, places, _ in self.sends)):
+            boundary[rows] = True
+        return np.flatnonzero(boundary).astype(np.uint32), np.flatnonzero(~boundary).astype(np.uint32)
+
     def __call__(self, x: np.ndarray | None = None) -> np.ndarray:
         """The rows of the product, in an array that the next call overwrites. Collective.
 
-        x : (n_columns, 3); None: what is in `own`
+        x : (n_columns, 3); None: what is in `own`, as shared
         """
         if x is not None:
             self.own[:] = x
-        self._exchange()
+            self.share()
         multiply_rows(self.start, self.column, self.block, self.x, self.y)
         return self.y
 
     def take_step(self, b: np.ndarray, inverse: np.ndarray, scale, keep, step: np.ndarray) -> None:
-        """step = keep step + scale inverse (b - product with `own`), and add it to `own`. Collective."""
-        self._exchange()
-        step_rows(self.start, self.column, self.block, inverse, b, self.x, scale, keep, step)
+        """step = keep step + scale inverse (b - product with `own`), added to `own`, shared. Collective."""
+        of_step = self.start, self.column, self.block, inverse, b, self.x, scale, keep, step
+        boundary, interior = self._order
+        step_rows(boundary, *of_step)
+        requests = self._begin_to_share(step)
+        step_rows(interior, *of_step)
         self.own += step
+        MPI.Request.Waitall(requests)
 
-    def _exchange(self) -> None:
-        if not (self.receives or self.sends):
-            return
+    def share(self) -> None:
+        """Let the other ranks know `own`. Collective."""
+        MPI.Request.Waitall(self._begin_to_share(None))
+
+    def _begin_to_share(self, step) -> list[MPI.Request]:
+        """Send what `own` will be after a step; what is received is not used by rows of the interior."""
         requests = [self.comm.Irecv(rows, rank, TAG) for rank, rows in self.receives]
         for rank, places, out in self.sends:
             np.take(self.x, places, axis=0, out=out)
+            if step is not None:
+                out += step[places]
             requests.append(self.comm.Isend(out, rank, TAG))
-        MPI.Request.Waitall(requests)
+        return requests

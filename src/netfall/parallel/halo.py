@@ -137,20 +137,40 @@ def receive_forces(n_owned, particles, place, buffers):
 # --- rows of any kind
 
 
+@inner_kernel
+def send_rows(rows, step, buffers):
+    """Send the boundary particles' rows (n, width), and to these step (n, width), None: nothing, is added.
+
+    MPI's error code, and the place of the buffer.
+    """
+    width, place = rows.shape[1], buffer_in_use(buffers)
+    for i in range(buffers.send_index.shape[0]):
+        p = buffers.send_index[i]
+        for k in range(width):
+            number = rows[p, k]
+            if step is not None:
+                number += step[p, k]
+            buffers.numbers[buffers.send_at + place + i * width + k] = number
+    return send_buffer(buffers), place
+
+
+@inner_kernel
+def receive_rows(rows, n_owned, place, buffers):
+    """Wait for the halo particles' rows; MPI's error code. place : of `send_rows`"""
+    error = wait_for_neighbours(buffers)
+    for i in range(buffers.receive_at.shape[0]):
+        for k in range(rows.shape[1]):
+            rows[n_owned + i, k] = buffers.numbers[buffers.receive_at[i] + place + k]
+    return error
+
+
 @kernel
 def exchange_rows(rows, n_owned, buffers):
     """Owners' rows (n, width) to the halo copies; MPI's error code, 0 for success."""
-    width, place = rows.shape[1], buffer_in_use(buffers)
-    for i in range(buffers.send_index.shape[0]):
-        for k in range(width):
-            buffers.numbers[buffers.send_at + place + i * width + k] = rows[buffers.send_index[i], k]
-    error = send_buffer(buffers)
-    if error == 0:
-        error = wait_for_neighbours(buffers)
-    for i in range(buffers.receive_at.shape[0]):
-        for k in range(width):
-            rows[n_owned + i, k] = buffers.numbers[buffers.receive_at[i] + place + k]
-    return error
+    error, place = send_rows(rows, None, buffers)
+    if error != 0:
+        return error
+    return receive_rows(rows, n_owned, place, buffers)
 
 
 def _node_of(comm: MPI.Comm) -> MPI.Comm:
@@ -174,6 +194,8 @@ class Halo:
 
     def __init__(self, comm: MPI.Comm, subdomain: Subdomain, width: int):
         """Collective."""
+        index = subdomain.send_index
+        self.boundary = int(index.max()) + 1 if len(index) else 0  # first rows, which hold boundary particles
         self.n_owned, self._made, self._window = subdomain.n_owned, [], None
         node = _node_of(comm)
         first = lambda counts: np.concatenate([[0], np.cumsum(counts)]).astype(int) * width
@@ -225,9 +247,7 @@ class Halo:
 
     def update(self, rows: np.ndarray) -> None:
         """Give the owners' rows (n, width) to the halo copies. Collective among neighbours."""
-        error = exchange_rows(rows, self.n_owned, self.buffers)
-        if error:
-            raise MPI.Exception(error)
+        check(exchange_rows(rows, self.n_owned, self.buffers))
 
     def free(self) -> None:
         """Give the requests and the shared memory back to MPI. Collective."""
@@ -237,6 +257,12 @@ class Halo:
             self._window.Unlock_all()
             self._window.Free()
         self._made, self._window = [], None
+
+
+def check(error: int) -> None:
+    """Raise what MPI's error code stands for."""
+    if error:
+        raise MPI.Exception(error)
 
 
 def _handles(made: list) -> np.ndarray:

@@ -1,13 +1,16 @@
 """The levels of `multilevel`: aggregates of particles, and how these move."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from netfall.compile import kernel
 from netfall.parallel.agree import on_root
+from netfall.parallel.block_products import coarser
 from netfall.parallel.block_rows import BlockRows, Owners, blocks_of, entries_of
+from netfall.parallel.block_transposed import transposed
 from netfall.parallel.sums import exact_sums
 
 COARSEST = 100  # aggregates at which the levels end
@@ -34,28 +37,26 @@ class Level:
     up: BlockRows | None = None
 
 
-def levels_of(matrix: BlockRows) -> list[Level]:
-    """The levels of a tangent stiffness, all axes of whose blocks can move. Collective.
+def levels_of(matrix: BlockRows) -> Iterator[Level]:
+    """The levels of a tangent stiffness, one after the other. Collective.
 
-    Held axes have a row and column of zeros but for the diagonal. Small levels each rank makes for itself.
+    All axes of the matrix can move: held ones have a row and column of zeros but for the diagonal. Small
+    levels each rank makes for itself.
     """
-    levels = []
-    while True:
-        inverse = inverse_blocks(matrix.diagonal())
+    for k in range(MOST_LEVELS):
+        inverse = inverse_diagonal(matrix)
         # An element's stiffness is at most twice its share of the diagonal blocks, so 2 bounds a net's.
-        level = Level(matrix, inverse, largest_eigenvalue(matrix, inverse) if levels else 2.0)
-        levels.append(level)
-        if matrix.rows.n <= COARSEST or len(levels) == MOST_LEVELS:
-            return levels
-        number, count = aggregates(matrix)
+        level = Level(matrix, inverse, largest_eigenvalue(matrix, inverse) if k else 2.0)
+        number, count = (None, 0) if matrix.rows.n <= COARSEST or k == MOST_LEVELS - 1 else aggregates(matrix)
         if not 0 < count < MERGED * matrix.rows.n:
-            return levels
+            yield level
+            return
         level.up = prolongation(level, number, _owners(matrix, number, count))
-        level.down = level.up.transposed()
-        matrix = level.down.times(matrix.times(level.up))
-        matrix.own.sort_indices()
+        level.down = transposed(level.up)
+        matrix = coarser(matrix, level.up, level.down)
         if matrix.comm.size > 1 and matrix.rows.n <= EVERYWHERE:
             matrix = matrix.everywhere()
+        yield level
 
 
 def _owners(matrix: BlockRows, number: np.ndarray, count: int) -> Owners:
@@ -124,17 +125,32 @@ def smooth_rows(begin, column, matrix, number, own, inverse, factor, start, aggr
     start[-1] = end
 
 
-def inverse_blocks(blocks: np.ndarray) -> np.ndarray:
-    """Inverses (n, 3, 3) of symmetric blocks, by their cofactors; a little is added, for singular ones."""
-    a, b, c = blocks[:, 0, 0], blocks[:, 0, 1], blocks[:, 0, 2]
-    d, e, f = blocks[:, 1, 1], blocks[:, 1, 2], blocks[:, 2, 2]
-    more = TINY * (a + d + f)
-    more = np.where(more > 0.0, more, 1.0)
-    a, d, f = a + more, d + more, f + more
-    A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
-    D, E, F = a * f - c * c, b * c - a * e, a * d - b * b
-    whole = np.stack([A, B, C, B, D, E, C, E, F], 1).reshape(-1, 3, 3)
-    return whole / (a * A + b * B + c * C)[:, None, None]
+def inverse_diagonal(matrix: BlockRows) -> np.ndarray:
+    """Inverses (rows, 3, 3) of the symmetric blocks on the diagonal; a little is added, for singular ones."""
+    own, inverse = matrix.own, np.empty((len(matrix.rows.mine), 3, 3))
+    invert_diagonal(matrix.rows.mine, own.indptr, own.indices, own.data, inverse)
+    return inverse
+
+
+@kernel
+def invert_diagonal(number, begin, column, block, inverse):
+    """Fill inverse (rows, 3, 3) by cofactors; number : (rows,) of the columns that meet the diagonal."""
+    for p in range(inverse.shape[0]):
+        a = b = c = d = e = f = 0.0
+        for k in range(begin[p], begin[p + 1]):
+            if column[k] == number[p]:
+                a, b, c = block[k, 0, 0], block[k, 0, 1], block[k, 0, 2]
+                d, e, f = block[k, 1, 1], block[k, 1, 2], block[k, 2, 2]
+        more = TINY * (a + d + f)
+        if not more > 0.0:
+            more = 1.0
+        a, d, f = a + more, d + more, f + more
+        A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
+        D, E, F = a * f - c * c, b * c - a * e, a * d - b * b
+        whole = a * A + b * B + c * C
+        inverse[p, 0, 0], inverse[p, 0, 1], inverse[p, 0, 2] = A / whole, B / whole, C / whole
+        inverse[p, 1, 0], inverse[p, 1, 1], inverse[p, 1, 2] = B / whole, D / whole, E / whole
+        inverse[p, 2, 0], inverse[p, 2, 1], inverse[p, 2, 2] = C / whole, E / whole, F / whole
 
 
 def largest_eigenvalue(matrix: BlockRows, inverse: np.ndarray) -> float:

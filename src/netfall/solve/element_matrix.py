@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.arithmetic import fused
-from netfall.compile import kernel, part_of_kernel
+from netfall.compile import inner_kernel, kernel, part_of_kernel
 from netfall.parallel.blocks import add_step
-from netfall.parallel.halo import Halo
+from netfall.parallel.halo import Halo, check, receive_rows, send_rows
 from netfall.solve.tangent import Tangent, without_compression
 from netfall.solve.tangent_matrix import Incidence
 
@@ -32,13 +32,14 @@ class Rows(NamedTuple):
 
 
 @part_of_kernel
-def _answer(i, start, other, element, support, free, x):
-    """What row i of the matrix makes of x (n, 3), as three numbers; the others are of `Rows`."""
+def _answer(i, rows, x):
+    """What row i of the matrix makes of x (n, 3), as three numbers. rows : `Rows`"""
     a = b = c = np.float32(0.0)
-    if support is not None:
-        a, b, c = support[i, 0] * x[i, 0], support[i, 1] * x[i, 1], support[i, 2] * x[i, 2]
-    for k in range(np.uint64(start[i]), np.uint64(start[i + 1])):  # unsigned: no index counts from the end
-        j = np.uint64(other[k])
+    if rows.support is not None:
+        a, b, c = rows.support[i, 0] * x[i, 0], rows.support[i, 1] * x[i, 1], rows.support[i, 2] * x[i, 2]
+    element = rows.element
+    for k in range(np.uint64(rows.start[i]), np.uint64(rows.start[i + 1])):  # unsigned: none is negative
+        j = np.uint64(rows.other[k])
         u, v, w = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1], x[i, 2] - x[j, 2]
         dx, dy, dz, across = element[k, 0], element[k, 1], element[k, 2], element[k, 4]
         along = element[k, 3] * fused(dz, w, fused(dy, v, dx * u))
@@ -46,22 +47,41 @@ def _answer(i, start, other, element, support, free, x):
         b = fused(across, v, fused(along, dy, b))
         c = fused(across, w, fused(along, dz, c))
     none = np.float32(0.0)
-    return a if free[i, 0] else none, b if free[i, 1] else none, c if free[i, 2] else none
+    return a if rows.free[i, 0] else none, b if rows.free[i, 1] else none, c if rows.free[i, 2] else none
 
 
 @kernel
-def multiply_elements(start, other, element, support, free, x, y):
-    """y (n_owned, 3) = matrix times x (n, 3)."""
+def multiply_elements(rows, x, y):
+    """y (n_owned, 3) = matrix times x (n, 3). rows : `Rows`"""
     for i in range(np.uint64(y.shape[0])):
-        y[i, 0], y[i, 1], y[i, 2] = _answer(i, start, other, element, support, free, x)
+        y[i, 0], y[i, 1], y[i, 2] = _answer(i, rows, x)
+
+
+@inner_kernel
+def step_elements(rows, inverse, b, x, scale, keep, step, first, end):
+    """In some rows step = keep step + scale inverse (b - matrix times x). All (n, 3); rows : `Rows`"""
+    for i in range(np.uint64(first), np.uint64(end)):
+        r, s, t = _answer(i, rows, x)
+        add_step(i, inverse, b[i, 0] - r, b[i, 1] - s, b[i, 2] - t, scale, keep, step)
 
 
 @kernel
-def step_elements(start, other, element, support, free, inverse, b, x, scale, keep, step):
-    """step = keep step + scale inverse (b - matrix times x). All (n_owned, 3); inverse : of `add_step`"""
-    for i in range(np.uint64(step.shape[0])):
-        r, s, t = _answer(i, start, other, element, support, free, x)
-        add_step(i, inverse, b[i, 0] - r, b[i, 1] - s, b[i, 2] - t, scale, keep, step)
+def step_and_share(rows, inverse, b, x, scale, keep, step, boundary, buffers):
+    """Take the step of `step_elements` in all rows of x; MPI's error code, 0 for success.
+
+    boundary : so many rows, the first ones, meet others' particles; what others need of them is on its way
+    while the rest is stepped
+    """
+    n = step.shape[0]
+    step_elements(rows, inverse, b, x, scale, keep, step, 0, boundary)
+    error, place = send_rows(x, step, buffers)
+    if error != 0:
+        return error
+    step_elements(rows, inverse, b, x, scale, keep, step, boundary, n)
+    for i in range(n):
+        for k in range(3):
+            x[i, k] += step[i, k]
+    return receive_rows(x, n, place, buffers)
 
 
 @kernel
@@ -112,13 +132,15 @@ class ElementMatrix:
         self.own, self.y = self.x[:n], np.empty((n, 3), np.float32)
 
     def __call__(self) -> np.ndarray:
-        """The rows of the product with `own`, in an array that the next call overwrites. Collective."""
-        self.halo.update(self.x)
-        multiply_elements(*self.rows, self.x, self.y)
+        """The rows of the product with `own`, as shared, in an array that the next call overwrites."""
+        multiply_elements(self.rows, self.x, self.y)
         return self.y
 
-    def take_step(self, b: np.ndarray, inverse: np.ndarray, scale, keep, step: np.ndarray) -> None:
-        """step = keep step + scale inverse (b - product with `own`), and add it to `own`. Collective."""
+    def share(self) -> None:
+        """Let the other ranks know `own`. Collective."""
         self.halo.update(self.x)
-        step_elements(*self.rows, inverse, b, self.x, scale, keep, step)
-        self.own += step
+
+    def take_step(self, b: np.ndarray, inverse: np.ndarray, scale, keep, step: np.ndarray) -> None:
+        """step = keep step + scale inverse (b - product with `own`), added to `own`, shared. Collective."""
+        of_step = self.rows, inverse, b, self.x, scale, keep, step
+        check(step_and_share(*of_step, self.halo.boundary, self.halo.buffers))

@@ -41,20 +41,22 @@ class Cycle:
         """
         self.comm = comm
         at = incidence_of(net.ends, distribution.subdomain.particle_gid, halo.n_owned)
-        levels = levels_of(tangent_rows(distribution, net, K, at, inertia))
-        owners = [levels[0].matrix.rows, *(level.up.columns for level in levels[:-1])]
-        self.factor = None
-        if levels[-1].matrix.rows.n <= DENSE:
-            self.factor = levels.pop().matrix.dense()
-            factorised(self.factor)
-        self.whole = sum(level.matrix.comm is comm for level in levels)  # from there on a rank has all rows
-        self.rows = owners[min(self.whole, len(owners) - 1)]
-        self.levels = []
-        for level in levels:
+        self.levels, self.factor = [], None
+        self.whole = 0  # the first level of which each rank has all rows; `rows` are those of its own ones
+        for level in levels_of(tangent_rows(distribution, net, K, at, inertia)):
+            spread = level.matrix.comm is comm
+            if spread:
+                self.rows = level.up.columns if level.up else level.matrix.rows
+            if level.up is None and level.matrix.rows.n <= DENSE:
+                self.factor = level.matrix.dense()
+                factorised(self.factor)
+                break
+            self.whole += spread
             inverse = level.inverse[:, *UPPER].astype(np.float32)
             matrix = SpreadMatrix(level.matrix) if self.levels else ElementMatrix(halo, net, K, at, inertia)
             beside = (SpreadMatrix(level.down), SpreadMatrix(level.up)) if level.up else ()
             self.levels.append(_SpreadLevel(inverse, level.top, matrix, *beside))
+            del level  # its memory serves the next one
 
     def __call__(self, b: np.ndarray) -> np.ndarray:
         """Nearly the displacements (n_owned, 3) that the forces b (n_owned, 3) make. Collective."""
@@ -75,6 +77,7 @@ class Cycle:
         if level.down is None:
             return x
         x += level.up(self._cycle(k + 1, level.down(b - level.matrix()).copy()))
+        level.matrix.share()
         level.smooth(b, False)
         return x
 
@@ -111,6 +114,7 @@ class _SpreadLevel:
             if zero and term == 0:
                 first_step(self.inverse, b, np.float32(scale), step)
                 self.matrix.own[:] = step
+                self.matrix.share()
             else:
                 self.matrix.take_step(b, self.inverse, np.float32(scale), np.float32(keep), step)
             after = 1.0 / (2.0 * ratio - factor)

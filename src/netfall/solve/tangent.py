@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.mechanics.material import largest_stiffness, tangent_stiffness
+from netfall.mechanics.elements import element_tangents
+from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.state import State
 from netfall.solve.relaxation import nodal_stiffness
 
@@ -27,25 +28,13 @@ class Tangent(NamedTuple):
 
 def tangent_of(state: State) -> Tangent:
     """The tangent stiffness of a state's elements and supports at its positions."""
-    now = state.elements_now()
-    direction = (state.x[state.ends[:, 1]] - state.x[state.ends[:, 0]]) / np.maximum(now.L, 1e-300)[:, None]
-    eps_p = 0.0 if state.eps_p is None else state.eps_p
-    axial = tangent_stiffness(
-        now.N,
-        now.eps,
-        eps_p,
-        now.L,
-        state.L0,
-        state.EA,
-        state.yield_force,
-        state.bar,
-        state.scene.logarithmic,
-    )
-    across = now.N / np.maximum(now.L, 1e-300)
+    N, axial, across = np.empty((3, state.m))
+    direction = np.empty((state.m, 3))
+    element_tangents(state.x, state.elements, state.law, N, direction, axial, across)
     nodal = state.spring.max(1).astype(float) if state.scene.springs else np.zeros(state.n_local)
     nodal_stiffness(state.ends, largest_stiffness(state.EA, state.L0) + np.abs(across), nodal)
     support = np.ascontiguousarray(state.spring, float) if state.scene.springs else None
-    return Tangent(now.N, np.ascontiguousarray(direction), axial, across, support, nodal)
+    return Tangent(N, direction, axial, across, support, nodal)
 
 
 def without_compression(K: Tangent) -> Tangent:

@@ -80,8 +80,7 @@ class Plan:
     """The arguments of the time loop for a state, brought up to date when elements break."""
 
     def __init__(self, state: State, halo: Halo):
-        boundary = int(halo.buffers.send_index.max()) + 1 if len(halo.buffers.send_index) else 0
-        before, after = np.arange(0, boundary, CHUNK), np.arange(boundary, state.n_owned, CHUNK)
+        before, after = np.arange(0, halo.boundary, CHUNK), np.arange(halo.boundary, state.n_owned, CHUNK)
         self.halo, self.boundary = halo, len(before)
         self._low = np.concatenate([before, after])
         self._high = np.append(self._low[1:], state.n_owned)[: len(self._low)]
