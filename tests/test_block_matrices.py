@@ -1,0 +1,108 @@
+"""Sparse matrices whose rows are spread over the ranks: products against dense ones, and bits."""
+
+import hashlib
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ENVIRONMENT, on_ranks
+from mpi4py import MPI
+
+from netfall.parallel.block_products import coarser
+from netfall.parallel.block_rows import BlockRows, Owners, blocks_of
+from netfall.parallel.block_transposed import transposed
+from netfall.parallel.blocks import SpreadMatrix
+
+SEEDS = 24
+SINGLE = 1e-6  # of the largest: rounding of a few products in single precision
+
+
+class Matrix:
+    """A random matrix of 3 x 3 blocks, some or most of them zero."""
+
+    def __init__(self, rng, rows: int, columns: int, symmetric: bool = False):
+        self.there = rng.random((rows, columns)) < rng.choice([0.03, 0.2, 1.0])
+        if symmetric:
+            self.there |= self.there.T
+        self.blocks = rng.normal(size=(rows, columns, 3, 3)) * self.there[:, :, None, None]
+
+    def dense(self) -> np.ndarray:
+        return self.blocks.transpose(0, 2, 1, 3).reshape(3 * len(self.there), -1)
+
+    def spread(self, comm, rows: Owners, columns: Owners) -> BlockRows:
+        place, column = np.nonzero(self.there[rows.mine])
+        start = np.searchsorted(place, np.arange(len(rows.mine) + 1))
+        own = blocks_of(self.blocks[rows.mine[place], column], column.astype(np.int32), start, columns.n)
+        return BlockRows(comm, own, rows, columns)
+
+
+def owners(comm, rng, n: int) -> Owners:
+    """Rows in random order, to random owners, at times none to the last rank."""
+    order, owner = rng.permutation(n), rng.integers(0, 6, n)
+    ranks = max(1, comm.size - int(rng.integers(0, 2)))
+    return Owners(comm, order[owner[order] % ranks == comm.rank])
+
+
+def products(comm, seed: int) -> tuple[float, float, str]:
+    """Errors in double and single precision, shares of the largest, and a digest of all products."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 60))
+    m = int(rng.integers(1, n + 1))
+    A, P = Matrix(rng, n, n, symmetric=True), Matrix(rng, n, m)
+    x, b = rng.normal(size=(2, n, 3)).astype(np.float32)
+    rows, columns = owners(comm, rng, n), owners(comm, rng, m)
+    matrix, up = A.spread(comm, rows, columns=rows), P.spread(comm, rows, columns)
+    down = transposed(up)
+    coarse = coarser(matrix, up, down)
+    for start, end in zip(coarse.own.indptr[:-1], coarse.own.indptr[1:]):
+        assert (np.diff(coarse.own.indices[start:end]) > 0).all()
+
+    product, inverse = SpreadMatrix(matrix), np.tile(np.float32([1, 0, 0, 1, 0, 1]), (len(rows.mine), 1))
+    whole = [product(x[rows.mine]).copy()]
+    step, expected, moved = np.zeros_like(whole[0]), x.astype(float), np.zeros((n, 3))
+    for _ in range(3):
+        product.take_step(b[rows.mine], inverse, np.float32(0.01), np.float32(0.3), step)
+        moved = 0.3 * moved + 0.01 * (b - (A.dense() @ expected.ravel()).reshape(-1, 3))
+        expected += moved
+    whole.append(product.own)
+    whole = [gathered(comm, rows, each) for each in whole] + [coarse.dense(), down.dense()]
+    references = [
+        (A.dense() @ x.ravel()).reshape(-1, 3),
+        expected,
+        P.dense().T @ A.dense() @ P.dense(),
+        P.dense().T,
+    ]
+    size = lambda reference: max(np.abs(reference).max(), 1e-3)
+    errors = [np.abs(one - other).max() / size(other) for one, other in zip(whole, references)]
+    digest = hashlib.sha256(b"".join(each.tobytes() for each in whole)).hexdigest()
+    return errors[2], max(errors[0], errors[1], errors[3]), digest
+
+
+def gathered(comm, rows: Owners, own: np.ndarray) -> np.ndarray:
+    whole = np.empty((rows.n, 3), np.float32)
+    for mine, part in comm.allgather((rows.mine, own)):
+        whole[mine] = part
+    return whole
+
+
+def digests() -> None:
+    for seed in range(SEEDS):
+        double, single, digest = products(MPI.COMM_WORLD, seed)
+        assert double < 1e-13 and single < SINGLE, (seed, double, single)
+        if MPI.COMM_WORLD.rank == 0:
+            print(digest)
+
+
+@pytest.mark.parametrize("ranks", [pytest.param(2, marks=pytest.mark.long), 3])
+def test_products_are_those_of_dense_matrices_with_the_same_bits_on_any_number_of_ranks(ranks):
+    """Also where a rank has no rows, and where rows, or the whole, hold no block."""
+    alone = [products(MPI.COMM_SELF, seed) for seed in range(SEEDS)]
+    assert max(double for double, _, _ in alone) < 1e-13 and max(single for _, single, _ in alone) < SINGLE
+    command = [*on_ranks(ranks), sys.executable, "-c", "import test_block_matrices as t; t.digests()"]
+    done = subprocess.run(
+        command, cwd=Path(__file__).parent, env=ENVIRONMENT, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == [digest for _, _, digest in alone]
