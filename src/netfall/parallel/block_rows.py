@@ -130,6 +130,8 @@ def blocks_of(block: np.ndarray, column: np.ndarray, start: np.ndarray, n_column
     """A scipy BSR array of blocks (k, 3, 3) in rows of blocks from start (rows + 1,)."""
     from scipy.sparse import bsr_array
 
+    # Of unlike integers scipy would copy the columns, to the wider ones.
+    start = start.astype(column.dtype, copy=False)
     return bsr_array((block, column, start), shape=(3 * (len(start) - 1), 3 * n_columns))
 
 
