@@ -21,7 +21,8 @@ def form(f):
     add_supports(f, axes, x)
     figure.subplots_adjust(left=0.0, right=1.0, top=0.98, bottom=0.14)
     force_bars(figure, scale, N, 0.1, 0.025)
-    figure.legend(*axes.get_legend_handles_labels(), loc="upper left", frameon=False, fontsize=8)
+    below_title = {"loc": "upper left", "bbox_to_anchor": (0.0, 0.95)}
+    figure.legend(*axes.get_legend_handles_labels(), **below_title, frameon=False, fontsize=8)
     figure.suptitle(
         f"{short_title(f)}: form, {f['form_finding/iterations'][()]} iterations, "
         f"residual {f['form_finding/residual'][()]:.1e} of the prestress",
