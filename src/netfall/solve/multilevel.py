@@ -53,9 +53,7 @@ class Cycle:
                 break
             self.whole += spread
             inverse = level.inverse[:, *UPPER].astype(np.float32)
-            matrix = SpreadMatrix(level.matrix) if self.levels else None
-            level.matrix = level.inverse = None  # their memory serves what follows
-            matrix = matrix or ElementMatrix(halo, net, K, at, inertia)
+            matrix = SpreadMatrix(level.matrix) if self.levels else ElementMatrix(halo, net, K, at, inertia)
             beside = (SpreadMatrix(level.down), SpreadMatrix(level.up)) if level.up else ()
             self.levels.append(_SpreadLevel(inverse, level.top, matrix, *beside))
             del level  # its memory serves the next one
