@@ -170,18 +170,16 @@ class Finder:
     def _approximate_inverse(self, newton: Newton, K: Tangent) -> Cycle:
         """That of the first tangent while K is like it, otherwise K's own. Collective."""
         if self._first is None:
-            first = self._tangent_at_first(K)
+            first = self._tangent_at_first()
             least = [SLACKER * size for size in newton.largest(first.axial, first.across)]
             self._first = first, least, newton.cycle(first)
         first, least, cycle = self._first
         unlike = not (_alike(K.axial, first.axial, least[0]) and _alike(K.across, first.across, least[1]))
         return newton.cycle(K) if newton.inertia or self.comm.allreduce(unlike, MPI.LOR) else cycle
 
-    def _tangent_at_first(self, K: Tangent) -> Tangent:
-        """Before anything has moved or yielded, the same in a run that is taken up; K : as things are"""
+    def _tangent_at_first(self) -> Tangent:
+        """Before anything has moved or yielded, the same in a run that is taken up."""
         state = self.state
-        if np.array_equal(state.x, state.x_start) and (state.eps_p is None or not state.eps_p.any()):
-            return K
         x = state.x.copy(order="K")
         eps_p = None if state.eps_p is None else state.eps_p.copy()
         state.x[:] = state.x_start
