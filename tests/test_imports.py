@@ -67,7 +67,7 @@ WITHOUT = {
     + ("study.plot_study", "study.info_study")
 }
 
-MOST_ARGUMENTS, MOST_LINES, MOST_COLUMNS = 12, 300, 110
+MOST_ARGUMENTS, MOST_LINES, MOST_COLUMNS = 12, 450, 110
 
 
 def module_name(path: Path) -> str:
@@ -160,8 +160,8 @@ def test_no_function_takes_more_than_twelve_arguments():
     assert long == set()
 
 
-def test_no_file_has_more_than_three_hundred_lines():
-    """One file, one subject."""
+def test_no_file_has_more_than_four_hundred_and_fifty_lines():
+    """One file, one subject: it ends where its subject ends, mostly after 60 to 300 lines."""
     count = {str(path.relative_to(PACKAGE)): len(path.read_text().splitlines()) for path in MODULES.values()}
     assert [name for name, lines in count.items() if lines > MOST_LINES] == []
 
