@@ -10,13 +10,16 @@ from conftest import run_on_standing_ranks
 from hypothesis import HealthCheck, given, settings
 from scipy.spatial import Delaunay
 
+import netfall
 from netfall.errors import InputError
+from netfall.functions import lengths
 from netfall.job.read import read_job
 from netfall.net.areas import normals, roof_of, tributary_areas
 from netfall.net.build import build_net
 from netfall.net.faces import find_faces
 from netfall.net.net import Net, subdivide
 from netfall.net.plan import draw_plan
+from netfall.solve.model import make_model, set_initial
 
 SOFT = "[cable]\nmodulus = 1e9\narea = 1e-6\ndensity = 7850.0\nprestress = 1e3\n"
 PRESSED = SOFT + "[load]\npressure = [0.0, 0.0, -10.0]\n"
@@ -157,6 +160,69 @@ def test_a_given_area_is_of_surface(workshop):
     nodes = "".join(f"{line},{'area' if k == 0 else 4}\n" for k, line in enumerate(nodes.splitlines()))
     with workshop.run(workshop.job(FOUND, nodes, elements)) as f:
         assert np.allclose(f["net/tributary_area"][:], 4.0) and np.allclose(f["net/plan_area"][:], 3.2)
+
+
+def dome_tables(rise, more=""):
+    """The grid of 25 nodes, 4 m wide, raised to a quadric over a level rim; `more` after each row."""
+    nodes, elements = grid_tables()
+    bump = lambda t: t * (4.0 - t) / 4.0
+    rows = [line.split(",") for line in nodes.splitlines()[1:]]
+    raised = (f"{i},{x},{y},{rise * bump(float(x)) * bump(float(y))!r},{fixed}" for i, x, y, _, fixed in rows)
+    return "id,x,y,z,fixed\n" + "".join(f"{row}{more}\n" for row in raised), elements
+
+
+@pytest.mark.parametrize("rise", [0.5, 1.0, 2.0])
+def test_the_resultant_of_a_pressure_is_that_on_the_outline(workshop, rise):
+    """Over a level outline of 16 m2, whatever stands on it: 10 N/m2 are 160 N straight down.
+
+    The wind of 20 m/s, of 250 N/m2, 4 kN up, and a suction at taps likewise.
+    """
+    text = SOFT + "[load]\npressure = 10.0\n[dynamics]\nduration = 0.01\n"
+    wind = "[wind]\nspeed = 20.0\nroughness = 0.0\nshape_coefficient = -1.0\nprofile_exponent = 0.0\n"
+    job = read_job(workshop.job(text + wind, *dome_tables(rise)))
+    model = make_model(job, 1)
+    set_initial(job, model, model.net.x, None)
+    # rounding of 25 shares of 1 m2 each
+    assert model.live.sum(0) == pytest.approx([0.0, 0.0, -160.0], rel=1e-14, abs=1e-12)
+    assert 20.0**2 * model.wind.sum(0) == pytest.approx([0.0, 0.0, 4000.0], rel=1e-14, abs=1e-11)
+    assert (model.area[~model.net.fixed.all(1)] > lengths(model.vector_area)[~model.net.fixed.all(1)]).any()
+    (workshop.folder / "taps.csv").write_text("name,x,y\na,0,0\n")
+    (workshop.folder / "values.csv").write_text("time,a\n0,-250\n1,-250\n")
+    tapped = '[wind]\ntaps = "taps.csv"\npressures = "values.csv"\n'
+    job = read_job(workshop.job(text + tapped, *dome_tables(rise)))
+    model = make_model(job, 1)
+    set_initial(job, model, model.net.x, None)
+    assert model.mean_wind.sum(0) == pytest.approx([0.0, 0.0, 4000.0], rel=1e-14, abs=1e-11)
+
+
+def test_vector_areas_of_the_table_are_taken_as_given(workshop):
+    """Area times normal; without the normal that of the faces, without the area that of the faces."""
+    rows = ("", ",area", ",normal_x,normal_y,normal_z", ",area,normal_x,normal_y,normal_z")
+    nodes, elements = dome_tables(1.0)
+    found = []
+    for head, cells in zip(rows, ("", ",3", ",0.6,0,0.8", ",3,0.6,0,0.8")):
+        first, *others = nodes.splitlines()
+        table = "\n".join([first + head, *(row + cells for row in others)])
+        net = build_net(read_job(workshop.job(PRESSED, table, elements)))
+        found.append(tributary_areas(net.x, net, find_faces(net)))
+    plain, area, normal, both = found
+    unit = plain.vector / np.linalg.norm(plain.vector, axis=1)[:, None]
+    assert np.allclose(area.vector, 3.0 * unit, rtol=1e-14) and (area.surface == 3.0).all()
+    assert np.allclose(area.plan, 3.0 * unit[:, 2], rtol=1e-14)
+    assert np.allclose(normal.vector, plain.surface[:, None] * [0.6, 0, 0.8], rtol=1e-14)
+    assert (normal.surface == plain.surface).all() and (normal.plan == plain.plan).all()
+    assert np.allclose(both.vector, [1.8, 0, 2.4], rtol=1e-14) and np.allclose(both.plan, 2.4)
+
+
+def test_the_result_holds_vector_areas(workshop):
+    """They sum to the outline, also in Python; dead load keeps the surface."""
+    text = SOFT + "[load]\ndead = 8.0\npressure = 10.0\nsteps = 1\n"
+    with workshop.run(workshop.job(text, *dome_tables(0.1))) as f:
+        vector, surface = f["net/vector_area"][:], f["net/tributary_area"][:]
+    assert vector.shape == (25, 3) and vector.sum(0) == pytest.approx([0, 0, 16.0], abs=1e-13)
+    assert surface.sum() > 16.01
+    result = netfall.open(workshop.folder / "result.vtkhdf")
+    assert (result.nodes["vector_area"] == vector).all()
 
 
 @pytest.mark.parametrize("rim, more", [("long", []), ("short", [(11, 12)]), ("short", [(1, 0)])])

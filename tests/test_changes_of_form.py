@@ -465,7 +465,7 @@ def test_gusts_keep_their_variance_between_control_points():
         shape_coefficient=-1.0, air_density=1.25, turbulence=0.2, roughness=0.0, spectrum="kaimal",
         gust_length="auto",
     )  # fmt: skip
-    field = make_wind_field(x, np.ones(42), np.tile([0.0, 0.0, 1.0], (42, 1)), settings)
+    field = make_wind_field(x, np.tile([0.0, 0.0, 1.0], (42, 1)), settings)
     pairs = field.model.covariance[field.corner[:, :, None], field.corner[:, None, :]]
     variance = np.einsum("ni,nj,nij->n", field.weight, field.weight, pairs)
     assert variance == pytest.approx(field.model.covariance[0, 0] * np.ones(42), rel=1e-9)

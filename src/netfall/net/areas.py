@@ -1,6 +1,7 @@
-"""Areas of the roof that each particle carries, and the normals that pressure and wind act along."""
+"""Areas of the roof that each particle carries; pressure and wind act by the vector ones."""
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -11,6 +12,7 @@ from netfall.job.read import Job
 from netfall.net.faces import Faces, double_area, find_faces, no_faces, turned_triangles
 from netfall.net.net import Net
 from netfall.net.plan import Plan, draw_plan, listed
+from netfall.net.shares import shares_of
 
 REMEDY = (
     "name in [roof] groups the groups of elements whose faces carry the roof, mend the drawing, or give in "
@@ -134,54 +136,48 @@ def _covered(plan: Plan, faces: Faces) -> float:
     return float(0.5 * turned_triangles(plan.points, faces, double_area).sum() / outline.area)
 
 
-def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> tuple[np.ndarray, np.ndarray]:
-    """Area of surface (n,) and in plan (n,) [m2], both >= 0, that each particle carries at x (n, 3) [m].
+class Areas(NamedTuple):
+    """What each particle carries of the roof.
 
-    Each face is cut into triangles from its centroid to its sides; half of each goes to either end of a side.
-    Shares of points without a particle go to the rigid boundary. A given `area` is one of surface.
+    surface, plan : (n,) [m2], both >= 0; vector : (n, 3) [m2], upward: pressure p gives the force -p vector
+    """
+
+    surface: np.ndarray
+    plan: np.ndarray
+    vector: np.ndarray
+
+
+def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> Areas:
+    """The areas that particles carry at x (n, 3) [m], by the shares of the faces around (`net.shares`).
+
+    Shares of points without a particle go to the rigid boundary. A given `area` is one of surface; with a
+    given area or normal the vector is surface times unit normal, the one that is not given from the faces.
     """
     points = np.concatenate([x, net.corners])
-    surface = _shares(points, faces, lambda u, v: lengths(np.cross(u, v)))[: net.n]
-    plan = _shares(points[:, :2], faces, double_area)[: net.n]
-    given = np.isfinite(net.area)
+    shares = shares_of(points, faces)
+    at_nodes = lambda values: np.bincount(shares.node, values, len(points))[: net.n].astype(float)
+    surface, plan = at_nodes(shares.surfaces()), at_nodes(shares.plans())
+    vector = np.stack([at_nodes(values) for values in shares.vectors().T], -1)
+    of_area, of_normal = np.isfinite(net.area), np.isfinite(net.normal[:, 0])
+    given = of_area | of_normal
     if not given.any():
-        return surface, plan
-    normal = normals(x, net, faces)
+        return Areas(surface, plan, vector)
+    normal = np.where(of_normal[:, None], net.normal, unit_normals(vector))
     slope = np.where(normal.any(1), np.abs(normal[:, 2]), 1.0)
-    return np.where(given, net.area, surface), np.where(given, net.area * slope, plan)
+    surface, plan = np.where(of_area, net.area, surface), np.where(of_area, net.area * slope, plan)
+    return Areas(surface, plan, np.where(given[:, None], surface[:, None] * normal, vector))
 
 
-def _shares(points: np.ndarray, faces: Faces, double) -> np.ndarray:
-    """What each point has of the faces around it; double : as in `turned_triangles`."""
-    if not len(faces):
-        return np.zeros(len(points))
-    half = 0.25 * np.abs(turned_triangles(points, faces, double))
-    return sum(
-        np.bincount(end, half, len(points)) for end in (faces.corner, faces.corner[faces.next_corner()])
-    )
-
-
-def corner_areas(points: np.ndarray, faces: Faces) -> np.ndarray:
-    """Area of surface (c,) [m2] that each corner of each face has of it; points : (k, 3) [m]."""
-    half = 0.25 * turned_triangles(points, faces, lambda u, v: lengths(np.cross(u, v)))
-    area = half.copy()
-    area[faces.next_corner()] += half
-    return area
+def unit_normals(vector: np.ndarray) -> np.ndarray:
+    """Upward unit normals (n, 3) of vector areas (n, 3); zero where there is none."""
+    length = lengths(vector)[:, None]
+    return np.divide(vector, length, out=np.zeros_like(vector), where=length > 0)
 
 
 def normals(x: np.ndarray, net: Net, faces: Faces) -> np.ndarray:
     """Upward unit normals (n, 3) of the particles at x (n, 3) [m]; zero where a particle meets no face.
 
-    Those of the tables where they are given; else the sum of the vector areas of the faces around (Newell).
+    Those of the tables where they are given; else those of the vector areas.
     """
-    found = np.zeros((net.n, 3))
-    if len(faces):
-        points = np.concatenate([x, net.corners])
-        p, q = points[faces.corner], points[faces.corner[faces.next_corner()]]
-        of_corner = faces.of_corner()
-        vector = np.stack([np.bincount(of_corner, c, len(faces)) for c in 0.5 * np.cross(p, q).T], -1)
-        around = [np.bincount(faces.corner, vector[of_corner, k], len(points)) for k in range(3)]
-        total = np.stack(around, -1)[: net.n]
-        length = lengths(total)[:, None]
-        found = np.divide(total, length, out=found, where=length > 0)
+    found = unit_normals(tributary_areas(x, net, faces).vector)
     return np.where(np.isfinite(net.normal), net.normal, found)

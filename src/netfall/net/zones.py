@@ -26,6 +26,10 @@ class Zones:
     of_node: np.ndarray
     notes: list[str] = field(default_factory=list)
 
+    def at(self, rows: np.ndarray) -> "Zones":
+        """The zones of the nodes in some rows."""
+        return Zones(self.names, self.of_node[rows])
+
     def by_node(self, base: float | None, own: dict[str, float]) -> np.ndarray:
         """The number (n,) of each node: of its zone, where that has its own, else the base; None: 0."""
         each = [own.get(name, base) for name in self.names] + [base]  # the last for row -1

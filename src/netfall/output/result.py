@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 from netfall.mechanics.events import EventLog
 from netfall.mechanics.state import State
+from netfall.net.areas import Areas
 from netfall.net.net import Net
 from netfall.net.zones import Zones
 from netfall.output.h5 import SharedFile
@@ -221,9 +222,7 @@ def _write_provenance(group, values, phases):
         timings.attrs[name] = seconds  # least, mean and largest of the ranks
 
 
-def net_section(
-    net: Net, area: np.ndarray, plan_area: np.ndarray, zones: Zones, cut_length: np.ndarray
-) -> dict[str, np.ndarray]:
+def net_section(net: Net, areas: Areas, zones: Zones, cut_length: np.ndarray) -> dict[str, np.ndarray]:
     """The datasets of /net. cut_length : (m,) [m], unstressed, at the temperature of form finding"""
     return _strength_section(net) | {
         "particles": net.x,
@@ -231,8 +230,9 @@ def net_section(
         "fixed": net.fixed.astype(np.uint8),
         "group": net.group.astype(np.int32),
         "group_names": np.array(net.group_names, h5py.string_dtype()),
-        "tributary_area": area,
-        "plan_area": plan_area,
+        "tributary_area": areas.surface,
+        "plan_area": areas.plan,
+        "vector_area": areas.vector,
         "node_id": net.node_id,
         "element_id": net.element_id,
         "unstressed_length": cut_length,

@@ -13,6 +13,7 @@ import netfall
 from netfall.errors import DivergedError, InputError, Interrupted, OutputError
 from netfall.job.read import Job
 from netfall.mechanics.events import EventLog
+from netfall.net.areas import Areas
 from netfall.output.ids import event_ids
 from netfall.output.loss_lines import loss_lines
 from netfall.output.place import check_place, claim, release
@@ -259,7 +260,8 @@ def sections_of(run: Run, simulation: Simulation | None) -> dict[str, dict]:
     setup, model, statics = run.setup, run.setup.model, run.saver.statics
     if model is None:
         return {}
-    sections = {"net": net_section(model.net, model.area, model.plan_area, model.zones, model.cut_length)}
+    areas = Areas(model.area, model.plan_area, model.vector_area)
+    sections = {"net": net_section(model.net, areas, model.zones, model.cut_length)}
     sections["load"] = load_section(run.job, model.zones)
     if setup.form:
         of_prestress = lambda force: np.float64(force / setup.form.reference if setup.form.reference else 0.0)

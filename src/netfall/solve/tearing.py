@@ -25,8 +25,6 @@ class Tearing:
         """
         self.stable_dt = stable_dt
         self.panels = comm.bcast(model.panels if model else None)
-        spread = lambda name: distribution.particles(getattr(model, name) if model else None)
-        self.mass, self.pressure, self.wind = spread("carried"), spread("pressure"), spread("wind")
         subdomain = distribution.subdomain
         owned = subdomain.particle_gid[: subdomain.n_owned]
         local = np.full(distribution.n, -1)
@@ -49,12 +47,12 @@ class Tearing:
         )
         least = np.maximum(own, 0.5 * self.stable_dt**2 * stiffness)
         for corner in corners.tolist():
-            p, share = self.row[corner], self.panels.share[corner]
-            mass = min(share * self.mass[p], max(0.0, state.mass[p] - least[p]))
+            p = self.row[corner]
+            mass = min(self.panels.mass[corner], max(0.0, state.mass[p] - least[p]))
             if state.work is not None:
                 state.work[p, 0] -= 0.5 * mass * float(np.sum(state.v[p].astype(float) ** 2))
             state.mass[p] -= mass
-            state.load[p] -= share * self.pressure[p]
+            state.load[p] -= self.panels.pressure[corner]
             state.load[p, 2] += GRAVITY * mass
             if state.wind is not None:
-                state.wind[p] -= share * self.wind[p]
+                state.wind[p] -= self.panels.wind[corner]
