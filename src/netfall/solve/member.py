@@ -120,7 +120,7 @@ def _told(setup: Setup, simulation, tension: np.ndarray, displacement: np.ndarra
     known = np.isfinite(strength) & (strength > 0.0)
     used = tension[known] / strength[known]
     return found | {
-        "roof_lost": roof_lost(model.net, model.area, gone),
+        "roof_lost": roof_lost(model.net, simulation.removal.area if removal else model.area, gone),
         "tension_max": float(tension.max()),
         "utilisation_max": float(used.max()) if len(used) else NAN,
     }

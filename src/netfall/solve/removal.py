@@ -2,6 +2,7 @@
 
 At its step the elements leave the net (`mechanics.loss`). Their tensions stay as forces on their ends that
 fade (`loads.FadingLoad`), and from then on the extremes of every element's tension are kept in each step.
+What hung inside a lost cable goes to its ends (`handover`), in the motion and in the rest after it.
 """
 
 import sys
@@ -10,11 +11,13 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.errors import DivergedError
-from netfall.mechanics.loss import leave, lose_elements
+from netfall.mechanics.loss import Carried, join, leave, lose_elements
+from netfall.parallel.subdomain import rows_of
 from netfall.solve.committed import committed, put_back
 from netfall.solve.equilibrium import STABLE
+from netfall.solve.handover import HandOver
 from netfall.solve.loads import FadingLoad
-from netfall.solve.losses import Loss, comes_loose, losses_of
+from netfall.solve.losses import Loss, comes_loose, leaving_then, losses_of
 from netfall.solve.relaxation import Paused
 from netfall.solve.restart import interrupted
 from netfall.solve.static_report import error_words
@@ -49,7 +52,8 @@ class Removal:
         self.distribution, self.losses, self.job = run.setup.distribution, losses, run.job
         self.model, self.step_at = run.setup.model, run.schedule.step_at
         self.dt, self.done = run.schedule.dt, 0
-        gid = self.distribution.subdomain.element_gid
+        gid, self.log = self.distribution.subdomain.particle_gid, run.log
+        self.area = self.model and self.model.area.copy()  # m2, (n,) on rank 0, of who has it by now
         there = {k for loss in losses for k in loss.entry.tolist()}
         self.fades = {
             k: FadingLoad(gid, run.job.removes[k].duration)
@@ -77,13 +81,14 @@ class Removal:
         subdomain = self.distribution.subdomain
         rows = local_rows(subdomain.element_gid, loss.elements)
         force = self._forces(state, loss, rows, now)
+        simulation.share_events()
+        particles, handed = self._leaving(self.done)
         lose_elements(state, rows, self.dt)
-        leave(state, np.flatnonzero(np.isin(subdomain.particle_gid, loss.particles)))
+        self._join(state, handed)
+        leave(state, np.flatnonzero(np.isin(subdomain.particle_gid, particles)))
         simulation.plan.attach(state)
-        for entry, fade in self.fades.items():
-            mine = loss.entry == entry
-            if mine.any():
-                fade.begin(loss.step * self.dt, loss.elements[mine], force[mine])
+        self._begin_fades(loss, {k: force[loss.entry == k] for k in self.fades})
+        self._hand_over(simulation, handed)
         simulation.loads.renew(state)
         state.highest[:] = state.lowest[:] = now.N
         self.done += 1
@@ -101,6 +106,38 @@ class Removal:
             force[k] = now.N[e] / now.L[e] * (state.x[b] - state.x[a])
         self.distribution.comm.Allreduce(MPI.IN_PLACE, force, MPI.SUM)  # others add zeros
         return force
+
+    def _leaving(self, k: int) -> tuple[np.ndarray, HandOver]:
+        """The particles that leave at loss k, and what they hand over, as the log has it. Collective."""
+        loss = self.losses[k]
+        torn = {event.element for event in self.log.events if event.step < loss.step}
+        torn &= set(loss.elements.tolist())
+        if not torn:
+            return loss.particles, loss.handed
+        then = leaving_then(self.model, self.losses, k, torn) if self.model else None
+        return self.distribution.comm.bcast(then)
+
+    def _join(self, state, handed: HandOver) -> None:
+        """What particles inside lost cables carry goes to others. Collective."""
+        of = lambda rows: None if rows is None else handed.given(self.distribution, rows)
+        given = Carried(of(state.mass), of(state.v), of(state.load), of(state.wind))
+        row = rows_of(self.distribution.subdomain.particle_gid, handed.taker)
+        here = row >= 0
+        join(state, row[here], handed.source[here], handed.share[here], given)
+
+    def _begin_fades(self, loss: Loss, force: dict[int, np.ndarray]) -> None:
+        """The tensions that fade from a loss on; force : (k, 3) [N] of the elements of each entry."""
+        for entry in sorted(set(loss.entry.tolist()) & set(self.fades)):
+            mine = loss.entry == entry
+            self.fades[entry].begin(loss.step * self.dt, loss.ends[mine], force[entry])
+
+    def _hand_over(self, simulation, handed: HandOver) -> None:
+        """All that particles have to hand over and that is not in the state. Collective."""
+        simulation.loads.hand_over(handed, self.distribution)
+        if simulation.tearing:
+            simulation.tearing.hand_over(handed)
+        if self.model:
+            handed.move(self.area, np.arange(self.model.net.n))
 
     def close(self, state, N: np.ndarray) -> None:
         """End the time in which extremes belong to the last loss. N : (m,) [N], at its end. Collective."""
@@ -127,15 +164,16 @@ class Removal:
         forces = {str(k): fade.all_forces for k, fade in self.fades.items() if fade.zero < np.inf}
         return {f"{PREFIX}{name}": values for name, values in (self.tensions | forces).items()}
 
-    def restore(self, record: dict, checkpoint) -> None:
+    def restore(self, record: dict, checkpoint, simulation) -> None:
         """Take up the record of an earlier run. checkpoint : on rank 0. Collective."""
         self.done = record["done"]
         if checkpoint:
             self.tensions = {name: checkpoint.arrays[PREFIX + name] for name in TENSIONS}
-        for loss in self.losses[: self.done]:
-            for entry in sorted(set(loss.entry.tolist()) & set(self.fades)):
-                force = self.distribution.comm.bcast(checkpoint and checkpoint.arrays[f"{PREFIX}{entry}"])
-                self.fades[entry].begin(loss.step * self.dt, loss.elements[loss.entry == entry], force)
+        for k, loss in enumerate(self.losses[: self.done]):
+            entries = sorted(set(loss.entry.tolist()) & set(self.fades))
+            force = {e: checkpoint.arrays[f"{PREFIX}{e}"] for e in entries} if checkpoint else None
+            self._begin_fades(loss, self.distribution.comm.bcast(force))
+            self._hand_over(simulation, self._leaving(k)[1])
 
     # --- the result
 
@@ -201,17 +239,17 @@ def rests_after(run, losses: list[Loss]) -> np.ndarray | None:
     if not losses:
         return None
     state, distribution, model = run.setup.state, run.setup.distribution, run.setup.model
-    load = distribution.particles(constant_load(model) if model else None)
+    loads = loads_after(model, losses) if model else [None] * (len(losses) + 1)
     start, EA, broken = committed(state), state.EA.copy(), state.broken.copy()
-    loose = run.comm.bcast(loose_after(model, losses) if model else None)
-    reference = reference_force(run, Equilibrium("loss", "", load))
+    loose = run.comm.bcast(loose_after(model, losses, loads) if model else None)
+    reference = reference_force(run, Equilibrium("loss", "", distribution.particles(loads[0])))
     mine = lambda tension: distribution.gather_elements(tension, state.owned.astype(bool))
     found, best = [mine(state.elements_now().N)], start
-    for loss, no_rest in zip(losses, loose):
+    for loss, no_rest, whole in zip(losses, loose, loads[1:]):
         rows = local_rows(distribution.subdomain.element_gid, loss.elements)
         state.EA[rows], state.broken[rows] = 0.0, 1  # not slack: gone
         run.setup.finder = None  # what it keeps is of the net before
-        load[np.isin(distribution.subdomain.particle_gid, loss.particles)] = 0.0
+        load = distribution.particles(whole)
         words = f"the net without {words_of(run.job, loss)}"
         tension, line = np.full(state.m, np.nan), f"no rest: a part of {words} hangs on nothing"
         if not no_rest:
@@ -247,20 +285,29 @@ def _settled(run, each: Equilibrium, reference: float) -> tuple[np.ndarray, str,
     return N, f"{line}, residual {rest.residual:.3g} N, slack {settled.slack}{known}", True
 
 
-def constant_load(model) -> np.ndarray:
-    """What acts on the damaged net, (n, 3) [N]. Rank 0."""
-    load = model.load.copy()
-    for force in (model.growing, model.mean_wind):
-        if force is not None:
-            load += force
-    return load
-
-
-def loose_after(model, losses: list[Loss]) -> list[bool]:
-    """After each loss, whether a part of the net hangs on no support. Rank 0."""
-    there, gone, load = np.ones(model.net.m, bool), np.zeros(model.net.n, bool), constant_load(model)
-    found = []
+def loads_after(model, losses: list[Loss]) -> list[np.ndarray]:
+    """What acts on the net without wind gusts, (n, 3) [N], before any loss and after each. Rank 0."""
+    still, wind, gid = model.load.copy(), None, np.arange(model.net.n)
+    if model.growing is not None:
+        still += model.growing
+    if model.mean_wind is not None:
+        wind, square = model.wind.copy(), model.wind_field.mean_square(model.history.mean_gust)
+    total = lambda: still.copy() if wind is None else still + wind * square[:, None]
+    found = [total()]
     for loss in losses:
+        for values in (still, wind):
+            if values is not None:
+                loss.handed.move(values, gid)
+                values[loss.particles] = 0.0
+        found.append(total())
+    return found
+
+
+def loose_after(model, losses: list[Loss], loads: list[np.ndarray]) -> list[bool]:
+    """After each loss, whether a part of the net hangs on no support; loads : of `loads_after`. Rank 0."""
+    there, gone = np.ones(model.net.m, bool), np.zeros(model.net.n, bool)
+    found = []
+    for loss, load in zip(losses, loads[1:]):
         there[loss.elements], gone[loss.particles] = False, True
         found.append(comes_loose(model.net, there, load, gone))
     return found

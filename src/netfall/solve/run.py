@@ -212,8 +212,6 @@ def run_dynamics(run: Run, record: dict | None, removal: Removal | None) -> Simu
         run.result.write_final(state, snapshot)
         return None
     with run.phases.phase("wind"):
-        if record and removal:
-            removal.restore(record["simulation"]["removal"], checkpoint)
         loads = varying_loads(run, record) + (list(removal.fades.values()) if removal else [])
     if record:
         start = record["simulation"]["start_strain"], record["simulation"]["start_plastic"]
@@ -227,6 +225,8 @@ def run_dynamics(run: Run, record: dict | None, removal: Removal | None) -> Simu
     )
     simulation = Simulation(run, loads, History(probes, start[0]), removal, start)
     if record:
+        if removal:
+            removal.restore(record["simulation"]["removal"], checkpoint, simulation)
         simulation.restore(record["simulation"])
         simulation.envelope.restore(checkpoint)
         restore_history(run.comm, simulation.history, checkpoint)
