@@ -122,6 +122,44 @@ def test_compas_and_vtk_files_hold_the_state(broken, tmp_path):
     assert (vtk_to_numpy(grid.GetCellData().GetArray("tension")) == frame.tension).all()
 
 
+GIVEN = {  # two cables of 1.98 m in a gap of 4 m; EA = 1 MN
+    "net": {
+        "nodes": np.array([[0, 0, 0], [2, 0, 0], [4, 0, 0]]),
+        "elements": [[0, 1], [1, 2]],
+        "fixed": np.array([True, False, True]),
+        "element_columns": {"unstressed_length": 1.98},
+    },
+    "cable": {"modulus": 1e10, "area": 1e-4, "density": 1.0, "expansion": 1e-4},
+}
+
+
+@pytest.mark.parametrize("strain, law", [("engineering", lambda e: e), ("logarithmic", np.log1p)])
+def test_tensions_of_a_given_geometry_are_those_of_the_law(tmp_path, strain, law):
+    """EA (L / L0 - 1) or EA ln(L / L0) at the temperature of form finding; the model for OpenSees stands in
+    the equilibrium 30 K above it, its lengths L0 (1 + 30 expansion).
+    """
+    job = GIVEN | {"cable": GIVEN["cable"] | {"strain": strain}, "load": {"temperature": 30.0, "steps": 1}}
+    with netfall.run(job, output=tmp_path / "r.vtkhdf", quiet=True) as result:
+        assert result.elements["unstressed_length"].tolist() == [1.98] * 2
+        warm = 1.98 * (1.0 + 30.0 * 1e-4)
+        assert result.elements["unstressed_length_warm"] == pytest.approx([warm] * 2, rel=EXACT)
+        assert (
+            result.file["net/unstressed_length_warm"][:] == result.elements["unstressed_length_warm"]
+        ).all()
+    written(tmp_path / "r.vtkhdf", tmp_path / "r.json")
+    told = written(tmp_path / "r.vtkhdf", tmp_path / "r.tcl")
+    edge = json.loads((tmp_path / "r.json").read_text())["data"]["edge"]["0"]["1"]
+    assert edge["tension"] == pytest.approx(1e6 * law(2.0 / 1.98 - 1.0), rel=1e-12)  # of 1e-2 in lengths
+    assert (edge["unstressed_length"], edge["unstressed_length_warm"]) == pytest.approx((1.98, warm))
+    materials = words_of(tmp_path / "r.tcl", "uniaxialMaterial")
+    E, eps = (
+        float(next(w[k] for w in materials if w[0] == kind))
+        for kind, k in (("Elastic", 2), ("InitStrainMaterial", 3))
+    )
+    assert E * eps == pytest.approx(1e6 * law(2.0 / warm - 1.0), rel=1e-9)  # the equilibrium's tolerance
+    assert any("not linear elastic" in line for line in told) == (strain == "logarithmic")
+
+
 @pytest.fixture(scope="module")
 def stadium(tmp_path_factory):
     """The stadium under its cladding, 42 cables slack, as a result and as a model for OpenSees."""

@@ -26,7 +26,7 @@ MAY_IMPORT = {
     "study": ["job", "net", "output"],
     "worker": ["__main__", "job", "parallel.agree", "solve"],
     "api": ["job", "output", "parallel.agree", "solve.run", "study.launch"],
-    "exchange": ["job", "output", "api"],
+    "exchange": ["job", "output", "api", "mechanics.material"],  # the law of an element
     "parser": ["arguments", "examples"],
     "commands": ["job", "net", "parallel", "output", "solve", "study", "exchange"],
     "__main__": ["parser", "commands"],

@@ -82,6 +82,21 @@ def test_a_flat_net_has_the_periods_of_the_sums_of_sines(cells):
     assert np.linalg.norm(modes.shape, axis=2).max(1) == pytest.approx(np.ones(6), rel=1e-12)
 
 
+@pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
+def test_a_mode_along_a_cable_has_the_tangent_of_the_law(workshop, strain):
+    """A mass between two cables in line, N = EA / 100: omega^2 = 2 EA / L0 / m, and 2 EA / L / m with the
+    logarithmic strain, whose N = EA ln(L / L0).
+    """
+    nodes = f"id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,{A},0,0,0,{M}\n3,{2 * A},0,0,1,\n"
+    text = f'[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1e-3\nprestress = {T}\nstrain = "{strain}"\n'
+    text += "[form_finding]\n[dynamics]\nduration = 1e-3\n[output]\nmodes = 3\nframes = 1\n"
+    with workshop.run(workshop.job(text, nodes, "start,end\n1,2\n2,3\n")) as f:
+        period = f["modes/period"][-1]
+    length = A if strain == "logarithmic" else A / (1.0 + T / EA)
+    # the cables' own mass is 4e-9 of M; L0 for L is 5e-3 of the period
+    assert period == pytest.approx(2.0 * np.pi * np.sqrt(M * length / (2.0 * EA)), rel=1e-8)
+
+
 def test_the_damping_ratio_is_that_of_the_oscillator():
     """v' = -zeta v, so m u'' + zeta m u' + k u = 0: the ratio is zeta / (2 omega)."""
     modes = modes_of(string(20), T, 4)

@@ -9,6 +9,7 @@ from netfall.api.columns import Columns, of_arrays, of_group
 from netfall.errors import InputError
 from netfall.output.frames import Frames
 from netfall.output.info import open_result, provenance_text, title_of
+from netfall.output.report_stages import warm_lengths
 
 # Groups of the file that a job has only if it asks for them: what it then lacks.
 LACKING = {
@@ -95,7 +96,8 @@ class Result:
     @property
     def elements(self) -> Columns:
         """A row for each element (m,): id, start, end (ids of nodes), group (its name), axial_stiffness [N],
-        unstressed_length [m] at the temperature of the loads, bar (1: it carries compression).
+        unstressed_length [m] at the temperature of form finding, unstressed_length_warm [m] at that of the
+        loads, bar (1: it carries compression).
         """
         net = self.file["net"]
         ends = lambda k: lambda: net["node_id"][:][net["elements"][:, k]]
@@ -104,10 +106,9 @@ class Result:
         for name in ("axial_stiffness", "unstressed_length", "bar"):
             if name in net:
                 columns[name] = lambda name=name: net[name][:]
-        if "load/temperature" in self.file:
-            warm = lambda: 1.0 + net["expansion"][:] * self.file["load/temperature"][()]
-            columns["unstressed_length"] = lambda: net["unstressed_length"][:] * warm()
-        units = {"axial_stiffness": "[N]", "unstressed_length": "[m]"}
+        if "unstressed_length" in net:
+            columns["unstressed_length_warm"] = lambda: warm_lengths(self.file)
+        units = {"axial_stiffness": "[N]", "unstressed_length": "[m]", "unstressed_length_warm": "[m]"}
         return of_arrays(f"{self.path}: elements", columns, units)
 
     @property

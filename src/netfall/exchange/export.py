@@ -99,7 +99,7 @@ def _compas(result: Result, state: State, path: Path) -> list[str]:
         )
     }
     edge: dict[str, dict] = {number: {} for number in node}
-    doubled = 0
+    doubled, unstressed = 0, state.unstressed()
     for e, (a, b) in enumerate(state.node_id[state.ends].tolist()):
         doubled += str(b) in edge[str(a)] or str(a) in edge[str(b)]
         edge[str(a)][str(b)] = {
@@ -107,7 +107,7 @@ def _compas(result: Result, state: State, path: Path) -> list[str]:
             "group": str(state.group[e]),
             "tension": float(state.tension[e]),
             "q": float(force_density[e]),
-            "unstressed_length": float(state.unstressed_length[e]),
+            **{name: float(values[e]) for name, values in unstressed.items()},
             "broken": bool(state.broken[e]),
         }
     data = {
@@ -137,7 +137,7 @@ def _vtu(result: Result, state: State, path: Path) -> list[str]:
         "element_id": state.element_id,
         "group": np.array([names.index(name) for name in state.group.tolist()], np.int32),
         "tension": state.tension,
-        "unstressed_length": state.unstressed_length,
+        **state.unstressed(),
         "broken": state.broken.astype(np.uint8),
     }
     write_vtu(path, state.position, state.ends, points, cells, MARK)

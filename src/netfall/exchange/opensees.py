@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from netfall.api.result import Result
-from netfall.exchange.state import State, elastic, form_of, lengths
+from netfall.exchange.state import State, form_of, lengths
+from netfall.mechanics.material import elastic_forces, unstressed_length
 
 SAME = 1e-9  # of the largest force: what two ways to compute a force may differ by
 LOAD_STEPS = 10
@@ -45,11 +46,11 @@ close $out
 
 def write_tcl(result: Result, state: State, path: Path) -> list[str]:
     """Write the model. The state is the form, which the model starts from."""
-    what, x, tension = _equilibrium(result)
-    free, stiffness = result.elements["unstressed_length"].copy(), result.elements["axial_stiffness"]
-    reached = lengths(x, state.ends)
-    other = np.abs(elastic(reached, result.elements) - tension) > SAME * np.abs(tension).max()
-    free[other] = reached[other] / (1.0 + tension[other] / stiffness[other])
+    what, x, tension, free = _equilibrium(result)
+    EA, bar, reached = result.elements["axial_stiffness"], result.elements["bar"], lengths(x, state.ends)
+    linear = elastic_forces(reached, free, EA, bar.astype(bool), logarithmic=False)
+    other = np.abs(linear - tension) > SAME * np.abs(tension).max()
+    free = np.where(other, unstressed_length(reached, tension, EA, logarithmic=False), free)
     load = np.where(state.fixed, 0.0, -internal(x, state.ends, tension))
     load[np.abs(load) <= SAME * np.abs(tension).max()] = 0.0
     names = dict(name=path.name, stem=path.stem, steps=LOAD_STEPS, step=repr(1.0 / LOAD_STEPS))
@@ -66,19 +67,17 @@ def write_tcl(result: Result, state: State, path: Path) -> list[str]:
     return told
 
 
-def _equilibrium(result: Result) -> tuple[str, np.ndarray, np.ndarray]:
-    """The last one found: what it is, position (n, 3) [m], tension (m,) [N]."""
+def _equilibrium(result: Result) -> tuple[str, np.ndarray, np.ndarray, np.ndarray]:
+    """The last one found: what it is, position (n, 3) [m], tension (m,) [N], unstressed lengths (m,) [m]."""
     x, tension = form_of(result)
+    warm = result.elements["unstressed_length_warm"]
     if hasattr(result, "rest"):
-        return (
-            "rest under all constant loads and the mean wind",
-            result.rest["position"],
-            result.rest["tension"],
-        )
+        what = "rest under all constant loads and the mean wind"
+        return what, result.rest["position"], result.rest["tension"], warm
     if hasattr(result, "statics"):
         moved, tension = result.statics["displacement"][-1], result.statics["tension"][-1]
-        return "equilibrium under the static load", x + moved, tension
-    return "form", x, tension
+        return "equilibrium under the static load", x + moved, tension, warm
+    return "form", x, tension, result.elements["unstressed_length"]
 
 
 def internal(x: np.ndarray, ends: np.ndarray, tension: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ import numpy as np
 
 from netfall.api.result import Result
 from netfall.errors import InputError
+from netfall.output.report_stages import start_position, start_tension
 
 
 @dataclass(frozen=True)
@@ -16,7 +17,8 @@ class State:
     position, displacement : (p, 3) [m], from the form; fixed : (p, 3) bool
     node_id : (p,) unique, of points that split off above those of the net
     ends : (m, 2) rows of points; element_id : (m,) unique; cable : (m,) ids of the tables
-    group : (m,) names; tension : (m,) [N]; unstressed_length : (m,) [m]; broken : (m,) bool
+    group : (m,) names; tension : (m,) [N]; broken : (m,) bool
+    unstressed_length, unstressed_length_warm : (m,) [m] at the temperature of form finding, of the loads
     """
 
     name: str
@@ -31,7 +33,15 @@ class State:
     group: np.ndarray
     tension: np.ndarray
     unstressed_length: np.ndarray
+    unstressed_length_warm: np.ndarray
     broken: np.ndarray
+
+    def unstressed(self) -> dict[str, np.ndarray]:
+        """The unstressed lengths by name; at the temperature of the loads where they have one."""
+        found = {"unstressed_length": self.unstressed_length}
+        if (self.unstressed_length_warm != self.unstressed_length).any():
+            found["unstressed_length_warm"] = self.unstressed_length_warm
+        return found
 
 
 def state_of(result: Result, time: float | None) -> State:
@@ -68,25 +78,14 @@ def state_of(result: Result, time: float | None) -> State:
         group=result.elements["group"],
         tension=tension,
         unstressed_length=result.elements["unstressed_length"],
+        unstressed_length_warm=result.elements["unstressed_length_warm"],
         broken=broken,
     )
 
 
 def form_of(result: Result) -> tuple[np.ndarray, np.ndarray]:
     """Position (n, 3) [m] and tension (m,) [N] of the form; of the given geometry if none was found."""
-    if hasattr(result, "form_finding"):
-        return result.form_finding["position"], result.form_finding["tension"]
-    x = result.file["net/particles"][:]
-    elements = result.elements
-    tension = elastic(lengths(x, result.file["net/elements"][:]), elements)
-    return x, tension
-
-
-def elastic(length: np.ndarray, elements) -> np.ndarray:
-    """Forces (m,) [N] of elastic elements of these lengths [m]: EA (L - L0) / L0, a cable's not below 0."""
-    free = elements["unstressed_length"]
-    force = elements["axial_stiffness"] * (length - free) / free
-    return np.where(elements["bar"].astype(bool), force, np.maximum(force, 0.0))
+    return start_position(result.file), start_tension(result.file)
 
 
 def lengths(x: np.ndarray, ends: np.ndarray) -> np.ndarray:

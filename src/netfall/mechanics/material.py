@@ -144,6 +144,21 @@ def unstressed_length(L: np.ndarray, N: np.ndarray, EA: np.ndarray, logarithmic:
     return L * exp(-N / EA) if logarithmic else L / (1.0 + N / EA)
 
 
+def stretched_length(L0: np.ndarray, N: np.ndarray, EA: np.ndarray, logarithmic: bool) -> np.ndarray:
+    """Length (m,) [m] under N (m,) [N] of elements of unstressed length L0 (m,) [m]: the inverse of that."""
+    return L0 * exp(N / EA) if logarithmic else L0 * (1.0 + N / EA)
+
+
+def warm_length(L0: np.ndarray, expansion: np.ndarray, temperature: float) -> np.ndarray:
+    """Unstressed length (m,) [m] at a temperature [K] above that at which it is L0 (m,) [m]."""
+    return L0 * (1.0 + expansion * temperature)
+
+
+def elastic_stiffness(EA: np.ndarray, L0: np.ndarray, L: np.ndarray, logarithmic: bool) -> np.ndarray:
+    """Axial stiffness dN/dL (m,) [N/m] at lengths L (m,) [m] of elements that carry and do not yield."""
+    return EA / (L if logarithmic else L0)
+
+
 def strains(L: np.ndarray, L0: np.ndarray, logarithmic: bool) -> np.ndarray:
     """Strains (m,) of lengths L (m,) [m] against the unstressed lengths L0 (m,) [m]."""
     return log(L / L0) if logarithmic else (L - L0) / L0

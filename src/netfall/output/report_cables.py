@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from netfall.mechanics.material import stretched_length, warm_length
 from netfall.output.codes import STRENGTHS, Check
 from netfall.output.report_losses import broken_at, largest_factor, lost_at
-from netfall.output.report_stages import Envelope, start_position, start_tension
+from netfall.output.report_stages import Envelope, is_logarithmic, start_position, start_tension
 
 
 @dataclass(frozen=True)
@@ -151,10 +152,8 @@ def cutting_columns(f, cutting: Cutting) -> dict[str, np.ndarray]:
         load = total(start_tension(f) * L0) / total(L0)
     else:
         load = np.where(f["net/bar"][:][first], 0.0, cutting.load)
-    warm = L0 * (1.0 + f["net/expansion"][:] * cutting.temperature)
-    strain = load[cable] / EA
-    logarithmic = f["provenance"].attrs.get("strain") == "logarithmic"
-    stretched = warm * (np.exp(strain) if logarithmic else 1.0 + strain)
+    warm = warm_length(L0, f["net/expansion"][:], cutting.temperature)
+    stretched = stretched_length(warm, load[cable], EA, is_logarithmic(f))
     return {
         "cable": f["net/cable_names"].asstr()[:].astype(object),
         "group": groups_of(f)[first],

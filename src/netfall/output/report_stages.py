@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from netfall.functions import lengths
+from netfall.mechanics.material import elastic_forces, warm_length
 from netfall.output.frames import Frames
 from netfall.output.report_losses import broken_at, loss_rows, lost_at
 
@@ -30,10 +32,17 @@ def start_position(f) -> np.ndarray:
     return f["form_finding/position"][:] if "form_finding" in f else f["net/particles"][:]
 
 
-def strains(f, L: np.ndarray, L0: np.ndarray) -> np.ndarray:
-    """Strains (m,) of lengths L (m,) [m], in the measure of the run."""
-    logarithmic = f["provenance"].attrs.get("strain") == "logarithmic"
-    return np.log(L / L0) if logarithmic else (L - L0) / L0
+def is_logarithmic(f) -> bool:
+    """Whether the run's measure of strain is the logarithmic one."""
+    return f["provenance"].attrs.get("strain") == "logarithmic"
+
+
+def warm_lengths(f) -> np.ndarray:
+    """Unstressed lengths (m,) [m] at the temperature of the loads; of form finding where they have none."""
+    L0 = f["net/unstressed_length"][:]
+    if "load/temperature" not in f:
+        return L0
+    return warm_length(L0, f["net/expansion"][:], f["load/temperature"][()])
 
 
 def start_tension(f) -> np.ndarray:
@@ -41,9 +50,9 @@ def start_tension(f) -> np.ndarray:
     if "form_finding" in f:
         return f["form_finding/tension"][:]
     x, elements = f["net/particles"][:], f["net/elements"][:]
-    L = np.linalg.norm(x[elements[:, 1]] - x[elements[:, 0]], axis=1)
-    N = f["net/axial_stiffness"][:] * strains(f, L, f["net/unstressed_length"][:])
-    return np.where(f["net/bar"][:].astype(bool), N, np.maximum(N, 0.0))
+    L = lengths(x[elements[:, 1]] - x[elements[:, 0]])
+    EA, L0, bar = f["net/axial_stiffness"][:], f["net/unstressed_length"][:], f["net/bar"][:].astype(bool)
+    return elastic_forces(L, L0, EA, bar, is_logarithmic(f))
 
 
 def equilibria(f) -> Iterator[Stage]:

@@ -12,7 +12,7 @@ import numpy as np
 from netfall.errors import InputError
 from netfall.job.read import Job
 from netfall.mechanics.fields import Scene
-from netfall.mechanics.material import elastic_forces, unstressed_length
+from netfall.mechanics.material import elastic_forces, unstressed_length, warm_length
 from netfall.mechanics.stability import scaled_mass
 from netfall.net.areas import Roofing, along_normals, roof_of, tributary_areas
 from netfall.net.build import build_net
@@ -289,7 +289,7 @@ def _make_panels(job: Job, model: Model, settings) -> None:
 
 def warm(job: Job, model: Model) -> None:
     """Bring unstressed lengths to the temperature of the loads: L0 (1 + expansion temperature)."""
-    model.L0 = model.cut_length * (1.0 + model.net.expansion * job.load.temperature)
+    model.L0 = warm_length(model.cut_length, model.net.expansion, job.load.temperature)
 
 
 def _check_normals(job: Job, model: Model) -> None:

@@ -2,7 +2,7 @@
 
 Small vibrations about the rest: K u = omega^2 M u, K the tangent stiffness of all elements,
 
-    k = EA / L0 along an element, N / L across it, the springs of supports,
+    k = dN/dL of the elastic law along an element, N / L across it, the springs of supports,
 
 none of a slack cable; what has yielded answers elastically. Shift-invert Lanczos (ARPACK) about a shift just
 below zero, on rank 0, from a start vector that is always the same. Mass-proportional damping, v' = -zeta v,
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.mechanics.material import largest_stiffness
+from netfall.mechanics.material import elastic_stiffness
 from netfall.net.net import Net
 from netfall.solve.tangent_matrix import block_matrix, incidence_of
 
@@ -44,27 +44,28 @@ class Modes:
         return zeta * self.period / (4.0 * np.pi)
 
 
-def modes_at(x, net: Net, N, L0, mass, count: int) -> Modes:
+def modes_at(x, net: Net, N, L0, mass, count: int, logarithmic: bool = False) -> Modes:
     """The lowest modes of a net at x (n, 3) [m] with axial forces N (m,) [N]; mass : (n,) [kg].
 
-    L0 : (m,) [m]; count : how many, at most
+    L0 : (m,) [m]; count : how many, at most; logarithmic : the measure of strain
     """
     from scipy.sparse import diags_array  # here: it takes 0.2 s to load
 
     moves = np.flatnonzero((~net.fixed & (mass > 0.0)[:, None]).ravel())
     if not len(moves):
         return Modes(np.zeros(0), np.zeros((0, net.n, 3)), 0)
-    axial = np.where((N > 0.0) | net.bar, largest_stiffness(net.modulus * net.section, L0), 0.0)
     along = x[net.elements[:, 1]] - x[net.elements[:, 0]]
     L = np.linalg.norm(along, axis=1)
+    stiffness = elastic_stiffness(net.modulus * net.section, L0, L, logarithmic)
+    axial = np.where((N > 0.0) | net.bar, stiffness, 0.0)
     free = np.ones((net.n, 3), bool)  # held axes are left out below
     number = np.arange(net.n)
-    stiffness = block_matrix(
+    K = block_matrix(
         *(net.elements, along / L[:, None], axial, N / L, free, net.spring, np.zeros(net.n)),
         *(number, incidence_of(net.elements, number, net.n), net.n),
     )
     root = 1.0 / np.sqrt(np.repeat(mass, 3)[moves])
-    scaled = (diags_array(root) @ stiffness.tocsr()[moves][:, moves] @ diags_array(root)).tocsc()
+    scaled = (diags_array(root) @ K.tocsr()[moves][:, moves] @ diags_array(root)).tocsc()
     values, vectors, unstable = _lowest(scaled, min(count, len(moves)))
     shape = np.zeros((len(values), 3 * net.n))
     shape[:, moves] = (vectors * root[:, None]).T

@@ -33,7 +33,9 @@ def modes_now(setup: Setup, count: int) -> Modes | None:
     distribution, state, model = setup.distribution, setup.state, setup.model
     x = distribution.gather_particles(state.x)
     N = distribution.gather_elements(state.elements_now().N)
-    return modes_at(x, model.net, N, model.L0, model.mass, count) if model else None
+    if model is None:
+        return None
+    return modes_at(x, model.net, N, model.L0, model.mass, count, state.scene.logarithmic)
 
 
 def modes_section(job: Job, modes: Modes) -> dict[str, np.ndarray]:

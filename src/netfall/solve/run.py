@@ -263,6 +263,8 @@ def sections_of(run: Run, simulation: Simulation | None) -> dict[str, dict]:
     areas = Areas(model.area, model.plan_area, model.vector_area)
     sections = {"net": net_section(model.net, areas, model.zones, model.cut_length)}
     sections["load"] = load_section(run.job, model.zones)
+    if "temperature" in sections["load"]:
+        sections["net"]["unstressed_length_warm"] = model.L0
     if setup.form:
         of_prestress = lambda force: np.float64(force / setup.form.reference if setup.form.reference else 0.0)
         sections["form_finding"] = {
