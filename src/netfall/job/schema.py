@@ -15,8 +15,8 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
     "": (Key("title", "text", "", "", "what the job is"),),
     "net": (
         choice("generator", tuple(GENERATOR_KEYS), ABSENT, "a net made from dimensions"),
-        Key("nodes", "text", ABSENT, "", "path of nodes.csv, relative to the job file"),
-        Key("elements", "text", ABSENT, "", "path of elements.csv, relative to the job file"),
+        Key("nodes", "path", ABSENT, "", "path of nodes.csv, relative to the job file"),
+        Key("elements", "path", ABSENT, "", "path of elements.csv, relative to the job file"),
         choice(
             "unit",
             ("m", "cm", "mm", "ft", "in"),

@@ -1,6 +1,7 @@
 """What `netfall check` tells of a job before it is run: sizes, step limits, memory, expected run time."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from mpi4py import MPI
@@ -49,7 +50,7 @@ def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) 
             f"note: more than {LARGEST_FORM} elements: the form is not found here; "
             "figures are those of the start geometry"
         )
-        short = Job(**{**vars(job), "form_finding": None})
+        short = replace(job, form_finding=None)
     memory = Memory(1)
     if folder:
         say(f"picture: {draw_check(job, make_model(short, 1, memory), folder)}")

@@ -163,7 +163,7 @@ class Model:
 
 def make_model(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Model:
     """Net, areas and partition of a job; the initial state comes with `set_initial`. Raises InputError."""
-    key = ranks, job.changes_net(), key_of(job, without=OF_SPEED)
+    key = ranks, key_of(job, without=OF_SPEED)
     net, roofing, zones, part, source = memory.once("net", key, lambda: _partitioned(job, ranks))
     model = Model(net, roofing, zones, part, source)
     model.lost, model.probes = named_elements(job, net), find_probes(job, net)
