@@ -12,12 +12,13 @@ from netfall.job.read import Job
 from netfall.net.faces import Faces, double_area, find_faces, no_faces, turned_triangles
 from netfall.net.net import Net
 from netfall.net.plan import Plan, draw_plan, listed
-from netfall.net.shares import shares_of
+from netfall.net.shares import corner_areas, shares_of
 
 REMEDY = (
     "name in [roof] groups the groups of elements whose faces carry the roof, mend the drawing, or give in "
     "nodes.csv `area` and, for wind and for pressure along the normal, normal_x, normal_y, normal_z"
 )
+MUCH = 0.2  # of a node's area: a change that `check` tells
 PLAIN = (
     "saddle",
     "stadium",
@@ -76,10 +77,12 @@ def largest_face(x: np.ndarray, net: Net, faces: Faces) -> tuple[float, float, n
     if not len(faces):
         return None
     points = np.concatenate([x, net.corners])[:, :2]
-    area = np.bincount(faces.of_corner(), 0.5 * turned_triangles(points, faces, double_area))
-    f = int(np.argmax(area))
-    ring = faces.corner[faces.start[f] : faces.start[f + 1]]
-    within = shapely.point_on_surface(shapely.Polygon(points[ring]))
+    area = np.bincount(faces.face_of_corner(), 0.5 * turned_triangles(points, faces, double_area))
+    f, rings = int(np.argmax(area)), faces.rings
+    first = rings.first_rings()
+    around = range(first[f], first[f + 1] if f + 1 < len(first) else len(rings))
+    outer, *holes = (points[rings.corner[rings.start[r] : rings.start[r + 1]]] for r in around)
+    within = shapely.point_on_surface(shapely.Polygon(outer, holes))
     return float(area[f]), float(np.median(area)), np.array([within.x, within.y])
 
 
@@ -166,6 +169,22 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> Areas:
     slope = np.where(normal.any(1), np.abs(normal[:, 2]), 1.0)
     surface, plan = np.where(of_area, net.area, surface), np.where(of_area, net.area * slope, plan)
     return Areas(surface, plan, np.where(given[:, None], surface[:, None] * normal, vector))
+
+
+def moved_areas(x: np.ndarray, net: Net, faces: Faces) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes whose surface differs by more than MUCH from that by triangles alone; that, and what it is [m2].
+
+    So were faces of more than four corners shared out once. The nodes that differ most come first.
+    """
+    points = np.concatenate([x, net.corners])
+    if not len(faces):
+        return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
+    before = np.bincount(faces.corner, corner_areas(points, faces), len(points))[: net.n]
+    now = tributary_areas(x, net, faces).surface
+    change = np.where(np.isfinite(net.area), 0.0, np.abs(now - before))
+    rows = np.flatnonzero(change > MUCH * before)
+    rows = rows[np.argsort(-change[rows], kind="stable")]
+    return rows, before[rows], now[rows]
 
 
 def unit_normals(vector: np.ndarray) -> np.ndarray:

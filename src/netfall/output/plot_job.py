@@ -229,7 +229,7 @@ def _draw_zones(axes, job: JobNet) -> None:
         cells = PolyCollection(_cells(job), facecolors=colours, edgecolors=colours, lw=0.2, zorder=1)
         axes.add_collection(cells)
     if not names:
-        label = f"roof, {len(faces)} faces, {job.area.sum():.5g} m2 in plan"
+        label = f"roof, {faces.count} faces, {job.area.sum():.5g} m2 in plan"
         label = label if len(faces) else "no closed faces, so no roof"
         axes.add_patch(plt.Rectangle((0, 0), 0, 0, color=ROOF if len(faces) else "none", label=label))
     for k in sorted(range(-1, len(names)), key=lambda k: k < 0) if names else ():
