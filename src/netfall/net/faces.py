@@ -213,8 +213,11 @@ def double_area(u, v) -> np.ndarray:
     return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
 
 
-def turned_triangles(points, faces: Faces, double) -> np.ndarray:
-    """Twice the areas (c,) of the triangles from the faces' centroids to their sides, by `double`."""
+def turned_triangles(points, faces: Faces, double, weigh=None) -> np.ndarray:
+    """Twice the areas (c,) of the triangles from the faces' centroids to their sides, by `double`.
+
+    weigh : twice the areas, turned ones negative, that the centroid is the mean of; default: `double`
+    """
     of_corner, nxt, counts = faces.of_corner(), faces.next_corner(), np.diff(faces.start)
     mean = lambda values, weight: np.stack(
         [np.bincount(of_corner, values[:, k], len(faces)) / weight for k in range(values.shape[1])], -1
@@ -223,7 +226,7 @@ def turned_triangles(points, faces: Faces, double) -> np.ndarray:
     middle = mean(p, np.maximum(counts, 1))
     u, v = p - middle[of_corner], p[nxt] - middle[of_corner]
     # centroid of the polygon from its triangles about the mean corner
-    cross = 0.5 * double(u, v)
+    cross = 0.5 * (weigh or double)(u, v)
     area = np.bincount(of_corner, cross, len(faces))
     centroid = middle + mean(cross[:, None] * (u + v) / 3, np.where(area == 0, 1, area))
     return double(p - centroid[of_corner], p[nxt] - centroid[of_corner])

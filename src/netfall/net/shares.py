@@ -74,7 +74,13 @@ def corner_areas(points: np.ndarray, faces: Faces) -> np.ndarray:
 
     A cell is cut into triangles from its centroid to its sides; half of each goes to either end of a side.
     """
-    half = 0.25 * turned_triangles(points, faces, lambda u, v: lengths(np.cross(u, v)))
+    upward = vector_areas(points, Faces(faces.start, faces.corner))[faces.of_corner()]
+
+    def turned(u, v):
+        cross = np.cross(u, v)
+        return np.copysign(lengths(cross), np.sum(cross * upward, axis=1))
+
+    half = 0.25 * turned_triangles(points, faces, lambda u, v: lengths(np.cross(u, v)), turned)
     area = half.copy()
     area[faces.next_corner()] += half
     return area
