@@ -21,7 +21,7 @@ from netfall.net.faces import find_faces
 from netfall.net.net import Net, subdivide
 from netfall.net.plan import draw_plan
 from netfall.net.shares import shares_of
-from netfall.solve.model import make_model, set_initial
+from netfall.solve.model import make_model, model_digest, set_initial
 
 SOFT = "[cable]\nmodulus = 1e9\narea = 1e-6\ndensity = 7850.0\nprestress = 1e3\n"
 PRESSED = SOFT + "[load]\npressure = [0.0, 0.0, -10.0]\n"
@@ -591,7 +591,7 @@ def test_random_drawings_have_the_areas_of_their_polygons(seed, columns, rows, h
         net=SimpleNamespace(nodes="n", generator=None),
         wind=None,
         loads=loads.get,
-        roof=SimpleNamespace(groups=[f"g{layer}"], openings=()),
+        roof=SimpleNamespace(groups=[f"g{layer}"], openings=(), lines=None),
     )
     area = tributary_areas(net.x, net, roof_of(job, net).faces)[1][number]
     # rounding of coordinates of 50 m, some 1e-14 m, in areas of some 0.1 m2
@@ -713,12 +713,13 @@ def areas_of(workshop, elements, *arguments) -> np.ndarray:
 
 def test_an_opening_is_left_out(workshop):
     """6 m x 6 m round an opening of 2 m x 2 m: four trapezoids of 8 m2, whose centroids lie 5/6 m from the
-    long side: triangles of 2.5, 7/6 and twice 13/6 m2. Joined to the outer ring or not, 32 m2; with it 36.
+    long side: triangles of 2.5, 7/6 and twice 13/6 m2. Joined to the outer ring by one element 32 m2 too;
+    with the opening 36.
     """
     spokes = TWO_RINGS + "1,5\n2,6\n3,7\n4,8\n"
     area = areas_of(workshop, spokes, "roof.openings=[[3, 3]]")
     assert np.allclose(area, [2.5 + 13 / 6] * 4 + [7 / 6 + 13 / 6] * 4, rtol=1e-14)
-    assert np.isclose(areas_of(workshop, TWO_RINGS, "roof.openings=[[3, 3]]").sum(), 32.0)
+    assert np.isclose(areas_of(workshop, TWO_RINGS + "1,5\n", "roof.openings=[[3, 3]]").sum(), 32.0)
     assert np.isclose(areas_of(workshop, spokes).sum(), 36.0)
     # two of the trapezoids too, one named twice: 36 - 4 - 2 * 8
     several = "roof.openings=[[3, 3], [3, 1], [2.5, 0.5], [3, 5]]"
@@ -734,6 +735,105 @@ def test_an_opening_in_no_face_is_refused(workshop):
         "[7, 3] lies in no face o",
         "[3, 2] lies in no face o",
     ]
+
+
+LOOSE = (
+    "the face of the roof between the nodes 1, 2, 3, 4 has inside it a ring with the nodes 5, 6, 7, 8 that "
+    "is connected to it by nothing"
+)
+
+
+def test_a_ring_that_nothing_joins_is_refused(workshop):
+    """2 m below the roof and inside one of its faces in plan: 36 m2, not what would lead down to it and back.
+
+    An element to the ring, elements of another group by a node beside the roof, or a line makes it the user's
+    wish; without loads on the roof it is a note.
+    """
+    low = "".join(
+        line.replace(",0,", ",-2,") if line[:1] in "5678" else line for line in RINGS.splitlines(True)
+    )
+    low = low.replace("5,2,2,0,1", "5,2,2,-2,1")
+    with pytest.raises(InputError, match=LOOSE) as raised:
+        roof_from(workshop, LOADED, low, TWO_RINGS)
+    assert len(raised.value.lines) == 1 and "[roof] lines" in raised.value.lines[0]
+    assert roof_from(workshop, SOFT, low, TWO_RINGS)[1].notes[0].startswith(LOOSE)
+    groups = "start,end,group\n" + "".join(
+        f"{line},{'roof' if k < 4 else 'hung'}\n" for k, line in enumerate(TWO_RINGS.splitlines()[1:])
+    )
+    _, _, area = roof_from(workshop, LOADED + '[roof]\ngroups = ["roof"]\n', low, groups)
+    assert area[:4].tolist() == [9.0] * 4 and not area[4:].any()
+    assert roof_from(workshop, LOADED, low, TWO_RINGS + "1,5\n")[1].notes == []
+    stayed = groups.replace("hung", "roof") + "3,9,stay\n9,7,stay\n"
+    grouped = LOADED + '[roof]\ngroups = ["roof"]\n'
+    assert roof_from(workshop, grouped, low + "9,9,9,-4,1\n", stayed)[1].notes == []
+    (workshop.folder / "panels.csv").write_text("start,end\n1,5\n")
+    _, roof, _ = roof_from(workshop, LOADED + '[roof]\nlines = "panels.csv"\n', low, TWO_RINGS)
+    assert not any(LOOSE in note for note in roof.notes)
+
+
+# --- edges without elements
+
+LINED = LOADED + '[roof]\nlines = "panels.csv"\n'
+
+
+def test_lines_close_faces_without_an_element(workshop):
+    """Spokes over nodes at 10 and 20 m, the inner ring open: with its 12 edges given as lines, as by hand.
+
+    The middle is left out by an opening; a sector of the inner 12-gon is shared in thirds.
+    """
+    nodes, elements = spokes(12)
+    _, _, before = roof_from(workshop, PRESSED, nodes, elements)
+    (workshop.folder / "panels.csv").write_text(
+        "# panels of the top\nend;start\n" + "".join(f"{101 + (k + 1) % 12};{101 + k}\n" for k in range(12))
+    )
+    net, roof, area = roof_from(workshop, PRESSED + '[roof]\nlines = "panels.csv"\n', nodes, elements)
+    third = 0.5 * 10.0**2 * np.sin(np.radians(30.0)) / 3.0
+    assert area[0] == pytest.approx(12 * third, rel=1e-13) and net.m == 48 and roof.notes == []
+    # the trapezium of five or more corners is shared by nearest corner: six, with those at 20 m
+    slope = np.tan(np.radians(15.0))
+    rest = 450.0 * np.sin(np.radians(30.0)) - 625.0 * slope
+    assert np.allclose(area[25:], rest, rtol=1e-13) and area.sum() == pytest.approx(before.sum(), rel=1e-13)
+
+
+def test_wrong_lines_are_told_by_row_and_id(workshop):
+    """All at once: a node that there is not, one node twice, no number; and a file that there is not."""
+    (workshop.folder / "panels.csv").write_text("start,end\n1,99\n2,2\nx,1\n")
+    with pytest.raises(InputError) as raised:
+        roof_from(workshop, LINED, RINGS, TWO_RINGS)
+    place = workshop.folder / "panels.csv"
+    assert raised.value.lines == [
+        f"{place}: line 4: start = 'x': expected an integer",
+        f"{place}: line 4: start = 0: no such node in nodes.csv",
+        f"{place}: line 2: end = 99: no such node in nodes.csv",
+        f"{place}: line 3: start and end are both node 2; expected two nodes",
+    ]
+    place.unlink()
+    with pytest.raises(InputError, match=r"panels.csv: No such file or directory; paths are relative"):
+        roof_from(workshop, LINED, RINGS, TWO_RINGS)
+
+
+def test_lines_that_cross_or_close_nothing_are_told(workshop):
+    """By the ids of their ends."""
+    spoked = TWO_RINGS + "1,5\n2,6\n3,7\n4,8\n"
+    (workshop.folder / "panels.csv").write_text("start,end\n1,6\n")
+    _, roof, area = roof_from(workshop, LINED, RINGS, spoked)
+    assert roof.notes == [] and area.sum() == pytest.approx(36.0)
+    (workshop.folder / "panels.csv").write_text("start,end\n1,6\n2,5\n")
+    with pytest.raises(InputError, match="the line 1 to 6 and the line 2 to 5"):
+        roof_from(workshop, LINED, RINGS, spoked)
+    (workshop.folder / "panels.csv").write_text("start,end\n1,9\n")
+    _, roof, _ = roof_from(workshop, LINED, RINGS + "9,1,3,0,0\n10,0.5,3,0,1\n", spoked + "9,10\n")
+    assert any("edges of the roof without an element bound no face: 1 to 9" in note for note in roof.notes)
+
+
+def test_lines_are_part_of_the_digest(workshop):
+    """A checkpoint of other lines is refused, be the change in the table alone."""
+    digests = set()
+    for row in ("1,6", "2,5"):
+        (workshop.folder / "panels.csv").write_text(f"start,end\n{row}\n")
+        job = read_job(workshop.job(LINED, RINGS, TWO_RINGS + "1,5\n2,6\n3,7\n4,8\n"))
+        digests |= {job.digest(), model_digest(job, build_net(job))}
+    assert len(digests) == 4
 
 
 def test_check_tells_how_to_leave_a_large_face_out(workshop):

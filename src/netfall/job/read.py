@@ -44,10 +44,11 @@ class Job:
         return self.path.stem
 
     def files(self) -> list[Path]:
-        """The files that the job reads: tables of the net, of types of cable, and of the wind."""
+        """The files that the job reads: tables of the net, of types of cable, of panels and wind."""
         tables = ("file", "points", "pressures", "taps", "sectors")
         wind = [getattr(self.wind, name) for name in tables] if self.wind else []
-        named = [self.net.nodes, self.net.elements, self.cable.catalogue, *wind]
+        lines = self.roof.lines if self.roof else None
+        named = [self.net.nodes, self.net.elements, self.cable.catalogue, lines, *wind]
         return [self.path.parent / name for name in named if name]
 
     def digest(self) -> str:

@@ -96,6 +96,13 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "groups", "words", ABSENT, "", "groups of elements whose faces carry loads and wind; absent: all"
         ),
         Key("openings", "points", (), "m", "x, y of a point in each face that is an opening"),
+        Key(
+            "lines",
+            "text",
+            ABSENT,
+            "",
+            "path of a table start, end: ids of nodes between which a face has an edge without an element",
+        ),
     ),
     "wind": WIND,
     "dynamics": (

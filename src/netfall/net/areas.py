@@ -10,7 +10,8 @@ from netfall.errors import InputError
 from netfall.functions import lengths
 from netfall.job.read import Job
 from netfall.net.faces import Faces, double_area, find_faces, no_faces, turned_triangles
-from netfall.net.net import Net
+from netfall.net.net import Net, pair_key
+from netfall.net.parts import parts_of
 from netfall.net.plan import Plan, draw_plan, listed
 from netfall.net.shares import corner_areas, shares_of
 
@@ -45,14 +46,45 @@ def roof_of(job: Job, net: Net) -> Roofing:
     groups = roof_groups(job)
     chosen = np.isin(net.group, [g for g, name in enumerate(net.group_names) if name in groups])
     carries = chosen[:: net.parts] if groups else np.ones(net.m // net.parts, bool)
-    plan = draw_plan(net, carries, checked=job.net.generator not in PLAIN)
+    lines = bool(job.roof and job.roof.lines)
+    plan = draw_plan(net, carries, checked=lines or job.net.generator not in PLAIN)
     if plan.errors:
         if _needs_faces(job, net):
             raise InputError([f"{job.path}: {error}; {REMEDY}" for error in plan.errors])
         return Roofing(no_faces(), 0.0, [f"the net has no faces: {error}" for error in plan.errors])
     faces = _faces_but_openings(job, net, plan)
+    loose = _unconnected(net, plan, faces)
+    if loose and _needs_faces(job, net):
+        raise InputError([f"{job.path}: {error}" for error in loose])
     notes = _notes(job, net, plan, faces, carries) if loads_the_roof(job) else []
+    notes += loose
     return Roofing(faces, _covered(plan, faces), notes)
+
+
+def _unconnected(net: Net, plan: Plan, faces: Faces) -> list[str]:
+    """A line for each ring inside a face of the plan that nothing connects to the ring around it."""
+    rings = faces.rings
+    if len(rings) == faces.count:
+        return []
+    label = parts_of(np.concatenate([net.elements, plan.segment]), len(plan.points))
+    of_ring = label[rings.corner[rings.start[:-1]]]
+    outer = rings.first_rings()[rings.face]
+    lines = []
+    for r in np.flatnonzero(of_ring != of_ring[outer]):
+        around, inside = (_ids_of_ring(net, rings, k) for k in (outer[r], r))
+        lines.append(
+            f"the face of the roof between the nodes {around} has inside it a ring with the nodes {inside} "
+            "that is connected to it by nothing, so it is not known what lies between; join the two with "
+            "elements, give the edges of panels between them in [roof] lines, or leave the ring's group out "
+            "of [roof] groups"
+        )
+    return lines
+
+
+def _ids_of_ring(net: Net, rings: Faces, r: int) -> str:
+    """Ids of the nodes of a ring, the first few of them."""
+    corner = rings.corner[rings.start[r] : rings.start[r + 1]]
+    return listed(np.sort(net.node_id[corner[corner < net.n]]))
 
 
 def _faces_but_openings(job: Job, net: Net, plan: Plan) -> Faces:
@@ -120,6 +152,7 @@ def _notes(job: Job, net: Net, plan: Plan, faces: Faces, carries: np.ndarray) ->
             f"{len(bare)} free nodes carry no roof area: {listed(net.node_id[bare])}; "
             "`area` in nodes.csv would give it"
         )
+    notes += _idle_lines(net, plan, faces)
     rim = faces.open_rim[faces.open_rim < net.n]
     rim = rim[free[rim] & np.isnan(net.area[rim])]
     if len(rim):
@@ -129,6 +162,19 @@ def _notes(job: Job, net: Net, plan: Plan, faces: Faces, carries: np.ndarray) ->
             "in plan; if the roof goes on to the supports, close it with elements between these"
         )
     return notes
+
+
+def _idle_lines(net: Net, plan: Plan, faces: Faces) -> list[str]:
+    """A note on edges without an element that bound no face."""
+    rings, points = faces.rings, len(plan.points)
+    sides = np.column_stack([rings.corner, rings.corner[rings.next_corner()]])
+    lines = plan.segment[plan.element < 0]
+    loose = lines[~np.isin(pair_key(lines, points), pair_key(sides, points))]
+    loose = loose[(loose < net.n).all(1)]
+    if not len(loose):
+        return []
+    named = listed([f"{a} to {b}" for a, b in net.node_id[loose]])
+    return [f"{len(loose)} edges of the roof without an element bound no face: {named}"]
 
 
 def _covered(plan: Plan, faces: Faces) -> float:
