@@ -161,6 +161,11 @@ LISTS: dict[str, tuple[Key, ...]] = {
         Key("name", "name", REQUIRED, "", "by which [wind.zone.NAME] and [load.zone.NAME] know it"),
         Key("polygon", "polygon", ABSENT, "m", "corners in plan of the start geometry, in order around it"),
         Key("groups", "words", ABSENT, "", "groups of elements whose nodes belong to it"),
+        flag(
+            "cut",
+            False,
+            "whether a polygon takes of each node's area what lies inside; false: nodes inside whole",
+        ),
     ),
     "case": (
         Key("name", "name", REQUIRED, "", "of the static case"),

@@ -218,6 +218,12 @@ def turned_triangles(points, faces: Faces, double, weigh=None) -> np.ndarray:
 
     weigh : twice the areas, turned ones negative, that the centroid is the mean of; default: `double`
     """
+    p, middle = points[faces.corner], centroids(points, faces, weigh or double)[faces.of_corner()]
+    return double(p - middle, points[faces.corner[faces.next_corner()]] - middle)
+
+
+def centroids(points, faces: Faces, double) -> np.ndarray:
+    """Centroids (k, d) of the cells, from triangles about the mean of their corners, by `double`."""
     of_corner, nxt, counts = faces.of_corner(), faces.next_corner(), np.diff(faces.start)
     mean = lambda values, weight: np.stack(
         [np.bincount(of_corner, values[:, k], len(faces)) / weight for k in range(values.shape[1])], -1
@@ -225,11 +231,9 @@ def turned_triangles(points, faces: Faces, double, weigh=None) -> np.ndarray:
     p = points[faces.corner]
     middle = mean(p, np.maximum(counts, 1))
     u, v = p - middle[of_corner], p[nxt] - middle[of_corner]
-    # centroid of the polygon from its triangles about the mean corner
-    cross = 0.5 * (weigh or double)(u, v)
+    cross = 0.5 * double(u, v)
     area = np.bincount(of_corner, cross, len(faces))
-    centroid = middle + mean(cross[:, None] * (u + v) / 3, np.where(area == 0, 1, area))
-    return double(p - centroid[of_corner], p[nxt] - centroid[of_corner])
+    return middle + mean(cross[:, None] * (u + v) / 3, np.where(area == 0, 1, area))
 
 
 def _delaunay_cells(points, shapes: list[np.ndarray]) -> Faces:
