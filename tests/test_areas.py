@@ -19,6 +19,7 @@ from netfall.net.areas import normals, roof_of, tributary_areas
 from netfall.net.build import build_net
 from netfall.net.faces import find_faces
 from netfall.net.net import Net, subdivide
+from netfall.net.panels import panels_of
 from netfall.net.plan import draw_plan
 from netfall.net.shares import shares_of
 from netfall.solve.model import make_model, model_digest, set_initial
@@ -450,6 +451,25 @@ def test_sectors_without_rings_are_shared_along_the_spokes(workshop):
     assert " 50 -> 107.2 m2" in line
     told = run_on_standing_ranks("check", workshop.job(PRESSED, *grid_tables())).stdout
     assert "nearest corner" not in told
+
+
+@pytest.mark.parametrize("parts", [1, 3])
+def test_panels_are_whole_faces_and_carry_what_their_corners_have(parts):
+    """A U, cut into cells for its surface, a rectangle and a triangle: three panels by the same shares."""
+    xy = [*U_SHAPE, (4, 0), (4, 3), (5, 1.5)]
+    elements = [*ring(*range(8)), (1, 8), (8, 9), (9, 2), (8, 10), (10, 9)]
+    net = subdivide(net_of(xy, elements, z=[0.1 * x * y for x, y in xy]), parts)
+    faces = find_faces(net)
+    panels, areas = panels_of(net.x, net, faces), tributary_areas(net.x, net, faces)
+    assert panels.count == faces.count == 3 and len(faces) > 3
+    at_nodes = lambda values: np.bincount(panels.node, values, net.n)
+    assert np.allclose(at_nodes(panels.areas.surface), areas.surface, rtol=1e-14)
+    assert np.allclose(at_nodes(panels.areas.plan), areas.plan, rtol=1e-14)
+    assert np.allclose(at_nodes(panels.areas.vector[:, 2]), areas.vector[:, 2], rtol=1e-14)
+    of_panel = np.bincount(panels.of_corner, panels.areas.plan)
+    assert sorted(of_panel.round(12)) == [1.5, 3.0, 7.0]
+    shared, within_u = (panels.at(np.arange(parts) + parts * k) for k in (1, 4))
+    assert len(shared) == 2 and of_panel[within_u].round(12).tolist() == [7.0]
 
 
 # --- random drawings against polygons that the test knows
