@@ -96,6 +96,13 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "groups", "words", ABSENT, "", "groups of elements whose faces carry loads and wind; absent: all"
         ),
         Key("openings", "points", (), "m", "x, y of a point in each face that is an opening"),
+        Key(
+            "lines",
+            "text",
+            ABSENT,
+            "",
+            "path of a table start, end: ids of nodes between which a face has an edge without an element",
+        ),
     ),
     "wind": WIND,
     "dynamics": (
@@ -154,6 +161,11 @@ LISTS: dict[str, tuple[Key, ...]] = {
         Key("name", "name", REQUIRED, "", "by which [wind.zone.NAME] and [load.zone.NAME] know it"),
         Key("polygon", "polygon", ABSENT, "m", "corners in plan of the start geometry, in order around it"),
         Key("groups", "words", ABSENT, "", "groups of elements whose nodes belong to it"),
+        flag(
+            "cut",
+            False,
+            "whether a polygon takes of each node's area what lies inside; false: nodes inside whole",
+        ),
     ),
     "case": (
         Key("name", "name", REQUIRED, "", "of the static case"),

@@ -10,14 +10,16 @@ from netfall.errors import InputError
 from netfall.functions import lengths
 from netfall.job.read import Job
 from netfall.net.faces import Faces, double_area, find_faces, no_faces, turned_triangles
-from netfall.net.net import Net
+from netfall.net.net import Net, pair_key
+from netfall.net.parts import parts_of
 from netfall.net.plan import Plan, draw_plan, listed
-from netfall.net.shares import shares_of
+from netfall.net.shares import corner_areas, shares_of
 
 REMEDY = (
     "name in [roof] groups the groups of elements whose faces carry the roof, mend the drawing, or give in "
     "nodes.csv `area` and, for wind and for pressure along the normal, normal_x, normal_y, normal_z"
 )
+MUCH = 0.2  # of a node's area: a change that `check` tells
 PLAIN = (
     "saddle",
     "stadium",
@@ -44,14 +46,45 @@ def roof_of(job: Job, net: Net) -> Roofing:
     groups = roof_groups(job)
     chosen = np.isin(net.group, [g for g, name in enumerate(net.group_names) if name in groups])
     carries = chosen[:: net.parts] if groups else np.ones(net.m // net.parts, bool)
-    plan = draw_plan(net, carries, checked=job.net.generator not in PLAIN)
+    lines = bool(job.roof and job.roof.lines)
+    plan = draw_plan(net, carries, checked=lines or job.net.generator not in PLAIN)
     if plan.errors:
         if _needs_faces(job, net):
             raise InputError([f"{job.path}: {error}; {REMEDY}" for error in plan.errors])
         return Roofing(no_faces(), 0.0, [f"the net has no faces: {error}" for error in plan.errors])
     faces = _faces_but_openings(job, net, plan)
+    loose = _unconnected(net, plan, faces)
+    if loose and _needs_faces(job, net):
+        raise InputError([f"{job.path}: {error}" for error in loose])
     notes = _notes(job, net, plan, faces, carries) if loads_the_roof(job) else []
+    notes += loose
     return Roofing(faces, _covered(plan, faces), notes)
+
+
+def _unconnected(net: Net, plan: Plan, faces: Faces) -> list[str]:
+    """A line for each ring inside a face of the plan that nothing connects to the ring around it."""
+    rings = faces.rings
+    if len(rings) == faces.count:
+        return []
+    label = parts_of(np.concatenate([net.elements, plan.segment]), len(plan.points))
+    of_ring = label[rings.corner[rings.start[:-1]]]
+    outer = rings.first_rings()[rings.face]
+    lines = []
+    for r in np.flatnonzero(of_ring != of_ring[outer]):
+        around, inside = (_ids_of_ring(net, rings, k) for k in (outer[r], r))
+        lines.append(
+            f"the face of the roof between the nodes {around} has inside it a ring with the nodes {inside} "
+            "that is connected to it by nothing, so it is not known what lies between; join the two with "
+            "elements, give the edges of panels between them in [roof] lines, or leave the ring's group out "
+            "of [roof] groups"
+        )
+    return lines
+
+
+def _ids_of_ring(net: Net, rings: Faces, r: int) -> str:
+    """Ids of the nodes of a ring, the first few of them."""
+    corner = rings.corner[rings.start[r] : rings.start[r + 1]]
+    return listed(np.sort(net.node_id[corner[corner < net.n]]))
 
 
 def _faces_but_openings(job: Job, net: Net, plan: Plan) -> Faces:
@@ -76,10 +109,12 @@ def largest_face(x: np.ndarray, net: Net, faces: Faces) -> tuple[float, float, n
     if not len(faces):
         return None
     points = np.concatenate([x, net.corners])[:, :2]
-    area = np.bincount(faces.of_corner(), 0.5 * turned_triangles(points, faces, double_area))
-    f = int(np.argmax(area))
-    ring = faces.corner[faces.start[f] : faces.start[f + 1]]
-    within = shapely.point_on_surface(shapely.Polygon(points[ring]))
+    area = np.bincount(faces.face_of_corner(), 0.5 * turned_triangles(points, faces, double_area))
+    f, rings = int(np.argmax(area)), faces.rings
+    first = rings.first_rings()
+    around = range(first[f], first[f + 1] if f + 1 < len(first) else len(rings))
+    outer, *holes = (points[rings.corner[rings.start[r] : rings.start[r + 1]]] for r in around)
+    within = shapely.point_on_surface(shapely.Polygon(outer, holes))
     return float(area[f]), float(np.median(area)), np.array([within.x, within.y])
 
 
@@ -117,6 +152,7 @@ def _notes(job: Job, net: Net, plan: Plan, faces: Faces, carries: np.ndarray) ->
             f"{len(bare)} free nodes carry no roof area: {listed(net.node_id[bare])}; "
             "`area` in nodes.csv would give it"
         )
+    notes += _idle_lines(net, plan, faces)
     rim = faces.open_rim[faces.open_rim < net.n]
     rim = rim[free[rim] & np.isnan(net.area[rim])]
     if len(rim):
@@ -126,6 +162,19 @@ def _notes(job: Job, net: Net, plan: Plan, faces: Faces, carries: np.ndarray) ->
             "in plan; if the roof goes on to the supports, close it with elements between these"
         )
     return notes
+
+
+def _idle_lines(net: Net, plan: Plan, faces: Faces) -> list[str]:
+    """A note on edges without an element that bound no face."""
+    rings, points = faces.rings, len(plan.points)
+    sides = np.column_stack([rings.corner, rings.corner[rings.next_corner()]])
+    lines = plan.segment[plan.element < 0]
+    loose = lines[~np.isin(pair_key(lines, points), pair_key(sides, points))]
+    loose = loose[(loose < net.n).all(1)]
+    if not len(loose):
+        return []
+    named = listed([f"{a} to {b}" for a, b in net.node_id[loose]])
+    return [f"{len(loose)} edges of the roof without an element bound no face: {named}"]
 
 
 def _covered(plan: Plan, faces: Faces) -> float:
@@ -166,6 +215,22 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> Areas:
     slope = np.where(normal.any(1), np.abs(normal[:, 2]), 1.0)
     surface, plan = np.where(of_area, net.area, surface), np.where(of_area, net.area * slope, plan)
     return Areas(surface, plan, np.where(given[:, None], surface[:, None] * normal, vector))
+
+
+def moved_areas(x: np.ndarray, net: Net, faces: Faces) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes whose surface differs by more than MUCH from that by triangles alone; that, and what it is [m2].
+
+    So were faces of more than four corners shared out once. The nodes that differ most come first.
+    """
+    points = np.concatenate([x, net.corners])
+    if not len(faces):
+        return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
+    before = np.bincount(faces.corner, corner_areas(points, faces), len(points))[: net.n]
+    now = tributary_areas(x, net, faces).surface
+    change = np.where(np.isfinite(net.area), 0.0, np.abs(now - before))
+    rows = np.flatnonzero(change > MUCH * before)
+    rows = rows[np.argsort(-change[rows], kind="stable")]
+    return rows, before[rows], now[rows]
 
 
 def unit_normals(vector: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from netfall.net.cables import cables_of, same_names
 from netfall.net.net import Net, subdivide
 from netfall.net.parts import parts_of
 from netfall.net.sections import set_sections, set_strengths, strength_errors, strength_notes
-from netfall.net.tables import read_tables
+from netfall.net.tables import read_lines, read_tables
 
 STEEP = ("saddle", "stadium")  # generators whose start is level inside and steep along the boundary
 MOST_ELEMENTS = 50_000_000  # some 2000 bytes each on rank 0 at set-up
@@ -29,6 +29,8 @@ def build_net(job: Job) -> Net:
             f"elements; at most {MOST_ELEMENTS:.0e} fit"
         )
     _check_groups(job, net)
+    lines, notes = read_lines(job, net.node_id)
+    net.outline, net.notes = np.concatenate([net.outline, lines]), net.notes + notes
     net = subdivide(net, job.net.subdivide)
     net.cable, net.cable_names = cables_of(net, job.net.generator in STEEP)
     set_strengths(job, net)

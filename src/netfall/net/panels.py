@@ -41,15 +41,15 @@ def panels_of(x: np.ndarray, net: Net, faces: Faces) -> Panels:
     given = np.isfinite(net.normal[node])
     vector = np.where(given, surface[:, None] * net.normal[node], vector)
     areas = Areas(surface, shares.plans()[here], vector)
-    return Panels(*_hung(net, faces), shares.face[here], node, len(faces), areas)
+    return Panels(*_hung(net, faces.rings), shares.face[here], node, faces.count, areas)
 
 
-def _hung(net: Net, faces: Faces) -> tuple[np.ndarray, np.ndarray]:
+def _hung(net: Net, rings: Faces) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of an element and a panel that has it as a side."""
     points = net.n + len(net.corners)
-    sides = pair_key(np.column_stack([faces.corner, faces.corner[faces.next_corner()]]), points)
+    sides = pair_key(np.column_stack([rings.corner, rings.corner[rings.next_corner()]]), points)
     order = np.argsort(sides, kind="stable")
     edge = pair_key(net.elements, points)
     first, last = (np.searchsorted(sides[order], edge, side=side) for side in ("left", "right"))
     rows = np.concatenate([order[a:b] for a, b in zip(first, last)]) if len(edge) else order[:0]
-    return np.repeat(np.arange(net.m), last - first), faces.of_corner()[rows]
+    return np.repeat(np.arange(net.m), last - first), rings.face_of_corner()[rows]

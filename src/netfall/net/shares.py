@@ -6,6 +6,9 @@ import numpy as np
 
 from netfall.functions import lengths
 from netfall.net.faces import Faces, turned_triangles
+from netfall.net.nearest import nearest_areas
+
+FEW = 4  # corners, at most, of a face that triangles from its centroid share out
 
 
 class Shares(NamedTuple):
@@ -35,14 +38,35 @@ class Shares(NamedTuple):
 
 
 def shares_of(points: np.ndarray, faces: Faces) -> Shares:
-    """How the faces between points (k, 3) [m] are shared out."""
-    corner_area = corner_areas(points, faces)
-    face = faces.of_corner()
-    surface = np.bincount(face, corner_area, len(faces))
-    count = np.bincount(face, minlength=len(faces))
-    bare = surface == 0
-    share = np.where(bare[face], 1.0 / count[face], corner_area / np.where(bare, 1.0, surface)[face])
-    return Shares(face, faces.corner, share, surface, vector_areas(points, faces))
+    """How the faces between points (k, 3) [m] are shared out.
+
+    One of three or four corners by its cells' triangles (`corner_areas`); of more by nearest corner.
+    """
+    rings, surface, vector = faces.rings, np.zeros(0), np.zeros((0, 3))
+    if not len(faces):
+        return Shares(faces.corner, faces.corner, surface, surface, vector)
+    corner_area, face = corner_areas(points, faces), faces.face_of_corner()
+    surface, vector = np.bincount(face, corner_area), vector_areas(points, rings)
+    corners = np.bincount(rings.face_of_corner())
+    few = corners <= FEW
+    parts = [_in_proportion(corner_area, face, faces.corner, few)]
+    if not few.all():
+        of_many = rings.of_faces(~few)
+        near = nearest_areas(points, of_many, vector[~few])
+        many = np.flatnonzero(~few)[of_many.face_of_corner()]
+        parts.append(_in_proportion(near, many, of_many.corner, ~few))
+    face, node, share = (np.concatenate(column) for column in zip(*parts))
+    return Shares(face, node, share, surface, vector)
+
+
+def _in_proportion(area, face, node, chosen) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Face, node and share of the corners of chosen faces, by areas (c,); alike where there are none."""
+    kept = chosen[face]
+    area, face, node = np.maximum(area[kept], 0.0), face[kept], node[kept]
+    total, count = np.bincount(face, area), np.bincount(face)
+    bare = total == 0
+    share = np.where(bare[face], 1.0 / count[face], area / np.where(bare, 1.0, total)[face])
+    return face, node, share
 
 
 def corner_areas(points: np.ndarray, faces: Faces) -> np.ndarray:
@@ -50,15 +74,21 @@ def corner_areas(points: np.ndarray, faces: Faces) -> np.ndarray:
 
     A cell is cut into triangles from its centroid to its sides; half of each goes to either end of a side.
     """
-    half = 0.25 * turned_triangles(points, faces, lambda u, v: lengths(np.cross(u, v)))
+    upward = vector_areas(points, Faces(faces.start, faces.corner))[faces.of_corner()]
+
+    def turned(u, v):
+        cross = np.cross(u, v)
+        return np.copysign(lengths(cross), np.sum(cross * upward, axis=1))
+
+    half = 0.25 * turned_triangles(points, faces, lambda u, v: lengths(np.cross(u, v)), turned)
     area = half.copy()
     area[faces.next_corner()] += half
     return area
 
 
-def vector_areas(points: np.ndarray, faces: Faces) -> np.ndarray:
+def vector_areas(points: np.ndarray, rings: Faces) -> np.ndarray:
     """Vector areas (f, 3) [m2] of the faces, half the sum of x_k x x_(k+1) from a corner of their own."""
-    face = faces.of_corner()
-    start = points[faces.corner[faces.start[:-1]]][face]
-    p, q = points[faces.corner] - start, points[faces.corner[faces.next_corner()]] - start
-    return np.stack([np.bincount(face, part, len(faces)) for part in 0.5 * np.cross(p, q).T], -1)
+    face = rings.face_of_corner()
+    start = points[rings.corner[rings.start[:-1]]][rings.first_rings()][face]
+    p, q = points[rings.corner] - start, points[rings.corner[rings.next_corner()]] - start
+    return np.stack([np.bincount(face, part, rings.count) for part in 0.5 * np.cross(p, q).T], -1)

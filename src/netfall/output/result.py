@@ -224,23 +224,28 @@ def _write_provenance(group, values, phases):
 
 def net_section(net: Net, areas: Areas, zones: Zones, cut_length: np.ndarray) -> dict[str, np.ndarray]:
     """The datasets of /net. cut_length : (m,) [m], unstressed, at the temperature of form finding"""
-    return _strength_section(net) | {
-        "particles": net.x,
-        "elements": net.elements,
-        "fixed": net.fixed.astype(np.uint8),
-        "group": net.group.astype(np.int32),
-        "group_names": np.array(net.group_names, h5py.string_dtype()),
-        "tributary_area": areas.surface,
-        "plan_area": areas.plan,
-        "vector_area": areas.vector,
-        "node_id": net.node_id,
-        "element_id": net.element_id,
-        "unstressed_length": cut_length,
-        "cable": net.cable.astype(np.int32),
-        "cable_names": np.array(net.cable_names, h5py.string_dtype()),
-        "zone": zones.of_node.astype(np.int32),
-        "zone_names": np.array(zones.names, h5py.string_dtype()),
-    }
+    shared = {} if zones.share is None else {"zone_share": zones.shares()}
+    return (
+        _strength_section(net)
+        | shared
+        | {
+            "particles": net.x,
+            "elements": net.elements,
+            "fixed": net.fixed.astype(np.uint8),
+            "group": net.group.astype(np.int32),
+            "group_names": np.array(net.group_names, h5py.string_dtype()),
+            "tributary_area": areas.surface,
+            "plan_area": areas.plan,
+            "vector_area": areas.vector,
+            "node_id": net.node_id,
+            "element_id": net.element_id,
+            "unstressed_length": cut_length,
+            "cable": net.cable.astype(np.int32),
+            "cable_names": np.array(net.cable_names, h5py.string_dtype()),
+            "zone": zones.of_node.astype(np.int32),
+            "zone_names": np.array(zones.names, h5py.string_dtype()),
+        }
+    )
 
 
 def _strength_section(net: Net) -> dict[str, np.ndarray]:

@@ -8,8 +8,9 @@ from mpi4py import MPI
 
 from netfall.job.read import Job
 from netfall.mechanics.fields import FIELDS
-from netfall.net.areas import largest_face
+from netfall.net.areas import MUCH, largest_face, moved_areas
 from netfall.net.build import build_net
+from netfall.net.plan import listed
 from netfall.solve.check_picture import draw_check
 from netfall.solve.memory import Memory
 from netfall.solve.model import Model, make_model
@@ -89,6 +90,7 @@ def _describe_net(setup: Setup, say) -> None:
         f"closed faces cover {model.roofing.covered:.1%} of the net's outline in plan (its convex hull)"
     )
     _describe_largest_face(model, say)
+    _describe_sharing(model, say)
     for note in model.notes():
         say(f"note: {note}")
 
@@ -100,6 +102,18 @@ def _describe_largest_face(model: Model, say) -> None:
         say(
             f"largest face: {area:.4g} m2 in plan around [{x:.4g}, {y:.4g}], the usual one has {usual:.4g} "
             f"m2; if it is an opening, leave it out with [roof] openings = [[{x:.4g}, {y:.4g}]]"
+        )
+
+
+def _describe_sharing(model: Model, say) -> None:
+    """Nodes whose areas are others than those of earlier versions, which knew no nearest corner."""
+    rows, before, now = moved_areas(model.x, model.net, model.roofing.faces)
+    if len(rows):
+        named = [f"node {model.net.node_id[p]} {b:.4g} -> {a:.4g} m2" for p, b, a in zip(rows, before, now)]
+        say(
+            f"areas: faces of more than four corners are shared by nearest corner; from the triangles about "
+            f"their centroids, as in earlier versions, {len(rows)} nodes differ by more than {MUCH:.0%} of "
+            f"their area: {listed(named)}"
         )
 
 

@@ -93,7 +93,7 @@ def pressure_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
         if value is not None:
             along = isinstance(value, int | float)
             each = -value * roof.vector if along else roof.area[:, None] * np.array(value)
-            force += np.where(here[:, None], each, 0.0)
+            force += here[:, None] * each
     return force
 
 

@@ -177,8 +177,8 @@ def make_model(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Model:
 def _partitioned(job: Job, ranks: int) -> tuple:
     """Net, roofing, zones, partition and where this comes from."""
     net = build_net(job)
-    zones = zones_of(job, net)
     roofing = roof_of(job, net)
+    zones = zones_of(job, net, roofing.faces)
     if not job.changes_net():
         part = partition.read_partition(job.name, net.n, net.elements, ranks)
         if part is not None:
