@@ -133,5 +133,6 @@ def _add_lines(f, add, kind, x: np.ndarray, shading: Shading):
         linewidths=width,
         clip_on=False,
     )
-    add(lines)
+    if len(rows):  # in space no picture takes lines of nothing
+        add(lines)
     return lines

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.output.info import provenance_text, title_of
-from netfall.output.loss_lines import loss_lines, telling_factor
+from netfall.output.loss_lines import loss_lines, rises, telling_factor
 from netfall.output.report_cables import Checked, Cutting
 from netfall.output.report_losses import worst_after
 from netfall.output.report_stages import Envelope
@@ -182,12 +182,13 @@ def _losses(f, checked: Checked) -> list[str]:
     resistance, rows = checked.resistance[check], []
     for k, e in worst_after(f, resistance, WORST):
         N = {name: g[f"tension_{name}"][k, e] for name in ("before", "highest", "after")}
-        numbers = [telling_factor(g, k)[e], N["highest"] / resistance[e]]
+        numbers = [rises(g, k)[e], telling_factor(g, k)[e], N["highest"] / resistance[e]]
         told = [f"{value:.3g}" if np.isfinite(value) else "" for value in numbers]
         rows.append([k + 1, names[cable[e]], ids[e], *map(force, N.values()), *told])
     if not rows:
         return lines
-    header = ["loss", "cable", "element", "before", "largest", "at rest afterwards", "dynamic factor", check]
+    header = ["loss", "cable", "element", "before", "largest", "at rest afterwards", "largest / before"]
+    header += ["dynamic factor", check]
     return [
         *lines,
         "",

@@ -24,11 +24,13 @@ OUTCOMES = {
     "balance_error": (float, np.nan),
     "dynamic_factor_max": (float, np.nan),
     "dynamic_factor_element": (np.int64, -1),
+    "rest_after_loss": (object, ""),
+    "gusts": (np.int64, 0),
     "seconds": (float, np.nan),
     "state": (object, ""),
     "reason": (object, ""),
 }
-OF_LOSSES = ("dynamic_factor_max", "dynamic_factor_element")
+OF_LOSSES = ("dynamic_factor_max", "dynamic_factor_element", "rest_after_loss", "gusts")
 UNITS = {
     **dict.fromkeys(("first_fracture", "seconds", "duration"), "s"),
     "displacement_max": "m",

@@ -38,6 +38,11 @@ class WindField:
     force: np.ndarray
     tapped: bool = False
 
+    @property
+    def varies(self) -> bool:
+        """Whether it blows in gusts: generated ones, or those of a table, of which a field has no mean."""
+        return self.model is not None or not self.control_mean.any()
+
     def mean_square(self, mean_gust: np.ndarray) -> np.ndarray:
         """Square (n,) [m2/s2] of the mean speed; mean_gust : (c,) [m/s], what the history adds to it."""
         speed = np.empty(len(self.mean))
