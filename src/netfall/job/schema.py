@@ -96,6 +96,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "groups", "words", ABSENT, "", "groups of elements whose faces carry loads and wind; absent: all"
         ),
         Key("openings", "points", (), "m", "x, y of a point in each face that is an opening"),
+        Key("faces", "text", ABSENT, "", "path of a table of the faces; absent: those of the plan"),
     ),
     "wind": WIND,
     "dynamics": (

@@ -63,7 +63,7 @@ def find_faces(net: Net, plan: Plan | None = None, openings=()) -> Faces:
     rings, polygon = _rings(polygons, plan.points, used)
     open_rim = _open_rim(rings, plan)
     rings, polygon = _without(rings, polygon, _open_faces(polygons, openings))
-    rings = _with_inner_particles(rings, plan, net)
+    rings = corners_on_sides(rings, plan, net)
     plain = (np.bincount(polygon, minlength=len(polygons)) == 1)[polygon] & _seen_whole(rings, plan.points)
     cells = []
     for number in np.unique(polygon[~plain]):
@@ -129,7 +129,7 @@ def _open_rim(rings: Faces, plan: Plan) -> np.ndarray:
     return np.intersect1d(rim, loose)
 
 
-def _with_inner_particles(rings: Faces, plan: Plan, net: Net) -> Faces:
+def corners_on_sides(rings: Faces, plan: Plan, net: Net) -> Faces:
     """The rings with the particles that subdivision put on their sides as corners too."""
     if net.parts == 1 or not len(rings):
         return rings
