@@ -78,7 +78,7 @@ def _sides(net: Net, faces: Faces, points: np.ndarray) -> Plan:
 
 def faces_are_given(job: Job) -> bool:
     """Whether a table has the faces. Raises InputError where other keys of [roof] say which there are too."""
-    if not (job.roof and job.roof.faces):
+    if getattr(job.roof, "faces", None) is None:
         return False
     both = [key for key in ("groups", "openings") if getattr(job.roof, key)]
     if both:
