@@ -39,8 +39,10 @@ def export(source: Path, target: Path, time: float | None, say: Callable[[str], 
         raise InputError("--time: a .tcl holds an equilibrium, not a state in motion; leave --time out")
     with Result(source) as result, writing(target):
         lines = write(result, state_of(result, time), target)
-        for line in lines if write is write_tables else lines + lacking(result, target.suffix.lower()):
-            say(line)
+        if write is not write_tables:
+            lines += lacking(result, target.suffix.lower())
+    for line in lines:
+        say(line)
 
 
 def _compas(result: Result, state: State, path: Path) -> list[str]:
