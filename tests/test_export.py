@@ -63,6 +63,151 @@ def test_tables_give_the_same_net_again(broken, tmp_path):
         assert [int(row["element"]) for row in events] == result.events["element"].tolist() != []
 
 
+STEEL = {"modulus": 1.6e11, "area": 5e-4, "density": 7850.0, "prestress": 5e4}
+NAN = np.nan
+TABLES = {  # a net that has a value in every column, some of them in some rows alone
+    "nodes": np.array([[-10, 0, 2], [10, 0, 2], [0, -10, 0], [0, 10, 0], [0, 0, 0.3], [5, 5, 0.5]]),
+    "elements": [[1, 5], [2, 5], [3, 5], [4, 5], [5, 6], [6, 2], [6, 4]],
+    "fixed": np.array([True] * 3 + [False] * 3),
+    "groups": ["up", "up", "low", "low", "link", "strut", "up"],
+    "node_id": np.arange(1, 7),
+    "element_id": [1, 2, 13, 14, 15, 16, 17],
+    "node_columns": {
+        "mass": [0, 0, 0, 0, 1000.0, 20.0],
+        "load_x": [0, 0, 0, 0, 10.0, 0],
+        "load_z": [0, 0, 0, 0, -1e4, -1e3],
+        "area": [NAN, NAN, 0, 0, 7.0, 5.0],
+        "normal_x": [0, 0, 0, 0, 0.1, 0.3],
+        "normal_y": [0, 0, 0, 0, 0.2, 0.3],
+        "normal_z": [1, 1, 1, 1, 1, 0.9],
+        **{f"spring_{k}": [0, 0, 0, stiffness, 0, 0] for k, stiffness in zip("xyz", (3e6, 2e6, 1e6))},
+        "zone": ["", "", "", "east", "east", "west"],
+    },
+    "element_columns": {
+        "area": [5e-4, NAN, 6e-4, 5e-4, 5e-4, 1e-3, 5e-4],
+        "modulus": [NAN, 1.5e11] + [NAN] * 5,
+        "breaking_load": [4e5, 5e5, 6e5, 7e5] + [NAN] * 3,
+        "yield_stress": [NAN] * 4 + [9e8] + [NAN] * 2,
+        "cable": ["A", "A", "", "", "B", "", ""],
+        "prestress": [1e5, 1e5, 9e4, 9e4, 5e4, -2e3, 4e4],
+    },
+}
+SECTIONS = STEEL | {
+    "expansion": 1.5e-5,
+    "strength_deviation": 0.1,
+    "strut": {"kind": "bar", "expansion": 1e-5},
+    "low": {"density": 8000.0, "fracture_strain": 0.03},
+}
+LOADS = {"snow": 300.0, "pressure": 100.0, "self_weight": True, "steps": 1, "temperature": -15.0}
+SADDLE = {"generator": "saddle", "side": 20.0, "rise": 3.0, "cells": 6}
+POLYGONS = [
+    {"name": "corner", "polygon": [[0, 0], [10, 0], [10, 10], [0, 10]]},
+    {"name": "nowhere", "polygon": [[100, 100], [101, 100], [101, 101]]},
+]
+AGAIN = {
+    "every column": {"net": TABLES, "cable": SECTIONS, "form_finding": {}, "load": LOADS},
+    "logarithmic": {"net": TABLES, "cable": SECTIONS | {"strain": "logarithmic"}, "load": LOADS},
+    "warm, as given": {"net": TABLES, "cable": SECTIONS, "load": LOADS | {"temperature": 30.0}},
+    "subdivided": {
+        "net": SADDLE | {"subdivide": 3},
+        "cable": STEEL,
+        "form_finding": {},
+        "load": LOADS | {"dead": 100.0},
+    },
+    "corners and zones": {
+        "net": SADDLE,
+        "cable": STEEL,
+        "form_finding": {},
+        "zone": POLYGONS,
+        "load": LOADS | {"zone": {"corner": {"snow": 900.0}, "nowhere": {"snow": 1.0}}},
+    },
+    "lost in motion": {
+        "net": TABLES | {"node_columns": TABLES["node_columns"] | {"zone": ""}} | {"subdivide": 2},
+        "cable": SECTIONS,
+        "form_finding": {},
+        "load": {"self_weight": True},
+        "dynamics": {"duration": 0.05, "fragments": False},
+        "output": {"probes": [[0.0, 0.0], 6], "elements": [13], "frames": 2},
+        "remove": [{"elements": [2], "time": 0.01}],
+    },
+}
+
+
+def values_of(path, groups):
+    """The datasets of some groups of a result by their names."""
+    with netfall.open(path) as result:
+        found = {}
+        for group in groups:
+            if group in result.file:
+                of_group = lambda name, item, group=group: (
+                    hasattr(item, "shape") and found.update({f"{group}/{name}": item[()]})
+                )
+                result.file[group].visititems(of_group)
+    return found
+
+
+@pytest.mark.parametrize("name", AGAIN)
+def test_the_folder_of_tables_runs_again_to_the_same_net_and_bits(tmp_path, name):
+    """Its job gives the net with all its columns, areas, strengths and rests as they were, and exported once
+    more the same files to the last byte, so the same digest.
+    """
+    netfall.run(AGAIN[name], output=tmp_path / "first.vtkhdf", quiet=True).close()
+    told = written(tmp_path / "first.vtkhdf", tmp_path / "a")
+    netfall.run(tmp_path / "a" / "job.toml", output=tmp_path / "again.vtkhdf", quiet=True).close()
+    told_again = written(tmp_path / "again.vtkhdf", tmp_path / "b")
+    files = sorted(path.name for path in (tmp_path / "a").iterdir() if path.name != "README.txt")
+    assert {"nodes.csv", "elements.csv", "job.toml"} < set(files)
+    for file in files:
+        if file != "history.csv":  # names elements by their ids, of which parts have got their own
+            assert (tmp_path / "b" / file).read_bytes() == (tmp_path / "a" / file).read_bytes(), file
+    digests = [line.split(",")[0] for line in told + told_again if line.startswith("digest of the net:")]
+    assert len(digests) == 2 and digests[0] == digests[1]
+    groups = ("net", "statics", "rest", "removal", "final", "envelope")
+    first, again = (values_of(tmp_path / f"{run}.vtkhdf", groups) for run in ("first", "again"))
+    assert first.keys() == again.keys()
+    moved = {"net/particles", "net/element_id", "net/zone_names", "removal/element"}  # the form; parts' ids
+    for key in first.keys() - moved:
+        assert np.array_equal(first[key], again[key], equal_nan=first[key].dtype.kind == "f"), key
+    if name == "every column":
+        table = {row["id"]: row for row in rows(tmp_path / "a" / "elements.csv")}
+        words = [table["13"][name] for name in ("start", "end", "group", "kind", "cable", "area", "modulus")]
+        assert words == ["3", "5", "low", "cable", "e13", "0.0006", "160000000000.0"]
+        words = [table["13"][name] for name in ("density", "expansion", "yield_stress", "breaking_load")]
+        assert words == ["8000.0", "1.5e-05", "", "600000.0"]
+        node = {row["id"]: row for row in rows(tmp_path / "a" / "nodes.csv")}["5"]
+        assert (node["mass"], node["load_x"], node["area"], node["zone"]) == ("1000.0", "10.0", "7.0", "east")
+
+
+def test_what_a_format_cannot_hold_is_named(tmp_path):
+    """Of the net at hand alone: a net without strengths loses none."""
+    netfall.run(AGAIN["every column"], output=tmp_path / "r.vtkhdf", quiet=True).close()
+    netfall.run(GIVEN, output=tmp_path / "plain.vtkhdf", quiet=True).close()
+    told = {
+        (name, ending): written(tmp_path / f"{name}.vtkhdf", tmp_path / f"{name}.{ending}")[-1]
+        for name in ("r", "plain")
+        for ending in ("dxf", "json", "tcl", "vtu")
+    }
+    many = "mass per length, bars, cables of several elements, strengths, springs, loads of nodes"
+    assert told["r", "json"] == (
+        f"note: a .json does not hold this net's stiffness, {many}, masses of nodes, roof areas, zones, "
+        "temperature; a .csv does"
+    )
+    assert told["r", "dxf"].startswith("note: a .dxf does not hold this net's ids, tensions, unstressed le")
+    assert "groups, mass per length, cables of several elements, strengths, springs, m" in told["r", "tcl"]
+    chain = "mass per length, cables of several elements; a .csv does"
+    assert told["plain", "tcl"] == f"note: a .tcl does not hold this net's {chain}"
+    assert told["plain", "json"].endswith(f"net's stiffness, {chain}")
+
+
+def test_a_folder_of_tables_that_is_the_users_own_is_left_alone(broken, tmp_path):
+    """A folder with nodes.csv that netfall did not export: exit code 2, nothing written."""
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "nodes.csv").write_text("id,x,y,z\n")
+    with pytest.raises(InputError, match=r"has nodes\.csv already, which is not what netfall exported"):
+        written(broken, tmp_path / "mine")
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["nodes.csv"]
+
+
 def test_drawing_shows_the_form_and_the_broken_state(broken, tmp_path):
     """Lines in metres by group, supports as points; at the end what broke on a layer of its own."""
     written(broken, tmp_path / "form.dxf")

@@ -339,6 +339,127 @@ def test_vtu_files_of_every_encoding_come_back(tmp_path, mode, compressor):
     assert len(reading.net.ends) == count - 3 + 3  # a side of the quadrangle is an element of the polyline
 
 
+def two_roofs(sketch, apart=20.0):
+    """The net, and half of it again beside it, as a part of its own."""
+    sketch.net()
+    for a, b, layer in sketch.pieces():
+        if max(a[0], b[0]) <= 3:
+            shifted = [(x + apart, y, z) for x, y, z in (sketch.corner(*a), sketch.corner(*b))]
+            sketch.line(*shifted, layer)
+    return sketch
+
+
+def test_the_outline_of_each_roof_of_a_drawing_is_held(tmp_path):
+    """Two nets of 5 x 4 and 4 x 4 nodes: 14 and 12 of them lie on an outline; a frame beside is no roof."""
+    sketch = two_roofs(Sketch("m"))
+    for a, b in [((-5, -5), (50, -5)), ((50, -5), (50, 20)), ((50, 20), (-5, 20)), ((-5, 20), (-5, -5))]:
+        sketch.line(a, b, "frame")
+    reading = read_net(sketch.save(tmp_path / "two.dxf"), Options(supports="outline"))
+    told = "\n".join(reading.lines)
+    assert "supports: 26 of 40 nodes are held (nodes on the outline of each of 2 parts" in told
+    assert reading.fixed.sum() == 26 and len(reading.net.x) == 36
+    assert "held by supports of its own" in told and "layer frame, without a support: left out" in told
+
+
+def test_a_largest_part_without_a_support_is_told(tmp_path):
+    """Points on the smaller roof alone: the larger one is left out, and that is said."""
+    sketch = two_roofs(Sketch("m"))
+    for i, j in [(i, j) for i in range(4) for j in range(4) if i in (0, 3) or j in (0, 3)]:
+        x, y, z = sketch.corner(i, j)
+        sketch.space.add_point((x + 20.0, y, z), dxfattribs={"layer": "held"})
+    reading = read_net(sketch.save(tmp_path / "two.dxf"), Options(supports="held"))
+    told = "\n".join(reading.lines)
+    assert "LARGEST PART LEFT OUT: 31 of 55 elements are without a support; --supports takes" in told
+    assert len(reading.net.ends) == 24 and reading.net.x[:, 0].min() == 20.0
+
+
+def test_what_is_invisible_is_left_out_and_counted(tmp_path):
+    """Invisible lines and polylines of a DXF, invisible sides of faces; hidden edges of COMPAS."""
+    sketch = Sketch("m")
+    sketch.line((0, 0, 0), (4, 0, 0), "a")
+    sketch.space.add_line((0, 1, 0), (4, 1, 0), dxfattribs={"layer": "a", "invisible": 1})
+    sketch.space.add_lwpolyline([(0, 2), (4, 2)], dxfattribs={"layer": "a", "invisible": 1})
+    face = sketch.space.add_3dface([(0, 0, 0), (4, 0, 0), (4, 4, 0), (0, 4, 0)], dxfattribs={"layer": "b"})
+    face.set_edge_visibility(2, False)
+    triangle = sketch.space.add_3dface([(0, 0, 0), (0, 4, 0), (-4, 0, 0)], dxfattribs={"layer": "c"})
+    triangle.set_edge_visibility(3, False)
+    mesh = sketch.space.add_polyface(dxfattribs={"layer": "d"})
+    mesh.append_face([(8, 0, 0), (12, 0, 0), (12, 4, 0)])
+    next(v for v in mesh.vertices if v.is_face_record).dxf.vtx1 *= -1
+    reading = read_net(sketch.save(tmp_path / "hidden.dxf"), Options(supports="outline"))
+    drawing = reading.drawing
+    of = lambda name: sum(drawing.layers[k] == name for k in drawing.layer.tolist())
+    assert (of("a"), of("b"), of("c"), of("d")) == (1, 3, 2, 2)
+    told = "\n".join(reading.lines)
+    assert "left out: 1 LINE, which is invisible" in told and "1 LWPOLYLINE, which is invisible" in told
+    assert "left out: 3 side of a face, which is invisible" in told
+    node = {str(k): {"x": float(k), "y": float(k * k), "z": 0.0} for k in range(4)}
+    edge = {"0": {"1": {}, "2": {"visible": False}}, "1": {"2": {}, "3": {"hidden": True}}, "2": {"3": {}}}
+    graph = {"node": node, "edge": edge, "default_edge_attributes": {"group": "rope", "q": 7.0}}
+    graph["edge"]["2"]["3"] = {"group": "mast", "q": -1.0}
+    (tmp_path / "g.json").write_text(json.dumps({"data": graph}))
+    reading = read_net(tmp_path / "g.json", Options(supports="outline"))
+    assert "left out: 2 edges, which are hidden" in reading.lines
+    assert [reading.drawing.layers[k] for k in reading.drawing.layer] == ["rope", "rope", "mast"]
+    assert reading.drawing.columns["force_density"].tolist() == [7.0, 7.0, -1.0]
+
+
+def test_sides_of_faces_have_the_group_of_their_face_and_ghosts_none(tmp_path):
+    """Three quadrangles in a row, of groups 5, 6 and 7: the middle one is a ghost of another piece."""
+    cells = [[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6]]
+    points = " ".join(f"{i} {j} 0" for j in range(2) for i in range(4))
+    array = lambda kind, name, text: (
+        f'<DataArray type="{kind}" Name="{name}" format="ascii">{text}</DataArray>'
+    )
+    text = (
+        '<VTKFile type="UnstructuredGrid"><UnstructuredGrid><Piece NumberOfPoints="8" NumberOfCells="3">'
+        '<Points><DataArray type="Float64" NumberOfComponents="3" format="ascii">'
+        f"{points}</DataArray></Points>"
+        "<Cells>"
+        + array("Int64", "connectivity", " ".join(str(k) for cell in cells for k in cell))
+        + array("Int64", "offsets", "4 8 12")
+        + array("UInt8", "types", "9 9 9")
+        + "</Cells><CellData>"
+        + array("Int32", "group", "5 6 7")
+        + "{}</CellData></Piece></UnstructuredGrid></VTKFile>"
+    )
+    path = tmp_path / "faces.vtu"
+    path.write_text(text.format(""))
+    of = lambda drawing: [drawing.layers[k] for k in drawing.layer.tolist()]
+    drawing = read_net(path, Options(supports="outline")).drawing
+    assert sorted(of(drawing)) == ["group 5"] * 4 + ["group 6"] * 3 + ["group 7"] * 3
+    path.write_text(text.format(array("UInt8", "vtkGhostType", "0 1 0")))
+    reading = read_net(path, Options(supports="outline"))
+    assert sorted(of(reading.drawing)) == ["group 5"] * 4 + ["group 7"] * 4
+    assert "left out: 1 cells, ghosts or hidden" in reading.lines
+
+
+def test_layers_are_the_same_in_upper_and_lower_case(tmp_path):
+    """A layer of supports and layers to read by other letters; two spellings are one layer, and told."""
+    sketch = Sketch("m").net()
+    sketch.space.add_line(sketch.corner(0, 0), sketch.corner(0, 1), dxfattribs={"layer": "HELD"})
+    sketch.space.add_circle(sketch.corner(4, 3), 0.1, dxfattribs={"layer": "Held"})
+    sketch.space.add_lwpolyline([(50, 50), (51, 50)], dxfattribs={"layer": "other"})
+    path = sketch.save(tmp_path / "case.dxf")
+    reading = read_net(path, Options(supports="held", layers=["X", "Y"]))
+    told = "\n".join(reading.lines)
+    assert "supports: 3 of 20 nodes are held" in told
+    assert 'layers "HELD" and "Held" differ by upper and lower case alone, and are one' in told
+    assert [name.lower() for name in reading.drawing.layers] == ["held", "x", "y"]
+
+
+def test_gaps_within_the_digits_of_a_drawing_are_no_faults(tmp_path):
+    """Ends that lie 5e-7 mm apart are joined without a word; 5e-3 mm are told."""
+    for gap, count in ((5e-7, 0), (5e-3, 1)):
+        sketch = Sketch("mm")
+        sketch.net(skip=(4,))
+        a, b = sketch.corner(1, 0), sketch.corner(2, 0)
+        sketch.line((a[0] + 1e-3 * gap, a[1], a[2]), b)
+        lines = read_net(sketch.save(tmp_path / "gap.dxf"), Options()).lines
+        assert sum(line.startswith("gap: 1 ends") for line in lines) == count
+        assert sum(line.startswith("gap") for line in lines) == count
+
+
 def test_what_is_no_drawing_is_refused(tmp_path):
     """A line for each: another ending, another content, no lines, an unknown layer."""
     (tmp_path / "a.dxf").write_text("not a drawing\n")

@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 import pytest
 from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall, run_on_standing_ranks
+from drawings import Sketch
 from kill_runs import JOB
 from PIL import Image
 
@@ -465,3 +466,45 @@ def test_animation_without_frames_says_what_to_do(workshop):
     with pytest.raises(InputError, match=r"no frames to animate.*\[dynamics\] duration"):
         animate(Path(f.filename), workshop.folder, "gif", 15)
     assert {p.name for p in workshop.folder.iterdir()} == {"job.toml", "result.vtkhdf"}
+
+
+def first_line_of(*arguments, folder):
+    """A command whose output is closed after its first line: this, its exit code and standard error."""
+    command = [BIN / "netfall", *map(str, arguments)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, env=ENVIRONMENT, cwd=folder, **pipes) as running:
+        line = running.stdout.readline()
+        running.stdout.close()
+        told = running.stderr.read()
+    return line, running.returncode, told
+
+
+def test_a_run_whose_output_is_read_no_more_goes_on(workshop):
+    """By `head -1`, and with standard output closed from the start: exit code 0, nothing on standard error,
+    the same result.
+    """
+    job = workshop.job(STORM)
+    line, code, told = first_line_of("run", job, "-o", "head.vtkhdf", folder=workshop.folder)
+    assert (line.startswith("netfall "), code, told) == (True, 0, "")
+    command = f"{BIN / 'netfall'} run {job} -o closed.vtkhdf >&-"
+    done = subprocess.run(
+        ["bash", "-c", command], env=ENVIRONMENT, cwd=workshop.folder, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    with (
+        h5py.File(workshop.folder / "head.vtkhdf") as one,
+        h5py.File(workshop.folder / "closed.vtkhdf") as two,
+    ):
+        assert (one["history/kinetic_energy"][:] == two["history/kinetic_energy"][:]).all()
+        assert one["history/time"][-1] == pytest.approx(0.8)
+
+
+def test_an_import_whose_output_is_read_no_more_has_written_its_tables(tmp_path):
+    """The disk is not blamed: no word on standard error, the tables are there; so is what export writes."""
+    Sketch().net().save(tmp_path / "roof.dxf")
+    command = f"{BIN / 'netfall'} import roof.dxf -o roof | true; echo ${{PIPESTATUS[0]}}"
+    done = subprocess.run(
+        ["bash", "-c", command], env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True
+    )
+    assert (done.stdout.strip(), done.stderr) == ("1", "")
+    assert {path.name for path in (tmp_path / "roof").iterdir()} >= {"nodes.csv", "report.txt", "roof.toml"}

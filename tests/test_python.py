@@ -149,3 +149,48 @@ def test_the_worked_example_runs_as_it_stands(here):
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == "".join(blocks(page, "text")).splitlines()
     assert (here / "prestress.png").stat().st_size > 10_000
+
+
+def test_no_elements_have_no_tensions_and_a_closed_result_says_so(here):
+    """An empty list of ids gives (f, 0); a result that was closed names that, and no section of the job."""
+    result = netfall.run(cross(), output="r.vtkhdf")
+    frames = len(result.time)
+    assert result.tension(element=[]).shape == (frames, 0)
+    assert result.displacement(node=[]).shape == (frames, 0, 3)
+    tables = result.nodes, result.history
+    result.close()
+    for ask in (
+        lambda: result.statics,
+        lambda: hasattr(result, "wind"),
+        lambda: result.tension(element=1),
+        lambda: result.time,
+        lambda: result.frame(0.1),
+        lambda: result.title,
+        lambda: tables[0]["x"],
+    ):
+        with pytest.raises(ValueError, match=r"this result is closed; netfall.open\('r.vtkhdf'\) opens it"):
+            ask()
+    with pytest.raises(ValueError, match="kinetic_energy: the result is closed"):
+        tables[1]["kinetic_energy"]
+    assert repr(result) == "Result r.vtkhdf, closed"
+    brief = netfall.run(cross(), {"dynamics.duration": 0.01})
+    brief.close()
+    with pytest.raises(ValueError, match="a temporary one: run the job with an output to keep it"):
+        brief.statics  # noqa: B018
+
+
+def test_columns_do_not_replace_the_arrays_of_a_net():
+    """What nodes, elements, fixed, groups and ids say is not said by a column too; all at once."""
+    arrays = {"nodes": np.zeros((2, 3)), "elements": [[0, 1]], "groups": "a"}
+    columns = {"id": [5, 6], " X": 1.0, "fixed_z": 1, "mass": 2.0}
+    with pytest.raises(netfall.InputError) as error:
+        netfall.Net(**arrays, node_columns=columns).node_table()
+    assert error.value.lines == [
+        "Net: node_columns 'id': would replace what node_id says; give it as node_id",
+        "Net: node_columns ' X': would replace what nodes says; give it as nodes",
+        "Net: node_columns 'fixed_z': would replace what fixed says; give it as fixed",
+    ]
+    with pytest.raises(netfall.InputError, match="element_columns 'group': would replace what groups says"):
+        netfall.Net(**arrays, element_columns={"group": "b"}).element_table()
+    plain = netfall.Net(nodes=np.zeros((2, 3)), elements=[[0, 1]], element_columns={"group": "b"})
+    assert plain.element_table()["group"].tolist() == ["b"]

@@ -1,11 +1,14 @@
 """Tables as people have them: delimiters, comments, units, further columns, and what is odd in a drawing."""
 
+import re
+
 import numpy as np
 import pytest
 from conftest import STEEL, run_netfall, run_on_standing_ranks
 
 from netfall.errors import InputError
 from netfall.job.read import read_job
+from netfall.net.areas import roof_of, tributary_areas
 from netfall.net.build import build_net
 from netfall.net.tables import close_pairs
 
@@ -51,6 +54,73 @@ def test_tables_may_have_any_of_these_forms(workshop, form):
     assert net.x[:, 0].tolist() == [0.0, 1.5, 3.0] and net.node_id.tolist() == [1, 2, 3]
     assert net.fixed[:, 0].tolist() == [True, False, True] and net.element_id.tolist() == [7, 8]
     assert ("remark" in "".join(net.notes)) == (form == "a column more")
+
+
+def test_kind_density_and_expansion_of_a_row_come_before_those_of_the_job(workshop):
+    """An empty cell leaves what the job says; a kind that there is not is named with its line."""
+    elements = "start,end,kind,density,expansion\n1,2,bar,8000,1e-5\n2,3,,,\n"
+    net = net_from(workshop, elements=elements)
+    assert net.bar.tolist() == [True, False] and net.density.tolist() == [8000.0, 7850.0]
+    assert net.expansion.tolist() == [1e-5, 12e-6]
+    lines = errors_from(workshop, NODES, elements.replace("bar", "rod"))
+    assert len(lines) == 1 and 'line 2: kind = \'rod\': expected "cable" or "bar"' in lines[0]
+
+
+def test_a_spring_carries_nothing_at_its_rest(workshop):
+    """k (d0 - d) + 3 kN - EA d / L0 = 0 for a node on a spring of 4e5 N/m with d0 = 10 mm."""
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_x,spring_rest_x,load_x\n"
+    nodes += "1,0,0,0,1,1,1,,,\n2,5,0,0,0,1,1,4e5,0.01,3000\n"
+    text = STEEL + "[load]\nsteps = 1\ntolerance = 1e-10\n"
+    with workshop.run(workshop.job(text, nodes, "start,end,unstressed_length\n1,2,5\n")) as f:
+        k = 4e5 + f["net/axial_stiffness"][0] / 5.0
+        expected = (4e5 * 0.01 + 3000.0) / k
+        assert f["statics/displacement"][-1, 1, 0] == pytest.approx(expected, rel=1e-9)
+    form = workshop.job(STEEL + "[form_finding]\n", nodes, "start,end\n1,2\n")
+    with pytest.raises(InputError, match=r"spring_rest_x, y, z in nodes.csv and \[form_finding\] exclude"):
+        build_net(read_job(form))
+
+
+SQUARE = "id,x,y,z,fixed\n1,0,0,0,1\n2,6,0,0,1\n3,6,6,0,1\n4,0,6,0,1\n5,3,3,1,0\n"
+SPOKES = "start,end\n1,5\n2,5\n3,5\n4,5\n"
+GIVEN = "face,node,x,y,z\n0,1,,,\n0,2,,,\n0,5,,,\n1,2,,,\n1,,9,3,0\n1,3,,,\n1,5,,,\n"
+
+
+def roofed(workshop, faces, roof="", subdivide=1):
+    """A job of four spokes whose faces a table names."""
+    (workshop.folder / "faces.csv").write_text(faces)
+    text = f"subdivide = {subdivide}\n" + STEEL + f'[roof]\nfaces = "faces.csv"\n{roof}[load]\ndead = 1.0\n'
+    return read_job(workshop.job(text, SQUARE, SPOKES))
+
+
+def test_faces_of_a_table_are_those_that_carry(workshop):
+    """A triangle of 9 m2 and a square of 18 m2 with a corner that is no node; the spokes close no ring."""
+    job = roofed(workshop, GIVEN)
+    net = build_net(job)
+    faces = roof_of(job, net).faces
+    assert faces.corner.tolist() == [0, 1, 4, 1, 5, 2, 4] and net.corners.tolist() == [[9.0, 3.0, 0.0]]
+    plan = tributary_areas(net.x, net, faces)[1]
+    assert plan[0] == pytest.approx(3.0, rel=1e-12)  # a third of the triangle
+    assert plan.sum() == pytest.approx(27.0 - 4.5, rel=1e-12)  # a quarter of the square is that corner's
+    job = roofed(workshop, GIVEN, subdivide=2)  # nodes within the sides are corners too
+    net = build_net(job)
+    assert len(roof_of(job, net).faces.corner) == 7 + 4
+
+
+def test_faces_that_are_none_are_named(workshop):
+    """Unknown nodes, too few corners, the wrong way round, rows apart, other keys: a line for each."""
+    for old, new, words in (
+        ("0,2,,,", "0,7,,,", "line 3: node = 7: no such node"),
+        ("0,2,,,", "0,,,,", "line 3: node is empty; expected an id, or x, y, z"),
+        ("0,5,,,\n", "", "face = 0: expected three corners or more, each once"),
+        ("0,1,,,\n0,2,,,", "0,2,,,\n0,1,,,", "face = 0: -9 m2 in plan; expected its corners anticlockwise"),
+        ("1,3,,,\n", "1,3,,,\n0,4,,,\n", "face = 0: its rows stand apart"),
+    ):
+        job = roofed(workshop, GIVEN.replace(old, new))
+        with pytest.raises(InputError, match=re.escape(words)):
+            roof_of(job, build_net(job))
+    job = roofed(workshop, GIVEN, "openings = [[1.0, 1.0]]\n")
+    with pytest.raises(InputError, match="faces and openings exclude each other"):
+        roof_of(job, build_net(job))
 
 
 def test_a_line_after_comments_is_named_by_its_number(workshop):

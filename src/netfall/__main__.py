@@ -30,8 +30,34 @@ def _command(verb: str):
     return getattr(commands, f"{verb}_" if verb == "import" else verb)
 
 
+def _open_standard_files() -> None:
+    """Have output and errors go to nowhere where they are closed: the next file would be taken for them."""
+    for number, name in ((0, "stdin"), (1, "stdout"), (2, "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_RDWR), number)
+            setattr(sys, name, open(number, "r" if number == 0 else "w", closefd=False))
+
+
+def _unread() -> None:
+    """Nobody reads the output any more: what is left of it goes to nowhere, and this program ends."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+    sys.exit(1)
+
+
+def _tell(what) -> None:
+    """A line on standard error, if anybody reads it."""
+    try:
+        print(what, file=sys.stderr, flush=True)
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
+
+
 def main() -> None:
     """Entry point: run a command; the exit code says how it ended (jobs/README.md)."""
+    _open_standard_files()
     top = parser()
     try:
         check_verb(sys.argv[1:])
@@ -40,12 +66,13 @@ def main() -> None:
             top.print_help()
             sys.exit(2)
         commands.version() if arguments.version else _command(arguments.verb)(arguments)
+        sys.stdout.flush()
     except (InputError, DivergedError, Interrupted) as error:
         if _rank() == 0:
-            print(error, file=sys.stderr, flush=True)
+            _tell(error)
         sys.exit(error.exit_code)
     except BrokenPipeError:
-        sys.exit(1)
+        _unread()
     except BaseException as error:
         abort(error)
 
@@ -74,7 +101,7 @@ def abort(error: BaseException) -> None:
         time.sleep(min(5.0, 0.5 * _rank()))
     common = getattr(error, "on_every_rank", False)
     if not common or _rank() == 0:
-        print(f"netfall: {_in_words(error)}", file=sys.stderr, flush=True)
+        _tell(f"netfall: {_in_words(error)}")
     _end_other_ranks(common)
     os._exit(1)  # HDF5 would try again, at exit, to write what it could not
 

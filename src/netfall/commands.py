@@ -132,7 +132,7 @@ def scale(arguments) -> None:
     if arguments.workers:
         from netfall.study.throughput import throughput
 
-        a, say = arguments, lambda line: print(line, flush=True)
+        a, say = arguments, _say()
         if a.overrides:
             raise InputError(f"netfall scale: --set {a.overrides[0]}: change the study file instead")
         for path in throughput(a.job, a.workers, a.launcher, a.repeats, _folder(a.folder), say):
@@ -148,9 +148,16 @@ def scale(arguments) -> None:
         arguments.launcher or default_launcher(),
         arguments.repeats,
         _folder(arguments.folder),
-        lambda line: print(line, flush=True),
+        _say(),
     ):
         print(path)
+
+
+def _say():
+    """What tells lines of a command that takes long, and goes on where nobody reads them any more."""
+    from netfall.output.progress import Progress
+
+    return Progress(True).say
 
 
 def trade(arguments) -> None:
@@ -168,7 +175,7 @@ def trade(arguments) -> None:
         arguments.repeats,
         arguments.tolerance,
         _folder(arguments.folder),
-        lambda line: print(line, flush=True),
+        _say(),
     ):
         print(path)
 

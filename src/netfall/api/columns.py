@@ -44,7 +44,13 @@ def of_group(place: str, group, renamed: dict[str, str] | None = None) -> Column
     """The datasets of an HDF5 group. renamed : dataset by name of the column, in place of its own names"""
     names = renamed or {name: name for name in group if hasattr(group[name], "shape")}
     units = {name: _unit(group[dataset]) for name, dataset in names.items() if "unit" in group[dataset].attrs}
-    return Columns(place, list(names), lambda name: _values(group[names[name]]), units)
+
+    def read(name: str) -> np.ndarray:
+        if not group:
+            raise ValueError(f"{place}: {name}: the result is closed; read what you need before")
+        return _values(group[names[name]])
+
+    return Columns(place, list(names), read, units)
 
 
 def of_arrays(place: str, arrays: dict[str, Callable[[], np.ndarray]], units=None) -> Columns:

@@ -10,6 +10,10 @@ from netfall.job.table import write_table
 
 AXES = ("x", "y", "z")
 
+OF_NODES = {"id": "node_id"} | dict.fromkeys(AXES, "nodes")  # columns that arrays of a Net are for
+OF_NODES |= dict.fromkeys(("fixed", *(f"fixed_{k}" for k in AXES)), "fixed")
+OF_ELEMENTS = {"id": "element_id", "start": "elements", "end": "elements"}
+
 
 @dataclass
 class Net:
@@ -46,7 +50,7 @@ class Net:
         table |= (
             {"fixed": fixed} if fixed.ndim == 1 else {f"fixed_{k}": fixed[:, i] for i, k in enumerate(AXES)}
         )
-        return table | _columns("node_columns", self.node_columns, n)
+        return table | _columns("node_columns", self.node_columns, n, OF_NODES)
 
     def element_table(self) -> dict[str, np.ndarray]:
         """The columns of elements.csv. Raises InputError for arrays that do not fit each other."""
@@ -55,7 +59,8 @@ class Net:
         table = {"id": _ids("element_id", self.element_id, m), "start": ends[:, 0], "end": ends[:, 1]}
         if self.groups is not None:
             table |= _columns("groups", {"group": self.groups}, m)
-        return table | _columns("element_columns", self.element_columns, m)
+        given = OF_ELEMENTS if self.groups is None else OF_ELEMENTS | {"group": "groups"}
+        return table | _columns("element_columns", self.element_columns, m, given)
 
     def write(self, folder: str | Path) -> dict[str, str]:
         """Write nodes.csv and elements.csv into a folder; the [net] of a job in that folder."""
@@ -88,8 +93,19 @@ def _ids(name: str, values, rows: int) -> np.ndarray:
     return array
 
 
-def _columns(name: str, given: dict, rows: int) -> dict[str, np.ndarray]:
-    """Columns of so many rows; one value serves all. A nan is an empty cell."""
+def _columns(name: str, given: dict, rows: int, arrays: dict | None = None) -> dict[str, np.ndarray]:
+    """Columns of so many rows; one value serves all. A nan is an empty cell.
+
+    arrays : the array of a Net by the names of columns that it stands for. Raises InputError for these.
+    """
+    instead = {column: (arrays or {}).get(str(column).strip().lower()) for column in given}
+    wrong = [
+        f"Net: {name} {column!r}: would replace what {array} says; give it as {array}"
+        for column, array in instead.items()
+        if array
+    ]
+    if wrong:
+        raise InputError(wrong)
     found = {}
     for column, values in given.items():
         array = np.asarray(values)

@@ -72,9 +72,24 @@ class Result:
     def __init__(self, path: str | Path):
         """Raises InputError for a file that is no result of netfall."""
         self.path = Path(path)
-        self.file = open_result(self.path)
+        self._file = open_result(self.path)
         self._frames = Frames(self.file)
         self._keeps = None  # a folder that goes when the result does
+
+    @property
+    def file(self):
+        """The open h5py.File. Raises ValueError once the result is closed."""
+        self._check_open()
+        return self._file
+
+    def _check_open(self) -> None:
+        if not self._file:
+            again = (
+                "its file was a temporary one: run the job with an output to keep it"
+                if self._keeps is not None
+                else f"netfall.open({str(self.path)!r}) opens it again"
+            )
+            raise ValueError(f"{self.path}: this result is closed; {again}")
 
     # --- tables
 
@@ -83,13 +98,13 @@ class Result:
         """A row for each node of the net (n,): id, x, y, z [m] as given, fixed (n, 3), tributary_area [m2],
         plan_area [m2], vector_area (n, 3) [m2] (upward), zone (its name, "": none).
         """
-        net = self.file["net"]
-        x = lambda k: lambda: net["particles"][:, k]
-        names = lambda: np.append(net["zone_names"].asstr()[:], "")[net["zone"][:]].astype(str)
-        columns = {"id": lambda: net["node_id"][:], "x": x(0), "y": x(1), "z": x(2)}
-        columns["fixed"] = lambda: net["fixed"][:].astype(bool)
-        areas = [name for name in ("tributary_area", "plan_area", "vector_area") if name in net]
-        columns |= {name: lambda name=name: net[name][:] for name in areas}
+        of = lambda name: self.file[f"net/{name}"]
+        x = lambda k: lambda: of("particles")[:, k]
+        names = lambda: np.append(of("zone_names").asstr()[:], "")[of("zone")[:]].astype(str)
+        columns = {"id": lambda: of("node_id")[:], "x": x(0), "y": x(1), "z": x(2)}
+        columns["fixed"] = lambda: of("fixed")[:].astype(bool)
+        areas = [name for name in ("tributary_area", "plan_area", "vector_area") if name in self.file["net"]]
+        columns |= {name: lambda name=name: of(name)[:] for name in areas}
         units = dict.fromkeys("xyz", "[m]") | dict.fromkeys(areas, "[m2]")
         return of_arrays(f"{self.path}: nodes", columns | {"zone": names}, units)
 
@@ -99,13 +114,13 @@ class Result:
         unstressed_length [m] at the temperature of form finding, unstressed_length_warm [m] at that of the
         loads, bar (1: it carries compression).
         """
-        net = self.file["net"]
-        ends = lambda k: lambda: net["node_id"][:][net["elements"][:, k]]
-        groups = lambda: net["group_names"].asstr()[:][net["group"][:]].astype(str)
-        columns = {"id": lambda: net["element_id"][:], "start": ends(0), "end": ends(1), "group": groups}
+        net, of = self.file["net"], lambda name: self.file[f"net/{name}"]
+        ends = lambda k: lambda: of("node_id")[:][of("elements")[:, k]]
+        groups = lambda: of("group_names").asstr()[:][of("group")[:]].astype(str)
+        columns = {"id": lambda: of("element_id")[:], "start": ends(0), "end": ends(1), "group": groups}
         for name in ("axial_stiffness", "unstressed_length", "bar"):
             if name in net:
-                columns[name] = lambda name=name: net[name][:]
+                columns[name] = lambda name=name: of(name)[:]
         if "unstressed_length" in net:
             columns["unstressed_length_warm"] = lambda: warm_lengths(self.file)
         units = {"axial_stiffness": "[N]", "unstressed_length": "[m]", "unstressed_length_warm": "[m]"}
@@ -181,6 +196,7 @@ class Result:
     @property
     def time(self) -> np.ndarray:
         """Times of the frames (f,) [s]; a job without [dynamics] has one, the state it ends with, at 0."""
+        self._check_open()
         return self._frames.times
 
     def tension(self, element=None) -> np.ndarray:
@@ -217,7 +233,7 @@ class Result:
         for one, rows in zip(np.atleast_1d(asked), found):
             if not len(rows):
                 raise KeyError(f"{what} {one}: there is no such id; they are from {ids.min()} to {ids.max()}")
-        return np.concatenate(found)
+        return np.concatenate([np.zeros(0, np.int64), *found])
 
     def frame(self, time: float) -> Frame:
         """The frame nearest to a time [s]; its own time stands in `time`.
@@ -259,7 +275,7 @@ class Result:
 
     def close(self) -> None:
         """Close the file; a temporary one is removed."""
-        self.file.close()
+        self._file.close()
         if self._keeps is not None:
             self._keeps.cleanup()
 
@@ -270,7 +286,7 @@ class Result:
         self.close()
 
     def __repr__(self) -> str:
-        if not self.file:
+        if not self._file:
             return f"Result {self.path}, closed"
         n, m = len(self.file["net/particles"]), len(self.file["net/elements"])
         broken = f", {self.history['broken'][-1]} broken" if "history" in self.file else ""

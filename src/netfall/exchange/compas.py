@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from netfall.errors import InputError
-from netfall.exchange.drawing import Drawing, edges_of
+from netfall.exchange.drawing import Drawing, alike, edges_of, is_among
 
 SUPPORTS = ("is_anchor", "is_fixed", "is_support", "fixed", "anchor", "support")
 GROUPS = ("group", "layer", "category")
+SHOWN = ("visible", "is_visible", "show", "is_edge", "_is_edge")  # of an edge; false: it is no cable
+HIDDEN = ("hidden", "is_hidden")
 COLUMNS = {
     "q": "force_density",
     "force_density": "force_density",
@@ -33,7 +35,9 @@ def read_json(path: Path, supports: str | None, wanted: list[str] | None) -> Dra
     edges = [edge for data in objects for edge in _edges(data)]
     if not edges:
         raise InputError(f"{path}: no edges; expected a Graph, Network or Mesh of COMPAS")
-    edges = [edge for edge in edges if wanted is None or edge["group"] in (*wanted, supports)]
+    hidden = sum(edge["hidden"] for edge in edges)
+    edges = [edge for edge in edges if not edge["hidden"]]
+    edges = [edge for edge in edges if wanted is None or is_among(edge["group"], (*wanted, supports))]
     names = sorted({edge["group"] for edge in edges})
     held = [place for data in objects for place in _held(data)]
     columns = {}
@@ -50,7 +54,8 @@ def read_json(path: Path, supports: str | None, wanted: list[str] | None) -> Dra
         columns=columns,
         unit=next((data["attributes"]["unit"] for data in objects if _says_unit(data)), None),
         unit_from="its attributes",
-        read=[f"{len(edges)} edges"],
+        read=[f"{len(edges)} edges", *(f"groups {words}" for words in alike(names))],
+        left_out=[f"{hidden} edges, which are hidden"] if hidden else [],
     )
 
 
@@ -71,10 +76,15 @@ def _objects(document) -> list[dict]:
     return [data for item in document.values() for data in _objects(item)]
 
 
+def _default(data: dict, entity: str) -> dict:
+    """Attributes that every node, vertex or edge has unless it says otherwise; version 1 has short names."""
+    return data.get(f"default_{entity}_attributes") or data.get(f"d{entity[0]}a") or {}
+
+
 def _places(data: dict) -> dict:
     """Coordinates of the nodes or vertices by their keys."""
     entity = "node" if "node" in data else "vertex"
-    default = data.get(f"default_{entity}_attributes") or data.get("dna" if entity == "node" else "dva") or {}
+    default = _default(data, entity)
     return {
         key: [{**default, **values}.get(axis, 0.0) for axis in "xyz"] for key, values in data[entity].items()
     }
@@ -90,13 +100,19 @@ def _edges(data: dict) -> list[dict]:
         pairs = {(a, b): values or {} for a, ends in data["edge"].items() for b, values in ends.items()}
     else:
         pairs = _sides(data)
-    return [_edge((places[a], places[b]), (_key(a), _key(b)), values) for (a, b), values in pairs.items()]
+    default = _default(data, "edge")
+    return [
+        _edge((places[a], places[b]), (_key(a), _key(b)), default | values)
+        for (a, b), values in pairs.items()
+    ]
 
 
 def _edge(ends, keys, values: dict) -> dict:
     group = next((str(values[name]) for name in GROUPS if values.get(name)), "cables")
     columns = {COLUMNS[name]: values[name] for name in COLUMNS if isinstance(values.get(name), (int, float))}
-    return {"ends": ends, "keys": keys, "group": group, "columns": columns}
+    hidden = any(values.get(name, True) in (False, 0) for name in SHOWN)
+    hidden = hidden or any(values.get(name, False) in (True, 1) for name in HIDDEN)
+    return {"ends": ends, "keys": keys, "group": group, "columns": columns, "hidden": hidden}
 
 
 def _sides(data: dict) -> dict:
@@ -104,7 +120,7 @@ def _sides(data: dict) -> dict:
     keys = list(data["vertex"])
     row = {key: k for k, key in enumerate(keys)}
     faces = [face if isinstance(face, list) else list(face) for face in data["face"].values()]
-    sides = edges_of([[row[str(key)] for key in face] for face in faces])
+    sides, _ = edges_of([[row[str(key)] for key in face] for face in faces])
     told = {}
     for name, values in (data.get("edgedata") or {}).items():
         pair = ast.literal_eval(name) if name.startswith("(") else name.split("-")
@@ -125,6 +141,6 @@ def _held(data: dict) -> list:
     if "points" in data or "start" in data:
         return []
     places, entity = _places(data), "node" if "node" in data else "vertex"
-    default = data.get(f"default_{entity}_attributes") or {}
+    default = _default(data, entity)
     held = lambda values: any(np.any({**default, **values}.get(name, False)) for name in SUPPORTS)
     return [places[key] for key, values in data[entity].items() if held(values)]

@@ -56,7 +56,34 @@ def counted(words: dict[str, int]) -> str:
     return ", ".join(f"{count} {name}" for name, count in sorted(words.items()))
 
 
-def edges_of(faces) -> np.ndarray:
-    """The sides (k, 2) of faces, each a list of nodes, once."""
-    pairs = [(a, b) for face in faces for a, b in zip(face, [*face[1:], face[0]], strict=True)]
-    return np.unique(np.sort(np.array(pairs, np.int64).reshape(-1, 2), axis=1), axis=0)
+def edges_of(faces) -> tuple[np.ndarray, list[list[int]]]:
+    """The sides (k, 2) of faces, each a list of nodes, once; and for each the faces that it belongs to."""
+    of: dict[tuple[int, int], list[int]] = {}
+    for number, face in enumerate(faces):
+        for a, b in zip(face, [*face[1:], face[0]], strict=True):
+            of.setdefault((min(a, b), max(a, b)), []).append(number)
+    pairs = sorted(of)
+    return np.array(pairs, np.int64).reshape(-1, 2), [of[pair] for pair in pairs]
+
+
+def rows_called(name: str | None, names: list[str]) -> list[int]:
+    """Rows of the names that are this one, upper and lower case alike."""
+    return [] if name is None else [k for k, other in enumerate(names) if other.lower() == name.lower()]
+
+
+def is_among(name: str, names) -> bool:
+    """Whether a name is one of these, upper and lower case alike; None among them: nothing."""
+    return name.lower() in {other.lower() for other in names if other is not None}
+
+
+def alike(names) -> list[str]:
+    """A line for names that differ by upper and lower case alone."""
+    told, known = [], {}
+    for name in sorted(names):
+        known.setdefault(name.lower(), []).append(name)
+    for several in known.values():
+        if len(several) > 1:
+            told.append(
+                " and ".join(f'"{name}"' for name in several) + " differ by upper and lower case alone"
+            )
+    return told

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.errors import InputError
-from netfall.exchange.drawing import Drawing, counted
+from netfall.exchange.drawing import Drawing, alike, counted
 from netfall.exchange.dxf_lines import split_lines
 
 CURVES = ("LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE", "HELIX")
@@ -58,20 +58,31 @@ class _Reader:
     """What has been found so far, layer by layer."""
 
     def __init__(self, document, supports, wanted):
-        self.document, self.supports = document, supports
+        self.document, self.supports = document, supports.lower() if supports else None
         self.wanted = None if wanted is None else {name.lower() for name in wanted}
         self.lines, self.line_layers, self.points, self.point_layers = [], [], [], []
         self.plain = np.zeros((0, 2, 3))
         self.kinds, self.skipped, self.hidden, self.blocks = Counter(), Counter(), Counter(), Counter()
-        self.others, self.segments = Counter(), 0
+        self.others, self.invisible, self.segments = Counter(), Counter(), 0
+        self.spelled = {layer.dxf.name.lower(): layer.dxf.name for layer in document.layers}
+        self.spellings = set()
         off = [layer for layer in document.layers if layer.is_off() or layer.is_frozen()]
         self.off = {layer.dxf.name.lower() for layer in off}
+
+    def called(self, layer: str) -> str:
+        """The one name of a layer: upper and lower case are alike in a DXF."""
+        self.spellings.add(layer)
+        return self.spelled.setdefault(layer.lower(), layer)
+
+    def holds(self, layer: str) -> bool:
+        """Whether it is the layer of the supports."""
+        return layer.lower() == self.supports
 
     def shows(self, layer: str) -> bool:
         """Whether a layer is to be read; if not, that is counted."""
         if layer.lower() in self.off:
             self.hidden[layer] += 1
-        elif self.wanted is not None and layer.lower() not in self.wanted and layer != self.supports:
+        elif self.wanted is not None and layer.lower() not in self.wanted and not self.holds(layer):
             self.others[layer] += 1
         else:
             return True
@@ -79,6 +90,7 @@ class _Reader:
 
     def add_lines(self, lines: np.ndarray, layers: list[str]) -> None:
         """The plain lines."""
+        layers = [self.called(layer) for layer in layers]
         shown = [self.shows(layer) for layer in layers]
         self.plain = lines[np.array(shown, bool)]
         self.line_layers = [layer for layer, there in zip(layers, shown, strict=True) if there]
@@ -87,14 +99,17 @@ class _Reader:
     def add(self, entity, layer: str | None, depth: int) -> None:
         """An entity of the model space, or of a block that stands on `layer`, at so many blocks' depth."""
         kind, own = entity.dxftype(), entity.dxf.layer
-        layer = own if layer is None or own != "0" else layer
-        if kind == "INSERT" and layer != self.supports and layer.lower() not in self.off:
+        layer = self.called(own if layer is None or own != "0" else layer)
+        if entity.dxf.get("invisible", 0):
+            self.invisible[kind] += 1
+            return
+        if kind == "INSERT" and not self.holds(layer) and layer.lower() not in self.off:
             self._explode(entity, layer, depth)
             return
         if not self.shows(layer):
             return
         self.kinds[kind] += 1
-        if kind == "POINT" or (layer == self.supports and kind in ("CIRCLE", "INSERT")):
+        if kind == "POINT" or (self.holds(layer) and kind in ("CIRCLE", "INSERT")):
             self.points.append(_middle(entity))
             self.point_layers.append(layer)
         elif kind == "LINE":
@@ -102,8 +117,11 @@ class _Reader:
         elif kind in CURVES and not (kind == "POLYLINE" and _has_faces(entity)):
             self._curve(entity, layer)
         elif kind in FACES or kind == "POLYLINE":
-            for side in _sides(entity):
+            sides, invisible = _sides(entity)
+            for side in sides:
                 self._segments(side, layer)
+            if invisible:
+                self.invisible["side of a face"] += invisible
         else:
             self.kinds[kind] -= 1
             self.skipped[kind] += 1
@@ -161,10 +179,12 @@ class _Reader:
             told.append(
                 inserts + (f", blocks in blocks to depth {max(self.blocks)}" if max(self.blocks) > 1 else "")
             )
+        told += [f"layers {words}, and are one" for words in alike(self.spellings)]
         return told + ([f"curves cut into {self.segments} segments"] if self.segments else [])
 
     def _left_out(self) -> list[str]:
         told = [f"{count} {kind}, which is no line" for kind, count in sorted(self.skipped.items())]
+        told += [f"{n} {kind}, which is invisible" for kind, n in sorted(self.invisible.items())]
         told += [f'{n} on layer "{name}", which is off or frozen' for name, n in sorted(self.hidden.items())]
         told += [
             f'{n} on layer "{name}", which --layers does not name' for name, n in sorted(self.others.items())
@@ -184,19 +204,37 @@ def _has_faces(entity) -> bool:
     return entity.is_poly_face_mesh or entity.is_polygon_mesh
 
 
-def _sides(entity) -> list:
-    """Sides of faces as pairs of points, each once."""
+def _sides(entity) -> tuple[list, int]:
+    """Sides of faces as pairs of points, each once; and how many are drawn invisible."""
+    corners, faces = _faces(entity)
+    seen: dict[frozenset, bool] = {}
+    for face, visible in faces:
+        for pair, shown in zip(zip(face, [*face[1:], face[0]], strict=True), visible, strict=True):
+            if len(set(pair)) == 2:
+                seen[frozenset(pair)] = seen.get(frozenset(pair), False) or shown
+    sides = [[corners[k] for k in sorted(pair)] for pair, shown in seen.items() if shown]
+    return sides, len(seen) - len(sides)
+
+
+def _faces(entity):
+    """Corners, and faces: rows of corners, and whether the side from each to the next is visible."""
     from ezdxf.render import MeshBuilder
 
-    if entity.dxftype() in ("MESH", "POLYLINE"):
-        build = MeshBuilder.from_mesh if entity.dxftype() == "MESH" else MeshBuilder.from_polyface
-        mesh = build(entity)
-        faces, corners = list(mesh.faces), mesh.vertices
-    else:
-        corners = entity.wcs_vertices()
-        faces = [range(len(corners))]
-    pairs = {frozenset(p) for f in faces for p in zip(f, [*f[1:], f[0]], strict=True) if len(set(p)) == 2}
-    return [[corners[k] for k in sorted(pair)] for pair in pairs]
+    kind = entity.dxftype()
+    if kind == "3DFACE":
+        corners, flags = entity.wcs_vertices(), entity.get_edges_visibility()
+        if len(corners) == 3 and entity.dxf.hasattr("vtx3"):
+            flags = [flags[0], flags[1], flags[3]]  # the third side of four has no length
+        return corners, [(range(len(corners)), flags[: len(corners)])]
+    if kind == "POLYLINE" and entity.is_poly_face_mesh:
+        vertices, faces = entity.indexed_faces()
+        faces = [(face.indices, [face.is_edge_visible(k) for k in range(len(face))]) for face in faces]
+        return [vertex.dxf.location for vertex in vertices], faces
+    if kind in ("MESH", "POLYLINE"):
+        mesh = (MeshBuilder.from_mesh if kind == "MESH" else MeshBuilder.from_polyface)(entity)
+        return mesh.vertices, [(face, [True] * len(face)) for face in mesh.faces]
+    corners = entity.wcs_vertices()
+    return corners, [(range(len(corners)), [True] * len(corners))]
 
 
 def _unit(document) -> tuple[str | None, str]:

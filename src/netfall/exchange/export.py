@@ -8,16 +8,15 @@ import numpy as np
 
 from netfall.api.result import Result
 from netfall.errors import InputError
+from netfall.exchange.lacking import lacking
 from netfall.exchange.opensees import write_tcl
-from netfall.exchange.state import State, lengths, state_of
+from netfall.exchange.state import AXES, MARK, State, lengths, state_of
+from netfall.exchange.tables import write_tables
 from netfall.exchange.vtu import write_vtu
-from netfall.job.table import write_table
 from netfall.output.place import writing
 
-AXES = ("x", "y", "z")
 COLOURS = (5, 3, 30, 6, 4, 140, 40, 200)  # of AutoCAD's table, for groups in turn
 RED = 1
-MARK = "by netfall"  # stands in each file that is written: what has it may be replaced
 
 
 def export(source: Path, target: Path, time: float | None, say: Callable[[str], None]) -> None:
@@ -25,13 +24,13 @@ def export(source: Path, target: Path, time: float | None, say: Callable[[str], 
 
     Raises InputError for another ending, a time that there is not, or a file that is no result.
     """
-    writers = {".dxf": _dxf, ".csv": _tables, ".tcl": write_tcl, ".json": _compas, ".vtu": _vtu}
-    write = writers.get(target.suffix.lower(), _tables if target.suffix == "" else None)
+    writers = {".dxf": _dxf, ".csv": write_tables, ".tcl": write_tcl, ".json": _compas, ".vtu": _vtu}
+    write = writers.get(target.suffix.lower(), write_tables if target.suffix == "" else None)
     if write is None:
         raise InputError(f"-o {target}: the ending names the format; expected one of {', '.join(writers)}")
     if not target.parent.is_dir():
         raise InputError(f"-o {target}: the folder {target.parent} does not exist; make it")
-    if target.is_dir() != (write is _tables) and target.exists():
+    if target.is_dir() != (write is write_tables) and target.exists():
         kind = "a folder" if target.is_dir() else "a file"
         raise InputError(f"-o {target}: is {kind} already; give another name")
     if target.is_file() and MARK.encode() not in target.read_bytes():
@@ -39,54 +38,11 @@ def export(source: Path, target: Path, time: float | None, say: Callable[[str], 
     if write is write_tcl and time is not None:
         raise InputError("--time: a .tcl holds an equilibrium, not a state in motion; leave --time out")
     with Result(source) as result, writing(target):
-        for line in write(result, state_of(result, time), target):
-            say(line)
-
-
-def _tables(result: Result, state: State, folder: Path) -> list[str]:
-    """nodes.csv and elements.csv, which netfall reads as a net, history.csv and events.csv."""
-    folder.mkdir(exist_ok=True)
-    found = hasattr(result, "form_finding") and state.time is None
-    nodes = {"id": state.node_id, **{k: state.position[:, i] for i, k in enumerate(AXES)}}
-    nodes |= {f"fixed_{k}": state.fixed[:, i].astype(int) for i, k in enumerate(AXES)}
-    elements = {"id": state.element_id, "start": state.node_id[state.ends[:, 0]]}
-    elements |= {"end": state.node_id[state.ends[:, 1]], "group": state.group}
-    # Form finding takes no unstressed lengths; the prestress of a form gives the same ones.
-    elements |= {"prestress": state.tension} if found else {"unstressed_length": state.unstressed_length}
-    if state.time is not None:
-        elements |= {"tension": state.tension, "broken": state.broken.astype(int)}
-    tables = {"nodes": nodes, "elements": elements}
-    if hasattr(result, "history"):
-        tables |= {"history": _history(result), "events": dict(result.events)}
-    for name, columns in tables.items():
-        write_table(folder / f"{name}.csv", columns)
-    told = [f"{folder / name}.csv: {len(next(iter(table.values())))} rows" for name, table in tables.items()]
-    return [f"{folder}: {state.name}; coordinates in m, forces in N", *told]
-
-
-def _history(result: Result) -> dict[str, np.ndarray]:
-    """The columns of /history; those of probes by the ids of their nodes and elements."""
-    history = result.history
-    by_id = ("probe", "element")
-    columns = {name: history[name] for name in history if not name.startswith(by_id)}
-    if "probe_particle" in history:
-        nodes = result.nodes["id"][history["probe_particle"]]
-        for row, node in enumerate(nodes):
-            for i, k in enumerate(AXES):
-                columns[f"displacement_{k} of node {node}"] = history["probe_displacement"][:, row, i]
-        for row, element in enumerate(history["probe_element"]):
-            columns[f"tension of element {_named(result, element)}"] = history["probe_tension"][:, row]
-    if "element_tension" in history:
-        for row, element in enumerate(history["element"]):
-            columns[f"tension of element {_named(result, element)}"] = history["element_tension"][:, row]
-    return columns
-
-
-def _named(result: Result, element: int) -> str:
-    """The id of an element, with its nodes where it is one part of several."""
-    ids, rows = result.elements["id"], result.elements
-    nodes = f" ({rows['start'][element]}-{rows['end'][element]})"
-    return f"{ids[element]}{nodes if (ids == ids[element]).sum() > 1 else ''}"
+        lines = write(result, state_of(result, time), target)
+        if write is not write_tables:
+            lines += lacking(result, target.suffix.lower())
+    for line in lines:
+        say(line)
 
 
 def _compas(result: Result, state: State, path: Path) -> list[str]:

@@ -100,8 +100,9 @@ def _in_plan(x: np.ndarray, ends: np.ndarray):
     return shapely.linestrings(x[ends][:, :, :2])
 
 
-def outline(x: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Whether nodes (n,) are the ends of single elements, or lie on the outer boundary of the faces in plan.
+def outline(x: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Whether nodes (n,) are the ends of single elements, or lie on the outer boundary of the faces in plan;
+    and whether there are faces.
 
     Where most of the boundary is joined to such ends, as in a net without edge cables, only these.
     """
@@ -110,14 +111,14 @@ def outline(x: np.ndarray, ends: np.ndarray) -> np.ndarray:
     single = np.bincount(ends.ravel(), minlength=len(x)) == 1
     faces = shapely.get_parts(shapely.polygonize(_in_plan(x, ends)))
     if not len(faces):
-        return single
+        return single, False
     corners = shapely.get_coordinates(shapely.get_exterior_ring(shapely.get_parts(_union(faces))))
     number = lambda xy: xy[:, 0] + 1j * xy[:, 1]
     inner = np.zeros(len(x), bool)
     inner[ends[single[ends].any(1)]] = True
     used = np.bincount(ends.ravel(), minlength=len(x)) > 0
     around = used & np.isin(number(x), number(corners))
-    return single | (around & ~inner if inner[around].mean() > 0.5 else around)
+    return single | (around & ~inner if inner[around].mean() > 0.5 else around), True
 
 
 def _union(faces):

@@ -22,11 +22,13 @@ def import_file(path: Path, folder: Path, options: Options, say: Callable[[str],
     if (folder / "nodes.csv").exists() and not (folder / "report.txt").exists():
         raise InputError(f"-o {folder}: holds a nodes.csv that no import wrote; give another folder")
     reading = read_net(path, options)
-    for line in reading.lines:
-        say(line)
-    folder.mkdir(parents=True, exist_ok=True)
-    with writing(folder):
-        for line in _write(reading, folder):
+    written = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with writing(folder):
+            written = _write(reading, folder)
+    finally:  # only now: who reads it may not read on
+        for line in [*reading.lines, *written]:
             say(line)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from netfall.errors import InputError
 from netfall.exchange import faults
 from netfall.exchange.compas import read_json
-from netfall.exchange.drawing import METRES, Drawing
+from netfall.exchange.drawing import METRES, Drawing, rows_called
 from netfall.exchange.dxf import read_dxf
 from netfall.exchange.join import Joined, join, nearest_nodes, parts_of, split
 from netfall.exchange.vtu import read_vtu
@@ -17,6 +17,9 @@ from netfall.job.values import nearest
 READERS = {".dxf": read_dxf, ".json": read_json, ".vtu": read_vtu}
 AT_POINTS, OUTLINE = "points", "outline"  # what --supports may be besides a layer
 MOST_PLACES = 5  # told of one kind of fault
+SOME_SIZE = 0.1  # of the elements of the largest part: another roof, and not a stray line
+LEAST_OF_A_FACE = 3  # elements, all of whose nodes lie on its outline
+ROUNDED = 1e-6  # m: gaps that come from the digits of a drawing, and are no faults
 LONG, SHORT = 2e4, 0.5  # m: extents beyond which the unit is doubted
 
 
@@ -100,7 +103,7 @@ def _read(path: Path, options: Options) -> Drawing:
         left = f" ({'; '.join(drawing.left_out)})" if drawing.left_out else ""
         raise InputError(f"{path}: no lines of a net in it{left}")
     for name in [*(options.layers or []), *([named] if named else [])]:
-        if name not in drawing.layers:
+        if not rows_called(name, drawing.layers):
             words = f"{AT_POINTS}, {OUTLINE}, or " if name == named else ""
             option = "--supports" if name == named else "--layers"
             raise InputError(
@@ -150,7 +153,7 @@ def _doubts(drawing: Drawing) -> list[str]:
 
 def _tell_joining(reading: Reading) -> None:
     drawing, net = reading.drawing, reading.net
-    moved = np.argwhere(net.moved > 0.0)
+    moved = np.argwhere(net.moved > ROUNDED)
     moved = moved[np.argsort(-net.moved[tuple(moved.T)], kind="stable")]
     at = lambda line, end=0: reading.place(drawing.lines[line, end])
     name = lambda line: f'layer "{drawing.layers[drawing.layer[line]]}"'
@@ -197,10 +200,11 @@ def _split_where_asked(reading: Reading) -> None:
 
 
 def _on_support_layer(reading: Reading) -> np.ndarray:
-    """Elements (m,) that are drawn on the layer of the supports."""
+    """Elements (m,) that are drawn on the layer of the supports, or repeat a line that is."""
     drawing, net = reading.drawing, reading.net
-    row = drawing.layers.index(reading.options.supports) if reading.options.supports in drawing.layers else -1
-    return drawing.layer[net.line] == row
+    on = np.isin(drawing.layer, rows_called(reading.options.supports, drawing.layers))
+    again = net.twice[on[net.twice[:, 0]], 1]  # left out, for another layer has the same line
+    return on[net.line] | np.isin(net.line, again)
 
 
 def _supports(reading: Reading) -> np.ndarray:
@@ -208,14 +212,14 @@ def _supports(reading: Reading) -> np.ndarray:
     drawing, net, asked = reading.drawing, reading.net, reading.options.supports
     fixed = np.zeros(len(net.x), bool)
     if asked == OUTLINE or (asked is None and not len(drawing.held)):
-        main = parts_of(len(net.x), net.ends)[net.ends[:, 0]] == 0
-        fixed = faults.outline(net.x, net.ends[main])
-        why = "nodes on the outline, and ends of single elements"
+        fixed, roofs = _outline(net)
+        of = f" of each of {roofs} parts" if roofs > 1 else ""
+        why = f"nodes on the outline{of}, and ends of single elements"
         advice = "" if asked else "; --supports names a layer, points or outline"
     else:
         marks = drawing.held if asked is None else drawing.points
         if asked not in (None, AT_POINTS):
-            marks = marks[drawing.point_layer == drawing.layers.index(asked)]
+            marks = marks[np.isin(drawing.point_layer, rows_called(asked, drawing.layers))]
             fixed[net.ends[_on_support_layer(reading)]] = True
         why, advice = {None: "as the file says", AT_POINTS: "at points"}.get(asked, f'layer "{asked}"'), ""
         if len(marks):
@@ -231,6 +235,27 @@ def _supports(reading: Reading) -> np.ndarray:
             )
     reading.lines.append(f"supports: {int(fixed.sum())} of {len(fixed)} nodes are held ({why}){advice}")
     return fixed
+
+
+def _outline(net: Joined) -> tuple[np.ndarray, int]:
+    """Nodes (n,) on the outline of the net, of each part of it that is a roof, and how many these are.
+
+    The largest part is one; another if its outline holds free nodes, and it has closed faces or some size. So
+    neither a title block's frame nor a stray line becomes one.
+    """
+    of_element = parts_of(len(net.x), net.ends)[net.ends[:, 0]]
+    order = np.argsort(of_element, kind="stable")
+    parts = np.split(net.ends[order], np.cumsum(np.bincount(of_element))[:-1])
+    fixed, roofs = np.zeros(len(net.x), bool), 0
+    for ends in parts:
+        large = len(ends) >= SOME_SIZE * len(parts[0])
+        if not large and len(ends) <= LEAST_OF_A_FACE:
+            continue
+        held, faces = faults.outline(net.x, ends)
+        if ends is parts[0] or (~held[ends].all() and (faces or large)):
+            fixed |= held
+            roofs += 1
+    return fixed, roofs
 
 
 def _far(apart, marks, good):
@@ -264,6 +289,7 @@ def _drop_loose_parts(reading: Reading) -> None:
         )
     of_element = part[net.ends[:, 0]]
     told, places = [], []
+    _tell_largest(reading, of_element, held[0])
     for number in np.unique(of_element[of_element > 0]).tolist():
         mine = of_element == number
         layers = sorted({drawing.layers[k] for k in drawing.layer[net.line[mine]].tolist()})
@@ -279,6 +305,22 @@ def _drop_loose_parts(reading: Reading) -> None:
     row = np.cumsum(nodes) - 1
     reading.net = Joined(net.x[nodes], row[net.ends[kept]], net.line[kept], net.moved, net.short, net.twice)
     reading.fixed = reading.fixed[nodes]
+
+
+def _tell_largest(reading: Reading, of_element: np.ndarray, held: bool) -> None:
+    """The largest part, where no support holds it: the net is then another one than was meant."""
+    if held:
+        return
+    net, drawing, mine = reading.net, reading.drawing, of_element == 0
+    layers = sorted({drawing.layers[k] for k in drawing.layer[net.line[mine]].tolist()})
+    place = net.x[net.ends[mine][0, 0]]
+    reading.tell(
+        "LARGEST PART LEFT OUT",
+        int(mine.sum()),
+        f"of {len(mine)} elements are without a support; --supports takes a layer, points or outline",
+        [f"at {reading.place(place)}, layer {', '.join(layers)}"],
+        place,
+    )
 
 
 def _tell_loose_ends(reading: Reading) -> None:

@@ -8,6 +8,11 @@ from netfall.api.result import Result
 from netfall.errors import InputError
 from netfall.output.report_stages import start_position, start_tension
 
+AXES = ("x", "y", "z")
+MARK = "by netfall"  # stands in each file that is written: what has it may be replaced
+
+RECORD = "provenance/net"  # what the tables of a net need besides /net
+
 
 @dataclass(frozen=True)
 class State:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.errors import InputError
-from netfall.exchange.drawing import Drawing, edges_of
+from netfall.exchange.drawing import Drawing, edges_of, is_among
 
 LINE, POLY_LINE, TRIANGLE, POLYGON, PIXEL, QUAD = 3, 4, 5, 7, 8, 9
 TYPES = {"Float32": "f4", "Float64": "f8", "Int8": "i1", "Int16": "i2", "Int32": "i4", "Int64": "i8"}
@@ -22,6 +22,8 @@ TYPES |= {
     name.replace("Int", "UInt"): kind.replace("i", "u") for name, kind in TYPES.items() if "Int" in name
 }
 INFLATE = {"vtkZLibDataCompressor": zlib.decompress, "vtkLZMADataCompressor": lzma.decompress}
+GHOSTS = ("vtkGhostType",)
+GHOST_CELL, HIDDEN_POINT = 1 | 8 | 32, 2  # bits: duplicate, refined, hidden (vtkDataSetAttributes)
 SUPPORTS, GROUPS, IDS = ("fixed", "is_anchor", "is_fixed"), ("group",), ("node_id",)
 APPENDED = re.compile(rb"<AppendedData[^>]*>\s*_", re.S)
 
@@ -34,7 +36,9 @@ def read_vtu(path: Path, supports: str | None, wanted: list[str] | None) -> Draw
     try:
         file = _File(path.read_bytes())
         x = file.array("Points").reshape(-1, 3).astype(float)
-        ends, cell = _cells(*(file.array(name) for name in ("connectivity", "offsets", "types")))
+        connectivity, offsets, types = map(file.array, ("connectivity", "offsets", "types"))
+        drawn = _drawn(file, connectivity, offsets)
+        ends, cell = _cells(connectivity, offsets, np.where(drawn, types, 0))
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}; expected a VTU file") from None
     except (xml.ParseError, KeyError, ValueError, zlib.error, lzma.LZMAError) as error:
@@ -44,7 +48,7 @@ def read_vtu(path: Path, supports: str | None, wanted: list[str] | None) -> Draw
     names = [f"group {k}" if number is not None else "cables" for k in np.unique(group).tolist()]
     _, layer = np.unique(group, return_inverse=True)
     if wanted is not None:
-        kept = np.isin(layer, [k for k, name in enumerate(names) if name in (*wanted, supports)])
+        kept = np.isin(layer, [k for k, name in enumerate(names) if is_among(name, (*wanted, supports))])
         ends, layer = ends[kept], layer[kept]
     held, keys = file.first("PointData", SUPPORTS), file.first("PointData", IDS)
     return Drawing(
@@ -54,6 +58,7 @@ def read_vtu(path: Path, supports: str | None, wanted: list[str] | None) -> Draw
         held=x[:0] if held is None else x[held.reshape(len(x), -1).any(1)],
         keys=None if keys is None else keys.astype(np.int64)[ends],
         read=[f"{len(x)} points, {len(ends)} lines"],
+        left_out=[f"{int((~drawn).sum())} cells, ghosts or hidden"] if not drawn.all() else [],
     )
 
 
@@ -72,9 +77,22 @@ def _cells(connectivity, offsets, types) -> tuple[np.ndarray, np.ndarray]:
         points = connectivity[starts[cell] : offsets[cell]].tolist()
         faces.append([points[k] for k in (0, 1, 3, 2)] if types[cell] == PIXEL else points)
     if faces:
-        ends.append(edges_of(faces))
-        cells.append(np.full(len(ends[-1]), surfaces[0]))
+        sides, of = edges_of(faces)
+        ends.append(sides)
+        cells.append(np.array([surfaces[faces[0]] for faces in of]))
     return np.concatenate(ends).astype(np.int64), np.concatenate(cells)
+
+
+def _drawn(file, connectivity, offsets) -> np.ndarray:
+    """Cells (c,) bool that VTK draws: not those of another piece or hidden, nor those at hidden points."""
+    of_cell, of_point = file.first("CellData", GHOSTS), file.first("PointData", GHOSTS)
+    drawn = np.ones(len(offsets), bool)
+    if of_cell is not None:
+        drawn &= of_cell.astype(np.int64) & GHOST_CELL == 0
+    if of_point is not None:
+        cell = np.repeat(np.arange(len(offsets)), np.diff(offsets, prepend=0))
+        drawn[cell[(of_point.astype(np.int64) & HIDDEN_POINT != 0)[connectivity]]] = False
+    return drawn
 
 
 class _File:

@@ -81,8 +81,7 @@ class Job:
 
     def given(self) -> set[str]:
         """The keys that the job file or an override gives, as "section.key"."""
-        data = tomllib.loads(self.text)
-        _apply_overrides(data, list(self.overrides), [])
+        data = tables_of(self.text, self.overrides)
         tables = {name: table for name, table in data.items() if isinstance(table, dict)}
         return {f"{name}.{key}" for name, table in tables.items() for key in table}
 
@@ -121,6 +120,13 @@ def read_job(path: str | Path, overrides: list[str] = (), removes: list[dict] = 
     if errors:
         raise InputError(errors)
     return job
+
+
+def tables_of(text: str, overrides) -> dict:
+    """The tables of a job's text, with overrides that were read before."""
+    data = tomllib.loads(text)
+    _apply_overrides(data, list(overrides), [])
+    return data
 
 
 def read_toml(path: Path, kind: str) -> tuple[dict, str]:

@@ -98,11 +98,12 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         Key("openings", "points", (), "m", "x, y of a point in each face that is an opening"),
         Key(
             "lines",
-            "text",
+            "path",
             ABSENT,
             "",
             "path of a table start, end: ids of nodes between which a face has an edge without an element",
         ),
+        Key("faces", "path", ABSENT, "", "path of a table of the faces; absent: those of the plan"),
     ),
     "wind": WIND,
     "dynamics": (

@@ -10,6 +10,7 @@ from netfall.errors import InputError
 from netfall.functions import lengths
 from netfall.job.read import Job
 from netfall.net.faces import Faces, double_area, find_faces, no_faces, turned_triangles
+from netfall.net.given_faces import faces_are_given, given_faces
 from netfall.net.net import Net, pair_key
 from netfall.net.parts import parts_of
 from netfall.net.plan import Plan, draw_plan, listed
@@ -46,6 +47,10 @@ def roof_of(job: Job, net: Net) -> Roofing:
     groups = roof_groups(job)
     chosen = np.isin(net.group, [g for g, name in enumerate(net.group_names) if name in groups])
     carries = chosen[:: net.parts] if groups else np.ones(net.m // net.parts, bool)
+    if faces_are_given(job):
+        faces, plan = given_faces(job, net)
+        notes = _notes(job, net, plan, faces, carries) if loads_the_roof(job) else []
+        return Roofing(faces, _covered(plan, faces), notes)
     lines = bool(job.roof and job.roof.lines)
     plan = draw_plan(net, carries, checked=lines or job.net.generator not in PLAIN)
     if plan.errors:

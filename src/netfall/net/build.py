@@ -119,6 +119,11 @@ def _whole_net_errors(job: Job, net: Net) -> list[str]:
             f"{job.path}: unstressed_length in {job.net.elements} and [form_finding] exclude each other: "
             "form finding computes the unstressed lengths"
         )
+    if job.form_finding is not None and net.spring_rest.any():
+        errors.append(
+            f"{job.path}: spring_rest_x, y, z in {job.net.nodes} and [form_finding] exclude each other: "
+            "springs begin with the reaction of the form"
+        )
     return errors + _springs_on_supports(job, net) + _without_tension(job, net)
 
 

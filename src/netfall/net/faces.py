@@ -96,18 +96,27 @@ def find_faces(net: Net, plan: Plan | None = None, openings=()) -> Faces:
     rings, polygon = _rings(polygons, plan.points, used)
     open_rim = _open_rim(rings, plan)
     rings, polygon = _without(rings, polygon, _open_faces(polygons, openings))
-    rings = _with_inner_particles(rings, plan, net)
-    plain = (np.bincount(polygon, minlength=len(polygons)) == 1)[polygon] & _seen_whole(rings, plan.points)
+    return replace(
+        faces_of_rings(corners_on_sides(rings, plan, net), polygon, plan.points), open_rim=open_rim
+    )
+
+
+def faces_of_rings(rings: Faces, polygon: np.ndarray, points: np.ndarray) -> Faces:
+    """The faces that rings bound, those of one ring that is seen whole first.
+
+    polygon : (r,) which rings bound one face, its outer one first; points : (k, 2) [m]
+    """
+    one = np.bincount(polygon, minlength=polygon.max(initial=-1) + 1) == 1
+    plain = one[polygon] & _seen_whole(rings, points)
     kept = _selected(rings, plain)
     if plain.all():
-        return Faces(kept.start, kept.corner, open_rim)
+        return kept
     cut = [
         [rings.corner[rings.start[r] : rings.start[r + 1]] for r in np.flatnonzero(polygon == number)]
         for number in np.unique(polygon[~plain])
     ]
-    cells = [_delaunay_cells(plan.points, shapes) for shapes in cut]
     whole = _joined(kept, [_as_rings(shapes) for shapes in cut])
-    return replace(_joined(kept, cells), open_rim=open_rim, whole=whole)
+    return replace(_joined(kept, [_delaunay_cells(points, shapes) for shapes in cut]), whole=whole)
 
 
 def _as_rings(shapes: list[np.ndarray]) -> Faces:
@@ -178,7 +187,7 @@ def _open_rim(rings: Faces, plan: Plan) -> np.ndarray:
     return np.intersect1d(rim, loose)
 
 
-def _with_inner_particles(rings: Faces, plan: Plan, net: Net) -> Faces:
+def corners_on_sides(rings: Faces, plan: Plan, net: Net) -> Faces:
     """The rings with the particles that subdivision put on their sides as corners too."""
     if net.parts == 1 or not len(rings):
         return rings

@@ -42,7 +42,8 @@ class Net:
     x : (n, 3) [m] start geometry; fixed : (n, 3) bool, per axis
     load : (n, 3) [N]; mass : (n,) [kg] carried; area : (n,) [m2] of surface, tributary, nan: from the faces
     normal : (n, 3) upward unit normal of the surface, nan: from the faces
-    spring : (n, 3) [N/m] of an elastic support, 0: none
+    spring : (n, 3) [N/m] of an elastic support, 0: none; spring_rest : (n, 3) [m], displacement at which it
+        carries nothing, of a net without form finding
     zone : (n,) row of zone_names that the table gives, -1: none
     elements : (m, 2) particle numbers; group : (m,) row of group_names
     section : (m,) [m2]; nominal : (m,) bool, no area was given, the section is that of steel
@@ -70,6 +71,7 @@ class Net:
     area: np.ndarray = _node(np.nan)
     normal: np.ndarray = _node(UNKNOWN, UNKNOWN)
     spring: np.ndarray = _node(NOTHING, NOTHING)
+    spring_rest: np.ndarray = _node(NOTHING, NOTHING)
     zone: np.ndarray = _node(-1)
     zone_names: list[str] = field(default_factory=list)
     force_density: np.ndarray = _element("multiplied", np.nan)

@@ -27,7 +27,7 @@ from netfall.normal import quantile
 
 OF_TYPE = ("mass_per_length", "axial_stiffness", "breaking_load", "area")
 OF_SECTION = (*OF_TYPE, "modulus", "density")
-OF_ROW = {"prestress": "prestress", "yield_stress": "yield_stress", "fracture_strain": "fracture_strain"}
+OF_ROW = ("prestress", "yield_stress", "fracture_strain", "expansion")
 STEEL = 7850.0  # kg/m3
 ROUNDING = 1e-9  # by which a breaking load may exceed the yield force that it is meant to equal
 DRAWN_DIGITS = 9  # of what is drawn: fewer than logarithms of different libraries agree in
@@ -48,9 +48,11 @@ def set_sections(job: Job, net: Net, rows: dict | None = None) -> None:
             values = [column.metadata["absent"] if t[key] is None else t[key] for t in tables]
             setattr(net, column.name, np.array(values, float)[net.group])
     net.bar = np.array([t["kind"] == "bar" for t in tables])[net.group]
-    for name, values in rows.items():
-        if name in OF_ROW:
-            setattr(net, name, np.where(np.isnan(values), getattr(net, name), values))
+    for name in OF_ROW:
+        if name in rows:
+            setattr(net, name, np.where(np.isnan(rows[name]), getattr(net, name), rows[name]))
+    if "kind" in rows:
+        net.bar = np.where(np.isnan(rows["kind"]), net.bar, rows["kind"] == 1.0)
     found = _found(job, net, rows)
     errors = _missing(job, net, found)
     if errors:

@@ -18,6 +18,7 @@ NODE_COLUMNS = (
     "area",
     *(f"normal_{k}" for k in AXES),
     *(f"spring_{k}" for k in AXES),
+    *(f"spring_rest_{k}" for k in AXES),
     "zone",
 )
 ELEMENT_COLUMNS = (
@@ -35,9 +36,13 @@ ELEMENT_COLUMNS = (
     "yield_stress",
     "fracture_strain",
     "type",
+    "kind",
+    "density",
+    "expansion",
 )
 TO_METRES = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000), "in": (254, 10000)}
 LEAST = 1e-12  # of what is to be positive
+UNIT = 4e-16  # rounding of the length of a unit normal
 MOST_NAMED = 5  # pairs in one note
 
 
@@ -101,6 +106,7 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, np.ndarray]:
         area=nodes.numbers("area", low=0.0, unit="m2"),
         normal=_normals(nodes),
         spring=np.column_stack([nodes.numbers(f"spring_{k}", 0.0, low=0.0, unit="N/m") for k in AXES]),
+        spring_rest=np.column_stack([nodes.numbers(f"spring_rest_{k}", 0.0, unit="m") for k in AXES]),
         **_zone_column(nodes),
     )
 
@@ -129,7 +135,10 @@ def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray):
         breaking_load=cables.numbers("breaking_load", low=LEAST, unit="N"),
         yield_stress=cables.numbers("yield_stress", low=LEAST, unit="Pa"),
         fracture_strain=cables.numbers("fracture_strain", low=LEAST),
+        density=cables.numbers("density", low=LEAST, unit="kg/m3"),
+        expansion=cables.numbers("expansion", unit="1/K"),
         type=cables.words("type") if "type" in cables else [],
+        kind=_kinds(cables),
     )
     of_elements = dict(
         elements=ends,
@@ -140,6 +149,15 @@ def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray):
         unstressed_length=cables.numbers("unstressed_length", low=1e-9, unit="m"),
     )
     return of_elements, [str(name) for name in names], columns
+
+
+def _kinds(cables: Table) -> np.ndarray:
+    """1 for a bar, 0 for a cable (m,), nan where the column says nothing."""
+    words = cables.words("kind") if "kind" in cables else [""] * len(cables)
+    for row, word in enumerate(words):
+        if word not in ("", "cable", "bar"):
+            cables.wrong(f'{cables.at(row)}: kind = {word[:40]!r}: expected "cable" or "bar"')
+    return np.array([{"cable": 0.0, "bar": 1.0}.get(word, np.nan) for word in words])
 
 
 def raise_all(*tables: Table) -> None:
@@ -189,6 +207,7 @@ def _normals(nodes: Table) -> np.ndarray:
         nodes.wrong(
             f"{nodes.at(row)}: normal = ({shown}): expected the upward normal, normal_z >= 0, not all 0"
         )
+    length[np.abs(length - 1.0) <= UNIT] = 1.0  # so that a normal which was written comes back as it is
     return np.divide(normal, length, out=np.full_like(normal, np.nan), where=length > 0)
 
 

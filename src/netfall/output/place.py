@@ -18,6 +18,8 @@ def writing(path: Path):
     """What goes wrong in this block is reported as a failure to write `path`. Raises OutputError."""
     try:
         yield
+    except BrokenPipeError:  # of what is told meanwhile, to somebody who has stopped reading
+        raise
     except (OSError, RuntimeError) as error:  # h5py raises either
         reason = (
             os.strerror(error.errno)

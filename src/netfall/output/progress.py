@@ -3,6 +3,7 @@
 import os
 import sys
 import time
+from contextlib import contextmanager
 
 from tqdm import tqdm
 
@@ -11,7 +12,11 @@ DRAW_EVERY = 0.2  # s between drawings of the bar
 
 
 class Progress:
-    """Messages and progress of a run. On ranks other than 0, and when quiet, it prints nothing."""
+    """Messages and progress of a run. On ranks other than 0, and when quiet, it prints nothing.
+
+    Once nobody reads them any more (a pipe that is closed, a terminal that is gone) it is quiet, and the run
+    goes on.
+    """
 
     def __init__(self, shown: bool, verbose: bool = False, stream=None):
         self.shown, self.verbose = shown, verbose
@@ -26,7 +31,7 @@ class Progress:
         """A line of its own."""
         if self.shown:
             self.end()
-            print(text, file=self.stream, flush=True)
+            self._print(text)
 
     def detail(self, text: str) -> None:
         """A line for --verbose."""
@@ -54,30 +59,52 @@ class Progress:
         left = passed * (1 - share) / done_share if done_share > 0 else float("nan")
         rate = f"{done_count / max(passed, 1e-9):.3g} {unit}/s"
         if self._terminal:
-            if self._bar is None:
-                self._bar = tqdm(
-                    total=100,
-                    file=self.stream,
-                    bar_format="{percentage:3.0f} % |{bar:24}| {desc}",
-                    leave=True,
-                )
-            if now - self._last >= DRAW_EVERY or share >= 1.0:
-                self._bar.n = 100 * share
-                self._bar.set_description_str(f"{done}  {rate}  left {_duration(left)}  {note}")
-                self._last = now
+            with self._while_read():
+                self._draw(now, share, f"{done}  {rate}  left {_duration(left)}  {note}")
         elif (now - self._last >= LINE_EVERY and 100 * share - self._percent >= 5) or share >= 1.0:
-            print(
-                f"{100 * share:3.0f} %  {done}  {rate}  left {_duration(left)}  {note}",
-                file=self.stream,
-                flush=True,
-            )
+            self._print(f"{100 * share:3.0f} %  {done}  {rate}  left {_duration(left)}  {note}")
             self._last, self._percent = now, 100 * share
 
     def end(self) -> None:
         """Close the bar, if there is one."""
         if self._bar is not None:
-            self._bar.close()
+            with self._while_read():
+                self._bar.close()
             self._bar = None
+
+    def _print(self, text: str) -> None:
+        with self._while_read():
+            print(text, file=self.stream, flush=True)
+
+    def _draw(self, now: float, share: float, text: str) -> None:
+        """Bring the bar up to date, if it is time."""
+        if self._bar is None:
+            self._bar = tqdm(
+                total=100,
+                file=self.stream,
+                bar_format="{percentage:3.0f} % |{bar:24}| {desc}",
+                leave=True,
+            )
+        if now - self._last >= DRAW_EVERY or share >= 1.0:
+            self._bar.n = 100 * share
+            self._bar.set_description_str(text)
+            self._last = now
+
+    @contextmanager
+    def _while_read(self):
+        """Be quiet from here on where nobody reads any more."""
+        try:
+            yield
+        except OSError:
+            self.shown, self.verbose, self._bar = False, False, None
+            unread(self.stream)
+
+
+def unread(stream) -> None:
+    """Lead what is still written to a stream, at the end of the program at the latest, to nowhere."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, stream.fileno())
+    os.close(nowhere)
 
 
 def _is_terminal(stream) -> bool:

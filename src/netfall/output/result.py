@@ -213,7 +213,10 @@ class Result:
 
 def _write_provenance(group, values, phases):
     for name, value in values.items():
-        if (isinstance(value, str) and len(value) > 200) or name in ("job", "overrides"):
+        if isinstance(value, dict):
+            for column, array in value.items():
+                group.create_dataset(f"{name}/{column}", data=array)
+        elif (isinstance(value, str) and len(value) > 200) or name in ("job", "overrides"):
             group.create_dataset(name, data=value, dtype=h5py.string_dtype())
         else:
             group.attrs[name] = value

@@ -240,7 +240,7 @@ def set_initial(
     model.notes_of_values += check_start(job, model, L)
     model.cut_length = L0
     half = model.half_mass = 0.5 * net.density * net.section * L0
-    model.spring_rest = preload(net, x, N, L) if job.form_finding else np.zeros((net.n, 3))
+    model.spring_rest = preload(net, x, N, L) if job.form_finding else net.spring_rest
     own = np.bincount(net.elements[:, 0], half, net.n) + np.bincount(net.elements[:, 1], half, net.n)
     model.roof = Roof(*tributary_areas(x, net, model.roofing.faces), model.zones)
     _check_normals(job, model)

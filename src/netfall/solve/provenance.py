@@ -12,8 +12,14 @@ import netfall
 from netfall.job.read import Job
 from netfall.output.h5 import PARALLEL
 from netfall.parallel import partition
+from netfall.solve.model import Model
 from netfall.solve.schedule import Schedule
 from netfall.solve.setup import Setup
+
+OF_TABLES = ("load", "mass", "area", "normal", "section", "modulus", "density", "yield_stress") + (
+    "breaking_load",
+    "fracture_strain",
+)  # columns of the net that /net does not have as they are
 
 
 def how_it_writes() -> str:
@@ -23,11 +29,26 @@ def how_it_writes() -> str:
     return f"{library}, {way}"
 
 
+def net_record(model: Model) -> dict[str, np.ndarray]:
+    """What the tables of the same net need besides /net; a column of one value has a single row."""
+    columns = {name: getattr(model.net, name) for name in OF_TABLES} | {"spring_rest": model.spring_rest}
+    found = {name: values[:1] if _alike(values) else values for name, values in columns.items()}
+    rings = model.roofing.faces.rings
+    face = np.arange(len(rings)) if rings.face is None else rings.face
+    bounds = {"ring_start": rings.start, "ring_corner": rings.corner, "ring_face": face}
+    return found | bounds | {"corners": model.net.corners}
+
+
+def _alike(values: np.ndarray) -> bool:
+    return bool(((values == values[:1]) | (np.isnan(values) & np.isnan(values[:1]))).all())
+
+
 def provenance_of(comm: MPI.Comm, job: Job, setup: Setup, schedule: Schedule | None) -> dict:
     """The attributes and texts of /provenance; rank 0 has all of them."""
     values = {
         "job": job.text,
         "job_name": job.name,
+        "job_folder": str(job.path.parent.resolve()),
         "overrides": "\n".join(job.overrides),
         "job_digest": setup.digest,
         "title": job.title,
@@ -52,6 +73,7 @@ def provenance_of(comm: MPI.Comm, job: Job, setup: Setup, schedule: Schedule | N
         "metis_seed": partition.SEED,
         "edge_cut": partition.edge_cut(model.net.elements, model.part),
     }
+    values["net"] = net_record(model)
     if model.added is not None:
         values["added_mass"] = float(model.added.sum())
     if schedule:

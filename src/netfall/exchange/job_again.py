@@ -1,0 +1,111 @@
+"""The job that runs an exported net again: that which was run, for the tables of the form."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+from netfall.api.result import Result
+from netfall.exchange.state import MARK, State
+from netfall.job.read import tables_of
+from netfall.job.toml_text import toml_text
+from netfall.output.info import provenance_text
+
+FILES = ("catalogue", "file", "points", "pressures", "taps", "sectors", "pressure_table")  # keys of paths
+HEAD = """\
+# {mark}: {title}, in its form
+#
+# The tables beside hold the form, its unstressed lengths, loads, sections and faces; so there is no form
+# finding, and no [net] but the tables. All else is the job that was run.
+
+"""
+
+
+def job_again(result: Result, state: State, folder: Path, faces: bool) -> list[str]:
+    """Write job.toml and the files that it reads; what is said of them. faces : whether there is faces.csv"""
+    overrides = provenance_text(result.file, "overrides").splitlines()
+    job = tables_of(provenance_text(result.file, "job"), overrides)
+    job["title"] = result.title
+    job.pop("form_finding", None)
+    job["net"] = {"nodes": "nodes.csv", "elements": "elements.csv"}
+    for table in [job["cable"], *job["cable"].values()]:
+        if isinstance(table, dict):
+            table.pop("prestress", None)
+    if faces:
+        job["roof"] = {"faces": "faces.csv"}
+    _zones(job, set(result.nodes["zone"].tolist()))
+    told = _lost_cables(result, job) + _parts(result, state, job)
+    _probes(result, job)
+    told += _files(job, Path(provenance_text(result.file, "job_folder")), folder, set())
+    head = HEAD.format(mark=MARK, title=" ".join(result.title.split()))
+    order = {name: job[name] for name in ("title", "net", "cable")} | job
+    (folder / "job.toml").write_text(head + toml_text(order), encoding="utf-8")
+    return [f"{folder / 'job.toml'}: runs this net again, without form finding", *told]
+
+
+def _zones(job: dict, used: set[str]) -> None:
+    """Zones by the column of the table: the form may have other nodes in a polygon than the start had."""
+    for entry in job.get("zone", []):
+        if entry["name"] in used:
+            entry.pop("polygon", None)
+            entry.pop("groups", None)
+    idle = {entry["name"] for entry in job.get("zone", [])} - used
+    job["zone"] = [entry for entry in job.get("zone", []) if entry["name"] not in idle]
+    if not job["zone"]:
+        del job["zone"]
+    for section in ("load", "wind"):
+        for name in idle:
+            job.get(section, {}).get("zone", {}).pop(name, None)
+
+
+def _parts(result: Result, state: State, job: dict) -> list[str]:
+    """Ids of elements that were subdivided: all their parts are named in their place."""
+    if len(np.unique(state.cable)) == len(state.cable):
+        return []
+    for table in [*job.get("remove", []), job.get("output", {})]:
+        if "elements" in table:
+            table["elements"] = state.element_id[np.isin(state.cable, table["elements"])].tolist()
+    return [
+        f"note: the parts of the {len(np.unique(state.cable))} subdivided elements are elements of their own "
+        "here; where one is lost, the nodes between its parts are nodes like others"
+    ]
+
+
+def _lost_cables(result: Result, job: dict) -> list[str]:
+    if hasattr(result, "removal") and len(result.removal["time"]) > len(job.get("remove", [])):
+        return [
+            "note: this run of a study lost a member by the study's own list: add its [[remove]] to job.toml"
+        ]
+    return []
+
+
+def _probes(result: Result, job: dict) -> None:
+    """Probes by ids: a place may be nearer to another node in the form."""
+    kept = hasattr(result, "history") and "probe_particle" in result.history
+    if kept and "probes" in job.get("output", {}):
+        job["output"]["probes"] = result.nodes["id"][result.history["probe_particle"]].tolist()
+
+
+def _files(table, source: Path, folder: Path, taken: set[str]) -> list[str]:
+    """Copy the files that a job names into the folder, and say so. source : the folder of the job"""
+    told = []
+    items = table.items() if isinstance(table, dict) else enumerate(table)
+    for key, value in list(items):
+        if isinstance(value, dict | list):
+            told += _files(value, source, folder, taken)
+        elif isinstance(value, str) and key in FILES:
+            name = Path(value).name
+            while name in taken:
+                name = f"other_{name}"
+            taken.add(name)
+            table[key] = name
+            told.append(_copied(source / value, folder / name, key))
+    return told
+
+
+def _copied(source: Path, target: Path, key: str) -> str:
+    if not source.is_file():
+        return f"note: {key} = {target.name}: {source} is no more there; put it beside job.toml"
+    if source.resolve() != target.resolve():
+        shutil.copyfile(source, target)
+    return f"{target}: copied from {source}"

@@ -1,0 +1,48 @@
+"""What a net has that a format cannot hold, in words."""
+
+import numpy as np
+
+from netfall.api.result import Result
+from netfall.exchange.state import RECORD
+
+HELD = {  # by ending, of what `_of_net` names; .csv holds all
+    ".dxf": ("groups",),
+    ".json": ("groups", "ids", "tensions", "unstressed lengths", "axes of supports"),
+    ".vtu": ("groups", "ids", "tensions", "unstressed lengths"),
+    ".tcl": ("ids", "tensions", "unstressed lengths", "axes of supports", "stiffness", "bars")
+    + ("loads of nodes", "temperature"),
+}
+
+
+def lacking(result: Result, ending: str) -> list[str]:
+    """A line that names what of this net a file of this ending does not hold."""
+    words = [word for word, there in _of_net(result).items() if there and word not in HELD[ending]]
+    return [f"note: a {ending} does not hold this net's {', '.join(words)}; a .csv does"]
+
+
+def _of_net(result: Result) -> dict[str, bool]:
+    """What there is in a net, and whether this one has it."""
+    f = result.file
+    net, ids = f["net"], f["net/element_id"][:]
+    known = lambda name: f[f"{RECORD}/{name}"][:] if RECORD in f else np.zeros(1)
+    pieces = net["cable_names"].asstr()[:].astype(str)[net["cable"][:]]
+    part_held = net["fixed"][:].any(1) & ~net["fixed"][:].all(1)
+    return {
+        "ids": True,
+        "groups": len(net["group_names"]) > 1,
+        "tensions": True,
+        "unstressed lengths": True,
+        "stiffness": True,
+        "mass per length": True,
+        "bars": bool(net["bar"][:].any()),
+        "cables of several elements": len(np.unique(pieces)) < len(np.unique(ids)),
+        "strengths": any(name in net for name in ("breaking_load", "yield_force", "fracture_strain")),
+        "types": "type" in net,
+        "axes of supports": bool(part_held.any()),
+        "springs": "spring" in net,
+        "loads of nodes": bool(known("load").any()),
+        "masses of nodes": bool(known("mass").any()),
+        "roof areas": bool(net["tributary_area"][:].any()),
+        "zones": bool((net["zone"][:] >= 0).any()),
+        "temperature": "load/temperature" in f,
+    }
