@@ -9,7 +9,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm, Normalize
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from netfall.output.place import writing
+from netfall.output.place import whole
 from netfall.output.plot_force import MOST_DRAWN, add_supports, limits
 from netfall.output.plot_net import _space
 from netfall.output.plot_style import short_title, unit_of
@@ -69,8 +69,8 @@ def dynamic_factors(f, factor: np.ndarray, path: Path) -> None:
 
 def _write(f, shading: Shading, path: Path) -> None:
     figure = _draw(f, shading)
-    with writing(path):
-        figure.savefig(path, dpi=130)
+    with whole(path) as place:
+        figure.savefig(place, dpi=130)
     plt.close(figure)
 
 
