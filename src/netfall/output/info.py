@@ -183,8 +183,12 @@ def _losses(f, say):
 
 def _energies(f, say):
     h = f["history"]
-    at_end = [f"{name.replace('_', ' ')} {h[name][-1]:.4g}" for name in ENERGIES]
+    known = [name for name in ENERGIES if np.isfinite(h[name][-1])]
+    at_end = [f"{name.replace('_', ' ')} {h[name][-1]:.4g}" for name in known]
     say("energy at the end [J]: " + ", ".join(at_end))
+    if len(known) < len(ENERGIES):
+        say("audits: none, the job has [output] energy = false")
+        return
     identity, balance = (np.abs(h[name][:]).max() for name in ("identity_error", "balance_error"))
     say(
         f"audits: work identity to {identity:.1e}, physical balance to {balance:.1e} "

@@ -15,6 +15,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from netfall.net.faces import Faces
 from netfall.net.net import Net
+from netfall.output.place import whole
 from netfall.output.plot_net import _space, group_colours, named_groups
 from netfall.output.plot_style import LONGEST_TITLE
 
@@ -69,7 +70,8 @@ def draw_job(job: JobNet, path: Path) -> None:
     _legend(figure, space, 0.25)
     _legend(figure, plan, 0.77)
     figure.suptitle(_title(job, every), fontsize=10)
-    figure.savefig(path, dpi=130)
+    with whole(path) as place:
+        figure.savefig(place, dpi=130)
     plt.close(figure)
 
 

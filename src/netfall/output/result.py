@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 from mpi4py import MPI
 
+from netfall.errors import OutputError
 from netfall.mechanics.events import EventLog
 from netfall.mechanics.state import State
 from netfall.net.areas import Areas
@@ -39,7 +40,11 @@ class Result:
         self.file = SharedFile(comm, path)
         self.segments: list[Path] = []  # whole parts of the file so far, if there are checkpoints
         self.token = comm.bcast(secrets.token_hex(4))  # keeps this run's segments apart from another's
-        self.series = VtkSeries(self.file, distribution.n, distribution.m)
+        try:
+            self.series = VtkSeries(self.file, distribution.n, distribution.m)
+        except OutputError as error:
+            self.file.discard_after(error)
+            raise
         self.log = log
         self._drawn_events = -1  # fractures and losses that the mesh written last shows
         self.losses = 0  # so far, in which elements left the net
@@ -61,7 +66,7 @@ class Result:
 
     def _begin_segment(self, rows: dict[str, int]) -> None:
         self.file = SharedFile(self.comm, self.path, rows)
-        self.series.continue_in(self.file)
+        self.series.continue_in(self.file)  # if there is no room, the run discards the file
 
     def record(self) -> dict:
         """What a continuation needs, for `restore`."""
@@ -186,6 +191,13 @@ class Result:
             self.file.append(f"final/{name}", block, total)
 
     # --- the end
+
+    def discard_after(self, error: OutputError, saved: bool) -> None:
+        """Leave nothing behind that no checkpoint needs. saved : whether there is one"""
+        self.file.discard_after(error)
+        if self.comm.rank == 0 and not saved:
+            for segment in self.segments:
+                segment.unlink(missing_ok=True)
 
     def close(self, sections: dict[str, dict], units: dict[str, str], provenance: dict, phases: dict) -> None:
         """Write what is small and give the file its name.

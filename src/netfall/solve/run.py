@@ -142,7 +142,7 @@ def run_stages(run: Run) -> Simulation | None:
             error = run.saver.naming_the_last(error)
         raise error from None
     except OutputError as error:
-        run.result.file.discard()
+        run.result.discard_after(error, bool(run.saver.kept or run.saver.given))
         raise run.saver.naming_the_last(error) from None
     except BaseException:
         run.result.file.discard()
