@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 
 from netfall.errors import InputError
+from netfall.output.form_lines import form_lines
 from netfall.output.loss_lines import loss_lines
 
 FIRST_EVENTS = 8
@@ -130,6 +131,22 @@ def _form(f, say):
         f"form finding: {g['iterations'][()]} iterations, residual {g['residual'][()]:.2g} of the prestress, "
         f"with the real material {g['residual_real_material'][()]:.2g}; "
         f"tensions {N.min():.4g} to {N.max():.4g} N"
+    )
+    for line in lines_of_form(f):
+        say(line)
+
+
+def lines_of_form(f: h5py.File) -> list[str]:
+    """`form_lines` of a result file."""
+    net = f["net"]
+    given = f["provenance"].attrs.get("roof_area_given", 0.0)  # older versions do not tell
+    return form_lines(
+        net["particles"][:],
+        f["form_finding/position"][:],
+        ~net["fixed"][:].astype(bool).all(1),
+        net["node_id"][:],
+        float(given),
+        float(net["tributary_area"][:].sum()),
     )
 
 

@@ -66,6 +66,7 @@ class Model:
     probes: Probes = None
     notes_of_values: list[str] = field(default_factory=list)
     notes_of_history: list[str] = field(default_factory=list)
+    area_given: float = 0.0  # m2, of the roof in the geometry that is given
 
     @property
     def area(self) -> np.ndarray:
@@ -239,6 +240,8 @@ def set_initial(
     model.spring_rest = preload(net, x, N, L) if job.form_finding else np.zeros((net.n, 3))
     own = np.bincount(net.elements[:, 0], half, net.n) + np.bincount(net.elements[:, 1], half, net.n)
     area, plan_area = tributary_areas(x, net, model.roofing.faces)
+    if job.form_finding:
+        model.area_given = float(tributary_areas(net.x, net, model.roofing.faces)[0].sum())
     model.roof = Roof(area, plan_area, normals(x, net, model.roofing.faces), model.zones)
     _check_normals(job, model)
     loading = loading_of(job, model.roof, own, net.load)

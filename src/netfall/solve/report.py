@@ -9,6 +9,7 @@ from netfall.mechanics.events import EventLog
 from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.stability import Limit
 from netfall.net.plan import listed
+from netfall.output.form_lines import form_lines
 from netfall.output.info import balance_notes
 from netfall.output.progress import Progress
 from netfall.parallel import partition
@@ -38,6 +39,8 @@ def before_run(job: Job, setup: Setup, schedule: Schedule | None, progress: Prog
     N = model.N
     if setup.form:
         progress.say(f"{form_line(setup)}; tensions {N.min():.4g} to {N.max():.4g} N")
+        for line in moved_lines(model):
+            progress.say(line)
     elif starts_moving(job, setup):
         progress.say(f"{start_note(setup)}, largest tension {setup.reference:.3g} N")
     if schedule:
@@ -121,6 +124,12 @@ def form_line(setup: Setup) -> str:
         f"{setup.form.residual / reference:.2g} of the prestress; with the real material "
         f"{setup.residual / reference:.2g}"
     )
+
+
+def moved_lines(model: Model) -> list[str]:
+    """What form finding did to the geometry that was given."""
+    area = float(model.area.sum())
+    return form_lines(model.net.x, model.x, model.moves, model.net.node_id, model.area_given, area)
 
 
 def rest_words(job: Job) -> str:
