@@ -111,9 +111,7 @@ def test_a_bar_that_cannot_break_beside_ropes_that_can_is_told(workshop):
 def test_a_bar_that_takes_the_breaking_load_of_the_cables_is_told(workshop):
     """One of its own, even a larger one, is what was meant."""
     job = workshop.job(INHERITED, NODES, ELEMENTS)
-    note = (
-        "note: [cable.post]: 1 bars (9) take breaking_load = 3e+06 N from [cable], where it is that of cables"
-    )
+    note = "note: [cable.post]: bar 9 with breaking_load = 3e+06 N from [cable], where it is that of cables"
     assert note in run_on_standing_ranks("check", job).stdout
     own = run_on_standing_ranks("check", job, "--set", "cable.post.breaking_load=4e6").stdout
     assert "from [cable]" not in own
