@@ -9,6 +9,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm, Normalize
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
+from netfall.output.info import carried_in
+from netfall.output.overload_lines import overloaded
 from netfall.output.place import whole
 from netfall.output.plot_force import MOST_DRAWN, add_supports, limits
 from netfall.output.plot_net import _space
@@ -52,6 +54,8 @@ def utilisation(f, envelope: Envelope, checked: Checked, path: Path) -> None:
         label = f"largest tension [{unit}]; no element has a strength; grey: only compressed"
         over = plt.get_cmap(COLOURS)(1.0)
         high = (limits(values[values > 0.0]) or (0.0, 1e-9))[1]  # not the largest: that is a fragment's
+    if "events" in f and "envelope" in f and (beyond := int(overloaded(carried_in(f)).sum())):
+        label += f"; {beyond} beyond strength after a fracture: of the step"
     _write(f, Shading(values, Normalize(0.0, high), over, "how far elements are used", label), path)
 
 

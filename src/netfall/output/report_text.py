@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.output.info import provenance_text, title_of
+from netfall.output.info import lines_of_form, overloads_of, provenance_text, title_of
 from netfall.output.loss_lines import loss_lines, rises, telling_factor
 from netfall.output.report_cables import Checked, Cutting
 from netfall.output.report_losses import worst_after
@@ -66,11 +66,15 @@ def _what_ran(f, result: Path) -> list[str]:
     ]
     if overrides:
         lines.append("With " + ", ".join(f"`{line}`" for line in overrides.split("\n")) + ".")
+    if "form_finding" in f:
+        lines += [line[0].upper() + line[1:] + "." for line in lines_of_form(f)]
     if "events" in f and len(f["events/element"]):
         broken = len(np.unique(f["events/element"][:]))
         lines.append(f"{broken} elements broke, the first at t = {f['events/time'][0]:.4g} s.")
     if "history" in f:
         lines.append(f"Largest error of the physical balance: {_worst_balance(f)}.")
+    if "events" in f and "envelope" in f:
+        lines += [line[0].upper() + line[1:] + "." for line in overloads_of(f)]
     return lines
 
 

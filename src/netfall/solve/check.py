@@ -19,6 +19,7 @@ from netfall.solve.report import (
     features,
     form_line,
     limit_line,
+    moved_lines,
     net_line,
     remarks_of,
     stages,
@@ -61,6 +62,8 @@ def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) 
     _describe_net(setup, say)
     if setup.form:
         say(form_line(setup))
+        for line in moved_lines(setup.model):
+            say(line)
     elif starts_moving(job, setup):
         say(start_note(setup))
     say("stages: " + ", ".join(stages(job)))

@@ -65,6 +65,7 @@ class Model:
     probes: Probes = None
     notes_of_values: list[str] = field(default_factory=list)
     notes_of_history: list[str] = field(default_factory=list)
+    area_given: float = 0.0  # m2, of the roof in the geometry that is given
 
     @property
     def area(self) -> np.ndarray:
@@ -242,6 +243,8 @@ def set_initial(
     half = model.half_mass = 0.5 * net.density * net.section * L0
     model.spring_rest = preload(net, x, N, L) if job.form_finding else net.spring_rest
     own = np.bincount(net.elements[:, 0], half, net.n) + np.bincount(net.elements[:, 1], half, net.n)
+    if job.form_finding:
+        model.area_given = float(tributary_areas(net.x, net, model.roofing.faces).surface.sum())
     model.roof = Roof(*tributary_areas(x, net, model.roofing.faces), model.zones)
     _check_normals(job, model)
     loading = loading_of(job, model.roof, own, net.load)

@@ -74,6 +74,8 @@ def provenance_of(comm: MPI.Comm, job: Job, setup: Setup, schedule: Schedule | N
         "edge_cut": partition.edge_cut(model.net.elements, model.part),
     }
     values["net"] = net_record(model)
+    if setup.form:
+        values["roof_area_given"] = model.area_given
     if model.added is not None:
         values["added_mass"] = float(model.added.sum())
     if schedule:

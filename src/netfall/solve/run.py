@@ -114,7 +114,7 @@ def run_job(
         if simulation and simulation.removal and model:
             for line in loss_lines(simulation.removal.columns(), log.columns(), model.net.element_id):
                 progress.say(line)
-        after_run(setup, log, simulation and simulation.history, path, phases, progress)
+        after_run(setup, log, simulation, path, phases, progress)
     finally:
         if claimed:
             release(claimed)
