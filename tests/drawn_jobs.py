@@ -292,13 +292,18 @@ def draw_load(draw, scene: dict, rng, zones: list) -> dict:
     return load
 
 
-def draw_roof(draw, net: DrawnNet) -> dict | None:
-    """[roof]: all groups by their names; an opening in the first cell of a grid."""
+def draw_roof(draw, net: DrawnNet, tables: dict) -> dict | None:
+    """[roof]: all groups by their names; an opening in the first cell, or a line across the last one."""
     roof = {}
     if net.roof and all(net.groups):
         roof["groups"] = sorted(set(map(str, net.groups)))
     if net.square and chance(draw):
         roof["openings"] = [[float(c) + 0.45 * SPACING for c in net.points[0, :2]]]
+    elif net.square and chance(draw):
+        ends = (net.points[-1, :2] - beside for beside in ([SPACING, 0.0], [0.0, SPACING]))
+        across = [int(np.argmin(np.sum((net.points[:, :2] - end) ** 2, axis=1))) for end in ends]
+        tables["lines.csv"] = table({k: [str(net.names[p])] for k, p in zip(("start", "end"), across)})
+        roof["lines"] = "lines.csv"
     return roof or None
 
 
@@ -392,6 +397,8 @@ def draw_zones(draw, net: DrawnNet, nodes: dict) -> tuple[list, list]:
         corners = [(low[0] - 1, low[1] - 1), (middle, low[1] - 1), (middle, high[1] + 1)]
         corners.append((low[0] - 1, high[1] + 1))
         entries.append({"name": "west", "polygon": [[float(a), float(b)] for a, b in corners]})
+        if chance(draw):
+            entries[0]["cut"] = True
     if "thick" in net.groups and chance(draw):
         entries.append({"name": "thick", "groups": ["thick"]})
     return entries, [entry["name"] for entry in entries] + names
@@ -435,7 +442,7 @@ def jobs(draw, scenes=SCENES) -> DrawnJob:
         "cable": cable,
         "form_finding": form,
         "load": draw_load(draw, scene, rng, names),
-        "roof": draw_roof(draw, net),
+        "roof": draw_roof(draw, net, tables),
         "zone": zones,
         "wind": draw_wind(draw, scene, net, rng, duration, names, tables) if scene["wind"] else None,
         "output": draw_output(draw, scene, net, rng, duration),

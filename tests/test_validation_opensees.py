@@ -136,21 +136,31 @@ def vertical(f, pressure: float) -> np.ndarray:
 
 
 def saddle_wind(f, speed: float, shape: float) -> np.ndarray:
-    """Forces (n, 3) [N] of a steady wind on the saddle:
-    -u_s A rho U^2 / 2 along the upward normal, the mean of the vector areas of the four faces around.
+    """Forces (n, 3) [N] of a steady wind on the saddle: -u_s rho U^2 / 2 on the upward vector areas.
+
+    Of each of the four faces around a node, half the cross product of its diagonals, by the corner's share of
+    the four triangles from the centroid of the surface to the sides.
     """
-    x, area = f["form_finding/position"][:], f["net/tributary_area"][:]
+    x = f["form_finding/position"][:]
     i, j = np.rint((f["net/particles"][:, :2] + 36.6) / 9.15).astype(int).T
     a = np.array([-36.6, 36.6])
     grid = np.zeros((9, 9, 3))
     grid[::8, ::8, 0], grid[::8, ::8, 1] = a[:, None], a  # the corners, which are no particles
     grid[i, j] = x
-    face = 0.5 * np.cross(grid[1:, 1:] - grid[:-1, :-1], grid[:-1, 1:] - grid[1:, :-1])
-    around = np.pad(face, ((1, 1), (1, 1), (0, 0)))
-    normal = (around[1:, 1:] + around[:-1, 1:] + around[1:, :-1] + around[:-1, :-1])[i, j]
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    corners = np.stack([grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]])
+    after = np.roll(corners, -1, axis=0)
+    size = lambda top: 0.5 * np.linalg.norm(np.cross(corners - top, after - top), axis=-1)
+    middle = corners.mean(0)
+    weight = size(middle)
+    centroid = np.sum(weight[..., None] * (corners + after + middle) / 3, axis=0) / weight.sum(0)[..., None]
+    side = size(centroid)
+    share = 0.5 * (side + np.roll(side, 1, axis=0)) / side.sum(0)
+    part = share[..., None] * 0.5 * np.cross(corners[2] - corners[0], corners[3] - corners[1])
+    vector = np.zeros((9, 9, 3))
+    for corner, (down, right) in zip(part, ((0, 0), (1, 0), (1, 1), (0, 1))):
+        vector[down : 8 + down, right : 8 + right] += corner
     U = speed * ((x[:, 2] + 10.0) / 10.0) ** 0.16
-    return (-shape * area * 1.25 * U**2 / 2)[:, None] * normal
+    return (-shape * 1.25 * U**2 / 2)[:, None] * vector[i, j]
 
 
 def compare_states(

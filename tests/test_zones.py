@@ -600,3 +600,21 @@ def test_readme_lists_the_keys_of_every_list():
         rows = [line for line in part.splitlines() if line.startswith("| `")]
         assert len(rows) == len(keys)
         assert all(f"| `{key.name}`" in row and key.meaning in row for key, row in zip(keys, rows))
+
+
+def test_panels_take_what_cut_zones_have_of_them(workshop):
+    """What hangs on all panels at a node is what the node carries: wind, pressure, the mass of its loads."""
+    text = ZONED.replace(square("edge", 0, 0, 1, 5), cut("edge", 0, 0, 2.3, 5))
+    text = text.replace("[wind]\n", '[wind]\nafter_fracture = "panels"\n')
+    text += "[load]\npressure = 3.0\ndead = 8.0\n[load.zone.edge]\npressure = [0, 2, -1]\nsnow = 5\n"
+    model = model_of(read_job(workshop.job(STEEL + text, *grid())))
+    panels = model.panels
+    at_nodes = lambda values: np.bincount(panels.node, values, model.net.n)
+    assert at_nodes(panels.mass) == pytest.approx(model.carried, rel=1e-13)
+    for axis in range(3):
+        assert at_nodes(panels.pressure[:, axis]) == pytest.approx(
+            model.live[:, axis] + 9.81 * (model.carried - 8.0 * model.area / 9.81) * (axis == 2),
+            rel=1e-12,
+            abs=1e-12,
+        )
+        assert at_nodes(panels.wind[:, axis]) == pytest.approx(model.wind[:, axis], rel=1e-13, abs=1e-14)
