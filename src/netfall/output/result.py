@@ -243,6 +243,11 @@ def net_section(
     }
 
 
+def texts(words: list[str]) -> np.ndarray:
+    """Words as a dataset."""
+    return np.array(words, h5py.string_dtype())
+
+
 def _strength_section(net: Net) -> dict[str, np.ndarray]:
     """What elements are made of, springs; strengths as given, and beside them what was drawn, a factor."""
     names = lambda words: np.array(words, h5py.string_dtype())
