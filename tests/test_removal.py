@@ -409,6 +409,20 @@ def test_the_tensions_of_a_rest_in_which_something_breaks_are_given(workshop):
         assert g["breaking_element"][:].tolist() == [1] and g["breaking_entry"][:].tolist() == [0]
 
 
+def test_a_report_after_a_loss_without_a_rest_is_whole(workshop):
+    """No element has a dynamic factor: the picture says so, and the table has the tensions."""
+    text = CABLE + dynamics(PERIOD, 400) + entry([0, 1], 0.1)
+    workshop.run(workshop.job(text, *weights(2))).close()
+    paths = write_report(workshop.folder / "result.vtkhdf", workshop.folder / "report", None, Cutting())
+    assert [path.name for path in paths][-1] == "dynamic_factors.png"
+    assert all(path.stat().st_size > 0 for path in paths)
+    text = (workshop.folder / "report" / "summary.md").read_text()
+    assert "2 elements (0, 1); no rest was found; nothing broke then" in text
+    assert "| 1 | e2 | 2 | 5 kN | 5 kN | none | 1 |  |  |" in text
+    with workshop.open() as f:
+        assert f["removal/state"].asstr()[:].tolist() == ["no_equilibrium"]
+
+
 def test_a_rise_is_told_where_the_factor_is_near_one():
     """374 to 2416 kN: the rest is up there too, so the factor is 1.09, and the tension 6.5 times as large."""
     rows = lambda *values: np.array([values]) * 1e3

@@ -263,6 +263,11 @@ def net_section(net: Net, areas: Areas, zones: Zones, cut_length: np.ndarray) ->
     )
 
 
+def texts(words: list[str]) -> np.ndarray:
+    """Words as a dataset."""
+    return np.array(words, h5py.string_dtype())
+
+
 def _strength_section(net: Net) -> dict[str, np.ndarray]:
     """What elements are made of, springs; strengths as given, and beside them what was drawn, a factor."""
     names = lambda words: np.array(words, h5py.string_dtype())

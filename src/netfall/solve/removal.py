@@ -8,13 +8,13 @@ What hung inside a lost cable goes to its ends (`handover`), in the motion and i
 import sys
 from typing import NamedTuple
 
-import h5py
 import numpy as np
 from mpi4py import MPI
 
 from netfall.errors import DivergedError
 from netfall.mechanics.loss import Carried, join, leave, lose_elements
 from netfall.output.loss_lines import SOMETHING_BREAKS, elements_of
+from netfall.output.result import texts
 from netfall.parallel.subdomain import rows_of
 from netfall.solve.committed import committed, put_back
 from netfall.solve.equilibrium import STABLE
@@ -199,7 +199,7 @@ class Removal:
         names = (*names, "dynamic_factor")
         found = {"time": np.array([entry.time for entry in entries])}
         found |= {name: np.full((len(entries), m), np.nan) for name in names}
-        found["state"] = np.full(len(entries), "", h5py.string_dtype())
+        found["state"] = texts([""] * len(entries))
         gone, breaks = np.zeros(m, bool), []
         for k, loss in enumerate(self.losses):
             gone[loss.elements] = True
