@@ -23,6 +23,8 @@ def write_tables(result: Result, state: State, folder: Path) -> list[str]:
     """
     _check_folder(result, folder)
     folder.mkdir(exist_ok=True)
+    for name in OWN:  # what an export before has left and this one does not write
+        (folder / name).unlink(missing_ok=True)
     tables = _of_the_net(result, state) if state.time is None else _in_motion(state)
     told = [f"{folder}: {state.name}; coordinates in m, forces in N"]
     if hasattr(result, "history"):
