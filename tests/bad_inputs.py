@@ -104,7 +104,7 @@ def wrong_values(key: Key):
         )
     if key.kind == "flag":
         return st.one_of(*always, quoted, st.integers().map(str))
-    if key.kind == "text":
+    if key.kind in ("text", "path"):
         return st.one_of(
             *always,
             st.integers().map(str),

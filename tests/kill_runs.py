@@ -155,6 +155,8 @@ def one_story(folder: Path, choice: random.Random, longest: float, kills_left: i
             if process.poll() is None:
                 what = kill(folder, process, choice)
                 done += 1
+                process.stdout.close()
+                process.stderr.close()
                 print(
                     f"  {ranks} ranks, from {restart.name if restart else 'the start'}: killed {what}",
                     flush=True,

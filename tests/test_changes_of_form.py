@@ -37,7 +37,8 @@ from netfall.output.report_stages import envelope_of
 from netfall.parallel.halo import HaloBuffers, exchange_rows
 from netfall.parallel.mpi_symbols import HANDLE
 from netfall.solve.run import run_job
-from netfall.study.losses import losses_of
+from netfall.study.info_study import _losses
+from netfall.study.losses import losses_of, one_draw
 from netfall.study.queue import Queue
 from netfall.wind.field import make_wind_field
 from netfall.wind.onset import GrowingGusts
@@ -436,6 +437,37 @@ def test_a_roof_without_a_rest_is_lost_as_a_whole():
     found = losses_of(SimpleNamespace(members=members, finished=members["state"] == "finished"))
     assert found.name.tolist() == ["7", "9"] and found.roof_lost.tolist() == [1.0, 0.3]
     assert found.no_rest.tolist() == [1, 0] and found.broken.tolist() == [3.0, 0.0]
+    members["rest_after_loss"] = np.array(["breaks", "", "unstable"])
+    found = losses_of(SimpleNamespace(members=members, finished=members["state"] == "finished"))
+    assert found.no_rest.tolist() == [1, 1] and found.roof_lost.tolist() == [1.0, 0.3]
+    assert found.not_stable.tolist() == [0, 1] and found.breaking.tolist() == [1, 0]
+
+
+def test_symmetric_losses_that_differ_have_one_draw_of_gusts(capsys):
+    """Four spokes of a wheel: two opposite ones break 3 and 5; not told without gusts, or with more seeds."""
+    x = np.array([[0, 0, 1.0], [5, 0, 0], [0, 5, 0], [-5, 0, 0], [0, -5, 0]])
+    spokes = np.array([[0, 1], [0, 2], [0, 3], [0, 4]])
+    members = {
+        "removed": np.array(["1", "2", "3", "4"]),
+        "state": np.array(["finished"] * 4),
+        "roof_lost": np.zeros(4),
+        "broken": np.array([3, 5, 3, 3]),
+        "gusts": np.ones(4, int),
+    }
+    net = {"particles": x, "elements": spokes, "element_id": np.array([1, 2, 3, 4])}
+    study = SimpleNamespace(members=members, finished=np.ones(4, bool), net=net)
+    assert one_draw(study, losses_of(study)) == (0, 1)
+    _losses(study, print)
+    told = capsys.readouterr().out
+    assert "after one 3 elements (loss of 1) break, after the other 5 elements (loss of 2)" in told
+    assert "have one draw of gusts" in told
+    members["gusts"][:] = 0
+    assert one_draw(study, losses_of(study)) is None
+    members |= {"gusts": np.ones(4, int), "wind.seed": np.array([1, 2, 1, 2])}
+    assert one_draw(study, losses_of(study)) is None
+    del members["wind.seed"]
+    x[2] = [0, 5, 1]  # no longer symmetric
+    assert one_draw(study, losses_of(study)) is None
 
 
 # --- parts of the wind
@@ -465,7 +497,7 @@ def test_gusts_keep_their_variance_between_control_points():
         shape_coefficient=-1.0, air_density=1.25, turbulence=0.2, roughness=0.0, spectrum="kaimal",
         gust_length="auto",
     )  # fmt: skip
-    field = make_wind_field(x, np.ones(42), np.tile([0.0, 0.0, 1.0], (42, 1)), settings)
+    field = make_wind_field(x, np.tile([0.0, 0.0, 1.0], (42, 1)), settings)
     pairs = field.model.covariance[field.corner[:, :, None], field.corner[:, None, :]]
     variance = np.einsum("ni,nj,nij->n", field.weight, field.weight, pairs)
     assert variance == pytest.approx(field.model.covariance[0, 0] * np.ones(42), rel=1e-9)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import STEEL, StopAfter
+from conftest import STEEL, StopAfter, run_on_standing_ranks
 from mpi4py import MPI
 
 from netfall.errors import Interrupted
@@ -29,6 +29,53 @@ def test_start_does_not_matter_at_constant_tension(workshop, start):
     x = f["form_finding/position"][:]
     row = np.flatnonzero((np.abs(x[:, 0]) < 1e-6) & (x[:, 1] > 26) & (x[:, 1] < 30))
     assert abs(x[row[0], 1] - 26.92) < 0.005  # the particle nearest the edge slides from y = 27.45 (theory)
+
+
+PYRAMID = "id,x,y,z,fixed\n1,0,0,0,1\n2,10,0,0,1\n3,10,10,0,1\n4,0,10,0,1\n5,5,5,{top},0\n"
+SIDES = "start,end,force_density\n1,2,1\n2,3,1\n3,4,1\n4,1,1\n1,5,1\n2,5,1\n3,5,1\n4,5,1\n"
+LINEAR = '[form_finding]\nmethod = "force_density"\n'
+
+
+def told(workshop, result):
+    """What the run, `info` and the report say of the form."""
+    info = run_on_standing_ranks("info", result).stdout
+    assert run_on_standing_ranks("report", result, "-o", workshop.folder / "report").returncode == 0
+    return info, (workshop.folder / "report" / "summary.md").read_text()
+
+
+@pytest.mark.parametrize("top, far", [(5.0, True), (0.4, False)])
+def test_how_far_nodes_moved_and_what_became_of_the_roof(workshop, top, far):
+    """The top of a pyramid over a square of 10 m sinks to its base: its four sides, of the height
+    sqrt(5^2 + top^2), become 100 m2. More than a twentieth of 10 m is told.
+    """
+    job = workshop.job(STEEL + LINEAR, PYRAMID.format(top=top), SIDES)
+    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf")
+    before = 4 * 0.5 * 10.0 * np.hypot(5.0, top)
+    line = (
+        f"form: nodes moved by up to {top:g} m (node 5), {top:g} m on the mean; roof {before:.1f} m2 as "
+        f"given, 100.0 m2 in the form ({100.0 / before - 1.0:+.1%})"
+    )
+    note = "note: form finding moved 1 of 5 nodes by more than a twentieth of the span of 10 m, node 5 most"
+    check = run_on_standing_ranks("check", job).stdout
+    for text in (done.stdout, check, *told(workshop, workshop.folder / "result.vtkhdf")):
+        assert line[1:] in text, text
+        assert (note[1:] in text) == far
+
+
+def test_densities_that_cancel_are_refused_with_the_nodes(workshop):
+    """0.1 + 0.2 - 0.3 is 5.6e-17: the node would stand anywhere; none of its axes is held."""
+    elements = "start,end,force_density\n1,5,0.1\n2,5,0.2\n3,5,-0.3\n4,1,1\n"
+    bars = '[cable]\nkind = "bar"\nmodulus = 1.6e11\narea = 1e-3\ndensity = 7850.0\n'
+    done = workshop.run(workshop.job(bars + LINEAR, PYRAMID.format(top=5.0), elements), code=2)
+    assert "do not hold node 5 along x and y and z, which could stand anywhere" in done.stderr
+
+
+def test_nodes_that_nothing_holds_along_an_axis_are_refused(workshop):
+    """Held across and upright alone, a chain may slide along itself: all its nodes are named."""
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z\n1,0,0,0,0,1,1\n2,5,1,0,0,0,0\n3,10,0,0,0,1,1\n"
+    job = workshop.job(STEEL + LINEAR, nodes, "start,end,force_density\n1,2,3\n2,3,3\n")
+    done = workshop.run(job, code=2)
+    assert "do not hold 3 nodes (1, 2, 3) along x, which" in done.stderr
 
 
 def test_unstressed_lengths_in_closed_form(workshop):

@@ -12,7 +12,7 @@ from netfall.arithmetic import exponential, exponential_less_one
 from netfall.compile import kernel
 from netfall.linear import eliminate, factorised, product, solve_columns, solve_factorised, top_of_tridiagonal
 from netfall.normal import quantile
-from netfall.solve.sparse import solve_sparse
+from netfall.solve.sparse import Singular, solve_sparse
 from netfall.wind.noise import standard_normal
 
 mpmath.mp.prec = 160
@@ -165,4 +165,23 @@ def test_sparse_solutions_of_matrices_with_both_signs():
         whole[a, b] += value
         whole[b, a] += value
     assert np.abs(solve_sparse(ends, q, diagonal, right) - np.linalg.solve(whole, right)).max() < 1e-12
-    assert solve_sparse(np.array([[0, 1]]), np.array([1.0]), np.array([1.0, 1.0]), np.ones((2, 1))) is None
+
+
+def test_a_singular_matrix_is_told_with_its_rows():
+    """Rows 0 and 1 pull at each other alone, 2 and 3 are held; 0.1 + 0.2 - 0.3 is no pivot of 5.6e-17."""
+    pairs, q = np.array([[0, 1], [2, 3]]), np.array([-1.0, -1.0])
+    with pytest.raises(Singular) as told:
+        solve_sparse(pairs, q, np.array([1.0, 1.0, 2.0, 2.0]), np.ones((4, 1)))
+    assert told.value.rows.tolist() == [0, 1]
+    alone = np.zeros((0, 2), int), np.zeros(0), np.array([0.1 + 0.2 - 0.3, 1.0]), np.ones((2, 1))
+    with pytest.raises(Singular) as told:
+        solve_sparse(*alone, size=np.array([0.6, 1.0]))
+    assert told.value.rows.tolist() == [0]
+
+
+def test_a_pivot_of_zero_is_no_singular_matrix():
+    """[[0, 1], [1, 0]] changes its two right sides, by way of an order in which no pivot is zero."""
+    ends, q, diagonal = np.array([[0, 1], [1, 2]]), np.array([1.0, 3.0]), np.array([0.0, 0.0, 1.0])
+    whole = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 3.0], [0.0, 3.0, 1.0]])
+    b = np.array([[1.0], [2.0], [4.0]])
+    assert np.abs(whole @ solve_sparse(ends, q, diagonal, b) - b).max() < 1e-14

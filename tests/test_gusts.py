@@ -149,7 +149,7 @@ def test_coherence_follows_the_direction(direction):
     wind = settings(
         speed=40.0, turbulence=0.2, direction=direction, shape_coefficient=-1.0, profile_exponent=0.0
     )
-    field = make_wind_field(ROOF, np.ones(45), np.tile([0.0, 0, 1], (45, 1)), wind)
+    field = make_wind_field(ROOF, np.tile([0.0, 0, 1], (45, 1)), wind)
     angle = math.radians(direction)
     axes = np.array(
         [[math.cos(angle), math.sin(angle), 0], [-math.sin(angle), math.cos(angle), 0], [0, 0, 1]]
@@ -170,10 +170,10 @@ def test_coherence_follows_the_direction(direction):
 def test_direction_is_a_turn_of_the_net():
     """The same gusts for a net turned with the wind; direction 0 leaves the bits of the places."""
     turned = along_wind(ROOF, 30.0)
-    area, up = np.ones(45), np.tile([0.0, 0, 1], (45, 1))
+    up = np.tile([0.0, 0, 1], (45, 1))
     wind = dict(speed=40.0, shape_coefficient=-1.0)
-    skew = make_wind_field(ROOF, area, up, settings(direction=30.0, **wind))
-    straight = make_wind_field(turned, area, up, settings(**wind))
+    skew = make_wind_field(ROOF, up, settings(direction=30.0, **wind))
+    straight = make_wind_field(turned, up, settings(**wind))
     assert np.allclose(along_wind(skew.control_point, 30.0), straight.control_point, atol=1e-12)
     assert np.allclose(skew.model.psi, straight.model.psi, atol=1e-6)  # ill-conditioned equations
     assert np.allclose(skew.weight, straight.weight, atol=1e-9)

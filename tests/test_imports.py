@@ -23,7 +23,7 @@ MAY_IMPORT = {
     "step": ["mechanics", "parallel.halo", "parallel.mpi_symbols"],
     "output": ["job", "net", "mechanics", "parallel"],
     "solve": ["job", "net", "mechanics", "wind", "parallel", "step", "output"],
-    "study": ["job", "net", "output"],
+    "study": ["job", "net", "output", "solve.memory"],
     "worker": ["__main__", "job", "parallel.agree", "solve"],
     "api": ["job", "output", "parallel.agree", "solve.run", "study.launch"],
     "exchange": ["job", "output", "api", "mechanics.material"],  # the law of an element

@@ -62,7 +62,7 @@ def wrong_values(key):
         values += ['"nonsense"', "1", "true", '""']
     if key.kind == "flag":
         values += ["1", '"yes"']
-    if key.kind == "text":
+    if key.kind in ("text", "path"):
         values += ["1", "true"] + ([] if key.name == "title" else ['""'])
     return values
 

@@ -298,7 +298,10 @@ def test_info_tells_what_happened(storm):
     [
         ("net/plan_area", []),
         ("history/identity_error", ["energies: identity_error"]),
-        ("net/node_id", ["statics: node_id", "dynamics: node_id", "fractures: node_id"]),
+        (
+            "net/node_id",
+            ["form finding: node_id", "statics: node_id", "dynamics: node_id", "fractures: node_id"],
+        ),
         ("events", ["fractures: events"]),
         ("VTKHDF", ["dynamics: a group"]),
         ("form_finding/residual_real_material", ["form finding: residual_real_material"]),

@@ -69,3 +69,27 @@ def test_the_variables_change_what_is_not_ours():
     ]
     theirs = [np.frombuffer(bytes.fromhex(text.strip())) for text in outputs]
     assert 0 < (theirs[0] != theirs[1]).sum() and np.allclose(theirs[0], theirs[1], rtol=1e-14)
+
+
+DRAWS = """
+from netfall.study.draws import METHODS, draw
+asked = [{"distribution": kind, "mean": 38.0, "deviation": 4.0} for kind in ("normal", "lognormal")]
+asked += [{"distribution": kind, "from": 1, "to": 7} for kind in ("uniform", "integer")]
+print("".join(draw(method, 1000, 5, asked).tobytes().hex() for method in METHODS))
+"""
+
+
+def test_draws_of_studies_as_on_another_processor():
+    """They are part of a study's digest: parts of it that are run on several processors belong together."""
+    here, elsewhere = (
+        subprocess.run(
+            [sys.executable, "-W", "ignore", "-c", DRAWS],
+            env=os.environ | more,
+            capture_output=True,
+            text=True,
+            cwd=ROOT,
+            check=True,
+        ).stdout
+        for more in ({}, TOGETHER)
+    )
+    assert len(here) == 16 * 4 * 3000 + 1 and here == elsewhere

@@ -21,7 +21,7 @@ from test_validation_opensees import (
 
 from netfall.errors import InputError, Interrupted
 from netfall.job.read import read_job
-from netfall.output.loss_lines import loss_lines
+from netfall.output.loss_lines import elements_of, loss_lines
 from netfall.output.progress import Progress
 from netfall.output.report import write_report
 from netfall.output.report_cables import Cutting
@@ -222,10 +222,25 @@ def test_what_is_lost_leaves_the_net_with_what_hangs_on_nothing_else(torn):
     assert all(t < gone.get(e, 1.0) for e, t in zip(torn["events/element"][:], torn["events/time"][:]))
     inner = np.intersect1d(*torn["net/elements"][:][ids == 40])  # between the two halves
     assert (torn["final/velocity"][:][inner] == 0).all()
-    assert np.isnan(torn["removal/tension_after"][:]).all()  # each loss breaks something at rest too
+    each_loss_breaks_something_at_rest_too(torn)
     extremes_are_beyond_all_rows(torn)
     assert np.abs(torn["history/identity_error"][:]).max() < 1e-12  # rounding, of fragments that whip
     assert torn["history/plastic_dissipation"][-1] > 0
+
+
+def each_loss_breaks_something_at_rest_too(torn):
+    """The tensions of that rest are given; they are beyond what the elements named bear, and only theirs."""
+    g = torn["removal"]
+    assert g["state"].asstr()[:].tolist() == ["breaks"] * 3 and np.isfinite(g["tension_after"][:]).all()
+    yield_force = 4.5e8 * 400e-6  # reached at a strain of 0.0023, below that at which they break
+    for k in range(3):
+        breaking = g["breaking_element"][:][g["breaking_entry"][:] == k]
+        at_rest = g["tension_after"][k]
+        assert len(breaking) and at_rest[breaking] == pytest.approx(yield_force, rel=1e-9)  # rounding
+        assert at_rest.max() <= yield_force * (1 + 1e-9)
+    (line, *_) = loss_lines(g, torn["events"], torn["net/element_id"][:])
+    ids = torn["net/element_id"][:][g["breaking_element"][:][g["breaking_entry"][:] == 0]]
+    assert f"something breaks there: {elements_of(ids)}; " in line
 
 
 def extremes_are_beyond_all_rows(torn):
@@ -378,6 +393,33 @@ def test_the_parts_of_an_element_are_named_once():
     assert in_words(SimpleNamespace(element_id=of_two), np.arange(4)) == "2 elements (7, 9)"
 
 
+def test_the_tensions_of_a_rest_in_which_something_breaks_are_given(workshop):
+    """One of two cables bears W / 2 and not W: its rest would be W, and lines say that it breaks there."""
+    text = CABLE.replace("density", f"fracture_strain = {0.9 * WEIGHT / EA}\ndensity")
+    whole = dynamics(PERIOD, 400, more="fragments = false\n")
+    job = workshop.job(text + whole + entry([0], 0.1), *weights(2))
+    told = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf").stdout
+    assert "the net without element 0: to" in told and "slack 0; something breaks there: element 1" in told
+    breaks = "the rest of the net would come to rest, but something breaks there: element 1"
+    assert f"element 0; {breaks}; element 1 broke then" in told
+    with workshop.open() as f:
+        g = f["removal"]
+        assert g["tension_after"][0] == pytest.approx([0.0, WEIGHT, WEIGHT / 2, WEIGHT / 2], rel=1e-9)
+        assert g["state"].asstr()[:].tolist() == ["breaks"]
+        assert g["breaking_element"][:].tolist() == [1] and g["breaking_entry"][:].tolist() == [0]
+
+
+def test_a_rise_is_told_where_the_factor_is_near_one():
+    """374 to 2416 kN: the rest is up there too, so the factor is 1.09, and the tension 6.5 times as large."""
+    rows = lambda *values: np.array([values]) * 1e3
+    removal = {"time": np.array([0.1]), "entry": np.array([0]), "element": np.array([1])}
+    removal |= {"tension_before": rows(374.0, 900.0, 5.0), "tension_highest": rows(2416.0, np.nan, 50.0)}
+    removal |= {"tension_after": rows(2247.4, 0.0, 5.0), "dynamic_factor": np.array([[1.09, np.nan, np.nan]])}
+    (line,) = loss_lines(removal, {"time": np.zeros(0), "element": np.zeros(0, int)}, np.array([7, 8, 9]))
+    assert "factors 1.09 (element 7), where" in line
+    assert line.endswith("; largest tensions over those before 6.46 times (element 7: 374 -> 2416 kN)")
+
+
 def report_tells_of_losses(folder):
     """The peak of 3/2 W governs, which the rows of the history miss; what was lost is not slack."""
     write_report(folder / "result.vtkhdf", folder / "report", None, Cutting())
@@ -395,7 +437,7 @@ def report_tells_of_losses(folder):
     )
     assert (folder / "report" / "dynamic_factors.png").stat().st_size > 20_000
     text = (folder / "report" / "summary.md").read_text()
-    assert "| 1 | e3 | 3 | 5 kN | 15 kN | 10 kN | 2 |  |" in text  # no strength, so no utilisation
+    assert "| 1 | e3 | 3 | 5 kN | 15 kN | 10 kN | 3 | 2 |  |" in text  # no strength, so no utilisation
     assert "| e2 |  | 0.1001 s |  |" in text and "- loss 1, t = 0.1001 s: element 2; the rest" in text
 
 

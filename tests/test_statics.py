@@ -86,6 +86,29 @@ def test_slack_cables_are_counted_and_carry_nothing(workshop):
     assert np.abs(N - expected).max() < 1e-5 * N.max()
 
 
+def test_a_net_that_is_slack_all_over_before_its_load_comes(workshop):
+    """300 K lengthen each cable by 3.6e-3, its prestress stretches it by 7.5e-4: at first nothing resists.
+
+    Then the cables that are taut carry the snow: forces balance at every free node, with the tensions of
+    Hooke's law at the lengths there.
+    """
+    text = '[net]\ngenerator = "saddle"\ncells = 16\n[form_finding]\nmethod = "force_density"\n' + STEEL
+    f = workshop.run(workshop.job(text + "[load]\nsnow = 500.0\ntemperature = 300.0\nsteps = 2\n"))
+    N, m = f["statics/tension"][-1], len(f["net/elements"])
+    assert f["statics/slack"][0] == m and 0 < f["statics/slack"][-1] == (N == 0).sum() < m
+    x = f["form_finding/position"][:] + f["statics/displacement"][-1]
+    a, b = f["net/elements"][:].T
+    lengths, rest = np.linalg.norm(x[b] - x[a], axis=1), 1.0036 * f["form_finding/unstressed_length"][:]
+    law = np.maximum(0.0, 1.95e11 * 683.08e-6 * (lengths / rest - 1.0))
+    assert np.abs(N - law).max() < 1e-8 * N.max()  # EA times the rounding of a length of 5 m
+    force, pull = np.zeros_like(x), (N / lengths)[:, None] * (x[b] - x[a])
+    np.add.at(force, a, pull)
+    np.add.at(force, b, -pull)
+    force[:, 2] -= 500.0 * f["net/plan_area"][:]
+    free = ~f["net/fixed"][:].astype(bool)
+    assert np.abs(force[free]).max() <= 1e-5 * N.max()  # tolerance 1e-6 of tensions, four at a node
+
+
 def test_self_weight_of_a_hanging_cable(workshop):
     """A cable hanging straight down: the support carries its whole weight, and each link what is below it."""
     n = 10

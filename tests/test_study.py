@@ -49,7 +49,7 @@ def test_scale_measures_one_and_two_ranks(workshop):
         cwd=workshop.folder,
     )
     assert done.returncode == 0, done.stderr
-    rows = list(csv.DictReader(open(workshop.folder / "out" / "job_scale.csv")))
+    rows = list(csv.DictReader((workshop.folder / "out" / "job_scale.csv").read_text().splitlines()))
     assert [(row["kind"], row["ranks"]) for row in rows] == [
         ("strong", "1"),
         ("weak", "1"),

@@ -552,7 +552,7 @@ def test_olympia_net(both_ways, compare):
     and it stays put for half a second.
     """
     f = both_ways.run(ROOT / "jobs" / "olympia.toml")
-    read = lambda name: list(csv.DictReader(open(ROOT / "jobs" / "olympia" / name)))
+    read = lambda name: list(csv.DictReader((ROOT / "jobs" / "olympia" / name).read_text().splitlines()))
     nodes, rows = read("nodes.csv"), read("elements.csv")
     number = {row["id"]: p for p, row in enumerate(nodes)}
     start, free = (

@@ -4,20 +4,20 @@ import numpy as np
 import pytest
 from conftest import ROOT, assert_same_results, run_on_standing_ranks
 
-from netfall.net.wheel import GROUPS, wheel
+from netfall.net.wheel import BRACE, GROUPS, largest_brace_force, wheel
 
 N_SPOKES, R, INNER, HEIGHT, DEPTH = 24, 50.0, 20.0, 6.0, 2.0
 H, T = 5e5, 1e4  # N
 SINE = np.sin(np.pi / N_SPOKES)
 
 
-def small(hoops=2, hoop_force=T):
-    return wheel(2 * R, 2 * INNER, HEIGHT, DEPTH, N_SPOKES, hoops, H, hoop_force)
+def small(hoops=2, hoop_force=T, brace_force=0.0):
+    return wheel(2 * R, 2 * INNER, HEIGHT, DEPTH, N_SPOKES, hoops, H, hoop_force, brace_force)
 
 
 def of(net, group):
     """The forces [N] of the elements of a group."""
-    return net.prestress[net.group == GROUPS.index(group)]
+    return net.prestress[net.group == net.group_names.index(group)]
 
 
 def residual(x, elements, N):
@@ -32,9 +32,10 @@ def residual(x, elements, N):
 
 @pytest.mark.parametrize("hoops", [0, 1, 5])
 @pytest.mark.parametrize("hoop_force", [0.0, T])
-def test_every_node_is_in_equilibrium_without_reactions(hoops, hoop_force):
+@pytest.mark.parametrize("brace_force", [0.0, 8e4])
+def test_every_node_is_in_equilibrium_without_reactions(hoops, hoop_force, brace_force):
     """Those of the supports too: the wheel carries its prestress in itself."""
-    net = small(hoops, hoop_force)
+    net = small(hoops, hoop_force, brace_force)
     rounding = 1e-13 * np.abs(net.prestress).max()  # of the sums
     assert np.abs(residual(net.x, net.elements, net.prestress)).max() < rounding
 
@@ -49,6 +50,28 @@ def test_forces_of_the_rings_by_hand():
     assert of(net, "hoop") == pytest.approx(np.full(2 * N_SPOKES, T), rel=1e-13)
     assert (of(net, "ring_truss") == 0).all() and np.ptp(of(net, "strut")) < 1e-9 * -of(net, "strut").max()
     assert (of(net, "upper") > H).all() and (of(net, "strut") < 0).all()
+
+
+def test_diagonals_take_over_from_the_rings_and_push_on_their_struts():
+    """q = D / l each: the rings lose q a, a their side, and the struts between them gain 2 q h."""
+    D, side = 8e4, 2 * INNER * SINE
+    plain, net, q = small(), small(brace_force=D), 8e4 / np.hypot(side, HEIGHT)
+    assert of(net, BRACE) == pytest.approx(np.full(2 * N_SPOKES, D), rel=1e-13)
+    for ring in ("ring_upper", "ring_lower"):
+        assert of(net, ring) == pytest.approx(of(plain, ring) - q * side, rel=1e-12)
+    push = of(plain, "strut")[0]
+    expected = np.repeat([push - 2 * q * HEIGHT, push], [N_SPOKES, 2 * N_SPOKES])
+    assert np.sort(of(net, "strut")) == pytest.approx(expected, rel=1e-12)
+    assert net.m == plain.m + 2 * N_SPOKES and plain.group_names == GROUPS
+
+
+def test_diagonals_that_leave_the_rings_slack_are_refused(workshop):
+    """From the force on at which the rings' own force density is zero, H / (2 s a), a their side."""
+    side = 2 * INNER * SINE
+    most = H / (2 * SINE * side) * np.hypot(side, HEIGHT)
+    assert largest_brace_force(2 * INNER, HEIGHT, N_SPOKES, H) == pytest.approx(most, rel=1e-14)
+    done = run_on_standing_ranks("check", workshop.job(CHECKED), "--set", f"net.brace_force={1.001 * most}")
+    assert done.returncode == 2 and f"expected less than {most:.4g} N" in done.stderr
 
 
 def test_without_hoops_it_is_a_pair_of_straight_cables():
@@ -145,6 +168,37 @@ def test_the_drift_is_carried_to_the_supports(shipped):
     area = f["net/plan_area"][:][(f["net/zone"][:] == zones.index("drift")) & ~held].sum()
     more = pull["snow"].sum() - pull["drift"].sum()
     assert more == pytest.approx(750.0 * area, abs=2 * 432 * 12.0)  # residuals of 12 N at most at each node
+
+
+def test_snow_and_drift_and_the_rest_are_stable_with_all_cables_taut(shipped):
+    """The upper layer does not turn: every equilibrium is told to be stable, and none has a slack cable.
+
+    By an eigenvalue of its own: the tangent of each case is positive definite.
+    """
+    f = shipped
+    for name in ("cases/snow", "cases/drift", "rest"):
+        assert f[name]["stable"][()] == 1 and f[name]["slack"][()] == 0, name
+    for name in ("snow", "drift"):
+        u, N = f[f"cases/{name}/displacement"][:], f[f"cases/{name}/tension"][:]
+        assert softest(f, u, N) > 1e3, name  # N/m; -1e3 in snow without diagonals
+
+
+def softest(f, u, N):
+    """Smallest eigenvalue [N/m] of the tangent of the shipped wheel under tensions N at displacements u."""
+    x, elements = f["net/particles"][:] + u, f["net/elements"][:]
+    d = x[elements[:, 1]] - x[elements[:, 0]]
+    L = np.linalg.norm(d, axis=1)
+    along = d / L[:, None]
+    q, k = N / L, f["net/axial_stiffness"][:] / f["net/unstressed_length"][:]
+    block = np.einsum("e,ei,ej->eij", k - q, along, along) + q[:, None, None] * np.eye(3)
+    K = np.zeros((len(x), 3, len(x), 3))
+    for (a, b), B in zip(elements, block):
+        K[a, :, a] += B
+        K[b, :, b] += B
+        K[a, :, b] -= B
+        K[b, :, a] -= B
+    free = ~f["net/fixed"][:].astype(bool).ravel()
+    return np.linalg.eigvalsh(K.reshape(3 * len(x), -1)[np.ix_(free, free)])[0]
 
 
 def test_it_rests_in_the_mean_wind_and_its_modes_are_about_that(shipped):

@@ -96,15 +96,16 @@ class Result:
     @property
     def nodes(self) -> Columns:
         """A row for each node of the net (n,): id, x, y, z [m] as given, fixed (n, 3), tributary_area [m2],
-        plan_area [m2], zone (its name, "": none).
+        plan_area [m2], vector_area (n, 3) [m2] (upward), zone (its name, "": none).
         """
         of = lambda name: self.file[f"net/{name}"]
         x = lambda k: lambda: of("particles")[:, k]
         names = lambda: np.append(of("zone_names").asstr()[:], "")[of("zone")[:]].astype(str)
         columns = {"id": lambda: of("node_id")[:], "x": x(0), "y": x(1), "z": x(2)}
         columns["fixed"] = lambda: of("fixed")[:].astype(bool)
-        columns |= {name: lambda name=name: of(name)[:] for name in ("tributary_area", "plan_area")}
-        units = dict.fromkeys("xyz", "[m]") | {"tributary_area": "[m2]", "plan_area": "[m2]"}
+        areas = [name for name in ("tributary_area", "plan_area", "vector_area") if name in self.file["net"]]
+        columns |= {name: lambda name=name: of(name)[:] for name in areas}
+        units = dict.fromkeys("xyz", "[m]") | dict.fromkeys(areas, "[m2]")
         return of_arrays(f"{self.path}: nodes", columns | {"zone": names}, units)
 
     @property

@@ -158,14 +158,15 @@ def before_drawing(value: np.ndarray, factor: np.ndarray) -> np.ndarray:
 
 
 def _faces(result: Result, state: State) -> dict[str, np.ndarray]:
-    """A row for each corner of each face; points that are no node by their places."""
-    start, corner, others = (
-        result.file[f"{RECORD}/{name}"][:] for name in ("face_start", "face_corner", "corners")
+    """A row for each corner of each ring of a face; points that are no node by their places."""
+    start, corner, face, others = (
+        result.file[f"{RECORD}/{name}"][:] for name in ("ring_start", "ring_corner", "ring_face", "corners")
     )
-    n = len(result.nodes["id"])
+    n, of_corner = len(result.nodes["id"]), np.repeat(np.arange(len(face)), np.diff(start))
+    hole = np.arange(len(face)) - np.searchsorted(face, face)
     is_node = corner < n
     node = np.where(is_node, state.node_id[np.where(is_node, corner, 0)].astype(object), "")
-    columns = {"face": np.repeat(np.arange(len(start) - 1), np.diff(start)), "node": node}
+    columns = {"face": face[of_corner]} | ({"ring": hole[of_corner]} if hole.any() else {}) | {"node": node}
     if not is_node.all():
         place = np.full((len(corner), 3), np.nan)
         place[~is_node] = others[corner[~is_node] - n]

@@ -9,7 +9,7 @@ CABLE = (
     between(1e-3, 1e6, "density", "kg/m3", ABSENT, "mass density; with area, or mass_per_length instead"),
     between(1.0, 1e15, "axial_stiffness", "N", ABSENT, "EA, instead of modulus"),
     between(1e-9, 1e7, "mass_per_length", "kg/m", ABSENT, "instead of density"),
-    Key("catalogue", "text", ABSENT, "", "path of a table of types, relative to the job file"),
+    Key("catalogue", "path", ABSENT, "", "path of a table of types, relative to the job file"),
     Key("type", "text", ABSENT, "", "name of a row of the catalogue, for stiffness, mass and breaking load"),
     between(-1e12, 1e12, "prestress", "N", 0.0, "axial force to form-find with, tension positive"),
     positive("yield_stress", "Pa", ABSENT, "yield stress; absent: elastic"),

@@ -53,6 +53,13 @@ DIMENSIONS = (
         "dome: of the two ridge cables at each node of the central ring, along the radius",
     ),
     not_negative("hoop_force", "N", 0.0, "wheel: tension of the hoops", high=1e12),
+    not_negative(
+        "brace_force",
+        "N",
+        0.0,
+        "wheel: tension of the crossed diagonals between the tension rings; 0: there are none",
+        high=1e12,
+    ),
 )
 GENERATOR_KEYS = {
     "saddle": ("side", "rise", "cells"),
@@ -60,7 +67,7 @@ GENERATOR_KEYS = {
     "ring": ("length", "width", "rise", "spacing"),
     "wheel": (
         *("diameter", "opening", "ring_height", "ring_depth"),
-        *("spokes", "hoops", "spoke_force", "hoop_force"),
+        *("spokes", "hoops", "spoke_force", "hoop_force", "brace_force"),
     ),
     "dome": ("diameter", "opening", "dome_height", "strut", "spokes", "hoops", "spoke_force"),
 }

@@ -10,8 +10,8 @@ ABSENT = None  # the key may be missing: the thing that it describes is then not
 class Key:
     """One key of a section.
 
-    kind : "number" | "integer" | "flag" | "text" | "name" | "choice" | "vector" | "pressure" | "points" |
-        "places" | "polygon" | "words" | "integers" | "loads"
+    kind : "number" | "integer" | "flag" | "text" | "path" | "name" | "choice" | "vector" | "pressure" |
+        "points" | "places" | "polygon" | "words" | "integers" | "loads"
     low, high : bounds of a number; low_open, high_open : the bound itself is excluded
     """
 
@@ -33,7 +33,7 @@ class Key:
             return "one of " + ", ".join(f'"{c}"' for c in self.choices)
         if self.kind == "flag":
             return "true or false"
-        if self.kind == "text":
+        if self.kind in ("text", "path"):
             return f"a text in quotes ({self.meaning})"
         if self.kind == "name":
             return f"a name in quotes, without / ({self.meaning})"

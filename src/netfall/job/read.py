@@ -3,18 +3,20 @@
 import hashlib
 import json
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from types import SimpleNamespace
 
 from netfall.errors import InputError
-from netfall.job.schema import LISTS
+from netfall.job.schema import LISTS, SECTIONS
 from netfall.job.validate import Validation
 from netfall.wind.spectra import gust_of
 
 MOST_ROWS = 2e6  # some 500 bytes each on every rank
 MOST_SAMPLES = 1e8  # 8 bytes each on every rank
 LONGEST_GUST = 24_000  # samples, for which the model of the gusts takes seconds to make
+PATHS = [(section, key.name) for section, keys in SECTIONS.items() for key in keys if key.kind == "path"]
 
 
 @dataclass(frozen=True)
@@ -44,27 +46,37 @@ class Job:
         return self.path.stem
 
     def files(self) -> list[Path]:
-        """The files that the job reads: tables of the net, of types of cable, and of the wind."""
-        tables = ("file", "points", "pressures", "taps", "sectors")
-        wind = [getattr(self.wind, name) for name in tables] if self.wind else []
-        faces = self.roof.faces if self.roof else None
-        named = [self.net.nodes, self.net.elements, faces, self.cable.catalogue, *wind]
+        """The files that the job reads, of all keys that are paths: tables of the net, of cables, of wind."""
+        named = [getattr(getattr(self, section), key, None) for section, key in PATHS]
         return [self.path.parent / name for name in named if name]
+
+    @cached_property
+    def contents(self) -> list[bytes]:
+        """Fingerprints of `files`, as they stand when they are first asked for.
+
+        Raises InputError for a file that cannot be read.
+        """
+        found = []
+        for path in self.files():
+            try:
+                found.append(hashlib.sha256(path.read_bytes()).digest())
+            except OSError as error:
+                raise InputError(
+                    f"{path}: {error.strerror or error}; paths are relative to the job file"
+                ) from None
+        return found
 
     def digest(self) -> str:
         """Fingerprint of what was asked: the job file, the values that overrides leave, the files it reads.
 
         Raises InputError for a file that cannot be read.
         """
-        kept = {name: value for name, value in vars(self).items() if name not in ("path", "overrides")}
+        # All but where the file lies, and overrides, whose values stand in the sections.
+        kept = {each.name: getattr(self, each.name) for each in fields(self)}
+        del kept["path"], kept["overrides"]
         total = hashlib.sha256(json.dumps(kept, default=vars, sort_keys=True).encode())
-        for path in self.files():
-            try:
-                total.update(hashlib.sha256(path.read_bytes()).digest())
-            except OSError as error:
-                raise InputError(
-                    f"{path}: {error.strerror or error}; paths are relative to the job file"
-                ) from None
+        for content in self.contents:
+            total.update(content)
         return total.hexdigest()
 
     def given(self) -> set[str]:

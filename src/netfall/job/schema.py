@@ -15,8 +15,8 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
     "": (Key("title", "text", "", "", "what the job is"),),
     "net": (
         choice("generator", tuple(GENERATOR_KEYS), ABSENT, "a net made from dimensions"),
-        Key("nodes", "text", ABSENT, "", "path of nodes.csv, relative to the job file"),
-        Key("elements", "text", ABSENT, "", "path of elements.csv, relative to the job file"),
+        Key("nodes", "path", ABSENT, "", "path of nodes.csv, relative to the job file"),
+        Key("elements", "path", ABSENT, "", "path of elements.csv, relative to the job file"),
         choice(
             "unit",
             ("m", "cm", "mm", "ft", "in"),
@@ -96,7 +96,14 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "groups", "words", ABSENT, "", "groups of elements whose faces carry loads and wind; absent: all"
         ),
         Key("openings", "points", (), "m", "x, y of a point in each face that is an opening"),
-        Key("faces", "text", ABSENT, "", "path of a table of the faces; absent: those of the plan"),
+        Key(
+            "lines",
+            "path",
+            ABSENT,
+            "",
+            "path of a table start, end: ids of nodes between which a face has an edge without an element",
+        ),
+        Key("faces", "path", ABSENT, "", "path of a table of the faces; absent: those of the plan"),
     ),
     "wind": WIND,
     "dynamics": (
@@ -155,6 +162,11 @@ LISTS: dict[str, tuple[Key, ...]] = {
         Key("name", "name", REQUIRED, "", "by which [wind.zone.NAME] and [load.zone.NAME] know it"),
         Key("polygon", "polygon", ABSENT, "m", "corners in plan of the start geometry, in order around it"),
         Key("groups", "words", ABSENT, "", "groups of elements whose nodes belong to it"),
+        flag(
+            "cut",
+            False,
+            "whether a polygon takes of each node's area what lies inside; false: nodes inside whole",
+        ),
     ),
     "case": (
         Key("name", "name", REQUIRED, "", "of the static case"),

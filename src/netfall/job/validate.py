@@ -137,6 +137,8 @@ class Validation:
             if zone.polygon is not None and zone.groups is not None:
                 place = f"[[zone]] {zone.name}:"
                 self.wrong(place, "polygon and groups exclude each other; keep one of the two")
+            if zone.cut and zone.polygon is None:
+                self.wrong(f"[[zone]] {zone.name}:", "cut = true: only with polygon, which cuts; remove it")
         for case in lists["cases"]:
             case.set = self._loads_of_case(case)
 

@@ -41,7 +41,7 @@ def _is_whole(value) -> bool:
 
 def fits(key: Key, value) -> bool:
     """Whether a value is what the key's row of the table allows."""
-    if key.kind == "text":
+    if key.kind in ("text", "path"):
         return isinstance(value, str) and (value != "" or key.name == "title") and "\x00" not in value
     if key.kind == "choice":
         return isinstance(value, str) and value in key.choices

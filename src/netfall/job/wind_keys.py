@@ -4,18 +4,18 @@ from netfall.job.keys import ABSENT, Key, between, count, not_negative, positive
 
 WIND: tuple[Key, ...] = (
     between(0.1, 200.0, "speed", "m/s", ABSENT, "U0, mean at 10 m above ground"),
-    Key("file", "text", ABSENT, "", "path of a table time, speed, instead of a generated wind"),
+    Key("file", "path", ABSENT, "", "path of a table time, speed, instead of a generated wind"),
     Key(
         "points",
-        "text",
+        "path",
         ABSENT,
         "",
         "path of a table name, x, y, z: where the speeds of file were measured, a column each by name",
     ),
     Key(
-        "pressures", "text", ABSENT, "N/m2", "path of a table of pressures in time at taps, instead of a wind"
+        "pressures", "path", ABSENT, "N/m2", "path of a table of pressures in time at taps, instead of a wind"
     ),
-    Key("taps", "text", ABSENT, "", "path of a table name, x, y: where the taps of pressures are"),
+    Key("taps", "path", ABSENT, "", "path of a table name, x, y: where the taps of pressures are"),
     between(-360.0, 360.0, "direction", "degrees", 0.0, "where it blows to, from x towards y"),
     Key("roughness", "number", 0.03, "", "k of the gusts; 0: no gusts", low=0.0, high=0.2),
     Key(
@@ -54,7 +54,7 @@ WIND: tuple[Key, ...] = (
     ),
     Key(
         "sectors",
-        "text",
+        "path",
         ABSENT,
         "",
         "path of a table direction, shape_coefficient and columns named as zones are, instead of "

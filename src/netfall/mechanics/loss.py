@@ -2,9 +2,15 @@
 
 An element's stiffness is gone from a step on; its mass stays with its ends. What is stored in it counts as
 dissipated, as where one is taken out at a fracture (`fracture.take_out`). Particles that held nothing but
-lost elements, and carry nothing, leave with them: they stand still where they were, without mass and load.
-Their kinetic energy counts as negative external work, as that of cladding that tears off.
+lost elements leave with them: they stand still where they were, without mass and load. Their kinetic energy
+counts as negative external work, as that of cladding that tears off.
+
+Those inside a lost cable hand over mass, momentum, loads and wind to others (`solve.handover`) before they
+leave. Mass that joins another takes one velocity with it, as in a plastic impact; what that costs of the
+kinetic energy is in the same work, which is so the difference between the kinetic energies.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,11 +36,46 @@ def leave(state: State, particles: np.ndarray) -> None:
     """Particles, local rows (k,), leave the net."""
     for p in particles.tolist():
         if state.work is not None and state.own(p):
-            state.work[p, 0] -= 0.5 * state.mass[p] * float(np.sum(state.v[p].astype(float) ** 2))
+            state.work[p, 0] -= _motion(state, p)
         state.mass[p] = 0.0
         state.v[p] = state.load[p] = 0.0
         if state.wind is not None:
             state.wind[p] = 0.0
+
+
+class Carried(NamedTuple):
+    """What particles that leave carry: mass (k,) [kg]; v [m/s], load [N], wind (or None) of (k, 3)."""
+
+    mass: np.ndarray
+    v: np.ndarray
+    load: np.ndarray
+    wind: np.ndarray | None
+
+
+def join(state: State, particles: np.ndarray, source: np.ndarray, share: np.ndarray, given: Carried) -> None:
+    """Particles, local rows (s,), take shares (s,) of what the rows `source` (s,) of those that leave carry.
+
+    Every rank that holds one of them computes the same, in the order of the rows.
+    """
+    taken = share * given.mass[source]
+    for p in dict.fromkeys(particles.tolist()):
+        here = np.flatnonzero(particles == p)
+        before, momentum = _motion(state, p), state.mass[p] * state.v[p].astype(float)
+        for k in here.tolist():
+            momentum += taken[k] * given.v[source[k]]
+            state.mass[p] += taken[k]
+            state.load[p] += share[k] * given.load[source[k]]
+            if state.wind is not None:
+                state.wind[p] += share[k] * given.wind[source[k]]
+        if state.mass[p] > 0.0:
+            state.v[p] = np.where(state.free[p], momentum / state.mass[p], 0.0)  # a support takes the rest
+        if state.work is not None and state.own(p):
+            state.work[p, 0] += _motion(state, p) - before
+
+
+def _motion(state: State, p: int) -> float:
+    """Kinetic energy [J] of a particle."""
+    return 0.5 * state.mass[p] * float(np.sum(state.v[p].astype(float) ** 2))
 
 
 def _let_go(state: State, e: int) -> None:

@@ -1,6 +1,7 @@
-"""Areas of the roof that each particle carries, and the normals that pressure and wind act along."""
+"""Areas of the roof that each particle carries; pressure and wind act by the vector ones."""
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -10,13 +11,16 @@ from netfall.functions import lengths
 from netfall.job.read import Job
 from netfall.net.faces import Faces, double_area, find_faces, no_faces, turned_triangles
 from netfall.net.given_faces import faces_are_given, given_faces
-from netfall.net.net import Net
+from netfall.net.net import Net, pair_key
+from netfall.net.parts import parts_of
 from netfall.net.plan import Plan, draw_plan, listed
+from netfall.net.shares import corner_areas, shares_of
 
 REMEDY = (
     "name in [roof] groups the groups of elements whose faces carry the roof, mend the drawing, or give in "
     "nodes.csv `area` and, for wind and for pressure along the normal, normal_x, normal_y, normal_z"
 )
+MUCH = 0.2  # of a node's area: a change that `check` tells
 PLAIN = (
     "saddle",
     "stadium",
@@ -47,14 +51,45 @@ def roof_of(job: Job, net: Net) -> Roofing:
         faces, plan = given_faces(job, net)
         notes = _notes(job, net, plan, faces, carries) if loads_the_roof(job) else []
         return Roofing(faces, _covered(plan, faces), notes)
-    plan = draw_plan(net, carries, checked=job.net.generator not in PLAIN)
+    lines = bool(job.roof and job.roof.lines)
+    plan = draw_plan(net, carries, checked=lines or job.net.generator not in PLAIN)
     if plan.errors:
         if _needs_faces(job, net):
             raise InputError([f"{job.path}: {error}; {REMEDY}" for error in plan.errors])
         return Roofing(no_faces(), 0.0, [f"the net has no faces: {error}" for error in plan.errors])
     faces = _faces_but_openings(job, net, plan)
+    loose = _unconnected(net, plan, faces)
+    if loose and _needs_faces(job, net):
+        raise InputError([f"{job.path}: {error}" for error in loose])
     notes = _notes(job, net, plan, faces, carries) if loads_the_roof(job) else []
+    notes += loose
     return Roofing(faces, _covered(plan, faces), notes)
+
+
+def _unconnected(net: Net, plan: Plan, faces: Faces) -> list[str]:
+    """A line for each ring inside a face of the plan that nothing connects to the ring around it."""
+    rings = faces.rings
+    if len(rings) == faces.count:
+        return []
+    label = parts_of(np.concatenate([net.elements, plan.segment]), len(plan.points))
+    of_ring = label[rings.corner[rings.start[:-1]]]
+    outer = rings.first_rings()[rings.face]
+    lines = []
+    for r in np.flatnonzero(of_ring != of_ring[outer]):
+        around, inside = (_ids_of_ring(net, rings, k) for k in (outer[r], r))
+        lines.append(
+            f"the face of the roof between the nodes {around} has inside it a ring with the nodes {inside} "
+            "that is connected to it by nothing, so it is not known what lies between; join the two with "
+            "elements, give the edges of panels between them in [roof] lines, or leave the ring's group out "
+            "of [roof] groups"
+        )
+    return lines
+
+
+def _ids_of_ring(net: Net, rings: Faces, r: int) -> str:
+    """Ids of the nodes of a ring, the first few of them."""
+    corner = rings.corner[rings.start[r] : rings.start[r + 1]]
+    return listed(np.sort(net.node_id[corner[corner < net.n]]))
 
 
 def _faces_but_openings(job: Job, net: Net, plan: Plan) -> Faces:
@@ -79,10 +114,12 @@ def largest_face(x: np.ndarray, net: Net, faces: Faces) -> tuple[float, float, n
     if not len(faces):
         return None
     points = np.concatenate([x, net.corners])[:, :2]
-    area = np.bincount(faces.of_corner(), 0.5 * turned_triangles(points, faces, double_area))
-    f = int(np.argmax(area))
-    ring = faces.corner[faces.start[f] : faces.start[f + 1]]
-    within = shapely.point_on_surface(shapely.Polygon(points[ring]))
+    area = np.bincount(faces.face_of_corner(), 0.5 * turned_triangles(points, faces, double_area))
+    f, rings = int(np.argmax(area)), faces.rings
+    first = rings.first_rings()
+    around = range(first[f], first[f + 1] if f + 1 < len(first) else len(rings))
+    outer, *holes = (points[rings.corner[rings.start[r] : rings.start[r + 1]]] for r in around)
+    within = shapely.point_on_surface(shapely.Polygon(outer, holes))
     return float(area[f]), float(np.median(area)), np.array([within.x, within.y])
 
 
@@ -120,6 +157,7 @@ def _notes(job: Job, net: Net, plan: Plan, faces: Faces, carries: np.ndarray) ->
             f"{len(bare)} free nodes carry no roof area: {listed(net.node_id[bare])}; "
             "`area` in nodes.csv would give it"
         )
+    notes += _idle_lines(net, plan, faces)
     rim = faces.open_rim[faces.open_rim < net.n]
     rim = rim[free[rim] & np.isnan(net.area[rim])]
     if len(rim):
@@ -131,6 +169,19 @@ def _notes(job: Job, net: Net, plan: Plan, faces: Faces, carries: np.ndarray) ->
     return notes
 
 
+def _idle_lines(net: Net, plan: Plan, faces: Faces) -> list[str]:
+    """A note on edges without an element that bound no face."""
+    rings, points = faces.rings, len(plan.points)
+    sides = np.column_stack([rings.corner, rings.corner[rings.next_corner()]])
+    lines = plan.segment[plan.element < 0]
+    loose = lines[~np.isin(pair_key(lines, points), pair_key(sides, points))]
+    loose = loose[(loose < net.n).all(1)]
+    if not len(loose):
+        return []
+    named = listed([f"{a} to {b}" for a, b in net.node_id[loose]])
+    return [f"{len(loose)} edges of the roof without an element bound no face: {named}"]
+
+
 def _covered(plan: Plan, faces: Faces) -> float:
     """Area of the faces over that of the convex outline of the plan."""
     if not len(faces):
@@ -139,54 +190,64 @@ def _covered(plan: Plan, faces: Faces) -> float:
     return float(0.5 * turned_triangles(plan.points, faces, double_area).sum() / outline.area)
 
 
-def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> tuple[np.ndarray, np.ndarray]:
-    """Area of surface (n,) and in plan (n,) [m2], both >= 0, that each particle carries at x (n, 3) [m].
+class Areas(NamedTuple):
+    """What each particle carries of the roof.
 
-    Each face is cut into triangles from its centroid to its sides; half of each goes to either end of a side.
-    Shares of points without a particle go to the rigid boundary. A given `area` is one of surface.
+    surface, plan : (n,) [m2], both >= 0; vector : (n, 3) [m2], upward: pressure p gives the force -p vector
+    """
+
+    surface: np.ndarray
+    plan: np.ndarray
+    vector: np.ndarray
+
+
+def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> Areas:
+    """The areas that particles carry at x (n, 3) [m], by the shares of the faces around (`net.shares`).
+
+    Shares of points without a particle go to the rigid boundary. A given `area` is one of surface; with a
+    given area or normal the vector is surface times unit normal, the one that is not given from the faces.
     """
     points = np.concatenate([x, net.corners])
-    surface = _shares(points, faces, lambda u, v: lengths(np.cross(u, v)))[: net.n]
-    plan = _shares(points[:, :2], faces, double_area)[: net.n]
-    given = np.isfinite(net.area)
+    shares = shares_of(points, faces)
+    at_nodes = lambda values: np.bincount(shares.node, values, len(points))[: net.n].astype(float)
+    surface, plan = at_nodes(shares.surfaces()), at_nodes(shares.plans())
+    vector = np.stack([at_nodes(values) for values in shares.vectors().T], -1)
+    of_area, of_normal = np.isfinite(net.area), np.isfinite(net.normal[:, 0])
+    given = of_area | of_normal
     if not given.any():
-        return surface, plan
-    normal = normals(x, net, faces)
+        return Areas(surface, plan, vector)
+    normal = np.where(of_normal[:, None], net.normal, unit_normals(vector))
     slope = np.where(normal.any(1), np.abs(normal[:, 2]), 1.0)
-    return np.where(given, net.area, surface), np.where(given, net.area * slope, plan)
+    surface, plan = np.where(of_area, net.area, surface), np.where(of_area, net.area * slope, plan)
+    return Areas(surface, plan, np.where(given[:, None], surface[:, None] * normal, vector))
 
 
-def _shares(points: np.ndarray, faces: Faces, double) -> np.ndarray:
-    """What each point has of the faces around it; double : as in `turned_triangles`."""
+def moved_areas(x: np.ndarray, net: Net, faces: Faces) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes whose surface differs by more than MUCH from that by triangles alone; that, and what it is [m2].
+
+    So were faces of more than four corners shared out once. The nodes that differ most come first.
+    """
+    points = np.concatenate([x, net.corners])
     if not len(faces):
-        return np.zeros(len(points))
-    half = 0.25 * np.abs(turned_triangles(points, faces, double))
-    return sum(
-        np.bincount(end, half, len(points)) for end in (faces.corner, faces.corner[faces.next_corner()])
-    )
+        return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
+    before = np.bincount(faces.corner, corner_areas(points, faces), len(points))[: net.n]
+    now = tributary_areas(x, net, faces).surface
+    change = np.where(np.isfinite(net.area), 0.0, np.abs(now - before))
+    rows = np.flatnonzero(change > MUCH * before)
+    rows = rows[np.argsort(-change[rows], kind="stable")]
+    return rows, before[rows], now[rows]
 
 
-def corner_areas(points: np.ndarray, faces: Faces) -> np.ndarray:
-    """Area of surface (c,) [m2] that each corner of each face has of it; points : (k, 3) [m]."""
-    half = 0.25 * turned_triangles(points, faces, lambda u, v: lengths(np.cross(u, v)))
-    area = half.copy()
-    area[faces.next_corner()] += half
-    return area
+def unit_normals(vector: np.ndarray) -> np.ndarray:
+    """Upward unit normals (n, 3) of vector areas (n, 3); zero where there is none."""
+    length = lengths(vector)[:, None]
+    return np.divide(vector, length, out=np.zeros_like(vector), where=length > 0)
 
 
 def normals(x: np.ndarray, net: Net, faces: Faces) -> np.ndarray:
     """Upward unit normals (n, 3) of the particles at x (n, 3) [m]; zero where a particle meets no face.
 
-    Those of the tables where they are given; else the sum of the vector areas of the faces around (Newell).
+    Those of the tables where they are given; else those of the vector areas.
     """
-    found = np.zeros((net.n, 3))
-    if len(faces):
-        points = np.concatenate([x, net.corners])
-        p, q = points[faces.corner], points[faces.corner[faces.next_corner()]]
-        of_corner = faces.of_corner()
-        vector = np.stack([np.bincount(of_corner, c, len(faces)) for c in 0.5 * np.cross(p, q).T], -1)
-        around = [np.bincount(faces.corner, vector[of_corner, k], len(points)) for k in range(3)]
-        total = np.stack(around, -1)[: net.n]
-        length = lengths(total)[:, None]
-        found = np.divide(total, length, out=found, where=length > 0)
+    found = unit_normals(tributary_areas(x, net, faces).vector)
     return np.where(np.isfinite(net.normal), net.normal, found)

@@ -11,7 +11,7 @@ from netfall.net.cables import cables_of, same_names
 from netfall.net.net import Net, subdivide
 from netfall.net.parts import parts_of
 from netfall.net.sections import set_sections, set_strengths, strength_errors, strength_notes
-from netfall.net.tables import read_tables
+from netfall.net.tables import read_lines, read_tables
 
 STEEP = ("saddle", "stadium")  # generators whose start is level inside and steep along the boundary
 MOST_ELEMENTS = 50_000_000  # some 2000 bytes each on rank 0 at set-up
@@ -28,7 +28,8 @@ def build_net(job: Job) -> Net:
             f"{job.path}: [net] subdivide = {job.net.subdivide}: gives {net.m * job.net.subdivide:.3g} "
             f"elements; at most {MOST_ELEMENTS:.0e} fit"
         )
-    _check_groups(job, net)
+    lines, notes = read_lines(job, net.node_id)
+    net.outline, net.notes = np.concatenate([net.outline, lines]), net.notes + notes
     net = subdivide(net, job.net.subdivide)
     net.cable, net.cable_names = cables_of(net, job.net.generator in STEEP)
     set_strengths(job, net)
@@ -45,7 +46,7 @@ def _from_generator(job: Job) -> Net:
         raise InputError(f"{job.path}: [net] {wrong}")
     net = generators.generate(job.net)
     given = net.prestress
-    set_sections(job, net)
+    _set_sections(job, net)
     net.prestress = net.prestress if given is None else given
     return net
 
@@ -53,11 +54,23 @@ def _from_generator(job: Job) -> Net:
 def _with_sections(job: Job) -> Net:
     """The net of the tables; what stands in their columns overrides the job's sections."""
     net, columns = read_tables(job)
-    set_sections(job, net, columns)
+    _set_sections(job, net, columns)
     return net
 
 
-def _check_groups(job: Job, net: Net) -> None:
+def _set_sections(job: Job, net: Net, columns: dict | None = None) -> None:
+    """The sections of the elements; groups that nobody has are told before what lacks for want of them."""
+    wrong = _wrong_groups(job, net)
+    try:
+        set_sections(job, net, columns)
+    except InputError as error:
+        raise InputError(wrong + error.lines) from None
+    if wrong:
+        raise InputError(wrong)
+
+
+def _wrong_groups(job: Job, net: Net) -> list[str]:
+    """A line for each section or list that names a group of which there is no element."""
     known = [name for name in net.group_names if name]
     advice = lambda name: nearest(name, known) if known else "the net has no groups"
     lines = [
@@ -70,8 +83,7 @@ def _check_groups(job: Job, net: Net) -> None:
         for name in roof_groups(job)
         if name not in known
     ]
-    if lines:
-        raise InputError(lines)
+    return lines
 
 
 def _whole_net_errors(job: Job, net: Net) -> list[str]:

@@ -1,6 +1,6 @@
 """Faces of the net in plan: the smallest closed rings (by shapely), cut where they are not plain."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
@@ -15,30 +15,63 @@ COCIRCULAR = 1e-6  # sum of two cotangents below which four corners lie on one c
 
 @dataclass(frozen=True)
 class Faces:
-    """Corner numbers of the faces, anticlockwise in plan, each seen whole from its centroid.
+    """Corner numbers of the faces' cells, anticlockwise in plan, each seen whole from its centroid.
 
-    start : (f + 1,) rows of `corner` at which each face begins
+    A face that is not seen whole, or has holes, has several cells; any other is its own.
+
+    start : (k + 1,) rows of `corner` at which each cell begins
     corner : numbers, from n on points without a particle
     open_rim : points at the edge of the faces from which an element of the roof goes on
+    face : (k,) the face of each cell, ascending; None: each is its own
+    whole : the rings of the faces, holes clockwise; None: as the cells
     """
 
     start: np.ndarray
     corner: np.ndarray
     open_rim: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    face: np.ndarray | None = None
+    whole: "Faces | None" = None
 
     def __len__(self):
         return len(self.start) - 1
 
+    @property
+    def count(self) -> int:
+        """Number of faces."""
+        return len(self) if self.face is None else int(self.face[-1]) + 1
+
+    @property
+    def rings(self) -> "Faces":
+        """The rings of the faces, each face's outer one first."""
+        return self if self.whole is None else self.whole
+
     def next_corner(self) -> np.ndarray:
-        """For each corner the row of the next one around its face."""
+        """For each corner the row of the next one around its ring."""
         after = np.arange(1, len(self.corner) + 1)
         if len(self):
             after[self.start[1:] - 1] = self.start[:-1]
         return after
 
     def of_corner(self) -> np.ndarray:
-        """For each corner the number of its face."""
+        """For each corner the number of its ring."""
         return np.repeat(np.arange(len(self)), np.diff(self.start))
+
+    def face_of_corner(self) -> np.ndarray:
+        """For each corner the number of its face."""
+        return self.of_corner() if self.face is None else self.face[self.of_corner()]
+
+    def first_rings(self) -> np.ndarray:
+        """(f,) the first ring of each face."""
+        return (
+            np.arange(len(self)) if self.face is None else np.searchsorted(self.face, np.arange(self.count))
+        )
+
+    def of_faces(self, mask: np.ndarray) -> "Faces":
+        """The rings of some faces, mask (f,), numbered anew."""
+        kept = mask if self.face is None else mask[self.face]
+        part = _selected(self, kept)
+        face = None if self.face is None else (np.cumsum(mask) - 1)[self.face[kept]]
+        return Faces(part.start, part.corner, face=face)
 
 
 def no_faces() -> Faces:
@@ -49,8 +82,8 @@ def no_faces() -> Faces:
 def find_faces(net: Net, plan: Plan | None = None, openings=()) -> Faces:
     """Faces of the net in plan: the smallest closed rings of elements and outline, less their holes.
 
-    A face that is not seen whole from its centroid, or has holes, is cut into the cells of its constrained
-    Delaunay tessellation, which are the same in whatever order nodes and elements are given.
+    A face that is not seen whole from its centroid, or has holes, has the cells of its constrained Delaunay
+    tessellation, which are the same in whatever order nodes and elements are given.
 
     openings : points (k, 2) [m] in the faces that are left out. Raises ValueError, with those in no face.
     """
@@ -63,18 +96,43 @@ def find_faces(net: Net, plan: Plan | None = None, openings=()) -> Faces:
     rings, polygon = _rings(polygons, plan.points, used)
     open_rim = _open_rim(rings, plan)
     rings, polygon = _without(rings, polygon, _open_faces(polygons, openings))
-    rings = corners_on_sides(rings, plan, net)
-    plain = (np.bincount(polygon, minlength=len(polygons)) == 1)[polygon] & _seen_whole(rings, plan.points)
-    cells = []
-    for number in np.unique(polygon[~plain]):
-        shapes = [
-            rings.corner[rings.start[r] : rings.start[r + 1]] for r in np.flatnonzero(polygon == number)
-        ]
-        cells.append(_delaunay_cells(plan.points, shapes))
+    return replace(
+        faces_of_rings(corners_on_sides(rings, plan, net), polygon, plan.points), open_rim=open_rim
+    )
+
+
+def faces_of_rings(rings: Faces, polygon: np.ndarray, points: np.ndarray) -> Faces:
+    """The faces that rings bound, those of one ring that is seen whole first.
+
+    polygon : (r,) which rings bound one face, its outer one first; points : (k, 2) [m]
+    """
+    one = np.bincount(polygon, minlength=polygon.max(initial=-1) + 1) == 1
+    plain = one[polygon] & _seen_whole(rings, points)
     kept = _selected(rings, plain)
-    sizes = np.concatenate([np.diff(part.start) for part in (kept, *cells)])
-    corner = np.concatenate([part.corner for part in (kept, *cells)])
-    return Faces(np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64), corner, open_rim)
+    if plain.all():
+        return kept
+    cut = [
+        [rings.corner[rings.start[r] : rings.start[r + 1]] for r in np.flatnonzero(polygon == number)]
+        for number in np.unique(polygon[~plain])
+    ]
+    whole = _joined(kept, [_as_rings(shapes) for shapes in cut])
+    return replace(_joined(kept, [_delaunay_cells(points, shapes) for shapes in cut]), whole=whole)
+
+
+def _as_rings(shapes: list[np.ndarray]) -> Faces:
+    """Rings of corner numbers."""
+    return Faces(np.cumsum([0, *map(len, shapes)]), np.concatenate(shapes))
+
+
+def _joined(plain: Faces, others: list[Faces]) -> Faces:
+    """The rings of faces that have one each, then of those that have several."""
+    parts = [plain, *others]
+    sizes = np.concatenate([np.diff(part.start) for part in parts])
+    face = np.concatenate(
+        [np.arange(len(plain)), np.repeat(np.arange(len(others)), list(map(len, others))) + len(plain)]
+    )
+    start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    return Faces(start, np.concatenate([part.corner for part in parts]), face=face.astype(np.int64))
 
 
 def _rings(polygons, points, used) -> tuple[Faces, np.ndarray]:
@@ -164,8 +222,17 @@ def double_area(u, v) -> np.ndarray:
     return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
 
 
-def turned_triangles(points, faces: Faces, double) -> np.ndarray:
-    """Twice the areas (c,) of the triangles from the faces' centroids to their sides, by `double`."""
+def turned_triangles(points, faces: Faces, double, weigh=None) -> np.ndarray:
+    """Twice the areas (c,) of the triangles from the faces' centroids to their sides, by `double`.
+
+    weigh : twice the areas, turned ones negative, that the centroid is the mean of; default: `double`
+    """
+    p, middle = points[faces.corner], centroids(points, faces, weigh or double)[faces.of_corner()]
+    return double(p - middle, points[faces.corner[faces.next_corner()]] - middle)
+
+
+def centroids(points, faces: Faces, double) -> np.ndarray:
+    """Centroids (k, d) of the cells, from triangles about the mean of their corners, by `double`."""
     of_corner, nxt, counts = faces.of_corner(), faces.next_corner(), np.diff(faces.start)
     mean = lambda values, weight: np.stack(
         [np.bincount(of_corner, values[:, k], len(faces)) / weight for k in range(values.shape[1])], -1
@@ -173,11 +240,9 @@ def turned_triangles(points, faces: Faces, double) -> np.ndarray:
     p = points[faces.corner]
     middle = mean(p, np.maximum(counts, 1))
     u, v = p - middle[of_corner], p[nxt] - middle[of_corner]
-    # centroid of the polygon from its triangles about the mean corner
     cross = 0.5 * double(u, v)
     area = np.bincount(of_corner, cross, len(faces))
-    centroid = middle + mean(cross[:, None] * (u + v) / 3, np.where(area == 0, 1, area))
-    return double(p - centroid[of_corner], p[nxt] - centroid[of_corner])
+    return middle + mean(cross[:, None] * (u + v) / 3, np.where(area == 0, 1, area))
 
 
 def _delaunay_cells(points, shapes: list[np.ndarray]) -> Faces:

@@ -6,7 +6,7 @@ from netfall.job.dimensions import GENERATOR_KEYS
 from netfall.net.dome import dome, wrong_dome
 from netfall.net.net import Net, pair_key
 from netfall.net.ring import SNAP, ring
-from netfall.net.wheel import wheel
+from netfall.net.wheel import largest_brace_force, wheel
 
 
 def saddle(side: float, rise: float, cells: int) -> Net:
@@ -179,7 +179,7 @@ def wrong_dimensions(net, most: int) -> str:
         "saddle": ("cells", lambda: 2.0 * net.cells**2),
         "stadium": ("spacing", lambda: net.halves * grid()),
         "ring": ("spacing", lambda: 2.0 * grid()),
-        "wheel": ("spokes", lambda: net.spokes * (4.0 * net.hoops + 10.0)),
+        "wheel": ("spokes", lambda: net.spokes * (4.0 * net.hoops + 12.0)),
         "dome": ("spokes", lambda: net.spokes * (6.0 * net.hoops + 7.0)),
     }[net.generator]
     given = f"{key} = {getattr(net, key):g}:"
@@ -194,4 +194,11 @@ def wrong_dimensions(net, most: int) -> str:
         return f"{given} expected a multiple of 4, for the supports a quarter of the ring apart"
     if net.generator in ("wheel", "dome") and not net.opening < net.diameter:
         return f"opening = {net.opening:g}: expected less than diameter = {net.diameter:g} m"
+    if net.generator == "wheel":
+        most = largest_brace_force(net.opening, net.ring_height, net.spokes, net.spoke_force)
+        if not net.brace_force < most:
+            return (
+                f"brace_force = {net.brace_force:g}: expected less than {most:.4g} N, with which the "
+                "diagonals alone would hold the radials and leave the tension rings slack"
+            )
     return wrong_dome(net) if net.generator == "dome" else ""

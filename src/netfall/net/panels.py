@@ -4,24 +4,29 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.net.areas import corner_areas
+from netfall.net.areas import Areas
 from netfall.net.faces import Faces
 from netfall.net.net import Net, pair_key
+from netfall.net.shares import shares_of
 
 
 class Panels(NamedTuple):
-    """Which panel hangs on which element, and its share of what its corners carry of the roof.
+    """Which panel hangs on which element, and what its corners carry.
 
-    element, panel : (k,) pairs; of_corner : (c,) panel, ascending; node : (c,); share : (c,), of the node
-    count : of panels
+    element, panel : (k,) pairs; of_corner : (c,) panel; node : (c,); count : of panels
+    areas : of c corners, which at a node sum up to its own
+    mass : (c,) [kg]; pressure : (c, 3) [N]; wind : (c, 3) [N s2/m2], what goes with the panel
     """
 
     element: np.ndarray
     panel: np.ndarray
     of_corner: np.ndarray
     node: np.ndarray
-    share: np.ndarray
     count: int
+    areas: Areas
+    mass: np.ndarray = None
+    pressure: np.ndarray = None
+    wind: np.ndarray = None
 
     def at(self, elements) -> np.ndarray:
         """Panels that hang on any of some elements, ascending."""
@@ -29,22 +34,22 @@ class Panels(NamedTuple):
 
 
 def panels_of(x: np.ndarray, net: Net, faces: Faces) -> Panels:
-    """The panels of a roof in the form x (n, 3) [m]; parts of a face that was cut are panels of their own."""
-    points = np.concatenate([x, net.corners])
-    area = corner_areas(points, faces)
-    total = np.bincount(faces.corner, area, len(points))
-    share = area / np.where(total > 0, total, 1.0)[faces.corner]
-    sides = pair_key(np.column_stack([faces.corner, faces.corner[faces.next_corner()]]), len(points))
+    """The panels of a roof in the form x (n, 3) [m], without what they carry."""
+    shares = shares_of(np.concatenate([x, net.corners]), faces)
+    here = shares.node < net.n
+    node, surface, vector = shares.node[here], shares.surfaces()[here], shares.vectors()[here]
+    given = np.isfinite(net.normal[node])
+    vector = np.where(given, surface[:, None] * net.normal[node], vector)
+    areas = Areas(surface, shares.plans()[here], vector)
+    return Panels(*_hung(net, faces.rings), shares.face[here], node, faces.count, areas)
+
+
+def _hung(net: Net, rings: Faces) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of an element and a panel that has it as a side."""
+    points = net.n + len(net.corners)
+    sides = pair_key(np.column_stack([rings.corner, rings.corner[rings.next_corner()]]), points)
     order = np.argsort(sides, kind="stable")
-    edge = pair_key(net.elements, len(points))
+    edge = pair_key(net.elements, points)
     first, last = (np.searchsorted(sides[order], edge, side=side) for side in ("left", "right"))
     rows = np.concatenate([order[a:b] for a, b in zip(first, last)]) if len(edge) else order[:0]
-    here = faces.corner < net.n
-    return Panels(
-        np.repeat(np.arange(net.m), last - first),
-        faces.of_corner()[rows],
-        faces.of_corner()[here],
-        faces.corner[here],
-        share[here],
-        len(faces),
-    )
+    return np.repeat(np.arange(net.m), last - first), rings.face_of_corner()[rows]

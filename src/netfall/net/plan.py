@@ -75,8 +75,8 @@ def _stacked(net, points, segment, element) -> list[str]:
         return []
     names = []
     for pair in pairs[:MOST_NAMED]:
-        own = [listed(net.element_id[net.parts * element[(segment == p).any(1)]]) for p in pair]
-        names.append(" and ".join(f"{net.node_id[p]} (elements {ids})" for p, ids in zip(pair, own)))
+        own = [_at_node(net, segment, element, p) for p in pair]
+        names.append(" and ".join(f"{_node_name(net, p)} ({words})" for p, words in zip(pair, own)))
     return [
         f"{len(pairs)} pairs of nodes lie above one another in plan, or were meant as one, "
         "so it is not known which carry the roof: "
@@ -105,9 +105,8 @@ def _cut_at_nodes(net, points, segment, element, span):
     whole[cut] = False
     chains = lambda values: np.column_stack([values[:-1], values[1:]])[same]
     notes = [
-        f"node {net.node_id[p]} lies within element {net.element_id[net.parts * element[s]]} in plan "
-        f"without being an end of it{_height_over(net, p, net.undivided()[element[s]], share)}; it counts as "
-        "a corner of the roof there"
+        f"node {_node_name(net, p)} lies within {_member(net, segment[s], element[s])} in plan without being "
+        f"an end of it{_height_over(net, p, segment[s], share)}; it counts as a corner of the roof there"
         for p, s, share in list(zip(node, row, t))[:MOST_NAMED]
     ]
     if len(node) > MOST_NAMED:
@@ -122,7 +121,8 @@ def _cut_at_nodes(net, points, segment, element, span):
 
 def _height_over(net, p: int, ends, share: float) -> str:
     """How far node p is from an element between `ends` in height, at a share of its length, in words."""
-    over = float(net.x[p, 2] - (1.0 - share) * net.x[ends[0], 2] - share * net.x[ends[1], 2])
+    z = np.append(net.x[:, 2], net.corners[:, 2])
+    over = float(z[p] - (1.0 - share) * z[ends[0]] - share * z[ends[1]])
     if abs(over) <= net.tolerance:
         return ""
     word = "above" if over > 0 else "below"
@@ -130,17 +130,43 @@ def _height_over(net, p: int, ends, share: float) -> str:
 
 
 def _crossings(net, points, segment, element) -> list[str]:
-    """Pairs of elements that cross in plan without a node."""
+    """Pairs of elements, or of edges without one, that cross in plan without a node."""
     lines = shapely.linestrings(points[segment])
     first, second = shapely.STRtree(lines).query(lines, predicate="crosses")
-    pairs = np.unique(np.sort(element[np.column_stack([first, second])], axis=1), axis=0)
+    own = np.where(element >= 0, element, len(net.elements) + np.arange(len(element)))
+    pairs, at = np.unique(np.sort(own[np.column_stack([first, second])], axis=1), axis=0, return_index=True)
     if not len(pairs):
         return []
-    named = [f"{a} and {b}" for a, b in net.element_id[net.parts * pairs[:MOST_NAMED]]]
+    name = lambda s: _member(net, segment[s], element[s]).removeprefix("element ")
+    both = (sorted(ends, key=own.__getitem__) for ends in zip(first[at], second[at]))
+    named = [" and ".join(map(name, ends)) for ends in both]
     return [
-        f"{len(pairs)} pairs of elements cross in plan without a node: {', '.join(named)}"
+        f"{len(pairs)} pairs of elements cross in plan without a node: {', '.join(named[:MOST_NAMED])}"
         + (", ..." if len(pairs) > MOST_NAMED else "")
     ]
+
+
+def _node_name(net, p: int) -> str:
+    """A point by the id of its node; of the boundary by its place."""
+    if p < net.n:
+        return str(net.node_id[p])
+    x, y, _ = net.corners[p - net.n]
+    return f"at [{x:.4g}, {y:.4g}] of the boundary"
+
+
+def _member(net, ends, e: int) -> str:
+    """An element by its id, an edge without one by its ends."""
+    if e >= 0:
+        return f"element {net.element_id[net.parts * e]}"
+    return "the line " + " to ".join(_node_name(net, p) for p in ends)
+
+
+def _at_node(net, segment, element, p: int) -> str:
+    """What of the roof is at a node, in words."""
+    here = element[(segment == p).any(1)]
+    if not (here >= 0).any():
+        return "lines of [roof] lines"
+    return f"elements {listed(net.element_id[net.parts * here[here >= 0]])}"
 
 
 def listed(ids) -> str:

@@ -23,6 +23,7 @@ from netfall.job.read import Job
 from netfall.job.table import Table
 from netfall.job.values import nearest, shown
 from netfall.net.net import Net
+from netfall.net.plan import listed
 from netfall.normal import quantile
 
 OF_TYPE = ("mass_per_length", "axial_stiffness", "breaking_load", "area")
@@ -242,8 +243,8 @@ def strength_errors(job: Job, net: Net) -> list[str]:
 
 
 def strength_notes(job: Job, net: Net) -> list[str]:
-    """Keys of the strength that change nothing."""
-    given, notes = job.given(), []
+    """Keys of the strength that change nothing, and bars whose strength may not be what was meant."""
+    given, notes = job.given(), _bars_by_inheritance(job, net) + _bars_without(net)
     scatters = bool(net.strength_deviation.any())
     if "cable.strength_seed" in given and not scatters:
         notes.append("[cable] strength_seed: no effect: strength_deviation = 0")
@@ -258,3 +259,43 @@ def strength_notes(job: Job, net: Net) -> list[str]:
     if job.cable.catalogue and not (net.type >= 0).any():
         notes.append("[cable] catalogue: no effect: no cable has a type")
     return notes
+
+
+def _bars_by_inheritance(job: Job, net: Net) -> list[str]:
+    """Bars that take a strength of [cable], which is then that of the cables."""
+    notes = []
+    for g, name in enumerate(net.group_names):
+        own = job.groups.get(name, {})
+        for key, unit in (("breaking_load", "N"), ("yield_stress", "Pa")):
+            value = getattr(job.cable, key)
+            if job.cable.kind == "bar" or own.get("kind") != "bar" or own.get(key) or value is None:
+                continue
+            given = getattr(net, key) / net.strength  # by the group's type or in rows: others
+            bare = (net.group == g) & (np.abs(given - value) <= ROUNDING * value)
+            if bare.any():
+                notes.append(
+                    f"[cable.{name}]: {_bars(net, bare)} with {key} = {value:g} {unit} from [cable], where "
+                    f"it is that of cables; give that of bars in [cable.{name}]"
+                )
+    return notes
+
+
+def _bars_without(net: Net) -> list[str]:
+    """Bars that neither yield nor break, beside elements that can break."""
+    notes, endless = [], net.bar & np.isinf(net.yield_stress) & np.isinf(net.fracture_strain)
+    if not np.isfinite(net.fracture_strain).any():
+        return notes
+    for g in np.unique(net.group[endless]):
+        name, rows = net.group_names[g], endless & (net.group == g)
+        of = f" of group {shown(name)}" if name else ""
+        notes.append(
+            f"{_bars(net, rows)}{of} without a strength, while others can break: nothing yields or breaks "
+            "there, whatever is carried; give yield_stress, breaking_load or fracture_strain"
+        )
+    return notes
+
+
+def _bars(net: Net, rows: np.ndarray) -> str:
+    """Bars by how many they are and the first few of their ids; the parts of one share its id."""
+    ids = list(dict.fromkeys(net.element_id[rows].tolist()))
+    return f"bar {ids[0]}" if len(ids) == 1 else f"{len(ids)} bars ({listed(ids)})"

@@ -1,7 +1,5 @@
 """The net of two tables, nodes and elements: columns, units, ends, and what is odd in them."""
 
-from pathlib import Path
-
 import numpy as np
 
 from netfall.errors import InputError
@@ -63,6 +61,28 @@ def read_tables(job: Job) -> tuple[Net, dict[str, np.ndarray]]:
     return net, columns
 
 
+def read_lines(job: Job, node_id: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Edges of faces without an element (k, 2), by node, of [roof] lines; notes. Raises InputError."""
+    if not (job.roof and job.roof.lines):
+        return np.zeros((0, 2), np.int64), []
+    table = Table(job.path.parent / job.roof.lines, ("start", "end"), ("start", "end"))
+    lines = _pairs(table, node_id, job.net.nodes or "the net")
+    table.finish()
+    return lines, table.notes
+
+
+def _pairs(table: Table, node_id: np.ndarray, nodes: str) -> np.ndarray:
+    """The columns start and end (m, 2) as numbers of two nodes; nodes : where these stand."""
+    rows = {number: row for row, number in reversed(list(enumerate(node_id.tolist())))}
+    ends = np.column_stack([_ends(table, k, rows, nodes) for k in ("start", "end")])
+    for row in np.flatnonzero(ends[:, 0] == ends[:, 1]):
+        if ends[row, 0] >= 0:
+            table.wrong(
+                f"{table.at(row)}: start and end are both node {node_id[ends[row, 0]]}; expected two nodes"
+            )
+    return ends
+
+
 def _node_columns(job: Job, nodes: Table) -> dict[str, np.ndarray]:
     unit = job.net.unit
     times, by = TO_METRES[unit]
@@ -101,13 +121,7 @@ def _zone_column(nodes: Table) -> dict:
 
 def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray):
     """What the net needs of the elements, their groups' names, and the columns that override sections."""
-    rows = {number: row for row, number in reversed(list(enumerate(node_id.tolist())))}
-    ends = np.column_stack([_ends(cables, k, rows, nodes.path) for k in ("start", "end")])
-    for row in np.flatnonzero(ends[:, 0] == ends[:, 1]):
-        if ends[row, 0] >= 0:
-            cables.wrong(
-                f"{cables.at(row)}: start and end are both node {node_id[ends[row, 0]]}; expected two nodes"
-            )
+    ends = _pairs(cables, node_id, nodes.path.name)
     element_id = cables.integers("id") if "id" in cables else np.arange(len(cables))
     if len(np.unique(element_id)) < len(element_id):
         values, counts = np.unique(element_id, return_counts=True)
@@ -197,13 +211,13 @@ def _normals(nodes: Table) -> np.ndarray:
     return np.divide(normal, length, out=np.full_like(normal, np.nan), where=length > 0)
 
 
-def _ends(cables: Table, name: str, rows: dict[int, int], nodes: Path) -> np.ndarray:
+def _ends(cables: Table, name: str, rows: dict[int, int], nodes: str) -> np.ndarray:
     numbers = cables.integers(name)
     ends = np.full(len(cables), -1)
     for row, number in enumerate(numbers.tolist()):
         ends[row] = rows.get(number, -1)
         if ends[row] < 0:
-            cables.wrong(f"{cables.at(row)}: {name} = {number}: no such node in {nodes.name}")
+            cables.wrong(f"{cables.at(row)}: {name} = {number}: no such node in {nodes}")
     return ends
 
 

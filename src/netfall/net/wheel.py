@@ -5,14 +5,22 @@ A spoke k at level j (0: at the opening) has the radius r_j. By equilibrium of e
 
     in plan, upper      H_(j+1) = H_j + 2 T sin(pi / n)      T the tension of a hoop, none at level 0
     in plan, lower      G_(j+1) = G_j = H_0                  H_0 the force of a spoke at the tension ring
-    upright, both       V_(j+1) = V_j + P = (j + 1) P        all struts push with the same P
+    upright, both       V_(j+1) = V_j + P = (j + 1) P        all struts push with P (see below)
     slope of a radial   V / H above, V / G below             so P follows from the height of the rings
     rings               H_0 / (2 sin(pi / n)), in compression (H + G) / (2 sin(pi / n))
+    diagonals, each q   in plan they pull as the rings do, so the rings' force density is less by q; and each
+                        strut between the rings, of the height h, pushes with 2 q h more
 
 The radials of both layers end in the one compression ring, at z = 0, which their upright parts leave alone.
 Bars have no bending stiffness, without which the ring would give way to an oval at no cost: so it is the
 inner chord of a flat ring truss, whose outer chord and web have no prestress.
+
+The layers may turn against one another about the axis, for radials hold sideways by their tension alone, and
+struts in compression push over. Snow takes tension from the upper radials: so roofs of this kind have crossed
+diagonals between the tension rings, with prestress, so that both stay taut.
 """
+
+from math import sqrt
 
 import numpy as np
 
@@ -20,12 +28,21 @@ from netfall.functions import cos, sin
 from netfall.net.net import Net
 
 GROUPS = ["ring_outer", "ring_upper", "ring_lower", "upper", "lower", "hoop", "strut", "ring_truss"]
+BRACE = "brace"
 
 
 def wheel(
-    diameter, opening, ring_height, ring_depth, spokes: int, hoops: int, spoke_force, hoop_force
+    diameter,
+    opening,
+    ring_height,
+    ring_depth,
+    spokes: int,
+    hoops: int,
+    spoke_force,
+    hoop_force,
+    brace_force=0.0,
 ) -> Net:
-    """The net with its prestress; the arguments as in the job.
+    """The net with its prestress; the arguments as in the job. Without brace_force no diagonals.
 
     The ring truss is held upright at each spoke, its inner chord also along itself at four spokes, a quarter
     apart: so it is free to shrink, as on bearings.
@@ -47,30 +64,51 @@ def wheel(
     side = lambda force, radius: force / (2.0 * radius * sine)
     around = lambda nodes: np.stack([nodes, np.roll(nodes, -1, -1)], -1)
     outwards = lambda nodes: np.stack([nodes, np.vstack([nodes[1:], outer])], -1)
-    kinds = (  # nodes (..., 2) and force density of each group, in the order of GROUPS
+    brace = brace_force / sqrt(_side(opening, spokes) ** 2 + ring_height**2)
+    push = P / (upper - lower)
+    push[0] += 2.0 * brace
+    kinds = (  # nodes (..., 2) and force density of each group, in the order of GROUPS, then the diagonals
         (around(outer), -side((H[-1] + G) / (2.0 * sine), 0.5 * diameter)),
-        (around(above[0]), side(H[0] / (2.0 * sine), r[0])),
-        (around(below[0]), side(G / (2.0 * sine), r[0])),
+        (around(above[0]), side(H[0] / (2.0 * sine), r[0]) - brace),
+        (around(below[0]), side(G / (2.0 * sine), r[0]) - brace),
         (outwards(above), (H / step)[:, None]),
         (outwards(below), (G / step)[:, None]),
         (around(above[1:]), side(hoop_force, r[1:])[:, None]),
-        (np.stack([below, above], -1), (-P / (upper - lower))[:, None]),
+        (np.stack([below, above], -1), -push[:, None]),
         (_truss(outer, chord), 0.0),
+        *([(_crossed(above[0], below[0]), brace)] if brace_force else []),
     )
     elements = np.concatenate([pairs.reshape(-1, 2) for pairs, _ in kinds])
     density = np.concatenate([np.broadcast_to(q, pairs.shape[:-1]).ravel() for pairs, q in kinds])
-    group = np.repeat(np.arange(len(GROUPS)), [pairs.size // 2 for pairs, _ in kinds])
+    group = np.repeat(np.arange(len(kinds)), [pairs.size // 2 for pairs, _ in kinds])
     order = np.lexsort((elements.max(1), elements.min(1)))
-    net = Net(x, _supports(number, spokes), elements[order], group[order], GROUPS)
+    names = [*GROUPS, BRACE][: len(kinds)]
+    net = Net(x, _supports(number, spokes), elements[order], group[order], names)
     net.prestress = density[order] * net.lengths()
     return net
 
 
 def _truss(outer, chord) -> np.ndarray:
     """(4 n, 2): the outer chord, posts, and two diagonals in each bay, beside the inner chord."""
-    beyond = lambda nodes: np.roll(nodes, -1)
-    pairs = ((chord, beyond(chord)), (outer, chord), (outer, beyond(chord)), (beyond(outer), chord))
+    sides = [np.column_stack(pair) for pair in ((chord, np.roll(chord, -1)), (outer, chord))]
+    return np.concatenate([*sides, _crossed(outer, chord)])
+
+
+def _crossed(one, other) -> np.ndarray:
+    """(2 n, 2): two diagonals in each bay between two rings of nodes."""
+    pairs = ((one, np.roll(other, -1)), (np.roll(one, -1), other))
     return np.concatenate([np.column_stack(pair) for pair in pairs])
+
+
+def _side(opening, spokes) -> float:
+    """[m] of a tension ring."""
+    return opening * sin(np.pi / spokes)
+
+
+def largest_brace_force(opening, ring_height, spokes, spoke_force) -> float:
+    """[N] of the diagonals with which they carry all that the tension rings would."""
+    side = _side(opening, spokes)
+    return spoke_force / (2.0 * sin(np.pi / spokes) * side) * sqrt(side**2 + ring_height**2)
 
 
 def profile(diameter, opening, ring_height, spokes, hoops, spoke_force, hoop_force):

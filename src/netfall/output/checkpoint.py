@@ -97,8 +97,8 @@ def write_checkpoint(
                 h5.create_dataset(f"arrays/{name}", data=values)
 
         file.close(finish, seal=True)
-    except BaseException:
-        file.discard()
+    except BaseException as error:
+        file.discard_after(error)
         raise
 
 

@@ -14,13 +14,21 @@ import h5py
 import numpy as np
 from mpi4py import MPI
 
+from netfall.errors import OutputError
 from netfall.output.place import sync, writing
+from netfall.output.room import give_back, h5_file, reserve
 from netfall.parallel.agree import on_all, on_root
 from netfall.parallel.slabs import Slabs
 
 PARALLEL = bool(h5py.get_config().mpi)
 CHUNK_BYTES = 1 << 18
 HELD_BYTES = 1 << 20  # of all ranks, that a dataset's blocks may wait for one another to be written together
+DATASET_BYTES, CHUNK_ENTRY_BYTES = (
+    1 << 13,
+    1 << 8,
+)  # at most, of HDF5's own lists: of a dataset, of each chunk
+SPARE_BYTES = 1 << 18  # of the disk, that are reserved ahead
+LEFT_OPEN: list[h5py.File | None] = []  # files that are not to be closed before the process ends
 SEAL = b"netfall-sha256:"  # behind the HDF5 file, before the digest of all that precedes
 
 
@@ -55,7 +63,24 @@ class SharedFile:
         self.writes = PARALLEL or comm.rank == 0
         self.file = None
         self._growing: dict[str, Growing] = {}
-        on_all(comm, self._open)
+        self._size = 0  # bytes of the file so far, at most
+        self._reserved = SPARE_BYTES  # of the disk, kept for it
+        on_root(comm, self._first_room)
+        try:
+            on_all(comm, self._open)
+        except OutputError:
+            LEFT_OPEN.append(self.file)
+            raise
+
+    def _first_room(self) -> None:
+        """What HDF5 writes of a file even if nothing is put into it; as much again is reserved then."""
+        try:
+            with writing(self.path):
+                self.temporary.touch()
+                reserve(self.temporary, self._reserved)
+        except OutputError:
+            self.temporary.unlink(missing_ok=True)
+            raise
 
     def _open(self):
         with writing(self.path):
@@ -66,6 +91,8 @@ class SharedFile:
             elif self.comm.rank == 0:
                 self.file = h5py.File(self.temporary, "w")
                 self._transfer = h5py.h5p.create(h5py.h5p.DATASET_XFER)
+            if self.comm.rank == 0:
+                reserve(self.temporary, self._reserved)  # opened as a new file, it has lost what it had
 
     def create(self, name: str, dtype, tail: tuple[int, ...] = (), rows: int = 1024) -> None:
         """An empty dataset that grows by rows of shape `tail`, some `rows` of them at a time."""
@@ -79,6 +106,7 @@ class SharedFile:
                 )
             else:
                 chunks = (max(1, min(rows, CHUNK_BYTES // row)),) + tail
+            self._make_room(DATASET_BYTES)
             with writing(self.path):
                 self.file.create_dataset(name, (0, *tail), maxshape=(None, *tail), chunks=chunks, dtype=dtype)
 
@@ -127,8 +155,31 @@ class SharedFile:
         kept = self._open_dataset(name)
         first = kept.rows
         kept.rows += rows
-        kept.id.set_extent((kept.rows, *kept.tail))
+        self._extend(kept)
         return first
+
+    def _extend(self, kept: Growing) -> None:
+        """Give a dataset the rows that it is to have; whole chunks of it are then on the disk."""
+        chunk = kept.id.get_create_plist().get_chunk()
+        cells = [-(-size // part) for size, part in zip((kept.rows, *kept.tail), chunk)]
+        before = [-(-size // part) for size, part in zip(kept.id.shape, chunk)]
+        more = int(np.prod(cells, dtype=np.int64)) - int(np.prod(before, dtype=np.int64))
+        chunk_bytes = int(np.prod(chunk, dtype=np.int64)) * kept.dtype.itemsize
+        self._make_room(more * (chunk_bytes + CHUNK_ENTRY_BYTES))
+        kept.id.set_extent((kept.rows, *kept.tail))
+
+    def _make_room(self, size: int) -> None:
+        """Reserve so many bytes, and some to spare, before HDF5 needs them. Raises OutputError on all."""
+        self._size += size
+        if self._size <= self._reserved:
+            return
+        self._reserved = self._size + SPARE_BYTES
+
+        def have():
+            with writing(self.path):
+                reserve(self.temporary, self._reserved)
+
+        on_root(self.comm, have) if PARALLEL else have()
 
     def write(self, name: str, block: np.ndarray, *first: int) -> None:
         """Write this rank's block into rows that `grow` has made, from the place `first` on."""
@@ -154,7 +205,7 @@ class SharedFile:
     def _write_waiting(self, kept: Growing) -> None:
         """Write the blocks that wait; those of equal size as one."""
         if kept.waiting:
-            kept.id.set_extent((kept.rows, *kept.tail))
+            self._extend(kept)
         for total, group in itertools.groupby(kept.waiting, key=lambda waits: waits[1]):
             firsts, _, places, blocks = zip(*group)
             one = (1,) * len(kept.tail)
@@ -203,7 +254,8 @@ class SharedFile:
 
         def last():
             with writing(self.path):
-                with h5py.File(self.temporary, "r+") as file:
+                give_back(self.temporary)
+                with h5_file(self.temporary, "r+") as (file, _):
                     finish(file)
                 publish(self.temporary, self.path, seal)
 
@@ -211,12 +263,17 @@ class SharedFile:
 
     def discard(self) -> None:
         """Leave nothing behind. Not collective: for the way out after an error, on the rank that saw it."""
+        LEFT_OPEN.append(self.file)  # closing it would wait for the other ranks, or write to a full disk
         self.temporary.unlink(missing_ok=True)
+
+    def discard_after(self, error: BaseException) -> None:
+        """Leave nothing behind after an error: `discard_all` if every rank has it, else `discard`."""
+        self.discard_all() if getattr(error, "on_every_rank", False) else self.discard()
 
     def discard_all(self) -> None:
         """Close without keeping anything. Collective."""
         self._growing.clear()
-        if self.writes:
+        if self.writes and self.file is not None:
             self.file.close()
         self.comm.Barrier()
         if self.comm.rank == 0:

@@ -8,7 +8,10 @@ import h5py
 import numpy as np
 
 from netfall.errors import InputError
+from netfall.functions import lengths
+from netfall.output.form_lines import form_lines
 from netfall.output.loss_lines import loss_lines
+from netfall.output.overload_lines import Carried, overload_lines, strength_of
 
 FIRST_EVENTS = 8
 ENERGIES = ("external_work", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work")
@@ -75,6 +78,7 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
             "losses": (_losses, "removal" in f),
             "energies": (_energies, "history" in f),
             "fractures": (_fractures, "history" in f),
+            "tensions": (_overloads, "events" in f and "envelope" in f),
             "time": (_seconds, True),
         }
         for name, (tell, there) in parts.items():
@@ -131,6 +135,22 @@ def _form(f, say):
         f"with the real material {g['residual_real_material'][()]:.2g}; "
         f"tensions {N.min():.4g} to {N.max():.4g} N"
     )
+    for line in lines_of_form(f):
+        say(line)
+
+
+def lines_of_form(f: h5py.File) -> list[str]:
+    """`form_lines` of a result file."""
+    net = f["net"]
+    given = f["provenance"].attrs.get("roof_area_given", 0.0)  # older versions do not tell
+    return form_lines(
+        net["particles"][:],
+        f["form_finding/position"][:],
+        ~net["fixed"][:].astype(bool).all(1),
+        net["node_id"][:],
+        float(given),
+        float(net["tributary_area"][:].sum()),
+    )
 
 
 def _statics(f, say):
@@ -183,8 +203,12 @@ def _losses(f, say):
 
 def _energies(f, say):
     h = f["history"]
-    at_end = [f"{name.replace('_', ' ')} {h[name][-1]:.4g}" for name in ENERGIES]
+    known = [name for name in ENERGIES if np.isfinite(h[name][-1])]
+    at_end = [f"{name.replace('_', ' ')} {h[name][-1]:.4g}" for name in known]
     say("energy at the end [J]: " + ", ".join(at_end))
+    if len(known) < len(ENERGIES):
+        say("audits: none, the job has [output] energy = false")
+        return
     identity, balance = (np.abs(h[name][:]).max() for name in ("identity_error", "balance_error"))
     say(
         f"audits: work identity to {identity:.1e}, physical balance to {balance:.1e} "
@@ -192,6 +216,36 @@ def _energies(f, say):
     )
     for note in balance_notes(h["time"][:], h["balance_error"][:], h["broken"][:]):
         say(note)
+
+
+def carried_in(f: h5py.File) -> Carried:
+    """What the elements of a result carried in its dynamic stage."""
+    net, envelope, drawn = f["net"], f["envelope"], f["net"].get("strength")
+    EA, ends = net["axial_stiffness"][:], net["elements"][:]
+    none, factor = np.full(len(EA), np.inf), 1.0 if drawn is None else drawn[:]
+    given = [factor * net[name][:] if name in net else none for name in ("fracture_strain", "yield_force")]
+    x = f["form_finding/position"][:] if "form_finding" in f else net["particles"][:]
+    along = x[ends[:, 1]] - x[ends[:, 0]]
+    broke = np.full(len(EA), np.nan)
+    broke[f["events/element"][:][::-1]] = f["events/time"][:][::-1]  # of two ends the first
+    return Carried(
+        ends,
+        along / lengths(along)[:, None],
+        strength_of(EA, *given),
+        envelope["tension_max"][:],
+        envelope["tension_max_time"][:],
+        broke,
+    )
+
+
+def overloads_of(f: h5py.File) -> list[str]:
+    """`overload_lines` of a result file."""
+    return overload_lines(carried_in(f), lambda e: element_name(f, e))
+
+
+def _overloads(f, say):
+    for line in overloads_of(f):
+        say(line)
 
 
 def _fractures(f, say):

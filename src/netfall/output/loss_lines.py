@@ -4,6 +4,30 @@ import numpy as np
 
 MOST_NAMED = 4  # ids of what was lost, and of the largest factors
 MUCH = 0.02  # of the largest tension: factors of what changes less are large without being telling
+RISES = 2.0  # times the tension before: from there on told beside the factor
+MOST_RISES = 2  # of these
+SOMETHING_BREAKS = "something breaks there"
+# What came of the search for the rest after a loss, the worst first, and how it is told everywhere.
+RESTS = {
+    "no_equilibrium": "no rest was found",
+    "unstable": "no rest was found, not stable",
+    "breaks": f"the rest of the net would come to rest, but {SOMETHING_BREAKS}",
+    "equilibrium": "the rest of the net comes to rest",
+}
+WITHOUT = ("no_equilibrium", "unstable")  # a rest
+
+
+def states_of_rest(removal) -> list[str]:
+    """For each entry what came of its rest, a key of RESTS; "": nothing was lost, or is not known."""
+    if "state" not in removal:  # written by an earlier version
+        return ["" if np.isnan(row).all() else "equilibrium" for row in removal["tension_after"][:]]
+    names = removal["state"]
+    return [str(name) for name in (names.asstr()[:] if hasattr(names, "asstr") else names)]
+
+
+def worst_rest(states: list[str]) -> str:
+    """The worst of some, "": none."""
+    return next((state for state in RESTS if state in states), "")
 
 
 def loss_lines(removal, events, element_id: np.ndarray) -> list[str]:
@@ -11,7 +35,7 @@ def loss_lines(removal, events, element_id: np.ndarray) -> list[str]:
 
     removal, events : datasets by name, as in the result file; element_id : (m,)
     """
-    lines, time = [], removal["time"][:]
+    lines, time, rests = [], removal["time"][:], states_of_rest(removal)
     for k in range(len(time)):
         lost = removal["element"][:][removal["entry"][:] == k]
         if not len(lost):
@@ -20,14 +44,44 @@ def loss_lines(removal, events, element_id: np.ndarray) -> list[str]:
         later = time[time > time[k]].min(initial=np.inf)
         broke = (events["time"][:] >= time[k]) & (events["time"][:] < later)
         others = np.unique(events["element"][:][broke])
-        rest = removal["tension_after"][k]
         parts = [
-            f"loss {k + 1}, t = {time[k]:.4g} s: {_elements(element_id[lost])}",
-            "no rest was found" if np.isnan(rest).all() else "the rest of the net comes to rest",
-            f"{_elements(element_id[others])} broke then" if len(others) else "nothing broke then",
+            f"loss {k + 1}, t = {time[k]:.4g} s: {elements_of(element_id[lost])}",
+            RESTS[rests[k] or "no_equilibrium"] + _torn(removal, k, element_id),
+            f"{elements_of(element_id[others])} broke then" if len(others) else "nothing broke then",
         ]
-        lines.append("; ".join(parts + _factors(telling_factor(removal, k), element_id)))
+        parts += _factors(telling_factor(removal, k), element_id) + _rises(removal, k, element_id)
+        lines.append("; ".join(parts))
     return lines
+
+
+def _torn(removal, k: int, element_id: np.ndarray) -> str:
+    """What breaks in the rest after entry k, in words."""
+    if "breaking_entry" not in removal:
+        return ""
+    rows = removal["breaking_element"][:][removal["breaking_entry"][:] == k]
+    return f": {elements_of(element_id[rows])}" if len(rows) else ""
+
+
+def rises(removal, k: int) -> np.ndarray:
+    """Largest tension after entry k over that before (m,); nan where that is next to none, or lost."""
+    before, highest = removal["tension_before"][k], removal["tension_highest"][k]
+    telling = before > MUCH * np.fmax.reduce(before, initial=0.0)
+    return np.divide(highest, before, out=np.full(len(before), np.nan), where=telling)
+
+
+def _rises(removal, k: int, element_id: np.ndarray) -> list[str]:
+    """Where tensions rise to a multiple, which a factor of 1 may hide."""
+    if "tension_highest" not in removal:
+        return []
+    rise = rises(removal, k)
+    rows = _largest_of_each(np.where(rise >= RISES, rise, np.nan), element_id)
+    kN = lambda name, e: f"{removal[name][k][e] / 1e3:.4g}"
+    named = [
+        f"{rise[e]:.3g} times (element {element_id[e]}: {kN('tension_before', e)} -> "
+        f"{kN('tension_highest', e)} kN)"
+        for e in rows[:MOST_RISES]
+    ]
+    return [f"largest tensions over those before {', '.join(named)}"] if named else []
 
 
 def telling_factor(removal, k: int) -> np.ndarray:
@@ -38,18 +92,22 @@ def telling_factor(removal, k: int) -> np.ndarray:
 
 
 def _factors(factor: np.ndarray, element_id: np.ndarray) -> list[str]:
-    rows = np.flatnonzero(~np.isnan(factor))
+    rows = _largest_of_each(factor, element_id)
     if not len(rows):
         return []
-    rows = rows[np.argsort(-factor[rows], kind="stable")]
-    rows = rows[np.sort(np.unique(element_id[rows], return_index=True)[1])][
-        :MOST_NAMED
-    ]  # the largest of each
     named = ", ".join(f"{factor[e]:.3g} (element {element_id[e]})" for e in rows)
     return [f"largest dynamic factors {named}, where the rest changes by {MUCH:.0%} of the largest tension"]
 
 
-def _elements(ids: np.ndarray) -> str:
+def _largest_of_each(values: np.ndarray, element_id: np.ndarray) -> np.ndarray:
+    """Rows of the largest values that are known, one of the parts of each element."""
+    rows = np.flatnonzero(~np.isnan(values))
+    rows = rows[np.argsort(-values[rows], kind="stable")]
+    return rows[np.sort(np.unique(element_id[rows], return_index=True)[1])][:MOST_NAMED]
+
+
+def elements_of(ids: np.ndarray) -> str:
+    """Elements by their ids, in words."""
     ids = list(dict.fromkeys(ids.tolist()))  # the parts of one that was subdivided share its id
     few = ", ".join(map(str, ids[:MOST_NAMED])) + (", ..." if len(ids) > MOST_NAMED else "")
     return f"element {few}" if len(ids) == 1 else f"{len(ids)} elements ({few})"

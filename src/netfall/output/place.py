@@ -35,6 +35,21 @@ def writing(path: Path):
         ) from error
 
 
+@contextmanager
+def whole(path: Path):
+    """A place to write to; the file there gets the name `path` at the end of the block, or goes.
+
+    Raises OutputError for what goes wrong.
+    """
+    temporary = path.with_name(f".{path.stem}.part{path.suffix}")  # its ending says what kind of file it is
+    with writing(path):
+        try:
+            yield temporary
+            os.replace(temporary, path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
 def sync(path: Path) -> None:
     """Have a file, or the names in a folder, on the disk."""
     there = os.open(path, os.O_RDONLY)

@@ -10,6 +10,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 
 from netfall.output.info import missing_name, open_result
+from netfall.output.place import whole
 from netfall.output.plot_collapse import collapse
 from netfall.output.plot_curves import displacements, energies, load_displacement, tensions, wind
 from netfall.output.plot_modes import modes
@@ -53,7 +54,8 @@ def plot_all(result: Path, folder: Path) -> tuple[list[Path], list[str]]:
                 )
                 continue
             path = folder / f"{result.stem}_{name}.png"
-            figure.savefig(path, dpi=130)
+            with whole(path) as place:
+                figure.savefig(place, dpi=130)
             plt.close(figure)
             written.append(path)
     return written, lacking

@@ -17,6 +17,7 @@ from PIL import Image
 from netfall.errors import InputError
 from netfall.output.frames import Frames
 from netfall.output.info import missing_name, open_result
+from netfall.output.place import whole
 from netfall.output.plot_collapse import view
 from netfall.output.plot_force import SLACK, ForceScale, add_by_force, add_supports, force_bars
 from netfall.output.plot_net import _space
@@ -53,12 +54,8 @@ def animate(result: Path, folder: Path, form: str | None, fps: int) -> tuple[Pat
             ) from None
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{result.stem}_collapse.{form}"
-        passing = path.with_name(f".{path.name}")  # under its own name only once it is whole
-        try:
-            (_write_mp4 if form == "mp4" else _write_gif)(film, passing, fps)
-            passing.replace(path)
-        finally:
-            passing.unlink(missing_ok=True)
+        with whole(path) as place:
+            (_write_mp4 if form == "mp4" else _write_gif)(film, place, fps)
     plt.close(film.figure)
     return path, f"{film.told(fps)}, {path.stat().st_size / 1e6:.2g} MB; {why}"
 

@@ -15,6 +15,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from netfall.net.faces import Faces
 from netfall.net.net import Net
+from netfall.output.place import whole
 from netfall.output.plot_net import _space, group_colours, named_groups
 from netfall.output.plot_style import LONGEST_TITLE
 
@@ -31,7 +32,8 @@ LOST, FOLLOWED, WIND = "#d62728", "#111111", "#0b5d7a"
 class JobNet:
     """What the picture shows, by rows of the net.
 
-    of_zone : (n,) row of zone_names, -1: none; polygons : corners in plan of the zones that have some
+    of_zone : (n,) row of zone_names, -1: none; zone_area : (z + 1,) [m2] in plan, of none last
+    polygons : corners in plan of the zones that have some
     area : (n,) [m2] in plan; normal : (n, 3) that something acts along, zero or None: nothing does
     lost, followed : elements to be removed, and of [output] elements; probes : particles
     wind : where it blows to [degrees], and what it is in words
@@ -43,6 +45,7 @@ class JobNet:
     area: np.ndarray
     zone_names: list[str]
     of_zone: np.ndarray
+    zone_area: np.ndarray
     polygons: list = field(default_factory=list)
     normal: np.ndarray | None = None
     lost: np.ndarray = ()
@@ -67,7 +70,8 @@ def draw_job(job: JobNet, path: Path) -> None:
     _legend(figure, space, 0.25)
     _legend(figure, plan, 0.77)
     figure.suptitle(_title(job, every), fontsize=10)
-    figure.savefig(path, dpi=130)
+    with whole(path) as place:
+        figure.savefig(place, dpi=130)
     plt.close(figure)
 
 
@@ -229,14 +233,14 @@ def _draw_zones(axes, job: JobNet) -> None:
         cells = PolyCollection(_cells(job), facecolors=colours, edgecolors=colours, lw=0.2, zorder=1)
         axes.add_collection(cells)
     if not names:
-        label = f"roof, {len(faces)} faces, {job.area.sum():.5g} m2 in plan"
+        label = f"roof, {faces.count} faces, {job.area.sum():.5g} m2 in plan"
         label = label if len(faces) else "no closed faces, so no roof"
         axes.add_patch(plt.Rectangle((0, 0), 0, 0, color=ROOF if len(faces) else "none", label=label))
     for k in sorted(range(-1, len(names)), key=lambda k: k < 0) if names else ():
         mine = job.of_zone == k
         if k < MOST_ZONES and mine.any():
             label = f"{f'zone {names[k]}' if k >= 0 else 'no zone'}, {int(mine.sum())} nodes"
-            label += f", {job.area[mine].sum():.4g} m2 in plan"
+            label += f", {job.zone_area[k]:.4g} m2 in plan"
             axes.add_patch(plt.Rectangle((0, 0), 0, 0, color=tints[k + 1], label=label))
     if len(names) > MOST_ZONES:
         axes.plot([], [], ls="", label=f"and {len(names) - MOST_ZONES} more zones")

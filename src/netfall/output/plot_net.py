@@ -4,6 +4,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
+from netfall.output.place import whole
+
 MOST_READ = 20_000  # elements in the picture of a net that was read
 MOST_DRAWN = 60_000  # elements in a picture; of larger nets every k-th is drawn
 MOST_NAMED = 12  # groups in a legend
@@ -73,5 +75,6 @@ def as_read(lines, group: list[str], held, marks, title: str, path) -> None:
     figure.subplots_adjust(left=0.0, right=1.0, top=0.96, bottom=0.12)
     figure.legend(loc="lower center", ncols=4, frameon=False, fontsize=8)
     figure.suptitle(f"{title}, as it was read", fontsize=10)
-    figure.savefig(path, dpi=130)
+    with whole(path) as place:
+        figure.savefig(place, dpi=130)
     plt.close(figure)

@@ -98,7 +98,11 @@ def _draw_zones(f, axes) -> None:
     axes.add_collection(squares)
     area, shown = f["net/tributary_area"][:], sorted(set(zone[zone < 0])) + list(range(len(names)))
     handles = [plt.Rectangle((0, 0), 1, 1, color=colours[k + 1]) for k in shown]
-    labels = [f"{names[k] if k >= 0 else '(none)'}: {area[zone == k].sum():.4g} m2" for k in shown]
+    own = lambda k: area[zone == k].sum()
+    if "net/zone_share" in f:
+        part = f["net/zone_share"][:]
+        own = lambda k: (area * (part[:, k] if k >= 0 else 1.0 - part.sum(1))).sum()
+    labels = [f"{names[k] if k >= 0 else '(none)'}: {own(k):.4g} m2" for k in shown]
     axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.02, 1.0), frameon=False, fontsize=8)
     axes.set_title("zones, with their area of surface", fontsize=10)
 

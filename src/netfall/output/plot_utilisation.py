@@ -9,7 +9,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm, Normalize
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from netfall.output.place import writing
+from netfall.output.info import carried_in
+from netfall.output.overload_lines import overloaded
+from netfall.output.place import whole
 from netfall.output.plot_force import MOST_DRAWN, add_supports, limits
 from netfall.output.plot_net import _space
 from netfall.output.plot_style import short_title, unit_of
@@ -52,6 +54,8 @@ def utilisation(f, envelope: Envelope, checked: Checked, path: Path) -> None:
         label = f"largest tension [{unit}]; no element has a strength; grey: only compressed"
         over = plt.get_cmap(COLOURS)(1.0)
         high = (limits(values[values > 0.0]) or (0.0, 1e-9))[1]  # not the largest: that is a fragment's
+    if "events" in f and "envelope" in f and (beyond := int(overloaded(carried_in(f)).sum())):
+        label += f"; {beyond} beyond strength after a fracture: of the step"
     _write(f, Shading(values, Normalize(0.0, high), over, "how far elements are used", label), path)
 
 
@@ -69,8 +73,8 @@ def dynamic_factors(f, factor: np.ndarray, path: Path) -> None:
 
 def _write(f, shading: Shading, path: Path) -> None:
     figure = _draw(f, shading)
-    with writing(path):
-        figure.savefig(path, dpi=130)
+    with whole(path) as place:
+        figure.savefig(place, dpi=130)
     plt.close(figure)
 
 
@@ -80,7 +84,7 @@ def _draw(f, shading: Shading):
     figure = plt.figure(figsize=(14, 6.6))
     space, plan = _space(figure, (1, 2, 1), x), figure.add_subplot(1, 2, 2)
     _add_lines(f, space.add_collection3d, Line3DCollection, x, shading)
-    drawn = _add_lines(f, plan.add_collection, LineCollection, x[:, :2], shading)
+    _add_lines(f, plan.add_collection, LineCollection, x[:, :2], shading)
     held = held_axes(f).any(1)
     size = min(4.0, 40 / len(x) ** 0.4)
     add_supports(f, space, x)
@@ -92,7 +96,7 @@ def _draw(f, shading: Shading):
     figure.subplots_adjust(left=0.02, right=0.97, top=0.94, bottom=0.2, wspace=0.22)
     most = float(np.nanmax(values)) if np.isfinite(values).any() else np.nan
     bar = figure.colorbar(
-        drawn,
+        plt.cm.ScalarMappable(shading.scale, _palette(shading)),
         cax=figure.add_axes((0.3, 0.09, 0.4, 0.028)),
         orientation="horizontal",
         extend="max" if most > shading.scale.vmax else "neither",
@@ -107,7 +111,7 @@ def _draw(f, shading: Shading):
     return figure
 
 
-def _add_lines(f, add, kind, x: np.ndarray, shading: Shading):
+def _add_lines(f, add, kind, x: np.ndarray, shading: Shading) -> None:
     """Add the elements between places x (n, 2 or 3), the largest values on top; those that have a colour.
 
     Where it is a picture of what a loss did, what was lost is dashed.
@@ -123,15 +127,11 @@ def _add_lines(f, add, kind, x: np.ndarray, shading: Shading):
         add(kind(x[elements[none[~lost]]], colors=NOTHING, linewidths=0.7, clip_on=False))
     if lost.any():
         add(kind(x[elements[none[lost]]], colors=LOST, linewidths=width, linestyles="--", clip_on=False))
-    palette = plt.get_cmap(COLOURS).with_extremes(over=shading.over)
     rows = order[known]
-    lines = kind(
-        x[elements[rows]],
-        array=values[rows],
-        cmap=palette,
-        norm=shading.scale,
-        linewidths=width,
-        clip_on=False,
-    )
-    add(lines)
-    return lines
+    if len(rows):
+        colours = dict(cmap=_palette(shading), norm=shading.scale)
+        add(kind(x[elements[rows]], array=values[rows], linewidths=width, clip_on=False, **colours))
+
+
+def _palette(shading: Shading):
+    return plt.get_cmap(COLOURS).with_extremes(over=shading.over)

@@ -14,7 +14,7 @@ import numpy as np
 from netfall.errors import InputError
 from netfall.output.codes import check_groups, read_codes
 from netfall.output.info import missing_name, open_result
-from netfall.output.place import writing
+from netfall.output.place import whole
 from netfall.output.plot_utilisation import dynamic_factors, utilisation
 from netfall.output.reactions import reaction_columns
 from netfall.output.report_cables import (
@@ -60,8 +60,8 @@ def write_report(result: Path, folder: Path, codes: Path | None, cutting: Cuttin
             _check_ours(folder / name, columns)
         contents = {"summary.md": text} | {name: csv_text(columns) for name, columns in tables.items()}
         for name, content in contents.items():
-            with writing(folder / name):
-                (folder / name).write_text(content, encoding="utf-8")
+            with whole(folder / name) as place:
+                place.write_text(content, encoding="utf-8")
         utilisation(f, envelope, checked, folder / "utilisation.png")
         pictures = ["utilisation.png"]
         if "removal" in f:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.output.info import provenance_text, title_of
-from netfall.output.loss_lines import loss_lines, telling_factor
+from netfall.output.info import lines_of_form, overloads_of, provenance_text, title_of
+from netfall.output.loss_lines import loss_lines, rises, telling_factor
 from netfall.output.report_cables import Checked, Cutting
 from netfall.output.report_losses import worst_after
 from netfall.output.report_stages import Envelope
@@ -66,11 +66,15 @@ def _what_ran(f, result: Path) -> list[str]:
     ]
     if overrides:
         lines.append("With " + ", ".join(f"`{line}`" for line in overrides.split("\n")) + ".")
+    if "form_finding" in f:
+        lines += [line[0].upper() + line[1:] + "." for line in lines_of_form(f)]
     if "events" in f and len(f["events/element"]):
         broken = len(np.unique(f["events/element"][:]))
         lines.append(f"{broken} elements broke, the first at t = {f['events/time'][0]:.4g} s.")
     if "history" in f:
         lines.append(f"Largest error of the physical balance: {_worst_balance(f)}.")
+    if "events" in f and "envelope" in f:
+        lines += [line[0].upper() + line[1:] + "." for line in overloads_of(f)]
     return lines
 
 
@@ -182,12 +186,13 @@ def _losses(f, checked: Checked) -> list[str]:
     resistance, rows = checked.resistance[check], []
     for k, e in worst_after(f, resistance, WORST):
         N = {name: g[f"tension_{name}"][k, e] for name in ("before", "highest", "after")}
-        numbers = [telling_factor(g, k)[e], N["highest"] / resistance[e]]
+        numbers = [rises(g, k)[e], telling_factor(g, k)[e], N["highest"] / resistance[e]]
         told = [f"{value:.3g}" if np.isfinite(value) else "" for value in numbers]
         rows.append([k + 1, names[cable[e]], ids[e], *map(force, N.values()), *told])
     if not rows:
         return lines
-    header = ["loss", "cable", "element", "before", "largest", "at rest afterwards", "dynamic factor", check]
+    header = ["loss", "cable", "element", "before", "largest", "at rest afterwards", "largest / before"]
+    header += ["dynamic factor", check]
     return [
         *lines,
         "",

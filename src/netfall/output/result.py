@@ -8,8 +8,10 @@ import h5py
 import numpy as np
 from mpi4py import MPI
 
+from netfall.errors import OutputError
 from netfall.mechanics.events import EventLog
 from netfall.mechanics.state import State
+from netfall.net.areas import Areas
 from netfall.net.net import Net
 from netfall.net.zones import Zones
 from netfall.output.h5 import SharedFile
@@ -38,7 +40,11 @@ class Result:
         self.file = SharedFile(comm, path)
         self.segments: list[Path] = []  # whole parts of the file so far, if there are checkpoints
         self.token = comm.bcast(secrets.token_hex(4))  # keeps this run's segments apart from another's
-        self.series = VtkSeries(self.file, distribution.n, distribution.m)
+        try:
+            self.series = VtkSeries(self.file, distribution.n, distribution.m)
+        except OutputError as error:
+            self.file.discard_after(error)
+            raise
         self.log = log
         self._drawn_events = -1  # fractures and losses that the mesh written last shows
         self.losses = 0  # so far, in which elements left the net
@@ -60,7 +66,7 @@ class Result:
 
     def _begin_segment(self, rows: dict[str, int]) -> None:
         self.file = SharedFile(self.comm, self.path, rows)
-        self.series.continue_in(self.file)
+        self.series.continue_in(self.file)  # if there is no room, the run discards the file
 
     def record(self) -> dict:
         """What a continuation needs, for `restore`."""
@@ -186,6 +192,13 @@ class Result:
 
     # --- the end
 
+    def discard_after(self, error: OutputError, saved: bool) -> None:
+        """Leave nothing behind that no checkpoint needs. saved : whether there is one"""
+        self.file.discard_after(error)
+        if self.comm.rank == 0 and not saved:
+            for segment in self.segments:
+                segment.unlink(missing_ok=True)
+
     def close(self, sections: dict[str, dict], units: dict[str, str], provenance: dict, phases: dict) -> None:
         """Write what is small and give the file its name.
 
@@ -224,26 +237,30 @@ def _write_provenance(group, values, phases):
         timings.attrs[name] = seconds  # least, mean and largest of the ranks
 
 
-def net_section(
-    net: Net, area: np.ndarray, plan_area: np.ndarray, zones: Zones, cut_length: np.ndarray
-) -> dict[str, np.ndarray]:
+def net_section(net: Net, areas: Areas, zones: Zones, cut_length: np.ndarray) -> dict[str, np.ndarray]:
     """The datasets of /net. cut_length : (m,) [m], unstressed, at the temperature of form finding"""
-    return _strength_section(net) | {
-        "particles": net.x,
-        "elements": net.elements,
-        "fixed": net.fixed.astype(np.uint8),
-        "group": net.group.astype(np.int32),
-        "group_names": np.array(net.group_names, h5py.string_dtype()),
-        "tributary_area": area,
-        "plan_area": plan_area,
-        "node_id": net.node_id,
-        "element_id": net.element_id,
-        "unstressed_length": cut_length,
-        "cable": net.cable.astype(np.int32),
-        "cable_names": np.array(net.cable_names, h5py.string_dtype()),
-        "zone": zones.of_node.astype(np.int32),
-        "zone_names": np.array(zones.names, h5py.string_dtype()),
-    }
+    shared = {} if zones.share is None else {"zone_share": zones.shares()}
+    return (
+        _strength_section(net)
+        | shared
+        | {
+            "particles": net.x,
+            "elements": net.elements,
+            "fixed": net.fixed.astype(np.uint8),
+            "group": net.group.astype(np.int32),
+            "group_names": np.array(net.group_names, h5py.string_dtype()),
+            "tributary_area": areas.surface,
+            "plan_area": areas.plan,
+            "vector_area": areas.vector,
+            "node_id": net.node_id,
+            "element_id": net.element_id,
+            "unstressed_length": cut_length,
+            "cable": net.cable.astype(np.int32),
+            "cable_names": np.array(net.cable_names, h5py.string_dtype()),
+            "zone": zones.of_node.astype(np.int32),
+            "zone_names": np.array(zones.names, h5py.string_dtype()),
+        }
+    )
 
 
 def _strength_section(net: Net) -> dict[str, np.ndarray]:

@@ -9,12 +9,16 @@ import numpy as np
 from netfall.errors import InputError
 from netfall.output.h5 import publish
 from netfall.output.place import writing
+from netfall.output.room import h5_file
 
 COPY_BYTES = 1 << 26  # held at once while segments are joined
 
 
-def append_rows(source: h5py.File, target: h5py.File, limit: dict[str, int] | None = None) -> None:
-    """Append the rows of every dataset of one file to the other's, up to `limit` rows of it where given."""
+def append_rows(source: h5py.File, target: h5py.File, check, limit: dict[str, int] | None = None) -> None:
+    """Append the rows of every dataset of one file to the other's, up to `limit` rows of it where given.
+
+    check : of the target, as of `h5_file`
+    """
 
     def copy(name, item):
         if not isinstance(item, h5py.Dataset) or (limit is not None and name not in limit):
@@ -36,6 +40,7 @@ def append_rows(source: h5py.File, target: h5py.File, limit: dict[str, int] | No
         for begin in range(0, rows, slab):
             end = min(begin + slab, rows)
             out[first + begin : first + end] = item[begin:end]
+            check()
 
     source.visititems(copy)
 
@@ -43,10 +48,10 @@ def append_rows(source: h5py.File, target: h5py.File, limit: dict[str, int] | No
 def join_segments(segments: list[Path], temporary: Path, path: Path, finish) -> None:
     """The result file from its segments and the small datasets; the segments are then removed. Rank 0."""
     with writing(path):
-        with h5py.File(temporary, "w") as file:
+        with h5_file(temporary, "w") as (file, check):
             for segment in segments:
                 with h5py.File(segment, "r") as part:
-                    append_rows(part, file)
+                    append_rows(part, file, check)
             finish(file)
         publish(temporary, path)
     for segment in segments_of(path):
@@ -75,8 +80,8 @@ def find_segments(
         try:
             with h5py.File(result, "r") as file:
                 if file["provenance"].attrs["job_digest"] == digest:
-                    with h5py.File(target, "w") as part:
-                        append_rows(file, part, rows)
+                    with h5_file(target, "w") as (part, check):
+                        append_rows(file, part, check, rows)
                     return [target]
         except (OSError, KeyError):
             continue

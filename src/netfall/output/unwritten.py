@@ -12,4 +12,4 @@ class Unwritten:
         pass
 
     write_frame = write_static_step = write_equilibrium = write_whole = _nothing
-    write_envelope = write_final = close = discard = discard_all = _nothing
+    write_envelope = write_final = close = discard = discard_all = discard_after = _nothing

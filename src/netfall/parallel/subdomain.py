@@ -163,6 +163,15 @@ def apart(order: np.ndarray, ends: np.ndarray) -> int:
     return int(np.abs(np.diff(row[ends])).sum())
 
 
+def rows_of(gid: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Rows of the wanted numbers (k,) among gid (n,), which stand in any order; -1: not there."""
+    if not len(gid):
+        return np.full(len(wanted), -1)
+    order = np.argsort(gid, kind="stable")
+    row = order[np.minimum(np.searchsorted(gid, wanted, sorter=order), len(gid) - 1)]
+    return np.where(gid[row] == wanted, row, -1)
+
+
 class Distribution:
     """The subdomains of a net on the ranks of a communicator. Rank 0 knows all, the others their own."""
 
@@ -190,6 +199,18 @@ class Distribution:
         if self._subdomains is None:
             return None
         return [each.particle_gid[: each.n_owned] for each in self._subdomains]
+
+    def from_owners(self, gid: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Rows (k, ...) of a few particles gid (k,), on every rank, from the rank that owns each. Collective.
+
+        rows : (n_owned or more, ...) of this rank
+        """
+        row = rows_of(self.subdomain.particle_gid[: self.subdomain.n_owned], gid)
+        found = np.zeros((len(gid), *rows.shape[1:]))
+        found[row >= 0] = rows[row[row >= 0]]
+        found += 0.0  # no negative zeros, which the sum with other ranks' zeros would not keep
+        self.comm.Allreduce(MPI.IN_PLACE, found, MPI.SUM)
+        return found
 
     def gather_particles(self, rows: np.ndarray) -> np.ndarray | None:
         """Global array (n, ...) on rank 0 of the ranks' owned rows. Collective."""

@@ -19,6 +19,7 @@ MOST_LEVELS = 20
 MERGED = 0.7  # of a level's particles, in aggregates, at most: else it is the last one
 POWERS = 15  # iterations for the largest eigenvalue of a coarse level
 SAFE = 1.1  # on that
+TOP_OF_NET = 2.0  # bounds the first level: an element's stiffness is at most twice its share of the diagonal
 TINY = 1e-9  # of a block's trace, added to it: what nothing holds would make it singular
 
 
@@ -45,8 +46,7 @@ def levels_of(matrix: BlockRows) -> Iterator[Level]:
     """
     for k in range(MOST_LEVELS):
         inverse = inverse_diagonal(matrix)
-        # An element's stiffness is at most twice its share of the diagonal blocks, so 2 bounds a net's.
-        level = Level(matrix, inverse, largest_eigenvalue(matrix, inverse) if k else 2.0)
+        level = Level(matrix, inverse, largest_eigenvalue(matrix, inverse) if k else TOP_OF_NET)
         number, count = (None, 0) if matrix.rows.n <= COARSEST or k == MOST_LEVELS - 1 else aggregates(matrix)
         if not 0 < count < MERGED * matrix.rows.n:
             yield level
@@ -161,6 +161,8 @@ def largest_eigenvalue(matrix: BlockRows, inverse: np.ndarray) -> float:
     for _ in range(POWERS):
         w = np.add.reduce(inverse * matrix.times_vector(v)[:, None], axis=2)
         new, old = exact_sums(matrix.comm, (w * w).ravel(), (v * v).ravel())
+        if new == 0.0:  # all is slack, and nothing resists: any bound will do
+            return TOP_OF_NET
         value = math.sqrt(new / old)
         v = w / value
     return SAFE * value

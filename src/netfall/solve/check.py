@@ -1,14 +1,16 @@
 """What `netfall check` tells of a job before it is run: sizes, step limits, memory, expected run time."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from mpi4py import MPI
 
 from netfall.job.read import Job
 from netfall.mechanics.fields import FIELDS
-from netfall.net.areas import largest_face
+from netfall.net.areas import MUCH, largest_face, moved_areas
 from netfall.net.build import build_net
+from netfall.net.plan import listed
 from netfall.solve.check_picture import draw_check
 from netfall.solve.memory import Memory
 from netfall.solve.model import Model, make_model
@@ -17,6 +19,7 @@ from netfall.solve.report import (
     features,
     form_line,
     limit_line,
+    moved_lines,
     net_line,
     remarks_of,
     stages,
@@ -49,7 +52,7 @@ def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) 
             f"note: more than {LARGEST_FORM} elements: the form is not found here; "
             "figures are those of the start geometry"
         )
-        short = Job(**{**vars(job), "form_finding": None})
+        short = replace(job, form_finding=None)
     memory = Memory(1)
     if folder:
         say(f"picture: {draw_check(job, make_model(short, 1, memory), folder)}")
@@ -59,6 +62,8 @@ def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) 
     _describe_net(setup, say)
     if setup.form:
         say(form_line(setup))
+        for line in moved_lines(setup.model):
+            say(line)
     elif starts_moving(job, setup):
         say(start_note(setup))
     say("stages: " + ", ".join(stages(job)))
@@ -88,6 +93,7 @@ def _describe_net(setup: Setup, say) -> None:
         f"closed faces cover {model.roofing.covered:.1%} of the net's outline in plan (its convex hull)"
     )
     _describe_largest_face(model, say)
+    _describe_sharing(model, say)
     for note in model.notes():
         say(f"note: {note}")
 
@@ -99,6 +105,18 @@ def _describe_largest_face(model: Model, say) -> None:
         say(
             f"largest face: {area:.4g} m2 in plan around [{x:.4g}, {y:.4g}], the usual one has {usual:.4g} "
             f"m2; if it is an opening, leave it out with [roof] openings = [[{x:.4g}, {y:.4g}]]"
+        )
+
+
+def _describe_sharing(model: Model, say) -> None:
+    """Nodes whose areas are others than those of earlier versions, which knew no nearest corner."""
+    rows, before, now = moved_areas(model.x, model.net, model.roofing.faces)
+    if len(rows):
+        named = [f"node {model.net.node_id[p]} {b:.4g} -> {a:.4g} m2" for p, b, a in zip(rows, before, now)]
+        say(
+            f"areas: faces of more than four corners are shared by nearest corner; from the triangles about "
+            f"their centroids, as in earlier versions, {len(rows)} nodes differ by more than {MUCH:.0%} of "
+            f"their area: {listed(named)}"
         )
 
 

@@ -15,14 +15,16 @@ def draw_check(job: Job, model: Model, folder: Path) -> Path:
     from netfall.output.plot_job import JobNet, draw_job
 
     net, faces = model.net, model.roofing.faces
+    zones, plan = model.zones, tributary_areas(net.x, net, faces).plan
     rows = lambda parts: np.unique(np.concatenate([np.zeros(0, np.int64), *parts]))
     shown = JobNet(
         job.title or job.name,
         net,
         faces,
-        tributary_areas(net.x, net, faces)[1],
-        model.zones.names,
-        model.zones.of_node,
+        plan,
+        zones.names,
+        zones.of_node,
+        np.array([(plan * zones.of_zone(k)).sum() for k in (*range(len(zones.names)), -1)]),
         [zone.polygon for zone in job.zones if zone.polygon is not None],
         normals(net.x, net, faces) if along_normals(job) else None,
         rows(model.lost),

@@ -14,13 +14,14 @@ from netfall.compile import kernel
 from netfall.errors import DivergedError, InputError
 from netfall.mechanics.elements import add_tensions
 from netfall.net.net import Net
+from netfall.net.plan import listed
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
 from netfall.solve.large_form import large_form
 from netfall.solve.relaxation import Net as RelaxedNet
 from netfall.solve.relaxation import Relaxation, geometric_stiffness, largest_force, largest_residual, relax
-from netfall.solve.sparse import solve_sparse
+from netfall.solve.sparse import Singular, solve_sparse
 from netfall.stop import NEVER, StopRequest
 
 
@@ -59,10 +60,11 @@ def force_density_form(net: Net) -> np.ndarray:
     Raises InputError where the system is singular: the densities then define no shape.
     """
     q = np.where(np.isfinite(net.force_density), net.force_density, net.prestress / net.lengths())
-    total = np.zeros(net.n)
+    total, size = np.zeros((2, net.n))
     pull = np.zeros((net.n, 3))  # of the held ends
     for end in range(2):
         np.add.at(total, net.elements[:, end], q)
+        np.add.at(size, net.elements[:, end], np.abs(q))
     x = net.x.copy()
     for axes in _held_alike(net):
         held = net.held[:, axes[0]]
@@ -71,8 +73,12 @@ def force_density_form(net: Net) -> np.ndarray:
             there = net.elements[:, 1 - end]
             np.add.at(pull, net.elements[:, end], np.where(held[there], q, 0.0)[:, None] * net.x[there])
         within = ~held[net.elements].any(1)
-        found = solve_sparse(place[net.elements[within]], -q[within], total[free], pull[free][:, axes])
-        x[np.ix_(free, axes)] = np.nan if found is None else found
+        try:
+            sides = total[free], pull[free][:, axes], size[free]
+            found = solve_sparse(place[net.elements[within]], -q[within], *sides)
+        except Singular as error:
+            raise _not_held(net, free[error.rows], axes) from None
+        x[np.ix_(free, axes)] = found
         pull[:] = 0.0
     if not np.isfinite(x).all():
         p = int(np.flatnonzero(~np.isfinite(x).all(1))[0])
@@ -81,6 +87,18 @@ def force_density_form(net: Net) -> np.ndarray:
             "give force densities (or prestress) that hold every free node"
         )
     return x
+
+
+def _not_held(net: Net, rows: np.ndarray, axes: list[int]) -> InputError:
+    """That the nodes in these rows have no place along these axes: a singular matrix of force densities."""
+    ids = net.node_id[rows]
+    one, along = len(ids) == 1, " and ".join("xyz"[axis] for axis in axes)
+    nodes = f"node {ids[0]}" if one else f"{len(ids)} nodes ({listed(ids)})"
+    return InputError(
+        f"form finding by force density has no solution: the force densities do not hold {nodes} along "
+        f"{along}, which could stand anywhere; hold {'it' if one else 'one of them'}, join "
+        f"{'it' if one else 'them'} to supports, or give force densities (or prestress) that do not cancel"
+    )
 
 
 def _held_alike(net: Net) -> list[list[int]]:

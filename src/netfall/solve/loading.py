@@ -16,11 +16,11 @@ from netfall.net.zones import Zones
 
 @dataclass(frozen=True)
 class Roof:
-    """What loads act on: area of surface and in plan (n,) [m2], upward normals (n, 3), zones."""
+    """What loads act on: area of surface and in plan (n,) [m2], vector area (n, 3) [m2], upward, zones."""
 
     area: np.ndarray
     plan_area: np.ndarray
-    normal: np.ndarray
+    vector: np.ndarray
     zones: Zones
 
 
@@ -46,10 +46,16 @@ def loading_of(job: Job, roof: Roof, own: np.ndarray, nodes: np.ndarray) -> Load
         permanent[:, 2] -= GRAVITY * own
     dead = roof.zones.spread(load, "dead") * roof.area
     permanent[:, 2] -= dead
-    carried = dead / GRAVITY + roof.zones.spread(load, "snow") * roof.plan_area / GRAVITY
+    carried = carried_mass(load, roof)
     if grows(job):
         return Loading(permanent, nodes + snow_load(load, roof), pressure_load(load, roof), carried)
     return Loading(permanent, live_load(load, roof, nodes), None, carried)
+
+
+def carried_mass(load: SimpleNamespace, roof: Roof) -> np.ndarray:
+    """Mass of dead load and snow, (n,) [kg]."""
+    dead = roof.zones.spread(load, "dead") * roof.area
+    return dead / GRAVITY + roof.zones.spread(load, "snow") * roof.plan_area / GRAVITY
 
 
 def live_load(load: SimpleNamespace, roof: Roof, nodes: np.ndarray) -> np.ndarray:
@@ -72,18 +78,22 @@ def of_case(load: SimpleNamespace, case: SimpleNamespace) -> SimpleNamespace:
 
 def snow_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
     """Weight of the snow, (n, 3) [N], on the area in plan."""
-    force = np.zeros_like(roof.normal)
+    force = np.zeros_like(roof.vector)
     force[:, 2] -= roof.zones.spread(load, "snow") * roof.plan_area
     return force
 
 
 def pressure_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
-    """Force of the pressure, (n, 3) [N]: a number acts against the upward normal, three along the axes."""
-    force = np.zeros_like(roof.normal)
+    """Force of the pressure, (n, 3) [N].
+
+    A number acts against the vector areas, whose sum is exact; three along the axes act on the surface.
+    """
+    force = np.zeros_like(roof.vector)
     for value, here in roof.zones.parts(load, "pressure"):
         if value is not None:
-            along = -value * roof.normal if isinstance(value, int | float) else np.array(value)[None]
-            force += np.where(here, roof.area, 0.0)[:, None] * along
+            along = isinstance(value, int | float)
+            each = -value * roof.vector if along else roof.area[:, None] * np.array(value)
+            force += here[:, None] * each
     return force
 
 

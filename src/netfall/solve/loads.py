@@ -5,6 +5,8 @@ A load that varies is anything with
     follows
     advance(step, step_at)    moves on to those around a step, which are due later than it; collective
     write(state, start, end)  puts its values at two times between these samples into the state
+    hand_over(handed, distribution)   gives what acts on particles that leave to others (`handover`);
+    collective
 Loads that are linear in time add to `load_before` and `load_after`; the wind has fields of its own.
 """
 
@@ -16,7 +18,8 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.mechanics.state import State
-from netfall.parallel.subdomain import Distribution
+from netfall.parallel.subdomain import Distribution, rows_of
+from netfall.solve.handover import HandOver
 from netfall.wind.field import WindField, particle_speeds
 
 CHUNK = 64  # samples of the history that rank 0 sends at once
@@ -58,6 +61,11 @@ class VaryingLoads:
             load.advance(step, step_at)
         self._set(state)
 
+    def hand_over(self, handed: HandOver, distribution: Distribution) -> None:
+        """Give what acts on particles that leave to others; `renew` is due after it. Collective."""
+        for load in self.loads:
+            load.hand_over(handed, distribution)
+
     def renew(self, state: State) -> None:
         """The samples anew, after one of the loads has changed."""
         self._set(state)
@@ -70,6 +78,11 @@ class GrowingLoad:
         """force : (owned and halo, 3) [N] at the end of the ramp [s]"""
         self.force, self.ramp = force, ramp
         self.before, self.after = 0.0, ramp
+
+    def hand_over(self, handed: HandOver, distribution: Distribution) -> None:
+        """Of particles that leave to others. Collective."""
+        given = handed.given(distribution, self.force)
+        handed.move(self.force, distribution.subdomain.particle_gid, given)
 
     def advance(self, step: int, step_at: Callable[[float], int]) -> None:
         """Past the ramp, if the step is."""
@@ -84,22 +97,45 @@ class GrowingLoad:
 
 
 class FadingLoad:
-    """The tension of elements that were lost: along the lines that they had, it falls linearly to zero."""
+    """The tension of elements that were lost: along the lines that they had, it falls linearly to zero.
 
-    def __init__(self, element_gid: np.ndarray, duration: float):
-        """element_gid : (m,) global numbers of the rank's elements; duration : [s]"""
-        self.element_gid, self.duration = element_gid, duration
+    What of it acts on particles inside a lost cable acts on those that take over what these carry. So the two
+    ends of what is lost are pulled against each other, and as strongly as before while nothing has faded.
+    """
+
+    def __init__(self, particle_gid: np.ndarray, duration: float):
+        """particle_gid : (n,) global numbers of the rank's particles; duration : [s]"""
+        self.particle_gid, self.duration = particle_gid, duration
         self.before, self.after, self.zero = 0.0, math.inf, math.inf
 
-    def begin(self, time: float, elements: np.ndarray, force: np.ndarray) -> None:
+    def begin(self, time: float, ends: np.ndarray, force: np.ndarray) -> None:
         """Elements are lost at a time [s].
 
-        elements : (k,) global numbers, ascending; force : (k, 3) [N] on the start of each, against its end
+        ends : (k, 2) particles; force : (k, 3) [N] on the start of each, against its end
         """
         self.before = time
         self.after = self.zero = time + self.duration  # when nothing is left
-        self.all_forces, here = force, np.isin(elements, self.element_gid)
-        self.rows, self.force = np.searchsorted(self.element_gid, elements[here]), force[here]
+        self.all_forces = force
+        self._place(ends.T.ravel(), np.concatenate([force, -force]))
+
+    def _place(self, particles: np.ndarray, force: np.ndarray) -> None:
+        """The forces (k, 3) [N] at their begin act on these particles (k,)."""
+        self.particles, self.every = particles, force
+        row = rows_of(self.particle_gid, particles)
+        self.rows, self.force = row[row >= 0], force[row >= 0]
+
+    def hand_over(self, handed: HandOver, distribution: Distribution) -> None:
+        """Of particles that leave to others."""
+        if self.zero == math.inf:
+            return
+        given = np.zeros((len(handed.particles), 3))
+        leaving = rows_of(handed.particles, self.particles)
+        np.add.at(given, leaving[leaving >= 0], self.every[leaving >= 0])
+        stays, share = leaving < 0, handed.share[:, None]
+        self._place(
+            np.concatenate([self.particles[stays], handed.taker]),
+            np.concatenate([self.every[stays], share * given[handed.source]]),
+        )
 
     def advance(self, step: int, step_at: Callable[[float], int]) -> None:
         """Past the end, if the step is."""
@@ -113,8 +149,7 @@ class FadingLoad:
         for time, load in ((start, state.load_before), (end, state.load_after)):
             share = min(1.0, max(0.0, (self.zero - time) / self.duration))
             force = (share * self.force).astype(load.dtype)
-            np.add.at(load, state.ends[self.rows, 0], force)
-            np.subtract.at(load, state.ends[self.rows, 1], force)
+            np.add.at(load, self.rows, force)
 
 
 class WindLoad:
@@ -168,6 +203,9 @@ class WindLoad:
                 chunk = [sample for _ in range(CHUNK) for sample in self.history.next()]
             self.samples += self.comm.bcast(chunk)
         return self.samples[k]
+
+    def hand_over(self, handed: HandOver, distribution: Distribution) -> None:
+        """Nothing: what it acts on is in the state, and is handed over with that."""
 
     def advance(self, step: int, step_at: Callable[[float], int]) -> None:
         """On to the samples around a step."""

@@ -10,6 +10,7 @@ from netfall.job.schema import LOST
 from netfall.job.values import nearest, shown
 from netfall.net.net import Net
 from netfall.net.parts import parts_of
+from netfall.solve.handover import HandOver, hand_over
 
 MOST_NAMED = 8  # ids in one message
 
@@ -19,15 +20,18 @@ class Loss:
     """What is lost in one step, by global numbers.
 
     step : before which it happens, at x(step); entries : of [[remove]], from 0
-    elements : (k,) ascending; entry : (k,) which of the entries names it first
-    particles : that leave with them, for nothing else holds them and they carry nothing
+    elements : (k,) ascending; entry : (k,) which of the entries names it first; ends : (k, 2) particles
+    particles : that leave with them, for nothing else holds them, and they carry nothing or hand it over
+    handed : what these leave to others
     """
 
     step: int
     entries: tuple[int, ...]
     elements: np.ndarray
     entry: np.ndarray
+    ends: np.ndarray
     particles: np.ndarray
+    handed: HandOver
 
 
 def named_elements(job: Job, net: Net) -> list[np.ndarray]:
@@ -84,22 +88,33 @@ def losses_of(job: Job, model, schedule) -> list[Loss]:
         if not len(elements):  # lost before: nothing happens
             continue
         there[elements] = False
-        particles = particles_with(model, elements, there)
-        found.append(Loss(at, entries, elements, entry[elements], particles))
+        leaving = leaving_with(model, elements, there)
+        found.append(Loss(at, entries, elements, entry[elements], model.net.elements[elements], *leaving))
     return found
 
 
-def particles_with(model, elements: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """Particles that nothing holds but the elements (k,) that go now, and that carry nothing of their own.
+def leaving_with(model, elements: np.ndarray, there: np.ndarray, torn=()) -> tuple[np.ndarray, HandOver]:
+    """Particles that nothing holds but the elements (k,) that go now, and what they hand over.
 
-    there : (m,) bool, which elements remain
+    Those inside a lost cable hand over all that they carry; of the others those leave that carry nothing.
+    there : (m,) bool, which elements remain; torn : as in `hand_over`
     """
     net = model.net
-    held = np.bincount(net.elements[there].ravel(), minlength=net.n) > 0
-    carries = (net.mass > 0) | (model.carried > 0) | net.load.any(1) | net.held.any(1)
-    touched = np.zeros(net.n, bool)
-    touched[net.elements[elements]] = True
-    return np.flatnonzero(touched & ~held & ~carries)
+    held = (np.bincount(net.elements[there].ravel(), minlength=net.n) > 0) | net.held.any(1)
+    carries = (net.mass > 0) | (model.carried > 0) | net.load.any(1)
+    loose = np.zeros(net.n, bool)
+    loose[net.elements[elements]] = True
+    loose &= ~held
+    handed = hand_over(net, model.L0, elements, loose, torn)
+    return np.union1d(np.flatnonzero(loose & ~carries), handed.particles), handed
+
+
+def leaving_then(model, losses: list[Loss], k: int, torn) -> tuple[np.ndarray, HandOver]:
+    """As `leaving_with`, at loss k of a run in which some elements had broken before. Rank 0."""
+    there = np.ones(model.net.m, bool)
+    for loss in losses[: k + 1]:
+        there[loss.elements] = False
+    return leaving_with(model, losses[k].elements, there, torn)
 
 
 def comes_loose(net: Net, there: np.ndarray, load: np.ndarray, gone: np.ndarray) -> bool:

@@ -12,7 +12,7 @@ from netfall.job.read import Job
 from netfall.mechanics.events import EventLog
 from netfall.net.net import Net
 from netfall.net.parts import parts_of
-from netfall.output.loss_lines import MUCH
+from netfall.output.loss_lines import MUCH, states_of_rest, worst_rest
 from netfall.output.place import check_place
 from netfall.output.progress import Progress
 from netfall.output.result import Result
@@ -38,6 +38,8 @@ NOTHING = {
     "balance_error": NAN,
     "dynamic_factor_max": NAN,
     "dynamic_factor_element": -1,
+    "rest_after_loss": "",
+    "gusts": 0,
     "times": [],
     "elements": [],
 }
@@ -99,7 +101,7 @@ def _told(setup: Setup, simulation, tension: np.ndarray, displacement: np.ndarra
 
     tension : (m,) [N], displacement : (n, 1) [m], the largest over the rows of the history
     """
-    model, log, history = setup.model, simulation.log, simulation.history.columns()
+    model, log = setup.model, simulation.log
     removal = simulation.removal.columns() if simulation.removal else None
     gone = np.zeros(model.net.m, bool)
     gone[list(log.broken)] = True
@@ -108,7 +110,7 @@ def _told(setup: Setup, simulation, tension: np.ndarray, displacement: np.ndarra
         "elements": [event.element for event in log.events],
         "broken": len(log.broken),
         "displacement_max": float(displacement.max()),
-        "balance_error": float(history["balance_error"][-1]),
+        "balance_error": simulation.history.largest("balance_error"),
     }
     if log.events:
         found |= {"first_fracture": log.events[0].time, "first_element": log.events[0].element}
@@ -116,11 +118,13 @@ def _told(setup: Setup, simulation, tension: np.ndarray, displacement: np.ndarra
         gone[removal["element"]] = True
         tension = np.fmax(tension, np.fmax.reduce(removal["tension_highest"], 0))
         found |= {} if log.events else _largest_factor(removal)  # the rest is that of a net that holds
+        found["rest_after_loss"] = worst_rest(states_of_rest(removal))
+        found["gusts"] = int(model.wind_field is not None and model.wind_field.varies)
     strength = np.where(np.isfinite(model.net.breaking_load), model.net.breaking_load, model.yield_force)
     known = np.isfinite(strength) & (strength > 0.0)
     used = tension[known] / strength[known]
     return found | {
-        "roof_lost": roof_lost(model.net, model.area, gone),
+        "roof_lost": roof_lost(model.net, simulation.removal.area if removal else model.area, gone),
         "tension_max": float(tension.max()),
         "utilisation_max": float(used.max()) if len(used) else NAN,
     }
@@ -151,9 +155,8 @@ def net_of(comm: MPI.Comm, read: Callable[[], Job], memory: Memory) -> dict[str,
 def _largest_factor(removal: dict[str, np.ndarray]) -> dict:
     """The largest dynamic factor among elements whose tension a loss changes by much, and its element."""
     change = np.abs(removal["tension_after"] - removal["tension_before"])
-    factors = np.where(
-        change > MUCH * np.nanmax(removal["tension_before"]), removal["dynamic_factor"], np.nan
-    )
+    largest = np.fmax.reduce(removal["tension_before"], axis=None, initial=0.0)
+    factors = np.where(change > MUCH * largest, removal["dynamic_factor"], np.nan)
     if np.isnan(factors).all():
         return {}
     largest = np.nanargmax(factors)

@@ -6,7 +6,9 @@ A key says all that a finding depends on, so that it has the same bits whether i
 import json
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
+from dataclasses import fields
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from netfall.errors import DivergedError, InputError
@@ -56,15 +58,44 @@ class Memory:
 FORGETFUL = Memory()  # for a run on its own
 
 
-# What makes a job's net and its state before gusts act; and what of its wind does not.
-SECTIONS = ("path", "net", "cable", "groups", "form_finding", "roof", "zones", "load", "cases", "dynamics")
-OF_GUSTS = ("seed", "ramp")
-OF_SPEED = ("speed", "turbulence", "roughness")  # nor makes a net
+# What of a job does not bear on its net, its form, its equilibria and the model of its gusts, and why not.
+# All else does, what is added to the job some day as well.
+BESIDE = {
+    "title": "a name",
+    "text": "its values stand in the sections; comments change nothing",
+    "overrides": "their values stand in the sections",
+    "output.frames": "when the dynamic stage is written",
+    "output.history": "when the dynamic stage is written",
+    "output.probes": "what is written of the dynamic stage",
+    "output.elements": "what is written of the dynamic stage",
+    "output.checkpoint": "when the dynamic stage is saved",
+    "output.modes": "found from the last equilibrium, for each run",
+    "wind.seed": "gusts begin where the equilibria end",
+    "wind.ramp": "over which the gusts then grow in",
+}
+# Nor do these bear on the net and its form, which no wind blows on.
+OF_SPEED = ("wind.speed", "wind.turbulence", "wind.roughness")
 
 
 def key_of(job: Job, without: tuple[str, ...] = ()) -> str:
-    """What an initial state and its equilibria depend on, as a key; `without` these keys of [wind] too."""
-    wind = vars(job.wind) if job.wind else {}
-    asked = {name: getattr(job, name) for name in SECTIONS}
-    asked["wind"] = {name: value for name, value in wind.items() if name not in OF_GUSTS + without}
+    """What an initial state and its equilibria depend on, as a key; `without` these keys of sections too.
+
+    The files that the job reads count by what stands in them. Raises InputError for one that cannot be read.
+    """
+    asked = {name: value for name, value in _values(job).items() if name not in BESIDE.keys() | {*without}}
+    asked["removes"] = bool(job.removes)  # what is lost, and when, comes after the equilibria
+    asked["contents"] = [content.hex() for content in job.contents]
+    asked["changes_net"] = job.changes_net()  # whether a partition made for its own net applies
     return json.dumps(asked, default=lambda value: str(value) if isinstance(value, Path) else vars(value))
+
+
+def _values(job: Job) -> dict[str, Any]:
+    """The fields of a job by name; those of sections by theirs, as wind.speed."""
+    found = {}
+    for each in fields(job):
+        value = getattr(job, each.name)
+        if isinstance(value, SimpleNamespace):
+            found |= {f"{each.name}.{key}": one for key, one in vars(value).items()}
+        else:
+            found[each.name] = value
+    return found

@@ -14,20 +14,20 @@ from netfall.job.read import Job
 from netfall.mechanics.fields import Scene
 from netfall.mechanics.material import elastic_forces, unstressed_length, warm_length
 from netfall.mechanics.stability import scaled_mass
-from netfall.net.areas import Roofing, along_normals, normals, roof_of, tributary_areas
+from netfall.net.areas import Roofing, along_normals, roof_of, tributary_areas
 from netfall.net.build import build_net
 from netfall.net.net import Net
 from netfall.net.panels import Panels, panels_of
 from netfall.net.zones import Zones, zones_of
 from netfall.parallel import partition
-from netfall.solve.loading import Roof, grows, loading_of, preload, pressure_load
+from netfall.solve.loading import Roof, carried_mass, grows, loading_of, preload, pressure_load
 from netfall.solve.losses import named_elements
 from netfall.solve.memory import FORGETFUL, OF_SPEED, Memory, key_of
 from netfall.solve.on_roof import by_node, shape_coefficients
 from netfall.solve.probes import Probes, find_probes
 from netfall.solve.start import check_start, check_tensions, low_notes, unit_notes
 from netfall.solve.unused import without_effect
-from netfall.wind.field import GeneratedHistory, make_wind_field, read_history
+from netfall.wind.field import GeneratedHistory, force_factor, make_wind_field, read_history
 
 
 @dataclass
@@ -42,7 +42,7 @@ class Model:
     zones: Zones
     part: np.ndarray
     partition_source: str
-    roof: Roof = None  # areas, normals, zones
+    roof: Roof = None  # areas, zones
     x: np.ndarray = None  # m, initial state
     N: np.ndarray = None  # N, there
     L0: np.ndarray = None  # m, at the temperature of the loads
@@ -55,7 +55,6 @@ class Model:
     live: np.ndarray = None  # N, the rest of it, which statics bring on in steps
     growing: np.ndarray = None  # N, that grows over [load] ramp
     carried: np.ndarray = None  # kg, of dead load and snow
-    pressure: np.ndarray = None  # N, of the live load, along the roof
     panels: Panels = None  # of the cladding, where they can tear off
     wind: np.ndarray = None  # N s2/m2
     mean_wind: np.ndarray = None  # N, force of the mean wind
@@ -66,6 +65,7 @@ class Model:
     probes: Probes = None
     notes_of_values: list[str] = field(default_factory=list)
     notes_of_history: list[str] = field(default_factory=list)
+    area_given: float = 0.0  # m2, of the roof in the geometry that is given
 
     @property
     def area(self) -> np.ndarray:
@@ -76,6 +76,11 @@ class Model:
     def plan_area(self) -> np.ndarray:
         """(n,) [m2] in plan."""
         return self.roof.plan_area
+
+    @property
+    def vector_area(self) -> np.ndarray:
+        """(n, 3) [m2], upward."""
+        return self.roof.vector
 
     @property
     def x_start(self) -> np.ndarray:
@@ -159,7 +164,7 @@ class Model:
 
 def make_model(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Model:
     """Net, areas and partition of a job; the initial state comes with `set_initial`. Raises InputError."""
-    key = ranks, job.changes_net(), key_of(job, without=OF_SPEED)
+    key = ranks, key_of(job, without=OF_SPEED)
     net, roofing, zones, part, source = memory.once("net", key, lambda: _partitioned(job, ranks))
     model = Model(net, roofing, zones, part, source)
     model.lost, model.probes = named_elements(job, net), find_probes(job, net)
@@ -173,8 +178,8 @@ def make_model(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Model:
 def _partitioned(job: Job, ranks: int) -> tuple:
     """Net, roofing, zones, partition and where this comes from."""
     net = build_net(job)
-    zones = zones_of(job, net)
     roofing = roof_of(job, net)
+    zones = zones_of(job, net, roofing.faces)
     if not job.changes_net():
         part = partition.read_partition(job.name, net.n, net.elements, ranks)
         if part is not None:
@@ -238,8 +243,9 @@ def set_initial(
     half = model.half_mass = 0.5 * net.density * net.section * L0
     model.spring_rest = preload(net, x, N, L) if job.form_finding else net.spring_rest
     own = np.bincount(net.elements[:, 0], half, net.n) + np.bincount(net.elements[:, 1], half, net.n)
-    area, plan_area = tributary_areas(x, net, model.roofing.faces)
-    model.roof = Roof(area, plan_area, normals(x, net, model.roofing.faces), model.zones)
+    if job.form_finding:
+        model.area_given = float(tributary_areas(net.x, net, model.roofing.faces).surface.sum())
+    model.roof = Roof(*tributary_areas(x, net, model.roofing.faces), model.zones)
     _check_normals(job, model)
     loading = loading_of(job, model.roof, own, net.load)
     model.permanent, model.live, model.growing = loading.permanent, loading.live, loading.growing
@@ -253,17 +259,17 @@ def set_initial(
         settings = by_node(job, model.shape_coefficient)
         places = model.history.places if model.history else None
         key = key_of(job), x.tobytes()
-        find = lambda: make_wind_field(x, area, model.roof.normal, settings, places)
+        find = lambda: make_wind_field(x, model.roof.vector, settings, places)
         model.wind_field = memory.once("wind", key, find)
         model.wind = model.wind_field.force
         model.notes_of_values += low_notes(job, net, x, model.wind)
         model.history = model.history or GeneratedHistory(model.wind_field, job.wind)
         if job.wind.after_fracture == "panels":
-            _make_panels(job, model)
+            _make_panels(job, model, settings)
         model.mean_wind = model.wind_field.mean_force(model.history.mean_gust)
 
 
-def _make_panels(job: Job, model: Model) -> None:
+def _make_panels(job: Job, model: Model, settings) -> None:
     """The panels that can tear off. Raises InputError where there are none, or loads grow on them."""
     if not len(model.roofing.faces) or np.isfinite(model.net.area).any():
         raise InputError(
@@ -274,8 +280,14 @@ def _make_panels(job: Job, model: Model) -> None:
         raise InputError(
             f'{job.path}: [wind] after_fracture = "panels": not together with [load] ramp; remove one of them'
         )
-    model.panels = panels_of(model.x, model.net, model.roofing.faces)
-    model.pressure = pressure_load(job.load, model.roof) if job.load else np.zeros_like(model.x)
+    panels = panels_of(model.x, model.net, model.roofing.faces)
+    load, roof = job.load, Roof(*panels.areas, model.zones.at(panels.node))
+    factor = np.broadcast_to(force_factor(settings), model.net.n)[panels.node]
+    model.panels = panels._replace(
+        mass=carried_mass(load, roof) if load else np.zeros_like(roof.area),
+        pressure=pressure_load(load, roof) if load else np.zeros_like(roof.vector),
+        wind=factor[:, None] * roof.vector,
+    )
 
 
 def warm(job: Job, model: Model) -> None:
@@ -285,7 +297,7 @@ def warm(job: Job, model: Model) -> None:
 
 def _check_normals(job: Job, model: Model) -> None:
     """Wind and pressure along normals must not vanish silently on particles that meet no face."""
-    bare = (model.area > 0) & ~model.roof.normal.any(1) & model.moves
+    bare = (model.area > 0) & ~model.roof.vector.any(1) & model.moves
     if along_normals(job) and bare.any():
         raise InputError(
             f"{job.path}: {int(bare.sum())} free nodes with a roof area meet no closed face in plan, so wind "

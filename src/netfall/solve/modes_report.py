@@ -5,7 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 
 from netfall.errors import DivergedError
+from netfall.functions import lengths
 from netfall.job.read import Job
+from netfall.net.areas import unit_normals
 from netfall.net.plan import listed
 from netfall.solve.committed import committed, put_back
 from netfall.solve.model import Model
@@ -112,8 +114,9 @@ def air_damping(job: Job, model: Model, modes: Modes) -> np.ndarray:
     """
     gust = model.history.mean_gust
     speed = model.wind_field.mean + np.sum(model.wind_field.weight * gust[model.wind_field.corner], axis=1)
-    along = np.sum(modes.shape * model.roof.normal, axis=2) ** 2
-    taken = along @ (job.wind.air_density * speed * model.area)
+    size = lengths(model.vector_area)
+    along = np.sum(modes.shape * unit_normals(model.vector_area), axis=2) ** 2
+    taken = along @ (job.wind.air_density * speed * size)
     modal = np.sum(modes.shape**2, axis=2) @ model.mass
     return taken / modal * modes.period / (4.0 * np.pi)
 

@@ -43,7 +43,7 @@ def mean_pressure(job: Job, coefficient: np.ndarray, field: WindField, mean_gust
 def load_section(job: Job, zones: Zones) -> dict[str, np.ndarray]:
     """The datasets of /load: snow and pressure (n,) [N/m2], temperature [K], of what has any.
 
-    A pressure along axes is nan.
+    A pressure along axes is nan; of a node in several zones the mean by their shares.
     """
     if job.load is None:
         return {}
@@ -53,6 +53,7 @@ def load_section(job: Job, zones: Zones) -> dict[str, np.ndarray]:
     parts = zones.parts(job.load, "pressure")
     if any(isinstance(value, int | float) for value, _ in parts):
         found["pressure"] = np.zeros(len(zones.of_node))
-        for value, nodes in parts:
-            found["pressure"][nodes] = np.nan if isinstance(value, list) else value or 0.0
+        for value, share in parts:
+            along_axes = np.where(share > 0.0, np.nan, 0.0)
+            found["pressure"] += along_axes if isinstance(value, list) else share * (value or 0.0)
     return found

@@ -33,8 +33,10 @@ def net_record(model: Model) -> dict[str, np.ndarray]:
     """What the tables of the same net need besides /net; a column of one value has a single row."""
     columns = {name: getattr(model.net, name) for name in OF_TABLES} | {"spring_rest": model.spring_rest}
     found = {name: values[:1] if _alike(values) else values for name, values in columns.items()}
-    faces = model.roofing.faces
-    return found | {"face_start": faces.start, "face_corner": faces.corner, "corners": model.net.corners}
+    rings = model.roofing.faces.rings
+    face = np.arange(len(rings)) if rings.face is None else rings.face
+    bounds = {"ring_start": rings.start, "ring_corner": rings.corner, "ring_face": face}
+    return found | bounds | {"corners": model.net.corners}
 
 
 def _alike(values: np.ndarray) -> bool:
@@ -72,6 +74,8 @@ def provenance_of(comm: MPI.Comm, job: Job, setup: Setup, schedule: Schedule | N
         "edge_cut": partition.edge_cut(model.net.elements, model.part),
     }
     values["net"] = net_record(model)
+    if setup.form:
+        values["roof_area_given"] = model.area_given
     if model.added is not None:
         values["added_mass"] = float(model.added.sum())
     if schedule:

@@ -22,7 +22,8 @@ def find_or_recall(run) -> StaticPath:
         fresh.append(find_equilibria(run, None, None, seen))
         return seen
 
-    known = run.memory.once("statics", (key_of(run.job), bool(run.job.removes)), find)
+    key = run.comm.bcast(key_of(run.job) if run.comm.rank == 0 else None)
+    known = run.memory.once("statics", key, find)
     return fresh[0] if fresh else _again(run, known)
 
 

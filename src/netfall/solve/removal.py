@@ -2,19 +2,25 @@
 
 At its step the elements leave the net (`mechanics.loss`). Their tensions stay as forces on their ends that
 fade (`loads.FadingLoad`), and from then on the extremes of every element's tension are kept in each step.
+What hung inside a lost cable goes to its ends (`handover`), in the motion and in the rest after it.
 """
 
 import sys
+from typing import NamedTuple
 
+import h5py
 import numpy as np
 from mpi4py import MPI
 
 from netfall.errors import DivergedError
-from netfall.mechanics.loss import leave, lose_elements
+from netfall.mechanics.loss import Carried, join, leave, lose_elements
+from netfall.output.loss_lines import SOMETHING_BREAKS, elements_of
+from netfall.parallel.subdomain import rows_of
 from netfall.solve.committed import committed, put_back
 from netfall.solve.equilibrium import STABLE
+from netfall.solve.handover import HandOver
 from netfall.solve.loads import FadingLoad
-from netfall.solve.losses import Loss, comes_loose, losses_of
+from netfall.solve.losses import Loss, comes_loose, leaving_then, losses_of
 from netfall.solve.relaxation import Paused
 from netfall.solve.restart import interrupted
 from netfall.solve.static_report import error_words
@@ -33,6 +39,16 @@ MOST_NAMED = 4  # elements or cables in one line
 NO_CHANGE = 1e-3  # of the largest tension: what changes less has no dynamic factor
 
 
+class Rest(NamedTuple):
+    """What came of the rest after a loss.
+
+    state : a key of `loss_lines.RESTS`; elements : global numbers, that break there
+    """
+
+    state: str
+    elements: tuple[int, ...] = ()
+
+
 def losses_now(run) -> list[Loss]:
     """What is lost in the dynamic stage of a run, on every rank. Collective."""
     if not (run.job.removes and run.job.dynamics):
@@ -44,12 +60,14 @@ def losses_now(run) -> list[Loss]:
 class Removal:
     """The losses of a run, and the tensions around them; these on rank 0."""
 
-    def __init__(self, run, losses: list[Loss], after: np.ndarray | None):
-        """after : (losses + 1, m) [N] on rank 0, of `rests_after`"""
+    def __init__(self, run, losses: list[Loss], after: tuple[list[Rest], np.ndarray | None] | None):
+        """after : of `rests_after`, None: of a run that is taken up"""
         self.distribution, self.losses, self.job = run.setup.distribution, losses, run.job
         self.model, self.step_at = run.setup.model, run.schedule.step_at
         self.dt, self.done = run.schedule.dt, 0
-        gid = self.distribution.subdomain.element_gid
+        self.rests = after[0] if after else []
+        gid, self.log = self.distribution.subdomain.particle_gid, run.log
+        self.area = self.model and self.model.area.copy()  # m2, (n,) on rank 0, of who has it by now
         there = {k for loss in losses for k in loss.entry.tolist()}
         self.fades = {
             k: FadingLoad(gid, run.job.removes[k].duration)
@@ -61,7 +79,7 @@ class Removal:
             shape = (len(losses), self.model.net.m)
             self.tensions = {name: np.full(shape, np.nan) for name in TENSIONS}
             if after is not None:
-                self.tensions["rest"][:], self.tensions["after"][:] = after[:-1], after[1:]
+                self.tensions["rest"][:], self.tensions["after"][:] = after[1][:-1], after[1][1:]
 
     @property
     def next_step(self) -> int:
@@ -77,13 +95,14 @@ class Removal:
         subdomain = self.distribution.subdomain
         rows = local_rows(subdomain.element_gid, loss.elements)
         force = self._forces(state, loss, rows, now)
+        simulation.share_events()
+        particles, handed = self._leaving(self.done)
         lose_elements(state, rows, self.dt)
-        leave(state, np.flatnonzero(np.isin(subdomain.particle_gid, loss.particles)))
+        self._join(state, handed)
+        leave(state, np.flatnonzero(np.isin(subdomain.particle_gid, particles)))
         simulation.plan.attach(state)
-        for entry, fade in self.fades.items():
-            mine = loss.entry == entry
-            if mine.any():
-                fade.begin(loss.step * self.dt, loss.elements[mine], force[mine])
+        self._begin_fades(loss, {k: force[loss.entry == k] for k in self.fades})
+        self._hand_over(simulation, handed)
         simulation.loads.renew(state)
         state.highest[:] = state.lowest[:] = now.N
         self.done += 1
@@ -102,6 +121,38 @@ class Removal:
         self.distribution.comm.Allreduce(MPI.IN_PLACE, force, MPI.SUM)  # others add zeros
         return force
 
+    def _leaving(self, k: int) -> tuple[np.ndarray, HandOver]:
+        """The particles that leave at loss k, and what they hand over, as the log has it. Collective."""
+        loss = self.losses[k]
+        torn = {event.element for event in self.log.events if event.step < loss.step}
+        torn &= set(loss.elements.tolist())
+        if not torn:
+            return loss.particles, loss.handed
+        then = leaving_then(self.model, self.losses, k, torn) if self.model else None
+        return self.distribution.comm.bcast(then)
+
+    def _join(self, state, handed: HandOver) -> None:
+        """What particles inside lost cables carry goes to others. Collective."""
+        of = lambda rows: None if rows is None else handed.given(self.distribution, rows)
+        given = Carried(of(state.mass), of(state.v), of(state.load), of(state.wind))
+        row = rows_of(self.distribution.subdomain.particle_gid, handed.taker)
+        here = row >= 0
+        join(state, row[here], handed.source[here], handed.share[here], given)
+
+    def _begin_fades(self, loss: Loss, force: dict[int, np.ndarray]) -> None:
+        """The tensions that fade from a loss on; force : (k, 3) [N] of the elements of each entry."""
+        for entry in sorted(set(loss.entry.tolist()) & set(self.fades)):
+            mine = loss.entry == entry
+            self.fades[entry].begin(loss.step * self.dt, loss.ends[mine], force[entry])
+
+    def _hand_over(self, simulation, handed: HandOver) -> None:
+        """All that particles have to hand over and that is not in the state. Collective."""
+        simulation.loads.hand_over(handed, self.distribution)
+        if simulation.tearing:
+            simulation.tearing.hand_over(handed)
+        if self.model:
+            handed.move(self.area, np.arange(self.model.net.n))
+
     def close(self, state, N: np.ndarray) -> None:
         """End the time in which extremes belong to the last loss. N : (m,) [N], at its end. Collective."""
         if self.done:
@@ -118,7 +169,7 @@ class Removal:
 
     def record(self) -> dict:
         """How far it has come, for `restore`."""
-        return {"done": self.done}
+        return {"done": self.done, "rests": self.rests}
 
     def arrays(self) -> dict[str, np.ndarray]:
         """What a continuation needs, on rank 0."""
@@ -127,15 +178,17 @@ class Removal:
         forces = {str(k): fade.all_forces for k, fade in self.fades.items() if fade.zero < np.inf}
         return {f"{PREFIX}{name}": values for name, values in (self.tensions | forces).items()}
 
-    def restore(self, record: dict, checkpoint) -> None:
+    def restore(self, record: dict, checkpoint, simulation) -> None:
         """Take up the record of an earlier run. checkpoint : on rank 0. Collective."""
         self.done = record["done"]
+        self.rests = [Rest(state, tuple(elements)) for state, elements in record["rests"]]
         if checkpoint:
             self.tensions = {name: checkpoint.arrays[PREFIX + name] for name in TENSIONS}
-        for loss in self.losses[: self.done]:
-            for entry in sorted(set(loss.entry.tolist()) & set(self.fades)):
-                force = self.distribution.comm.bcast(checkpoint and checkpoint.arrays[f"{PREFIX}{entry}"])
-                self.fades[entry].begin(loss.step * self.dt, loss.elements[loss.entry == entry], force)
+        for k, loss in enumerate(self.losses[: self.done]):
+            entries = sorted(set(loss.entry.tolist()) & set(self.fades))
+            force = {e: checkpoint.arrays[f"{PREFIX}{e}"] for e in entries} if checkpoint else None
+            self._begin_fades(loss, self.distribution.comm.bcast(force))
+            self._hand_over(simulation, self._leaving(k)[1])
 
     # --- the result
 
@@ -146,7 +199,8 @@ class Removal:
         names = (*names, "dynamic_factor")
         found = {"time": np.array([entry.time for entry in entries])}
         found |= {name: np.full((len(entries), m), np.nan) for name in names}
-        gone = np.zeros(m, bool)
+        found["state"] = np.full(len(entries), "", h5py.string_dtype())
+        gone, breaks = np.zeros(m, bool), []
         for k, loss in enumerate(self.losses):
             gone[loss.elements] = True
             before, highest, lowest, rest, after = (self.tensions[name][k] for name in TENSIONS)
@@ -155,11 +209,15 @@ class Removal:
             factor = np.where(np.isnan(lowest), np.nan, dynamic_factors(before, peak, rest, after))
             for entry in loss.entries:
                 found["time"][entry] = loss.step * self.dt
+                found["state"][entry] = self.rests[k].state
+                breaks += [(e, entry) for e in self.rests[k].elements]
                 for name, row in zip(names, (before, highest, lowest, peak, after, factor)):
                     found[name][entry] = row
         named = [loss.elements for loss in self.losses] or [np.zeros(0, np.int64)]
         entry = [loss.entry for loss in self.losses] or [np.zeros(0, np.int64)]
-        return found | {"element": np.concatenate(named), "entry": np.concatenate(entry)}
+        found |= {"element": np.concatenate(named), "entry": np.concatenate(entry)}
+        pairs = np.array(breaks, np.int64).reshape(-1, 2)
+        return found | {"breaking_element": pairs[:, 0], "breaking_entry": pairs[:, 1]}
 
 
 def farthest(before, highest, lowest, after) -> np.ndarray:
@@ -191,33 +249,34 @@ def local_rows(gid: np.ndarray, wanted: np.ndarray) -> np.ndarray:
 # --- the rest of the damaged net
 
 
-def rests_after(run, losses: list[Loss]) -> np.ndarray | None:
-    """Tensions (losses + 1, m) [N] at rest before any loss and after each, on rank 0. Collective.
+def rests_after(run, losses: list[Loss]) -> tuple[list[Rest], np.ndarray | None] | None:
+    """The rest after each loss; tensions (losses + 1, m) [N] before any and after each, on rank 0.
 
     nan: no rest was found. From where the dynamic stage begins, with the losses so far, under all constant
     loads and the mean wind.
-    Leaves the state as it was. Raises Interrupted where it is asked to stop.
+    Leaves the state as it was. Collective. Raises Interrupted where it is asked to stop.
     """
     if not losses:
         return None
     state, distribution, model = run.setup.state, run.setup.distribution, run.setup.model
-    load = distribution.particles(constant_load(model) if model else None)
+    loads = loads_after(model, losses) if model else [None] * (len(losses) + 1)
     start, EA, broken = committed(state), state.EA.copy(), state.broken.copy()
-    loose = run.comm.bcast(loose_after(model, losses) if model else None)
-    reference = reference_force(run, Equilibrium("loss", "", load))
+    loose = run.comm.bcast(loose_after(model, losses, loads) if model else None)
+    reference = reference_force(run, Equilibrium("loss", "", distribution.particles(loads[0])))
     mine = lambda tension: distribution.gather_elements(tension, state.owned.astype(bool))
-    found, best = [mine(state.elements_now().N)], start
-    for loss, no_rest in zip(losses, loose):
+    found, rests, best = [mine(state.elements_now().N)], [], start
+    for loss, no_rest, whole in zip(losses, loose, loads[1:]):
         rows = local_rows(distribution.subdomain.element_gid, loss.elements)
         state.EA[rows], state.broken[rows] = 0.0, 1  # not slack: gone
         run.setup.finder = None  # what it keeps is of the net before
-        load[np.isin(distribution.subdomain.particle_gid, loss.particles)] = 0.0
+        load = distribution.particles(whole)
         words = f"the net without {words_of(run.job, loss)}"
-        tension, line = np.full(state.m, np.nan), f"no rest: a part of {words} hangs on nothing"
+        tension, rest = np.full(state.m, np.nan), Rest("no_equilibrium")
+        line = f"no rest: a part of {words} hangs on nothing"
         if not no_rest:
             try:
-                tension, line, stays = _settled(run, Equilibrium("loss", words, load, 1.0), reference)
-                best = committed(state) if stays else best
+                tension, rest, line = _settled(run, Equilibrium("loss", words, load, 1.0), reference)
+                best = committed(state) if rest.state == "equilibrium" else best
             except Paused as pause:
                 put_back(state, start)
                 state.EA[:], state.broken[:] = EA, broken
@@ -226,41 +285,56 @@ def rests_after(run, losses: list[Loss]) -> np.ndarray | None:
             except DivergedError as error:
                 line = f"no rest: {error}"
         run.progress.say(line)
+        rests.append(rest)
         put_back(state, best)
         found.append(mine(tension))
     put_back(state, start)
     state.EA[:], state.broken[:], run.setup.finder = EA, broken, None
-    return np.array(found) if model else None
+    return rests, np.array(found) if model else None
 
 
-def _settled(run, each: Equilibrium, reference: float) -> tuple[np.ndarray, str, bool]:
-    """Tensions (m,) [N] of this rank's elements at rest, a line on it, whether it is stable. Collective."""
+def _settled(run, each: Equilibrium, reference: float) -> tuple[np.ndarray, Rest, str]:
+    """Tensions (m,) [N] of this rank's elements at rest, what is known of it, a line on it. Collective."""
     most = min(MOST_ITERATIONS, run.job.load.max_iterations) if run.job.load else MOST_ITERATIONS
     settled = settle(run, each, reference, run.stop, most=most)
     rest, N = settled.found, settled.snapshot.N
     if rest.falls >= 0:
         node = run.comm.bcast(run.setup.model and run.setup.model.net.node_id[rest.falls])
         line = f"no rest of {each.words}: not stable at node {node}"
-        return np.full_like(N, np.nan), line, False
+        return np.full_like(N, np.nan), Rest("unstable"), line
     line = f"rest of {each.words}: {error_words(rest.displacement_error, rest.tension_error)}"
     known = "" if rest.falls == STABLE else ", whether it is stable could not be told"
-    return N, f"{line}, residual {rest.residual:.3g} N, slack {settled.slack}{known}", True
+    line += f", residual {rest.residual:.3g} N, slack {settled.slack}{known}"
+    if not settled.breaking:
+        return N, Rest("equilibrium"), line
+    ids = run.setup.model and run.setup.model.net.element_id[list(settled.breaking)]
+    torn = run.comm.bcast(run.setup.model and elements_of(ids))
+    return N, Rest("breaks", settled.breaking), f"{line}; {SOMETHING_BREAKS}: {torn}"
 
 
-def constant_load(model) -> np.ndarray:
-    """What acts on the damaged net, (n, 3) [N]. Rank 0."""
-    load = model.load.copy()
-    for force in (model.growing, model.mean_wind):
-        if force is not None:
-            load += force
-    return load
-
-
-def loose_after(model, losses: list[Loss]) -> list[bool]:
-    """After each loss, whether a part of the net hangs on no support. Rank 0."""
-    there, gone, load = np.ones(model.net.m, bool), np.zeros(model.net.n, bool), constant_load(model)
-    found = []
+def loads_after(model, losses: list[Loss]) -> list[np.ndarray]:
+    """What acts on the net without wind gusts, (n, 3) [N], before any loss and after each. Rank 0."""
+    still, wind, gid = model.load.copy(), None, np.arange(model.net.n)
+    if model.growing is not None:
+        still += model.growing
+    if model.mean_wind is not None:
+        wind, square = model.wind.copy(), model.wind_field.mean_square(model.history.mean_gust)
+    total = lambda: still.copy() if wind is None else still + wind * square[:, None]
+    found = [total()]
     for loss in losses:
+        for values in (still, wind):
+            if values is not None:
+                loss.handed.move(values, gid)
+                values[loss.particles] = 0.0
+        found.append(total())
+    return found
+
+
+def loose_after(model, losses: list[Loss], loads: list[np.ndarray]) -> list[bool]:
+    """After each loss, whether a part of the net hangs on no support; loads : of `loads_after`. Rank 0."""
+    there, gone = np.ones(model.net.m, bool), np.zeros(model.net.n, bool)
+    found = []
+    for loss, load in zip(losses, loads[1:]):
         there[loss.elements], gone[loss.particles] = False, True
         found.append(comes_loose(model.net, there, load, gone))
     return found

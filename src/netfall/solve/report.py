@@ -4,14 +4,19 @@ from pathlib import Path
 
 import numpy as np
 
+from netfall.functions import lengths
 from netfall.job.read import Job
 from netfall.mechanics.events import EventLog
 from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.stability import Limit
 from netfall.net.plan import listed
+from netfall.output.form_lines import form_lines
 from netfall.output.info import balance_notes
+from netfall.output.overload_lines import Carried, overload_lines, strength_of
 from netfall.output.progress import Progress
 from netfall.parallel import partition
+from netfall.solve.dynamics import Simulation
+from netfall.solve.envelope import PREFIX
 from netfall.solve.history import MOST_STRAIN, History, most_strained
 from netfall.solve.model import Model, scene_of
 from netfall.solve.schedule import Schedule, step_at
@@ -38,6 +43,8 @@ def before_run(job: Job, setup: Setup, schedule: Schedule | None, progress: Prog
     N = model.N
     if setup.form:
         progress.say(f"{form_line(setup)}; tensions {N.min():.4g} to {N.max():.4g} N")
+        for line in moved_lines(model):
+            progress.say(line)
     elif starts_moving(job, setup):
         progress.say(f"{start_note(setup)}, largest tension {setup.reference:.3g} N")
     if schedule:
@@ -48,10 +55,12 @@ def before_run(job: Job, setup: Setup, schedule: Schedule | None, progress: Prog
 
 
 def after_run(
-    setup: Setup, log: EventLog, history: History | None, path: Path, phases: Phases, progress: Progress
+    setup: Setup, log: EventLog, simulation: Simulation | None, path: Path, phases: Phases, progress: Progress
 ):
     """The last lines of a run, on rank 0. Collective."""
+    history = simulation and simulation.history
     strained = _most_strained(setup, history)
+    envelope = simulation.envelope.arrays(simulation.state) if log.events else {}
     if setup.model is None:
         return
     if log.events:
@@ -71,10 +80,25 @@ def after_run(
                 *(np.array(history.rows[k]) for k in ("time", "balance_error", "broken"))
             ):
                 progress.say(note)
+    if envelope:
+        for note in _overloads(setup.model, log, envelope[f"{PREFIX}tension"]):
+            progress.say(note)
     for note in _strain_notes(setup.model, *strained):
         progress.say(note)
     progress.say("time: " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in phases.seconds.items()))
     progress.say(f"written: {path}")
+
+
+def _overloads(model: Model, log: EventLog, tension: np.ndarray) -> list[str]:
+    """Notes on tensions that no element bears. tension : (m, 4), as `envelope.TENSION` has them"""
+    ends, broke = model.net.elements, np.full(model.net.m, np.nan)
+    for event in reversed(log.events):  # of two ends the first
+        broke[event.element] = event.time
+    along = model.x[ends[:, 1]] - model.x[ends[:, 0]]
+    strength = strength_of(model.EA, model.eps_u, model.yield_force)
+    carried = Carried(ends, along / lengths(along)[:, None], strength, tension[:, 0], tension[:, 1], broke)
+    name = lambda e: f"{model.id_of(e)} ({'-'.join(str(model.net.node_id[p]) for p in ends[e])})"
+    return overload_lines(carried, name)
 
 
 def _most_strained(setup: Setup, history: History | None) -> tuple[float, float, int]:
@@ -121,6 +145,12 @@ def form_line(setup: Setup) -> str:
         f"{setup.form.residual / reference:.2g} of the prestress; with the real material "
         f"{setup.residual / reference:.2g}"
     )
+
+
+def moved_lines(model: Model) -> list[str]:
+    """What form finding did to the geometry that was given."""
+    area = float(model.area.sum())
+    return form_lines(model.net.x, model.x, model.moves, model.net.node_id, model.area_given, area)
 
 
 def rest_words(job: Job) -> str:

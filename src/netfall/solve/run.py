@@ -13,6 +13,7 @@ import netfall
 from netfall.errors import DivergedError, InputError, Interrupted, OutputError
 from netfall.job.read import Job
 from netfall.mechanics.events import EventLog
+from netfall.net.areas import Areas
 from netfall.output.ids import event_ids
 from netfall.output.loss_lines import loss_lines
 from netfall.output.place import check_place, claim, release
@@ -113,7 +114,7 @@ def run_job(
         if simulation and simulation.removal and model:
             for line in loss_lines(simulation.removal.columns(), log.columns(), model.net.element_id):
                 progress.say(line)
-        after_run(setup, log, simulation and simulation.history, path, phases, progress)
+        after_run(setup, log, simulation, path, phases, progress)
     finally:
         if claimed:
             release(claimed)
@@ -141,7 +142,7 @@ def run_stages(run: Run) -> Simulation | None:
             error = run.saver.naming_the_last(error)
         raise error from None
     except OutputError as error:
-        run.result.file.discard()
+        run.result.discard_after(error, bool(run.saver.kept or run.saver.given))
         raise run.saver.naming_the_last(error) from None
     except BaseException:
         run.result.file.discard()
@@ -211,8 +212,6 @@ def run_dynamics(run: Run, record: dict | None, removal: Removal | None) -> Simu
         run.result.write_final(state, snapshot)
         return None
     with run.phases.phase("wind"):
-        if record and removal:
-            removal.restore(record["simulation"]["removal"], checkpoint)
         loads = varying_loads(run, record) + (list(removal.fades.values()) if removal else [])
     if record:
         start = record["simulation"]["start_strain"], record["simulation"]["start_plastic"]
@@ -226,6 +225,8 @@ def run_dynamics(run: Run, record: dict | None, removal: Removal | None) -> Simu
     )
     simulation = Simulation(run, loads, History(probes, start[0]), removal, start)
     if record:
+        if removal:
+            removal.restore(record["simulation"]["removal"], checkpoint, simulation)
         simulation.restore(record["simulation"])
         simulation.envelope.restore(checkpoint)
         restore_history(run.comm, simulation.history, checkpoint)
@@ -259,7 +260,8 @@ def sections_of(run: Run, simulation: Simulation | None) -> dict[str, dict]:
     setup, model, statics = run.setup, run.setup.model, run.saver.statics
     if model is None:
         return {}
-    sections = {"net": net_section(model.net, model.area, model.plan_area, model.zones, model.cut_length)}
+    areas = Areas(model.area, model.plan_area, model.vector_area)
+    sections = {"net": net_section(model.net, areas, model.zones, model.cut_length)}
     sections["load"] = load_section(run.job, model.zones)
     if "temperature" in sections["load"]:
         sections["net"]["unstressed_length_warm"] = model.L0

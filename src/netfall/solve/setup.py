@@ -88,7 +88,8 @@ def prepare(
         elif job.form_finding is not None:
             of_run = result, digest, restart, checkpoint, stop
             find = lambda: _form(job, model, distribution, halo, report, *of_run)
-            form, x, N = memory.once("form", key_of(job, without=OF_SPEED), find)
+            key = comm.bcast(key_of(job, without=OF_SPEED) if model else None)
+            form, x, N = memory.once("form", key, find)
             on_root(comm, lambda: set_initial(job, model, x, N, memory))
         else:
             form = None

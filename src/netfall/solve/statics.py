@@ -13,7 +13,6 @@ from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.errors import DivergedError, NoRest
 from netfall.job.read import Job
@@ -66,11 +65,15 @@ class StaticPath:
 
 
 class Settled(NamedTuple):
-    """An equilibrium that was found, and the state in it; slack : cables of the net."""
+    """An equilibrium that was found, and the state in it; slack : cables of the net.
+
+    breaking : elements, global numbers, that are beyond their fracture strain, after a loss alone
+    """
 
     snapshot: Snapshot
     slack: int
     found: Found
+    breaking: tuple[int, ...] = ()
 
     def numbers(self) -> dict:
         """What is kept of it besides the state."""
@@ -189,11 +192,14 @@ def settle(run, each: Equilibrium, reference: float, stop: StopRequest, resume=N
 
     reference : [N], which the tolerance refers to; stop, resume : as in `relax`; most : iterations
     guess : positions (n, 3) [m] that may be nearer to it
+
+    Raises DivergedError where there is none. An equilibrium has no fractures: none where one is due either,
+    but that after a loss is told, with what breaks in it.
     """
-    comm, state, settings = run.comm, run.setup.state, settings_of(run.job)
-    if run.setup.finder is None:
-        run.setup.finder = Finder(comm, run.setup.halo, run.setup.distribution, state)
-    found = run.setup.finder.find(
+    comm, setup, state, settings = run.comm, run.setup, run.setup.state, settings_of(run.job)
+    if setup.finder is None:
+        setup.finder = Finder(comm, setup.halo, setup.distribution, state)
+    found = setup.finder.find(
         each.load,
         settings.tolerance,
         reference,
@@ -204,11 +210,14 @@ def settle(run, each: Equilibrium, reference: float, stop: StopRequest, resume=N
         guess,
     )
     snapshot = take_snapshot(state, 0.0, 1.0, 0.0, 0.0)
-    _stop_at_fracture(run, snapshot, each)
+    breaking = _breaking(run, snapshot)
+    if breaking and each.kind != "loss":
+        name = run.comm.bcast(setup.model and setup.model.id_of(breaking[0]))
+        raise DivergedError(f"{each.words} breaks element {name}{_advice(each)}")
     if state.scene.plastic:
         state.dissipated[:] = snapshot.heat
         state.eps_p[:] = snapshot.eps_p
-    return Settled(snapshot, comm.allreduce(snapshot.slack), found)
+    return Settled(snapshot, comm.allreduce(snapshot.slack), found, breaking)
 
 
 def settings_of(job: Job) -> SimpleNamespace:
@@ -272,21 +281,17 @@ def bearable(run, wanted: list[Equilibrium], before: dict, reference: float) -> 
     )
 
 
-def _stop_at_fracture(run, snapshot: Snapshot, each: Equilibrium) -> None:
-    """An equilibrium has no fractures. Raises DivergedError where one is due."""
-    state, setup = run.setup.state, run.setup
+def _breaking(run, snapshot: Snapshot) -> tuple[int, ...]:
+    """Elements, global numbers, that are beyond their fracture strain, the same on every rank. Collective."""
+    state, subdomain = run.setup.state, run.setup.distribution.subdomain
     if not state.scene.fracture:
-        return
-    none = np.iinfo(np.int64).max
-    over = setup.distribution.subdomain.element_gid[snapshot.eps > state.eps_u]
-    first = run.comm.allreduce(int(over.min()) if len(over) else none, MPI.MIN)
-    if first < none:
-        name = run.comm.bcast(setup.model and setup.model.id_of(first))
-        raise DivergedError(f"{each.words} breaks element {name}{_advice(each)}")
+        return ()
+    over = subdomain.element_gid[snapshot.eps > state.eps_u].tolist()
+    return tuple(sorted(set().union(*run.comm.allgather(over))))
 
 
 def _advice(each: Equilibrium) -> str:
-    if each.kind in ("rest", "case", "loss"):
+    if each.kind in ("rest", "case"):
         under = each.kind == "case" or each.words == ALL_LOADS
         return ": there is no equilibrium under it" if under else ""
     return (

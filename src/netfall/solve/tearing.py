@@ -6,13 +6,35 @@ what is left there, as with fragments (`stability.fragment_mass`). What leaves t
 which counts as negative external work, so that both audits hold.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from mpi4py import MPI
 
 from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.state import State
 from netfall.net.net import GRAVITY
-from netfall.parallel.subdomain import Distribution
+from netfall.parallel.subdomain import Distribution, rows_of
+from netfall.solve.handover import HandOver
+
+
+class Corners(NamedTuple):
+    """What corners of panels carry: panel, node (c,); mass (c,) [kg]; pressure (c, 3) [N]; wind (c, 3)"""
+
+    panel: np.ndarray
+    node: np.ndarray
+    mass: np.ndarray
+    pressure: np.ndarray
+    wind: np.ndarray
+
+    def at(self, rows) -> "Corners":
+        """Some of them."""
+        return Corners(*(column[rows] for column in self))
+
+    def passed(self, taker: int, share: float) -> "Corners":
+        """A share of them, at another node."""
+        node = np.full(len(self.node), taker)
+        return Corners(self.panel, node, share * self.mass, share * self.pressure, share * self.wind)
 
 
 class Tearing:
@@ -25,13 +47,12 @@ class Tearing:
         """
         self.stable_dt = stable_dt
         self.panels = comm.bcast(model.panels if model else None)
-        spread = lambda name: distribution.particles(getattr(model, name) if model else None)
-        self.mass, self.pressure, self.wind = spread("carried"), spread("pressure"), spread("wind")
-        subdomain = distribution.subdomain
-        owned = subdomain.particle_gid[: subdomain.n_owned]
-        local = np.full(distribution.n, -1)
-        local[owned] = np.arange(len(owned))
-        self.row = local[self.panels.node]  # of each corner; -1: another rank's
+        self.distribution = distribution
+        self.owned = distribution.subdomain.particle_gid[: distribution.subdomain.n_owned]
+        panels, row = self.panels, rows_of(self.owned, self.panels.node)
+        here = row >= 0
+        columns = (panels.of_corner, panels.node, panels.mass, panels.pressure, panels.wind)
+        self.corners, self.row = Corners(*(column[here] for column in columns)), row[here]
         self.torn = np.zeros(self.panels.count, bool)
         self.torn[self.panels.at(list(broken))] = True
 
@@ -40,7 +61,7 @@ class Tearing:
         panels = self.panels.at(list(elements))
         panels = panels[~self.torn[panels]]
         self.torn[panels] = True
-        corners = np.flatnonzero(np.isin(self.panels.of_corner, panels) & (self.row >= 0))
+        corners = np.flatnonzero(np.isin(self.corners.panel, panels))
         own, stiffness = (
             np.bincount(
                 state.ends.ravel(), np.repeat(np.where(state.EA > 0.0, values, 0.0), 2), state.n_local
@@ -49,12 +70,26 @@ class Tearing:
         )
         least = np.maximum(own, 0.5 * self.stable_dt**2 * stiffness)
         for corner in corners.tolist():
-            p, share = self.row[corner], self.panels.share[corner]
-            mass = min(share * self.mass[p], max(0.0, state.mass[p] - least[p]))
+            p, of = self.row[corner], self.corners.at(corner)
+            mass = min(of.mass, max(0.0, state.mass[p] - least[p]))
             if state.work is not None:
                 state.work[p, 0] -= 0.5 * mass * float(np.sum(state.v[p].astype(float) ** 2))
             state.mass[p] -= mass
-            state.load[p] -= share * self.pressure[p]
+            state.load[p] -= of.pressure
             state.load[p, 2] += GRAVITY * mass
             if state.wind is not None:
-                state.wind[p] -= share * self.wind[p]
+                state.wind[p] -= of.wind
+
+    def hand_over(self, handed: HandOver) -> None:
+        """What corners that leave carry of each panel goes to others. Collective."""
+        leaving = np.isin(self.corners.node, handed.particles)
+        parts = self.distribution.comm.allgather(self.corners.at(leaving))
+        every = Corners(*(np.concatenate(columns) for columns in zip(*parts)))
+        order = np.argsort(every.node, kind="stable")  # those of one node are on one rank, in one order
+        found = [self.corners.at(~leaving)]
+        for source, taker, share in zip(handed.source, handed.taker, handed.share):
+            corners = every.at(order[every.node[order] == handed.particles[source]])
+            if taker in self.owned:
+                found.append(corners.passed(taker, share))
+        self.corners = Corners(*(np.concatenate(columns) for columns in zip(*found)))
+        self.row = rows_of(self.owned, self.corners.node)

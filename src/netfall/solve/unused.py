@@ -109,7 +109,7 @@ def _idle_sections(job: Job, net: Net, given: set[str]) -> list[str]:
             f"[wind] direction = {job.wind.direction:g}: the shape coefficients do not follow it; "
             "sectors = a table gives them by direction"
         )
-    idle = [key for key in ("groups", "openings") if f"roof.{key}" in given and not on_roof]
+    idle = [key for key in ("groups", "openings", "lines") if f"roof.{key}" in given and not on_roof]
     if idle:
         notes.append(
             f"[roof] {', '.join(idle)}: no effect: neither wind nor dead load nor pressure acts on the roof"

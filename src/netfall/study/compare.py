@@ -6,6 +6,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from netfall.output.place import whole
+from netfall.output.room import h5_updated
 from netfall.study.outcomes import Outcome
 
 ERRORS = ("displacement", "tension", "first_fracture", "broken")
@@ -102,7 +104,7 @@ def _advice(found: Row | None, exact: Outcome) -> str:
 
 def write_table(path: Path, rows: list[Row], **attributes) -> None:
     """The table as datasets of one length, /table; attributes say what it was measured against."""
-    with h5py.File(path, "a") as file:
+    with h5_updated(path) as file:
         file.pop("table", None)
         group = file.create_group("table")
         group.attrs.update(attributes)
@@ -141,7 +143,8 @@ def draw(title: str, rows: list[Row], exact: Outcome, tolerance: float, path: Pa
     axes.set_title(f"{title}: run time against error")
     axes.margins(x=0.2)
     axes.legend(fontsize=8)
-    figure.savefig(path, dpi=130)
+    with whole(path) as place:
+        figure.savefig(place, dpi=130)
     plt.close(figure)
     return path
 

@@ -1,9 +1,16 @@
-"""Random draws of a job's values, filling their range evenly or by chance."""
+"""Random draws of a job's values, filling their range evenly or by chance.
 
-import math
+They have the same bits on any processor, for the parts of a study that are run on several. Points of Sobol's
+sequence and of Latin hypercubes are whole numbers, permuted and scrambled as such, over powers of two or the
+count, and numpy's generator gives the same on all; logarithms, exponentials and quantiles are our own.
+"""
+
 import warnings
 
 import numpy as np
+
+from netfall.functions import exp, log, log1p
+from netfall.normal import quantile
 
 METHODS = ("sobol", "latin_hypercube", "random")
 # What each distribution is given by.
@@ -45,9 +52,8 @@ def _values(distribution: dict, share: np.ndarray) -> np.ndarray:
         return first + (second - first) * share
     if kind == "integer":
         return np.floor(first + (second + 1.0 - first) * share)
-    from scipy.special import ndtri
-
     if kind == "normal":
-        return first + second * ndtri(share)
-    width = math.sqrt(math.log1p((second / first) ** 2))
-    return np.exp(math.log(first) - 0.5 * width**2 + width * ndtri(share))
+        return first + second * quantile(share)
+    ratio = second / first
+    spread = log1p(ratio * ratio)  # the variance of the logarithm
+    return exp(log(first) - 0.5 * spread + np.sqrt(spread) * quantile(share))

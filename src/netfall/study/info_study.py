@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from netfall.output.info import LARGEST_BALANCE
-from netfall.study.losses import TELLING, losses_of
+from netfall.output.loss_lines import RESTS
+from netfall.study.losses import TELLING, losses_of, one_draw
 from netfall.study.members import Study, read_study, unit_of_column, with_unit
 from netfall.study.ranks import rank_correlations
 from netfall.study.samples import SPEED, inputs_of, is_seed
@@ -180,10 +181,16 @@ def _losses(study: Study, say) -> None:
     if losses is None:
         return
     more, bad = losses.broken > 0, losses.no_rest > 0
+    falls = losses.not_stable > 0
     say(
         f"losses: {len(losses.name)} different; more breaks after {more.sum()} of them, "
-        f"{bad.sum()} leave a roof without a rest" + _named(losses.name[bad])
+        f"{bad.sum()} leave a roof without a rest{_named(losses.name[bad])}"
+        + f", of which {falls.sum()} not stable"
+        * bool(falls.any())
     )
+    if (losses.breaking > 0).any():
+        torn = losses.name[losses.breaking > 0]
+        say(f"  after {len(torn)} of them {RESTS['breaks']}{_named(torn)}")
     for title, values, text in (
         ("most of the roof lost", losses.roof_lost, "{:.1%}"),
         ("largest dynamic factors", losses.dynamic_factor, "{:.3g}"),
@@ -196,6 +203,14 @@ def _losses(study: Study, say) -> None:
         say(
             f"  note: factors above {TELLING:g} are of elements whose tension at rest hardly changes, or of "
             "a roof that went on breaking"
+        )
+    pair = one_draw(study, losses)
+    if pair:
+        first, other = (f"{losses.broken[k]:.0f} elements (loss of {losses.name[k]})" for k in pair)
+        say(
+            f"  note: symmetric losses differ: after one {first} break, after the other {other}. All of them "
+            "have one draw of gusts, which does not blow on both alike; more seeds ([vary] wind.seed) tell "
+            "what is the loss's own"
         )
 
 

@@ -25,12 +25,21 @@ RESULTS = {
     "dynamic_factor_max": "",
     "dynamic_factor_element": "",
     "dynamic_factor_element_id": "",
+    "rest_after_loss": "",
+    "gusts": "",
     "duration": "s",
     "seconds": "s",
     "state": "",
     "reason": "",
 }
 
+OF_LOSSES = (
+    "dynamic_factor_max",
+    "dynamic_factor_element",
+    "dynamic_factor_element_id",
+    "rest_after_loss",
+    "gusts",
+)
 EVENTS = ("member", "time", "element")
 NET = {"particles": (0, 3), "elements": (0, 2), "element_id": (0,), "node_id": (0,), "fixed": (0, 3)}
 
@@ -103,8 +112,8 @@ def read_study(path: Path) -> Study:
 
 
 def _needed(file: h5py.File) -> list[str]:
-    """What must be in a file: factors only if members are removed, and a net only if a run had one."""
-    names = [f"members/{name}" for name in RESULTS if not name.startswith("dynamic_factor")]
+    """What must be in a file, whatever its members lose; and a net only if a run had one."""
+    names = [f"members/{name}" for name in RESULTS if name not in OF_LOSSES]
     names += [f"events/{name}" for name in EVENTS]
     return names + [f"net/{name}" for name in NET] * ("net" in file)
 

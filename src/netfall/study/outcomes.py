@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 
 from netfall.output.frames import Frames
+from netfall.output.room import h5_updated
 from netfall.study.launch import RunFailed, passing_result, run_job_command
 
 LASTING = ("finished", "refused", "diverged")  # what a further try would give again
@@ -97,15 +98,21 @@ class Store:
     def outcome(self, key: str, run: Callable[[], Outcome]) -> Outcome:
         """The outcome that is stored under a key, else that of a run, which is stored if it lasts."""
         key = key.replace("/", "|")
-        with h5py.File(self.path, "a") as file:
-            if file.attrs.get("digest") != self.digest:
+        if not self.path.exists() or self._other():
+            with h5_updated(self.path) as file:
                 file.clear()
                 file.attrs["digest"] = self.digest
+        with h5py.File(self.path, "r") as file:
             stored = file.get("outcomes", {})
             if key in stored:
                 return Outcome(**json.loads(stored[key][()]))
         found = run()
         if found.state in LASTING:
-            with h5py.File(self.path, "a") as file:
+            with h5_updated(self.path) as file:
                 file.require_group("outcomes")[key] = json.dumps(asdict(found))
         return found
+
+    def _other(self) -> bool:
+        """Whether what is there is of another study."""
+        with h5py.File(self.path, "r") as file:
+            return file.attrs.get("digest") != self.digest

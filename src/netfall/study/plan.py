@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.errors import InputError
-from netfall.job.read import Job, read_job, read_toml
+from netfall.job.read import PATHS, Job, read_job, read_toml
 from netfall.job.toml_text import toml_value
 from netfall.job.values import nearest, shown
 from netfall.study.draws import draw
@@ -239,8 +239,9 @@ def _try(plan: Plan, net_key) -> list[Path]:
 
 
 def _few(axis: Axis) -> itertools.chain:
-    """The values that are tried: all of a list, and the ends of a long range."""
-    values = axis.values if len(axis.values) <= 100 else [*axis.values[:50], *axis.values[-50:]]
+    """The values that are tried: all of a list, and the ends of a long range; all that name files."""
+    whole = len(axis.values) <= 100 or tuple(axis.name.split(".")) in PATHS
+    values = axis.values if whole else [*axis.values[:50], *axis.values[-50:]]
     return ((axis.name, value) for value in values)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from netfall.output.place import writing
+from netfall.output.place import whole
 from netfall.study.losses import elements_lost, losses_of
 from netfall.study.members import RESULTS, Study, read_study, with_unit
 from netfall.study.plot_breaks import breaks
@@ -43,12 +43,12 @@ def plot_study(path: Path, folder: Path) -> tuple[list[Path], list[str]]:
     for name, draw in pictures_of(study).items():
         figure = draw(study)
         written.append(folder / f"{study.name}_{name}.png")
-        with writing(written[-1]):
-            figure.savefig(written[-1], dpi=130)
+        with whole(written[-1]) as place:
+            figure.savefig(place, dpi=130)
         plt.close(figure)
     written.append(folder / f"{study.name}_members.csv")
-    with writing(written[-1]):
-        write_members(study, written[-1])
+    with whole(written[-1]) as place:
+        write_members(study, place)
     return written, []
 
 

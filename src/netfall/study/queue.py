@@ -3,9 +3,8 @@
 import json
 from collections import deque
 
+from netfall.solve.memory import BESIDE
 from netfall.study.plan import Plan
-
-OF_GUSTS = ("wind.seed", "wind.ramp")  # what members may differ in that share form, rest and gust model
 
 
 class Queue:
@@ -19,7 +18,7 @@ class Queue:
 
     def _key(self, number: int) -> str:
         values = self.plan.member(number).values
-        return json.dumps([value for name, value in values.items() if name not in OF_GUSTS])
+        return json.dumps([value for name, value in values.items() if name not in BESIDE])
 
     def take(self, last: str | None) -> tuple[str, int] | None:
         """The next member and its key; None if there are no more."""

@@ -17,6 +17,7 @@ import numpy as np
 
 from netfall.errors import InputError
 from netfall.job.read import Job, read_job
+from netfall.output.place import whole
 from netfall.study.launch import check_launcher, passing_result, run_job_command
 
 GROWING = {
@@ -184,7 +185,7 @@ def as_text(rows: list[dict]) -> list[str]:
 
 def write_csv(rows: list[dict], path: Path) -> Path:
     """The table, all figures in seconds."""
-    with open(path, "w", newline="") as file:
+    with whole(path) as place, open(place, "w", newline="") as file:
         writer = csv.DictWriter(file, rows[0])
         writer.writeheader()
         writer.writerows(rows)
@@ -236,6 +237,7 @@ def draw(job: Job, timings: list[Timing], path: Path) -> Path:
     right.legend(fontsize=8, ncols=4, loc="upper center")
     right.set_title("mean of the ranks; bars: least and largest", fontsize=9)
     figure.suptitle(job.title or job.name)
-    figure.savefig(path, dpi=130)
+    with whole(path) as place:
+        figure.savefig(place, dpi=130)
     plt.close(figure)
     return path

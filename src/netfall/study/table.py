@@ -1,7 +1,6 @@
 """The table of a study's runs: a row for each member, from journals and study files, written as HDF5."""
 
 import base64
-import os
 from collections import Counter
 from pathlib import Path
 
@@ -9,7 +8,8 @@ import h5py
 import numpy as np
 
 from netfall.errors import InputError
-from netfall.output.place import sync, writing
+from netfall.output.place import sync, whole, writing
+from netfall.output.room import h5_file
 
 FORMAT = 1
 # What is told of each run: data type, and what stands there while nothing is known.
@@ -24,11 +24,13 @@ OUTCOMES = {
     "balance_error": (float, np.nan),
     "dynamic_factor_max": (float, np.nan),
     "dynamic_factor_element": (np.int64, -1),
+    "rest_after_loss": (object, ""),
+    "gusts": (np.int64, 0),
     "seconds": (float, np.nan),
     "state": (object, ""),
     "reason": (object, ""),
 }
-OF_LOSSES = ("dynamic_factor_max", "dynamic_factor_element")
+OF_LOSSES = ("dynamic_factor_max", "dynamic_factor_element", "rest_after_loss", "gusts")
 UNITS = {
     **dict.fromkeys(("first_fracture", "seconds", "duration"), "s"),
     "displacement_max": "m",
@@ -114,9 +116,8 @@ class Table:
         """
         rows = np.flatnonzero(self.there)
         members = self._members(rows, plan)
-        temporary = path.with_name(f".{path.name}.part")
-        with writing(path):
-            with h5py.File(temporary, "w") as f:
+        with whole(path) as temporary:
+            with h5_file(temporary, "w") as (f, _):
                 f.attrs["netfall_study"], f.attrs["title"] = FORMAT, title
                 _write(f, "members", members)
                 self._write_events(f, rows)
@@ -127,7 +128,7 @@ class Table:
                     _write(f, "fragility", fragility(members))
                 _write(f, "provenance", provenance | {"attempts": self.tries[rows]})
             sync(temporary)
-            os.replace(temporary, path)
+        with writing(path):
             sync(path.parent)  # before the journal goes
 
     def _members(self, rows: np.ndarray, plan) -> dict[str, np.ndarray]:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.errors import InputError
+from netfall.output.place import whole
 from netfall.stop import NEVER
 from netfall.study.ensemble import net_key, pieces_of
 from netfall.study.plan import Plan, read_plan
@@ -91,7 +92,7 @@ def throughput(
             measured[count].append(measure(plan, numbers[: (RUNS + 1) * count], count, launcher))
     folder.mkdir(parents=True, exist_ok=True)
     table = folder / f"{path.stem}_throughput.csv"
-    with table.open("w", newline="") as file:
+    with whole(table) as place, place.open("w", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(["workers", "ranks", "runs_a_minute", "times_the_first", "run_over_dynamic_stage"])
         say("workers  runs a minute  times the first  a run over its dynamic stage")

@@ -38,6 +38,11 @@ class WindField:
     force: np.ndarray
     tapped: bool = False
 
+    @property
+    def varies(self) -> bool:
+        """Whether it blows in gusts: generated ones, or those of a table, of which a field has no mean."""
+        return self.model is not None or not self.control_mean.any()
+
     def mean_square(self, mean_gust: np.ndarray) -> np.ndarray:
         """Square (n,) [m2/s2] of the mean speed; mean_gust : (c,) [m/s], what the history adds to it."""
         speed = np.empty(len(self.mean))
@@ -60,20 +65,26 @@ def control_grid(x: np.ndarray, limit: int) -> tuple[np.ndarray, np.ndarray]:
     return line(0, nx), line(1, ny)
 
 
+def force_factor(settings) -> np.ndarray | float:
+    """Force on an upward vector area of 1 m2, [N s2/m2] at 1 m/s: -u_s rho / 2; of taps at 1 N/m2: -1."""
+    if settings.pressures:
+        return -1.0
+    return -np.asarray(settings.shape_coefficient) * 0.5 * settings.air_density
+
+
 def make_wind_field(
-    x: np.ndarray, area: np.ndarray, normal: np.ndarray, settings, places: np.ndarray | None = None
+    x: np.ndarray, vector: np.ndarray, settings, places: np.ndarray | None = None
 ) -> WindField:
-    """The field for a roof at its start: x (n, 3) [m], tributary area (n,) [m2], upward normals (n, 3).
+    """The field for a roof at its start: x (n, 3) [m], upward vector areas A (n, 3) [m2].
 
     places : (c, 3) [m], of a table of speeds at several points, or (c, 2) of pressures at taps
-    The force at speed U is -u_s A rho U^2 / 2 along the upward normal: suction (u_s < 0) lifts (Eq. 6, 7).
+    The force at speed U is -u_s rho U^2 / 2 A: suction (u_s < 0) lifts (Eq. 6, 7).
     """
+    force = np.reshape(force_factor(settings), (-1, 1)) * vector
     if settings.pressures:
         corner, weight = place_weights(x, places)
         still, at_rest = np.zeros(len(places)), np.zeros(len(x))
-        force = -area[:, None] * normal
         return WindField(places, still, None, at_rest, corner, weight, force, tapped=True)
-    force = (-settings.shape_coefficient * 0.5 * settings.air_density * area)[:, None] * normal
     if settings.file:
         return _measured_field(x, force, settings, places)
     y = along_wind(x, settings.direction)

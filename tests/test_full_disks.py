@@ -1,0 +1,261 @@
+"""A disk that is full, at every stage at which something is written: one line, exit code 1, nothing half."""
+
+import ctypes
+import errno
+import os
+import subprocess
+from functools import partial
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from conftest import STEEL, assert_same_results, run_netfall
+from kill_runs import JOB
+from test_long_runs import ELEMENTS, NODES
+from test_long_runs import JOB as TINY
+
+from netfall.errors import OutputError
+from netfall.output import room
+from netfall.output.h5 import check_seal
+from netfall.output.room import h5_file, h5_updated, reserve
+
+SHORT = JOB.replace("duration = 0.4", "duration = 0.06").replace("frames = 80", "frames = 240")
+DISK = 16  # MB
+CUT = "No space left on device"
+
+
+class Disk:
+    """A disk of its own, of which a part is left."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+
+    def leave(self, kilobytes: int) -> None:
+        """Fill it but for so much; what was on it goes."""
+        for path in self.names():
+            (self.folder / path).unlink()
+        (self.folder / "filler").unlink(missing_ok=True)
+        with open(self.folder / "filler", "wb") as filler:
+            os.posix_fallocate(filler.fileno(), 0, (DISK << 20) - (kilobytes << 10))
+
+    def names(self) -> set[str]:
+        """What is on it."""
+        return {path.name for path in self.folder.iterdir() if path.name != "filler"}
+
+
+@pytest.fixture
+def disk(tmp_path):
+    """A disk in memory, where this process may mount one."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", f"size={DISK}m", "netfall", str(folder)],
+        capture_output=True,
+        text=True,
+    )
+    if mounted.returncode:
+        pytest.skip(f"no disk can be mounted here: {mounted.stderr.strip()}")
+    yield Disk(folder)
+    subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+def refused(done, *words) -> str:
+    """The one line of a command that found no room; there is nothing else in what it says of errors."""
+    assert done.returncode == 1, (done.returncode, done.stderr)
+    lines = [line for line in done.stderr.splitlines() if "netfall" in line or "ignal" in line]
+    assert len(lines) == 1 and lines[0].startswith("netfall: "), done.stderr
+    assert "Traceback" not in done.stderr and "HDF5" not in done.stderr
+    assert "cannot be written" in lines[0] and "make room there" in lines[0], lines[0]
+    assert all(word in lines[0] for word in words), lines[0]
+    return lines[0]
+
+
+@pytest.mark.parametrize(
+    "ranks, left", [(1, (40, 900, 2400, 3600)), (2, (40, 600, 820, 900, 1800, 2400, 3600))]
+)
+def test_a_run_ends_where_the_disk_is_full(disk, workshop, ranks, left):
+    """From the first dataset to the joining of the parts: no result, no half file, and the last checkpoint is
+    whole and named. With room again it goes on from there, to the bits of a run that had enough.
+    """
+    job, refusals = workshop.job(SHORT), []
+    for kilobytes in left:
+        disk.leave(kilobytes)
+        arguments = ("run", job, "-o", disk.folder / "r.vtkhdf", "--quiet")
+        line = refused(run_netfall(*arguments, ranks=ranks, timeout=120), CUT)
+        there = disk.names()
+        checkpoints = sorted(name for name in there if name.startswith("r.checkpoint"))
+        parts = {name for name in there if name.startswith(".r.vtkhdf.segment")}
+        assert there == {*checkpoints, *parts} and bool(parts) == bool(checkpoints)
+        assert all(check_seal(disk.folder / name) for name in checkpoints)
+        assert (f"{checkpoints[-1]} (--restart)" in line) if checkpoints else ("--restart" not in line)
+        refusals.append((line.split(": cannot")[0].rpartition("/")[2].rstrip("0123456789"), len(checkpoints)))
+    assert len(checkpoints) == 2 and ("r.vtkhdf", 2) in refusals  # at the last, while parts were joined
+    assert {("r.vtkhdf", 0), ("r.vtkhdf", 2)} <= {*refusals}, refusals
+    whole = workshop.run(job)
+    (disk.folder / "filler").unlink()
+    restart = ("--restart", disk.folder / checkpoints[-1])
+    assert run_netfall(*arguments, *restart, ranks=ranks).returncode == 0
+    with h5py.File(disk.folder / "r.vtkhdf") as again:
+        assert_same_results(whole, again)
+
+
+LOADED = """[net]
+generator = "saddle"
+cells = 24
+[form_finding]
+METHOD
+[load]
+self_weight = true
+snow = 500.0
+steps = 2
+"""
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize(
+    "stage, method",
+    [(1, "modulus_factor = 0"), (2, 'method = "force_density"')],
+    ids=["form finding", "statics"],
+)
+def test_a_stop_before_dynamics_ends_where_the_disk_is_full(disk, workshop, stage, method, ranks):
+    """Asked to stop at its first look, the run has no room for the checkpoint; with room it has."""
+    job = workshop.job(LOADED.replace("METHOD", method) + STEEL)
+    arguments = ("run", job, "-o", disk.folder / "r.vtkhdf", "--quiet", "--walltime", "00:00:00")
+    name = f"r.checkpoint-{stage}-"
+    for kilobytes in (0, 4, 100, 300):
+        disk.leave(kilobytes)
+        done = run_netfall(*arguments, ranks=ranks, timeout=120)
+        if stage == 1 and done.returncode == 4:  # of so little it has the room
+            assert kilobytes >= 100
+            continue
+        refused(done, "r.", CUT)
+        assert disk.names() == set()
+    disk.leave(4000)
+    done = run_netfall(*arguments, ranks=ranks, timeout=120)
+    assert done.returncode == 4 and name in done.stderr, done.stderr
+    (checkpoint,) = (path for path in disk.names() if path.startswith(name))
+    assert check_seal(disk.folder / checkpoint)
+
+
+def test_pictures_and_reports_end_where_the_disk_is_full(disk, workshop):
+    """What is whole stays, of what is not there is nothing: neither a part of a picture nor of a table."""
+    result = workshop.folder / "result.vtkhdf"
+    workshop.run(workshop.job(LOADED.replace("METHOD", 'method = "force_density"') + STEEL)).close()
+    for command in ("plot", "report", "check"):
+        for kilobytes in (0, 20):
+            disk.leave(kilobytes)
+            source = workshop.folder / "job.toml" if command == "check" else result
+            done = run_netfall(command, source, "-o", disk.folder, timeout=120)
+            refused(done, str(disk.folder), CUT)
+            for name in disk.names():
+                content = (disk.folder / name).read_bytes()
+                assert not name.startswith(".") and content
+                assert content.endswith(b"IEND\xaeB`\x82" if name.endswith(".png") else b"\n"), name
+
+
+def test_studies_end_where_the_disk_is_full(disk, workshop):
+    """The journal, then the study file: it has its name once it is whole, and the same command goes on."""
+    workshop.job(TINY.replace("16.2", "0.002"), NODES, ELEMENTS)
+    study = workshop.folder / "study.toml"
+    seeds = ", ".join(map(str, range(1, 13)))
+    study.write_text(f'job = "job.toml"\n[vary]\n"dynamics.damping" = [{seeds}]\n')
+    place = disk.folder / "s.study.h5"
+    for kilobytes, left in ((0, set()), (12, {"s.study.journal"})):
+        disk.leave(kilobytes)
+        refused(run_netfall("study", study, "-o", place, "--workers", "1", "--quiet", timeout=200), CUT)
+        assert {name for name in disk.names() if (disk.folder / name).stat().st_size} == left
+    (disk.folder / "filler").unlink()
+    done = run_netfall("study", study, "-o", place, "--workers", "1", timeout=200)
+    assert done.returncode == 0 and "12 of 12 runs are there" in done.stdout, done.stdout + done.stderr
+    assert disk.names() == {"s.study.h5"}
+
+
+# --- what stands behind it
+
+
+def test_a_file_for_hdf5_takes_everything_and_tells(tmp_path, monkeypatch):
+    """From a certain byte on the disk takes nothing: HDF5 sees no error, reads back what it wrote, closes;
+    then the error comes. With room enough the file is what HDF5 writes by itself.
+    """
+    values = np.random.default_rng(1).random((200, 500))  # 800 kB, in chunks that go to the disk at once
+
+    def write(path, check_early=False):
+        with h5_file(path, "w") as (file, check):
+            file.create_dataset("values", data=values, chunks=(10, 500))
+            assert (file["values"][:] == values).all()
+            if check_early:
+                check()
+
+    write(tmp_path / "whole.h5")
+    with h5py.File(tmp_path / "whole.h5") as file:
+        assert (file["values"][:] == values).all()
+    real = os.pwrite
+
+    def full(there, data, place, most):
+        if place >= most:
+            raise OSError(errno.ENOSPC, CUT)
+        return real(there, data[: most - place], place)
+
+    for most in (0, 1, 5000, 300_001):
+        monkeypatch.setattr(os, "pwrite", partial(full, most=most))
+        for early in (True, False):
+            with pytest.raises(OSError, match=CUT):
+                write(tmp_path / "full.h5", early)
+
+
+def test_what_is_added_to_a_file_is_there_or_the_file_is_as_before(tmp_path, monkeypatch):
+    """A table that grows: a full disk leaves the old one, to the byte."""
+    path = tmp_path / "table.h5"
+    with h5_updated(path) as file:
+        file["a"] = 1
+    before = path.read_bytes()
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, CUT)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "pwrite", full)
+        with (
+            pytest.raises(OutputError, match=f"table.h5: cannot be written .{CUT}"),
+            h5_updated(path) as file,
+        ):
+            file["b"] = 2
+    assert path.read_bytes() == before and {p.name for p in tmp_path.iterdir()} == {"table.h5"}
+    with h5_updated(path) as file:
+        file["b"] = 2
+    with h5py.File(path) as file:
+        assert {*file} == {"a", "b"}
+
+
+def test_room_is_reserved_without_a_change_of_the_file(disk):
+    """3 of 4 MB are had, 5 are not; what is reserved nobody else gets, until it is given back."""
+    disk.leave(4 << 10)
+    path = disk.folder / "file"
+    path.write_bytes(b"abc")
+    reserve(path, 3 << 20)
+    assert path.read_bytes() == b"abc"
+    with pytest.raises(OSError, match=CUT):
+        (disk.folder / "other").write_bytes(bytes(2 << 20))
+    (disk.folder / "other").unlink()
+    with pytest.raises(OSError, match=CUT):
+        reserve(path, 5 << 20)
+    room.give_back(path)
+    (disk.folder / "other").write_bytes(bytes(2 << 20))
+    assert path.read_bytes() == b"abc"
+
+
+def test_where_nothing_can_be_reserved_what_is_free_counts(disk, monkeypatch):
+    """A file system that does not know how: 3 of 4 free MB are enough for a file, 5 are not."""
+
+    def unknown(*_):
+        ctypes.set_errno(errno.EOPNOTSUPP)
+        return -1
+
+    monkeypatch.setattr(room, "_fallocate", unknown)
+    disk.leave(4 << 10)
+    path = disk.folder / "file"
+    path.touch()
+    reserve(path, 3 << 20)
+    with pytest.raises(OSError, match=CUT):
+        reserve(path, 5 << 20)

@@ -1,0 +1,373 @@
+"""What hangs inside a cable that is lost goes to its ends: by hand, by refinement, by bits."""
+
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import assert_same_results
+from mpi4py import MPI
+
+from netfall.job.read import read_job
+from netfall.mechanics.fields import Scene
+from netfall.mechanics.loss import Carried, join, leave
+from netfall.mechanics.state import State
+from netfall.net.net import GRAVITY
+from netfall.solve.handover import hand_over
+from netfall.solve.loads import FadingLoad
+from netfall.solve.member import run_member
+from netfall.solve.memory import Memory
+
+
+def handed_of(pairs, cable, L0, loose, torn=()):
+    """Shares {node: {taker: share}} where all elements (node, node) are lost."""
+    pairs = np.array(pairs)
+    net = SimpleNamespace(elements=pairs, cable=np.array(cable))
+    flags = np.isin(np.arange(pairs.max() + 1), loose)
+    found = hand_over(net, np.array(L0, float), np.arange(len(pairs)), flags, torn)
+    shares = {int(p): {} for p in found.particles}
+    for k, taker, share in zip(found.source, found.taker, found.share):
+        shares[int(found.particles[k])][int(taker)] = float(share)
+    return shares
+
+
+CHAIN = [(0, 1), (1, 2), (2, 3)]
+
+
+def test_a_chain_is_shared_by_the_lever_rule():
+    """Parts of 1, 2 and 3 m: a node 1 m from one end and 5 m from the other gives it 5/6."""
+    found = handed_of(CHAIN, [0, 0, 0], [1, 2, 3], [1, 2])
+    assert found == {1: {0: pytest.approx(5 / 6), 3: pytest.approx(1 / 6)}, 2: {0: 0.5, 3: 0.5}}
+    backwards = handed_of([(2, 3), (2, 1), (1, 0)], [0, 0, 0], [3, 2, 1], [1, 2])
+    assert backwards == found
+
+
+def test_an_end_that_nothing_holds_takes_none():
+    """All goes to the other end; without any end that is held nothing is handed over."""
+    assert handed_of(CHAIN, [0, 0, 0], [1, 2, 3], [1, 2, 3]) == {1: {0: 1.0}, 2: {0: 1.0}}
+    assert handed_of(CHAIN, [0, 0, 0], [1, 2, 3], [0, 1, 2, 3]) == {}
+
+
+def test_along_what_had_broken_nothing_is_handed_on():
+    """Each side of the broken part goes to its own end; between two of them a node keeps what it has."""
+    assert handed_of(CHAIN, [0, 0, 0], [1, 2, 3], [1, 2], {1}) == {1: {0: 1.0}, 2: {3: 1.0}}
+    assert handed_of(CHAIN, [0, 0, 0], [1, 2, 3], [1, 2], {0, 1}) == {2: {3: 1.0}}
+
+
+def test_the_end_of_a_lost_cable_keeps_what_it_carries():
+    """Where two cables meet that are both lost, nothing is inside either: a weight there falls."""
+    assert handed_of(CHAIN, [0, 1, 1], [1, 2, 3], [1, 2]) == {2: {3: 1.0}}
+
+
+def test_a_hanger_takes_nothing_of_the_cable_that_it_hangs_on():
+    """A lost hanger between node 1 of a lost chain and node 4, in one part or in two."""
+    whole = handed_of([*CHAIN, (1, 4)], [0, 0, 0, 1], [1, 2, 3, 4], [1, 2])
+    divided = handed_of([*CHAIN, (1, 5), (5, 4)], [0, 0, 0, 1, 1], [1, 2, 3, 2, 2], [1, 2, 5])
+    assert whole == {1: {0: pytest.approx(5 / 6), 3: pytest.approx(1 / 6)}, 2: {0: 0.5, 3: 0.5}}
+    middle = {0: pytest.approx(5 / 12), 3: pytest.approx(1 / 12), 4: 0.5}
+    assert {p: divided[p] for p in whole} == whole and divided[5] == middle
+
+
+def test_where_lost_cables_cross_all_their_ends_take_a_share():
+    """Of each end one over its distance: 1, 2, 3 and 6 m give 6, 3, 2 and 1 twelfths."""
+    cross = handed_of([(1, 0), (0, 2), (3, 0), (0, 4)], [0, 0, 1, 1], [1, 2, 3, 6], [0])
+    assert cross[0] == {k: pytest.approx(share / 12) for k, share in ((1, 6), (2, 3), (3, 2), (4, 1))}
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_lost_grid_is_shared_as_the_linear_system_says(seed):
+    """5 x 5 crossings at random distances: (sum of 1 / L0) u = loads, and what the border carries of it."""
+    rng, side = np.random.default_rng(seed), 7
+    number = rng.permutation(side * side).reshape(side, side)
+    lines = [number[k] for k in range(1, side - 1)] + [number[:, k] for k in range(1, side - 1)]
+    pairs = [(int(a), int(b)) for line in lines for a, b in pairwise(line)]
+    cable = np.repeat(np.arange(len(lines)), side - 1)
+    L0, inner = rng.uniform(0.5, 3.0, len(pairs)), number[1:-1, 1:-1].ravel()
+    found = handed_of(pairs, cable, L0, inner)
+    K = np.zeros((side * side, side * side))
+    for (a, b), length in zip(pairs, L0):
+        K[np.ix_([a, b], [a, b])] += np.array([[1, -1], [-1, 1]]) / length
+    border = np.setdiff1d(np.arange(side * side), inner)
+    exact = -np.linalg.solve(K[np.ix_(inner, inner)], K[np.ix_(inner, border)])
+    got = np.array([[found[p].get(b, 0.0) for b in border.tolist()] for p in inner.tolist()])
+    assert got == pytest.approx(exact, abs=1e-13)  # rounding
+    assert got.sum(1) == pytest.approx(1.0, abs=1e-14)
+
+
+def test_resultant_and_moment_stay():
+    """Of the loads of a straight cable with random loads at random places."""
+    rng = np.random.default_rng(1)
+    along = np.sort(rng.uniform(0.0, 9.0, 12))
+    x = np.outer(along, [1.0, 2.0, -2.0]) / 3.0
+    pairs = np.column_stack([np.arange(11), np.arange(1, 12)])
+    net = SimpleNamespace(elements=pairs, cable=np.zeros(11, int))
+    loose = np.ones(12, bool)
+    loose[[0, 11]] = False
+    handed = hand_over(net, np.diff(along), np.arange(11), loose)
+    force = rng.normal(size=(12, 3))
+    after = force.copy()
+    handed.move(after, np.arange(12))
+    assert (after[1:-1] == 0).all() and np.abs(after[[0, -1]] - force[[0, -1]]).min() > 0
+    assert after.sum(0) == pytest.approx(force.sum(0), abs=1e-14)
+    assert np.cross(x, after).sum(0) == pytest.approx(np.cross(x, force).sum(0), abs=1e-13)
+
+
+def test_what_joins_a_particle_brings_its_momentum():
+    """1 kg at 3 m/s and half of 4 kg at -2 m/s give 3 kg at -1/3 m/s; what is held stays; the work closes."""
+    state = State(Scene(wind=True), 3, 0, 0)
+    state.free[:] = [[1, 1, 1], [1, 0, 1], [1, 1, 1]]
+    state.mass[:], state.v[:, 0], state.v[2, 1] = [1.0, 1.0, 4.0], [3.0, 0.0, -2.0], 5.0
+    state.load[:, 2], state.wind[:, 2] = [-10.0, -20.0, -40.0], [0.1, 0.2, 0.8]
+    kinetic = lambda: float((0.5 * state.mass * (state.v**2).sum(1)).sum())
+    before, source, share = kinetic(), np.array([0, 0]), np.array([0.5, 0.5])
+    given = Carried(*(getattr(state, name)[2:].copy() for name in ("mass", "v", "load", "wind")))
+    join(state, np.array([0, 1]), source, share, given)
+    leave(state, np.array([2]))
+    assert state.mass.tolist() == [3.0, 3.0, 0.0]
+    assert state.v[:, 0] == pytest.approx([-1 / 3, -4 / 3, 0.0])
+    assert state.v[:, 1] == pytest.approx([10 / 3, 0.0, 0.0])  # the second one is held along y
+    assert state.load[:, 2].tolist() == [-30.0, -40.0, 0.0]
+    assert state.wind[:, 2] == pytest.approx([0.5, 0.6, 0.0])
+    assert state.work.sum() == pytest.approx(kinetic() - before, rel=1e-14) and kinetic() < before
+
+
+def test_what_fades_pulls_the_ends_against_each_other():
+    """A sagging chain under 10 and 20 N at 1 and 3 of 6 m: its pull at the ends less their shares is H alone.
+
+    By hand: the right support carries (10 * 1 + 20 * 3) / 6 = 35/3 N, the left one 55/3 N; H = 50 N.
+    """
+    left, H = 55 / 3, 50.0
+    force = np.array([[H, 0, -left], [H, 0, -left + 10.0], [H, 0, -left + 30.0]])  # on the start of each
+    ends = np.array([[0, 1], [1, 2], [2, 3]])
+    net = SimpleNamespace(elements=ends, cable=np.zeros(3, int))
+    handed = hand_over(net, np.array([1.0, 2.0, 3.0]), np.arange(3), np.array([False, True, True, False]))
+    state = SimpleNamespace(load_before=np.zeros((4, 3)), load_after=np.zeros((4, 3)))
+    fade = FadingLoad(np.arange(4), 2.0)
+    fade.begin(1.0, ends, force)
+    fade.hand_over(handed, None)
+    fade.write(state, 1.0, 2.0)
+    assert state.load_before == pytest.approx(np.array([[H, 0, 0], [0] * 3, [0] * 3, [-H, 0, 0]]), abs=1e-12)
+    assert state.load_after == pytest.approx(0.5 * state.load_before, abs=1e-12)
+
+
+# --- a cable with all that can hang on it
+
+EA, HANGER = 1.6e7, 10.0  # N, m
+HUNG = """
+[cable]
+modulus = 1.6e11
+area = 1e-4
+density = 7850.0
+[load]
+self_weight = true
+dead = 40.0
+snow = 60.0
+pressure = [30.0, 0.0, -80.0]
+ramp = 0.2
+tolerance = 1e-10
+[wind]
+speed = 30.0
+shape_coefficient = 0.4
+roughness = 0.0
+profile_exponent = 0.0
+base_height = 50.0
+onset = "sudden"
+[dynamics]
+duration = 0.6
+damping = 3.0
+fragments = false
+[output]
+history = 0.01
+[[remove]]
+elements = [2, 3, 4]
+time = 0.3
+duration = 0.05
+"""
+AREA, MASS, LOAD = np.array([2.0, 3.0, 5.0, 1.5]), np.array([0.0, 10.0, 0.0, 0.0]), [0.0, -200.0, 0.0, -50.0]
+AT = np.array([0.0, 1.0, 3.0, 6.0])  # m, along the chain
+
+
+def hung(parts):
+    """Two hangers, and a chain of three elements between their lower ends, whose nodes carry a roof."""
+    nodes = ["id, x, y, z, fixed_x, fixed_y, fixed_z, area, normal_x, normal_y, normal_z, mass, load_z"]
+    nodes += [f"{k}, {x}, 0, 0, 1, 1, 1, 0, 0, 0, 1, 0, 0" for k, x in ((10, 0.0), (11, 6.0))]
+    for k in range(4):
+        held = "1, 1, 0" if k in (0, 3) else "0, 0, 0"
+        nodes.append(f"{k}, {AT[k]}, 0, {-HANGER}, {held}, {AREA[k]}, 0, 0, 1, {MASS[k]}, {LOAD[k]}")
+    elements = ["id, start, end, unstressed_length", f"0, 10, 0, {HANGER}", f"1, 11, 3, {HANGER}"]
+    elements += [f"{k + 2}, {k}, {k + 1}, {AT[k + 1] - AT[k]}" for k in range(3)]
+    return f'[net]\nnodes = "nodes.csv"\nelements = "elements.csv"\nsubdivide = {parts}\n', nodes, elements
+
+
+def hung_job(workshop, parts, text=HUNG):
+    """Its job file."""
+    net, nodes, elements = hung(parts)
+    (workshop.folder / "nodes.csv").write_text("\n".join(nodes))
+    (workshop.folder / "elements.csv").write_text("\n".join(elements))
+    return workshop.job(net + text, name=f"hung{parts}")
+
+
+@pytest.mark.parametrize("parts", [1, 2, 4])
+def test_the_hangers_carry_all_that_hung_on_the_lost_cable(workshop, parts):
+    """Dead load, snow, a pressure that grows, wind, weights, its own weight: each by the lever rule."""
+    pressed = 0.4 * 0.5 * 1.25 * 30.0**2  # N/m2, of the wind; the density of air is that of the schema
+    down = (40.0 + 60.0 + 80.0 + pressed) * AREA - np.array(LOAD)
+    own = GRAVITY * 7850.0 * 1e-4 * np.diff(AT, prepend=0.0, append=6.0)
+    down += 0.5 * (own[:-1] + own[1:])
+    to_left = 1.0 - AT / 6.0
+    exact = np.array([to_left @ down, (1.0 - to_left) @ down])
+    with workshop.run(hung_job(workshop, parts)) as f:
+        number = np.array([np.flatnonzero(f["net/element_id"][:] == k)[-1] for k in (0, 1)])
+        own_hanger = GRAVITY * 7850.0 * 1e-4 * HANGER * 0.5 / parts  # at the lower end of the lowest part
+        assert f["removal/tension_after"][0][number] == pytest.approx(exact + own_hanger, rel=1e-8)
+        assert np.abs(f["history/identity_error"][:]).max() < 1e-12  # rounding
+        assert np.abs(f["history/balance_error"][:]).max() < 2e-3  # of the step
+        inner = np.flatnonzero(np.isin(f["net/node_id"][:], [1, 2]))
+        assert (f["final/velocity"][:][inner] == 0).all()
+
+
+def test_it_has_the_same_bits_on_any_ranks_and_through_a_pause(both_ways):
+    """Also from a checkpoint while the tension fades, in which what grows has been handed over."""
+    text = HUNG.replace("ramp = 0.2", "ramp = 0.5").replace(
+        "history = 0.01", "history = 0.01\ncheckpoint = 0.11"
+    )
+    job = hung_job(both_ways, 3, text)
+    one = both_ways.run(job, ranks=3)
+    for checkpoint, ranks in zip(sorted(both_ways.folder.glob("*.checkpoint*")), (2, 1, 3, 1)):
+        again = super(type(both_ways), both_ways).run(
+            job, "--restart", checkpoint, ranks=ranks, output="b.vtkhdf"
+        )
+        with again:
+            assert_same_results(one, again)
+
+
+# --- a roof
+
+ROOF = """
+[net]
+generator = "saddle"
+side = 40.0
+cells = 6
+subdivide = 3
+[cable]
+modulus = 1.95e11
+area = 400e-6
+density = 7850.0
+prestress = 100e3
+yield_stress = 4.5e8
+fracture_strain = 0.0047
+[form_finding]
+modulus_factor = 0
+[load]
+self_weight = true
+dead = 60.0
+pressure = -100.0
+ramp = 0.4
+[wind]
+speed = 40.0
+onset = "sudden"
+shape_coefficient = -0.3
+roughness = 0.02
+seed = 3
+[dynamics]
+duration = 0.44
+damping = 0.2
+[[remove]]
+elements = [20, 21, 22]
+time = 0.1
+duration = 0.08
+[[remove]]
+elements = [40]
+time = 0.15
+[[remove]]
+cables = ["e4"]
+time = 0.25
+duration = 0.1
+[[remove]]
+elements = [0, 1, 2, 3, 5, 6, 7, 8, 9, 30, 31]
+time = 0.3
+duration = 0.1
+[output]
+history = 0.02
+checkpoint = 0.13
+"""
+
+
+@pytest.mark.parametrize("what_leaves", ["particle", "panels"])
+def test_a_roof_that_breaks_and_loses_cables_has_the_same_bits(workshop, what_leaves):
+    """Among them cables of which a part had broken before; on 1 and 3 ranks and from each checkpoint."""
+    text = ROOF.replace("seed = 3", f'seed = 3\nafter_fracture = "{what_leaves}"')
+    text = text.replace("ramp = 0.4\n", "") if what_leaves == "panels" else text  # not both
+    job = workshop.job(text)
+    with workshop.run(job) as one, workshop.run(job, ranks=3, output="three.vtkhdf") as three:
+        assert_same_results(one, three)
+        lost, time = one["removal/element"][:], one["removal/time"][:][one["removal/entry"][:]]
+        broke = dict(zip(one["events/element"][:].tolist(), one["events/time"][:].tolist()))
+        assert sum(broke.get(e, np.inf) < t for e, t in zip(lost.tolist(), time)) >= 3
+        assert np.abs(one["history/identity_error"][:]).max() < 1e-12  # rounding
+        kept = sorted(workshop.folder.glob("three.checkpoint*"))
+        assert len(kept) == 2
+        for checkpoint, ranks in zip(kept, (2, 1)):
+            with workshop.run(job, "--restart", checkpoint, ranks=ranks, output="again.vtkhdf") as again:
+                assert_same_results(one, again)
+
+
+STANDING = """
+[net]
+generator = "saddle"
+side = 40.0
+cells = 6
+subdivide = {parts}
+[cable]
+modulus = 1.95e11
+area = 400e-6
+density = 7850.0
+prestress = 400e3
+[form_finding]
+modulus_factor = 0
+[load]
+self_weight = true
+dead = 50.0
+tolerance = 1e-9
+[dynamics]
+duration = 1.0
+damping = 2.0
+[[remove]]
+elements = [20]
+time = 0.05
+duration = 0.3
+[output]
+history = 0.02
+"""
+
+
+def test_answers_do_not_depend_on_the_refinement(workshop):
+    """With subdivide 1, 2, 4, 8 equilibria come nearer as the square of the parts; no roof goes."""
+    found, lost = [], []
+    for parts in (1, 2, 4, 8):
+        job = workshop.job(STANDING.format(parts=parts))
+        with workshop.run(job, output=f"{parts}.vtkhdf") as f:
+            mean = lambda values: values.reshape(-1, parts).mean(1)
+            g, nodes = f["removal"], np.flatnonzero(f["net/node_id"][:] < 45)
+            before, after = mean(f["rest/tension"][:]), mean(g["tension_after"][0])
+            factor = g["dynamic_factor"][0].reshape(-1, parts)[:, 0]
+            found.append(
+                (
+                    before,
+                    after,
+                    f["rest/position"][:][nodes],
+                    factor,
+                    f["envelope/displacement_max"][:][nodes],
+                )
+            )
+        outcome = run_member(MPI.COMM_WORLD, lambda: read_job(job), None, Memory())
+        lost.append((outcome["state"], outcome["roof_lost"]))
+    assert lost == [("finished", 0.0)] * 4
+    for values in list(zip(*found))[:3]:
+        steps = [np.abs(b - a).max() for a, b in pairwise(values)]
+        ratios = np.array(steps[:-1]) / steps[1:]
+        assert ((ratios > 3.5) & (ratios < 4.5)).all(), (steps, ratios)
+    (_, _, _, coarse, moved), (before, after, _, fine, moved_finer) = found[2:]
+    telling = (np.abs(after - before) > 0.1 * before.max()) & (after > 0)  # 0: what is lost
+    assert telling.sum() > 3 and fine[telling] == pytest.approx(coarse[telling], rel=0.02)
+    assert moved_finer.max() == pytest.approx(moved.max(), rel=0.02)

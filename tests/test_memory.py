@@ -1,0 +1,205 @@
+"""What members of a study share: every key of the job counts, in memory and digests, but those named here."""
+
+from dataclasses import fields, replace
+from types import SimpleNamespace
+
+import pytest
+from test_study import NODES, TABLES
+
+from netfall.job.read import PATHS, Job, read_job
+from netfall.job.schema import LISTS, OVERRIDES, SECTIONS
+from netfall.job.values import fits
+from netfall.solve.memory import OF_SPEED, Memory, key_of
+from netfall.solve.model import make_model
+from netfall.study.ensemble import net_key, pieces_of
+from netfall.study.plan import read_plan
+from netfall.study.queue import Queue
+from netfall.study.watch import Watch
+
+# Two values of each kind that most keys allow; numbers, words and names are tried until two of them fit.
+TWO = {
+    "flag": (False, True),
+    "vector": ([1.0, 2.0, 3.0], [1.0, 2.0, 4.0]),
+    "pressure": (-500.0, [0.0, 0.0, -500.0]),
+    "points": ([[0.0, 0.0]], [[0.0, 1.0]]),
+    "places": ([7], [[1.0, 2.0]]),
+    "polygon": ([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], [[0.0, 0.0], [1.0, 0.0], [0.0, 2.0]]),
+    "words": (["a"], ["a", "b"]),
+    "integers": ([1], [2]),
+    "loads": ({"load.snow": 1.0}, {"load.snow": 2.0}),
+}
+TRIED = ("a.csv", "b.csv", 1, 2, 8, 16, 0.05, 0.01, 1e-3, 1e-4, 100.0, 200.0, 1e5, 2e5)
+
+# What changes no equilibrium and no model of gusts, with the reason; all other keys must be noticed.
+AFTER_REST = {
+    "title": "a name",
+    "text": "its values stand in the sections; what else stands there is comments",
+    "overrides": "their values stand in the sections",
+    "output.frames": "of the dynamic stage",
+    "output.history": "of the dynamic stage",
+    "output.probes": "of the dynamic stage",
+    "output.elements": "of the dynamic stage",
+    "output.checkpoint": "of the dynamic stage",
+    "output.modes": "each run finds its own",
+    "wind.seed": "noise of the gusts, not of their model",
+    "wind.ramp": "over which gusts grow in after the rest",
+    "removes.elements": "lost after the rest",
+    "removes.group": "lost after the rest",
+    "removes.cables": "lost after the rest",
+    "removes.time": "lost after the rest",
+    "removes.duration": "lost after the rest",
+}
+NO_WIND_YET = dict.fromkeys(OF_SPEED, "the net and its form know no wind")
+NOT_ASKED = {
+    "path": "the same job elsewhere, with the same files, is the same job",
+    "overrides": "their values stand in the sections",
+}
+
+
+def two_values(key):
+    """Two values that a key allows."""
+    if key.kind == "choice":
+        return key.choices[:2]
+    values = TWO.get(key.kind) or [value for value in TRIED if fits(key, value)][:2]
+    assert all(fits(key, value) for value in values) and values[0] != values[1]
+    return values
+
+
+def table_of(keys):
+    """A value for each key."""
+    return SimpleNamespace(**{key.name: two_values(key)[0] for key in keys})
+
+
+@pytest.fixture
+def whole_job(tmp_path):
+    """A job in which every key of the schema has a value."""
+    for name in ("a.csv", "b.csv"):
+        (tmp_path / name).write_text("the same\n")
+    sections = {name: table_of(keys) for name, keys in SECTIONS.items() if name}
+    for name, (under, keys) in OVERRIDES.items():
+        if under:
+            setattr(sections[name], under, {"one": vars(table_of(keys))})
+    lists = {f"{name}s": [table_of(keys)] for name, keys in LISTS.items()}
+    groups = {"one": vars(table_of(OVERRIDES["cable"][1]))}
+    return Job(tmp_path / "job.toml", "[net]\n", (), "a roof", groups=groups, **sections, **lists)
+
+
+def changed(job):
+    """The same job with one thing changed, by the name of that thing: each key, and what is no key."""
+    for name, keys in SECTIONS.items():
+        for key in keys if name else ():
+            values = vars(getattr(job, name)) | {key.name: two_values(key)[1]}
+            yield f"{name}.{key.name}", replace(job, **{name: SimpleNamespace(**values)})
+    for name, (under, keys) in OVERRIDES.items():
+        for key in keys:
+            inner = {"one": vars(table_of(keys)) | {key.name: two_values(key)[1]}}
+            if under:
+                section = SimpleNamespace(**vars(getattr(job, name)) | {under: inner})
+                yield f"{name}.{under}.one.{key.name}", replace(job, **{name: section})
+            else:
+                yield f"groups.one.{key.name}", replace(job, groups=inner)
+    for name, keys in LISTS.items():
+        for key in keys:
+            entry = SimpleNamespace(**vars(table_of(keys)) | {key.name: two_values(key)[1]})
+            yield f"{name}s.{key.name}", replace(job, **{f"{name}s": [entry]})
+    yield "title", replace(job, title="another")
+    yield "text", replace(job, text="[net]  # a comment\n")
+    yield "overrides", replace(job, overrides=("wind.speed=30",))
+    yield "path", replace(job, path=job.path.with_name("other.toml"))
+
+
+def unnoticed(job, figure):
+    """What may change without a change of a figure of the job."""
+    return {name for name, other in changed(job) if figure(other) == figure(job)}
+
+
+def test_every_field_of_a_job_is_varied(whole_job):
+    """A section that is new to the job is varied here too, or this fails."""
+    assert {name.split(".")[0] for name, _ in changed(whole_job)} == {each.name for each in fields(Job)}
+
+
+def test_every_key_counts_for_equilibria_and_wind_but_these(whole_job):
+    assert unnoticed(whole_job, key_of) == {*AFTER_REST}
+
+
+def test_every_key_counts_for_the_net_and_its_form_but_these(whole_job):
+    figure = lambda job: key_of(job, without=OF_SPEED)
+    assert unnoticed(whole_job, figure) == {*AFTER_REST, *NO_WIND_YET}
+
+
+def test_every_key_counts_for_the_digest_of_checkpoints_and_studies_but_these(whole_job):
+    assert unnoticed(whole_job, Job.digest) == {*NOT_ASKED}
+
+
+def test_that_something_is_lost_at_all_counts(whole_job):
+    """Then the dynamic stage begins at rest under all loads, which is one more equilibrium."""
+    assert key_of(replace(whole_job, removes=[])) != key_of(whole_job)
+
+
+def test_an_override_of_the_net_counts(whole_job):
+    """Then a partition that was made for the job's own net does not apply."""
+    assert key_of(replace(whole_job, overrides=("net.cells=4",))) != key_of(whole_job)
+
+
+@pytest.mark.parametrize("section, name", PATHS)
+def test_what_stands_in_a_file_counts_for_both(whole_job, section, name):
+    """Each key that is a path, by itself: the file under the same name, with other bytes in it."""
+    alone = replace(whole_job)
+    for place, key in PATHS:
+        setattr(getattr(alone, place), key, "b.csv" if (place, key) == (section, name) else None)
+    before = key_of(alone), alone.digest()
+    (alone.path.parent / "b.csv").write_text("something else\n")
+    after = replace(alone)  # what is read of a job is read anew by the next one
+    assert before[0] != key_of(after) and before[1] != after.digest()
+
+
+def test_all_paths_are_known():
+    """A key that names a file is of the kind that digests follow; only sections have such keys."""
+    named = {(name, key.name) for name, keys in SECTIONS.items() for key in keys if "path of" in key.meaning}
+    assert named == set(PATHS)
+    for keys in (*LISTS.values(), *(keys for _, keys in OVERRIDES.values())):
+        assert not [key.name for key in keys if key.kind == "path" or "path of" in key.meaning]
+
+
+def test_a_net_is_not_remembered_when_its_table_has_changed(workshop):
+    """Two runs of one process, the table changed in between: node 2 lies where it says now."""
+    job = workshop.job(TABLES, NODES, "start,end\n1,2\n2,3\n3,1\n")
+    (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n1,20\n")
+    memory = Memory(4)
+    assert make_model(read_job(job), 1, memory).net.x[1].tolist() == [1.0, 1.0, 0.0]
+    again = make_model(read_job(job), 1, memory)
+    assert again.net is make_model(read_job(job), 1, memory).net  # it is remembered
+    (workshop.folder / "nodes.csv").write_text(NODES.replace("2,1,1,0,0", "2,1,1,0.5,0"))
+    assert make_model(read_job(job), 1, memory).net.x[1].tolist() == [1.0, 1.0, 0.5]
+
+
+def plan_of(workshop, study: str):
+    path = workshop.folder / "study.toml"
+    path.write_text(study)
+    return read_plan(path, pieces_of, net_key)
+
+
+def test_members_are_batched_by_all_that_is_shared(workshop):
+    """Seeds and rows of the history share a rest, dampings do not (they may in truth, but nobody says so)."""
+    workshop.job(TABLES, NODES, "start,end\n1,2\n2,3\n3,1\n")
+    (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n1,20\n")
+    vary = '"dynamics.damping" = [0.1, 0.2]\n"output.history" = [0.01, 0.02]\n"wind.seed" = [1, 2]\n'
+    plan = plan_of(workshop, 'job = "job.toml"\n[vary]\n' + vary)
+    queue, last, batches = Queue(plan, [*range(len(plan))]), None, {}
+    while task := queue.take(last):
+        last = task[0]
+        batches.setdefault(last, []).append(plan.member(task[1]).values["dynamics.damping"])
+    assert sorted(batches.values()) == [[0.1] * 4, [0.2] * 4]
+
+
+def test_every_file_that_members_name_is_watched(workshop):
+    """120 winds: the sixtieth, which no trial of first and last values reaches, changes the digest."""
+    workshop.job(TABLES, NODES, "start,end\n1,2\n2,3\n3,1\n")
+    names = ["wind.csv", *(f"wind-{k}.csv" for k in range(120))]
+    for name in names:
+        (workshop.folder / name).write_text("time,speed\n0,20\n1,20\n")
+    plan = plan_of(workshop, f'job = "job.toml"\n[vary]\n"wind.file" = {names[1:]!r}\n')
+    assert {path.name for path in plan.files} == {"job.toml", "nodes.csv", "elements.csv", *names}
+    before = Watch(plan.files).digest
+    (workshop.folder / "wind-60.csv").write_text("time,speed\n0,20\n1,21\n")
+    assert Watch(plan.files).digest != before

@@ -1,0 +1,159 @@
+"""Every kind of result through everything that reads one: an answer, or a line of what is not there."""
+
+import inspect
+from pathlib import Path
+
+import pytest
+from conftest import ROOT, STEEL, run_on_standing_ranks
+
+import netfall
+from netfall.api.result import Result
+from netfall.errors import InputError
+
+SADDLE = '[net]\ngenerator = "saddle"\ncells = 4\n' + STEEL
+BREAKS = SADDLE + "yield_stress = 1.75e9\nfracture_strain = 0.0404\n"
+FOUND = '[form_finding]\nmethod = "force_density"\n'
+LOADED = "[load]\nsnow = 300.0\n"
+SHORT = "[dynamics]\nduration = 0.02\n"
+WIND = '[wind]\nspeed = 20.0\nshape_coefficient = -1.0\nonset = "sudden"\nroughness = 0.0\n'
+LOST = "[[remove]]\nelements = [ELEMENT]\ntime = 0.005\n"
+TRIPOD = "id,x,y,z,fixed\n1,0,0,0,1\n2,6,0,0,1\n3,3,5,0,1\n4,3,2,3,0\n"
+LEGS = "id,start,end\n1,1,4\n2,2,4\n3,3,4\n"
+BARS = STEEL.replace("prestress = 100e3", 'kind = "bar"') + "[load]\nself_weight = true\nsteps = 1\n"
+ROPE = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,-5,0\n", "id,start,end\n1,1,2\n"
+HANGS = STEEL.replace("prestress = 100e3\n", "") + "[load]\nself_weight = true\n"
+
+# Name: the job, and its tables where it has some.
+JOBS = {
+    "net alone": (SADDLE,),
+    "form alone": (SADDLE + FOUND,),
+    "statics alone": (SADDLE + LOADED + "steps = 2\n",),
+    "dynamics alone": (SADDLE + SHORT,),
+    "dynamics at rest, no load": (SADDLE + FOUND + SHORT,),
+    "modes": (SADDLE + FOUND + "[output]\nmodes = 3\n",),
+    "cases alone": (SADDLE + FOUND + LOADED + '[[case]]\nname = "a b"\nset = {"load.snow" = 500.0}\n',),
+    "a loss": (SADDLE + FOUND + LOADED + SHORT + LOST.replace("ELEMENT", "3"),),
+    "two losses, the second of nothing more": (
+        SADDLE + FOUND + LOADED + SHORT + LOST.replace("ELEMENT", "3") + LOST.replace("ELEMENT", "4"),
+    ),
+    "wind, nothing that breaks": (SADDLE + FOUND + WIND + SHORT,),
+    "all slack": (SADDLE + FOUND + "[load]\ntemperature = 300.0\nsteps = 1\n",),
+    "all slack, in motion": (SADDLE + FOUND + "[load]\ntemperature = 300.0\n" + SHORT,),
+    "no tension anywhere": (SADDLE.replace("100e3", "0.0") + SHORT,),
+    "all breaks": (
+        BREAKS + FOUND + WIND.replace("20.0", "200.0").replace("-1.0", "-9.0") + SHORT.replace("0.02", "0.5"),
+    ),
+    "one element": (HANGS + "steps = 1\n" + SHORT, *ROPE),
+    "one element that breaks": (HANGS + "[dynamics]\nduration = 0.05\n", *ROPE),
+    "one element, lost": (HANGS + SHORT + LOST.replace("ELEMENT", "1"), *ROPE),
+    "compressed bars alone": (BARS, TRIPOD, LEGS),
+    "compressed bars in motion": (BARS + SHORT, TRIPOD, LEGS),
+    "compressed bars with a strength": (BARS.replace("[load]", "breaking_load = 1e6\n[load]"), TRIPOD, LEGS),
+    "a history of one row": (SADDLE + FOUND + SHORT.replace("0.02", "0.001"),),
+    "no audit": (SADDLE + FOUND + SHORT + "[output]\nenergy = false\n",),
+    "probes": (SADDLE + FOUND + SHORT + "[output]\nprobes = [[0.0, 0.0]]\nelements = [3]\nframes = 1\n",),
+}
+ALWAYS = ("olympia", "saddle")  # of the shipped jobs
+SUFFIXES = ("", ".csv", ".dxf", ".json", ".tcl", ".vtu")
+
+
+def answers(*arguments, cwd) -> str:
+    """What netfall says to a command; if it cannot do it, a line for each thing that is not there."""
+    done = run_on_standing_ranks(*arguments, cwd=cwd)
+    assert done.returncode in (0, 2), (arguments, done.returncode, done.stderr[-500:])
+    assert "Traceback" not in done.stderr and "rank 0" not in done.stderr, (arguments, done.stderr)
+    if done.returncode == 2:
+        lines = done.stderr.strip().splitlines()
+        assert lines and all(len(line) > 30 and ": " in line for line in lines), (arguments, done.stderr)
+    else:
+        assert done.stdout.strip() and not done.stderr, (arguments, done.stderr)
+    return done.stdout + done.stderr
+
+
+def goes_through_everything(path, folder) -> None:
+    """info, plot, report, export to every ending, and all that Python reads."""
+    assert "nan" not in answers("info", path, cwd=folder)
+    answers("plot", path, "-o", folder / "pictures", cwd=folder)
+    report = answers("report", path, "-o", folder / "report", cwd=folder)
+    assert "summary.md" in report and "utilisation.png" in report
+    for suffix in SUFFIXES:
+        answers("export", path, "-o", folder / f"exported{suffix}", cwd=folder)
+    read_all(path)
+
+
+def read_all(path) -> None:
+    """Every property and method of a result; what is not there says what the job lacks."""
+    with netfall.open(path) as result:
+        for name in (name for name, _ in inspect.getmembers(Result)):
+            if name.startswith("_") or name == "close":
+                continue
+            try:
+                value = getattr(result, name)
+                if callable(value):
+                    wanted = [p for p in inspect.signature(value).parameters.values() if p.default is p.empty]
+                    value = value(*[0.0 for _ in wanted])
+                repr(value)
+            except (AttributeError, InputError) as error:
+                assert len(str(error)) > 30 and "object has no attribute" not in str(error), (name, error)
+
+
+@pytest.mark.parametrize("name", JOBS)
+def test_every_odd_result_is_answered(workshop, name):
+    text, *tables = JOBS[name]
+    workshop.run(workshop.job(text, *tables)).close()
+    goes_through_everything(workshop.folder / "result.vtkhdf", workshop.folder)
+
+
+SHIPPED = sorted((ROOT / "jobs").glob("*.toml"))
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_every_shipped_job_is_answered(path, tmp_path, request):
+    """The first instants of its dynamic stage, if it has one; the smallest always, the others with --long."""
+    if path.stem not in ALWAYS and not request.config.getoption("--long"):
+        pytest.skip("takes minutes; --long runs it")
+    dynamic = "[dynamics]" in path.read_text()
+    short = ("--set", "dynamics.duration=0.05", "--set", "output.frames=2") if dynamic else ()
+    result = tmp_path / "result.vtkhdf"
+    done = run_on_standing_ranks("run", path, *short, "-o", result, "--quiet", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    goes_through_everything(result, tmp_path)
+    if dynamic:
+        animated = answers("plot", result, "--animate", "--format", "gif", "-o", tmp_path, cwd=tmp_path)
+        assert "result_collapse.gif" in animated
+
+
+def test_what_is_no_result_is_refused_by_all(workshop):
+    """What a run that was interrupted leaves, a file cut short, a text, nothing: a line each, exit code 2."""
+    job = workshop.job(SADDLE + FOUND + WIND + SHORT + "[output]\ncheckpoint = 0.01\nframes = 4\n")
+    workshop.run(job, "--walltime", "00:00:00", code=4)
+    places = {path.suffix or path.name: path for path in workshop.folder.iterdir() if path != job}
+    (checkpoint,) = (path for path in places.values() if "checkpoint" in path.name)
+    (segment,) = (path for path in places.values() if "segment" in path.name)
+    with workshop.run(job, output="whole.vtkhdf") as file:
+        whole = file.filename
+    odd = {"checkpoint": checkpoint, "segment": segment}
+    for name, content in (("cut", Path(whole).read_bytes()[:4000]), ("empty", b""), ("text", b"a,b\n1,2\n")):
+        odd[name] = workshop.folder / f"{name}.vtkhdf"
+        odd[name].write_bytes(content)
+    odd |= {"missing": workshop.folder / "missing.vtkhdf", "folder": workshop.folder, "job": job}
+    there = {*workshop.folder.rglob("*")}
+    for name, path in odd.items():
+        for command in ("info", "plot", "report", "export"):
+            more = () if command == "info" else ("-o", workshop.folder / "new")
+            done = run_on_standing_ranks(command, path, *more, cwd=workshop.folder)
+            assert done.returncode == 2, (name, command, done.stderr)
+            assert len(done.stderr.strip().splitlines()) == 1 and str(path) in done.stderr, done.stderr
+        with pytest.raises(InputError, match=str(path)):
+            netfall.open(path)
+    assert {*workshop.folder.rglob("*")} == there  # and nothing was written
+
+
+def test_a_run_without_an_equilibrium_leaves_nothing_to_read(workshop):
+    """Exit code 3, and no file beside the job's own."""
+    job = workshop.job(
+        HANGS.replace("density = 7850.0", "density = 7850.0\nbreaking_load = 10.0") + "steps = 1\n", *ROPE
+    )
+    done = workshop.run(job, code=3)
+    assert "breaks element 1" in done.stderr
+    assert {path.suffix for path in workshop.folder.iterdir()} == {".toml", ".csv"}

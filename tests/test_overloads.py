@@ -1,0 +1,134 @@
+"""Tensions that no element bears, after a fracture; bars whose strength is missing, or that of cables."""
+
+import numpy as np
+import pytest
+from conftest import ROOT, run_on_standing_ranks
+
+from netfall.output.overload_lines import Carried, overload_lines, overloaded
+
+# A post of 6 m between four ropes above and four below, 20 m out; each rope has 2000 kN, the top carries
+# 150 kN. Without element 1 it swings, and the ropes break one after another.
+H = 2000e3 * 20.0 / np.hypot(20.0, 3.0)
+NODES = "id,x,y,z,fixed,load_z\n" + "".join(
+    f"{k + 1},{20 * x},{20 * y},0,1,0\n" for k, (x, y) in enumerate([(1, 0), (0, 1), (-1, 0), (0, -1)])
+)
+NODES += "5,0,0,3,0,-150e3\n6,0,0,-3,0,0\n"
+ROPES = [(level * 4 + k + 1, k + 1, 5 + level, "rope", 2000e3) for level in (0, 1) for k in range(4)]
+ELEMENTS = "id,start,end,group,prestress\n" + "".join(
+    ",".join(map(str, row)) + "\n" for row in [*ROPES, (9, 5, 6, "post", -4 * H * 3 / 20)]
+)
+JOB = """
+[cable]
+modulus = 1.6e11
+area = 2300e-6
+density = 8000.0
+[cable.rope]
+breaking_load = 3000e3
+[cable.post]
+kind = "bar"
+area = 6000e-6
+[load]
+self_weight = true
+[[remove]]
+elements = [1]
+time = 0.1
+[dynamics]
+duration = 2.0
+[output]
+frames = 4
+"""
+INHERITED = JOB.replace("[cable.rope]\nbreaking_load", "breaking_load")
+
+
+def carried(most, strength, broke, time=2.0):
+    """Two elements in line between three nodes."""
+    ends, direction = np.array([[0, 1], [1, 2]]), np.array([[1.0, 0.0, 0.0]] * 2)
+    return Carried(ends, direction, *map(np.array, (strength, most, [time, time], broke)))
+
+
+def test_what_an_element_that_breaks_reaches_in_one_step_is_not_told():
+    """Up to 5 % above its strength; more is, with its time and strength, and only once something broke."""
+    broke = [1.0, np.nan]
+    assert not overload_lines(carried([104.0, 50.0], [100.0, 100.0], broke), str)
+    (line,) = overload_lines(carried([320.0, 50.0], [100.0, 100.0], broke), str)
+    assert "1 element had tensions beyond its strength, the most element 0 with 320 N at t = 2 s" in line
+    assert "its strength is 100 N, and it broke at t = 1 s" in line and "safety" in line
+    assert overloaded(carried([320.0, 50.0], [100.0, 100.0], broke)).tolist() == [True, False]
+    assert not overload_lines(carried([320.0, 50.0], [100.0, 100.0], [np.nan] * 2), str)
+
+
+def test_an_element_without_strength_is_told_beyond_what_meets_it():
+    """100 N in line with it; not before the first fracture, nor where what meets it has none."""
+    broke = [1.0, np.nan]
+    (line,) = overload_lines(carried([90.0, 150.0], [100.0, np.inf], broke), str)
+    assert (
+        "1 element had no strength and carried more than what meets it can bear, the most element 1" in line
+    )
+    assert "150 N at t = 2 s, for 100 N at an end" in line
+    assert not overload_lines(carried([90.0, 150.0], [100.0, np.inf], broke, time=0.5), str)
+    assert not overload_lines(carried([90.0, 150.0], [np.inf, np.inf], broke), str)
+
+
+@pytest.fixture
+def broken(workshop):
+    """The post's run: what it printed, and its result."""
+    job, result = workshop.job(JOB, NODES, ELEMENTS), workshop.folder / "result.vtkhdf"
+    done = run_on_standing_ranks("run", job, "-o", result)
+    assert done.returncode == 0, done.stderr
+    return done.stdout, result
+
+
+def test_run_info_and_report_tell_of_the_post_and_its_ropes(workshop, broken):
+    """The same elements and forces as /envelope has, beyond the 3000 kN of the ropes."""
+    out, result = broken
+    with workshop.open() as f:
+        most, end = f["envelope/tension_max"][:], f["history/time"][-1]
+        ropes = np.flatnonzero(most[:8] > 1.05 * 3000e3)
+        assert len(ropes) and most[8] > 1.05 * 3000e3 and end == 2.0  # else the case shows nothing
+    worst = ropes[np.argmax(most[ropes])]
+    had = "1 element had" if len(ropes) == 1 else f"{len(ropes)} elements had"
+    info = run_on_standing_ranks("info", result).stdout
+    assert run_on_standing_ranks("report", result, "-o", workshop.folder / "report").returncode == 0
+    for text in (out, info, (workshop.folder / "report" / "summary.md").read_text()):
+        assert f"ote: {had} tensions beyond" in text, text
+        assert (
+            f"the most element {worst + 1} ({worst % 4 + 1}-{5 + worst // 4}) with {most[worst]:.4g} N"
+            in text
+        )
+        assert "1 element had no strength and carried more than what meets it can bear, the most" in text
+        assert f"element 9 (5-6) with {most[8]:.4g} N" in text
+
+
+def test_a_bar_that_cannot_break_beside_ropes_that_can_is_told(workshop):
+    """By its group and id; a yield stress is a strength."""
+    note = 'note: bar 9 of group "post" without a strength, while others can break'
+    job = workshop.job(JOB, NODES, ELEMENTS)
+    assert note in run_on_standing_ranks("check", job).stdout
+    strong = run_on_standing_ranks("check", job, "--set", "cable.post.yield_stress=355e6").stdout
+    assert "without a strength" not in strong
+
+
+def test_a_bar_that_takes_the_breaking_load_of_the_cables_is_told(workshop):
+    """One of its own, even a larger one, is what was meant."""
+    job = workshop.job(INHERITED, NODES, ELEMENTS)
+    note = "note: [cable.post]: bar 9 with breaking_load = 3e+06 N from [cable], where it is that of cables"
+    assert note in run_on_standing_ranks("check", job).stdout
+    own = run_on_standing_ranks("check", job, "--set", "cable.post.breaking_load=4e6").stdout
+    assert "from [cable]" not in own
+
+
+def test_a_group_that_nobody_has_is_told_before_what_is_missing_for_want_of_it(workshop):
+    """[cable.POSTS] for group post: both lines, the cause first."""
+    text = JOB.replace("modulus = 1.6e11\n", "", 1).replace("[cable.post]", "[cable.posts]\nmodulus = 2e11")
+    text = text.replace("[cable.rope]", "[cable.rope]\nmodulus = 1.6e11")
+    done = workshop.run(workshop.job(text, NODES, ELEMENTS), code=2)
+    first, second = done.stderr.splitlines()
+    assert "[cable.posts]: no element is of this group" in first and "post" in first.split("group;")[1]
+    assert "modulus" in second and "element 9" in second
+
+
+@pytest.mark.parametrize("name", ["wheel", "dome", "stadium", "olympia"])
+def test_shipped_jobs_need_no_such_note(name):
+    """Their bars have strengths of their own."""
+    out = run_on_standing_ranks("check", ROOT / "jobs" / f"{name}.toml").stdout
+    assert "without a strength" not in out and "from [cable]" not in out
