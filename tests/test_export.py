@@ -179,7 +179,7 @@ def test_the_folder_of_tables_runs_again_to_the_same_net_and_bits(tmp_path, name
 
 
 def test_a_zone_that_is_cut_keeps_its_polygon_and_that_is_told(tmp_path):
-    """A column has whole nodes: the job of the folder has the polygon, the column is empty, a note says it."""
+    """A column has whole nodes: the job of the folder has the polygon, the column is empty."""
     zone = {"name": "corner", "polygon": [[-5, -5], [3, -5], [3, 3], [-5, 3]], "cut": True}
     load = {"snow": 500.0, "zone": {"corner": {"snow": 900.0}}}
     job = {"net": SADDLE, "cable": STEEL, "form_finding": {}, "zone": [zone], "load": load}

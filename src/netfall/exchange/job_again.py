@@ -45,7 +45,8 @@ def job_again(result: Result, state: State, folder: Path, faces: bool) -> list[s
         job["roof"] = {"faces": "faces.csv"}
     _zones(job, set(result.nodes["zone"].tolist()))
     told = [
-        f"note: zone {name} is cut by its polygon in the plan of the form, no more in that of the start; its shares differ"
+        f"note: zone {name} is cut by its polygon in the plan of the form, no more in that of the start; "
+        "what nodes have of it differs"
         for name in cut_zones(job)
     ]
     told += _lost_cables(result, job) + _parts(result, state, job)
