@@ -178,6 +178,19 @@ def test_the_folder_of_tables_runs_again_to_the_same_net_and_bits(tmp_path, name
         assert (node["mass"], node["load_x"], node["area"], node["zone"]) == ("1000.0", "10.0", "7.0", "east")
 
 
+def test_a_zone_that_is_cut_keeps_its_polygon_and_that_is_told(tmp_path):
+    """A column has whole nodes: the job of the folder has the polygon, the column is empty."""
+    zone = {"name": "corner", "polygon": [[-5, -5], [3, -5], [3, 3], [-5, 3]], "cut": True}
+    load = {"snow": 500.0, "zone": {"corner": {"snow": 900.0}}}
+    job = {"net": SADDLE, "cable": STEEL, "form_finding": {}, "zone": [zone], "load": load}
+    netfall.run(job, output=tmp_path / "r.vtkhdf").close()
+    told = written(tmp_path / "r.vtkhdf", tmp_path / "a")
+    assert any(line.startswith("note: zone corner is cut by its polygon in the plan of") for line in told)
+    assert {row["zone"] for row in rows(tmp_path / "a" / "nodes.csv")} == {""}
+    with netfall.run(tmp_path / "a" / "job.toml") as again:
+        assert again.file["load/snow"][:].max() > 500.0
+
+
 def test_what_a_format_cannot_hold_is_named(tmp_path):
     """Of the net at hand alone: a net without strengths loses none."""
     netfall.run(AGAIN["every column"], output=tmp_path / "r.vtkhdf", quiet=True).close()
@@ -206,6 +219,12 @@ def test_a_folder_of_tables_that_is_the_users_own_is_left_alone(broken, tmp_path
     with pytest.raises(InputError, match=r"has nodes\.csv already, which is not what netfall exported"):
         written(broken, tmp_path / "mine")
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["nodes.csv"]
+    written(broken, tmp_path / "ours")
+    written(
+        broken, tmp_path / "ours", 0.1
+    )  # its own it replaces, and the job of the form does not stay beside
+    names = {path.name for path in (tmp_path / "ours").iterdir()}
+    assert names == {"nodes.csv", "elements.csv", "history.csv", "events.csv", "README.txt"}
 
 
 def test_drawing_shows_the_form_and_the_broken_state(broken, tmp_path):

@@ -21,10 +21,20 @@ HEAD = """\
 """
 
 
+def job_of(result: Result) -> dict:
+    """The sections of the job that was run, with the overrides of its run."""
+    overrides = provenance_text(result.file, "overrides").splitlines()
+    return tables_of(provenance_text(result.file, "job"), overrides)
+
+
+def cut_zones(job: dict) -> list[str]:
+    """Names of the zones whose polygons take parts of what nodes have: no column can say that."""
+    return [entry["name"] for entry in job.get("zone", []) if entry.get("cut")]
+
+
 def job_again(result: Result, state: State, folder: Path, faces: bool) -> list[str]:
     """Write job.toml and the files that it reads; what is said of them. faces : whether there is faces.csv"""
-    overrides = provenance_text(result.file, "overrides").splitlines()
-    job = tables_of(provenance_text(result.file, "job"), overrides)
+    job = job_of(result)
     job["title"] = result.title
     job.pop("form_finding", None)
     job["net"] = {"nodes": "nodes.csv", "elements": "elements.csv"}
@@ -34,7 +44,12 @@ def job_again(result: Result, state: State, folder: Path, faces: bool) -> list[s
     if faces:
         job["roof"] = {"faces": "faces.csv"}
     _zones(job, set(result.nodes["zone"].tolist()))
-    told = _lost_cables(result, job) + _parts(result, state, job)
+    told = [
+        f"note: zone {name} is cut by its polygon in the plan of the form, no more in that of the start; "
+        "what nodes have of it differs"
+        for name in cut_zones(job)
+    ]
+    told += _lost_cables(result, job) + _parts(result, state, job)
     _probes(result, job)
     told += _files(job, Path(provenance_text(result.file, "job_folder")), folder, set())
     head = HEAD.format(mark=MARK, title=" ".join(result.title.split()))
@@ -46,10 +61,10 @@ def job_again(result: Result, state: State, folder: Path, faces: bool) -> list[s
 def _zones(job: dict, used: set[str]) -> None:
     """Zones by the column of the table: the form may have other nodes in a polygon than the start had."""
     for entry in job.get("zone", []):
-        if entry["name"] in used:
+        if entry["name"] in used and not entry.get("cut"):
             entry.pop("polygon", None)
             entry.pop("groups", None)
-    idle = {entry["name"] for entry in job.get("zone", [])} - used
+    idle = {entry["name"] for entry in job.get("zone", [])} - used - set(cut_zones(job))
     job["zone"] = [entry for entry in job.get("zone", []) if entry["name"] not in idle]
     if not job["zone"]:
         del job["zone"]

@@ -7,7 +7,7 @@ import numpy as np
 
 from netfall.api.result import Result
 from netfall.errors import InputError
-from netfall.exchange.job_again import job_again
+from netfall.exchange.job_again import cut_zones, job_again, job_of
 from netfall.exchange.state import AXES, MARK, RECORD, State
 from netfall.job.table import write_table
 
@@ -23,6 +23,8 @@ def write_tables(result: Result, state: State, folder: Path) -> list[str]:
     """
     _check_folder(result, folder)
     folder.mkdir(exist_ok=True)
+    for name in OWN:  # what an export before has left and this one does not write
+        (folder / name).unlink(missing_ok=True)
     tables = _of_the_net(result, state) if state.time is None else _in_motion(state)
     told = [f"{folder}: {state.name}; coordinates in m, forces in N"]
     if hasattr(result, "history"):
@@ -113,7 +115,8 @@ def _node_columns(result: Result) -> dict[str, np.ndarray]:
         for name, values in (("spring", net["spring"][:]), ("spring_rest", of("spring_rest"))):
             found |= {f"{name}_{k}": values[:, i] for i, k in enumerate(AXES)}
     if (net["zone"][:] >= 0).any():
-        found["zone"] = result.nodes["zone"]
+        names = result.nodes["zone"]
+        found["zone"] = np.where(np.isin(names, cut_zones(job_of(result))), "", names)
     return found
 
 
