@@ -134,9 +134,9 @@ class SharedFile:
             first = kept.rows
             kept.rows += total
             place = int(self.slabs.bounds(total)[self.comm.rank]) if place is None else place
-            kept.waiting.append(
-                (first, total, place, np.array(block, kept.dtype, order="C"))
-            )  # a copy: its owner goes on
+            with np.errstate(over="ignore"):  # of what diverges, which is told
+                copied = np.array(block, kept.dtype, order="C")  # its owner goes on
+            kept.waiting.append((first, total, place, copied))
             if (kept.rows - kept.waiting[0][0]) * kept.row_bytes >= HELD_BYTES:
                 self._write_waiting(kept)
         return first + self.base.get(name, 0)
