@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 from conftest import STEEL, assert_same_results, run_netfall
 from kill_runs import JOB
+from mpi4py import MPI
 from test_long_runs import ELEMENTS, NODES
 from test_long_runs import JOB as TINY
 
 from netfall.errors import OutputError
 from netfall.output import room
-from netfall.output.h5 import check_seal
+from netfall.output.h5 import SharedFile, check_seal
 from netfall.output.room import h5_file, h5_updated, reserve
 
 SHORT = JOB.replace("duration = 0.4", "duration = 0.06").replace("frames = 80", "frames = 240")
@@ -259,3 +260,29 @@ def test_where_nothing_can_be_reserved_what_is_free_counts(disk, monkeypatch):
     reserve(path, 3 << 20)
     with pytest.raises(OSError, match=CUT):
         reserve(path, 5 << 20)
+
+
+@pytest.mark.parametrize(
+    "datasets, tail, rows, appends",
+    [(1, (3,), 25, 4000), (60, (), 7, 3), (3, (40, 3), 1, 300), (2, (3,), 30_000, 12), (200, (), 1, 1)],
+    ids=["small rows", "many datasets", "states", "large rows", "rows of one"],
+)
+def test_hdf5_takes_no_more_than_is_reserved(tmp_path, datasets, tail, rows, appends):
+    """Its own lists included, at any moment: the file is at most as long as the room that it has by then."""
+    file = SharedFile(MPI.COMM_SELF, tmp_path / "file.h5")
+    names = [f"group-{k % 7}/values-{k}" for k in range(datasets)]
+    for name in names:
+        file.create(name, np.float64, tail, rows)
+    for turn in range(appends):
+        for name in names:
+            if len(tail) == 2:
+                file.append_state(name, np.full(tail, float(turn)), tail[0])
+            else:
+                file.append(name, np.full((rows, *tail), float(turn)), rows)
+        if turn % 50 == 0 or turn == appends - 1:
+            file.rows()  # what waits is written
+            file.file.flush()
+            assert file.temporary.stat().st_size <= file._reserved
+    file.close()
+    with h5py.File(tmp_path / "file.h5") as found:
+        assert (found[names[-1]][-1] == appends - 1).all() and len(found[names[0]]) == rows * appends

@@ -23,10 +23,8 @@ from netfall.parallel.slabs import Slabs
 PARALLEL = bool(h5py.get_config().mpi)
 CHUNK_BYTES = 1 << 18
 HELD_BYTES = 1 << 20  # of all ranks, that a dataset's blocks may wait for one another to be written together
-DATASET_BYTES, CHUNK_ENTRY_BYTES = (
-    1 << 13,
-    1 << 8,
-)  # at most, of HDF5's own lists: of a dataset, of each chunk
+DATASET_BYTES = 1 << 13  # of HDF5's own lists, at most: of a dataset without its chunks, ...
+CHUNK_ENTRY_BYTES = 1 << 7  # ... and of each of these
 SPARE_BYTES = 1 << 18  # of the disk, that are reserved ahead
 LEFT_OPEN: list[h5py.File | None] = []  # files that are not to be closed before the process ends
 SEAL = b"netfall-sha256:"  # behind the HDF5 file, before the digest of all that precedes
@@ -136,9 +134,9 @@ class SharedFile:
             first = kept.rows
             kept.rows += total
             place = int(self.slabs.bounds(total)[self.comm.rank]) if place is None else place
-            kept.waiting.append(
-                (first, total, place, np.array(block, kept.dtype, order="C"))
-            )  # a copy: its owner goes on
+            with np.errstate(over="ignore"):  # of what diverges, which is told
+                copied = np.array(block, kept.dtype, order="C")  # its owner goes on
+            kept.waiting.append((first, total, place, copied))
             if (kept.rows - kept.waiting[0][0]) * kept.row_bytes >= HELD_BYTES:
                 self._write_waiting(kept)
         return first + self.base.get(name, 0)
