@@ -282,13 +282,13 @@ def _stop_at_fracture(run, snapshot: Snapshot, each: Equilibrium) -> None:
     first = run.comm.allreduce(int(over.min()) if len(over) else none, MPI.MIN)
     if first < none:
         name = run.comm.bcast(setup.model and setup.model.id_of(first))
-        raise DivergedError(f"{each.words} breaks element {name}{_advice(each)}")
+        raise DivergedError(f"under {each.words} element {name} breaks{_advice(each)}")
 
 
 def _advice(each: Equilibrium) -> str:
     if each.kind in ("rest", "case", "loss"):
-        under = each.kind == "case" or each.words == ALL_LOADS
-        return ": there is no equilibrium under it" if under else ""
+        under = {"case": "it"}.get(each.kind) or ("them" if each.words == ALL_LOADS else "")
+        return f": there is no equilibrium under {under}" if under else ""
     return (
         f" (load factor {each.factor:.4g}): there is no static equilibrium to start from; lower the load, or "
         "set steps = 0 to let it act at once in the dynamic stage"
