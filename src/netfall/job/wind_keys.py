@@ -16,7 +16,14 @@ WIND: tuple[Key, ...] = (
         "pressures", "text", ABSENT, "N/m2", "path of a table of pressures in time at taps, instead of a wind"
     ),
     Key("taps", "text", ABSENT, "", "path of a table name, x, y: where the taps of pressures are"),
-    between(-360.0, 360.0, "direction", "degrees", 0.0, "where it blows to, from x towards y"),
+    between(
+        -360.0,
+        360.0,
+        "direction",
+        "degrees",
+        0.0,
+        "where it blows to, from x towards y: 30 is a wind from 210",
+    ),
     Key("roughness", "number", 0.03, "", "k of the gusts; 0: no gusts", low=0.0, high=0.2),
     Key(
         "turbulence",
