@@ -163,5 +163,6 @@ def _measured_lines(job: Job, model: Model) -> list[str]:
     where = "one speed at 10 m" if history.places is None else f"{count} points"
     return [
         f"wind: {job.wind.file}, {where}, {bearing(job.wind.direction)}: means of {mean.min():.4g} to "
-        f"{mean.max():.4g} m/s over the duration, gust factors of {section['gust_factor'].min():.3g} to {section['gust_factor'].max():.3g}"
+        f"{mean.max():.4g} m/s over the duration, gust factors of {section['gust_factor'].min():.3g} to "
+        f"{section['gust_factor'].max():.3g}"
     ]
