@@ -1,9 +1,13 @@
 """Motion against closed forms, and the two energy audits."""
 
+from types import SimpleNamespace
+
 import h5py
 import numpy as np
 import pytest
 from conftest import STEEL
+
+from netfall.solve.schedule import make_schedule
 
 ELASTIC = STEEL.replace("prestress = 100e3\n", "")
 EA, HALF_ELEMENT = 1.95e11 * 683.08e-6, 0.5 * 7850.0 * 683.08e-6  # N; kg for each metre
@@ -236,6 +240,20 @@ def test_a_step_that_could_be_far_longer_than_the_run(workshop):
         workshop.job(text, "id,x,y,z,fixed,mass\n1,0,0,0,1,0\n2,1,0,0,0,1000\n", "start,end\n1,2\n")
     )
     assert f["history/time_step"][1] == 0.01 and len(f["history/time"]) == 11
+
+
+@pytest.mark.parametrize("history, rows", [(0.0123, 10), (0.03, 5), (0.01, 11), (0.25, 2)])
+def test_the_run_ends_at_its_duration_whatever_the_history(history, rows):
+    """Rows at the first steps at or after the multiples of an odd interval, and one at 0.1 s, not beyond."""
+    dynamics = SimpleNamespace(time_step="auto", safety=0.8, duration=0.1)
+    output = SimpleNamespace(history=history, frames=4, checkpoint=0.0)
+    soft, made = (make_schedule(limit, dynamics, output) for limit in (1e9, 3e-4))
+    assert soft.steps * soft.dt == pytest.approx(0.1, rel=1e-12) and soft.dt <= history
+    assert made.steps * made.dt == pytest.approx(0.1, rel=1e-12) and made.dt <= 0.8 * 3e-4
+    times, multiples = made.history * made.dt, np.append(np.arange(rows - 1) * history, 0.1)
+    assert made.history[-1] == made.steps and len(times) == rows
+    late = times - multiples
+    assert late.min() > -1e-9 * made.dt and late.max() < made.dt and abs(late[-1]) < 1e-12
 
 
 @pytest.mark.parametrize("share", [0.01, 0.05, 0.5])

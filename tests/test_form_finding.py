@@ -97,6 +97,19 @@ def test_unstressed_lengths_in_closed_form(workshop):
         )
 
 
+def test_nodes_that_run_together_at_constant_tension_are_told(workshop):
+    """A node between two supports, pulled by 50 kN to one and by 20 kN to the other wherever it is, ends at
+    the first. With force densities, 50 kN over 4.12 m and 20 kN over 6.08 m, it has a place between them.
+    """
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,10,0,0,1\n3,4,1,0,0\n"
+    elements = "id,start,end,group,prestress\n7,1,3,edge,50e3\n8,2,3,net,20e3\n"
+    job = workshop.job(STEEL + "[form_finding]\nmodulus_factor = 0\n", nodes, elements)
+    done = workshop.run(job, code=3)
+    assert "the nodes of element 7 (1-3) have run together" in done.stderr, done.stderr
+    assert "modulus_factor = 1e-3" in done.stderr and "force_density" in done.stderr
+    workshop.run(job, "--set", 'form_finding.method="force_density"')
+
+
 def test_iterations_that_run_out_end_the_run(workshop):
     """Not in equilibrium: exit code 3, a line that says how far it came, no file."""
     job = workshop.job('[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\nmax_iterations = 20\n")

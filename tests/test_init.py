@@ -105,7 +105,9 @@ def test_check_draws_what_the_job_says(workshop, monkeypatch):
     assert {"edge, 6", "net, 18", "supports, 3", "springs, 2 (z: 2)", "probes, 2"} <= set(told)
     assert {"held in part, 1 (y: 1, z: 1)", "to be removed, 2", "[output] elements, 1"} <= set(told)
     # nodes of "drift": (4, 0), (6, 0) and (4, 2), (6, 2), of which the first two are at the edge too
-    assert {"zone drift, 4 nodes, 9 m2 in plan", "wind of 25 m/s to 200 degrees"} <= set(told)
+    assert {"zone drift, 4 nodes, 9 m2 in plan", "wind of 25 m/s to 200 degrees (from 20 degrees)"} <= set(
+        told
+    )
     assert "zone glass, 5 nodes, 8 m2 in plan" in told and "no zone, 7 nodes, 19 m2 in plan" in told
 
 

@@ -1,5 +1,6 @@
 """Wrong input gives one clear line for each error, and nothing is computed or left behind."""
 
+import math
 import re
 import subprocess
 import sys
@@ -10,7 +11,7 @@ from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall, run_on_standing
 from netfall.errors import InputError
 from netfall.job.dimensions import GENERATOR_KEYS
 from netfall.job.read import read_job
-from netfall.job.schema import REQUIRED, SECTIONS
+from netfall.job.schema import LISTS, REQUIRED, SECTIONS
 
 WHOLE = """
 title = "all sections"
@@ -49,13 +50,13 @@ def wrong_values(key):
         if key.low is not None:
             values += [str(key.low - 1)] + ([str(key.low)] if key.low_open else [])
         if key.high is not None:
-            values += [str(key.high + 1)]
+            values += [str(key.high + 1 if key.kind == "integer" else math.nextafter(key.high, math.inf))]
     if key.kind == "vector":
-        values += ["[1, 2]", '[1, 2, "x"]', "[1, 2, nan]"]
+        values += ["[1, 2]", '[1, 2, "x"]', "[1, 2, nan]", "[1, 2, 1e300]"]
     if key.kind == "pressure":
-        values += ["[1, 2]", "nan", '"up"', "true"]
+        values += ["[1, 2]", "nan", '"up"', "true", "1e300", "[1e300, 0, 0]"]
     if key.kind == "points":
-        values += ["[1, 2]", "[[1, 2, 3]]", "[[1, inf]]"]
+        values += ["[1, 2]", "[[1, 2, 3]]", "[[1, inf]]", "[[1, 1e300]]"]
     if key.kind == "places":
         values += ["[true]", "[1.5]", '["a"]', "[[1, 2, 3, 4]]", "[[1, inf]]", "3"]
     if key.kind == "choice":
@@ -71,6 +72,14 @@ def errors_of(path, overrides):
     with pytest.raises(InputError) as raised:
         read_job(path, overrides)
     return raised.value.lines
+
+
+def test_every_number_has_an_upper_bound():
+    """So 1e300 is refused where it stands, not by an overflow or by nothing."""
+    numbers = ("number", "integer", "vector", "pressure", "points", "places", "polygon")
+    rows = [key for keys in (*SECTIONS.values(), *LISTS.values()) for key in keys if key.kind in numbers]
+    free = {"max_iterations"}  # of integers, which are refused beyond 64 bits
+    assert {key.name for key in rows if key.high is None or key.high > 1e20} <= free | {"integers"}
 
 
 @pytest.mark.parametrize("section, key", ALL_KEYS, ids=NAMES)

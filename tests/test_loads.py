@@ -224,7 +224,7 @@ def test_a_mean_wind_that_breaks_a_cable_is_told_with_what_is_borne(workshop):
     borne = 2 * EA * 1e-3 * np.sqrt(L * L - 25.0) / L / FORCE
     told = float(done.stderr.split("up to ")[1].split(" of its pressure")[0])
     assert told == pytest.approx(borne, abs=1 / 64 + 0.005)  # halved six times, two digits shown
-    assert "the mean wind breaks element 0" in done.stderr
+    assert "under the mean wind element 0 breaks" in done.stderr
 
 
 def test_what_yields_under_the_mean_wind_stays_longer(workshop):

@@ -127,6 +127,13 @@ def test_a_group_that_nobody_has_is_told_before_what_is_missing_for_want_of_it(w
     assert "modulus" in second and "element 9" in second
 
 
+def test_what_breaks_at_rest_is_told_by_its_subject(workshop):
+    """Under 1.5 MN on the post, which pull at the lower ropes."""
+    job = workshop.job(JOB, NODES.replace("-150e3", "-1500e3"), ELEMENTS)
+    done = workshop.run(job, code=3)
+    assert "under all loads element 5 breaks: there is no equilibrium under them" in done.stderr
+
+
 @pytest.mark.parametrize("name", ["wheel", "dome", "stadium", "olympia"])
 def test_shipped_jobs_need_no_such_note(name):
     """Their bars have strengths of their own."""

@@ -172,14 +172,16 @@ def test_check_tells_of_the_gusts(workshop):
 def test_check_notes_what_time_step_and_lags_lose(workshop):
     """A step of 0.5 s, two lags; coefficients that do not follow the direction; nothing where all is well."""
     lines = checked(workshop, "turbulence = 0.18\ntime_step = 0.5\nar_order = 2\ndirection = 30\n")
-    told = ("time_step = 0.5:", "ar_order = 2: the spectrum", "direction = 30:")
+    told = ("time_step = 0.5:", "ar_order = 2: the spectrum", "direction = 30 (from 210 degrees):")
     notes = [next(line for line in lines if word in line) for word in told]
     assert len(lines) == 6 and all(note.startswith("note: ") for note in notes), lines
     above, rest = (1 + 30.0**2) ** (-1 / 3), float(re.search(r"([\d.]+)% of the gusts", notes[0])[1])
     assert above < rest / 100 < 1.7 * above  # with what interpolation takes, which is less
     quiet = checked(workshop, 'turbulence = 0.18\nspectrum = "kaimal"\ntime_step = 0.02\n')
     assert [line for line in quiet if line.startswith("note")] == []
-    assert checked(workshop, "roughness = 0\n") == ["wind: steady, 40 m/s at 10 m"]
+    assert checked(workshop, "roughness = 0\n") == [
+        "wind: steady, 40 m/s at 10 m, to 0 degrees (from 180 degrees)"
+    ]
 
 
 def test_result_keeps_what_is_known_of_the_gusts(workshop):

@@ -451,8 +451,8 @@ def test_a_coefficient_is_given_once(workshop):
 def test_zones_and_directions_without_effect_are_told(workshop):
     """A zone that nothing names, and a direction that coefficients do not follow."""
     idle = 'zone "{}": no effect: neither [wind] nor [load] nor a case has a value for it'
-    follow = "[wind] direction = 0: the shape coefficients do not follow it; sectors = a table gives them "
-    follow += "by direction"
+    follow = "[wind] direction = 0 (from 180 degrees): the shape coefficients do not follow it; sectors = "
+    follow += "a table gives them by direction"
     notes = make_model(read_job(workshop.job(STEEL + ZONED + square("b", 4, 4, 5, 5), *grid())), 1).notes()
     assert idle.format("b") in notes and idle.format("edge") not in notes and follow in notes
     notes = make_model(sectors_job(workshop), 1).notes()

@@ -12,9 +12,13 @@ CABLE = (
     Key("catalogue", "path", ABSENT, "", "path of a table of types, relative to the job file"),
     Key("type", "text", ABSENT, "", "name of a row of the catalogue, for stiffness, mass and breaking load"),
     between(-1e12, 1e12, "prestress", "N", 0.0, "axial force to form-find with, tension positive"),
-    positive("yield_stress", "Pa", ABSENT, "yield stress; absent: elastic"),
-    positive("fracture_strain", "", ABSENT, "total strain at fracture; absent: none breaks by its strain"),
-    positive("breaking_load", "N", ABSENT, "tension at fracture; absent: none breaks by its tension"),
+    positive("yield_stress", "Pa", ABSENT, "yield stress; absent: elastic", high=1e20),
+    positive(
+        "fracture_strain", "", ABSENT, "total strain at fracture; absent: none breaks by its strain", high=1e6
+    ),
+    positive(
+        "breaking_load", "N", ABSENT, "tension at fracture; absent: none breaks by its tension", high=1e20
+    ),
     not_negative(
         "strength_deviation",
         "",

@@ -16,7 +16,7 @@ DIMENSIONS = (
     between(1e-3, 1e6, "length", "m", 88.0, "stadium, ring: axis of the ellipse along x"),
     between(1e-3, 1e6, "width", "m", 66.0, "stadium, ring: axis of the ellipse along y"),
     between(-1e6, 1e6, "arch_rise", "m", 10.0, "stadium: rise of the parabolic arch"),
-    positive("spacing", "m", 2.2, "stadium, ring: distance of the cables"),
+    positive("spacing", "m", 2.2, "stadium, ring: distance of the cables", high=1e6),
     count("halves", 1, "stadium: 1, the half on one side of the arch, or 2, the whole", low=1, high=2),
     between(1e-3, 1e6, "diameter", "m", 120.0, "wheel: of the compression ring; dome: of the supports"),
     between(

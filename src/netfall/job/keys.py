@@ -43,13 +43,13 @@ class Key:
         if self.kind == "vector":
             return f"three numbers{of}, [x, y, z]" + self._range()
         if self.kind == "pressure":
-            return f"three numbers{of}, [x, y, z], or one number along the normals"
+            return f"three numbers{of}, [x, y, z], or one number along the normals,{self._range()}"
         if self.kind == "points":
-            return f"a list of [x, y] pairs{of}"
+            return f"a list of [x, y] pairs{of}{self._range()}"
         if self.kind == "places":
-            return f"a list of places [x, y] or [x, y, z]{of}, or of ids of nodes"
+            return f"a list of places [x, y] or [x, y, z]{of}{self._range()}, or of ids of nodes"
         if self.kind == "polygon":
-            return f"a list of three or more [x, y] corners{of}"
+            return f"a list of three or more [x, y] corners{of}{self._range()}"
         if self.kind == "integers":
             return f"a list of integers ({self.meaning})"
         if self.kind == "words":

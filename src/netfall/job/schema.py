@@ -57,9 +57,13 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
     "load": (
         flag("self_weight", False, "weight of the elements"),
         not_negative(
-            "dead", "N/m2", 0.0, "weight of the roof's cladding, downward; its mass moves with the particles"
+            "dead",
+            "N/m2",
+            0.0,
+            "weight of the roof's cladding, downward; its mass moves with the particles",
+            high=1e9,
         ),
-        not_negative("snow", "N/m2", 0.0, "in plan, downward; its mass moves with the particles"),
+        not_negative("snow", "N/m2", 0.0, "in plan, downward; its mass moves with the particles", high=1e9),
         Key(
             "pressure",
             "pressure",
@@ -67,6 +71,8 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "N/m2",
             "static load of the roof: positive presses on it, against the upward normal, negative lifts; "
             "or [x, y, z]",
+            low=-1e9,
+            high=1e9,
         ),
         between(-273.0, 1000.0, "temperature", "K", 0.0, "change of all elements from that of form finding"),
         count("steps", 0, "load steps of the static analysis; 0: none", low=0, high=100_000),
@@ -75,6 +81,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "s",
             0.0,
             "time over which the pressure grows from zero in the dynamic stage, without load steps; 0: none",
+            high=1e9,
         ),
         Key(
             "tolerance",
@@ -95,7 +102,15 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         Key(
             "groups", "words", ABSENT, "", "groups of elements whose faces carry loads and wind; absent: all"
         ),
-        Key("openings", "points", (), "m", "x, y of a point in each face that is an opening"),
+        Key(
+            "openings",
+            "points",
+            (),
+            "m",
+            "x, y of a point in each face that is an opening",
+            low=-1e9,
+            high=1e9,
+        ),
         Key(
             "lines",
             "path",
@@ -107,10 +122,10 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
     ),
     "wind": WIND,
     "dynamics": (
-        positive("duration", "s", REQUIRED, "simulated time"),
-        positive("time_step", "s", "auto", "step of the particles", also=("auto",)),
+        positive("duration", "s", REQUIRED, "simulated time", high=1e9),
+        positive("time_step", "s", "auto", "step of the particles", high=1e9, also=("auto",)),
         positive("safety", "", 0.8, 'of the stable step, for "auto"', high=1.0),
-        not_negative("damping", "1/s", 0.0, "mass-proportional damping zeta"),
+        not_negative("damping", "1/s", 0.0, "mass-proportional damping zeta", high=1e9),
         not_negative(
             "fragment_mass",
             "",
@@ -142,16 +157,24 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
     ),
     "output": (
         count("frames", 120, "states written over the duration", low=1, high=1_000_000),
-        positive("history", "s", 0.01, "between rows of /history"),
+        positive("history", "s", 0.01, "between rows of /history", high=1e9),
         flag(
             "energy",
             True,
             "audit of the energies; "
             "false saves its cost, and leaves the works and both errors of /history nan",
         ),
-        Key("probes", "places", (), "m", "[x, y], [x, y, z] or ids of nodes whose histories are kept"),
+        Key(
+            "probes",
+            "places",
+            (),
+            "m",
+            "[x, y], [x, y, z] or ids of nodes whose histories are kept",
+            low=-1e9,
+            high=1e9,
+        ),
         Key("elements", "integers", ABSENT, "", "ids of elements whose tensions are kept"),
-        not_negative("checkpoint", "s", 0.0, "simulated time between checkpoints; 0: none"),
+        not_negative("checkpoint", "s", 0.0, "simulated time between checkpoints; 0: none", high=1e9),
         count("modes", 0, "modes of the net where dynamics begins, lowest first; 0: none", low=0, high=1000),
     ),
 }
@@ -160,7 +183,15 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
 LISTS: dict[str, tuple[Key, ...]] = {
     "zone": (
         Key("name", "name", REQUIRED, "", "by which [wind.zone.NAME] and [load.zone.NAME] know it"),
-        Key("polygon", "polygon", ABSENT, "m", "corners in plan of the start geometry, in order around it"),
+        Key(
+            "polygon",
+            "polygon",
+            ABSENT,
+            "m",
+            "corners in plan of the start geometry, in order around it",
+            low=-1e9,
+            high=1e9,
+        ),
         Key("groups", "words", ABSENT, "", "groups of elements whose nodes belong to it"),
         flag(
             "cut",
@@ -176,8 +207,10 @@ LISTS: dict[str, tuple[Key, ...]] = {
         Key("elements", "integers", ABSENT, "", "ids of the elements that are lost"),
         Key("group", "text", ABSENT, "", "or the group of elements that is lost"),
         Key("cables", "words", ABSENT, "", "or the names of the pieces of cable that are lost"),
-        not_negative("time", "s", REQUIRED, "of the dynamic stage at which their stiffness goes"),
-        not_negative("duration", "s", 0.0, "over which their tension then falls to zero; 0: at once"),
+        not_negative("time", "s", REQUIRED, "of the dynamic stage at which their stiffness goes", high=1e9),
+        not_negative(
+            "duration", "s", 0.0, "over which their tension then falls to zero; 0: at once", high=1e9
+        ),
     ),
 }
 

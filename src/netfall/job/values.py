@@ -41,6 +41,7 @@ def _is_whole(value) -> bool:
 
 def fits(key: Key, value) -> bool:
     """Whether a value is what the key's row of the table allows."""
+    number = lambda v: _is_number(v) and _in_range(key, v)
     if key.kind in ("text", "path"):
         return isinstance(value, str) and (value != "" or key.name == "title") and "\x00" not in value
     if key.kind == "choice":
@@ -54,29 +55,25 @@ def fits(key: Key, value) -> bool:
     if key.kind in ("points", "polygon"):
         return (
             isinstance(value, list)
-            and all(isinstance(p, list) and len(p) == 2 and all(map(_is_number, p)) for p in value)
+            and all(isinstance(p, list) and len(p) == 2 and all(map(number, p)) for p in value)
             and (key.kind == "points" or len(value) >= 3)
         )
     if key.kind == "places":
-        place = lambda v: isinstance(v, list) and len(v) in (2, 3) and all(map(_is_number, v))
+        place = lambda v: isinstance(v, list) and len(v) in (2, 3) and all(map(number, v))
         return isinstance(value, list) and all(_is_whole(v) or place(v) for v in value)
     if key.kind == "integers":
         return isinstance(value, list) and value != [] and all(map(_is_whole, value))
     if key.kind == "words":
         return isinstance(value, list) and value != [] and all(isinstance(v, str) and v for v in value)
-    if key.kind == "pressure" and _is_number(value):
+    if key.kind == "pressure" and number(value):
         return True
     if key.kind in ("vector", "pressure"):
-        return (
-            isinstance(value, list)
-            and len(value) == 3
-            and all(_is_number(v) and _in_range(key, v) for v in value)
-        )
+        return isinstance(value, list) and len(value) == 3 and all(map(number, value))
     if value in key.also:
         return True
     if key.kind == "integer" and not isinstance(value, int):
         return False
-    return _is_number(value) and _in_range(key, value)
+    return number(value)
 
 
 def _in_range(key: Key, value) -> bool:

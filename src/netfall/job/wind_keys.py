@@ -16,7 +16,14 @@ WIND: tuple[Key, ...] = (
         "pressures", "path", ABSENT, "N/m2", "path of a table of pressures in time at taps, instead of a wind"
     ),
     Key("taps", "path", ABSENT, "", "path of a table name, x, y: where the taps of pressures are"),
-    between(-360.0, 360.0, "direction", "degrees", 0.0, "where it blows to, from x towards y"),
+    between(
+        -360.0,
+        360.0,
+        "direction",
+        "degrees",
+        0.0,
+        "where it blows to, from x towards y: 30 is a wind from 210",
+    ),
     Key("roughness", "number", 0.03, "", "k of the gusts; 0: no gusts", low=0.0, high=0.2),
     Key(
         "turbulence",
@@ -51,6 +58,8 @@ WIND: tuple[Key, ...] = (
         ABSENT,
         "",
         "u_s: positive presses on the roof, against the upward normal; negative is suction, which lifts",
+        low=-1e4,
+        high=1e4,
     ),
     Key(
         "sectors",
@@ -60,7 +69,7 @@ WIND: tuple[Key, ...] = (
         "path of a table direction, shape_coefficient and columns named as zones are, instead of "
         "shape_coefficient",
     ),
-    positive("air_density", "kg/m3", 1.25, "density of the air"),
+    positive("air_density", "kg/m3", 1.25, "density of the air", high=1e4),
     between(1e-4, 60.0, "time_step", "s", 0.05, "time step of the generated histories"),
     count("ar_order", 14, "largest number of lags of the autoregressive model", high=30),
     count("seed", 1, "number that the random histories are a function of", low=0, high=2**63 - 1),
@@ -72,9 +81,10 @@ WIND: tuple[Key, ...] = (
         "",
         "C of Davenport's coherence along the wind, across, vertical",
         low=0.0,
+        high=1e6,
     ),
     not_negative("profile_exponent", "", 0.16, "of the mean speed over height", high=1.0),
-    Key("base_height", "number", 10.0, "m", "height of z = 0 above ground"),
+    between(-1e6, 1e6, "base_height", "m", 10.0, "height of z = 0 above ground"),
     Key(
         "onset",
         "choice",
@@ -84,7 +94,9 @@ WIND: tuple[Key, ...] = (
         "sudden: all of the wind at t = 0",
         choices=("static", "sudden"),
     ),
-    not_negative("ramp", "s", 2.0, "time over which the gusts grow in after a static onset; 0: at once"),
+    not_negative(
+        "ramp", "s", 2.0, "time over which the gusts grow in after a static onset; 0: at once", high=1e9
+    ),
     Key(
         "after_fracture",
         "choice",

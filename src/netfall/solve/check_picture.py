@@ -8,6 +8,7 @@ from netfall.job.read import Job
 from netfall.net.areas import along_normals, normals, tributary_areas
 from netfall.output.place import writing
 from netfall.solve.model import Model
+from netfall.wind.sectors import bearing
 
 
 def draw_check(job: Job, model: Model, folder: Path) -> Path:
@@ -45,4 +46,4 @@ def _wind_of(job: Job) -> tuple[float, str] | None:
     if wind is None or wind.pressures is not None:
         return None
     what = f"wind of {wind.speed:g} m/s" if wind.speed else f"wind of {wind.file}"
-    return wind.direction, f"{what} to {wind.direction:g} degrees"
+    return wind.direction, f"{what} {bearing(wind.direction)}"

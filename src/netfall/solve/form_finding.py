@@ -24,6 +24,9 @@ from netfall.solve.relaxation import Relaxation, geometric_stiffness, largest_fo
 from netfall.solve.sparse import Singular, solve_sparse
 from netfall.stop import NEVER, StopRequest
 
+TOGETHER = 1e-6  # of the length at the start: an element so short is as good as gone
+LOOKS = 10  # in turn, at which one is: a node may pass close to another on its way
+
 
 @dataclass
 class Form:
@@ -149,6 +152,38 @@ class Elements:
         return self.stiffness + geometric_stiffness(self.N, self.L)
 
 
+class Watch:
+    """Looks, where a relaxation at constant tension is reported, whether nodes have run together.
+
+    Tensions that stay the same however short an element gets have their least work there: along an edge
+    cable, say, that what pulls at it does not hold apart.
+    """
+
+    def __init__(
+        self, comm: MPI.Comm, distribution: Distribution, net: Net | None, elements: Elements, report
+    ):
+        """net : on rank 0, None elsewhere; report : what is called besides"""
+        self.comm, self.net, self.elements, self.report = comm, net, elements, report
+        self.gid, self.looks = distribution.subdomain.element_gid, 0
+
+    def __call__(self, iteration: int, residual: float) -> None:
+        """Collective. Raises DivergedError where an element is as good as gone in LOOKS looks in turn."""
+        self.report(iteration, residual)
+        share = self.elements.L / self.elements.L_start
+        e = int(np.argmin(share)) if len(share) else -1
+        least, gid = min(self.comm.allgather((float(share[e]), int(self.gid[e])) if e >= 0 else (np.inf, -1)))
+        self.looks = self.looks + 1 if least < TOGETHER else 0
+        if self.looks < LOOKS:
+            return
+        net = self.net
+        name = net and f"{net.element_id[gid]} ({'-'.join(str(net.node_id[p]) for p in net.elements[gid])})"
+        raise DivergedError(
+            f"form finding at constant tension: after {iteration} iterations the nodes of element "
+            f"{self.comm.bcast(name)} have run together: nothing holds them apart, and these tensions have no "
+            'form; set [form_finding] modulus_factor = 1e-3, or method = "force_density"'
+        )
+
+
 def find_form(
     comm: MPI.Comm,
     net: Net | None,
@@ -194,5 +229,7 @@ def find_form(
         resume = None
     if found is None:
         most = settings.max_iterations
+        if settings.modulus_factor == 0.0:
+            report = Watch(comm, distribution, net, elements, report)
         found = relax(comm, halo, moving, asked, most, "form finding", report, stop, resume)
     return Form(x, elements.N, *found, reference)

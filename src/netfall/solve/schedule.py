@@ -38,12 +38,15 @@ class Schedule:
 
 
 def make_schedule(limit: float, dynamics, output) -> Schedule:
-    """Steps for the job: its own length, or for "auto" the largest within `limit` [s] that fits the history
-    rows.
+    """Steps for the job: its own length, or for "auto" the largest within `limit` [s] that fits the rows of
+    the history, or the duration where that is no multiple of theirs: then they come up to a step later.
     """
     if dynamics.time_step == "auto":
-        every = min(output.history, dynamics.duration)
-        dt = every / max(1.0, np.ceil(every / (dynamics.safety * limit) - ROUNDING))
+        every, longest = min(output.history, dynamics.duration), dynamics.safety * limit
+        rows = dynamics.duration / every
+        if abs(rows - round(rows)) > ROUNDING * rows:
+            every, longest = dynamics.duration, min(every, longest)
+        dt = every / max(1.0, np.ceil(every / longest - ROUNDING))
     else:
         dt = dynamics.time_step
     steps = max(1, int(step_at(dynamics.duration, dt)))

@@ -213,7 +213,7 @@ def settle(run, each: Equilibrium, reference: float, stop: StopRequest, resume=N
     breaking = _breaking(run, snapshot)
     if breaking and each.kind != "loss":
         name = run.comm.bcast(setup.model and setup.model.id_of(breaking[0]))
-        raise DivergedError(f"{each.words} breaks element {name}{_advice(each)}")
+        raise DivergedError(f"under {each.words} element {name} breaks{_advice(each)}")
     if state.scene.plastic:
         state.dissipated[:] = snapshot.heat
         state.eps_p[:] = snapshot.eps_p
@@ -292,8 +292,8 @@ def _breaking(run, snapshot: Snapshot) -> tuple[int, ...]:
 
 def _advice(each: Equilibrium) -> str:
     if each.kind in ("rest", "case"):
-        under = each.kind == "case" or each.words == ALL_LOADS
-        return ": there is no equilibrium under it" if under else ""
+        under = {"case": "it"}.get(each.kind) or ("them" if each.words == ALL_LOADS else "")
+        return f": there is no equilibrium under {under}" if under else ""
     return (
         f" (load factor {each.factor:.4g}): there is no static equilibrium to start from; lower the load, or "
         "set steps = 0 to let it act at once in the dynamic stage"

@@ -11,7 +11,7 @@ from netfall.net.net import Net
 from netfall.net.zones import Zones, named_zones
 from netfall.solve.loading import grows
 from netfall.solve.statics import has_statics
-from netfall.wind.sectors import Sectors
+from netfall.wind.sectors import Sectors, origin
 from netfall.wind.spectra import intensity
 
 ALIKE = 0.8  # share of letters from which two names of groups may have been meant as one
@@ -106,8 +106,8 @@ def _idle_sections(job: Job, net: Net, given: set[str]) -> list[str]:
         notes.append("[wind]: no effect: shape_coefficient = 0")
     if job.wind and job.wind.shape_coefficient is not None and "wind.direction" in given:
         notes.append(
-            f"[wind] direction = {job.wind.direction:g}: the shape coefficients do not follow it; "
-            "sectors = a table gives them by direction"
+            f"[wind] direction = {job.wind.direction:g} ({origin(job.wind.direction)}): the shape "
+            "coefficients do not follow it; sectors = a table gives them by direction"
         )
     idle = [key for key in ("groups", "openings", "lines") if f"roof.{key}" in given and not on_roof]
     if idle:

@@ -7,6 +7,7 @@ import numpy as np
 from netfall.job.read import Job
 from netfall.solve.model import Model
 from netfall.solve.on_roof import mean_pressure
+from netfall.wind.sectors import bearing
 from netfall.wind.spectra import Gust, gust_of, intensity
 
 MOST_NEGATIVE = 0.01  # share of negative speeds from which on they are noted
@@ -26,7 +27,11 @@ def wind_lines(job: Job, model: Model) -> list[str]:
     if wind.file:
         return _measured_lines(job, model)
     gust = gust_of(wind)
-    return _gust_lines(job, model, gust) if gust else [f"wind: steady, {wind.speed:g} m/s at 10 m"]
+    return (
+        _gust_lines(job, model, gust)
+        if gust
+        else [f"wind: steady, {wind.speed:g} m/s at 10 m, {bearing(wind.direction)}"]
+    )
 
 
 def wind_notes(job: Job, model: Model) -> list[str]:
@@ -102,7 +107,8 @@ def _gust_lines(job: Job, model: Model, gust: Gust) -> list[str]:
     factor = expected_gust_factor(gust, wind.time_step, job.dynamics.duration)
     little = ", so one seed says little" if gust_lengths(job, gust) < FEW_LENGTHS else ""
     return [
-        f"wind: {wind.speed:g} m/s at 10 m, intensity {intensity(wind):.3g} there ({gust.deviation:.3g} m/s, "
+        f"wind: {wind.speed:g} m/s at 10 m, {bearing(wind.direction)}, intensity "
+        f"{intensity(wind):.3g} there ({gust.deviation:.3g} m/s, "
         f"{wind.spectrum}); {len(field.control_point)} control points with means of "
         f"{field.control_mean.min():.4g} to {field.control_mean.max():.4g} m/s, {share:.2%} of their speeds "
         "negative",
@@ -156,6 +162,7 @@ def _measured_lines(job: Job, model: Model) -> list[str]:
     mean, count = section["mean_speed"], len(section["mean_speed"])
     where = "one speed at 10 m" if history.places is None else f"{count} points"
     return [
-        f"wind: {job.wind.file}, {where}: means of {mean.min():.4g} to {mean.max():.4g} m/s over the "
-        f"duration, gust factors of {section['gust_factor'].min():.3g} to {section['gust_factor'].max():.3g}"
+        f"wind: {job.wind.file}, {where}, {bearing(job.wind.direction)}: means of {mean.min():.4g} to "
+        f"{mean.max():.4g} m/s over the duration, gust factors of {section['gust_factor'].min():.3g} to "
+        f"{section['gust_factor'].max():.3g}"
     ]

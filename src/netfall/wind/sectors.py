@@ -14,6 +14,16 @@ from netfall.job.table import Table
 ROOF = "shape_coefficient"  # the column for what is in no zone, or in one without a column
 
 
+def origin(direction: float) -> str:
+    """Where a wind comes from that blows to a direction [degrees], from x towards y, in words."""
+    return f"from {(direction + 180.0) % 360.0:g} degrees"
+
+
+def bearing(direction: float) -> str:
+    """Where a wind blows to, and where it comes from, in words."""
+    return f"to {direction:g} degrees ({origin(direction)})"
+
+
 @dataclass(frozen=True)
 class Sectors:
     """direction : (d,) [degrees], where the wind blows to, ascending; of_zone : columns (d,) by zone."""
