@@ -2,6 +2,7 @@
 pictures and words.
 """
 
+import re
 import subprocess
 from itertools import pairwise
 from pathlib import Path
@@ -342,6 +343,18 @@ def test_result_keeps_the_old_file_until_the_new_one_is_whole(workshop):
     workshop.run(job, "--set", "form_finding.max_iterations=5", code=3)
     assert (workshop.folder / "result.vtkhdf").read_bytes() == before
     assert {p.name for p in workshop.folder.iterdir()} == {"job.toml", "result.vtkhdf"}
+
+
+@pytest.mark.parametrize("name", ["saddle", "stadium", "stadium_whole", "olympia", "ring", "dome", "wheel"])
+def test_the_expected_run_time_is_that_of_the_head(name):
+    """Within a factor of two: start, net, form and equilibria included, not the steps alone."""
+    text = (ROOT / "jobs" / f"{name}.toml").read_text()
+    least, most = re.search(r"# Takes +([0-9.]+)(?: to ([0-9.]+))? s", text).groups()
+    told = run_on_standing_ranks("check", ROOT / "jobs" / f"{name}.toml").stdout
+    expected = float(re.search(r"expected run time about ([0-9.]+) s", told)[1])
+    assert 0.5 * float(least) <= expected <= 2.0 * float(most or least)
+    assert "compiling at the first run" in told
+    assert ("on several ranks, mostly slower" in told) == ("equilibria" in told)
 
 
 @pytest.mark.parametrize("name", ["saddle", "stadium", "olympia", "wheel"])

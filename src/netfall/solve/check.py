@@ -22,6 +22,7 @@ from netfall.solve.report import (
     moved_lines,
     net_line,
     remarks_of,
+    rest_words,
     stages,
     start_note,
     starts_moving,
@@ -34,6 +35,10 @@ from netfall.timings import Phases
 
 # For an element and step, and for a step, on one core with all features on (jobs/bench).
 STEP_NS, STEP_US = 8.0, 2.0
+ROW_S = 5e-4  # of a row of the history, and of a frame
+EQUILIBRIUM_S = 2e-4  # for each element of a net of some thousand: slack and compression take more or less
+START_S, NET_S = 0.8, 3e-4  # until Python, MPI and what they load stand; of net and form, for each element
+SMALL = 5_000  # elements below which equilibria on several ranks are no faster
 LARGEST_FORM = 400_000  # elements up to which check also finds the form, in some ten seconds
 FRAME_BYTES = {"particle": 24 + 12 + 12, "element": 4 + 4 + 4 + 1}  # of the result file, for each state
 MUCH_LARGER = 4.0  # times the usual face of the roof: it may be an opening
@@ -72,6 +77,7 @@ def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) 
         say(line)
     if schedule:
         _describe_steps(job, setup, schedule, say)
+    _describe_time(job, setup, schedule, say)
     _describe_memory(job, setup, say)
     for line in mode_lines(short, setup):
         say(line)
@@ -123,14 +129,31 @@ def _describe_sharing(model: Model, say) -> None:
 def _describe_steps(job: Job, setup: Setup, schedule: Schedule, say) -> None:
     for limit in setup.limits.values():
         say(limit_line(limit, setup.model))
-    seconds = schedule.steps * (setup.model.net.m * STEP_NS * 1e-9 + STEP_US * 1e-6)
     say(
         f"steps: {schedule.steps} of {schedule.dt:.4g} s"
         + (" (auto)" if job.dynamics.time_step == "auto" else "")
-        + f"; expected run time about {seconds:.2g} s on one core"
     )
     for remark in remarks_of(job, setup, schedule.dt):
         say(remark)
+
+
+def _describe_time(job: Job, setup: Setup, schedule: Schedule | None, say) -> None:
+    """What a run takes on one core, by its parts."""
+    m = setup.model.net.m
+    parts = {"start, net and form": START_S + NET_S * m}
+    if has_statics(job):
+        count = len(job.cases) + (job.load.steps if job.load else 0) + 1
+        parts["equilibria"] = EQUILIBRIUM_S * m * (count + bool(rest_words(job)))
+    if schedule:
+        parts["steps"] = schedule.steps * (m * STEP_NS * 1e-9 + STEP_US * 1e-6)
+        parts["output"] = ROW_S * (len(schedule.history) + len(schedule.frames))
+    say(
+        f"expected run time about {sum(parts.values()):.2g} s on one core ("
+        + ", ".join(f"{name} {seconds:.2g} s" for name, seconds in parts.items())
+        + "); modes, and compiling at the first run of its kind, come on top"
+    )
+    if has_statics(job) and m < SMALL:
+        say(f"ranks: equilibria of fewer than {SMALL} elements are no faster on several ranks, mostly slower")
 
 
 def _describe_memory(job: Job, setup: Setup, say) -> None:

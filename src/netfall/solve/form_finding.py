@@ -179,8 +179,8 @@ class Watch:
         name = net and f"{net.element_id[gid]} ({'-'.join(str(net.node_id[p]) for p in net.elements[gid])})"
         raise DivergedError(
             f"form finding at constant tension: after {iteration} iterations the nodes of element "
-            f"{self.comm.bcast(name)} have run together: nothing holds them apart, and these tensions have no "
-            'form; set [form_finding] modulus_factor = 1e-3, or method = "force_density"'
+            f"{self.comm.bcast(name)} have run together: nothing holds them apart, and these tensions have "
+            'no form; set [form_finding] modulus_factor = 1e-3, or method = "force_density"'
         )
 
 
