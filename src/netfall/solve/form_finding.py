@@ -176,7 +176,8 @@ class Watch:
         if self.looks < LOOKS:
             return
         net = self.net
-        name = net and f"{net.element_id[gid]} ({'-'.join(str(net.node_id[p]) for p in net.elements[gid])})"
+        ends = net and "-".join(str(net.node_id[p]) for p in net.elements[gid])
+        name = net and f"{net.element_id[gid]} ({ends})"
         raise DivergedError(
             f"form finding at constant tension: after {iteration} iterations the nodes of element "
             f"{self.comm.bcast(name)} have run together: nothing holds them apart, and these tensions have "
