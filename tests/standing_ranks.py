@@ -87,7 +87,7 @@ def serve():
     """Work on tasks until there are no more."""
     from mpi4py import MPI
 
-    from netfall.worker import next_task
+    from netfall.program.worker import next_task
 
     comm = MPI.COMM_WORLD.Dup()  # what is sent here never meets what netfall sends
     answers = os.fdopen(os.dup(1), "w")

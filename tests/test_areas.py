@@ -12,17 +12,17 @@ from hypothesis import HealthCheck, assume, given, settings
 from scipy.spatial import Delaunay
 
 import netfall
-from netfall.errors import InputError
-from netfall.functions import lengths
+from netfall.ground.errors import InputError
 from netfall.job.read import read_job
-from netfall.net.areas import normals, roof_of, tributary_areas
+from netfall.model.model import make_model, model_digest, set_initial
 from netfall.net.build import build_net
-from netfall.net.faces import find_faces
 from netfall.net.net import Net, subdivide
-from netfall.net.panels import panels_of
-from netfall.net.plan import draw_plan
-from netfall.net.shares import shares_of
-from netfall.solve.model import make_model, model_digest, set_initial
+from netfall.numerics.functions import lengths
+from netfall.roof.areas import normals, roof_of, tributary_areas
+from netfall.roof.faces import find_faces
+from netfall.roof.panels import panels_of
+from netfall.roof.plan import draw_plan
+from netfall.roof.shares import shares_of
 
 SOFT = "[cable]\nmodulus = 1e9\narea = 1e-6\ndensity = 7850.0\nprestress = 1e3\n"
 PRESSED = SOFT + "[load]\npressure = [0.0, 0.0, -10.0]\n"

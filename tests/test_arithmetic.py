@@ -5,8 +5,8 @@ from decimal import Decimal, localcontext
 import numpy as np
 import pytest
 
-from netfall.arithmetic import inverse_root, logarithm
-from netfall.compile import kernel, vector_kernel
+from netfall.ground.compile import kernel, vector_kernel
+from netfall.numerics.arithmetic import inverse_root, logarithm
 
 
 @vector_kernel

@@ -10,10 +10,9 @@ import pytest
 from conftest import ENVIRONMENT, on_ranks
 from mpi4py import MPI
 
-from netfall.parallel.block_products import coarser
-from netfall.parallel.block_rows import BlockRows, Owners, blocks_of
-from netfall.parallel.block_transposed import transposed
-from netfall.parallel.blocks import SpreadMatrix
+from netfall.multigrid.distributed import SpreadMatrix
+from netfall.multigrid.products import coarser, transposed
+from netfall.multigrid.rows import BlockRows, Owners, blocks_of
 
 SEEDS = 24
 SINGLE = 1e-6  # of the largest: rounding of a few products in single precision

@@ -26,22 +26,22 @@ from test_manufactured import (
     run_here,
 )
 
+from netfall.checks.reactions import reaction_columns
+from netfall.ground.progress import Progress
 from netfall.job.read import read_job
 from netfall.mechanics.stability import any_shape_limits
 from netfall.net.build import build_net
 from netfall.net.net import Net, subdivide
-from netfall.output.checkpoint import checkpoint_path, remove_older
-from netfall.output.progress import Progress
-from netfall.output.reactions import reaction_columns
-from netfall.output.report_stages import envelope_of
 from netfall.parallel.halo import HaloBuffers, exchange_rows
 from netfall.parallel.mpi_symbols import HANDLE
-from netfall.solve.run import run_job
-from netfall.study.info_study import _losses
-from netfall.study.losses import losses_of, one_draw
-from netfall.study.queue import Queue
+from netfall.program.run import run_job
+from netfall.results.states import envelope_of
+from netfall.study.answers.info import _losses
+from netfall.study.answers.losses import losses_of, one_draw
+from netfall.study.runs import Queue
 from netfall.wind.field import make_wind_field
 from netfall.wind.onset import GrowingGusts
+from netfall.write.checkpoint import checkpoint_path, remove_older
 
 STATE = ("position", "velocity", "tension", "plastic_strain")  # in /final
 

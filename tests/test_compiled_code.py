@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from netfall.compile import FileForEach, turn
+from netfall.ground.compile import FileForEach, turn
 
 
 def keep(folder: Path, start, mine: str, repeats: int) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import STEEL
 
-from netfall.solve.schedule import make_schedule
+from netfall.model.schedule import make_schedule
 
 ELASTIC = STEEL.replace("prestress = 100e3\n", "")
 EA, HALF_ELEMENT = 1.95e11 * 683.08e-6, 0.5 * 7850.0 * 683.08e-6  # N; kg for each metre
@@ -198,11 +198,11 @@ def test_divergence_names_the_last_good_checkpoint(workshop, monkeypatch):
     """
     from mpi4py import MPI
 
-    from netfall.errors import DivergedError
+    from netfall.ground.errors import DivergedError
+    from netfall.ground.progress import Progress
     from netfall.job.read import read_job
-    from netfall.output.progress import Progress
-    from netfall.solve import dynamics
-    from netfall.solve.run import run_job
+    from netfall.program.run import run_job
+    from netfall.stages import dynamics
 
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,-10,0\n3,5,5,-10,1\n"
     job = workshop.job(
@@ -263,7 +263,7 @@ def test_mass_scaling_keeps_its_budget_and_its_step(share):
     added for.
     """
     from netfall.mechanics.stability import any_shape_limits, scaled_mass
-    from netfall.net import generators
+    from netfall.net.generators import generate as generators
 
     net = generators.stadium(88.0, 66.0, 10.0, 2.2)
     L = np.linalg.norm(np.diff(net.x[net.elements], axis=1)[:, 0], axis=1)

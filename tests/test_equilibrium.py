@@ -11,15 +11,17 @@ from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 
+from netfall.equilibrium import increments as path
+from netfall.equilibrium import newton
+from netfall.equilibrium.increments import _Way
+from netfall.equilibrium.relaxation import Paused
+from netfall.ground.stop import NEVER
+from netfall.ground.timings import Phases
 from netfall.job.read import read_job
 from netfall.net.net import GRAVITY
-from netfall.solve import newton, path, statics
-from netfall.solve.committed import committed, put_back
-from netfall.solve.path import _Way
-from netfall.solve.relaxation import Paused
-from netfall.solve.setup import prepare
-from netfall.stop import NEVER
-from netfall.timings import Phases
+from netfall.program.setup import prepare
+from netfall.stages import statics
+from netfall.stages.statics import committed, put_back
 
 SADDLE = """
 [net]

@@ -12,9 +12,9 @@ from test_python import cross
 from test_validation_opensees import needs_opensees, python_with_opensees, shipped
 
 import netfall
-from netfall.errors import InputError
+from netfall.exchange.drawings.reading import Options, read_net
 from netfall.exchange.export import export
-from netfall.exchange.reading import Options, read_net
+from netfall.ground.errors import InputError
 
 # Digits of a number that a text holds in full.
 EXACT = 1e-15

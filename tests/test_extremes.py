@@ -150,7 +150,7 @@ def test_energy_that_a_slack_cable_returns(phase, least, most):
     """A mass runs into a slack cable and back:
     the energy it brings back, averaged over the moment of contact, for omega dt = phase.
     """
-    from netfall.mechanics.fields import Scene
+    from netfall.mechanics.fields import Features
     from netfall.mechanics.state import State
     from netfall.parallel.halo import Halo
     from netfall.parallel.subdomain import cut_net
@@ -161,7 +161,7 @@ def test_energy_that_a_slack_cable_returns(phase, least, most):
     dt = phase / np.sqrt(stiffness / mass)
     pairs = np.arange(2 * n).reshape(n, 2)
     (subdomain,) = cut_net(2 * n, pairs, np.zeros(2 * n, np.int32), 1)
-    state = State(Scene(energy=False), 2 * n, 0, n)
+    state = State(Features(energy=False), 2 * n, 0, n)
     state.ends[:], state.L0[:], state.EA[:], state.mass[:] = subdomain.ends, 1.0, stiffness, mass
     far = np.isin(subdomain.particle_gid, pairs[:, 1])
     state.free[:] = far[:, None]

@@ -9,12 +9,13 @@ import pytest
 from conftest import STEEL, StopAfter, run_on_standing_ranks
 from mpi4py import MPI
 
-from netfall.errors import Interrupted
+from netfall.equilibrium import newton
+from netfall.equilibrium.newton import NotFound
+from netfall.ground.errors import Interrupted
+from netfall.ground.timings import Phases
 from netfall.job.read import read_job
-from netfall.solve import large_form, newton
-from netfall.solve.outcome import NotFound
-from netfall.solve.setup import prepare
-from netfall.timings import Phases
+from netfall.program.setup import prepare
+from netfall.stages import form
 
 
 @pytest.mark.parametrize("start", ["given", "force_density"])
@@ -168,7 +169,7 @@ def test_what_newton_s_method_does_not_find_is_relaxed(form_of, monkeypatch):
         newton.net.x[:] += 1.0
         raise NotFound
 
-    monkeypatch.setattr(large_form.Newton, "find", give_up)
+    monkeypatch.setattr(form.Newton, "find", give_up)
     for factor in 0, 1e-3:
         settings = f"form_finding.modulus_factor={factor}"
         relaxed, found = form_of("ring", NEVER_LARGE, settings), form_of("ring", 0, settings)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from conftest import STEEL, STILL_AIR
 
-from netfall.mechanics.fields import Scene
+from netfall.mechanics.fields import Features
 from netfall.mechanics.fracture import dissipate
 from netfall.mechanics.state import State
+from netfall.model.losses import comes_loose
 from netfall.net.net import Net
-from netfall.solve.losses import comes_loose
 
 BRITTLE = STEEL.replace("prestress = 100e3\n", "fracture_strain = 1e-3\n")
 DYNAMICS = "[dynamics]\nduration = {}\n[output]\nhistory = 0.001\nframes = {}\n"
@@ -152,7 +152,7 @@ def test_an_elastic_element_taken_out_balances(workshop):
 
 def test_what_cannot_yield_dissipates_its_strain_energy_when_it_goes():
     """Beside a group that yields: its yield force is infinite, and its plastic work is 0 and not inf x 0."""
-    state = State(Scene(plastic=True, fracture=True, fragments=False), 2, 0, 1)
+    state = State(Features(plastic=True, fracture=True, fragments=False), 2, 0, 1)
     state.ends[:], state.owned[:], state.free[:], state.mass[:] = [[0, 1]], 1, 1, 1.0
     state.x[1, 0], state.L0[:], state.EA[:], state.yield_force[:] = 2.0, 1.9, 1e6, np.inf
     dissipate(state, 0, 1e-4)

@@ -10,18 +10,19 @@ import pytest
 from conftest import ROOT
 from study_files import columns, drawn_members, net, write_study
 
-from netfall import commands, normal
-from netfall.errors import InputError
-from netfall.output.info import open_result
-from netfall.parser import parser
-from netfall.study import fragility, probit, samples
-from netfall.study.fragility import fragility_section
-from netfall.study.info_study import print_study
-from netfall.study.losses import elements_lost, losses_of
-from netfall.study.members import read_study
-from netfall.study.plot_study import pictures_of
-from netfall.study.ranks import spearman
-from netfall.study.shares import narrower
+from netfall.cli import commands
+from netfall.cli.parser import parser
+from netfall.ground.errors import InputError
+from netfall.numerics import normal
+from netfall.plots.study.study import pictures_of
+from netfall.results.file import open_result
+from netfall.study.answers import fragility, probit, samples
+from netfall.study.answers.correlation import spearman
+from netfall.study.answers.fragility import fragility_section
+from netfall.study.answers.info import print_study
+from netfall.study.answers.intervals import narrower
+from netfall.study.answers.losses import elements_lost, losses_of
+from netfall.study.answers.read import read_study
 
 SPEEDS = (30.0, 34.0, 38.0, 42.0, 46.0)
 # Baker (2015), Earthquake Spectra 31(1), 579: 40 ground motions at each intensity, and his fit.

@@ -16,10 +16,10 @@ from mpi4py import MPI
 from test_long_runs import ELEMENTS, NODES
 from test_long_runs import JOB as TINY
 
-from netfall.errors import OutputError
-from netfall.output import room
-from netfall.output.h5 import SharedFile, check_seal
-from netfall.output.room import h5_file, h5_updated, reserve
+from netfall.ground.errors import OutputError
+from netfall.write import space as room
+from netfall.write.h5 import SharedFile, check_seal
+from netfall.write.space import h5_file, h5_updated, reserve
 
 SHORT = JOB.replace("duration = 0.4", "duration = 0.06").replace("frames = 80", "frames = 240")
 DISK = 16  # MB

@@ -7,12 +7,19 @@ import mpmath
 import numpy as np
 import pytest
 
-from netfall import functions
-from netfall.arithmetic import exponential, exponential_less_one
-from netfall.compile import kernel
-from netfall.linear import eliminate, factorised, product, solve_columns, solve_factorised, top_of_tridiagonal
-from netfall.normal import quantile
-from netfall.solve.sparse import Singular, solve_sparse
+from netfall.ground.compile import kernel
+from netfall.numerics import functions
+from netfall.numerics.arithmetic import exponential, exponential_less_one
+from netfall.numerics.linear import (
+    eliminate,
+    factorised,
+    product,
+    solve_columns,
+    solve_factorised,
+    top_of_tridiagonal,
+)
+from netfall.numerics.normal import quantile
+from netfall.stages.force_density import Singular, solve_sparse
 from netfall.wind.noise import standard_normal
 
 mpmath.mp.prec = 160

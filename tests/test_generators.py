@@ -7,12 +7,12 @@ from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import spsolve
 from test_wheel import residual
 
-from netfall.net import generators
-from netfall.net.areas import tributary_areas
-from netfall.net.dome import GROUPS, dome
-from netfall.net.faces import find_faces
+from netfall.net.generators import generate as generators
+from netfall.net.generators.dome import GROUPS, dome
+from netfall.net.generators.ring import ring
 from netfall.net.net import pair_key
-from netfall.net.ring import ring
+from netfall.roof.areas import tributary_areas
+from netfall.roof.faces import find_faces
 
 STADIUM = 88.0, 66.0, 10.0, 2.2
 

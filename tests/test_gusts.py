@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from netfall.errors import InputError
+from netfall.ground.errors import InputError
 from netfall.job.schema import SECTIONS
 from netfall.wind.autoregressive import GustRecursion, fit_gust_model, root_of
 from netfall.wind.coherence import along_wind, davenport_coherence

@@ -8,15 +8,15 @@ import pytest
 from conftest import assert_same_results
 from mpi4py import MPI
 
+from netfall.job.memory import Memory
 from netfall.job.read import read_job
-from netfall.mechanics.fields import Scene
+from netfall.mechanics.fields import Features
 from netfall.mechanics.loss import Carried, join, leave
 from netfall.mechanics.state import State
+from netfall.model.handover import hand_over
 from netfall.net.net import GRAVITY
-from netfall.solve.handover import hand_over
-from netfall.solve.loads import FadingLoad
-from netfall.solve.member import run_member
-from netfall.solve.memory import Memory
+from netfall.program.member import run_member
+from netfall.stages.varying import FadingLoad
 
 
 def handed_of(pairs, cable, L0, loose, torn=()):
@@ -114,7 +114,7 @@ def test_resultant_and_moment_stay():
 
 def test_what_joins_a_particle_brings_its_momentum():
     """1 kg at 3 m/s and half of 4 kg at -2 m/s give 3 kg at -1/3 m/s; what is held stays; the work closes."""
-    state = State(Scene(wind=True), 3, 0, 0)
+    state = State(Features(wind=True), 3, 0, 0)
     state.free[:] = [[1, 1, 1], [1, 0, 1], [1, 1, 1]]
     state.mass[:], state.v[:, 0], state.v[2, 1] = [1.0, 1.0, 4.0], [3.0, 0.0, -2.0], 5.0
     state.load[:, 2], state.wind[:, 2] = [-10.0, -20.0, -40.0], [0.1, 0.2, 0.8]

@@ -12,12 +12,12 @@ from vtkmodules.vtkCommonCore import vtkIdList, vtkPoints
 from vtkmodules.vtkCommonDataModel import VTK_POLY_LINE, VTK_QUAD, vtkUnstructuredGrid
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
-from netfall.errors import InputError
-from netfall.exchange.importing import import_file
-from netfall.exchange.reading import Options, read_net
+from netfall.exchange.drawings.importing import import_file
+from netfall.exchange.drawings.reading import Options, read_net
+from netfall.ground.errors import InputError
 from netfall.job.read import read_job
 from netfall.net.build import build_net
-from netfall.solve.check import check_job
+from netfall.program.check import check_job
 
 ROUNDING = 1e-12  # m: a coordinate of some metres in mm or inches, and back
 

@@ -7,17 +7,16 @@ import numpy as np
 import pytest
 from conftest import STEEL
 
-from netfall.errors import InputError
-from netfall.examples import EXAMPLES
+from netfall.cli.examples import EXAMPLES
+from netfall.cli.parser import parser
+from netfall.ground.errors import InputError
 from netfall.job.read import read_job
 from netfall.job.schema import LISTS, SECTIONS
 from netfall.job.template import write_template
+from netfall.model.model import make_model
 from netfall.net.build import build_net
-from netfall.output import plot_job
-from netfall.parser import parser
-from netfall.solve.check import check_job
-from netfall.solve.check_picture import draw_check
-from netfall.solve.model import make_model
+from netfall.plots import job as plot_job
+from netfall.program.check import check_job, draw_check
 
 
 def test_the_first_job_is_valid_and_names_every_key(tmp_path):

@@ -5,9 +5,9 @@ import itertools
 import numpy as np
 import pytest
 
-from netfall.compile import kernel
+from netfall.ground.compile import kernel
 from netfall.mechanics.elements import add_tensions
-from netfall.mechanics.fields import Scene
+from netfall.mechanics.fields import Features
 from netfall.mechanics.state import State
 from netfall.parallel.partition import metis_partition
 from netfall.parallel.subdomain import cut_net
@@ -23,7 +23,7 @@ class NoHalo:
     boundary = 0
 
 
-def random_state(scene: Scene, seed: int, n: int = CHUNK + 7) -> State:
+def random_state(scene: Features, seed: int, n: int = CHUNK + 7) -> State:
     """Particles near a line, each tied to a few others, one to thirteen."""
     rng = np.random.default_rng(seed)
     hub = np.column_stack([np.zeros(13, np.int64), np.arange(20, 33)])
@@ -34,7 +34,7 @@ def random_state(scene: Scene, seed: int, n: int = CHUNK + 7) -> State:
     return make_state(scene, n, elements, 50.0 * rng.normal(size=(n, 3)) * (1.0, 0.1, 0.02), seed)
 
 
-def make_state(scene: Scene, n: int, elements: np.ndarray, x: np.ndarray, seed: int) -> State:
+def make_state(scene: Features, n: int, elements: np.ndarray, x: np.ndarray, seed: int) -> State:
     """Elements of all kinds: some taut, some slack, some yielding, one without length."""
     rng = np.random.default_rng(seed)
     (subdomain,) = cut_net(n, elements, np.zeros(n, np.int32), 1)
@@ -70,7 +70,7 @@ def forces_of(state: State, in_runs: bool = True) -> tuple[np.ndarray, np.ndarra
     """Forces (n, 3) [N] by the vector loop, from rest without load;
     and whether a particle has elements near their limits.
     """
-    plan, s, lanes = Plan(state, NoHalo()), state, state.scene.lanes
+    plan, s, lanes = Plan(state, NoHalo()), state, state.features.lanes
     chunks, particles, _, slots, _, law, scratch = plan.arguments
     runs = chunks.runs
     spans = runs.spans.max(0)
@@ -106,7 +106,7 @@ def forces_of(state: State, in_runs: bool = True) -> tuple[np.ndarray, np.ndarra
     for c, (low, high) in enumerate(zip(chunks.low, chunks.high)):
         count = run_chunk(c, chunks, particles, slots, law, scratch)
         found[low:high] = np.column_stack(scratch.f)[: high - low]
-        if s.scene.inelastic:
+        if s.features.inelastic:
             near[low:high] = scratch.near[: high - low]
             assert count == scratch.near[: high - low].sum()
     return found, near
@@ -143,7 +143,7 @@ COVERING = [
 EVERY = [("".join(there), p) for there in itertools.product("01", repeat=5) for p in PRECISIONS]
 NAMES = {row: "-".join([*itertools.compress(FEATURES, map(int, row[0])), row[1]]) for row in EVERY}
 SCENES = {
-    row: Scene(**{name: there == "1" for name, there in zip(FEATURES, row[0])}, precision=row[1])
+    row: Features(**{name: there == "1" for name, there in zip(FEATURES, row[0])}, precision=row[1])
     for row in EVERY
 }
 ALL_FEATURES = SCENES["11111", "double"]
@@ -257,7 +257,7 @@ def test_a_cut_leaves_the_rows_of_a_lattice_whole():
     cut = lattice(side)[(part[lattice(side)] != part[lattice(side)[:, :1]]).any(1)]
     assert len(cut) < 1.2 * side and (np.diff(cut) == 1).sum() < 0.1 * side
     for subdomain in cut_net(side**2, lattice(side), part, 2):
-        state = State(Scene(), subdomain.n_owned, subdomain.n_halo, len(subdomain.element_gid))
+        state = State(Features(), subdomain.n_owned, subdomain.n_halo, len(subdomain.element_gid))
         state.ends[:], state.EA[:], state.L0[:] = subdomain.ends, 1.0, 1.0
         halo = NoHalo()
         halo.boundary = int(subdomain.send_index.max()) + 1

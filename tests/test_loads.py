@@ -10,11 +10,11 @@ from mpi4py import MPI
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve
 
-from netfall.errors import Interrupted
+from netfall.checks.reactions import reaction_columns
+from netfall.ground.errors import Interrupted
+from netfall.ground.progress import Progress
 from netfall.job.read import read_job
-from netfall.output.progress import Progress
-from netfall.output.reactions import reaction_columns
-from netfall.solve.run import run_job
+from netfall.program.run import run_job
 
 EA, L0 = 1e6, 5.0  # N, m: two cables from the middle node to supports 5 m away at either side
 CABLE = "[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1000.0\n"

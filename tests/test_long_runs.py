@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import BIN, ENVIRONMENT, assert_same_results
 
-from netfall.solve.schedule import step_at
+from netfall.model.schedule import step_at
 
 NODES = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,1,0,0\n3,2,0,0,1\n"
 ELEMENTS = "start,end\n1,2\n2,3\n3,1\n"

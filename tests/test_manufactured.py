@@ -15,10 +15,10 @@ from conftest import BIN, ENVIRONMENT, ROOT, assert_same_results, on_ranks
 from mpi4py import MPI
 from plain_step import GRAVITY, Plain
 
+from netfall.ground.progress import Progress
 from netfall.job.read import read_job
-from netfall.output.progress import Progress
 from netfall.parallel.partition import write_partition
-from netfall.solve.run import run_job
+from netfall.program.run import run_job
 
 UNCOMPILED = ROOT / "tests" / "uncompiled"
 IN_PLAIN_PYTHON = "uncompiled" in os.environ.get("PYTHONPATH", "")

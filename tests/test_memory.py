@@ -6,15 +6,15 @@ from types import SimpleNamespace
 import pytest
 from test_study import NODES, TABLES
 
+from netfall.job.memory import OF_SPEED, Memory, key_of
 from netfall.job.read import PATHS, Job, read_job
 from netfall.job.schema import LISTS, OVERRIDES, SECTIONS
 from netfall.job.values import fits
-from netfall.solve.memory import OF_SPEED, Memory, key_of
-from netfall.solve.model import make_model
-from netfall.study.ensemble import net_key, pieces_of
-from netfall.study.plan import read_plan
-from netfall.study.queue import Queue
-from netfall.study.watch import Watch
+from netfall.model.model import make_model
+from netfall.study.file import read_plan
+from netfall.study.files import Watch
+from netfall.study.runs import Queue
+from netfall.study.study import net_key, pieces_of
 
 # Two values of each kind that most keys allow; numbers, words and names are tried until two of them fit.
 TWO = {

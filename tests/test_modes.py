@@ -7,7 +7,7 @@ import pytest
 from conftest import run_on_standing_ranks
 
 from netfall.net.net import Net
-from netfall.solve.modes import modes_at
+from netfall.stages.modes import modes_at
 
 T, A, EA, M = 1e4, 2.0, 1e6, 30.0  # N tension, m spacing, N stiffness, kg of each node
 

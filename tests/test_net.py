@@ -5,13 +5,13 @@ import pytest
 from conftest import STEEL
 
 from netfall.job.read import read_job
-from netfall.net import generators
-from netfall.net.areas import normals, roof_of, tributary_areas
 from netfall.net.build import build_net
-from netfall.net.faces import find_faces
+from netfall.net.generators import generate as generators
 from netfall.net.net import subdivide
 from netfall.net.parts import label_parts
-from netfall.net.shares import shares_of
+from netfall.roof.areas import normals, roof_of, tributary_areas
+from netfall.roof.faces import find_faces
+from netfall.roof.shares import shares_of
 
 
 def test_stadium_has_the_papers_counts():

@@ -15,11 +15,11 @@ from drawings import Sketch
 from kill_runs import JOB
 from PIL import Image
 
-from netfall.errors import InputError
-from netfall.output.info import print_info
-from netfall.output.plot_animation import animate, format_of
-from netfall.output.plot_collapse import stage_steps
-from netfall.output.plot_force import ForceScale, edge_of
+from netfall.ground.errors import InputError
+from netfall.plots.collapse import stage_steps
+from netfall.plots.film import animate, format_of
+from netfall.plots.force import ForceScale, edge_of
+from netfall.report.info import print_info
 
 STORM = """title = "Storm over a saddle"
 [net]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, run_on_standing_ranks
 
-from netfall.output.overload_lines import Carried, overload_lines, overloaded
+from netfall.results.overload_lines import Carried, overload_lines, overloaded
 
 # A post of 6 m between four ropes above and four below, 20 m out; each rope has 2000 kN, the top carries
 # 150 kN. Without element 1 it swings, and the ropes break one after another.

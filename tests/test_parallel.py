@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, STEEL, assert_same_results, run_netfall, run_on_standing_ranks
 
-from netfall.net import generators
+from netfall.net.generators import generate as generators
 from netfall.parallel.partition import metis_partition, read_partition, write_partition
 from netfall.parallel.subdomain import cut_net
 

@@ -6,7 +6,7 @@ import subprocess
 import pytest
 from conftest import ROOT, run_on_standing_ranks
 
-from netfall.parser import parser
+from netfall.cli.parser import parser
 
 FOLDERS = (
     ".",

@@ -19,17 +19,17 @@ from test_validation_opensees import (
     vertical,
 )
 
-from netfall.errors import InputError, Interrupted
+from netfall.checks.cables import Cutting
+from netfall.ground.errors import InputError, Interrupted
+from netfall.ground.progress import Progress
 from netfall.job.read import read_job
-from netfall.output.loss_lines import elements_of, loss_lines
-from netfall.output.progress import Progress
-from netfall.output.report import write_report
-from netfall.output.report_cables import Cutting
-from netfall.solve.model import make_model
-from netfall.solve.removal import words_of
-from netfall.solve.run import run_job
-from netfall.solve.start import in_words
-from netfall.solve.statics import settle
+from netfall.model.model import make_model
+from netfall.model.start import in_words
+from netfall.program.run import run_job
+from netfall.report.report import write_report
+from netfall.results.loss_lines import elements_of, loss_lines
+from netfall.stages.rests import words_of
+from netfall.stages.statics import settle
 
 EA, L0, MASS, WEIGHT = 1.6e7, 10.0, 1000.0, 1e4  # N, m, kg, N
 

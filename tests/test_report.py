@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from conftest import ROOT, STEEL, run_netfall, run_on_standing_ranks
 
-from netfall.errors import InputError
-from netfall.output.codes import read_codes
-from netfall.output.report import write_report
-from netfall.output.report_cables import Cutting
+from netfall.checks.cables import Cutting
+from netfall.checks.codes import read_codes
+from netfall.ground.errors import InputError
+from netfall.report.report import write_report
 
 # Two cables of 5 m from supports above hold node 5 against one of 4 m to a support below: with 50 kN in each
 # of the two and 2 x 50 x 4/5 = 80 kN in the third it is in equilibrium as given.

@@ -272,10 +272,10 @@ def test_a_pause_in_form_finding_or_statics_changes_no_bit(workshop, after, stag
     """
     from mpi4py import MPI
 
-    from netfall.errors import Interrupted
+    from netfall.ground.errors import Interrupted
+    from netfall.ground.progress import Progress
     from netfall.job.read import read_job
-    from netfall.output.progress import Progress
-    from netfall.solve.run import run_job
+    from netfall.program.run import run_job
 
     job = workshop.job(PAUSED)
     whole = workshop.run(job, output="whole.vtkhdf")

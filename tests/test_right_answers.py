@@ -5,7 +5,7 @@ import pytest
 from conftest import run_on_standing_ranks
 
 from netfall.job.read import read_job
-from netfall.solve.model import make_model
+from netfall.model.model import make_model
 
 SECTION = "[cable]\nmodulus = 1.6e11\narea = 1e-4\ndensity = 7850.0\n"
 

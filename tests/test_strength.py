@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import AREAS, ROOF, STEEL, STILL_AIR
 
-from netfall.errors import InputError
+from netfall.ground.errors import InputError
 from netfall.job.read import read_job
 from netfall.net.build import build_net
 

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from conftest import STEEL, run_netfall
 
+from netfall.ground.errors import BUSY
+from netfall.ground.launch import RunFailed
 from netfall.job.read import read_job
-from netfall.output.place import BUSY, claim, release
-from netfall.study.launch import RunFailed
+from netfall.write.locks import claim, release
 
 JOB = (
     '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n'

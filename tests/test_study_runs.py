@@ -16,20 +16,20 @@ import pytest
 from conftest import BIN, ENVIRONMENT, ROOT, assert_same_results, run_netfall, run_on_standing_ranks
 from mpi4py import MPI
 
-from netfall.errors import InputError
+from netfall.ground.errors import InputError
+from netfall.ground.stop import NEVER
+from netfall.job.memory import Memory
 from netfall.job.read import read_job
 from netfall.net.net import Net
-from netfall.solve.member import roof_lost, run_member
-from netfall.solve.memory import Memory
-from netfall.stop import NEVER
+from netfall.program.member import roof_lost, run_member
+from netfall.study.answers.info import _audit
 from netfall.study.draws import draw
-from netfall.study.ensemble import net_key, pieces_of
-from netfall.study.info_study import _audit
+from netfall.study.file import read_plan
+from netfall.study.files import Watch
 from netfall.study.journal import Journal, read_journal
-from netfall.study.plan import read_plan
 from netfall.study.pool import Pool
+from netfall.study.study import net_key, pieces_of
 from netfall.study.table import OUTCOMES, Table
-from netfall.study.watch import Watch
 
 JOB = """
 [net]

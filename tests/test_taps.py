@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
-from netfall.errors import InputError
+from netfall.ground.errors import InputError
 from netfall.wind.taps import read_taps
 
 TAPS = "name,x,y\nA,0,0\nB,10,0\nC,0,10\n"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import STEEL, run_on_standing_ranks
 
-from netfall.errors import InputError
+from netfall.ground.errors import InputError
 from netfall.job.read import read_job
 from netfall.wind.measured import place_weights
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from conftest import ROOT, STEEL
 
-from netfall.errors import InputError
+from netfall.ground.errors import InputError
 from netfall.job.read import read_job
 from netfall.job.schema import LISTS
+from netfall.model.model import make_model, set_initial
 from netfall.net.build import build_net
-from netfall.net.faces import find_faces
-from netfall.net.zones import zones_of
-from netfall.solve.model import make_model, set_initial
+from netfall.roof.faces import find_faces
+from netfall.roof.zones import zones_of
 from netfall.wind.sectors import read_sectors
 
 SIDE = 6  # nodes along a side of the flat grid: 5 x 5 cells of 1 m
@@ -338,7 +338,7 @@ def test_result_holds_zones_and_mean_pressures_on_any_number_of_ranks(both_ways)
 
 def test_the_roof_is_drawn_with_zones_and_pressures(workshop):
     """A panel for the zones, the areas, wind, pressure and snow, ranges in the titles; or areas alone."""
-    from netfall.output.plot_roof import roof
+    from netfall.plots.roof import roof
 
     titles = lambda f: [axes.get_title() for axes in roof(f).axes if axes.get_title()]
     text = STEEL + ZONED + "[load]\npressure = 3.0\n[load.zone.edge]\npressure = [0, 0, -1]\nsnow = 5\n"

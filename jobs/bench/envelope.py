@@ -15,12 +15,12 @@ import net
 import numpy as np
 from mpi4py import MPI
 
-from netfall.mechanics.fields import Scene
+from netfall.mechanics.fields import Features
 from netfall.mechanics.state import State
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution, cut_net
-from netfall.solve.energy import take_snapshot, total_energies
-from netfall.solve.envelope import Envelope
+from netfall.record.energy import take_snapshot, total_energies
+from netfall.record.envelope import Envelope
 from netfall.step.loop import Interval
 from netfall.step.plan import Plan, halo_width
 
@@ -48,7 +48,7 @@ def measure(N: int) -> dict:
     n, m = len(whole.x), len(whole.elements)
     distribution = Distribution(MPI.COMM_SELF, n, m, cut_net(n, whole.elements, np.zeros(n, int), 1))
     subdomain = distribution.subdomain
-    state = State(Scene(energy=True, losses="losses" in sys.argv), n, 0, m)
+    state = State(Features(energy=True, losses="losses" in sys.argv), n, 0, m)
     state.gid[:], state.ends[:], state.owned[:] = subdomain.particle_gid, subdomain.ends, 1
     state.x[:] = state.x_start[:] = whole.x[subdomain.particle_gid]
     state.free[:] = ~whole.fixed[subdomain.particle_gid][:, None]
@@ -67,7 +67,7 @@ def measure(N: int) -> dict:
     audit = lambda: total_energies(MPI.COMM_SELF, state, take_snapshot(state, net.DT, net.DT, 0.5, 0.0))
     found = {"N": N, "elements": m, "step": best(step) / steps, "audit": best(audit)}
     found["envelope"] = best(lambda: envelope.add(1.0, 0.01, state, snapshot))
-    if state.scene.losses:
+    if state.features.losses:
         found["watched step"] = best(lambda: step(True)) / steps
     return found
 

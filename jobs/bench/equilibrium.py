@@ -19,11 +19,11 @@ from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu
 
+from netfall.ground.stop import NEVER
+from netfall.ground.timings import Phases
 from netfall.job.read import read_job
-from netfall.solve.setup import prepare
-from netfall.solve.statics import equilibria, find_equilibria
-from netfall.stop import NEVER
-from netfall.timings import Phases
+from netfall.program.setup import prepare
+from netfall.stages.statics import equilibria, find_equilibria
 
 JOB = Path(__file__).with_name("equilibrium.toml")
 CLOSE = 1e-7  # of the largest displacement: the direct solver's last correction

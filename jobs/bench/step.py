@@ -27,7 +27,7 @@ parser.add_argument(
 )
 arguments = parser.parse_args()
 if arguments.no_order:
-    from netfall import compile
+    from netfall.ground import compile
 
     reordering = {"error_model": "numpy", "fastmath": True, "_nrt": False}
     compile.vector_kernel = numba.njit(**reordering, noalias=True)
@@ -36,7 +36,7 @@ if arguments.no_order:
 
 import net
 
-from netfall.mechanics.fields import FIELDS, Scene
+from netfall.mechanics.fields import FIELDS, Features
 from netfall.mechanics.state import State
 from netfall.parallel.halo import Halo
 from netfall.parallel.partition import metis_partition
@@ -50,7 +50,7 @@ words = (
     if arguments.scene == "all"
     else set(arguments.scene.split("+")) - {"elastic"}
 )
-scene = Scene(
+scene = Features(
     **{word: True for word in words if word != "energy"},
     energy="energy" in words,
     precision=arguments.precision,

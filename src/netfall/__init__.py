@@ -8,7 +8,7 @@ statics, dynamics), the **output** (result file, pictures). Imports run from lef
 
 from importlib import import_module
 
-from netfall.errors import DivergedError, InputError, Interrupted, OutputError
+from netfall.ground.errors import DivergedError, InputError, Interrupted, OutputError
 
 __version__ = "0.1.0"
 __all__ = [
@@ -29,7 +29,7 @@ def open(path):
     All of it in SI units: m, s, N, J, kg; a table that is printed names the unit of each column.
     Raises InputError for a file that is no result of netfall.
     """
-    return import_module("netfall.api.result").Result(path)
+    return import_module("netfall.results.result").Result(path)
 
 
 def run(job, overrides=None, ranks=None, output=None, quiet=True):
@@ -52,5 +52,5 @@ def run(job, overrides=None, ranks=None, output=None, quiet=True):
 def __getattr__(name: str):
     """Net and Result, which load numpy and h5py, when they are asked for."""
     if name in ("Net", "Result"):
-        return getattr(import_module(f"netfall.api.{name.lower()}"), name)
+        return getattr(import_module("netfall.api.net" if name == "Net" else "netfall.results.result"), name)
     raise AttributeError(f"module 'netfall' has no attribute {name!r}")

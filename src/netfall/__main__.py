@@ -6,9 +6,9 @@ import sys
 import time
 from pathlib import Path
 
-from netfall import commands
-from netfall.errors import DivergedError, InputError, Interrupted, OutputError
-from netfall.parser import VERBS, parser
+from netfall.cli import commands
+from netfall.cli.parser import VERBS, parser
+from netfall.ground.errors import DivergedError, InputError, Interrupted, OutputError
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # before a command loads numpy and numba: a rank is one thread

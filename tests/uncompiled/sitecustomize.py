@@ -105,9 +105,9 @@ def rows_at_once(module):
 
 
 PLAIN = {
-    "netfall.compile": plain_compile,
-    "netfall.arithmetic": plain_arithmetic,
-    "netfall.linear": rows_at_once,
+    "netfall.ground.compile": plain_compile,
+    "netfall.numerics.arithmetic": plain_arithmetic,
+    "netfall.numerics.linear": rows_at_once,
     "netfall.parallel.mpi_symbols": plain_symbols,
 }
 

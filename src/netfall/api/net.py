@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.errors import InputError
+from netfall.ground.errors import InputError
 from netfall.job.table import write_table
 
 AXES = ("x", "y", "z")

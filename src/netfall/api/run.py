@@ -8,10 +8,10 @@ from contextlib import nullcontext
 from pathlib import Path
 
 from netfall.api.net import Net
-from netfall.api.result import Result
-from netfall.errors import DivergedError, InputError, Interrupted
+from netfall.ground.errors import DivergedError, InputError, Interrupted
+from netfall.ground.launch import default_launcher, run_command
 from netfall.job.toml_text import toml_text, toml_value
-from netfall.study.launch import default_launcher, run_command
+from netfall.results.result import Result
 
 ENDS = {2: InputError, 3: DivergedError, 4: Interrupted}  # by exit code
 OF_LAUNCHERS = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK")  # what mpirun and srun leave for a rank
@@ -118,9 +118,9 @@ def _absolute(value):
 def _run_here(place: _Place, settings: list[str], quiet: bool) -> None:
     from mpi4py import MPI
 
+    from netfall.ground.progress import Progress
     from netfall.job.read import read_job
-    from netfall.output.progress import Progress
-    from netfall.solve.run import run_job
+    from netfall.program.run import run_job
 
     try:
         run_job(MPI.COMM_SELF, read_job(place.job, settings), place.output, Progress(not quiet))
@@ -157,10 +157,10 @@ def _run_on_these_ranks(job, settings: list[str], ranks: int | None, output, qui
     """Collective over all ranks, each of which gets the result."""
     from mpi4py import MPI
 
+    from netfall.ground.progress import Progress
     from netfall.job.read import read_job
-    from netfall.output.progress import Progress
     from netfall.parallel.agree import on_root
-    from netfall.solve.run import run_job
+    from netfall.program.run import run_job
 
     comm = MPI.COMM_WORLD
     if ranks not in (None, comm.size):

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.api.result import Result
-from netfall.errors import InputError
 from netfall.exchange.lacking import lacking
 from netfall.exchange.opensees import write_tcl
 from netfall.exchange.state import AXES, MARK, State, lengths, state_of
 from netfall.exchange.tables import write_tables
 from netfall.exchange.vtu import write_vtu
-from netfall.output.place import writing
+from netfall.ground.errors import InputError
+from netfall.results.result import Result
+from netfall.write.locks import writing
 
 COLOURS = (5, 3, 30, 6, 4, 140, 40, 200)  # of AutoCAD's table, for groups in turn
 RED = 1

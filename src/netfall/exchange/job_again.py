@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.api.result import Result
 from netfall.exchange.state import MARK, State
 from netfall.job.read import tables_of
 from netfall.job.toml_text import toml_text
-from netfall.output.info import provenance_text
+from netfall.results.file import provenance_text
+from netfall.results.result import Result
 
 FILES = ("catalogue", "file", "points", "pressures", "taps", "sectors", "pressure_table")  # keys of paths
 HEAD = """\

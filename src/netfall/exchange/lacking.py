@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from netfall.api.result import Result
 from netfall.exchange.state import RECORD
+from netfall.results.result import Result
 
 HELD = {  # by ending, of what `_of_net` names; .csv holds all
     ".dxf": ("groups",),

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.api.result import Result
 from netfall.exchange.state import State, form_of, lengths
 from netfall.mechanics.material import elastic_forces, unstressed_length
+from netfall.results.result import Result
 
 SAME = 1e-9  # of the largest force: what two ways to compute a force may differ by
 LOAD_STEPS = 10

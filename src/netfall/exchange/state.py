@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.api.result import Result
-from netfall.errors import InputError
-from netfall.output.report_stages import start_position, start_tension
+from netfall.ground.errors import InputError
+from netfall.results.result import Result
+from netfall.results.states import start_position, start_tension
 
 AXES = ("x", "y", "z")
 MARK = "by netfall"  # stands in each file that is written: what has it may be replaced

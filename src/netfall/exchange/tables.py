@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.api.result import Result
-from netfall.errors import InputError
 from netfall.exchange.job_again import cut_zones, job_again, job_of
 from netfall.exchange.state import AXES, MARK, RECORD, State
+from netfall.ground.errors import InputError
 from netfall.job.table import write_table
+from netfall.results.result import Result
 
 ABOUT = "README.txt"
 OWN = ("nodes.csv", "elements.csv", "faces.csv", "job.toml", ABOUT)

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.errors import InputError
-from netfall.exchange.drawing import Drawing, edges_of, is_among
+from netfall.exchange.drawings.drawing import Drawing, edges_of, is_among
+from netfall.ground.errors import InputError
 
 LINE, POLY_LINE, TRIANGLE, POLYGON, PIXEL, QUAD = 3, 4, 5, 7, 8, 9
 TYPES = {"Float32": "f4", "Float64": "f8", "Int8": "i1", "Int16": "i2", "Int32": "i4", "Int64": "i8"}

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from types import SimpleNamespace
 
-from netfall.errors import InputError
+from netfall.ground.errors import InputError
 from netfall.job.schema import LISTS, SECTIONS
 from netfall.job.validate import Validation
 from netfall.wind.spectra import gust_of

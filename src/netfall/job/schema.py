@@ -6,10 +6,219 @@ and in jobs/README.md (a test compares the two).
 
 from types import SimpleNamespace
 
-from netfall.job.cable_keys import CABLE, OF_THE_WHOLE
-from netfall.job.dimensions import DIMENSIONS, GENERATOR_KEYS
 from netfall.job.keys import ABSENT, REQUIRED, Key, between, choice, count, flag, not_negative, positive
-from netfall.job.wind_keys import WIND
+
+CABLE = (
+    choice("kind", ("cable", "bar"), "cable", "cable: tension only; bar: tension and compression"),
+    between(1.0, 1e15, "modulus", "Pa", ABSENT, "Young's modulus; with area, or axial_stiffness instead"),
+    between(1e-12, 1e4, "area", "m2", ABSENT, "cross-section"),
+    between(1e-3, 1e6, "density", "kg/m3", ABSENT, "mass density; with area, or mass_per_length instead"),
+    between(1.0, 1e15, "axial_stiffness", "N", ABSENT, "EA, instead of modulus"),
+    between(1e-9, 1e7, "mass_per_length", "kg/m", ABSENT, "instead of density"),
+    Key("catalogue", "path", ABSENT, "", "path of a table of types, relative to the job file"),
+    Key("type", "text", ABSENT, "", "name of a row of the catalogue, for stiffness, mass and breaking load"),
+    between(-1e12, 1e12, "prestress", "N", 0.0, "axial force to form-find with, tension positive"),
+    positive("yield_stress", "Pa", ABSENT, "yield stress; absent: elastic", high=1e20),
+    positive(
+        "fracture_strain", "", ABSENT, "total strain at fracture; absent: none breaks by its strain", high=1e6
+    ),
+    positive(
+        "breaking_load", "N", ABSENT, "tension at fracture; absent: none breaks by its tension", high=1e20
+    ),
+    not_negative(
+        "strength_deviation",
+        "",
+        0.0,
+        "scatter of the strength from cable to cable, share of its mean",
+        high=0.5,
+    ),
+    count("strength_seed", 1, "number that the strengths drawn are a function of", low=0, high=2**63 - 1),
+    between(-1e-3, 1e-3, "expansion", "1/K", 12e-6, "strain for each K of temperature"),
+    choice("strain", ("engineering", "logarithmic"), "engineering", "strain measure"),
+)
+OF_THE_WHOLE = ("strain", "catalogue", "strength_seed")  # no group has its own
+EITHER = (("modulus", "axial_stiffness"), ("density", "mass_per_length"))  # one of the two
+NEEDED = {"modulus": ("modulus", "axial_stiffness"), "area": ("area", "axial_stiffness")} | {
+    "density": ("density", "mass_per_length")
+}  # what each key stands for, unless another of these or a type is given
+
+
+WIND: tuple[Key, ...] = (
+    between(0.1, 200.0, "speed", "m/s", ABSENT, "U0, mean at 10 m above ground"),
+    Key("file", "path", ABSENT, "", "path of a table time, speed, instead of a generated wind"),
+    Key(
+        "points",
+        "path",
+        ABSENT,
+        "",
+        "path of a table name, x, y, z: where the speeds of file were measured, a column each by name",
+    ),
+    Key(
+        "pressures", "path", ABSENT, "N/m2", "path of a table of pressures in time at taps, instead of a wind"
+    ),
+    Key("taps", "path", ABSENT, "", "path of a table name, x, y: where the taps of pressures are"),
+    between(
+        -360.0,
+        360.0,
+        "direction",
+        "degrees",
+        0.0,
+        "where it blows to, from x towards y: 30 is a wind from 210",
+    ),
+    Key("roughness", "number", 0.03, "", "k of the gusts; 0: no gusts", low=0.0, high=0.2),
+    Key(
+        "turbulence",
+        "number",
+        ABSENT,
+        "",
+        "intensity at 10 m, instead of roughness: k = I^2 / 6; 0: no gusts",
+        low=0.0,
+        high=1.0,
+    ),
+    Key(
+        "spectrum",
+        "choice",
+        "davenport",
+        "",
+        "of the gusts",
+        choices=("davenport", "kaimal", "von_karman", "en1991"),
+    ),
+    Key(
+        "gust_length",
+        "number",
+        "auto",
+        "m",
+        "L of the spectrum; auto: 1200, 56.7, 63.2 and 63.2, in the order of the choices, at 10 m",
+        low=0.1,
+        high=1e5,
+        also=("auto",),
+    ),
+    Key(
+        "shape_coefficient",
+        "number",
+        ABSENT,
+        "",
+        "u_s: positive presses on the roof, against the upward normal; negative is suction, which lifts",
+        low=-1e4,
+        high=1e4,
+    ),
+    Key(
+        "sectors",
+        "path",
+        ABSENT,
+        "",
+        "path of a table direction, shape_coefficient and columns named as zones are, instead of "
+        "shape_coefficient",
+    ),
+    positive("air_density", "kg/m3", 1.25, "density of the air", high=1e4),
+    between(1e-4, 60.0, "time_step", "s", 0.05, "time step of the generated histories"),
+    count("ar_order", 14, "largest number of lags of the autoregressive model", high=30),
+    count("seed", 1, "number that the random histories are a function of", low=0, high=2**63 - 1),
+    count("control_points", 25, "largest number of points at which histories are generated", low=1, high=400),
+    Key(
+        "coherence_decay",
+        "vector",
+        (8.0, 16.0, 10.0),
+        "",
+        "C of Davenport's coherence along the wind, across, vertical",
+        low=0.0,
+        high=1e6,
+    ),
+    not_negative("profile_exponent", "", 0.16, "of the mean speed over height", high=1.0),
+    between(-1e6, 1e6, "base_height", "m", 10.0, "height of z = 0 above ground"),
+    Key(
+        "onset",
+        "choice",
+        "static",
+        "",
+        "static: the roof rests under its loads and the mean wind, then the gusts grow in; "
+        "sudden: all of the wind at t = 0",
+        choices=("static", "sudden"),
+    ),
+    not_negative(
+        "ramp", "s", 2.0, "time over which the gusts grow in after a static onset; 0: at once", high=1e9
+    ),
+    Key(
+        "after_fracture",
+        "choice",
+        "particle",
+        "",
+        "what loses the wind at a fracture",
+        choices=("particle", "panels", "all", "none"),
+    ),
+)
+
+
+DIMENSIONS = (
+    between(1e-3, 1e6, "side", "m", 73.2, "saddle: side of the square in plan"),
+    between(
+        -1e6,
+        1e6,
+        "rise",
+        "m",
+        3.66,
+        "saddle, ring: height of the boundary's high points above the middle; ring: 0 is flat",
+    ),
+    count("cells", 8, "saddle: cells along a side", low=2, high=20_000),
+    between(1e-3, 1e6, "length", "m", 88.0, "stadium, ring: axis of the ellipse along x"),
+    between(1e-3, 1e6, "width", "m", 66.0, "stadium, ring: axis of the ellipse along y"),
+    between(-1e6, 1e6, "arch_rise", "m", 10.0, "stadium: rise of the parabolic arch"),
+    positive("spacing", "m", 2.2, "stadium, ring: distance of the cables", high=1e6),
+    count("halves", 1, "stadium: 1, the half on one side of the arch, or 2, the whole", low=1, high=2),
+    between(1e-3, 1e6, "diameter", "m", 120.0, "wheel: of the compression ring; dome: of the supports"),
+    between(
+        1e-3, 1e6, "opening", "m", 50.0, "wheel: diameter of the tension rings; dome: of the central ring"
+    ),
+    between(1e-3, 1e6, "ring_height", "m", 9.0, "wheel: of the upper tension ring above the lower one"),
+    between(1e-3, 1e6, "ring_depth", "m", 3.0, "wheel: of the truss that the compression ring is part of"),
+    between(
+        1e-3, 1e6, "dome_height", "m", 12.0, "dome: of the central ring's upper nodes above the supports"
+    ),
+    between(1e-3, 1e6, "strut", "m", 8.0, "dome: length of the struts"),
+    count(
+        "spokes",
+        36,
+        "wheel: radial cables of each layer, a multiple of 4; dome: nodes of each ring",
+        low=4,
+        high=1_000_000,
+    ),
+    count(
+        "hoops",
+        4,
+        "wheel: rings of cables between the rings, in the upper layer; "
+        "dome: rings of struts between the central ring and the supports",
+        low=0,
+        high=100_000,
+    ),
+    between(
+        1.0,
+        1e12,
+        "spoke_force",
+        "N",
+        1e6,
+        "wheel: horizontal force of each radial at the tension ring; "
+        "dome: of the two ridge cables at each node of the central ring, along the radius",
+    ),
+    not_negative("hoop_force", "N", 0.0, "wheel: tension of the hoops", high=1e12),
+    not_negative(
+        "brace_force",
+        "N",
+        0.0,
+        "wheel: tension of the crossed diagonals between the tension rings; 0: there are none",
+        high=1e12,
+    ),
+)
+GENERATOR_KEYS = {
+    "saddle": ("side", "rise", "cells"),
+    "stadium": ("length", "width", "arch_rise", "spacing", "halves"),
+    "ring": ("length", "width", "rise", "spacing"),
+    "wheel": (
+        *("diameter", "opening", "ring_height", "ring_depth"),
+        *("spokes", "hoops", "spoke_force", "hoop_force", "brace_force"),
+    ),
+    "dome": ("diameter", "opening", "dome_height", "strut", "spokes", "hoops", "spoke_force"),
+}
+
 
 SECTIONS: dict[str, tuple[Key, ...]] = {
     "": (Key("title", "text", "", "", "what the job is"),),
@@ -215,6 +424,35 @@ LISTS: dict[str, tuple[Key, ...]] = {
 }
 
 LOST = ("elements", "group", "cables")  # keys of [[remove]] that say what is lost: one of them
+
+
+def wanted(name: str) -> str:
+    """What is said of a key that is missing."""
+    key = next(key for key in CABLE if key.name == name)
+    instead = next(other for other in NEEDED[name] if other != name)
+    return f"{name}: missing; expected {key.expected()}, or {instead}, or a type of the catalogue"
+
+
+def wrong_combinations(cable: dict, tables: bool):
+    """Sections and what is wrong in them, of [cable] as it stands; tables : rows of a table may say more."""
+    groups = {name: table for name, table in cable.items() if isinstance(table, dict)}
+    everywhere = {f"cable.{name}": table for name, table in groups.items()} | {"cable": cable}
+    for place, table in everywhere.items():
+        for one, other in EITHER:
+            if one in table and other in table:
+                yield place, f"{one} and {other} exclude each other; keep one of the two"
+        if "type" in table and "catalogue" not in cable:
+            yield place, "type: needs the table that it stands in; add catalogue = a path to [cable]"
+    given = {key for table in everywhere.values() for key in table}
+    for name, other in NEEDED.items():
+        if not tables and not given & {*other, "type"}:
+            yield "cable", wanted(name)
+
+
+def may_break(cable: dict) -> bool:
+    """Whether a key of [cable] or of a group lets elements break."""
+    tables = [table for table in (cable, *cable.values()) if isinstance(table, dict)]
+    return any(table.get(key) is not None for table in tables for key in ("fracture_strain", "breaking_load"))
 
 
 def _rows(section: str, *names: str) -> tuple[Key, ...]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.errors import InputError
+from netfall.ground.errors import InputError
 from netfall.job.values import nearest
 
 MOST_ERRORS = 20  # lines reported for one table

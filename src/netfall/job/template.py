@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from netfall.errors import InputError
+from netfall.ground.errors import InputError
 from netfall.job.keys import REQUIRED, Key
 from netfall.job.schema import LISTS, SECTIONS
 from netfall.job.toml_text import toml_value

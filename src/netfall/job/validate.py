@@ -2,10 +2,17 @@
 
 from types import SimpleNamespace
 
-from netfall.job.cable_keys import may_break, wrong_combinations
-from netfall.job.dimensions import GENERATOR_KEYS
 from netfall.job.keys import REQUIRED, Key
-from netfall.job.schema import CASE_KEYS, LISTS, LOST, OVERRIDES, SECTIONS
+from netfall.job.schema import (
+    CASE_KEYS,
+    GENERATOR_KEYS,
+    LISTS,
+    LOST,
+    OVERRIDES,
+    SECTIONS,
+    may_break,
+    wrong_combinations,
+)
 from netfall.job.values import fits, nearest, shown
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.compile import inner_kernel, kernel, part_of_kernel
+from netfall.ground.compile import inner_kernel, kernel, part_of_kernel
 from netfall.mechanics.material import (
     TINY,
     axial_force,
@@ -130,3 +130,16 @@ def element_energies(elements, now, law, stored, heat):
             heat[e] = elements.dissipated[e]
         if elements.yield_force is not None and elements.EA[e] > 0.0:
             heat[e] += yield_energy(elements, e, elements.eps_p[e], now.eps_p[e], law)
+
+
+@kernel
+def nodal_stiffness(ends, k, out):
+    """Add element stiffnesses k (m,) [N/m] to both ends."""
+    for e in range(ends.shape[0]):
+        out[ends[e, 0]] += k[e]
+        out[ends[e, 1]] += k[e]
+
+
+def geometric_stiffness(N: np.ndarray, L: np.ndarray) -> np.ndarray:
+    """Stiffness (m,) [N/m] across elements of length L (m,) [m] that carry N (m,) [N]."""
+    return np.abs(N) / np.maximum(L, 1e-300)

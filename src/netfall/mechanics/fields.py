@@ -13,7 +13,7 @@ import numpy as np
 REGISTER = 64  # bytes of the widest registers
 SLOTS = 4  # elements of a particle in the vector loop; particles with more have layers of their own
 EMPTY = np.uint32(0xFFFFFFFF)  # in place of an element's number
-STEPPED, SUMMED = "precision of the steps", "precision of the displacements"  # a data type that `Scene` has
+STEPPED, SUMMED = "precision of the steps", "precision of the displacements"  # a data type of `Features`
 LIKE_PARENT = "as the particle that it splits off"
 
 
@@ -22,7 +22,7 @@ class Field:
     """One array: what it holds, for each particle or element, and which scenes have it.
 
     entity : "particle" | "element" | "slot" (an element at one of its ends: rows of (slots, particles))
-    needs : "" always, or a feature of `Scene`
+    needs : "" always, or a feature of `Features`
     kept : changes in the course of a run, so a checkpoint holds it
     split : value of a particle that splits off, LIKE_PARENT: its parent's
     slot_of : the field of elements that a field of slots repeats at both ends
@@ -193,7 +193,7 @@ Slots = _named_tuple("Slots", "slot")
 
 
 @dataclass(frozen=True)
-class Scene:
+class Features:
     """What a scene has; the rest costs neither time nor memory."""
 
     plastic: bool = False

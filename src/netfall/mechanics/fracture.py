@@ -52,7 +52,7 @@ def break_elements(state: State, count: int, step: int, rules: FractureRules) ->
     """
     elements = sorted(state.pending[:count].tolist())
     breaking = [(e, ends_that_break(state, e)) for e in elements]
-    if not state.scene.fragments:
+    if not state.features.fragments:
         return [event for e, ends in breaking for event in take_out(state, e, ends, step, rules)]
     decisions = [(e, [(end, is_loose(state, state.ends[e, end], e)) for end in ends]) for e, ends in breaking]
     state.reserve(2 * count)
@@ -78,7 +78,7 @@ def is_loose(state: State, p: int, e: int) -> bool:
     It is on no other element and no support. What it carries (cladding, a weight) falls off with the element
     that held it, or it would hang on a broken one for ever.
     """
-    sprung = state.scene.springs and bool(state.spring[p].any())
+    sprung = state.features.springs and bool(state.spring[p].any())
     alone = state.valence[p] == 1 and bool(state.free[p].all()) and not sprung
     return alone and bool(state.mass[p] - state.half_mass[e] <= ROUNDING * state.mass[p])
 
@@ -150,7 +150,7 @@ def dissipate(state: State, e: int, dt: float) -> None:
 
 def _strain_before(state: State, e: int, dt: float) -> float:
     """Strain of element e at x(n), one drift ago."""
-    return float(strains(_length_before(state, e, dt), state.L0[e], state.scene.logarithmic))
+    return float(strains(_length_before(state, e, dt), state.L0[e], state.features.logarithmic))
 
 
 def _length_before(state: State, e: int, time: float) -> float:

@@ -5,7 +5,7 @@ vary, as `load_before` and `load_after`; and the speed of the wind, which is squ
 The samples come from `solve.loads`.
 """
 
-from netfall.compile import part_of_kernel
+from netfall.ground.compile import part_of_kernel
 
 
 @part_of_kernel

@@ -17,7 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.arithmetic import (
+from netfall.ground.compile import kernel, part_of_kernel
+from netfall.numerics.arithmetic import (
     exponential,
     exponential_less_one,
     fused,
@@ -26,8 +27,7 @@ from netfall.arithmetic import (
     logarithm,
     shortening,
 )
-from netfall.compile import kernel, part_of_kernel
-from netfall.functions import exp, log
+from netfall.numerics.functions import exp, log
 
 NEARLY = 1.0 - 1e-9  # a force or a strain this close to its limit is looked at again, exactly
 NEARLY_SINGLE = 1.0 - 1e-5  # the same where it was computed in single precision

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.arithmetic import like
-from netfall.compile import inner_kernel, part_of_kernel
+from netfall.ground.compile import inner_kernel, part_of_kernel
+from netfall.numerics.arithmetic import like
 
 
 class Kick(NamedTuple):

@@ -19,7 +19,7 @@ Central difference is stable for dt < 2 / omega_max. Four figures, each with its
   is carried this is dt < L0 / c of the shortest element. Without fragments there is no such limit: what
   breaks is taken out, which makes nothing stiffer and nothing lighter.
 - `assembled`: 2 / omega_max of the assembled net as it stands, its slack cables taut: the sharp limit of the
-  start (`solve/spectrum.py`).
+  start (`stages/step_limit.py`).
 `scaled_mass` adds inertia where that makes `slackening` longest; the limits are then those of the heavier
 net.
 """

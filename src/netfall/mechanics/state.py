@@ -6,39 +6,39 @@ latter and grow when these are used up. What a scene does not have is None.
 
 import numpy as np
 
-from netfall.functions import exp
 from netfall.mechanics.elements import ElementState, element_state
 from netfall.mechanics.fields import (
     FIELDS,
     LIKE_PARENT,
     SLOTS,
     Elements,
+    Features,
     Field,
     Particles,
-    Scene,
     Slots,
     fields_of,
 )
 from netfall.mechanics.material import Law, nearly
+from netfall.numerics.functions import exp
 
 
 class State:
     """Arrays of one rank as attributes, named as in FIELDS; absent ones are None."""
 
-    def __init__(self, scene: Scene, n_owned: int, n_halo: int, m: int, width: int = SLOTS):
+    def __init__(self, features: Features, n_owned: int, n_halo: int, m: int, width: int = SLOTS):
         """width : most elements at a particle"""
-        self.scene = scene
+        self.features = features
         self.width = max(width, SLOTS)
         self.n_owned, self.n_halo, self.m = n_owned, n_halo, m
         self.n_local = n_owned + n_halo  # rows of particles in use; more after splits
         for field in FIELDS:
             rows = m if field.entity == "element" else self.n_local
-            setattr(self, field.name, self._zeros(field, rows) if scene.has(field) else None)
+            setattr(self, field.name, self._zeros(field, rows) if features.has(field) else None)
         self._tuples: dict = {}
 
     def _zeros(self, field: Field, rows: int) -> np.ndarray:
         """An array of so many elements or particles; a particle's axes stand apart, each contiguous."""
-        dtype = self.scene.number(field.dtype)
+        dtype = self.features.number(field.dtype)
         if field.entity == "slot":
             return np.zeros((self.width, rows), dtype)
         return np.zeros((rows, *field.tail), dtype, order="C" if field.entity == "element" else "F")
@@ -83,8 +83,8 @@ class State:
             float(array.max(initial=0.0)) if slot is None and array is not None else None
         )
         self._tuples["law"] = Law(
-            self.scene.logarithmic or None,
-            self.scene.plastic or None,
+            self.features.logarithmic or None,
+            self.features.plastic or None,
             alike(self.EA, self.slot_EA),
             alike(self.yield_force, self.slot_yield_force),
             self.reach,
@@ -97,8 +97,8 @@ class State:
         if self.eps_u is None:
             return None
         least = self.eps_u.min(initial=np.inf)
-        longest = float(exp(least) if self.scene.logarithmic else 1.0 + least)
-        return longest * nearly(self.scene.displaced)
+        longest = float(exp(least) if self.features.logarithmic else 1.0 + least)
+        return longest * nearly(self.features.displaced)
 
     def elements_now(self) -> ElementState:
         """Axial force [N], strain, plastic strain and length [m] (m,) at the present positions."""
@@ -117,12 +117,12 @@ class State:
 
     def place_springs(self) -> None:
         """Bring up to date where elastic supports carry nothing."""
-        if self.scene.springs:
-            self.spring_zero[:] = self.spring_rest + (0.0 if self.scene.displaced else self.x_start)
+        if self.features.springs:
+            self.spring_zero[:] = self.spring_rest + (0.0 if self.features.displaced else self.x_start)
 
     def count_displacements(self) -> None:
         """Bring displacements up to date with positions that something else than the steps has changed."""
-        if self.scene.displaced:
+        if self.features.displaced:
             self.u[:] = self.x - self.x_start
             self.place()
         self.round_displacements()
@@ -134,7 +134,7 @@ class State:
 
     def place(self) -> None:
         """Bring positions up to date with the displacements that were stepped."""
-        if self.scene.displaced:
+        if self.features.displaced:
             np.add(self.x_start, self.u, out=self.x)
 
     def end_block(self) -> None:

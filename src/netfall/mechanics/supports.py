@@ -6,8 +6,8 @@ was found, over k; 0 without form finding. Its energy is k (d - d0)^2 / 2.
 
 import numpy as np
 
-from netfall.arithmetic import like
-from netfall.compile import kernel, part_of_kernel
+from netfall.ground.compile import kernel, part_of_kernel
+from netfall.numerics.arithmetic import like
 
 
 @part_of_kernel

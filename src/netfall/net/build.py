@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from netfall.errors import InputError
+from netfall.ground.errors import InputError
+from netfall.job.asks import roof_groups
 from netfall.job.read import Job
 from netfall.job.values import nearest, shown
-from netfall.net import generators
-from netfall.net.areas import roof_groups
 from netfall.net.cables import cables_of, same_names
+from netfall.net.generators import generate as generators
 from netfall.net.net import Net, subdivide
 from netfall.net.parts import parts_of
 from netfall.net.sections import set_sections, set_strengths, strength_errors, strength_notes

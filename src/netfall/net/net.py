@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from netfall.functions import lengths
+from netfall.numerics.functions import lengths
 
 GRAVITY = 9.81  # m/s2, for self weight and for the mass of the dead load
 SAME_PLACE = 1e-3  # m, and at most

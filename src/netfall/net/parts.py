@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from netfall.compile import kernel
+from netfall.ground.compile import kernel
 
 
 def parts_of(pairs: np.ndarray, count: int) -> np.ndarray:

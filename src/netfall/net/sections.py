@@ -16,15 +16,15 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.errors import InputError
-from netfall.functions import exp, log1p
-from netfall.job.cable_keys import EITHER, wanted
+from netfall.ground.errors import InputError
 from netfall.job.read import Job
+from netfall.job.schema import EITHER, wanted
 from netfall.job.table import Table
 from netfall.job.values import nearest, shown
 from netfall.net.net import Net
-from netfall.net.plan import listed
-from netfall.normal import quantile
+from netfall.numerics.functions import exp, log1p
+from netfall.numerics.normal import quantile
+from netfall.roof.plan import listed
 
 OF_TYPE = ("mass_per_length", "axial_stiffness", "breaking_load", "area")
 OF_SECTION = (*OF_TYPE, "modulus", "density")

@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from netfall.compile import inner_kernel, kernel
-from netfall.errors import InputError
+from netfall.ground.compile import inner_kernel, kernel
+from netfall.ground.errors import InputError
 from netfall.mechanics.motion import inverse_mass
 from netfall.parallel.mpi_symbols import (
     ANY_SOURCE,

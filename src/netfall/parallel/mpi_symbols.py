@@ -9,7 +9,7 @@ from mpi4py import MPI
 from numba import types
 from numba.extending import intrinsic
 
-from netfall.compile import inner_kernel
+from netfall.ground.compile import inner_kernel
 
 
 def _load_mpi_symbols() -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pymetis
 
-from netfall.errors import InputError
+from netfall.ground.errors import InputError
 
 SEED = 1
 CUTS = 4  # that METIS tries, to keep the best

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from netfall.compile import allocating_kernel
+from netfall.ground.compile import allocating_kernel
 
 FAR = 4.0  # times farther apart in number than need be: then the given order of the particles is given up
 

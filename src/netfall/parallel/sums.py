@@ -10,7 +10,7 @@ import math
 import numpy as np
 from mpi4py import MPI
 
-from netfall.compile import allocating_kernel
+from netfall.ground.compile import allocating_kernel
 
 LIMBS = 67  # 66 of 32 bits cover 2^-1074 to 2^1024; the last one counts what is not finite
 LOWEST = 1074  # the first limb's unit is 2^-1074

@@ -6,13 +6,13 @@ it. `Particles` come as the plan prepares them (`plan.stepped_particles`).
 
 import numpy as np
 
-from netfall.arithmetic import fused, like
-from netfall.compile import part_of_kernel, vector_kernel
+from netfall.ground.compile import part_of_kernel, vector_kernel
 from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.loads import external_force, squared_speed
 from netfall.mechanics.material import force_density
 from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
 from netfall.mechanics.supports import spring_force
+from netfall.numerics.arithmetic import fused, like
 
 
 @part_of_kernel

@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 
-from netfall.arithmetic import like
-from netfall.compile import inner_kernel, vector_kernel
+from netfall.ground.compile import inner_kernel, vector_kernel
 from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.material import axial_force, strain, yield_energy
+from netfall.numerics.arithmetic import like
 from netfall.step.forces import seen_by_forces
 
 

@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.arithmetic import like
-from netfall.compile import kernel, part_of_kernel, vector_kernel
+from netfall.ground.compile import kernel, part_of_kernel, vector_kernel
 from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
+from netfall.numerics.arithmetic import like
 from netfall.parallel.halo import receive_forces, send_forces, wait_for_neighbours
 from netfall.parallel.mpi_symbols import lap
 from netfall.step.forces import kick_chunk

@@ -52,7 +52,7 @@ class Scratch(NamedTuple):
 
 def halo_width(state: State) -> int:
     """Numbers sent for each boundary particle, as `halo.send_forces` packs them."""
-    return 5 if state.scene.fracture else 3
+    return 5 if state.features.fracture else 3
 
 
 def stepped_particles(state: State) -> Particles:
@@ -64,10 +64,10 @@ def stepped_particles(state: State) -> Particles:
     s = state
     vertical = not s.load[:, :2].any()
     return s.particles._replace(
-        x=axes(s.u if s.scene.displaced else s.x),
-        x_start=axes(s.x_start) if s.scene.displaced else None,
+        x=axes(s.u if s.features.displaced else s.x),
+        x_start=axes(s.x_start) if s.features.displaced else None,
         u=None,
-        free=axes(s.free) if s.scene.part_held else None,  # else all axes move, or 1 / mass is 0
+        free=axes(s.free) if s.features.part_held else None,  # else all axes move, or 1 / mass is 0
         load=(None, None, s.load[:, 2]) if vertical else axes(s.load),
         stepped_mass=s.mass if s.stepped_mass is None else s.stepped_mass,
         work=axes(s.work if s.block_work is None else s.block_work),
@@ -84,10 +84,10 @@ class Plan:
         self.halo, self.boundary = halo, len(before)
         self._low = np.concatenate([before, after])
         self._high = np.append(self._low[1:], state.n_owned)[: len(self._low)]
-        number, lanes = state.scene.number, state.scene.lanes
+        number, lanes = state.features.number, state.features.lanes
         self.scratch = Scratch(
             tuple(np.zeros((3, CHUNK), number(STEPPED))),
-            np.zeros(CHUNK, np.int32) if state.scene.inelastic else None,
+            np.zeros(CHUNK, np.int32) if state.features.inelastic else None,
             tuple(np.zeros((3, CHUNK + lanes), number(STEPPED))),
             np.zeros(CHUNK + lanes, np.int32),
         )
@@ -123,7 +123,7 @@ class Plan:
             np.concatenate([np.full(len(new), SLOTS), self._width]),
             np.concatenate([np.zeros(len(new), np.int64), self._last_use + len(new)]),
             has_yielded,
-            make_runs(len(low), state.n_local, state.scene.lanes),
+            make_runs(len(low), state.n_local, state.features.lanes),
         )
         find_runs(self.chunks.low, self.chunks.high, self.chunks.width, state.other, self.chunks.runs)
         self.arguments = (
@@ -138,7 +138,7 @@ class Plan:
 
     def follow(self, state: State, count: int) -> None:
         """Bring everything up to date with the `count` elements of state.pending that have broken."""
-        if state.scene.fragments:
+        if state.features.fragments:
             self.attach(state)
             return
         for e in state.pending[:count].tolist():  # taken out: nothing else changes

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.compile import inner_kernel, kernel
+from netfall.ground.compile import inner_kernel, kernel
 from netfall.mechanics.fields import SLOTS
 
 FEWEST = 3  # particles that are worth a register of their own

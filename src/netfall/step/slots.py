@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from netfall.compile import allocating_kernel, kernel
+from netfall.ground.compile import allocating_kernel, kernel
 from netfall.mechanics.fields import EMPTY, SLOTS, fields_of
 from netfall.mechanics.state import State
 

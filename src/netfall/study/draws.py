@@ -9,8 +9,8 @@ import warnings
 
 import numpy as np
 
-from netfall.functions import exp, log, log1p
-from netfall.normal import quantile
+from netfall.numerics.functions import exp, log, log1p
+from netfall.numerics.normal import quantile
 
 METHODS = ("sobol", "latin_hypercube", "random")
 # What each distribution is given by.

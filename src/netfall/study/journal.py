@@ -10,8 +10,8 @@ import os
 import zlib
 from pathlib import Path
 
-from netfall.errors import InputError
-from netfall.output.place import writing
+from netfall.ground.errors import InputError
+from netfall.write.locks import writing
 
 SYNC_EVERY = 64  # records after which they are safe from a loss of power as well
 

@@ -1,4 +1,4 @@
-"""Workers: ranks that stay (`netfall.worker`) and run the members of a study, each worker one at a time.
+"""Workers: ranks that stay (`netfall.program.worker`) and run members of a study, each worker one at a time.
 
 The engine is the launcher of MPI ranks: mpirun on one machine, srun in an allocation of Slurm. A worker is
 told its tasks, and answers, through pipes: nobody else can reach it, it ends when the study does, however
@@ -20,7 +20,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from netfall.errors import InputError
+from netfall.ground.errors import InputError
 
 LOOK = 0.2  # s between looks at the clock and at the wish to stop
 END = 10.0  # s that workers are given to end
@@ -106,7 +106,7 @@ def _end_with_the_study() -> None:
 
 def worker_command(launcher: list[str]) -> list[str]:
     """The words that start a worker. launcher : those that start something on its ranks"""
-    return [*launcher, sys.executable, "-m", "netfall.worker"]
+    return [*launcher, sys.executable, "-m", "netfall.program.worker"]
 
 
 @dataclass

@@ -1,26 +1,27 @@
 """The runs of a study that are still to be made, and the study file that comes of them all."""
 
+import json
 import os
 import platform
 import secrets
 import shlex
 import sys
+from collections import deque
 from pathlib import Path
 
 import netfall
-from netfall.errors import InputError, Interrupted
+from netfall.ground.errors import InputError, Interrupted
+from netfall.ground.launch import check_launcher, default_launcher
+from netfall.ground.progress import Progress
+from netfall.job.memory import BESIDE
 from netfall.job.read import read_job
-from netfall.output.place import writing
-from netfall.output.progress import Progress
-from netfall.study.fragility import fragility_section
+from netfall.study.answers.fragility import fragility_section
+from netfall.study.file import Member, Plan
+from netfall.study.files import Place, Watch
 from netfall.study.journal import Journal
-from netfall.study.launch import check_launcher, default_launcher
-from netfall.study.place import Place
-from netfall.study.plan import Member, Plan
 from netfall.study.pool import Pool, worker_command
-from netfall.study.queue import Queue
 from netfall.study.table import OUTCOMES, Table
-from netfall.study.watch import Watch
+from netfall.write.locks import writing
 
 DEATHS = 3  # of workers at one member, after which it is given up
 NET = -1  # in place of a member's number: the task that tells the net
@@ -183,3 +184,33 @@ def worker_words(launcher: str | None, ranks: int) -> list[str]:
     check_launcher(launcher or default_launcher())
     usual = default_launcher().replace("-n {ranks}", "--bind-to none -n {ranks}")  # workers share the cores
     return worker_command(shlex.split((launcher or usual).format(ranks=ranks)))
+
+
+class Queue:
+    """Members to run; a worker gets those that share most with its last one."""
+
+    def __init__(self, plan: Plan, numbers: list[int]):
+        self.plan, self.groups = plan, {}
+        for number in numbers:
+            self.groups.setdefault(self._key(number), deque()).append(number)
+        self.given: set[str] = set()
+
+    def _key(self, number: int) -> str:
+        values = self.plan.member(number).values
+        return json.dumps([value for name, value in values.items() if name not in BESIDE])
+
+    def take(self, last: str | None) -> tuple[str, int] | None:
+        """The next member and its key; None if there are no more."""
+        if not self.groups:
+            return None
+        fresh = (key for key in self.groups if key not in self.given)
+        key = last if last in self.groups else next(fresh, next(iter(self.groups)))
+        self.given.add(key)
+        number = self.groups[key].popleft()
+        if not self.groups[key]:
+            del self.groups[key]
+        return key, number
+
+    def back(self, number: int) -> None:
+        """Take a member back, to be given out again."""
+        self.groups.setdefault(self._key(number), deque()).appendleft(number)

@@ -7,9 +7,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from netfall.errors import InputError
-from netfall.output.place import sync, whole, writing
-from netfall.output.room import h5_file
+from netfall.ground.errors import InputError
+from netfall.write.locks import sync, whole, writing
+from netfall.write.space import h5_file
 
 FORMAT = 1
 # What is told of each run: data type, and what stands there while nothing is known.

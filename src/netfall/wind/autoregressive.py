@@ -16,9 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.errors import InputError
-from netfall.functions import cos, geometric, log, sin
-from netfall.linear import eliminate, factorised, product, solve_columns
+from netfall.ground.errors import InputError
+from netfall.numerics.functions import cos, geometric, log, sin
+from netfall.numerics.linear import eliminate, factorised, product, solve_columns
 from netfall.wind.coherence import davenport_coherence
 from netfall.wind.noise import standard_normal
 from netfall.wind.spectra import Gust

@@ -5,7 +5,7 @@ Coherence: exp(-n sqrt(Cx^2 dx^2 + Cy^2 dy^2 + Cz^2 dz^2) / U), Davenport 1968, 
 
 import numpy as np
 
-from netfall.functions import cos, exp, lengths, power, sin
+from netfall.numerics.functions import cos, exp, lengths, power, sin
 
 LOWEST_HEIGHT = 1.0  # m; the power law is not continued below it
 

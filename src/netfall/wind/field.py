@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.compile import kernel
+from netfall.ground.compile import kernel
 from netfall.wind.autoregressive import GustModel, GustRecursion, fit_gust_model
 from netfall.wind.coherence import along_wind, mean_speed
 from netfall.wind.measured import place_weights, read_measured

@@ -7,9 +7,9 @@ plan, weighted by distance, and the power-law profile carries each from its own 
 
 import numpy as np
 
-from netfall.errors import InputError
-from netfall.functions import lengths
+from netfall.ground.errors import InputError
 from netfall.job.table import Table
+from netfall.numerics.functions import lengths
 from netfall.wind.coherence import LOWEST_HEIGHT
 
 TOGETHER = 1e-3  # m in plan; points as close are one place

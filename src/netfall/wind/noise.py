@@ -7,9 +7,9 @@ same bits of chance, and gives the same numbers; but its exponential and logarit
 
 import numpy as np
 
-from netfall.arithmetic import exponential, logarithm
-from netfall.compile import kernel, part_of_kernel
-from netfall.functions import exp, log
+from netfall.ground.compile import kernel, part_of_kernel
+from netfall.numerics.arithmetic import exponential, logarithm
+from netfall.numerics.functions import exp, log
 
 LAYERS = 256
 TAIL = 3.6541528853610088  # where the tail begins

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from netfall.functions import cos
+from netfall.numerics.functions import cos
 
 FINEST = 16  # samples of the ramp, at least: linear between them, gusts are right to 0.3 %
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from netfall.errors import InputError
+from netfall.ground.errors import InputError
 from netfall.job.read import Job
 from netfall.job.table import Table
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.functions import cube_root, geometric, log
+from netfall.numerics.functions import cube_root, geometric, log
 
 KARMAN = 70.78013  # 4 B(1/2, 1/3)^2, usually rounded to 70.8: with it the integral is 1
 TAIL = 1e4  # x from which on every shape is x^(-5/3)

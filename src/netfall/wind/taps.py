@@ -13,7 +13,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from netfall.errors import InputError
+from netfall.ground.errors import InputError
 from netfall.job.table import LARGEST, Table
 from netfall.wind.measured import place_weights
 

@@ -1,0 +1,89 @@
+"""The reactions of a roof at its supports, in each stage.
+
+Where an axis is held: the force with which the elements pull at the support; what acts on the node itself
+goes into it besides. At an elastic support: the force on the spring (`mechanics.supports`), in which that is
+included.
+"""
+
+import numpy as np
+
+from netfall.results.states import Stage, equilibria, final, start_position, start_tension
+
+
+def held_axes(f) -> np.ndarray:
+    """(n, 3) bool, axes with a support of either kind."""
+    held = f["net/fixed"][:].astype(bool)
+    return held | (f["net/spring"][:] > 0) if "spring" in f["net"] else held
+
+
+def pull_at(x: np.ndarray, ends: np.ndarray, N: np.ndarray) -> np.ndarray:
+    """Sum of the forces (points, 3) [N] with which elements pull at their ends.
+
+    x : (points, 3) [m]; ends : (m, 2) rows of these; N : (m,) [N] tension positive
+    """
+    d = x[ends[:, 1]] - x[ends[:, 0]]
+    L = np.linalg.norm(d, axis=1)
+    force = np.divide(N[:, None] * d, L[:, None], out=np.zeros_like(d), where=L[:, None] > 0)
+    pull = np.zeros_like(x)
+    np.add.at(pull, ends[:, 0], force)
+    np.subtract.at(pull, ends[:, 1], force)
+    return pull
+
+
+def reaction_columns(f) -> dict[str, np.ndarray]:
+    """A row for each support and stage: the force [N] on it along the axes that it holds."""
+    held, elements = held_axes(f), f["net/elements"][:]
+    nodes = np.flatnonzero(held.any(1))
+    springs = Springs(f, nodes) if "spring" in f["net"] else None
+    blocks = [_of_stage(f, stage, held[nodes], nodes, elements, springs) for stage in _stages(f)]
+    return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+
+
+class Springs:
+    """The springs of the supports: stiffness (k, 3) [N/m], place at the start (k, 3) [m], preload (k, 3) [N].
+
+    Form finding holds their nodes, and each begins with the reaction there; else with none.
+    """
+
+    def __init__(self, f, nodes: np.ndarray):
+        """nodes : (k,) the supports"""
+        x = start_position(f)
+        self.stiffness, self.start = f["net/spring"][:][nodes], x[nodes]
+        self.preload = np.zeros((len(nodes), 3))
+        if "form_finding" in f:
+            self.preload = pull_at(x, f["net/elements"][:], start_tension(f))[nodes]
+
+    def force(self, x: np.ndarray) -> np.ndarray:
+        """Forces (k, 3) [N] on the supports with their nodes at x (k, 3) [m]."""
+        return self.preload + self.stiffness * (x - self.start)
+
+
+def _stages(f):
+    yield from equilibria(f)
+    last = final(f)
+    if last:
+        yield last
+
+
+def _of_stage(f, stage: Stage, held, nodes, elements, springs: Springs | None) -> dict[str, np.ndarray]:
+    """held : (k, 3) bool, axes of the supports, rows (k,) of the net"""
+    x = stage.position()
+    pull = pull_at(x, elements if stage.ends is None else stage.ends, stage.tension())
+    at = nodes if stage.ends is None else _rows_of_nodes(f, nodes)
+    force = np.where(held, pull[at], 0.0)
+    if springs:
+        force = np.where(springs.stiffness > 0.0, springs.force(x[at]), force)
+    return {
+        "node": f["net/node_id"][:][nodes],
+        "stage": np.full(len(nodes), stage.name, object),
+        **{axis: x[at, k] for k, axis in enumerate("xyz")},
+        **{f"force_{axis}": force[:, k] for k, axis in enumerate("xyz")},
+        "force": np.linalg.norm(force, axis=1),
+    }
+
+
+def _rows_of_nodes(f, nodes: np.ndarray) -> np.ndarray:
+    """Rows of /final at which nodes are."""
+    number = f["final/particle_id"][:]
+    order = np.argsort(number, kind="stable")
+    return order[np.searchsorted(number[order], nodes)]

@@ -1,0 +1,222 @@
+"""The commands: each takes the arguments that `parser` has read.
+
+What a command needs it imports itself: `info`, `plot` and `report` work where there is no MPI, and a wrong
+word on the command line is answered before anything is loaded.
+"""
+
+import os
+from pathlib import Path
+
+import netfall
+from netfall.ground.errors import InputError
+
+
+def init(arguments) -> None:
+    """netfall init JOB"""
+    from netfall.job.template import write_template
+
+    write_template(arguments.job)
+    print(f"{arguments.job}: a job to start from; next: netfall check {arguments.job}")
+
+
+def check(arguments) -> None:
+    """netfall check JOB"""
+    from netfall.job.read import read_job
+    from netfall.program.check import check_job
+
+    folder = arguments.folder and _folder(arguments.folder)
+    check_job(read_job(arguments.job, arguments.overrides), print, folder)
+
+
+def partition(arguments) -> None:
+    """netfall partition JOB -n P"""
+    from netfall.job.read import read_job
+    from netfall.net.build import build_net
+    from netfall.parallel import partition as p
+
+    if arguments.parts < 1:
+        raise InputError(f"-n {arguments.parts}: expected a number of parts >= 1")
+    job = read_job(arguments.job, arguments.overrides)
+    net = build_net(job)
+    part = p.write_partition(job.name, net.n, net.elements, arguments.parts)
+    print(
+        f"{p.FOLDER / job.name}.graph.part.{arguments.parts}: "
+        f"{net.n} particles, {net.m} elements in {arguments.parts} parts, "
+        f"edge cut {p.edge_cut(net.elements, part)}, "
+        f"fullest part {p.imbalance(net.elements, part, arguments.parts):.3f} of the mean"
+    )
+
+
+def run(arguments) -> None:
+    """mpirun -n P netfall run JOB"""
+    from mpi4py import MPI
+
+    from netfall.ground.progress import Progress
+    from netfall.ground.stop import StopRequest
+    from netfall.job.read import read_job
+    from netfall.parallel.agree import on_root
+    from netfall.program.run import run_job
+
+    stop = StopRequest(arguments.walltime)
+    comm = MPI.COMM_WORLD
+    job = comm.bcast(on_root(comm, lambda: read_job(arguments.job, arguments.overrides)))
+    progress = Progress(comm.rank == 0 and not arguments.quiet, arguments.verbose)
+    run_job(
+        comm,
+        job,
+        arguments.output or Path(f"{job.name}.vtkhdf"),
+        progress,
+        arguments.restart,
+        stop,
+        arguments.profile,
+    )
+
+
+def info(arguments) -> None:
+    """netfall info RESULT"""
+    from netfall.report.info import print_info
+    from netfall.study.answers.info import print_study
+    from netfall.study.answers.read import is_study
+
+    (print_study if is_study(arguments.result) else print_info)(arguments.result, print)
+
+
+def plot(arguments) -> None:
+    """netfall plot RESULT"""
+    if arguments.animate or arguments.format or arguments.fps:
+        _animate(arguments)
+        return
+    from netfall.plots.run import plot_all
+    from netfall.plots.study.study import plot_study
+    from netfall.study.answers.read import is_study
+
+    draw = plot_study if is_study(arguments.result) else plot_all
+    written, lacking = draw(arguments.result, _folder(arguments.folder or arguments.result.parent))
+    for picture in written:
+        print(picture)
+    if lacking:
+        raise InputError(lacking)
+
+
+def _animate(arguments) -> None:
+    """netfall plot RESULT --animate"""
+    from netfall.plots.film import animate
+    from netfall.study.answers.read import is_study
+
+    a = arguments
+    if not a.animate:
+        raise InputError("netfall plot: --format and --fps are of the animation; add --animate")
+    if is_study(a.result):
+        raise InputError(f"{a.result}: a study file has no frames; animate the result file of one run")
+    path, told = animate(a.result, _folder(a.folder or a.result.parent), a.format, a.fps or 15)
+    print(f"{path}: {told}")
+
+
+def report(arguments) -> None:
+    """netfall report RESULT"""
+    from netfall.checks.cables import Cutting
+    from netfall.report.report import write_report
+
+    beside = arguments.result.with_name(f"{arguments.result.stem}-report")
+    cutting = Cutting(arguments.temperature, arguments.load)
+    for path in write_report(arguments.result, _folder(arguments.folder or beside), arguments.codes, cutting):
+        print(path)
+
+
+def scale(arguments) -> None:
+    """netfall scale JOB --ranks 1,2, netfall scale STUDY --workers 1,2"""
+    if (arguments.ranks is None) == (arguments.workers is None):
+        raise InputError(
+            "netfall scale: expected either --ranks 1,2, for a job, or --workers 1,2, for a study"
+        )
+    if arguments.workers:
+        from netfall.measure.throughput import throughput
+
+        a, say = arguments, _say()
+        if a.overrides:
+            raise InputError(f"netfall scale: --set {a.overrides[0]}: change the study file instead")
+        for path in throughput(a.job, a.workers, a.launcher, a.repeats, _folder(a.folder), say):
+            print(path)
+        return
+    from netfall.ground.launch import default_launcher
+    from netfall.measure.scale import scale as run_scale
+
+    for path in run_scale(
+        arguments.job,
+        arguments.overrides,
+        arguments.ranks,
+        arguments.launcher or default_launcher(),
+        arguments.repeats,
+        _folder(arguments.folder),
+        _say(),
+    ):
+        print(path)
+
+
+def _say():
+    """What tells lines of a command that takes long, and goes on where nobody reads them any more."""
+    from netfall.ground.progress import Progress
+
+    return Progress(True).say
+
+
+def trade(arguments) -> None:
+    """netfall trade JOB"""
+    from netfall.ground.launch import default_launcher
+    from netfall.measure.trade import trade as run_trade
+
+    for path in run_trade(
+        arguments.job,
+        arguments.overrides,
+        arguments.vary,
+        arguments.reference,
+        arguments.ranks,
+        arguments.launcher or default_launcher(),
+        arguments.repeats,
+        arguments.tolerance,
+        _folder(arguments.folder),
+        _say(),
+    ):
+        print(path)
+
+
+def study(arguments) -> None:
+    """netfall study STUDY"""
+    from netfall.ground.progress import Progress
+    from netfall.ground.stop import StopRequest
+    from netfall.study.study import study as run_study
+
+    if int(os.environ.get("OMPI_COMM_WORLD_SIZE", "1")) > 1:
+        raise InputError("netfall study: starts ranks itself; run it without mpirun, with [run] ranks = P")
+    a, progress = arguments, Progress(not arguments.quiet)
+    run_study(a.study, a.output, a.workers, a.shard, a.launcher, a.retry, progress, StopRequest())
+
+
+def import_(arguments) -> None:
+    """netfall import FILE -o FOLDER"""
+    from netfall.exchange.drawings.importing import Options, import_file
+
+    asked = {name: getattr(arguments, name) for name in Options.__dataclass_fields__}
+    import_file(arguments.drawing, arguments.folder, Options(**asked), print)
+
+
+def export(arguments) -> None:
+    """netfall export RESULT -o FILE"""
+    from netfall.exchange.export import export as write
+
+    write(arguments.result, arguments.output, arguments.time, print)
+
+
+def version() -> None:
+    """netfall --version"""
+    from netfall.program.run import how_it_writes
+
+    print(f"netfall {netfall.__version__}, {how_it_writes()}")
+
+
+def _folder(path: Path) -> Path:
+    """A folder to write into, which may still have to be made. Raises InputError where it cannot be one."""
+    there = next((place for place in (path, *path.parents) if place.exists()), path)
+    if there.exists() and not there.is_dir():
+        raise InputError(f"-o {path}: {there} is a file; expected a folder")
+    return path

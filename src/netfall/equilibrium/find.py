@@ -1,0 +1,211 @@
+"""One equilibrium of a net: by Newton's method, or by dynamic relaxation where that does not find it.
+
+Whichever finds it, the estimated error decides when it is found: what one more correction of Newton's would
+move, as a share of the largest displacement, and what it would change of tensions, as a share of the largest.
+So `tolerance` means the same for any net and any refinement.
+"""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.equilibrium.increments import approach
+from netfall.equilibrium.newton import AT_START, Newton, NotFound, Stopped
+from netfall.equilibrium.relaxation import Paused, Relaxation, net_of, not_begun, relax
+from netfall.equilibrium.stable import falling
+from netfall.ground.errors import DivergedError
+from netfall.ground.stop import NEVER, StopRequest
+from netfall.mechanics.state import State
+from netfall.multigrid.cycle import Cycle
+from netfall.multigrid.tangent import Tangent, tangent_of
+from netfall.parallel.halo import Halo
+from netfall.parallel.subdomain import Distribution
+
+ALIKE = 1.5  # times stiffer or softer: what the first approximate inverse serves
+SLACKER = 0.01  # of the largest stiffness: below that an element counts as slack in comparing two tangents
+NEARER = (1e-2, 1e-3, 1e-4, 1e-5)  # of the largest force: residuals after which Newton's is tried once more
+SMALLER = 0.5  # times: the residual of a guess, if it is to be taken
+TIGHTER = 10.0  # times: what the relaxation is asked more of, where its error is too large
+MOST_AGAIN = 6  # times
+ROUNDING = 1e-13  # of the largest force: residuals below that are rounding
+STABLE, UNKNOWN = -1, -2
+
+
+class Found(NamedTuple):
+    """An equilibrium that was found.
+
+    iterations : of conjugate gradients, or of the relaxation; residual : largest [N]
+    displacement_error, tension_error : estimates, shares of the largest; nan where none could be made
+    relaxed : whether by dynamic relaxation; falls : global number of the particle that moves most where the
+        equilibrium is not stable, else `STABLE`, or `UNKNOWN` where that could not be told
+    """
+
+    iterations: int
+    residual: float
+    displacement_error: float
+    tension_error: float
+    relaxed: bool
+    falls: int
+
+    @property
+    def error(self) -> float:
+        """The larger of both."""
+        return max(self.displacement_error, self.tension_error)
+
+
+@dataclass
+class Finder:
+    """Finds equilibria of one state; keeps the approximate inverse of its first tangent."""
+
+    comm: MPI.Comm
+    halo: Halo
+    distribution: Distribution
+    state: State
+    _first: tuple[Tangent, list[float], Cycle] | None = field(default=None, init=False)
+
+    def find(
+        self,
+        load: np.ndarray,
+        tolerance: float,
+        reference: float,
+        max_iterations: int,
+        what: str,
+        stop: StopRequest = NEVER,
+        resume: Relaxation | None = None,
+        guess: np.ndarray | None = None,
+    ) -> Found:
+        """Bring the state to equilibrium under a load (n, 3) [N] of owned and halo particles. Collective.
+
+        tolerance : of the estimated errors; reference : [N], the largest force that acts; max_iterations : of
+        the relaxation; stop, resume : as in `relax`; guess : positions (n, 3) [m] that may be nearer
+
+        Raises DivergedError if neither finds one, Paused if asked to stop.
+        """
+        newton, state = self._newton(load), self.state
+        first, total = 0, 0
+        if resume is not None and (resume.iteration > 0 or resume.stage > 0):
+            first, total = resume.stage, resume.total
+        else:
+            resume = None
+            before = state.x.copy(order="K")
+            if guess is not None:
+                self._begin_at(guess, newton)
+            try:
+                return self._corrected(newton, tolerance, total, stop)
+            except Stopped:
+                state.x[:] = before
+                raise Paused(not_begun(before)) from None
+            except NotFound:
+                state.x[:] = before
+        asked, found = tolerance * reference, None
+        goals = [*(share * reference for share in NEARER if share > tolerance), asked]
+        goals += [max(asked / TIGHTER**k, ROUNDING * reference) for k in range(1, MOST_AGAIN)]
+        for stage in range(first, len(goals)):
+            try:
+                iterations, residual = relax(
+                    self.comm,
+                    self.halo,
+                    newton.net,
+                    goals[stage],
+                    max_iterations,
+                    what,
+                    stop=stop,
+                    resume=resume,
+                )
+            except Paused as pause:
+                pause.at.stage, pause.at.total = stage, total
+                raise
+            except DivergedError:
+                if found is None:
+                    raise
+                state.x[:] = before
+                return found
+            total, resume, before = total + iterations, None, state.x.copy(order="K")
+            try:
+                return self._corrected(newton, tolerance, total, NEVER, True)
+            except NotFound:
+                state.x[:] = before
+            if goals[stage] <= asked:
+                found = self._relaxed(newton, total, residual)
+                if not found.error > tolerance:
+                    break
+        return found
+
+    def _begin_at(self, guess: np.ndarray, newton: Newton) -> None:
+        """Begin there if the residual is so much smaller there. Collective."""
+        state, before, residuals = self.state, self.state.x.copy(order="K"), []
+        for x in (before, guess):
+            state.x[:] = x
+            residuals += newton.largest(newton.residual())
+        if not residuals[1] < SMALLER * residuals[0]:
+            state.x[:] = before
+
+    def _relaxed(self, newton: Newton, total: int, residual: float) -> Found:
+        """What relaxation alone has reached. Collective."""
+        try:
+            errors = newton.errors(self.state.x_start)
+        except NotFound:
+            errors = np.nan, np.nan
+        return Found(total, residual, *errors, True, self._falls(newton))
+
+    def _corrected(self, newton: Newton, tolerance, before: int, stop, near: bool = False) -> Found:
+        """By Newton's method; before : iterations until now. Raises NotFound, Stopped."""
+        start, begun = self.state.x_start, AT_START
+        if newton.large and not near:
+            begun = approach(newton, start, stop)
+        found = newton.find(tolerance, start, stop, near, begun)
+        total = before + found.gradients
+        return Found(total, found.residual, found.moved, found.tension, False, self._falls(newton))
+
+    def _newton(self, load: np.ndarray) -> Newton:
+        net = net_of(self.state, load)
+        return Newton(self.comm, self.halo, self.distribution, net, self._tangent, self._approximate_inverse)
+
+    def _tangent(self) -> Tangent:
+        return tangent_of(self.state)
+
+    def _approximate_inverse(self, newton: Newton, K: Tangent) -> Cycle:
+        """That of the first tangent while K is like it, otherwise K's own. Collective."""
+        if self._first is None:
+            first = self._tangent_at_first()
+            least = [SLACKER * size for size in newton.largest(first.axial, first.across)]
+            self._first = first, least, newton.cycle(first)
+        first, least, cycle = self._first
+        unlike = not (_alike(K.axial, first.axial, least[0]) and _alike(K.across, first.across, least[1]))
+        return newton.cycle(K) if newton.inertia or self.comm.allreduce(unlike, MPI.LOR) else cycle
+
+    def _tangent_at_first(self) -> Tangent:
+        """Before anything has moved or yielded, the same in a run that is taken up."""
+        state = self.state
+        x = state.x.copy(order="K")
+        eps_p = None if state.eps_p is None else state.eps_p.copy()
+        state.x[:] = state.x_start
+        if eps_p is not None:
+            state.eps_p[:] = 0.0
+        first = self._tangent()
+        state.x[:] = x
+        if eps_p is not None:
+            state.eps_p[:] = eps_p
+        return first
+
+    def _falls(self, newton: Newton) -> int:
+        """Global number of the particle that moves most in an equilibrium that is not stable, or `STABLE`."""
+        try:
+            shape = falling(newton)
+        except NotFound:
+            return UNKNOWN
+        if shape is None:
+            return STABLE
+        size = np.sqrt(shape[:, 0] ** 2 + shape[:, 1] ** 2 + shape[:, 2] ** 2)
+        gid = self.distribution.subdomain.particle_gid[: len(size)]
+        p = np.lexsort((gid, -size))[0] if len(size) else 0
+        mine = (float(size[p]), -int(gid[p])) if len(size) else (-1.0, 0)
+        return -max(self.comm.allgather(mine))[1]
+
+
+def _alike(now: np.ndarray, before: np.ndarray, least: float) -> bool:
+    """Whether two stiffnesses (m,) of the same elements are of one size; below `least` they are."""
+    now, before = np.maximum(now, least), np.maximum(before, least)
+    return bool((now <= ALIKE * before).all() and (before <= ALIKE * now).all())

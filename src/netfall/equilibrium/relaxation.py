@@ -1,0 +1,220 @@
+"""Dynamic relaxation: the particles move under their residual forces until these vanish.
+
+Kinetic damping (Barnes 1999): whenever the kinetic energy has passed a peak, the particles are put back to
+where it peaked, at rest. (Without going back, rests can fall into step with a mode that is then never
+damped.) The virtual mass M = dt^2/2 sum(k) of the attached elements' stiffness lets every particle take its
+largest stable step dt = 1. Serves form finding and statics alike; only the forces differ.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.ground.compile import kernel
+from netfall.ground.errors import DivergedError
+from netfall.ground.stop import NEVER, StopRequest
+from netfall.mechanics.elements import add_element_forces, geometric_stiffness, nodal_stiffness
+from netfall.mechanics.material import largest_stiffness
+from netfall.mechanics.state import State
+from netfall.mechanics.supports import add_springs
+from netfall.parallel.halo import Halo
+from netfall.parallel.sums import LIMBS, add_exactly, rounded
+
+MARGIN = 1.2  # on the virtual mass: the stiffness grows a little between two peaks
+LOOK_EVERY = 10  # iterations between looks at the residual, which take a reduction
+
+
+@dataclass
+class Relaxation:
+    """Where a relaxation stands before an iteration: arrays (n, 3) of owned and halo particles.
+
+    stage : of an equilibrium that is relaxed to several residuals in turn; total : iterations before it
+    """
+
+    iteration: int
+    previous: float
+    rested: bool
+    x: np.ndarray
+    v: np.ndarray
+    mass: np.ndarray
+    stage: int = 0
+    total: int = 0
+
+
+class Paused(Exception):
+    """A relaxation was asked to stop, at the same iteration on every rank."""
+
+    def __init__(self, at: Relaxation):
+        self.at = at
+
+
+def not_begun(x: np.ndarray) -> Relaxation:
+    """Where a relaxation is taken up from its start."""
+    return Relaxation(0, 0.0, True, x, np.zeros_like(x), np.ones_like(x))
+
+
+@kernel
+def relax_step(x, v, f, mass, free, first, n_owned, kinetic):
+    """One step of all particles (n, 3); `kinetic` (n_owned,) gets their energy.
+
+    `first`: the step after a rest, half a kick.
+    """
+    share = 0.5 if first else 1.0
+    for p in range(mass.shape[0]):
+        energy = 0.0
+        for k in range(3):
+            if free[p, k]:
+                v[p, k] += share * f[p, k] / mass[p, k]
+                x[p, k] += v[p, k]
+                energy += v[p, k] * v[p, k]
+        if p < n_owned:
+            kinetic[p] = 0.5 * mass[p, 0] * energy
+
+
+@kernel
+def return_to_peak(x, v, f, mass, free):
+    """Put the particles, at rest, where the kinetic energy peaked: half a step before the last but one.
+
+    x* = x - 3/2 v + 1/2 f / M, dt = 1 (Barnes 1999)
+    """
+    for p in range(mass.shape[0]):
+        for k in range(3):
+            if free[p, k]:
+                x[p, k] += 0.5 * f[p, k] / mass[p, k] - 1.5 * v[p, k]
+            v[p, k] = 0.0
+
+
+@kernel
+def largest_residual(f, free, n_owned):
+    """Largest norm [N] of the force over the free axes of the owned particles; inf if not a number."""
+    worst = 0.0
+    for p in range(n_owned):
+        square = 0.0
+        for k in range(3):
+            if free[p, k]:
+                square += f[p, k] * f[p, k]
+        if not square <= worst:
+            worst = square if square == square else np.inf
+    return np.sqrt(worst)
+
+
+class Net(NamedTuple):
+    """What is relaxed: positions x (n, 3) [m], owned and halo, and what acts on them.
+
+    free : (n, 3), 1 where the axis can move; ends : (m, 2)
+    forces(x, f) : writes the total force f (n, 3) [N] of the owned particles
+    stiffness(x) : upper bound (m,) [N/m] of the elements' stiffness at x
+    support : (n,) [N/m] of elastic supports, the stiffest axis, None: none
+    """
+
+    x: np.ndarray
+    free: np.ndarray
+    ends: np.ndarray
+    forces: Callable[[np.ndarray, np.ndarray], None]
+    stiffness: Callable[[np.ndarray], np.ndarray]
+    support: np.ndarray | None = None
+
+
+def relax(
+    comm: MPI.Comm,
+    halo: Halo,
+    net: Net,
+    tolerance: float,
+    max_iterations: int,
+    what: str,
+    report: Callable[[int, float], None] = lambda iteration, residual: None,
+    stop: StopRequest = NEVER,
+    resume: Relaxation | None = None,
+) -> tuple[int, float]:
+    """Move net.x to equilibrium; the iterations and the largest residual [N]. Collective.
+
+    tolerance : [N] of the largest residual; stop : a wish to pause; resume : where an earlier relaxation
+        was paused
+
+    Raises DivergedError when the iterations run out or the residual is no number, Paused if asked to stop.
+    """
+    x, free, n_owned = net.x, net.free, halo.n_owned
+    f, v = np.zeros_like(x), np.zeros_like(x)
+    kinetic, limbs = np.zeros(n_owned), np.zeros(LIMBS, np.int64)
+    mass = np.ones_like(x)  # a column for each axis, all equal, to travel like a force
+    previous, rested, first = 0.0, True, 0
+    if resume:
+        previous, rested, first = resume.previous, resume.rested, resume.iteration
+        x[:], v[:], mass[:] = resume.x, resume.v, resume.mass
+    for iteration in range(first, max_iterations + 1):
+        net.forces(x, f)
+        if iteration % LOOK_EVERY == 0 or rested:
+            mine = np.array([largest_residual(f, free, n_owned), stop.wanted])
+            comm.Allreduce(MPI.IN_PLACE, mine, MPI.MAX)
+            residual, stopping = mine.tolist()
+            if residual <= tolerance:
+                return iteration, residual
+            if not np.isfinite(residual):
+                raise DivergedError(
+                    f"{what}: the residual is no number after {iteration} iterations; "
+                    "check the net's geometry and sections"
+                )
+            report(iteration, residual)
+            if stopping:
+                raise Paused(Relaxation(iteration, previous, rested, x, v, mass))
+        halo.update(f)
+        if rested:
+            total = np.zeros(len(x)) if net.support is None else net.support.copy()
+            nodal_stiffness(net.ends, net.stiffness(x), total)
+            mass[:] = np.where(total > 0.0, 0.5 * MARGIN * total, 1.0)[:, None]
+            halo.update(mass)
+        relax_step(x, v, f, mass, free, rested, n_owned, kinetic)
+        limbs[:] = 0
+        add_exactly(kinetic, limbs)
+        comm.Allreduce(MPI.IN_PLACE, limbs, MPI.SUM)
+        energy = rounded(limbs)
+        rested = not energy > previous
+        previous = energy
+        if rested:
+            return_to_peak(x, v, f, mass, free)
+            previous = 0.0
+    raise DivergedError(
+        f"{what}: not in equilibrium after {max_iterations} iterations: largest residual {residual:.3g} N, "
+        f"asked {tolerance:.3g} N; raise max_iterations or tolerance, or look for a mechanism"
+    )
+
+
+def largest_force(comm: MPI.Comm, N: np.ndarray, ends: np.ndarray, free: np.ndarray, load=None) -> float:
+    """Largest force [N] that acts on what can move, which tolerances refer to. Collective.
+
+    N : (m,) [N]; ends : (m, 2); free : (n, 3); load : (n_owned, 3) [N], None: tensions alone. What supports
+    take directly, a load on them or a backstay between them, is far from any free axis and does not count.
+    """
+    mine = np.abs(N[free.any(1)[ends].any(1)]).max(initial=0.0)
+    if load is not None:
+        mine = max(mine, np.abs(load[free[: len(load)] != 0]).max(initial=0.0))
+    return float(comm.allreduce(mine, MPI.MAX))
+
+
+def net_of(state: State, load: np.ndarray) -> Net:
+    """The net of a state under a load (n, 3) [N] of owned and halo particles, plastic state unchanged."""
+    load = np.asfortranarray(load)  # as positions and forces are
+
+    def forces(x, f):
+        f[:] = 0.0
+        add_element_forces(x, state.elements, state.law, f)
+        if state.features.springs:
+            add_springs(x, state.x_start, state.spring, state.spring_rest, f)
+        f += load
+
+    def stiffness(x):
+        now = state.elements_now()
+        return largest_stiffness(state.EA, state.L0) + geometric_stiffness(now.N, now.L)
+
+    support = state.spring.max(1).astype(float) if state.features.springs else None
+    return Net(state.x, state.free, state.ends, forces, stiffness, support)
+
+
+def state_residual(comm: MPI.Comm, state: State) -> float:
+    """Largest residual force [N] on a free axis at the present positions without load. Collective."""
+    f = np.zeros_like(state.x)
+    net_of(state, np.zeros_like(state.x)).forces(state.x, f)
+    return comm.allreduce(largest_residual(f, state.free, state.n_owned), MPI.MAX)

@@ -1,0 +1,146 @@
+"""Reading COMPAS JSON: graphs, networks and meshes of versions 1 and 2, lines and polylines."""
+
+import ast
+import json
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from netfall.exchange.drawings.drawing import Drawing, alike, edges_of, is_among
+from netfall.ground.errors import InputError
+
+SUPPORTS = ("is_anchor", "is_fixed", "is_support", "fixed", "anchor", "support")
+GROUPS = ("group", "layer", "category")
+SHOWN = ("visible", "is_visible", "show", "is_edge", "_is_edge")  # of an edge; false: it is no cable
+HIDDEN = ("hidden", "is_hidden")
+COLUMNS = {
+    "q": "force_density",
+    "force_density": "force_density",
+}  # attribute of an edge: column of elements.csv
+
+
+def read_json(path: Path, supports: str | None, wanted: list[str] | None) -> Drawing:
+    """The edges of a COMPAS file, in its unit. supports, wanted : as of `read_dxf`; here layers are groups
+
+    Raises InputError for a file without edges.
+    """
+    try:
+        document = json.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}; expected a JSON file of COMPAS") from None
+    except ValueError as error:
+        raise InputError(f"{path}: not a JSON file ({error})") from None
+    objects = _objects(document)
+    edges = [edge for data in objects for edge in _edges(data)]
+    if not edges:
+        raise InputError(f"{path}: no edges; expected a Graph, Network or Mesh of COMPAS")
+    hidden = sum(edge["hidden"] for edge in edges)
+    edges = [edge for edge in edges if not edge["hidden"]]
+    edges = [edge for edge in edges if wanted is None or is_among(edge["group"], (*wanted, supports))]
+    names = sorted({edge["group"] for edge in edges})
+    held = [place for data in objects for place in _held(data)]
+    columns = {}
+    for name in sorted({name for edge in edges for name in edge["columns"]}):
+        columns[name] = np.array([edge["columns"].get(name, np.nan) for edge in edges], float)
+    keys = [edge["keys"] for edge in edges]
+    one = len(objects) == 1 and all(isinstance(key, int) for pair in keys for key in pair)
+    return Drawing(
+        lines=np.array([edge["ends"] for edge in edges], float).reshape(-1, 2, 3),
+        layer=np.array([names.index(edge["group"]) for edge in edges], np.int64),
+        layers=names,
+        held=np.array(held, float).reshape(-1, 3),
+        keys=np.array(keys, np.int64) if one else None,
+        columns=columns,
+        unit=next((data["attributes"]["unit"] for data in objects if _says_unit(data)), None),
+        unit_from="its attributes",
+        read=[f"{len(edges)} edges", *(f"groups {words}" for words in alike(names))],
+        left_out=[f"{hidden} edges, which are hidden"] if hidden else [],
+    )
+
+
+def _says_unit(data: dict) -> bool:
+    return isinstance(data.get("attributes"), dict) and isinstance(data["attributes"].get("unit"), str)
+
+
+def _objects(document) -> list[dict]:
+    """The data of graphs, meshes and lines anywhere in a document."""
+    if isinstance(document, list):
+        return [data for item in document for data in _objects(item)]
+    if not isinstance(document, dict):
+        return []
+    if ("node" in document and "edge" in document) or "face" in document:
+        return [document]
+    if ("start" in document and "end" in document) or "points" in document:
+        return [document]
+    return [data for item in document.values() for data in _objects(item)]
+
+
+def _default(data: dict, entity: str) -> dict:
+    """Attributes that every node, vertex or edge has unless it says otherwise; version 1 has short names."""
+    return data.get(f"default_{entity}_attributes") or data.get(f"d{entity[0]}a") or {}
+
+
+def _places(data: dict) -> dict:
+    """Coordinates of the nodes or vertices by their keys."""
+    entity = "node" if "node" in data else "vertex"
+    default = _default(data, entity)
+    return {
+        key: [{**default, **values}.get(axis, 0.0) for axis in "xyz"] for key, values in data[entity].items()
+    }
+
+
+def _edges(data: dict) -> list[dict]:
+    """Each edge: its ends, keys, group and columns."""
+    if "points" in data or "start" in data:
+        points = data["points"] if "points" in data else [data["start"], data["end"]]
+        return [_edge((a, b), (None, None), {}) for a, b in pairwise(points)]
+    places = _places(data)
+    if "edge" in data and "node" in data:
+        pairs = {(a, b): values or {} for a, ends in data["edge"].items() for b, values in ends.items()}
+    else:
+        pairs = _sides(data)
+    default = _default(data, "edge")
+    return [
+        _edge((places[a], places[b]), (_key(a), _key(b)), default | values)
+        for (a, b), values in pairs.items()
+    ]
+
+
+def _edge(ends, keys, values: dict) -> dict:
+    group = next((str(values[name]) for name in GROUPS if values.get(name)), "cables")
+    columns = {COLUMNS[name]: values[name] for name in COLUMNS if isinstance(values.get(name), (int, float))}
+    hidden = any(values.get(name, True) in (False, 0) for name in SHOWN)
+    hidden = hidden or any(values.get(name, False) in (True, 1) for name in HIDDEN)
+    return {"ends": ends, "keys": keys, "group": group, "columns": columns, "hidden": hidden}
+
+
+def _sides(data: dict) -> dict:
+    """The edges of a mesh by the keys of its vertices, with their attributes."""
+    keys = list(data["vertex"])
+    row = {key: k for k, key in enumerate(keys)}
+    faces = [face if isinstance(face, list) else list(face) for face in data["face"].values()]
+    sides, _ = edges_of([[row[str(key)] for key in face] for face in faces])
+    told = {}
+    for name, values in (data.get("edgedata") or {}).items():
+        pair = ast.literal_eval(name) if name.startswith("(") else name.split("-")
+        told[frozenset(str(key) for key in pair)] = values or {}
+    return {(keys[a], keys[b]): told.get(frozenset((keys[a], keys[b])), {}) for a, b in sides.tolist()}
+
+
+def _key(text: str):
+    """A key as an integer, where it is one."""
+    try:
+        return int(text)
+    except ValueError:
+        return text
+
+
+def _held(data: dict) -> list:
+    """Places of the nodes that an attribute calls supports."""
+    if "points" in data or "start" in data:
+        return []
+    places, entity = _places(data), "node" if "node" in data else "vertex"
+    default = _default(data, entity)
+    held = lambda values: any(np.any({**default, **values}.get(name, False)) for name in SUPPORTS)
+    return [places[key] for key, values in data[entity].items() if held(values)]

@@ -1,0 +1,84 @@
+"""`netfall import`: a drawing or mesh to tables, a picture, a first job and a report of its faults."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from netfall.exchange.drawings.first_job import first_job
+from netfall.exchange.drawings.reading import Options, Reading, read_net
+from netfall.ground.errors import InputError
+from netfall.job.table import write_table
+from netfall.write.locks import writing
+
+
+def import_file(path: Path, folder: Path, options: Options, say: Callable[[str], None]) -> None:
+    """Read a drawing, tell what it holds and what is wrong, and write tables, a picture and a first job.
+
+    Raises InputError for a file that cannot be read, or without a unit, or in which no net is left.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"-o {folder}: is a file; expected a folder")
+    if (folder / "nodes.csv").exists() and not (folder / "report.txt").exists():
+        raise InputError(f"-o {folder}: holds a nodes.csv that no import wrote; give another folder")
+    reading = read_net(path, options)
+    written = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with writing(folder):
+            written = _write(reading, folder)
+    finally:  # only now: who reads it may not read on
+        for line in [*reading.lines, *written]:
+            say(line)
+
+
+def _write(reading: Reading, folder: Path) -> list[str]:
+    """Tables, picture, job and report; what was written, in words."""
+    from netfall.plots.net import as_read
+
+    net, drawing = reading.net, reading.drawing
+    node_id, group = _node_ids(reading), [drawing.layers[k] for k in drawing.layer[net.line].tolist()]
+    x = net.x
+    nodes = {"id": node_id, "x": x[:, 0], "y": x[:, 1], "z": x[:, 2], "fixed": reading.fixed.astype(int)}
+    elements = {"id": np.arange(1, len(net.ends) + 1), "start": node_id[net.ends[:, 0]]}
+    elements |= {"end": node_id[net.ends[:, 1]], "group": group}
+    for name, values in drawing.columns.items():
+        column = values[net.line]
+        elements[name] = np.where(np.isnan(column), "", column.astype(object))
+    write_table(folder / "nodes.csv", nodes)
+    write_table(folder / "elements.csv", elements)
+    length = np.linalg.norm(x[net.ends[:, 1]] - x[net.ends[:, 0]], axis=1)
+    told = _group_lines(group, length)
+    job = folder / f"{folder.resolve().name}.toml"
+    made = not job.exists()
+    if made:
+        job.write_text(first_job(reading.path.stem, sorted(set(group)), length), encoding="utf-8")
+    as_read(x[net.ends], group, x[reading.fixed], reading.marks, reading.path.name, folder / "net.png")
+    (folder / "report.txt").write_text("\n".join([*reading.lines, *told, ""]), encoding="utf-8")
+    kept = "" if made else " (that was there, and stays as it is)"
+    return [
+        *told,
+        f"{folder}: nodes.csv, elements.csv, net.png, report.txt, {job.name}{kept}",
+        f"next: netfall check {job}",
+    ]
+
+
+def _node_ids(reading: Reading) -> np.ndarray:
+    """Ids of the nodes: those of the file where it has some that serve, else 1, 2, 3, ..."""
+    net, keys = reading.net, reading.drawing.keys
+    count = len(net.x)
+    if keys is None or reading.options.split:
+        return np.arange(1, count + 1)
+    found = np.full(count, -1)
+    found[net.ends] = keys[net.line]
+    return found if len(np.unique(found)) == count else np.arange(1, count + 1)
+
+
+def _group_lines(group: list[str], length: np.ndarray) -> list[str]:
+    names, row = np.unique(group, return_inverse=True)
+    told = [f"net: {len(length)} elements, {length.sum():.6g} m in all"]
+    for k, name in enumerate(names):
+        mine = length[row == k]
+        spread = f"{mine.sum():.6g} m, from {mine.min():.4g} to {mine.max():.4g} m"
+        told.append(f'    group "{name}": {len(mine)} elements, {spread}')
+    return told

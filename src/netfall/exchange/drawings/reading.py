@@ -1,0 +1,331 @@
+"""A drawing on its way to a net: what is joined, held, split and left out, and all that is told of it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from netfall.exchange.drawings import faults
+from netfall.exchange.drawings.compas import read_json
+from netfall.exchange.drawings.drawing import METRES, Drawing, rows_called
+from netfall.exchange.drawings.dxf import read_dxf
+from netfall.exchange.drawings.join import Joined, join, nearest_nodes, parts_of, split
+from netfall.exchange.vtu import read_vtu
+from netfall.ground.errors import InputError
+from netfall.job.values import nearest
+
+READERS = {".dxf": read_dxf, ".json": read_json, ".vtu": read_vtu}
+AT_POINTS, OUTLINE = "points", "outline"  # what --supports may be besides a layer
+MOST_PLACES = 5  # told of one kind of fault
+SOME_SIZE = 0.1  # of the elements of the largest part: another roof, and not a stray line
+LEAST_OF_A_FACE = 3  # elements, all of whose nodes lie on its outline
+ROUNDED = 1e-6  # m: gaps that come from the digits of a drawing, and are no faults
+LONG, SHORT = 2e4, 0.5  # m: extents beyond which the unit is doubted
+
+
+@dataclass
+class Options:
+    """What the command line asks for.
+
+    unit : None: what the file says; tolerance : [m]
+    supports : a layer, "points" or "outline", None: what the file says, else the outline
+    layers : to be read, None: all; split : a joint wherever elements cross or touch
+    """
+
+    unit: str | None = None
+    tolerance: float = 1e-3
+    supports: str | None = None
+    layers: list[str] | None = None
+    split: bool = False
+
+
+@dataclass
+class Reading:
+    """A drawing on its way to a net.
+
+    fixed : (n,) bool; faults : words and place [m] of each that a picture shows
+    """
+
+    path: Path
+    options: Options
+    drawing: Drawing
+    net: Joined
+    fixed: np.ndarray
+    lines: list[str]
+    marks: list[np.ndarray]
+
+    def place(self, x: np.ndarray) -> str:
+        """A place in metres, and as the drawing has it."""
+        metres = ", ".join(f"{value:.4f}".rstrip("0").rstrip(".") for value in x.tolist())
+        if self.drawing.unit == "m":
+            return f"({metres})"
+        factor = METRES[self.drawing.unit]
+        own = ", ".join(f"{value / factor:.6g}" for value in x.tolist())
+        return f"({metres}) m, ({own}) {self.drawing.unit} in the drawing"
+
+    def tell(self, kind: str, count: int, what: str, places: list[str], x=()) -> None:
+        """A fault: how often, what it means, the first places; x (k, 3) [m]: marks for the picture."""
+        if count:
+            self.lines.append(f"{kind}: {count} {what}")
+            self.lines += [f"    {place}" for place in places[:MOST_PLACES]]
+            if count > MOST_PLACES:
+                self.lines.append(f"    and {count - MOST_PLACES} more")
+            self.marks += list(np.reshape(x, (-1, 3)))
+
+
+def read_net(path: Path, options: Options) -> Reading:
+    """The net of a drawing, and the lines of its report."""
+    drawing = _read(path, options)
+    lines = [f"{path}: {'; '.join(drawing.read)}"]
+    lines += [_unit_line(drawing, options), *_doubts(drawing)]
+    lines += [f"left out: {what}" for what in drawing.left_out]
+    net = join(drawing.lines, options.tolerance)
+    if not len(net.ends):
+        raise InputError(f"{path}: no line is longer than the tolerance of {options.tolerance:g} m")
+    reading = Reading(path, options, drawing, net, np.zeros(len(net.x), bool), lines, [])
+    _tell_joining(reading)
+    _split_where_asked(reading)
+    reading.fixed = _supports(reading)
+    _tell_near_misses(reading)
+    _drop_loose_parts(reading)
+    _tell_loose_ends(reading)
+    return reading
+
+
+def _read(path: Path, options: Options) -> Drawing:
+    """The drawing in metres. Raises InputError."""
+    read = READERS.get(path.suffix.lower())
+    if read is None:
+        raise InputError(f"{path}: expected a file with one of the endings {', '.join(READERS)}")
+    named = options.supports if options.supports not in (None, AT_POINTS, OUTLINE) else None
+    drawing = read(path, named, options.layers)
+    if not len(drawing.lines):
+        left = f" ({'; '.join(drawing.left_out)})" if drawing.left_out else ""
+        raise InputError(f"{path}: no lines of a net in it{left}")
+    for name in [*(options.layers or []), *([named] if named else [])]:
+        if not rows_called(name, drawing.layers):
+            words = f"{AT_POINTS}, {OUTLINE}, or " if name == named else ""
+            option = "--supports" if name == named else "--layers"
+            raise InputError(
+                f"{option} {name}: expected {words}a layer with lines; {nearest(name, drawing.layers)}"
+            )
+    if drawing.unit is None and options.unit is None and path.suffix.lower() == ".dxf":
+        raise InputError(
+            f"{path}: the drawing has no unit that is known ({drawing.unit_from}); say which with --unit, "
+            f"one of {', '.join(METRES)}; its extent is {_extent(drawing.lines)}"
+        )
+    drawing.said = drawing.unit
+    drawing.unit = options.unit or drawing.unit or "m"
+    drawing.scaled(drawing.unit)
+    return drawing
+
+
+def _extent(lines: np.ndarray) -> str:
+    return " x ".join(f"{size:.4g}" for size in np.ptp(lines.reshape(-1, 3), axis=0))
+
+
+def _unit_line(drawing: Drawing, options: Options) -> str:
+    source = (
+        f"from {drawing.unit_from}"
+        if drawing.said
+        else "the file names none: metres taken, --unit says another"
+    )
+    if options.unit:
+        other = f"; the file says {drawing.said}" if drawing.said not in (None, options.unit) else ""
+        source = f"from --unit{other}"
+    return f"unit: {drawing.unit} ({source}); extent {_extent(drawing.lines)} m"
+
+
+def _doubts(drawing: Drawing) -> list[str]:
+    """What the size says about the unit, and a drawing that is flat."""
+    x = drawing.lines.reshape(-1, 3)
+    size, told = np.ptp(x, axis=0), []
+    if not SHORT <= size.max() <= LONG:
+        told.append(f"unit: an extent of {size.max():.4g} m is unusual for a roof; is {drawing.unit} right?")
+    if np.abs(x).max() > 100.0 * size.max():
+        told.append(
+            f"place: the drawing lies {np.abs(x).max():.4g} m from the origin, {size.max():.4g} m in extent"
+        )
+    if size[2] == 0.0:
+        told.append(f"flat: all lines lie at z = {x[0, 2]:g} m; form finding leaves them there")
+    return told
+
+
+def _tell_joining(reading: Reading) -> None:
+    drawing, net = reading.drawing, reading.net
+    moved = np.argwhere(net.moved > ROUNDED)
+    moved = moved[np.argsort(-net.moved[tuple(moved.T)], kind="stable")]
+    at = lambda line, end=0: reading.place(drawing.lines[line, end])
+    name = lambda line: f'layer "{drawing.layers[drawing.layer[line]]}"'
+    far = [
+        f"{1e3 * net.moved[k, e]:.3g} mm at {at(k, e)}, {name(k)}" for k, e in moved[:MOST_PLACES].tolist()
+    ]
+    within = (
+        f"ends of lines lay beside a node, within {1e3 * reading.options.tolerance:g} mm, and were joined"
+    )
+    reading.tell("gap", len(moved), within, far, [drawing.lines[k, e] for k, e in moved.tolist()])
+    short = [f"at {at(k)}, {name(k)}" for k in net.short.tolist()]
+    reading.tell("no length", len(short), "lines are not longer than the tolerance; left out", short)
+    twice = [f"at {at(k, 0)} to {at(k, 1)}, {name(k)}, as on {name(j)}" for k, j in net.twice.tolist()]
+    places = drawing.lines[net.twice[:, 0]].mean(1)
+    reading.tell("duplicate", len(twice), "lines lie on another one; left out", twice, places)
+
+
+def _split_where_asked(reading: Reading) -> None:
+    """Joints: on lines of the layer of supports, and with --split everywhere; else they are told."""
+    net, options = reading.net, reading.options
+    on_edge = _on_support_layer(reading)
+    node, element, _, _ = faults.touches(net.x, net.ends, options.tolerance)
+    pairs, crossing = faults.crossings(net.x, net.ends, options.tolerance)
+    where = lambda e: f'layer "{reading.drawing.layers[reading.drawing.layer[net.line[e]]]}"'
+    cut = np.ones(len(element), bool) if options.split else on_edge[element]
+    cross = np.full(len(pairs), options.split)
+    told = [f"at {reading.place(x)}, {where(e)}" for x, e in zip(net.x[node[~cut]], element[~cut])]
+    advice = "; --split makes joints"
+    what = f"nodes lie on an element between its ends, without a joint{advice}"
+    reading.tell("touch", int((~cut).sum()), what, told, net.x[node[~cut]])
+    told = [
+        f"at {reading.place(x)}, {where(a)} and {where(b)}"
+        for (a, b), x in zip(pairs[~cross], crossing[~cross])
+    ]
+    reading.tell(
+        "crossing", int((~cross).sum()), f"elements cross without a joint{advice}", told, crossing[~cross]
+    )
+    if cut.any() or cross.any():
+        on = np.concatenate([element[cut], *pairs[cross].T])
+        # a node that touches stays where it is; where two cross, the place on the first serves both
+        x = np.concatenate([net.x[node[cut]], crossing[cross], crossing[cross]])
+        reading.net = split(net, on, x, options.tolerance)
+        reading.lines.append(f"split: joints at {int(cut.sum())} touches and {int(cross.sum())} crossings")
+
+
+def _on_support_layer(reading: Reading) -> np.ndarray:
+    """Elements (m,) that are drawn on the layer of the supports, or repeat a line that is."""
+    drawing, net = reading.drawing, reading.net
+    on = np.isin(drawing.layer, rows_called(reading.options.supports, drawing.layers))
+    again = net.twice[on[net.twice[:, 0]], 1]  # left out, for another layer has the same line
+    return on[net.line] | np.isin(net.line, again)
+
+
+def _supports(reading: Reading) -> np.ndarray:
+    """Which nodes (n,) are held; says where that comes from."""
+    drawing, net, asked = reading.drawing, reading.net, reading.options.supports
+    fixed = np.zeros(len(net.x), bool)
+    if asked == OUTLINE or (asked is None and not len(drawing.held)):
+        fixed, roofs = _outline(net)
+        of = f" of each of {roofs} parts" if roofs > 1 else ""
+        why = f"nodes on the outline{of}, and ends of single elements"
+        advice = "" if asked else "; --supports names a layer, points or outline"
+    else:
+        marks = drawing.held if asked is None else drawing.points
+        if asked not in (None, AT_POINTS):
+            marks = marks[np.isin(drawing.point_layer, rows_called(asked, drawing.layers))]
+            fixed[net.ends[_on_support_layer(reading)]] = True
+        why, advice = {None: "as the file says", AT_POINTS: "at points"}.get(asked, f'layer "{asked}"'), ""
+        if len(marks):
+            apart, node = nearest_nodes(net.x, marks)
+            good = apart <= reading.options.tolerance
+            fixed[node[good]] = True
+            told = [
+                f"{1e3 * d:.4g} mm from the nearest node, at {reading.place(x)}"
+                for d, x in _far(apart, marks, good)
+            ]
+            reading.tell(
+                "support", int((~good).sum()), "points of supports are not at a node", told, marks[~good]
+            )
+    reading.lines.append(f"supports: {int(fixed.sum())} of {len(fixed)} nodes are held ({why}){advice}")
+    return fixed
+
+
+def _outline(net: Joined) -> tuple[np.ndarray, int]:
+    """Nodes (n,) on the outline of the net, of each part of it that is a roof, and how many these are.
+
+    The largest part is one; another if its outline holds free nodes, and it has closed faces or some size. So
+    neither a title block's frame nor a stray line becomes one.
+    """
+    of_element = parts_of(len(net.x), net.ends)[net.ends[:, 0]]
+    order = np.argsort(of_element, kind="stable")
+    parts = np.split(net.ends[order], np.cumsum(np.bincount(of_element))[:-1])
+    fixed, roofs = np.zeros(len(net.x), bool), 0
+    for ends in parts:
+        large = len(ends) >= SOME_SIZE * len(parts[0])
+        if not large and len(ends) <= LEAST_OF_A_FACE:
+            continue
+        held, faces = faults.outline(net.x, ends)
+        if ends is parts[0] or (~held[ends].all() and (faces or large)):
+            fixed |= held
+            roofs += 1
+    return fixed, roofs
+
+
+def _far(apart, marks, good):
+    return zip(apart[~good].tolist(), marks[~good], strict=True)
+
+
+def _tell_near_misses(reading: Reading) -> None:
+    net, tolerance = reading.net, reading.options.tolerance
+    reach = faults.reach_of(net.x, net.ends, tolerance)
+    pairs, apart = faults.near_nodes(net.x, net.ends, tolerance, reach)
+    told = [f"{1e3 * d:.4g} mm at {reading.place(net.x[a])}" for (a, _), d in zip(pairs.tolist(), apart)]
+    what = f"pairs of nodes lie closer than {1e3 * reach:.3g} mm, unjoined; a larger --tolerance joins them"
+    reading.tell("near miss", len(pairs), what, told, net.x[pairs[:, 0]])
+    node, _, apart, _ = faults.touches(net.x, net.ends, reach)
+    far = apart > tolerance
+    told = [f"{1e3 * d:.4g} mm at {reading.place(net.x[p])}" for p, d in zip(node[far], apart[far])]
+    what = f"nodes end closer than {1e3 * reach:.3g} mm beside an element"
+    reading.tell("near miss", int(far.sum()), what, told, net.x[node[far]])
+
+
+def _drop_loose_parts(reading: Reading) -> None:
+    """Parts of the net that no support holds are told, and left out: nothing could hold them up."""
+    net, drawing = reading.net, reading.drawing
+    part = parts_of(len(net.x), net.ends)
+    held = np.zeros(part.max() + 1, bool)
+    held[part[reading.fixed]] = True
+    if not held.any():
+        raise InputError(
+            f"{reading.path}: no node is held; --supports takes a layer, points or outline; "
+            f"layers: {', '.join(drawing.layers)}"
+        )
+    of_element = part[net.ends[:, 0]]
+    told, places = [], []
+    _tell_largest(reading, of_element, held[0])
+    for number in np.unique(of_element[of_element > 0]).tolist():
+        mine = of_element == number
+        layers = sorted({drawing.layers[k] for k in drawing.layer[net.line[mine]].tolist()})
+        place = net.x[net.ends[mine][0, 0]]
+        fate = "held by supports of its own" if held[number] else "without a support: left out"
+        told.append(
+            f"{int(mine.sum())} elements at {reading.place(place)}, layer {', '.join(layers)}, {fate}"
+        )
+        places.append(place)
+    reading.tell("loose part", len(told), "parts are not joined to the rest of the net", told, places)
+    kept = held[of_element]
+    nodes = held[part]
+    row = np.cumsum(nodes) - 1
+    reading.net = Joined(net.x[nodes], row[net.ends[kept]], net.line[kept], net.moved, net.short, net.twice)
+    reading.fixed = reading.fixed[nodes]
+
+
+def _tell_largest(reading: Reading, of_element: np.ndarray, held: bool) -> None:
+    """The largest part, where no support holds it: the net is then another one than was meant."""
+    if held:
+        return
+    net, drawing, mine = reading.net, reading.drawing, of_element == 0
+    layers = sorted({drawing.layers[k] for k in drawing.layer[net.line[mine]].tolist()})
+    place = net.x[net.ends[mine][0, 0]]
+    reading.tell(
+        "LARGEST PART LEFT OUT",
+        int(mine.sum()),
+        f"of {len(mine)} elements are without a support; --supports takes a layer, points or outline",
+        [f"at {reading.place(place)}, layer {', '.join(layers)}"],
+        place,
+    )
+
+
+def _tell_loose_ends(reading: Reading) -> None:
+    net = reading.net
+    single = np.bincount(net.ends.ravel(), minlength=len(net.x)) == 1
+    loose = np.flatnonzero(single & ~reading.fixed)
+    told = [f"at {reading.place(net.x[p])}" for p in loose.tolist()]
+    reading.tell("loose end", len(loose), "nodes have one element and no support", told, net.x[loose])

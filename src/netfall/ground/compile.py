@@ -1,0 +1,270 @@
+"""Compile flags of all kernels, in one place.
+
+No fast-math: sums keep their order, so that the bits do not depend on the number of ranks. numpy's error
+model: a division by zero gives inf and not an exception (and does not stop vectorisation).
+"""
+
+import contextlib
+import fcntl
+import hashlib
+import operator
+import shutil
+import time
+from pathlib import Path
+
+import llvmlite.binding
+import numba
+from numba.core import ir, types
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import FunctionPass, register_pass
+from numba.core.cpu import CPUTargetOptions
+from numba.core.ir_utils import get_definition, guard
+from numba.core.options import TargetOptions
+from numba.core.registry import CPUDispatcher
+from numba.core.untyped_passes import IRProcessing
+
+KEPT_DAYS = 30  # of compiled code that these sources did not make; a run of theirs may still be going on
+PACKAGE = Path(__file__).parents[1]
+
+
+def _choose_cache() -> str:
+    """Folder of the code compiled from these very sources; that of versions that nobody runs is removed.
+
+    numba looks only at the file of the function that is called, and would run on with an old law after a
+    change in another file. So the folder's name covers every file that has kernels, or constants of theirs.
+    """
+    files = [(path, path.read_bytes()) for path in sorted(PACKAGE.rglob("*.py"))]
+    compiled = b"".join(text for path, text in files if b"kernel" in text or path.parent.name == "mechanics")
+    parent = Path(numba.config.CACHE_DIR or PACKAGE / "__pycache__")
+    folder = parent / f"netfall-{hashlib.sha256(compiled).hexdigest()[:16]}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:  # installed where nobody may write
+        parent = Path.home() / ".cache" / "netfall"
+        folder = parent / folder.name
+    for old in parent.glob("netfall-*"):
+        with contextlib.suppress(OSError):  # another rank may be removing it
+            if old != folder and time.time() - old.stat().st_mtime > KEPT_DAYS * 86400:
+                shutil.rmtree(old, ignore_errors=True)
+    return str(folder)
+
+
+numba.config.CACHE_DIR = _choose_cache()
+
+
+class FileForEach(IndexDataCacheFile):
+    """Compiled code on disk, each version in a file named by a digest of what it was compiled for.
+
+    numba's own class numbers the files and keeps the numbers in an index. Two processes that compile at the
+    same time take the same number, and from then on one version is loaded for the other.
+    """
+
+    def save(self, key, data):
+        """Write one version, whole or not at all; if two processes write the same one, the last stays."""
+        self._save_data(self._name(key), (self._source_stamp, key, data))
+
+    def load(self, key):
+        """One version; None if there is none that was made of this very source."""
+        try:
+            stamp, kept, data = self._load_data(self._name(key))
+        except OSError:
+            return None
+        return data if (stamp, kept) == (self._source_stamp, key) else None
+
+    def flush(self):
+        """Forget all versions of the function."""
+        for path in Path(self._cache_path).glob(self._stem + ".*"):
+            path.unlink(missing_ok=True)
+
+    @property
+    def _stem(self) -> str:
+        return self._index_name.removesuffix(".nbi")
+
+    def _name(self, key) -> str:
+        return f"{self._stem}.{hashlib.sha256(repr((self._version, key)).encode()).hexdigest()[:24]}"
+
+
+class _Cache(FunctionCache):
+    """numba's cache of a function's versions, but with a file for each.
+
+    Of several processes that lack a version, such as the ranks of a first run, one compiles it.
+    """
+
+    def __init__(self, function):
+        super().__init__(function)
+        index = self._cache_file
+        self._cache_file = FileForEach(self.cache_path, self._impl.filename_base, index._source_stamp)
+        self._turns = {}  # by signature: to compile it
+
+    def load_overload(self, sig, target_context):
+        """One version; None if it is this process that has to compile it."""
+        found = super().load_overload(sig, target_context)
+        if found is None and sig not in self._turns:
+            name = self._cache_file._name(self._index_key(sig, target_context.codegen()))
+            self._turns[sig] = turn(Path(self.cache_path, f"{name}.lock"))
+            found = super().load_overload(sig, target_context)
+            if found is not None:
+                self._end_turn(sig)
+        return found
+
+    def save_overload(self, sig, data):
+        """Write one version, for which others may wait."""
+        super().save_overload(sig, data)
+        self._end_turn(sig)
+
+    def _end_turn(self, sig):
+        lock = self._turns.pop(sig, None)
+        if lock:
+            lock.close()
+
+
+def turn(path: Path, longest: float = 300.0):
+    """The file of a lock, open and locked until it is closed; None where there are no locks.
+
+    longest : s to wait for another process, which may have been stopped in the middle
+    """
+    try:
+        lock = path.open("w")
+    except OSError:
+        return None
+    end = time.monotonic() + longest
+    while time.monotonic() < end:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return lock
+        except BlockingIOError:
+            time.sleep(0.02)
+        except OSError:
+            break
+    lock.close()
+    return None
+
+
+class _Inner(CPUDispatcher):
+    """A function that only kernels call: compiled without the way in from Python, which is long to make."""
+
+    def __call__(self, *args, **kwargs):
+        raise TypeError(f"{self.py_func.__qualname__} can be called by kernels alone")
+
+
+def _compiled(**flags):
+    """Decorator that compiles a function at its first call with arguments of these types, or loads it."""
+
+    def decorate(function):
+        dispatcher = numba.njit(**flags)(function)
+        dispatcher._cache = _Cache(function)
+        if flags.get("no_cpython_wrapper"):
+            dispatcher.__class__ = _Inner
+        return dispatcher
+
+    return decorate
+
+
+@register_pass(mutates_CFG=False, analysis_only=False)
+class AbsentFields(FunctionPass):
+    """Decides `is None` for arguments and for fields of named tuples that are arguments, by their types.
+
+    What a scene does not have is None: `if slots.eps_p is not None`. numba drops a branch on an argument that
+    is None, and with it what the scene lacks. With this pass it does so for fields too, and it drops the
+    other branch as well where the field is there.
+    """
+
+    _name = "absent_fields"
+
+    def __init__(self):
+        FunctionPass.__init__(self)
+
+    def run_pass(self, state):
+        """Rewrite the function in hand; whether anything was."""
+        changed = False
+        for block in state.func_ir.blocks.values():
+            for assign in block.find_insts(ir.Assign):
+                constant = self._constant(state, assign.value)
+                if constant is not None:
+                    definitions = state.func_ir._definitions[assign.target.name]
+                    definitions[definitions.index(assign.value)] = constant
+                    assign.value = constant
+                    changed = True
+        return changed
+
+    def _constant(self, state, value):
+        """The constant that an expression is known to be, None if it is none."""
+        if not isinstance(value, ir.Expr):
+            return None
+        if value.op == "getattr" and isinstance(self._type_of_field(state, value), types.NoneType):
+            return ir.Const(None, value.loc)
+        if value.op == "binop" and value.fn in (operator.is_, operator.is_not):
+            other = guard(get_definition, state.func_ir, value.rhs)
+            kind = self._type_of(state, value.lhs)
+            if isinstance(other, ir.Const) and other.value is None and self._decided(kind):
+                return ir.Const(isinstance(kind, types.NoneType) == (value.fn is operator.is_), value.loc)
+        return None
+
+    def _decided(self, kind):
+        """Whether a type says if a value is None."""
+        return kind is not None and not isinstance(kind, types.Omitted | types.Optional)
+
+    def _type_of(self, state, variable):
+        """Type of a variable that is an argument or a field of one; None if it is neither."""
+        value = guard(get_definition, state.func_ir, variable)
+        if isinstance(value, ir.Const) and value.value is None:
+            return types.none
+        return state.args[value.index] if isinstance(value, ir.Arg) else self._type_of_field(state, value)
+
+    def _type_of_field(self, state, value):
+        """Type of a field of an argument; None if the expression is something else."""
+        if not (isinstance(value, ir.Expr) and value.op == "getattr"):
+            return None
+        owner = self._type_of(state, value.value)
+        if not isinstance(owner, types.BaseNamedTuple) or value.attr not in owner.fields:
+            return None
+        return owner.types[owner.fields.index(value.attr)]
+
+
+class _Pipeline(CompilerBase):
+    """numba's own, with `AbsentFields` before branches are dropped."""
+
+    def define_pipelines(self):
+        """The passes in their order."""
+        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.add_pass_after(AbsentFields, IRProcessing)
+        passes.finalize()
+        return [passes]
+
+
+FLAGS = {"error_model": "numpy", "fastmath": False, "pipeline_class": _Pipeline, "no_cfunc_wrapper": True}
+INNER = {"no_cpython_wrapper": True}  # a third of the time to compile goes into ways in from Python
+
+# Hardware gathers are a trap on processors whose microcode was mended against leaks through them: four
+# times slower there than plain loads into the lanes of a vector, which are as fast elsewhere or nearly so.
+# And where there are registers of 512 bits, the step is a third faster with them, also on processors for
+# which the compiler prefers halves.
+numba.config.CPU_FEATURES = (
+    numba.config.CPU_FEATURES or llvmlite.binding.get_host_cpu_features().flatten()
+) + ",+prefer-no-gather,-prefer-256-bit"
+
+# The compiler vectorises a loop that reads x of neighbours and writes v only if it knows that the two are
+# different arrays. numba has the flag (its own parallel loops use it) but gives it no name in the
+# decorator: this does.
+CPUTargetOptions.noalias = TargetOptions.Mapping("noalias")
+
+allocating_kernel = _compiled(**FLAGS)
+# What makes no arrays needs no count of their owners, which would take a microsecond of every step.
+kernel = _compiled(**FLAGS, _nrt=False)
+# The other three are for kernels to call.
+inner_kernel = _compiled(**FLAGS, **INNER, _nrt=False)
+# A call within a loop would keep it from being vectorised.
+part_of_kernel = _compiled(**FLAGS, **INNER, _nrt=False, forceinline=True)
+# No two array arguments may overlap if either is written.
+vector_kernel = _compiled(**FLAGS, **INNER, _nrt=False, noalias=True)
+
+
+@kernel
+def _nothing():
+    return 0
+
+
+def wake() -> None:
+    """Pay for the first call of compiled code, some 0.3 s, at a time when there is nothing else to do."""
+    _nothing()

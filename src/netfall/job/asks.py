@@ -1,0 +1,49 @@
+"""Questions that a job answers by itself: which stages it has, what it loads, what may break."""
+
+from netfall.job.read import Job
+
+
+def rests_in_wind(job: Job) -> bool:
+    """Whether the dynamic stage begins at rest under the mean wind."""
+    return job.wind is not None and job.wind.onset == "static"
+
+
+def rests_at_loss(job: Job) -> bool:
+    """Whether it begins at rest under all loads, without wind, because something is lost in it."""
+    return bool(job.removes and job.dynamics) and job.wind is None
+
+
+def has_statics(job: Job) -> bool:
+    """Whether equilibria are looked for before the dynamic stage."""
+    rests = rests_in_wind(job) or rests_at_loss(job)
+    return bool(job.cases or (job.load and job.load.steps) or rests)
+
+
+def grows(job: Job) -> bool:
+    """Whether the pressure of [load] grows in the dynamic stage."""
+    load = job.load
+    there = any(value is not None for value in job.loads("pressure"))
+    return bool(job.dynamics and there and load.ramp and not load.steps)
+
+
+def carries_weight(job: Job) -> bool:
+    """Whether what particles carry besides the elements weighs something: dead load, snow."""
+    load = job.load
+    tables = [vars(load), *load.zone.values()] if load else []
+    return any(table.get(key) for table in tables for key in ("dead", "snow"))
+
+
+def roof_groups(job: Job) -> list[str]:
+    """The groups whose faces carry the roof; none: all do."""
+    return list(job.roof.groups or ()) if job.roof else []
+
+
+def loads_the_roof(job: Job) -> bool:
+    """Whether something acts on the areas of the roof."""
+    weighs = any(job.loads("dead") + job.loads("snow"))
+    return job.wind is not None or weighs or any(value is not None for value in job.loads("pressure"))
+
+
+def along_normals(job: Job) -> bool:
+    """Whether something acts along the normals of the roof."""
+    return job.wind is not None or any(isinstance(value, int | float) for value in job.loads("pressure"))

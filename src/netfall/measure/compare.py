@@ -1,0 +1,175 @@
+"""Outcomes against a reference: errors, which settings nothing beats, table and picture."""
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from netfall.measure.outcome import Outcome
+from netfall.write.locks import whole
+from netfall.write.space import h5_updated
+
+ERRORS = ("displacement", "tension", "first_fracture", "broken")
+NEAR = 0.08  # decades, in which points of the picture share a name
+
+
+@dataclass
+class Row:
+    """A setting with its errors: relative ones, but for the overlap (Jaccard index of the broken sets)."""
+
+    setting: str
+    outcome: Outcome
+    errors: dict[str, float]
+    error: float  # the largest of the relative ones
+    best: bool = False  # nothing is both faster and closer
+
+
+def compare(setting: str, found: Outcome, exact: Outcome) -> Row:
+    """Errors against the reference."""
+    if found.state != "finished":
+        return Row(setting, found, dict.fromkeys((*ERRORS, "overlap"), np.nan), np.inf)
+    errors = {
+        "displacement": _relative(found.largest_displacement, exact.largest_displacement),
+        "tension": _relative(found.largest_tension, exact.largest_tension),
+        "first_fracture": _relative(found.first_fracture, exact.first_fracture),
+        "broken": _relative(found.broken, exact.broken),
+    }
+    mine, theirs = set(found.broken_elements.split()), set(exact.broken_elements.split())
+    overlap = len(mine & theirs) / max(1, len(mine | theirs)) if mine or theirs else 1.0
+    return Row(setting, found, errors | {"overlap": overlap}, max(errors.values()))
+
+
+def _relative(found: float, exact: float) -> float:
+    """Error of one quantity; none where neither run has it, infinite where only one has."""
+    if found == exact or not (np.isfinite(found) or np.isfinite(exact)):
+        return 0.0
+    if np.isfinite(found) and exact and np.isfinite(exact):
+        return abs(found - exact) / abs(exact)
+    return np.inf
+
+
+def mark_best(rows: list[Row]) -> None:
+    """Mark the Pareto front of run time and error."""
+    for row in rows:
+        row.best = row.outcome.state == "finished" and not any(
+            other.outcome.state == "finished"
+            and other.outcome.seconds <= row.outcome.seconds
+            and other.error <= row.error
+            and (other.outcome.seconds, other.error) != (row.outcome.seconds, row.error)
+            for other in rows
+        )
+
+
+def cheapest(rows: list[Row], tolerance: float) -> Row | None:
+    """The fastest setting within the tolerance."""
+    return min(
+        (row for row in rows if row.error <= tolerance), key=lambda row: row.outcome.seconds, default=None
+    )
+
+
+def as_text(rows: list[Row], exact: Outcome, tolerance: float) -> list[str]:
+    """The table for the eye, the front marked with *, and the cheapest setting within the tolerance."""
+    ranked = sorted(rows, key=lambda row: row.outcome.seconds)
+    mark = lambda row: "\\* " if row.best else ""
+    return [
+        "| setting | step [s] | seconds | displacement [m] | tension [kN] | first fracture [s] (element) "
+        "| broken | overlap | balance | error |",
+        "|" + "---|" * 10,
+        _line("**reference**", exact, 1.0, 0.0),
+        *(_line(mark(row) + row.setting, row.outcome, row.errors["overlap"], row.error) for row in ranked),
+        f"cheapest within an error of {tolerance:g}: {_advice(cheapest(rows, tolerance), exact)}"
+        "; * nothing else is both faster and closer",
+    ]
+
+
+def _line(name: str, o: Outcome, overlap: float, error: float) -> str:
+    if o.state != "finished":
+        return f"| {name} | | | {o.state} | | | | | | |"
+    first = f"{o.first_fracture:.5f} ({o.first_element})" if o.broken else "none"
+    return (
+        f"| {name} | {o.time_step:.3g} | {o.seconds:.3g} | {o.largest_displacement:.5g} "
+        f"| {o.largest_tension / 1e3:.5g} | {first} | {o.broken} | {overlap:.2f} "
+        f"| {o.balance_error:.1e} | {error:.2g} |"
+    )
+
+
+def _advice(found: Row | None, exact: Outcome) -> str:
+    if found is None:
+        return "none of these"
+    seconds = found.outcome.seconds
+    faster = f"{exact.seconds / seconds:.1f} times faster than the reference"
+    return f"{found.setting} ({seconds:.3g} s, {faster})"
+
+
+def write_table(path: Path, rows: list[Row], **attributes) -> None:
+    """The table as datasets of one length, /table; attributes say what it was measured against."""
+    with h5_updated(path) as file:
+        file.pop("table", None)
+        group = file.create_group("table")
+        group.attrs.update(attributes)
+        group["setting"] = np.array([row.setting for row in rows], h5py.string_dtype())
+        group["error"] = np.array([row.error for row in rows])
+        group["pareto"] = np.array([row.best for row in rows], np.uint8)
+        group["overlap"] = np.array([row.errors["overlap"] for row in rows])
+        for name in ERRORS:
+            group[f"{name}_error"] = np.array([row.errors[name] for row in rows])
+        for field in fields(Outcome):
+            values = [getattr(row.outcome, field.name) for row in rows]
+            dtype = h5py.string_dtype() if isinstance(values[0], str) else None
+            group[field.name] = np.array(values, dtype)
+
+
+def draw(title: str, rows: list[Row], exact: Outcome, tolerance: float, path: Path) -> Path:
+    """Run time against error."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, (axes, names) = plt.subplots(1, 2, figsize=(11, 6), width_ratios=(3, 1.3), layout="constrained")
+    finished = sorted(
+        (row for row in rows if row.outcome.state == "finished" and np.isfinite(row.error)),
+        key=lambda row: row.outcome.seconds,
+    )
+    _points(axes, finished)
+    lines = "\n".join(f"{number:2d}  {row.setting}" for number, row in enumerate(finished, 1))
+    lines = lines.replace(", ", ",\n      ")
+    names.axis("off")
+    names.text(0.0, 1.0, lines, va="top", fontsize=8, transform=names.transAxes)
+    axes.axhline(tolerance, color="C3", lw=0.8, ls="--", label=f"tolerance {tolerance:g}")
+    axes.axvline(exact.seconds, color="0.5", lw=0.8, ls=":", label="reference")
+    axes.set(xscale="log", yscale="log", xlabel="dynamic stage [s]", ylabel="largest relative error")
+    axes.set_title(f"{title}: run time against error")
+    axes.margins(x=0.2)
+    axes.legend(fontsize=8)
+    with whole(path) as place:
+        figure.savefig(place, dpi=130)
+    plt.close(figure)
+    return path
+
+
+def _points(axes, finished: list[Row]) -> None:
+    """The settings as points with their numbers, and the front as a line."""
+    floor = min([row.error for row in finished if row.error > 0], default=1e-6) / 3
+    places = [(row.outcome.seconds, max(row.error, floor)) for row in finished]
+    front = np.array([place for place, row in zip(places, finished) if row.best]).reshape(-1, 2)
+    axes.plot(*front.T, color="C0", lw=1, zorder=1, label="nothing is both faster and closer")
+    for place, row in zip(places, finished):
+        axes.plot(*place, "o", color="C0" if row.best else "0.6")
+    for numbers in _together(places):
+        text = ", ".join(str(k + 1) for k in numbers)
+        axes.annotate(text, places[numbers[0]], xytext=(5, 5), textcoords="offset points", fontsize=8)
+
+
+def _together(places: list[tuple[float, float]]) -> list[list[int]]:
+    """Groups of points whose names would hide one another."""
+    groups: list[list[int]] = []
+    at = np.log10(places).reshape(-1, 2)
+    for k in range(len(places)):
+        group = next((group for group in groups if np.abs(at[group[0]] - at[k]).max() < NEAR), None)
+        if group is None:
+            groups.append([k])
+        else:
+            group.append(k)
+    return groups

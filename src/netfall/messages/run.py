@@ -1,0 +1,311 @@
+"""The sentences of `run` and `check`: what the net is, what was found, what a user should know."""
+
+from pathlib import Path
+
+import numpy as np
+
+from netfall.ground.progress import Progress
+from netfall.ground.timings import Phases
+from netfall.job.asks import has_statics, rests_at_loss, rests_in_wind
+from netfall.job.read import Job
+from netfall.mechanics.events import EventLog
+from netfall.mechanics.material import largest_stiffness
+from netfall.mechanics.stability import Limit
+from netfall.messages.wind import wind_notes
+from netfall.model.model import Model, features_of
+from netfall.model.schedule import Schedule, step_at
+from netfall.numerics.functions import lengths
+from netfall.parallel import partition
+from netfall.program.setup import Setup
+from netfall.record.envelope import PREFIX
+from netfall.record.history import MOST_STRAIN, History, most_strained
+from netfall.results.form_lines import form_lines
+from netfall.results.notes import balance_notes
+from netfall.results.overload_lines import Carried, overload_lines, strength_of
+from netfall.roof.plan import listed
+from netfall.stages.dynamics import Simulation
+
+HALF_DIGIT = 2.0**-25  # of a single-precision number just below 1: what is less is lost when added to it
+MUCH_LONGER = 0.01  # of the duration: a last step that ends later is told
+AT_REST = 1e-6  # of the largest tension: a larger residual of the start is told
+
+
+def before_run(job: Job, setup: Setup, schedule: Schedule | None, progress: Progress) -> None:
+    """The lines that a user reads before the run, on rank 0."""
+    model = setup.model
+    if model is None:
+        return
+    progress.say(f"{net_line(model)}, roof {model.area.sum():.1f} m2")
+    for note in model.notes():
+        progress.say(f"note: {note}")
+    if setup.distribution.comm.size > 1:
+        progress.say(partition_line(model, setup.distribution.comm.size))
+    N = model.N
+    if setup.form:
+        progress.say(f"{form_line(setup)}; tensions {N.min():.4g} to {N.max():.4g} N")
+        for line in moved_lines(model):
+            progress.say(line)
+    elif starts_moving(job, setup):
+        progress.say(f"{start_note(setup)}, largest tension {setup.reference:.3g} N")
+    if schedule:
+        for limit in setup.limits.values():
+            progress.detail(limit_line(limit, model))
+        for remark in remarks_of(job, setup, schedule.dt):
+            progress.say(remark)
+
+
+def after_run(
+    setup: Setup, log: EventLog, simulation: Simulation | None, path: Path, phases: Phases, progress: Progress
+):
+    """The last lines of a run, on rank 0. Collective."""
+    history = simulation and simulation.history
+    strained = _most_strained(setup, history)
+    envelope = simulation.envelope.arrays(simulation.state) if log.events else {}
+    if setup.model is None:
+        return
+    if log.events:
+        first = log.events[0]
+        progress.say(
+            f"fractures: {len(log.broken)} elements, the first at t = {first.time:.4f} s "
+            f"(element {setup.model.id_of(first.element)})"
+        )
+    if history is not None:
+        identity, balance = history.largest("identity_error"), history.largest("balance_error")
+        if np.isfinite(identity):  # not without the audit
+            progress.say(
+                f"energy: work identity to {identity:.1e}, physical balance to {balance:.1e} of the energy "
+                "that took part"
+            )
+            for note in balance_notes(
+                *(np.array(history.rows[k]) for k in ("time", "balance_error", "broken"))
+            ):
+                progress.say(note)
+    if envelope:
+        for note in _overloads(setup.model, log, envelope[f"{PREFIX}tension"]):
+            progress.say(note)
+    for note in _strain_notes(setup.model, *strained):
+        progress.say(note)
+    progress.say("time: " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in phases.seconds.items()))
+    progress.say(f"written: {path}")
+
+
+def _overloads(model: Model, log: EventLog, tension: np.ndarray) -> list[str]:
+    """Notes on tensions that no element bears. tension : (m, 4), as `envelope.TENSION` has them"""
+    ends, broke = model.net.elements, np.full(model.net.m, np.nan)
+    for event in reversed(log.events):  # of two ends the first
+        broke[event.element] = event.time
+    along = model.x[ends[:, 1]] - model.x[ends[:, 0]]
+    strength = strength_of(model.EA, model.eps_u, model.yield_force)
+    carried = Carried(ends, along / lengths(along)[:, None], strength, tension[:, 0], tension[:, 1], broke)
+    name = lambda e: f"{model.id_of(e)} ({'-'.join(str(model.net.node_id[p]) for p in ends[e])})"
+    return overload_lines(carried, name)
+
+
+def _most_strained(setup: Setup, history: History | None) -> tuple[float, float, int]:
+    """Largest strain without a limit, its time [s] and its element, of the run or of its end. Collective."""
+    if history is not None:
+        here = history.most_strained
+    else:
+        N, eps, _, _ = setup.state.elements_now()
+        here = most_strained(setup.state, np.nan, eps, N, setup.distribution.subdomain.element_gid)
+    return max(setup.distribution.comm.allgather(here), key=lambda found: (found[0], -found[2]))
+
+
+def _strain_notes(model: Model, strain: float, time: float, element: int) -> list[str]:
+    """A note on an element that was stretched, or compressed, as no cable bears it. time : [s], nan: none"""
+    if element < 0:
+        return []
+    at = "" if np.isnan(time) else f" at t = {time:.4g} s"
+    return [
+        f"note: element {model.element_name(element)} has a strain of {strain:.3g}{at}, above the "
+        f"{MOST_STRAIN:g} that any cable bears, and no fracture_strain: check loads and units, or give "
+        "[cable] yield_stress and fracture_strain"
+    ]
+
+
+def net_line(model: Model) -> str:
+    """How large the net is."""
+    return f"net: {model.net.n} particles ({int((~model.moves).sum())} fixed), {model.net.m} elements"
+
+
+def partition_line(model: Model, ranks: int) -> str:
+    """How the net is split."""
+    elements = model.net.elements
+    return (
+        f"partition: {model.partition_source}, {partition.edge_cut(elements, model.part)} elements cut, "
+        f"fullest part {partition.imbalance(elements, model.part, ranks):.2f} of the mean"
+    )
+
+
+def form_line(setup: Setup) -> str:
+    """How well the form was found."""
+    reference = max(setup.form.reference, 1e-300)
+    return (
+        f"form finding: {setup.form.iterations} iterations, largest residual "
+        f"{setup.form.residual / reference:.2g} of the prestress; with the real material "
+        f"{setup.residual / reference:.2g}"
+    )
+
+
+def moved_lines(model: Model) -> list[str]:
+    """What form finding did to the geometry that was given."""
+    area = float(model.area.sum())
+    return form_lines(model.net.x, model.x, model.moves, model.net.node_id, model.area_given, area)
+
+
+def rest_words(job: Job) -> str:
+    """In which rest the dynamic stage begins; "": in none of its own."""
+    if rests_in_wind(job):
+        return "rest under the mean wind"
+    return "rest under all loads" if rests_at_loss(job) else ""
+
+
+def starts_moving(job: Job, setup: Setup) -> bool:
+    """Whether the start is not in equilibrium, and nothing is done about it before it moves."""
+    if has_statics(job):
+        return False
+    if job.load and job.load.temperature:
+        return True
+    return setup.residual > AT_REST * max(setup.reference, 1e-300) and setup.residual > 0
+
+
+def start_note(setup: Setup) -> str:
+    """That the start is not in equilibrium."""
+    return f"note: the start is not in equilibrium: largest residual {setup.residual:.3g} N"
+
+
+def stages(job: Job) -> list[str]:
+    """The stages that the job has, in order."""
+    found = []
+    if job.form_finding:
+        found.append(f"form finding ({job.form_finding.method})")
+    statics = [f"{job.load.steps} load steps"] if job.load and job.load.steps else []
+    statics += [f"{len(job.cases)} cases"] if job.cases else []
+    if statics:
+        found.append(f"statics ({', '.join(statics)})")
+    if words := rest_words(job):
+        found.append(words)
+    if job.dynamics:
+        found.append(f"dynamics ({job.dynamics.duration:g} s)")
+    return found or ["none: the net alone"]
+
+
+def feature_words(job: Job, model: Model) -> str:
+    """What the scene has, in words."""
+    features, load = features_of(job, model.net), job.load
+    words = (
+        ("yield", features.plastic),
+        ("fracture", features.fracture),
+        ("wind", features.wind),
+        ("damping", bool(job.dynamics and job.dynamics.damping)),
+        ("self weight", bool(load and load.self_weight)),
+        ("dead load", any(job.loads("dead"))),
+        ("snow", any(job.loads("snow"))),
+        ("static pressure", any(value is not None for value in job.loads("pressure"))),
+        ("temperature", bool(load and load.temperature)),
+        ("elastic supports", features.springs),
+        ("logarithmic strain", features.logarithmic),
+        ("broken elements taken out", features.fracture and not features.fragments),
+        (f"{features.precision} precision", features.displaced),
+    )
+    return ", ".join(word for word, there in words if there) or "elastic elements alone"
+
+
+def limit_line(limit: Limit, model: Model) -> str:
+    """A step limit in words."""
+    meaning = {
+        "any_shape": "stable step, intact, in any shape",
+        "slackening": "step for cables that go slack and come taut again",
+        "after_fracture": "stable step after any fracture",
+        "assembled": "stable step of the net as it starts, all cables taut",
+    }[limit.name]
+    if limit.element < 0:
+        return f"{meaning}: no limit"
+    return f"{meaning}: {limit.dt:.4g} s, set by element {model.element_name(limit.element)}"
+
+
+def remarks_of(job: Job, setup: Setup, dt: float) -> list[str]:
+    """What a user should know of the wind, of the step, of dt [s], and of the probes."""
+    return (
+        wind_notes(job, setup.model)
+        + step_remarks(job, setup, dt)
+        + probe_remarks(setup.model, job.output.probes)
+    )
+
+
+def probe_remarks(model: Model, probes) -> list[str]:
+    """Notes on probes far from any node, by more than the longest element, or where several lie in plan.
+
+    probes : of the job; those that are ids of nodes have none
+    """
+    net, remarks = model.net, []
+    ends = model.x[net.elements]
+    longest = np.sqrt(np.sum((ends[:, 1] - ends[:, 0]) ** 2, axis=1)).max(initial=0.0)
+    for place, p in zip(probes, model.probes.particles):
+        if isinstance(place, int):
+            continue
+        axes, name = len(place), ", ".join(f"{value:g}" for value in place)
+        distance = np.linalg.norm(net.x[:, :axes] - np.array(place), axis=1)
+        away = float(distance[p])
+        level = np.flatnonzero(distance <= away + net.tolerance)
+        if axes == 2 and len(level) > 1 and np.ptp(net.x[level, :2], axis=0).max() <= net.tolerance:
+            remarks.append(
+                f"note: [output] probes: [{name}]: nodes {listed(net.node_id[level])} lie above one another "
+                f"there; its histories are those of node {net.node_id[p]} ([x, y, z] or an id tell)"
+            )
+        if away > longest:
+            at = ", ".join(f"{value:.6g}" for value in net.x[p, :axes])
+            remarks.append(
+                f"note: [output] probes: [{name}] is {away:.4g} m away from every node, the longest element "
+                f"{longest:.4g} m long; its histories are those of node {net.node_id[p]}, at [{at}]"
+            )
+    return remarks
+
+
+def step_remarks(job: Job, setup: Setup, dt: float) -> list[str]:
+    """What a user should know of mass that was added, of the precision, and of a fixed step.
+
+    dt : [s] the step
+    """
+    remarks = []
+    if setup.model.added is not None:
+        remarks.append(_added_mass(setup.model))
+    if job.dynamics.precision != "double":
+        remarks.append(_rounding(job.dynamics.precision, setup.model, dt))
+    end = step_at(job.dynamics.duration, dt) * dt
+    if end > (1.0 + MUCH_LONGER) * job.dynamics.duration:
+        remarks.append(
+            f"note: time_step = {dt:g} does not divide duration = {job.dynamics.duration:g}: the run ends at "
+            f"t = {end:.6g} s"
+        )
+    limit = setup.limits["slackening"]
+    if job.dynamics.time_step != "auto" and job.dynamics.time_step > limit.dt:
+        element, length = setup.model.net.element_id[limit.element], setup.model.L0[limit.element]
+        remarks.append(
+            f"note: time_step = {job.dynamics.time_step:g} is above {limit.dt:.4g} s, from which on cables "
+            f"that go slack and come taut again gain energy (first: element {element}, {length:.3g} m): "
+            "it is right as long as short cables stay taut"
+        )
+    return remarks
+
+
+def _added_mass(model: Model) -> str:
+    added, own = model.added, model.mass - model.added
+    most = int(np.argmax(added / np.where(own > 0.0, own, 1.0)))
+    return (
+        f"mass scaling: {added.sum():.4g} kg of inertia added at {int((added > 0.0).sum())} of {len(added)} "
+        f"particles, {added.sum() / own[model.moves].sum():.2%} of what moves; at most "
+        f"{added[most] / own[most]:.2g} times a particle's own (node {model.net.node_id[most]})"
+    )
+
+
+def _rounding(precision: str, model: Model, dt: float) -> str:
+    stiffness = largest_stiffness(model.EA, model.L0)
+    stiffest = int(np.argmax(stiffness))
+    lost = f", and what is slower than {HALF_DIGIT / dt:.2g} m/s stands still with this step"
+    return (
+        f"note: {precision} precision: where displacements are near 1 m, tensions are rounded to "
+        f"{2.0 * HALF_DIGIT * stiffness[stiffest]:.2g} N in element {model.net.element_id[stiffest]} "
+        f"({model.L0[stiffest]:.3g} m)"
+        + ("" if precision == "mixed" else f'{lost} (precision = "mixed" lets it move)')
+    )

@@ -1,0 +1,168 @@
+"""What `check` tells of the wind, and /wind keeps: intensity, gust factor, what the gusts lack."""
+
+import math
+
+import numpy as np
+
+from netfall.job.read import Job
+from netfall.model.loads import mean_pressure
+from netfall.model.model import Model
+from netfall.wind.sectors import bearing
+from netfall.wind.spectra import Gust, gust_of, intensity
+
+MOST_NEGATIVE = 0.01  # share of negative speeds from which on they are noted
+MOST_LOST = 0.05  # of the variance
+MOST_OFF = 0.15  # of the spectrum in a half octave
+FEW_LENGTHS = 10.0  # gust lengths in the duration below which one history says little
+EULER = 0.5772
+
+
+def wind_lines(job: Job, model: Model) -> list[str]:
+    """The figures of the wind; none without wind."""
+    wind = job.wind
+    if wind is None:
+        return []
+    if wind.pressures:
+        return [_tap_line(job, model)]
+    if wind.file:
+        return _measured_lines(job, model)
+    gust = gust_of(wind)
+    return (
+        _gust_lines(job, model, gust)
+        if gust
+        else [f"wind: steady, {wind.speed:g} m/s at 10 m, {bearing(wind.direction)}"]
+    )
+
+
+def wind_notes(job: Job, model: Model) -> list[str]:
+    """What a user should know of the wind."""
+    if job.wind is None:
+        return []
+    gust = gust_of(job.wind)
+    return _gust_notes(job, model, gust) if gust else []
+
+
+def expected_gust_factor(gust: Gust, dt: float, duration: float) -> float:
+    """Largest speed in a duration [s] over the mean, expected at 10 m, of samples dt [s] apart.
+
+    1 + g I, g = sqrt(2 ln nu T) + 0.577 / sqrt(2 ln nu T) (Davenport 1964), nu the rate of upward crossings
+    of the mean.
+    """
+    n = np.geomspace(1e-4 * gust.speed / gust.length, 0.5 / dt, 2000)
+    S = gust.spectrum(n)
+    rate = math.sqrt(np.trapezoid(n**2 * S, n) / np.trapezoid(S, n))
+    root = math.sqrt(2.0 * math.log(max(rate * duration, math.e)))
+    return 1.0 + (root + EULER / root) * gust.deviation / gust.speed
+
+
+def negative_share(mean: np.ndarray, deviation: float) -> float:
+    """Share of negative speeds expected at points of means (c,) [m/s], of a normal distribution."""
+    return float(np.mean([0.5 * math.erfc(u / (math.sqrt(2.0) * deviation)) for u in mean]))
+
+
+def gust_lengths(job: Job, gust: Gust) -> float:
+    """How many gusts of the spectrum's length pass in the duration."""
+    return job.dynamics.duration * gust.speed / gust.length
+
+
+def wind_section(job: Job, model: Model, time: np.ndarray, gust: np.ndarray) -> dict[str, np.ndarray]:
+    """The datasets of /wind from samples at times (t,) [s], gusts (t, c) [m/s]."""
+    if job.wind.pressures:
+        return {
+            "tap": model.wind_field.control_point,
+            "time": time,
+            "pressure": gust,
+            "mean_pressure": mean_pressure(job, None, model.wind_field, model.history.mean_gust),
+        }
+    speed = model.wind_field.control_mean + gust
+    mean = model.wind_field.control_mean + model.history.mean_gust
+    section = {
+        "control_point": model.wind_field.control_point,
+        "time": time,
+        "speed": speed,
+        "mean_speed": mean,
+        "gust_factor": speed.max(0) / np.where(mean > 0.0, mean, np.nan),
+        "negative_share": np.mean(speed < 0.0, axis=0),
+        "shape_coefficient": model.shape_coefficient,
+        "mean_pressure": mean_pressure(
+            job, model.shape_coefficient, model.wind_field, model.history.mean_gust
+        ),
+    }
+    generated = gust_of(job.wind)
+    if generated:
+        losses = model.wind_field.model.losses
+        section |= {
+            "turbulence": np.float64(intensity(job.wind)),
+            "variance_beyond": np.float64(losses.beyond),
+            "variance_between": np.float64(losses.between),
+            "spectrum_misfit": np.float64(losses.misfit),
+            "gust_lengths": np.float64(gust_lengths(job, generated)),
+        }
+    return section
+
+
+def _gust_lines(job: Job, model: Model, gust: Gust) -> list[str]:
+    wind, field = job.wind, model.wind_field
+    losses, share = field.model.losses, negative_share(field.control_mean, gust.deviation)
+    factor = expected_gust_factor(gust, wind.time_step, job.dynamics.duration)
+    little = ", so one seed says little" if gust_lengths(job, gust) < FEW_LENGTHS else ""
+    return [
+        f"wind: {wind.speed:g} m/s at 10 m, {bearing(wind.direction)}, intensity "
+        f"{intensity(wind):.3g} there ({gust.deviation:.3g} m/s, "
+        f"{wind.spectrum}); {len(field.control_point)} control points with means of "
+        f"{field.control_mean.min():.4g} to {field.control_mean.max():.4g} m/s, {share:.2%} of their speeds "
+        "negative",
+        f"gusts: the duration holds {gust_lengths(job, gust):.3g} gust lengths "
+        f"({gust.length:g} m / U0 = {gust.length / gust.speed:.3g} s){little}; expected gust factor "
+        f"{factor:.3g} at 10 m",
+        f"gusts: samples {wind.time_step:g} s apart lack {losses.beyond:.2%} of the variance, which lies "
+        f"above {0.5 / wind.time_step:.4g} Hz, and linear interpolation between them takes "
+        f"{losses.between:.2%} of the rest; with {len(field.model.lags)} lags the half octave from "
+        f"{losses.misfit_low:.3g} Hz is the farthest off, by {losses.misfit:+.0%}",
+    ]
+
+
+def _gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
+    wind, losses, notes = job.wind, model.wind_field.model.losses, []
+    share = negative_share(model.wind_field.control_mean, gust.deviation)
+    if share > MOST_NEGATIVE:
+        key = "roughness" if wind.turbulence is None else "turbulence"
+        notes.append(
+            f"note: [wind] {key} = {getattr(wind, key):g}: {share:.1%} of the speeds are negative; the force "
+            "goes with the square of the speed, so what is suction stays suction there; codes give "
+            "intensities of 0.15 to 0.2 in open terrain"
+        )
+    lost = 1.0 - (1.0 - losses.beyond) * (1.0 - losses.between)
+    if lost > MOST_LOST:
+        notes.append(
+            f"note: [wind] time_step = {wind.time_step:g}: {lost:.1%} of the gusts' variance is lost; "
+            "a shorter one loses less, by its power of 2/3"
+        )
+    if abs(losses.misfit) > MOST_OFF:
+        notes.append(
+            f"note: [wind] ar_order = {wind.ar_order}: the spectrum is off by {losses.misfit:+.0%} in the "
+            f"half octave from {losses.misfit_low:.3g} Hz; more lags fit better"
+        )
+    return notes
+
+
+def _tap_line(job: Job, model: Model) -> str:
+    mean = model.history.mean_gust
+    return (
+        f"wind: {job.wind.pressures}, pressures at {len(mean)} taps: means of {mean.min():.4g} to "
+        f"{mean.max():.4g} N/m2 over the duration; each node takes the four nearest in plan"
+    )
+
+
+def _measured_lines(job: Job, model: Model) -> list[str]:
+    """Of a table, over the duration."""
+    history = model.history
+    last = int(np.searchsorted(history.time, job.dynamics.duration)) + 1
+    section = wind_section(job, model, history.time[:last], history.speed[:last])
+    mean, count = section["mean_speed"], len(section["mean_speed"])
+    where = "one speed at 10 m" if history.places is None else f"{count} points"
+    return [
+        f"wind: {job.wind.file}, {where}, {bearing(job.wind.direction)}: means of {mean.min():.4g} to "
+        f"{mean.max():.4g} m/s over the duration, gust factors of {section['gust_factor'].min():.3g} to "
+        f"{section['gust_factor'].max():.3g}"
+    ]

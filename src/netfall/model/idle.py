@@ -1,0 +1,169 @@
+"""Keys and columns that are given but change nothing in this job."""
+
+import difflib
+
+import numpy as np
+
+from netfall.job.asks import grows, has_statics, loads_the_roof
+from netfall.job.read import Job
+from netfall.job.values import shown
+from netfall.net.net import Net
+from netfall.roof.zones import Zones, named_zones
+from netfall.wind.sectors import Sectors, origin
+from netfall.wind.spectra import intensity
+
+ALIKE = 0.8  # share of letters from which two names of groups may have been meant as one
+OF_GUSTS = ("time_step", "ar_order", "seed", "control_points", "coherence_decay", "spectrum", "gust_length")
+
+
+def without_effect(job: Job, net: Net) -> list[str]:
+    """A note for each key of the job file, or column of a table, that is given and has no effect."""
+    given = job.given()
+    notes = []
+    for section, keys, idle, why in _idle_keys(job, net):
+        there = [key for key in keys if f"{section}.{key}" in given]
+        if idle and there:
+            notes.append(f"[{section}] {', '.join(there)}: no effect: {why}")
+    return (
+        notes + _idle_sections(job, net, given) + _idle_columns(job, net) + _groups_without_section(job, net)
+    )
+
+
+def _idle_keys(job: Job, net: Net) -> list[tuple]:
+    """Section, keys, whether they have no effect, why."""
+    form, load, wind, moves, output = job.form_finding, job.load, job.wind, job.dynamics, job.output
+    breaks = bool(np.isfinite(net.fracture_strain).any())
+    fixed = moves is not None and moves.time_step != "auto"
+    rows = [
+        (
+            "output",
+            ("frames", "history", "energy", "probes", "elements", "checkpoint"),
+            not moves,
+            "there is no [dynamics]",
+        ),
+        (
+            "output",
+            ("checkpoint",),
+            moves and output.checkpoint >= moves.duration,
+            "it is not shorter than the duration",
+        ),
+    ]
+    if job.net.generator in ("wheel", "dome"):
+        own = f"the {job.net.generator} has the prestress of its own equilibrium"
+        rows.append(("cable", ("prestress",), True, own))
+    if moves:
+        whole = not moves.fragments
+        rows += [
+            ("dynamics", ("safety",), fixed and (whole or not breaks), "time_step is fixed"),
+            ("dynamics", ("fragment_mass", "fragments"), not breaks, "nothing can break"),
+            ("dynamics", ("fragment_mass",), breaks and whole, "with fragments = false nothing splits off"),
+        ]
+    if load:
+        rows.append(
+            ("load", ("tolerance", "max_iterations"), moves and not has_statics(job), "steps = 0: no statics")
+        )
+        idle = not grows(job)
+        why = "it lets the pressure grow in a dynamic stage without load steps"
+        rows.append(("load", ("ramp",), idle, why))
+    if form:
+        linear = form.method == "force_density"
+        why = 'method = "force_density" is one linear solve'
+        rows.append(("form_finding", ("start", "modulus_factor", "max_iterations"), linear, why))
+    if wind:
+        still = wind.speed and intensity(wind) == 0
+        source = "file" if wind.file else "pressures"
+        of_speed = ("air_density", "direction", "profile_exponent", "base_height")
+        none = "roughness" if wind.turbulence is None else "turbulence"
+        rows += [
+            ("wind", ("roughness", "turbulence", *OF_GUSTS), not wind.speed, f"the wind comes from {source}"),
+            ("wind", of_speed, bool(wind.pressures), "the wind comes from pressures"),
+            ("wind", OF_GUSTS, still, f"{none} = 0: there are no gusts"),
+            ("wind", ("after_fracture",), not breaks, "nothing can break"),
+            ("wind", ("ramp",), wind.onset == "sudden", 'with onset = "sudden" nothing grows in'),
+        ]
+    return rows
+
+
+def _idle_sections(job: Job, net: Net, given: set[str]) -> list[str]:
+    """Notes on whole sections."""
+    load, notes = job.load, []
+    for number, entry in enumerate(job.removes, 1):
+        if entry.time >= job.dynamics.duration:
+            notes.append(f"[[remove]] {number}: no effect: time = {entry.time:g} is not before the end")
+    if load and not has_statics(job) and not job.dynamics:
+        notes.append("[load]: no effect: steps = 0 and there is no [dynamics]")
+    on_roof = loads_the_roof(job)
+    loaded = on_roof or (load and load.self_weight) or net.load.any()
+    if job.dynamics and np.isfinite(net.fracture_strain).any() and not loaded:
+        notes.append("elements can break, but neither wind nor load acts on the net")
+    if (
+        job.wind
+        and job.wind.shape_coefficient == 0
+        and not any(map(any, map(dict.values, job.wind.zone.values())))
+    ):
+        notes.append("[wind]: no effect: shape_coefficient = 0")
+    if job.wind and job.wind.shape_coefficient is not None and "wind.direction" in given:
+        notes.append(
+            f"[wind] direction = {job.wind.direction:g} ({origin(job.wind.direction)}): the shape "
+            "coefficients do not follow it; sectors = a table gives them by direction"
+        )
+    idle = [key for key in ("groups", "openings", "lines") if f"roof.{key}" in given and not on_roof]
+    if idle:
+        notes.append(
+            f"[roof] {', '.join(idle)}: no effect: neither wind nor dead load nor pressure acts on the roof"
+        )
+    return notes
+
+
+def _groups_without_section(job: Job, net: Net) -> list[str]:
+    """Notes on groups of the table that take [cable] while a section has nearly their name."""
+    notes = []
+    for name in net.group_names:
+        close = difflib.get_close_matches(name.lower(), [other.lower() for other in job.groups], 1, ALIKE)
+        if name and name not in job.groups and close:
+            meant = next(other for other in job.groups if other.lower() == close[0])
+            notes.append(
+                f'group "{name}" of the elements has no section [cable.{name}] and takes [cable]; '
+                f'was "{meant}" meant?'
+            )
+    return notes
+
+
+def idle_zones(job: Job, zones: Zones, sectors: Sectors | None) -> list[str]:
+    """A note for each zone that nothing gives a value."""
+    named = {name for name, _ in named_zones(job)} | set(sectors.of_zone if sectors else ())
+    return [
+        f"zone {shown(name)}: no effect: neither [wind] nor [load] nor a case has a value for it"
+        for name in zones.names
+        if name not in named
+    ]
+
+
+def _idle_columns(job: Job, net: Net) -> list[str]:
+    """Notes on columns of the tables, and on prestress, which a column may stand for."""
+    form, notes = job.form_finding, []
+    dense = np.isfinite(net.force_density)
+    by_density = form is not None and "force_density" in (form.method, form.start)
+    if dense.any() and not by_density:
+        notes.append("column force_density: no effect: there is no form finding by force density")
+    if net.prestress.any() and form is not None and form.method == "force_density" and dense.all():
+        notes.append("prestress: no effect: every element has a force_density")
+    if net.prestress.any() and np.isfinite(net.unstressed_length).all():
+        notes.append("prestress: no effect: every element has an unstressed_length")
+    if net.load.any() and not job.dynamics and not has_statics(job):
+        notes.append(
+            "columns load_x, load_y, load_z: no effect: neither statics ([load] steps) nor [dynamics]"
+        )
+    if net.mass.any() and not job.dynamics:
+        notes.append("column mass: no effect: it is inertia without weight, and there is no [dynamics]")
+    brittle = (
+        ~net.bar & np.isfinite(net.yield_stress) & (net.yield_stress >= net.fracture_strain * net.modulus)
+    )
+    if brittle.any():
+        e = int(np.argmax(brittle))
+        notes.append(
+            f"yield_stress of {int(brittle.sum())} elements: no effect: element {net.element_id[e]} breaks "
+            f"at a strain of {net.fracture_strain[e]:g}, before it yields at "
+            f"{net.yield_stress[e] / net.modulus[e]:.3g}"
+        )
+    return notes

@@ -1,0 +1,161 @@
+"""The constant loads of a job on its particles: what is permanent, what comes on top of it, what grows later.
+
+Permanent: self weight, dead load. Live: loads of nodes, snow, pressure; statics brings these on in steps, and
+all of it stays on in the dynamic stage.
+"""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+
+from netfall.job.asks import grows
+from netfall.job.read import Job
+from netfall.model.idle import idle_zones
+from netfall.net.net import GRAVITY, Net
+from netfall.roof.zones import Zones
+from netfall.wind.field import WindField
+from netfall.wind.sectors import read_sectors
+
+
+@dataclass(frozen=True)
+class Roof:
+    """What loads act on: area of surface and in plan (n,) [m2], vector area (n, 3) [m2], upward, zones."""
+
+    area: np.ndarray
+    plan_area: np.ndarray
+    vector: np.ndarray
+    zones: Zones
+
+
+@dataclass(frozen=True)
+class Loading:
+    """Forces (n, 3) [N]; carried : (n,) [kg], dead load and snow.
+
+    growing : what grows over [load] ramp, None: nothing
+    """
+
+    permanent: np.ndarray
+    live: np.ndarray
+    growing: np.ndarray | None
+    carried: np.ndarray
+
+
+def loading_of(job: Job, roof: Roof, own: np.ndarray, nodes: np.ndarray) -> Loading:
+    """The loads of a job; own : (n,) [kg] of the elements; nodes : (n, 3) [N], loads of the nodes."""
+    load, permanent = job.load, np.zeros_like(nodes)
+    if load is None:
+        return Loading(permanent, nodes.copy(), None, np.zeros(len(nodes)))
+    if load.self_weight:
+        permanent[:, 2] -= GRAVITY * own
+    dead = roof.zones.spread(load, "dead") * roof.area
+    permanent[:, 2] -= dead
+    carried = carried_mass(load, roof)
+    if grows(job):
+        return Loading(permanent, nodes + snow_load(load, roof), pressure_load(load, roof), carried)
+    return Loading(permanent, live_load(load, roof, nodes), None, carried)
+
+
+def carried_mass(load: SimpleNamespace, roof: Roof) -> np.ndarray:
+    """Mass of dead load and snow, (n,) [kg]."""
+    dead = roof.zones.spread(load, "dead") * roof.area
+    return dead / GRAVITY + roof.zones.spread(load, "snow") * roof.plan_area / GRAVITY
+
+
+def live_load(load: SimpleNamespace, roof: Roof, nodes: np.ndarray) -> np.ndarray:
+    """What [load] puts on top of what is permanent, (n, 3) [N]; nodes : as in `loading_of`."""
+    return nodes + snow_load(load, roof) + pressure_load(load, roof)
+
+
+def of_case(load: SimpleNamespace, case: SimpleNamespace) -> SimpleNamespace:
+    """[load] with what a case sets, as in "load.snow" or "load.zone.NAME.snow"."""
+    changed = SimpleNamespace(**vars(load))
+    changed.zone = {name: dict(values) for name, values in load.zone.items()}
+    for name, value in case.set.items():
+        place, _, key = name.removeprefix("load.").rpartition(".")
+        if place:
+            changed.zone.setdefault(place.removeprefix("zone."), {})[key] = value
+        else:
+            setattr(changed, key, value)
+    return changed
+
+
+def snow_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
+    """Weight of the snow, (n, 3) [N], on the area in plan."""
+    force = np.zeros_like(roof.vector)
+    force[:, 2] -= roof.zones.spread(load, "snow") * roof.plan_area
+    return force
+
+
+def pressure_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
+    """Force of the pressure, (n, 3) [N].
+
+    A number acts against the vector areas, whose sum is exact; three along the axes act on the surface.
+    """
+    force = np.zeros_like(roof.vector)
+    for value, here in roof.zones.parts(load, "pressure"):
+        if value is not None:
+            along = isinstance(value, int | float)
+            each = -value * roof.vector if along else roof.area[:, None] * np.array(value)
+            force += here[:, None] * each
+    return force
+
+
+def preload(net: Net, x: np.ndarray, N: np.ndarray, L: np.ndarray) -> np.ndarray:
+    """Displacements (n, 3) [m] at which springs carry nothing: the form is found with their axes held.
+
+    So each begins with the reaction there, against the tensions N (m,) [N] of elements of length L (m,) [m].
+    """
+    pull = np.zeros((net.n, 3))
+    along = (N / L)[:, None] * (x[net.elements[:, 1]] - x[net.elements[:, 0]])
+    np.add.at(pull, net.elements[:, 0], along)
+    np.subtract.at(pull, net.elements[:, 1], along)
+    return np.divide(-pull, net.spring, out=np.zeros((net.n, 3)), where=net.spring > 0)
+
+
+def shape_coefficients(job: Job, zones: Zones) -> tuple[np.ndarray | None, list[str]]:
+    """Coefficient (n,) of each node, for the wind's direction if there are sectors; notes.
+
+    None without wind. Raises InputError for a wrong table.
+    """
+    wind = job.wind
+    sectors = read_sectors(job, zones.names) if wind and wind.sectors else None
+    notes = (sectors.notes if sectors else []) + idle_zones(job, zones, sectors)
+    if sectors is None:
+        return zones.spread(wind, "shape_coefficient") if wind else None, notes
+    of_roof, of_zone = sectors.at(wind.direction)
+    own = {name: values["shape_coefficient"] for name, values in wind.zone.items() if values}
+    return zones.by_node(of_roof, own | of_zone), notes
+
+
+def by_node(job: Job, coefficient: np.ndarray) -> SimpleNamespace:
+    """The section [wind] with the shape coefficient (n,) of each node."""
+    return SimpleNamespace(**(vars(job.wind) | {"shape_coefficient": coefficient}))
+
+
+def mean_pressure(job: Job, coefficient: np.ndarray, field: WindField, mean_gust: np.ndarray) -> np.ndarray:
+    """Pressure (n,) [N/m2] of the mean wind, positive where it presses on the roof: u_s rho U^2 / 2.
+
+    coefficient : (n,); mean_gust : (c,) [m/s] at the control points, beyond the mean of the field
+    """
+    square = field.mean_square(mean_gust)
+    return square if field.tapped else coefficient * (0.5 * job.wind.air_density) * square
+
+
+def load_section(job: Job, zones: Zones) -> dict[str, np.ndarray]:
+    """The datasets of /load: snow and pressure (n,) [N/m2], temperature [K], of what has any.
+
+    A pressure along axes is nan; of a node in several zones the mean by their shares.
+    """
+    if job.load is None:
+        return {}
+    found = {"temperature": np.float64(job.load.temperature)} if job.load.temperature else {}
+    if any(value for value, _ in zones.parts(job.load, "snow")):
+        found["snow"] = zones.spread(job.load, "snow")
+    parts = zones.parts(job.load, "pressure")
+    if any(isinstance(value, int | float) for value, _ in parts):
+        found["pressure"] = np.zeros(len(zones.of_node))
+        for value, share in parts:
+            along_axes = np.where(share > 0.0, np.nan, 0.0)
+            found["pressure"] += along_axes if isinstance(value, list) else share * (value or 0.0)
+    return found

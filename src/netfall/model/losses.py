@@ -1,0 +1,129 @@
+"""What [[remove]] asks for: which elements are lost at which step, and which particles go with them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netfall.ground.errors import InputError
+from netfall.job.read import Job
+from netfall.job.schema import LOST
+from netfall.job.values import nearest, shown
+from netfall.model.handover import HandOver, hand_over
+from netfall.net.net import Net
+from netfall.net.parts import parts_of
+
+MOST_NAMED = 8  # ids in one message
+
+
+@dataclass(frozen=True)
+class Loss:
+    """What is lost in one step, by global numbers.
+
+    step : before which it happens, at x(step); entries : of [[remove]], from 0
+    elements : (k,) ascending; entry : (k,) which of the entries names it first; ends : (k, 2) particles
+    particles : that leave with them, for nothing else holds them, and they carry nothing or hand it over
+    handed : what these leave to others
+    """
+
+    step: int
+    entries: tuple[int, ...]
+    elements: np.ndarray
+    entry: np.ndarray
+    ends: np.ndarray
+    particles: np.ndarray
+    handed: HandOver
+
+
+def named_elements(job: Job, net: Net) -> list[np.ndarray]:
+    """The rows of the elements that each entry of [[remove]] names. Raises InputError."""
+    errors, found = [], []
+    for number, entry in enumerate(job.removes, 1):
+        key = next(key for key in LOST if getattr(entry, key) is not None)
+        rows, wrong = {"elements": _of_ids, "group": _of_group, "cables": _of_cables}[key](net, entry)
+        if wrong:
+            errors.append(f"{job.path}: [[remove]] {number}: {key} = {shown(getattr(entry, key))}: {wrong}")
+        found.append(rows)
+    if errors:
+        raise InputError(errors)
+    return found
+
+
+def _of_ids(net: Net, entry) -> tuple[np.ndarray, str]:
+    """Rows of elements by their ids, and what is wrong with these."""
+    rows = np.flatnonzero(np.isin(net.element_id, entry.elements))
+    unknown = sorted(set(entry.elements) - set(net.element_id[rows].tolist()))
+    few, ids = ", ".join(map(str, unknown[:MOST_NAMED])), net.element_id
+    return rows, f"no element {few}; ids are {ids.min()} to {ids.max()}" if unknown else ""
+
+
+def _of_group(net: Net, entry) -> tuple[np.ndarray, str]:
+    names = np.array(net.group_names)[net.group]
+    rows = np.flatnonzero(names == entry.group)
+    there = sorted(set(names.tolist()) - {""})
+    advice = nearest(entry.group, there) if there else "the net has no groups"
+    return rows, "" if len(rows) else f"no such group of elements; {advice}"
+
+
+def _of_cables(net: Net, entry) -> tuple[np.ndarray, str]:
+    names = np.array(net.cable_names)[net.cable]
+    unknown = sorted(set(entry.cables) - set(net.cable_names))
+    wrong = [f"no cable {shown(name)}; {nearest(name, net.cable_names)}" for name in unknown[:MOST_NAMED]]
+    return np.flatnonzero(np.isin(names, entry.cables)), "; ".join(wrong)
+
+
+def losses_of(job: Job, model, schedule) -> list[Loss]:
+    """What is lost in the dynamic stage, step by step; nothing that lies beyond its end. Rank 0.
+
+    model : `model.Model`; schedule : `schedule.Schedule`. An element is lost once, to the first entry.
+    """
+    step = [schedule.step_at(entry.time) for entry in job.removes]
+    there = np.ones(model.net.m, bool)
+    found = []
+    for at in sorted(s for s in set(step) if s < schedule.steps):
+        entries = tuple(k for k, s in enumerate(step) if s == at)
+        entry = np.full(model.net.m, -1)
+        for k in reversed(entries):
+            entry[model.lost[k]] = k
+        elements = np.flatnonzero((entry >= 0) & there)
+        if not len(elements):  # lost before: nothing happens
+            continue
+        there[elements] = False
+        leaving = leaving_with(model, elements, there)
+        found.append(Loss(at, entries, elements, entry[elements], model.net.elements[elements], *leaving))
+    return found
+
+
+def leaving_with(model, elements: np.ndarray, there: np.ndarray, torn=()) -> tuple[np.ndarray, HandOver]:
+    """Particles that nothing holds but the elements (k,) that go now, and what they hand over.
+
+    Those inside a lost cable hand over all that they carry; of the others those leave that carry nothing.
+    there : (m,) bool, which elements remain; torn : as in `hand_over`
+    """
+    net = model.net
+    held = (np.bincount(net.elements[there].ravel(), minlength=net.n) > 0) | net.held.any(1)
+    carries = (net.mass > 0) | (model.carried > 0) | net.load.any(1)
+    loose = np.zeros(net.n, bool)
+    loose[net.elements[elements]] = True
+    loose &= ~held
+    handed = hand_over(net, model.L0, elements, loose, torn)
+    return np.union1d(np.flatnonzero(loose & ~carries), handed.particles), handed
+
+
+def leaving_then(model, losses: list[Loss], k: int, torn) -> tuple[np.ndarray, HandOver]:
+    """As `leaving_with`, at loss k of a run in which some elements had broken before. Rank 0."""
+    there = np.ones(model.net.m, bool)
+    for loss in losses[: k + 1]:
+        there[loss.elements] = False
+    return leaving_with(model, losses[k].elements, there, torn)
+
+
+def comes_loose(net: Net, there: np.ndarray, load: np.ndarray, gone: np.ndarray) -> bool:
+    """Whether a force acts on a part of the net along an axis that no support of it holds: it has no rest.
+
+    there : (m,) bool, the elements that remain; load : (n, 3) [N]; gone : (n,) bool, particles that left
+    """
+    label = parts_of(net.elements[there], net.n)
+    supported = np.zeros((net.n, 3), bool)
+    for axis in range(3):
+        supported[label[net.held[:, axis]], axis] = True
+    return bool(((load != 0.0) & ~gone[:, None] & ~supported[label]).any())

@@ -1,0 +1,135 @@
+"""The step of the dynamic stage, its limits, and the numbers of the steps at which something is due."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netfall.ground.errors import InputError
+from netfall.job.read import Job
+from netfall.mechanics.fields import Features
+from netfall.mechanics.stability import Limit, after_fracture_limit, any_shape_limits
+from netfall.model.model import Model
+
+ROUNDING = 1e-9  # of a step: a time this close to one counts as on it
+QUOTIENT = 4.0 * np.finfo(float).eps  # of a time divided by the step: its rounding, which counts in long runs
+MOST_STEPS = 1e12  # weeks for the smallest net
+
+
+def step_at(times, dt: float):
+    """Numbers of the first steps of length dt [s] at or after the times [s], as whole floats."""
+    steps = times / dt
+    return np.ceil(steps - np.maximum(ROUNDING, QUOTIENT * steps))
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Steps of one length dt [s], and the step numbers at which something is due."""
+
+    dt: float
+    steps: int
+    history: np.ndarray
+    frames: np.ndarray
+    checkpoints: np.ndarray
+    stable_dt: float  # s, for which fragments are stable: longer than the step by the margin of safety
+
+    def step_at(self, time: float) -> int:
+        """First step at or after a time [s]."""
+        return int(step_at(time, self.dt))
+
+
+def make_schedule(limit: float, dynamics, output) -> Schedule:
+    """Steps for the job: its own length, or for "auto" the largest within `limit` [s] that fits the rows of
+    the history, or the duration where that is no multiple of theirs: then they come up to a step later.
+    """
+    if dynamics.time_step == "auto":
+        every, longest = min(output.history, dynamics.duration), dynamics.safety * limit
+        rows = dynamics.duration / every
+        if abs(rows - round(rows)) > ROUNDING * rows:
+            every, longest = dynamics.duration, min(every, longest)
+        dt = every / max(1.0, np.ceil(every / longest - ROUNDING))
+    else:
+        dt = dynamics.time_step
+    steps = max(1, int(step_at(dynamics.duration, dt)))
+    rows = np.arange(int(np.floor(steps * dt / output.history + ROUNDING)) + 1) * output.history
+    frames = np.linspace(0.0, steps * dt, output.frames + 1)
+    at = lambda times: np.unique(np.append(np.minimum(step_at(times, dt), steps), steps)).astype(np.int64)
+    every = output.checkpoint
+    saves = np.arange(1, int(np.floor(steps * dt / every)) + 1) * every if every > 0 else np.zeros(0)
+    saves = step_at(saves, dt).astype(np.int64)
+    return Schedule(
+        float(dt), steps, at(rows), at(frames), saves[saves < steps], float(min(dt / dynamics.safety, limit))
+    )
+
+
+def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[str, Limit]:
+    """Limits of the explicit step that hold whatever the net does, by name. Rank 0."""
+    elements, EA, L0, mass = model.net.elements, model.EA, model.L0, model.mass
+    limits = any_shape_limits(elements, EA, L0, mass, model.moves, model.bar, model.support)
+    if features.fracture and features.fragments:
+        limits.append(
+            after_fracture_limit(
+                elements,
+                EA,
+                L0,
+                model.half_mass,
+                mass,
+                ~model.moves,
+                model.eps_u,
+                model.support,
+                fragment_mass,
+            )
+        )
+    return {limit.name: limit for limit in limits}
+
+
+def governing(limits: dict[str, Limit], automatic: bool) -> Limit:
+    """The limit that the step must keep whatever the net does.
+
+    That for slack cables only where it is chosen here.
+    """
+    binding = [limit for limit in limits.values() if limit.name != "assembled"]
+    return min(
+        (limit for limit in binding if automatic or limit.name != "slackening"), key=lambda limit: limit.dt
+    )
+
+
+def schedule_of(job: Job, limits: dict[str, Limit], model: Model) -> Schedule:
+    """The steps of the dynamic stage. Raises InputError for a fixed step that is not stable. Rank 0."""
+    automatic = job.dynamics.time_step == "auto"
+    limit = governing(limits, automatic)
+    if not automatic and job.dynamics.time_step > limit.dt:
+        refuse_step(job, limit, limits, model)
+    if not automatic and job.dynamics.time_step > job.dynamics.duration:
+        raise InputError(
+            f"{job.path}: [dynamics] time_step = {job.dynamics.time_step:g}: longer than duration = "
+            f"{job.dynamics.duration:g} s; expected at most that"
+        )
+    if not np.isfinite(limit.dt):
+        raise InputError(f"{job.path}: [dynamics]: no particle of the net can move; free a node")
+    dt = job.dynamics.safety * limit.dt if automatic else job.dynamics.time_step
+    steps = job.dynamics.duration / dt
+    if steps > MOST_STEPS:
+        raise InputError(
+            f"{job.path}: [dynamics] duration = {job.dynamics.duration:g}: asks for {steps:.3g} steps of "
+            f"{dt:.3g} s; at most {MOST_STEPS:.0e} are possible"
+        )
+    return make_schedule(limit.dt, job.dynamics, job.output)
+
+
+def refuse_step(job: Job, limit: Limit, limits: dict[str, Limit], model: Model) -> None:
+    """Raise InputError unless the step is below the sharp limit and nothing can break."""
+    if limit.name == "any_shape":
+        limit = limits["assembled"]
+        if job.dynamics.time_step <= limit.dt:
+            return
+    why = {
+        "assembled": "of the intact net",
+        "any_shape": "of the net in any shape",
+        "after_fracture": "of the fragments that a fracture leaves",
+    }[limit.name]
+    more = " (or a larger [dynamics] fragment_mass)" if limit.name == "after_fracture" else ""
+    raise InputError(
+        f"{job.path}: [dynamics] time_step = {job.dynamics.time_step:g}: above the stable step "
+        f"{limit.dt:.4g} s {why}, set by element {model.element_name(limit.element)}; expected less, "
+        f'or "auto"; longer elements there would allow more{more}'
+    )

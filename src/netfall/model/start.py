@@ -1,0 +1,160 @@
+"""The start of a job looked at: what is broken from the beginning, and values that look like another unit."""
+
+import numpy as np
+
+from netfall.ground.errors import InputError
+from netfall.job.read import Job
+from netfall.mechanics.material import strains
+from netfall.net.net import Net
+from netfall.roof.plan import listed
+from netfall.wind.coherence import LOWEST_HEIGHT
+
+# Column of the net, unit, least and most that cables are made of, and an example in the right unit.
+PLAUSIBLE = (
+    ("modulus", "modulus", "Pa", 1e6, 2e12, "steel has 2e11 Pa; was GPa or N/mm2 meant?"),
+    ("section", "area", "m2", 1e-9, 1.0, "a rope of 20 mm has some 3e-4 m2; was mm2 or cm2 meant?"),
+    ("density", "density", "kg/m3", 100.0, 25e3, "steel has 7850 kg/m3; was g/cm3 or t/m3 meant?"),
+    ("yield_stress", "yield_stress", "Pa", 1e6, 1e11, "cable steel has some 1.5e9 Pa; was N/mm2 meant?"),
+    ("fracture_strain", "fracture_strain", "", 1e-6, 1.0, "4 percent are 0.04"),
+)
+SLACKEST, TIGHTEST = -0.5, 0.1  # strains between which nets start
+COLLAPSED = 1e-6  # of the length that is given: an element so short in the form is none any more
+LARGEST_LOG = 500.0  # of a logarithmic strain: exp of much more is no number
+UNITS = "check the units of modulus (Pa), area (m2), prestress (N) and unstressed_length (m)"
+
+
+def unit_notes(net: Net) -> list[str]:
+    """A note for each section value that no material of a cable has."""
+    notes = []
+    for column, key, unit, low, high, example in PLAUSIBLE:
+        values = getattr(net, column)
+        odd = np.flatnonzero(np.isfinite(values) & ((values < low) | (values > high)))
+        if len(odd):
+            notes.append(
+                f"{key} = {values[odd[0]]:g} {unit} of {in_words(net, odd)} is far from what cables have, "
+                f"{low:g} to {high:g}: {example}".replace("  ", " ")
+            )
+    return notes
+
+
+def strain_notes(net: Net, eps: np.ndarray) -> list[str]:
+    """Notes on strains eps (m,) at the start that no net is built with."""
+    notes = []
+    for odd, word, share in (
+        (eps > TIGHTEST, "stretched", TIGHTEST),
+        (eps < SLACKEST, "compressed or slack", -SLACKEST),
+    ):
+        if odd.any():
+            e = int(np.argmax(np.where(odd, np.abs(eps), 0.0)))
+            notes.append(
+                f"{int(odd.sum())} elements start {word} by more than {share:.0%} of their unstressed "
+                f"length, the most is element {net.element_id[e]} with a strain of {eps[e]:.3g}; {UNITS}"
+            )
+    return notes
+
+
+def check_start(job: Job, model, L: np.ndarray) -> list[str]:
+    """Notes on the strains at lengths L (m,) [m] of the start.
+
+    model : `model.Model`. Raises InputError where elements yield or break in it.
+    """
+    net, N = model.net, model.N
+    eps = strains(L, model.L0, job.cable.strain == "logarithmic")
+    errors = []
+    for over, what, value, limit in (
+        (eps > model.eps_u, "fracture_strain", eps, model.eps_u),
+        (np.abs(N) > model.yield_force, "yield force [N]", N, model.yield_force),
+    ):
+        rows = np.flatnonzero(over)
+        if len(rows):
+            e, one = rows[0], len(np.unique(net.element_id[rows])) == 1
+            errors.append(
+                f"{job.path}: {in_words(net, rows)} start{'s' * one} beyond {what}: "
+                f"{value[e]:.4g} in element {model.element_name(e)} at a length of {L[e]:.6g} m, allowed "
+                f"{limit[e]:.4g}, with EA = {model.EA[e]:.4g} N; {UNITS}"
+            )
+    if errors:
+        raise InputError(errors)
+    return strain_notes(net, eps) + _buckling(net, N)
+
+
+def low_notes(job: Job, net: Net, x: np.ndarray, wind: np.ndarray) -> list[str]:
+    """A note on nodes so near the ground, or below it, that the profile of the wind does not reach them.
+
+    x : (n, 3) [m]; wind : (n, 3) [N s2/m2] force at 1 m/s
+    """
+    if job.wind.pressures:
+        return []
+    height = x[:, 2] + job.wind.base_height
+    low = np.flatnonzero((height < LOWEST_HEIGHT) & wind.any(1) & ~net.fixed.all(1))
+    if not len(low):
+        return []
+    p = low[np.argmin(height[low])]
+    return [
+        f"[wind] base_height = {job.wind.base_height:g}: {len(low)} nodes in the wind are less than "
+        f"{LOWEST_HEIGHT:g} m above ground, the lowest is node {net.node_id[p]} at {height[p]:.4g} m; they "
+        f"get the speed at {LOWEST_HEIGHT:g} m (base_height is the height of z = 0 above ground)"
+    ]
+
+
+def _buckling(net: Net, N: np.ndarray) -> list[str]:
+    """A note for bars in parts that are compressed by N (m,) [N]: nothing keeps their inner nodes in line."""
+    rows = np.flatnonzero((N < 0.0) & (net.parts > 1))[:: net.parts]
+    if not len(rows):
+        return []
+    return [
+        f"[net] subdivide cuts {in_words(net, rows)} in parts, compressed bars without bending stiffness, "
+        "which buckle at the nodes between them; subdivide = 1 leaves them whole"
+    ]
+
+
+def in_words(net: Net, rows: np.ndarray) -> str:
+    """Elements by the first few of their ids, and how many there are; the parts of one share its id."""
+    ids = list(dict.fromkeys(net.element_id[rows].tolist()))
+    return f"element {ids[0]}" if len(ids) == 1 else f"{len(ids)} elements ({listed(ids)})"
+
+
+def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
+    """Axial forces N (m,) [N] at lengths L (m,) [m] that no element can have. Raises InputError."""
+    yield_force, EA = net.yield_stress * net.section, net.modulus * net.section
+    at_start = lambda e: f"its axial force is {N[e]:.4g} N in the initial state"
+    checks = (
+        (
+            (N < 0) & ~net.bar,
+            lambda e: f'{at_start(e)}: a cable carries no compression; give its group kind = "bar"',
+        ),
+        (
+            np.abs(N) > yield_force,
+            lambda e: (
+                f"{at_start(e)}, above the yield force {yield_force[e]:.4g} N; "
+                "lower the prestress or choose a larger area"
+            ),
+        ),
+        (
+            N > net.breaking_load,
+            lambda e: (
+                f"{at_start(e)}, above the breaking load {net.breaking_load[e]:.4g} N; "
+                "lower the prestress or choose a stronger cable"
+            ),
+        ),
+        (
+            (1.0 + N / EA <= 0) | ((job.cable.strain == "logarithmic") & (np.abs(N) > LARGEST_LOG * EA)),
+            lambda e: f"its axial force {N[e]:.4g} N is beyond its stiffness EA; choose a larger area",
+        ),
+    )
+    errors = []
+    for wrong, words in checks:
+        if wrong.any():
+            e = int(np.argmax(wrong))
+            errors.append(f"{job.path}: element {net.element_id[e]}: {words(e)}")
+    share = L / net.lengths()
+    if not share.min() > COLLAPSED:
+        e = int(np.argmin(share))
+        ids = "-".join(str(net.node_id[p]) for p in net.elements[e])
+        errors.append(
+            f"{job.path}: [form_finding]: the form has collapsed: element {net.element_id[e]} (nodes {ids}) "
+            f"is {L[e]:.3g} m long in it, {net.lengths()[e]:.4g} m as given; fix more nodes, or give "
+            "prestresses or force densities that hold the free ones apart"
+        )
+    if errors:
+        raise InputError(errors)

@@ -1,0 +1,120 @@
+"""An approximate inverse of a net's tangent stiffness, at a cost in proportion to the net.
+
+Smoothed aggregation (Vanek, Mandel, Brezina 1996): particles are joined to aggregates of a particle and its
+neighbours, these again, until few are left; each level moves its aggregates as wholes, smoothed by one step
+of Jacobi's iteration.
+Between levels Chebyshev's polynomial in the stiffness, scaled by each particle's 3 x 3 block, takes out what
+varies from particle to particle. A cycle through the levels is symmetric, so that conjugate gradients may use
+it. All ranks make the levels, in double precision; a cycle is in single precision. Small levels each rank has
+whole.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.multigrid.distributed import SpreadMatrix, first_step
+from netfall.multigrid.finest import ElementMatrix
+from netfall.multigrid.levels import COARSEST, levels_of
+from netfall.multigrid.tangent import Tangent, incidence_of, tangent_rows
+from netfall.numerics.linear import factorised, solve_factorised
+from netfall.parallel.halo import Halo
+from netfall.parallel.subdomain import Distribution
+
+DEGREE = 4  # of the polynomial before and after each coarser level
+RANGE = 20.0  # the polynomial damps eigenvalues from the largest down to this part of it
+DENSE = 4 * COARSEST  # particles of the last level up to which it is solved
+UPPER = ([0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2])  # entries of symmetric blocks that are kept
+
+
+class Cycle:
+    """The approximate inverse, for rows (n_owned, 3) on each rank."""
+
+    def __init__(
+        self, comm: MPI.Comm, distribution: Distribution, halo: Halo, net, K: Tangent, inertia: float
+    ):
+        """Of a net's tangent, without what compression takes from it. Collective.
+
+        net : `relaxation.Net`; inertia : share of the nodes' stiffness that is added
+        """
+        self.comm = comm
+        at = incidence_of(net.ends, distribution.subdomain.particle_gid, halo.n_owned)
+        self.levels, self.factor = [], None
+        self.whole = 0  # the first level of which each rank has all rows; `rows` are those of its own ones
+        for level in levels_of(tangent_rows(distribution, net, K, at, inertia)):
+            spread = level.matrix.comm is comm
+            if spread:
+                self.rows = level.up.columns if level.up else level.matrix.rows
+            if level.up is None and level.matrix.rows.n <= DENSE:
+                self.factor = level.matrix.dense()
+                factorised(self.factor)
+                break
+            self.whole += spread
+            inverse = level.inverse[:, *UPPER].astype(np.float32)
+            matrix = SpreadMatrix(level.matrix) if self.levels else ElementMatrix(halo, net, K, at, inertia)
+            beside = (SpreadMatrix(level.down), SpreadMatrix(level.up)) if level.up else ()
+            self.levels.append(_SpreadLevel(inverse, level.top, matrix, *beside))
+            del level  # its memory serves the next one
+
+    def __call__(self, b: np.ndarray) -> np.ndarray:
+        """Nearly the displacements (n_owned, 3) that the forces b (n_owned, 3) make. Collective."""
+        with np.errstate(over="ignore"):  # of what diverges, which the caller sees
+            single = b.astype(np.float32)
+        return self._cycle(0, single).astype(float)
+
+    def _cycle(self, k: int, b: np.ndarray) -> np.ndarray:
+        if k == self.whole:
+            b = self._gathered(b)
+        x = self._solved(b) if k == len(self.levels) else self._smoothed(k, b)
+        return x[self.rows.mine] if k == self.whole else x
+
+    def _smoothed(self, k: int, b: np.ndarray) -> np.ndarray:
+        level = self.levels[k]
+        x = level.matrix.own
+        level.smooth(b, True)
+        if level.down is None:
+            return x
+        x += level.up(self._cycle(k + 1, level.down(b - level.matrix()).copy()))
+        level.matrix.share()
+        level.smooth(b, False)
+        return x
+
+    def _gathered(self, b: np.ndarray) -> np.ndarray:
+        whole = np.zeros((self.rows.n, 3), np.float32)
+        whole[self.rows.mine] = b
+        self.comm.Allreduce(MPI.IN_PLACE, whole, MPI.SUM)  # one term that is not zero: no rounding
+        return whole
+
+    def _solved(self, b: np.ndarray) -> np.ndarray:
+        flat = b.astype(float).ravel()
+        solve_factorised(self.factor, flat)
+        return flat.reshape(-1, 3).astype(np.float32)
+
+
+@dataclass
+class _SpreadLevel:
+    inverse: np.ndarray
+    top: float
+    matrix: SpreadMatrix | ElementMatrix
+    down: SpreadMatrix | None = None
+    up: SpreadMatrix | None = None
+
+    def smooth(self, b: np.ndarray, zero: bool) -> None:
+        """Chebyshev's iteration of `DEGREE` terms towards matrix x = b, on the x in `matrix.own`.
+
+        zero : begin with x = 0
+        """
+        middle, half = 0.5 * (self.top + self.top / RANGE), 0.5 * (self.top - self.top / RANGE)
+        ratio = middle / half
+        factor, step = 1.0 / ratio, np.zeros_like(b)
+        keep, scale = 0.0, 1.0 / middle
+        for term in range(DEGREE):
+            if zero and term == 0:
+                first_step(self.inverse, b, np.float32(scale), step)
+                self.matrix.own[:] = step
+                self.matrix.share()
+            else:
+                self.matrix.take_step(b, self.inverse, np.float32(scale), np.float32(keep), step)
+            after = 1.0 / (2.0 * ratio - factor)
+            keep, scale, factor = after * factor, 2.0 * after / half, after

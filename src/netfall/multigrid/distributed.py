@@ -1,0 +1,159 @@
+"""Sparse matrices of 3 x 3 blocks in single precision, their rows spread over the ranks, for preconditioners.
+
+A row sums its blocks in ascending global number of the column, so a product has the same bits on any number
+of ranks.
+"""
+
+from functools import cached_property
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.ground.compile import kernel, part_of_kernel
+from netfall.multigrid.rows import BlockRows
+from netfall.numerics.arithmetic import fused
+
+TAG = 31
+
+
+@kernel
+def multiply_rows(start, column, block, x, y):
+    """y (rows, 3) = blocks times x (columns, 3)."""
+    for i in range(np.uint64(start.shape[0] - 1)):
+        a, b, c = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+        for k in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            j = np.uint64(column[k])
+            u, v, w = x[j, 0], x[j, 1], x[j, 2]
+            a = fused(block[k, 2], w, fused(block[k, 1], v, fused(block[k, 0], u, a)))
+            b = fused(block[k, 5], w, fused(block[k, 4], v, fused(block[k, 3], u, b)))
+            c = fused(block[k, 8], w, fused(block[k, 7], v, fused(block[k, 6], u, c)))
+        y[i, 0], y[i, 1], y[i, 2] = a, b, c
+
+
+@part_of_kernel
+def add_step(i, inverse, r, s, t, scale, keep, step):
+    """Row i of step = keep step + scale inverse (r, s, t).
+
+    inverse : (n, 6), of symmetric blocks the entries 00, 01, 02, 11, 12, 22
+    """
+    a, b, c = inverse[i, 0], inverse[i, 1], inverse[i, 2]
+    d, e, f = inverse[i, 3], inverse[i, 4], inverse[i, 5]
+    step[i, 0] = fused(scale, fused(c, t, fused(b, s, a * r)), keep * step[i, 0])
+    step[i, 1] = fused(scale, fused(e, t, fused(d, s, b * r)), keep * step[i, 1])
+    step[i, 2] = fused(scale, fused(f, t, fused(e, s, c * r)), keep * step[i, 2])
+
+
+@kernel
+def first_step(inverse, b, scale, step):
+    """step = scale inverse b: the step from zero. All (rows, 3); inverse : as in `add_step`"""
+    for i in range(step.shape[0]):
+        step[i, 0] = step[i, 1] = step[i, 2] = 0.0
+        add_step(i, inverse, b[i, 0], b[i, 1], b[i, 2], scale, scale, step)
+
+
+@kernel
+def step_rows(rows, start, column, block, inverse, b, x, scale, keep, step):
+    """In these rows step = keep step + scale inverse (b - blocks times x). inverse : as in `add_step`"""
+    for i in rows:
+        r, s, t = b[i, 0], b[i, 1], b[i, 2]
+        for k in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            j = np.uint64(column[k])
+            u, v, w = x[j, 0], x[j, 1], x[j, 2]
+            r = fused(-block[k, 2], w, fused(-block[k, 1], v, fused(-block[k, 0], u, r)))
+            s = fused(-block[k, 5], w, fused(-block[k, 4], v, fused(-block[k, 3], u, s)))
+            t = fused(-block[k, 8], w, fused(-block[k, 7], v, fused(-block[k, 6], u, t)))
+        add_step(i, inverse, r, s, t, scale, keep, step)
+
+
+@kernel
+def dot_rows(a, b, out):
+    """Products (n,) of the rows of two arrays (n, 3)."""
+    for p in range(out.shape[0]):
+        out[p] = a[p, 0] * b[p, 0] + a[p, 1] * b[p, 1] + a[p, 2] * b[p, 2]
+
+
+@kernel
+def advance(step, p, q, s, left, before):
+    """s += step p; before = left; left -= step q. All (n, 3), step a number."""
+    for i in range(s.shape[0]):
+        for k in range(3):
+            s[i, k] += step * p[i, k]
+            before[i, k] = left[i, k]
+            left[i, k] -= step * q[i, k]
+
+
+@kernel
+def turn(share, z, p):
+    """p = z + share p. Both (n, 3), share a number."""
+    for i in range(p.shape[0]):
+        for k in range(3):
+            p[i, k] = z[i, k] + share * p[i, k]
+
+
+class SpreadMatrix:
+    """The product of a matrix with a vector, rows float32 (rows, 3) of both on each rank."""
+
+    def __init__(self, rows: BlockRows):
+        """Collective."""
+        local, ghosts = rows.local, rows.ghosts
+        self.comm, self.n_columns = rows.comm, len(rows.columns.mine)
+        self.start, self.column = local.indptr, local.indices
+        self.block = local.data.reshape(-1, 9).astype(np.float32, copy=False)
+        self.x = np.zeros((self.n_columns + len(ghosts.number), 3), np.float32)
+        self.own = self.x[: self.n_columns]
+        self.y = np.zeros((len(self.start) - 1, 3), np.float32)
+        ends = self.n_columns + np.cumsum(ghosts.counts)
+        self.receives = [
+            (rank, self.x[end - count : end])
+            for rank, (end, count) in enumerate(zip(ends, ghosts.counts))
+            if count
+        ]
+        self.sends = [
+            (rank, places, np.empty((len(places), 3), np.float32))
+            for rank, places in enumerate(ghosts.asked)
+            if len(places)
+        ]
+
+    @cached_property
+    def _order(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows that others need or that need others, and the rest; of a square matrix."""
+        boundary = np.zeros(len(self.start) - 1, bool)
+        row = np.repeat(np.arange(len(boundary), dtype=np.uint32), np.diff(self.start))
+        for rows in (row[self.column >= self.n_columns], *(places for _, places, _ in self.sends)):
+            boundary[rows] = True
+        return np.flatnonzero(boundary).astype(np.uint32), np.flatnonzero(~boundary).astype(np.uint32)
+
+    def __call__(self, x: np.ndarray | None = None) -> np.ndarray:
+        """The rows of the product, in an array that the next call overwrites. Collective.
+
+        x : (n_columns, 3); None: what is in `own`, as shared
+        """
+        if x is not None:
+            self.own[:] = x
+            self.share()
+        multiply_rows(self.start, self.column, self.block, self.x, self.y)
+        return self.y
+
+    def take_step(self, b: np.ndarray, inverse: np.ndarray, scale, keep, step: np.ndarray) -> None:
+        """step = keep step + scale inverse (b - product with `own`), added to `own`, shared. Collective."""
+        of_step = self.start, self.column, self.block, inverse, b, self.x, scale, keep, step
+        boundary, interior = self._order
+        step_rows(boundary, *of_step)
+        requests = self._begin_to_share(step)
+        step_rows(interior, *of_step)
+        self.own += step
+        MPI.Request.Waitall(requests)
+
+    def share(self) -> None:
+        """Let the other ranks know `own`. Collective."""
+        MPI.Request.Waitall(self._begin_to_share(None))
+
+    def _begin_to_share(self, step) -> list[MPI.Request]:
+        """Send what `own` will be after a step; what is received is not used by rows of the interior."""
+        requests = [self.comm.Irecv(rows, rank, TAG) for rank, rows in self.receives]
+        for rank, places, out in self.sends:
+            np.take(self.x, places, axis=0, out=out)
+            if step is not None:
+                out += step[places]
+            requests.append(self.comm.Isend(out, rank, TAG))
+        return requests

@@ -1,0 +1,145 @@
+"""The tangent stiffness in single precision by its elements, half as long as in blocks, for preconditioners.
+
+A product is bound by memory: five numbers and a far end for each end of an element, where a block has nine.
+A row sums its elements in ascending global number of the far end, so it has the same bits on any number of
+ranks.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.ground.compile import inner_kernel, kernel, part_of_kernel
+from netfall.multigrid.distributed import add_step
+from netfall.multigrid.tangent import Incidence, Tangent, without_compression
+from netfall.numerics.arithmetic import fused
+from netfall.parallel.halo import Halo, check, receive_rows, send_rows
+
+
+class Rows(NamedTuple):
+    """The rows of one rank, n of them.
+
+    start : (n + 1,) where the elements of each begin; other : (k,) far ends; element : (k, 5) direction,
+    axial stiffness less that across, that across [N/m]; support : (n, 3) [N/m] or None; free : (n, 3)
+    """
+
+    start: np.ndarray
+    other: np.ndarray
+    element: np.ndarray
+    support: np.ndarray | None
+    free: np.ndarray
+
+
+@part_of_kernel
+def _answer(i, rows, x):
+    """What row i of the matrix makes of x (n, 3), as three numbers. rows : `Rows`"""
+    a = b = c = np.float32(0.0)
+    if rows.support is not None:
+        a, b, c = rows.support[i, 0] * x[i, 0], rows.support[i, 1] * x[i, 1], rows.support[i, 2] * x[i, 2]
+    element = rows.element
+    for k in range(np.uint64(rows.start[i]), np.uint64(rows.start[i + 1])):  # unsigned: none is negative
+        j = np.uint64(rows.other[k])
+        u, v, w = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1], x[i, 2] - x[j, 2]
+        dx, dy, dz, across = element[k, 0], element[k, 1], element[k, 2], element[k, 4]
+        along = element[k, 3] * fused(dz, w, fused(dy, v, dx * u))
+        a = fused(across, u, fused(along, dx, a))
+        b = fused(across, v, fused(along, dy, b))
+        c = fused(across, w, fused(along, dz, c))
+    none = np.float32(0.0)
+    return a if rows.free[i, 0] else none, b if rows.free[i, 1] else none, c if rows.free[i, 2] else none
+
+
+@kernel
+def multiply_elements(rows, x, y):
+    """y (n_owned, 3) = matrix times x (n, 3). rows : `Rows`"""
+    for i in range(np.uint64(y.shape[0])):
+        y[i, 0], y[i, 1], y[i, 2] = _answer(i, rows, x)
+
+
+@inner_kernel
+def step_elements(rows, inverse, b, x, scale, keep, step, first, end):
+    """In some rows step = keep step + scale inverse (b - matrix times x). All (n, 3); rows : `Rows`"""
+    for i in range(np.uint64(first), np.uint64(end)):
+        r, s, t = _answer(i, rows, x)
+        add_step(i, inverse, b[i, 0] - r, b[i, 1] - s, b[i, 2] - t, scale, keep, step)
+
+
+@kernel
+def step_and_share(rows, inverse, b, x, scale, keep, step, boundary, buffers):
+    """Take the step of `step_elements` in all rows of x; MPI's error code, 0 for success.
+
+    boundary : so many rows, the first ones, meet others' particles; what others need of them is on its way
+    while the rest is stepped
+    """
+    n = step.shape[0]
+    step_elements(rows, inverse, b, x, scale, keep, step, 0, boundary)
+    error, place = send_rows(x, step, buffers)
+    if error != 0:
+        return error
+    step_elements(rows, inverse, b, x, scale, keep, step, boundary, n)
+    for i in range(n):
+        for k in range(3):
+            x[i, k] += step[i, k]
+    return receive_rows(x, n, place, buffers)
+
+
+@kernel
+def fill_elements(at, direction, axial, across, start, other, element):
+    """Fill these of `Rows`, slack elements left out.
+
+    at : `Incidence`; direction, axial, across : of `Tangent`
+    """
+    k = 0
+    for p in range(start.shape[0] - 1):
+        start[p] = k
+        for entry in range(at.start[p], at.start[p + 1]):
+            e = at.element[entry]
+            along = axial[e] - across[e]
+            if along == 0.0 and across[e] == 0.0:
+                continue
+            other[k] = at.far[entry]
+            element[k, 0], element[k, 1], element[k, 2] = direction[e, 0], direction[e, 1], direction[e, 2]
+            element[k, 3], element[k, 4] = along, across[e]
+            k += 1
+    start[-1] = k
+
+
+class ElementMatrix:
+    """The product with a vector of rows (n_owned, 3) float32 on each rank, as of `blocks.SpreadMatrix`.
+
+    What it is multiplied with is zero on held axes.
+    """
+
+    def __init__(self, halo: Halo, net, K: Tangent, at: Incidence, inertia: float):
+        """Compression is left out.
+
+        net : `relaxation.Net`; at : of the particles that this rank owns; inertia : share of the nodes'
+        stiffness that is added
+        """
+        n, K = halo.n_owned, without_compression(K)
+        support = None
+        if K.support is not None or inertia:
+            held = np.zeros((n, 3)) if K.support is None else K.support[:n]
+            support = (held + inertia * K.nodal[:n, None]).astype(np.float32)
+        start, other = np.empty(n + 1, np.int32), np.empty(len(at.far), np.int32)
+        element = np.empty((len(at.far), 5), np.float32)
+        fill_elements(at, K.direction, K.axial, K.across, start, other, element)
+        free = (net.free[:n] != 0).astype(np.uint8)
+        self.rows = Rows(start, other[: start[-1]], element[: start[-1]], support, free)
+        self.halo = halo
+        self.x = np.zeros((len(net.x), 3), np.float32)
+        self.own, self.y = self.x[:n], np.empty((n, 3), np.float32)
+
+    def __call__(self) -> np.ndarray:
+        """The rows of the product with `own`, as shared, in an array that the next call overwrites."""
+        multiply_elements(self.rows, self.x, self.y)
+        return self.y
+
+    def share(self) -> None:
+        """Let the other ranks know `own`. Collective."""
+        self.halo.update(self.x)
+
+    def take_step(self, b: np.ndarray, inverse: np.ndarray, scale, keep, step: np.ndarray) -> None:
+        """step = keep step + scale inverse (b - product with `own`), added to `own`, shared. Collective."""
+        of_step = self.rows, inverse, b, self.x, scale, keep, step
+        check(step_and_share(*of_step, self.halo.boundary, self.halo.buffers))

@@ -1,0 +1,188 @@
+"""The tangent stiffness of a net at its positions, for Newton's method."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.ground.compile import kernel, part_of_kernel
+from netfall.mechanics.elements import element_tangents, nodal_stiffness
+from netfall.mechanics.material import largest_stiffness
+from netfall.mechanics.state import State
+from netfall.multigrid.rows import BlockRows, Owners, blocks_of
+from netfall.parallel.subdomain import Distribution
+
+
+class Tangent(NamedTuple):
+    """Stiffness of a net at its positions.
+
+    N : (m,) [N]; direction : (m, 3) along the elements; axial, across : (m,) [N/m], of compression negative
+    support : (n, 3) [N/m] or None
+    nodal : (n,) [N/m], the elements' and supports' largest stiffness at each particle
+    """
+
+    N: np.ndarray
+    direction: np.ndarray
+    axial: np.ndarray
+    across: np.ndarray
+    support: np.ndarray | None
+    nodal: np.ndarray
+
+
+def tangent_of(state: State) -> Tangent:
+    """The tangent stiffness of a state's elements and supports at its positions."""
+    N, axial, across = np.empty((3, state.m))
+    direction = np.empty((state.m, 3))
+    element_tangents(state.x, state.elements, state.law, N, direction, axial, across)
+    nodal = state.spring.max(1).astype(float) if state.features.springs else np.zeros(state.n_local)
+    nodal_stiffness(state.ends, largest_stiffness(state.EA, state.L0) + np.abs(across), nodal)
+    support = np.ascontiguousarray(state.spring, float) if state.features.springs else None
+    return Tangent(N, direction, axial, across, support, nodal)
+
+
+def without_compression(K: Tangent) -> Tangent:
+    """The tangent without what compression takes from it."""
+    return K._replace(across=np.maximum(K.across, 0.0))
+
+
+def scattered(number: np.ndarray) -> np.ndarray:
+    """Numbers from -0.5 to 0.5, as if by chance, that depend on the given integers alone (SplitMix64)."""
+    bits = number.astype(np.uint64) + np.uint64(0x9E3779B97F4A7C15)
+    bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return (bits ^ (bits >> np.uint64(31))) / 2.0**64 - 0.5
+
+
+class Incidence(NamedTuple):
+    """The elements at each of the first particles, in ascending number of the far end.
+
+    start : (rows + 1,) where those of each begin; element, far : (k,) row of the element, and of its far end
+    """
+
+    start: np.ndarray
+    element: np.ndarray
+    far: np.ndarray
+
+
+def incidence_of(ends: np.ndarray, number: np.ndarray, rows: int) -> Incidence:
+    """The elements at the first `rows` particles. ends : (m, 2); number : (n,) of the particles."""
+    start, ends = np.zeros(rows + 1, np.int64), ends.astype(np.uint32, copy=False)
+    count_elements(ends, start)
+    at = Incidence(start, *np.empty((2, start[-1]), np.int32))
+    list_elements(ends, number, start[:-1].copy(), *at)
+    return at
+
+
+@kernel
+def count_elements(ends, start):
+    """Add up how many elements each row has, and those before it, in start (rows + 1,) of zeros."""
+    rows = start.shape[0] - 1
+    for e in range(ends.shape[0]):
+        for end in range(2):
+            if ends[e, end] < rows:
+                start[ends[e, end] + 1] += 1
+    for p in range(rows):
+        start[p + 1] += start[p]
+
+
+@kernel
+def list_elements(ends, number, free_place, start, element, far):
+    """Fill an `Incidence`; free_place : (rows,) a copy of start, overwritten."""
+    rows = start.shape[0] - 1
+    for e in range(ends.shape[0]):
+        for end in range(2):
+            p, other = ends[e, end], ends[e, 1 - end]
+            if p >= rows:
+                continue
+            k = free_place[p]
+            while k > start[p] and number[far[k - 1]] > number[other]:
+                element[k], far[k] = element[k - 1], far[k - 1]
+                k -= 1
+            element[k], far[k] = e, other
+            free_place[p] += 1
+
+
+@part_of_kernel
+def _block_of(e, direction, axial, across, i, j):
+    """An entry of the stiffness [N/m] of one end of an element against the other."""
+    along = (axial[e] - across[e]) * direction[e, i]
+    return along * direction[e, j] + (across[e] if i == j else 0.0)
+
+
+@kernel
+def add_diagonal(ends, direction, axial, across, out):
+    """Add the elements' stiffness to the diagonal blocks (n, 3, 3) of first ends, then of second ones."""
+    for end in range(2):
+        for e in range(ends.shape[0]):
+            for i in range(3):
+                for j in range(3):
+                    out[ends[e, end], i, j] += _block_of(e, direction, axial, across, i, j)
+
+
+@kernel
+def fill_blocks(at, ends, number, free, direction, axial, across, diagonal, start, column, block):
+    """Fill the rows of a matrix: start (rows + 1,), column (k,), block (k, 3, 3) of zeros; k at most.
+
+    at : `Incidence`; the others are of `block_matrix`; diagonal : (n, 3, 3)
+    """
+    k = 0
+    for p in range(start.shape[0] - 1):
+        start[p] = k
+        moves = free[p, 0] or free[p, 1] or free[p, 2]
+        before = True  # the diagonal is still to come
+        for entry in range(at.start[p], at.start[p + 1] + 1):
+            last = entry == at.start[p + 1]
+            if before and (last or number[at.far[entry]] > number[p]):
+                column[k] = number[p]
+                for i in range(3):
+                    for j in range(3):
+                        block[k, i, j] = diagonal[p, i, j]
+                k, before = k + 1, False
+            if last:
+                break
+            e, q = at.element[entry], at.far[entry]
+            if not (moves and (free[q, 0] or free[q, 1] or free[q, 2])):
+                continue
+            if k == start[p] or column[k - 1] != number[q]:
+                column[k] = number[q]
+                k += 1
+            first = ends[e, 0] == p
+            for i in range(3):
+                for j in range(3):
+                    if free[p, i] and free[q, j]:
+                        a, b = (i, j) if first else (j, i)
+                        block[k - 1, i, j] -= _block_of(e, direction, axial, across, a, b)
+    start[-1] = k
+
+
+def block_matrix(ends, direction, axial, across, free, support, inertia, number, at: Incidence, columns: int):
+    """The tangent stiffness as a scipy BSR matrix of 3 x 3 blocks, without held axes.
+
+    ends : (m, 2); direction : (m, 3); axial, across : (m,) [N/m]; free : (n, 3) bool; support : (n, 3) or
+    None; inertia : (n,) [N/m]; number : (n,) of a particle's column; columns : how many
+    at : the rows that are made, of the first particles
+    """
+    rows, axis, ends = len(at.start) - 1, np.arange(3), ends.astype(np.uint32, copy=False)
+    diagonal = np.zeros((len(free), 3, 3))
+    add_diagonal(ends, direction, axial, across, diagonal)
+    diagonal = diagonal[:rows]
+    diagonal[:, axis, axis] += inertia[:rows, None] + (0.0 if support is None else support[:rows])
+    diagonal *= free[:rows, :, None] & free[:rows, None, :]
+    diagonal[:, axis, axis] += ~free[:rows]
+    start, most = np.empty(rows + 1, np.int64), rows + len(at.far)
+    column, block = np.empty(most, np.int32), np.zeros((most, 3, 3))
+    fill_blocks(at, ends, number, free, direction, axial, across, diagonal, start, column, block)
+    return blocks_of(block[: start[-1]], column[: start[-1]], start, columns)
+
+
+def tangent_rows(distribution: Distribution, net, K: Tangent, at: Incidence, inertia: float) -> BlockRows:
+    """The tangent as a matrix, compression left out. Collective.
+
+    net : `relaxation.Net`; at : of the particles that this rank owns; inertia : share of the nodes' stiffness
+    that is added
+    """
+    d, K = distribution.subdomain, without_compression(K)
+    owners = Owners(distribution.comm, d.particle_gid[: d.n_owned])
+    elements = K.direction, K.axial, K.across
+    nodal = inertia * K.nodal
+    own = block_matrix(net.ends, *elements, net.free != 0, K.support, nodal, d.particle_gid, at, owners.n)
+    return BlockRows(distribution.comm, own, owners, owners)

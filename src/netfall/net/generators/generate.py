@@ -1,0 +1,204 @@
+"""Nets from dimensions: those of the paper, saddle (4.1), stadium (4.2); others: ring, wheel, dome."""
+
+import numpy as np
+
+from netfall.job.schema import GENERATOR_KEYS
+from netfall.net.generators.dome import dome, wrong_dome
+from netfall.net.generators.ring import SNAP, ring
+from netfall.net.generators.wheel import largest_brace_force, wheel
+from netfall.net.net import Net, pair_key
+
+
+def saddle(side: float, rise: float, cells: int) -> Net:
+    """Square net on a rigid boundary z = rise ((x/a)^2 - (y/a)^2), a = side / 2, free particles on z = 0.
+
+    The square's corners carry no cable and are no particles.
+    """
+    a, count = 0.5 * side, cells + 1
+    line = np.linspace(-a, a, count)
+    X, Y = np.meshgrid(line, line)
+    on_edge = np.zeros((count, count), bool)
+    on_edge[[0, -1]] = on_edge[:, [0, -1]] = True
+    corner = np.zeros_like(on_edge)
+    corner[np.ix_([0, -1], [0, -1])] = True
+    Z = np.where(on_edge, rise * ((X / a) ** 2 - (Y / a) ** 2), 0.0)
+    points = np.stack([X, Y, Z], -1)
+    number = np.where(corner, -1, np.cumsum(~corner).reshape(corner.shape) - 1)
+    n = int((~corner).sum())
+    number[corner] = n + np.arange(4)
+    ring = np.concatenate([number[0], number[1:, -1], number[-1, -2::-1], number[-2:0:-1, 0]])
+    inner = slice(1, -1)
+    along_x = np.stack([number[inner, :-1], number[inner, 1:]], -1).reshape(-1, 2)
+    along_y = np.stack([number[:-1, inner], number[1:, inner]], -1).reshape(-1, 2)
+    elements, group = _in_order(along_x, along_y)
+    fixed = np.repeat(on_edge[~corner][:, None], 3, 1)
+    return Net(
+        points[~corner],
+        fixed,
+        elements,
+        group,
+        ["x", "y"],
+        outline=np.column_stack([ring, np.roll(ring, -1)]),
+        corners=points[corner],
+    )
+
+
+def stadium(length: float, width: float, arch_rise: float, spacing: float, halves: int = 1) -> Net:
+    """A stadium roof, one half as in the paper or both, which share the arch."""
+    half = half_stadium(length, width, arch_rise, spacing)
+    return half if halves == 1 else mirrored(half)
+
+
+def mirrored(half: Net) -> Net:
+    """A net on one side of its supports on y = 0 together with its mirror image on the other side of them."""
+    away = np.flatnonzero(half.x[:, 1] > 0)
+    away = away[np.lexsort((half.x[away, 0], -half.x[away, 1]))]
+    k, corners = len(away), len(half.corners)
+    here = k + np.arange(half.n + corners)
+    there = here.copy()
+    there[away] = np.arange(k)
+    along_x, along_y = (half.elements[half.group == group] for group in (0, 1))
+    elements, group = _in_order(
+        np.concatenate([there[along_x], here[along_x]]),
+        np.concatenate([there[along_y][:, ::-1], here[along_y]]),
+    )
+    outline = np.concatenate([there[half.outline], here[half.outline]])
+    once = np.sort(np.unique(pair_key(outline, len(here) + k), return_index=True)[1])  # the arch has it twice
+    return Net(
+        np.concatenate([half.x[away] * [1.0, -1.0, 1.0], half.x]),
+        np.concatenate([half.fixed[away], half.fixed]),
+        elements,
+        group,
+        half.group_names,
+        outline=outline[once],
+        corners=half.corners,
+    )
+
+
+def half_stadium(length: float, width: float, arch_rise: float, spacing: float) -> Net:
+    """Half of a stadium roof, from a rigid parabolic arch (y = 0) to a rigid elliptic edge (z = 0).
+
+    Cables along x and y at multiples of `spacing`, each ending on the arch or on the ellipse. The start
+    geometry is the ruled surface, straight in the y direction from arch to edge.
+    """
+    a, b = 0.5 * length, 0.5 * width
+    to_edge_y = lambda x: b * np.sqrt(np.maximum(0.0, 1 - (x / a) ** 2))
+    to_edge_x = lambda y: a * np.sqrt(np.maximum(0.0, 1 - (y / b) ** 2))
+    half = int(a / spacing) + 1
+    across, away = np.arange(-half, half + 1), np.arange(1, int(b / spacing) + 2)
+    X, Y = np.meshgrid(across * spacing, away * spacing, indexing="ij")
+    gap = np.minimum(to_edge_x(Y) - np.abs(X), to_edge_y(X) - Y)
+    gap[(np.abs(X) > a) | (b < Y)] = -np.inf
+    inside, on_edge = gap > SNAP * spacing, np.abs(gap) <= SNAP * spacing
+    xy, support, along_x, along_y = _stadium_cables(X, Y, inside, on_edge, to_edge_x, to_edge_y)
+    height = arch_rise * (1 - (xy[:, 0] / a) ** 2)
+    z = np.where(
+        support & (xy[:, 1] > 0),
+        0.0,
+        height * (1 - xy[:, 1] / np.maximum(to_edge_y(xy[:, 0]), SNAP * spacing)),
+    )
+    elements, group = _in_order(along_x, along_y)
+    n = len(xy)
+    arch = np.flatnonzero(support & (xy[:, 1] == 0))
+    edge = np.flatnonzero(support & (xy[:, 1] > 0))
+    edge = edge[np.argsort(np.arctan2(xy[edge, 1] / b, xy[edge, 0] / a))]
+    ring = np.concatenate(
+        [[n], arch, [n + 1], edge]
+    )  # corners (-a, 0), (a, 0), then the ellipse from +x to -x
+    return Net(
+        np.column_stack([xy, z]),
+        np.repeat(support[:, None], 3, 1),
+        elements,
+        group,
+        ["x", "y"],
+        outline=np.column_stack([ring, np.roll(ring, -1)]),
+        corners=np.array([[-a, 0.0, 0.0], [a, 0.0, 0.0]]),
+    )
+
+
+def _stadium_cables(X, Y, inside, on_edge, to_edge_x, to_edge_y):
+    """Places (n, 2) [m] in rows along x, whether each is a support, elements along x and along y.
+
+    Each cable ends in a support of its own, or in a point of the grid that lies on the ellipse.
+    """
+    columns, rows = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
+    x, y = X[columns, 0], Y[0, rows]
+    grid = inside | (on_edge & (inside.any(1)[:, None] | inside.any(0)[None]))
+    number = np.where(grid, np.cumsum(grid).reshape(grid.shape) - 1, -1)
+    last_y = inside.shape[1] - inside[columns, ::-1].argmax(1)  # beyond the last point inside
+    first_x, last_x = inside[:, rows].argmax(0) - 1, inside.shape[0] - inside[::-1, rows].argmax(0)
+    reach_y, reach_x = np.array([to_edge_y(one) for one in x]), np.array([to_edge_x(one) for one in y])
+    ends = (  # of the cables: those on the arch, and at the ellipse the number on the grid, or -1
+        (np.full(len(x), -1), x, np.zeros(len(x))),
+        (np.where(on_edge[columns, last_y], number[columns, last_y], -1), x, reach_y),
+        (np.where(on_edge[first_x, rows], number[first_x, rows], -1), -reach_x, y),
+        (np.where(on_edge[last_x, rows], number[last_x, rows], -1), reach_x, y),
+    )
+    numbers = np.concatenate([end[0] for end in ends])
+    own = numbers < 0
+    numbers[own] = grid.sum() + np.arange(own.sum())
+    places = np.concatenate([np.column_stack(end[1:]) for end in ends])[own]
+    arch, far, left, right = np.split(numbers, np.cumsum([len(end[0]) for end in ends[:-1]]))
+    along_y = _pairs(number, inside, arch, number[columns, 0], number[columns, last_y - 1], far)
+    first, last = number[first_x + 1, rows], number[last_x - 1, rows]
+    along_x = _pairs(number.T, inside.T, left, first, last, right)
+    xy = np.concatenate([np.column_stack([X[grid], Y[grid]]), places])
+    support = np.concatenate([on_edge[grid], np.ones(len(places), bool)])
+    order = np.lexsort((xy[:, 0], xy[:, 1]))
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return xy[order], support[order], rank[along_x], rank[along_y]
+
+
+def _pairs(number, inside, start, first, last, end) -> np.ndarray:
+    """Elements (k, 2) of the cables along the second axis of a grid: to its first point, within, beyond."""
+    within = inside[:, :-1] & inside[:, 1:]
+    inner = np.column_stack([number[:, :-1][within], number[:, 1:][within]])
+    return np.concatenate([np.column_stack([start, first]), inner, np.column_stack([last, end])])
+
+
+def _in_order(along_x, along_y):
+    """Elements (m, 2) sorted by their particles, and their group: 0 along x, 1 along y."""
+    elements = np.concatenate([along_x, along_y])
+    group = np.repeat([0, 1], [len(along_x), len(along_y)])
+    order = np.lexsort((elements[:, 1], elements[:, 0]))
+    return elements[order], group[order]
+
+
+def generate(net) -> Net:
+    """The net of a section [net] with a generator."""
+    makers = {"saddle": saddle, "stadium": stadium, "ring": ring, "wheel": wheel, "dome": dome}
+    make = makers[net.generator]
+    return make(*(getattr(net, key) for key in GENERATOR_KEYS[net.generator]))
+
+
+def wrong_dimensions(net, most: int) -> str:
+    """What is wrong with the dimensions of a section [net], in words: too many elements, or no roof."""
+    grid = lambda: 2.0 * (np.pi / 8) * (net.length / net.spacing) * (net.width / net.spacing)
+    key, size = {
+        "saddle": ("cells", lambda: 2.0 * net.cells**2),
+        "stadium": ("spacing", lambda: net.halves * grid()),
+        "ring": ("spacing", lambda: 2.0 * grid()),
+        "wheel": ("spokes", lambda: net.spokes * (4.0 * net.hoops + 12.0)),
+        "dome": ("spokes", lambda: net.spokes * (6.0 * net.hoops + 7.0)),
+    }[net.generator]
+    given = f"{key} = {getattr(net, key):g}:"
+    if not size() <= most:
+        return f"{given} asks for {size():.3g} elements; at most {most:.0e} fit"
+    if net.generator in ("stadium", "ring") and net.spacing > 0.25 * min(net.length, net.width):
+        return (
+            f"{given} too wide for the roof; expected at most {0.25 * min(net.length, net.width):g} m, "
+            "a quarter of the shorter axis"
+        )
+    if net.generator == "wheel" and net.spokes % 4:
+        return f"{given} expected a multiple of 4, for the supports a quarter of the ring apart"
+    if net.generator in ("wheel", "dome") and not net.opening < net.diameter:
+        return f"opening = {net.opening:g}: expected less than diameter = {net.diameter:g} m"
+    if net.generator == "wheel":
+        most = largest_brace_force(net.opening, net.ring_height, net.spokes, net.spoke_force)
+        if not net.brace_force < most:
+            return (
+                f"brace_force = {net.brace_force:g}: expected less than {most:.4g} N, with which the "
+                "diagonals alone would hold the radials and leave the tension rings slack"
+            )
+    return wrong_dome(net) if net.generator == "dome" else ""

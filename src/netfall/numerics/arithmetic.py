@@ -1,0 +1,145 @@
+"""Inverse root, logarithm and exponential, for vector registers or a number at a time.
+
+A processor's own root and division together take some 35 cycles for a register, four times as long as all
+the rest of an element; a guess and two rounds of fused multiply-add take seven, and give the same bits on
+every processor. The logarithm of the mathematical library works on one number at a time. Both are right to
+two units in the last place (tests/test_arithmetic.py).
+"""
+
+import math
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+
+from netfall.ground.compile import part_of_kernel
+from netfall.numerics.functions import LN2_HIGH, LN2_LOW, SQRT_HALF
+
+HALF, THREE_EIGHTHS, FIVE_SIXTEENTHS, ONE, LEAST = np.float32([0.5, 0.375, 0.3125, 1.0, 1e-7])
+INVERSE_LN2 = 1.0 / (LN2_HIGH + LN2_LOW)
+GUESS = np.int64(0x5FE6EB50C7B537A9)  # less half the bits of a number: its inverse root within 3.5 %
+
+
+@intrinsic
+def fused(typing, a, b, c):
+    """a b + c, rounded once; in single precision if all three are."""
+    number = types.float32 if (a, b, c) == (types.float32,) * 3 else types.float64
+    return number(number, number, number), lambda context, builder, signature, values: builder.fma(*values)
+
+
+@intrinsic
+def like(typing, sample, number):
+    """A number in the precision of another number, or of an array's.
+
+    (A literal would make double precision of whatever it meets.)
+    """
+    kind = sample.dtype if isinstance(sample, types.Array) else sample
+    return kind(sample, number), lambda context, builder, signature, values: context.cast(
+        builder, values[1], number, kind
+    )
+
+
+@intrinsic
+def bits_of(typing, a):
+    """The 64 bits of a number."""
+    return types.int64(types.float64), lambda context, builder, signature, values: builder.bitcast(
+        values[0], ir.IntType(64)
+    )
+
+
+@intrinsic
+def number_of(typing, a):
+    """The number of 64 bits."""
+    return types.float64(types.int64), lambda context, builder, signature, values: builder.bitcast(
+        values[0], ir.DoubleType()
+    )
+
+
+@part_of_kernel
+def inverse_root(a):
+    """1 / sqrt(a) of a > 0, at least 1e-300; nan for infinity and nan.
+
+    With the error e = 1 - a y^2 of a guess y, 1 / sqrt(a) = y (1 - e)^(-1/2); its series up to e^3 leaves
+    35/128 e^4, twice: 1.2e-6, 1e-23.
+    """
+    y = number_of(GUESS - (bits_of(a) >> 1))
+    for _ in range(2):
+        e = fused(-(a * y), y, 1.0)
+        y = fused(y * e, fused(fused(0.3125, e, 0.375), e, 0.5), y)
+    return y
+
+
+@intrinsic
+def guessed_root(typing, a):
+    """1 / sqrt(a) of a > 0 in single precision, within 3.5 %."""
+    bits = ir.IntType(32)
+
+    def write(context, builder, signature, values):
+        half = builder.lshr(builder.bitcast(values[0], bits), ir.Constant(bits, 1))
+        return builder.bitcast(builder.sub(ir.Constant(bits, 0x5F3759DF), half), ir.FloatType())
+
+    return types.float32(types.float32), write
+
+
+@part_of_kernel
+def shortening(excess):
+    """1 - 1 / sqrt(1 + excess) in single precision, to its last digits however small it is.
+
+    After a first round as in `inverse_root` (to 1e-5) the rest is done on w = 1 - y itself: 1 - (1 + excess)
+    y^2 = w (1 + y) - excess y^2. Below 1 + excess = 1e-7, where nothing is left of the digits of excess, as
+    there.
+    """
+    a = max(ONE + excess, LEAST)
+    y = guessed_root(a)
+    e = fused(-(a * y), y, ONE)
+    y = fused(y * e, fused(fused(FIVE_SIXTEENTHS, e, THREE_EIGHTHS), e, HALF), y)
+    w = ONE - y
+    e = fused(-(excess * y), y, w * (ONE + y))
+    return fused(-(y * e), fused(THREE_EIGHTHS, e, HALF), w)
+
+
+@part_of_kernel
+def logarithm(a):
+    """Natural logarithm of a finite a > 0, at least 1e-300.
+
+    a = 2^k m with m from sqrt(1/2) to sqrt(2); ln m = 2 artanh s, s = (m - 1) / (m + 1) < 0.172, whose
+    series is cut after s^21: 1e-18.
+    """
+    bits = bits_of(a)
+    k = (bits - bits_of(SQRT_HALF)) >> 52
+    m = number_of(bits - (k << 52))
+    f = m - 1.0
+    s = f / (2.0 + f)
+    z = s * s
+    series = 1.0 / 21.0
+    for n in range(9, 0, -1):
+        series = fused(series, z, 1.0 / (2 * n + 1))
+    # ln m = f - f^2/2 + ..., written as f - s (f - 2 z series): its first term is exact
+    return fused(float(k), LN2_HIGH, f - (s * (f - 2.0 * z * series) - float(k) * LN2_LOW))
+
+
+@part_of_kernel
+def _series(rest):
+    """(e^rest - 1 - rest) / rest^2 of |rest| < 0.35, cut after rest^12 / 14!: 1e-17."""
+    total = 1.0
+    for k in range(14, 2, -1):
+        total = fused(total, rest / k, 1.0)
+    return 0.5 * total
+
+
+@part_of_kernel
+def exponential(a):
+    """e to the power of a, |a| < 700."""
+    k = math.floor(a * INVERSE_LN2 + 0.5)
+    rest = fused(-k, LN2_LOW, fused(-k, LN2_HIGH, a))
+    whole = 1.0 + fused(rest * rest, _series(rest), rest)
+    return whole * number_of((np.int64(k) + 1023) << 52)
+
+
+@part_of_kernel
+def exponential_less_one(a):
+    """e to the power of a, less 1, |a| < 700, to its last digits however small a is."""
+    if abs(a) < 0.35:
+        return fused(a * a, _series(a), a)
+    return exponential(a) - 1.0

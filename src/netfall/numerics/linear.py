@@ -1,0 +1,157 @@
+"""Small dense linear algebra in one order of operations, which gives the same bits on any processor.
+
+BLAS and LAPACK choose how they block and sum by the processor. Here each entry is a sum in ascending order,
+without fused operations; the innermost loops go along rows, so that they take whole registers.
+"""
+
+import math
+
+from netfall.ground.compile import kernel
+
+INVERSE_ITERATIONS = 4  # each leaves of the other vectors some 1e-10
+
+
+@kernel
+def product(a, b, out):
+    """out (n, m) = a (n, k) b (k, m)."""
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] = 0.0
+        for k in range(b.shape[0]):
+            for j in range(out.shape[1]):
+                out[i, j] += a[i, k] * b[k, j]
+
+
+@kernel
+def factorised(matrix):
+    """Cholesky's factor U of a symmetric matrix U^T U (n, n), in place, in the upper half.
+
+    How many rows are singular: those are a 1 on the diagonal and else zero.
+    """
+    n, singular = matrix.shape[0], 0
+    for k in range(n):
+        root = math.sqrt(matrix[k, k]) if matrix[k, k] > 0.0 else 0.0
+        singular += root == 0.0
+        for j in range(k, n):
+            matrix[k, j] = matrix[k, j] / root if root > 0.0 else (1.0 if j == k else 0.0)
+        for i in range(k + 1, n):
+            factor = matrix[k, i]
+            for j in range(i, n):
+                matrix[i, j] -= factor * matrix[k, j]
+    return singular
+
+
+@kernel
+def solve_factorised(upper, b):
+    """Solve U^T U x = b in place, b (n,)."""
+    n = upper.shape[0]
+    for i in range(n):
+        b[i] /= upper[i, i]
+        found = b[i]
+        for j in range(i + 1, n):
+            b[j] -= upper[i, j] * found
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            b[i] -= upper[i, k] * b[k]
+        b[i] /= upper[i, i]
+
+
+@kernel
+def solve_columns(upper, b):
+    """Solve U^T U x = b in place, b (n, m), a system for each column."""
+    n, m = b.shape
+    for i in range(n):
+        for c in range(m):
+            b[i, c] /= upper[i, i]
+        for k in range(i + 1, n):
+            for c in range(m):
+                b[k, c] -= upper[i, k] * b[i, c]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            for c in range(m):
+                b[i, c] -= upper[i, k] * b[k, c]
+        for c in range(m):
+            b[i, c] /= upper[i, i]
+
+
+@kernel
+def eliminate(matrix, b):
+    """Solve matrix x = b in place, matrix (n, n) and b (n, m) complex; rows change places for the pivots."""
+    n, m = b.shape
+    for k in range(n):
+        best = k
+        for i in range(k + 1, n):
+            here, there = matrix[i, k], matrix[best, k]
+            if (
+                here.real * here.real + here.imag * here.imag
+                > there.real * there.real + there.imag * there.imag
+            ):
+                best = i
+        for j in range(n):
+            matrix[k, j], matrix[best, j] = matrix[best, j], matrix[k, j]
+        for c in range(m):
+            b[k, c], b[best, c] = b[best, c], b[k, c]
+        for i in range(k + 1, n):
+            factor = matrix[i, k] / matrix[k, k]
+            for j in range(k + 1, n):
+                matrix[i, j] -= factor * matrix[k, j]
+            for c in range(m):
+                b[i, c] -= factor * b[k, c]
+    for i in range(n - 1, -1, -1):
+        for c in range(m):
+            for k in range(i + 1, n):
+                b[i, c] -= matrix[i, k] * b[k, c]
+            b[i, c] = b[i, c] / matrix[i, i]
+
+
+@kernel
+def how_many_below(diagonal, beside, value):
+    """How many eigenvalues of a symmetric tridiagonal matrix are below a value (Sturm's sequence)."""
+    count, pivot = 0, 1.0
+    for i in range(diagonal.shape[0]):
+        square = beside[i - 1] * beside[i - 1] if i > 0 else 0.0
+        pivot = diagonal[i] - value - square / pivot
+        if pivot == 0.0:
+            pivot = 1e-300
+        count += pivot < 0.0
+    return count
+
+
+@kernel
+def top_of_tridiagonal(diagonal, beside, pivot, vector):
+    """The largest eigenvalue of a symmetric tridiagonal matrix, to its last digits, and its unit vector.
+
+    diagonal : (n,); beside : (n - 1,) or more; pivot : (n,), overwritten; vector : (n,), out
+    By bisection, then inverse iteration from just above it, where the shifted matrix needs no pivoting.
+    """
+    n, low, high = diagonal.shape[0], diagonal[0], diagonal[0]
+    for i in range(n):
+        radius = (abs(beside[i - 1]) if i > 0 else 0.0) + (abs(beside[i]) if i < n - 1 else 0.0)
+        low, high = min(low, diagonal[i] - radius), max(high, diagonal[i] + radius)
+    size = max(abs(low), abs(high))
+    low, high = low - 1e-15 * size, high + 1e-15 * size
+    middle = 0.5 * (low + high)
+    while low < middle < high:
+        if how_many_below(diagonal, beside, middle) == n:
+            high = middle
+        else:
+            low = middle
+        middle = 0.5 * (low + high)
+    above = high + 1e-14 * size
+    pivot[0] = above - diagonal[0]
+    for i in range(1, n):
+        pivot[i] = above - diagonal[i] - beside[i - 1] * beside[i - 1] / pivot[i - 1]
+    for i in range(n):
+        vector[i] = 1.0
+    for _ in range(INVERSE_ITERATIONS):
+        for i in range(1, n):
+            vector[i] += beside[i - 1] / pivot[i - 1] * vector[i - 1]
+        square = 0.0
+        for i in range(n - 1, -1, -1):
+            if i < n - 1:
+                vector[i] += beside[i] * vector[i + 1]
+            vector[i] /= pivot[i]
+            square += vector[i] * vector[i]
+        for i in range(n):
+            vector[i] /= math.sqrt(square)
+    return high

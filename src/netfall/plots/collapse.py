@@ -1,0 +1,114 @@
+"""The dynamic stage in space, at moments when something happens."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+from netfall.plots.force import add_supports
+from netfall.plots.net import MOST_DRAWN, _space
+from netfall.plots.style import short_title
+from netfall.results.frames import Frames
+from netfall.results.losses import lost_at
+
+STAGES = 6  # pictures
+OF_FRACTURES = (0.0, 0.1, 0.35, 0.7, 1.0)  # shares of them at which a picture is due
+IN_VIEW = 2.0, 98.0  # percentiles of where elements are in the pictures
+FARTHEST = 0.35  # of the largest extent of the net, beyond it, that the view reaches at most
+STYLES = (
+    ("taut", "#30507a", 0.8),
+    ("compressed", "#c77700", 0.9),
+    ("slack", "#9ab8d8", 0.6),
+    ("broken; dashed: lost", "#d62728", 1.1),
+)
+
+
+def collapse(f):
+    """Stages of the motion: taut, compressed, slack and broken elements by colour, supports as squares."""
+    frames = Frames(f)
+    steps = stage_steps(frames.times, *_happenings(f))
+    window = view(frames, steps)
+    rows = -(-len(steps) // 2)
+    figure = plt.figure(figsize=(11, 3.6 * rows + 0.7))
+    start = frames.positions(0)[: len(f["net/fixed"])]
+    lost = lost_at(f)
+    for k, step in enumerate(steps):
+        axes = _space(figure, (rows, 2, k + 1), window)
+        _draw_stage(axes, frames, step, window)
+        gone = start[f["net/elements"][:][lost <= frames.times[step]]]
+        if len(gone):
+            axes.add_collection3d(
+                Line3DCollection(gone, colors=STYLES[-1][1], linewidths=1.1, linestyles="--")
+            )
+        add_supports(f, axes, start)
+    handles = [plt.Line2D([], [], color=colour, lw=2, label=name) for name, colour, _ in STYLES]
+    handles += axes.get_legend_handles_labels()[0]
+    figure.legend(handles=handles, loc="lower center", ncols=6, frameon=False, fontsize=9)
+    what = "collapse" if len(f["events/time"]) else "motion"
+    figure.suptitle(f"{short_title(f)}: {'loss of members, ' * bool(np.isfinite(lost).any())}{what}")
+    height = figure.get_figheight()
+    margins = {"top": 1 - 0.9 / height, "bottom": 0.5 / height, "hspace": 0.12, "wspace": 0.02}
+    figure.subplots_adjust(left=0.02, right=0.98, **margins)
+    return figure
+
+
+def view(frames: Frames, steps: list[int], farthest: float = FARTHEST) -> np.ndarray:
+    """The box (2, 3) [m] of the pictures: the net at the start, and nearly all of what moves out of it.
+
+    farthest : as FARTHEST
+    """
+    start = frames.lines(0).reshape(-1, 3)
+    low, high = start.min(0), start.max(0)
+    reach = farthest * (high - low).max()
+    there = [np.percentile(frames.lines(step).reshape(-1, 3), IN_VIEW, axis=0) for step in steps]
+    lowest, highest = np.min(there, axis=0)[0], np.max(there, axis=0)[1]
+    return np.array([np.clip(lowest, low - reach, low), np.clip(highest, high, high + reach)])
+
+
+def _draw_stage(axes, frames: Frames, step: int, window: np.ndarray) -> None:
+    """The elements at a step that are within the window (2, 3)."""
+    every = max(1, frames.cells // MOST_DRAWN)
+    lines, N = frames.lines(step)[::every], frames.cell("tension", step)[::every]
+    broken = frames.cell("broken", step)[::every].astype(bool)
+    margin = 0.02 * np.ptp(window, axis=0).max()
+    inside = ((lines >= window[0] - margin) & (lines <= window[1] + margin)).all((1, 2))
+    which = (~broken & (N > 0), ~broken & (N < 0), ~broken & (N == 0), broken)
+    for (_, colour, width), rows in zip(STYLES, which):
+        if (rows & inside).any():
+            axes.add_collection3d(Line3DCollection(lines[rows & inside], colors=colour, linewidths=width))
+    gone, away = int(frames.cell("broken", step).sum()), int((~inside).sum()) * every
+    out_of_view = f", {away} out of view" if away else ""
+    slack = int(which[2].sum()) * every
+    words = f"t = {frames.times[step]:.4g} s: {gone} broken or lost, {slack} slack{out_of_view}"
+    axes.set_title(words, fontsize=9)
+
+
+def _happenings(f) -> tuple[np.ndarray, np.ndarray, list[float]]:
+    """Times [s] of fractures, of losses, and of what else is remarkable, the most remarkable first."""
+    h, losses, moments = f["history"], np.unique(lost_at(f)), []
+    if "envelope" in f:
+        far = f["envelope/displacement_max"][:]
+        moments.append(float(f["envelope/displacement_max_time"][int(np.argmax(far))]))
+    t, kinetic, slack = h["time"][:], h["kinetic_energy"][:], h["slack"][:]
+    peaks = np.flatnonzero((kinetic[1:-1] > kinetic[:-2]) & (kinetic[1:-1] >= kinetic[2:])) + 1
+    moments += [float(t[np.argmax(slack)])] * bool(slack.any())
+    moments += t[peaks[np.argsort(-kinetic[peaks], kind="stable")]].tolist()
+    return f["events/time"][:], losses[~np.isnan(losses)], moments
+
+
+def stage_steps(times: np.ndarray, fractures, losses, moments: list[float]) -> list[int]:
+    """Frames to show, at most STAGES: the start, around the first event, as fractures go on, after losses.
+
+    What is left goes to the other moments in their order, to the end, then evenly to the times between.
+    times : of the frames [s]; fractures, losses : their times [s]
+    """
+    last = len(times) - 1
+    before = lambda t: max(int(np.searchsorted(times, t)) - 1, 0)
+    after = lambda t: int(min(np.searchsorted(times, t, side="right"), last))
+    events, wanted = np.concatenate([fractures, losses]), [0]
+    if len(events):
+        wanted += [before(events.min()), after(events.min())]
+    if len(fractures):
+        wanted += [after(t) for t in np.quantile(fractures, OF_FRACTURES, method="higher")]
+    wanted += [after(t) for t in losses] + [after(t) for t in moments] + [last]
+    wanted += np.linspace(0, last, STAGES).astype(int).tolist()
+    return sorted(list(dict.fromkeys(wanted))[:STAGES])

@@ -1,0 +1,210 @@
+"""Pictures over time and load: load-displacement curve, energies, tensions, displacements, wind."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from netfall.plots.style import legend_below, mark_events, short_title, unit_of
+from netfall.results.file import element_name
+from netfall.results.frames import Frames
+from netfall.results.losses import broken_at, lost_at
+
+MOST_CURVES = 6
+MOST_NAMED = 10  # of the elements that the job names
+LEAST_ROWS = 10  # of the history before the first fracture, for a picture of them
+BULK = 0.5, 99.5  # percentiles of values that a scale shows
+MUCH_MORE = 1.0  # times the range of the bulk: what is farther out is left out of the scale
+UNTIL = "until the first fracture"
+
+
+def load_displacement(f):
+    """Displacement of the particle that moves most, and the extremes of tension, over the load."""
+    g = f["statics"]
+    share, T = g["load_factor"][:], g["tension"][:]  # the first row: the permanent loads alone
+    last = g["displacement"][-1]
+    p = int(np.linalg.norm(last, axis=1).argmax())
+    k = int(np.abs(last[p]).argmax())
+    groups, names = f["net/group"][:], f["net/group_names"].asstr()[:]
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
+    left.plot(g["displacement"][:, p, k], share, "o-", color="C0")
+    left.set_xlabel(f"displacement along {'xyz'[k]} of node {f['net/node_id'][p]} [m]")
+    left.xaxis.set_major_locator(plt.MaxNLocator(5))
+    left.set_ylabel("load factor [-]")
+    left.grid(alpha=0.3)
+    factor, unit = unit_of(np.abs(T).max(), "N")
+    for j, name in enumerate(names):
+        mine = factor * T[:, groups == j]
+        label = f"group {name or '(none)'}"
+        right.fill_between(share, mine.min(1), mine.max(1), alpha=0.35, color=f"C{j}", label=label)
+    right.set_xlabel("load factor [-]")
+    right.set_ylabel(f"tension, least to largest [{unit}]")
+    right.set_ylim(bottom=min(0.0, right.get_ylim()[0]))
+    right.grid(alpha=0.3)
+    right.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=4, frameon=False)
+    figure.suptitle(f"{short_title(f)}: static load")
+    return figure
+
+
+def energies(f):
+    """Energies over time, their sum against the external work, and the two audits (paper Fig. 8, 15)."""
+    h = f["history"]
+    t = h["time"][:]
+    names = (
+        ("external_work", "external work", "k", "-"),
+        ("kinetic_energy", "kinetic", "C0", "-"),
+        ("strain_energy", "strain (since t = 0)", "C1", "-"),
+        ("plastic_dissipation", "plastic dissipation", "C3", "-"),
+        ("damping_work", "damping", "C2", "-"),
+    )
+    total = sum(h[name][:] for name, *_ in names[1:])
+    first = early_end(f)
+    places = [["early", "top"], ["below", "below"]] if first else [["top"], ["below"]]
+    size = {"figsize": (11 if first else 9, 7), "height_ratios": (3, 1), "layout": "constrained"}
+    figure, panels = plt.subplot_mosaic(places, **size)
+    top, below = panels["top"], panels["below"]
+    for panel in [panels[name] for name in ("early", "top") if name in panels]:
+        rows = t <= first if panel is not top else np.full(len(t), True)
+        scale, named = unit_of(max(np.abs(h[name][:][rows]).max() for name, *_ in names), "J")
+        for name, label, colour, style in names:
+            panel.plot(t[rows], scale * h[name][:][rows], color=colour, ls=style, lw=1.3, label=label)
+        panel.plot(
+            t[rows], scale * total[rows], color="0.6", ls="--", lw=2.2, zorder=0, label="sum of the four"
+        )
+        panel.set_ylabel(f"energy [{named}]")
+        panel.grid(alpha=0.3)
+    if first:
+        panels["early"].set_title(UNTIL, fontsize=9)
+    figure.legend(
+        *top.get_legend_handles_labels(), loc="outside lower center", ncols=6, frameon=False, fontsize=8
+    )
+    mark_events(top, f)
+    floor = 1e-17
+    below.semilogy(
+        t, np.maximum(np.abs(h["balance_error"][:]), floor), color="C4", lw=1, label="physical balance"
+    )
+    below.semilogy(
+        t, np.maximum(np.abs(h["identity_error"][:]), floor), color="C5", lw=1, label="work identity"
+    )
+    below.set_xlabel("time [s]")
+    below.set_ylabel("share of the energy [-]")
+    below.grid(alpha=0.3)
+    below.legend(loc="lower right", ncols=2, frameon=False, fontsize=8)
+    figure.suptitle(f"{short_title(f)}: energy")
+    return figure
+
+
+def tensions(f):
+    """Tension histories of the elements that the job names, else at the probes and of what breaks first.
+
+    After its fracture an element is drawn thin: it swings loose (paper Fig. 13).
+    """
+    figure, axes = plt.subplots(figsize=(9, 4.8), layout="constrained")
+    curves = _tension_curves(f)
+    factor, unit = unit_of(max(np.abs(N).max() for _, N, _ in curves), "N")
+    broken, lost = broken_at(f), lost_at(f)
+    for k, (t, N, e) in enumerate(curves):
+        end = np.fmin(broken[e], lost[e])
+        note = f", breaks at {end:.3f} s" if end == broken[e] else f", lost at {end:.3f} s" if end > 0 else ""
+        whole = ~(t > end)
+        axes.plot(
+            t[whole], factor * N[whole], lw=1, color=f"C{k % 10}", label=f"element {element_name(f, e)}{note}"
+        )
+        axes.plot(t[~whole], factor * N[~whole], lw=0.5, color=f"C{k % 10}", alpha=0.35)
+    sizes = np.concatenate([N for _, N, _ in curves])
+    _set_readable(axes, factor * sizes)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel(f"axial force, positive in tension [{unit}]")
+    axes.grid(alpha=0.3)
+    mark_events(axes, f)
+    legend_below(axes, 3)
+    axes.set_title(f"{short_title(f)}: tensions", pad=16)
+    return figure
+
+
+def _set_readable(axes, values: np.ndarray) -> None:
+    """End the scale above nearly all values, where single ones are far from them."""
+    low, high = np.percentile(values, BULK)
+    margin = 0.08 * max(high - low, 1e-9 * abs(high))
+    if values.max() > high + MUCH_MORE * (high - low) or values.min() < low - MUCH_MORE * (high - low):
+        axes.set_ylim(low - margin, high + 3 * margin)
+
+
+def _tension_curves(f) -> list[tuple[np.ndarray, np.ndarray, int]]:
+    """Times, tensions, element of each curve: named; or probes, then what breaks first; or the largest."""
+    h, frames, curves = f["history"], Frames(f), []
+    if "element_tension" in h:
+        named = h["element"][:MOST_NAMED]
+        return [(h["time"][:], h["element_tension"][:, k], e) for k, e in enumerate(named)]
+    if "probe_tension" in h and h["probe_tension"].shape[1]:
+        chosen = h["probe_element"][:MOST_CURVES]
+        curves = [(h["time"][:], h["probe_tension"][:, k], e) for k, e in enumerate(chosen)]
+    steps = range(len(frames.times))
+    of_frames = lambda e: (frames.times, np.array([frames.cell("tension", s)[e] for s in steps]), e)
+    first = list(dict.fromkeys(f["events/element"][:].tolist()))[: max(2, MOST_CURVES - len(curves))]
+    if len(steps) > 1:
+        curves += [of_frames(e) for e in first]
+    if not curves:
+        N = np.array([frames.cell("tension", s) for s in (0, len(steps) - 1)])
+        curves = [of_frames(int(np.abs(N).max(0).argmax()))]
+    return curves
+
+
+def displacements(f):
+    """Displacement histories of the probes (paper Fig. 14); beside the whole what was before a fracture."""
+    h, first = f["history"], early_end(f)
+    t, d, particles = h["time"][:], h["probe_displacement"][:], h["probe_particle"][:]
+    x, columns = f["net/particles"][:], 2 if first else 1
+    figure, axes = plt.subplots(
+        3,
+        columns,
+        figsize=(5.5 * columns + 3.5 * (not first), 7),
+        sharex="col",
+        layout="constrained",
+        squeeze=False,
+    )
+    name = lambda p: f"node {f['net/node_id'][p]} at ({', '.join(f'{value:.1f}' for value in x[p])}) m"
+    for (k, column), axis in np.ndenumerate(axes):
+        rows = t <= first if first and column == 0 else np.full(len(t), True)
+        for j, p in enumerate(particles[:MOST_CURVES]):
+            axis.plot(t[rows], d[rows, j, k], lw=1, label=name(p))
+        if column == 0:
+            axis.set_ylabel(f"displacement {'xyz'[k]} [m]")
+        axis.grid(alpha=0.3)
+    for axis in axes[-1]:
+        axis.set_xlabel("time [s]")
+    mark_events(axes[0, -1], f)
+    if first:
+        axes[0, 0].set_title(UNTIL, fontsize=9)
+    labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(*labels, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
+    figure.suptitle(f"{short_title(f)}: displacements")
+    return figure
+
+
+def early_end(f) -> float:
+    """The time [s] of the first fracture, up to which a picture of its own is due; 0: none is.
+
+    After it what flies sets the scales.
+    """
+    events, end = f["events/time"][:], f["history/time"][-1]
+    rows = np.count_nonzero(f["history/time"][:] <= events[0]) if len(events) else 0
+    return float(events[0]) if rows >= LEAST_ROWS and events[0] < 0.95 * end else 0.0
+
+
+def wind(f):
+    """Wind speeds at a few control points, or pressures at a few taps."""
+    g = f["wind"]
+    tapped = "pressure" in g
+    t, values = g["time"][:], g["pressure" if tapped else "speed"][:]
+    points = g["tap" if tapped else "control_point"][:]
+    figure, axes = plt.subplots(figsize=(9, 4.2), layout="constrained")
+    for k in np.unique(np.linspace(0, values.shape[1] - 1, 3).astype(int)):
+        place = ", ".join(f"{coordinate:.0f}" for coordinate in points[k])
+        axes.plot(t, values[:, k], lw=0.9, label=f"at ({place}) m")
+    if not tapped:
+        axes.axhline(g["mean_speed"][:].mean(), color="0.5", lw=0.8, ls="--", label="mean")
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("pressure, positive presses [N/m2]" if tapped else "wind speed [m/s]")
+    axes.grid(alpha=0.3)
+    legend_below(axes)
+    axes.set_title(f"{short_title(f)}: wind", pad=16)
+    return figure

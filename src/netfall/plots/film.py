@@ -1,0 +1,215 @@
+"""The dynamic stage as a film: MP4 by ffmpeg where that is installed, else GIF by Pillow.
+
+The axes stay: around the roof where it began, with room for nearly all of what moves out of it. So does the
+scale of the colours. Elements that broke or were lost are red.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.animation import FFMpegWriter, writers
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
+from PIL import Image
+
+from netfall.ground.errors import InputError
+from netfall.plots.collapse import view
+from netfall.plots.force import SLACK, ForceScale, add_by_force, add_supports, force_bars
+from netfall.plots.net import _space
+from netfall.plots.style import short_title
+from netfall.results.file import missing_name, open_result
+from netfall.results.frames import Frames
+from netfall.results.losses import lost_at
+from netfall.write.locks import whole
+
+SIZE, DPI = (7.2, 6.0), 100  # inches; pixels of an inch: an even number of pixels each way, as MP4 needs
+MOST_FRAMES = 600  # in a film; of more every k-th is shown
+MOST_LINES = 20_000  # elements in a frame; of larger nets every k-th is drawn
+MOST_LOOKS = 25  # frames from which the room is found
+FASTEST = 50  # frames a second that programs show of a GIF
+FARTHEST = 0.6  # of the largest extent of the net: how far beyond it the picture reaches at most
+ZOOM = 1.05
+BROKEN = "#d62728"
+FORMATS = ("mp4", "gif")
+
+
+def animate(result: Path, folder: Path, form: str | None, fps: int) -> tuple[Path, str]:
+    """Write RESULT_collapse.mp4 or .gif; its path, and a line that says what it is.
+
+    form : of FORMATS, None: MP4 where there is ffmpeg; fps : frames shown in a second
+    Raises InputError for a wrong file, for one without frames, and where ffmpeg is asked for and missing.
+    """
+    form, why = format_of(form, writers.is_available("ffmpeg"))
+    if form == "gif" and fps > FASTEST:
+        raise InputError(f"--fps {fps}: a GIF shows at most {FASTEST} frames a second; lower it, or take MP4")
+    with open_result(result) as f:
+        try:
+            film = Film.of(f, result)
+        except KeyError as error:
+            raise InputError(
+                f"{result}: {missing_name(error)} is not in this file, which another version of netfall "
+                "wrote, so there is no animation"
+            ) from None
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / f"{result.stem}_collapse.{form}"
+        with whole(path) as place:
+            (_write_mp4 if form == "mp4" else _write_gif)(film, place, fps)
+    plt.close(film.figure)
+    return path, f"{film.told(fps)}, {path.stat().st_size / 1e6:.2g} MB; {why}"
+
+
+def format_of(asked: str | None, ffmpeg: bool) -> tuple[str, str]:
+    """The format of the film and why it is that one; ffmpeg : whether it is installed."""
+    if asked == "mp4" and not ffmpeg:
+        raise InputError(
+            "--format mp4: needs ffmpeg, which is not on the path; install it, or take --format gif"
+        )
+    if asked:
+        return asked, f"{asked.upper()}, as asked"
+    if ffmpeg:
+        return "mp4", "MP4, by ffmpeg"
+    return "gif", "GIF, since ffmpeg, which MP4 needs, is not on the path"
+
+
+@dataclass
+class Film:
+    """What stays from frame to frame, and how one is drawn; `shown` is what goes with the next one.
+
+    steps : frames of the file that are shown; every : each so many-th element is drawn
+    window : (2, 3) [m]; moving : the artists of the frame; done : the part of the time bar that has passed
+    """
+
+    frames: Frames
+    title: str
+    steps: np.ndarray
+    every: int
+    window: np.ndarray
+    scale: ForceScale
+    figure: plt.Figure
+    axes: plt.Axes
+    done: plt.Rectangle
+    word: str
+    moving: list
+
+    @staticmethod
+    def of(f: h5py.File, result: Path) -> "Film":
+        """The film of a result file with frames, before its first frame."""
+        frames = _frames(f, result)
+        count = len(frames.times)
+        steps = np.arange(0, count, -(-count // MOST_FRAMES))
+        every = max(1, frames.cells // MOST_LINES)
+        looks = np.unique(np.linspace(0, count - 1, MOST_LOOKS).astype(int)).tolist()
+        window = view(frames, looks, FARTHEST)
+        N = np.concatenate([_whole_forces(frames, step)[::every] for step in steps])
+        scale = ForceScale.of(N)
+        figure, axes = _stage(f, frames, window, scale, N)
+        done = _time_bar(f, figure, frames.times)
+        word = "broken or lost" if np.isfinite(lost_at(f)).any() else "broken"
+        return Film(frames, short_title(f), steps, every, window, scale, figure, axes, done, word, [])
+
+    def show(self, step: int) -> None:
+        """Draw a frame of the file in place of the one before."""
+        for artist in self.moving:
+            artist.remove()
+        before = set(self.axes.collections)
+        lines, N = self.frames.lines(step)[:: self.every], self.frames.cell("tension", step)[:: self.every]
+        broken = self.frames.cell("broken", step).astype(bool)
+        gone, margin = broken[:: self.every], 0.02 * np.ptp(self.window, axis=0).max()
+        inside = ((lines >= self.window[0] - margin) & (lines <= self.window[1] + margin)).all((1, 2))
+        whole, torn = inside & ~gone, inside & gone
+        width = float(np.clip(50.0 / np.sqrt(len(lines)), 0.4, 1.3))
+        add_by_force(self.axes, lines[whole], N[whole], self.scale, width)
+        if torn.any():
+            self.axes.add_collection3d(Line3DCollection(lines[torn], colors=BROKEN, linewidths=1.4 * width))
+        self.moving = [artist for artist in self.axes.collections if artist not in before]
+        t, away = self.frames.times[step], int((~inside).sum()) * self.every
+        told = f"{int(broken.sum())} of {len(broken)} {self.word}" + (f", {away} out of view" if away else "")
+        self.figure.suptitle(f"{self.title}\nt = {t:.3f} s: {told}", fontsize=10)
+        self.done.set_width(t - self.frames.times[0])
+
+    def told(self, fps: int) -> str:
+        """What the film is, in words."""
+        count, every = len(self.steps), int(self.steps[1] - self.steps[0])
+        span = self.frames.times[-1] - self.frames.times[0]
+        more = f" (every {every}-th of the file)" if every > 1 else ""
+        return f"{count} frames{more} at {fps} a second: {count / fps:.3g} s for {span:.4g} s of the roof"
+
+
+def _frames(f: h5py.File, result: Path) -> Frames:
+    """The frames of a file that has at least two."""
+    if "VTKHDF/Steps/Values" in f and "history" in f and len(f["VTKHDF/Steps/Values"]) > 1:
+        return Frames(f)
+    raise InputError(
+        f"{result}: no frames to animate: the job had no dynamic stage; give it [dynamics] duration "
+        "(and [output] frames, the states that are written), run it again, or draw its pictures without "
+        "--animate"
+    )
+
+
+def _whole_forces(frames: Frames, step: int) -> np.ndarray:
+    """Axial forces (m,) [N] at a step, 0 in what is broken."""
+    return np.where(frames.cell("broken", step).astype(bool), 0.0, frames.cell("tension", step))
+
+
+def _stage(f, frames: Frames, window, scale: ForceScale, N):
+    """The figure and its axes with what does not move: supports, scales, legend."""
+    figure = plt.figure(figsize=SIZE, dpi=DPI)
+    axes = _space(figure, (1, 1, 1), window)
+    axes.set_box_aspect(np.ptp([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()], axis=1), zoom=ZOOM)
+    axes.computed_zorder = False  # supports and broken elements over the others
+    add_supports(f, axes, frames.positions(0)[: len(f["net/fixed"])])
+    figure.subplots_adjust(left=0.0, right=1.0, top=0.95, bottom=0.21)
+    if N.any():
+        force_bars(figure, scale, N, 0.17, 0.018)
+    lines = [
+        plt.Line2D([], [], color=c, lw=2, label=name) for c, name in ((SLACK, "slack"), (BROKEN, "broken"))
+    ]
+    handles = [*axes.get_legend_handles_labels()[0], *lines]
+    figure.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.0, 0.92), frameon=False, fontsize=7)
+    return figure, axes
+
+
+def _time_bar(f, figure, times: np.ndarray):
+    """A bar of the time below the picture, with a stroke at each fracture and loss; the part that grows."""
+    axes = figure.add_axes((0.1, 0.068, 0.8, 0.018))
+    axes.set_xlim(times[0], times[-1])
+    axes.set_yticks([])
+    axes.tick_params(labelsize=7, pad=1)
+    axes.set_xlabel("time [s]; red: fractures and losses", fontsize=8, labelpad=1)
+    done = plt.Rectangle((times[0], 0.0), 0.0, 1.0, color="0.75", lw=0)
+    axes.add_patch(done)
+    lost = lost_at(f)
+    axes.vlines(
+        np.unique(np.concatenate([f["events/time"][:], lost[np.isfinite(lost)]])), 0, 1, BROKEN, lw=0.7
+    )
+    return done
+
+
+def _write_mp4(film: Film, path: Path, fps: int) -> None:
+    writer = FFMpegWriter(fps=fps, codec="h264", extra_args=["-crf", "24"])
+    with writer.saving(film.figure, str(path), DPI):
+        for step in film.steps:
+            film.show(step)
+            writer.grab_frame()
+
+
+def _write_gif(film: Film, path: Path, fps: int) -> None:
+    """All frames with the same colours, undithered: what stays has the same pixels."""
+    ends = [_of_step(film, step) for step in film.steps[[0, len(film.steps) // 2, -1]]]
+    palette = Image.fromarray(np.concatenate(ends)).quantize(256)
+    pictures = (
+        Image.fromarray(_of_step(film, step)).quantize(palette=palette, dither=Image.Dither.NONE)
+        for step in film.steps
+    )
+    hundredths = np.diff(np.round(100.0 / fps * np.arange(len(film.steps) + 1)))  # as a GIF counts them
+    shown = {"append_images": pictures, "duration": (10 * hundredths).astype(int).tolist(), "loop": 0}
+    next(pictures).save(path, format="GIF", save_all=True, **shown)
+
+
+def _of_step(film: Film, step: int) -> np.ndarray:
+    """A frame (height, width, 3) in pixels."""
+    film.show(step)
+    film.figure.canvas.draw()
+    return np.asarray(film.figure.canvas.buffer_rgba())[..., :3].copy()

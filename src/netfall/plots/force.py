@@ -1,0 +1,152 @@
+"""Elements coloured by their axial force: tension and compression apart, slack pale; supports and their edge.
+
+The scales end at percentiles, not at the largest value, which after fractures is that of a fragment.
+"""
+
+from dataclasses import dataclass
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.path import Path
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+from netfall.checks.reactions import held_axes
+from netfall.plots.net import MOST_DRAWN
+from netfall.plots.style import unit_of
+
+MOST_SUPPORTS = 2_000  # marked
+PERCENTILES = 1.0, 99.0  # of the forces, between which colours differ
+NEARLY_ALIKE = 0.5  # least over largest from which on a scale begins at the least, not at 0
+LONGEST_GAP = 4.0  # medians of the distance from support to support, up to which they are an edge
+MOST_TURNS = 1.6  # full turns, to either side, along an edge: an L has 1.5; mast feet and anchors zigzag
+SLACK = "#c9c9c9"
+SUPPORT = "#111111"
+
+
+def part_of(name: str, low: float, high: float):
+    """A part of a palette of matplotlib."""
+    return LinearSegmentedColormap.from_list(name, plt.get_cmap(name)(np.linspace(low, high, 64)))
+
+
+TENSION, COMPRESSION = part_of("viridis_r", 0.12, 1.0), part_of("YlOrRd", 0.45, 1.0)
+
+
+@dataclass(frozen=True)
+class ForceScale:
+    """Between which sizes of force [N] colours differ, in tension and in compression; None: there is none."""
+
+    tension: tuple[float, float] | None
+    compression: tuple[float, float] | None
+    factor: float
+    unit: str
+
+    @staticmethod
+    def of(N: np.ndarray) -> "ForceScale":
+        """The scale for all forces of a picture, N (k,) [N]."""
+        both = [limits(N[N > 0.0]), limits(-N[N < 0.0])]
+        return ForceScale(*both, *unit_of(max((ends[1] for ends in both if ends), default=0.0), "N"))
+
+
+def limits(sizes: np.ndarray) -> tuple[float, float] | None:
+    """Ends of a scale for sizes (k,) > 0."""
+    if not len(sizes):
+        return None
+    low, high = np.percentile(sizes, PERCENTILES)
+    if high - low <= 1e-6 * high:
+        return 0.99 * low, 1.01 * high
+    return (low, high) if low >= NEARLY_ALIKE * high else (0.0, high)
+
+
+def add_by_force(axes, lines: np.ndarray, N: np.ndarray, scale: ForceScale, width: float) -> None:
+    """Add elements with ends lines (m, 2, 3) [m] and axial forces N (m,) [N]; the most stressed on top."""
+    every = max(1, len(lines) // MOST_DRAWN)
+    lines, N = lines[::every], N[::every]
+    idle = N == 0.0
+    if idle.any():
+        axes.add_collection3d(
+            Line3DCollection(lines[idle], colors=SLACK, linewidths=0.7 * width, clip_on=False)
+        )
+    for sign, ends, palette in ((1, scale.tension, TENSION), (-1, scale.compression, COMPRESSION)):
+        rows = np.flatnonzero(sign * N > 0.0)
+        if len(rows):
+            rows = rows[np.argsort(sign * N[rows], kind="stable")]
+            shown = Line3DCollection(
+                lines[rows],
+                array=scale.factor * sign * N[rows],
+                cmap=palette,
+                linewidths=width,
+                clip_on=False,
+            )
+            shown.set_clim(scale.factor * ends[0], scale.factor * ends[1])
+            axes.add_collection3d(shown)
+
+
+def force_bars(figure, scale: ForceScale, N: np.ndarray, bottom: float, height: float) -> None:
+    """The scales below a picture, with the extremes of its forces N (k,) [N].
+
+    bottom, height : shares of the figure
+    """
+    told = [("tension", 1, scale.tension, TENSION), ("compression", -1, scale.compression, COMPRESSION)]
+    there = [row for row in told if row[2]]
+    width = 0.4 if len(there) == 1 else 0.34
+    for k, (word, sign, ends, palette) in enumerate(there):
+        left = 0.5 - 0.5 * width if len(there) == 1 else 0.1 + 0.46 * k
+        values = scale.factor * sign * N[sign * N > 0.0]
+        colours = plt.cm.ScalarMappable(
+            plt.Normalize(scale.factor * ends[0], scale.factor * ends[1]), cmap=palette
+        )
+        place = figure.add_axes((left, bottom, width, height))
+        extend = beyond(values, scale.factor * ends[0], scale.factor * ends[1])
+        bar = figure.colorbar(colours, cax=place, orientation="horizontal", extend=extend)
+        bar.set_label(f"{word} [{scale.unit}], {values.min():.4g} to {values.max():.4g}", fontsize=9)
+
+
+def beyond(values: np.ndarray, low: float, high: float) -> str:
+    """At which ends values (k,) leave a scale, as matplotlib says it."""
+    ends = bool(values.min() < low * (1.0 - 1e-9)), bool(values.max() > high * (1.0 + 1e-9))
+    return {(True, True): "both", (True, False): "min", (False, True): "max"}.get(ends, "neither")
+
+
+def add_supports(f, axes, x: np.ndarray) -> None:
+    """Mark the supports at x (n, 3) [m], and the edge that they make, if they do."""
+    rows = np.flatnonzero(held_axes(f).any(1))
+    edge = edge_of(x, rows)
+    if len(edge):
+        axes.plot(
+            *x[edge].T,
+            color=SUPPORT,
+            lw=0.8,
+            ls=(0, (3, 2)),
+            label="edge through the supports",
+            clip_on=False,
+        )
+    size = float(np.clip(20.0 / np.sqrt(max(len(rows), 1)), 1.2, 4.0))
+    shown = rows[:: max(1, len(rows) // MOST_SUPPORTS)]
+    label = f"supports, {len(rows)}"
+    axes.plot(*x[shown].T, ls="", marker="s", color=SUPPORT, ms=size, mew=0, label=label, clip_on=False)
+
+
+def edge_of(x: np.ndarray, supports: np.ndarray) -> np.ndarray:
+    """The supports in order around the net, closed, where they enclose it in plan; else none.
+
+    x : (n, 3) [m]; supports : rows (k,)
+    """
+    if len(supports) < 4:
+        return np.zeros(0, int)
+    plan = x[supports, :2] - x[supports, :2].mean(0)
+    order = supports[np.argsort(np.arctan2(plan[:, 1], plan[:, 0]), kind="stable")]
+    closed = np.append(order, order[0])
+    gaps = np.linalg.norm(np.diff(x[closed, :2], axis=0), axis=1)
+    within = Path(x[closed, :2]).contains_points(x[:, :2], radius=1e-3 * np.ptp(x[:, :2]))
+    within |= Path(x[closed, :2]).contains_points(x[:, :2], radius=-1e-3 * np.ptp(x[:, :2]))
+    whole = within.all() and gaps.max() <= LONGEST_GAP * max(np.median(gaps), 1e-9)
+    return closed if whole and turns(x[order, :2]) <= MOST_TURNS else np.zeros(0, int)
+
+
+def turns(plan: np.ndarray) -> float:
+    """Full turns, counted to either side, once around the polygon with the corners plan (k, 2) [m]."""
+    sides = np.roll(plan, -1, axis=0) - plan
+    heading = np.arctan2(sides[:, 1], sides[:, 0])
+    turn = np.remainder(np.roll(heading, -1) - heading + np.pi, 2.0 * np.pi) - np.pi
+    return float(np.abs(turn).sum() / (2.0 * np.pi))

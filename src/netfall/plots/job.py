@@ -1,0 +1,272 @@
+"""The net of a job as it is read: what would be held, loaded, followed and lost, in space and in plan.
+
+In plan each zone is the area of its nodes: of each face around a node the part up to the middles of the
+sides and the centroid, as loads and wind count it.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.lines import Line2D
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+from netfall.net.net import Net
+from netfall.plots.net import _space, group_colours, named_groups
+from netfall.plots.style import LONGEST_TITLE
+from netfall.roof.faces import Faces
+from netfall.write.locks import whole
+
+MOST_DRAWN = 30_000  # elements, that lines stay apart; of larger nets every k-th cable is drawn
+MOST_CELLS = 400_000  # parts of faces; of larger nets each node is a dot
+MOST_MARKED = 2_000  # nodes of a kind, or members to be removed
+MOST_NORMALS = 150
+MOST_ZONES = 10  # in the legend
+ROOF, OUTSIDE = "#dfe8f0", "0.93"  # without zones; of nodes in none
+LOST, FOLLOWED, WIND = "#d62728", "#111111", "#0b5d7a"
+
+
+@dataclass(frozen=True)
+class JobNet:
+    """What the picture shows, by rows of the net.
+
+    of_zone : (n,) row of zone_names, -1: none; zone_area : (z + 1,) [m2] in plan, of none last
+    polygons : corners in plan of the zones that have some
+    area : (n,) [m2] in plan; normal : (n, 3) that something acts along, zero or None: nothing does
+    lost, followed : elements to be removed, and of [output] elements; probes : particles
+    wind : where it blows to [degrees], and what it is in words
+    """
+
+    title: str
+    net: Net
+    faces: Faces
+    area: np.ndarray
+    zone_names: list[str]
+    of_zone: np.ndarray
+    zone_area: np.ndarray
+    polygons: list = field(default_factory=list)
+    normal: np.ndarray | None = None
+    lost: np.ndarray = ()
+    followed: np.ndarray = ()
+    probes: np.ndarray = ()
+    wind: tuple[float, str] | None = None
+
+
+def draw_job(job: JobNet, path: Path) -> None:
+    """Write the picture: in space by groups, in plan by zones."""
+    rows, every = rows_shown(job.net, MOST_DRAWN)
+    figure = plt.figure(figsize=(13, 7.2))
+    space = _space(figure, (1, 2, 1), job.net.x)
+    space.computed_zorder = False
+    _draw_groups(space, job, rows)
+    _draw_members(space, job, 3)
+    _draw_nodes(space, job, 3)
+    _draw_normals(space, job)
+    space.set_position((0.0, 0.24, 0.5, 0.68))
+    plan = figure.add_axes((0.56, 0.3, 0.42, 0.58))
+    _draw_plan(plan, job, rows)
+    _legend(figure, space, 0.25)
+    _legend(figure, plan, 0.77)
+    figure.suptitle(_title(job, every), fontsize=10)
+    with whole(path) as place:
+        figure.savefig(place, dpi=130)
+    plt.close(figure)
+
+
+def _legend(figure, axes, middle: float) -> None:
+    """The legend of a panel below it, its lines as thick as can be told apart; middle : share of the width"""
+    handles = axes.get_legend_handles_labels()[0]
+    style = {"loc": "upper center", "ncols": 2, "frameon": False, "fontsize": 8}
+    shown = figure.legend(handles=handles, bbox_to_anchor=(middle, 0.23), **style).legend_handles
+    for line in shown:
+        if isinstance(line, Line2D | LineCollection):
+            line.set_linewidth(np.maximum(line.get_linewidth(), 1.5))
+
+
+def rows_shown(net: Net, most: int) -> tuple[np.ndarray, int]:
+    """Rows of the elements that are drawn, whole cables, evenly over each group; one of how many is."""
+    every = max(1, -(-net.m // most))
+    if every == 1:
+        return np.arange(net.m), 1
+    name, first, cable = np.unique(net.cable, return_index=True, return_inverse=True)
+    middle = net.x[net.elements, :2].mean(1)
+    place = np.stack([np.bincount(cable, values) for values in middle.T], -1) / np.bincount(cable)[:, None]
+    group = net.group[first]
+    chosen = np.zeros(len(name), bool)
+    for g in np.unique(group):
+        mine = np.flatnonzero(group == g)
+        chosen[mine[in_turn(place[mine])][::every]] = True
+    return np.flatnonzero(chosen[cable]), every
+
+
+def in_turn(places: np.ndarray) -> np.ndarray:
+    """An order of places (k, 2) in which neighbours follow one another: of Morton's curve."""
+    box = places - places.min(0)
+    cell = (1023 * box / max(box.max(), 1e-9)).astype(np.int64)
+    code = sum(((cell[:, axis] >> bit) & 1) << (2 * bit + axis) for bit in range(10) for axis in (0, 1))
+    return np.argsort(code, kind="stable")
+
+
+def _title(job: JobNet, every: int) -> str:
+    net, extent = job.net, np.ptp(job.net.x, axis=0)
+    title = " ".join(job.title.split())
+    title = title if len(title) <= LONGEST_TITLE else title[: LONGEST_TITLE - 3] + "..."
+    size = " x ".join(f"{side:.4g}" for side in extent)
+    left_out = f"; one of {every} cables is drawn" if every > 1 else ""
+    return f"{title}: the net as it is read\n{net.n} nodes, {net.m} elements, {size} m{left_out}"
+
+
+def _width(net: Net) -> float:
+    """Of a line [points]: thinner where there are many."""
+    return float(np.clip(40.0 / np.sqrt(min(net.m, MOST_DRAWN)), 0.3, 1.2))
+
+
+def _draw_groups(axes, job: JobNet, rows: np.ndarray) -> None:
+    """The elements by colour of their group; bars are thicker."""
+    net, group = job.net, job.net.group[rows]
+    colours, count = group_colours(len(net.group_names)), np.bincount(net.group)
+    labels = named_groups(net.group_names, count)
+    for g in np.flatnonzero(count):
+        bars = bool(net.bar[net.group == g].all())
+        lines = net.x[net.elements[rows[group == g]]]
+        label = labels[g] and labels[g] + " bars" * bars
+        width = _width(net) * (1.8 if bars else 1.0)
+        style = {"colors": colours[g], "linewidths": width, "clip_on": False, "zorder": 2}
+        axes.add_collection3d(Line3DCollection(lines, label=label, **style))
+
+
+def _draw_members(axes, job: JobNet, axis_count: int) -> None:
+    """Members that are to be removed, and those whose tension is followed; over the others."""
+    net = job.net
+    collection = Line3DCollection if axis_count == 3 else LineCollection
+    add = axes.add_collection3d if axis_count == 3 else axes.add_collection
+    for rows, colour, style, word in (
+        (job.lost, LOST, "-", "to be removed"),
+        (job.followed, FOLLOWED, ":", "[output] elements"),
+    ):
+        if not len(rows):
+            continue
+        lines = net.x[net.elements[rows]][..., :axis_count]
+        label = f"{word}, {len(rows)}"
+        add(collection(lines, colors=colour, linewidths=2.0, linestyles=style, label=label, zorder=4))
+        if style == "-" and len(rows) <= MOST_MARKED:  # short ones too are to be seen
+            middle = lines.mean(1)
+            axes.plot(*middle.T, ls="", marker="x", ms=4, color=colour, zorder=5)
+
+
+def _draw_nodes(axes, job: JobNet, axis_count: int) -> None:
+    """Supports of each kind and probes, with their numbers."""
+    net = job.net
+    fixed, springs = net.fixed, (net.spring > 0).any(1)
+    held, guided = fixed.all(1), fixed.any(1) & ~fixed.all(1)
+    size = lambda count: float(np.clip(40.0 / np.sqrt(max(count, 1)), 1.2, 4.5))
+    along = lambda kind, mine: ", ".join(
+        f"{axis}: {int((kind[mine, k] > 0).sum())}" for k, axis in enumerate("xyz") if kind[mine, k].any()
+    )
+    for mine, marker, colour, word in (
+        (held, "s", "#111111", "supports, {}"),
+        (guided, "^", "#7a4b00", f"held in part, {{}} ({along(fixed, guided)})"),
+        (springs, "D", "#6a0dad", f"springs, {{}} ({along(net.spring, springs)})"),
+    ):
+        rows = np.flatnonzero(mine)
+        if len(rows):
+            shown = net.x[rows[:: max(1, len(rows) // MOST_MARKED)], :axis_count]
+            style = {"ls": "", "marker": marker, "color": colour, "ms": size(len(rows)), "mew": 0}
+            style["clip_on"] = False
+            axes.plot(*shown.T, label=word.format(len(rows)), zorder=3, **style)
+    if len(job.probes):
+        shown = net.x[job.probes, :axis_count]
+        label = f"probes, {len(job.probes)}"
+        star = {"ls": "", "marker": "*", "ms": 10, "mfc": "#ffd400", "mec": "k", "mew": 0.6}
+        axes.plot(*shown.T, label=label, zorder=6, **star)
+
+
+def _draw_normals(axes, job: JobNet) -> None:
+    """Some of the upward normals that wind or pressure act along."""
+    rows = np.flatnonzero(job.normal.any(1)) if job.normal is not None else []
+    if not len(rows):
+        return
+    shown = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_NORMALS).astype(int))]
+    start = job.net.x[shown]
+    reach = 0.05 * np.ptp(job.net.x, axis=0).max()
+    lines = np.stack([start, start + reach * job.normal[shown]], 1)
+    label = f"upward normals, {len(shown)} of {len(rows)}"
+    style = {"colors": "#444444", "linewidths": 0.6, "clip_on": False, "zorder": 3}
+    axes.add_collection3d(Line3DCollection(lines, label=label, **style))
+
+
+def _draw_plan(axes, job: JobNet, rows: np.ndarray) -> None:
+    """Zones or roof, elements, supports, probes, what is to be removed, and where the wind blows to."""
+    net, x = job.net, job.net.x[:, :2]
+    _draw_zones(axes, job)
+    lines = LineCollection(x[net.elements[rows]], colors="0.3", linewidths=0.6 * _width(net), zorder=2)
+    axes.add_collection(lines)
+    for corners in job.polygons:
+        closed = np.array([*corners, corners[0]])
+        axes.plot(*closed.T, color="k", lw=0.9, ls="--", zorder=3)
+    _draw_members(axes, job, 2)
+    _draw_nodes(axes, job, 2)
+    low, high = x.min(0), x.max(0)
+    if job.wind:
+        start = _draw_wind(axes, job.wind, 0.5 * (low + high), x)
+        low, high = np.minimum(low, start), np.maximum(high, start)
+    margin = 0.03 * (high - low).max() + 1e-9
+    axes.set(xlim=(low[0] - margin, high[0] + margin), ylim=(low[1] - margin, high[1] + margin))
+    axes.set_aspect("equal")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.tick_params(labelsize=8)
+
+
+def _draw_zones(axes, job: JobNet) -> None:
+    """Each node's part of the roof in the colour of its zone."""
+    names, faces = job.zone_names, job.faces
+    palette = [plt.get_cmap("Set3")(k % 12) for k in range(len(names))] if names else [ROOF]
+    tints = np.array([plt.matplotlib.colors.to_rgba(c) for c in [OUTSIDE if names else ROOF, *palette]])
+    zone = np.append(job.of_zone, np.full(len(job.net.corners), -1)) + 1
+    if len(faces.corner) > MOST_CELLS:
+        axes.scatter(*job.net.x[:, :2].T, s=0.6, c=tints[zone[: job.net.n]], lw=0, zorder=1)
+    elif len(faces):
+        colours = tints[zone[faces.corner]]
+        cells = PolyCollection(_cells(job), facecolors=colours, edgecolors=colours, lw=0.2, zorder=1)
+        axes.add_collection(cells)
+    if not names:
+        label = f"roof, {faces.count} faces, {job.area.sum():.5g} m2 in plan"
+        label = label if len(faces) else "no closed faces, so no roof"
+        axes.add_patch(plt.Rectangle((0, 0), 0, 0, color=ROOF if len(faces) else "none", label=label))
+    for k in sorted(range(-1, len(names)), key=lambda k: k < 0) if names else ():
+        mine = job.of_zone == k
+        if k < MOST_ZONES and mine.any():
+            label = f"{f'zone {names[k]}' if k >= 0 else 'no zone'}, {int(mine.sum())} nodes"
+            label += f", {job.zone_area[k]:.4g} m2 in plan"
+            axes.add_patch(plt.Rectangle((0, 0), 0, 0, color=tints[k + 1], label=label))
+    if len(names) > MOST_ZONES:
+        axes.plot([], [], ls="", label=f"and {len(names) - MOST_ZONES} more zones")
+
+
+def _cells(job: JobNet) -> np.ndarray:
+    """(c, 4, 2) [m] in plan: for each corner of each face the part of the face that is its own."""
+    faces, points = job.faces, np.concatenate([job.net.x, job.net.corners])[:, :2]
+    corner, after, face = points[faces.corner], faces.next_corner(), faces.of_corner()
+    count = np.bincount(face)
+    centre = np.stack([np.bincount(face, values) / count for values in corner.T], -1)[face]
+    side = 0.5 * (corner + corner[after])
+    before = np.empty_like(side)
+    before[after] = side
+    return np.stack([corner, side, centre, before], 1)
+
+
+def _draw_wind(axes, wind: tuple[float, str], middle: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """An arrow on the side from which the wind comes; where it begins (2,) [m]."""
+    angle = np.radians(wind[0])
+    along = np.array([np.cos(angle), np.sin(angle)])
+    first = ((x - middle) @ along).min()
+    length = 0.14 * np.ptp(x, axis=0).max()
+    tip = middle + (first - 0.15 * length) * along
+    start = tip - length * along
+    arrow = {"arrowstyle": "-|>", "color": WIND, "lw": 2.2, "mutation_scale": 16}
+    axes.annotate("", tip, start, arrowprops=arrow, zorder=5, annotation_clip=False)
+    axes.plot([], [], color=WIND, lw=2.2, label=wind[1])
+    return start

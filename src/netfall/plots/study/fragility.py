@@ -1,0 +1,107 @@
+"""Fragility curves: the share of runs that fail over the mean wind speed, a panel for each measure."""
+
+import textwrap
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from netfall.numerics.functions import log
+from netfall.numerics.normal import cdf
+from netfall.plots.study.parts import suptitle
+from netfall.study.answers.intervals import binned, wilson, with_interval
+from netfall.study.answers.read import Study
+
+COLUMNS = 3  # panels beside each other
+POINTS = 200  # of a curve
+WRAPPED = 44  # characters of a line in a panel
+
+
+def fragility(study: Study):
+    """A panel for each measure: curves with their bands, observed shares with the intervals of each alone."""
+    g = study.fragility
+    measures, names = (list(dict.fromkeys(g[key])) for key in ("measure", "curve"))
+    rows = -(-len(measures) // COLUMNS)
+    figure, panels = plt.subplots(
+        rows, COLUMNS, figsize=(13, 3.7 * rows + 1.0), sharex=True, sharey=True, squeeze=False
+    )
+    for axes, measure in zip(panels.ravel(), measures):
+        for j, name in enumerate(names):
+            _draw(axes, g, np.flatnonzero((g["measure"] == measure) & (g["curve"] == name))[0], j, len(names))
+        axes.set_title(measure, fontsize=10)
+        axes.grid(alpha=0.3)
+        axes.tick_params(labelbottom=True)
+    for unused in panels.ravel()[len(measures) :]:
+        unused.remove()
+    panels[0, 0].set_xlim(g["band_speed"][0], g["band_speed"][-1])
+    panels[0, 0].set_ylim(-0.02, 1.02)
+    panels[0, 0].xaxis.set_major_locator(plt.MaxNLocator(8, steps=[1, 2, 5, 10]))
+    for axes in panels[:, 0]:
+        axes.set_ylabel("share of runs that fail [-]")
+    figure.supxlabel(f"mean wind speed [m/s], exposure {study.exposure}", fontsize=10, y=0.075)
+    figure.legend(handles=_handles(g, names), loc="lower center", ncols=4, frameon=False, fontsize=9)
+    suptitle(figure, study, f"runs that fail within {study.exposure}")
+    height = figure.get_figheight()
+    figure.subplots_adjust(
+        left=0.06, right=0.985, top=1 - 0.75 / height, bottom=1.15 / height, hspace=0.3, wspace=0.06
+    )
+    return figure
+
+
+def _draw(axes, g, k: int, j: int, curves: int) -> None:
+    """One curve in colour j."""
+    colour, speed, band = f"C{j}", g["band_speed"], g["band"][k]
+    if np.isfinite(band).all():
+        axes.fill_between(speed, band[:, 0], band[:, 1], color=colour, alpha=0.18, lw=0)
+    median, dispersion = g["median"][k], g["dispersion"][k]
+    if np.isfinite(median):
+        fine = np.linspace(speed[0], speed[-1], POINTS)
+        axes.plot(fine, cdf((log(fine) - np.log(median)) / dispersion), color=colour, lw=1.6)
+    at, runs, failed = binned(g["speed"], g["runs"][k], g["failed"][k])
+    at = at + (j - 0.5 * (curves - 1)) * 0.006 * (speed[-1] - speed[0])  # beside each other, not on top
+    share, (low, high) = failed / runs, wilson(runs, failed)
+    axes.errorbar(
+        at, share, [share - low, high - share], fmt="o", color=colour, ms=4, lw=1, capsize=2, alpha=0.9
+    )
+    text = _text(g, k) if curves == 1 else _short(g, k)
+    axes.text(
+        0.02,
+        0.97 - 0.07 * j,
+        text,
+        transform=axes.transAxes,
+        va="top",
+        fontsize=8,
+        color=colour if j else "C0",
+    )
+
+
+def _text(g, k: int) -> str:
+    """Median and dispersion with their intervals, or why there is none."""
+    if not np.isfinite(g["median"][k]):
+        return textwrap.fill(f"no curve: {g['note'][k]}", WRAPPED)
+    median = with_interval(g["median"][k], g["median_interval"][k], 4)
+    dispersion = with_interval(g["dispersion"][k], g["dispersion_interval"][k], 3)
+    return f"median {median} m/s\ndispersion {dispersion}"
+
+
+def _short(g, k: int) -> str:
+    """Median and its interval; there are other curves in the panel."""
+    if not np.isfinite(g["median"][k]):
+        low, high = g["median_bounds"][k]
+        return f"no curve; median {low:g} to {high:g} m/s".replace(" to inf", " or more")
+    return with_interval(g["median"][k], g["median_interval"][k], 4) + " m/s"
+
+
+def _handles(g, names: list[str]) -> list:
+    """What the marks mean, and which curve has which colour."""
+    colours = [
+        plt.Line2D([], [], color=f"C{j}", lw=2, label=name) for j, name in enumerate(names) if len(names) > 1
+    ]
+    k = int(np.argmax(g["samples"]))
+    first = "C0" if len(names) == 1 else "0.4"
+    resampled = f"{g['samples'][k]} samples, {g['resampled'][k]} resampled"
+    return [
+        *colours,
+        plt.Line2D([], [], color=first, lw=1.6, label="lognormal curve of largest likelihood"),
+        plt.Rectangle((0, 0), 1, 1, color=first, alpha=0.18, label=f"{g['level']:.0%} band: {resampled}"),
+        plt.Line2D([], [], color=first, marker="o", ms=4, lw=1, label="observed; bars: 95% of each alone"),
+    ]

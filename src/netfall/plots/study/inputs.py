@@ -1,0 +1,58 @@
+"""What members gave over what was drawn for them, with rank correlations."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from netfall.plots.study.parts import suptitle
+from netfall.plots.style import unit_of
+from netfall.study.answers.correlation import drawn_inputs, responses, spearman
+from netfall.study.answers.read import Study, unit_of_column
+
+MOST_INPUTS = 6  # columns of the picture
+SHOWN = ("first_fracture", "tension_max", "utilisation_max", "roof_lost")
+
+
+def inputs(study: Study):
+    """A column for each input that was drawn, a row for each response: a dot for each member."""
+    names, given = drawn_inputs(study)[:MOST_INPUTS], responses(study)
+    rows = [name for name in SHOWN if name in given]
+    figure, panels = plt.subplots(
+        len(rows),
+        len(names),
+        figsize=(2.2 + 3.2 * len(names), 1.0 + 2.3 * len(rows)),
+        sharex="col",
+        sharey="row",
+        squeeze=False,
+        layout="constrained",
+    )
+    for j, name in enumerate(names):
+        x, label = _scaled(name, study.members[name].astype(float))
+        for i, what in enumerate(rows):
+            y, of = _scaled(what, given[what])
+            _draw(panels[i, j], x, y)
+            if j == 0:
+                panels[i, j].set_ylabel(of)
+        panels[-1, j].set_xlabel(label)
+    suptitle(figure, study, "what was drawn, and what came of it")
+    return figure
+
+
+def _draw(axes, x: np.ndarray, y: np.ndarray) -> None:
+    """Dots, and the correlation of their ranks, grey where chance gives as much."""
+    axes.plot(x, y, "o", ms=2.5, alpha=0.5, mew=0, color="C0")
+    axes.grid(alpha=0.3)
+    rho, n = spearman(x, y)
+    if np.isfinite(rho):
+        strong = abs(rho) * np.sqrt(n - 1) > 1.96
+        text = f"rank correlation {rho:+.2f}, n = {n}"
+        axes.set_title(text, fontsize=8, color="k" if strong else "0.6", loc="right")
+
+
+def _scaled(name: str, values: np.ndarray) -> tuple[np.ndarray, str]:
+    """Values in a unit that keeps numbers readable, and the name with that unit."""
+    unit = unit_of_column(name)
+    words = name.replace("_", " ")
+    if unit not in ("N", "Pa", "N/m2"):
+        return values, f"{words} [{unit}]" if unit else words
+    factor, named = unit_of(np.nanmax(np.abs(values)), unit)
+    return factor * values, f"{words} [{named}]"

@@ -1,0 +1,92 @@
+"""Loss of each element or cable: dynamic factors and what is lost of the roof, as a map and as a chart."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from netfall.plots.study.parts import draw_values, plan_panels, suptitle
+from netfall.study.answers.losses import TELLING, elements_lost, losses_of
+from netfall.study.answers.read import Study
+
+MOST_ROWS = 50  # losses in the chart
+NO_REST = "#d62728"
+
+
+def loss_map(study: Study):
+    """Two panels: each element by the largest dynamic factor after its loss, and by the roof that goes, or by
+    what breaks if no loss takes any of the roof.
+    """
+    losses = losses_of(study)
+    row = elements_lost(study, losses)
+    of_element = lambda values: np.where(row >= 0, values[row], np.nan)
+    figure, (left, right) = plan_panels(study, 2)
+    factor = of_element(losses.dynamic_factor)
+    low = float(min(1.0, np.nanmin(factor))) if np.isfinite(factor).any() else 1.0
+    names = np.where(row >= 0, losses.name[row], "")
+    label = "largest dynamic factor (grey: none)"
+    draw_values(study, left, factor, label, low=low, names=names, log=_much(factor))
+    lost = (losses.roof_lost > 0).any()
+    worst = losses.roof_lost if lost else losses.broken
+    label = "share of the roof lost (grey: nothing)" if lost else "elements that broke besides (grey: none)"
+    shown = of_element(np.where(worst > 0, worst, np.nan))
+    draw_values(study, right, shown, label, percent=lost, names=names)
+    suptitle(figure, study, "after the loss of each (the largest on top; dots: supports)")
+    return figure
+
+
+def loss_chart(study: Study):
+    """Dots for each member, a row for each loss; what breaks besides.
+
+    The worst come first: without a rest, then by the roof that goes, what breaks, the dynamic factor.
+    """
+    losses = losses_of(study)
+    factor = np.where(study.finished, study.members.get("dynamic_factor_max", np.nan), np.nan)
+    worst = (losses.no_rest > 0, losses.roof_lost, losses.broken, losses.dynamic_factor)
+    order = np.lexsort([-np.nan_to_num(1.0 * values) for values in reversed(worst)])
+    shown = order[:MOST_ROWS]
+    place = np.full(len(losses.name), -1)
+    place[shown] = np.arange(len(shown))
+    y = place[losses.place]
+    figure, (left, right) = plt.subplots(
+        1, 2, figsize=(11, 1.8 + 0.19 * len(shown)), sharey=True, layout="constrained", width_ratios=(3, 2)
+    )
+    there = (y >= 0) & np.isfinite(factor)
+    more = study.members["broken"] > 0
+    left.plot(factor[there & ~more], y[there & ~more], "o", color="C0", ms=4, alpha=0.8)
+    left.plot(factor[there & more], y[there & more], "o", mfc="none", color="C0", ms=4, alpha=0.8)
+    if _much(factor):
+        left.set_xscale("log")
+        left.xaxis.set_major_formatter("{x:g}")
+    for row in np.flatnonzero(np.isnan(losses.dynamic_factor[shown])):
+        left.text(1.0, row, " no factor", va="center", fontsize=7, color="0.5")
+    left.axvline(1.0, color="0.6", lw=0.8)
+    left.axvline(2.0, color="0.6", lw=0.8, ls=":")
+    left.set_xlabel("largest dynamic factor of each member [-]; hollow: more broke; dotted: 2")
+    _draw_lost(right, losses, shown)
+    left.set_yticks(np.arange(len(shown)), losses.name[shown], fontsize=8)
+    left.set_ylabel("what is lost")
+    left.set_ylim(len(shown) - 0.5, -0.5)
+    for axes in (left, right):
+        axes.grid(alpha=0.3)
+        axes.set_axisbelow(True)
+    of = f" (the worst {len(shown)} of {len(order)})" if len(shown) < len(order) else ""
+    suptitle(figure, study, f"after each loss{of}")
+    return figure
+
+
+def _much(factor: np.ndarray) -> bool:
+    """Whether some factors are so large that they would hide the others."""
+    return bool((factor[np.isfinite(factor)] > TELLING).any())
+
+
+def _draw_lost(axes, losses, shown: np.ndarray) -> None:
+    """Share of the roof lost, with the number of elements that broke besides, or that there was no rest."""
+    lost = 100 * np.nan_to_num(losses.roof_lost[shown])
+    far = max(10.0, 1.25 * lost.max(initial=0.0))
+    bad = losses.no_rest[shown] > 0
+    axes.barh(np.arange(len(shown)), lost, color=np.where(bad, NO_REST, "C0"), height=0.7)
+    for y, k in enumerate(shown):
+        broken = losses.broken[k]
+        text = "no rest" if bad[y] else f"{broken:.0f} broke" if broken > 0 else ""
+        axes.text(lost[y] + 0.015 * far, y, text, va="center", fontsize=7, color=NO_REST if bad[y] else "0.3")
+    axes.set_xlim(0, far)
+    axes.set_xlabel("largest share of the roof lost [%], and what broke besides")

@@ -1,0 +1,70 @@
+"""Spread of the collapse: elements broken over the time since the first fracture."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from netfall.plots.study.parts import suptitle
+from netfall.plots.style import legend_below
+from netfall.study.answers.read import Study
+from netfall.study.answers.samples import SPEED
+
+MOST_LINES = 300  # members that are drawn
+POINTS = 200  # in time
+SHOWN = 0.995  # share of all fractures within the time that is shown
+
+
+def spread(study: Study):
+    """A thin line for each member that broke, and the median and the 5 to 95 % band over them.
+
+    A member whose exposure has ended counts on with what broke up to then.
+    """
+    courses = _courses(study)
+    first = study.members["first_fracture"]
+    left = np.array([study.members["duration"][k] - first[k] for k in courses])
+    times = np.concatenate(list(courses.values()))
+    span = max(1.05 * np.quantile(times, SHOWN), 0.05 * left.max(), 1e-3)
+    figure, axes = plt.subplots(figsize=(9, 5.4), layout="constrained")
+    lines = _lines(study, axes, courses, left)
+    grid = np.linspace(0.0, span, POINTS)
+    count = np.array([np.searchsorted(t, grid, side="right") for t in courses.values()], float)
+    low, middle, high = np.quantile(count, (0.05, 0.5, 0.95), axis=0)
+    label = f"5 to 95 % of {len(courses)} members (to the end of the exposure)"
+    axes.fill_between(grid, low, high, color="k", alpha=0.12, lw=0, label=label)
+    axes.plot(grid, middle, color="k", lw=2.2, label="median")
+    axes.set_xlim(0, span)
+    axes.set_ylim(bottom=0)
+    axes.set_xlabel("time since the first fracture [s]")
+    axes.set_ylabel("elements broken")
+    axes.grid(alpha=0.3)
+    if lines is not None:
+        figure.colorbar(lines, ax=axes, label="mean wind speed [m/s]")
+    legend_below(axes, 2)
+    suptitle(figure, study, f"spread of the collapse in {len(courses)} members that broke")
+    return figure
+
+
+def _courses(study: Study) -> dict[int, np.ndarray]:
+    """Times since its first fracture [s] at which elements of a member break for the first time, by row."""
+    e = study.events
+    _, first = np.unique(np.stack([e["member"], e["element"]], 1), axis=0, return_index=True)
+    first = first[study.finished[e["member"][first]]]
+    member, time = e["member"][first], e["time"][first]
+    order = np.lexsort((time, member))
+    rows, start = np.unique(member[order], return_index=True)
+    courses = np.split(time[order], start[1:])
+    return {int(k): t - t[0] for k, t in zip(rows, courses)}
+
+
+def _lines(study: Study, axes, courses: dict[int, np.ndarray], left: np.ndarray):
+    """Steps of some of the members, evenly chosen, coloured by the wind's speed; what gives the colours."""
+    speeds = study.members.get(SPEED)
+    several = speeds is not None and len(np.unique(speeds)) > 1
+    colours = plt.cm.ScalarMappable(plt.Normalize(speeds.min(), speeds.max()), "turbo") if several else None
+    chosen = np.unique(np.linspace(0, len(courses) - 1, MOST_LINES).astype(int))
+    rows = list(courses)
+    for i in chosen:
+        t = np.append(courses[rows[i]], max(left[i], courses[rows[i]][-1]))
+        count = np.append(np.arange(1, len(t)), len(t) - 1)
+        colour = colours.to_rgba(speeds[rows[i]]) if several else "C0"
+        axes.plot(t, count, drawstyle="steps-post", color=colour, lw=0.5, alpha=0.5)
+    return colours

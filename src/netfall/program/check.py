@@ -1,0 +1,211 @@
+"""What `netfall check` tells of a job before it is run: sizes, step limits, memory, expected run time."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.ground.timings import Phases
+from netfall.job.asks import along_normals, has_statics
+from netfall.job.memory import Memory
+from netfall.job.read import Job
+from netfall.mechanics.fields import FIELDS
+from netfall.messages.run import (
+    feature_words,
+    form_line,
+    limit_line,
+    moved_lines,
+    net_line,
+    remarks_of,
+    rest_words,
+    stages,
+    start_note,
+    starts_moving,
+)
+from netfall.messages.wind import wind_lines
+from netfall.model.model import Model, make_model
+from netfall.model.schedule import Schedule, schedule_of
+from netfall.net.build import build_net
+from netfall.program.setup import Setup, prepare
+from netfall.roof.areas import MUCH, largest_face, moved_areas, normals, tributary_areas
+from netfall.roof.plan import listed
+from netfall.stages.modes import mode_lines
+from netfall.wind.sectors import bearing
+from netfall.write.locks import writing
+
+# For an element and step, and for a step, on one core with all features on (jobs/bench).
+STEP_NS, STEP_US = 8.0, 2.0
+ROW_S = 5e-4  # of a row of the history, and of a frame
+EQUILIBRIUM_S = 2e-4  # for each element of a net of some thousand: slack and compression take more or less
+START_S, NET_S = 0.8, 3e-4  # until Python, MPI and what they load stand; of net and form, for each element
+SMALL = 5_000  # elements below which equilibria on several ranks are no faster
+LARGEST_FORM = 400_000  # elements up to which check also finds the form, in some ten seconds
+FRAME_BYTES = {"particle": 24 + 12 + 12, "element": 4 + 4 + 4 + 1}  # of the result file, for each state
+MUCH_LARGER = 4.0  # times the usual face of the roof: it may be an opening
+SETUP_BYTES = 2000  # per element on rank 0, at most: while the faces of the roof are found
+EQUILIBRIUM_BYTES = 700  # per element, on its own rank, for the tangent and its levels
+
+
+def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) -> None:
+    """Validate a job and describe it. Raises InputError for what is wrong in it.
+
+    folder : for a picture of the net, which is there even where no form is found; None: no picture
+    """
+    short = job
+    if job.form_finding and build_net(job).m > LARGEST_FORM:
+        say(
+            f"note: more than {LARGEST_FORM} elements: the form is not found here; "
+            "figures are those of the start geometry"
+        )
+        short = replace(job, form_finding=None)
+    memory = Memory(1)
+    if folder:
+        say(f"picture: {draw_check(job, make_model(short, 1, memory), folder)}")
+    setup = prepare(MPI.COMM_SELF, short, Phases(), memory=memory)
+    schedule = schedule_of(job, setup.limits, setup.model) if job.dynamics else None
+    say(f"{job.path}: {job.title or job.name}: valid")
+    _describe_net(setup, say)
+    if setup.form:
+        say(form_line(setup))
+        for line in moved_lines(setup.model):
+            say(line)
+    elif starts_moving(job, setup):
+        say(start_note(setup))
+    say("stages: " + ", ".join(stages(job)))
+    say(f"the scene has: {feature_words(job, setup.model)}")
+    for line in wind_lines(job, setup.model):
+        say(line)
+    if schedule:
+        _describe_steps(job, setup, schedule, say)
+    _describe_time(job, setup, schedule, say)
+    _describe_memory(job, setup, say)
+    for line in mode_lines(short, setup):
+        say(line)
+
+
+def _describe_net(setup: Setup, say) -> None:
+    model, net = setup.model, setup.model.net
+    groups = (f"{name or '(none)'} {int((net.group == g).sum())}" for g, name in enumerate(net.group_names))
+    say(f"{net_line(model)} in groups {', '.join(groups)}")
+    L0, N = model.L0, model.N
+    say(
+        f"elements: unstressed length {L0.min():.4g} to {L0.max():.4g} m, {L0.sum():.6g} m in all; "
+        f"tension {N.min():.4g} to {N.max():.4g} N"
+    )
+    own = float((net.density * net.section * L0).sum())
+    say(f"masses: elements {own:.4g} kg, all particles {model.mass.sum():.4g} kg")
+    say(
+        f"roof: {model.area.sum():.1f} m2 of surface, {model.plan_area.sum():.1f} m2 in plan; "
+        f"closed faces cover {model.roofing.covered:.1%} of the net's outline in plan (its convex hull)"
+    )
+    _describe_largest_face(model, say)
+    _describe_sharing(model, say)
+    for note in model.notes():
+        say(f"note: {note}")
+
+
+def _describe_largest_face(model: Model, say) -> None:
+    """A face much larger than the others, which may be an opening."""
+    area, usual, (x, y) = largest_face(model.x, model.net, model.roofing.faces) or (0.0, 0.0, (0.0, 0.0))
+    if area > MUCH_LARGER * usual:
+        say(
+            f"largest face: {area:.4g} m2 in plan around [{x:.4g}, {y:.4g}], the usual one has {usual:.4g} "
+            f"m2; if it is an opening, leave it out with [roof] openings = [[{x:.4g}, {y:.4g}]]"
+        )
+
+
+def _describe_sharing(model: Model, say) -> None:
+    """Nodes whose areas are others than those of earlier versions, which knew no nearest corner."""
+    rows, before, now = moved_areas(model.x, model.net, model.roofing.faces)
+    if len(rows):
+        named = [f"node {model.net.node_id[p]} {b:.4g} -> {a:.4g} m2" for p, b, a in zip(rows, before, now)]
+        say(
+            f"areas: faces of more than four corners are shared by nearest corner; from the triangles about "
+            f"their centroids, as in earlier versions, {len(rows)} nodes differ by more than {MUCH:.0%} of "
+            f"their area: {listed(named)}"
+        )
+
+
+def _describe_steps(job: Job, setup: Setup, schedule: Schedule, say) -> None:
+    for limit in setup.limits.values():
+        say(limit_line(limit, setup.model))
+    say(
+        f"steps: {schedule.steps} of {schedule.dt:.4g} s"
+        + (" (auto)" if job.dynamics.time_step == "auto" else "")
+    )
+    for remark in remarks_of(job, setup, schedule.dt):
+        say(remark)
+
+
+def _describe_time(job: Job, setup: Setup, schedule: Schedule | None, say) -> None:
+    """What a run takes on one core, by its parts."""
+    m = setup.model.net.m
+    parts = {"start, net and form": START_S + NET_S * m}
+    if has_statics(job):
+        count = len(job.cases) + (job.load.steps if job.load else 0) + 1
+        parts["equilibria"] = EQUILIBRIUM_S * m * (count + bool(rest_words(job)))
+    if schedule:
+        parts["steps"] = schedule.steps * (m * STEP_NS * 1e-9 + STEP_US * 1e-6)
+        parts["output"] = ROW_S * (len(schedule.history) + len(schedule.frames))
+    say(
+        f"expected run time about {sum(parts.values()):.2g} s on one core ("
+        + ", ".join(f"{name} {seconds:.2g} s" for name, seconds in parts.items())
+        + "); modes, and compiling at the first run of its kind, come on top"
+    )
+    if has_statics(job) and m < SMALL:
+        say(f"ranks: equilibria of fewer than {SMALL} elements are no faster on several ranks, mostly slower")
+
+
+def _describe_memory(job: Job, setup: Setup, say) -> None:
+    net, state = setup.model.net, setup.state
+    n, m = net.n, net.m
+    held = sum(getattr(state, f.name).nbytes for f in FIELDS if getattr(state, f.name) is not None)
+    frames = job.output.frames + 1 if job.dynamics else 1
+    file = frames * (n * FRAME_BYTES["particle"] + m * FRAME_BYTES["element"])
+    file += job.load.steps * (24 * n + 8 * m) if job.load else 0
+    more = f"{EQUILIBRIUM_BYTES * m / 1e6:.3g} MB for its equilibria, " if has_statics(job) else ""
+    say(
+        f"memory: {held / 1e6:.3g} MB for the state ({held / m:.0f} bytes an element), {more}and up to "
+        f"{SETUP_BYTES * m / 1e6:.3g} MB on rank 0 at set-up, beside some 250 MB for Python on each rank; "
+        f"result file about {max(file, 1e5) / 1e6:.3g} MB"
+    )
+
+
+def draw_check(job: Job, model: Model, folder: Path) -> Path:
+    """Write NAME_net.png into a folder, from the net before its form is found; the path of it."""
+    from netfall.plots.job import JobNet, draw_job
+
+    net, faces = model.net, model.roofing.faces
+    zones, plan = model.zones, tributary_areas(net.x, net, faces).plan
+    rows = lambda parts: np.unique(np.concatenate([np.zeros(0, np.int64), *parts]))
+    shown = JobNet(
+        job.title or job.name,
+        net,
+        faces,
+        plan,
+        zones.names,
+        zones.of_node,
+        np.array([(plan * zones.of_zone(k)).sum() for k in (*range(len(zones.names)), -1)]),
+        [zone.polygon for zone in job.zones if zone.polygon is not None],
+        normals(net.x, net, faces) if along_normals(job) else None,
+        rows(model.lost),
+        rows([model.probes.named]),
+        rows([model.probes.particles]),
+        _wind_of(job),
+    )
+    path = folder / f"{job.path.stem}_net.png"
+    with writing(path):
+        folder.mkdir(parents=True, exist_ok=True)
+        draw_job(shown, path)
+    return path
+
+
+def _wind_of(job: Job) -> tuple[float, str] | None:
+    """Where the wind of a job blows to [degrees], and what it is; None: there is none, or taps say all."""
+    wind = job.wind
+    if wind is None or wind.pressures is not None:
+        return None
+    what = f"wind of {wind.speed:g} m/s" if wind.speed else f"wind of {wind.file}"
+    return wind.direction, f"{what} {bearing(wind.direction)}"

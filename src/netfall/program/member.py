@@ -1,0 +1,176 @@
+"""One run of a study: a job from form finding to the end of its dynamic stage, and what is told of it."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.ground.errors import DivergedError, InputError, NoRest, OutputError
+from netfall.ground.progress import Progress
+from netfall.ground.timings import Phases
+from netfall.job.memory import Memory
+from netfall.job.read import Job
+from netfall.mechanics.events import EventLog
+from netfall.model.schedule import schedule_of
+from netfall.net.net import Net
+from netfall.net.parts import parts_of
+from netfall.parallel.agree import on_root
+from netfall.program.restart import Saver
+from netfall.program.run import Run, run_stages
+from netfall.program.setup import Setup, prepare
+from netfall.results.loss_lines import MUCH, states_of_rest, worst_rest
+from netfall.write.locks import check_place
+from netfall.write.result import Result
+from netfall.write.unwritten import Unwritten
+
+NAN = float("nan")
+# What is told of a run that has no dynamic stage, or did not come to its end.
+NOTHING = {
+    "first_fracture": NAN,
+    "first_element": -1,
+    "broken": 0,
+    "roof_lost": NAN,
+    "displacement_max": NAN,
+    "tension_max": NAN,
+    "utilisation_max": NAN,
+    "balance_error": NAN,
+    "dynamic_factor_max": NAN,
+    "dynamic_factor_element": -1,
+    "rest_after_loss": "",
+    "gusts": 0,
+    "times": [],
+    "elements": [],
+}
+
+
+def run_member(comm: MPI.Comm, read: Callable[[], Job], path: Path | None, memory: Memory) -> dict | None:
+    """Run a job; what came of it, on rank 0: NOTHING's names, `state`, `reason`, `seconds`. Collective.
+
+    read : reads the job, on every rank; path : of a result file, None: none is written
+    memory : of runs before in this process
+
+    A run without a rest, or that diverges, or whose input is wrong, is a result too.
+    """
+    begin = time.perf_counter()
+    try:
+        outcome = _outcome(comm, read(), path, memory)
+        found = {"state": "finished", "reason": ""} | (outcome or {})
+    except NoRest as error:  # it fails before the first gust
+        found = NOTHING | {"state": "no_rest", "reason": str(error), "first_fracture": 0.0, "roof_lost": 1.0}
+    except DivergedError as error:
+        found = NOTHING | {"state": "diverged", "reason": str(error)}
+    except InputError as error:
+        found = NOTHING | {"state": "failed", "reason": "; ".join(error.lines)}
+    except OutputError as error:
+        if not getattr(error, "on_every_rank", comm.size == 1):
+            raise
+        found = NOTHING | {"state": "failed", "reason": str(error)}
+    return found | {"seconds": time.perf_counter() - begin} if comm.rank == 0 else None
+
+
+def _outcome(comm: MPI.Comm, job: Job, path: Path | None, memory: Memory) -> dict | None:
+    """Run the stages; what came of them, on rank 0. Collective."""
+    if path:
+        on_root(comm, lambda: check_place(path))
+    phases = Phases()
+    setup = prepare(comm, job, phases, memory=memory)
+    schedule = comm.bcast(on_root(comm, lambda: schedule_of(job, setup.limits, setup.model)))
+    log, own = EventLog(setup.distribution.n), setup.model and setup.model.net
+    result = Result(comm, path, setup.distribution, own, log) if path else Unwritten(comm)
+    saver = Saver(job, setup, result, None)
+    run = Run(comm, job, setup, schedule, log, result, saver, Progress(False), phases, memory=memory)
+    try:
+        simulation = run_stages(run)
+    except (InputError, DivergedError):  # on every rank alike
+        setup.halo.free()
+        raise
+    setup.halo.free()
+    spread = setup.distribution
+    tension = spread.gather_elements(simulation.envelope.tension[0], setup.state.owned.astype(bool))
+    displacement = spread.gather_particles(simulation.envelope.displacement[0][:, None])
+    if comm.rank > 0:
+        return None
+    told = NOTHING | _told(setup, simulation, tension, displacement)
+    return told | {"dynamic_seconds": phases.seconds["dynamics"]}
+
+
+def _told(setup: Setup, simulation, tension: np.ndarray, displacement: np.ndarray) -> dict:
+    """What is told of a run that came to its end. Rank 0.
+
+    tension : (m,) [N], displacement : (n, 1) [m], the largest over the rows of the history
+    """
+    model, log = setup.model, simulation.log
+    removal = simulation.removal.columns() if simulation.removal else None
+    gone = np.zeros(model.net.m, bool)
+    gone[list(log.broken)] = True
+    found = {
+        "times": [event.time for event in log.events],
+        "elements": [event.element for event in log.events],
+        "broken": len(log.broken),
+        "displacement_max": float(displacement.max()),
+        "balance_error": simulation.history.largest("balance_error"),
+    }
+    if log.events:
+        found |= {"first_fracture": log.events[0].time, "first_element": log.events[0].element}
+    if removal:
+        gone[removal["element"]] = True
+        tension = np.fmax(tension, np.fmax.reduce(removal["tension_highest"], 0))
+        found |= {} if log.events else _largest_factor(removal)  # the rest is that of a net that holds
+        found["rest_after_loss"] = worst_rest(states_of_rest(removal))
+        found["gusts"] = int(model.wind_field is not None and model.wind_field.varies)
+    strength = np.where(np.isfinite(model.net.breaking_load), model.net.breaking_load, model.yield_force)
+    known = np.isfinite(strength) & (strength > 0.0)
+    used = tension[known] / strength[known]
+    return found | {
+        "roof_lost": roof_lost(model.net, simulation.removal.area if removal else model.area, gone),
+        "tension_max": float(tension.max()),
+        "utilisation_max": float(used.max()) if len(used) else NAN,
+    }
+
+
+def net_of(comm: MPI.Comm, read: Callable[[], Job], memory: Memory) -> dict[str, np.ndarray] | None:
+    """The datasets of /net in a study file, of a job in its form, on rank 0; None: no form. Collective."""
+    try:
+        setup = prepare(comm, read(), Phases(), memory=memory)
+    except (InputError, DivergedError):
+        return None
+    setup.halo.free()
+    if comm.rank > 0:
+        return None
+    net, area = setup.model.net, setup.model.area
+    return {
+        "particles": setup.model.x,
+        "elements": net.elements,
+        "fixed": net.fixed.astype(np.uint8),
+        "node_id": net.node_id,
+        "element_id": net.element_id,
+        "group": net.group.astype(np.int32),
+        "cable": np.array(net.cable_names)[net.cable],
+        "tributary_area": area,
+    }
+
+
+def _largest_factor(removal: dict[str, np.ndarray]) -> dict:
+    """The largest dynamic factor among elements whose tension a loss changes by much, and its element."""
+    change = np.abs(removal["tension_after"] - removal["tension_before"])
+    largest = np.fmax.reduce(removal["tension_before"], axis=None, initial=0.0)
+    factors = np.where(change > MUCH * largest, removal["dynamic_factor"], np.nan)
+    if np.isnan(factors).all():
+        return {}
+    largest = np.nanargmax(factors)
+    element = int(largest % factors.shape[1])
+    return {"dynamic_factor_max": float(factors.flat[largest]), "dynamic_factor_element": element}
+
+
+def roof_lost(net: Net, area: np.ndarray, gone: np.ndarray) -> float:
+    """Share of the roof's area (n,) [m2] at particles that no path of elements connects to a support.
+
+    gone : (m,) bool, elements that broke or were removed; nan: there is no roof
+    """
+    label = parts_of(net.elements[~gone], net.n)
+    supported = np.zeros(net.n, bool)
+    supported[label[net.held.any(1)]] = True
+    total = float(area.sum())
+    return float(area[~supported[label]].sum()) / total if total > 0.0 else NAN

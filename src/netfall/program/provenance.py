@@ -1,0 +1,85 @@
+"""Where the numbers of a result come from: job, versions, ranks, partition, limits."""
+
+import platform
+
+import h5py
+import mpi4py
+import numba
+import numpy as np
+from mpi4py import MPI
+
+import netfall
+from netfall.job.read import Job
+from netfall.model.model import Model
+from netfall.model.schedule import Schedule
+from netfall.parallel import partition
+from netfall.program.setup import Setup
+from netfall.write.h5 import PARALLEL
+
+OF_TABLES = ("load", "mass", "area", "normal", "section", "modulus", "density", "yield_stress") + (
+    "breaking_load",
+    "fracture_strain",
+)  # columns of the net that /net does not have as they are
+
+
+def how_it_writes() -> str:
+    """Which of the two stacks is in use."""
+    library = MPI.Get_library_version().split(",")[0].split("\n")[0].strip()
+    way = "parallel HDF5 (MPI-IO)" if PARALLEL else "serial HDF5 (rank 0 gathers and writes)"
+    return f"{library}, {way}"
+
+
+def net_record(model: Model) -> dict[str, np.ndarray]:
+    """What the tables of the same net need besides /net; a column of one value has a single row."""
+    columns = {name: getattr(model.net, name) for name in OF_TABLES} | {"spring_rest": model.spring_rest}
+    found = {name: values[:1] if _alike(values) else values for name, values in columns.items()}
+    rings = model.roofing.faces.rings
+    face = np.arange(len(rings)) if rings.face is None else rings.face
+    bounds = {"ring_start": rings.start, "ring_corner": rings.corner, "ring_face": face}
+    return found | bounds | {"corners": model.net.corners}
+
+
+def _alike(values: np.ndarray) -> bool:
+    return bool(((values == values[:1]) | (np.isnan(values) & np.isnan(values[:1]))).all())
+
+
+def provenance_of(comm: MPI.Comm, job: Job, setup: Setup, schedule: Schedule | None) -> dict:
+    """The attributes and texts of /provenance; rank 0 has all of them."""
+    values = {
+        "job": job.text,
+        "job_name": job.name,
+        "job_folder": str(job.path.parent.resolve()),
+        "overrides": "\n".join(job.overrides),
+        "job_digest": setup.digest,
+        "title": job.title,
+        "strain": job.cable.strain,
+        "netfall": netfall.__version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "numba": numba.__version__,
+        "mpi4py": mpi4py.__version__,
+        "h5py": h5py.__version__,
+        "hdf5": h5py.version.hdf5_version,
+        "mpi": MPI.Get_library_version().split("\n")[0].strip("\x00 "),
+        "writing": how_it_writes(),
+        "ranks": comm.size,
+        "exit_state": "finished",
+    }
+    model = setup.model
+    if model is None:
+        return values
+    values |= {
+        "partition": model.partition_source,
+        "metis_seed": partition.SEED,
+        "edge_cut": partition.edge_cut(model.net.elements, model.part),
+    }
+    values["net"] = net_record(model)
+    if setup.form:
+        values["roof_area_given"] = model.area_given
+    if model.added is not None:
+        values["added_mass"] = float(model.added.sum())
+    if schedule:
+        values |= {"time_step": schedule.dt, "steps": schedule.steps}
+        for name, limit in setup.limits.items():
+            values |= {f"limit_{name}": limit.dt, f"limit_{name}_element": limit.element}
+    return values

@@ -1,0 +1,183 @@
+"""A job made ready to step: model, form, state and limits, split over the ranks."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.equilibrium.find import Finder
+from netfall.equilibrium.relaxation import Paused, state_residual
+from netfall.ground.compile import wake
+from netfall.ground.errors import InputError, interrupted
+from netfall.ground.stop import NEVER, StopRequest
+from netfall.ground.timings import Phases
+from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
+from netfall.job.read import Job
+from netfall.mechanics.fields import FIELDS, Features
+from netfall.mechanics.stability import Limit
+from netfall.mechanics.state import State
+from netfall.model.model import Model, features_of, make_model, model_digest, set_initial, warm
+from netfall.model.schedule import step_limits
+from netfall.net.net import joined, spaced
+from netfall.parallel.agree import on_root
+from netfall.parallel.halo import Halo
+from netfall.parallel.subdomain import Distribution, cut_net
+from netfall.program.restart import pause_form_finding, restore_relaxation, restored_form
+from netfall.stages.form import Form, find_form
+from netfall.stages.step_limit import assembled_limit
+from netfall.write.checkpoint import Checkpoint
+
+# Elements up to which each run finds the sharp limit of its step, in 10 ms at stadium size, half a second
+# here; beyond, where a fixed step needs it.
+LARGEST_SHARP = 50_000
+
+
+@dataclass
+class Setup:
+    """The job on one rank, ready for statics or dynamics."""
+
+    model: Model | None  # on rank 0
+    distribution: Distribution
+    state: State
+    halo: Halo
+    form: Form | None
+    residual: float  # N, of the prestressed net with the real material
+    reference: float  # N, largest tension of what can move, in the initial state
+    limits: dict[str, Limit] = field(default_factory=dict)
+    digest: str = ""  # of job and net, for checkpoints
+    stage: str | None = None  # in which the run that is taken up was interrupted; None: a new run
+    checkpoint: Checkpoint | None = None  # of that run, on rank 0
+    finder: Finder | None = None  # of equilibria, once one is looked for
+
+
+def prepare(
+    comm: MPI.Comm,
+    job: Job,
+    phases: Phases,
+    report: Callable = lambda iteration, residual: None,
+    result: Path | None = None,
+    restart: Path | None = None,
+    stop: StopRequest = NEVER,
+    memory: Memory = FORGETFUL,
+) -> Setup:
+    """The job in its initial state: form found, prestressed, loaded. Collective.
+
+    result : path of the result file, beside which a form finding that is stopped leaves a checkpoint
+    restart : the checkpoint to go on from; memory : of runs before in this process
+
+    Raises InputError for what is wrong in the job, DivergedError if form finding does not converge,
+    Interrupted if `stop` asks for it.
+    """
+    with phases.phase("net and partition"):
+        if comm.rank > 0:
+            wake()  # while rank 0 reads the net
+        model = on_root(comm, lambda: make_model(job, comm.size, memory))
+        net = model.net if model else None
+        n, m, features = comm.bcast((net.n, net.m, features_of(job, net)) if model else None)
+        cut = on_root(comm, lambda: cut_net(n, net.elements, model.part, comm.size))
+        distribution = Distribution(comm, n, m, cut)
+        halo = Halo(comm, distribution.subdomain, 3)
+    digest = comm.bcast(model_digest(job, net) if model else None)
+    checkpoint = on_root(comm, lambda: Checkpoint(restart, digest)) if restart else None
+    stage = comm.bcast(checkpoint and checkpoint.record["stage"])
+    with phases.phase("form finding"):
+        if stage in ("statics", "dynamics"):
+            form = _restored_initial(comm, job, model, checkpoint)
+        elif job.form_finding is not None:
+            of_run = result, digest, restart, checkpoint, stop
+            find = lambda: _form(job, model, distribution, halo, report, *of_run)
+            key = comm.bcast(key_of(job, without=OF_SPEED) if model else None)
+            form, x, N = memory.once("form", key, find)
+            on_root(comm, lambda: set_initial(job, model, x, N, memory))
+        else:
+            form = None
+            on_root(comm, lambda: set_initial(job, model, net.x, None, memory))
+    with phases.phase("state"):
+        state = make_state(distribution, model, features)
+        residual = state_residual(comm, state)
+        reference = comm.bcast(_largest_tension(model) if model else None)
+        if form is not None:
+            _check_form(job, max(form.reference, reference), residual)
+        if job.load and job.load.temperature:
+            on_root(comm, lambda: warm(job, model))
+            state.L0[:] = distribution.elements(model and model.L0)
+        limits = _limits(comm, job, model, features, state, distribution, halo)
+    return Setup(
+        model, distribution, state, halo, form, residual, reference, limits, digest, stage, checkpoint
+    )
+
+
+def _form(job, model, distribution, halo, report, result, digest, restart, checkpoint, stop) -> tuple:
+    """Find the form; and, on rank 0, positions (n, 3) [m] and tensions (m,) [N] of the net in it. Collective.
+
+    Nothing loads an element between its ends while the form is found, so it is straight and has one tension:
+    a net that was subdivided has the form of the net as it was given, its new particles evenly spaced.
+    """
+    comm, net = distribution.comm, model and model.net
+    as_given, own_halo = model and joined(net), None
+    if comm.bcast(model and net.parts > 1):
+        part = model and model.part[: as_given.n]
+        cut = on_root(comm, lambda: cut_net(as_given.n, as_given.elements, part, comm.size))
+        distribution = Distribution(comm, *comm.bcast(model and (as_given.n, as_given.m)), cut)
+        halo = own_halo = Halo(comm, distribution.subdomain, 3)
+    try:
+        resume = restore_relaxation(distribution, checkpoint)
+        form = find_form(comm, as_given, distribution, job.form_finding, halo, report, stop, resume)
+    except Paused as pause:
+        path = pause_form_finding(job, result, digest, distribution, pause, restart)
+        raise interrupted(f"in form finding, iteration {pause.at.iteration}", path) from None
+    finally:
+        if own_halo:
+            own_halo.free()
+    x, N = distribution.gather_particles(form.x), distribution.gather_elements(form.N)
+    return form, model and spaced(net, x), model and np.repeat(N, net.parts)
+
+
+def _restored_initial(comm: MPI.Comm, job: Job, model: Model | None, checkpoint: Checkpoint | None):
+    """The initial state of the run that is taken up; what is known of its form. Collective."""
+    form = comm.bcast(checkpoint and restored_form(checkpoint.record))
+    tension = checkpoint.arrays["N"] if checkpoint and job.form_finding else None
+    on_root(comm, lambda: set_initial(job, model, checkpoint.arrays["x"], tension))
+    return form
+
+
+def _largest_tension(model: Model) -> float:
+    """Of what can move [N]. Rank 0."""
+    return float(np.abs(model.N[model.moves[model.net.elements].any(1)]).max(initial=0.0))
+
+
+def _check_form(job: Job, reference: float, residual: float) -> None:
+    """The prestressed net with the real material is in equilibrium too. Raises InputError."""
+    if not residual <= 1.001 * job.form_finding.tolerance * reference:
+        raise InputError(
+            f"{job.path}: [form_finding] tolerance = {job.form_finding.tolerance:g}: the prestressed net "
+            f"with the real material has a residual of {residual:.3g} N, its tension is {reference:.3g} N; "
+            "expected a tolerance that rounding allows"
+        )
+
+
+def _limits(comm, job: Job, model: Model | None, features, state, distribution, halo) -> dict[str, Limit]:
+    """Limits of the step by name. Collective."""
+    share = job.dynamics.fragment_mass if job.dynamics else 0.0
+    limits = comm.bcast(step_limits(model, features, share) if model else None)
+    asked = job.dynamics.time_step if job.dynamics else "auto"
+    sharp = distribution.m <= LARGEST_SHARP or (asked != "auto" and asked > limits["any_shape"].dt)
+    if job.dynamics and sharp:
+        limits["assembled"] = assembled_limit(comm, state, distribution.subdomain.element_gid, halo)
+    return limits
+
+
+def make_state(distribution: Distribution, model: Model | None, features: Features) -> State:
+    """The state of one rank; fields that are `given` start with what the model has. Collective."""
+    subdomain = distribution.subdomain
+    width = int(np.bincount(subdomain.ends.ravel()).max(initial=0))
+    state = State(features, subdomain.n_owned, subdomain.n_halo, len(subdomain.element_gid), width)
+    state.gid[:], state.ends[:] = subdomain.particle_gid, subdomain.ends
+    state.owned[:] = subdomain.element_owned
+    for row in FIELDS:
+        if row.given and features.has(row):
+            spread = distribution.particles if row.entity == "particle" else distribution.elements
+            getattr(state, row.name)[:] = spread(None if model is None else model.column(row.name))
+    return state

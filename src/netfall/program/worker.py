@@ -1,0 +1,89 @@
+"""The ranks of a study that stay: they run one member after another (`study.pool` is the other side).
+
+    mpirun -n 2 python -m netfall.program.worker
+
+Each line of standard input is a task, JSON: `job`, a path; `overrides` of --set; `removes`, entries of
+[[remove]]; `result`, a path or null; `net`, whether the net in its form is wanted in place of a run. The
+first line of standard output says that the ranks have started; then each answers a task, with what
+`solve.member` tells. The end of input ends the ranks.
+"""
+
+import base64
+import json
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+from netfall.__main__ import abort  # which also sees to one thread for each rank
+
+PAUSE = 2e-3, 2e-2  # s between two looks for a task, at first and later: waiting in MPI would take a core
+REMEMBERED = 4  # forms, rests and winds of earlier members
+# A member leaves no checkpoints, which change nothing in what it finds, and its modes are not asked.
+OWN = ["output.checkpoint=0.0", "output.modes=0"]
+
+
+def next_task(comm) -> dict | None:
+    """The task that rank 0 has read, on every rank; None at the end. Collective."""
+    if comm.rank == 0:
+        line = sys.stdin.readline()
+        task = json.loads(line) if line.endswith("\n") else None
+        for rank in range(1, comm.size):
+            comm.send(task, rank)
+        return task
+    begin = time.monotonic()
+    while not comm.iprobe(source=0):
+        time.sleep(min(max(PAUSE[0], 0.1 * (time.monotonic() - begin)), PAUSE[1]))
+    return comm.recv(source=0)
+
+
+def packed(array) -> dict:
+    """An array as text, to the last bit."""
+    return {
+        "type": array.dtype.str,
+        "shape": array.shape,
+        "bytes": base64.b64encode(array.tobytes()).decode(),
+    }
+
+
+def serve() -> None:
+    """Work on tasks until there are no more."""
+    from mpi4py import MPI
+
+    from netfall.ground.sources import TELLING, program_digest
+    from netfall.job.memory import Memory
+    from netfall.job.read import read_job
+    from netfall.parallel.agree import on_root
+    from netfall.program.member import net_of, run_member
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a study that is interrupted ends its workers itself
+    comm, tasks = MPI.COMM_WORLD, MPI.COMM_WORLD.Dup()
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # libraries that print by themselves
+    if comm.rank == 0:
+        print(json.dumps({"ranks": comm.size, "program": program_digest(TELLING)}), file=answers, flush=True)
+    memory = Memory(REMEMBERED)
+    while (task := next_task(tasks)) is not None:
+        words = task["job"], [*task["overrides"], *OWN], task["removes"]
+        read = lambda words=words: comm.bcast(on_root(comm, lambda: read_job(*words)))
+        result = Path(task["result"]) if task["result"] else None
+        if task["net"]:
+            net = net_of(comm, read, memory)
+            found = {"net": {name: packed(array) for name, array in (net or {}).items()}}
+        else:
+            found = run_member(comm, read, result, memory)
+        if comm.rank == 0:
+            print(json.dumps(found), file=answers, flush=True)
+
+
+def main() -> None:
+    """Entry point."""
+    try:
+        serve()
+    except BaseException as error:
+        abort(error)
+
+
+if __name__ == "__main__":
+    main()

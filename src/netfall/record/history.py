@@ -1,0 +1,146 @@
+"""The history of a dynamic stage: rows by name, and those of the probes. The same on every rank."""
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.mechanics.state import State
+from netfall.model.probes import Probes
+
+OF_ENERGY = "share of the largest energy that took part so far"
+AT_REST = 1e-4  # of the energy stored at the start: what moves with less is at rest, and rounding counts
+MOST_STRAIN = 0.1  # that any cable bears; what is beyond it without a limit of its own is told
+UNITS = {  # column of /history: unit
+    "time": "s",
+    "time_step": "s",
+    "kinetic_energy": "J",
+    "strain_energy": "J",
+    "plastic_dissipation": "J",
+    "damping_work": "J",
+    "external_work": "J",
+    "identity_error": OF_ENERGY,
+    "balance_error": OF_ENERGY,
+    "slack": "cables",
+    "broken": "elements",
+}
+COUNTS = ("slack", "broken")
+ERRORS = ("identity_error", "balance_error")
+
+
+def energy_in_play(row: dict[str, float]) -> float:
+    """The energy [J] that takes part at one time: external work, or where energy has gone if that is more.
+
+    It goes into motion, strain, yield and damping; else it comes from the strain at the start.
+    """
+    gone = row["kinetic_energy"] + max(row["strain_energy"], 0.0) + row["plastic_dissipation"]
+    energy = max(abs(row["external_work"]), gone + row["damping_work"])
+    return energy if energy == energy else 0.0  # nan without the audit
+
+
+NOT_STRAINED = (0.0, 0.0, -1)
+
+
+def most_strained(state: State, time: float, eps: np.ndarray, N: np.ndarray, gid: np.ndarray) -> tuple:
+    """Largest strain beyond MOST_STRAIN of this rank's elements that nothing ever breaks, time, and element.
+
+    time : [s]; eps, N : (m,) strains and axial forces [N]; gid : (m,) global numbers of the elements
+    """
+    if max(eps.max(initial=0.0), -eps.min(initial=0.0)) <= MOST_STRAIN:
+        return NOT_STRAINED
+    endless = np.ones(len(eps), bool) if state.eps_u is None else ~np.isfinite(state.eps_u)
+    endless &= state.broken == 0  # what hangs on after a fracture has no limit any more
+    strain = np.where(endless & (N != 0.0), np.abs(eps), 0.0)  # a slack cable may hang as it likes
+    e = int(np.argmax(strain))
+    return (float(strain[e]), time, int(gid[e])) if strain[e] > MOST_STRAIN else NOT_STRAINED
+
+
+class History:
+    """Rows so far; each has a value for every name of UNITS.
+
+    scale : [J] largest energy that took part so far, which both errors are shares of
+    """
+
+    def __init__(self, probes: Probes, stored: float = 0.0):
+        """stored : [J] in the elements at the start"""
+        self.probes, self.scale = probes, AT_REST * stored
+        self.rows: dict[str, list] = {name: [] for name in UNITS}
+        self.probe_rows: list[np.ndarray] = []
+        self.most_strained = NOT_STRAINED  # of this rank, since it was started
+
+    def __len__(self) -> int:
+        return len(self.rows["time"])
+
+    def add(self, probe_row: np.ndarray, **values: float) -> None:
+        """A row, both errors in J. probe_row : as `LocalProbes.values` gives it"""
+        self.scale = max(self.scale, energy_in_play(values))
+        for name in ERRORS:
+            values[name] /= self.scale or 1.0
+        for name, column in self.rows.items():
+            column.append(values[name])
+        self.probe_rows.append(probe_row)
+
+    def largest(self, name: str) -> float:
+        """Largest absolute value of a column; nan if any is."""
+        return float(np.abs(self.rows[name]).max())
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """The rows as columns, for the result file and for checkpoints."""
+        kind = lambda name: np.int64 if name in COUNTS else np.float64
+        return {name: np.array(values, kind(name)) for name, values in self.rows.items()}
+
+    def probe_columns(self) -> dict[str, np.ndarray]:
+        """What was kept of nodes and elements by name, as datasets of /history."""
+        probes, rows = self.probes, len(self)
+        at_nodes, met = 3 * len(probes.particles), len(probes.elements)
+        values = np.array(self.probe_rows).reshape(rows, at_nodes + met + len(probes.named))
+        columns = {"probe_displacement": values[:, :at_nodes].reshape(rows, len(probes.particles), 3)}
+        if at_nodes:
+            columns |= {
+                "probe_tension": values[:, at_nodes : at_nodes + met],
+                "probe_particle": probes.particles,
+                "probe_element": probes.elements,
+            }
+        if len(probes.named):
+            named = {"element": probes.named, "element_id": probes.named_id}
+            columns |= {"element_tension": values[:, at_nodes + met :], **named}
+        return columns
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What a continuation needs, for `restore`."""
+        columns = {f"history_{name}": values for name, values in self.columns().items()}
+        return columns | {"probe_rows": np.array(self.probe_rows)}
+
+    def restore(self, arrays: dict[str, np.ndarray]) -> None:
+        """Take up the rows of an earlier run."""
+        self.rows = {name: arrays[f"history_{name}"].tolist() for name in UNITS}
+        for row in zip(*self.rows.values()):
+            self.scale = max(self.scale, energy_in_play(dict(zip(self.rows, row))))
+        self.probe_rows = list(arrays["probe_rows"])
+
+
+class LocalProbes:
+    """Local rows of the probes that this rank has, each with its place among all."""
+
+    def __init__(self, subdomain, probes: Probes):
+        rows = lambda numbers, sought: [
+            (k, int(row)) for k, gid in enumerate(sought) for row in np.flatnonzero(numbers == gid)
+        ]
+        elements = np.concatenate([probes.elements, probes.named])
+        self.count = len(probes.particles), len(elements)
+        self.particles = rows(subdomain.particle_gid[: subdomain.n_owned], probes.particles)
+        self.elements = rows(subdomain.element_gid, elements)
+
+    def values(self, comm: MPI.Comm, state: State, snapshot) -> np.ndarray:
+        """Displacements (p, 3) [m], tensions [N] of what meets there and of what is named, in one row.
+
+        The same on every rank. Collective.
+        """
+        particles, elements = self.count
+        values = np.zeros(3 * particles + elements)
+        for k, row in self.particles:
+            values[3 * k : 3 * k + 3] = state.x[row] - state.x_start[row]
+        for k, row in self.elements:
+            if state.owned[row]:
+                values[3 * particles + k] = snapshot.N[row]
+        values += 0.0  # no negative zeros
+        comm.Allreduce(MPI.IN_PLACE, values, MPI.SUM)  # one term each but for zeros, so exact
+        return values

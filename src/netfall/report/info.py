@@ -1,0 +1,171 @@
+"""What `netfall info` tells of a result file."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from netfall.results.file import (
+    element_name,
+    lines_of_form,
+    missing_name,
+    open_result,
+    overloads_of,
+    provenance_text,
+    title_of,
+)
+from netfall.results.loss_lines import loss_lines
+from netfall.results.notes import balance_notes
+
+FIRST_EVENTS = 8
+ENERGIES = ("external_work", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work")
+
+
+def print_info(path: Path, say: Callable[[str], None]) -> None:
+    """Print a summary of a result file. Elements and nodes are named by the ids of the tables."""
+    with open_result(path) as f:
+        say(f"{path}: {_or_missing(title_of, f)}")
+        parts = {
+            "run": (_run, True),
+            "form finding": (_form, "form_finding" in f),
+            "statics": (_statics, "statics" in f),
+            "stability": (_stability, True),
+            "dynamics": (_dynamics, "history" in f),
+            "wind": (_wind, "wind" in f),
+            "losses": (_losses, "removal" in f),
+            "energies": (_energies, "history" in f),
+            "fractures": (_fractures, "history" in f),
+            "tensions": (_overloads, "events" in f and "envelope" in f),
+            "time": (_seconds, True),
+        }
+        for name, (tell, there) in parts.items():
+            if there:
+                missing = _or_missing(tell, f, say)
+                if missing:
+                    say(f"{name}: {missing}")
+
+
+def _or_missing(tell: Callable, *arguments):
+    """What `tell` gives; where the file lacks what it reads, as one of another version may, that in words."""
+    try:
+        return tell(*arguments)
+    except KeyError as error:
+        return f"{missing_name(error)} is not in this file, which another version of netfall wrote"
+
+
+def _seconds(f, say):
+    seconds = f["provenance/timings"].attrs
+    say("time: " + ", ".join(f"{name} {np.max(seconds[name]):.2f} s" for name in seconds))
+
+
+def _run(f, say):
+    p = f["provenance"].attrs
+    ranks = f"{p['ranks']} rank{'s' if p['ranks'] > 1 else ''}"
+    say(f"ran: netfall {p['netfall']} on {ranks} ({p['writing']}); {p['exit_state']}")
+    overrides = provenance_text(f, "overrides")
+    if overrides:
+        say("with: " + ", ".join(overrides.split("\n")))
+    n, m, fixed = len(f["net/particles"]), len(f["net/elements"]), f["net/fixed"][:].all(1).sum()
+    say(
+        f"net: {n} particles ({fixed} fixed), {m} elements, roof {f['net/tributary_area'][:].sum():.1f} m2; "
+        f"partition {p['partition']}, {p['edge_cut']} elements cut"
+    )
+
+
+def _form(f, say):
+    g = f["form_finding"]
+    N = g["tension"][:]
+    say(
+        f"form finding: {g['iterations'][()]} iterations, residual {g['residual'][()]:.2g} of the prestress, "
+        f"with the real material {g['residual_real_material'][()]:.2g}; "
+        f"tensions {N.min():.4g} to {N.max():.4g} N"
+    )
+    for line in lines_of_form(f):
+        say(line)
+
+
+def _statics(f, say):
+    g = f["statics"]
+    N, moved = g["tension"][-1], np.linalg.norm(g["displacement"][-1], axis=1)
+    steps = int((g["load_factor"][:] > 0).sum())
+    say(
+        f"statics: {steps} load steps; largest displacement {moved.max():.4g} m "
+        f"(node {f['net/node_id'][moved.argmax()]}), tensions {N.min():.4g} to {N.max():.4g} N, "
+        f"slack {g['slack'][-1]}, largest residual {g['residual'][:].max():.2g} N"
+    )
+
+
+def _stability(f, say):
+    """Name the equilibria that are not stable; results of older versions do not tell."""
+    places = ["statics", "rest", *(f"cases/{name}" for name in f.get("cases", ()))]
+    for place in places:
+        if place in f and "stable" in f[place] and not np.all(f[place]["stable"][()]):
+            say(f"note: an equilibrium of /{place} is NOT STABLE: compressed bars have no hold")
+
+
+def _dynamics(f, say):
+    h, p = f["history"], f["provenance"].attrs
+    say(
+        f"dynamics: {h['time'][-1]:g} s in {p['steps']} steps of {p['time_step']:.4g} s; "
+        f"{len(f['VTKHDF/Steps/Values'])} frames, {len(h['time'])} history rows"
+    )
+    if "added_mass" in p:
+        say(f"  mass scaling: {p['added_mass']:.4g} kg of inertia added")
+    for name in [k[6:] for k in p if k.startswith("limit_") and not k.endswith("_element")]:
+        e = p[f"limit_{name}_element"]
+        element = f" (element {element_name(f, e)})" if e >= 0 else ""
+        say(f"  step limit {name.replace('_', ' ')}: {p['limit_' + name]:.4g} s{element}")
+
+
+def _wind(f, say):
+    if "wind/pressure" in f:
+        p = f["wind/pressure"][:]
+        say(f"wind: pressures of {p.min():.4g} to {p.max():.4g} N/m2 at {p.shape[1]} taps")
+        return
+    u, mean = f["wind/speed"][:], f["wind/mean_speed"][:].mean()
+    of = f"{u.min():.1f} to {u.max():.1f} m/s at {u.shape[1]} control points"
+    say(f"wind: mean {mean:.1f} m/s, generated {of}")
+
+
+def _losses(f, say):
+    for line in loss_lines(f["removal"], f["events"], f["net/element_id"][:]):
+        say(line)
+
+
+def _energies(f, say):
+    h = f["history"]
+    known = [name for name in ENERGIES if np.isfinite(h[name][-1])]
+    at_end = [f"{name.replace('_', ' ')} {h[name][-1]:.4g}" for name in known]
+    say("energy at the end [J]: " + ", ".join(at_end))
+    if len(known) < len(ENERGIES):
+        say("audits: none, the job has [output] energy = false")
+        return
+    identity, balance = (np.abs(h[name][:]).max() for name in ("identity_error", "balance_error"))
+    say(
+        f"audits: work identity to {identity:.1e}, physical balance to {balance:.1e} "
+        "of the energy that took part"
+    )
+    for note in balance_notes(h["time"][:], h["balance_error"][:], h["broken"][:]):
+        say(note)
+
+
+def _overloads(f, say):
+    for line in overloads_of(f):
+        say(line)
+
+
+def _fractures(f, say):
+    h = f["history"]
+    say(f"slack at the end: {h['slack'][-1]} cables; broken: {h['broken'][-1]} elements")
+    e, ids = f["events"], f["net/node_id"][:]
+    nodes = (
+        e["node_id"][:] if "node_id" in e else ids[np.minimum(e["particle"][:], len(ids) - 1)]
+    )  # older files
+    for k in range(min(FIRST_EVENTS, len(e["time"]))):
+        split = "" if e["new_particle"][k] >= 0 else ", nothing split"
+        say(
+            f"  t = {e['time'][k]:.5f} s, step {e['step'][k]}: element {element_name(f, e['element'][k])} "
+            f"at node {nodes[k]}{split}, strain {e['strain'][k]:.4f}"
+        )
+    if len(e["time"]) > FIRST_EVENTS:
+        say(f"  and {len(e['time']) - FIRST_EVENTS} more fracture events in /events")

@@ -1,0 +1,271 @@
+"""summary.md of a report: what ran, what governs, by which factors; numbers with their units."""
+
+from pathlib import Path
+
+import numpy as np
+
+from netfall.checks.cables import Checked, Cutting
+from netfall.results.file import lines_of_form, overloads_of, provenance_text, title_of
+from netfall.results.loss_lines import loss_lines, rises, telling_factor
+from netfall.results.losses import worst_after
+from netfall.results.states import Envelope
+
+WORST = 10
+ROUNDING = 1e-10  # of the forces that a sum is of: what rests is not exactly at rest
+MOST_LISTED = 15  # cables
+ALWAYS = "all stages"
+COLUMNS = {
+    "cables.csv": "a row for each cable: strength [N], largest and least tension [N] with stage, time [s] "
+    "and element of the largest, stages in which it is slack, when the first of it was lost and broke [s], "
+    "largest dynamic factor after a loss (where the rest changes by 2 % of the largest tension), "
+    "resistance [N], utilisation",
+    "elements.csv": "the same for each element between its nodes; `unstressed_length` [m]",
+    "cutting_list.csv": "a row for each cable: `unstressed_length` [m] at the temperature of form finding, "
+    "`length_in_form` [m], `temperature` [K], `unstressed_length_at_temperature` [m], `measuring_load` [N], "
+    "`length_at_measuring_load` [m] (at that temperature), `mass` [kg]",
+    "reactions.csv": "a row for each support and stage: place [m], force [N] along the axes that it holds, "
+    "with which the elements pull at it; at an elastic support the force on its spring",
+}
+
+
+def summary(f, result: Path, tables: dict, envelope: Envelope, checked: Checked, cutting: Cutting) -> str:
+    """The page."""
+    cables = tables["cables.csv"]
+    parts = [
+        [f"# {title_of(f) or result.stem}", "", *_what_ran(f, result)],
+        ["## Utilisation", "", *_utilisation(cables, checked)],
+        ["## Factors", "", *_factors(checked)],
+        ["## Tensions", "", *_tensions(f, envelope, checked.checks[0].name)],
+        *([["## Losses", "", *_losses(f, checked)]] if "removal" in f else []),
+        ["## Lost and broken cables", "", *_gone(cables)],
+        ["## Slack cables", "", *_slack(cables, envelope)],
+        ["## Reactions", "", *_reactions(tables["reactions.csv"])],
+        ["## Cutting list", "", *_cutting(tables["cutting_list.csv"], cutting)],
+        ["## Tables", "", *_tables()],
+    ]
+    return "\n".join("\n".join(lines) + "\n" for lines in parts)
+
+
+def force(N: float) -> str:
+    """A force with its unit."""
+    return f"{N / 1e3:.5g} kN" if np.isfinite(N) else "none"
+
+
+def _rows(header: list[str], rows: list[list]) -> list[str]:
+    """A table of Markdown."""
+    lines = [header, ["---"] * len(header), *rows]
+    return ["| " + " | ".join(str(cell).replace("|", "/") for cell in line) + " |" for line in lines]
+
+
+def _what_ran(f, result: Path) -> list[str]:
+    p, overrides = f["provenance"].attrs, provenance_text(f, "overrides")
+    lines = [
+        f"Result `{result.name}` of netfall {p['netfall']}, {p['exit_state']}.",
+        f"{len(f['net/particles'])} particles, {len(f['net/elements'])} elements in "
+        f"{len(f['net/cable_names'])} cables. Ids are those of the tables; forces are positive in tension.",
+    ]
+    if overrides:
+        lines.append("With " + ", ".join(f"`{line}`" for line in overrides.split("\n")) + ".")
+    if "form_finding" in f:
+        lines += [line[0].upper() + line[1:] + "." for line in lines_of_form(f)]
+    if "events" in f and len(f["events/element"]):
+        broken = len(np.unique(f["events/element"][:]))
+        lines.append(f"{broken} elements broke, the first at t = {f['events/time'][0]:.4g} s.")
+    if "history" in f:
+        lines.append(f"Largest error of the physical balance: {_worst_balance(f)}.")
+    if "events" in f and "envelope" in f:
+        lines += [line[0].upper() + line[1:] + "." for line in overloads_of(f)]
+    return lines
+
+
+def _worst_balance(f) -> str:
+    balance = np.abs(f["history/balance_error"][:])
+    known = balance[np.isfinite(balance)]
+    return f"{known.max():.2g} of the energy that took part" if len(known) else "not known (no audit)"
+
+
+def _utilisation(cables: dict, checked: Checked) -> list[str]:
+    names = [check.name for check in checked.checks]
+    first = cables[f"utilisation_{names[0]}"]
+    lines = [
+        "Tensions are those of the loads in the job, without further factors. Utilisation: largest tension",
+        "over resistance; strengths are those given, not those drawn. Compression is not checked. Tension",
+        "never exceeds the yield force, also in what breaks: see `broken`.",
+        "",
+    ]
+    for check in checked.checks:
+        values = cables[f"utilisation_{check.name}"]
+        known = np.flatnonzero(np.isfinite(values))
+        if len(known):
+            worst = known[np.argmax(values[known])]
+            lines.append(
+                f"- {check.title}: largest {values[worst]:.4g} in cable {cables['cable'][worst]}, "
+                f"{int((values > 1.0).sum())} cables above 1, {len(values) - len(known)} without"
+            )
+        else:
+            lines.append(f"- {check.title}: empty, no cable has a strength for it")
+    without = ~np.isfinite(cables["breaking_load"]) & ~np.isfinite(cables["yield_force"])
+    if without.any():
+        lines.append(
+            f"- {int(without.sum())} cables have neither breaking_load nor yield_stress: "
+            "their utilisation is empty"
+        )
+    least = int(np.argmin(cables["tension_min"]))
+    if cables["tension_min"][least] < 0.0:
+        lines.append(
+            f"- compression, not checked: largest {force(-cables['tension_min'][least])} in cable "
+            f"{cables['cable'][least]} ({cables['group'][least]}), {cables['case_min'][least]}"
+        )
+    share = np.round(np.where(np.isnan(first), -1.0, first), 6)
+    broken = np.where(np.isnan(cables["broken_at"]), np.inf, cables["broken_at"])
+    order = [k for k in np.lexsort((broken, -share))[:WORST] if np.isfinite(first[k])]
+    if order:
+        lines += ["", f"The {len(order)} most used by {names[0]}:", "", *_worst(cables, order, names)]
+    return lines
+
+
+def _worst(cables: dict, order: list[int], names: list[str]) -> list[str]:
+    share = lambda value: f"{value:.3f}" if np.isfinite(value) else ""
+    header = ["cable", "group", "element", "largest tension", "in", "broken", "resistance", *names]
+    rows = [
+        [
+            cables["cable"][k],
+            cables["group"][k],
+            cables["element_max"][k],
+            force(cables["tension_max"][k]),
+            cables["case_max"][k] + _at(cables["time_max"][k]),
+            _at(cables["broken_at"][k])[2:],
+            force(cables[f"resistance_{names[0]}"][k]),
+            *(share(cables[f"utilisation_{name}"][k]) for name in names),
+        ]
+        for k in order
+    ]
+    return _rows(header, rows)
+
+
+def _at(time: float) -> str:
+    return f", t = {time:.4g} s" if np.isfinite(time) else ""
+
+
+def _factors(checked: Checked) -> list[str]:
+    rows = []
+    for check in checked.checks:
+        for of, factors in check.resistances:
+            for factor in factors:
+                own = "".join(f"; {group}: {value:g}" for group, value in factor.groups.items())
+                sign = "times" if factor.use == "multiply" else "over"
+                rows.append(
+                    [check.name, f"`{of}`", factor.name, f"{sign} {factor.value:g}{own}"]
+                    + [factor.edition, factor.meaning]
+                )
+    return _rows(["check", "of", "factor", "value", "edition", "meaning"], rows)
+
+
+def _tensions(f, envelope: Envelope, check: str) -> list[str]:
+    governs = np.bincount(envelope.of_most, minlength=len(envelope.names))
+    ids, rows = f["net/element_id"], []
+    for k, name in enumerate(envelope.names):
+        share, e = envelope.most_used[k]
+        used = f"{share:.3f} (element {ids[e]})" if e >= 0 else ""
+        rows.append([name, used, governs[k], int(envelope.slack[k].sum())])
+    lines = _rows(["stage", f"largest utilisation, {check}", "governs elements", "slack elements"], rows)
+    if "history" in f and not envelope.complete:
+        lines += [
+            "",
+            "The dynamic stage is known by its frames and its end alone: peaks between are not in it.",
+        ]
+    return lines
+
+
+def _losses(f, checked: Checked) -> list[str]:
+    """What each loss did, and the tensions that are worst after them."""
+    g, ids = f["removal"], f["net/element_id"][:]
+    names, cable = f["net/cable_names"].asstr()[:], f["net/cable"][:]
+    lines = [f"- {line}" for line in loss_lines(g, f["events"], ids)]
+    check = checked.checks[0].name
+    resistance, rows = checked.resistance[check], []
+    for k, e in worst_after(f, resistance, WORST):
+        N = {name: g[f"tension_{name}"][k, e] for name in ("before", "highest", "after")}
+        numbers = [rises(g, k)[e], telling_factor(g, k)[e], N["highest"] / resistance[e]]
+        told = [f"{value:.3g}" if np.isfinite(value) else "" for value in numbers]
+        rows.append([k + 1, names[cable[e]], ids[e], *map(force, N.values()), *told])
+    if not rows:
+        return lines
+    header = ["loss", "cable", "element", "before", "largest", "at rest afterwards", "largest / before"]
+    header += ["dynamic factor", check]
+    return [
+        *lines,
+        "",
+        "The most used after a loss, by the tensions of every step:",
+        "",
+        *_rows(header, rows),
+    ]
+
+
+def _gone(cables: dict) -> list[str]:
+    """The cables of which an element was lost or broke, in the order of time."""
+    first = np.fmin(cables["lost_at"], cables["broken_at"])
+    rows = [k for k in np.argsort(first, kind="stable") if np.isfinite(first[k])]
+    if not rows:
+        return ["None."]
+    second = lambda time: f"{time:.4g} s" if np.isfinite(time) else ""
+    table = [
+        [cables["cable"][k], cables["group"][k], second(cables["lost_at"][k]), second(cables["broken_at"][k])]
+        for k in rows[:MOST_LISTED]
+    ]
+    lines = [f"{len(rows)} cables have an element that was lost or broke:", ""]
+    return lines + _rows(["cable", "group", "lost at", "broke at"], table) + _more(rows)
+
+
+def _slack(cables: dict, envelope: Envelope) -> list[str]:
+    rows = np.flatnonzero(cables["slack_in"] != "")
+    if not len(rows):
+        return ["None, in any of: " + ", ".join(envelope.names) + "."]
+    words = {k: _briefly(cables["slack_in"][k].split("; "), envelope.names) for k in rows}
+    rows = sorted(rows, key=lambda k: words[k] == ALWAYS)  # what never carries comes last
+    table = [[cables["cable"][k], cables["group"][k], words[k]] for k in rows[:MOST_LISTED]]
+    lines = [f"{len(rows)} cables have an element without tension, in stages in which they are whole:", ""]
+    return lines + _rows(["cable", "group", "slack in"], table) + _more(rows)
+
+
+def _briefly(stages: list[str], names: list[str]) -> str:
+    """Some of all stages, in few words."""
+    others = [name for name in names if name not in stages]
+    if 2 * len(stages) <= len(names):
+        return "; ".join(stages)
+    return f"all stages but {'; '.join(others)}" if others else ALWAYS
+
+
+def _more(rows) -> list[str]:
+    return ["", f"and {len(rows) - MOST_LISTED} more (cables.csv)"] if len(rows) > MOST_LISTED else []
+
+
+def _reactions(table: dict) -> list[str]:
+    rows = []
+    for stage in dict.fromkeys(table["stage"]):
+        of = np.flatnonzero(table["stage"] == stage)
+        top = of[np.argmax(table["force"][of])]
+        total = np.array([table[f"force_{axis}"][of].sum() for axis in "xyz"])
+        total[np.abs(total) < ROUNDING * table["force"][of].sum()] = 0.0
+        largest = f"{force(table['force'][top])} at node {table['node'][top]}"
+        rows.append([stage, *(force(value) for value in total), largest])
+    lines = [
+        "Forces with which the elements pull at the supports; at elastic supports the force on the spring,",
+        "in which what acts on the node itself is included; and their sums over all supports.",
+        "",
+    ]
+    return lines + _rows(["stage", "sum in x", "sum in y", "sum in z", "largest"], rows)
+
+
+def _cutting(table: dict, cutting: Cutting) -> list[str]:
+    load = "its mean tension in the form" if cutting.load is None else force(cutting.load)
+    return [
+        f"{len(table['cable'])} cables, {table['unstressed_length'].sum():.6g} m unstressed at the",
+        f"temperature of form finding, {table['mass'].sum():.5g} kg. Measured at {cutting.temperature:+g} K",
+        f"from that temperature, each cable under {load}.",
+    ]
+
+
+def _tables() -> list[str]:
+    lines = [f"- `{name}`: {what}" for name, what in COLUMNS.items()]
+    return [*lines, "", "Numbers are in SI units: m, N, kg, s, K; an empty cell: there is none."]

@@ -1,0 +1,96 @@
+"""A result file, open for reading: what it is, its title, the names in it."""
+
+import re
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from netfall.ground.errors import InputError
+from netfall.numerics.functions import lengths
+from netfall.results.form_lines import form_lines
+from netfall.results.overload_lines import Carried, overload_lines, strength_of
+
+
+def open_result(path: Path) -> h5py.File:
+    """A result file of netfall, open for reading. Raises InputError for anything else."""
+    try:
+        file = h5py.File(path, "r")
+    except OSError as error:
+        reason = (
+            "no such file"
+            if not path.exists()
+            else "is a folder"
+            if path.is_dir()
+            else f"not an HDF5 file ({str(error).split('(')[-1].rstrip(')')})"
+        )
+        raise InputError(f"{path}: {reason}; expected a result file of netfall") from None
+    if "provenance" not in file or "net" not in file:
+        file.close()
+        raise InputError(f"{path}: an HDF5 file, but not a result of netfall (no /provenance, /net)")
+    if "netfall_study" in file.attrs:
+        file.close()
+        raise InputError(f"{path}: a study file, for netfall info and plot; expected the result of one run")
+    return file
+
+
+def provenance_text(file: h5py.File, name: str) -> str:
+    """A text of /provenance: an attribute, or a dataset if it is long."""
+    group = file["provenance"]
+    return group[name].asstr()[()] if name in group else str(group.attrs[name])
+
+
+def title_of(file: h5py.File) -> str:
+    """The job's title, else its name."""
+    return provenance_text(file, "title") or provenance_text(file, "job_name")
+
+
+def missing_name(error: KeyError) -> str:
+    """What a file was found to lack."""
+    quoted = re.search(r"'([^']+)'", str(error.args[0]))
+    return quoted[1] if quoted else "a group"
+
+
+def element_name(f: h5py.File, e: int) -> str:
+    """An element by its id, with the ids of its nodes: those that share a cable's id differ in these."""
+    a, b = (f["net/node_id"][p] for p in f["net/elements"][e])
+    return f"{f['net/element_id'][e]} ({a}-{b})"
+
+
+def lines_of_form(f: h5py.File) -> list[str]:
+    """`form_lines` of a result file."""
+    net = f["net"]
+    given = f["provenance"].attrs.get("roof_area_given", 0.0)  # older versions do not tell
+    return form_lines(
+        net["particles"][:],
+        f["form_finding/position"][:],
+        ~net["fixed"][:].astype(bool).all(1),
+        net["node_id"][:],
+        float(given),
+        float(net["tributary_area"][:].sum()),
+    )
+
+
+def carried_in(f: h5py.File) -> Carried:
+    """What the elements of a result carried in its dynamic stage."""
+    net, envelope, drawn = f["net"], f["envelope"], f["net"].get("strength")
+    EA, ends = net["axial_stiffness"][:], net["elements"][:]
+    none, factor = np.full(len(EA), np.inf), 1.0 if drawn is None else drawn[:]
+    given = [factor * net[name][:] if name in net else none for name in ("fracture_strain", "yield_force")]
+    x = f["form_finding/position"][:] if "form_finding" in f else net["particles"][:]
+    along = x[ends[:, 1]] - x[ends[:, 0]]
+    broke = np.full(len(EA), np.nan)
+    broke[f["events/element"][:][::-1]] = f["events/time"][:][::-1]  # of two ends the first
+    return Carried(
+        ends,
+        along / lengths(along)[:, None],
+        strength_of(EA, *given),
+        envelope["tension_max"][:],
+        envelope["tension_max_time"][:],
+        broke,
+    )
+
+
+def overloads_of(f: h5py.File) -> list[str]:
+    """`overload_lines` of a result file."""
+    return overload_lines(carried_in(f), lambda e: element_name(f, e))

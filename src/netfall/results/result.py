@@ -1,0 +1,297 @@
+"""A result file as Python sees it: tables by name, histories by the ids of the tables."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from netfall.ground.errors import InputError
+from netfall.results.columns import Columns, of_arrays, of_group
+from netfall.results.file import open_result, provenance_text, title_of
+from netfall.results.frames import Frames
+from netfall.results.states import warm_lengths
+
+# Groups of the file that a job has only if it asks for them: what it then lacks.
+LACKING = {
+    "history": "[dynamics]",
+    "events": "[dynamics]",
+    "envelope": "[dynamics]",
+    "form_finding": "[form_finding]",
+    "statics": "load steps ([load] steps > 0)",
+    "rest": 'wind with onset = "static"',
+    "wind": "[wind]",
+    "load": "[load]",
+    "modes": "[output] modes > 0",
+    "removal": "[[remove]]",
+    "cases": "[[case]]",
+}
+EVENT_COLUMNS = {  # column: dataset of /events; numbers of nodes and elements are ids of the tables
+    "time": "time",
+    "step": "step",
+    "element": "element_id",
+    "node": "node_id",
+    "strain": "strain",
+    "mass": "mass",
+    "element_row": "element",
+    "particle": "particle",
+    "new_particle": "new_particle",
+}
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The state at one time. p points (the n nodes of the net, then those that split off), m elements.
+
+    time : [s]; position, displacement : (p, 3) [m]; velocity : (p, 3) [m/s]
+    node : (p,) ids, of a point that split off that of the node it left
+    ends : (m, 2) rows of the points at the ends of the elements; element : (m,) ids
+    tension : (m,) [N]; strain, plastic_strain : (m,); broken : (m,) bool
+    """
+
+    time: float
+    position: np.ndarray
+    displacement: np.ndarray
+    velocity: np.ndarray
+    node: np.ndarray
+    ends: np.ndarray
+    element: np.ndarray
+    tension: np.ndarray
+    strain: np.ndarray
+    plastic_strain: np.ndarray
+    broken: np.ndarray
+
+
+class Result:
+    """A result file, open for reading; `netfall.open` and `netfall.run` give one.
+
+    Nodes and elements are named by the ids of the tables (of a generator: numbers from 0). The parts of a
+    cable that was subdivided share its id. SI units throughout; forces in cables are positive in tension.
+    What the job did not ask for raises AttributeError: `hasattr(result, "wind")` tells whether it is there.
+    """
+
+    def __init__(self, path: str | Path):
+        """Raises InputError for a file that is no result of netfall."""
+        self.path = Path(path)
+        self._file = open_result(self.path)
+        self._frames = Frames(self.file)
+        self._keeps = None  # a folder that goes when the result does
+
+    @property
+    def file(self):
+        """The open h5py.File. Raises ValueError once the result is closed."""
+        self._check_open()
+        return self._file
+
+    def _check_open(self) -> None:
+        if not self._file:
+            again = (
+                "its file was a temporary one: run the job with an output to keep it"
+                if self._keeps is not None
+                else f"netfall.open({str(self.path)!r}) opens it again"
+            )
+            raise ValueError(f"{self.path}: this result is closed; {again}")
+
+    # --- tables
+
+    @property
+    def nodes(self) -> Columns:
+        """A row for each node of the net (n,): id, x, y, z [m] as given, fixed (n, 3), tributary_area [m2],
+        plan_area [m2], vector_area (n, 3) [m2] (upward), zone (its name, "": none).
+        """
+        of = lambda name: self.file[f"net/{name}"]
+        x = lambda k: lambda: of("particles")[:, k]
+        names = lambda: np.append(of("zone_names").asstr()[:], "")[of("zone")[:]].astype(str)
+        columns = {"id": lambda: of("node_id")[:], "x": x(0), "y": x(1), "z": x(2)}
+        columns["fixed"] = lambda: of("fixed")[:].astype(bool)
+        areas = [name for name in ("tributary_area", "plan_area", "vector_area") if name in self.file["net"]]
+        columns |= {name: lambda name=name: of(name)[:] for name in areas}
+        units = dict.fromkeys("xyz", "[m]") | dict.fromkeys(areas, "[m2]")
+        return of_arrays(f"{self.path}: nodes", columns | {"zone": names}, units)
+
+    @property
+    def elements(self) -> Columns:
+        """A row for each element (m,): id, start, end (ids of nodes), group (its name), axial_stiffness [N],
+        unstressed_length [m] at the temperature of form finding, unstressed_length_warm [m] at that of the
+        loads, bar (1: it carries compression).
+        """
+        net, of = self.file["net"], lambda name: self.file[f"net/{name}"]
+        ends = lambda k: lambda: of("node_id")[:][of("elements")[:, k]]
+        groups = lambda: of("group_names").asstr()[:][of("group")[:]].astype(str)
+        columns = {"id": lambda: of("element_id")[:], "start": ends(0), "end": ends(1), "group": groups}
+        for name in ("axial_stiffness", "unstressed_length", "bar"):
+            if name in net:
+                columns[name] = lambda name=name: of(name)[:]
+        if "unstressed_length" in net:
+            columns["unstressed_length_warm"] = lambda: warm_lengths(self.file)
+        units = {"axial_stiffness": "[N]", "unstressed_length": "[m]", "unstressed_length_warm": "[m]"}
+        return of_arrays(f"{self.path}: elements", columns, units)
+
+    @property
+    def history(self) -> Columns:
+        """A row for each [output] history (t,): time [s], kinetic_energy, strain_energy, plastic_dissipation,
+        damping_work, external_work [J], identity_error, balance_error, slack, broken; probe_displacement
+        (t, p, 3) [m], probe_tension (t, k) [N]; element_tension (t, k) [N] of element_id (k,).
+        """
+        return of_group(f"{self.path}: history", self._group("history"))
+
+    @property
+    def events(self) -> Columns:
+        """A row for each fracture: time [s], step, element and node (ids of what broke and of that end),
+        strain, mass [kg] of the particle that split off; rows of /net: element_row, particle, new_particle.
+        """
+        group = self._group("events")
+        there = {name: dataset for name, dataset in EVENT_COLUMNS.items() if dataset in group}
+        return of_group(f"{self.path}: events", group, there)
+
+    @property
+    def envelope(self) -> Columns:
+        """Extremes over the history, by element (m,) and node (n,): tension_max [N] and its time [s],
+        tension_min, slack_time [s], displacement_max [m] and its time.
+        """
+        return of_group(f"{self.path}: envelope", self._group("envelope"))
+
+    @property
+    def form_finding(self) -> Columns:
+        """The form: position (n, 3) [m], tension (m,) [N], unstressed_length (m,) [m], residual."""
+        return of_group(f"{self.path}: form_finding", self._group("form_finding"))
+
+    @property
+    def statics(self) -> Columns:
+        """The load path, a row for each load_factor (s,): displacement (s, n, 3) [m], tension (s, m) [N]."""
+        return of_group(f"{self.path}: statics", self._group("statics"))
+
+    @property
+    def rest(self) -> Columns:
+        """The rest under all constant loads and the mean wind: position (n, 3) [m], tension (m,) [N]."""
+        return of_group(f"{self.path}: rest", self._group("rest"))
+
+    @property
+    def wind(self) -> Columns:
+        """The wind: control_point (c, 3) [m], mean_speed (c,), time (t,) [s], speed (t, c) [m/s]."""
+        return of_group(f"{self.path}: wind", self._group("wind"))
+
+    @property
+    def modes(self) -> Columns:
+        """The lowest modes: period (k,) [s], shape (k, n, 3), damping_ratio (k,)."""
+        return of_group(f"{self.path}: modes", self._group("modes"))
+
+    @property
+    def removal(self) -> Columns:
+        """A row for each loss of a member: time [s], tension_before, _peak, _after [N], dynamic_factor."""
+        return of_group(f"{self.path}: removal", self._group("removal"))
+
+    @property
+    def cases(self) -> dict[str, Columns]:
+        """The static cases by name: displacement (n, 3) [m], tension (m,) [N], residual, slack."""
+        group = self._group("cases")
+        return {name: of_group(f"{self.path}: case {name}", group[name]) for name in group}
+
+    def _group(self, name: str):
+        if name not in self.file:
+            raise AttributeError(f"{self.path}: there is no /{name}: the job has no {LACKING[name]}")
+        return self.file[name]
+
+    # --- over the frames
+
+    @property
+    def time(self) -> np.ndarray:
+        """Times of the frames (f,) [s]; a job without [dynamics] has one, the state it ends with, at 0."""
+        self._check_open()
+        return self._frames.times
+
+    def tension(self, element=None) -> np.ndarray:
+        """Tension [N] over the frames `time`: (f,) of the element of this id, (f, k) of a list of ids or of a
+        cable of k parts, (f, m) of all.
+        """
+        return self._over_frames(self._frames.cell_part, "tension", self._rows("element", element), element)
+
+    def strain(self, element=None) -> np.ndarray:
+        """Strain over the frames, shaped as `tension`."""
+        return self._over_frames(self._frames.cell_part, "strain", self._rows("element", element), element)
+
+    def displacement(self, node=None) -> np.ndarray:
+        """Displacement [m] from the form over the frames `time`: (f, 3) of the node of this id, (f, k, 3) of
+        a list of ids, (f, n, 3) of all.
+        """
+        return self._over_frames(self._frames.point_part, "displacement", self._rows("node", node), node)
+
+    def velocity(self, node=None) -> np.ndarray:
+        """Velocity [m/s] over the frames, shaped as `displacement`."""
+        return self._over_frames(self._frames.point_part, "velocity", self._rows("node", node), node)
+
+    def _over_frames(self, read, name: str, rows, asked) -> np.ndarray:
+        low, high = (int(rows.min()), int(rows.max()) + 1) if len(rows) else (0, 0)
+        values = np.array([read(name, step, low, high)[rows - low] for step in range(len(self.time))])
+        return values[:, 0] if asked is not None and np.ndim(asked) == 0 and len(rows) == 1 else values
+
+    def _rows(self, what: str, asked) -> np.ndarray:
+        """Rows of /net by ids, None: all. what : "node" or "element". Raises KeyError for unknown ids."""
+        ids = self.file[f"net/{what}_id"][:]
+        if asked is None:
+            return np.arange(len(ids))
+        found = [np.flatnonzero(ids == one) for one in np.atleast_1d(asked)]
+        for one, rows in zip(np.atleast_1d(asked), found):
+            if not len(rows):
+                raise KeyError(f"{what} {one}: there is no such id; they are from {ids.min()} to {ids.max()}")
+        return np.concatenate([np.zeros(0, np.int64), *found])
+
+    def frame(self, time: float) -> Frame:
+        """The frame nearest to a time [s]; its own time stands in `time`.
+
+        Raises InputError for a time that the run did not reach.
+        """
+        frames, times = self._frames, self.time
+        if not times[0] <= time <= times[-1] * (1 + 1e-9):
+            raise InputError(
+                f"{self.path}: time {time:g} s: the frames are from {times[0]:g} to {times[-1]:g} s"
+            )
+        step = int(np.abs(times - time).argmin())
+        cell, point = (lambda name: frames.cell(name, step)), (lambda name: frames.point(name, step))
+        return Frame(
+            time=float(times[step]),
+            position=frames.positions(step),
+            displacement=point("displacement"),
+            velocity=point("velocity"),
+            node=point("node_id"),
+            ends=frames.ends(step),
+            element=cell("element_id"),
+            tension=cell("tension"),
+            strain=cell("strain"),
+            plastic_strain=cell("plastic_strain"),
+            broken=cell("broken").astype(bool),
+        )
+
+    # --- where it comes from
+
+    @property
+    def title(self) -> str:
+        """The job's title, else its name."""
+        return title_of(self.file)
+
+    @property
+    def job(self) -> str:
+        """The text of the job as it was run, without overrides."""
+        return provenance_text(self.file, "job")
+
+    def close(self) -> None:
+        """Close the file; a temporary one is removed."""
+        self._file.close()
+        if self._keeps is not None:
+            self._keeps.cleanup()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    def __repr__(self) -> str:
+        if not self._file:
+            return f"Result {self.path}, closed"
+        n, m = len(self.file["net/particles"]), len(self.file["net/elements"])
+        broken = f", {self.history['broken'][-1]} broken" if "history" in self.file else ""
+        stages = [name for name in LACKING if name in self.file]
+        return (
+            f"Result {self.path}: {self.title}: {n} nodes, {m} elements, {len(self.time)} frames "
+            f"to {self.time[-1]:g} s{broken}; has {', '.join(stages)}"
+        )

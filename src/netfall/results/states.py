@@ -1,0 +1,169 @@
+"""The stages of a result for a report: where nodes are and what elements carry in each, and the envelope."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from netfall.mechanics.material import elastic_forces, warm_length
+from netfall.numerics.functions import lengths
+from netfall.results.frames import Frames
+from netfall.results.losses import broken_at, loss_rows, lost_at
+
+ALIKE = 1e-6  # of a tension: frames are in single precision, and the earlier stage governs
+
+
+@dataclass(frozen=True)
+class Stage:
+    """An equilibrium, or a moment.
+
+    tension : gives (m,) [N]; position : gives (points, 3) [m]
+    ends : (m, 2) rows of these, where elements have split off others than those of the net
+    """
+
+    name: str
+    tension: Callable[[], np.ndarray]
+    position: Callable[[], np.ndarray]
+    ends: np.ndarray | None = None
+
+
+def start_position(f) -> np.ndarray:
+    """Nodes (n, 3) [m] in the form that was found, or as given."""
+    return f["form_finding/position"][:] if "form_finding" in f else f["net/particles"][:]
+
+
+def is_logarithmic(f) -> bool:
+    """Whether the run's measure of strain is the logarithmic one."""
+    return f["provenance"].attrs.get("strain") == "logarithmic"
+
+
+def warm_lengths(f) -> np.ndarray:
+    """Unstressed lengths (m,) [m] at the temperature of the loads; of form finding where they have none."""
+    L0 = f["net/unstressed_length"][:]
+    if "load/temperature" not in f:
+        return L0
+    return warm_length(L0, f["net/expansion"][:], f["load/temperature"][()])
+
+
+def start_tension(f) -> np.ndarray:
+    """Tensions (m,) [N] in the form that was found, or in the net as given, before any load."""
+    if "form_finding" in f:
+        return f["form_finding/tension"][:]
+    x, elements = f["net/particles"][:], f["net/elements"][:]
+    L = lengths(x[elements[:, 1]] - x[elements[:, 0]])
+    EA, L0, bar = f["net/axial_stiffness"][:], f["net/unstressed_length"][:], f["net/bar"][:].astype(bool)
+    return elastic_forces(L, L0, EA, bar, is_logarithmic(f))
+
+
+def equilibria(f) -> Iterator[Stage]:
+    """The form, the load steps, the cases, the rest under the mean wind."""
+    x = start_position(f)
+    found = "form_finding" in f
+    yield Stage("form" if found else "as given", lambda: start_tension(f), lambda: x)
+    if "statics" in f:
+        for row, factor in enumerate(f["statics/load_factor"][:]):
+            name = f"statics, load factor {factor:.4g}" if factor else "statics, permanent loads"
+            yield Stage(name, *_row(f, x, row))
+    for name in f.get("cases", ()):
+        g = f[f"cases/{name}"]
+        yield Stage(f"case {name}", *_whole(g, x))
+    if "rest" in f:
+        yield Stage("rest", lambda: f["rest/tension"][:], lambda: f["rest/position"][:])
+
+
+def _row(f, x: np.ndarray, row: int):
+    g = f["statics"]
+    return (lambda: g["tension"][row]), (lambda: x + g["displacement"][row])
+
+
+def _whole(g, x: np.ndarray):
+    return (lambda: g["tension"][:]), (lambda: x + g["displacement"][:])
+
+
+def final(f) -> Stage | None:
+    """The last state of the dynamic stage; the ends that split off are where they are now."""
+    if "history" not in f:
+        return None
+    number = f["final/particle_id"][:]
+    row = np.argsort(number, kind="stable")
+    ends, n = f["net/elements"][:].copy(), len(f["net/particles"])
+    new = f["events/new_particle"][:]
+    ends[f["events/element"][:][new >= 0], (new[new >= 0] - n) % 2] = new[new >= 0]
+    rows = row[np.searchsorted(number[row], ends)]
+    name = f"final, t = {f['history/time'][-1]:.4g} s"
+    return Stage(name, lambda: f["final/tension"][:], lambda: f["final/position"][:], rows)
+
+
+@dataclass
+class Envelope:
+    """The largest and least tension (m,) [N] of each element, by stage.
+
+    of_most, of_least : (m,) numbers of the stages in `names`; time_most : (m,) [s], nan: not in dynamics
+    slack, gone : (stages, m) bool, gone: lost or broken, and so not slack; slack_time : (m,) [s] or None
+    most_used : for each stage the largest share of the resistances, and the element; -1: none has any
+    complete : whether the dynamic stage is there by all its steps, not by its frames alone
+    """
+
+    names: list[str]
+    most: np.ndarray
+    least: np.ndarray
+    of_most: np.ndarray
+    of_least: np.ndarray
+    time_most: np.ndarray
+    slack: np.ndarray
+    gone: np.ndarray
+    slack_time: np.ndarray | None
+    complete: bool
+    most_used: list[tuple[float, int]]
+
+
+def envelope_of(f, resistance: np.ndarray) -> Envelope:
+    """The envelope over all equilibria, losses and the dynamic stage. resistance : (m,) [N], nan: none
+
+    A loss comes before the dynamic stage that it is part of: of equal tensions the loss governs.
+    """
+    m = len(f["net/elements"])
+    nan, whole = np.full(m, np.nan), np.zeros(m, bool)
+    rows = [(stage.name, N, N, nan, whole) for stage in equilibria(f) for N in [stage.tension()]]
+    rows += [(name, high, low, nan, gone) for name, high, low, gone in loss_rows(f)]
+    complete = "envelope" in f
+    if "history" in f:
+        high, low, when = _of_envelope(f) if complete else _of_frames(f)
+        gone = ~np.isnan(lost_at(f)) | ~np.isnan(broken_at(f))
+        rows.append(("dynamics", high, np.where(gone & (low == 0.0), np.nan, low), when, gone))
+    most, least = rows[0][1], rows[0][2]
+    of_most, of_least, time = np.zeros(m, int), np.zeros(m, int), nan.copy()
+    for k, (_, high, low, when, _) in enumerate(rows):
+        above = high > most + ALIKE * np.abs(most)
+        below = low < least - ALIKE * np.abs(least)
+        of_most, time = np.where(above, k, of_most), np.where(above, when, time)
+        of_least = np.where(below, k, of_least)
+        most, least = np.fmax(most, high), np.fmin(least, low)
+    bar = f["net/bar"][:].astype(bool)
+    slack = np.array([(low <= 0.0) & ~bar & ~gone for _, _, low, _, gone in rows])
+    slack_time = f["envelope/slack_time"][:] if complete and "slack_time" in f["envelope"] else None
+    names, gone = [name for name, *_ in rows], np.array([gone for *_, gone in rows])
+    used = [_most_used(high / resistance) for _, high, *_ in rows]
+    return Envelope(names, most, least, of_most, of_least, time, slack, gone, slack_time, complete, used)
+
+
+def _most_used(share: np.ndarray) -> tuple[float, int]:
+    if np.isnan(share).all():
+        return np.nan, -1
+    return float(np.nanmax(share)), int(np.nanargmax(share))
+
+
+def _of_envelope(f):
+    g = f["envelope"]
+    return g["tension_max"][:], g["tension_min"][:], g["tension_max_time"][:]
+
+
+def _of_frames(f):
+    """The largest and least tension of the frames and the last state, and when it was the largest."""
+    frames, N = Frames(f), f["final/tension"][:]
+    most, least, when = N, N, np.full(len(N), f["history/time"][-1])
+    for step, time in enumerate(frames.times):
+        N = frames.cell("tension", step).astype(float)
+        when = np.where(N > most, time, when)
+        most, least = np.maximum(most, N), np.minimum(least, N)
+    return most, least, when

@@ -1,0 +1,238 @@
+"""Areas of the roof that each particle carries; pressure and wind act by the vector ones."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+
+from netfall.ground.errors import InputError
+from netfall.job.asks import along_normals, loads_the_roof, roof_groups
+from netfall.job.read import Job
+from netfall.net.net import Net, pair_key
+from netfall.net.parts import parts_of
+from netfall.numerics.functions import lengths
+from netfall.roof.faces import Faces, double_area, find_faces, no_faces, turned_triangles
+from netfall.roof.given_faces import faces_are_given, given_faces
+from netfall.roof.plan import Plan, draw_plan, listed
+from netfall.roof.shares import corner_areas, shares_of
+
+REMEDY = (
+    "name in [roof] groups the groups of elements whose faces carry the roof, mend the drawing, or give in "
+    "nodes.csv `area` and, for wind and for pressure along the normal, normal_x, normal_y, normal_z"
+)
+MUCH = 0.2  # of a node's area: a change that `check` tells
+PLAIN = (
+    "saddle",
+    "stadium",
+    "ring",
+)  # generators of nets of one layer whose elements meet at their ends alone
+
+
+@dataclass(frozen=True)
+class Roofing:
+    """The faces of the roof, what share of its outline in plan they cover, and notes on what is odd."""
+
+    faces: Faces
+    covered: float = 0.0
+    notes: list[str] = field(default_factory=list)
+
+
+def roof_of(job: Job, net: Net) -> Roofing:
+    """The faces that carry loads and wind. Raises InputError where loads need faces that there are not."""
+    groups = roof_groups(job)
+    chosen = np.isin(net.group, [g for g, name in enumerate(net.group_names) if name in groups])
+    carries = chosen[:: net.parts] if groups else np.ones(net.m // net.parts, bool)
+    if faces_are_given(job):
+        faces, plan = given_faces(job, net)
+        notes = _notes(job, net, plan, faces, carries) if loads_the_roof(job) else []
+        return Roofing(faces, _covered(plan, faces), notes)
+    lines = bool(job.roof and job.roof.lines)
+    plan = draw_plan(net, carries, checked=lines or job.net.generator not in PLAIN)
+    if plan.errors:
+        if _needs_faces(job, net):
+            raise InputError([f"{job.path}: {error}; {REMEDY}" for error in plan.errors])
+        return Roofing(no_faces(), 0.0, [f"the net has no faces: {error}" for error in plan.errors])
+    faces = _faces_but_openings(job, net, plan)
+    loose = _unconnected(net, plan, faces)
+    if loose and _needs_faces(job, net):
+        raise InputError([f"{job.path}: {error}" for error in loose])
+    notes = _notes(job, net, plan, faces, carries) if loads_the_roof(job) else []
+    notes += loose
+    return Roofing(faces, _covered(plan, faces), notes)
+
+
+def _unconnected(net: Net, plan: Plan, faces: Faces) -> list[str]:
+    """A line for each ring inside a face of the plan that nothing connects to the ring around it."""
+    rings = faces.rings
+    if len(rings) == faces.count:
+        return []
+    label = parts_of(np.concatenate([net.elements, plan.segment]), len(plan.points))
+    of_ring = label[rings.corner[rings.start[:-1]]]
+    outer = rings.first_rings()[rings.face]
+    lines = []
+    for r in np.flatnonzero(of_ring != of_ring[outer]):
+        around, inside = (_ids_of_ring(net, rings, k) for k in (outer[r], r))
+        lines.append(
+            f"the face of the roof between the nodes {around} has inside it a ring with the nodes {inside} "
+            "that is connected to it by nothing, so it is not known what lies between; join the two with "
+            "elements, give the edges of panels between them in [roof] lines, or leave the ring's group out "
+            "of [roof] groups"
+        )
+    return lines
+
+
+def _ids_of_ring(net: Net, rings: Faces, r: int) -> str:
+    """Ids of the nodes of a ring, the first few of them."""
+    corner = rings.corner[rings.start[r] : rings.start[r + 1]]
+    return listed(np.sort(net.node_id[corner[corner < net.n]]))
+
+
+def _faces_but_openings(job: Job, net: Net, plan: Plan) -> Faces:
+    """The faces but those that [roof] openings lie in. Raises InputError for a point that is in none."""
+    try:
+        return find_faces(net, plan, list(job.roof.openings) if job.roof else [])
+    except ValueError as error:
+        raise InputError(
+            f"{job.path}: [roof] openings: [{x:g}, {y:g}] lies in no face of the net in plan; expected "
+            "points [x, y] in m within the closed rings of elements that are to be left out"
+            for x, y in error.args
+        ) from None
+
+
+def largest_face(x: np.ndarray, net: Net, faces: Faces) -> tuple[float, float, np.ndarray] | None:
+    """Area in plan [m2] of the largest face and of the usual one, and where the largest lies [m].
+
+    None where there is no face.
+
+    x : (n, 3) [m]
+    """
+    if not len(faces):
+        return None
+    points = np.concatenate([x, net.corners])[:, :2]
+    area = np.bincount(faces.face_of_corner(), 0.5 * turned_triangles(points, faces, double_area))
+    f, rings = int(np.argmax(area)), faces.rings
+    first = rings.first_rings()
+    around = range(first[f], first[f + 1] if f + 1 < len(first) else len(rings))
+    outer, *holes = (points[rings.corner[rings.start[r] : rings.start[r + 1]]] for r in around)
+    within = shapely.point_on_surface(shapely.Polygon(outer, holes))
+    return float(area[f]), float(np.median(area)), np.array([within.x, within.y])
+
+
+def _needs_faces(job: Job, net: Net) -> bool:
+    """Whether something acts on areas, or along normals, that the tables do not give."""
+    bare = (net.area > 0) & ~np.isfinite(net.normal[:, 0])
+    return loads_the_roof(job) and bool(np.isnan(net.area).any() or (along_normals(job) and bare.any()))
+
+
+def _notes(job: Job, net: Net, plan: Plan, faces: Faces, carries: np.ndarray) -> list[str]:
+    """What a user should know of the areas that loads act on. Raises InputError if there are none."""
+    area, notes = tributary_areas(net.x, net, faces)[0], list(plan.notes)
+    if not (area > 0).any():
+        raise InputError(
+            f"{job.path}: the net has no closed face in plan, so wind, dead load and pressure have nothing "
+            "to act on; close the outline with elements between the supports, or give `area` in nodes.csv"
+        )
+    free = ~net.fixed.all(1)
+    in_roof = np.zeros(net.n, bool)
+    in_roof[net.elements[np.repeat(carries, net.parts)]] = True
+    bare = np.flatnonzero((area == 0) & free & in_roof & ~np.isfinite(net.area))
+    if len(bare):
+        notes.append(
+            f"{len(bare)} free nodes carry no roof area: {listed(net.node_id[bare])}; "
+            "`area` in nodes.csv would give it"
+        )
+    notes += _idle_lines(net, plan, faces)
+    rim = faces.open_rim[faces.open_rim < net.n]
+    rim = rim[free[rim] & np.isnan(net.area[rim])]
+    if len(rim):
+        notes.append(
+            f"at {len(rim)} free nodes on the edge of the faces elements go on without closing a face: "
+            f"{listed(net.node_id[rim])}; closed faces cover {_covered(plan, faces):.1%} of the outline "
+            "in plan; if the roof goes on to the supports, close it with elements between these"
+        )
+    return notes
+
+
+def _idle_lines(net: Net, plan: Plan, faces: Faces) -> list[str]:
+    """A note on edges without an element that bound no face."""
+    rings, points = faces.rings, len(plan.points)
+    sides = np.column_stack([rings.corner, rings.corner[rings.next_corner()]])
+    lines = plan.segment[plan.element < 0]
+    loose = lines[~np.isin(pair_key(lines, points), pair_key(sides, points))]
+    loose = loose[(loose < net.n).all(1)]
+    if not len(loose):
+        return []
+    named = listed([f"{a} to {b}" for a, b in net.node_id[loose]])
+    return [f"{len(loose)} edges of the roof without an element bound no face: {named}"]
+
+
+def _covered(plan: Plan, faces: Faces) -> float:
+    """Area of the faces over that of the convex outline of the plan."""
+    if not len(faces):
+        return 0.0
+    outline = shapely.convex_hull(shapely.multipoints(plan.points[np.unique(plan.segment)]))
+    return float(0.5 * turned_triangles(plan.points, faces, double_area).sum() / outline.area)
+
+
+class Areas(NamedTuple):
+    """What each particle carries of the roof.
+
+    surface, plan : (n,) [m2], both >= 0; vector : (n, 3) [m2], upward: pressure p gives the force -p vector
+    """
+
+    surface: np.ndarray
+    plan: np.ndarray
+    vector: np.ndarray
+
+
+def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> Areas:
+    """The areas that particles carry at x (n, 3) [m], by the shares of the faces around (`net.shares`).
+
+    Shares of points without a particle go to the rigid boundary. A given `area` is one of surface; with a
+    given area or normal the vector is surface times unit normal, the one that is not given from the faces.
+    """
+    points = np.concatenate([x, net.corners])
+    shares = shares_of(points, faces)
+    at_nodes = lambda values: np.bincount(shares.node, values, len(points))[: net.n].astype(float)
+    surface, plan = at_nodes(shares.surfaces()), at_nodes(shares.plans())
+    vector = np.stack([at_nodes(values) for values in shares.vectors().T], -1)
+    of_area, of_normal = np.isfinite(net.area), np.isfinite(net.normal[:, 0])
+    given = of_area | of_normal
+    if not given.any():
+        return Areas(surface, plan, vector)
+    normal = np.where(of_normal[:, None], net.normal, unit_normals(vector))
+    slope = np.where(normal.any(1), np.abs(normal[:, 2]), 1.0)
+    surface, plan = np.where(of_area, net.area, surface), np.where(of_area, net.area * slope, plan)
+    return Areas(surface, plan, np.where(given[:, None], surface[:, None] * normal, vector))
+
+
+def moved_areas(x: np.ndarray, net: Net, faces: Faces) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes whose surface differs by more than MUCH from that by triangles alone; that, and what it is [m2].
+
+    So were faces of more than four corners shared out once. The nodes that differ most come first.
+    """
+    points = np.concatenate([x, net.corners])
+    if not len(faces):
+        return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
+    before = np.bincount(faces.corner, corner_areas(points, faces), len(points))[: net.n]
+    now = tributary_areas(x, net, faces).surface
+    change = np.where(np.isfinite(net.area), 0.0, np.abs(now - before))
+    rows = np.flatnonzero(change > MUCH * before)
+    rows = rows[np.argsort(-change[rows], kind="stable")]
+    return rows, before[rows], now[rows]
+
+
+def unit_normals(vector: np.ndarray) -> np.ndarray:
+    """Upward unit normals (n, 3) of vector areas (n, 3); zero where there is none."""
+    length = lengths(vector)[:, None]
+    return np.divide(vector, length, out=np.zeros_like(vector), where=length > 0)
+
+
+def normals(x: np.ndarray, net: Net, faces: Faces) -> np.ndarray:
+    """Upward unit normals (n, 3) of the particles at x (n, 3) [m]; zero where a particle meets no face.
+
+    Those of the tables where they are given; else those of the vector areas.
+    """
+    found = unit_normals(tributary_areas(x, net, faces).vector)
+    return np.where(np.isfinite(net.normal), net.normal, found)

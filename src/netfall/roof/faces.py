@@ -1,0 +1,269 @@
+"""Faces of the net in plan: the smallest closed rings (by shapely), cut where they are not plain."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import shapely
+
+from netfall.net.net import Net, pair_key
+from netfall.numerics.functions import lengths
+from netfall.roof.plan import Plan, draw_plan
+
+FLAT = 1e-12  # of a face's area: a triangle about its centroid that is turned by less is rounding
+COCIRCULAR = 1e-6  # sum of two cotangents below which four corners lie on one circle
+
+
+@dataclass(frozen=True)
+class Faces:
+    """Corner numbers of the faces' cells, anticlockwise in plan, each seen whole from its centroid.
+
+    A face that is not seen whole, or has holes, has several cells; any other is its own.
+
+    start : (k + 1,) rows of `corner` at which each cell begins
+    corner : numbers, from n on points without a particle
+    open_rim : points at the edge of the faces from which an element of the roof goes on
+    face : (k,) the face of each cell, ascending; None: each is its own
+    whole : the rings of the faces, holes clockwise; None: as the cells
+    """
+
+    start: np.ndarray
+    corner: np.ndarray
+    open_rim: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    face: np.ndarray | None = None
+    whole: "Faces | None" = None
+
+    def __len__(self):
+        return len(self.start) - 1
+
+    @property
+    def count(self) -> int:
+        """Number of faces."""
+        return len(self) if self.face is None else int(self.face[-1]) + 1
+
+    @property
+    def rings(self) -> "Faces":
+        """The rings of the faces, each face's outer one first."""
+        return self if self.whole is None else self.whole
+
+    def next_corner(self) -> np.ndarray:
+        """For each corner the row of the next one around its ring."""
+        after = np.arange(1, len(self.corner) + 1)
+        if len(self):
+            after[self.start[1:] - 1] = self.start[:-1]
+        return after
+
+    def of_corner(self) -> np.ndarray:
+        """For each corner the number of its ring."""
+        return np.repeat(np.arange(len(self)), np.diff(self.start))
+
+    def face_of_corner(self) -> np.ndarray:
+        """For each corner the number of its face."""
+        return self.of_corner() if self.face is None else self.face[self.of_corner()]
+
+    def first_rings(self) -> np.ndarray:
+        """(f,) the first ring of each face."""
+        return (
+            np.arange(len(self)) if self.face is None else np.searchsorted(self.face, np.arange(self.count))
+        )
+
+    def of_faces(self, mask: np.ndarray) -> "Faces":
+        """The rings of some faces, mask (f,), numbered anew."""
+        kept = mask if self.face is None else mask[self.face]
+        part = _selected(self, kept)
+        face = None if self.face is None else (np.cumsum(mask) - 1)[self.face[kept]]
+        return Faces(part.start, part.corner, face=face)
+
+
+def no_faces() -> Faces:
+    """Faces of a net that has none."""
+    return Faces(np.zeros(1, np.int64), np.zeros(0, np.int64))
+
+
+def find_faces(net: Net, plan: Plan | None = None, openings=()) -> Faces:
+    """Faces of the net in plan: the smallest closed rings of elements and outline, less their holes.
+
+    A face that is not seen whole from its centroid, or has holes, has the cells of its constrained Delaunay
+    tessellation, which are the same in whatever order nodes and elements are given.
+
+    openings : points (k, 2) [m] in the faces that are left out. Raises ValueError, with those in no face.
+    """
+    plan = plan or draw_plan(net)
+    if not len(plan.segment):
+        return no_faces()
+    lines = shapely.linestrings(plan.points[plan.segment])
+    polygons = shapely.get_parts(shapely.polygonize(lines))
+    used = np.unique(plan.segment)
+    rings, polygon = _rings(polygons, plan.points, used)
+    open_rim = _open_rim(rings, plan)
+    rings, polygon = _without(rings, polygon, _open_faces(polygons, openings))
+    return replace(
+        faces_of_rings(corners_on_sides(rings, plan, net), polygon, plan.points), open_rim=open_rim
+    )
+
+
+def faces_of_rings(rings: Faces, polygon: np.ndarray, points: np.ndarray) -> Faces:
+    """The faces that rings bound, those of one ring that is seen whole first.
+
+    polygon : (r,) which rings bound one face, its outer one first; points : (k, 2) [m]
+    """
+    one = np.bincount(polygon, minlength=polygon.max(initial=-1) + 1) == 1
+    plain = one[polygon] & _seen_whole(rings, points)
+    kept = _selected(rings, plain)
+    if plain.all():
+        return kept
+    cut = [
+        [rings.corner[rings.start[r] : rings.start[r + 1]] for r in np.flatnonzero(polygon == number)]
+        for number in np.unique(polygon[~plain])
+    ]
+    whole = _joined(kept, [_as_rings(shapes) for shapes in cut])
+    return replace(_joined(kept, [_delaunay_cells(points, shapes) for shapes in cut]), whole=whole)
+
+
+def _as_rings(shapes: list[np.ndarray]) -> Faces:
+    """Rings of corner numbers."""
+    return Faces(np.cumsum([0, *map(len, shapes)]), np.concatenate(shapes))
+
+
+def _joined(plain: Faces, others: list[Faces]) -> Faces:
+    """The rings of faces that have one each, then of those that have several."""
+    parts = [plain, *others]
+    sizes = np.concatenate([np.diff(part.start) for part in parts])
+    face = np.concatenate(
+        [np.arange(len(plain)), np.repeat(np.arange(len(others)), list(map(len, others))) + len(plain)]
+    )
+    start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    return Faces(start, np.concatenate([part.corner for part in parts]), face=face.astype(np.int64))
+
+
+def _rings(polygons, points, used) -> tuple[Faces, np.ndarray]:
+    """The rings of polygons between points `used`, each polygon's outer one first, and the polygon of each.
+
+    Holes run clockwise.
+    """
+    rings, polygon = shapely.get_rings(shapely.orient_polygons(polygons), return_index=True)
+    xy, ring = shapely.get_coordinates(rings, return_index=True)
+    last = np.append(ring[1:] != ring[:-1], True) if len(ring) else np.zeros(0, bool)
+    xy, ring = xy[~last], ring[~last]  # a ring repeats its first point at its end
+    order = used[np.lexsort((points[used, 1], points[used, 0]))]
+    key = points[order, 0] + 1j * points[order, 1]
+    corner = order[np.searchsorted(key, xy[:, 0] + 1j * xy[:, 1])]
+    start = np.concatenate([[0], np.cumsum(np.bincount(ring, minlength=len(rings)))]).astype(np.int64)
+    return Faces(start, corner), polygon
+
+
+def _open_faces(polygons, openings) -> np.ndarray:
+    """Numbers of the polygons that the points `openings` (k, 2) lie in. Raises ValueError, as above."""
+    places = shapely.points(np.reshape(openings, (-1, 2)))
+    place, polygon = shapely.STRtree(polygons).query(places, predicate="within")
+    astray = np.setdiff1d(np.arange(len(places)), place)
+    if len(astray):
+        raise ValueError(*(openings[k] for k in astray))
+    return np.unique(polygon)
+
+
+def _without(rings: Faces, polygon, left_out) -> tuple[Faces, np.ndarray]:
+    """The rings of all polygons but some, and the polygon of each."""
+    kept = ~np.isin(polygon, left_out)
+    return _selected(rings, kept), polygon[kept]
+
+
+def _selected(faces: Faces, mask) -> Faces:
+    sizes = np.diff(faces.start)
+    start = np.concatenate([[0], np.cumsum(sizes[mask])]).astype(np.int64)
+    return Faces(start, faces.corner[np.repeat(mask, sizes)])
+
+
+def _sides(rings: Faces) -> np.ndarray:
+    """(c, 2) the points at both ends of each side."""
+    return np.column_stack([rings.corner, rings.corner[rings.next_corner()]])
+
+
+def _open_rim(rings: Faces, plan: Plan) -> np.ndarray:
+    """Ends of what bounds no face, on sides that have a face on one of their sides only."""
+    sides = _sides(rings)
+    key, bounded = pair_key(sides, len(plan.points)), pair_key(plan.segment, len(plan.points))
+    values, row, times = np.unique(key, return_inverse=True, return_counts=True)
+    rim, loose = sides[times[row.ravel()] == 1], plan.segment[~np.isin(bounded, values)]
+    return np.intersect1d(rim, loose)
+
+
+def corners_on_sides(rings: Faces, plan: Plan, net: Net) -> Faces:
+    """The rings with the particles that subdivision put on their sides as corners too."""
+    if net.parts == 1 or not len(rings):
+        return rings
+    sides, key = _sides(rings), pair_key(plan.segment, len(plan.points))
+    order = np.argsort(key)
+    row = order[np.searchsorted(key[order], pair_key(sides, len(plan.points)))]
+    turned = plan.segment[row, 0] != sides[:, 0]
+    element, span = plan.element[row], plan.span[row]
+    inner = net.inner_particles()[element]  # of the outline some other element's, dropped by `there`
+    ends = plan.points[net.undivided()[element]]
+    t, apart = np.arange(1, net.parts) / net.parts, lengths(ends[:, 1] - ends[:, 0])
+    margin = np.where(np.ptp(span, axis=1) < 1.0, net.tolerance / np.maximum(apart, 1e-300), 0.0)[:, None]
+    there = (element >= 0)[:, None] & (t > span[:, :1] + margin) & (t < span[:, 1:] - margin)
+    flip = lambda values: np.where(turned[:, None], values[:, ::-1], values)
+    keep = np.column_stack([np.ones(len(sides), bool), flip(there)])
+    corner = np.column_stack([rings.corner, flip(inner)])[keep]
+    return Faces(np.concatenate([[0], np.cumsum(keep.sum(1))])[rings.start], corner)
+
+
+def _seen_whole(rings: Faces, points) -> np.ndarray:
+    """Whether the triangles from its centroid to its sides fill each ring without overlap; holes do not."""
+    seen = np.zeros(len(rings), bool)
+    if len(rings):
+        double = turned_triangles(points, rings, double_area)
+        total = np.bincount(rings.of_corner(), double, len(rings))
+        seen = (total > 0) & (np.minimum.reduceat(double, rings.start[:-1]) >= -FLAT * np.abs(total))
+    return seen
+
+
+def double_area(u, v) -> np.ndarray:
+    """Twice the signed area of triangles in plan with sides u, v (k, 2)."""
+    return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+
+
+def turned_triangles(points, faces: Faces, double, weigh=None) -> np.ndarray:
+    """Twice the areas (c,) of the triangles from the faces' centroids to their sides, by `double`.
+
+    weigh : twice the areas, turned ones negative, that the centroid is the mean of; default: `double`
+    """
+    p, middle = points[faces.corner], centroids(points, faces, weigh or double)[faces.of_corner()]
+    return double(p - middle, points[faces.corner[faces.next_corner()]] - middle)
+
+
+def centroids(points, faces: Faces, double) -> np.ndarray:
+    """Centroids (k, d) of the cells, from triangles about the mean of their corners, by `double`."""
+    of_corner, nxt, counts = faces.of_corner(), faces.next_corner(), np.diff(faces.start)
+    mean = lambda values, weight: np.stack(
+        [np.bincount(of_corner, values[:, k], len(faces)) / weight for k in range(values.shape[1])], -1
+    )
+    p = points[faces.corner]
+    middle = mean(p, np.maximum(counts, 1))
+    u, v = p - middle[of_corner], p[nxt] - middle[of_corner]
+    cross = 0.5 * double(u, v)
+    area = np.bincount(of_corner, cross, len(faces))
+    return middle + mean(cross[:, None] * (u + v) / 3, np.where(area == 0, 1, area))
+
+
+def _delaunay_cells(points, shapes: list[np.ndarray]) -> Faces:
+    """Cells of the constrained Delaunay tessellation of a polygon.
+
+    shapes : outer ring and holes as corner numbers
+
+    Triangles whose corners lie on one circle make one cell: it is chance along which diagonal they were cut.
+    """
+    polygon = shapely.Polygon(points[shapes[0]], [points[ring] for ring in shapes[1:]])
+    used = np.unique(np.concatenate(shapes))
+    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
+    triangles = _rings(parts, points, used)[0].corner.reshape(-1, 3)
+    a, b, c = (
+        points[np.roll(triangles, -k, axis=1)] for k in range(3)
+    )  # c lies opposite the side from a to b
+    u, v = (a - c).reshape(-1, 2), (b - c).reshape(-1, 2)
+    cotangent = np.sum(u * v, axis=1) / np.maximum(double_area(u, v), 1e-300)
+    sides = np.column_stack([triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()])
+    pairs, row, times = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True)
+    chance = (times == 2) & (np.abs(np.bincount(row.ravel(), cotangent)) < COCIRCULAR)
+    cells = shapely.get_parts(shapely.polygonize(shapely.linestrings(points[pairs[~chance]])))
+    cells = cells[shapely.contains(polygon, shapely.point_on_surface(cells))]  # not what fills a hole
+    return _rings(cells, points, used)[0]

@@ -1,0 +1,99 @@
+"""The faces of the roof from a table, where they are not to be found in the plan of the net."""
+
+import numpy as np
+
+from netfall.ground.errors import InputError
+from netfall.job.read import Job
+from netfall.job.table import Table
+from netfall.net.net import Net, pair_key
+from netfall.roof.faces import Faces, corners_on_sides, double_area, faces_of_rings
+from netfall.roof.plan import Plan
+
+AXES = ("x", "y", "z")
+
+
+def given_faces(job: Job, net: Net) -> tuple[Faces, Plan]:
+    """The faces of the table `[roof] faces`, and their sides as a plan. Sets `net.corners`.
+
+    Rows of one face follow one another: its corners in order, anticlockwise in plan, then those around each
+    of its holes, clockwise; `ring` counts these from 1. A node stands by its id, a point without one by its
+    place [m]. Raises InputError with all that is wrong.
+    """
+    table = Table(job.path.parent / job.roof.faces, ("face", "ring", "node", *AXES), ("face", "node"))
+    corner, net.corners = _corners(table, net)
+    face = table.integers("face")
+    ring = table.integers("ring") if "ring" in table else np.zeros(len(table), np.int64)
+    start = np.flatnonzero(np.append(True, (face[1:] != face[:-1]) | (ring[1:] != ring[:-1])))
+    points = np.concatenate([net.x, net.corners])[:, :2]
+    rings = Faces(np.append(start, len(face)), corner)
+    _check(table, face[start], ring[start], rings, points)
+    table.finish()
+    plan = _sides(net, rings, points)
+    polygon = np.cumsum(np.append(False, face[start][1:] != face[start][:-1]))
+    return faces_of_rings(corners_on_sides(rings, plan, net), polygon, points), plan
+
+
+def _corners(table: Table, net: Net) -> tuple[np.ndarray, np.ndarray]:
+    """The point (c,) of each row, from n on those without a node, and the places (k, 3) [m] of these."""
+    rows = {str(number): row for row, number in enumerate(net.node_id.tolist())}
+    place = np.column_stack([table.numbers(k, unit="m") for k in AXES])
+    corner, others = np.zeros(len(table), np.int64), {}
+    for row, word in enumerate(table.words("node")):
+        if word:
+            corner[row] = rows.get(word, 0)
+            if word not in rows:
+                table.wrong(f"{table.at(row)}: node = {word[:40]}: no such node; expected the id of one")
+        elif np.isnan(place[row]).any():
+            table.wrong(f"{table.at(row)}: node is empty; expected an id, or x, y, z of a point without one")
+        else:
+            corner[row] = net.n + others.setdefault(tuple(place[row].tolist()), len(others))
+    return corner, np.array(list(others)).reshape(-1, 3)
+
+
+def _check(table: Table, number: np.ndarray, ring: np.ndarray, faces: Faces, points: np.ndarray) -> None:
+    """Faces that stand in two places, have too few corners, or run the wrong way.
+
+    number, ring : (r,) of the rings `faces`
+    """
+    first = np.append(True, number[1:] != number[:-1])
+    values, times = np.unique(number[first], return_counts=True)
+    for value in values[times > 1]:
+        table.wrong(f"face = {value}: its rows stand apart; expected one after another")
+    due = np.arange(len(ring)) - np.maximum.accumulate(np.where(first, np.arange(len(ring)), 0))
+    for f in np.flatnonzero(ring != due):
+        table.wrong(f"face = {number[f]}: ring = {ring[f]}; expected 0 around it, then its holes from 1")
+    p, q = points[faces.corner], points[faces.corner[faces.next_corner()]]
+    middle = points[faces.corner[faces.start[:-1]]][faces.of_corner()]
+    area = 0.5 * np.bincount(faces.of_corner(), double_area(p - middle, q - middle), len(faces))
+    for f, corners in enumerate(np.split(faces.corner, faces.start[1:-1])):
+        if len(np.unique(corners)) < max(3, len(corners)):
+            table.wrong(f"face = {number[f]}: expected three corners or more, each once")
+        elif not (area[f] < 0.0 if ring[f] else area[f] > 0.0):
+            way = "clockwise around a hole" if ring[f] else "anticlockwise"
+            table.wrong(
+                f"face = {number[f]}: {area[f]:.4g} m2 in plan; expected its corners {way}, seen from above"
+            )
+
+
+def _sides(net: Net, faces: Faces, points: np.ndarray) -> Plan:
+    """The sides of the faces, each once, with the undivided element that lies on it."""
+    side = np.column_stack([faces.corner, faces.corner[faces.next_corner()]])
+    side = side[np.unique(pair_key(side, len(points)), return_index=True)[1]]
+    key = pair_key(net.undivided(), len(points))
+    order = np.argsort(key, kind="stable")
+    row = np.minimum(np.searchsorted(key[order], pair_key(side, len(points))), len(key) - 1)
+    there = key[order][row] == pair_key(side, len(points))
+    return Plan(points, side, np.where(there, order[row], -1), np.tile([0.0, 1.0], (len(side), 1)))
+
+
+def faces_are_given(job: Job) -> bool:
+    """Whether a table has the faces. Raises InputError where other keys of [roof] say which there are too."""
+    if getattr(job.roof, "faces", None) is None:
+        return False
+    both = [key for key in ("groups", "openings", "lines") if getattr(job.roof, key)]
+    if both:
+        raise InputError(
+            f"{job.path}: [roof] faces and {' and '.join(both)} exclude each other: the table has the faces; "
+            "keep one of the two"
+        )
+    return True

@@ -1,0 +1,55 @@
+"""Panels of the cladding: the faces of the roof, the elements that they hang on, what nodes carry of them."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.net.net import Net, pair_key
+from netfall.roof.areas import Areas
+from netfall.roof.faces import Faces
+from netfall.roof.shares import shares_of
+
+
+class Panels(NamedTuple):
+    """Which panel hangs on which element, and what its corners carry.
+
+    element, panel : (k,) pairs; of_corner : (c,) panel; node : (c,); count : of panels
+    areas : of c corners, which at a node sum up to its own
+    mass : (c,) [kg]; pressure : (c, 3) [N]; wind : (c, 3) [N s2/m2], what goes with the panel
+    """
+
+    element: np.ndarray
+    panel: np.ndarray
+    of_corner: np.ndarray
+    node: np.ndarray
+    count: int
+    areas: Areas
+    mass: np.ndarray = None
+    pressure: np.ndarray = None
+    wind: np.ndarray = None
+
+    def at(self, elements) -> np.ndarray:
+        """Panels that hang on any of some elements, ascending."""
+        return np.unique(self.panel[np.isin(self.element, elements)])
+
+
+def panels_of(x: np.ndarray, net: Net, faces: Faces) -> Panels:
+    """The panels of a roof in the form x (n, 3) [m], without what they carry."""
+    shares = shares_of(np.concatenate([x, net.corners]), faces)
+    here = shares.node < net.n
+    node, surface, vector = shares.node[here], shares.surfaces()[here], shares.vectors()[here]
+    given = np.isfinite(net.normal[node])
+    vector = np.where(given, surface[:, None] * net.normal[node], vector)
+    areas = Areas(surface, shares.plans()[here], vector)
+    return Panels(*_hung(net, faces.rings), shares.face[here], node, faces.count, areas)
+
+
+def _hung(net: Net, rings: Faces) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of an element and a panel that has it as a side."""
+    points = net.n + len(net.corners)
+    sides = pair_key(np.column_stack([rings.corner, rings.corner[rings.next_corner()]]), points)
+    order = np.argsort(sides, kind="stable")
+    edge = pair_key(net.elements, points)
+    first, last = (np.searchsorted(sides[order], edge, side=side) for side in ("left", "right"))
+    rows = np.concatenate([order[a:b] for a, b in zip(first, last)]) if len(edge) else order[:0]
+    return np.repeat(np.arange(net.m), last - first), rings.face_of_corner()[rows]

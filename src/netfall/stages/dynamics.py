@@ -1,0 +1,309 @@
+"""The dynamic stage: from the initial state through gusts and fractures to the end (paper 2.5, 3, 4)."""
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.ground.errors import DivergedError, interrupted
+from netfall.job.asks import carries_weight
+from netfall.mechanics.events import Event
+from netfall.mechanics.fracture import FractureRules, break_elements
+from netfall.mechanics.state import State
+from netfall.net.net import GRAVITY
+from netfall.parallel.halo import Halo
+from netfall.record.energy import Energies, most_extreme, take_snapshot, total_energies
+from netfall.record.envelope import Envelope
+from netfall.record.history import History, LocalProbes, most_strained
+from netfall.stages.panels import Tearing
+from netfall.stages.removal import Removal
+from netfall.stages.varying import VaryingLoads, WindLoad
+from netfall.step.loop import Interval
+from netfall.step.plan import Plan, halo_width
+
+LOOK_STEPS = 100_000  # at most, between looks at the wish to stop: a tenth of a second on the smallest net
+LOOK_WORK = 200_000_000  # steps of an element, at most, between them: two seconds on one rank
+
+
+class Simulation:
+    """One run of the dynamic stage on all ranks.
+
+    Order of events at a step n: the loads move on to the samples around t(n); the history row; the frame;
+    what is lost; then the steps to the next target, in which elements break as they reach their fracture
+    strain. In a long way to a target all ranks look at the same steps whether one has been asked to stop.
+    """
+
+    def __init__(self, run, loads: list, history: History, removal: Removal | None, start: tuple):
+        """Collective.
+
+        run : `run.Run`; loads : that vary, as `solve.loads` has them
+        removal : what is lost; start : strain energy and dissipated [J], from which energies count
+        """
+        job, schedule, distribution = run.job, run.schedule, run.setup.distribution
+        self.comm, self.state, self.schedule = run.comm, run.setup.state, schedule
+        self.log, self.history, self.removal = run.log, history, removal
+        self.envelope = Envelope(distribution)
+        self.wind = next((load for load in loads if isinstance(load, WindLoad)), None)
+        self.loads = VaryingLoads(self.state, loads)
+        self.result, self.progress, self.phases = run.result, run.progress, run.phases
+        self.stop, self.save = run.stop, run.saver
+        self.zeta = job.dynamics.damping
+        self.after_fracture = job.wind.after_fracture if job.wind else "none"
+        self.rules = FractureRules(
+            particles=distribution.n,
+            element_gid=distribution.subdomain.element_gid,
+            gravity=GRAVITY,
+            own_weighs=bool(job.load and job.load.self_weight),
+            carried_weighs=carries_weight(job),
+            wind_stays=self.after_fracture != "particle",
+            dt=schedule.dt,
+            stable_dt=schedule.stable_dt,
+        )
+        self.subdomain, self.model = distribution.subdomain, run.setup.model
+        self.halo = Halo(run.comm, self.subdomain, halo_width(self.state))
+        self.plan = Plan(self.state, self.halo)
+        self.n = 0  # step number: x(n), v(n-1/2)
+        self.before_dt = 0.0
+        self.events: list[Event] = []  # of this rank, not yet shared
+        self.start_strain, self.start_plastic = start
+        self.largest_work = 0.0
+        self.slack = 0
+        self.stopping = False
+        self.look_every = max(1, min(LOOK_STEPS, LOOK_WORK // max(1, distribution.m)))  # steps
+        self.probes = LocalProbes(self.subdomain, history.probes)
+        self.tearing = None
+        if self.after_fracture == "panels":
+            self.tearing = Tearing(run.comm, distribution, self.model, self.log.broken, schedule.stable_dt)
+        with self.phases.phase("time loop"):  # compiled, or loaded
+            self.plan.run(Interval(0, 0, 0.0, schedule.dt, self.zeta, 0.0, 1.0), self.phases.of_steps)
+
+    @property
+    def time(self) -> float:
+        """Time [s] of the present step."""
+        return self.n * self.schedule.dt
+
+    def run(self) -> None:
+        """From the present step to the last. Raises Interrupted, with a checkpoint, if that is asked for."""
+        history, frames, saves = (
+            set(steps.tolist())
+            for steps in (self.schedule.history, self.schedule.frames, self.schedule.checkpoints)
+        )
+        self.progress.start(self.n / self.schedule.steps, self.n)
+        for target in sorted(
+            step
+            for step in history | frames | saves
+            if step > self.n or (self.n == 0 and not len(self.history))
+        ):
+            self.advance_to(target)
+            with self.phases.phase("dynamics: output"):
+                snapshot = self.snapshot()
+                self.watch_strains(snapshot)
+                self.share_events(snapshot.slack)
+                if target in history or target in saves:
+                    energies = self.check_energies(snapshot)
+                if target in history:
+                    self.write_history(snapshot, energies)
+                if target in frames:
+                    self.result.write_frame(self.time, self.state, snapshot)
+                self.report()
+                if self.stopping and target < self.schedule.steps:
+                    self.leave()
+                if target in saves:
+                    self.save(self)
+        snapshot = self.snapshot()
+        if self.removal:
+            self.removal.close(self.state, snapshot.N)
+        self.result.write_envelope(self.state, self.envelope.tension, self.envelope.displacement)
+        self.result.write_final(self.state, snapshot)
+        self.halo.free()
+
+    def snapshot(self):
+        """Snapshot of the present step, with the loads at its time."""
+        self.loads.advance(self.state, self.n, self.schedule.step_at)
+        share = (self.time - self.loads.time) / self.loads.dt
+        return take_snapshot(self.state, self.before_dt, self.schedule.dt, self.zeta, share)
+
+    def record(self) -> dict:
+        """Where the run stands, for `restore`."""
+        return {
+            "step": self.n,
+            "before_dt": self.before_dt,
+            "largest_work": self.largest_work,
+            "start_strain": self.start_strain,
+            "start_plastic": self.start_plastic,
+            "removal": self.removal and self.removal.record(),
+        }
+
+    def restore(self, record: dict) -> None:
+        """Take up the record of an earlier run; the loads stand where it left them."""
+        self.n, self.before_dt = record["step"], record["before_dt"]
+        self.largest_work = record["largest_work"]
+        self.result.losses = self.removal.done if self.removal else 0
+        self.loads.restart(self.state, self.n, self.schedule.step_at)
+
+    def advance_to(self, target: int) -> None:
+        """Step to number `target`, with the wind moving on where it is due.
+
+        Raises Interrupted if asked to.
+        """
+        while self.n < target:
+            stop = min(target, self.n - self.n % self.look_every + self.look_every)
+            if self.removal:
+                if self.n == self.removal.next_step:
+                    self.removal.happen(self)
+                stop = min(stop, self.removal.next_step)
+            self.loads.advance(self.state, self.n, self.schedule.step_at)
+            stop = min(stop, self.loads.due(self.schedule.step_at))
+            if self.after_fracture == "all" and not self.log.events:
+                self.advance_until_first_fracture(stop)
+            elif self.tearing:
+                self.advance_with_tearing(stop)
+            else:
+                self.advance_block(stop)
+            if self.n < target and self.n % self.look_every == 0:
+                self.report()
+                if self.comm.allreduce(self.stop.wanted, MPI.LOR):
+                    self.share_events()
+                    self.leave()
+
+    def leave(self) -> None:
+        """End here, with a checkpoint, because that is asked for. Raises Interrupted. Collective."""
+        self.check_energies(self.snapshot())
+        raise interrupted(f"at t = {self.time:.6g} s (step {self.n})", self.save(self))
+
+    def advance_block(self, stop: int) -> None:
+        """Step to number `stop` without a word to ranks that are not neighbours."""
+        sample = self.loads.time, self.loads.dt
+        dt, watched = self.schedule.dt, self.removal is not None and self.removal.done > 0
+        while self.n < stop:
+            interval = Interval(self.n, stop - self.n, self.before_dt, dt, self.zeta, *sample, watched)
+            done, count, error = self.plan.run(interval, self.phases.of_steps)
+            if error:
+                raise MPI.Exception(error)
+            self.n += done
+            self.before_dt = dt
+            if count:
+                self.state.place()
+                events = break_elements(self.state, count, self.n - 1, self.rules)
+                self.plan.follow(self.state, count)
+                self.events += events
+        self.state.end_block()
+
+    def advance_until_first_fracture(self, stop: int) -> None:
+        """For after_fracture = "all": all wind ends with the first fracture, at the same step on all ranks.
+
+        A rank learns of a fracture elsewhere only at the end of a block. The block that holds the first one
+        is therefore taken back and stepped again to just behind it; no step waits for a reduction.
+        """
+        first, begin, kept = self.first_fracture(stop)
+        if first < stop:
+            self.take_back(begin, kept)
+            self.advance_block(first + 1)
+            self.state.wind[:] = 0.0
+            self.share_events()
+
+    def advance_with_tearing(self, stop: int) -> None:
+        """For after_fracture = "panels": panels leave in the step of the fracture, on all ranks.
+
+        A block with fractures is stepped again to just behind the first; see `advance_until_first_fracture`.
+        """
+        while self.n < stop:
+            first, begin, kept = self.first_fracture(stop)
+            if first >= stop:
+                return
+            if first + 1 < self.n:
+                self.take_back(begin, kept)
+                self.advance_block(first + 1)
+            known = len(self.log)
+            self.share_events()
+            self.tearing.tear(self.state, {event.element for event in self.log.events[known:]})
+            self.plan.attach(self.state)
+
+    def first_fracture(self, stop: int) -> tuple[int, tuple, State]:
+        """A block up to `stop`: the step of the first fracture in it, and how it began, for `take_back`."""
+        begin, kept = (self.n, self.before_dt, len(self.events)), self.state.copy()
+        self.advance_block(stop)
+        mine = min((event.step for event in self.events), default=stop)
+        return self.comm.allreduce(mine, MPI.MIN), begin, kept
+
+    def take_back(self, begin: tuple, kept: State) -> None:
+        """To where a block began."""
+        self.n, self.before_dt, count = begin
+        self.events, self.state = self.events[:count], kept
+        self.plan.attach(kept)
+
+    def share_events(self, slack_here: int = 0) -> None:
+        """Broadcast the fractures since the last time, so that every rank knows all of them.
+
+        Count slack cables; hear of a wish to stop.
+        """
+        counts = np.array([len(self.events), slack_here, self.stop.wanted], np.int64)
+        self.comm.Allreduce(MPI.IN_PLACE, counts, MPI.SUM)
+        events, self.slack, stopping = counts.tolist()
+        self.stopping = stopping > 0
+        if events:
+            self.log.add([event for part in self.comm.allgather(self.events) for event in part])
+            self.events = []
+
+    def check_energies(self, snapshot) -> Energies:
+        """The energies, before they are reported or the state is kept; stops a run that has diverged."""
+        e = total_energies(self.comm, self.state, snapshot)
+        # nan without the audit: then only what is not finite is seen
+        known = np.maximum(self.largest_work, abs(e.external)) + self.start_strain
+        if not np.isfinite(e.kinetic) or e.kinetic > 2 * known + 1e-9:
+            raise divergence(self, snapshot, e.kinetic)
+        return e
+
+    def write_history(self, snapshot, e: Energies) -> None:
+        """One row of /history, the probes' and the envelope's."""
+        rows = self.history.rows["time"]
+        self.envelope.add(self.time, self.time - rows[-1] if rows else 0.0, self.state, snapshot)
+        strain, plastic = e.strain - self.start_strain, e.plastic - self.start_plastic
+        self.largest_work = np.fmax(self.largest_work, abs(e.external))
+        identity = e.kinetic + e.internal + e.damping - e.external
+        balance = e.kinetic + strain + plastic + e.damping - e.external
+        self.history.add(
+            self.probes.values(self.comm, self.state, snapshot),
+            time=self.time,
+            time_step=self.schedule.dt,
+            kinetic_energy=e.kinetic,
+            strain_energy=strain,
+            plastic_dissipation=plastic,
+            damping_work=e.damping,
+            external_work=e.external,
+            identity_error=identity,
+            balance_error=balance,
+            slack=self.slack,
+            broken=len(self.log.broken),
+        )
+
+    def watch_strains(self, snapshot) -> None:
+        """Keep the largest strain so far, for the end of the run."""
+        gid = self.subdomain.element_gid
+        now = most_strained(self.state, self.time, snapshot.eps, snapshot.N, gid)
+        self.history.most_strained = max(self.history.most_strained, now)
+
+    def report(self) -> None:
+        """Progress on rank 0."""
+        s = self.schedule
+        share = self.n / s.steps
+        self.progress.at(
+            share,
+            f"t = {self.time:.3f} s",
+            self.n,
+            "steps",
+            f"slack {self.slack}, broken {len(self.log.broken)}",
+        )
+
+
+def divergence(simulation, snapshot, kinetic: float) -> DivergedError:
+    """Names the fastest particle and the element with the largest strain, on every rank. Collective.
+
+    kinetic : [J]
+    """
+    s = simulation
+    particle, element = most_extreme(s.comm, s.state, s.subdomain.element_gid, snapshot)
+    node, element = s.comm.bcast(s.model and (s.model.node_name(particle), s.model.id_of(element)))
+    return DivergedError(
+        f"diverged at t = {s.time:.6g} s (step {s.n}): kinetic energy {kinetic:.3g} J is "
+        f"out of all proportion to the external work; fastest: {node}, most strained: element {element}; "
+        "take a smaller time_step or safety"
+    )

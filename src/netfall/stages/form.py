@@ -1,0 +1,319 @@
+"""Form finding: the shape in which the net is in equilibrium under its prestress (paper 2.5, steps 1 and 2).
+
+By the particles (FPM), with the tension N = T0 + s EA (L - L_start) / L_start, s a small share of the modulus
+or 0 for constant tension; or by force density, one sparse linear solve (Schek 1974). The unstressed lengths
+of the real material follow in closed form.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.equilibrium.newton import Newton, NotFound, Stopped, is_large
+from netfall.equilibrium.relaxation import Net as RelaxedNet
+from netfall.equilibrium.relaxation import (
+    Paused,
+    Relaxation,
+    largest_force,
+    largest_residual,
+    not_begun,
+    relax,
+)
+from netfall.equilibrium.stable import falling
+from netfall.ground.compile import kernel
+from netfall.ground.errors import DivergedError, InputError
+from netfall.ground.stop import NEVER, StopRequest
+from netfall.mechanics.elements import add_tensions, geometric_stiffness, nodal_stiffness
+from netfall.multigrid.tangent import Tangent
+from netfall.net.net import Net
+from netfall.parallel.agree import on_root
+from netfall.parallel.halo import Halo
+from netfall.parallel.subdomain import Distribution
+from netfall.roof.plan import listed
+from netfall.stages.force_density import Singular, solve_sparse
+
+TOGETHER = 1e-6  # of the length at the start: an element so short is as good as gone
+LOOKS = 10  # in turn, at which one is: a node may pass close to another on its way
+
+
+NEAR = 1e-2  # of the residual forces, what the start leaves
+TIGHTER = 0.1  # times: the tolerance where the residual asks for more
+MOST_AGAIN = 4
+
+
+@dataclass
+class Form:
+    """Result of form finding.
+
+    x : (n, 3) [m], owned and halo; N : (m,) [N]; residual : largest residual force [N] over the free axes
+    reference : largest prestress [N] of what can move, which the tolerance refers to
+    """
+
+    x: np.ndarray
+    N: np.ndarray
+    iterations: int
+    residual: float
+    reference: float
+
+
+@kernel
+def form_tensions(x, ends, T0, stiffness, L_start, bar, N, L):
+    """Tensions N (m,) [N] and lengths L (m,) [m] of the form-finding elements; a cable never pushes."""
+    for e in range(ends.shape[0]):
+        a, b = ends[e, 0], ends[e, 1]
+        dx, dy, dz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
+        L[e] = np.sqrt(dx * dx + dy * dy + dz * dz)
+        N[e] = T0[e] + stiffness[e] * (L[e] - L_start[e])
+        if N[e] < 0.0 and not bar[e]:
+            N[e] = 0.0
+
+
+def force_density_form(net: Net) -> np.ndarray:
+    """Equilibrium positions (n, 3) [m] for given force densities, or prestress / length where none are given.
+
+    sum_e q_e (x_other - x_p) = 0 on each free axis: a sparse system, in factors. Only on rank 0.
+
+    Raises InputError where the system is singular: the densities then define no shape.
+    """
+    q = np.where(np.isfinite(net.force_density), net.force_density, net.prestress / net.lengths())
+    total, size = np.zeros((2, net.n))
+    pull = np.zeros((net.n, 3))  # of the held ends
+    for end in range(2):
+        np.add.at(total, net.elements[:, end], q)
+        np.add.at(size, net.elements[:, end], np.abs(q))
+    x = net.x.copy()
+    for axes in _held_alike(net):
+        held = net.held[:, axes[0]]
+        free, place = np.flatnonzero(~held), np.cumsum(~held) - 1
+        for end in range(2):
+            there = net.elements[:, 1 - end]
+            np.add.at(pull, net.elements[:, end], np.where(held[there], q, 0.0)[:, None] * net.x[there])
+        within = ~held[net.elements].any(1)
+        try:
+            sides = total[free], pull[free][:, axes], size[free]
+            found = solve_sparse(place[net.elements[within]], -q[within], *sides)
+        except Singular as error:
+            raise _not_held(net, free[error.rows], axes) from None
+        x[np.ix_(free, axes)] = found
+        pull[:] = 0.0
+    if not np.isfinite(x).all():
+        p = int(np.flatnonzero(~np.isfinite(x).all(1))[0])
+        raise InputError(
+            f"form finding by force density has no solution around node {net.node_id[p]}: "
+            "give force densities (or prestress) that hold every free node"
+        )
+    return x
+
+
+def _not_held(net: Net, rows: np.ndarray, axes: list[int]) -> InputError:
+    """That the nodes in these rows have no place along these axes: a singular matrix of force densities."""
+    ids = net.node_id[rows]
+    one, along = len(ids) == 1, " and ".join("xyz"[axis] for axis in axes)
+    nodes = f"node {ids[0]}" if one else f"{len(ids)} nodes ({listed(ids)})"
+    return InputError(
+        f"form finding by force density has no solution: the force densities do not hold {nodes} along "
+        f"{along}, which could stand anywhere; hold {'it' if one else 'one of them'}, join "
+        f"{'it' if one else 'them'} to supports, or give force densities (or prestress) that do not cancel"
+    )
+
+
+def _held_alike(net: Net) -> list[list[int]]:
+    """The axes on which something is free, those together on which the same nodes are."""
+    groups: dict[bytes, list[int]] = {}
+    for axis in range(3):
+        if not net.held[:, axis].all():
+            groups.setdefault(net.held[:, axis].tobytes(), []).append(axis)
+    return list(groups.values())
+
+
+class Elements:
+    """The form-finding elements of one rank: tensions by `form_tensions` and the forces that follow."""
+
+    def __init__(self, distribution: Distribution, net: Net | None, x: np.ndarray, modulus_factor: float):
+        column = lambda name: distribution.elements(None if net is None else getattr(net, name))
+        self.ends = distribution.subdomain.ends
+        self.bar = column("bar").astype(np.uint8)
+        self.T0, self.q, EA = (
+            column("prestress"),
+            column("force_density"),
+            column("modulus") * column("section"),
+        )
+        self.N, self.L = np.empty_like(EA), np.empty_like(EA)
+        self.stiffness = np.zeros_like(EA)
+        self.L_start = np.zeros_like(EA)
+        self.forces(x, np.zeros_like(x))
+        self.L_start = self.L.copy()
+        with np.errstate(divide="ignore", invalid="ignore"):  # a form that has collapsed is refused later
+            self.stiffness = modulus_factor * EA / self.L_start
+
+    def densities(self):
+        """Force densities (m,) [N/m]: as given, elsewhere of the prestress where the elements begin."""
+        return np.where(np.isfinite(self.q), self.q, self.T0 / self.L_start)
+
+    def measure(self, x):
+        """Tensions `N` and lengths `L` at x."""
+        form_tensions(x, self.ends, self.T0, self.stiffness, self.L_start, self.bar, self.N, self.L)
+
+    def forces(self, x, f):
+        """Write the forces f (n, 3) [N] of the elements at x."""
+        self.measure(x)
+        f[:] = 0.0
+        add_tensions(x, self.ends, self.N, self.L, f)
+
+    def bound(self, x):
+        """Upper bound (m,) [N/m] of the stiffness, axial and transverse."""
+        return self.stiffness + geometric_stiffness(self.N, self.L)
+
+
+class Watch:
+    """Looks, where a relaxation at constant tension is reported, whether nodes have run together.
+
+    Tensions that stay the same however short an element gets have their least work there: along an edge
+    cable, say, that what pulls at it does not hold apart.
+    """
+
+    def __init__(
+        self, comm: MPI.Comm, distribution: Distribution, net: Net | None, elements: Elements, report
+    ):
+        """net : on rank 0, None elsewhere; report : what is called besides"""
+        self.comm, self.net, self.elements, self.report = comm, net, elements, report
+        self.gid, self.looks = distribution.subdomain.element_gid, 0
+
+    def __call__(self, iteration: int, residual: float) -> None:
+        """Collective. Raises DivergedError where an element is as good as gone in LOOKS looks in turn."""
+        self.report(iteration, residual)
+        share = self.elements.L / self.elements.L_start
+        e = int(np.argmin(share)) if len(share) else -1
+        least, gid = min(self.comm.allgather((float(share[e]), int(self.gid[e])) if e >= 0 else (np.inf, -1)))
+        self.looks = self.looks + 1 if least < TOGETHER else 0
+        if self.looks < LOOKS:
+            return
+        net = self.net
+        ends = net and "-".join(str(net.node_id[p]) for p in net.elements[gid])
+        name = net and f"{net.element_id[gid]} ({ends})"
+        raise DivergedError(
+            f"form finding at constant tension: after {iteration} iterations the nodes of element "
+            f"{self.comm.bcast(name)} have run together: nothing holds them apart, and these tensions have "
+            'no form; set [form_finding] modulus_factor = 1e-3, or method = "force_density"'
+        )
+
+
+def find_form(
+    comm: MPI.Comm,
+    net: Net | None,
+    distribution: Distribution,
+    settings,
+    halo: Halo,
+    report,
+    stop: StopRequest = NEVER,
+    resume: Relaxation | None = None,
+) -> Form:
+    """The form of the net by the job's method.
+
+    Collective. net : on rank 0, None elsewhere; stop, resume : as in `relax`.
+    """
+    x = distribution.particles(None if net is None else net.x)
+    free = 1 - distribution.particles(None if net is None else net.held).astype(np.uint8)
+    given = Elements(distribution, net, x, settings.modulus_factor)
+    largest = lambda N: largest_force(comm, N, given.ends, free)
+    if settings.method == "force_density" or settings.start == "force_density":
+        x = distribution.particles(on_root(comm, lambda: force_density_form(net)))
+        elements = Elements(distribution, net, x, settings.modulus_factor)
+    else:
+        elements = given
+    if settings.method == "force_density":
+        N = given.densities() * elements.L_start
+        f = np.zeros_like(x)
+        add_tensions(x, elements.ends, N, elements.L_start, f)
+        residual, reference = comm.allreduce(largest_residual(f, free, halo.n_owned), MPI.MAX), largest(N)
+        if not residual <= settings.tolerance * reference:
+            raise DivergedError(
+                f"form finding by force density: largest residual {residual:.3g} N, "
+                f"asked {settings.tolerance * reference:.3g} N; the densities are nearly singular"
+            )
+        return Form(x, N, 1, residual, reference)
+    reference = largest(elements.T0)
+    moving, asked = (
+        RelaxedNet(x, free, elements.ends, elements.forces, elements.bound),
+        settings.tolerance * reference,
+    )
+    found = None
+    if resume is None or resume.iteration == 0:
+        found = large_form(comm, distribution, halo, moving, elements, settings, asked, stop)
+        resume = None
+    if found is None:
+        most = settings.max_iterations
+        if settings.modulus_factor == 0.0:
+            report = Watch(comm, distribution, net, elements, report)
+        found = relax(comm, halo, moving, asked, most, "form finding", report, stop, resume)
+    return Form(x, elements.N, *found, reference)
+
+
+def large_form(comm, distribution, halo, net, elements, settings, asked: float, stop) -> tuple | None:
+    """Move net.x to the form; iterations of conjugate gradients and the largest residual [N]. Collective.
+
+    net : `relaxation.Net`; elements : `form_finding.Elements`; asked : [N], of the residual
+    stop : a wish to pause
+
+    None where Newton's method is not tried or does not find it; net.x is then as before. Raises Paused.
+    """
+    if not is_large(distribution) or settings.modulus_factor == 0.0:
+        return None
+    if comm.allreduce(bool((elements.T0 < 0.0).any()), MPI.LOR):  # compressed struts
+        return None
+    before = net.x.copy(order="K")
+    inverse = lambda newton, tangent: newton.cycle(tangent)
+    newton = Newton(comm, halo, distribution, net, lambda: tangent_of_form(elements, net.x), inverse)
+    try:
+        total = _towards_force_density(newton, elements)
+        for k in range(MOST_AGAIN):
+            found = newton.find(settings.tolerance * TIGHTER**k, before, stop)
+            total += found.gradients
+            if found.residual > asked:
+                continue
+            if falling(newton) is None:
+                return total, found.residual
+            break
+    except Stopped:
+        net.x[:] = before
+        raise Paused(not_begun(before)) from None
+    except NotFound:
+        pass
+    net.x[:] = before
+    return None
+
+
+def tangent_of_form(elements, x: np.ndarray) -> Tangent:
+    """The tangent stiffness of form-finding elements at x (n, 3)."""
+    elements.measure(x)
+    taut = (elements.N > 0.0) | (elements.bar != 0)
+    across = elements.N / np.maximum(elements.L, 1e-300)
+    return _tangent(elements, x, elements.N.copy(), np.where(taut, elements.stiffness, 0.0), across)
+
+
+def _tangent(elements, x, N, axial, across) -> Tangent:
+    length = np.maximum(elements.L, 1e-300)[:, None]
+    direction = np.ascontiguousarray((x[elements.ends[:, 1]] - x[elements.ends[:, 0]]) / length)
+    nodal = np.zeros(len(x))
+    nodal_stiffness(elements.ends, elements.stiffness + np.abs(across), nodal)
+    return Tangent(N, direction, axial, across, None, nodal)
+
+
+def _towards_force_density(newton: Newton, elements) -> int:
+    """Move to where the elements, of the force densities they begin with, nearly hold each other. Collective.
+
+    The iterations. Raises NotFound where the densities hold no shape.
+    """
+    x = newton.net.x
+    elements.measure(x)
+    q = elements.densities()
+    N = q * elements.L
+    newton.f[:] = 0.0
+    add_tensions(x, elements.ends, N, elements.L, newton.f)
+    r = np.where(newton.moves, newton.f[newton.owned], 0.0)
+    K = _tangent(elements, x, N, q, q)
+    s, count = newton.solve(K, newton.cycle(K), r, NEAR)
+    newton.spread_out(s)
+    x += newton.spread
+    return count

@@ -1,0 +1,233 @@
+"""The lowest periods and modes of the net about a rest, and what its damping means for them.
+
+Small vibrations about the rest: K u = omega^2 M u, K the tangent stiffness of all elements,
+
+    k = dN/dL of the elastic law along an element, N / L across it, the springs of supports,
+
+none of a slack cable; what has yielded answers elastically. Shift-invert Lanczos (ARPACK) about a shift just
+below zero, on rank 0, from a start vector that is always the same. Mass-proportional damping, v' = -zeta v,
+has the share of the critical zeta / (2 omega) = zeta T / (4 pi).
+"""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+
+from netfall.ground.errors import DivergedError
+from netfall.ground.stop import NEVER
+from netfall.job.asks import has_statics, rests_at_loss
+from netfall.job.read import Job
+from netfall.mechanics.material import elastic_stiffness
+from netfall.model.model import Model
+from netfall.multigrid.tangent import block_matrix, incidence_of
+from netfall.net.net import Net
+from netfall.numerics.functions import lengths
+from netfall.program.setup import Setup
+from netfall.roof.areas import unit_normals
+from netfall.roof.plan import listed
+from netfall.stages.statics import committed, equilibria, put_back, reference_force, settle
+
+STILL = 1e-12  # of the largest diagonal of M^-1 K: an omega^2 below that is rounding, a mechanism
+SHIFT = 1e-11  # of the same: how far below zero the shift lies, so that mechanisms can be found too
+DENSE = 300  # free axes up to which all modes are found at once
+SPARE = 4  # modes looked for beyond those asked: equal periods come in pairs, of which none must be missed
+GOLDEN = 0.6180339887498949
+
+
+MODES = 6  # that `check` prints
+LARGEST = 50_000  # elements up to which it does
+MOVING = 0.5  # of the largest displacement: nodes that a mode without stiffness is named by
+REST = {"step": "the static loads", "at once": "the constant loads", "rest": "the mean wind"}
+
+
+@dataclass(frozen=True)
+class Modes:
+    """The modes of lowest omega^2, ascending.
+
+    period : (k,) [s]; inf: no stiffness, a mechanism; nan: omega^2 < 0, the rest is not stable
+    shape : (k, n, 3), the largest displacement of a node is 1, its largest component positive
+    unstable : how many omega^2 of the net are below zero
+    """
+
+    period: np.ndarray
+    shape: np.ndarray
+    unstable: int
+
+    def damping_ratio(self, zeta: float) -> np.ndarray:
+        """Share (k,) of the critical damping that mass-proportional damping zeta [1/s] has in each."""
+        if zeta == 0.0:  # of a mechanism too, whose period is infinite
+            return np.where(np.isnan(self.period), np.nan, 0.0)
+        return zeta * self.period / (4.0 * np.pi)
+
+
+def modes_at(x, net: Net, N, L0, mass, count: int, logarithmic: bool = False) -> Modes:
+    """The lowest modes of a net at x (n, 3) [m] with axial forces N (m,) [N]; mass : (n,) [kg].
+
+    L0 : (m,) [m]; count : how many, at most; logarithmic : the measure of strain
+    """
+    from scipy.sparse import diags_array  # here: it takes 0.2 s to load
+
+    moves = np.flatnonzero((~net.fixed & (mass > 0.0)[:, None]).ravel())
+    if not len(moves):
+        return Modes(np.zeros(0), np.zeros((0, net.n, 3)), 0)
+    along = x[net.elements[:, 1]] - x[net.elements[:, 0]]
+    L = np.linalg.norm(along, axis=1)
+    stiffness = elastic_stiffness(net.modulus * net.section, L0, L, logarithmic)
+    axial = np.where((N > 0.0) | net.bar, stiffness, 0.0)
+    free = np.ones((net.n, 3), bool)  # held axes are left out below
+    number = np.arange(net.n)
+    K = block_matrix(
+        *(net.elements, along / L[:, None], axial, N / L, free, net.spring, np.zeros(net.n)),
+        *(number, incidence_of(net.elements, number, net.n), net.n),
+    )
+    root = 1.0 / np.sqrt(np.repeat(mass, 3)[moves])
+    scaled = (diags_array(root) @ K.tocsr()[moves][:, moves] @ diags_array(root)).tocsc()
+    values, vectors, unstable = _lowest(scaled, min(count, len(moves)))
+    shape = np.zeros((len(values), 3 * net.n))
+    shape[:, moves] = (vectors * root[:, None]).T
+    return Modes(_periods(values, scaled.diagonal().max()), _scaled(shape.reshape(-1, net.n, 3)), unstable)
+
+
+def _lowest(matrix, count: int) -> tuple[np.ndarray, np.ndarray, int]:
+    """The `count` lowest values and vectors of a symmetric matrix, and how many values are below zero.
+
+    With values far below zero those nearest to it come.
+    """
+    size, top = matrix.shape[0], float(np.abs(matrix.diagonal()).max())
+    if size <= max(DENSE, 4 * (count + SPARE)) or top == 0.0:
+        values, vectors = np.linalg.eigh(matrix.toarray())
+        return values[:count], vectors[:, :count], int((values < -SHIFT * top).sum())
+    from scipy.sparse import eye_array
+    from scipy.sparse.linalg import LinearOperator, eigsh, splu
+
+    shift = -SHIFT * top
+    factors = splu(
+        (matrix - shift * eye_array(size)).tocsc(),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    unstable = int((factors.U.diagonal() < 0.0).sum())  # Sylvester's law of inertia
+    values, vectors = eigsh(
+        matrix,
+        count + SPARE,
+        sigma=shift,
+        OPinv=LinearOperator(matrix.shape, factors.solve),
+        v0=(np.arange(1, size + 1) * GOLDEN) % 1.0 - 0.5,
+    )
+    order = np.argsort(values, kind="stable")[:count]
+    return values[order], vectors[:, order], unstable
+
+
+def _periods(values: np.ndarray, top: float) -> np.ndarray:
+    """Periods (k,) [s] of omega^2 (k,) [1/s2], as in `Modes`."""
+    squares = np.where(np.abs(values) <= STILL * top, 0.0, values)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return 2.0 * np.pi / np.sqrt(squares)
+
+
+def _scaled(shape: np.ndarray) -> np.ndarray:
+    """Shapes (k, n, 3) with the largest displacement 1, and their largest component positive."""
+    flat = shape.reshape(len(shape), -1)
+    largest = np.take_along_axis(flat, np.abs(flat).argmax(1)[:, None], 1)
+    size = np.linalg.norm(shape, axis=2).max(1) * np.sign(largest[:, 0])
+    return shape / size[:, None, None]
+
+
+def modes_now(setup: Setup, count: int) -> Modes | None:
+    """The lowest modes of the net as it stands, on rank 0, None elsewhere. Collective."""
+    distribution, state, model = setup.distribution, setup.state, setup.model
+    x = distribution.gather_particles(state.x)
+    N = distribution.gather_elements(state.elements_now().N)
+    if model is None:
+        return None
+    return modes_at(x, model.net, N, model.L0, model.mass, count, state.features.logarithmic)
+
+
+def modes_section(job: Job, modes: Modes) -> dict[str, np.ndarray]:
+    """The datasets of /modes."""
+    section = {"period": modes.period, "shape": modes.shape}
+    return section | ({"damping_ratio": modes.damping_ratio(job.dynamics.damping)} if job.dynamics else {})
+
+
+def mode_lines(job: Job, setup: Setup) -> list[str]:
+    """The lines of `check` on modes and damping. Changes the state. One rank."""
+    if setup.model.net.m > LARGEST:
+        return [f"modes: left out, for the net has more than {LARGEST} elements"]
+    where = go_to_rest(job, setup)
+    modes = modes_now(setup, MODES)
+    if not len(modes.period):
+        return []
+    lines = [f"modes {where}: periods {_row(modes.period)} s"] + _notes(setup.model, modes)
+    return lines + (_damping_lines(job, setup.model, modes) if job.dynamics else [])
+
+
+def go_to_rest(job: Job, setup: Setup) -> str:
+    """Bring the state to where the run's last equilibrium is, if it has any; where that is, in words.
+
+    At once, where a run takes its steps. One rank.
+    """
+    run = SimpleNamespace(comm=setup.distribution.comm, job=job, setup=setup)
+    last = [each for each in equilibria(run) if each.kind in REST] if has_statics(job) else []
+    if not last:
+        return "in the initial state, without loads"
+    start, loads = committed(setup.state), "all loads" if rests_at_loss(job) else REST[last[-1].kind]
+    try:
+        settle(run, last[-1], reference_force(run, last[-1]), NEVER)
+    except DivergedError:
+        put_back(setup.state, start)
+        return f"in the initial state, for no rest was found under {loads},"
+    return f"at rest under {loads}"
+
+
+def _notes(model: Model, modes: Modes) -> list[str]:
+    """What has no stiffness, or less than none."""
+    notes = []
+    for which, words in (
+        (np.isinf(modes.period), "have no stiffness (mechanisms)"),
+        (np.isnan(modes.period), "are not stable"),
+    ):
+        if which.any():
+            moved = (np.linalg.norm(modes.shape[which], axis=2) > MOVING).any(0)
+            more = f" ({modes.unstable} of the net)" if np.isnan(modes.period[which]).any() else ""
+            notes.append(
+                f"modes: {int(which.sum())} of these {words}{more}: "
+                f"nodes {listed(model.net.node_id[moved])} move most"
+            )
+    return notes
+
+
+def _damping_lines(job: Job, model: Model, modes: Modes) -> list[str]:
+    zeta = job.dynamics.damping
+    lines = [
+        f"damping: damping = {zeta:g} 1/s is {_row(100.0 * modes.damping_ratio(zeta))} % of the critical in "
+        "them (damping x period / 4 pi)"
+    ]
+    if job.wind is not None and not job.wind.pressures and np.isfinite(modes.period).any():
+        air = 100.0 * air_damping(job, model, modes)
+        lines.append(
+            f"damping: the air's own is left out; it would be of the order of {_row(air)} % "
+            "(rho U on the speed along the normal)"
+        )
+    return lines
+
+
+def air_damping(job: Job, model: Model, modes: Modes) -> np.ndarray:
+    """Order (k,) of the share of the critical damping that the air would give.
+
+    A force rho U on each m2 of roof for each m/s along its normal (quasi-steady, slope of the coefficient
+    over the angle of attack of 2): sum rho U A (phi n)^2 / (2 omega sum M phi^2).
+    """
+    gust = model.history.mean_gust
+    speed = model.wind_field.mean + np.sum(model.wind_field.weight * gust[model.wind_field.corner], axis=1)
+    size = lengths(model.vector_area)
+    along = np.sum(modes.shape * unit_normals(model.vector_area), axis=2) ** 2
+    taken = along @ (job.wind.air_density * speed * size)
+    modal = np.sum(modes.shape**2, axis=2) @ model.mass
+    return taken / modal * modes.period / (4.0 * np.pi)
+
+
+def _row(values: np.ndarray) -> str:
+    """Numbers of a line."""
+    return ", ".join(f"{value:.4g}" for value in values)

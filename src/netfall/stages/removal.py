@@ -1,0 +1,230 @@
+"""Loss of members in the dynamic stage, [[remove]]: when it happens, and what becomes of the tensions.
+
+At its step the elements leave the net (`mechanics.loss`). Their tensions stay as forces on their ends that
+fade (`loads.FadingLoad`), and from then on the extremes of every element's tension are kept in each step.
+What hung inside a lost cable goes to its ends (`handover`), in the motion and in the rest after it.
+"""
+
+import sys
+from typing import NamedTuple
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.mechanics.loss import Carried, join, leave, lose_elements
+from netfall.model.handover import HandOver
+from netfall.model.losses import Loss, leaving_then, losses_of
+from netfall.parallel.subdomain import rows_of
+from netfall.stages.rests import local_rows
+from netfall.stages.varying import FadingLoad
+from netfall.write.result import texts
+
+PREFIX = "removal_"  # of its arrays in a checkpoint
+# (losses, m) [N] on rank 0, nan where not known; rest: before the loss; lowest is not known of what broke.
+TENSIONS = ("before", "highest", "lowest", "rest", "after")
+NO_CHANGE = 1e-3  # of the largest tension: what changes less has no dynamic factor
+
+
+class Rest(NamedTuple):
+    """What came of the rest after a loss.
+
+    state : a key of `loss_lines.RESTS`; elements : global numbers, that break there
+    """
+
+    state: str
+    elements: tuple[int, ...] = ()
+
+
+def losses_now(run) -> list[Loss]:
+    """What is lost in the dynamic stage of a run, on every rank. Collective."""
+    if not (run.job.removes and run.job.dynamics):
+        return []
+    model = run.setup.model
+    return run.comm.bcast(losses_of(run.job, model, run.schedule) if model else None)
+
+
+class Removal:
+    """The losses of a run, and the tensions around them; these on rank 0."""
+
+    def __init__(self, run, losses: list[Loss], after: tuple[list[Rest], np.ndarray | None] | None):
+        """after : of `rests_after`, None: of a run that is taken up"""
+        self.distribution, self.losses, self.job = run.setup.distribution, losses, run.job
+        self.model, self.step_at = run.setup.model, run.schedule.step_at
+        self.dt, self.done = run.schedule.dt, 0
+        self.rests = after[0] if after else []
+        gid, self.log = self.distribution.subdomain.particle_gid, run.log
+        self.area = self.model and self.model.area.copy()  # m2, (n,) on rank 0, of who has it by now
+        there = {k for loss in losses for k in loss.entry.tolist()}
+        self.fades = {
+            k: FadingLoad(gid, run.job.removes[k].duration)
+            for k in sorted(there)
+            if run.job.removes[k].duration
+        }
+        self.tensions = None
+        if self.model:
+            shape = (len(losses), self.model.net.m)
+            self.tensions = {name: np.full(shape, np.nan) for name in TENSIONS}
+            if after is not None:
+                self.tensions["rest"][:], self.tensions["after"][:] = after[1][:-1], after[1][1:]
+
+    @property
+    def next_step(self) -> int:
+        """Step of the next loss; beyond every step after the last."""
+        return self.losses[self.done].step if self.done < len(self.losses) else sys.maxsize
+
+    def happen(self, simulation) -> None:
+        """The loss that is due at the present step. Collective."""
+        state, loss = simulation.state, self.losses[self.done]
+        now = state.elements_now()
+        self.close(state, now.N)
+        self._keep("before", self.done, state, now.N)
+        subdomain = self.distribution.subdomain
+        rows = local_rows(subdomain.element_gid, loss.elements)
+        force = self._forces(state, loss, rows, now)
+        simulation.share_events()
+        particles, handed = self._leaving(self.done)
+        lose_elements(state, rows, self.dt)
+        self._join(state, handed)
+        leave(state, np.flatnonzero(np.isin(subdomain.particle_gid, particles)))
+        simulation.plan.attach(state)
+        self._begin_fades(loss, {k: force[loss.entry == k] for k in self.fades})
+        self._hand_over(simulation, handed)
+        simulation.loads.renew(state)
+        state.highest[:] = state.lowest[:] = now.N
+        self.done += 1
+        simulation.result.losses = self.done
+
+    def _forces(self, state, loss: Loss, rows: np.ndarray, now) -> np.ndarray:
+        """Forces (k, 3) [N] of the elements that are lost on their starts, the same on every rank.
+
+        Of what had broken before none. Collective.
+        """
+        force = np.zeros((len(loss.elements), 3))
+        for e in rows[state.owned[rows].astype(bool) & (state.broken[rows] == 0)].tolist():
+            a, b = state.ends[e]
+            k = np.searchsorted(loss.elements, self.distribution.subdomain.element_gid[e])
+            force[k] = now.N[e] / now.L[e] * (state.x[b] - state.x[a])
+        self.distribution.comm.Allreduce(MPI.IN_PLACE, force, MPI.SUM)  # others add zeros
+        return force
+
+    def _leaving(self, k: int) -> tuple[np.ndarray, HandOver]:
+        """The particles that leave at loss k, and what they hand over, as the log has it. Collective."""
+        loss = self.losses[k]
+        torn = {event.element for event in self.log.events if event.step < loss.step}
+        torn &= set(loss.elements.tolist())
+        if not torn:
+            return loss.particles, loss.handed
+        then = leaving_then(self.model, self.losses, k, torn) if self.model else None
+        return self.distribution.comm.bcast(then)
+
+    def _join(self, state, handed: HandOver) -> None:
+        """What particles inside lost cables carry goes to others. Collective."""
+        of = lambda rows: None if rows is None else handed.given(self.distribution, rows)
+        given = Carried(of(state.mass), of(state.v), of(state.load), of(state.wind))
+        row = rows_of(self.distribution.subdomain.particle_gid, handed.taker)
+        here = row >= 0
+        join(state, row[here], handed.source[here], handed.share[here], given)
+
+    def _begin_fades(self, loss: Loss, force: dict[int, np.ndarray]) -> None:
+        """The tensions that fade from a loss on; force : (k, 3) [N] of the elements of each entry."""
+        for entry in sorted(set(loss.entry.tolist()) & set(self.fades)):
+            mine = loss.entry == entry
+            self.fades[entry].begin(loss.step * self.dt, loss.ends[mine], force[entry])
+
+    def _hand_over(self, simulation, handed: HandOver) -> None:
+        """All that particles have to hand over and that is not in the state. Collective."""
+        simulation.loads.hand_over(handed, self.distribution)
+        if simulation.tearing:
+            simulation.tearing.hand_over(handed)
+        if self.model:
+            handed.move(self.area, np.arange(self.model.net.n))
+
+    def close(self, state, N: np.ndarray) -> None:
+        """End the time in which extremes belong to the last loss. N : (m,) [N], at its end. Collective."""
+        if self.done:
+            self._keep("highest", self.done - 1, state, np.maximum(state.highest, N))
+            lowest = np.where(state.broken != 0, np.nan, np.minimum(state.lowest, N))
+            self._keep("lowest", self.done - 1, state, lowest)
+
+    def _keep(self, name: str, k: int, state, rows: np.ndarray) -> None:
+        whole = self.distribution.gather_elements(rows, state.owned.astype(bool))
+        if whole is not None:
+            self.tensions[name][k] = whole
+
+    # --- records
+
+    def record(self) -> dict:
+        """How far it has come, for `restore`."""
+        return {"done": self.done, "rests": self.rests}
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What a continuation needs, on rank 0."""
+        if self.tensions is None:
+            return {}
+        forces = {str(k): fade.all_forces for k, fade in self.fades.items() if fade.zero < np.inf}
+        return {f"{PREFIX}{name}": values for name, values in (self.tensions | forces).items()}
+
+    def restore(self, record: dict, checkpoint, simulation) -> None:
+        """Take up the record of an earlier run. checkpoint : on rank 0. Collective."""
+        self.done = record["done"]
+        self.rests = [Rest(state, tuple(elements)) for state, elements in record["rests"]]
+        if checkpoint:
+            self.tensions = {name: checkpoint.arrays[PREFIX + name] for name in TENSIONS}
+        for k, loss in enumerate(self.losses[: self.done]):
+            entries = sorted(set(loss.entry.tolist()) & set(self.fades))
+            force = {e: checkpoint.arrays[f"{PREFIX}{e}"] for e in entries} if checkpoint else None
+            self._begin_fades(loss, self.distribution.comm.bcast(force))
+            self._hand_over(simulation, self._leaving(k)[1])
+
+    # --- the result
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """The datasets of /removal, a row for each entry of the job. Rank 0."""
+        m, entries = self.model.net.m, self.job.removes
+        names = ("tension_before", "tension_highest", "tension_lowest", "tension_peak", "tension_after")
+        names = (*names, "dynamic_factor")
+        found = {"time": np.array([entry.time for entry in entries])}
+        found |= {name: np.full((len(entries), m), np.nan) for name in names}
+        found["state"] = texts([""] * len(entries))
+        gone, breaks = np.zeros(m, bool), []
+        for k, loss in enumerate(self.losses):
+            gone[loss.elements] = True
+            before, highest, lowest, rest, after = (self.tensions[name][k] for name in TENSIONS)
+            highest, lowest = np.where(gone, np.nan, highest), np.where(gone, np.nan, lowest)
+            peak = farthest(before, highest, lowest, after)
+            factor = np.where(np.isnan(lowest), np.nan, dynamic_factors(before, peak, rest, after))
+            for entry in loss.entries:
+                found["time"][entry] = loss.step * self.dt
+                found["state"][entry] = self.rests[k].state
+                breaks += [(e, entry) for e in self.rests[k].elements]
+                for name, row in zip(names, (before, highest, lowest, peak, after, factor)):
+                    found[name][entry] = row
+        named = [loss.elements for loss in self.losses] or [np.zeros(0, np.int64)]
+        entry = [loss.entry for loss in self.losses] or [np.zeros(0, np.int64)]
+        found |= {"element": np.concatenate(named), "entry": np.concatenate(entry)}
+        pairs = np.array(breaks, np.int64).reshape(-1, 2)
+        return found | {"breaking_element": pairs[:, 0], "breaking_entry": pairs[:, 1]}
+
+
+def farthest(before, highest, lowest, after) -> np.ndarray:
+    """The extremes (m,) farthest from before in the direction of after; in either where that is not known.
+
+    The highest of what broke, whose lowest is nan.
+    """
+    rises = np.where(np.isnan(after), highest - before >= before - lowest, after >= before)
+    return np.where(rises | np.isnan(lowest), highest, lowest)
+
+
+def dynamic_factors(before, peak, rest, after) -> np.ndarray:
+    """(peak - before) / (after - before) (m,); nan where a loss changes nothing, or no rest is known.
+
+    rest : (m,) [N] at rest before the loss, which is what it changes; before : in motion, gusts included
+    """
+    change, there = after - before, ~np.isnan(after)
+    largest = max(np.abs(before).max(initial=0.0), np.abs(after[there]).max(initial=0.0))
+    changed = np.minimum(np.abs(change), np.abs(after - np.where(np.isnan(rest), before, rest)))
+    changes = there & (changed > NO_CHANGE * largest)
+    return np.divide(peak - before, change, out=np.full(len(before), np.nan), where=changes)
+
+
+# --- the rest of the damaged net

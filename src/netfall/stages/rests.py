@@ -1,0 +1,133 @@
+"""The rests of a net before and after the loss of members: where it stands with what is left of it."""
+
+import numpy as np
+
+from netfall.equilibrium.find import STABLE
+from netfall.equilibrium.relaxation import Paused
+from netfall.ground.errors import DivergedError, interrupted
+from netfall.model.losses import Loss, comes_loose
+from netfall.results.loss_lines import SOMETHING_BREAKS, elements_of
+from netfall.stages.removal import Rest
+from netfall.stages.statics import (
+    Equilibrium,
+    StaticPath,
+    committed,
+    error_words,
+    put_back,
+    reference_force,
+    settle,
+)
+
+MOST_ITERATIONS = 100_000  # in which the damaged net comes to rest, or is taken to have none
+MOST_NAMED = 4  # elements or cables in one line
+
+
+def local_rows(gid: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Rows of those of the wanted numbers that are among gid; both ascending."""
+    return np.searchsorted(gid, wanted[np.isin(wanted, gid)])
+
+
+def rests_after(run, losses: list[Loss]) -> tuple[list[Rest], np.ndarray | None] | None:
+    """The rest after each loss; tensions (losses + 1, m) [N] before any and after each, on rank 0.
+
+    nan: no rest was found. From where the dynamic stage begins, with the losses so far, under all constant
+    loads and the mean wind.
+    Leaves the state as it was. Collective. Raises Interrupted where it is asked to stop.
+    """
+    if not losses:
+        return None
+    state, distribution, model = run.setup.state, run.setup.distribution, run.setup.model
+    loads = loads_after(model, losses) if model else [None] * (len(losses) + 1)
+    start, EA, broken = committed(state), state.EA.copy(), state.broken.copy()
+    loose = run.comm.bcast(loose_after(model, losses, loads) if model else None)
+    reference = reference_force(run, Equilibrium("loss", "", distribution.particles(loads[0])))
+    mine = lambda tension: distribution.gather_elements(tension, state.owned.astype(bool))
+    found, rests, best = [mine(state.elements_now().N)], [], start
+    for loss, no_rest, whole in zip(losses, loose, loads[1:]):
+        rows = local_rows(distribution.subdomain.element_gid, loss.elements)
+        state.EA[rows], state.broken[rows] = 0.0, 1  # not slack: gone
+        run.setup.finder = None  # what it keeps is of the net before
+        load = distribution.particles(whole)
+        words = f"the net without {words_of(run.job, loss)}"
+        tension, rest = np.full(state.m, np.nan), Rest("no_equilibrium")
+        line = f"no rest: a part of {words} hangs on nothing"
+        if not no_rest:
+            try:
+                tension, rest, line = _settled(run, Equilibrium("loss", words, load, 1.0), reference)
+                best = committed(state) if rest.state == "equilibrium" else best
+            except Paused as pause:
+                put_back(state, start)
+                state.EA[:], state.broken[:] = EA, broken
+                pause.path = run.saver.statics or StaticPath()
+                raise interrupted(f"in statics, {words}", run.saver.pause_statics(pause)) from None
+            except DivergedError as error:
+                line = f"no rest: {error}"
+        run.progress.say(line)
+        rests.append(rest)
+        put_back(state, best)
+        found.append(mine(tension))
+    put_back(state, start)
+    state.EA[:], state.broken[:], run.setup.finder = EA, broken, None
+    return rests, np.array(found) if model else None
+
+
+def _settled(run, each: Equilibrium, reference: float) -> tuple[np.ndarray, Rest, str]:
+    """Tensions (m,) [N] of this rank's elements at rest, what is known of it, a line on it. Collective."""
+    most = min(MOST_ITERATIONS, run.job.load.max_iterations) if run.job.load else MOST_ITERATIONS
+    settled = settle(run, each, reference, run.stop, most=most)
+    rest, N = settled.found, settled.snapshot.N
+    if rest.falls >= 0:
+        node = run.comm.bcast(run.setup.model and run.setup.model.net.node_id[rest.falls])
+        line = f"no rest of {each.words}: not stable at node {node}"
+        return np.full_like(N, np.nan), Rest("unstable"), line
+    line = f"rest of {each.words}: {error_words(rest.displacement_error, rest.tension_error)}"
+    known = "" if rest.falls == STABLE else ", whether it is stable could not be told"
+    line += f", residual {rest.residual:.3g} N, slack {settled.slack}{known}"
+    if not settled.breaking:
+        return N, Rest("equilibrium"), line
+    ids = run.setup.model and run.setup.model.net.element_id[list(settled.breaking)]
+    torn = run.comm.bcast(run.setup.model and elements_of(ids))
+    return N, Rest("breaks", settled.breaking), f"{line}; {SOMETHING_BREAKS}: {torn}"
+
+
+def loads_after(model, losses: list[Loss]) -> list[np.ndarray]:
+    """What acts on the net without wind gusts, (n, 3) [N], before any loss and after each. Rank 0."""
+    still, wind, gid = model.load.copy(), None, np.arange(model.net.n)
+    if model.growing is not None:
+        still += model.growing
+    if model.mean_wind is not None:
+        wind, square = model.wind.copy(), model.wind_field.mean_square(model.history.mean_gust)
+    total = lambda: still.copy() if wind is None else still + wind * square[:, None]
+    found = [total()]
+    for loss in losses:
+        for values in (still, wind):
+            if values is not None:
+                loss.handed.move(values, gid)
+                values[loss.particles] = 0.0
+        found.append(total())
+    return found
+
+
+def loose_after(model, losses: list[Loss], loads: list[np.ndarray]) -> list[bool]:
+    """After each loss, whether a part of the net hangs on no support; loads : of `loads_after`. Rank 0."""
+    there, gone = np.ones(model.net.m, bool), np.zeros(model.net.n, bool)
+    found = []
+    for loss, load in zip(losses, loads[1:]):
+        there[loss.elements], gone[loss.particles] = False, True
+        found.append(comes_loose(model.net, there, load, gone))
+    return found
+
+
+def words_of(job, loss: Loss) -> str:
+    """What a loss takes, as the job names it."""
+    names = []
+    for k in loss.entries:
+        entry = job.removes[k]
+        for key, given in (("element", entry.elements), ("cable", entry.cables)):
+            if given is not None:
+                given = list(dict.fromkeys(given))
+                few = ", ".join(map(str, given[:MOST_NAMED])) + ", ..." * (len(given) > MOST_NAMED)
+                names.append(f"{key}{'s' * (len(given) > 1)} {few}")
+        if entry.group is not None:
+            names.append(f"group {entry.group}")
+    return " and ".join(names)

@@ -1,0 +1,91 @@
+"""The highest frequency of the assembled net: 2 / omega_max is the sharp limit of the step at the start.
+
+Lanczos's iteration on M^-1/2 K M^-1/2, K with material and geometric stiffness, without held axes. What is
+slack counts as taut, for it may be so a moment later; compression, which makes the net softer across, does
+not count. The sums are exact and each particle's force is summed as in the time loop, so the limit has the
+same bits on any number of ranks.
+"""
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.mechanics.elements import add_stiffness, geometric_stiffness
+from netfall.mechanics.material import largest_stiffness
+from netfall.mechanics.stability import Limit
+from netfall.mechanics.state import State
+from netfall.numerics.linear import top_of_tridiagonal
+from netfall.parallel.halo import Halo
+from netfall.parallel.sums import exact_sums
+
+# Of omega_max^2: bound of what is missing, which is then added, so that the limit is on the safe side.
+CLOSE = 1e-4
+MOST = 300  # iterations; the bound is added whatever it is
+EACH = 5  # iterations between looks at the bound
+
+
+def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo: Halo) -> Limit:
+    """2 / omega_max of the net as it stands; its slack cables taut; held axes add nothing.
+
+    element_gid : (m,); halo : of width 3. Collective.
+    """
+    s, owned = state, slice(state.n_owned)
+    N, _, _, L = s.elements_now()
+    direction = (s.x[s.ends[:, 1]] - s.x[s.ends[:, 0]]) / np.maximum(L, 1e-300)[:, None]
+    axial, transverse = largest_stiffness(s.EA, s.L0), geometric_stiffness(np.maximum(N, 0.0), L)
+    moves = (s.free != 0) & (s.mass > 0.0)[:, None]
+    root = np.where(moves, 1.0 / np.sqrt(np.where(s.mass > 0.0, s.mass, 1.0))[:, None], 0.0)
+    shape, force = np.empty((s.n_local, 3)), np.empty((s.n_local, 3))
+
+    def apply(v: np.ndarray) -> np.ndarray:
+        shape[owned] = v * root[owned]
+        halo.update(shape)
+        force[:] = 0.0
+        add_stiffness(shape, s.ends, direction, axial, transverse, force)
+        if s.features.springs:
+            force[:] += s.spring * shape
+        return force[owned] * root[owned]
+
+    number = 3 * s.gid[owned, None] + np.arange(3)
+    start = np.where(
+        moves[owned], ((number * 2654435761) % 2**32) / 2.0**32 - 0.5, 0.0
+    )  # any vector that depends on the number alone
+    (size,) = exact_sums(comm, start * start)
+    if not size > 0.0:
+        return Limit("assembled", np.inf, -1)
+    diagonal, beside = [], [np.sqrt(size)]
+    before, v = np.zeros_like(start), start / beside[0]
+    while True:
+        w = apply(v) - (beside[-1] if len(diagonal) else 0.0) * before
+        (a,) = exact_sums(comm, w * v)
+        w -= a * v
+        (b2,) = exact_sums(comm, w * w)
+        diagonal.append(a)
+        beside.append(np.sqrt(b2))
+        j = len(diagonal)
+        ended = beside[-1] <= 1e-9 * max(np.abs(diagonal))  # the vectors span all that there is
+        if j % EACH == 0 or ended or j == MOST:
+            top, vector = _top(diagonal, beside[1:j])
+            missing = 0.0 if ended else beside[-1] * abs(vector[-1])
+            if ended or missing <= CLOSE * top or j == MOST:
+                break
+        before, v = v, w / beside[-1]
+    if not top > 0.0:
+        return Limit("assembled", np.inf, -1)
+    mode = np.zeros_like(start)  # the vectors come again, so that they need not be kept
+    before, v = np.zeros_like(start), start / beside[0]
+    for k in range(j):
+        mode += vector[k] * v
+        if k < j - 1:
+            w = apply(v) - (beside[k] if k else 0.0) * before - diagonal[k] * v
+            before, v = v, w / beside[k + 1]
+    shape[owned] = mode * root[owned]
+    halo.update(shape)
+    energy = axial * np.sum((shape[s.ends[:, 1]] - shape[s.ends[:, 0]]) * direction, axis=1) ** 2
+    largest = (float(energy.max()), -int(element_gid[np.argmax(energy)])) if len(energy) else (-1.0, 1)
+    return Limit("assembled", 2.0 / float(np.sqrt(top + missing)), -max(comm.allgather(largest))[1])
+
+
+def _top(diagonal: list[float], beside: list[float]) -> tuple[float, np.ndarray]:
+    """The largest eigenvalue of a symmetric tridiagonal matrix, and its vector."""
+    pivot, vector = np.empty((2, len(diagonal)))
+    return top_of_tridiagonal(np.array(diagonal), np.array([*beside, 0.0]), pivot, vector), vector

@@ -1,0 +1,226 @@
+"""The loads that vary in time, kept in the state of every rank as two samples around the present step.
+
+A load that varies is anything with
+    before, after             [s] times of its own samples around the present step; after is inf where none
+    follows
+    advance(step, step_at)    moves on to those around a step, which are due later than it; collective
+    write(state, start, end)  puts its values at two times between these samples into the state
+    hand_over(handed, distribution)   gives what acts on particles that leave to others (`handover`);
+    collective
+Loads that are linear in time add to `load_before` and `load_after`; the wind has fields of its own.
+"""
+
+import math
+import sys
+from collections.abc import Callable
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.mechanics.state import State
+from netfall.model.handover import HandOver
+from netfall.parallel.subdomain import Distribution, rows_of
+from netfall.wind.field import WindField, particle_speeds
+
+CHUNK = 64  # samples of the history that rank 0 sends at once
+
+
+class VaryingLoads:
+    """All loads that vary, between two times that they have in common."""
+
+    def __init__(self, state: State, loads: list):
+        self.loads = loads
+        self._set(state)
+
+    def _set(self, state: State) -> None:
+        self.time = max((load.before for load in self.loads), default=0.0)
+        end = min((load.after for load in self.loads), default=math.inf)
+        self.dt = end - self.time
+        if state.load_before is not None:
+            state.load_before[:] = state.load_after[:] = 0.0
+        for load in self.loads:
+            load.write(state, self.time, end)
+
+    def due(self, step_at: Callable[[float], int]) -> int:
+        """Number of the step at which the next samples are due; beyond every step after the last.
+
+        step_at(time) : number of the first step at or after a time [s]
+        """
+        return step_at(self.time + self.dt) if self.dt < math.inf else sys.maxsize
+
+    def advance(self, state: State, step: int, step_at: Callable[[float], int]) -> None:
+        """Move on to the samples around a step: `due` is later than it. Collective."""
+        while self.due(step_at) <= step:
+            for load in self.loads:
+                load.advance(step, step_at)
+            self._set(state)
+
+    def restart(self, state: State, step: int, step_at: Callable[[float], int]) -> None:
+        """The samples around a step, from whichever the loads stand at. Collective."""
+        for load in self.loads:
+            load.advance(step, step_at)
+        self._set(state)
+
+    def hand_over(self, handed: HandOver, distribution: Distribution) -> None:
+        """Give what acts on particles that leave to others; `renew` is due after it. Collective."""
+        for load in self.loads:
+            load.hand_over(handed, distribution)
+
+    def renew(self, state: State) -> None:
+        """The samples anew, after one of the loads has changed."""
+        self._set(state)
+
+
+class GrowingLoad:
+    """A force that grows from zero, in proportion to the time, over a ramp, and stays."""
+
+    def __init__(self, force: np.ndarray, ramp: float):
+        """force : (owned and halo, 3) [N] at the end of the ramp [s]"""
+        self.force, self.ramp = force, ramp
+        self.before, self.after = 0.0, ramp
+
+    def hand_over(self, handed: HandOver, distribution: Distribution) -> None:
+        """Of particles that leave to others. Collective."""
+        given = handed.given(distribution, self.force)
+        handed.move(self.force, distribution.subdomain.particle_gid, given)
+
+    def advance(self, step: int, step_at: Callable[[float], int]) -> None:
+        """Past the ramp, if the step is."""
+        if step >= step_at(self.ramp):
+            self.before, self.after = self.ramp, math.inf
+
+    def write(self, state: State, start: float, end: float) -> None:
+        """Its values at two times."""
+        rows = len(self.force)
+        state.load_before[:rows] += min(1.0, start / self.ramp) * self.force
+        state.load_after[:rows] += min(1.0, end / self.ramp) * self.force
+
+
+class FadingLoad:
+    """The tension of elements that were lost: along the lines that they had, it falls linearly to zero.
+
+    What of it acts on particles inside a lost cable acts on those that take over what these carry. So the two
+    ends of what is lost are pulled against each other, and as strongly as before while nothing has faded.
+    """
+
+    def __init__(self, particle_gid: np.ndarray, duration: float):
+        """particle_gid : (n,) global numbers of the rank's particles; duration : [s]"""
+        self.particle_gid, self.duration = particle_gid, duration
+        self.before, self.after, self.zero = 0.0, math.inf, math.inf
+
+    def begin(self, time: float, ends: np.ndarray, force: np.ndarray) -> None:
+        """Elements are lost at a time [s].
+
+        ends : (k, 2) particles; force : (k, 3) [N] on the start of each, against its end
+        """
+        self.before = time
+        self.after = self.zero = time + self.duration  # when nothing is left
+        self.all_forces = force
+        self._place(ends.T.ravel(), np.concatenate([force, -force]))
+
+    def _place(self, particles: np.ndarray, force: np.ndarray) -> None:
+        """The forces (k, 3) [N] at their begin act on these particles (k,)."""
+        self.particles, self.every = particles, force
+        row = rows_of(self.particle_gid, particles)
+        self.rows, self.force = row[row >= 0], force[row >= 0]
+
+    def hand_over(self, handed: HandOver, distribution: Distribution) -> None:
+        """Of particles that leave to others."""
+        if self.zero == math.inf:
+            return
+        given = np.zeros((len(handed.particles), 3))
+        leaving = rows_of(handed.particles, self.particles)
+        np.add.at(given, leaving[leaving >= 0], self.every[leaving >= 0])
+        stays, share = leaving < 0, handed.share[:, None]
+        self._place(
+            np.concatenate([self.particles[stays], handed.taker]),
+            np.concatenate([self.every[stays], share * given[handed.source]]),
+        )
+
+    def advance(self, step: int, step_at: Callable[[float], int]) -> None:
+        """Past the end, if the step is."""
+        if self.after < math.inf and step >= step_at(self.after):
+            self.before, self.after = self.after, math.inf
+
+    def write(self, state: State, start: float, end: float) -> None:
+        """Its values at two times."""
+        if self.zero == math.inf:
+            return
+        for time, load in ((start, state.load_before), (end, state.load_after)):
+            share = min(1.0, max(0.0, (self.zero - time) / self.duration))
+            force = (share * self.force).astype(load.dtype)
+            np.add.at(load, self.rows, force)
+
+
+class WindLoad:
+    """The wind: rank 0 generates its speed at control points, every rank interpolates to its particles."""
+
+    def __init__(self, comm: MPI.Comm, distribution: Distribution, field: WindField | None, history):
+        """Collective. field, history : on rank 0; history : `GrowingGusts`."""
+        self.comm = comm
+        self.history = history
+        column = lambda name: distribution.particles(None if field is None else getattr(field, name))
+        self.mean, self.corner, self.weight = column("mean"), column("corner"), column("weight")
+        self.samples: list[tuple[float, np.ndarray]] = []  # all so far, for the result file
+        self.k = 0  # the present one
+        self._sample(1)
+
+    @property
+    def before(self) -> float:
+        """Time [s] of the present sample."""
+        return self.samples[self.k][0]
+
+    @property
+    def after(self) -> float:
+        """Time [s] of the sample after it."""
+        time = self.samples[self.k + 1][0]
+        return time if time > self.before else math.inf
+
+    def record(self) -> dict:
+        """What a continuation needs, for `restore`; the history's state on rank 0."""
+        numbers, arrays = self.history.record() if self.history else ({}, {})
+        time, gust = np.array([t for t, _ in self.samples]), np.array([g for _, g in self.samples])
+        return {"k": self.k, "history": numbers, "arrays": arrays | {"time": time, "gust": gust}}
+
+    def restore(self, record: dict) -> None:
+        """Take up the record of an earlier run."""
+        arrays = dict(record["arrays"])
+        self.k = int(record["k"])
+        self.samples = [(float(t), g) for t, g in zip(arrays.pop("time"), arrays.pop("gust"))]
+        if self.history:
+            self.history.restore(record["history"], arrays)
+
+    def record_until(self, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Times (t,) [s] and gusts (t, c) [m/s] of the samples up to the first at or after a time [s]."""
+        times = np.array([sample for sample, _ in self.samples])
+        last = min(int(np.searchsorted(times, time)), len(times) - 1)
+        return times[: last + 1], np.array([gust for _, gust in self.samples[: last + 1]])
+
+    def _sample(self, k: int) -> tuple[float, np.ndarray]:
+        while len(self.samples) <= k:
+            chunk = None
+            if self.comm.rank == 0:
+                chunk = [sample for _ in range(CHUNK) for sample in self.history.next()]
+            self.samples += self.comm.bcast(chunk)
+        return self.samples[k]
+
+    def hand_over(self, handed: HandOver, distribution: Distribution) -> None:
+        """Nothing: what it acts on is in the state, and is handed over with that."""
+
+    def advance(self, step: int, step_at: Callable[[float], int]) -> None:
+        """On to the samples around a step."""
+        while self.after < math.inf and step_at(self.before + (self.after - self.before)) <= step:
+            self.k += 1
+            self._sample(self.k + 1)
+
+    def write(self, state: State, start: float, end: float) -> None:
+        """Speeds at the particles at two times."""
+        for time, speed in ((start, state.speed_before), (end, state.speed_after)):
+            particle_speeds(self.mean, self.corner, self.weight, self._gust(time), speed[: len(self.mean)])
+
+    def _gust(self, time: float) -> np.ndarray:
+        """Gusts (c,) [m/s] at a time, the samples' own where it is theirs."""
+        (begin, first), (end, last) = self.samples[self.k], self.samples[self.k + 1]
+        if time == begin or self.after == math.inf:
+            return first
+        return last if time == end else first + (time - begin) / (end - begin) * (last - first)

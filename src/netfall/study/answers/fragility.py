@@ -1,0 +1,164 @@
+"""Fragility: how the share of runs that fail grows with the mean wind speed, and how sure that is.
+
+A lognormal curve for each measure of failure, by maximum likelihood (`probit.py`), with intervals by the
+bootstrap: where runs at several speeds share their gusts (the same wind.seed), seeds are resampled, not runs.
+A run without an equilibrium under the mean wind has failed, with all of the roof; one that diverged or could
+not end for a technical reason is left out, and counted.
+"""
+
+import h5py
+import numpy as np
+
+from netfall.study.answers import probit
+from netfall.study.answers.probit import Fits
+from netfall.study.answers.samples import RESAMPLES, SPEED, Curve, curves_of, weights
+
+LOST_ROOF = (0.0, 0.05, 0.10, 0.25, 0.50)  # shares of the roof; more than this lost is a failure
+LEVEL = 0.95  # of the intervals
+FEWEST = 8  # independent samples, below which the bootstrap says nothing
+FEW = 30  # below which its intervals are rough, and mostly too narrow
+GRID = 81  # speeds of the band
+COUNTED = ("finished", "no_rest")  # states that tell whether the roof stood
+TEXT = h5py.string_dtype("utf-8")
+
+
+def failures(members: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Whether each member (N,) has failed, by each measure."""
+    no_rest = members["state"] == "no_rest"
+    lost = np.where(no_rest, 1.0, members["roof_lost"])
+    measures = {"first fracture": no_rest | np.isfinite(members["first_fracture"])}
+    for share in LOST_ROOF:
+        name = f"more than {share:.0%} of the roof lost" if share else "any of the roof lost"
+        measures[name] = lost > share
+    return measures
+
+
+def fragility_section(members: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """What stands in /fragility, by the names of the datasets; empty unless the wind's speed differs.
+
+    members : the columns of /members by name, (N,) each, texts as str
+    """
+    if SPEED not in members or len(np.unique(members[SPEED])) < 2:
+        return {}
+    counted = np.isin(members["state"], COUNTED)
+    speed = np.unique(members[SPEED]).astype(float)
+    grid = np.linspace(0.9 * speed[0], 1.05 * speed[-1], GRID)
+    curves, pooled = curves_of(members, np.arange(len(counted)))
+    measures = failures(members)
+    rows = [row for curve in curves for row in _curve_rows(members, curve, counted, measures, speed, grid)]
+    columns = {name: _column([row[name] for row in rows]) for name in rows[0]}
+    shared = {"speed": speed, "band_speed": grid, "level": LEVEL, "resamples": RESAMPLES}
+    return shared | columns | {"pooled": np.array(pooled, dtype=TEXT)}
+
+
+def _column(values: list) -> np.ndarray:
+    return np.array(values, dtype=TEXT if isinstance(values[0], str) else None)
+
+
+def _curve_rows(members, curve: Curve, counted, measures, speed, grid) -> list[dict]:
+    """The rows of one curve, a measure each."""
+    out = curve.rows[~counted[curve.rows]]
+    curve = _only(curve, counted[curve.rows])
+    mine = curve.rows
+    at = members[SPEED][mine][:, None] == speed
+    failed = np.array([measures[name][mine] for name in measures]).reshape(len(measures), -1)
+    runs, counts = at.sum(0), failed.astype(int) @ at.astype(int)
+    samples = _resampled(curve, at, failed) if curve.samples >= FEWEST else None
+    exposure = np.unique(members["duration"][mine])
+    missing = (members[SPEED][out][:, None] == speed).sum(0)
+    rows = []
+    for k, name in enumerate(measures):
+        drawn = None if samples is None else probit.fit(speed, samples[0], samples[1 + k])
+        rows.append(
+            {"measure": name, "curve": curve.name, "runs": runs, "failed": counts[k], "left_out": len(out)}
+            | {"samples": curve.samples, "resampled": curve.resampled}
+            | {"exposure": exposure[0] if len(exposure) == 1 else np.nan}
+            | _row(speed, grid, runs, counts[k], drawn, missing, curve.samples)
+        )
+    return rows
+
+
+def _only(curve: Curve, kept: np.ndarray) -> Curve:
+    """A curve of fewer of its runs, kept (r,)."""
+    renumbered = {
+        name: np.unique(codes[kept], return_inverse=True)[1] for name, codes in curve.sharing.items()
+    }
+    strata = None if curve.strata is None else curve.strata[kept]
+    return Curve(curve.name, curve.rows[kept], renumbered, strata)
+
+
+def _resampled(curve: Curve, at: np.ndarray, failed: np.ndarray) -> np.ndarray:
+    """Counts (1 + k, RESAMPLES, s): how many ran at each speed in each sample, and failed by each measure."""
+    columns = np.concatenate([at, *(at & f[:, None] for f in failed)], axis=1).astype(float)
+    # Sums of whole numbers, which are exact in any order.
+    counts = np.concatenate([block @ columns for block in weights(curve)])
+    return counts.reshape(RESAMPLES, 1 + len(failed), at.shape[1]).transpose(1, 0, 2)
+
+
+def _row(speed, grid, runs, failed, drawn: Fits | None, missing, samples: int) -> dict:
+    """The fit to counts (s,), its intervals from the samples drawn, and what must be said of it."""
+    fit = probit.fit(speed, runs, failed)
+    found = fit.verdict[0] == probit.FITTED
+    nothing = np.full(2, np.nan)
+    row = {"median": fit.median[0], "dispersion": fit.dispersion[0]}
+    row |= {"median_interval": nothing, "dispersion_interval": nothing, "band_at_median": nothing}
+    row |= {"band": np.full((len(grid), 2), np.nan), "without_curve": 0}
+    row["median_bounds"] = np.ravel(probit.median_bounds(fit))
+    if drawn is not None:
+        row["without_curve"] = int((drawn.verdict != probit.FITTED).sum())
+        row["band"] = _interval(*probit.share_bounds(grid, drawn))
+    if drawn is not None and found:
+        row["median_interval"] = _interval(*probit.median_bounds(drawn))
+        row["dispersion_interval"] = _interval(*probit.dispersion_bounds(drawn))
+        row["band_at_median"] = _interval(*probit.share_bounds(fit.median, drawn))[0]
+    both = probit.fit(speed, runs + missing, np.array([failed + missing, failed]))
+    row["median_if_left_out"] = both.median
+    notes = [_reason(fit, speed, runs, failed)] if not found else []
+    row["note"] = "; ".join(notes + _doubts(row, speed, runs, failed, samples))
+    return row
+
+
+def _interval(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Percentiles (2,) or (g, 2) over samples (R,) or (R, g), each known to lie between `low` and `high`."""
+    skipped = round(0.5 * (1.0 - LEVEL) * RESAMPLES)
+    return np.stack([np.sort(low, axis=0)[skipped - 1], np.sort(high, axis=0)[-skipped]], axis=-1)
+
+
+def _reason(fit: Fits, speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> str:
+    """Why there is no curve, and what is known nevertheless."""
+    low, high = np.ravel(probit.median_bounds(fit))
+    if not runs.any():
+        return "no run came to an end"
+    between = f"the median lies {_between(low, high)}"
+    return {
+        probit.NONE_FAILED: f"none failed up to {low:g} m/s, the highest speed; run higher ones",
+        probit.ALL_FAILED: f"all failed from {high:g} m/s on, the lowest speed; run lower ones",
+        probit.ONE_SPEED: f"some failed, but all ran at {speed[runs > 0][0]:g} m/s; run other speeds",
+        probit.SEPARATED: f"fewer than two speeds at which some failed and some held: {between}, and the "
+        "dispersion is not known; run speeds there",
+        probit.FALLING: "failures do not grow with the speed; more runs, or other speeds",
+        probit.NOT_FOUND: "the iteration found no largest likelihood",
+    }[int(fit.verdict[0])]
+
+
+def _between(low: float, high: float) -> str:
+    if np.isinf(high):
+        return f"above {low:g} m/s"
+    return f"between {low:g} and {high:g} m/s" if low else f"below {high:g} m/s"
+
+
+def _doubts(row: dict, speed, runs, failed, samples: int) -> list[str]:
+    """What makes a curve less sure than it looks."""
+    notes, median, used = [], row["median"], speed[runs > 0]
+    if np.isfinite(median) and not used[0] <= median <= used[-1]:
+        notes.append(f"the median lies outside the speeds that ran, {used[0]:g} to {used[-1]:g} m/s")
+    if samples < FEWEST:
+        notes.append(f"no intervals: {samples} independent samples, of {FEWEST} that they take at least")
+    elif samples < FEW:
+        notes.append(f"{samples} independent samples are few: the intervals are rough")
+    if np.isfinite(median) and row["without_curve"]:
+        notes.append(
+            f"{row['without_curve']} of {RESAMPLES} resamples have no curve; the intervals reach as far as "
+            "these allow"
+        )
+    return notes

@@ -1,0 +1,246 @@
+"""What `netfall info` tells of a study file."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from netfall.results.loss_lines import RESTS
+from netfall.results.notes import LARGEST_BALANCE
+from netfall.study.answers.correlation import rank_correlations
+from netfall.study.answers.intervals import binned, half_width, narrower, with_interval
+from netfall.study.answers.losses import TELLING, losses_of, one_draw
+from netfall.study.answers.read import Study, read_study, unit_of_column, with_unit
+from netfall.study.answers.samples import SPEED, inputs_of, is_seed
+
+MOST_NAMED = 5  # elements, losses, reasons
+FEW_WITHOUT = 0.02  # share of resamples without a curve up to which the width goes with 1 / sqrt(samples)
+MOST_VALUES = 6  # values of an input that are listed
+
+
+def print_study(path: Path, say: Callable[[str], None]) -> None:
+    """Print a summary of a study file; elements are named by the ids of the tables."""
+    study = read_study(path)
+    say(f"{path}: {study.title}")
+    for tell in (_inputs, _states, _time, _broken, _fragility, _elements, _losses, _correlations, _audit):
+        tell(study, say)
+
+
+def _inputs(study: Study, say) -> None:
+    names = inputs_of(study.members)
+    n = len(study.members["state"])
+    say(f"study: {n} members of {len(study.net['elements'])} elements, exposure {study.exposure} each")
+    for name in names:
+        say(f"  {name}: {_values(study.members[name], unit_of_column(name))}")
+    if SPEED in names and not any(is_seed(name) for name in names):
+        say(
+            "  note: no seed differs: all members have the same gusts, and no interval has their chance in it"
+        )
+
+
+def _values(values: np.ndarray, unit: str) -> str:
+    different = np.unique(values)
+    if values.dtype == object:
+        few = ", ".join(different[:MOST_VALUES]) + (", ..." if len(different) > MOST_VALUES else "")
+        return f"{len(different)} ({few})"
+    if len(different) <= MOST_VALUES:
+        return f"{', '.join(f'{v:g}' for v in different)} {unit}".rstrip()
+    text = f"{different[0]:.6g} to {different[-1]:.6g} {unit}".rstrip()
+    return f"{text}, {len(different)} values"
+
+
+def _states(study: Study, say) -> None:
+    state, reason = study.members["state"], study.members["reason"]
+    known = ("finished", "no_rest", "diverged", "failed")
+    what = {
+        "no_rest": " (no equilibrium under the mean wind: count as failed, with all of the roof)",
+        "diverged": " (left out of the curves)",
+        "failed": " (for technical reasons; left out of the curves)",
+    }
+    counts = {name: int((state == name).sum()) for name in known}
+    there = [f"{counts[name]} {name}{what.get(name, '')}" for name in known if counts[name]]
+    say("members: " + ", ".join(there))
+    for name in known[1:]:
+        reasons, first, times = np.unique(
+            reason[state == name].astype(str), return_index=True, return_counts=True
+        )
+        rows = np.flatnonzero(state == name)
+        order = np.argsort(-times, kind="stable")
+        for k in order[:MOST_NAMED]:
+            row = rows[first[k]]
+            say(f"  {name}, {times[k]} times: {reasons[k] or 'no reason'}; first: {member_name(study, row)}")
+        if len(order) > MOST_NAMED:
+            say(f"  {name}: {len(order) - MOST_NAMED} more reasons, in /members/reason")
+
+
+def member_name(study: Study, row: int) -> str:
+    """A member by its row and its inputs."""
+    text = lambda v: v if isinstance(v, str) else f"{v:g}"
+    inputs = [f"{name} = {text(study.members[name][row])}" for name in inputs_of(study.members)]
+    return f"row {row}" + (f" ({', '.join(inputs)})" if inputs else "")
+
+
+def _time(study: Study, say) -> None:
+    seconds = study.members["seconds"][study.finished]
+    if len(seconds):
+        say(
+            f"time: {np.median(seconds):.3g} s a member (median; {seconds.min():.3g} to "
+            f"{seconds.max():.3g}), {np.nansum(study.members['seconds']):.4g} s in all"
+        )
+
+
+def _broken(study: Study, say) -> None:
+    m, ran = study.members, study.finished
+    broke = ran & (m["broken"] > 0)
+    if not broke.any():
+        say(f"fracture: none in the {ran.sum()} members that finished")
+        return
+    first, lost = m["first_fracture"][broke], m["roof_lost"][broke]
+    say(
+        f"fracture: in {broke.sum()} of the {ran.sum()} members that finished, first at "
+        f"{np.median(first):.3g} s (median; {first.min():.3g} to {first.max():.3g}); there "
+        f"{np.median(m['broken'][broke]):.0f} elements break (median; at most {m['broken'][broke].max()}) "
+        f"and {np.median(lost):.1%} of the roof is lost (median; at most {lost.max():.1%})"
+    )
+
+
+def _fragility(study: Study, say) -> None:
+    g = study.fragility
+    if not g:
+        return
+    pooled = f"; {', '.join(g['pooled'])} pooled" if len(g["pooled"]) else ""
+    for name in dict.fromkeys(g["curve"]):
+        rows = np.flatnonzero(g["curve"] == name)
+        of = f" for {name}" if name else ""
+        seconds = g["exposure"][rows[0]]
+        within = f"{seconds:g} s" if np.isfinite(seconds) else study.exposure
+        say(f"fragility{of}: failed of those that ran, within {within}{pooled}")
+        _table(g, rows, say)
+        _sureness(g, rows, say)
+
+
+def _table(g, rows, say) -> None:
+    """A line for each measure: counts at each speed, median and dispersion with their intervals, the band."""
+    tables = [binned(g["speed"], g["runs"][k], g["failed"][k]) for k in rows]
+    column = max(11, 2 * len(str(g["runs"][rows].max())) + 3)
+    head = "".join(f"{f'{v:.4g} m/s':>{column}}" for v in tables[0][0])
+    wide = max(len(g["measure"][k]) for k in rows)
+    say(f"  {'':{wide}}{head}   {'median [m/s]':<21}  {'dispersion':<21}  band")
+    for k, (_, runs, failed) in zip(rows, tables):
+        counts = "".join(f"{f'{y}/{n}':>{column}}" for n, y in zip(runs, failed))
+        median = with_interval(g["median"][k], g["median_interval"][k], 4)
+        dispersion = with_interval(g["dispersion"][k], g["dispersion_interval"][k], 3)
+        half = half_width(g["band_at_median"][k])
+        band = f"+-{half:.0%}" if np.isfinite(half) else "none"
+        say(f"  {g['measure'][k]:{wide}}{counts}   {median:<21}  {dispersion:<21}  {band}")
+
+
+def _sureness(g, rows, say) -> None:
+    """What the intervals are, what narrower ones take, and what is doubtful."""
+    k = rows[0]
+    samples, kind = g["samples"][k], g["resampled"][k]
+    say(
+        f"  (..): {g['level']:.0%} intervals, {kind} resampled; "
+        "band: of the share that fails at the median speed"
+    )
+    half = half_width(g["band_at_median"][k])
+    aim, needed = narrower(half, samples)
+    if needed and g["without_curve"][k] <= FEW_WITHOUT * g["resamples"]:
+        more = f"+-{100 * aim:g}% would take some {needed}"
+        say(f"  {g['measure'][k]}: +-{half:.0%} with {samples} independent samples; {more}")
+    for note in dict.fromkeys(g["note"][rows]):
+        if note:
+            of = g["measure"][rows][g["note"][rows] == note]
+            say(f"  note, {', '.join(of) if len(of) < len(rows) else 'all measures'}: {note}")
+    if g["left_out"][k]:
+        texts = [
+            f"{g['measure'][k]} {least:.4g} or {most:.4g}"
+            for k in rows
+            for least, most in [g["median_if_left_out"][k]]
+            if np.isfinite(least) and np.isfinite(most)
+        ]
+        of = texts or ["none"]
+        say(f"  {g['left_out'][k]} left out; the medians if all of them failed, or none: {', '.join(of)}")
+
+
+def _elements(study: Study, say) -> None:
+    ran, broke = study.finished.sum(), int(study.first_breaks.sum())
+    for what, counts, of in (
+        ("first to break", study.first_breaks, broke),
+        ("break at all", study.breaks, ran),
+    ):
+        rows = np.argsort(-counts, kind="stable")[:MOST_NAMED]
+        named = [f"{study.element(e)} in {counts[e]}" for e in rows if counts[e]]
+        if named:
+            runs = "members that broke" if of is broke else "members that finished"
+            say(f"{what}, of {of} {runs}: element " + ", ".join(named))
+
+
+def _losses(study: Study, say) -> None:
+    losses = losses_of(study)
+    if losses is None:
+        return
+    more, bad = losses.broken > 0, losses.no_rest > 0
+    falls = losses.not_stable > 0
+    say(
+        f"losses: {len(losses.name)} different; more breaks after {more.sum()} of them, "
+        f"{bad.sum()} leave a roof without a rest{_named(losses.name[bad])}"
+        + f", of which {falls.sum()} not stable"
+        * bool(falls.any())
+    )
+    if (losses.breaking > 0).any():
+        torn = losses.name[losses.breaking > 0]
+        say(f"  after {len(torn)} of them {RESTS['breaks']}{_named(torn)}")
+    for title, values, text in (
+        ("most of the roof lost", losses.roof_lost, "{:.1%}"),
+        ("largest dynamic factors", losses.dynamic_factor, "{:.3g}"),
+    ):
+        rows = np.argsort(-np.nan_to_num(values), kind="stable")[:MOST_NAMED]
+        worst = [f"{text.format(values[k])} (loss of {losses.name[k]})" for k in rows if values[k] > 0]
+        if worst:
+            say(f"  {title}: " + ", ".join(worst))
+    if (losses.dynamic_factor > TELLING).any():
+        say(
+            f"  note: factors above {TELLING:g} are of elements whose tension at rest hardly changes, or of "
+            "a roof that went on breaking"
+        )
+    pair = one_draw(study, losses)
+    if pair:
+        first, other = (f"{losses.broken[k]:.0f} elements (loss of {losses.name[k]})" for k in pair)
+        say(
+            f"  note: symmetric losses differ: after one {first} break, after the other {other}. All of them "
+            "have one draw of gusts, which does not blow on both alike; more seeds ([vary] wind.seed) tell "
+            "what is the loss's own"
+        )
+
+
+def _named(names: np.ndarray) -> str:
+    few = ", ".join(names[:MOST_NAMED]) + (", ..." if len(names) > MOST_NAMED else "")
+    return f" ({few})" if len(names) else ""
+
+
+def _correlations(study: Study, say) -> None:
+    table = rank_correlations(study)
+    if table:
+        say("rank correlation (Spearman) with what was drawn; (...): within what chance gives")
+    for name, row in table.items():
+        text = [f"{what} {_rank(rho, n)}" for what, (rho, n) in row.items() if np.isfinite(rho)]
+        say(f"  {with_unit(name)}: " + ", ".join(text))
+
+
+def _rank(rho: float, n: int) -> str:
+    return f"{rho:+.2f}" if abs(rho) * np.sqrt(n - 1) > 1.96 else f"({rho:+.2f})"
+
+
+def _audit(study: Study, say) -> None:
+    error = np.abs(study.members["balance_error"])
+    if not np.isfinite(error).any():
+        return
+    worst = int(np.nanargmax(error))
+    off = int((error > LARGEST_BALANCE).sum())
+    say(f"audit: physical balance to {error[worst]:.1e} of the energy that took part, worst in row {worst}")
+    if off:
+        say(
+            f"note: in {off} members it is off by more than {LARGEST_BALANCE:.0%}: the step is too long for "
+            "some of what happened; compare with a smaller [dynamics] safety or time_step"
+        )

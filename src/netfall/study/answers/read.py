@@ -1,0 +1,138 @@
+"""A study file, NAME.study.h5, read into memory for what is told and drawn of it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from netfall.ground.errors import InputError
+from netfall.job.schema import SECTIONS
+from netfall.study.answers.fragility import fragility_section
+
+MARK = "netfall_study"  # the attribute of the root that says what the file is
+# Columns of /members that a run gave, with their units; all others are inputs.
+RESULTS = {
+    "first_fracture": "s",
+    "first_element": "",
+    "first_element_id": "",
+    "broken": "",
+    "roof_lost": "",
+    "displacement_max": "m",
+    "tension_max": "N",
+    "utilisation_max": "",
+    "balance_error": "",
+    "dynamic_factor_max": "",
+    "dynamic_factor_element": "",
+    "dynamic_factor_element_id": "",
+    "rest_after_loss": "",
+    "gusts": "",
+    "duration": "s",
+    "seconds": "s",
+    "state": "",
+    "reason": "",
+}
+
+OF_LOSSES = (
+    "dynamic_factor_max",
+    "dynamic_factor_element",
+    "dynamic_factor_element_id",
+    "rest_after_loss",
+    "gusts",
+)
+EVENTS = ("member", "time", "element")
+NET = {"particles": (0, 3), "elements": (0, 2), "element_id": (0,), "node_id": (0,), "fixed": (0, 3)}
+
+
+@dataclass
+class Study:
+    """What a study file holds.
+
+    name : of the file, without .study.h5
+    members, events, net, fragility : datasets by name; texts as str; fragility: empty without several speeds
+    first_breaks, breaks : (m,) runs in which an element broke first, or at all
+    """
+
+    name: str
+    title: str
+    members: dict[str, np.ndarray]
+    events: dict[str, np.ndarray]
+    net: dict[str, np.ndarray]
+    fragility: dict[str, np.ndarray]
+    first_breaks: np.ndarray
+    breaks: np.ndarray
+
+    def element(self, e: int) -> str:
+        """An element by its id, with the ids of its nodes."""
+        a, b = self.net["node_id"][self.net["elements"][e]]
+        return f"{self.net['element_id'][e]} ({a}-{b})"
+
+    @property
+    def finished(self) -> np.ndarray:
+        """Which members (N,) came to their end."""
+        return self.members["state"] == "finished"
+
+    @property
+    def exposure(self) -> str:
+        """How long the wind blows in each member, in words."""
+        seconds = np.unique(self.members["duration"][np.isfinite(self.members["duration"])])
+        if not len(seconds):
+            return "unknown"
+        least, most = f"{seconds[0]:g}", f"{seconds[-1]:g}"
+        return f"{least} s" if least == most else f"{least} to {most} s"
+
+
+def is_study(path: Path) -> bool:
+    """Whether a file is that of a study; false also where it cannot be read."""
+    try:
+        with h5py.File(path, "r") as file:
+            return MARK in file.attrs
+    except OSError:
+        return False
+
+
+def read_study(path: Path) -> Study:
+    """A study file in memory. Raises InputError where something of it is missing."""
+    with h5py.File(path, "r") as file:
+        missing = [name for name in _needed(file) if name not in file]
+        if missing:
+            raise InputError([f"{path}: no /{name}; expected a study file that is whole" for name in missing])
+        nothing = {name: np.zeros(shape, int) for name, shape in NET.items()}
+        members = _columns(file["members"])
+        fragility = _columns(file["fragility"]) if "fragility" in file else fragility_section(members)
+        return Study(
+            path.name.removesuffix(".h5").removesuffix(".study"),
+            str(file.attrs.get("title", "")) or path.name,
+            members,
+            _columns(file["events"]),
+            _columns(file["net"]) if "net" in file else nothing,
+            fragility,
+            *(file[name][:] if name in file else np.zeros(0, int) for name in ("first_breaks", "breaks")),
+        )
+
+
+def _needed(file: h5py.File) -> list[str]:
+    """What must be in a file, whatever its members lose; and a net only if a run had one."""
+    names = [f"members/{name}" for name in RESULTS if name not in OF_LOSSES]
+    names += [f"events/{name}" for name in EVENTS]
+    return names + [f"net/{name}" for name in NET] * ("net" in file)
+
+
+def _columns(group: h5py.Group) -> dict[str, np.ndarray]:
+    """All datasets of a group; texts as str."""
+    read = lambda d: d.asstr()[()] if h5py.check_string_dtype(d.dtype) else d[()]
+    return {name: read(data) for name, data in group.items() if isinstance(data, h5py.Dataset)}
+
+
+def unit_of_column(name: str) -> str:
+    """The unit of a column of /members, "" if it has none: of a result, or of a key of the job."""
+    if name in RESULTS:
+        return RESULTS[name]
+    section, _, key = name.partition(".")
+    return next((row.unit for row in SECTIONS.get(section, ()) if row.name == key.split(".")[-1]), "")
+
+
+def with_unit(name: str) -> str:
+    """A column's name with its unit: "wind.speed [m/s]"."""
+    unit = unit_of_column(name)
+    return f"{name} [{unit}]" if unit else name

@@ -1,0 +1,250 @@
+"""The study file: which runs of which job, in what order (jobs/studies/README.md)."""
+
+import hashlib
+import itertools
+import json
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from netfall.ground.errors import InputError
+from netfall.job.read import PATHS, Job, read_job, read_toml
+from netfall.job.toml_text import toml_value
+from netfall.job.values import nearest, shown
+from netfall.study.draws import draw
+from netfall.study.sections import (
+    EACH,
+    LOST,
+    MOST,
+    SAMPLE,
+    Axis,
+    axis_of,
+    check_sample,
+    loss_section,
+    run_section,
+)
+
+OWN = ("output.checkpoint", "output.modes")  # which members have their own way
+
+
+@dataclass(frozen=True)
+class Member:
+    """One run: its number from 0, what it changes in the job. removed : id or name; remove : [[remove]]"""
+
+    number: int
+    values: dict
+    removed: str
+    remove: dict | None
+
+    @property
+    def overrides(self) -> list[str]:
+        """As of --set."""
+        return [f"{name}={toml_value(value)}" for name, value in self.values.items()]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A study, checked. Members come in the order of the axes as they are written, draws innermost.
+
+    draws : (count, k) of the keys `sampled`, None without [sample]; whole : those with whole numbers
+    loss : what each loss has in common; exposure : [s], duration of the job's own dynamic stage
+    files : that the members read
+    """
+
+    path: Path
+    text: str
+    job: Path
+    axes: list[Axis]
+    sampled: list[str]
+    whole: set[str]
+    draws: np.ndarray | None
+    loss: dict | None
+    ranks: int
+    keep: str
+    time_limit: float
+    exposure: float
+    files: list[Path]
+    notes: list[str]
+
+    def __len__(self) -> int:
+        count = 1 if self.draws is None else len(self.draws)
+        return count * math.prod(len(axis.values) for axis in self.axes)
+
+    def member(self, number: int) -> Member:
+        """One run, by its number."""
+        rest, row = divmod(number, 1 if self.draws is None else len(self.draws))
+        chosen = {}
+        for axis in reversed(self.axes):
+            rest, k = divmod(rest, len(axis.values))
+            chosen[axis.name] = axis.values[k]
+        values = {axis.name: chosen[axis.name] for axis in self.axes if axis.name != LOST}
+        if self.draws is not None:
+            drawn = zip(self.sampled, self.draws[row].tolist())
+            values |= {name: int(value) if name in self.whole else value for name, value in drawn}
+        removed = chosen.get(LOST)
+        remove = None if removed is None else self._entry(removed)
+        return Member(number, values, "" if removed is None else str(removed), remove)
+
+    @property
+    def inputs(self) -> list[str]:
+        """The keys of the job that vary or are drawn."""
+        return [axis.name for axis in self.axes if axis.name != LOST] + self.sampled
+
+    def duration(self, member: Member) -> float:
+        """Of a member's dynamic stage [s]."""
+        return float(member.values.get("dynamics.duration", self.exposure))
+
+    def _entry(self, removed) -> dict:
+        rest = {name: value for name, value in self.loss.items() if name not in ("each", "group")}
+        return {EACH[self.loss["each"]]: [removed], **rest}
+
+    def read(self, member: Member) -> Job:
+        """The job of a member. Raises InputError."""
+        return read_job(self.job, member.overrides, [member.remove] if member.remove else [])
+
+    def digest(self) -> str:
+        """Fingerprint of what is run, however it is run."""
+        asked = [[axis.name, axis.values] for axis in self.axes]
+        draws = None if self.draws is None else self.draws.tolist()
+        return hashlib.sha256(json.dumps([asked, self.sampled, draws, self.loss]).encode()).hexdigest()
+
+
+def read_plan(path: Path, pieces_of, net_key) -> Plan:
+    """The plan of a study file, with every value of every key tried in the job.
+
+    pieces_of(job, each, group) : ids of elements, or names of cables, of a net
+    net_key(job) : what rows and ids of a net's elements are, the same for all members
+
+    Raises InputError with a line for each thing that is wrong.
+    """
+    data, text = read_toml(path, "study")
+    if "net" in data and "job" not in data:
+        raise InputError(f"{path}: is a job file; netfall run {path} runs it; a study file names it in job")
+    errors: list[str] = []
+    wrong = lambda what: errors.append(f"{path}: {what}")
+    for name in data:
+        if name not in ("job", "vary", "sample", "run"):
+            wrong(f"{name}: unknown; {nearest(name, ('job', 'vary', 'sample', 'run'))}")
+    if not isinstance(data.get("job"), str):
+        wrong(f"job = {shown(data.get('job'))}: expected the path of a job file, relative to this one")
+    tables = {name: data.get(name, {}) for name in ("vary", "sample", "run")}
+    for name, table in tables.items():
+        if not isinstance(table, dict):
+            wrong(f"{name} = {shown(table)}: expected a section, [{name}]")
+            tables[name] = {}
+    run = run_section(tables["run"], wrong)
+    vary, loss = _flat(tables["vary"], wrong), None
+    if "remove" in vary:
+        loss = loss_section(vary["remove"], wrong)
+    axes = [axis_of(name, value, wrong) for name, value in vary.items()]
+    sample = _flat(tables["sample"], wrong)
+    distributions = {name: each for name, each in sample.items() if name not in SAMPLE}
+    check_sample(sample, distributions, vary, wrong)
+    if not axes and not distributions:
+        wrong("nothing varies; expected [vary] or [sample]")
+    if errors:
+        raise InputError(errors)
+    job = path.parent / data["job"]
+    combinations = math.prod(len(axis.values) for axis in axes if axis.name != LOST)
+    if combinations * sample.get("count", 1) > MOST:
+        raise InputError(
+            f"{path}: asks for {combinations * sample.get('count', 1)} runs; at most {MOST} are possible"
+        )
+    if loss:
+        first = [f"{axis.name}={toml_value(axis.values[0])}" for axis in axes if axis.name != LOST]
+        pieces = pieces_of(read_job(job, first), loss["each"], loss.get("group"))
+        axes = [Axis(LOST, pieces) if axis.name == LOST else axis for axis in axes]
+    draws, notes = None, []
+    if distributions:
+        method, count = sample.get("method", "sobol"), sample["count"]
+        draws = draw(method, count, sample.get("seed", 1), list(distributions.values()))
+        if method == "sobol" and count & (count - 1):
+            notes.append(f"note: [sample] count = {count}: Sobol's points are even for powers of two only")
+    own = read_job(job)
+    exposure = own.dynamics.duration if own.dynamics else math.nan
+    whole = {name for name, each in distributions.items() if each["distribution"] == "integer"}
+    plan = Plan(
+        path,
+        text,
+        job,
+        axes,
+        list(distributions),
+        whole,
+        draws,
+        loss,
+        **run,
+        exposure=exposure,
+        files=[job, *own.files()],
+        notes=notes,
+    )
+    return replace(plan, files=_try(plan, net_key))
+
+
+def _flat(table: dict, wrong, prefix: str = "") -> dict:
+    """Keys of the job by their whole names, whether written "wind.speed" or wind.speed."""
+    found = {}
+    for name, value in table.items():
+        whole = f"{prefix}{name.strip()}"
+        ends = not isinstance(value, dict) or {"from", "distribution"} & set(value)
+        ends = ends or whole == "remove" or "." in name
+        for called, one in ({whole: value} if ends else _flat(value, wrong, f"{whole}.")).items():
+            if called in found:
+                wrong(f"{called}: stands twice")
+            found[called] = one
+    return found
+
+
+def _try(plan: Plan, net_key) -> list[Path]:
+    """Try each value of each key in the job, and the ends of each draw; the files read. Raises InputError."""
+    if len(plan) > MOST:
+        raise InputError(f"{plan.path}: asks for {len(plan)} runs; at most {MOST} are possible")
+    files, nets = dict.fromkeys(plan.files), set()
+    first = plan.member(0).values
+    errors = []
+    tried = [(name, value) for axis in plan.axes if axis.name != LOST for name, value in _few(axis)]
+    for k, name in enumerate(plan.sampled):
+        number = int if name in plan.whole else float
+        tried += [(name, number(end)) for end in (plan.draws[:, k].min(), plan.draws[:, k].max())]
+    for name, value in tried:
+        if name in OWN:
+            errors.append(
+                f"{plan.path}: {name}: members leave no checkpoints and find no modes; remove the key"
+            )
+            continue
+        if not _settable(name, value):
+            errors.append(f"{plan.path}: {name} = {shown(value)}: expected a key of the job, SECTION.KEY")
+            continue
+        try:
+            job = read_job(plan.job, [f"{n}={toml_value(v)}" for n, v in (first | {name: value}).items()])
+        except InputError as error:
+            errors += [f"{plan.path}: {name} = {shown(value)}: {line}" for line in error.lines]
+        else:
+            files |= dict.fromkeys(job.files())
+            if job.dynamics is None:
+                errors.append(f"{plan.job}: [dynamics] is missing: a study is of the dynamic stage")
+            elif name.startswith("net."):
+                nets.add(net_key(job))
+    if len(nets) > 1:
+        errors.append(
+            f"{plan.path}: keys of [net] that vary change its elements, which are the rows of the study's "
+            "counts; make a study of each net"
+        )
+    if plan.loss and not tried:
+        plan.read(plan.member(0))
+    if errors:
+        raise InputError(list(dict.fromkeys(errors)))
+    return list(files)
+
+
+def _few(axis: Axis) -> itertools.chain:
+    """The values that are tried: all of a list, and the ends of a long range; all that name files."""
+    whole = len(axis.values) <= 100 or tuple(axis.name.split(".")) in PATHS
+    values = axis.values if whole else [*axis.values[:50], *axis.values[-50:]]
+    return ((axis.name, value) for value in values)
+
+
+def _settable(name: str, value) -> bool:
+    section, dot, key = name.rpartition(".")
+    return bool(dot and section and key) and not isinstance(value, dict)

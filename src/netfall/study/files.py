@@ -1,0 +1,83 @@
+"""Where the files of a study lie."""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from netfall.ground.errors import InputError
+
+SUFFIX, JOURNAL = ".study.h5", ".study.journal"
+
+
+@dataclass(frozen=True)
+class Place:
+    """The files of a study, or of a part of it; stem : their name without its ending."""
+
+    folder: Path
+    stem: str
+    part: str = ""
+
+    @property
+    def result(self) -> Path:
+        """The study file."""
+        return self.folder / f"{self.stem}{self.part}{SUFFIX}"
+
+    @property
+    def journal(self) -> Path:
+        """The journal."""
+        return self.folder / f"{self.stem}{self.part}{JOURNAL}"
+
+    @property
+    def members(self) -> Path:
+        """The folder of the result files that are kept."""
+        return self.folder / f"{self.stem}.members"
+
+    def parts(self) -> list["Place"]:
+        """The parts of the study that have been run, whole or not."""
+        found = set()
+        for suffix in (SUFFIX, JOURNAL):
+            for path in self.folder.glob(f"{self.stem}.*-of-*{suffix}"):
+                found.add(path.name.removesuffix(suffix).removeprefix(self.stem))
+        return [Place(self.folder, self.stem, part) for part in sorted(found)]
+
+
+def place_of(path: Path, output: Path | None, shard: tuple[int, int] | None) -> Place:
+    """Where the results of a study file go."""
+    output = output or Path(f"{path.stem}{SUFFIX}")
+    stem = output.name.removesuffix(".h5").removesuffix(".study")
+    return Place(output.parent, stem, f".{shard[0]}-of-{shard[1]}" if shard else "")
+
+
+class Watch:
+    """Fingerprint of files; `check` sees whether they are still what they were."""
+
+    def __init__(self, files: list[Path]):
+        """Raises InputError for a file that cannot be read."""
+        self.files = files
+        self.stamps, self.digest = self._stamps(), self._digest()
+
+    def check(self) -> None:
+        """Raises InputError if a file has changed."""
+        stamps = self._stamps()
+        if stamps != self.stamps:
+            if self._digest() != self.digest:
+                changed = [str(f) for f, a, b in zip(self.files, stamps, self.stamps) if a != b]
+                raise InputError(
+                    f"{', '.join(changed)}: changed while the study ran; put the old text back and give the "
+                    "same command to go on, or move the journal away to begin anew"
+                )
+            self.stamps = stamps
+
+    def _stamps(self) -> list[tuple | None]:
+        found = [path.stat() if path.exists() else None for path in self.files]
+        return [there and (there.st_mtime_ns, there.st_size, there.st_ino) for there in found]
+
+    def _digest(self) -> str:
+        total = hashlib.sha256()
+        for path in self.files:
+            try:
+                content = path.read_bytes()
+            except OSError as error:
+                raise InputError(f"{path}: {error.strerror or error}") from None
+            total.update(f"{path.name} {len(content)}\n".encode() + content)
+        return total.hexdigest()

@@ -1,0 +1,118 @@
+"""`netfall study`: many runs of one job, on workers that stay; nothing that was run is run again.
+
+A run that ends is a line of the journal, NAME.study.journal beside the study file; the study file,
+NAME.study.h5, is made from it when all runs are there. The same command goes on after any interruption.
+"""
+
+import hashlib
+import os
+from pathlib import Path
+
+from netfall.ground.errors import InputError
+from netfall.ground.progress import Progress
+from netfall.ground.sources import TELLING, program_digest
+from netfall.net.build import build_net
+from netfall.study.file import Plan, read_plan
+from netfall.study.files import Place, Watch, place_of
+from netfall.study.journal import read_journal
+from netfall.study.runs import Runs
+from netfall.study.table import Table, check_digests, digests_of
+from netfall.write.locks import check_place, claim, release
+
+FORMAT = 2  # of journals
+
+
+def pieces_of(job, each: str, group: str | list[str] | None) -> list:
+    """Ids of elements, or names of cables, that are lost one after another. Raises InputError."""
+    net = build_net(job)
+    there = {net.group_names[k] for k in net.group}
+    groups = there if group is None else {group} if isinstance(group, str) else set(group)
+    if groups - there:
+        known = ", ".join(sorted(filter(None, there))) or "none"
+        raise InputError(f"{job.path}: no element has the group {min(groups - there)}; groups: {known}")
+    rows = [e for e in range(net.m) if net.group_names[net.group[e]] in groups]
+    if each == "element":
+        return list(dict.fromkeys(int(net.element_id[e]) for e in rows))
+    return list(dict.fromkeys(net.cable_names[net.cable[e]] for e in rows))
+
+
+def net_key(job) -> str:
+    """What rows and ids of a net's elements are."""
+    net = build_net(job)
+    return hashlib.sha256(net.elements.tobytes() + net.element_id.tobytes()).hexdigest()
+
+
+def study(
+    path: Path,
+    output: Path | None,
+    workers: int | None,
+    shard: tuple[int, int] | None,
+    launcher: str | None,
+    retry: bool,
+    progress: Progress,
+    stop,
+) -> Path:
+    """Run what is missing of a study; the path of its file.
+
+    shard : the I-th of N parts; launcher : starts the ranks of a worker; retry : runs that failed count as
+    missing; stop : a wish to stop
+
+    Raises InputError, OutputError, Interrupted if asked to stop.
+    """
+    plan = read_plan(path, pieces_of, net_key)
+    build_net(plan.read(plan.member(0)))  # what is wrong in the net is said here, once
+    for note in plan.notes:
+        progress.say(note)
+    place = place_of(path, output, shard)
+    if not place.result.exists() or digests_of(place.result) is None:
+        check_place(place.result)
+    watch = Watch(plan.files)
+    digests = {"study": plan.digest(), "job": watch.digest, "program": program_digest(TELLING)}
+    claimed = claim(place.result)
+    try:
+        table = _what_there_is(plan, place, digests, shard, progress)
+        if retry:
+            table.forget_failed()
+        mine = range(len(plan)) if shard is None else range(shard[0] - 1, len(plan), shard[1])
+        missing = [number for number in mine if not table.there[number]]
+        if missing or not place.result.exists() or place.journal.exists():
+            header = {"format": FORMAT, "members": len(plan), **digests}
+            runs = Runs(plan, place, table, header, watch, progress)
+            runs.run(missing, workers or _cores(launcher) // plan.ranks or 1, launcher, stop)
+        else:
+            progress.say(f"{place.result}: whole already, {len(mine)} runs")
+    finally:
+        release(claimed)
+    return place.result
+
+
+def _cores(launcher: str | None) -> int:
+    """Cores there are for workers: here, or in the allocation where a launcher reaches all of it."""
+    here = len(os.sched_getaffinity(0))
+    if launcher:
+        tasks = os.environ.get("SLURM_NTASKS", "")
+        return int(tasks) if tasks.isdigit() else here
+    given = os.environ.get("SLURM_CPUS_ON_NODE", "")  # a Slurm that binds nothing leaves all of them in sight
+    return min(here, int(given)) if given.isdigit() else here
+
+
+def _what_there_is(plan: Plan, place: Place, digests: dict, shard, progress: Progress) -> Table:
+    """The runs that were made: of this study, and of its parts if this is the whole."""
+    table = Table(len(plan))
+    for each in [place, *(place.parts() if shard is None else [])]:
+        known = int(table.there.sum())
+        if each is not place:
+            release(claim(each.result))  # nobody writes it at this moment
+        if each.result.exists():
+            check_digests(each.result, digests_of(each.result) or {}, digests)
+            table.add_file(each.result)
+        if each.journal.exists():
+            records, _ = read_journal(each.journal)
+            if records:
+                check_digests(each.journal, records[0], digests)
+            for record in records[1:]:
+                table.add(record)
+        new = int(table.there.sum()) - known
+        if new:
+            progress.say(f"{each.result.name}: {new} of {len(plan)} runs are there")
+    return table

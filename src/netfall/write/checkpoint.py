@@ -1,0 +1,164 @@
+"""Checkpoints: the whole state of a run by global numbers, sealed with a digest, for any number of ranks.
+
+A checkpoint is a file NAME.checkpoint-STAGE-STEP.h5 beside the result file NAME.vtkhdf, or
+RESULT-checkpoint-STAGE-STEP.h5 beside a RESULT with another ending. STAGE is 1 for form finding and 2 for
+statics, where STEP counts iterations, and 3 for dynamics. What the result file has so far is not in it: that
+stands in segments, closed at each checkpoint, which the end of the run joins to the result file. A kill at
+any moment leaves whole segments and a whole checkpoint that names them.
+
+The last two are kept. A run removes older ones of its own; one that goes on from a checkpoint beside its own
+result file also removes older ones that earlier runs of the same job and result have left. The checkpoint
+that it was given it leaves alone; once a later run is given a newer one, that is an older one like the
+others.
+"""
+
+import json
+import re
+from pathlib import Path
+
+import h5py
+import numpy as np
+from mpi4py import MPI
+
+from netfall.ground.errors import InputError
+from netfall.mechanics.fields import FIELDS
+from netfall.mechanics.state import State
+from netfall.write.h5 import SharedFile, check_seal
+
+FORMAT = 7
+STAGES = {"form finding": 1, "statics": 2, "dynamics": 3}
+KEPT = 2
+NAME = re.compile(r"(.+)checkpoint-\d-\d{12,}\.h5")
+
+
+def kept_fields(state: State, entity: str):
+    """Fields that a checkpoint holds of a state's particles or elements."""
+    return [f for f in FIELDS if f.kept and f.entity == entity and getattr(state, f.name) is not None]
+
+
+def checkpoint_path(result: Path, stage: str, step: int) -> Path:
+    """Name of a checkpoint of a run that writes `result`, no other result's; names sort by age."""
+    return result.with_name(f"{_prefix(result)}checkpoint-{STAGES[stage]}-{step:012d}.h5")
+
+
+def _prefix(result: Path) -> str:
+    return f"{result.stem}." if result.suffix == ".vtkhdf" else f"{result.name}-"
+
+
+def checkpoints_of(folder: Path, prefix: str) -> list[Path]:
+    """The checkpoints in a folder whose names are `prefix` and then as of `checkpoint_path`, by age."""
+    found = ((NAME.fullmatch(path.name), path) for path in folder.iterdir())
+    return sorted(path for match, path in found if match and match[1] == prefix)
+
+
+def remove_older(newest: Path, result: Path, digest: str, given: Path | None) -> None:
+    """Remove all but the last two checkpoints of a job and result up to the newest. Rank 0.
+
+    given : the checkpoint that the run goes on from, which is left alone. Without one, or with one from
+    elsewhere, those of earlier runs are not looked for.
+    """
+    if given is None or given.parent.resolve() != result.parent.resolve():
+        return
+    beside = checkpoints_of(result.parent, _prefix(result))
+    if not any(path.samefile(given) for path in beside):
+        return
+    older = [path for path in beside if path <= newest and _job_of(path) == digest]
+    for path in older[:-KEPT]:
+        if not path.samefile(given):
+            path.unlink(missing_ok=True)
+
+
+def _job_of(path: Path) -> str | None:
+    """Digest of the job that a checkpoint belongs to, None for what is no checkpoint."""
+    try:
+        with h5py.File(path, "r") as file:
+            return json.loads(file["record"].asstr()[()])["job"]
+    except (OSError, KeyError, ValueError):
+        return None
+
+
+def write_checkpoint(
+    comm: MPI.Comm, path: Path, state: State | None, result, record: dict, arrays: dict[str, np.ndarray]
+) -> None:
+    """Write the state, if there is one yet, and the run's records. Collective.
+
+    result : numbers the rows
+    record : small values of every kind that JSON knows; arrays : in global order; both on rank 0
+    """
+    file = SharedFile(comm, path)
+    try:
+        if state is not None:
+            _write_state(file, state, result)
+
+        def finish(h5: h5py.File):
+            h5.attrs["format"] = FORMAT
+            h5.create_dataset("record", data=json.dumps(record), dtype=h5py.string_dtype())
+            for name, values in arrays.items():
+                h5.create_dataset(f"arrays/{name}", data=values)
+
+        file.close(finish, seal=True)
+    except BaseException as error:
+        file.discard_after(error)
+        raise
+
+
+def _write_state(file: SharedFile, state: State, result) -> None:
+    m = result.distribution.m
+    points = result.log.points
+    rows = state.owned_rows()
+    for field in kept_fields(state, "particle"):
+        values = getattr(state, field.name)[rows].reshape(len(rows), int(np.prod(field.tail)))
+        file.create(f"particles/{field.name}", state.features.number(field.dtype), (values.shape[1],), points)
+        file.append(
+            f"particles/{field.name}",
+            file.slabs.collect(result.log.row_of(state.gid[rows]), values, points),
+            points,
+        )
+    mine = state.owned.astype(bool)
+    gid = result.distribution.subdomain.element_gid[mine]
+    for field in kept_fields(state, "element"):
+        file.create(f"elements/{field.name}", state.features.number(field.dtype), (), m)
+        file.append(
+            f"elements/{field.name}",
+            file.slabs.collect(gid, getattr(state, field.name)[mine][:, None], m)[:, 0],
+            m,
+        )
+    file.create("elements/ends", np.int64, (2,), m)
+    file.append("elements/ends", file.slabs.collect(gid, state.gid[state.ends[mine]].reshape(-1, 2), m), m)
+
+
+class Checkpoint:
+    """A checkpoint that was read, on rank 0: `record`, `arrays`, `particles` and `elements` by name."""
+
+    def __init__(self, path: Path, job_digest: str):
+        """Raises InputError for a file that is missing, damaged, or of another job; names the one before."""
+        if not path.is_file():
+            raise InputError(f"{path}: no such checkpoint{_offer(path)}")
+        if not check_seal(path):
+            raise InputError(
+                f"{path}: damaged or no checkpoint of netfall (its digest does not fit){_offer(path)}"
+            )
+        with h5py.File(path, "r") as file:
+            if file.attrs.get("format") != FORMAT:
+                raise InputError(
+                    f"{path}: a checkpoint of another version of netfall; expected format {FORMAT}"
+                )
+            self.record = json.loads(file["record"].asstr()[()])
+            read = lambda group: {name: file[f"{group}/{name}"][()] for name in file.get(group, ())}
+            self.arrays, self.particles, self.elements = read("arrays"), read("particles"), read("elements")
+        self.path = path
+        if self.record["job"] != job_digest:
+            raise InputError(
+                f"{path}: belongs to another job or net ({self.record['name']}); "
+                "expected a checkpoint of this very job file, tables and --set"
+            )
+
+
+def _offer(path: Path) -> str:
+    """Advice that names the newest other checkpoint beside it that is whole."""
+    match = NAME.fullmatch(path.name)
+    if not match or not path.parent.is_dir():
+        return ""
+    others = [p for p in checkpoints_of(path.parent, match[1]) if p != path]
+    good = next((p for p in reversed(others) if check_seal(p)), None)
+    return f"; {good} is whole: give that" if good else ""

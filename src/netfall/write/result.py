@@ -1,0 +1,292 @@
+"""The result file of a run: frames while it goes on, everything small at the end (README.md beside)."""
+
+import os
+import secrets
+from pathlib import Path
+
+import h5py
+import numpy as np
+from mpi4py import MPI
+
+from netfall.ground.errors import OutputError
+from netfall.mechanics.events import EventLog
+from netfall.mechanics.state import State
+from netfall.net.net import Net
+from netfall.parallel.agree import on_root
+from netfall.parallel.subdomain import Distribution
+from netfall.roof.areas import Areas
+from netfall.roof.zones import Zones
+from netfall.write.h5 import SharedFile
+from netfall.write.ids import LocalIds
+from netfall.write.segments import join_segments
+from netfall.write.vtkhdf import VtkSeries
+
+
+class Result:
+    """Writes what a run reports. Methods are collective.
+
+    log : of the fractures, which numbers the rows of particles; it belongs to the run, as the history does
+    """
+
+    def __init__(
+        self, comm: MPI.Comm, path: Path, distribution: Distribution, net: Net | None, log: EventLog
+    ):
+        """net : on rank 0"""
+        self.comm = comm
+        self.path = path
+        self.distribution = distribution
+        self.group = distribution.elements(net.group if net else None)
+        self.ids = LocalIds(distribution, net)
+        self.file = SharedFile(comm, path)
+        self.segments: list[Path] = []  # whole parts of the file so far, if there are checkpoints
+        self.token = comm.bcast(secrets.token_hex(4))  # keeps this run's segments apart from another's
+        try:
+            self.series = VtkSeries(self.file, distribution.n, distribution.m)
+        except OutputError as error:
+            self.file.discard_after(error)
+            raise
+        self.log = log
+        self._drawn_events = -1  # fractures and losses that the mesh written last shows
+        self.losses = 0  # so far, in which elements left the net
+
+    # --- segments, records
+
+    def cut(self) -> dict[str, int]:
+        """Close what has been written as a segment, go on in a new one; the rows so far, where it writes."""
+        rows = self.file.rows()
+        self._end_segment()
+        self._begin_segment(rows)
+        return rows
+
+    def _end_segment(self) -> None:
+        segment = self.path.with_name(f".{self.path.name}.segment-{self.token}-{len(self.segments):06d}")
+        self.file.path = segment
+        self.file.close()
+        self.segments.append(segment)
+
+    def _begin_segment(self, rows: dict[str, int]) -> None:
+        self.file = SharedFile(self.comm, self.path, rows)
+        self.series.continue_in(self.file)  # if there is no room, the run discards the file
+
+    def record(self) -> dict:
+        """What a continuation needs, for `restore`."""
+        return {
+            "series": self.series.record(),
+            "drawn_events": self._drawn_events,
+            "segments": [os.path.relpath(s, self.path.parent) for s in self.segments],
+        }
+
+    def restore(self, record: dict, rows: dict[str, int], segments: list[Path]) -> None:
+        """Take up the record of an earlier run, whose segments are those given."""
+        self.file.discard_all()
+        self.segments = segments
+        self._begin_segment(rows)
+        self.series.restore(record["series"])
+        self._drawn_events = record["drawn_events"]
+
+    # --- states
+
+    def _points(self, state: State, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        return self.file.slabs.collect(self.log.row_of(state.gid[rows]), columns, self.log.points)
+
+    def _cells(self, state: State, columns: np.ndarray) -> np.ndarray:
+        mine = state.owned.astype(bool)
+        return self.file.slabs.collect(
+            self.distribution.subdomain.element_gid[mine], columns[mine], self.distribution.m
+        )
+
+    def write_frame(self, time: float, state: State, snapshot) -> None:
+        """One step of /VTKHDF."""
+        points, cells, rows = self.log.points, self.distribution.m, snapshot.rows
+        if self._drawn_events != len(self.log) + self.losses:
+            self._write_mesh(state, rows)
+        x = state.x[rows]
+        p = self._points(state, rows, np.column_stack([x, x - state.x_start[rows], snapshot.velocity]))
+        c = self._cells(state, np.column_stack([snapshot.N, snapshot.eps, snapshot.eps_p, state.broken]))
+        self.series.write_step(
+            time,
+            p[:, :3],
+            {"displacement": p[:, 3:6], "velocity": p[:, 6:9]},
+            {"tension": c[:, 0], "strain": c[:, 1], "plastic_strain": c[:, 2], "broken": c[:, 3]},
+            points,
+            cells,
+        )
+
+    def _write_mesh(self, state: State, rows: np.ndarray) -> None:
+        """What changes only when elements break: connectivity, numbers, ids."""
+        in_net = state.EA[:, None] > 0.0  # what is out of the net is drawn as a point
+        ends = self.log.row_of(state.gid[np.where(in_net, state.ends, state.ends[:, :1])])
+        gid = self.distribution.subdomain.element_gid
+        c = self._cells(state, np.column_stack([ends, self.group, self.ids.element, gid]))
+        p = self._points(state, rows, np.column_stack([state.gid[rows], self.ids.node(state, rows)]))
+        self.series.write_mesh(
+            c[:, :2],
+            {"GlobalPointId": p[:, 0], "node_id": p[:, 1]},
+            {"group": c[:, 2], "element_id": c[:, 3], "GlobalCellId": c[:, 4]},
+            self.log.points,
+            self.distribution.m,
+        )
+        self._drawn_events = len(self.log) + self.losses
+
+    def write_static_step(self, state: State, snapshot) -> None:
+        """One load step of /statics."""
+        n, m = self.distribution.n, self.distribution.m
+        if "statics/displacement" not in (self.file.file if self.file.writes else ()):
+            self.file.create("statics/displacement", np.float64, (n, 3))
+            self.file.create("statics/tension", np.float64, (m,))
+        rows = snapshot.rows
+        self.file.append_state(
+            "statics/displacement", self._points(state, rows, state.x[rows] - state.x_start[rows]), n
+        )
+        self.file.append_state("statics/tension", self._cells(state, snapshot.N[:, None])[:, 0], m)
+
+    def write_equilibrium(self, group: str, state: State, snapshot, place: str) -> None:
+        """One equilibrium, in a group of its own; place : "position" or "displacement" of its nodes."""
+        n, m, rows = self.distribution.n, self.distribution.m, snapshot.rows
+        x = state.x[rows] - (state.x_start[rows] if place == "displacement" else 0.0)
+        for name, tail, block, total in (
+            (place, (3,), self._points(state, rows, x), n),
+            ("tension", (), self._cells(state, snapshot.N[:, None])[:, 0], m),
+        ):
+            self.file.create(f"{group}/{name}", np.float64, tail, total)
+            self.file.append(f"{group}/{name}", block, total)
+
+    def write_whole(self, group: str, datasets: dict[str, np.ndarray] | None) -> None:
+        """Datasets that rank 0 gives whole, None elsewhere, kept from now on."""
+        for name, values in self.comm.bcast(datasets).items():
+            low, high = self.file.slabs.bounds(len(values))[self.comm.rank : self.comm.rank + 2]
+            self.file.create(f"{group}/{name}", values.dtype, values.shape[1:], max(1, len(values)))
+            self.file.append(f"{group}/{name}", values[low:high], len(values))
+
+    def write_envelope(self, state: State, tension: np.ndarray, displacement: np.ndarray) -> None:
+        """The datasets of /envelope. tension : (4, m), displacement : (2, n_owned), of this rank, as named"""
+        n, m, subdomain = self.distribution.n, self.distribution.m, self.distribution.subdomain
+        owned = subdomain.particle_gid[: subdomain.n_owned]
+        cells, points = self._cells(state, tension.T), self.file.slabs.collect(owned, displacement.T, n)
+        for k, name in enumerate(("tension_max", "tension_max_time", "tension_min", "slack_time")):
+            self.file.create(f"envelope/{name}", np.float64, (), m)
+            self.file.append(f"envelope/{name}", cells[:, k], m)
+        for k, name in enumerate(("displacement_max", "displacement_max_time")):
+            self.file.create(f"envelope/{name}", np.float64, (), n)
+            self.file.append(f"envelope/{name}", points[:, k], n)
+
+    def write_final(self, state: State, snapshot) -> None:
+        """The last state in full precision, /final."""
+        points, cells = self.log.points, self.distribution.m
+        rows = snapshot.rows
+        p = self._points(state, rows, np.column_stack([state.gid[rows], state.x[rows], snapshot.velocity]))
+        c = self._cells(state, np.column_stack([snapshot.N, snapshot.eps_p]))
+        for name, dtype, tail, block, total in (
+            ("particle_id", np.int64, (), p[:, 0], points),
+            ("position", np.float64, (3,), p[:, 1:4], points),
+            ("velocity", np.float64, (3,), p[:, 4:], points),
+            ("element_id", np.int64, (), None, cells),
+            ("tension", np.float64, (), c[:, 0], cells),
+            ("plastic_strain", np.float64, (), c[:, 1], cells),
+        ):
+            self.file.create(f"final/{name}", dtype, tail, total)
+            if block is None:
+                low, high = self.file.slabs.bounds(cells)[self.comm.rank : self.comm.rank + 2]
+                block = np.arange(low, high)
+            self.file.append(f"final/{name}", block, total)
+
+    # --- the end
+
+    def discard_after(self, error: OutputError, saved: bool) -> None:
+        """Leave nothing behind that no checkpoint needs. saved : whether there is one"""
+        self.file.discard_after(error)
+        if self.comm.rank == 0 and not saved:
+            for segment in self.segments:
+                segment.unlink(missing_ok=True)
+
+    def close(self, sections: dict[str, dict], units: dict[str, str], provenance: dict, phases: dict) -> None:
+        """Write what is small and give the file its name.
+
+        sections : on rank 0, datasets by group ("net", "history", ...)
+        units : of datasets, by group and name
+        provenance : attributes and texts; phases : of `Phases.over_ranks`
+        """
+
+        def finish(file: h5py.File):
+            self.series.finish(file)
+            for group, datasets in sections.items():
+                for name, values in datasets.items():
+                    dataset = file.create_dataset(f"{group}/{name}", data=values)
+                    if f"{group}/{name}" in units:
+                        dataset.attrs["unit"] = units[f"{group}/{name}"]
+            _write_provenance(file.create_group("provenance"), provenance, phases)
+
+        if not self.segments:
+            self.file.close(finish)
+            return
+        self._end_segment()
+        on_root(self.comm, lambda: join_segments(self.segments, self.file.temporary, self.path, finish))
+
+
+def _write_provenance(group, values, phases):
+    for name, value in values.items():
+        if isinstance(value, dict):
+            for column, array in value.items():
+                group.create_dataset(f"{name}/{column}", data=array)
+        elif (isinstance(value, str) and len(value) > 200) or name in ("job", "overrides"):
+            group.create_dataset(name, data=value, dtype=h5py.string_dtype())
+        else:
+            group.attrs[name] = value
+    timings = group.create_group("timings")
+    for name, seconds in phases.items():
+        timings.attrs[name] = seconds  # least, mean and largest of the ranks
+
+
+def net_section(net: Net, areas: Areas, zones: Zones, cut_length: np.ndarray) -> dict[str, np.ndarray]:
+    """The datasets of /net. cut_length : (m,) [m], unstressed, at the temperature of form finding"""
+    shared = {} if zones.share is None else {"zone_share": zones.shares()}
+    return (
+        _strength_section(net)
+        | shared
+        | {
+            "particles": net.x,
+            "elements": net.elements,
+            "fixed": net.fixed.astype(np.uint8),
+            "group": net.group.astype(np.int32),
+            "group_names": np.array(net.group_names, h5py.string_dtype()),
+            "tributary_area": areas.surface,
+            "plan_area": areas.plan,
+            "vector_area": areas.vector,
+            "node_id": net.node_id,
+            "element_id": net.element_id,
+            "unstressed_length": cut_length,
+            "cable": net.cable.astype(np.int32),
+            "cable_names": np.array(net.cable_names, h5py.string_dtype()),
+            "zone": zones.of_node.astype(np.int32),
+            "zone_names": np.array(zones.names, h5py.string_dtype()),
+        }
+    )
+
+
+def texts(words: list[str]) -> np.ndarray:
+    """Words as a dataset."""
+    return np.array(words, h5py.string_dtype())
+
+
+def _strength_section(net: Net) -> dict[str, np.ndarray]:
+    """What elements are made of, springs; strengths as given, and beside them what was drawn, a factor."""
+    names = lambda words: np.array(words, h5py.string_dtype())
+    section = {
+        "axial_stiffness": net.modulus * net.section,
+        "mass_per_length": net.density * net.section,
+        "expansion": net.expansion,
+        "bar": net.bar.astype(np.uint8),
+    }
+    strengths = {
+        "breaking_load": net.breaking_load / net.strength,
+        "yield_force": net.yield_stress * net.section / net.strength,
+        "fracture_strain": net.fracture_strain / net.strength,
+    }
+    section |= {name: values for name, values in strengths.items() if np.isfinite(values).any()}
+    if (net.strength != 1.0).any():
+        section["strength"] = net.strength
+    if net.spring.any():
+        section["spring"] = net.spring
+    if net.type_names:
+        section |= {"type": net.type.astype(np.int32), "type_names": names(net.type_names)}
+    return section

@@ -1,0 +1,93 @@
+"""Segments: the whole parts of a result file that a run with checkpoints leaves, joined at its end."""
+
+import re
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from netfall.ground.errors import InputError
+from netfall.write.h5 import publish
+from netfall.write.locks import writing
+from netfall.write.space import h5_file
+
+COPY_BYTES = 1 << 26  # held at once while segments are joined
+
+
+def append_rows(source: h5py.File, target: h5py.File, check, limit: dict[str, int] | None = None) -> None:
+    """Append the rows of every dataset of one file to the other's, up to `limit` rows of it where given.
+
+    check : of the target, as of `h5_file`
+    """
+
+    def copy(name, item):
+        if not isinstance(item, h5py.Dataset) or (limit is not None and name not in limit):
+            return
+        rows = item.shape[0] if limit is None else limit[name]
+        if name not in target:
+            target.create_dataset(
+                name,
+                (0, *item.shape[1:]),
+                maxshape=(None, *item.shape[1:]),
+                chunks=item.chunks,
+                dtype=item.dtype,
+            )
+        out, first = target[name], target[name].shape[0]
+        out.resize(first + rows, axis=0)
+        slab = max(
+            1, COPY_BYTES // max(1, item.dtype.itemsize * int(np.prod(item.shape[1:], dtype=np.int64)))
+        )
+        for begin in range(0, rows, slab):
+            end = min(begin + slab, rows)
+            out[first + begin : first + end] = item[begin:end]
+            check()
+
+    source.visititems(copy)
+
+
+def join_segments(segments: list[Path], temporary: Path, path: Path, finish) -> None:
+    """The result file from its segments and the small datasets; the segments are then removed. Rank 0."""
+    with writing(path):
+        with h5_file(temporary, "w") as (file, check):
+            for segment in segments:
+                with h5py.File(segment, "r") as part:
+                    append_rows(part, file, check)
+            finish(file)
+        publish(temporary, path)
+    for segment in segments_of(path):
+        segment.unlink(missing_ok=True)
+
+
+def segments_of(path: Path) -> list[Path]:
+    """The segments of a result file, of this run and of earlier ones that were killed."""
+    name = re.compile(re.escape(f".{path.name}.segment-") + r"[0-9a-f]{8}-(\d{6,}|recovered)")
+    return [segment for segment in path.parent.iterdir() if name.fullmatch(segment.name)]
+
+
+def find_segments(
+    folder: Path, names: list[str], rows: dict[str, int], results: list[Path], digest: str, target: Path
+) -> list[Path]:
+    """The segments of an interrupted run; or, if it finished, one made from its result file. Rank 0.
+
+    results : where that may be; target : name of the segment that is then made
+
+    Raises InputError if there is neither.
+    """
+    found = [folder / name for name in names]
+    if all(segment.exists() for segment in found):
+        return found
+    for result in results:
+        try:
+            with h5py.File(result, "r") as file:
+                if file["provenance"].attrs["job_digest"] == digest:
+                    with h5_file(target, "w") as (part, check):
+                        append_rows(file, part, check, rows)
+                    return [target]
+        except (OSError, KeyError):
+            continue
+    missing = next(segment for segment in found if not segment.exists())
+    raise InputError(
+        f"{missing}: this part of the interrupted run's result is missing, "
+        f"and {results[0]} is not that run's result; "
+        "keep both beside the checkpoint"
+    )

@@ -1,0 +1,146 @@
+"""The /VTKHDF group: a temporal UnstructuredGrid of lines, one part a step, that ParaView opens as a series.
+
+Rows are in global order: the net's particles, then those that split off, by number; the elements by number.
+Every step has its own Points; the connectivity is written anew only when elements have broken since the step
+before. (VTKHDF 2.2; the reader wants one more entry in Offsets than cells, for each part.)
+"""
+
+import h5py
+import numpy as np
+
+from netfall.write.h5 import SharedFile
+
+LINE = 3  # VTK's number for this kind of cell
+POINT_FIELDS = {
+    "displacement": (np.float32, (3,)),
+    "velocity": (np.float32, (3,)),
+    "node_id": (np.int64, ()),
+    "GlobalPointId": (np.int64, ()),
+}
+CELL_FIELDS = {
+    "tension": (np.float32, ()),
+    "strain": (np.float32, ()),
+    "plastic_strain": (np.float32, ()),
+    "broken": (np.uint8, ()),
+    "group": (np.int32, ()),
+    "element_id": (np.int64, ()),
+    "GlobalCellId": (np.int64, ()),
+}
+
+
+class VtkSeries:
+    """Appends steps to /VTKHDF. Methods are collective; offsets are kept and written by `finish`."""
+
+    def __init__(self, file: SharedFile, points: int, cells: int):
+        """points, cells : how many a step has at first, for the size of chunks"""
+        self.sizes = {"PointData": points, "CellData": cells}
+        self.parts: list[tuple[int, int]] = []  # points and cells of each part
+        self.steps: list[dict] = []
+        self._mesh: dict = {}
+        self.continue_in(file)
+
+    def continue_in(self, file: SharedFile) -> None:
+        """Append to a file (the first, or one that continues it) from here on."""
+        self.file = file
+        file.create("VTKHDF/Points", np.float64, (3,), self.sizes["PointData"])
+        for name, dtype in (("Connectivity", np.int64), ("Offsets", np.int64), ("Types", np.uint8)):
+            file.create(f"VTKHDF/{name}", dtype, (), self.sizes["CellData"])
+        for group, fields in (("PointData", POINT_FIELDS), ("CellData", CELL_FIELDS)):
+            for name, (dtype, tail) in fields.items():
+                file.create(f"VTKHDF/{group}/{name}", dtype, tail, self.sizes[group])
+
+    def record(self) -> dict:
+        """What a continuation in another run needs, for `restore`."""
+        return {"parts": self.parts, "steps": self.steps, "mesh": self._mesh}
+
+    def restore(self, record: dict) -> None:
+        """Take up the record of an earlier run."""
+        self.parts, self.steps, self._mesh = (
+            [tuple(p) for p in record["parts"]],
+            record["steps"],
+            record["mesh"],
+        )
+
+    def write_mesh(
+        self, connectivity: np.ndarray, point_data: dict, cell_data: dict, points: int, cells: int
+    ) -> None:
+        """New connectivity and the fields that change only with it.
+
+        connectivity : this rank's block (c, 2) of global point rows; points, cells : of all ranks
+        """
+        low = int(self.file.slabs.bounds(cells)[self.file.comm.rank])
+        self._mesh = {
+            "part": len(self.parts),
+            "cells": self.file.append("VTKHDF/Types", np.full(len(connectivity), LINE), cells),
+        }
+        self._mesh["connectivity"] = self._append_pairs(connectivity, low, cells)
+        self._append_offsets(low, len(connectivity), cells)
+        self._mesh |= self._append_fields(point_data, cell_data, points, cells)
+        self.parts.append((points, cells))
+
+    def _append_fields(self, point_data, cell_data, points, cells):
+        return {
+            f"{group}/{name}": self.file.append(f"VTKHDF/{group}/{name}", block, total)
+            for group, data, total in (("PointData", point_data, points), ("CellData", cell_data, cells))
+            for name, block in data.items()
+        }
+
+    def _append_pairs(self, connectivity, low, cells):
+        return self.file.append("VTKHDF/Connectivity", connectivity.reshape(-1), 2 * cells, 2 * low)
+
+    def _append_offsets(self, low, count, cells):
+        leading = low == 0 and self.file.comm.rank == 0
+        offsets = 2 * np.arange(low + (0 if leading else 1), low + count + 1)
+        self.file.append("VTKHDF/Offsets", offsets, cells + 1, 0 if leading else low + 1)
+
+    def write_step(
+        self, time: float, positions: np.ndarray, point_data: dict, cell_data: dict, points: int, cells: int
+    ) -> None:
+        """A step on the mesh written last: this rank's blocks of positions and fields.
+
+        points, cells : of all ranks
+        """
+        start = self.file.append("VTKHDF/Points", positions, points)
+        self.steps.append(
+            {
+                "time": time,
+                "points": start,
+                **self._mesh,
+                **self._append_fields(point_data, cell_data, points, cells),
+            }
+        )
+
+    def finish(self, file: h5py.File) -> None:
+        """Attributes, part sizes and step offsets, written by rank 0 into the reopened file."""
+        group = file["VTKHDF"]
+        group.attrs["Version"] = np.array([2, 2], np.int64)
+        kind = b"UnstructuredGrid"
+        group.attrs.create("Type", kind, dtype=h5py.string_dtype("ascii", len(kind)))
+        sizes = np.array(self.parts, np.int64).reshape(-1, 2)
+        for name, values in (
+            ("NumberOfPoints", sizes[:, 0]),
+            ("NumberOfCells", sizes[:, 1]),
+            ("NumberOfConnectivityIds", 2 * sizes[:, 1]),
+        ):
+            _growing(group, name, values)
+        steps = group.create_group("Steps")
+        steps.attrs["NSteps"] = np.int64(len(self.steps))
+        column = lambda key: np.array([s[key] for s in self.steps], np.int64)
+        _growing(steps, "Values", np.array([s["time"] for s in self.steps], np.float64))
+        _growing(steps, "PartOffsets", column("part"))
+        _growing(steps, "NumberOfParts", np.ones(len(self.steps), np.int64))
+        _growing(steps, "PointOffsets", column("points"))
+        _growing(steps, "CellOffsets", column("cells")[:, None])
+        _growing(steps, "ConnectivityIdOffsets", column("connectivity")[:, None])
+        for data, fields in (("PointData", POINT_FIELDS), ("CellData", CELL_FIELDS)):
+            for name in fields:
+                _growing(steps, f"{data}Offsets/{name}", column(f"{data}/{name}"))
+
+
+def _growing(group, name, values):
+    group.create_dataset(
+        name,
+        data=values,
+        maxshape=(None, *values.shape[1:]),
+        chunks=(max(1, min(len(values), 1024)), *values.shape[1:]),
+    )
