@@ -10,63 +10,88 @@ from conftest import ROOT
 
 PACKAGE = ROOT / "src" / "netfall"
 
-# Modules at the bottom, which every room may import: they belong to no room, wherever they stand.
-GROUND = ["compile", "errors", "functions", "arithmetic", "linear", "normal", "sources", "stop", "timings"]
-
-# Room (a folder, or a module of its own) -> what it may import besides the ground and itself.
+# Room (a folder with all below it) -> what it may import besides the ground, the numerics and itself.
+GROUND = ["ground", "numerics"]
 MAY_IMPORT = {
+    "ground": [],
+    "numerics": [],
     "job": ["wind.spectra"],  # how long a gust is
     "net": ["job"],
-    "mechanics": ["net.net"],  # GRAVITY
     "wind": ["job"],
+    "mechanics": ["net.net"],  # GRAVITY
     "parallel": ["mechanics.motion"],  # what is done with a force that was received
     "step": ["mechanics", "parallel.halo", "parallel.mpi_symbols"],
-    "output": ["job", "net", "mechanics", "parallel"],
-    "solve": ["job", "net", "mechanics", "wind", "parallel", "step", "output"],
-    "study": ["job", "net", "output", "solve.memory"],
-    "worker": ["__main__", "job", "parallel.agree", "solve"],
-    "api": ["job", "output", "parallel.agree", "solve.run", "study.launch"],
-    "exchange": ["job", "output", "api", "mechanics.material"],  # the law of an element
-    "parser": ["arguments", "examples"],
-    "commands": ["job", "net", "parallel", "output", "solve", "study", "exchange"],
-    "__main__": ["parser", "commands"],
+    "multigrid": ["mechanics", "parallel"],
+    "equilibrium": ["mechanics", "parallel", "multigrid"],
+    "model": ["job", "net", "wind", "mechanics", "parallel"],
+    "record": ["mechanics", "parallel", "model"],
+    "write": ["net", "mechanics", "parallel"],
+    "stages": [
+        *("job", "net", "wind", "mechanics", "parallel", "step", "multigrid", "equilibrium", "model"),
+        *("record", "program.setup"),
+    ],
+    "messages": [
+        *(
+            "job",
+            "net",
+            "wind",
+            "mechanics",
+            "parallel",
+            "model",
+            "record",
+            "results",
+            "stages",
+            "program.setup",
+        ),
+    ],
+    "program": [
+        *("job", "net", "wind", "mechanics", "parallel", "equilibrium", "model", "record", "write", "stages"),
+        *("messages", "results", "plots.job", "__main__"),
+    ],
+    "results": ["job", "mechanics.material"],
+    "checks": ["job", "results"],
+    "plots": ["net", "write.locks", "results", "checks", "study.answers"],
+    "report": ["write.locks", "results", "checks", "plots"],
+    "study": ["job", "net", "write.locks", "results"],
+    "measure": ["job", "write.locks", "results", "study"],
+    "api": ["job", "parallel.agree", "results", "program.run"],
+    "exchange": ["job", "mechanics.material", "write.locks", "results", "plots"],
+    "cli": [
+        *("job", "net", "parallel", "program", "results", "checks", "plots", "report", "study", "measure"),
+        *("exchange",),
+    ],
+    "__main__": ["cli"],
 }
 
 # Package -> the rooms and modules that may import it; numpy and the standard library are free to all.
 PACKAGES = {
-    "mpi4py": ["parallel", "step", "output", "solve", "api.run", "commands", "__main__", "worker"],
-    "h5py": ["output", "study", "solve.run", "solve.provenance", "wind.taps"],
+    "mpi4py": [
+        *("parallel", "step", "multigrid", "equilibrium", "record", "write", "stages", "program"),
+        *("api.run", "cli.commands", "__main__"),
+    ],
+    "h5py": ["write", "results", "report", "checks", "plots", "study", "measure", "program", "wind.taps"],
     "numba": [  # besides compile: intrinsics, and the version for /provenance
-        *("compile", "arithmetic", "parallel.mpi_symbols", "solve.provenance"),
+        *("ground.compile", "numerics.arithmetic", "parallel.mpi_symbols", "program.provenance"),
     ],
-    "llvmlite": ["compile", "arithmetic", "parallel.mpi_symbols"],
-    "scipy": [
-        *("solve.modes", "parallel.block_rows", "study.draws"),
-        *("exchange.join", "exchange.faults"),
-    ],
+    "llvmlite": ["ground.compile", "numerics.arithmetic", "parallel.mpi_symbols"],
+    "scipy": ["stages.modes", "multigrid.rows", "study.draws", "exchange.join", "exchange.faults"],
     "shapely": ["net", "exchange.faults"],
-    "pymetis": ["parallel.partition", "solve.sparse"],
-    "matplotlib": [
-        *("output.plot", "output.plot_net", "output.plot_roof", "output.plot_curves", "output.plot_style"),
-        *("output.plot_modes", "output.plot_utilisation", "output.plot_force", "output.plot_states"),
-        *("output.plot_collapse", "output.plot_animation", "output.plot_job", "study"),
-    ],
-    "mpl_toolkits": [
-        *("output.plot_net", "output.plot_modes", "output.plot_utilisation", "output.plot_force"),
-        *("output.plot_collapse", "output.plot_animation", "output.plot_job"),
-    ],
-    "PIL": ["output.plot_animation"],
-    "tqdm": ["output.progress"],
+    "pymetis": ["parallel.partition", "stages.force_density"],
+    "matplotlib": ["plots", "measure.compare", "measure.scale"],
+    "mpl_toolkits": ["plots"],
+    "PIL": ["plots.film"],
+    "tqdm": ["ground.progress"],
     "ezdxf": ["exchange"],
 }
 
 # Modules that work on a machine without MPI -> what they and all that they import must not reach.
 WITHOUT = {
-    name: ["mpi4py", "solve"]
-    for name in ("output.plot", "output.info", "output.frames", "output.report")
-    + ("study.plot_study", "study.info_study")
+    name: ["mpi4py", "program", "stages"]
+    for name in ("plots.run", "report.info", "results.frames", "report.report")
+    + ("plots.study.study", "study.answers.info")
 }
 
+MOST_FILES, LONGEST_CHAIN = 14, 6  # of a room
 MOST_ARGUMENTS, MOST_LINES, MOST_COLUMNS = 12, 450, 110
 
 
@@ -118,7 +143,7 @@ def test_a_module_imports_only_from_rooms_below_it():
     wrong = []
     for module in MODULES:
         room = module.split(".")[0]
-        allowed = GROUND + ([] if within(module, GROUND) else [room, *MAY_IMPORT.get(room, [])])
+        allowed = [*GROUND, room, *MAY_IMPORT.get(room, [])]
         inner = [name[1:] for name in imports(module) if name.startswith(".") and name != "."]
         wrong += [f"{module} imports {name}" for name in inner if not within(name, allowed)]
     assert wrong == []
@@ -141,6 +166,27 @@ def test_pictures_and_info_need_no_mpi(module):
     """A result file can be looked at where there is no MPI, also not through what is imported."""
     names = {name.removeprefix(".") for name in reached(module)}
     assert [name for name in names if within(name, WITHOUT[module])] == []
+
+
+def files_of(room: str) -> list[str]:
+    """The modules of a room, without those of rooms within it."""
+    return [name for name in MODULES if name.rpartition(".")[0] == room and MODULES[name].stem != "__init__"]
+
+
+ROOMS = sorted({name.rpartition(".")[0] for name in MODULES} - {""})
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_can_be_overseen(room):
+    """Not too many files, and no long way from the first that imports another to the last."""
+    files = files_of(room)
+    within_room = {name: [one[1:] for one in imports(name) if one[1:] in files] for name in files}
+
+    def floors(name: str) -> int:
+        return 1 + max(map(floors, within_room[name]), default=0)
+
+    assert len(files) <= MOST_FILES
+    assert max(map(floors, files), default=0) <= LONGEST_CHAIN
 
 
 def arguments_of(function: ast.AST) -> int:

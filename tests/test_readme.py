@@ -3,6 +3,7 @@
 import re
 import subprocess
 
+import code_map
 import pytest
 from conftest import ROOT, run_on_standing_ranks
 
@@ -15,7 +16,7 @@ FOLDERS = (
     "jobs/trade",
     "partitions",
     "src/netfall",
-    "src/netfall/output",
+    "src/netfall/results",
     "src/netfall/study",
     "tests",
 )
@@ -56,6 +57,13 @@ def test_lines_are_readable(page):
     lines = page.read_text().splitlines()
     assert [line for line in lines if len(line) > WIDEST and not line.startswith("|")] == []
     assert page.parent != ROOT or len(lines) <= MOST_LINES
+
+
+def test_the_map_is_that_of_the_code():
+    """Every room and file stands in MAP.md with the first sentence that it has now."""
+    rooms = {path.parent.relative_to(code_map.PACKAGE).as_posix() for path in code_map.PACKAGE.rglob("*.py")}
+    assert rooms - {"."} == set(code_map.ROOMS)
+    assert code_map.PAGE.read_text() == code_map.page(), "tests/code_map.py writes it anew"
 
 
 def test_commands_are_those_of_the_program():

@@ -1,0 +1,1 @@
+"""Drawings, meshes and files of other programs, in and out."""

@@ -1,0 +1,1 @@
+"""Measuring tools: run time against error, scaling, throughput."""

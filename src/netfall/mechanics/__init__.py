@@ -1,0 +1,1 @@
+"""The physics of particles and elements, which an engineer may change. Arrays, no files."""

@@ -1,0 +1,1 @@
+"""The sentences of run and check. No number is computed here."""

@@ -1,0 +1,1 @@
+"""The net over the ranks: partition, halo, exact sums, errors that reach every rank."""

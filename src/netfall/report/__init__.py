@@ -1,0 +1,1 @@
+"""What netfall report and netfall info write."""

@@ -1,0 +1,1 @@
+"""The one reader of result files: frames, states, losses, columns. No MPI."""

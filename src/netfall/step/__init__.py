@@ -1,5 +1,1 @@
-"""The fast machine: one step of all particles of a rank. Touch it only with jobs/bench beside you.
-
-`slots` puts the elements where the step reads them, `runs` finds stretches that go through vector registers,
-`forces` computes forces and kick, `loop` is the time loop, and `plan` prepares what it takes.
-"""
+"""The fast machine that steps the particles; change it only with jobs/bench beside you."""

@@ -1,0 +1,1 @@
+"""Many runs of a job: the study file, draws, workers, journal, table."""

@@ -1,0 +1,1 @@
+"""Gusts and pressures at points, in time. Arrays, no MPI."""

@@ -1,0 +1,1 @@
+"""Files that a run writes, by all ranks: result, checkpoints, locks."""
