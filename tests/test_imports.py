@@ -25,7 +25,7 @@ MAY_IMPORT = {
     "equilibrium": ["mechanics", "parallel", "multigrid"],
     "model": ["job", "net", "wind", "mechanics", "parallel"],
     "record": ["mechanics", "parallel", "model"],
-    "write": ["net", "mechanics", "parallel"],
+    "write": ["net", "mechanics", "parallel", "record.columns", "results.datasets"],
     "stages": [
         *("job", "net", "wind", "mechanics", "parallel", "step", "multigrid", "equilibrium", "model"),
         *("record", "program.setup"),
@@ -48,7 +48,7 @@ MAY_IMPORT = {
         *("job", "net", "wind", "mechanics", "parallel", "equilibrium", "model", "record", "write", "stages"),
         *("messages", "results", "plots.job", "__main__"),
     ],
-    "results": ["job", "mechanics.material"],
+    "results": ["job", "mechanics.material", "record.columns"],
     "checks": ["job", "results"],
     "plots": ["net", "write.locks", "results", "checks", "study.answers"],
     "report": ["write.locks", "results", "checks", "plots"],

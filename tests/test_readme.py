@@ -3,7 +3,7 @@
 import re
 import subprocess
 
-import code_map
+import pages
 import pytest
 from conftest import ROOT, run_on_standing_ranks
 
@@ -59,11 +59,16 @@ def test_lines_are_readable(page):
     assert page.parent != ROOT or len(lines) <= MOST_LINES
 
 
-def test_the_map_is_that_of_the_code():
-    """Every room and file stands in MAP.md with the first sentence that it has now."""
-    rooms = {path.parent.relative_to(code_map.PACKAGE).as_posix() for path in code_map.PACKAGE.rglob("*.py")}
-    assert rooms - {"."} == set(code_map.ROOMS)
-    assert code_map.PAGE.read_text() == code_map.page(), "tests/code_map.py writes it anew"
+@pytest.mark.parametrize("page", pages.PAGES, ids=lambda page: page.name)
+def test_pages_are_those_of_the_code(page):
+    """What is made from the code is what the code says now."""
+    assert page.read_text() == pages.PAGES[page](), "tests/pages.py writes it anew"
+
+
+def test_the_map_has_every_room():
+    """No folder of the package is left out of MAP.md."""
+    rooms = {path.parent.relative_to(pages.PACKAGE).as_posix() for path in pages.PACKAGE.rglob("*.py")}
+    assert rooms - {"."} == set(pages.ROOMS)
 
 
 def test_commands_are_those_of_the_program():

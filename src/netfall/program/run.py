@@ -37,7 +37,7 @@ from netfall.program.restart import (
 )
 from netfall.program.setup import Setup, prepare
 from netfall.record.energy import take_snapshot, total_energies
-from netfall.record.history import UNITS, History
+from netfall.record.history import History
 from netfall.results.loss_lines import loss_lines
 from netfall.roof.areas import Areas
 from netfall.stages.dynamics import Simulation
@@ -127,8 +127,7 @@ def run_stages(run: Run) -> Simulation | None:
         removal = Removal(run, losses, after) if run.job.removes and run.job.dynamics else None
         simulation = run_dynamics(run, record if run.setup.stage == "dynamics" else None, removal)
         provenance = provenance_of(run.comm, run.job, run.setup, run.schedule)
-        units = {f"history/{name}": unit for name, unit in UNITS.items()}
-        run.result.close(sections_of(run, simulation), units, provenance, run.phases.over_ranks(run.comm))
+        run.result.close(sections_of(run, simulation), provenance, run.phases.over_ranks(run.comm))
     except (InputError, DivergedError, Interrupted) as error:  # raised on every rank alike
         run.result.file.discard_all()
         if isinstance(error, DivergedError):

@@ -51,6 +51,10 @@ class Envelope:
         arrays = state.bar, state.broken, state.x, state.x_start, self.tension, self.displacement
         widen(time, since, snapshot.N, *arrays)
 
+    def columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """Of elements (m,) and of particles (n_owned,), by name."""
+        return dict(zip(TENSION, self.tension)), dict(zip(DISPLACEMENT, self.displacement))
+
     def arrays(self, state) -> dict[str, np.ndarray]:
         """What a continuation needs, by global numbers on rank 0, for `restore`. Collective."""
         mine = state.owned.astype(bool)

@@ -5,25 +5,10 @@ from mpi4py import MPI
 
 from netfall.mechanics.state import State
 from netfall.model.probes import Probes
+from netfall.record.columns import HISTORY, Moment
 
-OF_ENERGY = "share of the largest energy that took part so far"
 AT_REST = 1e-4  # of the energy stored at the start: what moves with less is at rest, and rounding counts
 MOST_STRAIN = 0.1  # that any cable bears; what is beyond it without a limit of its own is told
-UNITS = {  # column of /history: unit
-    "time": "s",
-    "time_step": "s",
-    "kinetic_energy": "J",
-    "strain_energy": "J",
-    "plastic_dissipation": "J",
-    "damping_work": "J",
-    "external_work": "J",
-    "identity_error": OF_ENERGY,
-    "balance_error": OF_ENERGY,
-    "slack": "cables",
-    "broken": "elements",
-}
-COUNTS = ("slack", "broken")
-ERRORS = ("identity_error", "balance_error")
 
 
 def energy_in_play(row: dict[str, float]) -> float:
@@ -54,7 +39,7 @@ def most_strained(state: State, time: float, eps: np.ndarray, N: np.ndarray, gid
 
 
 class History:
-    """Rows so far; each has a value for every name of UNITS.
+    """Rows so far; each has a value for every column of HISTORY.
 
     scale : [J] largest energy that took part so far, which both errors are shares of
     """
@@ -62,20 +47,20 @@ class History:
     def __init__(self, probes: Probes, stored: float = 0.0):
         """stored : [J] in the elements at the start"""
         self.probes, self.scale = probes, AT_REST * stored
-        self.rows: dict[str, list] = {name: [] for name in UNITS}
+        self.rows: dict[str, list] = {column.name: [] for column in HISTORY}
         self.probe_rows: list[np.ndarray] = []
         self.most_strained = NOT_STRAINED  # of this rank, since it was started
 
     def __len__(self) -> int:
         return len(self.rows["time"])
 
-    def add(self, probe_row: np.ndarray, **values: float) -> None:
-        """A row, both errors in J. probe_row : as `LocalProbes.values` gives it"""
+    def add(self, probe_row: np.ndarray, now: Moment) -> None:
+        """The row of a moment. probe_row : as `LocalProbes.values` gives it"""
+        values = {column.name: column.value(now) for column in HISTORY}
         self.scale = max(self.scale, energy_in_play(values))
-        for name in ERRORS:
-            values[name] /= self.scale or 1.0
-        for name, column in self.rows.items():
-            column.append(values[name])
+        for column in HISTORY:
+            value = values[column.name]
+            self.rows[column.name].append(value / (self.scale or 1.0) if column.share else value)
         self.probe_rows.append(probe_row)
 
     def largest(self, name: str) -> float:
@@ -84,8 +69,7 @@ class History:
 
     def columns(self) -> dict[str, np.ndarray]:
         """The rows as columns, for the result file and for checkpoints."""
-        kind = lambda name: np.int64 if name in COUNTS else np.float64
-        return {name: np.array(values, kind(name)) for name, values in self.rows.items()}
+        return {column.name: np.array(self.rows[column.name], column.dtype) for column in HISTORY}
 
     def probe_columns(self) -> dict[str, np.ndarray]:
         """What was kept of nodes and elements by name, as datasets of /history."""
@@ -111,7 +95,7 @@ class History:
 
     def restore(self, arrays: dict[str, np.ndarray]) -> None:
         """Take up the rows of an earlier run."""
-        self.rows = {name: arrays[f"history_{name}"].tolist() for name in UNITS}
+        self.rows = {column.name: arrays[f"history_{column.name}"].tolist() for column in HISTORY}
         for row in zip(*self.rows.values()):
             self.scale = max(self.scale, energy_in_play(dict(zip(self.rows, row))))
         self.probe_rows = list(arrays["probe_rows"])

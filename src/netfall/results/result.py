@@ -7,24 +7,11 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.results.columns import Columns, of_arrays, of_group
+from netfall.results.datasets import GROUPS, group_of
 from netfall.results.file import open_result, provenance_text, title_of
 from netfall.results.frames import Frames
 from netfall.results.states import warm_lengths
 
-# Groups of the file that a job has only if it asks for them: what it then lacks.
-LACKING = {
-    "history": "[dynamics]",
-    "events": "[dynamics]",
-    "envelope": "[dynamics]",
-    "form_finding": "[form_finding]",
-    "statics": "load steps ([load] steps > 0)",
-    "rest": 'wind with onset = "static"',
-    "wind": "[wind]",
-    "load": "[load]",
-    "modes": "[output] modes > 0",
-    "removal": "[[remove]]",
-    "cases": "[[case]]",
-}
 EVENT_COLUMNS = {  # column: dataset of /events; numbers of nodes and elements are ids of the tables
     "time": "time",
     "step": "step",
@@ -188,7 +175,8 @@ class Result:
 
     def _group(self, name: str):
         if name not in self.file:
-            raise AttributeError(f"{self.path}: there is no /{name}: the job has no {LACKING[name]}")
+            lacking = group_of(name).lacking
+            raise AttributeError(f"{self.path}: there is no /{name}: the job has no {lacking}")
         return self.file[name]
 
     # --- over the frames
@@ -290,7 +278,9 @@ class Result:
             return f"Result {self.path}, closed"
         n, m = len(self.file["net/particles"]), len(self.file["net/elements"])
         broken = f", {self.history['broken'][-1]} broken" if "history" in self.file else ""
-        stages = [name for name in LACKING if name in self.file]
+        stages = [
+            top for group in GROUPS if group.lacking and (top := group.name.partition("/")[0]) in self.file
+        ]
         return (
             f"Result {self.path}: {self.title}: {n} nodes, {m} elements, {len(self.time)} frames "
             f"to {self.time[-1]:g} s{broken}; has {', '.join(stages)}"

@@ -10,6 +10,7 @@ from netfall.mechanics.fracture import FractureRules, break_elements
 from netfall.mechanics.state import State
 from netfall.net.net import GRAVITY
 from netfall.parallel.halo import Halo
+from netfall.record.columns import Moment
 from netfall.record.energy import Energies, most_extreme, take_snapshot, total_energies
 from netfall.record.envelope import Envelope
 from netfall.record.history import History, LocalProbes, most_strained
@@ -111,7 +112,7 @@ class Simulation:
         snapshot = self.snapshot()
         if self.removal:
             self.removal.close(self.state, snapshot.N)
-        self.result.write_envelope(self.state, self.envelope.tension, self.envelope.displacement)
+        self.result.write_envelope(self.state, *self.envelope.columns())
         self.result.write_final(self.state, snapshot)
         self.halo.free()
 
@@ -256,24 +257,17 @@ class Simulation:
         """One row of /history, the probes' and the envelope's."""
         rows = self.history.rows["time"]
         self.envelope.add(self.time, self.time - rows[-1] if rows else 0.0, self.state, snapshot)
-        strain, plastic = e.strain - self.start_strain, e.plastic - self.start_plastic
         self.largest_work = np.fmax(self.largest_work, abs(e.external))
-        identity = e.kinetic + e.internal + e.damping - e.external
-        balance = e.kinetic + strain + plastic + e.damping - e.external
-        self.history.add(
-            self.probes.values(self.comm, self.state, snapshot),
-            time=self.time,
-            time_step=self.schedule.dt,
-            kinetic_energy=e.kinetic,
-            strain_energy=strain,
-            plastic_dissipation=plastic,
-            damping_work=e.damping,
-            external_work=e.external,
-            identity_error=identity,
-            balance_error=balance,
-            slack=self.slack,
-            broken=len(self.log.broken),
+        now = Moment(
+            self.time,
+            self.schedule.dt,
+            e,
+            self.start_strain,
+            self.start_plastic,
+            self.slack,
+            len(self.log.broken),
         )
+        self.history.add(self.probes.values(self.comm, self.state, snapshot), now)
 
     def watch_strains(self, snapshot) -> None:
         """Keep the largest strain so far, for the end of the run."""

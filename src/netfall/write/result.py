@@ -1,5 +1,6 @@
 """The result file of a run: frames while it goes on, everything small at the end (README.md beside)."""
 
+import itertools
 import os
 import secrets
 from pathlib import Path
@@ -14,6 +15,8 @@ from netfall.mechanics.state import State
 from netfall.net.net import Net
 from netfall.parallel.agree import on_root
 from netfall.parallel.subdomain import Distribution
+from netfall.record.columns import CELL_FIELDS, CELL_NUMBERS, POINT_FIELDS, POINT_NUMBERS, Field, Sight
+from netfall.results.datasets import unit_of
 from netfall.roof.areas import Areas
 from netfall.roof.zones import Zones
 from netfall.write.h5 import SharedFile
@@ -86,46 +89,38 @@ class Result:
 
     # --- states
 
-    def _points(self, state: State, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        return self.file.slabs.collect(self.log.row_of(state.gid[rows]), columns, self.log.points)
+    def _points(
+        self, state: State, rows: np.ndarray, columns: dict[str, np.ndarray]
+    ) -> dict[str, np.ndarray]:
+        """Columns of the reported particles as this rank's blocks of the global rows, by name."""
+        stacked, split = _stacked(columns)
+        return split(self.file.slabs.collect(self.log.row_of(state.gid[rows]), stacked, self.log.points))
 
-    def _cells(self, state: State, columns: np.ndarray) -> np.ndarray:
-        mine = state.owned.astype(bool)
-        return self.file.slabs.collect(
-            self.distribution.subdomain.element_gid[mine], columns[mine], self.distribution.m
-        )
+    def _cells(self, state: State, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """The same of the elements."""
+        mine, (stacked, split) = state.owned.astype(bool), _stacked(columns)
+        gid = self.distribution.subdomain.element_gid[mine]
+        return split(self.file.slabs.collect(gid, stacked[mine], self.distribution.m))
 
     def write_frame(self, time: float, state: State, snapshot) -> None:
         """One step of /VTKHDF."""
         points, cells, rows = self.log.points, self.distribution.m, snapshot.rows
         if self._drawn_events != len(self.log) + self.losses:
             self._write_mesh(state, rows)
-        x = state.x[rows]
-        p = self._points(state, rows, np.column_stack([x, x - state.x_start[rows], snapshot.velocity]))
-        c = self._cells(state, np.column_stack([snapshot.N, snapshot.eps, snapshot.eps_p, state.broken]))
-        self.series.write_step(
-            time,
-            p[:, :3],
-            {"displacement": p[:, 3:6], "velocity": p[:, 6:9]},
-            {"tension": c[:, 0], "strain": c[:, 1], "plastic_strain": c[:, 2], "broken": c[:, 3]},
-            points,
-            cells,
-        )
+        sight = Sight(state, snapshot, rows)
+        p = self._points(state, rows, {"position": state.x[rows]} | _values(POINT_FIELDS, sight))
+        c = self._cells(state, _values(CELL_FIELDS, sight))
+        self.series.write_step(time, p.pop("position"), p, c, points, cells)
 
     def _write_mesh(self, state: State, rows: np.ndarray) -> None:
         """What changes only when elements break: connectivity, numbers, ids."""
         in_net = state.EA[:, None] > 0.0  # what is out of the net is drawn as a point
         ends = self.log.row_of(state.gid[np.where(in_net, state.ends, state.ends[:, :1])])
         gid = self.distribution.subdomain.element_gid
-        c = self._cells(state, np.column_stack([ends, self.group, self.ids.element, gid]))
-        p = self._points(state, rows, np.column_stack([state.gid[rows], self.ids.node(state, rows)]))
-        self.series.write_mesh(
-            c[:, :2],
-            {"GlobalPointId": p[:, 0], "node_id": p[:, 1]},
-            {"group": c[:, 2], "element_id": c[:, 3], "GlobalCellId": c[:, 4]},
-            self.log.points,
-            self.distribution.m,
-        )
+        sight = Sight(state, None, rows, self.ids.node(state, rows), self.ids.element, self.group, gid)
+        c = self._cells(state, {"ends": ends} | _values(CELL_NUMBERS, sight))
+        p = self._points(state, rows, _values(POINT_NUMBERS, sight))
+        self.series.write_mesh(c.pop("ends"), p, c, self.log.points, self.distribution.m)
         self._drawn_events = len(self.log) + self.losses
 
     def write_static_step(self, state: State, snapshot) -> None:
@@ -135,18 +130,17 @@ class Result:
             self.file.create("statics/displacement", np.float64, (n, 3))
             self.file.create("statics/tension", np.float64, (m,))
         rows = snapshot.rows
-        self.file.append_state(
-            "statics/displacement", self._points(state, rows, state.x[rows] - state.x_start[rows]), n
-        )
-        self.file.append_state("statics/tension", self._cells(state, snapshot.N[:, None])[:, 0], m)
+        moved = self._points(state, rows, {"moved": state.x[rows] - state.x_start[rows]})["moved"]
+        self.file.append_state("statics/displacement", moved, n)
+        self.file.append_state("statics/tension", self._cells(state, {"N": snapshot.N})["N"], m)
 
     def write_equilibrium(self, group: str, state: State, snapshot, place: str) -> None:
         """One equilibrium, in a group of its own; place : "position" or "displacement" of its nodes."""
         n, m, rows = self.distribution.n, self.distribution.m, snapshot.rows
         x = state.x[rows] - (state.x_start[rows] if place == "displacement" else 0.0)
         for name, tail, block, total in (
-            (place, (3,), self._points(state, rows, x), n),
-            ("tension", (), self._cells(state, snapshot.N[:, None])[:, 0], m),
+            (place, (3,), self._points(state, rows, {"x": x})["x"], n),
+            ("tension", (), self._cells(state, {"N": snapshot.N})["N"], m),
         ):
             self.file.create(f"{group}/{name}", np.float64, tail, total)
             self.file.append(f"{group}/{name}", block, total)
@@ -158,36 +152,27 @@ class Result:
             self.file.create(f"{group}/{name}", values.dtype, values.shape[1:], max(1, len(values)))
             self.file.append(f"{group}/{name}", values[low:high], len(values))
 
-    def write_envelope(self, state: State, tension: np.ndarray, displacement: np.ndarray) -> None:
-        """The datasets of /envelope. tension : (4, m), displacement : (2, n_owned), of this rank, as named"""
+    def write_envelope(self, state: State, tension: dict, displacement: dict) -> None:
+        """The datasets of /envelope. tension : (m,), displacement : (n_owned,), of this rank, by name"""
         n, m, subdomain = self.distribution.n, self.distribution.m, self.distribution.subdomain
-        owned = subdomain.particle_gid[: subdomain.n_owned]
-        cells, points = self._cells(state, tension.T), self.file.slabs.collect(owned, displacement.T, n)
-        for k, name in enumerate(("tension_max", "tension_max_time", "tension_min", "slack_time")):
-            self.file.create(f"envelope/{name}", np.float64, (), m)
-            self.file.append(f"envelope/{name}", cells[:, k], m)
-        for k, name in enumerate(("displacement_max", "displacement_max_time")):
-            self.file.create(f"envelope/{name}", np.float64, (), n)
-            self.file.append(f"envelope/{name}", points[:, k], n)
+        stacked, split = _stacked(displacement)
+        points = split(self.file.slabs.collect(subdomain.particle_gid[: subdomain.n_owned], stacked, n))
+        for columns, total in ((self._cells(state, tension), m), (points, n)):
+            for name, block in columns.items():
+                self.file.create(f"envelope/{name}", np.float64, (), total)
+                self.file.append(f"envelope/{name}", block, total)
 
     def write_final(self, state: State, snapshot) -> None:
         """The last state in full precision, /final."""
         points, cells = self.log.points, self.distribution.m
         rows = snapshot.rows
-        p = self._points(state, rows, np.column_stack([state.gid[rows], state.x[rows], snapshot.velocity]))
-        c = self._cells(state, np.column_stack([snapshot.N, snapshot.eps_p]))
-        for name, dtype, tail, block, total in (
-            ("particle_id", np.int64, (), p[:, 0], points),
-            ("position", np.float64, (3,), p[:, 1:4], points),
-            ("velocity", np.float64, (3,), p[:, 4:], points),
-            ("element_id", np.int64, (), None, cells),
-            ("tension", np.float64, (), c[:, 0], cells),
-            ("plastic_strain", np.float64, (), c[:, 1], cells),
-        ):
-            self.file.create(f"final/{name}", dtype, tail, total)
-            if block is None:
-                low, high = self.file.slabs.bounds(cells)[self.comm.rank : self.comm.rank + 2]
-                block = np.arange(low, high)
+        gid = self.distribution.subdomain.element_gid
+        p = {"particle_id": state.gid[rows], "position": state.x[rows], "velocity": snapshot.velocity}
+        c = {"element_id": gid, "tension": snapshot.N, "plastic_strain": snapshot.eps_p}
+        blocks = [(name, p[name], block, points) for name, block in self._points(state, rows, p).items()]
+        blocks += [(name, c[name], block, cells) for name, block in self._cells(state, c).items()]
+        for name, whole, block, total in blocks:
+            self.file.create(f"final/{name}", whole.dtype, whole.shape[1:], total)
             self.file.append(f"final/{name}", block, total)
 
     # --- the end
@@ -199,11 +184,10 @@ class Result:
             for segment in self.segments:
                 segment.unlink(missing_ok=True)
 
-    def close(self, sections: dict[str, dict], units: dict[str, str], provenance: dict, phases: dict) -> None:
-        """Write what is small and give the file its name.
+    def close(self, sections: dict[str, dict], provenance: dict, phases: dict) -> None:
+        """Write what is small, name the unit of every dataset, and give the file its name.
 
         sections : on rank 0, datasets by group ("net", "history", ...)
-        units : of datasets, by group and name
         provenance : attributes and texts; phases : of `Phases.over_ranks`
         """
 
@@ -211,9 +195,8 @@ class Result:
             self.series.finish(file)
             for group, datasets in sections.items():
                 for name, values in datasets.items():
-                    dataset = file.create_dataset(f"{group}/{name}", data=values)
-                    if f"{group}/{name}" in units:
-                        dataset.attrs["unit"] = units[f"{group}/{name}"]
+                    file.create_dataset(f"{group}/{name}", data=values)
+            label(file)
             _write_provenance(file.create_group("provenance"), provenance, phases)
 
         if not self.segments:
@@ -221,6 +204,35 @@ class Result:
             return
         self._end_segment()
         on_root(self.comm, lambda: join_segments(self.segments, self.file.temporary, self.path, finish))
+
+
+def _values(fields: tuple[Field, ...], sight: Sight) -> dict[str, np.ndarray]:
+    return {field.name: field.value(sight) for field in fields}
+
+
+def _stacked(columns: dict[str, np.ndarray]):
+    """Columns (k,) or (k, w) beside one another, to be moved at once; and what takes them apart again."""
+    wide = [values.reshape(len(values), int(np.prod(values.shape[1:]))) for values in columns.values()]
+    bounds = np.cumsum([0] + [values.shape[1] for values in wide])
+    shapes = [values.shape[1:] for values in columns.values()]
+
+    def split(block: np.ndarray) -> dict[str, np.ndarray]:
+        parts = (block[:, low:high] for low, high in itertools.pairwise(bounds))
+        return {name: part.reshape(len(block), *tail) for name, part, tail in zip(columns, parts, shapes)}
+
+    return np.column_stack(wide), split
+
+
+def label(file: h5py.File) -> None:
+    """Name the unit of every dataset of numbers, by the table. Raises KeyError for one that has no row."""
+
+    def add(path: str, item) -> None:
+        if isinstance(item, h5py.Dataset) and not path.startswith(("VTKHDF/", "provenance/")):
+            unit = unit_of(path)
+            if item.dtype.kind != "O":
+                item.attrs["unit"] = unit
+
+    file.visititems(add)
 
 
 def _write_provenance(group, values, phases):

@@ -8,24 +8,11 @@ before. (VTKHDF 2.2; the reader wants one more entry in Offsets than cells, for 
 import h5py
 import numpy as np
 
+from netfall.record.columns import CELL_FIELDS, CELL_NUMBERS, POINT_FIELDS, POINT_NUMBERS
 from netfall.write.h5 import SharedFile
 
 LINE = 3  # VTK's number for this kind of cell
-POINT_FIELDS = {
-    "displacement": (np.float32, (3,)),
-    "velocity": (np.float32, (3,)),
-    "node_id": (np.int64, ()),
-    "GlobalPointId": (np.int64, ()),
-}
-CELL_FIELDS = {
-    "tension": (np.float32, ()),
-    "strain": (np.float32, ()),
-    "plastic_strain": (np.float32, ()),
-    "broken": (np.uint8, ()),
-    "group": (np.int32, ()),
-    "element_id": (np.int64, ()),
-    "GlobalCellId": (np.int64, ()),
-}
+FIELDS = {"PointData": POINT_FIELDS + POINT_NUMBERS, "CellData": CELL_FIELDS + CELL_NUMBERS}
 
 
 class VtkSeries:
@@ -45,9 +32,9 @@ class VtkSeries:
         file.create("VTKHDF/Points", np.float64, (3,), self.sizes["PointData"])
         for name, dtype in (("Connectivity", np.int64), ("Offsets", np.int64), ("Types", np.uint8)):
             file.create(f"VTKHDF/{name}", dtype, (), self.sizes["CellData"])
-        for group, fields in (("PointData", POINT_FIELDS), ("CellData", CELL_FIELDS)):
-            for name, (dtype, tail) in fields.items():
-                file.create(f"VTKHDF/{group}/{name}", dtype, tail, self.sizes[group])
+        for group, fields in FIELDS.items():
+            for field in fields:
+                file.create(f"VTKHDF/{group}/{field.name}", field.dtype, field.tail, self.sizes[group])
 
     def record(self) -> dict:
         """What a continuation in another run needs, for `restore`."""
@@ -132,9 +119,9 @@ class VtkSeries:
         _growing(steps, "PointOffsets", column("points"))
         _growing(steps, "CellOffsets", column("cells")[:, None])
         _growing(steps, "ConnectivityIdOffsets", column("connectivity")[:, None])
-        for data, fields in (("PointData", POINT_FIELDS), ("CellData", CELL_FIELDS)):
-            for name in fields:
-                _growing(steps, f"{data}Offsets/{name}", column(f"{data}/{name}"))
+        for data, fields in FIELDS.items():
+            for field in fields:
+                _growing(steps, f"{data}Offsets/{field.name}", column(f"{data}/{field.name}"))
 
 
 def _growing(group, name, values):

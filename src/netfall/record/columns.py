@@ -1,0 +1,132 @@
+"""The columns of the history and of a state: what each is, its unit, and where its value comes from.
+
+A column is added by a row here: the file, its units, the page of datasets, Python and checkpoints follow.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+NONE = "1"  # the unit of what has no dimension
+
+
+class Moment(NamedTuple):
+    """What a row of the history is taken from: energies [J] as of `energy.Energies`, those at the start.
+
+    time, time_step : [s]; slack : cables; broken : elements
+    """
+
+    time: float
+    time_step: float
+    energies: object
+    start_strain: float
+    start_plastic: float
+    slack: int
+    broken: int
+
+    @property
+    def strain(self) -> float:
+        """Strain energy [J] since the start."""
+        return self.energies.strain - self.start_strain
+
+    @property
+    def plastic(self) -> float:
+        """Dissipated [J] since the start."""
+        return self.energies.plastic - self.start_plastic
+
+
+class Column(NamedTuple):
+    """A column of the history: value : of a `Moment`; share : of the largest energy that took part so far."""
+
+    name: str
+    unit: str
+    meaning: str
+    value: Callable[[Moment], float]
+    dtype: type = np.float64
+    share: bool = False
+
+
+def _identity(now: Moment) -> float:
+    e = now.energies
+    return e.kinetic + e.internal + e.damping - e.external
+
+
+def _balance(now: Moment) -> float:
+    e = now.energies
+    return e.kinetic + now.strain + now.plastic + e.damping - e.external
+
+
+SHARE = "share of the largest energy that took part so far"
+HISTORY = (
+    Column("time", "s", "", lambda now: now.time),
+    Column("time_step", "s", "", lambda now: now.time_step),
+    Column("kinetic_energy", "J", "of all particles", lambda now: now.energies.kinetic),
+    Column("strain_energy", "J", "change since the start", lambda now: now.strain),
+    Column(
+        "plastic_dissipation",
+        "J",
+        "also what was stored in elements that were lost, or taken out with `fragments = false`",
+        lambda now: now.plastic,
+    ),
+    Column("damping_work", "J", "", lambda now: now.energies.damping),
+    Column("external_work", "J", "", lambda now: now.energies.external),
+    Column("identity_error", NONE, SHARE, _identity, share=True),
+    Column("balance_error", NONE, SHARE, _balance, share=True),
+    Column("slack", NONE, "cables without tension", lambda now: now.slack, np.int64),
+    Column("broken", NONE, "elements broken", lambda now: now.broken, np.int64),
+)
+
+
+class Sight(NamedTuple):
+    """What the columns of a state are taken from, on one rank: `state.State`, `energy.Snapshot`.
+
+    rows : (r,) the particles that are reported; node_id : (r,) ids; element_id, group, element_gid : (m,)
+    """
+
+    state: object
+    snapshot: object
+    rows: np.ndarray
+    node_id: np.ndarray | None = None
+    element_id: np.ndarray | None = None
+    group: np.ndarray | None = None
+    element_gid: np.ndarray | None = None
+
+
+class Field(NamedTuple):
+    """A column of a state, of points or cells; value : (r, *tail) or (m, *tail), of a `Sight`."""
+
+    name: str
+    dtype: type
+    tail: tuple[int, ...]
+    unit: str
+    meaning: str
+    value: Callable[[Sight], np.ndarray]
+
+
+def _moved(sight: Sight) -> np.ndarray:
+    return sight.state.x[sight.rows] - sight.state.x_start[sight.rows]
+
+
+POINT_FIELDS = (  # of each state
+    Field("displacement", np.float32, (3,), "m", "", _moved),
+    Field("velocity", np.float32, (3,), "m/s", "", lambda sight: sight.snapshot.velocity),
+)
+CELL_FIELDS = (
+    Field("tension", np.float32, (), "N", "", lambda sight: sight.snapshot.N),
+    Field("strain", np.float32, (), NONE, "", lambda sight: sight.snapshot.eps),
+    Field("plastic_strain", np.float32, (), NONE, "", lambda sight: sight.snapshot.eps_p),
+    Field(
+        "broken", np.uint8, (), NONE, "1 from the fracture, or the loss, on", lambda sight: sight.state.broken
+    ),
+)
+NUMBERS = "number, the same on any number of ranks"
+POINT_NUMBERS = (  # of each mesh: they change only when elements break
+    Field("node_id", np.int64, (), NONE, "id of the tables", lambda sight: sight.node_id),
+    Field("GlobalPointId", np.int64, (), NONE, NUMBERS, lambda sight: sight.state.gid[sight.rows]),
+)
+CELL_NUMBERS = (
+    Field("group", np.int32, (), NONE, "number of the group, as in `/net/group`", lambda sight: sight.group),
+    Field("element_id", np.int64, (), NONE, "id of the tables", lambda sight: sight.element_id),
+    Field("GlobalCellId", np.int64, (), NONE, NUMBERS, lambda sight: sight.element_gid),
+)

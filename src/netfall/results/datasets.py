@@ -1,0 +1,381 @@
+"""The table of datasets of a result file: what each is of, its unit and its meaning.
+
+A file is labelled from it as it is closed, the page README.md beside and what Python prints are made from it.
+Counted are n nodes, m elements, s load steps, t rows of the history, r losses, e fractures and ends, c
+control points or taps, p probes, k others; p of /final are all particles, those that split off included.
+"""
+
+from fnmatch import fnmatchcase
+from typing import NamedTuple
+
+from netfall.record.columns import CELL_FIELDS, CELL_NUMBERS, HISTORY, NONE, POINT_FIELDS, POINT_NUMBERS
+
+
+class Dataset(NamedTuple):
+    """One dataset: its name in the group, what its axes count, its unit, its meaning."""
+
+    name: str
+    shape: str
+    unit: str
+    meaning: str
+
+
+class Group(NamedTuple):
+    """A group of the file: what it holds, what a job must ask for to have it, and its datasets."""
+
+    name: str
+    meaning: str
+    lacking: str
+    datasets: tuple[Dataset, ...]
+
+
+row = Dataset
+
+
+def equilibrium(many: str = "") -> tuple[Dataset, ...]:
+    """What is kept of an equilibrium besides its state; many : the axis that counts equilibria."""
+    return (
+        row("residual", many, "N", "largest residual force"),
+        row("slack", many, NONE, "cables without tension"),
+        row("iterations", many, NONE, "of conjugate gradients, and of the relaxation where there was one"),
+        row(
+            "displacement_error",
+            many,
+            NONE,
+            "estimated, as a share of the largest displacement from the start; nan: no estimate",
+        ),
+        row("tension_error", many, NONE, "estimated, as a share of the largest tension"),
+        row("relaxed", many, NONE, "whether dynamic relaxation found it, and not Newton's method"),
+        row("stable", many, NONE, "whether the net stays there: false where compressed bars have no hold"),
+    )
+
+
+GROUPS = (
+    Group(
+        "VTKHDF",
+        "the states over time, for ParaView; single precision",
+        "",
+        (
+            *(
+                row(f"PointData/{each.name}", "", each.unit, each.meaning)
+                for each in POINT_FIELDS + POINT_NUMBERS
+            ),
+            *(
+                row(f"CellData/{each.name}", "", each.unit, each.meaning)
+                for each in CELL_FIELDS + CELL_NUMBERS
+            ),
+            row("Steps/Values", "", "s", "times of the states"),
+        ),
+    ),
+    Group(
+        "form_finding",
+        "the form, its tensions and unstressed lengths",
+        "[form_finding]",
+        (
+            row("iterations", "", NONE, "of the relaxation"),
+            row("residual", "", NONE, "largest residual force, as a share of the largest prestress"),
+            row(
+                "residual_real_material",
+                "",
+                NONE,
+                "the same with the real modulus and the unstressed lengths",
+            ),
+            row("position", "n, 3", "m", "of the form"),
+            row("tension", "m", "N", "of the form"),
+            row("unstressed_length", "m", "m", "at the temperature of form finding"),
+        ),
+    ),
+    Group(
+        "statics",
+        "the load path",
+        "load steps ([load] steps > 0)",
+        (
+            row("load_factor", "s", NONE, "0: permanent loads alone; then the share of the rest"),
+            row("displacement", "s, n, 3", "m", "in equilibrium"),
+            row("tension", "s, m", "N", "in equilibrium"),
+            *equilibrium("s"),
+        ),
+    ),
+    Group(
+        "cases/*",
+        "the equilibria of static cases",
+        "[[case]]",
+        (
+            row("displacement", "n, 3", "m", "in the equilibrium"),
+            row("tension", "m", "N", "in the equilibrium"),
+            *equilibrium(),
+        ),
+    ),
+    Group(
+        "rest",
+        "the rest under all constant loads and the mean wind, where dynamics begins",
+        'wind with onset = "static"',
+        (
+            row("position", "n, 3", "m", "at rest"),
+            row("tension", "m", "N", "at rest"),
+            *equilibrium(),
+        ),
+    ),
+    Group(
+        "history",
+        "energies, audits, counts and probes over time",
+        "[dynamics]",
+        (
+            *(row(each.name, "t", each.unit, each.meaning) for each in HISTORY),
+            row(
+                "probe_displacement",
+                "t, p, 3",
+                "m",
+                "of the nodes that `[output] probes` names, or of those nearest to its places",
+            ),
+            row("probe_tension", "t, k", "N", "of the elements that meet there"),
+            row("probe_particle", "p", NONE, "their numbers"),
+            row("probe_element", "k", NONE, "their numbers"),
+            row(
+                "element_tension",
+                "t, k",
+                "N",
+                "of `[output] elements`, all parts of those that are subdivided",
+            ),
+            row("element", "k", NONE, "their numbers"),
+            row("element_id", "k", NONE, "their ids in the tables"),
+        ),
+    ),
+    Group(
+        "envelope",
+        "largest and smallest values over all rows of the history",
+        "[dynamics]",
+        (
+            row("tension_max", "m", "N", "0 once broken off or lost"),
+            row("tension_max_time", "m", "s", "of the first row that has it"),
+            row("tension_min", "m", "N", ""),
+            row(
+                "slack_time",
+                "m",
+                "s",
+                "of cables; one that is slack in a row counts as slack since the row before",
+            ),
+            row("displacement_max", "n", "m", "of the nodes; of what splits off nothing"),
+            row("displacement_max_time", "n", "s", "of the first row that has it"),
+        ),
+    ),
+    Group(
+        "removal",
+        "the loss of members, a row for each entry of `[[remove]]`; nan: its time is after the end",
+        "[[remove]]",
+        (
+            row("time", "r", "s", "of the step at which the elements were lost"),
+            row("tension_before", "r, m", "N", "at that step"),
+            row(
+                "tension_highest",
+                "r, m",
+                "N",
+                "of all steps from there to the next loss or the end; nan: lost by then",
+            ),
+            row("tension_lowest", "r, m", "N", "the same; nan also of what broke"),
+            row(
+                "tension_peak",
+                "r, m",
+                "N",
+                "of all steps from there to the next loss or the end, the value farthest from "
+                "`tension_before` in the direction of `tension_after` (in either, where that is nan), and of "
+                "what broke the highest; nan: lost by then",
+            ),
+            row(
+                "tension_after",
+                "r, m",
+                "N",
+                "at rest in the net without what was lost so far, under all constant loads and the mean "
+                "wind, also where something breaks in that rest; nan: no rest",
+            ),
+            row(
+                "state",
+                "r",
+                "",
+                "what came of that rest: `equilibrium`; `breaks`: there is one, but elements are beyond "
+                "their fracture strain in it; `unstable`; `no_equilibrium`; empty: nothing was lost",
+            ),
+            row("breaking_element", "k", NONE, "numbers of the elements that are beyond it"),
+            row("breaking_entry", "k", NONE, "the entry of each, from 0"),
+            row(
+                "dynamic_factor",
+                "r, m",
+                NONE,
+                "(peak - before) / (after - before); nan where the loss changes the tension, that at rest or "
+                "that of the moment, by less than 1e-3 of the largest, for what was lost or broke, and "
+                "without a rest",
+            ),
+            row("element", "k", NONE, "numbers of the elements that were lost"),
+            row("entry", "k", NONE, "the entry of each, from 0"),
+        ),
+    ),
+    Group(
+        "events",
+        "a row for each fracture and end",
+        "[dynamics]",
+        (
+            row("time", "e", "s", ""),
+            row("step", "e", NONE, "number of the step"),
+            row("element", "e", NONE, "number of what broke"),
+            row("element_id", "e", NONE, "its id in the tables"),
+            row("particle", "e", NONE, "number of the one that it left"),
+            row("node_id", "e", NONE, "the id of its node"),
+            row(
+                "new_particle",
+                "e",
+                NONE,
+                "that split off; -1: nothing split, at a loose end that carries nothing or without "
+                "`fragments`",
+            ),
+            row("strain", "e", NONE, "at which it broke"),
+            row("mass", "e", "kg", "of the new particle"),
+        ),
+    ),
+    Group(
+        "wind",
+        "the speeds that were generated or measured, or the pressures at taps",
+        "[wind]",
+        (
+            row("control_point", "c, 3", "m", "where histories are generated, or were measured"),
+            row("mean_speed", "c", "m/s", ""),
+            row("time", "t", "s", ""),
+            row("speed", "t, c", "m/s", "the total speed"),
+            row("shape_coefficient", "n", NONE, "of each node, with its zone and the wind's direction"),
+            row("mean_pressure", "n", "N/m2", "of the mean wind; positive presses on the roof"),
+            row("gust_factor", "c", NONE, "largest of these speeds over the mean"),
+            row("negative_share", "c", NONE, "share of the speeds below zero"),
+            row("tap", "c, 2", "m", "in place of points and speeds where pressures at taps are given"),
+            row("pressure", "t, c", "N/m2", "at the taps"),
+            row("turbulence", "", NONE, "of generated gusts: intensity at 10 m that was asked for"),
+            row(
+                "variance_beyond",
+                "",
+                NONE,
+                "share of the variance that the samples lack: above half of 1 / `wind.time_step`",
+            ),
+            row(
+                "variance_between",
+                "",
+                NONE,
+                "share of the rest that linear interpolation between samples takes",
+            ),
+            row("spectrum_misfit", "", NONE, "of the model's spectrum, in the half octave farthest off"),
+            row("gust_lengths", "", NONE, "how many of the spectrum's length pass in the duration"),
+        ),
+    ),
+    Group(
+        "load",
+        "the loads of the roof by node; each is there if the job has it",
+        "[load]",
+        (
+            row("snow", "n", "N/m2", "in plan, with the values of zones"),
+            row(
+                "pressure",
+                "n",
+                "N/m2",
+                "along the normal, positive presses on the roof; nan: given as [x, y, z]",
+            ),
+            row("temperature", "", "K", "of all elements above that of form finding"),
+        ),
+    ),
+    Group(
+        "modes",
+        "with `[output] modes`: the lowest modes of the net where the dynamic stage begins",
+        "[output] modes > 0",
+        (
+            row("period", "k", "s", "longest first; inf: no stiffness, nan: not stable"),
+            row("shape", "k, n, 3", NONE, "the largest displacement is 1"),
+            row("damping_ratio", "k", NONE, "share of the critical damping that `dynamics.damping` has"),
+        ),
+    ),
+    Group(
+        "final",
+        "the last state, exactly",
+        "",
+        (
+            row("particle_id", "p", NONE, "numbers, not ids of the tables; of what split off too"),
+            row("position", "p, 3", "m", ""),
+            row("velocity", "p, 3", "m/s", ""),
+            row("element_id", "m", NONE, "numbers, not ids of the tables"),
+            row("tension", "m", "N", ""),
+            row("plastic_strain", "m", NONE, ""),
+        ),
+    ),
+    Group(
+        "net",
+        "the net as it was built",
+        "",
+        (
+            row("particles", "n, 3", "m", "nodes as given"),
+            row("elements", "m, 2", NONE, "numbers of the nodes at their ends"),
+            row("fixed", "n, 3", NONE, "1: held along this axis"),
+            row("node_id", "n", NONE, "ids of the tables"),
+            row("element_id", "m", NONE, "ids of the tables"),
+            row("group", "m", NONE, "row of `group_names`"),
+            row("group_names", "k", "", ""),
+            row("tributary_area", "n", "m2", "of the surface, by which dead load acts"),
+            row("plan_area", "n", "m2", "in plan, by which snow acts"),
+            row("vector_area", "n, 3", "m2", "upward; pressure along the normal, wind and taps act by it"),
+            row("zone_share", "n, k", NONE, "of each node's area in each zone, where a zone is cut"),
+            row("zone", "n", NONE, "row of `zone_names`, that with most of its area; -1: none"),
+            row("zone_names", "k", "", ""),
+            row("cable", "m", NONE, "row of `cable_names`: the piece of cable"),
+            row("cable_names", "k", "", ""),
+            row("unstressed_length", "m", "m", "at the temperature of form finding"),
+            row(
+                "unstressed_length_warm",
+                "m",
+                "m",
+                "at that of the loads, where `[load] temperature` is not 0",
+            ),
+            row("axial_stiffness", "m", "N", ""),
+            row("mass_per_length", "m", "kg/m", ""),
+            row("expansion", "m", "1/K", "coefficient of thermal expansion"),
+            row("bar", "m", NONE, "1: carries compression"),
+            row("spring", "n, 3", "N/m", "of elastic supports, where there are any"),
+            row("breaking_load", "m", "N", "as given; inf: none. Where elements have one"),
+            row("yield_force", "m", "N", "as given; inf: none. Where elements have one"),
+            row(
+                "fracture_strain",
+                "m",
+                NONE,
+                "as given, that of the breaking load if that comes first; inf: none. Where elements have one",
+            ),
+            row("strength", "m", NONE, "drawn factor on these three, where there is one"),
+            row("type", "m", NONE, "row of `type_names`; -1: none. Where elements have one"),
+            row("type_names", "k", "", ""),
+        ),
+    ),
+)
+
+
+def group_of(name: str) -> Group:
+    """The row of a group of the file, "cases/snow" for one. Raises KeyError where there is none."""
+    for group in GROUPS:
+        if fnmatchcase(name, group.name) or name == group.name.partition("/")[0]:
+            return group
+    raise KeyError(f"no group /{name} in the table of datasets")
+
+
+def unit_of(path: str) -> str:
+    """The unit of a dataset by its path in the file; "" for texts. Raises KeyError where it has no row."""
+    group, _, name = path.rpartition("/")
+    for each in group_of(group).datasets:
+        if each.name == name:
+            return each.unit
+    raise KeyError(f"/{path} has no row in the table of datasets")
+
+
+def tables() -> str:
+    """The groups and their datasets as a page shows them."""
+    parts = []
+    for group in GROUPS:
+        rows = "".join(
+            f"| `{each.name}`{f' ({each.shape})' if each.shape else ''} "
+            f"| {'' if each.unit in (NONE, '') else each.unit} | {each.meaning} |\n"
+            for each in group.datasets
+        )
+        title = group.name.replace("*", "NAME")
+        meaning = group.meaning[0].upper() + group.meaning[1:]
+        parts.append(f"### /{title}\n\n{meaning}.\n\n| dataset | unit | what |\n|---|---|---|\n{rows}")
+    return "\n".join(parts)
