@@ -21,7 +21,7 @@ from netfall.job.read import read_job
 from netfall.net.net import GRAVITY
 from netfall.program.setup import prepare
 from netfall.stages import statics
-from netfall.stages.statics import committed, put_back
+from netfall.stages.settle import committed, put_back
 
 SADDLE = """
 [net]

@@ -29,7 +29,7 @@ from netfall.program.run import run_job
 from netfall.report.report import write_report
 from netfall.results.loss_lines import elements_of, loss_lines
 from netfall.stages.rests import words_of
-from netfall.stages.statics import settle
+from netfall.stages.settle import settle
 
 EA, L0, MASS, WEIGHT = 1.6e7, 10.0, 1000.0, 1e4  # N, m, kg, N
 

@@ -65,6 +65,10 @@ class Finder:
     state: State
     _first: tuple[Tangent, list[float], Cycle] | None = field(default=None, init=False)
 
+    def forget(self) -> None:
+        """Of a net whose elements are others from now on."""
+        self._first = None
+
     def find(
         self,
         load: np.ndarray,

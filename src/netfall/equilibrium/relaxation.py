@@ -21,6 +21,7 @@ from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.state import State
 from netfall.mechanics.supports import add_springs
 from netfall.parallel.halo import Halo
+from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import LIMBS, add_exactly, rounded
 
 MARGIN = 1.2  # on the virtual mass: the stiffness grows a little between two peaks
@@ -218,3 +219,18 @@ def state_residual(comm: MPI.Comm, state: State) -> float:
     f = np.zeros_like(state.x)
     net_of(state, np.zeros_like(state.x)).forces(state.x, f)
     return comm.allreduce(largest_residual(f, state.free, state.n_owned), MPI.MAX)
+
+
+RELAXED = ("x", "v", "mass")  # arrays of a relaxation
+
+
+def relaxation_record(distribution: Distribution, at: Relaxation) -> tuple[dict, dict[str, np.ndarray]]:
+    """A relaxation as small values and, on rank 0, global arrays, for `restored_relaxation`. Collective."""
+    arrays = {name: distribution.gather_particles(getattr(at, name)) for name in RELAXED}
+    small = {"iteration": at.iteration, "previous": at.previous, "rested": bool(at.rested), "stage": at.stage}
+    return small | {"total": at.total}, arrays if distribution.comm.rank == 0 else {}
+
+
+def restored_relaxation(distribution: Distribution, small: dict, arrays: dict | None) -> Relaxation:
+    """The relaxation of a record; arrays : on rank 0. Collective."""
+    return Relaxation(**small, **{name: distribution.particles(arrays and arrays[name]) for name in RELAXED})

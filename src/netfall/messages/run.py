@@ -5,88 +5,94 @@ from pathlib import Path
 import numpy as np
 
 from netfall.ground.progress import Progress
-from netfall.ground.timings import Phases
-from netfall.job.asks import has_statics, rests_at_loss, rests_in_wind
+from netfall.job.asks import has_statics
 from netfall.job.read import Job
 from netfall.mechanics.events import EventLog
 from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.stability import Limit
 from netfall.messages.wind import wind_notes
 from netfall.model.model import Model, features_of
-from netfall.model.schedule import Schedule, step_at
+from netfall.model.schedule import step_at
 from netfall.numerics.functions import lengths
 from netfall.parallel import partition
-from netfall.program.setup import Setup
-from netfall.record.envelope import PREFIX
 from netfall.record.history import MOST_STRAIN, History, most_strained
 from netfall.results.form_lines import form_lines
+from netfall.results.loss_lines import loss_lines
 from netfall.results.notes import balance_notes
 from netfall.results.overload_lines import Carried, overload_lines, strength_of
 from netfall.roof.plan import listed
-from netfall.stages.dynamics import Simulation
+from netfall.stages import dynamics
+from netfall.stages.scene import Desk, Outcome, Scene
+from netfall.stages.statics import rest_words
 
 HALF_DIGIT = 2.0**-25  # of a single-precision number just below 1: what is less is lost when added to it
 MUCH_LONGER = 0.01  # of the duration: a last step that ends later is told
 AT_REST = 1e-6  # of the largest tension: a larger residual of the start is told
 
 
-def before_run(job: Job, setup: Setup, schedule: Schedule | None, progress: Progress) -> None:
+def before_run(scene: Scene, progress: Progress) -> None:
     """The lines that a user reads before the run, on rank 0."""
-    model = setup.model
+    model = scene.model
     if model is None:
         return
     progress.say(f"{net_line(model)}, roof {model.area.sum():.1f} m2")
     for note in model.notes():
         progress.say(f"note: {note}")
-    if setup.distribution.comm.size > 1:
-        progress.say(partition_line(model, setup.distribution.comm.size))
+    if scene.comm.size > 1:
+        progress.say(partition_line(model, scene.comm.size))
     N = model.N
-    if setup.form:
-        progress.say(f"{form_line(setup)}; tensions {N.min():.4g} to {N.max():.4g} N")
+    if scene.form:
+        progress.say(f"{form_line(scene)}; tensions {N.min():.4g} to {N.max():.4g} N")
         for line in moved_lines(model):
             progress.say(line)
-    elif starts_moving(job, setup):
-        progress.say(f"{start_note(setup)}, largest tension {setup.reference:.3g} N")
-    if schedule:
-        for limit in setup.limits.values():
+    elif starts_moving(scene):
+        progress.say(f"{start_note(scene)}, largest tension {scene.reference:.3g} N")
+    if scene.schedule:
+        for limit in scene.limits.values():
             progress.detail(limit_line(limit, model))
-        for remark in remarks_of(job, setup, schedule.dt):
+        for remark in remarks_of(scene):
             progress.say(remark)
 
 
-def after_run(
-    setup: Setup, log: EventLog, simulation: Simulation | None, path: Path, phases: Phases, progress: Progress
-):
+def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path) -> None:
     """The last lines of a run, on rank 0. Collective."""
-    history = simulation and simulation.history
-    strained = _most_strained(setup, history)
-    envelope = simulation.envelope.arrays(simulation.state) if log.events else {}
-    if setup.model is None:
+    simulation = outcomes[dynamics.NAME].found if dynamics.NAME in outcomes else None
+    strained = _most_strained(scene, simulation and simulation.history)
+    envelope = simulation.envelope.record(simulation.state)[1] if desk.log.events else {}
+    if scene.model is None:
         return
+    if simulation:
+        for line in _dynamics_lines(scene.model, simulation):
+            desk.progress.say(line)
+    if envelope:
+        for note in _overloads(scene.model, desk.log, envelope["tension"]):
+            desk.progress.say(note)
+    for note in _strain_notes(scene.model, *strained):
+        desk.progress.say(note)
+    seconds = desk.phases.seconds.items()
+    desk.progress.say("time: " + ", ".join(f"{name} {each:.2f} s" for name, each in seconds))
+    desk.progress.say(f"written: {path}")
+
+
+def _dynamics_lines(model: Model, simulation) -> list[str]:
+    """What the dynamic stage gave: losses, fractures, energies."""
+    log, history, lines = simulation.log, simulation.history, []
+    if simulation.removal:
+        lines += loss_lines(simulation.removal.columns(), log.columns(), model.net.element_id)
     if log.events:
         first = log.events[0]
-        progress.say(
+        lines.append(
             f"fractures: {len(log.broken)} elements, the first at t = {first.time:.4f} s "
-            f"(element {setup.model.id_of(first.element)})"
+            f"(element {model.id_of(first.element)})"
         )
-    if history is not None:
-        identity, balance = history.largest("identity_error"), history.largest("balance_error")
-        if np.isfinite(identity):  # not without the audit
-            progress.say(
-                f"energy: work identity to {identity:.1e}, physical balance to {balance:.1e} of the energy "
-                "that took part"
-            )
-            for note in balance_notes(
-                *(np.array(history.rows[k]) for k in ("time", "balance_error", "broken"))
-            ):
-                progress.say(note)
-    if envelope:
-        for note in _overloads(setup.model, log, envelope[f"{PREFIX}tension"]):
-            progress.say(note)
-    for note in _strain_notes(setup.model, *strained):
-        progress.say(note)
-    progress.say("time: " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in phases.seconds.items()))
-    progress.say(f"written: {path}")
+    identity, balance = history.largest("identity_error"), history.largest("balance_error")
+    if np.isfinite(identity):  # not without the audit
+        lines.append(
+            f"energy: work identity to {identity:.1e}, physical balance to {balance:.1e} of the energy "
+            "that took part"
+        )
+        lines += balance_notes(*(np.array(history.rows[k]) for k in ("time", "balance_error", "broken")))
+    return lines
 
 
 def _overloads(model: Model, log: EventLog, tension: np.ndarray) -> list[str]:
@@ -101,14 +107,14 @@ def _overloads(model: Model, log: EventLog, tension: np.ndarray) -> list[str]:
     return overload_lines(carried, name)
 
 
-def _most_strained(setup: Setup, history: History | None) -> tuple[float, float, int]:
+def _most_strained(scene: Scene, history: History | None) -> tuple[float, float, int]:
     """Largest strain without a limit, its time [s] and its element, of the run or of its end. Collective."""
     if history is not None:
         here = history.most_strained
     else:
-        N, eps, _, _ = setup.state.elements_now()
-        here = most_strained(setup.state, np.nan, eps, N, setup.distribution.subdomain.element_gid)
-    return max(setup.distribution.comm.allgather(here), key=lambda found: (found[0], -found[2]))
+        N, eps, _, _ = scene.state.elements_now()
+        here = most_strained(scene.state, np.nan, eps, N, scene.distribution.subdomain.element_gid)
+    return max(scene.comm.allgather(here), key=lambda found: (found[0], -found[2]))
 
 
 def _strain_notes(model: Model, strain: float, time: float, element: int) -> list[str]:
@@ -137,13 +143,13 @@ def partition_line(model: Model, ranks: int) -> str:
     )
 
 
-def form_line(setup: Setup) -> str:
+def form_line(scene: Scene) -> str:
     """How well the form was found."""
-    reference = max(setup.form.reference, 1e-300)
+    reference = max(scene.form.reference, 1e-300)
     return (
-        f"form finding: {setup.form.iterations} iterations, largest residual "
-        f"{setup.form.residual / reference:.2g} of the prestress; with the real material "
-        f"{setup.residual / reference:.2g}"
+        f"form finding: {scene.form.iterations} iterations, largest residual "
+        f"{scene.form.residual / reference:.2g} of the prestress; with the real material "
+        f"{scene.residual / reference:.2g}"
     )
 
 
@@ -153,25 +159,18 @@ def moved_lines(model: Model) -> list[str]:
     return form_lines(model.net.x, model.x, model.moves, model.net.node_id, model.area_given, area)
 
 
-def rest_words(job: Job) -> str:
-    """In which rest the dynamic stage begins; "": in none of its own."""
-    if rests_in_wind(job):
-        return "rest under the mean wind"
-    return "rest under all loads" if rests_at_loss(job) else ""
-
-
-def starts_moving(job: Job, setup: Setup) -> bool:
+def starts_moving(scene: Scene) -> bool:
     """Whether the start is not in equilibrium, and nothing is done about it before it moves."""
-    if has_statics(job):
+    if has_statics(scene.job):
         return False
-    if job.load and job.load.temperature:
+    if scene.job.load and scene.job.load.temperature:
         return True
-    return setup.residual > AT_REST * max(setup.reference, 1e-300) and setup.residual > 0
+    return scene.residual > AT_REST * max(scene.reference, 1e-300) and scene.residual > 0
 
 
-def start_note(setup: Setup) -> str:
+def start_note(scene: Scene) -> str:
     """That the start is not in equilibrium."""
-    return f"note: the start is not in equilibrium: largest residual {setup.residual:.3g} N"
+    return f"note: the start is not in equilibrium: largest residual {scene.residual:.3g} N"
 
 
 def stages(job: Job) -> list[str]:
@@ -224,13 +223,10 @@ def limit_line(limit: Limit, model: Model) -> str:
     return f"{meaning}: {limit.dt:.4g} s, set by element {model.element_name(limit.element)}"
 
 
-def remarks_of(job: Job, setup: Setup, dt: float) -> list[str]:
-    """What a user should know of the wind, of the step, of dt [s], and of the probes."""
-    return (
-        wind_notes(job, setup.model)
-        + step_remarks(job, setup, dt)
-        + probe_remarks(setup.model, job.output.probes)
-    )
+def remarks_of(scene: Scene) -> list[str]:
+    """What a user should know of the wind, of the step, and of the probes."""
+    job, model = scene.job, scene.model
+    return wind_notes(job, model) + step_remarks(scene) + probe_remarks(model, job.output.probes)
 
 
 def probe_remarks(model: Model, probes) -> list[str]:
@@ -262,25 +258,22 @@ def probe_remarks(model: Model, probes) -> list[str]:
     return remarks
 
 
-def step_remarks(job: Job, setup: Setup, dt: float) -> list[str]:
-    """What a user should know of mass that was added, of the precision, and of a fixed step.
-
-    dt : [s] the step
-    """
-    remarks = []
-    if setup.model.added is not None:
-        remarks.append(_added_mass(setup.model))
+def step_remarks(scene: Scene) -> list[str]:
+    """What a user should know of mass that was added, of the precision, and of a fixed step."""
+    job, dt, remarks = scene.job, scene.schedule.dt, []
+    if scene.model.added is not None:
+        remarks.append(_added_mass(scene.model))
     if job.dynamics.precision != "double":
-        remarks.append(_rounding(job.dynamics.precision, setup.model, dt))
+        remarks.append(_rounding(job.dynamics.precision, scene.model, dt))
     end = step_at(job.dynamics.duration, dt) * dt
     if end > (1.0 + MUCH_LONGER) * job.dynamics.duration:
         remarks.append(
             f"note: time_step = {dt:g} does not divide duration = {job.dynamics.duration:g}: the run ends at "
             f"t = {end:.6g} s"
         )
-    limit = setup.limits["slackening"]
+    limit = scene.limits["slackening"]
     if job.dynamics.time_step != "auto" and job.dynamics.time_step > limit.dt:
-        element, length = setup.model.net.element_id[limit.element], setup.model.L0[limit.element]
+        element, length = scene.model.net.element_id[limit.element], scene.model.L0[limit.element]
         remarks.append(
             f"note: time_step = {job.dynamics.time_step:g} is above {limit.dt:.4g} s, from which on cables "
             f"that go slack and come taut again gain energy (first: element {element}, {length:.3g} m): "

@@ -19,19 +19,20 @@ from netfall.messages.run import (
     moved_lines,
     net_line,
     remarks_of,
-    rest_words,
     stages,
     start_note,
     starts_moving,
 )
 from netfall.messages.wind import wind_lines
 from netfall.model.model import Model, make_model
-from netfall.model.schedule import Schedule, schedule_of
 from netfall.net.build import build_net
-from netfall.program.setup import Setup, prepare
+from netfall.program.run import scheduled
+from netfall.program.setup import prepare
 from netfall.roof.areas import MUCH, largest_face, moved_areas, normals, tributary_areas
 from netfall.roof.plan import listed
 from netfall.stages.modes import mode_lines
+from netfall.stages.scene import Scene
+from netfall.stages.statics import rest_words
 from netfall.wind.sectors import bearing
 from netfall.write.locks import writing
 
@@ -63,30 +64,29 @@ def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) 
     memory = Memory(1)
     if folder:
         say(f"picture: {draw_check(job, make_model(short, 1, memory), folder)}")
-    setup = prepare(MPI.COMM_SELF, short, Phases(), memory=memory)
-    schedule = schedule_of(job, setup.limits, setup.model) if job.dynamics else None
+    scene = scheduled(prepare(MPI.COMM_SELF, short, Phases(), memory=memory)[0])
     say(f"{job.path}: {job.title or job.name}: valid")
-    _describe_net(setup, say)
-    if setup.form:
-        say(form_line(setup))
-        for line in moved_lines(setup.model):
+    _describe_net(scene, say)
+    if scene.form:
+        say(form_line(scene))
+        for line in moved_lines(scene.model):
             say(line)
-    elif starts_moving(job, setup):
-        say(start_note(setup))
+    elif starts_moving(scene):
+        say(start_note(scene))
     say("stages: " + ", ".join(stages(job)))
-    say(f"the scene has: {feature_words(job, setup.model)}")
-    for line in wind_lines(job, setup.model):
+    say(f"the scene has: {feature_words(job, scene.model)}")
+    for line in wind_lines(job, scene.model):
         say(line)
-    if schedule:
-        _describe_steps(job, setup, schedule, say)
-    _describe_time(job, setup, schedule, say)
-    _describe_memory(job, setup, say)
-    for line in mode_lines(short, setup):
+    if scene.schedule:
+        _describe_steps(scene, say)
+    _describe_time(scene, say)
+    _describe_memory(job, scene, say)
+    for line in mode_lines(short, scene):
         say(line)
 
 
-def _describe_net(setup: Setup, say) -> None:
-    model, net = setup.model, setup.model.net
+def _describe_net(scene: Scene, say) -> None:
+    model, net = scene.model, scene.model.net
     groups = (f"{name or '(none)'} {int((net.group == g).sum())}" for g, name in enumerate(net.group_names))
     say(f"{net_line(model)} in groups {', '.join(groups)}")
     L0, N = model.L0, model.N
@@ -128,20 +128,21 @@ def _describe_sharing(model: Model, say) -> None:
         )
 
 
-def _describe_steps(job: Job, setup: Setup, schedule: Schedule, say) -> None:
-    for limit in setup.limits.values():
-        say(limit_line(limit, setup.model))
+def _describe_steps(scene: Scene, say) -> None:
+    job, schedule = scene.job, scene.schedule
+    for limit in scene.limits.values():
+        say(limit_line(limit, scene.model))
     say(
         f"steps: {schedule.steps} of {schedule.dt:.4g} s"
         + (" (auto)" if job.dynamics.time_step == "auto" else "")
     )
-    for remark in remarks_of(job, setup, schedule.dt):
+    for remark in remarks_of(scene):
         say(remark)
 
 
-def _describe_time(job: Job, setup: Setup, schedule: Schedule | None, say) -> None:
+def _describe_time(scene: Scene, say) -> None:
     """What a run takes on one core, by its parts."""
-    m = setup.model.net.m
+    job, schedule, m = scene.job, scene.schedule, scene.model.net.m
     parts = {"start, net and form": START_S + NET_S * m}
     if has_statics(job):
         count = len(job.cases) + (job.load.steps if job.load else 0) + 1
@@ -158,8 +159,8 @@ def _describe_time(job: Job, setup: Setup, schedule: Schedule | None, say) -> No
         say(f"ranks: equilibria of fewer than {SMALL} elements are no faster on several ranks, mostly slower")
 
 
-def _describe_memory(job: Job, setup: Setup, say) -> None:
-    net, state = setup.model.net, setup.state
+def _describe_memory(job: Job, scene: Scene, say) -> None:
+    net, state = scene.model.net, scene.state
     n, m = net.n, net.m
     held = sum(getattr(state, f.name).nbytes for f in FIELDS if getattr(state, f.name) is not None)
     frames = job.output.frames + 1 if job.dynamics else 1

@@ -13,14 +13,14 @@ from netfall.ground.timings import Phases
 from netfall.job.memory import Memory
 from netfall.job.read import Job
 from netfall.mechanics.events import EventLog
-from netfall.model.schedule import schedule_of
+from netfall.model.model import Model
 from netfall.net.net import Net
 from netfall.net.parts import parts_of
 from netfall.parallel.agree import on_root
-from netfall.program.restart import Saver
-from netfall.program.run import Run, run_stages
-from netfall.program.setup import Setup, prepare
+from netfall.program.run import desk_for, run_stages, scheduled
+from netfall.program.setup import prepare
 from netfall.results.loss_lines import MUCH, states_of_rest, worst_rest
+from netfall.stages import dynamics
 from netfall.write.locks import check_place
 from netfall.write.result import Result
 from netfall.write.unwritten import Unwritten
@@ -75,33 +75,31 @@ def _outcome(comm: MPI.Comm, job: Job, path: Path | None, memory: Memory) -> dic
     if path:
         on_root(comm, lambda: check_place(path))
     phases = Phases()
-    setup = prepare(comm, job, phases, memory=memory)
-    schedule = comm.bcast(on_root(comm, lambda: schedule_of(job, setup.limits, setup.model)))
-    log, own = EventLog(setup.distribution.n), setup.model and setup.model.net
-    result = Result(comm, path, setup.distribution, own, log) if path else Unwritten(comm)
-    saver = Saver(job, setup, result, None)
-    run = Run(comm, job, setup, schedule, log, result, saver, Progress(False), phases, memory=memory)
+    scene = scheduled(prepare(comm, job, phases, memory=memory)[0])
+    log, own = EventLog(scene.distribution.n), scene.model and scene.model.net
+    result = Result(comm, path, scene.distribution, own, log) if path else Unwritten(comm)
+    desk = desk_for(scene, result, log, Progress(False), phases, memory=memory)
     try:
-        simulation = run_stages(run)
+        simulation = run_stages(scene, desk)[dynamics.NAME].found
     except (InputError, DivergedError):  # on every rank alike
-        setup.halo.free()
+        scene.halo.free()
         raise
-    setup.halo.free()
-    spread = setup.distribution
-    tension = spread.gather_elements(simulation.envelope.tension[0], setup.state.owned.astype(bool))
+    scene.halo.free()
+    spread = scene.distribution
+    tension = spread.gather_elements(simulation.envelope.tension[0], scene.state.owned.astype(bool))
     displacement = spread.gather_particles(simulation.envelope.displacement[0][:, None])
     if comm.rank > 0:
         return None
-    told = NOTHING | _told(setup, simulation, tension, displacement)
+    told = NOTHING | _told(scene.model, simulation, tension, displacement)
     return told | {"dynamic_seconds": phases.seconds["dynamics"]}
 
 
-def _told(setup: Setup, simulation, tension: np.ndarray, displacement: np.ndarray) -> dict:
+def _told(model: Model, simulation, tension: np.ndarray, displacement: np.ndarray) -> dict:
     """What is told of a run that came to its end. Rank 0.
 
     tension : (m,) [N], displacement : (n, 1) [m], the largest over the rows of the history
     """
-    model, log = setup.model, simulation.log
+    log = simulation.log
     removal = simulation.removal.columns() if simulation.removal else None
     gone = np.zeros(model.net.m, bool)
     gone[list(log.broken)] = True
@@ -133,15 +131,15 @@ def _told(setup: Setup, simulation, tension: np.ndarray, displacement: np.ndarra
 def net_of(comm: MPI.Comm, read: Callable[[], Job], memory: Memory) -> dict[str, np.ndarray] | None:
     """The datasets of /net in a study file, of a job in its form, on rank 0; None: no form. Collective."""
     try:
-        setup = prepare(comm, read(), Phases(), memory=memory)
+        scene = prepare(comm, read(), Phases(), memory=memory)[0]
     except (InputError, DivergedError):
         return None
-    setup.halo.free()
+    scene.halo.free()
     if comm.rank > 0:
         return None
-    net, area = setup.model.net, setup.model.area
+    net, area = scene.model.net, scene.model.area
     return {
-        "particles": setup.model.x,
+        "particles": scene.model.x,
         "elements": net.elements,
         "fixed": net.fixed.astype(np.uint8),
         "node_id": net.node_id,

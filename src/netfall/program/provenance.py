@@ -9,17 +9,10 @@ import numpy as np
 from mpi4py import MPI
 
 import netfall
-from netfall.job.read import Job
 from netfall.model.model import Model
-from netfall.model.schedule import Schedule
 from netfall.parallel import partition
-from netfall.program.setup import Setup
+from netfall.stages.scene import Scene
 from netfall.write.h5 import PARALLEL
-
-OF_TABLES = ("load", "mass", "area", "normal", "section", "modulus", "density", "yield_stress") + (
-    "breaking_load",
-    "fracture_strain",
-)  # columns of the net that /net does not have as they are
 
 
 def how_it_writes() -> str:
@@ -27,6 +20,12 @@ def how_it_writes() -> str:
     library = MPI.Get_library_version().split(",")[0].split("\n")[0].strip()
     way = "parallel HDF5 (MPI-IO)" if PARALLEL else "serial HDF5 (rank 0 gathers and writes)"
     return f"{library}, {way}"
+
+
+OF_TABLES = (  # columns of the net that /net does not have as they are
+    *("load", "mass", "area", "normal", "section", "modulus", "density", "yield_stress"),
+    *("breaking_load", "fracture_strain"),
+)
 
 
 def net_record(model: Model) -> dict[str, np.ndarray]:
@@ -43,14 +42,15 @@ def _alike(values: np.ndarray) -> bool:
     return bool(((values == values[:1]) | (np.isnan(values) & np.isnan(values[:1]))).all())
 
 
-def provenance_of(comm: MPI.Comm, job: Job, setup: Setup, schedule: Schedule | None) -> dict:
+def provenance_of(scene: Scene) -> dict:
     """The attributes and texts of /provenance; rank 0 has all of them."""
+    job, schedule, model = scene.job, scene.schedule, scene.model
     values = {
         "job": job.text,
         "job_name": job.name,
         "job_folder": str(job.path.parent.resolve()),
         "overrides": "\n".join(job.overrides),
-        "job_digest": setup.digest,
+        "job_digest": scene.digest,
         "title": job.title,
         "strain": job.cable.strain,
         "netfall": netfall.__version__,
@@ -62,10 +62,9 @@ def provenance_of(comm: MPI.Comm, job: Job, setup: Setup, schedule: Schedule | N
         "hdf5": h5py.version.hdf5_version,
         "mpi": MPI.Get_library_version().split("\n")[0].strip("\x00 "),
         "writing": how_it_writes(),
-        "ranks": comm.size,
+        "ranks": scene.comm.size,
         "exit_state": "finished",
     }
-    model = setup.model
     if model is None:
         return values
     values |= {
@@ -74,12 +73,12 @@ def provenance_of(comm: MPI.Comm, job: Job, setup: Setup, schedule: Schedule | N
         "edge_cut": partition.edge_cut(model.net.elements, model.part),
     }
     values["net"] = net_record(model)
-    if setup.form:
+    if scene.form:
         values["roof_area_given"] = model.area_given
     if model.added is not None:
         values["added_mass"] = float(model.added.sum())
     if schedule:
         values |= {"time_step": schedule.dt, "steps": schedule.steps}
-        for name, limit in setup.limits.items():
+        for name, limit in scene.limits.items():
             values |= {f"limit_{name}": limit.dt, f"limit_{name}_element": limit.element}
     return values

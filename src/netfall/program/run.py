@@ -1,72 +1,40 @@
-"""A whole job: form finding, statics, dynamics, one result file.
+"""A whole job: form finding, then one stage after another, one result file.
 
 The program in the order in which it runs.
 """
 
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
 import netfall
-from netfall.equilibrium.find import STABLE
-from netfall.equilibrium.relaxation import Paused
-from netfall.ground.errors import DivergedError, InputError, Interrupted, OutputError, interrupted
+from netfall.ground.errors import DivergedError, InputError, Interrupted, OutputError
 from netfall.ground.progress import Progress
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.ground.timings import Phases
-from netfall.job.asks import grows, has_statics, rests_in_wind
 from netfall.job.memory import FORGETFUL, Memory
 from netfall.job.read import Job
 from netfall.mechanics.events import EventLog
-from netfall.messages.run import after_run, before_run, rest_words
-from netfall.messages.wind import wind_section
+from netfall.messages.run import after_run, before_run
 from netfall.model.loads import load_section
-from netfall.model.schedule import Schedule, schedule_of
+from netfall.model.schedule import schedule_of
 from netfall.parallel.agree import on_root
 from netfall.program.provenance import how_it_writes, provenance_of
-from netfall.program.recall import find_or_recall
-from netfall.program.restart import (
-    Saver,
-    restore_history,
-    restore_relaxation,
-    restore_result,
-    restore_state,
-    restore_wind,
-)
-from netfall.program.setup import Setup, prepare
-from netfall.record.energy import take_snapshot, total_energies
-from netfall.record.history import History
-from netfall.results.loss_lines import loss_lines
+from netfall.program.restart import register_result, restore_state
+from netfall.program.setup import FORM, INITIAL, initial_record, prepare
+from netfall.record.energy import take_snapshot
 from netfall.roof.areas import Areas
-from netfall.stages.dynamics import Simulation
-from netfall.stages.modes import modes_now, modes_section
-from netfall.stages.removal import Removal, losses_now
-from netfall.stages.rests import rests_after
-from netfall.stages.statics import StaticPath, equilibria, find_equilibria, static_lines
-from netfall.stages.varying import GrowingLoad, WindLoad
-from netfall.wind.onset import GrowingGusts
-from netfall.write.ids import event_ids
+from netfall.stages import dynamics, modes, rests, statics
+from netfall.stages.scene import Desk, Outcome, Scene, Stage
+from netfall.write.checkpoint import Checkpoint
 from netfall.write.locks import check_place, claim, release
 from netfall.write.result import Result, net_section
+from netfall.write.saver import Saver
 
-
-@dataclass(frozen=True)
-class Run:
-    """What the stages of a run share, on one rank."""
-
-    comm: MPI.Comm
-    job: Job
-    setup: Setup
-    schedule: Schedule | None
-    log: EventLog
-    result: Result
-    saver: Saver
-    progress: Progress
-    phases: Phases
-    stop: StopRequest = NEVER
-    memory: Memory = FORGETFUL
+STAGES: tuple[Stage, ...] = (statics, rests, modes, dynamics)
+NAMES = (FORM, *(stage.NAME for stage in STAGES))
 
 
 def run_job(
@@ -93,194 +61,114 @@ def run_job(
         at_iteration = lambda i, r: progress.detail(
             f"form finding: iteration {i}, largest residual {r:.3g} N"
         )
-        setup = prepare(comm, job, phases, at_iteration, path, restart, stop)
-        model = setup.model
-        schedule = on_root(comm, lambda: schedule_of(job, setup.limits, model)) if job.dynamics else None
-        schedule = comm.bcast(schedule)
-        before_run(job, setup, schedule, progress)
-        log = EventLog(setup.distribution.n)
-        result = Result(comm, path, setup.distribution, model.net if model else None, log)
-        saver = Saver(job, setup, result, restart)
-        run = Run(comm, job, setup, schedule, log, result, saver, progress, phases, stop)
-        simulation = run_stages(run)
+        scene, checkpoint = prepare(comm, job, phases, at_iteration, path, restart, stop)
+        scene = scheduled(scene)
+        before_run(scene, progress)
+        log = EventLog(scene.distribution.n)
+        result = Result(comm, path, scene.distribution, scene.model and scene.model.net, log)
+        desk = desk_for(scene, result, log, progress, phases, stop, given=restart, checkpoint=checkpoint)
+        outcomes = run_stages(scene, desk)
         progress.end()
-        if simulation and simulation.removal and model:
-            for line in loss_lines(simulation.removal.columns(), log.columns(), model.net.element_id):
-                progress.say(line)
-        after_run(setup, log, simulation, path, phases, progress)
+        after_run(scene, desk, outcomes, path)
     finally:
         if claimed:
             release(claimed)
 
 
-def run_stages(run: Run) -> Simulation | None:
-    """The stages from statics on, and the result file; the dynamic stage if there was one. Collective."""
+def scheduled(scene: Scene) -> Scene:
+    """The scene with the steps of its dynamic stage. Raises InputError for wrong ones. Collective."""
+    if scene.job.dynamics is None:
+        return scene
+    found = on_root(scene.comm, lambda: schedule_of(scene.job, scene.limits, scene.model))
+    return replace(scene, schedule=scene.comm.bcast(found))
+
+
+def desk_for(
+    scene: Scene,
+    result: Result,
+    log: EventLog,
+    progress: Progress,
+    phases: Phases,
+    stop: StopRequest = NEVER,
+    memory: Memory = FORGETFUL,
+    given: Path | None = None,
+    checkpoint: Checkpoint | None = None,
+) -> Desk:
+    """The desk of a run, with what it takes up of an earlier one. Collective.
+
+    given : the checkpoint that it goes on from; checkpoint : what that holds, on rank 0
+    """
+    name = scene.job.title or scene.job.name
+    saver = Saver(scene.comm, result, name, scene.digest, NAMES, given, checkpoint)
+    return Desk(log, result, saver, progress, phases, stop, memory)
+
+
+def run_stages(scene: Scene, desk: Desk) -> dict[str, Outcome]:
+    """The stages after the form, and the result file; their outcomes by name. Collective."""
+    outcomes: dict[str, Outcome] = {}
     try:
-        if run.saver.given:
-            run.progress.say(f"going on from {run.saver.given}")
-        record, losses, after = take_up(run), losses_now(run), None
-        if run.setup.stage != "dynamics":
-            run.saver.statics = run_statics(run)
-            with run.phases.phase("statics"):
-                after = rests_after(run, losses)
-            write_modes(run)
-        removal = Removal(run, losses, after) if run.job.removes and run.job.dynamics else None
-        simulation = run_dynamics(run, record if run.setup.stage == "dynamics" else None, removal)
-        provenance = provenance_of(run.comm, run.job, run.setup, run.schedule)
-        run.result.close(sections_of(run, simulation), provenance, run.phases.over_ranks(run.comm))
+        take_up(scene, desk)
+        for stage in STAGES:
+            if stage.required(scene.job):
+                outcomes[stage.NAME] = stage.run(scene, desk, outcomes)
+                for line in outcomes[stage.NAME].lines:
+                    desk.progress.say(line)
+        if scene.job.dynamics is None:
+            write_state(scene, desk)
+        sections = initial_sections(scene) | {
+            group: datasets for outcome in outcomes.values() for group, datasets in outcome.sections.items()
+        }
+        provenance = provenance_of(scene)
+        desk.result.close(sections, provenance, desk.phases.over_ranks(scene.comm))
     except (InputError, DivergedError, Interrupted) as error:  # raised on every rank alike
-        run.result.file.discard_all()
+        desk.result.file.discard_all()
         if isinstance(error, DivergedError):
-            error = run.saver.naming_the_last(error)
+            error = desk.saver.naming_the_last(error)
         raise error from None
     except OutputError as error:
-        run.result.discard_after(error, bool(run.saver.kept or run.saver.given))
-        raise run.saver.naming_the_last(error) from None
+        desk.result.discard_after(error, bool(desk.saver.kept or desk.saver.given))
+        raise desk.saver.naming_the_last(error) from None
     except BaseException:
-        run.result.file.discard()
+        desk.result.file.discard()
         raise
-    return simulation
+    return outcomes
 
 
-def take_up(run: Run) -> dict | None:
-    """State, log and statics of the run that is taken up, and its record.
-
-    None if it has no state yet. Collective.
-    """
-    setup, comm = run.setup, run.comm
-    if setup.stage not in ("statics", "dynamics"):
-        return None
-    restore_result(comm, run.result, setup.checkpoint, setup.digest)
-    restore_state(setup.distribution, setup.state, setup.checkpoint)
-    record = comm.bcast(setup.checkpoint and setup.checkpoint.record)
-    run.saver.statics = StaticPath(**record["statics"]) if record["statics"] else None
-    return record
+def take_up(scene: Scene, desk: Desk) -> None:
+    """Have saved what belongs to no stage; taken up where the run goes on from a checkpoint. Collective."""
+    if desk.saver.given:
+        desk.progress.say(f"going on from {desk.saver.given}")
+    desk.saver.register(INITIAL, lambda: initial_record(scene), lambda *_: None)  # `prepare` has taken it up
+    register_result(scene.comm, desk.result, desk.saver)
+    if desk.saver.stage not in (None, FORM):
+        restore_state(scene.distribution, scene.state, desk.saver.checkpoint)
 
 
-def numbers_of(found: dict) -> dict[str, np.ndarray]:
-    """What is kept of equilibria as datasets: whether stable, and not which node says so."""
-    arrays = {name: np.array(value) for name, value in found.items()}
-    return arrays | {"stable": arrays.pop("falls") == STABLE}
+def write_state(scene: Scene, desk: Desk) -> None:
+    """One frame of the state that was reached, in a run without a dynamic stage. Collective."""
+    snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
+    desk.result.write_frame(0.0, scene.state, snapshot)
+    desk.result.write_final(scene.state, snapshot)
 
 
-def run_statics(run: Run) -> StaticPath | None:
-    """The equilibria that the job asks for, from where an earlier run was interrupted in them. Collective."""
-    setup, distribution = run.setup, run.setup.distribution
-    if not has_statics(run.job):
-        return None
-    if run.job.load and run.job.load.steps:
-        run.progress.say(f"statics: {run.job.load.steps} load steps")
-    resume = restore_relaxation(distribution, setup.checkpoint) if setup.stage == "statics" else None
-    with run.phases.phase("statics"):
-        try:
-            begun = run.saver.statics is not None or resume is not None
-            path = find_equilibria(run, run.saver.statics, resume) if begun else find_or_recall(run)
-        except Paused as pause:
-            where = equilibria(run)[pause.path.done].words
-            raise interrupted(f"in statics, {where}", run.saver.pause_statics(pause)) from None
-    node_id = setup.model.net.node_id if setup.model else None
-    for line in static_lines(path, distribution.m, rest_words(run.job), node_id):
-        run.progress.say(line)
-    return path
-
-
-def write_modes(run: Run) -> None:
-    """The modes about where the statics ended, /modes, if the job asks for them. Collective."""
-    if run.job.output.modes:
-        with run.phases.phase("modes"):
-            modes = modes_now(run.setup, run.job.output.modes)
-            run.result.write_whole("modes", modes and modes_section(run.job, modes))
-
-
-def run_dynamics(run: Run, record: dict | None, removal: Removal | None) -> Simulation | None:
-    """The dynamic stage if the job has it, else one frame of the state that was reached. Collective.
-
-    record : of the run that is taken up in this stage; removal : what is lost in it, None: nothing ever
-    """
-    state, model, checkpoint = run.setup.state, run.setup.model, run.setup.checkpoint
-    if run.job.dynamics is None:
-        snapshot = take_snapshot(state, 0.0, 1.0, 0.0, 0.0)
-        run.result.write_frame(0.0, state, snapshot)
-        run.result.write_final(state, snapshot)
-        return None
-    with run.phases.phase("wind"):
-        loads = varying_loads(run, record) + (list(removal.fades.values()) if removal else [])
-    if record:
-        start = record["simulation"]["start_strain"], record["simulation"]["start_plastic"]
-    else:
-        state.count_displacements()
-        energies = total_energies(run.comm, state, take_snapshot(state, 0.0, 1.0, 0.0, 0.0))
-        start = energies.strain, energies.plastic
-    probes = run.comm.bcast(model.probes if model else None)
-    run.progress.say(
-        f"dynamics: {run.job.dynamics.duration:g} s in {run.schedule.steps} steps of {run.schedule.dt:.4g} s"
-    )
-    simulation = Simulation(run, loads, History(probes, start[0]), removal, start)
-    if record:
-        if removal:
-            removal.restore(record["simulation"]["removal"], checkpoint, simulation)
-        simulation.restore(record["simulation"])
-        simulation.envelope.restore(checkpoint)
-        restore_history(run.comm, simulation.history, checkpoint)
-    with run.phases.phase("dynamics"):
-        try:
-            simulation.run()
-        except DivergedError:  # on every rank
-            simulation.halo.free()
-            raise
-    return simulation
-
-
-def varying_loads(run: Run, record: dict | None) -> list:
-    """The loads that vary in time, as `solve.loads` has them. record : as in `run_dynamics`. Collective."""
-    loads, model, distribution = [], run.setup.model, run.setup.distribution
-    if run.job.wind:
-        field = model.wind_field if model else None
-        ramp = run.job.wind.ramp if rests_in_wind(run.job) else 0.0
-        gusts = GrowingGusts(model.history, ramp) if model else None
-        loads.append(WindLoad(run.comm, distribution, field, gusts))
-        if record:
-            restore_wind(run.comm, loads[-1], run.setup.checkpoint)
-    if grows(run.job):
-        force = distribution.particles(model.growing if model else None)
-        loads.append(GrowingLoad(force, run.job.load.ramp))
-    return loads
-
-
-def sections_of(run: Run, simulation: Simulation | None) -> dict[str, dict]:
-    """The small datasets of the result file, by group, on rank 0."""
-    setup, model, statics = run.setup, run.setup.model, run.saver.statics
+def initial_sections(scene: Scene) -> dict[str, dict]:
+    """The small datasets of the net, its loads and its form, on rank 0."""
+    model, form = scene.model, scene.form
     if model is None:
         return {}
     areas = Areas(model.area, model.plan_area, model.vector_area)
     sections = {"net": net_section(model.net, areas, model.zones, model.cut_length)}
-    sections["load"] = load_section(run.job, model.zones)
+    sections["load"] = load_section(scene.job, model.zones)
     if "temperature" in sections["load"]:
         sections["net"]["unstressed_length_warm"] = model.L0
-    if setup.form:
-        of_prestress = lambda force: np.float64(force / setup.form.reference if setup.form.reference else 0.0)
+    if form:
+        of_prestress = lambda force: np.float64(force / form.reference if form.reference else 0.0)
         sections["form_finding"] = {
-            "iterations": np.int64(setup.form.iterations),
-            "residual": of_prestress(setup.form.residual),
-            "residual_real_material": of_prestress(setup.residual),
+            "iterations": np.int64(form.iterations),
+            "residual": of_prestress(form.residual),
+            "residual_real_material": of_prestress(scene.residual),
             "position": model.x,
             "tension": model.N,
             "unstressed_length": model.cut_length,
         }
-    if statics and statics.steps:
-        sections["statics"] = numbers_of(
-            {name: [step[name] for step in statics.steps] for name in statics.steps[0]}
-        )
-    if statics and statics.rest:
-        sections["rest"] = numbers_of(statics.rest)
-    for name, numbers in statics.cases.items() if statics else ():
-        sections[f"cases/{name}"] = numbers_of(numbers)
-    if simulation:
-        sections["history"] = simulation.history.columns() | simulation.history.probe_columns()
-        sections["events"] = run.log.columns()
-        sections["events"] |= event_ids(model.net, sections["events"])
-    if simulation and simulation.removal:
-        sections["removal"] = simulation.removal.columns()
-    if simulation and simulation.wind:
-        sections["wind"] = wind_section(run.job, model, *simulation.wind.record_until(simulation.time))
     return sections

@@ -1,14 +1,13 @@
 """A job made ready to step: model, form, state and limits, split over the ranks."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
 from netfall.equilibrium.find import Finder
-from netfall.equilibrium.relaxation import Paused, state_residual
+from netfall.equilibrium.relaxation import Paused, relaxation_record, restored_relaxation, state_residual
 from netfall.ground.compile import wake
 from netfall.ground.errors import InputError, interrupted
 from netfall.ground.stop import NEVER, StopRequest
@@ -24,32 +23,16 @@ from netfall.net.net import joined, spaced
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution, cut_net
-from netfall.program.restart import pause_form_finding, restore_relaxation, restored_form
-from netfall.stages.form import Form, find_form
+from netfall.stages.form import find_form
+from netfall.stages.scene import Form, Scene
+from netfall.stages.settle import RELAXATION
 from netfall.stages.step_limit import assembled_limit
-from netfall.write.checkpoint import Checkpoint
+from netfall.write.checkpoint import Checkpoint, checkpoint_path, remove_older, write_checkpoint
 
 # Elements up to which each run finds the sharp limit of its step, in 10 ms at stadium size, half a second
 # here; beyond, where a fixed step needs it.
 LARGEST_SHARP = 50_000
-
-
-@dataclass
-class Setup:
-    """The job on one rank, ready for statics or dynamics."""
-
-    model: Model | None  # on rank 0
-    distribution: Distribution
-    state: State
-    halo: Halo
-    form: Form | None
-    residual: float  # N, of the prestressed net with the real material
-    reference: float  # N, largest tension of what can move, in the initial state
-    limits: dict[str, Limit] = field(default_factory=dict)
-    digest: str = ""  # of job and net, for checkpoints
-    stage: str | None = None  # in which the run that is taken up was interrupted; None: a new run
-    checkpoint: Checkpoint | None = None  # of that run, on rank 0
-    finder: Finder | None = None  # of equilibria, once one is looked for
+FORM, INITIAL = "form finding", "initial"  # names in checkpoints
 
 
 def prepare(
@@ -61,11 +44,11 @@ def prepare(
     restart: Path | None = None,
     stop: StopRequest = NEVER,
     memory: Memory = FORGETFUL,
-) -> Setup:
-    """The job in its initial state: form found, prestressed, loaded. Collective.
+) -> tuple[Scene, Checkpoint | None]:
+    """The job in its initial state: form found, prestressed, loaded; on rank 0 a checkpoint. Collective.
 
-    result : path of the result file, beside which a form finding that is stopped leaves a checkpoint
-    restart : the checkpoint to go on from; memory : of runs before in this process
+    The schedule is still to come. result : path of the result file, beside which a form finding that is
+    stopped leaves a checkpoint; restart : the checkpoint to go on from; memory : of runs before
 
     Raises InputError for what is wrong in the job, DivergedError if form finding does not converge,
     Interrupted if `stop` asks for it.
@@ -83,7 +66,7 @@ def prepare(
     checkpoint = on_root(comm, lambda: Checkpoint(restart, digest)) if restart else None
     stage = comm.bcast(checkpoint and checkpoint.record["stage"])
     with phases.phase("form finding"):
-        if stage in ("statics", "dynamics"):
+        if stage not in (None, FORM):
             form = _restored_initial(comm, job, model, checkpoint)
         elif job.form_finding is not None:
             of_run = result, digest, restart, checkpoint, stop
@@ -104,9 +87,9 @@ def prepare(
             on_root(comm, lambda: warm(job, model))
             state.L0[:] = distribution.elements(model and model.L0)
         limits = _limits(comm, job, model, features, state, distribution, halo)
-    return Setup(
-        model, distribution, state, halo, form, residual, reference, limits, digest, stage, checkpoint
-    )
+    finder = Finder(comm, halo, distribution, state)
+    found = form, residual, reference, digest, limits
+    return Scene(comm, job, model, distribution, halo, state, finder, *found), checkpoint
 
 
 def _form(job, model, distribution, halo, report, result, digest, restart, checkpoint, stop) -> tuple:
@@ -123,7 +106,9 @@ def _form(job, model, distribution, halo, report, result, digest, restart, check
         distribution = Distribution(comm, *comm.bcast(model and (as_given.n, as_given.m)), cut)
         halo = own_halo = Halo(comm, distribution.subdomain, 3)
     try:
-        resume = restore_relaxation(distribution, checkpoint)
+        kept = comm.bcast(checkpoint and checkpoint.part(RELAXATION)[0])
+        arrays = checkpoint and checkpoint.part(RELAXATION)[1]
+        resume = restored_relaxation(distribution, kept, arrays) if kept else None
         form = find_form(comm, as_given, distribution, job.form_finding, halo, report, stop, resume)
     except Paused as pause:
         path = pause_form_finding(job, result, digest, distribution, pause, restart)
@@ -135,12 +120,34 @@ def _form(job, model, distribution, halo, report, result, digest, restart, check
     return form, model and spaced(net, x), model and np.repeat(N, net.parts)
 
 
+def pause_form_finding(
+    job: Job, result: Path, digest: str, distribution: Distribution, pause: Paused, given: Path | None
+) -> Path:
+    """Write a checkpoint of the form finding where it was paused; its path. Collective."""
+    path = checkpoint_path(result, 1, pause.at.iteration)
+    record = {"job": digest, "name": job.title or job.name, "stage": FORM}
+    parts = {RELAXATION: relaxation_record(distribution, pause.at)}
+    write_checkpoint(distribution.comm, path, None, None, record, parts)
+    if distribution.comm.rank == 0:
+        remove_older(path, result, digest, given)
+    return path
+
+
+def initial_record(scene: Scene) -> tuple[dict, dict[str, np.ndarray]]:
+    """What is kept of the initial state and of how its form was found."""
+    form, model = scene.form, scene.model
+    names = ("iterations", "residual", "reference")
+    small = {"form": {name: getattr(form, name) for name in names} if form else None}
+    return small, {"x": model.x, "N": model.N} if model else {}
+
+
 def _restored_initial(comm: MPI.Comm, job: Job, model: Model | None, checkpoint: Checkpoint | None):
     """The initial state of the run that is taken up; what is known of its form. Collective."""
-    form = comm.bcast(checkpoint and restored_form(checkpoint.record))
-    tension = checkpoint.arrays["N"] if checkpoint and job.form_finding else None
-    on_root(comm, lambda: set_initial(job, model, checkpoint.arrays["x"], tension))
-    return form
+    small, arrays = checkpoint.part(INITIAL) if checkpoint else (None, None)
+    tension = arrays["N"] if arrays and job.form_finding else None
+    on_root(comm, lambda: set_initial(job, model, arrays["x"], tension))
+    form = comm.bcast(small)["form"]
+    return Form(None, None, **form) if form else None
 
 
 def _largest_tension(model: Model) -> float:

@@ -12,7 +12,6 @@ from netfall.parallel.subdomain import Distribution
 
 TENSION = ("tension_max", "tension_max_time", "tension_min", "slack_time")  # (m,), of elements
 DISPLACEMENT = ("displacement_max", "displacement_max_time")  # (n,), of particles of the net
-PREFIX = "envelope_"  # of its arrays in a checkpoint
 
 
 @kernel
@@ -55,18 +54,16 @@ class Envelope:
         """Of elements (m,) and of particles (n_owned,), by name."""
         return dict(zip(TENSION, self.tension)), dict(zip(DISPLACEMENT, self.displacement))
 
-    def arrays(self, state) -> dict[str, np.ndarray]:
+    def record(self, state) -> tuple[dict, dict[str, np.ndarray]]:
         """What a continuation needs, by global numbers on rank 0, for `restore`. Collective."""
         mine = state.owned.astype(bool)
         tension = self.distribution.gather_elements(self.tension.T, mine)
         displacement = self.distribution.gather_particles(self.displacement.T)
-        if tension is None:
-            return {}
-        return {f"{PREFIX}tension": tension, f"{PREFIX}displacement": displacement}
+        return {}, {} if tension is None else {"tension": tension, "displacement": displacement}
 
-    def restore(self, checkpoint) -> None:
-        """Take up the record of an earlier run. checkpoint : on rank 0. Collective."""
+    def restore(self, _: dict, arrays: dict[str, np.ndarray] | None) -> None:
+        """Take up the record of an earlier run. arrays : on rank 0. Collective."""
         spread, n_owned = self.distribution, self.displacement.shape[1]
-        rows = lambda name: checkpoint and checkpoint.arrays[PREFIX + name]
+        rows = lambda name: arrays and arrays[name]
         self.tension[:] = spread.elements(rows("tension")).T
         self.displacement[:] = spread.particles(rows("displacement"))[:n_owned].T

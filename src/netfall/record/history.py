@@ -44,12 +44,15 @@ class History:
     scale : [J] largest energy that took part so far, which both errors are shares of
     """
 
-    def __init__(self, probes: Probes, stored: float = 0.0):
-        """stored : [J] in the elements at the start"""
-        self.probes, self.scale = probes, AT_REST * stored
+    def __init__(self, probes: Probes):
+        self.probes, self.scale = probes, 0.0
         self.rows: dict[str, list] = {column.name: [] for column in HISTORY}
         self.probe_rows: list[np.ndarray] = []
         self.most_strained = NOT_STRAINED  # of this rank, since it was started
+
+    def begin(self, stored: float) -> None:
+        """At the start, where so much [J] is stored in the elements."""
+        self.scale = AT_REST * stored
 
     def __len__(self) -> int:
         return len(self.rows["time"])
@@ -88,16 +91,14 @@ class History:
             columns |= {"element_tension": values[:, at_nodes + met :], **named}
         return columns
 
-    def arrays(self) -> dict[str, np.ndarray]:
+    def record(self) -> tuple[dict, dict[str, np.ndarray]]:
         """What a continuation needs, for `restore`."""
-        columns = {f"history_{name}": values for name, values in self.columns().items()}
-        return columns | {"probe_rows": np.array(self.probe_rows)}
+        return {"scale": self.scale}, self.columns() | {"probe_rows": np.array(self.probe_rows)}
 
-    def restore(self, arrays: dict[str, np.ndarray]) -> None:
+    def restore(self, small: dict, arrays: dict[str, np.ndarray]) -> None:
         """Take up the rows of an earlier run."""
-        self.rows = {column.name: arrays[f"history_{column.name}"].tolist() for column in HISTORY}
-        for row in zip(*self.rows.values()):
-            self.scale = max(self.scale, energy_in_play(dict(zip(self.rows, row))))
+        self.scale = small["scale"]
+        self.rows = {column.name: arrays[column.name].tolist() for column in HISTORY}
         self.probe_rows = list(arrays["probe_rows"])
 
 

@@ -1,10 +1,13 @@
 """The dynamic stage: from the initial state through gusts and fractures to the end (paper 2.5, 3, 4)."""
 
+from pathlib import Path
+
 import numpy as np
 from mpi4py import MPI
 
 from netfall.ground.errors import DivergedError, interrupted
-from netfall.job.asks import carries_weight
+from netfall.job.asks import carries_weight, grows, rests_in_wind
+from netfall.job.read import Job
 from netfall.mechanics.events import Event
 from netfall.mechanics.fracture import FractureRules, break_elements
 from netfall.mechanics.state import State
@@ -14,14 +17,87 @@ from netfall.record.columns import Moment
 from netfall.record.energy import Energies, most_extreme, take_snapshot, total_energies
 from netfall.record.envelope import Envelope
 from netfall.record.history import History, LocalProbes, most_strained
+from netfall.record.wind import wind_section
+from netfall.stages import rests
 from netfall.stages.panels import Tearing
 from netfall.stages.removal import Removal
-from netfall.stages.varying import VaryingLoads, WindLoad
+from netfall.stages.rests import losses_now
+from netfall.stages.scene import Desk, Outcome, Scene
+from netfall.stages.varying import GrowingLoad, VaryingLoads, WindLoad
 from netfall.step.loop import Interval
 from netfall.step.plan import Plan, halo_width
+from netfall.wind.onset import GrowingGusts
+from netfall.write.ids import event_ids
 
 LOOK_STEPS = 100_000  # at most, between looks at the wish to stop: a tenth of a second on the smallest net
 LOOK_WORK = 200_000_000  # steps of an element, at most, between them: two seconds on one rank
+
+
+NAME = "dynamics"
+
+
+def required(job: Job) -> bool:
+    """Whether the job has a dynamic stage."""
+    return job.dynamics is not None
+
+
+def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
+    """Step through the dynamic stage; found : the `Simulation`. Collective."""
+    removal, losses = None, losses_now(scene)
+    if scene.job.removes:
+        removal = Removal(scene, losses, outcomes[rests.NAME].found, desk.log)
+    with desk.phases.phase("wind"):
+        loads = varying_loads(scene) + (list(removal.fades.values()) if removal else [])
+    schedule = scene.schedule
+    desk.progress.say(
+        f"dynamics: {scene.job.dynamics.duration:g} s in {schedule.steps} steps of {schedule.dt:.4g} s"
+    )
+    start = start_energies(scene) if desk.saver.stage != NAME else None
+    simulation = Simulation(scene, desk, loads, removal)
+    if start:
+        simulation.begin(start)
+    simulation.register()
+    with desk.phases.phase(NAME):
+        try:
+            simulation.run()
+        except DivergedError:  # on every rank
+            simulation.halo.free()
+            raise
+    return Outcome(simulation, sections=sections(scene, simulation))
+
+
+def start_energies(scene: Scene) -> Energies:
+    """The energies at the start, from which displacements count. Collective."""
+    scene.state.count_displacements()
+    return total_energies(scene.comm, scene.state, take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0))
+
+
+def varying_loads(scene: Scene) -> list:
+    """The loads that vary in time, but what fades after a loss. Collective."""
+    loads, job, model, distribution = [], scene.job, scene.model, scene.distribution
+    if job.wind:
+        field = model.wind_field if model else None
+        ramp = job.wind.ramp if rests_in_wind(job) else 0.0
+        gusts = GrowingGusts(model.history, ramp) if model else None
+        loads.append(WindLoad(scene.comm, distribution, field, gusts))
+    if grows(job):
+        loads.append(GrowingLoad(distribution.particles(model and model.growing), job.load.ramp))
+    return loads
+
+
+def sections(scene: Scene, simulation) -> dict[str, dict[str, np.ndarray]]:
+    """History, events, losses and wind, on rank 0."""
+    model = scene.model
+    if model is None:
+        return {}
+    history, events = simulation.history, simulation.log.columns()
+    found = {"history": history.columns() | history.probe_columns()}
+    found["events"] = events | event_ids(model.net, events)
+    if simulation.removal:
+        found["removal"] = simulation.removal.columns()
+    if simulation.wind:
+        found["wind"] = wind_section(scene.job, model, *simulation.wind.record_until(simulation.time))
+    return found
 
 
 class Simulation:
@@ -32,20 +108,17 @@ class Simulation:
     strain. In a long way to a target all ranks look at the same steps whether one has been asked to stop.
     """
 
-    def __init__(self, run, loads: list, history: History, removal: Removal | None, start: tuple):
-        """Collective.
-
-        run : `run.Run`; loads : that vary, as `solve.loads` has them
-        removal : what is lost; start : strain energy and dissipated [J], from which energies count
-        """
-        job, schedule, distribution = run.job, run.schedule, run.setup.distribution
-        self.comm, self.state, self.schedule = run.comm, run.setup.state, schedule
-        self.log, self.history, self.removal = run.log, history, removal
-        self.envelope = Envelope(distribution)
+    def __init__(self, scene: Scene, desk: Desk, loads: list, removal: Removal | None):
+        """Collective. loads : that vary, as `varying` has them; removal : what is lost"""
+        job, schedule, distribution = scene.job, scene.schedule, scene.distribution
+        self.comm, self.state, self.schedule = scene.comm, scene.state, schedule
+        self.log, self.removal, self.model = desk.log, removal, scene.model
+        self.result, self.progress, self.phases = desk.result, desk.progress, desk.phases
+        self.stop, self.saver = desk.stop, desk.saver
+        probes = scene.comm.bcast(scene.model and scene.model.probes)
+        self.envelope, self.history = Envelope(distribution), History(probes)
         self.wind = next((load for load in loads if isinstance(load, WindLoad)), None)
         self.loads = VaryingLoads(self.state, loads)
-        self.result, self.progress, self.phases = run.result, run.progress, run.phases
-        self.stop, self.save = run.stop, run.saver
         self.zeta = job.dynamics.damping
         self.after_fracture = job.wind.after_fracture if job.wind else "none"
         self.rules = FractureRules(
@@ -58,23 +131,41 @@ class Simulation:
             dt=schedule.dt,
             stable_dt=schedule.stable_dt,
         )
-        self.subdomain, self.model = distribution.subdomain, run.setup.model
-        self.halo = Halo(run.comm, self.subdomain, halo_width(self.state))
+        self.subdomain = distribution.subdomain
+        self.halo = Halo(scene.comm, self.subdomain, halo_width(self.state))
         self.plan = Plan(self.state, self.halo)
         self.n = 0  # step number: x(n), v(n-1/2)
         self.before_dt = 0.0
         self.events: list[Event] = []  # of this rank, not yet shared
-        self.start_strain, self.start_plastic = start
+        self.start_strain = self.start_plastic = 0.0  # J, from which energies count
         self.largest_work = 0.0
         self.slack = 0
         self.stopping = False
         self.look_every = max(1, min(LOOK_STEPS, LOOK_WORK // max(1, distribution.m)))  # steps
-        self.probes = LocalProbes(self.subdomain, history.probes)
+        self.probes = LocalProbes(self.subdomain, probes)
         self.tearing = None
         if self.after_fracture == "panels":
-            self.tearing = Tearing(run.comm, distribution, self.model, self.log.broken, schedule.stable_dt)
+            self.tearing = Tearing(scene.comm, distribution, self.model, self.log.broken, schedule.stable_dt)
         with self.phases.phase("time loop"):  # compiled, or loaded
             self.plan.run(Interval(0, 0, 0.0, schedule.dt, self.zeta, 0.0, 1.0), self.phases.of_steps)
+
+    def begin(self, energies: Energies) -> None:
+        """At the first step: what is stored and dissipated from there on counts."""
+        self.start_strain, self.start_plastic = energies.strain, energies.plastic
+        self.history.begin(energies.strain)
+
+    def register(self) -> None:
+        """Have all that moves saved with checkpoints; taken up where the run goes on from one. Collective."""
+        saver = self.saver
+        if self.wind:
+            saver.register("wind", self.wind.record, self.wind.restore, everywhere=True)
+        if self.removal:
+            restore = lambda small, arrays: self.removal.restore(small, arrays, self)
+            saver.register("removal", self.removal.record, restore)
+        saver.register("simulation", self.record, self.restore)
+        saver.register("history", self.history.record, self.history.restore, everywhere=True)
+        envelope = self.envelope
+        saver.register("envelope", lambda: envelope.record(self.state), envelope.restore)
 
     @property
     def time(self) -> float:
@@ -108,7 +199,7 @@ class Simulation:
                 if self.stopping and target < self.schedule.steps:
                     self.leave()
                 if target in saves:
-                    self.save(self)
+                    self.save()
         snapshot = self.snapshot()
         if self.removal:
             self.removal.close(self.state, snapshot.N)
@@ -122,21 +213,22 @@ class Simulation:
         share = (self.time - self.loads.time) / self.loads.dt
         return take_snapshot(self.state, self.before_dt, self.schedule.dt, self.zeta, share)
 
-    def record(self) -> dict:
+    def record(self) -> tuple[dict, dict]:
         """Where the run stands, for `restore`."""
-        return {
+        small = {
             "step": self.n,
             "before_dt": self.before_dt,
             "largest_work": self.largest_work,
             "start_strain": self.start_strain,
             "start_plastic": self.start_plastic,
-            "removal": self.removal and self.removal.record(),
         }
+        return small, {}
 
-    def restore(self, record: dict) -> None:
+    def restore(self, small: dict, _: dict | None) -> None:
         """Take up the record of an earlier run; the loads stand where it left them."""
-        self.n, self.before_dt = record["step"], record["before_dt"]
-        self.largest_work = record["largest_work"]
+        self.n, self.before_dt = small["step"], small["before_dt"]
+        self.largest_work = small["largest_work"]
+        self.start_strain, self.start_plastic = small["start_strain"], small["start_plastic"]
         self.result.losses = self.removal.done if self.removal else 0
         self.loads.restart(self.state, self.n, self.schedule.step_at)
 
@@ -168,7 +260,11 @@ class Simulation:
     def leave(self) -> None:
         """End here, with a checkpoint, because that is asked for. Raises Interrupted. Collective."""
         self.check_energies(self.snapshot())
-        raise interrupted(f"at t = {self.time:.6g} s (step {self.n})", self.save(self))
+        raise interrupted(f"at t = {self.time:.6g} s (step {self.n})", self.save())
+
+    def save(self) -> Path:
+        """Write a checkpoint of the present step; its path. Collective."""
+        return self.saver.save(NAME, self.n, self.state)
 
     def advance_block(self, stop: int) -> None:
         """Step to number `stop` without a word to ranks that are not neighbours."""

@@ -5,8 +5,6 @@ or 0 for constant tension; or by force density, one sparse linear solve (Schek 1
 of the real material follow in closed form.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from mpi4py import MPI
 
@@ -32,6 +30,7 @@ from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
 from netfall.roof.plan import listed
 from netfall.stages.force_density import Singular, solve_sparse
+from netfall.stages.scene import Form
 
 TOGETHER = 1e-6  # of the length at the start: an element so short is as good as gone
 LOOKS = 10  # in turn, at which one is: a node may pass close to another on its way
@@ -40,21 +39,6 @@ LOOKS = 10  # in turn, at which one is: a node may pass close to another on its 
 NEAR = 1e-2  # of the residual forces, what the start leaves
 TIGHTER = 0.1  # times: the tolerance where the residual asks for more
 MOST_AGAIN = 4
-
-
-@dataclass
-class Form:
-    """Result of form finding.
-
-    x : (n, 3) [m], owned and halo; N : (m,) [N]; residual : largest residual force [N] over the free axes
-    reference : largest prestress [N] of what can move, which the tolerance refers to
-    """
-
-    x: np.ndarray
-    N: np.ndarray
-    iterations: int
-    residual: float
-    reference: float
 
 
 @kernel

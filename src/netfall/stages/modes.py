@@ -10,7 +10,6 @@ has the share of the critical zeta / (2 omega) = zeta T / (4 pi).
 """
 
 from dataclasses import dataclass
-from types import SimpleNamespace
 
 import numpy as np
 
@@ -23,10 +22,11 @@ from netfall.model.model import Model
 from netfall.multigrid.tangent import block_matrix, incidence_of
 from netfall.net.net import Net
 from netfall.numerics.functions import lengths
-from netfall.program.setup import Setup
 from netfall.roof.areas import unit_normals
 from netfall.roof.plan import listed
-from netfall.stages.statics import committed, equilibria, put_back, reference_force, settle
+from netfall.stages.scene import Desk, Outcome, Scene
+from netfall.stages.settle import committed, put_back, reference_force, settle
+from netfall.stages.statics import equilibria
 
 STILL = 1e-12  # of the largest diagonal of M^-1 K: an omega^2 below that is rounding, a mechanism
 SHIFT = 1e-11  # of the same: how far below zero the shift lies, so that mechanisms can be found too
@@ -135,9 +135,26 @@ def _scaled(shape: np.ndarray) -> np.ndarray:
     return shape / size[:, None, None]
 
 
-def modes_now(setup: Setup, count: int) -> Modes | None:
+NAME = "modes"
+
+
+def required(job: Job) -> bool:
+    """Whether the job asks for modes."""
+    return bool(job.output.modes)
+
+
+def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
+    """The modes about where the statics ended, /modes. Collective."""
+    if not desk.saver.is_past(NAME):
+        with desk.phases.phase(NAME):
+            modes = modes_now(scene, scene.job.output.modes)
+            desk.result.write_whole(NAME, modes and modes_section(scene.job, modes))
+    return Outcome()
+
+
+def modes_now(scene: Scene, count: int) -> Modes | None:
     """The lowest modes of the net as it stands, on rank 0, None elsewhere. Collective."""
-    distribution, state, model = setup.distribution, setup.state, setup.model
+    distribution, state, model = scene.distribution, scene.state, scene.model
     x = distribution.gather_particles(state.x)
     N = distribution.gather_elements(state.elements_now().N)
     if model is None:
@@ -151,32 +168,31 @@ def modes_section(job: Job, modes: Modes) -> dict[str, np.ndarray]:
     return section | ({"damping_ratio": modes.damping_ratio(job.dynamics.damping)} if job.dynamics else {})
 
 
-def mode_lines(job: Job, setup: Setup) -> list[str]:
+def mode_lines(job: Job, scene: Scene) -> list[str]:
     """The lines of `check` on modes and damping. Changes the state. One rank."""
-    if setup.model.net.m > LARGEST:
+    if scene.model.net.m > LARGEST:
         return [f"modes: left out, for the net has more than {LARGEST} elements"]
-    where = go_to_rest(job, setup)
-    modes = modes_now(setup, MODES)
+    where = go_to_rest(job, scene)
+    modes = modes_now(scene, MODES)
     if not len(modes.period):
         return []
-    lines = [f"modes {where}: periods {_row(modes.period)} s"] + _notes(setup.model, modes)
-    return lines + (_damping_lines(job, setup.model, modes) if job.dynamics else [])
+    lines = [f"modes {where}: periods {_row(modes.period)} s"] + _notes(scene.model, modes)
+    return lines + (_damping_lines(job, scene.model, modes) if job.dynamics else [])
 
 
-def go_to_rest(job: Job, setup: Setup) -> str:
+def go_to_rest(job: Job, scene: Scene) -> str:
     """Bring the state to where the run's last equilibrium is, if it has any; where that is, in words.
 
     At once, where a run takes its steps. One rank.
     """
-    run = SimpleNamespace(comm=setup.distribution.comm, job=job, setup=setup)
-    last = [each for each in equilibria(run) if each.kind in REST] if has_statics(job) else []
+    last = [each for each in equilibria(scene) if each.kind in REST] if has_statics(job) else []
     if not last:
         return "in the initial state, without loads"
-    start, loads = committed(setup.state), "all loads" if rests_at_loss(job) else REST[last[-1].kind]
+    start, loads = committed(scene.state), "all loads" if rests_at_loss(job) else REST[last[-1].kind]
     try:
-        settle(run, last[-1], reference_force(run, last[-1]), NEVER)
+        settle(scene, last[-1], reference_force(scene, last[-1]), NEVER)
     except DivergedError:
-        put_back(setup.state, start)
+        put_back(scene.state, start)
         return f"in the initial state, for no rest was found under {loads},"
     return f"at rest under {loads}"
 

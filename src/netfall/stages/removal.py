@@ -6,66 +6,48 @@ What hung inside a lost cable goes to its ends (`handover`), in the motion and i
 """
 
 import sys
-from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
 
+from netfall.mechanics.events import EventLog
 from netfall.mechanics.loss import Carried, join, leave, lose_elements
 from netfall.model.handover import HandOver
-from netfall.model.losses import Loss, leaving_then, losses_of
+from netfall.model.losses import Loss, leaving_then
 from netfall.parallel.subdomain import rows_of
-from netfall.stages.rests import local_rows
+from netfall.stages.rests import Rest, RestsAfter, local_rows
+from netfall.stages.scene import Scene
 from netfall.stages.varying import FadingLoad
 from netfall.write.result import texts
 
-PREFIX = "removal_"  # of its arrays in a checkpoint
 # (losses, m) [N] on rank 0, nan where not known; rest: before the loss; lowest is not known of what broke.
 TENSIONS = ("before", "highest", "lowest", "rest", "after")
 NO_CHANGE = 1e-3  # of the largest tension: what changes less has no dynamic factor
 
 
-class Rest(NamedTuple):
-    """What came of the rest after a loss.
-
-    state : a key of `loss_lines.RESTS`; elements : global numbers, that break there
-    """
-
-    state: str
-    elements: tuple[int, ...] = ()
-
-
-def losses_now(run) -> list[Loss]:
-    """What is lost in the dynamic stage of a run, on every rank. Collective."""
-    if not (run.job.removes and run.job.dynamics):
-        return []
-    model = run.setup.model
-    return run.comm.bcast(losses_of(run.job, model, run.schedule) if model else None)
-
-
 class Removal:
     """The losses of a run, and the tensions around them; these on rank 0."""
 
-    def __init__(self, run, losses: list[Loss], after: tuple[list[Rest], np.ndarray | None] | None):
-        """after : of `rests_after`, None: of a run that is taken up"""
-        self.distribution, self.losses, self.job = run.setup.distribution, losses, run.job
-        self.model, self.step_at = run.setup.model, run.schedule.step_at
-        self.dt, self.done = run.schedule.dt, 0
-        self.rests = after[0] if after else []
-        gid, self.log = self.distribution.subdomain.particle_gid, run.log
+    def __init__(self, scene: Scene, losses: list[Loss], after: RestsAfter | None, log: EventLog):
+        """after : of the stage `rests`, None: of a run that is taken up"""
+        self.distribution, self.losses, self.job = scene.distribution, losses, scene.job
+        self.model, self.step_at = scene.model, scene.schedule.step_at
+        self.dt, self.done = scene.schedule.dt, 0
+        self.rests = after.rests if after else []
+        gid, self.log = self.distribution.subdomain.particle_gid, log
         self.area = self.model and self.model.area.copy()  # m2, (n,) on rank 0, of who has it by now
         there = {k for loss in losses for k in loss.entry.tolist()}
         self.fades = {
-            k: FadingLoad(gid, run.job.removes[k].duration)
+            k: FadingLoad(gid, scene.job.removes[k].duration)
             for k in sorted(there)
-            if run.job.removes[k].duration
+            if scene.job.removes[k].duration
         }
         self.tensions = None
         if self.model:
             shape = (len(losses), self.model.net.m)
             self.tensions = {name: np.full(shape, np.nan) for name in TENSIONS}
             if after is not None:
-                self.tensions["rest"][:], self.tensions["after"][:] = after[1][:-1], after[1][1:]
+                self.tensions["rest"][:], self.tensions["after"][:] = after.tension[:-1], after.tension[1:]
 
     @property
     def next_step(self) -> int:
@@ -153,26 +135,23 @@ class Removal:
 
     # --- records
 
-    def record(self) -> dict:
-        """How far it has come, for `restore`."""
-        return {"done": self.done, "rests": self.rests}
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """What a continuation needs, on rank 0."""
-        if self.tensions is None:
-            return {}
+    def record(self) -> tuple[dict, dict[str, np.ndarray]]:
+        """How far it has come, for `restore`; the tensions and what fades on rank 0."""
         forces = {str(k): fade.all_forces for k, fade in self.fades.items() if fade.zero < np.inf}
-        return {f"{PREFIX}{name}": values for name, values in (self.tensions | forces).items()}
+        return {
+            "done": self.done,
+            "rests": self.rests,
+        }, {} if self.tensions is None else self.tensions | forces
 
-    def restore(self, record: dict, checkpoint, simulation) -> None:
-        """Take up the record of an earlier run. checkpoint : on rank 0. Collective."""
-        self.done = record["done"]
-        self.rests = [Rest(state, tuple(elements)) for state, elements in record["rests"]]
-        if checkpoint:
-            self.tensions = {name: checkpoint.arrays[PREFIX + name] for name in TENSIONS}
+    def restore(self, small: dict, arrays: dict[str, np.ndarray] | None, simulation) -> None:
+        """Take up the record of an earlier run. arrays : on rank 0. Collective."""
+        self.done = small["done"]
+        self.rests = [Rest(state, tuple(elements)) for state, elements in small["rests"]]
+        if arrays:
+            self.tensions = {name: arrays[name] for name in TENSIONS}
         for k, loss in enumerate(self.losses[: self.done]):
             entries = sorted(set(loss.entry.tolist()) & set(self.fades))
-            force = {e: checkpoint.arrays[f"{PREFIX}{e}"] for e in entries} if checkpoint else None
+            force = {e: arrays[str(e)] for e in entries} if arrays else None
             self._begin_fades(loss, self.distribution.comm.bcast(force))
             self._hand_over(simulation, self._leaving(k)[1])
 
@@ -225,6 +204,3 @@ def dynamic_factors(before, peak, rest, after) -> np.ndarray:
     changed = np.minimum(np.abs(change), np.abs(after - np.where(np.isnan(rest), before, rest)))
     changes = there & (changed > NO_CHANGE * largest)
     return np.divide(peak - before, change, out=np.full(len(before), np.nan), where=changes)
-
-
-# --- the rest of the damaged net

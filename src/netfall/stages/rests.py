@@ -1,18 +1,21 @@
 """The rests of a net before and after the loss of members: where it stands with what is left of it."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from netfall.equilibrium.find import STABLE
 from netfall.equilibrium.relaxation import Paused
-from netfall.ground.errors import DivergedError, interrupted
-from netfall.model.losses import Loss, comes_loose
+from netfall.ground.errors import DivergedError
+from netfall.job.read import Job
+from netfall.model.losses import Loss, comes_loose, losses_of
 from netfall.results.loss_lines import SOMETHING_BREAKS, elements_of
-from netfall.stages.removal import Rest
-from netfall.stages.statics import (
+from netfall.stages.scene import Desk, Outcome, Scene
+from netfall.stages.settle import (
     Equilibrium,
-    StaticPath,
     committed,
     error_words,
+    paused,
     put_back,
     reference_force,
     settle,
@@ -27,57 +30,99 @@ def local_rows(gid: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return np.searchsorted(gid, wanted[np.isin(wanted, gid)])
 
 
-def rests_after(run, losses: list[Loss]) -> tuple[list[Rest], np.ndarray | None] | None:
-    """The rest after each loss; tensions (losses + 1, m) [N] before any and after each, on rank 0.
+NAME = "rests"
 
-    nan: no rest was found. From where the dynamic stage begins, with the losses so far, under all constant
-    loads and the mean wind.
-    Leaves the state as it was. Collective. Raises Interrupted where it is asked to stop.
+
+class Rest(NamedTuple):
+    """What came of the rest after a loss.
+
+    state : a key of `loss_lines.RESTS`; elements : global numbers, that break there
     """
-    if not losses:
-        return None
-    state, distribution, model = run.setup.state, run.setup.distribution, run.setup.model
+
+    state: str
+    elements: tuple[int, ...] = ()
+
+
+class RestsAfter(NamedTuple):
+    """The rest after each loss; tension : (losses + 1, m) [N] before any and after each, on rank 0.
+
+    nan: no rest was found
+    """
+
+    rests: list[Rest]
+    tension: np.ndarray | None
+
+
+def required(job: Job) -> bool:
+    """Whether members are lost in the dynamic stage."""
+    return bool(job.removes and job.dynamics)
+
+
+def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
+    """The rests after the losses; found : `RestsAfter`, None where nothing is lost in time. Collective.
+
+    From where the dynamic stage begins, with the losses so far, under all constant loads and the mean wind.
+    Leaves the state as it was. Raises Interrupted where it is asked to stop.
+    """
+    losses = losses_now(scene)
+    if desk.saver.is_past(NAME) or not losses:
+        return Outcome()
+    with desk.phases.phase("statics"):
+        return Outcome(rests_after(scene, desk, losses))
+
+
+def losses_now(scene: Scene) -> list[Loss]:
+    """What is lost in the dynamic stage, on every rank. Collective."""
+    if not required(scene.job):
+        return []
+    return scene.comm.bcast(scene.model and losses_of(scene.job, scene.model, scene.schedule))
+
+
+def rests_after(scene: Scene, desk: Desk, losses: list[Loss]) -> RestsAfter:
+    """What `run` finds. Collective."""
+    state, distribution, model = scene.state, scene.distribution, scene.model
     loads = loads_after(model, losses) if model else [None] * (len(losses) + 1)
     start, EA, broken = committed(state), state.EA.copy(), state.broken.copy()
-    loose = run.comm.bcast(loose_after(model, losses, loads) if model else None)
-    reference = reference_force(run, Equilibrium("loss", "", distribution.particles(loads[0])))
+    loose = scene.comm.bcast(loose_after(model, losses, loads) if model else None)
+    reference = reference_force(scene, Equilibrium("loss", "", distribution.particles(loads[0])))
     mine = lambda tension: distribution.gather_elements(tension, state.owned.astype(bool))
     found, rests, best = [mine(state.elements_now().N)], [], start
     for loss, no_rest, whole in zip(losses, loose, loads[1:]):
         rows = local_rows(distribution.subdomain.element_gid, loss.elements)
         state.EA[rows], state.broken[rows] = 0.0, 1  # not slack: gone
-        run.setup.finder = None  # what it keeps is of the net before
+        scene.finder.forget()
         load = distribution.particles(whole)
-        words = f"the net without {words_of(run.job, loss)}"
+        words = f"the net without {words_of(scene.job, loss)}"
         tension, rest = np.full(state.m, np.nan), Rest("no_equilibrium")
-        line = f"no rest: a part of {words} hangs on nothing"
+        line = f"no rest: a part of {words} is connected to no support"
         if not no_rest:
             try:
-                tension, rest, line = _settled(run, Equilibrium("loss", words, load, 1.0), reference)
+                each = Equilibrium("loss", words, load, 1.0)
+                tension, rest, line = _settled(scene, each, reference, desk.stop)
                 best = committed(state) if rest.state == "equilibrium" else best
             except Paused as pause:
                 put_back(state, start)
                 state.EA[:], state.broken[:] = EA, broken
-                pause.path = run.saver.statics or StaticPath()
-                raise interrupted(f"in statics, {words}", run.saver.pause_statics(pause)) from None
+                raise paused(scene, desk, NAME, words, 0, pause) from None
             except DivergedError as error:
                 line = f"no rest: {error}"
-        run.progress.say(line)
+        desk.progress.say(line)
         rests.append(rest)
         put_back(state, best)
         found.append(mine(tension))
     put_back(state, start)
-    state.EA[:], state.broken[:], run.setup.finder = EA, broken, None
-    return rests, np.array(found) if model else None
+    state.EA[:], state.broken[:] = EA, broken
+    scene.finder.forget()
+    return RestsAfter(rests, np.array(found) if model else None)
 
 
-def _settled(run, each: Equilibrium, reference: float) -> tuple[np.ndarray, Rest, str]:
+def _settled(scene: Scene, each: Equilibrium, reference: float, stop) -> tuple[np.ndarray, Rest, str]:
     """Tensions (m,) [N] of this rank's elements at rest, what is known of it, a line on it. Collective."""
-    most = min(MOST_ITERATIONS, run.job.load.max_iterations) if run.job.load else MOST_ITERATIONS
-    settled = settle(run, each, reference, run.stop, most=most)
+    most = min(MOST_ITERATIONS, scene.job.load.max_iterations) if scene.job.load else MOST_ITERATIONS
+    settled = settle(scene, each, reference, stop, most=most)
     rest, N = settled.found, settled.snapshot.N
     if rest.falls >= 0:
-        node = run.comm.bcast(run.setup.model and run.setup.model.net.node_id[rest.falls])
+        node = scene.comm.bcast(scene.model and scene.model.net.node_id[rest.falls])
         line = f"no rest of {each.words}: not stable at node {node}"
         return np.full_like(N, np.nan), Rest("unstable"), line
     line = f"rest of {each.words}: {error_words(rest.displacement_error, rest.tension_error)}"
@@ -85,8 +130,8 @@ def _settled(run, each: Equilibrium, reference: float) -> tuple[np.ndarray, Rest
     line += f", residual {rest.residual:.3g} N, slack {settled.slack}{known}"
     if not settled.breaking:
         return N, Rest("equilibrium"), line
-    ids = run.setup.model and run.setup.model.net.element_id[list(settled.breaking)]
-    torn = run.comm.bcast(run.setup.model and elements_of(ids))
+    ids = scene.model and scene.model.net.element_id[list(settled.breaking)]
+    torn = scene.comm.bcast(scene.model and elements_of(ids))
     return N, Rest("breaks", settled.breaking), f"{line}; {SOMETHING_BREAKS}: {torn}"
 
 

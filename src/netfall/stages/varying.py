@@ -176,19 +176,19 @@ class WindLoad:
         time = self.samples[self.k + 1][0]
         return time if time > self.before else math.inf
 
-    def record(self) -> dict:
+    def record(self) -> tuple[dict, dict[str, np.ndarray]]:
         """What a continuation needs, for `restore`; the history's state on rank 0."""
-        numbers, arrays = self.history.record() if self.history else ({}, {})
+        small, arrays = self.history.record() if self.history else ({}, {})
         time, gust = np.array([t for t, _ in self.samples]), np.array([g for _, g in self.samples])
-        return {"k": self.k, "history": numbers, "arrays": arrays | {"time": time, "gust": gust}}
+        return {"k": self.k, "history": small}, arrays | {"time": time, "gust": gust}
 
-    def restore(self, record: dict) -> None:
-        """Take up the record of an earlier run."""
-        arrays = dict(record["arrays"])
-        self.k = int(record["k"])
+    def restore(self, small: dict, arrays: dict[str, np.ndarray]) -> None:
+        """Take up the record of an earlier run; arrays : on every rank."""
+        arrays = dict(arrays)
+        self.k = int(small["k"])
         self.samples = [(float(t), g) for t, g in zip(arrays.pop("time"), arrays.pop("gust"))]
         if self.history:
-            self.history.restore(record["history"], arrays)
+            self.history.restore(small["history"], arrays)
 
     def record_until(self, time: float) -> tuple[np.ndarray, np.ndarray]:
         """Times (t,) [s] and gusts (t, c) [m/s] of the samples up to the first at or after a time [s]."""

@@ -1,8 +1,9 @@
 """Checkpoints: the whole state of a run by global numbers, sealed with a digest, for any number of ranks.
 
 A checkpoint is a file NAME.checkpoint-STAGE-STEP.h5 beside the result file NAME.vtkhdf, or
-RESULT-checkpoint-STAGE-STEP.h5 beside a RESULT with another ending. STAGE is 1 for form finding and 2 for
-statics, where STEP counts iterations, and 3 for dynamics. What the result file has so far is not in it: that
+RESULT-checkpoint-STAGE-STEP.h5 beside a RESULT with another ending. STAGE is the number of the stage in the
+order in which they run, from 1 for form finding; STEP counts its iterations, or the steps of the dynamic
+stage. What the result file has so far is not in it: that
 stands in segments, closed at each checkpoint, which the end of the run joins to the result file. A kill at
 any moment leaves whole segments and a whole checkpoint that names them.
 
@@ -25,8 +26,7 @@ from netfall.mechanics.fields import FIELDS
 from netfall.mechanics.state import State
 from netfall.write.h5 import SharedFile, check_seal
 
-FORMAT = 7
-STAGES = {"form finding": 1, "statics": 2, "dynamics": 3}
+FORMAT = 8
 KEPT = 2
 NAME = re.compile(r"(.+)checkpoint-\d-\d{12,}\.h5")
 
@@ -36,9 +36,9 @@ def kept_fields(state: State, entity: str):
     return [f for f in FIELDS if f.kept and f.entity == entity and getattr(state, f.name) is not None]
 
 
-def checkpoint_path(result: Path, stage: str, step: int) -> Path:
+def checkpoint_path(result: Path, stage: int, step: int) -> Path:
     """Name of a checkpoint of a run that writes `result`, no other result's; names sort by age."""
-    return result.with_name(f"{_prefix(result)}checkpoint-{STAGES[stage]}-{step:012d}.h5")
+    return result.with_name(f"{_prefix(result)}checkpoint-{stage}-{step:012d}.h5")
 
 
 def _prefix(result: Path) -> str:
@@ -78,12 +78,12 @@ def _job_of(path: Path) -> str | None:
 
 
 def write_checkpoint(
-    comm: MPI.Comm, path: Path, state: State | None, result, record: dict, arrays: dict[str, np.ndarray]
+    comm: MPI.Comm, path: Path, state: State | None, result, record: dict, parts: dict[str, tuple]
 ) -> None:
     """Write the state, if there is one yet, and the run's records. Collective.
 
-    result : numbers the rows
-    record : small values of every kind that JSON knows; arrays : in global order; both on rank 0
+    result : numbers the rows; record : of the run, small values of every kind that JSON knows
+    parts : by name, of whoever has something to save: such values, and arrays in global order on rank 0
     """
     file = SharedFile(comm, path)
     try:
@@ -92,9 +92,11 @@ def write_checkpoint(
 
         def finish(h5: h5py.File):
             h5.attrs["format"] = FORMAT
-            h5.create_dataset("record", data=json.dumps(record), dtype=h5py.string_dtype())
-            for name, values in arrays.items():
-                h5.create_dataset(f"arrays/{name}", data=values)
+            whole = record | {"parts": {name: small for name, (small, _) in parts.items()}}
+            h5.create_dataset("record", data=json.dumps(whole), dtype=h5py.string_dtype())
+            for part, (_, arrays) in parts.items():
+                for name, values in arrays.items():
+                    h5.create_dataset(f"arrays/{part}/{name}", data=values)
 
         file.close(finish, seal=True)
     except BaseException as error:
@@ -128,7 +130,7 @@ def _write_state(file: SharedFile, state: State, result) -> None:
 
 
 class Checkpoint:
-    """A checkpoint that was read, on rank 0: `record`, `arrays`, `particles` and `elements` by name."""
+    """A checkpoint that was read, on rank 0: `record`, `particles` and `elements` by name, and `part`."""
 
     def __init__(self, path: Path, job_digest: str):
         """Raises InputError for a file that is missing, damaged, or of another job; names the one before."""
@@ -145,13 +147,18 @@ class Checkpoint:
                 )
             self.record = json.loads(file["record"].asstr()[()])
             read = lambda group: {name: file[f"{group}/{name}"][()] for name in file.get(group, ())}
-            self.arrays, self.particles, self.elements = read("arrays"), read("particles"), read("elements")
+            self.particles, self.elements = read("particles"), read("elements")
+            self.arrays = {part: read(f"arrays/{part}") for part in file.get("arrays", ())}
         self.path = path
         if self.record["job"] != job_digest:
             raise InputError(
                 f"{path}: belongs to another job or net ({self.record['name']}); "
                 "expected a checkpoint of this very job file, tables and --set"
             )
+
+    def part(self, name: str) -> tuple[dict, dict[str, np.ndarray]]:
+        """What was saved under a name: small values, and arrays."""
+        return self.record["parts"][name], self.arrays.get(name, {})
 
 
 def _offer(path: Path) -> str:

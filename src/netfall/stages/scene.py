@@ -1,0 +1,111 @@
+"""What every stage of a run is given: the scene that it computes with, and the desk that it reports to."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.equilibrium.find import Finder
+from netfall.ground.progress import Progress
+from netfall.ground.stop import NEVER, StopRequest
+from netfall.ground.timings import Phases
+from netfall.job.memory import FORGETFUL, Memory
+from netfall.job.read import Job
+from netfall.mechanics.events import EventLog
+from netfall.mechanics.stability import Limit
+from netfall.mechanics.state import State
+from netfall.model.model import Model
+from netfall.model.schedule import Schedule
+from netfall.parallel.halo import Halo
+from netfall.parallel.subdomain import Distribution
+from netfall.write.result import Result
+from netfall.write.saver import Saver
+
+
+@dataclass
+class Form:
+    """Result of form finding.
+
+    x : (n, 3) [m], owned and halo; N : (m,) [N]; residual : largest residual force [N] over the free axes
+    reference : largest prestress [N] of what can move, which the tolerance refers to
+    """
+
+    x: np.ndarray
+    N: np.ndarray
+    iterations: int
+    residual: float
+    reference: float
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A job made ready to step, on one rank.
+
+    model : on rank 0, None elsewhere; finder : of equilibria of the state; digest : of job and net
+    residual : [N], of the prestressed net with the real material
+    reference : [N], largest tension of what can move, in the initial state
+    limits : of the step, by name; schedule : of the dynamic stage, None: the job has none
+    """
+
+    comm: MPI.Comm
+    job: Job
+    model: Model | None
+    distribution: Distribution
+    halo: Halo
+    state: State
+    finder: Finder
+    form: Form | None
+    residual: float
+    reference: float
+    digest: str
+    limits: dict[str, Limit] = field(default_factory=dict)
+    schedule: Schedule | None = None
+
+
+@dataclass(frozen=True)
+class Desk:
+    """Where a stage reports to and what it leaves its results with, on one rank.
+
+    stop : a wish to stop early; memory : of runs before in this process
+    """
+
+    log: EventLog
+    result: Result
+    saver: Saver
+    progress: Progress
+    phases: Phases
+    stop: StopRequest = NEVER
+    memory: Memory = FORGETFUL
+
+
+class Outcome(NamedTuple):
+    """What a stage leaves.
+
+    found : for stages after it, and for a study; lines : said at its end
+    sections : its small datasets by group of the file, on rank 0
+    """
+
+    found: Any = None
+    lines: Sequence[str] = ()
+    sections: Mapping[str, dict[str, np.ndarray]] = {}
+
+
+class Stage(Protocol):
+    """A stage of a run: a module with these names. `program.run` goes through them in order.
+
+    NAME : in checkpoints
+    """
+
+    NAME: str
+
+    def required(self, job: Job) -> bool:
+        """Whether the job asks for it."""
+
+    def run(self, scene: Scene, desk: Desk, outcomes: dict[str, Outcome]) -> Outcome:
+        """Compute it, from where an earlier run was interrupted in it. Collective.
+
+        outcomes : of the stages before, by name. A stage that an earlier run has finished computes and says
+        nothing: what is needed of its outcome comes from the checkpoint.
+        """
