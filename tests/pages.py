@@ -14,10 +14,10 @@ from netfall.results.datasets import tables
 
 PACKAGE = Path(__file__).resolve().parents[1] / "src" / "netfall"
 ROOMS = (  # from the ground up: a room imports from those before it
-    *("ground", "numerics", "job", "net", "net/generators", "wind", "mechanics", "parallel", "step"),
+    *("ground", "numerics", "job", "net", "net/generators", "roof", "wind", "mechanics", "parallel", "step"),
     *("multigrid", "equilibrium", "model", "record", "write", "stages", "messages", "program"),
     *("results", "checks", "plots", "report", "study", "study/answers", "plots/study", "measure"),
-    *("api", "exchange", "cli"),
+    *("api", "exchange", "exchange/drawings", "cli"),
 )
 HEAD = """# The map of the code
 

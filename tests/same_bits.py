@@ -328,7 +328,7 @@ def restart_from_checkpoints(verdict: Verdict, work: Path) -> None:
     """The older checkpoint of the run on one rank, on three; the newer one of that on three, on two."""
     for ranks, pick, later in ((1, 0, 3), (3, -1, 2)):
         folder = work / f"ranks-{ranks}"
-        kept = sorted(path.name for path in folder.glob("result.checkpoint-3-*.h5"))
+        kept = sorted(path.name for path in folder.glob("result.checkpoint-5-*.h5"))
         what = f"{later} from a checkpoint of {ranks}"
         if not kept:
             verdict.wrong[what] = ["no checkpoint was written"]

@@ -30,7 +30,7 @@ def test_the_checkpoint_that_was_given_stays(workshop):
     workshop.run(job, "--restart", given).close()
     assert steps(workshop.folder) == [0, 4000, 5000]
     assert given.read_bytes() == before
-    workshop.run(job, "--restart", given.with_name("result.checkpoint-3-000000004000.h5")).close()
+    workshop.run(job, "--restart", given.with_name("result.checkpoint-5-000000004000.h5")).close()
     assert steps(workshop.folder) == [4000, 5000]
 
 
@@ -40,9 +40,9 @@ def test_a_fresh_run_removes_no_checkpoint_of_another_job(workshop):
     other = ("--set", "dynamics.damping=2.0")
     workshop.run(job, *other, *AT_ONCE, code=4)
     (kept,) = workshop.folder.glob("result.checkpoint-*")
-    kept = kept.rename(kept.with_name("result.checkpoint-3-000000000500.h5"))  # between those of the job
+    kept = kept.rename(kept.with_name("result.checkpoint-5-000000000500.h5"))  # between those of the job
     workshop.run(job, *AT_ONCE, code=4)
-    given = workshop.folder / "result.checkpoint-3-000000000000.h5"
+    given = workshop.folder / "result.checkpoint-5-000000000000.h5"
     workshop.run(job, "--restart", given).close()
     assert steps(workshop.folder) == [0, 500, 4000, 5000]
 
@@ -80,9 +80,9 @@ def test_results_with_other_endings_have_checkpoints_of_their_own(workshop):
     names = ("a", "a.h5", "a.vtkhdf")
     for name in names:
         workshop.run(job, *AT_ONCE, output=name, code=4)
-    found = [checkpoint_path(workshop.folder / name, "dynamics", 0) for name in names]
+    found = [checkpoint_path(workshop.folder / name, 5, 0) for name in names]
     assert all(path.exists() for path in found) and len(set(found)) == 3
-    assert found[2].name == "a.checkpoint-3-000000000000.h5"
+    assert found[2].name == "a.checkpoint-5-000000000000.h5"
     for name, checkpoint in zip(names, found):
         workshop.run(job, "--restart", checkpoint, output=name).close()
 
@@ -97,6 +97,6 @@ def test_a_name_with_wildcards_takes_nothing_of_another_run(workshop, name):
     workshop.run(job, output=name).close()
     assert all(path.read_bytes() == content for path, content in before.items())
     workshop.run(
-        job, "--restart", workshop.folder / "r1.checkpoint-3-000000000000.h5", output="r1.vtkhdf"
+        job, "--restart", workshop.folder / "r1.checkpoint-5-000000000000.h5", output="r1.vtkhdf"
     ).close()
     assert not list(workshop.folder.glob(".*"))

@@ -1,6 +1,5 @@
 """Equilibria against a sparse direct solver in Newton's method, at any refinement, taut, slack, yielding."""
 
-from types import SimpleNamespace
 from unittest.mock import Mock
 
 import h5py
@@ -176,28 +175,21 @@ class Statics:
     def __init__(self, job, large, monkeypatch):
         monkeypatch.setattr(newton, "LARGE", large)
         self.job, self.seen = read_job(job), []
-        self.setup = prepare(MPI.COMM_SELF, self.job, Phases())
+        self.scene, _ = prepare(MPI.COMM_SELF, self.job, Phases())
 
-    def find(self, stop=NEVER, done=None, resume=None):
+    def find(self, stop=NEVER, path=None, resume=None):
         """All equilibria; positions of the last. Raises Paused."""
-        run = SimpleNamespace(
-            comm=MPI.COMM_SELF,
-            job=self.job,
-            setup=self.setup,
-            result=Mock(),
-            progress=Mock(),
-            stop=stop,
-        )
-        self.path = statics.find_equilibria(run, done, resume, self.seen)
-        return self.setup.state.x.copy()
+        self.path = path or statics.StaticPath()
+        statics.find_equilibria(self.scene, Mock(stop=stop), self.path, resume, self.seen)
+        return self.scene.state.x.copy()
 
     def off(self) -> tuple[float, float]:
         """Of the last: displacement and tension off the exact ones, shares of the largest."""
-        model = self.setup.model
+        model = self.scene.model
         net, load = model.net, model.permanent + model.live
-        exact = Exact(self.setup.state.x, net.elements, ~net.fixed, model.L0, load)
+        exact = Exact(self.scene.state.x, net.elements, ~net.fixed, model.L0, load)
         N, tension = exact.lengths()[2], self.seen[-1][0].snapshot.N
-        moved = np.linalg.norm(exact.x - self.setup.state.x, axis=1).max()
+        moved = np.linalg.norm(exact.x - self.scene.state.x, axis=1).max()
         far = np.linalg.norm(exact.x - model.x, axis=1).max()
         return moved / far, np.abs(N - tension).max() / N.max()
 
@@ -240,5 +232,5 @@ def test_a_large_net_can_be_interrupted_in_its_equilibria(workshop, monkeypatch,
     with pytest.raises(Paused) as pause:
         stopped.find(StopAfter(corrections))
     again = Statics(job, 0, monkeypatch)
-    put_back(again.setup.state, committed(stopped.setup.state))
-    assert np.array_equal(again.find(NEVER, pause.value.path, pause.value.at), x)
+    put_back(again.scene.state, committed(stopped.scene.state))
+    assert np.array_equal(again.find(NEVER, stopped.path, pause.value.at), x)

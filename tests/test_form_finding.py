@@ -144,7 +144,7 @@ def form_of(monkeypatch):
     def find(job, large, *settings, **options):
         monkeypatch.setattr(newton, "LARGE", large)
         job = read_job(JOBS / f"{job}.toml", list(settings))
-        return prepare(MPI.COMM_SELF, job, Phases(), **options).form
+        return prepare(MPI.COMM_SELF, job, Phases(), **options)[0].form
 
     return find
 

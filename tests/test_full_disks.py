@@ -17,9 +17,9 @@ from test_long_runs import ELEMENTS, NODES
 from test_long_runs import JOB as TINY
 
 from netfall.ground.errors import OutputError
-from netfall.write import space as room
+from netfall.write import locks as room
 from netfall.write.h5 import SharedFile, check_seal
-from netfall.write.space import h5_file, h5_updated, reserve
+from netfall.write.locks import h5_file, h5_updated, reserve
 
 SHORT = JOB.replace("duration = 0.4", "duration = 0.06").replace("frames = 80", "frames = 240")
 DISK = 16  # MB

@@ -9,8 +9,9 @@ import pytest
 from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall, run_on_standing_ranks
 
 from netfall.ground.errors import InputError
+from netfall.job.dimensions import GENERATOR_KEYS
 from netfall.job.read import read_job
-from netfall.job.schema import GENERATOR_KEYS, LISTS, REQUIRED, SECTIONS
+from netfall.job.schema import LISTS, REQUIRED, SECTIONS
 
 WHOLE = """
 title = "all sections"

@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import pytest
 from test_study import NODES, TABLES
 
+from netfall.job.job import PATHS, Job
 from netfall.job.memory import OF_SPEED, Memory, key_of
-from netfall.job.read import PATHS, Job, read_job
+from netfall.job.read import read_job
 from netfall.job.schema import LISTS, OVERRIDES, SECTIONS
 from netfall.job.values import fits
 from netfall.model.model import make_model

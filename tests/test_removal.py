@@ -192,16 +192,16 @@ def test_a_pause_in_the_search_for_rest_changes_no_bit(workshop, monkeypatch):
     """Between two losses, whose rests are found before the dynamic stage begins."""
     stop, losses = SimpleNamespace(wanted=False), []
 
-    def pausing(run, each, *arguments, **options):
+    def pausing(scene, each, *arguments, **options):
         losses.extend([each.words] * (each.kind == "loss"))
         stop.wanted = len(losses) == 2
-        return settle(run, each, *arguments, **options)
+        return settle(scene, each, *arguments, **options)
 
     text = CABLE + dynamics(PERIOD, 400) + entry([0], 0.1, 0.01) + entry([3], 0.11) + entry([5], 0.12)
     job, path = workshop.job(text, *weights(3)), workshop.folder / "result.vtkhdf"
     whole = workshop.run(job, output="whole.vtkhdf")
     assert np.isfinite(whole["removal/tension_after"][:]).all()
-    monkeypatch.setattr("netfall.solve.removal.settle", pausing)
+    monkeypatch.setattr("netfall.stages.rests.settle", pausing)
     with pytest.raises(Interrupted, match="in statics, the net without element 3"):
         run_job(MPI.COMM_WORLD, read_job(job), path, Progress(False, False), stop=stop)
     (checkpoint,) = workshop.folder.glob("result.checkpoint*")

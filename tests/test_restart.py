@@ -211,7 +211,7 @@ def test_missing_checkpoint_is_refused(checkpoints):
         "run",
         job,
         "--restart",
-        new.with_name("kept.checkpoint-3-000000000001.h5"),
+        new.with_name("kept.checkpoint-5-000000000001.h5"),
         "-o",
         job.parent / "kept.vtkhdf",
     )

@@ -11,7 +11,6 @@ Self weight, then 2 kN/m2 upward in two steps. Times are of the equilibria, set-
 import argparse
 import time
 from pathlib import Path
-from types import SimpleNamespace
 from unittest.mock import Mock
 
 import numpy as np
@@ -23,7 +22,7 @@ from netfall.ground.stop import NEVER
 from netfall.ground.timings import Phases
 from netfall.job.read import read_job
 from netfall.program.setup import prepare
-from netfall.stages.statics import equilibria, find_equilibria
+from netfall.stages.statics import StaticPath, equilibria, find_equilibria
 
 JOB = Path(__file__).with_name("equilibrium.toml")
 CLOSE = 1e-7  # of the largest displacement: the direct solver's last correction
@@ -93,23 +92,22 @@ def job_of(cells: int):
 def measure(comm: MPI.Comm, cells: int) -> str:
     """A row of the table: elements, seconds, iterations; seconds of the direct solver, error. Collective."""
     job = job_of(cells)
-    setup = prepare(comm, job, Phases())
-    run = SimpleNamespace(comm=comm, job=job, setup=setup, result=Mock(), progress=Mock(), stop=NEVER)
-    gather, found = setup.distribution.gather_particles, []
+    scene, _ = prepare(comm, job, Phases())
+    gather, found, path = scene.distribution.gather_particles, [], StaticPath()
     began = time.perf_counter()
-    path = find_equilibria(run, None, None, found)
+    find_equilibria(scene, Mock(stop=NEVER), path, seen=found)
     seconds = time.perf_counter() - began
-    loads = [gather(each.load) for each in equilibria(run)]
+    loads = [gather(each.load) for each in equilibria(scene)]
     x = [gather(there["x"]) for _, there in found]
-    N = [setup.distribution.gather_elements(settled.snapshot.N) for settled, _ in found]
-    row = f"{setup.distribution.m:9d} {seconds:8.2f} s {path.total:5d} iterations"
+    N = [scene.distribution.gather_elements(settled.snapshot.N) for settled, _ in found]
+    row = f"{scene.distribution.m:9d} {seconds:8.2f} s {path.total:5d} iterations"
     if comm.rank > 0:
         return row
     if arguments.save:
-        save(setup.model, x, N, loads)
+        save(scene.model, x, N, loads)
     if arguments.alone or arguments.until:
         return row
-    direct, began = Direct(setup.model), time.perf_counter()
+    direct, began = Direct(scene.model), time.perf_counter()
     for load in loads:
         direct.find(load)
     error = np.abs(x[-1] - direct.x).max() / np.abs(direct.x - direct.start).max()

@@ -11,7 +11,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "netfall run roof.toml",
         "mpirun -n 2 netfall run jobs/stadium.toml -o results/stadium.vtkhdf",
         "netfall run roof.toml -o gust.vtkhdf --set wind.seed=7 --set output.checkpoint=1",
-        "netfall run roof.toml --restart roof.checkpoint-3-00004000.h5 --walltime 02:00:00",
+        "netfall run roof.toml --restart roof.checkpoint-5-00004000.h5 --walltime 02:00:00",
     ),
     "info": ("netfall info results/stadium.vtkhdf",),
     "plot": (

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.exchange.state import MARK, State
-from netfall.job.read import tables_of
+from netfall.job.job import tables_of
 from netfall.job.toml_text import toml_text
 from netfall.results.file import provenance_text
 from netfall.results.result import Result

@@ -1,6 +1,6 @@
 """Questions that a job answers by itself: which stages it has, what it loads, what may break."""
 
-from netfall.job.read import Job
+from netfall.job.job import Job
 
 
 def rests_in_wind(job: Job) -> bool:

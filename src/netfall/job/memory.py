@@ -12,7 +12,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from netfall.ground.errors import DivergedError, InputError
-from netfall.job.read import Job
+from netfall.job.job import Job
 
 
 class Memory:

@@ -6,6 +6,8 @@ import math
 
 from netfall.job.keys import Key
 
+MOST_NAMED = 5  # ids in one message
+
 
 def shown(value) -> str:
     """A value as it would stand in the job file, cut to a readable length."""
@@ -80,3 +82,8 @@ def _in_range(key: Key, value) -> bool:
     above = key.low is None or value > key.low or (value == key.low and not key.low_open)
     below = key.high is None or value < key.high or (value == key.high and not key.high_open)
     return above and below
+
+
+def listed(ids) -> str:
+    """Ids in words, the first few of them."""
+    return ", ".join(map(str, ids[:MOST_NAMED])) + (", ..." if len(ids) > MOST_NAMED else "")

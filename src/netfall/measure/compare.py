@@ -7,8 +7,7 @@ import h5py
 import numpy as np
 
 from netfall.measure.outcome import Outcome
-from netfall.write.locks import whole
-from netfall.write.space import h5_updated
+from netfall.write.locks import h5_updated, whole
 
 ERRORS = ("displacement", "tension", "first_fracture", "broken")
 NEAR = 0.08  # decades, in which points of the picture share a name

@@ -10,7 +10,7 @@ import numpy as np
 
 from netfall.ground.launch import RunFailed, passing_result, run_job_command
 from netfall.results.frames import Frames
-from netfall.write.space import h5_updated
+from netfall.write.locks import h5_updated
 
 LASTING = ("finished", "refused", "diverged")  # what a further try would give again
 

@@ -17,7 +17,8 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.ground.launch import check_launcher, passing_result, run_job_command
-from netfall.job.read import Job, read_job
+from netfall.job.job import Job
+from netfall.job.read import read_job
 from netfall.write.locks import whole
 
 GROWING = {

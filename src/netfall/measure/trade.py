@@ -18,7 +18,8 @@ import numpy as np
 from netfall.ground.errors import InputError
 from netfall.ground.launch import check_launcher
 from netfall.ground.sources import program_digest
-from netfall.job.read import Job, read_job
+from netfall.job.job import Job
+from netfall.job.read import read_job
 from netfall.job.schema import may_break
 from netfall.measure.compare import Row, as_text, compare, draw, mark_best, write_table
 from netfall.measure.outcome import Outcome, Store, best_of, measure

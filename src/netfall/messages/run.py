@@ -6,7 +6,8 @@ import numpy as np
 
 from netfall.ground.progress import Progress
 from netfall.job.asks import has_statics
-from netfall.job.read import Job
+from netfall.job.job import Job
+from netfall.job.values import listed
 from netfall.mechanics.events import EventLog
 from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.stability import Limit
@@ -20,7 +21,6 @@ from netfall.results.form_lines import form_lines
 from netfall.results.loss_lines import loss_lines
 from netfall.results.notes import balance_notes
 from netfall.results.overload_lines import Carried, overload_lines, strength_of
-from netfall.roof.plan import listed
 from netfall.stages import dynamics
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.statics import rest_words

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from netfall.job.read import Job
+from netfall.job.job import Job
 from netfall.model.model import Model
 from netfall.record.wind import expected_gust_factor, gust_lengths, negative_share, wind_section
 from netfall.wind.sectors import bearing

@@ -5,7 +5,7 @@ import difflib
 import numpy as np
 
 from netfall.job.asks import grows, has_statics, loads_the_roof
-from netfall.job.read import Job
+from netfall.job.job import Job
 from netfall.job.values import shown
 from netfall.net.net import Net
 from netfall.roof.zones import Zones, named_zones

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from netfall.job.asks import grows
-from netfall.job.read import Job
+from netfall.job.job import Job
 from netfall.model.idle import idle_zones
 from netfall.net.net import GRAVITY, Net
 from netfall.roof.zones import Zones

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.read import Job
+from netfall.job.job import Job
 from netfall.job.schema import LOST
 from netfall.job.values import nearest, shown
 from netfall.model.handover import HandOver, hand_over

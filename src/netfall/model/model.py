@@ -11,8 +11,8 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.job.asks import along_normals, grows
+from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
-from netfall.job.read import Job
 from netfall.mechanics.fields import Features
 from netfall.mechanics.material import elastic_forces, unstressed_length, warm_length
 from netfall.mechanics.stability import scaled_mass

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.read import Job
+from netfall.job.job import Job
 from netfall.net.net import Net
 
 MOST_NAMED = 8  # ids in one message

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.read import Job
+from netfall.job.job import Job
 from netfall.mechanics.fields import Features
 from netfall.mechanics.stability import Limit, after_fracture_limit, any_shape_limits
 from netfall.model.model import Model

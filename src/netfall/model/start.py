@@ -3,10 +3,10 @@
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.read import Job
+from netfall.job.job import Job
+from netfall.job.values import listed
 from netfall.mechanics.material import strains
 from netfall.net.net import Net
-from netfall.roof.plan import listed
 from netfall.wind.coherence import LOWEST_HEIGHT
 
 # Column of the net, unit, least and most that cables are made of, and an example in the right unit.

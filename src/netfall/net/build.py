@@ -4,7 +4,7 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.job.asks import roof_groups
-from netfall.job.read import Job
+from netfall.job.job import Job
 from netfall.job.values import nearest, shown
 from netfall.net.cables import cables_of, same_names
 from netfall.net.generators import generate as generators

@@ -17,14 +17,13 @@ from pathlib import Path
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.read import Job
+from netfall.job.job import Job
 from netfall.job.schema import EITHER, wanted
 from netfall.job.table import Table
-from netfall.job.values import nearest, shown
+from netfall.job.values import listed, nearest, shown
 from netfall.net.net import Net
 from netfall.numerics.functions import exp, log1p
 from netfall.numerics.normal import quantile
-from netfall.roof.plan import listed
 
 OF_TYPE = ("mass_per_length", "axial_stiffness", "breaking_load", "area")
 OF_SECTION = (*OF_TYPE, "modulus", "density")

@@ -3,7 +3,7 @@
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.read import Job
+from netfall.job.job import Job
 from netfall.job.table import Table
 from netfall.net.net import Net, pair_key
 

@@ -9,8 +9,9 @@ from mpi4py import MPI
 
 from netfall.ground.timings import Phases
 from netfall.job.asks import along_normals, has_statics
+from netfall.job.job import Job
 from netfall.job.memory import Memory
-from netfall.job.read import Job
+from netfall.job.values import listed
 from netfall.mechanics.fields import FIELDS
 from netfall.messages.run import (
     feature_words,
@@ -29,7 +30,6 @@ from netfall.net.build import build_net
 from netfall.program.run import scheduled
 from netfall.program.setup import prepare
 from netfall.roof.areas import MUCH, largest_face, moved_areas, normals, tributary_areas
-from netfall.roof.plan import listed
 from netfall.stages.modes import mode_lines
 from netfall.stages.scene import Scene
 from netfall.stages.statics import rest_words

@@ -10,8 +10,8 @@ from mpi4py import MPI
 from netfall.ground.errors import DivergedError, InputError, NoRest, OutputError
 from netfall.ground.progress import Progress
 from netfall.ground.timings import Phases
+from netfall.job.job import Job
 from netfall.job.memory import Memory
-from netfall.job.read import Job
 from netfall.mechanics.events import EventLog
 from netfall.model.model import Model
 from netfall.net.net import Net

@@ -14,8 +14,8 @@ from netfall.ground.errors import DivergedError, InputError, Interrupted, Output
 from netfall.ground.progress import Progress
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.ground.timings import Phases
+from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, Memory
-from netfall.job.read import Job
 from netfall.mechanics.events import EventLog
 from netfall.messages.run import after_run, before_run
 from netfall.model.loads import load_section

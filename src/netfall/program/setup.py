@@ -12,8 +12,8 @@ from netfall.ground.compile import wake
 from netfall.ground.errors import InputError, interrupted
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.ground.timings import Phases
+from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
-from netfall.job.read import Job
 from netfall.mechanics.fields import FIELDS, Features
 from netfall.mechanics.stability import Limit
 from netfall.mechanics.state import State

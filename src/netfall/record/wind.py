@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from netfall.job.read import Job
+from netfall.job.job import Job
 from netfall.model.loads import mean_pressure
 from netfall.model.model import Model
 from netfall.wind.spectra import Gust, gust_of, intensity

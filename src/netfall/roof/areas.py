@@ -8,13 +8,14 @@ import shapely
 
 from netfall.ground.errors import InputError
 from netfall.job.asks import along_normals, loads_the_roof, roof_groups
-from netfall.job.read import Job
+from netfall.job.job import Job
+from netfall.job.values import listed
 from netfall.net.net import Net, pair_key
 from netfall.net.parts import parts_of
 from netfall.numerics.functions import lengths
 from netfall.roof.faces import Faces, double_area, find_faces, no_faces, turned_triangles
 from netfall.roof.given_faces import faces_are_given, given_faces
-from netfall.roof.plan import Plan, draw_plan, listed
+from netfall.roof.plan import Plan, draw_plan
 from netfall.roof.shares import corner_areas, shares_of
 
 REMEDY = (

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import shapely
 
+from netfall.job.values import listed
 from netfall.net.net import Net, pair_key
 from netfall.numerics.functions import lengths
 
@@ -167,8 +168,3 @@ def _at_node(net, segment, element, p: int) -> str:
     if not (here >= 0).any():
         return "lines of [roof] lines"
     return f"elements {listed(net.element_id[net.parts * here[here >= 0]])}"
-
-
-def listed(ids) -> str:
-    """Ids in words, the first few of them."""
-    return ", ".join(map(str, ids[:MOST_NAMED])) + (", ..." if len(ids) > MOST_NAMED else "")

@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from netfall.ground.errors import DivergedError, interrupted
 from netfall.job.asks import carries_weight, grows, rests_in_wind
-from netfall.job.read import Job
+from netfall.job.job import Job
 from netfall.mechanics.events import Event
 from netfall.mechanics.fracture import FractureRules, break_elements
 from netfall.mechanics.state import State

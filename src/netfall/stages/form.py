@@ -22,13 +22,13 @@ from netfall.equilibrium.stable import falling
 from netfall.ground.compile import kernel
 from netfall.ground.errors import DivergedError, InputError
 from netfall.ground.stop import NEVER, StopRequest
+from netfall.job.values import listed
 from netfall.mechanics.elements import add_tensions, geometric_stiffness, nodal_stiffness
 from netfall.multigrid.tangent import Tangent
 from netfall.net.net import Net
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
-from netfall.roof.plan import listed
 from netfall.stages.force_density import Singular, solve_sparse
 from netfall.stages.scene import Form
 

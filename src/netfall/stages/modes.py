@@ -16,14 +16,14 @@ import numpy as np
 from netfall.ground.errors import DivergedError
 from netfall.ground.stop import NEVER
 from netfall.job.asks import has_statics, rests_at_loss
-from netfall.job.read import Job
+from netfall.job.job import Job
+from netfall.job.values import listed
 from netfall.mechanics.material import elastic_stiffness
 from netfall.model.model import Model
 from netfall.multigrid.tangent import block_matrix, incidence_of
 from netfall.net.net import Net
 from netfall.numerics.functions import lengths
 from netfall.roof.areas import unit_normals
-from netfall.roof.plan import listed
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import committed, put_back, reference_force, settle
 from netfall.stages.statics import equilibria

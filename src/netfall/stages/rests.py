@@ -7,7 +7,7 @@ import numpy as np
 from netfall.equilibrium.find import STABLE
 from netfall.equilibrium.relaxation import Paused
 from netfall.ground.errors import DivergedError
-from netfall.job.read import Job
+from netfall.job.job import Job
 from netfall.model.losses import Loss, comes_loose, losses_of
 from netfall.results.loss_lines import SOMETHING_BREAKS, elements_of
 from netfall.stages.scene import Desk, Outcome, Scene

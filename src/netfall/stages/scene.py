@@ -11,8 +11,8 @@ from netfall.equilibrium.find import Finder
 from netfall.ground.progress import Progress
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.ground.timings import Phases
+from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, Memory
-from netfall.job.read import Job
 from netfall.mechanics.events import EventLog
 from netfall.mechanics.stability import Limit
 from netfall.mechanics.state import State

@@ -15,7 +15,7 @@ from netfall.equilibrium.relaxation import (
 )
 from netfall.ground.errors import DivergedError, Interrupted, interrupted
 from netfall.ground.stop import StopRequest
-from netfall.job.read import Job
+from netfall.job.job import Job
 from netfall.job.schema import defaults
 from netfall.mechanics.state import State
 from netfall.parallel.subdomain import Distribution

@@ -22,8 +22,8 @@ from netfall.equilibrium.relaxation import (
 from netfall.ground.errors import DivergedError, NoRest
 from netfall.ground.stop import NEVER
 from netfall.job.asks import has_statics, rests_at_loss, rests_in_wind
+from netfall.job.job import Job
 from netfall.job.memory import key_of
-from netfall.job.read import Job
 from netfall.model.loads import live_load, of_case
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import (

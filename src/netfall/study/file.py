@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.read import PATHS, Job, read_job, read_toml
+from netfall.job.job import PATHS, Job
+from netfall.job.read import read_job, read_toml
 from netfall.job.toml_text import toml_value
 from netfall.job.values import nearest, shown
 from netfall.study.draws import draw

@@ -8,8 +8,7 @@ import h5py
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.write.locks import sync, whole, writing
-from netfall.write.space import h5_file
+from netfall.write.locks import h5_file, sync, whole, writing
 
 FORMAT = 1
 # What is told of each run: data type, and what stands there while nothing is known.

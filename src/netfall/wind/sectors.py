@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.read import Job
+from netfall.job.job import Job
 from netfall.job.table import Table
 
 ROOF = "shape_coefficient"  # the column for what is in no zone, or in one without a column

@@ -17,8 +17,7 @@ from mpi4py import MPI
 from netfall.ground.errors import OutputError
 from netfall.parallel.agree import on_all, on_root
 from netfall.parallel.slabs import Slabs
-from netfall.write.locks import sync, writing
-from netfall.write.space import give_back, h5_file, reserve
+from netfall.write.locks import give_back, h5_file, reserve, sync, writing
 
 PARALLEL = bool(h5py.get_config().mpi)
 CHUNK_BYTES = 1 << 18

@@ -1,7 +1,10 @@
 """The place of a file that a run writes: reserved for one run at a time; what goes wrong there, in words."""
 
+import ctypes
+import errno
 import fcntl
 import os
+import resource
 import shutil
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,6 +12,10 @@ from pathlib import Path
 import h5py
 
 from netfall.ground.errors import BUSY, InputError, OutputError
+
+KEEP_SIZE = 1  # FALLOC_FL_KEEP_SIZE of Linux: the file's size stays what has been written
+UNKNOWN = (errno.EOPNOTSUPP, errno.ENOSYS)  # to the file system: it reserves nothing
+_fallocate = ctypes.CDLL(None, use_errno=True).fallocate
 
 
 @contextmanager
@@ -120,3 +127,126 @@ def release(file) -> None:
     """Give up what `claim` reserved."""
     Path(file.name).unlink(missing_ok=True)
     file.close()
+
+
+def reserve(path: Path, size: int) -> None:
+    """Have room for a file of so many bytes, which may be shorter so far. Raises OSError if there is none.
+
+    Where the file system cannot reserve, there is as much free as it takes at this moment.
+    """
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+    if limit != resource.RLIM_INFINITY and size > limit:
+        raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
+    there = os.open(path, os.O_WRONLY)
+    try:
+        if _fallocate(there, KEEP_SIZE, 0, size) == 0:
+            return
+        why, free = ctypes.get_errno(), os.fstatvfs(there)
+        enough = size - os.fstat(there).st_size <= free.f_bavail * free.f_frsize
+        if why not in UNKNOWN or not enough:
+            why = errno.ENOSPC if why in UNKNOWN else why
+            raise OSError(why, os.strerror(why))
+    finally:
+        os.close(there)
+
+
+def give_back(path: Path) -> None:
+    """Free what was reserved behind the end of a file."""
+    os.truncate(path, path.stat().st_size)
+
+
+class Overflow:
+    """A file for HDF5 that takes everything: what the disk does not take stays in memory; `check` tells."""
+
+    def __init__(self, disk):
+        """disk : open for reading and writing, without a buffer"""
+        self.disk, self.place, self.error = disk, 0, None
+        self.kept: list[tuple[int, bytes]] = []  # place and bytes, as they came
+
+    def check(self) -> None:
+        """Raise the OSError of the first bytes that the disk did not take."""
+        if self.error is not None:
+            raise self.error
+
+    # --- what h5py asks of a file
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Go to a place."""
+        end = max([os.fstat(self.disk.fileno()).st_size, *(at + len(data) for at, data in self.kept)])
+        self.place = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self.place, os.SEEK_END: end}[whence]
+        return self.place
+
+    def tell(self) -> int:
+        """The present place."""
+        return self.place
+
+    def read(self, size: int) -> bytes:
+        """So many bytes."""
+        found = bytearray(size)
+        self.readinto(found)
+        return bytes(found)
+
+    def readinto(self, buffer) -> int:
+        """Fill a buffer from the disk and from what is kept; zeros where there is nothing."""
+        view, first = memoryview(buffer).cast("B"), self.place
+        found = os.pread(self.disk.fileno(), len(view), first)
+        view[: len(found)] = found
+        view[len(found) :] = bytes(len(view) - len(found))
+        for at, data in self.kept:
+            low, high = max(at, first), min(at + len(data), first + len(view))
+            if low < high:
+                view[low - first : high - first] = data[low - at : high - at]
+        self.place += len(view)
+        return len(view)
+
+    def write(self, data) -> int:
+        """Write all of it, or keep what is left."""
+        rest, size = memoryview(data).cast("B"), memoryview(data).nbytes
+        try:
+            while rest and self.error is None:
+                written = os.pwrite(self.disk.fileno(), rest, self.place)
+                rest, self.place = rest[written:], self.place + written
+        except OSError as error:
+            self.error = error
+        if rest:
+            self.kept.append((self.place, bytes(rest)))
+            self.place += len(rest)
+        return size
+
+    def truncate(self, size: int | None = None) -> int:
+        """Set the end."""
+        size = self.place if size is None else size
+        try:
+            if self.error is None:
+                os.ftruncate(self.disk.fileno(), size)
+        except OSError as error:
+            self.error = error
+        return size
+
+    def flush(self) -> None:
+        """Nothing waits here."""
+
+
+@contextmanager
+def h5_file(path: Path, mode: str):
+    """An HDF5 file, new ("w") or to be added to ("r+"), and a function that raises OSError if it has no room.
+
+    That is called at the end as well. What is written after the room has ended is held in memory: whoever
+    writes much asks now and then.
+    """
+    with open(path, {"w": "w+b", "r+": "r+b"}[mode], buffering=0) as disk:
+        overflow = Overflow(disk)
+        with h5py.File(overflow, mode) as file:
+            yield file, overflow.check
+        overflow.check()
+
+
+@contextmanager
+def h5_updated(path: Path):
+    """An HDF5 file to be added to, or a new one: at the end as it was left, or as before."""
+    with whole(path) as place:
+        if path.exists():
+            shutil.copyfile(path, place)
+        with h5_file(place, "r+" if path.exists() else "w") as (file, _):
+            yield file
+        sync(place)

@@ -8,8 +8,7 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.write.h5 import publish
-from netfall.write.locks import writing
-from netfall.write.space import h5_file
+from netfall.write.locks import h5_file, writing
 
 COPY_BYTES = 1 << 26  # held at once while segments are joined
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from netfall.job.schema import GENERATOR_KEYS
+from netfall.job.dimensions import GENERATOR_KEYS
 from netfall.net.generators.dome import dome, wrong_dome
 from netfall.net.generators.ring import SNAP, ring
 from netfall.net.generators.wheel import largest_brace_force, wheel

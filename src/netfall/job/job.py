@@ -1,0 +1,126 @@
+"""A validated job: what was asked, section by section, and the files that it names."""
+
+import hashlib
+import json
+import tomllib
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from types import SimpleNamespace
+
+from netfall.ground.errors import InputError
+from netfall.job.schema import LISTS, SECTIONS
+
+PATHS = [(section, key.name) for section, keys in SECTIONS.items() for key in keys if key.kind == "path"]
+
+
+@dataclass(frozen=True)
+class Job:
+    """A validated job. A section is a namespace of its keys, or None where the scene does not have it."""
+
+    path: Path
+    text: str  # the file as it stands
+    overrides: tuple[str, ...]  # the --set of the command line
+    title: str
+    net: SimpleNamespace
+    cable: SimpleNamespace
+    groups: dict[str, dict]  # [cable.GROUP]: the keys that it overrides
+    form_finding: SimpleNamespace | None
+    load: SimpleNamespace | None
+    roof: SimpleNamespace | None
+    wind: SimpleNamespace | None
+    dynamics: SimpleNamespace | None
+    output: SimpleNamespace
+    zones: list[SimpleNamespace]  # [[zone]], in order
+    cases: list[SimpleNamespace]  # [[case]]
+    removes: list[SimpleNamespace]  # [[remove]]
+
+    @property
+    def name(self) -> str:
+        """The job file's name without its ending."""
+        return self.path.stem
+
+    def files(self) -> list[Path]:
+        """The files that the job reads, of all keys that are paths: tables of the net, of cables, of wind."""
+        named = [getattr(getattr(self, section), key, None) for section, key in PATHS]
+        return [self.path.parent / name for name in named if name]
+
+    @cached_property
+    def contents(self) -> list[bytes]:
+        """Fingerprints of `files`, as they stand when they are first asked for.
+
+        Raises InputError for a file that cannot be read.
+        """
+        found = []
+        for path in self.files():
+            try:
+                found.append(hashlib.sha256(path.read_bytes()).digest())
+            except OSError as error:
+                raise InputError(
+                    f"{path}: {error.strerror or error}; paths are relative to the job file"
+                ) from None
+        return found
+
+    def digest(self) -> str:
+        """Fingerprint of what was asked: the job file, the values that overrides leave, the files it reads.
+
+        Raises InputError for a file that cannot be read.
+        """
+        # All but where the file lies, and overrides, whose values stand in the sections.
+        kept = {each.name: getattr(self, each.name) for each in fields(self)}
+        del kept["path"], kept["overrides"]
+        total = hashlib.sha256(json.dumps(kept, default=vars, sort_keys=True).encode())
+        for content in self.contents:
+            total.update(content)
+        return total.hexdigest()
+
+    def given(self) -> set[str]:
+        """The keys that the job file or an override gives, as "section.key"."""
+        data = tables_of(self.text, self.overrides)
+        tables = {name: table for name, table in data.items() if isinstance(table, dict)}
+        return {f"{name}.{key}" for name, table in tables.items() for key in table}
+
+    def loads(self, key: str) -> list:
+        """Every value of a key of [load]: its own, those of zones and cases; none without the section."""
+        if self.load is None:
+            return []
+        of_zones = [values[key] for values in self.load.zone.values() if key in values]
+        of_cases = [v for case in self.cases for name, v in case.set.items() if name.endswith(f".{key}")]
+        return [getattr(self.load, key), *of_zones, *of_cases]
+
+    def changes_net(self) -> bool:
+        """Whether the command line overrides the net: files made for the job's own net then do not apply."""
+        return any(o.startswith("net.") for o in self.overrides)
+
+
+def tables_of(text: str, overrides) -> dict:
+    """The tables of a job's text, with overrides that were read before."""
+    data = tomllib.loads(text)
+    apply_overrides(data, list(overrides), [])
+    return data
+
+
+def apply_overrides(data: dict, overrides: list[str], errors: list[str]) -> None:
+    """Put the values of --set into the tables of a job; errors : takes a line for each wrong one."""
+    for override in overrides:
+        name, equals, value = override.partition("=")
+        *section, key = [part.strip() for part in name.split(".")]
+        if not equals or not key or (not section and key != "title"):
+            errors.append(f"--set {override}: expected SECTION.KEY=VALUE, for example wind.speed=45")
+            continue
+        table = data
+        for part in section:
+            table = table.setdefault(part, {})
+            if not isinstance(table, dict):
+                what = f"a list, [[{part}]], which --set does not reach" if part in LISTS else "a key"
+                errors.append(f"--set {override}: {part} is {what}, not a section")
+                break
+        else:
+            table[key] = _toml_value(value.strip())
+
+
+def _toml_value(text: str):
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except (tomllib.TOMLDecodeError, KeyError):
+        return text  # a word without quotes
