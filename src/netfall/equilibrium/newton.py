@@ -1,6 +1,6 @@
 """Equilibrium by Newton's method: each correction answers the residual forces by the tangent stiffness.
 
-Conjugate gradients with a cycle through the levels of `multilevel` solve for it; what a full correction moves
+Conjugate gradients with a cycle through the levels of `cycle` solve for it; what a full correction moves
 is an estimate of the error before it, in displacement and tension, at any refinement. Where the tangent is
 not positive, what compression takes from it is left out; where it is singular all the same (no prestress, all
 slack) inertia is added until it is not.

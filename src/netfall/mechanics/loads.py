@@ -2,7 +2,7 @@
 
 What varies is known at two samples around the present time and linear between them: forces, of whatever loads
 vary, as `load_before` and `load_after`; and the speed of the wind, which is squared after that (paper Eq. 7).
-The samples come from `solve.loads`.
+The samples come from `stages.varying`.
 """
 
 from netfall.ground.compile import part_of_kernel

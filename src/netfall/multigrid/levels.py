@@ -1,4 +1,4 @@
-"""The levels of `multilevel`: aggregates of particles, and how these move."""
+"""The levels of `cycle`: aggregates of particles, and how these move."""
 
 import math
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""The product of three matrices of `block_rows` that makes a coarser one.
+"""The product of three matrices of `rows` that makes a coarser one.
 
 What is summed is summed in ascending global number of the finer rows, so that each block has the same bits on
 any number of ranks. Rows of the product of the last two matrices are made one at a time and not kept: memory

@@ -5,7 +5,7 @@
 Each line of standard input is a task, JSON: `job`, a path; `overrides` of --set; `removes`, entries of
 [[remove]]; `result`, a path or null; `net`, whether the net in its form is wanted in place of a run. The
 first line of standard output says that the ranks have started; then each answers a task, with what
-`solve.member` tells. The end of input ends the ranks.
+`program.member` tells. The end of input ends the ranks.
 """
 
 import base64

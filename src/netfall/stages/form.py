@@ -237,7 +237,7 @@ def find_form(
 def large_form(comm, distribution, halo, net, elements, settings, asked: float, stop) -> tuple | None:
     """Move net.x to the form; iterations of conjugate gradients and the largest residual [N]. Collective.
 
-    net : `relaxation.Net`; elements : `form_finding.Elements`; asked : [N], of the residual
+    net : `relaxation.Net`; elements : `form.Elements`; asked : [N], of the residual
     stop : a wish to pause
 
     None where Newton's method is not tried or does not find it; net.x is then as before. Raises Paused.

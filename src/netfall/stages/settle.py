@@ -31,7 +31,7 @@ COMMITTED = ("x", "eps_p", "dissipated")
 class Equilibrium(NamedTuple):
     """One equilibrium that is looked for.
 
-    kind : "permanent", "case", "step", "at once" or "rest", see `equilibria`; or "loss", `solve.removal`
+    kind : "permanent", "case", "step", "at once" or "rest", see `equilibria`; or "loss", `stages.rests`
     words : for messages
     load : (n, 3) [N], owned and halo; factor : of the load that is not permanent; name : of a case
     from_permanent : whether it starts from the equilibrium under the permanent loads, not from the last one

@@ -35,7 +35,7 @@ def pictures_of(study: Study) -> dict[str, Callable]:
 
 def plot_study(path: Path, folder: Path) -> tuple[list[Path], list[str]]:
     """Write every picture that the study has data for, and the members as a table; their paths, and no line
-    of what cannot be drawn (`output.plot.plot_all` has some).
+    of what cannot be drawn (`run.plot_all` has some).
     """
     study = read_study(path)
     folder.mkdir(parents=True, exist_ok=True)
