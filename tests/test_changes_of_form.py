@@ -405,7 +405,7 @@ def test_it_breaks_at_its_breaking_load(workshop):
 def test_a_run_that_goes_on_leaves_the_last_two_checkpoints(tmp_path):
     """And the one that it was given; none of another job."""
     result = tmp_path / "result.vtkhdf"
-    paths = [checkpoint_path(result, "dynamics", 10 * k) for k in range(6)]
+    paths = [checkpoint_path(result, 5, 10 * k) for k in range(6)]
     for k, path in enumerate(paths):
         with h5py.File(path, "w") as file:
             file["record"] = json.dumps({"job": "another" if k == 1 else "this"})
