@@ -7,7 +7,7 @@ included.
 
 import numpy as np
 
-from netfall.results.states import Stage, equilibria, final, start_position, start_tension
+from netfall.results.states import ShownState, equilibria, final, start_position, start_tension
 
 
 def held_axes(f) -> np.ndarray:
@@ -65,7 +65,7 @@ def _stages(f):
         yield last
 
 
-def _of_stage(f, stage: Stage, held, nodes, elements, springs: Springs | None) -> dict[str, np.ndarray]:
+def _of_stage(f, stage: ShownState, held, nodes, elements, springs: Springs | None) -> dict[str, np.ndarray]:
     """held : (k, 3) bool, axes of the supports, rows (k,) of the net"""
     x = stage.position()
     pull = pull_at(x, elements if stage.ends is None else stage.ends, stage.tension())

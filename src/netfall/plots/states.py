@@ -6,7 +6,7 @@ import numpy as np
 from netfall.plots.force import ForceScale, add_by_force, add_supports, force_bars
 from netfall.plots.net import _space
 from netfall.plots.style import short_title
-from netfall.results.states import Stage, equilibria
+from netfall.results.states import ShownState, equilibria, state_groups
 
 MOST_PANELS = 6
 
@@ -33,7 +33,7 @@ def form(f):
 
 def has_states(f) -> bool:
     """Whether there is an equilibrium under loads."""
-    return any(group in f for group in ("statics", "cases", "rest"))
+    return bool(state_groups(f))
 
 
 def states(f):
@@ -64,7 +64,7 @@ def states(f):
     return figure
 
 
-def _loaded(f) -> tuple[list[Stage], int]:
+def _loaded(f) -> tuple[list[ShownState], int]:
     """The equilibria to draw, of a load path the first and the last, and how many were left out."""
     found = list(equilibria(f))[1:]  # without the form, or the net as given
     steps = len(f["statics/load_factor"]) if "statics" in f else 0

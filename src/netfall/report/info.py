@@ -16,6 +16,7 @@ from netfall.results.file import (
 )
 from netfall.results.loss_lines import loss_lines
 from netfall.results.notes import balance_notes
+from netfall.results.states import state_groups
 
 FIRST_EVENTS = 8
 ENERGIES = ("external_work", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work")
@@ -96,10 +97,9 @@ def _statics(f, say):
 
 
 def _stability(f, say):
-    """Name the equilibria that are not stable; results of older versions do not tell."""
-    places = ["statics", "rest", *(f"cases/{name}" for name in f.get("cases", ()))]
-    for place in places:
-        if place in f and "stable" in f[place] and not np.all(f[place]["stable"][()]):
+    """Name the equilibria that are not stable."""
+    for place in state_groups(f):
+        if not np.all(f[place]["stable"][()]):
             say(f"note: an equilibrium of /{place} is NOT STABLE: compressed bars have no hold")
 
 

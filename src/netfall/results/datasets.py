@@ -10,6 +10,8 @@ from typing import NamedTuple
 
 from netfall.record.columns import CELL_FIELDS, CELL_NUMBERS, HISTORY, NONE, POINT_FIELDS, POINT_NUMBERS
 
+ORDER = "order"  # attribute of a group that holds an equilibrium: its place among them
+
 
 class Dataset(NamedTuple):
     """One dataset: its name in the group, what its axes count, its unit, its meaning."""

@@ -1,5 +1,6 @@
 """The stages of a result for a report: where nodes are and what elements carry in each, and the envelope."""
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from netfall.mechanics.material import elastic_forces, warm_length
 from netfall.numerics.functions import lengths
+from netfall.results.datasets import ORDER
 from netfall.results.frames import Frames
 from netfall.results.losses import broken_at, loss_rows, lost_at
 
@@ -14,7 +16,7 @@ ALIKE = 1e-6  # of a tension: frames are in single precision, and the earlier st
 
 
 @dataclass(frozen=True)
-class Stage:
+class ShownState:
     """An equilibrium, or a moment.
 
     tension : gives (m,) [N]; position : gives (points, 3) [m]
@@ -55,32 +57,35 @@ def start_tension(f) -> np.ndarray:
     return elastic_forces(L, L0, EA, bar, is_logarithmic(f))
 
 
-def equilibria(f) -> Iterator[Stage]:
-    """The form, the load steps, the cases, the rest under the mean wind."""
+def state_groups(f) -> list[str]:
+    """The groups that hold equilibria besides the form, in the order in which the run found them."""
+    found: dict[str, int] = {}
+    f.visititems(lambda name, item: found.update({name: item.attrs[ORDER]} if ORDER in item.attrs else {}))
+    return sorted(found, key=found.get)
+
+
+def equilibria(f) -> Iterator[ShownState]:
+    """The form, then what `state_groups` hold: of a load path a state for each step."""
     x = start_position(f)
     found = "form_finding" in f
-    yield Stage("form" if found else "as given", lambda: start_tension(f), lambda: x)
-    if "statics" in f:
-        for row, factor in enumerate(f["statics/load_factor"][:]):
-            name = f"statics, load factor {factor:.4g}" if factor else "statics, permanent loads"
-            yield Stage(name, *_row(f, x, row))
-    for name in f.get("cases", ()):
-        g = f[f"cases/{name}"]
-        yield Stage(f"case {name}", *_whole(g, x))
-    if "rest" in f:
-        yield Stage("rest", lambda: f["rest/tension"][:], lambda: f["rest/position"][:])
+    yield ShownState("form" if found else "as given", lambda: start_tension(f), lambda: x)
+    for name in state_groups(f):
+        group, words = f[name], re.sub(r"^(case|stage)s/", r"\1 ", name)
+        if "load_factor" not in group:
+            yield ShownState(words, *_state(group, x, ...))
+            continue
+        for row, factor in enumerate(group["load_factor"][:]):
+            more = f"load factor {factor:.4g}" if factor else "permanent loads"
+            yield ShownState(f"{words}, {more}", *_state(group, x, row))
 
 
-def _row(f, x: np.ndarray, row: int):
-    g = f["statics"]
-    return (lambda: g["tension"][row]), (lambda: x + g["displacement"][row])
+def _state(g, x: np.ndarray, row):
+    """What gives the tensions and the positions of a state of a group."""
+    place = (lambda: g["position"][row]) if "position" in g else (lambda: x + g["displacement"][row])
+    return (lambda: g["tension"][row]), place
 
 
-def _whole(g, x: np.ndarray):
-    return (lambda: g["tension"][:]), (lambda: x + g["displacement"][:])
-
-
-def final(f) -> Stage | None:
+def final(f) -> ShownState | None:
     """The last state of the dynamic stage; the ends that split off are where they are now."""
     if "history" not in f:
         return None
@@ -91,7 +96,7 @@ def final(f) -> Stage | None:
     ends[f["events/element"][:][new >= 0], (new[new >= 0] - n) % 2] = new[new >= 0]
     rows = row[np.searchsorted(number[row], ends)]
     name = f"final, t = {f['history/time'][-1]:.4g} s"
-    return Stage(name, lambda: f["final/tension"][:], lambda: f["final/position"][:], rows)
+    return ShownState(name, lambda: f["final/tension"][:], lambda: f["final/position"][:], rows)
 
 
 @dataclass

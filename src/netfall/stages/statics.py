@@ -286,10 +286,11 @@ def rest_words(job: Job) -> str:
 
 def sections(path: StaticPath) -> dict[str, dict[str, np.ndarray]]:
     """The numbers of all equilibria; their states are written as they are found."""
-    found = {f"cases/{name}": numbers_of(numbers) for name, numbers in path.cases.items()}
+    found = {}
     if path.steps:
         columns = {name: [step[name] for step in path.steps] for name in path.steps[0]}
         found["statics"] = numbers_of(columns)
+    found |= {f"cases/{name}": numbers_of(numbers) for name, numbers in path.cases.items()}
     if path.rest:
         found["rest"] = numbers_of(path.rest)
     return found

@@ -16,7 +16,7 @@ from netfall.net.net import Net
 from netfall.parallel.agree import on_root
 from netfall.parallel.subdomain import Distribution
 from netfall.record.columns import CELL_FIELDS, CELL_NUMBERS, POINT_FIELDS, POINT_NUMBERS, Field, Sight
-from netfall.results.datasets import unit_of
+from netfall.results.datasets import ORDER, unit_of
 from netfall.roof.areas import Areas
 from netfall.roof.zones import Zones
 from netfall.write.h5 import SharedFile
@@ -197,6 +197,9 @@ class Result:
                 for name, values in datasets.items():
                     file.create_dataset(f"{group}/{name}", data=values)
             label(file)
+            states = [group for group in sections if group != "form_finding" and f"{group}/tension" in file]
+            for order, group in enumerate(states):
+                file[group].attrs[ORDER] = order
             _write_provenance(file.create_group("provenance"), provenance, phases)
 
         if not self.segments:
