@@ -121,6 +121,17 @@ AGAIN = {
         "zone": POLYGONS,
         "load": LOADS | {"zone": {"corner": {"snow": 900.0}, "nowhere": {"snow": 1.0}}},
     },
+    "cut zones": {  # of a node that two of them share a zone that has it whole otherwise takes the rest
+        "net": SADDLE,
+        "cable": STEEL,
+        "form_finding": {},
+        "zone": [
+            {"name": "all", "polygon": [[-20, -20], [20, -20], [20, 20], [-20, 20]]},
+            {"name": "left", "polygon": [[-20, -20], [1, -20], [1, 20], [-20, 20]], "cut": True},
+            {"name": "front", "polygon": [[-4, -20], [2, -20], [2, -3], [-4, -3]], "cut": True},
+        ],
+        "load": LOADS | {"zone": {"all": {"snow": 700.0}, "left": {"snow": 900.0}, "front": {"dead": 50.0}}},
+    },
     "lost in motion": {
         "net": TABLES | {"node_columns": TABLES["node_columns"] | {"zone": ""}} | {"subdivide": 2},
         "cable": SECTIONS,
@@ -178,17 +189,37 @@ def test_the_folder_of_tables_runs_again_to_the_same_net_and_bits(tmp_path, name
         assert (node["mass"], node["load_x"], node["area"], node["zone"]) == ("1000.0", "10.0", "7.0", "east")
 
 
-def test_a_zone_that_is_cut_keeps_its_polygon_and_that_is_told(tmp_path):
-    """A column has whole nodes: the job of the folder has the polygon, the column is empty."""
-    zone = {"name": "corner", "polygon": [[-5, -5], [3, -5], [3, 3], [-5, 3]], "cut": True}
-    load = {"snow": 500.0, "zone": {"corner": {"snow": 900.0}}}
-    job = {"net": SADDLE, "cable": STEEL, "form_finding": {}, "zone": [zone], "load": load}
-    netfall.run(job, output=tmp_path / "r.vtkhdf").close()
-    told = written(tmp_path / "r.vtkhdf", tmp_path / "a")
-    assert any(line.startswith("note: zone corner is cut by its polygon in the plan of") for line in told)
-    assert {row["zone"] for row in rows(tmp_path / "a" / "nodes.csv")} == {""}
-    with netfall.run(tmp_path / "a" / "job.toml") as again:
-        assert again.file["load/snow"][:].max() > 500.0
+def test_shares_of_zones_are_columns(tmp_path):
+    """Node, zones and shares beside: of 81 nodes' areas of 1 m2 a polygon has half of nine, a column of them
+    whole, and the job of the folder, which cuts nothing, the snow of both.
+    """
+    zone = {"name": "left", "polygon": [[-9, -9], [0, -9], [0, 9], [-9, 9]], "cut": True}
+    idle = {"name": "nowhere", "polygon": [[90, 90], [91, 90], [91, 91]]}
+    side = np.arange(9) - 4.0
+    x, y = (grid.ravel() for grid in np.meshgrid(side, side, indexing="ij"))
+    row = np.arange(81).reshape(9, 9)
+    pairs = [
+        np.column_stack([a.ravel(), b.ravel()]) for a, b in ((row[1:], row[:-1]), (row.T[1:], row.T[:-1]))
+    ]
+    net = {
+        "nodes": np.column_stack([x, y, 0 * x]),
+        "elements": np.vstack(pairs),
+        "fixed": (np.abs(x) == 4) | (np.abs(y) == 4),
+    }
+    case = {"name": "drift", "set": {"load.zone.left.snow": 50.0, "load.zone.nowhere.snow": 9.0}}
+    job = {"net": net, "cable": STEEL, "zone": [zone, idle], "case": [case]}
+    job["load"] = {"snow": 100.0, "zone": {"left": {"snow": 300.0}}}
+    netfall.run(job, output=tmp_path / "r.vtkhdf", quiet=True).close()
+    written(tmp_path / "r.vtkhdf", tmp_path / "a")
+    cells = {row["id"]: (row["zone"], row["zone_share"]) for row in rows(tmp_path / "a" / "nodes.csv")}
+    assert cells["0"] == ("left", "") and cells["80"] == ("", "")
+    assert {cells[str(node)] for node in range(36, 45)} == {("left", "0.5")}
+    text = (tmp_path / "a" / "job.toml").read_text()
+    assert "polygon" not in text and "cut" not in text and "nowhere" not in text
+    with netfall.run(tmp_path / "a" / "job.toml", quiet=True) as again:
+        snow = again.file["load/snow"][:]
+        assert snow[:36] == pytest.approx(300.0) and snow[36:45] == pytest.approx(200.0)
+        assert snow[45:] == pytest.approx(100.0) and list(again.cases) == ["drift"]
 
 
 def test_what_a_format_cannot_hold_is_named(tmp_path):

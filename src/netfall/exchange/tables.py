@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.exchange.job_again import cut_zones, job_again, job_of
+from netfall.exchange.job_again import job_again
 from netfall.exchange.state import AXES, MARK, RECORD, State
 from netfall.ground.errors import InputError
 from netfall.job.table import write_table
+from netfall.net.tables import SEVERAL
 from netfall.results.result import Result
 
 ABOUT = "README.txt"
@@ -115,9 +116,24 @@ def _node_columns(result: Result) -> dict[str, np.ndarray]:
         for name, values in (("spring", net["spring"][:]), ("spring_rest", of("spring_rest"))):
             found |= {f"{name}_{k}": values[:, i] for i, k in enumerate(AXES)}
     if (net["zone"][:] >= 0).any():
-        names = result.nodes["zone"]
-        found["zone"] = np.where(np.isin(names, cut_zones(job_of(result))), "", names)
+        found |= _zone_columns(result)
     return found
+
+
+def _zone_columns(result: Result) -> dict[str, np.ndarray]:
+    """The zone of each node; of one in several all of them, and its shares beside."""
+    zone, net = result.nodes["zone"].astype(object), result.file["net"]
+    if "zone_share" not in net:
+        return {"zone": zone}
+    names, share = net["zone_names"].asstr()[:], net["zone_share"][:]
+    beside = np.full(len(zone), "", object)
+    for row in np.flatnonzero(((share > 0) & (share < 1)).any(1)):
+        there = share[row] > 0
+        zone[row], beside[row] = (
+            SEVERAL.join(names[there]),
+            SEVERAL.join(map(repr, share[row, there].tolist())),
+        )
+    return {"zone": zone, "zone_share": beside}
 
 
 def _element_columns(result: Result, state: State) -> dict[str, np.ndarray]:
