@@ -258,6 +258,30 @@ def test_a_folder_of_tables_that_is_the_users_own_is_left_alone(broken, tmp_path
     assert names == {"nodes.csv", "elements.csv", "history.csv", "events.csv", "README.txt"}
 
 
+def test_an_export_leaves_no_history_of_another_result(broken, tmp_path):
+    """A result without dynamics over one that had it; a history or a file to be copied that is the user's."""
+    written(broken, tmp_path / "a")
+    netfall.run(GIVEN, output=tmp_path / "still.vtkhdf", quiet=True).close()
+    assert (tmp_path / "a" / "history.csv").exists()
+    written(tmp_path / "still.vtkhdf", tmp_path / "a")
+    assert not (tmp_path / "a" / "history.csv").exists() and not (tmp_path / "a" / "events.csv").exists()
+    for name, why in (
+        ("history.csv", "has history.csv already"),
+        ("wind.csv", "has another wind.csv already"),
+    ):
+        mine = tmp_path / name.removesuffix(".csv")
+        mine.mkdir()
+        (mine / name).write_text("my own")
+        (tmp_path / "wind.csv").write_text("time,speed\n0,20\n9,20\n")
+        wind = {"file": str(tmp_path / "wind.csv"), "shape_coefficient": -0.1}
+        gusty = cross(wind=wind, dynamics={"duration": 0.02})
+        gusty["net"]["node_columns"] |= {"area": 1.0, "normal_x": 0.0, "normal_y": 0.0, "normal_z": 1.0}
+        netfall.run(gusty, output=tmp_path / "gusty.vtkhdf", quiet=True).close()
+        with pytest.raises(InputError, match=why):
+            written(tmp_path / "gusty.vtkhdf", mine)
+        assert [(path.name, path.read_text()) for path in mine.iterdir()] == [(name, "my own")]
+
+
 def test_drawing_shows_the_form_and_the_broken_state(broken, tmp_path):
     """Lines in metres by group, supports as points; at the end what broke on a layer of its own."""
     written(broken, tmp_path / "form.dxf")
@@ -357,7 +381,7 @@ def test_tensions_of_a_given_geometry_are_those_of_the_law(tmp_path, strain, law
 
 @pytest.fixture(scope="module")
 def stadium(tmp_path_factory):
-    """The stadium under its cladding, 42 cables slack, as a result and as a model for OpenSees."""
+    """The stadium under its cladding, 48 cables slack, as a result and as a model for OpenSees."""
     folder = tmp_path_factory.mktemp("stadium")
     (folder / "job.toml").write_text(
         shipped("stadium").replace("1e-11", "1e-10") + "[load]\ndead = 1000.0\nsteps = 1\ntolerance = 1e-10\n"
@@ -398,7 +422,7 @@ def test_the_model_for_opensees_is_in_the_same_equilibrium(stadium):
     for tag, *_ in words_of(path, "fix"):
         del force[int(tag)]
     # a strain of 1e-3 is right to 2e-13 of itself: twice differences of lengths, right to their last bit
-    assert ours == pytest.approx(theirs, abs=1e-11 * theirs.max()) and (theirs == 0).sum() == 42
+    assert ours == pytest.approx(theirs, abs=1e-11 * theirs.max()) and (theirs == 0).sum() == 48
     assert max(np.abs(f).max() for f in force.values()) < 1e-9 * theirs.max()  # what counts as no load
 
 

@@ -13,7 +13,7 @@ from netfall.exchange.tables import write_tables
 from netfall.exchange.vtu import write_vtu
 from netfall.ground.errors import InputError
 from netfall.results.result import Result
-from netfall.write.locks import writing
+from netfall.write.locks import whole
 
 COLOURS = (5, 3, 30, 6, 4, 140, 40, 200)  # of AutoCAD's table, for groups in turn
 RED = 1
@@ -37,7 +37,7 @@ def export(source: Path, target: Path, time: float | None, say: Callable[[str], 
         raise InputError(f"-o {target}: exists, and is not what netfall exported; give another name")
     if write is write_tcl and time is not None:
         raise InputError("--time: a .tcl holds an equilibrium, not a state in motion; leave --time out")
-    with Result(source) as result, writing(target):
+    with Result(source) as result:
         lines = write(result, state_of(result, time), target)
         if write is not write_tables:
             lines += lacking(result, target.suffix.lower())
@@ -74,7 +74,8 @@ def _compas(result: Result, state: State, path: Path) -> list[str]:
         "edge": edge,
         "max_node": int(state.node_id.max()),
     }
-    path.write_text(json.dumps({"dtype": "compas.datastructures/Graph", "data": data}), encoding="utf-8")
+    with whole(path) as place:
+        place.write_text(json.dumps({"dtype": "compas.datastructures/Graph", "data": data}), encoding="utf-8")
     told = [f"{path}: {state.name}, {len(node)} nodes, {len(state.ends)} edges; m, N, N/m"]
     if doubled:
         told.append(f"note: {doubled} elements join nodes that another one joins: a Graph holds one of them")
@@ -96,7 +97,8 @@ def _vtu(result: Result, state: State, path: Path) -> list[str]:
         **state.unstressed(),
         "broken": state.broken.astype(np.uint8),
     }
-    write_vtu(path, state.position, state.ends, points, cells, MARK)
+    with whole(path) as place:
+        write_vtu(place, state.position, state.ends, points, cells, MARK)
     groups = ", ".join(f"{k} {name or '(none)'}" for k, name in enumerate(names))
     return [f"{path}: {state.name}, {len(state.position)} points, {len(state.ends)} lines; groups: {groups}"]
 
@@ -120,7 +122,8 @@ def _dxf(result: Result, state: State, path: Path) -> list[str]:
     for x in state.position[state.fixed.any(1)].tolist():
         space.add_point(x, dxfattribs={"layer": "supports"})
     drawing.header.custom_vars.append("made", MARK)
-    drawing.saveas(path)
+    with whole(path) as place:
+        drawing.saveas(place)
     shown = ", ".join(dict.fromkeys(layers.values()))
     broken = f", {int(state.broken.sum())} on layer broken" if state.broken.any() else ""
     held = f"{int(state.fixed.any(1).sum())} points on layer supports"

@@ -118,6 +118,5 @@ def _files(table, source: Path, folder: Path, taken: set[str]) -> list[str]:
 def _copied(source: Path, target: Path, key: str) -> str:
     if not source.is_file():
         return f"note: {key} = {target.name}: {source} is no more there; put it beside job.toml"
-    if source.resolve() != target.resolve():
-        shutil.copyfile(source, target)
+    shutil.copyfile(source, target)
     return f"{target}: copied from {source}"
