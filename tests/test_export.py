@@ -302,6 +302,46 @@ def test_drawing_shows_the_form_and_the_broken_state(broken, tmp_path):
     assert points == [(-10, 0, 2), (10, 0, 2), (0, -10, 0), (0, 10, 0)]
 
 
+GIVEN_NAMES = ["supports", "Broken", "0", "a/b", "A_B", "", "cables", "Defpoints"]
+
+
+def test_each_group_has_a_layer_of_its_own(tmp_path):
+    """Groups named as other layers are, as those that every drawing has, or alike but for the case."""
+    angle = 2 * np.pi * np.arange(8) / 8
+    rim = np.column_stack([10 * np.cos(angle), 10 * np.sin(angle), 0 * angle])
+    net = {
+        "nodes": np.vstack([rim, [0, 0, 0]]),
+        "elements": [[k, 8] for k in range(8)],
+        "fixed": np.arange(9) < 8,
+        "groups": GIVEN_NAMES,
+    }
+    netfall.run({"net": net, "cable": STEEL}, output=tmp_path / "r.vtkhdf", quiet=True).close()
+    told = written(tmp_path / "r.vtkhdf", tmp_path / "r.dxf")
+    lines = [e for e in ezdxf.readfile(tmp_path / "r.dxf").modelspace() if e.dxftype() == "LINE"]
+    layers = ["supports_2", "Broken_2", "0", "a_b", "A_B_2", "cables", "cables_2", "Defpoints_2"]
+    assert sorted(e.dxf.layer for e in lines) == sorted(layers[:3] + ["A_B", "a_b_2"] + layers[5:])
+    back = read_net(tmp_path / "r.dxf", Options(supports="supports"))
+    assert len(back.net.ends) == 8 and back.fixed.sum() == 8 and "0, A_B, Broken_2, Def" in told[0]
+
+
+def test_what_is_out_of_the_net_is_no_line(tmp_path):
+    """A cable of two parts that is lost: six of eight elements are left, all numbers of a JSON are such."""
+    lost = {"remove": [{"elements": [14], "time": 0.02}], "net": cross()["net"] | {"subdivide": 2}}
+    job = cross(**lost, dynamics={"duration": 0.05}, output={"frames": 2})
+    netfall.run(job, output=tmp_path / "r.vtkhdf", quiet=True).close()
+    told = {end: written(tmp_path / "r.vtkhdf", tmp_path / f"r.{end}", np.inf) for end in ("json", "dxf")}
+    assert told["json"][1] == "2 elements that are out of the net by then are no edges"
+    assert told["dxf"][1] == "2 elements that are out of the net by then are no lines"
+
+    def refuse(word):
+        raise AssertionError(word)
+
+    graph = json.loads((tmp_path / "r.json").read_text(), parse_constant=refuse)["data"]
+    assert sum(len(edges) for edges in graph["edge"].values()) == 6
+    lines = [e for e in ezdxf.readfile(tmp_path / "r.dxf").modelspace() if e.dxftype() == "LINE"]
+    assert [e.dxf.layer for e in lines] == ["hanging"] * 4 + ["bracing"] * 2
+
+
 @pytest.mark.parametrize("ending", ["dxf", "json", "vtu"])
 def test_what_was_exported_is_imported_as_the_same_net(broken, tmp_path, ending):
     """The form goes out and comes in again: places, elements and supports."""
