@@ -121,6 +121,17 @@ AGAIN = {
         "zone": POLYGONS,
         "load": LOADS | {"zone": {"corner": {"snow": 900.0}, "nowhere": {"snow": 1.0}}},
     },
+    "cut zones": {  # of a node that two of them share a zone that has it whole otherwise takes the rest
+        "net": SADDLE,
+        "cable": STEEL,
+        "form_finding": {},
+        "zone": [
+            {"name": "all", "polygon": [[-20, -20], [20, -20], [20, 20], [-20, 20]]},
+            {"name": "left", "polygon": [[-20, -20], [1, -20], [1, 20], [-20, 20]], "cut": True},
+            {"name": "front", "polygon": [[-4, -20], [2, -20], [2, -3], [-4, -3]], "cut": True},
+        ],
+        "load": LOADS | {"zone": {"all": {"snow": 700.0}, "left": {"snow": 900.0}, "front": {"dead": 50.0}}},
+    },
     "lost in motion": {
         "net": TABLES | {"node_columns": TABLES["node_columns"] | {"zone": ""}} | {"subdivide": 2},
         "cable": SECTIONS,
@@ -178,17 +189,37 @@ def test_the_folder_of_tables_runs_again_to_the_same_net_and_bits(tmp_path, name
         assert (node["mass"], node["load_x"], node["area"], node["zone"]) == ("1000.0", "10.0", "7.0", "east")
 
 
-def test_a_zone_that_is_cut_keeps_its_polygon_and_that_is_told(tmp_path):
-    """A column has whole nodes: the job of the folder has the polygon, the column is empty."""
-    zone = {"name": "corner", "polygon": [[-5, -5], [3, -5], [3, 3], [-5, 3]], "cut": True}
-    load = {"snow": 500.0, "zone": {"corner": {"snow": 900.0}}}
-    job = {"net": SADDLE, "cable": STEEL, "form_finding": {}, "zone": [zone], "load": load}
-    netfall.run(job, output=tmp_path / "r.vtkhdf").close()
-    told = written(tmp_path / "r.vtkhdf", tmp_path / "a")
-    assert any(line.startswith("note: zone corner is cut by its polygon in the plan of") for line in told)
-    assert {row["zone"] for row in rows(tmp_path / "a" / "nodes.csv")} == {""}
-    with netfall.run(tmp_path / "a" / "job.toml") as again:
-        assert again.file["load/snow"][:].max() > 500.0
+def test_shares_of_zones_are_columns(tmp_path):
+    """Node, zones and shares beside: of 81 nodes' areas of 1 m2 a polygon has half of nine, a column of them
+    whole, and the job of the folder, which cuts nothing, the snow of both.
+    """
+    zone = {"name": "left", "polygon": [[-9, -9], [0, -9], [0, 9], [-9, 9]], "cut": True}
+    idle = {"name": "nowhere", "polygon": [[90, 90], [91, 90], [91, 91]]}
+    side = np.arange(9) - 4.0
+    x, y = (grid.ravel() for grid in np.meshgrid(side, side, indexing="ij"))
+    row = np.arange(81).reshape(9, 9)
+    pairs = [
+        np.column_stack([a.ravel(), b.ravel()]) for a, b in ((row[1:], row[:-1]), (row.T[1:], row.T[:-1]))
+    ]
+    net = {
+        "nodes": np.column_stack([x, y, 0 * x]),
+        "elements": np.vstack(pairs),
+        "fixed": (np.abs(x) == 4) | (np.abs(y) == 4),
+    }
+    case = {"name": "drift", "set": {"load.zone.left.snow": 50.0, "load.zone.nowhere.snow": 9.0}}
+    job = {"net": net, "cable": STEEL, "zone": [zone, idle], "case": [case]}
+    job["load"] = {"snow": 100.0, "zone": {"left": {"snow": 300.0}}}
+    netfall.run(job, output=tmp_path / "r.vtkhdf", quiet=True).close()
+    written(tmp_path / "r.vtkhdf", tmp_path / "a")
+    cells = {row["id"]: (row["zone"], row["zone_share"]) for row in rows(tmp_path / "a" / "nodes.csv")}
+    assert cells["0"] == ("left", "") and cells["80"] == ("", "")
+    assert {cells[str(node)] for node in range(36, 45)} == {("left", "0.5")}
+    text = (tmp_path / "a" / "job.toml").read_text()
+    assert "polygon" not in text and "cut" not in text and "nowhere" not in text
+    with netfall.run(tmp_path / "a" / "job.toml", quiet=True) as again:
+        snow = again.file["load/snow"][:]
+        assert snow[:36] == pytest.approx(300.0) and snow[36:45] == pytest.approx(200.0)
+        assert snow[45:] == pytest.approx(100.0) and list(again.cases) == ["drift"]
 
 
 def test_what_a_format_cannot_hold_is_named(tmp_path):
@@ -227,6 +258,30 @@ def test_a_folder_of_tables_that_is_the_users_own_is_left_alone(broken, tmp_path
     assert names == {"nodes.csv", "elements.csv", "history.csv", "events.csv", "README.txt"}
 
 
+def test_an_export_leaves_no_history_of_another_result(broken, tmp_path):
+    """A result without dynamics over one that had it; a history or a file to be copied that is the user's."""
+    written(broken, tmp_path / "a")
+    netfall.run(GIVEN, output=tmp_path / "still.vtkhdf", quiet=True).close()
+    assert (tmp_path / "a" / "history.csv").exists()
+    written(tmp_path / "still.vtkhdf", tmp_path / "a")
+    assert not (tmp_path / "a" / "history.csv").exists() and not (tmp_path / "a" / "events.csv").exists()
+    for name, why in (
+        ("history.csv", "has history.csv already"),
+        ("wind.csv", "has another wind.csv already"),
+    ):
+        mine = tmp_path / name.removesuffix(".csv")
+        mine.mkdir()
+        (mine / name).write_text("my own")
+        (tmp_path / "wind.csv").write_text("time,speed\n0,20\n9,20\n")
+        wind = {"file": str(tmp_path / "wind.csv"), "shape_coefficient": -0.1}
+        gusty = cross(wind=wind, dynamics={"duration": 0.02})
+        gusty["net"]["node_columns"] |= {"area": 1.0, "normal_x": 0.0, "normal_y": 0.0, "normal_z": 1.0}
+        netfall.run(gusty, output=tmp_path / "gusty.vtkhdf", quiet=True).close()
+        with pytest.raises(InputError, match=why):
+            written(tmp_path / "gusty.vtkhdf", mine)
+        assert [(path.name, path.read_text()) for path in mine.iterdir()] == [(name, "my own")]
+
+
 def test_drawing_shows_the_form_and_the_broken_state(broken, tmp_path):
     """Lines in metres by group, supports as points; at the end what broke on a layer of its own."""
     written(broken, tmp_path / "form.dxf")
@@ -245,6 +300,46 @@ def test_drawing_shows_the_form_and_the_broken_state(broken, tmp_path):
     assert [line.dxf.layer for line in form.modelspace().query("LINE")] == ["hanging"] * 4 + ["bracing"] * 4
     points = [tuple(point.dxf.location) for point in form.modelspace().query("POINT[layer=='supports']")]
     assert points == [(-10, 0, 2), (10, 0, 2), (0, -10, 0), (0, 10, 0)]
+
+
+GIVEN_NAMES = ["supports", "Broken", "0", "a/b", "A_B", "", "cables", "Defpoints"]
+
+
+def test_each_group_has_a_layer_of_its_own(tmp_path):
+    """Groups named as other layers are, as those that every drawing has, or alike but for the case."""
+    angle = 2 * np.pi * np.arange(8) / 8
+    rim = np.column_stack([10 * np.cos(angle), 10 * np.sin(angle), 0 * angle])
+    net = {
+        "nodes": np.vstack([rim, [0, 0, 0]]),
+        "elements": [[k, 8] for k in range(8)],
+        "fixed": np.arange(9) < 8,
+        "groups": GIVEN_NAMES,
+    }
+    netfall.run({"net": net, "cable": STEEL}, output=tmp_path / "r.vtkhdf", quiet=True).close()
+    told = written(tmp_path / "r.vtkhdf", tmp_path / "r.dxf")
+    lines = [e for e in ezdxf.readfile(tmp_path / "r.dxf").modelspace() if e.dxftype() == "LINE"]
+    layers = ["supports_2", "Broken_2", "0", "a_b", "A_B_2", "cables", "cables_2", "Defpoints_2"]
+    assert sorted(e.dxf.layer for e in lines) == sorted(layers[:3] + ["A_B", "a_b_2"] + layers[5:])
+    back = read_net(tmp_path / "r.dxf", Options(supports="supports"))
+    assert len(back.net.ends) == 8 and back.fixed.sum() == 8 and "0, A_B, Broken_2, Def" in told[0]
+
+
+def test_what_is_out_of_the_net_is_no_line(tmp_path):
+    """A cable of two parts that is lost: six of eight elements are left, all numbers of a JSON are such."""
+    lost = {"remove": [{"elements": [14], "time": 0.02}], "net": cross()["net"] | {"subdivide": 2}}
+    job = cross(**lost, dynamics={"duration": 0.05}, output={"frames": 2})
+    netfall.run(job, output=tmp_path / "r.vtkhdf", quiet=True).close()
+    told = {end: written(tmp_path / "r.vtkhdf", tmp_path / f"r.{end}", np.inf) for end in ("json", "dxf")}
+    assert told["json"][1] == "2 elements that are out of the net by then are no edges"
+    assert told["dxf"][1] == "2 elements that are out of the net by then are no lines"
+
+    def refuse(word):
+        raise AssertionError(word)
+
+    graph = json.loads((tmp_path / "r.json").read_text(), parse_constant=refuse)["data"]
+    assert sum(len(edges) for edges in graph["edge"].values()) == 6
+    lines = [e for e in ezdxf.readfile(tmp_path / "r.dxf").modelspace() if e.dxftype() == "LINE"]
+    assert [e.dxf.layer for e in lines] == ["hanging"] * 4 + ["bracing"] * 2
 
 
 @pytest.mark.parametrize("ending", ["dxf", "json", "vtu"])
@@ -326,7 +421,7 @@ def test_tensions_of_a_given_geometry_are_those_of_the_law(tmp_path, strain, law
 
 @pytest.fixture(scope="module")
 def stadium(tmp_path_factory):
-    """The stadium under its cladding, 42 cables slack, as a result and as a model for OpenSees."""
+    """The stadium under its cladding, 48 cables slack, as a result and as a model for OpenSees."""
     folder = tmp_path_factory.mktemp("stadium")
     (folder / "job.toml").write_text(
         shipped("stadium").replace("1e-11", "1e-10") + "[load]\ndead = 1000.0\nsteps = 1\ntolerance = 1e-10\n"
@@ -367,7 +462,7 @@ def test_the_model_for_opensees_is_in_the_same_equilibrium(stadium):
     for tag, *_ in words_of(path, "fix"):
         del force[int(tag)]
     # a strain of 1e-3 is right to 2e-13 of itself: twice differences of lengths, right to their last bit
-    assert ours == pytest.approx(theirs, abs=1e-11 * theirs.max()) and (theirs == 0).sum() == 42
+    assert ours == pytest.approx(theirs, abs=1e-11 * theirs.max()) and (theirs == 0).sum() == 48
     assert max(np.abs(f).max() for f in force.values()) < 1e-9 * theirs.max()  # what counts as no load
 
 

@@ -3,6 +3,7 @@
 import ctypes
 import errno
 import os
+import shutil
 import subprocess
 from functools import partial
 from pathlib import Path
@@ -153,6 +154,38 @@ def test_pictures_and_reports_end_where_the_disk_is_full(disk, workshop):
                 content = (disk.folder / name).read_bytes()
                 assert not name.startswith(".") and content
                 assert content.endswith(b"IEND\xaeB`\x82" if name.endswith(".png") else b"\n"), name
+
+
+def test_exports_and_imports_end_where_the_disk_is_full(disk, workshop):
+    """Of what has no room there is nothing, neither a file nor a folder; what an export wrote before stays as
+    it was, and with room again the same command runs.
+    """
+    result = workshop.folder / "result.vtkhdf"
+    workshop.run(workshop.job(LOADED.replace("METHOD", 'method = "force_density"') + STEEL)).close()
+    drawn = workshop.folder / "net.vtu"
+    assert run_netfall("export", result, "-o", drawn).returncode == 0
+    commands = [
+        ("export", result, "-o", disk.folder / f"net{end}") for end in ("", ".dxf", ".tcl", ".json", ".vtu")
+    ]
+    for command in [*commands, ("import", drawn, "-o", disk.folder / "net", "--unit", "m")]:
+        for kilobytes in (0, 30):
+            disk.leave(kilobytes)
+            refused(run_netfall(*command, timeout=120), str(disk.folder / "net"), CUT)
+            assert disk.names() == set()
+        (disk.folder / "filler").unlink()
+        assert run_netfall(*command, timeout=120).returncode == 0
+        content = lambda: {
+            p: p.read_bytes() for p in disk.folder.rglob("*") if p.is_file() and p.name != "filler"
+        }
+        before = content()
+        with open(disk.folder / "filler", "wb") as filler, pytest.raises(OSError):
+            while True:
+                filler.write(bytes(1 << 16))
+                filler.flush()
+        refused(run_netfall(*command, timeout=120), CUT)
+        assert content() == before
+        for path in disk.names():
+            shutil.rmtree(disk.folder / path) if (disk.folder / path).is_dir() else None
 
 
 def test_studies_end_where_the_disk_is_full(disk, workshop):

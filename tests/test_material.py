@@ -5,7 +5,9 @@ import math
 
 import numpy as np
 import pytest
+from test_python import cross
 
+import netfall
 from netfall.mechanics.fields import Elements
 from netfall.mechanics.material import Law, axial_force, stored_energy, strain, yield_energy
 
@@ -81,3 +83,19 @@ def test_logarithmic_strain_is_the_sum_of_increments():
     assert math.isclose(
         1 - strain(1.04, 1.0, law_of(True)) / strain(1.04, 1.0, law_of(False)), 0.02, rel_tol=0.05
     )  # 2 % less at 4 %
+
+
+@pytest.mark.parametrize("measure", ["engineering", "logarithmic"])
+def test_what_never_yields_beside_what_does_dissipates_nothing(measure, tmp_path):
+    """Two cables of the tutorial yield, two have no yield stress: the heat is that of the former, with the
+    engineering strain N_y L0 eps_p in all, and the audits are there.
+    """
+    job = cross(cable=cross()["cable"] | {"strain": measure, "hanging": {"yield_stress": 2.3e8}})
+    with netfall.run(job, {"dynamics.safety": 0.02}, output=tmp_path / "r.vtkhdf", quiet=True) as result:
+        heat = result.history["plastic_dissipation"]
+        eps_p, L0 = result.file["final/plastic_strain"][:], result.elements["unstressed_length"]
+        assert eps_p[0] > 1e-4 and eps_p[2] == 0.0
+        assert heat[-1] == pytest.approx(
+            2.3e8 * 500e-6 * (L0 * eps_p).sum(), rel=1e-12 if measure[0] == "e" else 1e-2
+        )
+        assert heat[0] == 0.0 and np.abs(result.history["balance_error"]).max() < 1e-3

@@ -179,6 +179,12 @@ def test_no_elements_have_no_tensions_and_a_closed_result_says_so(here):
         brief.statics  # noqa: B018
 
 
+def test_nodes_without_elements_are_no_net():
+    """As arrays: said in words, and of the errors of netfall."""
+    with pytest.raises(netfall.InputError, match="nodes without elements: expected both"):
+        netfall.run({"net": {"nodes": np.zeros((2, 3))}})
+
+
 def test_columns_do_not_replace_the_arrays_of_a_net():
     """What nodes, elements, fixed, groups and ids say is not said by a column too; all at once."""
     arrays = {"nodes": np.zeros((2, 3)), "elements": [[0, 1]], "groups": "a"}

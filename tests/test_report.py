@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from conftest import ROOT, STEEL, run_netfall, run_on_standing_ranks
 
-from netfall.checks.cables import Cutting
+import netfall
+from netfall.checks.cables import Cutting, cutting_columns
 from netfall.checks.codes import read_codes
 from netfall.ground.errors import InputError
 from netfall.report.report import write_report
@@ -263,3 +264,27 @@ def test_the_command_writes_beside_the_result_and_spares_what_is_not_its_own(loa
     done = run_on_standing_ranks("report", "result.vtkhdf", "-o", ".", cwd=loaded)
     assert done.returncode == 2 and "cables.csv: exists and is no table of a report" in done.stderr
     assert (loaded / "cables.csv").read_text() == mine and not (loaded / "summary.md").exists()
+
+
+def test_a_piece_of_several_sections_names_them_all(tmp_path):
+    """Two straight halves of different types are one piece of cable: the cutting list has both, and the mass
+    of each: 3 kg/m and 5 kg/m.
+    """
+    (tmp_path / "types.csv").write_text(
+        "name,mass_per_length,axial_stiffness,breaking_load\nthin,3.0,4e7,3e5\nthick,5.0,8e7,6e5\n"
+    )
+    net = {
+        "nodes": np.array([[0.0, 0, 0], [4, 0, 0], [10, 0, 0]]),
+        "elements": [[0, 1], [1, 2]],
+        "fixed": [1, 0, 1],
+        "element_columns": {"type": ["thin", "thick"], "cable": "stay"},
+        "groups": ["low", "high"],
+    }
+    cable = {"catalogue": str(tmp_path / "types.csv"), "prestress": 1e5}
+    netfall.run({"net": net, "cable": cable}, output=tmp_path / "r.vtkhdf", quiet=True).close()
+    with netfall.open(tmp_path / "r.vtkhdf") as result:
+        found = cutting_columns(result.file, Cutting())
+    assert found["type"].tolist() == ["thin + thick"] and found["group"].tolist() == ["low + high"]
+    lengths = 4.0 / (1 + 1e5 / 4e7), 6.0 / (1 + 1e5 / 8e7)
+    assert found["unstressed_length"] == pytest.approx(sum(lengths), rel=1e-12)
+    assert found["mass"] == pytest.approx(3.0 * lengths[0] + 5.0 * lengths[1], rel=1e-12)

@@ -120,6 +120,62 @@ def test_of_several_zones_a_node_belongs_to_the_last(workshop):
     ]
 
 
+SHARED = """id, x, y, z, fixed, zone, zone_share
+0, 0, 0, 0, 1, edge/drift, 0.25/0.5
+1, 1, 0, 0, 0, drift, 0.5
+2, 2, 0, 0, 0, edge,
+3, 3, 0, 0, 1, , 
+"""
+CHAIN = "start, end\n0, 1\n1, 2\n2, 3\n"
+OF_DRIFT = "[load]\nsnow = 100.0\n[load.zone.drift]\nsnow = 500.0\n[load.zone.edge]\nsnow = 300.0\n"
+
+
+def test_a_column_gives_shares_of_zones(workshop):
+    """By hand: 100 / 4 + 300 / 4 + 500 / 2 of the first node; what is between two nodes has of each zone what
+    both have; a polygon takes of a node what the shares leave.
+    """
+    job = read_job(workshop.job(STEEL + OF_DRIFT, SHARED, CHAIN), ["net.subdivide=2"])
+    net = build_net(job)
+    found = zones_of(job, net)
+    assert found.names == ["drift", "edge"]
+    assert found.spread(job.load, "snow").tolist() == [350, 300, 300, 100, 300, 100, 100]
+    assert found.shares()[:4].tolist() == [[0.5, 0.25], [0.5, 0], [0, 1], [0, 0]]
+    names = '[[zone]]\nname = "drift"\n[[zone]]\nname = "edge"\n'
+    rest = "[load.zone.rest]\nsnow = 0.0\n"
+    job = read_job(
+        workshop.job(STEEL + OF_DRIFT + rest + square("rest", -1, -1, 9, 1) + names, SHARED, CHAIN)
+    )
+    found = zones_of(job, build_net(job))
+    assert found.names == ["rest", "drift", "edge"]
+    assert found.spread(job.load, "snow").tolist() == [325, 250, 300, 0]
+
+
+@pytest.mark.parametrize(
+    "zone, share",
+    [("edge/drift", "0.25"), ("edge", "1.5"), ("edge/drift", "0.6/0.5"), ("", "0.5"), ("a/a", "0.1/0.1")]
+    + [("edge", "much"), ("edge", "0"), ("edge", "nan")],
+)
+def test_shares_that_are_none_are_refused(workshop, zone, share):
+    """With the line, both cells and what is allowed."""
+    nodes = SHARED.replace("edge/drift, 0.25/0.5", f"{zone}, {share}")
+    with pytest.raises(InputError) as raised:
+        build_net(read_job(workshop.job(STEEL, nodes, CHAIN)))
+    (line,) = raised.value.lines
+    assert (
+        f"line 2: zone_share = '{share}' of zone = '{zone}': expected a share above 0 for each zone" in line
+    )
+
+
+def test_shares_and_cuts_exclude_each_other(workshop):
+    """What a polygon would take of a node's shares nothing says."""
+    entry = square("half", 0, -1, 1.5, 1) + "cut = true\n"
+    with pytest.raises(
+        InputError, match=r"\[\[zone\]\] half: cut and the column zone_share of nodes.csv excl"
+    ):
+        job = read_job(workshop.job(STEEL + entry, SHARED, CHAIN))
+        zones_of(job, build_net(job))
+
+
 def test_subdivision_continues_the_zones(workshop):
     """By place in a polygon, by element in groups, in the column where both ends are in the zone."""
     halves = "net.subdivide=2"

@@ -96,6 +96,8 @@ def _job_file(job: dict, folder: Path) -> Path:
     net = job.get("net")
     own = net.get("nodes") if isinstance(net, dict) else net
     if isinstance(net, dict) and not isinstance(own, str) and own is not None:
+        if "elements" not in net:
+            raise InputError("net: nodes without elements: expected both, arrays or names of tables")
         given = [name for name in Net.__dataclass_fields__ if name in net]
         rest = {name: value for name, value in net.items() if name not in given}
         job["net"] = rest | Net(**{name: net[name] for name in given}).write(folder)

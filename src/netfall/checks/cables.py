@@ -156,8 +156,8 @@ def cutting_columns(f, cutting: Cutting) -> dict[str, np.ndarray]:
     stretched = stretched_length(warm, load[cable], EA, is_logarithmic(f))
     return {
         "cable": f["net/cable_names"].asstr()[:].astype(object),
-        "group": groups_of(f)[first],
-        "type": types_of(f)[first],
+        "group": _words_of(groups_of(f), cable, count),
+        "type": _words_of(types_of(f), cable, count),
         "elements": np.bincount(cable, minlength=count),
         "unstressed_length": total(L0),
         "length_in_form": total(np.linalg.norm(x[elements[:, 1]] - x[elements[:, 0]], axis=1)),
@@ -173,6 +173,16 @@ def _first_by(key: np.ndarray, cable: np.ndarray) -> np.ndarray:
     """For each cable the row of its element with the largest key (m,), the first of equal ones."""
     order = np.lexsort((np.arange(len(key)), -key, cable))
     return order[np.unique(cable[order], return_index=True)[1]]
+
+
+def _words_of(words: np.ndarray, cable: np.ndarray, count: int) -> np.ndarray:
+    """The word of each cable from those (m,) of its elements; several: all of them, in the order of the rows."""
+    found: list[list[str]] = [[] for _ in range(count)]
+    for number, word in dict.fromkeys(zip(cable.tolist(), words.tolist())):
+        found[number].append(word)
+    return np.array(
+        [" + ".join(word or "none" for word in each) if each[1:] else each[0] for each in found], object
+    )
 
 
 def _least_of(values: np.ndarray, cable: np.ndarray, count: int) -> np.ndarray:

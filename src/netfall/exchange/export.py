@@ -13,7 +13,7 @@ from netfall.exchange.tables import write_tables
 from netfall.exchange.vtu import write_vtu
 from netfall.ground.errors import InputError
 from netfall.results.result import Result
-from netfall.write.locks import writing
+from netfall.write.locks import whole
 
 COLOURS = (5, 3, 30, 6, 4, 140, 40, 200)  # of AutoCAD's table, for groups in turn
 RED = 1
@@ -37,7 +37,7 @@ def export(source: Path, target: Path, time: float | None, say: Callable[[str], 
         raise InputError(f"-o {target}: exists, and is not what netfall exported; give another name")
     if write is write_tcl and time is not None:
         raise InputError("--time: a .tcl holds an equilibrium, not a state in motion; leave --time out")
-    with Result(source) as result, writing(target):
+    with Result(source) as result:
         lines = write(result, state_of(result, time), target)
         if write is not write_tables:
             lines += lacking(result, target.suffix.lower())
@@ -47,7 +47,8 @@ def export(source: Path, target: Path, time: float | None, say: Callable[[str], 
 
 def _compas(result: Result, state: State, path: Path) -> list[str]:
     """A Graph of COMPAS 2, `compas.json_load` reads it: nodes and edges with their attributes."""
-    force_density = state.tension / lengths(state.position, state.ends)
+    length, there = lengths(state.position, state.ends), ~state.out()
+    force_density = np.divide(state.tension, length, out=np.zeros_like(length), where=length > 0)
     node = {
         str(number): {**dict(zip(AXES, x)), "is_anchor": any(fixed), "fixed": fixed}
         for number, x, fixed in zip(
@@ -56,7 +57,8 @@ def _compas(result: Result, state: State, path: Path) -> list[str]:
     }
     edge: dict[str, dict] = {number: {} for number in node}
     doubled, unstressed = 0, state.unstressed()
-    for e, (a, b) in enumerate(state.node_id[state.ends].tolist()):
+    for e in np.flatnonzero(there).tolist():
+        a, b = state.node_id[state.ends[e]].tolist()
         doubled += str(b) in edge[str(a)] or str(a) in edge[str(b)]
         edge[str(a)][str(b)] = {
             "id": int(state.element_id[e]),
@@ -74,8 +76,10 @@ def _compas(result: Result, state: State, path: Path) -> list[str]:
         "edge": edge,
         "max_node": int(state.node_id.max()),
     }
-    path.write_text(json.dumps({"dtype": "compas.datastructures/Graph", "data": data}), encoding="utf-8")
-    told = [f"{path}: {state.name}, {len(node)} nodes, {len(state.ends)} edges; m, N, N/m"]
+    with whole(path) as place:
+        place.write_text(json.dumps({"dtype": "compas.datastructures/Graph", "data": data}), encoding="utf-8")
+    told = [f"{path}: {state.name}, {len(node)} nodes, {there.sum()} edges; m, N, N/m"]
+    told += state.told_out("edges")
     if doubled:
         told.append(f"note: {doubled} elements join nodes that another one joins: a Graph holds one of them")
     return told
@@ -96,7 +100,8 @@ def _vtu(result: Result, state: State, path: Path) -> list[str]:
         **state.unstressed(),
         "broken": state.broken.astype(np.uint8),
     }
-    write_vtu(path, state.position, state.ends, points, cells, MARK)
+    with whole(path) as place:
+        write_vtu(place, state.position, state.ends, points, cells, MARK)
     groups = ", ".join(f"{k} {name or '(none)'}" for k, name in enumerate(names))
     return [f"{path}: {state.name}, {len(state.position)} points, {len(state.ends)} lines; groups: {groups}"]
 
@@ -107,26 +112,46 @@ def _dxf(result: Result, state: State, path: Path) -> list[str]:
 
     drawing = ezdxf.new("R2010", units=ezdxf.units.M)
     space = drawing.modelspace()
-    layers = {name: _layer_name(name or "cables") for name in sorted(set(state.group.tolist()))}
-    for k, layer in enumerate(dict.fromkeys(layers.values())):
-        drawing.layers.add(layer, color=COLOURS[k % len(COLOURS)])
+    layers = _layers(sorted(set(state.group.tolist())))
+    for k, layer in enumerate(layers.values()):
+        known = drawing.layers.get(layer) if layer in drawing.layers else drawing.layers.add(layer)
+        known.color = COLOURS[k % len(COLOURS)]
     drawing.layers.add("supports", color=RED)
-    if state.broken.any():
+    torn = int((state.broken & ~state.out()).sum())
+    if torn:
         drawing.layers.add("broken", color=RED)
+    there = ~state.out()
     for (a, b), group, broken in zip(
-        state.position[state.ends].tolist(), state.group.tolist(), state.broken.tolist(), strict=True
+        state.position[state.ends][there].tolist(),
+        state.group[there].tolist(),
+        state.broken[there].tolist(),
+        strict=True,
     ):
         space.add_line(a, b, dxfattribs={"layer": "broken" if broken else layers[group]})
     for x in state.position[state.fixed.any(1)].tolist():
         space.add_point(x, dxfattribs={"layer": "supports"})
     drawing.header.custom_vars.append("made", MARK)
-    drawing.saveas(path)
-    shown = ", ".join(dict.fromkeys(layers.values()))
-    broken = f", {int(state.broken.sum())} on layer broken" if state.broken.any() else ""
+    with whole(path) as place:
+        drawing.saveas(place)
+    shown = ", ".join(layers.values())
+    broken = f", {torn} on layer broken" if torn else ""
     held = f"{int(state.fixed.any(1).sum())} points on layer supports"
-    return [f"{path}: {state.name}, {len(state.ends)} lines in m on layers {shown}{broken}; {held}"]
+    told = [f"{path}: {state.name}, {there.sum()} lines in m on layers {shown}{broken}; {held}"]
+    return told + state.told_out("lines")
 
 
-def _layer_name(name: str) -> str:
-    """A name without what DXF forbids in one."""
-    return "".join("_" if letter in '<>/\\":;?*|=`' else letter for letter in name)
+def _layers(groups: list[str]) -> dict[str, str]:
+    """A layer for each group, of its name without what DXF forbids in one; with a number if it is taken.
+
+    DXF makes no difference between upper and lower case.
+    """
+    found: dict[str, str] = {}
+    taken = {"supports", "broken", "defpoints"}  # the last one is never printed
+    for group in groups:
+        plain = "".join("_" if letter in '<>/\\":;?*|=`' else letter for letter in group or "cables")
+        layer, k = plain, 2
+        while layer.casefold() in taken:
+            layer, k = f"{plain}_{k}", k + 1
+        taken.add(layer.casefold())
+        found[group] = layer
+    return found

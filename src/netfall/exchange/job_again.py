@@ -27,11 +27,6 @@ def job_of(result: Result) -> dict:
     return tables_of(provenance_text(result.file, "job"), overrides)
 
 
-def cut_zones(job: dict) -> list[str]:
-    """Names of the zones whose polygons take parts of what nodes have: no column can say that."""
-    return [entry["name"] for entry in job.get("zone", []) if entry.get("cut")]
-
-
 def job_again(result: Result, state: State, folder: Path, faces: bool) -> list[str]:
     """Write job.toml and the files that it reads; what is said of them. faces : whether there is faces.csv"""
     job = job_of(result)
@@ -43,13 +38,8 @@ def job_again(result: Result, state: State, folder: Path, faces: bool) -> list[s
             table.pop("prestress", None)
     if faces:
         job["roof"] = {"faces": "faces.csv"}
-    _zones(job, set(result.nodes["zone"].tolist()))
-    told = [
-        f"note: zone {name} is cut by its polygon in the plan of the form, no more in that of the start; "
-        "what nodes have of it differs"
-        for name in cut_zones(job)
-    ]
-    told += _lost_cables(result, job) + _parts(result, state, job)
+    _zones(job, _used_zones(result))
+    told = _lost_cables(result, job) + _parts(result, state, job)
     _probes(result, job)
     told += _files(job, Path(provenance_text(result.file, "job_folder")), folder, set())
     head = HEAD.format(mark=MARK, title=" ".join(result.title.split()))
@@ -58,19 +48,26 @@ def job_again(result: Result, state: State, folder: Path, faces: bool) -> list[s
     return [f"{folder / 'job.toml'}: runs this net again, without form finding", *told]
 
 
+def _used_zones(result: Result) -> set[str]:
+    """Names of the zones that have nodes, or shares of nodes."""
+    net = result.file["net"]
+    if "zone_share" in net:
+        return set(net["zone_names"].asstr()[:][net["zone_share"][:].any(0)])
+    return set(result.nodes["zone"].tolist())
+
+
 def _zones(job: dict, used: set[str]) -> None:
-    """Zones by the column of the table: the form may have other nodes in a polygon than the start had."""
-    for entry in job.get("zone", []):
-        if entry["name"] in used and not entry.get("cut"):
-            entry.pop("polygon", None)
-            entry.pop("groups", None)
-    idle = {entry["name"] for entry in job.get("zone", [])} - used - set(cut_zones(job))
-    job["zone"] = [entry for entry in job.get("zone", []) if entry["name"] not in idle]
+    """Zones by the columns of the table: the form may have other nodes in a polygon than the start had."""
+    idle = {entry["name"] for entry in job.get("zone", [])} - used
+    job["zone"] = [{"name": entry["name"]} for entry in job.get("zone", []) if entry["name"] not in idle]
     if not job["zone"]:
         del job["zone"]
     for section in ("load", "wind"):
         for name in idle:
             job.get(section, {}).get("zone", {}).pop(name, None)
+    for case in job.get("case", []):
+        of_idle = lambda key: key.startswith("load.zone.") and key[10:].rpartition(".")[0] in idle
+        case["set"] = {key: value for key, value in case["set"].items() if not of_idle(key)}
 
 
 def _parts(result: Result, state: State, job: dict) -> list[str]:
@@ -121,6 +118,5 @@ def _files(table, source: Path, folder: Path, taken: set[str]) -> list[str]:
 def _copied(source: Path, target: Path, key: str) -> str:
     if not source.is_file():
         return f"note: {key} = {target.name}: {source} is no more there; put it beside job.toml"
-    if source.resolve() != target.resolve():
-        shutil.copyfile(source, target)
+    shutil.copyfile(source, target)
     return f"{target}: copied from {source}"

@@ -7,6 +7,7 @@ import numpy as np
 from netfall.exchange.state import State, form_of, lengths
 from netfall.mechanics.material import elastic_forces, unstressed_length
 from netfall.results.result import Result
+from netfall.write.locks import whole
 
 SAME = 1e-9  # of the largest force: what two ways to compute a force may differ by
 LOAD_STEPS = 10
@@ -56,7 +57,10 @@ def write_tcl(result: Result, state: State, path: Path) -> list[str]:
     names = dict(name=path.name, stem=path.stem, steps=LOAD_STEPS, step=repr(1.0 / LOAD_STEPS))
     head = HEAD.format(title=" ".join(result.title.split()), what=what, source=result.path.name, **names)
     parts = [head, _nodes(state), _elements(result, state, free), _loads(state, load)]
-    path.write_text("".join(parts) + ANALYSIS.format(**names) + RESULTS.format(**names), encoding="utf-8")
+    with whole(path) as place:
+        place.write_text(
+            "".join(parts) + ANALYSIS.format(**names) + RESULTS.format(**names), encoding="utf-8"
+        )
     told = [f"{path}: {what}; {len(x)} nodes, {len(free)} trusses, {int(load.any(1).sum())} nodes with loads"]
     if other.any():
         told.append(

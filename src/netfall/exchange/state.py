@@ -41,6 +41,15 @@ class State:
     unstressed_length_warm: np.ndarray
     broken: np.ndarray
 
+    def out(self) -> np.ndarray:
+        """(m,) bool, elements that were taken out of the net, lost or broken without a fragment."""
+        return self.ends[:, 0] == self.ends[:, 1]
+
+    def told_out(self, what: str) -> list[str]:
+        """A line on those, if there are any, for a file that leaves them out; what : as what."""
+        count = int(self.out().sum())
+        return [f"{count} elements that are out of the net by then are no {what}"] if count else []
+
     def unstressed(self) -> dict[str, np.ndarray]:
         """The unstressed lengths by name; at the temperature of the loads where they have one."""
         found = {"unstressed_length": self.unstressed_length}

@@ -5,14 +5,16 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.exchange.job_again import cut_zones, job_again, job_of
+from netfall.exchange.job_again import job_again
 from netfall.exchange.state import AXES, MARK, RECORD, State
 from netfall.ground.errors import InputError
 from netfall.job.table import write_table
+from netfall.net.tables import SEVERAL
 from netfall.results.result import Result
+from netfall.write.locks import whole_folder
 
 ABOUT = "README.txt"
-OWN = ("nodes.csv", "elements.csv", "faces.csv", "job.toml", ABOUT)
+OWN = ("nodes.csv", "elements.csv", "faces.csv", "job.toml", "history.csv", "events.csv", ABOUT)
 DIGITS = 16  # of the digest
 
 
@@ -21,10 +23,19 @@ def write_tables(result: Result, state: State, folder: Path) -> list[str]:
 
     In motion the tables alone: where the points are then, and what elements carry.
     """
-    _check_folder(result, folder)
-    folder.mkdir(exist_ok=True)
-    for name in OWN:  # what an export before has left and this one does not write
-        (folder / name).unlink(missing_ok=True)
+    ours = _check_folder(result, folder)
+    with whole_folder(folder) as place:
+        told = [line.replace(str(place), str(folder)) for line in _written(result, state, place)]
+        _check_copies(folder, place, ours)
+        (place / ABOUT).write_text("\n".join([MARK, *told]) + "\n", encoding="utf-8")
+        for name in OWN:  # what an export before has left and this one does not write
+            if not (place / name).exists():
+                (folder / name).unlink(missing_ok=True)
+    return told
+
+
+def _written(result: Result, state: State, folder: Path) -> list[str]:
+    """Write the files; what is said of them."""
     tables = _of_the_net(result, state) if state.time is None else _in_motion(state)
     told = [f"{folder}: {state.name}; coordinates in m, forces in N"]
     if hasattr(result, "history"):
@@ -37,7 +48,6 @@ def write_tables(result: Result, state: State, folder: Path) -> list[str]:
         told.append(f"digest of the net: {digest(folder)}, of the three tables; the same net has the same")
     else:
         told.append("note: a state in motion, without loads, masses and sections: those are of the form")
-    (folder / ABOUT).write_text("\n".join([MARK, *told]) + "\n", encoding="utf-8")
     return told
 
 
@@ -50,8 +60,11 @@ def digest(folder: Path) -> str:
     return total.hexdigest()[:DIGITS]
 
 
-def _check_folder(result: Result, folder: Path) -> None:
-    """Raises InputError for tables that are not netfall's to replace, and for results of another version."""
+def _check_folder(result: Result, folder: Path) -> bool:
+    """Whether netfall exported what is in the folder.
+
+    Raises InputError for tables that are not netfall's to replace, and for results of another version.
+    """
     about = folder / ABOUT
     ours = about.is_file() and about.read_text(encoding="utf-8", errors="replace").startswith(MARK)
     there = [name for name in OWN if (folder / name).exists()]
@@ -64,6 +77,15 @@ def _check_folder(result: Result, folder: Path) -> None:
             f"{result.path}: /{RECORD} is not in this file, which another version of netfall wrote; "
             "run the job again"
         )
+    return ours
+
+
+def _check_copies(folder: Path, place: Path, ours: bool) -> None:
+    """Raises InputError for a file of the user's that a copy of another one would replace."""
+    for copy in sorted(place.iterdir()):
+        there = folder / copy.name
+        if not ours and there.exists() and there.read_bytes() != copy.read_bytes():
+            raise InputError(f"-o {folder}: has another {copy.name} already; give another name")
 
 
 def _in_motion(state: State) -> dict[str, dict]:
@@ -115,9 +137,24 @@ def _node_columns(result: Result) -> dict[str, np.ndarray]:
         for name, values in (("spring", net["spring"][:]), ("spring_rest", of("spring_rest"))):
             found |= {f"{name}_{k}": values[:, i] for i, k in enumerate(AXES)}
     if (net["zone"][:] >= 0).any():
-        names = result.nodes["zone"]
-        found["zone"] = np.where(np.isin(names, cut_zones(job_of(result))), "", names)
+        found |= _zone_columns(result)
     return found
+
+
+def _zone_columns(result: Result) -> dict[str, np.ndarray]:
+    """The zone of each node; of one in several all of them, and its shares beside."""
+    zone, net = result.nodes["zone"].astype(object), result.file["net"]
+    if "zone_share" not in net:
+        return {"zone": zone}
+    names, share = net["zone_names"].asstr()[:], net["zone_share"][:]
+    beside = np.full(len(zone), "", object)
+    for row in np.flatnonzero(((share > 0) & (share < 1)).any(1)):
+        there = share[row] > 0
+        zone[row], beside[row] = (
+            SEVERAL.join(names[there]),
+            SEVERAL.join(map(repr, share[row, there].tolist())),
+        )
+    return {"zone": zone, "zone_share": beside}
 
 
 def _element_columns(result: Result, state: State) -> dict[str, np.ndarray]:

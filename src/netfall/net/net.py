@@ -44,7 +44,8 @@ class Net:
     normal : (n, 3) upward unit normal of the surface, nan: from the faces
     spring : (n, 3) [N/m] of an elastic support, 0: none; spring_rest : (n, 3) [m], displacement at which it
         carries nothing, of a net without form finding
-    zone : (n,) row of zone_names that the table gives, -1: none
+    zone : (n,) row of zone_names that the table gives, -1: none; of a node in several one of them
+    zone_share : (n, z) of each node's area in each of zone_names, where the table gives shares; None: whole
     elements : (m, 2) particle numbers; group : (m,) row of group_names
     section : (m,) [m2]; nominal : (m,) bool, no area was given, the section is that of steel
     modulus, yield_stress : (m,) [Pa], inf: elastic; density : (m,) [kg/m3]; expansion : (m,) [1/K]
@@ -73,6 +74,7 @@ class Net:
     spring: np.ndarray = _node(NOTHING, NOTHING)
     spring_rest: np.ndarray = _node(NOTHING, NOTHING)
     zone: np.ndarray = _node(-1)
+    zone_share: np.ndarray = _node()
     zone_names: list[str] = field(default_factory=list)
     force_density: np.ndarray = _element("multiplied", np.nan)
     unstressed_length: np.ndarray = _element("split", np.nan)
@@ -226,6 +228,8 @@ def _continued(net: Net, column, k: int, parts: int) -> np.ndarray | None:
         if column.name == "zone":  # what lies between is in a zone if both ends are
             start, end = values[net.elements].T
             inner = np.repeat(np.where(start == end, start, -1), parts - 1)
+        if column.name == "zone_share":
+            inner = np.repeat(values[net.elements].min(axis=1), parts - 1, axis=0)
         return np.concatenate([values, np.broadcast_to(inner, (k, *values.shape[1:]))])
     each = np.repeat(values, parts, axis=0)
     if row["divided"] == "each":

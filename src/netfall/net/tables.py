@@ -20,6 +20,7 @@ NODE_COLUMNS = (
     *(f"spring_{k}" for k in AXES),
     *(f"spring_rest_{k}" for k in AXES),
     "zone",
+    "zone_share",
 )
 ELEMENT_COLUMNS = (
     "start",
@@ -43,6 +44,8 @@ ELEMENT_COLUMNS = (
 TO_METRES = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000), "in": (254, 10000)}
 LEAST = 1e-12  # of what is to be positive
 UNIT = 4e-16  # rounding of the length of a unit normal
+SEVERAL = "/"  # between zones of a node, which no name of a zone contains, and between their shares
+WHOLE = 1e-9  # rounding of the sum of shares
 MOST_NAMED = 5  # pairs in one note
 
 
@@ -112,11 +115,47 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, np.ndarray]:
 
 
 def _zone_column(nodes: Table) -> dict:
-    """The names of the zones that the column names, and for each node the row of its own, -1: none."""
+    """The names of the zones that the column names, for each node the row of its own, -1: none; shares."""
+    if "zone_share" in nodes:
+        return _shared_zones(nodes)
     if "zone" not in nodes:
         return {}
     names, row = np.unique(["", *nodes.words("zone")], return_inverse=True)
     return {"zone": row[1:] - 1, "zone_names": [str(name) for name in names[1:]]}
+
+
+def _shared_zones(nodes: Table) -> dict:
+    """The same where nodes lie in several zones with a share each: "edge/drift" beside "0.25/0.5"."""
+    words = nodes.words("zone") if "zone" in nodes else [""] * len(nodes)
+    cells = [
+        (word.split(SEVERAL), _shares_in(nodes, row, share, word)) if share else ([word], [1.0])
+        for row, (word, share) in enumerate(zip(words, nodes.words("zone_share")))
+    ]
+    names = sorted({name for found, _ in cells for name in found} - {""})
+    share = np.zeros((len(nodes), len(names)))
+    for row, (found, values) in enumerate(cells):
+        for name, value in zip(found, values):
+            if name:
+                share[row, names.index(name)] += value
+    zone = np.where(share.any(1), np.argmax(share, axis=1), -1) if names else np.full(len(nodes), -1)
+    return {"zone": zone, "zone_names": names, "zone_share": share}
+
+
+def _shares_in(nodes: Table, row: int, cell: str, zone: str) -> list[float]:
+    """The shares of a cell, one for each zone of the cell beside it; noted what does not fit."""
+    try:
+        values = [float(word) for word in cell.split(SEVERAL)]
+    except ValueError:
+        values = []
+    names = zone.split(SEVERAL)
+    fit = len(values) == len(set(names)) == len(names) and all(names)
+    if not (fit and all(0.0 < value <= 1.0 for value in values) and sum(values) <= 1.0 + WHOLE):
+        nodes.wrong(
+            f"{nodes.at(row)}: zone_share = {cell[:40]!r} of zone = {zone[:40]!r}: expected a share above 0 "
+            'for each zone, at most 1 in all, as in "0.25/0.5" of "edge/drift"'
+        )
+        return []
+    return values
 
 
 def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray):

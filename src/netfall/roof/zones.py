@@ -20,6 +20,7 @@ NOBODY = "no node lies in it; the polygon is in metres, in plan"
 
 
 ROUNDING = 1e-9  # of a node's area
+LAST_BITS = 4e-16  # what the sum of shares of a whole node may lack
 
 
 class Cutter:
@@ -178,12 +179,15 @@ def zones_of(job: Job, net: Net, faces: Faces | None = None) -> Zones:
     drawn = any(zone.polygon is not None for zone in entries)
     cutter = Cutter(net, faces) if drawn and faces is not None and len(faces) else None
     cut = [k for k, zone in enumerate(entries) if zone.cut and cutter]
+    given = [] if net.zone_share is None else [k for k, name in enumerate(names) if name in net.zone_names]
     of_node = np.full(net.n, -1)
     for number, members in enumerate(inside):
-        if number not in cut:
+        if number not in (*cut, *given):
             of_node[members] = number
     found = Zones(names, of_node)
-    if cut:
+    if given:
+        found = _cut(found, given, [net.zone_share[:, net.zone_names.index(names[k])] for k in given])
+    elif cut:
         found = _cut(found, cut, [cutter.inside(region) for region in _regions(entries, cut)])
     notes = [
         f"zone {shown(names[k])}: "
@@ -206,7 +210,10 @@ def _regions(entries: list, cut: list[int]) -> list:
 
 
 def _cut(whole: Zones, cut: list[int], inside: list[np.ndarray]) -> Zones:
-    """The zones `cut` with the shares (n,) of nodes `inside`, but where a later zone has the node whole."""
+    """The zones `cut` with the shares (n,) of nodes `inside`, but where a later zone has the node whole.
+
+    What these leave of a node is of the zone that has it whole otherwise, or of none.
+    """
     of_node = whole.of_node.copy()
     inside = [np.where(whole.of_node > k, 0.0, share) for k, share in zip(cut, inside)]
     for k, share in zip(cut, inside):
@@ -215,7 +222,8 @@ def _cut(whole: Zones, cut: list[int], inside: list[np.ndarray]) -> Zones:
     share = np.zeros((len(mixed), len(whole.names) + 1))
     for k, part in zip(cut, inside):
         share[:, k] = part[mixed]
-    share[np.arange(len(mixed)), whole.of_node[mixed]] += np.maximum(0.0, 1.0 - share.sum(1))
+    rest = 1.0 - share.sum(1)
+    share[np.arange(len(mixed)), whole.of_node[mixed]] += np.where(rest > LAST_BITS, rest, 0.0)
     last_first = np.append(np.arange(len(whole.names))[::-1], -1)  # of equal shares the last zone's
     of_node[mixed] = last_first[np.argmax(share[:, last_first], axis=1)]
     return Zones(whole.names, of_node, mixed=mixed, share=share)
@@ -255,7 +263,8 @@ def _members(zone: SimpleNamespace, net: Net) -> np.ndarray:
         members = np.zeros(net.n, bool)
         members[net.elements[np.isin(net.group, rows)]] = True
         return members
-    return net.zone == net.zone_names.index(zone.name)
+    row = net.zone_names.index(zone.name)
+    return net.zone == row if net.zone_share is None else net.zone_share[:, row] > 0
 
 
 def _wrong_entries(entries: list, net: Net) -> list[str]:
@@ -272,6 +281,11 @@ def _wrong_entries(entries: list, net: Net) -> list[str]:
                 )
         if in_column and (zone.polygon is not None or zone.groups is not None):
             lines.append(f"{place} the column zone of nodes.csv has nodes of it already; give the name alone")
+        elif zone.cut and net.zone_share is not None:
+            lines.append(
+                f"{place} cut and the column zone_share of nodes.csv exclude each other: what a polygon "
+                "takes of shares is not known; keep one of them"
+            )
         elif not in_column and zone.polygon is None and zone.groups is None:
             advice = f"; {nearest(zone.name, net.zone_names)}" if net.zone_names else ""
             lines.append(

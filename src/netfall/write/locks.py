@@ -6,6 +6,7 @@ import fcntl
 import os
 import resource
 import shutil
+import tempfile
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -53,6 +54,26 @@ def whole(path: Path):
             os.replace(temporary, path)
         finally:
             temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_folder(path: Path):
+    """A folder to write to, in `path`; the files there get into `path` at the end of the block, or go.
+
+    A folder that is made for them goes with them. Raises OutputError for what goes wrong.
+    """
+    made = not path.exists()
+    with writing(path):
+        path.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=".part-", dir=path))
+        try:
+            yield temporary
+            for file in sorted(temporary.iterdir()):
+                os.replace(file, path / file.name)
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
+            if made and not any(path.iterdir()):
+                path.rmdir()
 
 
 def sync(path: Path) -> None:

@@ -9,7 +9,7 @@ from netfall.exchange.drawings.first_job import first_job
 from netfall.exchange.drawings.reading import Options, Reading, read_net
 from netfall.ground.errors import InputError
 from netfall.job.table import write_table
-from netfall.write.locks import writing
+from netfall.write.locks import whole_folder
 
 
 def import_file(path: Path, folder: Path, options: Options, say: Callable[[str], None]) -> None:
@@ -24,16 +24,15 @@ def import_file(path: Path, folder: Path, options: Options, say: Callable[[str],
     reading = read_net(path, options)
     written = []
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with writing(folder):
-            written = _write(reading, folder)
+        with whole_folder(folder) as place:
+            written = _write(reading, folder, place)
     finally:  # only now: who reads it may not read on
         for line in [*reading.lines, *written]:
             say(line)
 
 
-def _write(reading: Reading, folder: Path) -> list[str]:
-    """Tables, picture, job and report; what was written, in words."""
+def _write(reading: Reading, folder: Path, place: Path) -> list[str]:
+    """Tables, picture, job and report of a folder, at a place; what was written, in words."""
     from netfall.plots.net import as_read
 
     net, drawing = reading.net, reading.drawing
@@ -45,16 +44,18 @@ def _write(reading: Reading, folder: Path) -> list[str]:
     for name, values in drawing.columns.items():
         column = values[net.line]
         elements[name] = np.where(np.isnan(column), "", column.astype(object))
-    write_table(folder / "nodes.csv", nodes)
-    write_table(folder / "elements.csv", elements)
+    write_table(place / "nodes.csv", nodes)
+    write_table(place / "elements.csv", elements)
     length = np.linalg.norm(x[net.ends[:, 1]] - x[net.ends[:, 0]], axis=1)
     told = _group_lines(group, length)
     job = folder / f"{folder.resolve().name}.toml"
     made = not job.exists()
     if made:
-        job.write_text(first_job(reading.path.stem, sorted(set(group)), length), encoding="utf-8")
-    as_read(x[net.ends], group, x[reading.fixed], reading.marks, reading.path.name, folder / "net.png")
-    (folder / "report.txt").write_text("\n".join([*reading.lines, *told, ""]), encoding="utf-8")
+        (place / job.name).write_text(
+            first_job(reading.path.stem, sorted(set(group)), length), encoding="utf-8"
+        )
+    as_read(x[net.ends], group, x[reading.fixed], reading.marks, reading.path.name, place / "net.png")
+    (place / "report.txt").write_text("\n".join([*reading.lines, *told, ""]), encoding="utf-8")
     kept = "" if made else " (that was there, and stays as it is)"
     return [
         *told,
