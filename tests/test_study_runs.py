@@ -377,6 +377,14 @@ def test_a_run_that_failed_and_is_made_again_counts_once():
     assert table.counts["failed"] == table.counts["diverged"] == 0 and table.there.all()
 
 
+def test_a_run_that_stands_in_two_files_counts_once(whole):
+    """As after parts were joined, which stay beside the whole."""
+    table = Table(6)
+    for _ in range(2):
+        table.add_file(whole)
+    assert table.there.all() and dict(table.counts) == {"finished": 4, "no_rest": 2}
+
+
 def test_workers_that_do_not_start_end_the_study():
     """And make no row of any run."""
     command, tasks = [sys.executable, "-c", "raise SystemExit('no slots')"], [("a", 0, {})] * 9
