@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-from conftest import assert_same_results, run_on_standing_ranks
+from conftest import StopAfter, assert_same_results, run_on_standing_ranks
 from mpi4py import MPI
 from test_validation_opensees import (
     SADDLE,
@@ -170,6 +170,9 @@ elements = [40, 20, 33]
 """
 
 
+LOOKS = 60  # that each of many runs is given; the rest after the first loss takes more
+
+
 @pytest.fixture(scope="module")
 def torn(shared_workshop):
     """A net in the wind that loses a few elements, then one, then a whole cable; others break and yield."""
@@ -207,6 +210,24 @@ def test_a_pause_in_the_search_for_rest_changes_no_bit(workshop, monkeypatch):
     (checkpoint,) = workshop.folder.glob("result.checkpoint*")
     with workshop.run(job, "--restart", checkpoint) as again:
         assert_same_results(whole, again)
+
+
+def test_rests_that_are_interrupted_again_and_again_come_to_an_end(workshop, torn):
+    """Each run goes on where the last was, also within a rest that takes more looks than a run is given."""
+    job, path, restart, places = workshop.job(TORN), workshop.folder / "result.vtkhdf", None, []
+    while True:
+        try:
+            run_job(MPI.COMM_WORLD, read_job(job), path, Progress(False, False), restart, StopAfter(LOOKS))
+        except Interrupted as interrupted:
+            places.append(str(interrupted).split(";")[0])
+            assert len(places) < 30
+            restart = max(workshop.folder.glob("result.checkpoint*"))  # as a script takes the last by name
+        else:
+            break
+    first = "interrupted in statics, the net without elements 20, 21, 22"
+    assert places.count(first) > 1 and len({where for where in places if "without" in where}) > 1
+    with h5py.File(path) as again:
+        assert_same_results(torn, again)
 
 
 def test_what_is_lost_leaves_the_net_with_what_hangs_on_nothing_else(torn):

@@ -1,5 +1,6 @@
 """A run that was interrupted and taken up again, on another number of ranks, gives the same bits."""
 
+import math
 import random
 import signal
 import subprocess
@@ -254,6 +255,25 @@ def test_sealed_file_stays_readable(checkpoints):
     """The digest behind a checkpoint does not disturb HDF5."""
     with h5py.File(checkpoints[1]) as file:
         assert "particles/x" in file and file["record"].asstr()[()].startswith("{")
+
+
+def test_a_strain_that_no_cable_bears_is_told_though_it_was_before_the_restart(workshop):
+    """A weight that falls into its cable: a strain of 2 W / EA = 0.2 after half a period, none after a whole.
+
+    m = 1000 kg and half of the cable's 1 kg, k = EA / L0 = 1e4 N/m; the checkpoint is at 0.8 of the period,
+    where the strain is 0.1 (1 - cos(1.6 pi)) = 0.07.
+    """
+    period = 2 * math.pi * math.sqrt(1000.5 / 1e4)
+    text = "[cable]\nmodulus = 1e9\narea = 1e-4\ndensity = 1000.0\n[dynamics]\n"
+    text += f"duration = {period}\ntime_step = 1e-3\n[output]\nframes = 1\ncheckpoint = {0.8 * period}\n"
+    nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,1000,-1e4\n"
+    job = workshop.job(text, nodes, "start,end,unstressed_length\n1,2,10\n")
+    path, note = workshop.folder / "result.vtkhdf", f"has a strain of 0.2 at t = {period / 2:.2f}"
+    assert note in run_on_standing_ranks("run", job, "-o", path).stdout
+    (checkpoint,) = workshop.folder.glob("*checkpoint*")
+    for ranks in (1, 2):
+        again = run_on_standing_ranks("run", job, "-o", path, "--restart", checkpoint, ranks=ranks)
+        assert again.returncode == 0 and note in again.stdout, again.stderr
 
 
 PAUSED = JOB.replace("[load]", "[load]\npressure = [0.0, 0.0, 300.0]\nsteps = 4\ntolerance = 1e-10").replace(

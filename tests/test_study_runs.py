@@ -175,6 +175,28 @@ def test_parts_are_joined_and_what_is_missing_is_run(whole, tmp_path):
     assert "storm.study.h5: was made before the study file changed" in other.stderr
 
 
+def test_files_that_are_kept_are_there_and_those_of_other_parts_stay(tmp_path):
+    """A run whose file could not be kept is made again; what another part writes meanwhile is left alone."""
+    study = write(tmp_path, STUDY.replace("20.0, 30.0, 180.0", "20.0") + '[run]\nkeep = "all"\n')
+    own, left, other = (
+        tmp_path / "storm.members" / name
+        for name in ("000000.vtkhdf", ".000000-0123abcd.vtkhdf", "..000001-0123abcd.vtkhdf.part")
+    )
+    (own / "in the way").mkdir(parents=True)
+    left.touch()
+    other.touch()
+    part = ("study", study, "--shard", "1/2", "--workers", 1)
+    done = run_netfall(*part, cwd=tmp_path)
+    assert done.returncode == 1 and "cannot be written (Is a directory)" in done.stderr
+    (own / "in the way").rmdir()
+    own.rmdir()
+    done = run_netfall(*part, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert {path.name for path in own.parent.iterdir()} == {own.name, other.name}
+    with h5py.File(own) as kept, h5py.File(tmp_path / "storm.1-of-2.study.h5") as f:
+        assert kept["events/time"].shape == (f["members/broken"][0],) == (0,)
+
+
 def test_each_cable_is_lost_in_a_run_of_its_own(tmp_path):
     """A weight on two cables, one lost at once: the other's tension doubles, and its peak is three halves."""
     (tmp_path / "nodes.csv").write_text("id,x,y,z,fixed,load_z\n1,0,0,0,0,-1000\n2,0,0,10,1,0\n3,0,0,5,1,0\n")
@@ -353,6 +375,14 @@ def test_a_run_that_failed_and_is_made_again_counts_once():
         table.add({"done": number, **row, "state": state})
     assert table.columns["state"].tolist() == ["finished"] * 2 and table.counts["finished"] == 2
     assert table.counts["failed"] == table.counts["diverged"] == 0 and table.there.all()
+
+
+def test_a_run_that_stands_in_two_files_counts_once(whole):
+    """As after parts were joined, which stay beside the whole."""
+    table = Table(6)
+    for _ in range(2):
+        table.add_file(whole)
+    assert table.there.all() and dict(table.counts) == {"finished": 4, "no_rest": 2}
 
 
 def test_workers_that_do_not_start_end_the_study():

@@ -16,7 +16,7 @@ from netfall.model.model import Model, features_of
 from netfall.model.schedule import step_at
 from netfall.numerics.functions import lengths
 from netfall.parallel import partition
-from netfall.record.history import MOST_STRAIN, History, most_strained
+from netfall.record.history import MOST_STRAIN, History, most_strained, most_strained_of_all
 from netfall.results.form_lines import form_lines
 from netfall.results.loss_lines import loss_lines
 from netfall.results.notes import balance_notes
@@ -114,7 +114,7 @@ def _most_strained(scene: Scene, history: History | None) -> tuple[float, float,
     else:
         N, eps, _, _ = scene.state.elements_now()
         here = most_strained(scene.state, np.nan, eps, N, scene.distribution.subdomain.element_gid)
-    return max(scene.comm.allgather(here), key=lambda found: (found[0], -found[2]))
+    return most_strained_of_all(scene.comm, here)
 
 
 def _strain_notes(model: Model, strain: float, time: float, element: int) -> list[str]:

@@ -38,6 +38,11 @@ def most_strained(state: State, time: float, eps: np.ndarray, N: np.ndarray, gid
     return (float(strain[e]), time, int(gid[e])) if strain[e] > MOST_STRAIN else NOT_STRAINED
 
 
+def most_strained_of_all(comm: MPI.Comm, here: tuple) -> tuple:
+    """The one of all ranks with the largest strain, as of `most_strained`. Collective."""
+    return max(comm.allgather(here), key=lambda found: (found[0], -found[2]))
+
+
 class History:
     """Rows so far; each has a value for every column of HISTORY.
 
@@ -48,7 +53,7 @@ class History:
         self.probes, self.scale = probes, 0.0
         self.rows: dict[str, list] = {column.name: [] for column in HISTORY}
         self.probe_rows: list[np.ndarray] = []
-        self.most_strained = NOT_STRAINED  # of this rank, since it was started
+        self.most_strained = NOT_STRAINED  # of this rank, and of all before a checkpoint
 
     def begin(self, stored: float) -> None:
         """At the start, where so much [J] is stored in the elements."""

@@ -16,7 +16,7 @@ from netfall.parallel.halo import Halo
 from netfall.record.columns import Moment
 from netfall.record.energy import Energies, most_extreme, take_snapshot, total_energies
 from netfall.record.envelope import Envelope
-from netfall.record.history import History, LocalProbes, most_strained
+from netfall.record.history import History, LocalProbes, most_strained, most_strained_of_all
 from netfall.record.wind import wind_section
 from netfall.stages import rests
 from netfall.stages.panels import Tearing
@@ -214,13 +214,14 @@ class Simulation:
         return take_snapshot(self.state, self.before_dt, self.schedule.dt, self.zeta, share)
 
     def record(self) -> tuple[dict, dict]:
-        """Where the run stands, for `restore`."""
+        """Where the run stands, for `restore`. Collective."""
         small = {
             "step": self.n,
             "before_dt": self.before_dt,
             "largest_work": self.largest_work,
             "start_strain": self.start_strain,
             "start_plastic": self.start_plastic,
+            "most_strained": most_strained_of_all(self.comm, self.history.most_strained),
         }
         return small, {}
 
@@ -228,6 +229,7 @@ class Simulation:
         """Take up the record of an earlier run; the loads stand where it left them."""
         self.n, self.before_dt = small["step"], small["before_dt"]
         self.largest_work = small["largest_work"]
+        self.history.most_strained = tuple(small["most_strained"])
         self.start_strain, self.start_plastic = small["start_strain"], small["start_plastic"]
         self.result.losses = self.removal.done if self.removal else 0
         self.loads.restart(self.state, self.n, self.schedule.step_at)

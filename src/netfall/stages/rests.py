@@ -1,11 +1,12 @@
 """The rests of a net before and after the loss of members: where it stands with what is left of it."""
 
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from netfall.equilibrium.find import STABLE
-from netfall.equilibrium.relaxation import Paused
+from netfall.equilibrium.relaxation import Paused, Relaxation
 from netfall.ground.errors import DivergedError
 from netfall.job.job import Job
 from netfall.model.losses import Loss, comes_loose, losses_of
@@ -19,6 +20,7 @@ from netfall.stages.settle import (
     put_back,
     reference_force,
     settle,
+    taken_up,
 )
 
 MOST_ITERATIONS = 100_000  # in which the damaged net comes to rest, or is taken to have none
@@ -51,6 +53,41 @@ class RestsAfter(NamedTuple):
 
     rests: list[Rest]
     tension: np.ndarray | None
+
+
+@dataclass
+class Search:
+    """How far the search for the rests has come.
+
+    best : the state in the last rest that was found, as of `committed`; total : iterations so far
+    rests : after each loss so far; tension : before any and after each of them, (m,) [N] on rank 0
+    """
+
+    best: dict[str, np.ndarray]
+    total: int = 0
+    rests: list[Rest] = field(default_factory=list)
+    tension: list[np.ndarray | None] = field(default_factory=list)
+
+    def record(self, scene: Scene) -> tuple[dict, dict[str, np.ndarray]]:
+        """What a continuation needs, for `restore`; arrays by global numbers on rank 0. Collective."""
+        spread, mine = scene.distribution, scene.state.owned.astype(bool)
+        gathered = {
+            name: spread.gather_particles(rows) if name == "x" else spread.gather_elements(rows, mine)
+            for name, rows in self.best.items()
+        }
+        small = {"total": self.total, "rests": self.rests}
+        return small, gathered | {"tension": np.array(self.tension)} if scene.model else {}
+
+    def restore(self, scene: Scene, small: dict, arrays: dict[str, np.ndarray] | None) -> None:
+        """Take up the record of an earlier run. arrays : on rank 0. Collective."""
+        self.total = small["total"]
+        self.rests = [Rest(state, tuple(elements)) for state, elements in small["rests"]]
+        self.tension = list(arrays["tension"]) if scene.model else [None] * (1 + len(self.rests))
+        spread = scene.distribution
+        self.best = {
+            name: (spread.particles if name == "x" else spread.elements)(arrays and arrays[name])
+            for name in self.best
+        }
 
 
 def required(job: Job) -> bool:
@@ -86,11 +123,15 @@ def rests_after(scene: Scene, desk: Desk, losses: list[Loss]) -> RestsAfter:
     loose = scene.comm.bcast(loose_after(model, losses, loads) if model else None)
     reference = reference_force(scene, Equilibrium("loss", "", distribution.particles(loads[0])))
     mine = lambda tension: distribution.gather_elements(tension, state.owned.astype(bool))
-    found, rests, best = [mine(state.elements_now().N)], [], start
-    for loss, no_rest, whole in zip(losses, loose, loads[1:]):
+    search = Search(start, tension=[mine(state.elements_now().N)])
+    resume = _taken_up(scene, desk, search)
+    for k, (loss, no_rest, whole) in enumerate(zip(losses, loose, loads[1:])):
         rows = local_rows(distribution.subdomain.element_gid, loss.elements)
         state.EA[rows], state.broken[rows] = 0.0, 1  # not slack: gone
+        if k < len(search.rests):
+            continue
         scene.finder.forget()
+        put_back(state, search.best)
         load = distribution.particles(whole)
         words = f"the net without {words_of(scene.job, loss)}"
         tension, rest = np.full(state.m, np.nan), Rest("no_equilibrium")
@@ -98,41 +139,60 @@ def rests_after(scene: Scene, desk: Desk, losses: list[Loss]) -> RestsAfter:
         if not no_rest:
             try:
                 each = Equilibrium("loss", words, load, 1.0)
-                tension, rest, line = _settled(scene, each, reference, desk.stop)
-                best = committed(state) if rest.state == "equilibrium" else best
+                tension, rest, line, iterations = _settled(scene, each, reference, desk.stop, resume)
+                search.total += iterations
+                search.best = committed(state) if rest.state == "equilibrium" else search.best
             except Paused as pause:
+                pause.at.x = pause.at.x.copy(order="K")  # it may be the state's own
                 put_back(state, start)
                 state.EA[:], state.broken[:] = EA, broken
-                raise paused(scene, desk, NAME, words, 0, pause) from None
+                kept = {NAME: search.record(scene)}
+                raise paused(scene, desk, NAME, words, search.total, pause, kept) from None
             except DivergedError as error:
                 line = f"no rest: {error}"
+                search.total += MOST_ITERATIONS
+        resume = None
         desk.progress.say(line)
-        rests.append(rest)
-        put_back(state, best)
-        found.append(mine(tension))
+        search.rests.append(rest)
+        search.tension.append(mine(tension))
     put_back(state, start)
     state.EA[:], state.broken[:] = EA, broken
     scene.finder.forget()
-    return RestsAfter(rests, np.array(found) if model else None)
+    return RestsAfter(search.rests, np.array(search.tension) if model else None)
 
 
-def _settled(scene: Scene, each: Equilibrium, reference: float, stop) -> tuple[np.ndarray, Rest, str]:
-    """Tensions (m,) [N] of this rank's elements at rest, what is known of it, a line on it. Collective."""
+def _taken_up(scene: Scene, desk: Desk, search: Search) -> Relaxation | None:
+    """Bring a search to where an earlier run was interrupted in it; its relaxation then. Collective."""
+    kept = desk.saver.taken_up(NAME)
+    if kept is None:
+        return None
+    search.restore(scene, *kept)
+    return taken_up(scene.distribution, desk.saver)
+
+
+def _settled(
+    scene: Scene, each: Equilibrium, reference: float, stop, resume: Relaxation | None
+) -> tuple[np.ndarray, Rest, str, int]:
+    """Tensions (m,) [N] of this rank's elements at rest, what is known of it, a line on it, iterations.
+
+    Collective.
+    """
     most = min(MOST_ITERATIONS, scene.job.load.max_iterations) if scene.job.load else MOST_ITERATIONS
-    settled = settle(scene, each, reference, stop, most=most)
+    settled = settle(scene, each, reference, stop, resume, most)
     rest, N = settled.found, settled.snapshot.N
     if rest.falls >= 0:
         node = scene.comm.bcast(scene.model and scene.model.net.node_id[rest.falls])
         line = f"no rest of {each.words}: not stable at node {node}"
-        return np.full_like(N, np.nan), Rest("unstable"), line
+        return np.full_like(N, np.nan), Rest("unstable"), line, rest.iterations
     line = f"rest of {each.words}: {error_words(rest.displacement_error, rest.tension_error)}"
     known = "" if rest.falls == STABLE else ", whether it is stable could not be told"
     line += f", residual {rest.residual:.3g} N, slack {settled.slack}{known}"
     if not settled.breaking:
-        return N, Rest("equilibrium"), line
+        return N, Rest("equilibrium"), line, rest.iterations
     ids = scene.model and scene.model.net.element_id[list(settled.breaking)]
     torn = scene.comm.bcast(scene.model and elements_of(ids))
-    return N, Rest("breaks", settled.breaking), f"{line}; {SOMETHING_BREAKS}: {torn}"
+    line += f"; {SOMETHING_BREAKS}: {torn}"
+    return N, Rest("breaks", settled.breaking), line, rest.iterations
 
 
 def loads_after(model, losses: list[Loss]) -> list[np.ndarray]:

@@ -21,7 +21,7 @@ from netfall.mechanics.state import State
 from netfall.parallel.subdomain import Distribution
 from netfall.record.energy import Snapshot, take_snapshot
 from netfall.stages.scene import Desk, Scene
-from netfall.write.saver import Saver
+from netfall.write.saver import Record, Saver
 
 ALL_LOADS = "all loads"
 RELAXATION = "relaxation"  # in checkpoints
@@ -67,13 +67,21 @@ def taken_up(distribution: Distribution, saver: Saver) -> Relaxation | None:
     return kept and restored_relaxation(distribution, *kept)
 
 
-def paused(scene: Scene, desk: Desk, stage: str, words: str, before: int, pause: Paused) -> Interrupted:
+def paused(
+    scene: Scene,
+    desk: Desk,
+    stage: str,
+    words: str,
+    before: int,
+    pause: Paused,
+    kept: dict[str, Record] | None = None,
+) -> Interrupted:
     """The end of a run that was asked to stop in an equilibrium, with its checkpoint. Collective.
 
-    before : iterations of the equilibria before it
+    before : iterations of the equilibria before it; kept : records of the stage, by name
     """
     step = before + pause.at.total + pause.at.iteration
-    more = {RELAXATION: relaxation_record(scene.distribution, pause.at)}
+    more = {RELAXATION: relaxation_record(scene.distribution, pause.at)} | (kept or {})
     return interrupted(f"in statics, {words}", desk.saver.save(stage, step, scene.state, more))
 
 

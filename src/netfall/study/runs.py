@@ -3,6 +3,7 @@
 import json
 import os
 import platform
+import re
 import secrets
 import shlex
 import sys
@@ -24,6 +25,7 @@ from netfall.study.table import OUTCOMES, Table
 from netfall.write.locks import writing
 
 DEATHS = 3  # of workers at one member, after which it is given up
+UNFINISHED = re.compile(r"\.+(\d{6,})-")  # begins the name of a result file that has not got its own yet
 NET = -1  # in place of a member's number: the task that tells the net
 
 
@@ -52,7 +54,7 @@ class Runs:
         )
         self.progress.start()
         try:
-            self._make_room()
+            self._make_room(set(missing))
             asks = self.take, self.finish, self.died, self.started
             Pool(worker_words(launcher, ranks), count, self.plan.time_limit, *asks).run(stop)
             self.journal.sync()
@@ -64,14 +66,19 @@ class Runs:
             raise Interrupted(f"interrupted after {there} of {len(self.plan)} runs; the same command goes on")
         self._write(workers)
 
-    def _make_room(self) -> None:
-        """A folder for the result files that are kept, without what a killed session left in it."""
+    def _make_room(self, missing: set[int]) -> None:
+        """A folder for the result files that are kept, without what a killed session left of these members.
+
+        What is there of others may be another part's, which runs at this moment.
+        """
         if self.plan.keep == "none":
             return
         with writing(self.place.members):
             self.place.members.mkdir(exist_ok=True)
             for old in self.place.members.glob(".*"):
-                old.unlink()
+                name = UNFINISHED.match(old.name)
+                if name and int(name[1]) in missing:
+                    old.unlink(missing_ok=True)
 
     # --- what the pool asks and tells
 
@@ -106,10 +113,10 @@ class Runs:
         if number == NET:
             self._note({"net": told["net"]})
             return
+        self._keep(number, told)  # first: what is noted is not run again
         self._note({"done": number, **told})
         self.done += 1
         self.broke += told["broken"] > 0
-        self._keep(number, told)
         counts = self.table.counts.items()
         ended = "".join(f", {name} {count}" for name, count in counts if count and name != "finished")
         share, done = self.done / self.count, f"{self.done} of {self.count}"
