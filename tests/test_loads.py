@@ -227,6 +227,19 @@ def test_a_mean_wind_that_breaks_a_cable_is_told_with_what_is_borne(workshop):
     assert "under the mean wind element 0 breaks" in done.stderr
 
 
+def test_a_mean_of_pressures_that_breaks_a_cable_has_no_speed(workshop):
+    """The share of the pressure is told, by hand as above, and no speed, which a job with taps has not."""
+    (workshop.folder / "taps.csv").write_text("name,x,y\nA,0,0\n")
+    (workshop.folder / "p.csv").write_text("time,A\n0,-250\n1,-250\n")
+    text = CABLE + 'fracture_strain = 1e-3\n[wind]\npressures = "p.csv"\ntaps = "taps.csv"\n'
+    done = workshop.run(workshop.job(text + MOVES.format(time=1), nodes(), ELEMENTS), code=3)
+    L = 5.0 * 1.001
+    borne = 2 * EA * 1e-3 * np.sqrt(L * L - 25.0) / L / 1000.0
+    told = float(done.stderr.split("up to ")[1].split(" of its pressure; lower the pressures")[0])
+    assert told == pytest.approx(borne, abs=1 / 64 + 0.005)
+    assert "speed" not in done.stderr
+
+
 def test_what_yields_under_the_mean_wind_stays_longer(workshop):
     """Yield at 2 kN: at rest the cables carry just that; their plastic strain is what the sag asks for."""
     text = (
