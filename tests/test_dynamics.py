@@ -76,6 +76,29 @@ def test_plastic_oscillation_balances(workshop, strain, fragments):
     assert np.abs(total - h["external_work"][:]).max() < 1e-4 * np.abs(h["external_work"][:]).max()
 
 
+@pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
+def test_a_net_of_which_only_a_part_may_yield_has_its_balance(workshop, strain):
+    """Two bars in line around a mass that 3 kN throw: one yields at 1 kN, the other has no yield stress.
+
+    What turns to heat is yield force, plastic strain and length, of the logarithmic strain by its integral.
+    """
+    job = workshop.job(
+        f'[cable]\nkind = "bar"\nstrain = "{strain}"\nmodulus = 1e8\narea = 1e-3\ndensity = 100.0\n'
+        "[cable.soft]\nyield_stress = 1e6\n[dynamics]\nduration = 0.25\ntime_step = 5e-5\n",
+        "id,x,y,z,fixed_x,fixed_y,fixed_z,mass,load_x\n"
+        "1,0,0,0,1,1,1,,\n2,5,0,0,0,1,1,100,3000\n3,9,0,0,1,1,1,,\n",
+        "start,end,group\n1,2,soft\n2,3,\n",
+    )
+    f = workshop.run(job)
+    eps_p = f["final/plastic_strain"][:]
+    assert eps_p[0] > 0.01 and eps_p[1] == 0.0
+    heat = 1e3 * 5.0 * eps_p[0]
+    if strain == "logarithmic":
+        heat = 1e5 * 5.0 * np.expm1(1e3 / 1e5) * np.expm1(eps_p[0])
+    assert f["history/plastic_dissipation"][-1] == pytest.approx(heat, rel=1e-9)
+    assert f["history/balance_error"][:].max() < 1e-5  # of a step that is a thousandth of the period
+
+
 def test_fixed_step_above_the_limit_is_refused_below_it_runs(workshop):
     """The sharp limit of an elastic net:
     1.01 of it is exit code 2 with the limit and its element, 0.99 stays bounded.

@@ -227,6 +227,19 @@ def test_a_mean_wind_that_breaks_a_cable_is_told_with_what_is_borne(workshop):
     assert "under the mean wind element 0 breaks" in done.stderr
 
 
+def test_a_mean_of_pressures_that_breaks_a_cable_has_no_speed(workshop):
+    """The share of the pressure is told, by hand as above, and no speed, which a job with taps has not."""
+    (workshop.folder / "taps.csv").write_text("name,x,y\nA,0,0\n")
+    (workshop.folder / "p.csv").write_text("time,A\n0,-250\n1,-250\n")
+    text = CABLE + 'fracture_strain = 1e-3\n[wind]\npressures = "p.csv"\ntaps = "taps.csv"\n'
+    done = workshop.run(workshop.job(text + MOVES.format(time=1), nodes(), ELEMENTS), code=3)
+    L = 5.0 * 1.001
+    borne = 2 * EA * 1e-3 * np.sqrt(L * L - 25.0) / L / 1000.0
+    told = float(done.stderr.split("up to ")[1].split(" of its pressure; lower the pressures")[0])
+    assert told == pytest.approx(borne, abs=1 / 64 + 0.005)
+    assert "speed" not in done.stderr
+
+
 def test_what_yields_under_the_mean_wind_stays_longer(workshop):
     """Yield at 2 kN: at rest the cables carry just that; their plastic strain is what the sag asks for."""
     text = (
@@ -331,6 +344,29 @@ def test_pressures_at_taps_rest_under_their_mean_and_act_as_they_are(both_ways, 
         atol=1e-12,
     )
     assert f["history/probe_displacement"][-1, 0, 2] == pytest.approx(found.y[0, -1], rel=2e-3)
+
+
+@pytest.mark.parametrize("x, told", [(-5000, True), (-5, False), (-30, False)])
+def test_taps_far_outside_the_roof_are_told(workshop, x, told):
+    """Of a net from x = -5 to 5 m a tap at -5000: in mm, as it seems; it would count as much as any other."""
+    (workshop.folder / "taps.csv").write_text(f"name,x,y\nA,{x},0\nB,1,0\n")
+    (workshop.folder / "p.csv").write_text("time,A,B\n0,-400,-400\n2,-400,-400\n")
+    text = CABLE + '[wind]\npressures = "p.csv"\ntaps = "taps.csv"\n' + MOVES.format(time=2)
+    done = run_on_standing_ranks("check", workshop.job(text, nodes(), ELEMENTS))
+    line = "[wind] taps: 1 of 2 taps lie far outside the roof, the farthest at x, y = -5000, 0 m by 4995 m"
+    assert done.returncode == 0 and (line in done.stdout) == told and ("far outside" in done.stdout) == told
+
+
+@pytest.mark.parametrize("more, told", [("", True), ("[[remove]]\nelements = [1]\ntime = 1.0\n", False)])
+def test_a_net_that_can_break_by_a_loss_alone_is_not_told_as_unloaded(workshop, more, told):
+    """A prestressed net without loads: what is lost pulls at it."""
+    text = CABLE + "prestress = 1e3\nfracture_strain = 0.01\n" + MOVES.format(time=2) + more
+    tables = nodes(), ELEMENTS.replace(",unstressed_length", "").replace("2,5", "2").replace("3,5", "3")
+    done = run_on_standing_ranks("check", workshop.job(text, *tables))
+    assert done.returncode == 0
+    assert (
+        "elements can break, but no wind, load, temperature or loss acts on the net" in done.stdout
+    ) == told
 
 
 def test_nothing_is_told_of_speeds_where_pressures_are_given(workshop):

@@ -282,6 +282,27 @@ def extremes_are_beyond_all_rows(torn):
         assert (high > rows.max(0) + single)[there].any()
 
 
+def test_what_is_left_of_an_element_that_broke_has_no_part_in_the_extremes(workshop):
+    """A weight on four cables loses one: the two beside it break, and ring on their light ends beyond that.
+
+    Their highest tension is that of the step in which they broke, and after the next loss they have none.
+    """
+    nodes = "id,x,y,z,fixed,mass,load_z\n5,0,0,0,0,50,-4000\n"
+    nodes += "1,-4,0,3,1,,\n2,4,0,3,1,,\n3,0,-4,3,1,,\n4,0,4,3,1,,\n"
+    job = workshop.job(
+        "[cable]\naxial_stiffness = 2e5\nmass_per_length = 0.5\nbreaking_load = 1700.0\n"
+        "[dynamics]\nduration = 1.0\ntime_step = 1e-3\ndamping = 0.5\n" + entry([13], 0.1) + entry([11], 0.5),
+        nodes,
+        "id,start,end\n11,1,5\n12,2,5\n13,3,5\n14,4,5\n",
+    )
+    f = workshop.run(job)
+    assert f["events/element_id"][:].tolist() == [11, 12, 14]
+    highest, broke = f["removal/tension_highest"][:], f["events/element"][:]
+    assert highest[0, broke] == pytest.approx(2e5 * f["events/strain"][:], rel=1e-9)
+    assert f["envelope/tension_max"][:][broke[0]] > 1.3 * highest[0, broke[0]]  # in later rows
+    assert np.isnan(highest[1, broke[0]]) and highest[1, broke[1:]].tolist() == [0.0, 0.0]
+
+
 def test_the_envelope_is_that_of_all_rows(torn):
     """All rows of the history: each frame in single precision, the probes exactly; slack time counts rows."""
     time, m, n = torn["history/time"][:], len(torn["net/elements"]), len(torn["net/particles"])

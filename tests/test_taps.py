@@ -81,6 +81,7 @@ def test_wrong_long_files_are_refused(files, change, message):
         (TAPS, "time,a,b,c\n0,1,1,\n9,1,1,1\n", "empty cells"),
         (TAPS + "a,3,3\n", "", "line 5: name = 'a': expected a name of its own"),
         (TAPS + "d,3,\n", "", "empty cells"),
+        (TAPS + "below,10,0\n", "", "line 5: name = 'below': at the same x, y as 'b'; expected one tap"),
     ],
 )
 def test_wrong_tables_are_refused(files, taps, values, message):

@@ -93,9 +93,9 @@ def _idle_sections(job: Job, net: Net, given: set[str]) -> list[str]:
     if load and not has_statics(job) and not job.dynamics:
         notes.append("[load]: no effect: steps = 0 and there is no [dynamics]")
     on_roof = loads_the_roof(job)
-    loaded = on_roof or (load and load.self_weight) or net.load.any()
+    loaded = on_roof or (load and (load.self_weight or load.temperature)) or net.load.any() or job.removes
     if job.dynamics and np.isfinite(net.fracture_strain).any() and not loaded:
-        notes.append("elements can break, but neither wind nor load acts on the net")
+        notes.append("elements can break, but no wind, load, temperature or loss acts on the net")
     if (
         job.wind
         and job.wind.shape_coefficient == 0

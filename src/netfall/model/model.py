@@ -28,7 +28,7 @@ from netfall.model.loads import (
 )
 from netfall.model.losses import named_elements
 from netfall.model.probes import Probes, find_probes
-from netfall.model.start import check_start, check_tensions, low_notes, unit_notes
+from netfall.model.start import check_start, check_tensions, far_notes, low_notes, unit_notes
 from netfall.net.build import build_net
 from netfall.net.net import Net
 from netfall.parallel import partition
@@ -179,7 +179,8 @@ def make_model(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Model:
     model.shape_coefficient, notes = shape_coefficients(job, zones)
     model.notes_of_values = without_effect(job, net) + notes + unit_notes(net)
     model.history = read_history(job)
-    model.notes_of_history = model.history.notes if model.history else []
+    if model.history:
+        model.notes_of_history = model.history.notes + far_notes(job, net, model.history.places)
     return model
 
 

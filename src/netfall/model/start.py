@@ -7,6 +7,7 @@ from netfall.job.job import Job
 from netfall.job.values import listed
 from netfall.mechanics.material import strains
 from netfall.net.net import Net
+from netfall.numerics.functions import lengths
 from netfall.wind.coherence import LOWEST_HEIGHT
 
 # Column of the net, unit, least and most that cables are made of, and an example in the right unit.
@@ -18,6 +19,7 @@ PLAUSIBLE = (
     ("fracture_strain", "fracture_strain", "", 1e-6, 1.0, "4 percent are 0.04"),
 )
 SLACKEST, TIGHTEST = -0.5, 0.1  # strains between which nets start
+FAR = 3.0  # times the roof's diagonal in plan: taps and points as far outside of it are in another unit
 COLLAPSED = 1e-6  # of the length that is given: an element so short in the form is none any more
 LARGEST_LOG = 500.0  # of a logarithmic strain: exp of much more is no number
 UNITS = "check the units of modulus (Pa), area (m2), prestress (N) and unstressed_length (m)"
@@ -94,6 +96,25 @@ def low_notes(job: Job, net: Net, x: np.ndarray, wind: np.ndarray) -> list[str]:
         f"[wind] base_height = {job.wind.base_height:g}: {len(low)} nodes in the wind are less than "
         f"{LOWEST_HEIGHT:g} m above ground, the lowest is node {net.node_id[p]} at {height[p]:.4g} m; they "
         f"get the speed at {LOWEST_HEIGHT:g} m (base_height is the height of z = 0 above ground)"
+    ]
+
+
+def far_notes(job: Job, net: Net, places: np.ndarray | None) -> list[str]:
+    """A note on places (c, 2 or 3) [m] of taps, or of measured speeds, far outside the roof as given."""
+    if places is None:
+        return []
+    x, y = net.x[:, :2], places[:, :2]
+    low, high = x.min(0), x.max(0)
+    outside, size = lengths(np.maximum(0.0, np.maximum(low - y, y - high))), lengths(high - low)
+    far = np.flatnonzero(outside > FAR * size)
+    if not len(far):
+        return []
+    key = "taps" if job.wind.taps else "points"
+    k = far[np.argmax(outside[far])]
+    return [
+        f"[wind] {key}: {len(far)} of {len(places)} {key} lie far outside the roof, the farthest at x, y = "
+        f"{y[k, 0]:g}, {y[k, 1]:g} m by {outside[k]:.4g} m, the net from {low[0]:g}, {low[1]:g} to "
+        f"{high[0]:g}, {high[1]:g} m: x and y are in metres, in the axes of the net, whatever [net] unit is"
     ]
 
 

@@ -172,7 +172,8 @@ GROUPS = (
                 "tension_highest",
                 "r, m",
                 "N",
-                "of all steps from there to the next loss or the end; nan: lost by then",
+                "of all steps from there to the next loss or the end, of what breaks up to that; 0: broke "
+                "before; nan: lost by then",
             ),
             row("tension_lowest", "r, m", "N", "the same; nan also of what broke"),
             row(

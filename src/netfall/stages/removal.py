@@ -72,7 +72,7 @@ class Removal:
         self._begin_fades(loss, {k: force[loss.entry == k] for k in self.fades})
         self._hand_over(simulation, handed)
         simulation.loads.renew(state)
-        state.highest[:] = state.lowest[:] = now.N
+        state.highest[:] = state.lowest[:] = np.where(state.broken != 0, 0.0, now.N)
         self.done += 1
         simulation.result.losses = self.done
 
@@ -124,8 +124,10 @@ class Removal:
     def close(self, state, N: np.ndarray) -> None:
         """End the time in which extremes belong to the last loss. N : (m,) [N], at its end. Collective."""
         if self.done:
-            self._keep("highest", self.done - 1, state, np.maximum(state.highest, N))
-            lowest = np.where(state.broken != 0, np.nan, np.minimum(state.lowest, N))
+            broke = state.broken != 0  # what is left of it has no strength
+            highest = np.where(broke, state.highest, np.maximum(state.highest, N))
+            self._keep("highest", self.done - 1, state, highest)
+            lowest = np.where(broke, np.nan, np.minimum(state.lowest, N))
             self._keep("lowest", self.done - 1, state, lowest)
 
     def _keep(self, name: str, k: int, state, rows: np.ndarray) -> None:

@@ -256,10 +256,15 @@ def bearable(scene: Scene, wanted: list[Equilibrium], before: dict, reference: f
             low, high = (middle, high) if stays else (low, middle)
         except DivergedError:
             high = middle
-    return (
-        f"an equilibrium was found up to {low:.2f} of its pressure, that is {np.sqrt(low):.2f} of its speed; "
-        'lower the speed, or set [wind] onset = "sudden" to let it act at once'
-    )
+    return f'{_borne(scene.job, low)}, or set [wind] onset = "sudden" to let it act at once'
+
+
+def _borne(job: Job, share: float) -> str:
+    """What share of the mean wind is borne, and what to do; pressures at taps have no speed."""
+    found = f"an equilibrium was found up to {share:.2f} of its pressure"
+    if job.wind.pressures:
+        return f"{found}; lower the pressures"
+    return f"{found}, that is {np.sqrt(share):.2f} of its speed; lower the speed"
 
 
 def lines(path: StaticPath, scene: Scene) -> list[str]:

@@ -79,10 +79,11 @@ def yield_and_break(c, count, chunks, particles, elements, slots, law, near):
 def keep_extremes(particles, elements, law):
     """Largest and smallest axial force [N] of each element so far, the present one included.
 
+    Until it breaks: what is left of it then has no strength, and rings on a light end.
     particles : as the time loop takes them
     """
     for e in range(elements.ends.shape[0]):
-        if elements.EA[e] == 0.0:
+        if elements.EA[e] == 0.0 or elements.broken[e] != 0:
             continue
         L = length_of(elements.ends[e, 0], elements.ends[e, 1], particles)
         eps_p = 0.0

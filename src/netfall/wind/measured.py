@@ -108,15 +108,20 @@ def read_places(path) -> tuple[list[str], np.ndarray, list[str]]:
             )
     if np.isnan(places).any():
         table.wrong("empty cells; expected a number in each")
+    check_apart(table, names, places, "one height at each place, the profile does the rest")
+    table.finish()
+    return names, places, table.notes
+
+
+def check_apart(table: Table, names: list[str], places: np.ndarray, expected: str) -> None:
+    """Places (c, 2 or 3) [m] must differ in plan: of two at one place a particle would take the mean."""
     for row in range(len(places)):
         near = lengths(places[:row, :2] - places[row, :2]) < TOGETHER
         if near.any():
             table.wrong(
                 f"{table.at(row)}: name = {names[row]!r}: at the same x, y as {names[int(near.argmax())]!r}; "
-                "expected one height at each place, the profile does the rest"
+                f"expected {expected}"
             )
-    table.finish()
-    return names, places, table.notes
 
 
 def _check_heights(job, names: list[str], places: np.ndarray) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.job.table import LARGEST, Table
-from netfall.wind.measured import place_weights
+from netfall.wind.measured import check_apart, place_weights
 
 ROWS = 64  # of a long file that are read at once
 
@@ -78,6 +78,7 @@ def read_taps(taps: Path, values: Path, duration: float) -> TapHistory:
             table.wrong(f"{table.at(row)}: name = {name[:40]!r}: expected a name of its own")
     if np.isnan(places).any():
         table.wrong("empty cells; expected a number in each")
+    check_apart(table, names, places, "one tap at each place, with what presses and what lifts there added")
     table.finish()
     if values.suffix in (".h5", ".hdf5"):
         time, rows, notes = *_long_file(values, len(names)), []
