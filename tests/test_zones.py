@@ -518,6 +518,23 @@ def test_zones_and_directions_without_effect_are_told(workshop):
     assert idle.format("Edge") in notes and f"{workshop.folder / 'cp.csv'}: {left}" in notes
 
 
+def test_a_zone_without_any_area_of_the_roof_is_told(workshop):
+    """All four faces around its only node are openings; with one of them it carries a quarter."""
+    text = STEEL + "[load]\ndead = 1.0\n[load.zone.a]\nsnow = 2.0\n" + square("a", 0.9, 0.9, 1.1, 1.1)
+    nodes, elements = grid()
+    bare = 'zone "a": no effect: its nodes have no area of the roof, on which all of its values act; '
+
+    def told(more):
+        job = read_job(workshop.job(text + more, nodes, elements))
+        model = make_model(job, 1)
+        set_initial(job, model, model.net.x, None)
+        return any(note.startswith(bare) for note in model.notes())
+
+    around = [[x + 0.5, y + 0.5] for x in (0, 1) for y in (0, 1)]
+    assert told(f"[roof]\nopenings = {around}\n")
+    assert not told(f"[roof]\nopenings = {around[1:]}\n")
+
+
 def test_a_zone_alone_brings_loads_on_the_roof(workshop):
     """Areas and normals are asked for where a zone alone has a pressure, or a coefficient that is not 0."""
     text = "[load]\nsteps = 1\n[load.zone.a]\npressure = 2.0\n" + square("a", 1, 1, 2, 2)

@@ -139,6 +139,16 @@ def idle_zones(job: Job, zones: Zones, sectors: Sectors | None) -> list[str]:
     ]
 
 
+def bare_zones(zones: Zones, area: np.ndarray) -> list[str]:
+    """A note for each zone whose nodes carry nothing of the roof; area : (n,) [m2] of surface."""
+    return [
+        f"zone {shown(name)}: no effect: its nodes have no area of the roof, on which all of its values act; "
+        "[roof] groups and openings say which faces are the roof"
+        for k, name in enumerate(zones.names)
+        if (share := zones.of_zone(k)).any() and not (share * area).any()
+    ]
+
+
 def _idle_columns(job: Job, net: Net) -> list[str]:
     """Notes on columns of the tables, and on prestress, which a column may stand for."""
     form, notes = job.form_finding, []

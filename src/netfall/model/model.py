@@ -10,13 +10,13 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.asks import along_normals, grows
+from netfall.job.asks import along_normals, grows, loads_the_roof
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
 from netfall.mechanics.fields import Features
 from netfall.mechanics.material import elastic_forces, unstressed_length, warm_length
 from netfall.mechanics.stability import scaled_mass
-from netfall.model.idle import without_effect
+from netfall.model.idle import bare_zones, without_effect
 from netfall.model.loads import (
     Roof,
     by_node,
@@ -255,6 +255,7 @@ def set_initial(
     if job.form_finding:
         model.area_given = float(tributary_areas(net.x, net, model.roofing.faces).surface.sum())
     model.roof = Roof(*tributary_areas(x, net, model.roofing.faces), model.zones)
+    model.notes_of_values += bare_zones(model.zones, model.area) if loads_the_roof(job) else []
     _check_normals(job, model)
     loading = loading_of(job, model.roof, own, net.load)
     model.permanent, model.live, model.growing = loading.permanent, loading.live, loading.growing
