@@ -342,9 +342,13 @@ history = 0.02
 
 
 def test_answers_do_not_depend_on_the_refinement(workshop):
-    """With subdivide 1, 2, 4, 8 equilibria come nearer as the square of the parts; no roof goes."""
+    """With subdivide 1, 2, 4, 8, 16 equilibria come nearer as the square of the parts; no roof goes.
+
+    With 1 the faces have four corners and are shared by triangles, from 2 on eight and more and are shared by
+    nearest corner: so the first ratio is of two rules.
+    """
     found, lost = [], []
-    for parts in (1, 2, 4, 8):
+    for parts in (1, 2, 4, 8, 16):
         job = workshop.job(STANDING.format(parts=parts))
         with workshop.run(job, output=f"{parts}.vtkhdf") as f:
             mean = lambda values: values.reshape(-1, parts).mean(1)
@@ -362,12 +366,12 @@ def test_answers_do_not_depend_on_the_refinement(workshop):
             )
         outcome = run_member(MPI.COMM_WORLD, lambda: read_job(job), None, Memory())
         lost.append((outcome["state"], outcome["roof_lost"]))
-    assert lost == [("finished", 0.0)] * 4
+    assert lost == [("finished", 0.0)] * 5
     for values in list(zip(*found))[:3]:
         steps = [np.abs(b - a).max() for a, b in pairwise(values)]
         ratios = np.array(steps[:-1]) / steps[1:]
-        assert ((ratios > 3.5) & (ratios < 4.5)).all(), (steps, ratios)
-    (_, _, _, coarse, moved), (before, after, _, fine, moved_finer) = found[2:]
+        assert ((ratios > 3.5) & (ratios < 4.5))[1:].all() and 3.5 < ratios[0] < 5.5, (steps, ratios)
+    (_, _, _, coarse, moved), (before, after, _, fine, moved_finer) = found[2:4]
     telling = (np.abs(after - before) > 0.1 * before.max()) & (after > 0)  # 0: what is lost
     assert telling.sum() > 3 and fine[telling] == pytest.approx(coarse[telling], rel=0.02)
     assert moved_finer.max() == pytest.approx(moved.max(), rel=0.02)
