@@ -176,7 +176,7 @@ def _first_by(key: np.ndarray, cable: np.ndarray) -> np.ndarray:
 
 
 def _words_of(words: np.ndarray, cable: np.ndarray, count: int) -> np.ndarray:
-    """The word of each cable from those (m,) of its elements; several: all of them, by row."""
+    """The word of each cable, from those (m,) of its elements; all of them if they differ."""
     found: list[list[str]] = [[] for _ in range(count)]
     for number, word in dict.fromkeys(zip(cable.tolist(), words.tolist())):
         found[number].append(word)
