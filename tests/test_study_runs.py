@@ -28,6 +28,7 @@ from netfall.study.file import read_plan
 from netfall.study.files import Watch
 from netfall.study.journal import Journal, read_journal
 from netfall.study.pool import Pool
+from netfall.study.runs import Runs
 from netfall.study.study import net_key, pieces_of
 from netfall.study.table import OUTCOMES, Table
 
@@ -195,6 +196,27 @@ def test_files_that_are_kept_are_there_and_those_of_other_parts_stay(tmp_path):
     assert {path.name for path in own.parent.iterdir()} == {own.name, other.name}
     with h5py.File(own) as kept, h5py.File(tmp_path / "storm.1-of-2.study.h5") as f:
         assert kept["events/time"].shape == (f["members/broken"][0],) == (0,)
+
+
+@pytest.mark.parametrize(
+    "keep, broken, wrote, stays",
+    [
+        ("all", 0, True, "new"),
+        ("broken", 2, True, "new"),
+        ("broken", 0, True, None),
+        ("all", 0, False, None),  # it diverged
+    ],
+)
+def test_no_file_of_an_earlier_study_is_taken_for_one_that_was_kept(tmp_path, keep, broken, wrote, stays):
+    """What stands under a member's name is of the run that its row tells of, or nothing is."""
+    new, kept = tmp_path / ".new", tmp_path / "000007.vtkhdf"
+    kept.write_text("old")
+    if wrote:
+        new.write_text("new")
+    name = lambda number, token="": new if token else kept
+    runs = SimpleNamespace(plan=SimpleNamespace(keep=keep), token="new", _kept=name)
+    Runs._keep(runs, 7, {"broken": broken})
+    assert not new.exists() and (kept.read_text() if kept.exists() else None) == stays
 
 
 def test_each_cable_is_lost_in_a_run_of_its_own(tmp_path):

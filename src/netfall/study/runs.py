@@ -146,15 +146,16 @@ class Runs:
         return self.place.members / (f".{number:06d}-{token}.vtkhdf" if token else f"{number:06d}.vtkhdf")
 
     def _keep(self, number: int, told: dict) -> None:
-        """Give a result file its name, or remove it."""
-        there = self._kept(number, self.token)
-        if self.plan.keep == "none" or not there.exists():
+        """Give a result file its name; or remove it, and what an earlier study left under that name."""
+        if self.plan.keep == "none":
             return
+        there, kept = self._kept(number, self.token), self._kept(number)
         with writing(there):
-            if self.plan.keep == "broken" and not told["broken"]:
-                there.unlink()
-            else:
-                os.replace(there, self._kept(number))
+            if there.exists() and (self.plan.keep == "all" or told["broken"]):
+                os.replace(there, kept)
+                return
+            for path in (there, kept):
+                path.unlink(missing_ok=True)
 
     def _write(self, workers: int) -> None:
         """The study file, and the end of the journal."""
