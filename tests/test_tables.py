@@ -108,6 +108,9 @@ def test_faces_of_a_table_are_those_that_carry(workshop):
 
 def test_faces_that_are_none_are_named(workshop):
     """Unknown nodes, too few corners, the wrong way round, rows apart, other keys: a line for each."""
+    with pytest.raises(InputError, match="line 3: node = 7: no such node"):  # 7: in the middle of 2-5
+        job = roofed(workshop, GIVEN.replace("0,2,,,", "0,7,,,"), subdivide=2)
+        roof_of(job, build_net(job))
     for old, new, words in (
         ("0,2,,,", "0,7,,,", "line 3: node = 7: no such node"),
         ("0,2,,,", "0,,,,", "line 3: node is empty; expected an id, or x, y, z"),
