@@ -134,6 +134,17 @@ def test_what_breaks_at_rest_is_told_by_its_subject(workshop):
     assert "under all loads element 5 breaks: there is no equilibrium under them" in done.stderr
 
 
+def test_what_breaks_before_the_wind_is_told_with_the_key_that_helps(workshop):
+    """Without load steps it is the wind's onset that asks for a rest."""
+    wind = "[wind]\nspeed = 10.0\nshape_coefficient = -1.0\n"
+    text = JOB.replace("[[remove]]\nelements = [1]\ntime = 0.1\n", wind)
+    head, *rows = NODES.replace("-150e3", "-1500e3").splitlines()
+    nodes = "\n".join([head + ",area,normal_x,normal_y,normal_z", *(row + ",1,0,0,1" for row in rows)])
+    done = workshop.run(workshop.job(text, nodes, ELEMENTS), code=3)
+    words = 'lower the load, or set [wind] onset = "sudden" to let it act at once in the dynamic stage'
+    assert "under the constant loads element 5 breaks (load factor 1)" in done.stderr and words in done.stderr
+
+
 @pytest.mark.parametrize("name", ["wheel", "dome", "stadium", "olympia"])
 def test_shipped_jobs_need_no_such_note(name):
     """Their bars have strengths of their own."""

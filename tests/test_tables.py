@@ -93,7 +93,7 @@ def roofed(workshop, faces, roof="", subdivide=1):
 
 
 def share_of_the_corner() -> float:
-    """Of the surface of the square 2, (9, 3, 0), 3, 5, of which 5 is 1 m high: by triangles, for (9, 3, 0)."""
+    """Of the surface of the square 2, (9, 3, 0), 3, 5, of which 5 is 1 m high: by its triangles."""
     side, outer, inner = np.array([[6.0, 0.0, 0.0], [9.0, 3.0, 0.0], [3.0, 3.0, 1.0]])
 
     def halves(middle):  # of the surface on this side of y = 3, at either end of the side from 2

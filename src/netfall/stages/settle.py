@@ -15,6 +15,7 @@ from netfall.equilibrium.relaxation import (
 )
 from netfall.ground.errors import DivergedError, Interrupted, interrupted
 from netfall.ground.stop import StopRequest
+from netfall.job.asks import rests_at_loss, rests_in_wind
 from netfall.job.job import Job
 from netfall.job.schema import defaults
 from netfall.mechanics.state import State
@@ -119,7 +120,7 @@ def settle(
     breaking = _breaking(scene, snapshot)
     if breaking and each.kind != "loss":
         name = scene.comm.bcast(scene.model and scene.model.id_of(breaking[0]))
-        raise DivergedError(f"under {each.words} element {name} breaks{_advice(each)}")
+        raise DivergedError(f"under {each.words} element {name} breaks{_advice(scene.job, each)}")
     if state.features.plastic:
         state.dissipated[:] = snapshot.heat
         state.eps_p[:] = snapshot.eps_p
@@ -139,13 +140,16 @@ def _breaking(scene: Scene, snapshot: Snapshot) -> tuple[int, ...]:
     return tuple(sorted(set().union(*scene.comm.allgather(over))))
 
 
-def _advice(each: Equilibrium) -> str:
+def _advice(job: Job, each: Equilibrium) -> str:
     if each.kind in ("rest", "case"):
         under = {"case": "it"}.get(each.kind) or ("them" if each.words == ALL_LOADS else "")
         return f": there is no equilibrium under {under}" if under else ""
+    keys = ["[load] steps = 0"] * bool(job.load and job.load.steps)
+    keys += ['[wind] onset = "sudden"'] * rests_in_wind(job)
+    at_once = job.dynamics and not job.cases and not rests_at_loss(job)
     return (
-        f" (load factor {each.factor:.4g}): there is no static equilibrium to start from; lower the load, or "
-        "set steps = 0 to let it act at once in the dynamic stage"
+        f" (load factor {each.factor:.4g}): there is no static equilibrium to start from; lower the load"
+        + (f", or set {' and '.join(keys)} to let it act at once in the dynamic stage" if at_once else "")
     )
 
 
