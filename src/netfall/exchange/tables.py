@@ -8,8 +8,7 @@ import numpy as np
 from netfall.exchange.job_again import job_again
 from netfall.exchange.state import AXES, MARK, RECORD, State
 from netfall.ground.errors import InputError
-from netfall.job.table import write_table
-from netfall.net.tables import SEVERAL
+from netfall.job.table import SEVERAL, write_table
 from netfall.results.result import Result
 from netfall.write.locks import whole_folder
 

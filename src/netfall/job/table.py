@@ -12,6 +12,7 @@ from netfall.job.values import nearest
 MOST_ERRORS = 20  # lines reported for one table
 LARGEST = 1e15  # of any number; far beyond, products overflow
 DELIMITERS = ",;\t"
+SEVERAL = "/"  # between zones of a node in one cell, whose names have none, and between their shares
 CLOSE = 0.7  # likeness from which on an unknown column is a slip of the pen
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.job.job import Job
-from netfall.job.table import Table
+from netfall.job.table import SEVERAL, Table
 from netfall.net.net import Net, pair_key
 
 AXES = ("x", "y", "z")
@@ -44,7 +44,6 @@ ELEMENT_COLUMNS = (
 TO_METRES = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000), "in": (254, 10000)}
 LEAST = 1e-12  # of what is to be positive
 UNIT = 4e-16  # rounding of the length of a unit normal
-SEVERAL = "/"  # between zones of a node, which no name of a zone contains, and between their shares
 WHOLE = 1e-9  # rounding of the sum of shares
 MOST_NAMED = 5  # pairs in one note
 
