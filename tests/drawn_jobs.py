@@ -293,15 +293,27 @@ def draw_load(draw, scene: dict, rng, zones: list) -> dict:
 
 
 def draw_roof(draw, net: DrawnNet, tables: dict) -> dict | None:
-    """[roof]: all groups by their names; an opening in the first cell, or a line across the last one."""
+    """[roof]: all groups by their names; an opening in the first cell, or a line across the last one.
+
+    Or the first cell and the last one as a table of faces.
+    """
     roof = {}
+    beside = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * SPACING
+    near = lambda place: int(np.argmin(np.sum((net.points[:, :2] - place) ** 2, axis=1)))
+    if net.square and not net.tails and chance(draw, 4):
+        corners = [near(net.points[0, :2] + by) for by in beside] + [
+            near(net.points[-1, :2] - by) for by in beside
+        ]
+        tables["faces.csv"] = table(
+            {"face": ["0"] * 4 + ["1"] * 4, "node": [str(net.names[p]) for p in corners]}
+        )
+        return {"faces": "faces.csv"}
     if net.roof and all(net.groups):
         roof["groups"] = sorted(set(map(str, net.groups)))
     if net.square and chance(draw):
         roof["openings"] = [[float(c) + 0.45 * SPACING for c in net.points[0, :2]]]
     elif net.square and chance(draw):
-        ends = (net.points[-1, :2] - beside for beside in ([SPACING, 0.0], [0.0, SPACING]))
-        across = [int(np.argmin(np.sum((net.points[:, :2] - end) ** 2, axis=1))) for end in ends]
+        across = [near(net.points[-1, :2] - beside[k]) for k in (1, 3)]
         tables["lines.csv"] = table({k: [str(net.names[p])] for k, p in zip(("start", "end"), across)})
         roof["lines"] = "lines.csv"
     return roof or None

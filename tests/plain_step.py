@@ -72,7 +72,8 @@ class Plain:
         """External and internal forces, strains; what yields does."""
         eps, direction = self.strains()
         N, eps_p = self.axial(eps)
-        self.heat += self.limit * self.L0 * np.abs(eps_p - self.eps_p)
+        flow = np.abs(eps_p - self.eps_p)
+        self.heat += np.where(flow > 0.0, self.limit, 0.0) * self.L0 * flow  # what never yields has no limit
         self.eps_p = eps_p
         internal = self.spring * (self.start - self.x)
         for e, (a, b) in enumerate(self.ends):

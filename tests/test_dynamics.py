@@ -203,10 +203,14 @@ def test_any_fragments_are_stable_within_the_limit_after_fracture(seed, weak):
 
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_run_that_diverges_is_stopped(workshop, ranks):
-    """Forces out of all range: exit code 3 on every rank, the time named, no file left behind."""
+    """Exit code 3 on every rank, the time named, no file left behind.
+
+    A step below the limit of two cables at right angles, which a great load pulls into one line: there it is
+    0.76 of that.
+    """
     nodes = "id,x,y,z,fixed,area\n1,0,0,0,1,0\n2,0,0,-10,0,1\n3,5,5,-10,1,0\n"
     job = workshop.job(
-        ELASTIC + "[load]\npressure = [0.0, 0.0, 1e300]\n[dynamics]\nduration = 0.1\n",
+        ELASTIC + "[load]\npressure = [0.0, 0.0, -1e9]\n[dynamics]\nduration = 0.1\ntime_step = 3.1e-3\n",
         nodes,
         "start,end\n1,2\n2,3\n",
     )

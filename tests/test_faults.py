@@ -32,7 +32,6 @@ def test_faults_are_spread_over_the_program():
             "mechanics",
             "step",
             "stages",
-            "equilibrium",
             "record",
             "wind",
             "roof",
