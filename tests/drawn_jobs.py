@@ -300,9 +300,9 @@ def draw_roof(draw, net: DrawnNet, tables: dict) -> dict | None:
     roof = {}
     beside = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * SPACING
     near = lambda place: int(np.argmin(np.sum((net.points[:, :2] - place) ** 2, axis=1)))
-    if net.square and not net.tails and chance(draw, 4):
+    if net.square and chance(draw):
         corners = [near(net.points[0, :2] + by) for by in beside] + [
-            near(net.points[-1, :2] - by) for by in beside
+            near(net.points[-1 - net.tails, :2] - by) for by in beside
         ]
         tables["faces.csv"] = table(
             {"face": ["0"] * 4 + ["1"] * 4, "node": [str(net.names[p]) for p in corners]}
