@@ -193,7 +193,7 @@ def go_to_rest(job: Job, scene: Scene) -> str:
         settle(scene, last[-1], reference_force(scene, last[-1]), NEVER)
     except DivergedError:
         put_back(scene.state, start)
-        return f"in the initial state, for no rest was found under {loads},"
+        return f"in the initial state (no rest was found under {loads})"
     return f"at rest under {loads}"
 
 
