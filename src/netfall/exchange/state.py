@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netfall.ground.errors import InputError
+from netfall.results.file import not_in_file
 from netfall.results.result import Result
 from netfall.results.states import start_position, start_tension
 
@@ -65,10 +66,7 @@ def state_of(result: Result, time: float | None) -> State:
     """
     needed = [name for name in ("unstressed_length", "axial_stiffness") if name not in result.elements]
     if needed:
-        raise InputError(
-            f"{result.path}: /net/{needed[0]} is not in this file, which another version of netfall wrote; "
-            "run the job again"
-        )
+        raise InputError(f"{result.path}: {not_in_file(f'/net/{needed[0]}')}; run the job again")
     if time is None:
         position, tension = form_of(result)
         broken, ends, name = np.zeros(len(tension), bool), result.file["net/elements"][:], "form"

@@ -9,6 +9,7 @@ from netfall.exchange.job_again import job_again
 from netfall.exchange.state import AXES, MARK, RECORD, State
 from netfall.ground.errors import InputError
 from netfall.job.table import SEVERAL, write_table
+from netfall.results.file import not_in_file
 from netfall.results.result import Result
 from netfall.write.locks import whole_folder
 
@@ -72,10 +73,7 @@ def _check_folder(result: Result, folder: Path) -> bool:
             f"-o {folder}: has {there[0]} already, which is not what netfall exported; give another name"
         )
     if RECORD not in result.file:
-        raise InputError(
-            f"{result.path}: /{RECORD} is not in this file, which another version of netfall wrote; "
-            "run the job again"
-        )
+        raise InputError(f"{result.path}: {not_in_file(f'/{RECORD}')}; run the job again")
     return ours
 
 

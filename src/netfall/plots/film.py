@@ -19,7 +19,7 @@ from netfall.plots.collapse import view
 from netfall.plots.force import SLACK, ForceScale, add_by_force, add_supports, force_bars
 from netfall.plots.net import _space
 from netfall.plots.style import short_title
-from netfall.results.file import missing_name, open_result
+from netfall.results.file import missing_line, open_result
 from netfall.results.frames import Frames
 from netfall.results.losses import lost_at
 from netfall.write.locks import whole
@@ -48,10 +48,7 @@ def animate(result: Path, folder: Path, form: str | None, fps: int) -> tuple[Pat
         try:
             film = Film.of(f, result)
         except KeyError as error:
-            raise InputError(
-                f"{result}: {missing_name(error)} is not in this file, which another version of netfall "
-                "wrote, so there is no animation"
-            ) from None
+            raise InputError(f"{result}: {missing_line(error)}, so there is no animation") from None
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{result.stem}_collapse.{form}"
         with whole(path) as place:

@@ -14,7 +14,7 @@ from netfall.plots.curves import displacements, energies, load_displacement, ten
 from netfall.plots.modes import modes
 from netfall.plots.roof import has_roof, roof
 from netfall.plots.states import form, has_states, states
-from netfall.results.file import missing_name, open_result
+from netfall.results.file import missing_line, open_result
 from netfall.write.locks import whole
 
 
@@ -48,10 +48,7 @@ def plot_all(result: Path, folder: Path) -> tuple[list[Path], list[str]]:
             try:
                 figure = draw(f)
             except KeyError as error:
-                lacking.append(
-                    f"{result}: {missing_name(error)} is not in this file, which another version of netfall "
-                    f"wrote, so there is no picture {name}"
-                )
+                lacking.append(f"{result}: {missing_line(error)}, so there is no picture {name}")
                 continue
             path = folder / f"{result.stem}_{name}.png"
             with whole(path) as place:

@@ -8,7 +8,7 @@ import numpy as np
 from netfall.results.file import (
     element_name,
     lines_of_form,
-    missing_name,
+    missing_line,
     open_result,
     overloads_of,
     provenance_text,
@@ -51,7 +51,7 @@ def _or_missing(tell: Callable, *arguments):
     try:
         return tell(*arguments)
     except KeyError as error:
-        return f"{missing_name(error)} is not in this file, which another version of netfall wrote"
+        return missing_line(error)
 
 
 def _seconds(f, say):

@@ -24,7 +24,7 @@ from netfall.checks.reactions import reaction_columns
 from netfall.ground.errors import InputError
 from netfall.plots.utilisation import dynamic_factors, utilisation
 from netfall.report.page import summary
-from netfall.results.file import missing_name, open_result
+from netfall.results.file import missing_line, open_result
 from netfall.results.states import envelope_of
 from netfall.write.locks import whole
 
@@ -51,10 +51,7 @@ def write_report(result: Path, folder: Path, codes: Path | None, cutting: Cuttin
             }
             text = summary(f, result, tables, envelope, checked, cutting)
         except KeyError as error:
-            raise InputError(
-                f"{result}: {missing_name(error)} is not in this file, which another version of netfall "
-                "wrote; run the job again"
-            ) from None
+            raise InputError(f"{result}: {missing_line(error)}; run the job again") from None
         folder.mkdir(parents=True, exist_ok=True)
         for name, columns in tables.items():
             _check_ours(folder / name, columns)

@@ -45,10 +45,15 @@ def title_of(file: h5py.File) -> str:
     return provenance_text(file, "title") or provenance_text(file, "job_name")
 
 
-def missing_name(error: KeyError) -> str:
-    """What a file was found to lack."""
+def not_in_file(name: str) -> str:
+    """What a message says of a dataset that a result file should have."""
+    return f"{name} is not in this file, which another version of netfall wrote"
+
+
+def missing_line(error: KeyError) -> str:
+    """`not_in_file` of what h5py did not find."""
     quoted = re.search(r"'([^']+)'", str(error.args[0]))
-    return quoted[1] if quoted else "a group"
+    return not_in_file(quoted[1] if quoted else "a group")
 
 
 def element_name(f: h5py.File, e: int) -> str:

@@ -119,7 +119,7 @@ class Result:
         damping_work, external_work [J], identity_error, balance_error, slack, broken; probe_displacement
         (t, p, 3) [m], probe_tension (t, k) [N]; element_tension (t, k) [N] of element_id (k,).
         """
-        return of_group(f"{self.path}: history", self._group("history"))
+        return self._columns("history")
 
     @property
     def events(self) -> Columns:
@@ -135,43 +135,46 @@ class Result:
         """Extremes over the history, by element (m,) and node (n,): tension_max [N] and its time [s],
         tension_min, slack_time [s], displacement_max [m] and its time.
         """
-        return of_group(f"{self.path}: envelope", self._group("envelope"))
+        return self._columns("envelope")
 
     @property
     def form_finding(self) -> Columns:
         """The form: position (n, 3) [m], tension (m,) [N], unstressed_length (m,) [m], residual."""
-        return of_group(f"{self.path}: form_finding", self._group("form_finding"))
+        return self._columns("form_finding")
 
     @property
     def statics(self) -> Columns:
         """The load path, a row for each load_factor (s,): displacement (s, n, 3) [m], tension (s, m) [N]."""
-        return of_group(f"{self.path}: statics", self._group("statics"))
+        return self._columns("statics")
 
     @property
     def rest(self) -> Columns:
         """The rest under all constant loads and the mean wind: position (n, 3) [m], tension (m,) [N]."""
-        return of_group(f"{self.path}: rest", self._group("rest"))
+        return self._columns("rest")
 
     @property
     def wind(self) -> Columns:
         """The wind: control_point (c, 3) [m], mean_speed (c,), time (t,) [s], speed (t, c) [m/s]."""
-        return of_group(f"{self.path}: wind", self._group("wind"))
+        return self._columns("wind")
 
     @property
     def modes(self) -> Columns:
         """The lowest modes: period (k,) [s], shape (k, n, 3), damping_ratio (k,)."""
-        return of_group(f"{self.path}: modes", self._group("modes"))
+        return self._columns("modes")
 
     @property
     def removal(self) -> Columns:
         """A row for each loss of a member: time [s], tension_before, _peak, _after [N], dynamic_factor."""
-        return of_group(f"{self.path}: removal", self._group("removal"))
+        return self._columns("removal")
 
     @property
     def cases(self) -> dict[str, Columns]:
         """The static cases by name: displacement (n, 3) [m], tension (m,) [N], residual, slack."""
         group = self._group("cases")
         return {name: of_group(f"{self.path}: case {name}", group[name]) for name in group}
+
+    def _columns(self, name: str) -> Columns:
+        return of_group(f"{self.path}: {name}", self._group(name))
 
     def _group(self, name: str):
         if name not in self.file:

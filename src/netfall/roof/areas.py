@@ -23,11 +23,8 @@ REMEDY = (
     "nodes.csv `area` and, for wind and for pressure along the normal, normal_x, normal_y, normal_z"
 )
 MUCH = 0.2  # of a node's area: a change that `check` tells
-PLAIN = (
-    "saddle",
-    "stadium",
-    "ring",
-)  # generators of nets of one layer whose elements meet at their ends alone
+# generators of nets of one layer whose elements meet at their ends alone
+PLAIN = ("saddle", "stadium", "ring")
 
 
 @dataclass(frozen=True)
@@ -188,7 +185,7 @@ class Areas(NamedTuple):
 
 
 def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> Areas:
-    """The areas that particles carry at x (n, 3) [m], by the shares of the faces around (`net.shares`).
+    """The areas that particles carry at x (n, 3) [m], by the shares of the faces around (`roof.shares`).
 
     Shares of points without a particle go to the rigid boundary. A given `area` is one of surface; with a
     given area or normal the vector is surface times unit normal, the one that is not given from the faces.
