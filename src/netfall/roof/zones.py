@@ -11,85 +11,12 @@ from netfall.job.job import Job
 from netfall.job.values import nearest, shown
 from netfall.net.net import Net
 from netfall.roof.areas import tributary_areas
-from netfall.roof.faces import Faces, centroids, double_area
-from netfall.roof.nearest import nearest_areas
-from netfall.roof.shares import FEW, shares_of, vector_areas
+from netfall.roof.cutter import Cutter
+from netfall.roof.faces import Faces
 
 MUCH = 0.02  # of a zone's area: so much that lies outside its polygon is told
 NOBODY = "no node lies in it; the polygon is in metres, in plan"
-
-
-ROUNDING = 1e-9  # of a node's area
 LAST_BITS = 4e-16  # what the sum of shares of a whole node may lack
-
-
-class Cutter:
-    """Cuts what the nodes of a net have of its faces; plan : (n,) [m2], each node's area in plan."""
-
-    def __init__(self, net: Net, faces: Faces):
-        self.net, self.faces = net, faces
-        self.points = np.concatenate([net.x, net.corners])
-        self.plan = tributary_areas(net.x, net, faces).plan
-        self.shares = shares_of(self.points, faces)
-        self.few = np.bincount(faces.rings.face_of_corner()) <= FEW
-        self.boxes = shapely.STRtree(self._boxes())
-
-    def _boxes(self):
-        """A box around each face in plan."""
-        rings, xy = self.faces.rings, self.points[:, :2]
-        first = rings.start[rings.first_rings()]
-        low, high = (f.reduceat(xy[rings.corner], first) for f in (np.minimum, np.maximum))
-        return shapely.box(*low.T, *high.T)
-
-    def inside(self, region) -> np.ndarray:
-        """(n,) the share of each node's area in plan that lies in a polygon, or in several.
-
-        Of a node without a face all of it or nothing, by its place.
-        """
-        shapely.prepare(region)
-        net, corner, plans = self.net, self.shares.node, self.shares.plans()
-        share = shapely.contains_xy(region, self.points[corner, :2]).astype(float)
-        crossed = np.zeros(self.faces.count, bool)
-        crossed[self.boxes.query(shapely.boundary(region), "intersects")] = True
-        here = crossed[self.shares.face]
-        share[here] = np.concatenate([self._of_few(region, crossed), self._of_many(region, crossed)])
-        total, within = (np.bincount(corner, w, len(self.points))[: net.n] for w in (plans, share * plans))
-        alone = shapely.dwithin(region, shapely.points(net.x[:, :2]), net.tolerance).astype(float)
-        found = np.where(total > 0, within / np.where(total > 0, total, 1.0), alone)
-        return np.where(found > 1.0 - ROUNDING, 1.0, np.where(found < ROUNDING, 0.0, found))
-
-    def _of_few(self, region, crossed) -> np.ndarray:
-        """What lies in a region of the corners of crossed faces of three or four, in the order of shares."""
-        faces, xy = self.faces, self.points[:, :2]
-        middle = centroids(xy, faces, double_area)[faces.of_corner()]
-        corner, side = xy[faces.corner], 0.5 * (xy[faces.corner] + xy[faces.corner[faces.next_corner()]])
-        before = np.empty_like(side)
-        before[faces.next_corner()] = side
-        rows = (crossed & self.few)[faces.face_of_corner()]
-        quarters = shapely.polygons(np.stack([corner, side, middle, before], 1)[rows])
-        size, within = shapely.area(quarters), shapely.area(shapely.intersection(quarters, region))
-        return np.divide(within, size, out=np.zeros(len(size)), where=size > 0)
-
-    def _of_many(self, region, crossed) -> np.ndarray:
-        """The same for faces of more corners."""
-        chosen = crossed & ~self.few
-        if not chosen.any():
-            return np.zeros(0)
-        rings = self.faces.rings.of_faces(chosen)
-        vector = vector_areas(self.points, rings)
-        size, within = nearest_areas(self.points, rings, vector), 0.0
-        for window in _windows(region):
-            within = within + nearest_areas(self.points, rings, vector, window)
-        return np.divide(within, size, out=np.zeros(len(size)), where=size > 0)
-
-
-def _windows(region) -> np.ndarray:
-    """Triangles that fill a region, each as three half-planes a x + b y <= c: (t, 3, 3)."""
-    triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(region))
-    corner = shapely.get_coordinates(shapely.orient_polygons(triangles)).reshape(-1, 4, 2)
-    start, along = corner[:, :3], np.diff(corner, axis=1)
-    outward = np.stack([along[:, :, 1], -along[:, :, 0]], -1)
-    return np.concatenate([outward, np.sum(outward * start, axis=2, keepdims=True)], 2)
 
 
 @dataclass(frozen=True)
@@ -195,9 +122,10 @@ def zones_of(job: Job, net: Net, faces: Faces | None = None) -> Zones:
         for k in range(len(names))
         if not found.of_zone(k).any()
     ]
+    plan = tributary_areas(net.x, net, faces).plan if cutter else None
     for zone, members in zip(entries, inside):
         if cutter and zone.polygon is not None and not zone.cut:
-            notes += _astray(zone, members, cutter)
+            notes += _astray(zone, members, cutter.inside(shapely.Polygon(zone.polygon)), plan)
         elif zone.cut and not cutter and faces is not None:
             notes.append(f"zone {shown(zone.name)}: cut: no effect: the net has no faces")
     return replace(found, notes=notes)
@@ -229,12 +157,14 @@ def _cut(whole: Zones, cut: list[int], inside: list[np.ndarray]) -> Zones:
     return Zones(whole.names, of_node, mixed=mixed, share=share)
 
 
-def _astray(zone: SimpleNamespace, members: np.ndarray, cutter: Cutter) -> list[str]:
-    """A note on a polygon that takes nodes whole, if much of these lies outside, or is left inside."""
-    inside = cutter.inside(shapely.Polygon(zone.polygon))
-    area = float(cutter.plan[members].sum())
-    outside = float((cutter.plan * (1.0 - inside))[members].sum())
-    left = float((cutter.plan * inside)[~members].sum())
+def _astray(zone: SimpleNamespace, members: np.ndarray, inside: np.ndarray, plan: np.ndarray) -> list[str]:
+    """A note on a polygon that takes nodes whole, if much of these lies outside, or is left inside.
+
+    inside : (n,) share of each node that lies in the polygon; plan : (n,) [m2]
+    """
+    area = float(plan[members].sum())
+    outside = float((plan * (1.0 - inside))[members].sum())
+    left = float((plan * inside)[~members].sum())
     if max(outside, left) <= MUCH * area:
         return []
     return [
