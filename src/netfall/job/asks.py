@@ -26,6 +26,11 @@ def grows(job: Job) -> bool:
     return bool(job.dynamics and there and load.ramp and not load.steps)
 
 
+def varies(job: Job) -> bool:
+    """Whether forces other than those of the wind vary in the dynamic stage."""
+    return grows(job) or any(entry.duration for entry in job.removes)
+
+
 def carries_weight(job: Job) -> bool:
     """Whether what particles carry besides the elements weighs something: dead load, snow."""
     load = job.load

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from netfall.job.asks import grows
+from netfall.job.asks import varies
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
 from netfall.mechanics.fields import Features
@@ -93,7 +93,7 @@ def features_of(job: Job, net: Net) -> Features:
         fracture=bool(np.isfinite(net.fracture_strain).any()),
         wind=job.wind is not None,
         tapped=job.wind is not None and job.wind.pressures is not None,
-        varying=grows(job) or any(entry.duration for entry in job.removes),
+        varying=varies(job),
         springs=bool(net.spring.any()),
         losses=bool(job.removes),
         logarithmic=job.cable.strain == "logarithmic",

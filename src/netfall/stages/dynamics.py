@@ -6,7 +6,7 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.ground.errors import DivergedError, interrupted
-from netfall.job.asks import carries_weight, grows, rests_in_wind
+from netfall.job.asks import carries_weight
 from netfall.job.job import Job
 from netfall.mechanics.events import Event
 from netfall.mechanics.fracture import FractureRules, break_elements
@@ -23,10 +23,9 @@ from netfall.stages.panels import Tearing
 from netfall.stages.removal import Removal
 from netfall.stages.rests import losses_now
 from netfall.stages.scene import Desk, Outcome, Scene
-from netfall.stages.varying import GrowingLoad, VaryingLoads, WindLoad
+from netfall.stages.varying import VaryingLoads, WindLoad, varying_loads
 from netfall.step.loop import Interval
 from netfall.step.plan import Plan, halo_width
-from netfall.wind.onset import GrowingGusts
 from netfall.write.ids import event_ids
 
 LOOK_STEPS = 100_000  # at most, between looks at the wish to stop: a tenth of a second on the smallest net
@@ -70,19 +69,6 @@ def start_energies(scene: Scene) -> Energies:
     """The energies at the start, from which displacements count. Collective."""
     scene.state.count_displacements()
     return total_energies(scene.comm, scene.state, take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0))
-
-
-def varying_loads(scene: Scene) -> list:
-    """The loads that vary in time, but what fades after a loss. Collective."""
-    loads, job, model, distribution = [], scene.job, scene.model, scene.distribution
-    if job.wind:
-        field = model.wind_field if model else None
-        ramp = job.wind.ramp if rests_in_wind(job) else 0.0
-        gusts = GrowingGusts(model.history, ramp) if model else None
-        loads.append(WindLoad(scene.comm, distribution, field, gusts))
-    if grows(job):
-        loads.append(GrowingLoad(distribution.particles(model and model.loading.growing), job.load.ramp))
-    return loads
 
 
 def sections(scene: Scene, simulation) -> dict[str, dict[str, np.ndarray]]:

@@ -7,6 +7,7 @@ A load that varies is anything with
     write(state, start, end)  puts its values at two times between these samples into the state
     hand_over(handed, distribution)   gives what acts on particles that leave to others (`handover`);
     collective
+A new one stands here, is made in `varying_loads`, and counts in `asks.varies`.
 Loads that are linear in time add to `load_before` and `load_after`; the wind has fields of its own.
 """
 
@@ -17,12 +18,28 @@ from collections.abc import Callable
 import numpy as np
 from mpi4py import MPI
 
+from netfall.job.asks import grows, rests_in_wind
 from netfall.mechanics.state import State
 from netfall.model.handover import HandOver
 from netfall.parallel.subdomain import Distribution, rows_of
+from netfall.stages.scene import Scene
 from netfall.wind.field import WindField, particle_speeds
+from netfall.wind.onset import GrowingGusts
 
 CHUNK = 64  # samples of the history that rank 0 sends at once
+
+
+def varying_loads(scene: Scene) -> list:
+    """The loads that vary in time, but what fades after a loss. Collective."""
+    loads, job, model, distribution = [], scene.job, scene.model, scene.distribution
+    if job.wind:
+        field = model.wind_field if model else None
+        ramp = job.wind.ramp if rests_in_wind(job) else 0.0
+        gusts = GrowingGusts(model.history, ramp) if model else None
+        loads.append(WindLoad(scene.comm, distribution, field, gusts))
+    if grows(job):
+        loads.append(GrowingLoad(distribution.particles(model and model.loading.growing), job.load.ramp))
+    return loads
 
 
 class VaryingLoads:
