@@ -119,6 +119,20 @@ def test_file_has_what_the_contract_names(storm):
     assert f["final/position"].dtype == np.float64
 
 
+def test_every_dataset_of_numbers_bears_its_unit(storm):
+    """Those of VTK's own format and of the tables of the net too; texts have none."""
+    there = {}
+
+    def look(path, item):
+        if hasattr(item, "dtype"):
+            there[path] = (item.dtype.kind == "O", item.attrs.get("unit"))
+
+    storm.visititems(look)
+    assert all((unit is None) == text for text, unit in there.values()), there
+    units = {"VTKHDF/Points": "m", "VTKHDF/CellData/tension": "N", "provenance/net/density": "kg/m3"}
+    assert {path: there[path][1] for path in units} == units
+
+
 def test_frames_and_history_are_where_they_were_asked(storm):
     """frames + the initial state, evenly over the duration; history rows every 4 ms, the last at the end."""
     t = storm["VTKHDF/Steps/Values"][:]

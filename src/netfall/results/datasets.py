@@ -66,6 +66,7 @@ GROUPS = (
                 row(f"CellData/{each.name}", "", each.unit, each.meaning)
                 for each in CELL_FIELDS + CELL_NUMBERS
             ),
+            row("Points", "", "m", "positions of the particles"),
             row("Steps/Values", "", "s", "times of the states"),
         ),
     ),
@@ -349,6 +350,28 @@ GROUPS = (
             row("type_names", "k", "", ""),
         ),
     ),
+    Group(
+        "provenance/net",
+        "what the tables of the same net need besides /net; a column of one value has a single row",
+        "",
+        (
+            row("load", "n, 3", "N", "of nodes"),
+            row("mass", "n", "kg", "carried by nodes"),
+            row("area", "n", "m2", "of surface, as given; nan: from the faces"),
+            row("normal", "n, 3", NONE, "as given; nan: from the faces"),
+            row("spring_rest", "n, 3", "m", "displacement at which elastic supports carry nothing"),
+            row("section", "m", "m2", "area of the cross-section"),
+            row("modulus", "m", "Pa", ""),
+            row("density", "m", "kg/m3", ""),
+            row("yield_stress", "m", "Pa", "inf: elastic"),
+            row("breaking_load", "m", "N", "inf: none"),
+            row("fracture_strain", "m", NONE, "inf: never breaks"),
+            row("ring_start", "k", NONE, "first corner of each ring of a face; the last is their number"),
+            row("ring_corner", "k", NONE, "nodes at the corners of rings; from n on rows of `corners`"),
+            row("ring_face", "k", NONE, "the face that each ring is part of"),
+            row("corners", "k, 3", "m", "points of the rigid boundary without a node"),
+        ),
+    ),
 )
 
 
@@ -361,11 +384,18 @@ def group_of(name: str) -> Group:
 
 
 def unit_of(path: str) -> str:
-    """The unit of a dataset by its path in the file; "" for texts. Raises KeyError where it has no row."""
+    """The unit of a dataset by its path in the file; "" for texts. Raises KeyError where it has no row.
+
+    Numbers by which VTK finds its way through /VTKHDF need no row.
+    """
     group, _, name = path.rpartition("/")
+    if path.startswith("VTKHDF/"):
+        group, name = "VTKHDF", path.removeprefix("VTKHDF/")
     for each in group_of(group).datasets:
         if each.name == name:
             return each.unit
+    if group == "VTKHDF":
+        return NONE
     raise KeyError(f"/{path} has no row in the table of datasets")
 
 

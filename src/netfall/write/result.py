@@ -196,11 +196,11 @@ class Result:
             for group, datasets in sections.items():
                 for name, values in datasets.items():
                     file.create_dataset(f"{group}/{name}", data=values)
-            label(file)
             states = [group for group in sections if group != "form_finding" and f"{group}/tension" in file]
             for order, group in enumerate(states):
                 file[group].attrs[ORDER] = order
             _write_provenance(file.create_group("provenance"), provenance, phases)
+            label(file)
 
         if not self.segments:
             self.file.close(finish)
@@ -230,10 +230,8 @@ def label(file: h5py.File) -> None:
     """Name the unit of every dataset of numbers, by the table. Raises KeyError for one that has no row."""
 
     def add(path: str, item) -> None:
-        if isinstance(item, h5py.Dataset) and not path.startswith(("VTKHDF/", "provenance/")):
-            unit = unit_of(path)
-            if item.dtype.kind != "O":
-                item.attrs["unit"] = unit
+        if isinstance(item, h5py.Dataset) and item.dtype.kind != "O":
+            item.attrs["unit"] = unit_of(path)
 
     file.visititems(add)
 
