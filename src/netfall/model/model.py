@@ -18,7 +18,6 @@ from netfall.mechanics.material import elastic_forces, unstressed_length, warm_l
 from netfall.mechanics.stability import scaled_mass
 from netfall.model.idle import bare_zones, without_effect
 from netfall.model.loads import (
-    Roof,
     by_node,
     carried_mass,
     loading_of,
@@ -34,7 +33,8 @@ from netfall.net.net import Net
 from netfall.parallel import partition
 from netfall.roof.areas import Roofing, roof_of, tributary_areas
 from netfall.roof.panels import Panels, panels_of
-from netfall.roof.zones import Zones, zones_of
+from netfall.roof.shares import Shares
+from netfall.roof.zones import Roof, Zones, zones_of
 from netfall.wind.field import GeneratedHistory, force_factor, make_wind_field, read_history
 
 
@@ -188,7 +188,7 @@ def _partitioned(job: Job, ranks: int) -> tuple:
     """Net, roofing, zones, partition and where this comes from."""
     net = build_net(job)
     roofing = roof_of(job, net)
-    zones = zones_of(job, net, roofing.faces)
+    zones = zones_of(job, net, roofing)
     if not job.changes_net():
         part = partition.read_partition(job.name, net.n, net.elements, ranks)
         if part is not None:
@@ -253,8 +253,10 @@ def set_initial(
     model.spring_rest = preload(net, x, N, L) if job.form_finding else net.spring_rest
     own = np.bincount(net.elements[:, 0], half, net.n) + np.bincount(net.elements[:, 1], half, net.n)
     if job.form_finding:
-        model.area_given = float(tributary_areas(net.x, net, model.roofing.faces).surface.sum())
-    model.roof = Roof(*tributary_areas(x, net, model.roofing.faces), model.zones)
+        model.area_given = float(model.roofing.given.surface.sum())
+    same = np.array_equal(x, net.x)
+    areas = model.roofing.given if same else tributary_areas(x, net, model.roofing.faces)
+    model.roof = Roof(areas.surface, areas.plan, areas.vector, model.zones)
     model.notes_of_values += bare_zones(model.zones, model.area) if loads_the_roof(job) else []
     _check_normals(job, model)
     loading = loading_of(job, model.roof, own, net.load)
@@ -275,11 +277,11 @@ def set_initial(
         model.notes_of_values += low_notes(job, net, x, model.wind)
         model.history = model.history or GeneratedHistory(model.wind_field, job.wind)
         if job.wind.after_fracture == "panels":
-            _make_panels(job, model, settings)
+            _make_panels(job, model, areas.shares, settings)
         model.mean_wind = model.wind_field.mean_force(model.history.mean_gust)
 
 
-def _make_panels(job: Job, model: Model, settings) -> None:
+def _make_panels(job: Job, model: Model, shares: Shares, settings) -> None:
     """The panels that can tear off. Raises InputError where there are none, or loads grow on them."""
     if not len(model.roofing.faces) or np.isfinite(model.net.area).any():
         raise InputError(
@@ -290,8 +292,9 @@ def _make_panels(job: Job, model: Model, settings) -> None:
         raise InputError(
             f'{job.path}: [wind] after_fracture = "panels": not together with [load] ramp; remove one of them'
         )
-    panels = panels_of(model.x, model.net, model.roofing.faces)
-    load, roof = job.load, Roof(*panels.areas, model.zones.at(panels.node))
+    panels = panels_of(model.net, model.roofing.faces, shares)
+    zones = model.zones.at(panels.node)
+    load, roof = job.load, Roof(panels.area, panels.plan_area, panels.vector, zones)
     factor = np.broadcast_to(force_factor(settings), model.net.n)[panels.node]
     model.panels = panels._replace(
         mass=carried_mass(load, roof) if load else np.zeros_like(roof.area),
