@@ -177,9 +177,8 @@ def _notes(job: Job, net: Net, plan: Plan, roofing: Roofing, carries: np.ndarray
 def _idle_lines(net: Net, plan: Plan, faces: Faces) -> list[str]:
     """A note on edges without an element that bound no face."""
     rings, points = faces.rings, len(plan.points)
-    sides = np.column_stack([rings.corner, rings.corner[rings.next_corner()]])
     lines = plan.segment[plan.element < 0]
-    loose = lines[~np.isin(pair_key(lines, points), pair_key(sides, points))]
+    loose = lines[~np.isin(pair_key(lines, points), pair_key(rings.sides(), points))]
     loose = loose[(loose < net.n).all(1)]
     if not len(loose):
         return []

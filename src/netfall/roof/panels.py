@@ -47,7 +47,7 @@ def panels_of(net: Net, faces: Faces, shares: Shares) -> Panels:
 def _hung(net: Net, rings: Faces) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of an element and a panel that has it as a side."""
     points = net.n + len(net.corners)
-    sides = pair_key(np.column_stack([rings.corner, rings.corner[rings.next_corner()]]), points)
+    sides = pair_key(rings.sides(), points)
     order = np.argsort(sides, kind="stable")
     edge = pair_key(net.elements, points)
     first, last = (np.searchsorted(sides[order], edge, side=side) for side in ("left", "right"))
