@@ -45,7 +45,7 @@ MAY_IMPORT = {
     "study": ["job", "net", "write.locks", "results"],
     "measure": ["job", "write.locks", "results", "study"],
     "api": ["job", "parallel.agree", "results", "program.run"],
-    "exchange": ["job", "mechanics.material", "write.locks", "results", "plots"],
+    "exchange": ["job", "net.parts", "mechanics.material", "write.locks", "results", "plots"],
     "cli": [
         *("job", "net", "parallel", "program", "results", "checks", "plots", "report", "study", "measure"),
         *("exchange",),

@@ -118,7 +118,7 @@ class Model:
     @property
     def EA(self) -> np.ndarray:
         """(m,) [N], axial stiffness."""
-        return self.net.modulus * self.net.section
+        return self.net.EA
 
     @property
     def bar(self) -> np.ndarray:
@@ -133,7 +133,7 @@ class Model:
     @property
     def yield_force(self) -> np.ndarray:
         """(m,) [N], axial force at yield; inf: elastic."""
-        return self.net.yield_stress * self.net.section
+        return self.net.yield_force
 
     @property
     def eps_u(self) -> np.ndarray:
@@ -223,7 +223,7 @@ def features_of(job: Job, net: Net) -> Features:
         logarithmic=job.cable.strain == "logarithmic",
         bars=bool(net.bar.any()),
         part_held=bool((net.fixed.any(1) & ~net.fixed.all(1)).any()),
-        sections=differ(net.modulus * net.section) or differ(net.yield_stress * net.section),
+        sections=differ(net.EA) or differ(net.yield_force),
         energy=job.output.energy,
     )
 

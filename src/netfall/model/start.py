@@ -137,7 +137,7 @@ def in_words(net: Net, rows: np.ndarray) -> str:
 
 def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
     """Axial forces N (m,) [N] at lengths L (m,) [m] that no element can have. Raises InputError."""
-    yield_force, EA = net.yield_stress * net.section, net.modulus * net.section
+    yield_force, EA = net.yield_force, net.EA
     at_start = lambda e: f"its axial force is {N[e]:.4g} N in the initial state"
     checks = (
         (

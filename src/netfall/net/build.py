@@ -116,12 +116,12 @@ def _whole_net_errors(job: Job, net: Net) -> list[str]:
             f"{job.path}: element {net.element_id[e]}: prestress = {net.prestress[e]:g}: "
             'a cable carries no compression; expected >= 0, or kind = "bar" for its group'
         )
-    over = np.flatnonzero(np.abs(net.prestress) > net.yield_stress * net.section)
+    over = np.flatnonzero(np.abs(net.prestress) > net.yield_force)
     if len(over):
         e = over[0]
         errors.append(
             f"{job.path}: element {net.element_id[e]}: prestress = {net.prestress[e]:g} N: "
-            f"above the yield force {net.yield_stress[e] * net.section[e]:g} N; "
+            f"above the yield force {net.yield_force[e]:g} N; "
             "lower it or choose a larger area"
         )
     if job.form_finding is not None and np.isfinite(net.unstressed_length).any():
