@@ -29,7 +29,7 @@ MAY_IMPORT = {
     "write": ["net", "roof", "mechanics", "parallel", "record.columns", "results.datasets"],
     "stages": [
         *("job", "net", "roof", "wind", "mechanics", "parallel", "step", "multigrid", "equilibrium"),
-        *("model", "record", "write", "results.loss_lines"),
+        *("model", "record", "write", "results.loss_lines", "results.notes"),
     ],
     "messages": [
         *("job", "net", "roof", "wind", "mechanics", "parallel", "model", "record", "results", "stages"),
