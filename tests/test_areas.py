@@ -343,7 +343,7 @@ def test_areas_and_normals_of_the_table_stand_in_for_faces(workshop):
     text = SOFT + "[load]\npressure = 5.0\n"
     net, roof, area = roof_from(workshop, text, given, elements)
     assert np.allclose(area, 1.6)  # in plan: 2 m2 of surface on a slope of 3/4
-    assert np.allclose(normals(net.x, net, roof.faces), [0.6, 0, 0.8])
+    assert np.allclose(normals(net, roof.given.vector), [0.6, 0, 0.8])
     with pytest.raises(InputError, match="normal_z"):
         roof_from(workshop, text, given.replace("2,0.3,0,0.4", "2,,,", 1), elements)
     for wrong, message in (
@@ -461,13 +461,14 @@ def test_panels_are_whole_faces_and_carry_what_their_corners_have(parts):
     elements = [*ring(*range(8)), (1, 8), (8, 9), (9, 2), (8, 10), (10, 9)]
     net = subdivide(net_of(xy, elements, z=[0.1 * x * y for x, y in xy]), parts)
     faces = find_faces(net)
-    panels, areas = panels_of(net.x, net, faces), tributary_areas(net.x, net, faces)
+    areas = tributary_areas(net.x, net, faces)
+    panels = panels_of(net, faces, areas.shares)
     assert panels.count == faces.count == 3 and len(faces) > 3
     at_nodes = lambda values: np.bincount(panels.node, values, net.n)
-    assert np.allclose(at_nodes(panels.areas.surface), areas.surface, rtol=1e-14)
-    assert np.allclose(at_nodes(panels.areas.plan), areas.plan, rtol=1e-14)
-    assert np.allclose(at_nodes(panels.areas.vector[:, 2]), areas.vector[:, 2], rtol=1e-14)
-    of_panel = np.bincount(panels.of_corner, panels.areas.plan)
+    assert np.allclose(at_nodes(panels.area), areas.surface, rtol=1e-14)
+    assert np.allclose(at_nodes(panels.plan_area), areas.plan, rtol=1e-14)
+    assert np.allclose(at_nodes(panels.vector[:, 2]), areas.vector[:, 2], rtol=1e-14)
+    of_panel = np.bincount(panels.of_corner, panels.plan_area)
     assert sorted(of_panel.round(12)) == [1.5, 3.0, 7.0]
     shared, within_u = (panels.at(np.arange(parts) + parts * k) for k in (1, 4))
     assert len(shared) == 2 and of_panel[within_u].round(12).tolist() == [7.0]

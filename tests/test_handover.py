@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from conftest import assert_same_results
 from mpi4py import MPI
+from test_removal import BREAKING, LOSSES
 
 from netfall.job.memory import Memory
 from netfall.job.read import read_job
@@ -243,24 +244,9 @@ def test_it_has_the_same_bits_on_any_ranks_and_through_a_pause(both_ways):
 
 # --- a roof
 
-ROOF = """
-[net]
-generator = "saddle"
-side = 40.0
-cells = 6
-subdivide = 3
-[cable]
-modulus = 1.95e11
-area = 400e-6
-density = 7850.0
-prestress = 100e3
-yield_stress = 4.5e8
-fracture_strain = 0.0047
-[form_finding]
-modulus_factor = 0
-[load]
-self_weight = true
-dead = 60.0
+ROOF = (
+    BREAKING.format(parts=3, strain=0.0047)
+    + """dead = 60.0
 pressure = -100.0
 ramp = 0.4
 [wind]
@@ -272,18 +258,9 @@ seed = 3
 [dynamics]
 duration = 0.44
 damping = 0.2
-[[remove]]
-elements = [20, 21, 22]
-time = 0.1
-duration = 0.08
-[[remove]]
-elements = [40]
-time = 0.15
-[[remove]]
-cables = ["e4"]
-time = 0.25
-duration = 0.1
-[[remove]]
+"""
+    + LOSSES
+    + """[[remove]]
 elements = [0, 1, 2, 3, 5, 6, 7, 8, 9, 30, 31]
 time = 0.3
 duration = 0.1
@@ -291,6 +268,7 @@ duration = 0.1
 history = 0.02
 checkpoint = 0.13
 """
+)
 
 
 @pytest.mark.parametrize("what_leaves", ["particle", "panels"])

@@ -29,7 +29,7 @@ MAY_IMPORT = {
     "write": ["net", "roof", "mechanics", "parallel", "record.columns", "results.datasets"],
     "stages": [
         *("job", "net", "roof", "wind", "mechanics", "parallel", "step", "multigrid", "equilibrium"),
-        *("model", "record", "write", "results.loss_lines"),
+        *("model", "record", "write", "results.loss_lines", "results.notes"),
     ],
     "messages": [
         *("job", "net", "roof", "wind", "mechanics", "parallel", "model", "record", "results", "stages"),
@@ -45,7 +45,7 @@ MAY_IMPORT = {
     "study": ["job", "net", "write.locks", "results"],
     "measure": ["job", "write.locks", "results", "study"],
     "api": ["job", "parallel.agree", "results", "program.run"],
-    "exchange": ["job", "mechanics.material", "write.locks", "results", "plots"],
+    "exchange": ["job", "net.parts", "mechanics.material", "write.locks", "results", "plots"],
     "cli": [
         *("job", "net", "parallel", "program", "results", "checks", "plots", "report", "study", "measure"),
         *("exchange",),

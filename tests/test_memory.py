@@ -10,7 +10,6 @@ from netfall.job.job import PATHS, Job
 from netfall.job.memory import OF_SPEED, Memory, key_of
 from netfall.job.read import read_job
 from netfall.job.schema import LISTS, OVERRIDES, SECTIONS
-from netfall.job.values import fits
 from netfall.model.layout import make_layout
 from netfall.study.file import read_plan
 from netfall.study.files import Watch
@@ -61,8 +60,8 @@ def two_values(key):
     """Two values that a key allows."""
     if key.kind == "choice":
         return key.choices[:2]
-    values = TWO.get(key.kind) or [value for value in TRIED if fits(key, value)][:2]
-    assert all(fits(key, value) for value in values) and values[0] != values[1]
+    values = TWO.get(key.kind) or [value for value in TRIED if key.fits(value)][:2]
+    assert all(key.fits(value) for value in values) and values[0] != values[1]
     return values
 
 

@@ -76,7 +76,7 @@ def test_normals_of_an_inclined_plane():
     net.x[:, 2] = 0.3 * net.x[:, 0] - 0.2 * net.x[:, 1]
     net.corners[:, 2] = 0.3 * net.corners[:, 0] - 0.2 * net.corners[:, 1]
     expected = np.array([-0.3, 0.2, 1.0]) / np.linalg.norm([-0.3, 0.2, 1.0])
-    assert np.allclose(normals(net.x, net, find_faces(net)), expected)
+    assert np.allclose(normals(net, tributary_areas(net.x, net, find_faces(net)).vector), expected)
 
 
 def test_subdivision_keeps_lengths_masses_and_density_of_force():

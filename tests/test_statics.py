@@ -5,7 +5,8 @@ Its figures: test_validation_statics.py.
 import re
 
 import numpy as np
-from conftest import STEEL
+import pytest
+from conftest import STEEL, run_on_standing_ranks
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 
@@ -156,3 +157,24 @@ def test_static_load_that_breaks_the_net_is_reported(workshop):
         )
     )
     assert re.search(r"under .* element \d+ breaks", workshop.run(job, code=3).stderr)
+
+
+@pytest.mark.parametrize("top, noted", [(5.0, True), (-5.0, False)])
+def test_a_net_that_snaps_through_is_noted(workshop, top, noted):
+    """A weight pushes the top of four cables 5 m below a square of 10 m, where they carry it by symmetry:
+    from 5 m above by 10 m, more than a fifth of 10 m. From 5 m below it only stretches them.
+    """
+    nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,10,0,0,1,0\n3,10,10,0,1,0\n4,0,10,0,1,0\n"
+    cable = "[cable]\nmodulus = 1e11\narea = 1e-3\ndensity = 7850.0\n[load]\nsteps = 2\n"
+    job = workshop.job(cable, nodes + f"5,5,5,{top},0,-1e4\n", "start,end\n1,5\n2,5\n3,5\n4,5\n")
+    with workshop.run(job) as f:
+        moved = -f["statics/displacement"][-1][4, 2]
+    assert (9.99 < moved < 10.01) if noted else (0.0 < moved < 0.01)
+    run = run_on_standing_ranks("run", job, "-o", workshop.folder / "again.vtkhdf").stdout
+    info = run_on_standing_ranks("info", workshop.folder / "again.vtkhdf").stdout
+    run_on_standing_ranks("report", workshop.folder / "again.vtkhdf", "-o", workshop.folder / "report")
+    page = (workshop.folder / "report" / "summary.md").read_text()
+    for text, words in ((run, "statics"), (info, "statics, load factor 1"), (page, "statics, load factor 1")):
+        start = f"ote: {words}: node 5 moved by 10 m"
+        lines = [line for line in text.splitlines() if line[1:].startswith(start)]
+        assert len(lines) == noted and all("dimension in plan, 10 m" in line for line in lines), text

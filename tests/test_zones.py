@@ -10,7 +10,8 @@ from netfall.job.schema import LISTS
 from netfall.model.layout import make_layout
 from netfall.model.model import make_model
 from netfall.net.build import build_net
-from netfall.roof.faces import find_faces
+from netfall.roof.areas import Roofing, roof_of, tributary_areas
+from netfall.roof.faces import no_faces
 from netfall.roof.zones import zones_of
 from netfall.wind.sectors import read_sectors
 
@@ -43,7 +44,13 @@ def zones(workshop, text: str, *overrides, column=lambda x, y: ""):
     """Job, net and zones of a text, on the flat grid."""
     job = read_job(workshop.job(STEEL + text, *grid(column)), list(overrides))
     net = build_net(job)
-    return job, net, zones_of(job, net)
+    return job, net, zones_at(job, net)
+
+
+def zones_at(job, net=None):
+    """The zones of a job, of a net without faces."""
+    net, none = net or build_net(job), no_faces()
+    return zones_of(job, net, Roofing(none, tributary_areas(net.x, net, none)))
 
 
 def places(net, found, name: str) -> set[tuple[float, float]]:
@@ -80,7 +87,7 @@ def test_a_polygon_is_in_metres_whatever_the_table(workshop):
     path.write_text(path.read_text().replace("[0.02, 0]", "[0.02, 0.001]", 1))
     job = read_job(path, [])
     net = build_net(job)
-    assert (zones_of(job, net).of_node == 0).sum() == 3
+    assert (zones_at(job, net).of_node == 0).sum() == 3
 
 
 def test_groups_have_the_nodes_of_their_elements(workshop):
@@ -90,7 +97,7 @@ def test_groups_have_the_nodes_of_their_elements(workshop):
     nodes, elements = grid()
     path = workshop.job(STEEL + '[[zone]]\nname = "a"\ngroups = ["ridge"]\n', nodes, elements[:-1] + "ridge")
     job = read_job(path, [])
-    found = zones_of(job, build_net(job))
+    found = zones_at(job)
     assert np.flatnonzero(found.of_node == 0).tolist() == [node(5, 4), node(5, 5)]
 
 
@@ -137,7 +144,7 @@ def test_a_column_gives_shares_of_zones(workshop):
     """
     job = read_job(workshop.job(STEEL + OF_DRIFT, SHARED, CHAIN), ["net.subdivide=2"])
     net = build_net(job)
-    found = zones_of(job, net)
+    found = zones_at(job, net)
     assert found.names == ["drift", "edge"]
     assert found.spread(job.load, "snow").tolist() == [350, 300, 300, 100, 300, 100, 100]
     assert found.shares()[:4].tolist() == [[0.5, 0.25], [0.5, 0], [0, 1], [0, 0]]
@@ -146,7 +153,7 @@ def test_a_column_gives_shares_of_zones(workshop):
     job = read_job(
         workshop.job(STEEL + OF_DRIFT + rest + square("rest", -1, -1, 9, 1) + names, SHARED, CHAIN)
     )
-    found = zones_of(job, build_net(job))
+    found = zones_at(job)
     assert found.names == ["rest", "drift", "edge"]
     assert found.spread(job.load, "snow").tolist() == [325, 250, 300, 0]
 
@@ -174,7 +181,7 @@ def test_shares_and_cuts_exclude_each_other(workshop):
         InputError, match=r"\[\[zone\]\] half: cut and the column zone_share of nodes.csv excl"
     ):
         job = read_job(workshop.job(STEEL + entry, SHARED, CHAIN))
-        zones_of(job, build_net(job))
+        zones_at(job)
 
 
 def test_subdivision_continues_the_zones(workshop):
@@ -616,7 +623,7 @@ def test_of_cut_zones_the_last_has_what_they_share(workshop):
     text = cut("a", 0, 0, 2, 5) + cut("b", 1.75, 0, 5, 5)
     _, net, _ = zones(workshop, text)
     job = read_job(workshop.job(STEEL + text, *grid()))
-    found = zones_of(job, net, find_faces(net))
+    found = zones_of(job, net, roof_of(job, net))
     row = [node(2, y) for y in range(SIDE)]
     assert found.share[np.searchsorted(found.mixed, row)] == pytest.approx(
         np.tile([0.25, 0.75, 0.0], (SIDE, 1)), abs=1e-14
@@ -624,7 +631,7 @@ def test_of_cut_zones_the_last_has_what_they_share(workshop):
     assert (found.of_node[row] == 1).all() and (found.of_zone(0) + found.of_zone(1) == 1.0).all()
     text = cut("a", 0, 0, 2, 5) + square("whole", 1.9, 0, 2.1, 2) + cut("b", 1.75, 0, 5, 1)
     job = read_job(workshop.job(STEEL + text, *grid()))
-    found = zones_of(job, net, find_faces(net))
+    found = zones_of(job, net, roof_of(job, net))
     shares = np.array([found.of_zone(k)[row] for k in (0, 1, 2)]).T
     # at y = 0 and 1: b over the whole; at 1 it ends in the middle of the node; 2 belongs to the zone whole
     expected = [[0, 0.25, 0.75], [0, 0.625, 0.375], [0, 1, 0], [0.5, 0, 0], [0.5, 0, 0], [0.5, 0, 0]]

@@ -1,17 +1,30 @@
 """What a row of the table of keys says of a key: type, unit, range, default, meaning."""
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 REQUIRED = object()  # the key must stand in the job file if its section does
 ABSENT = None  # the key may be missing: the thing that it describes is then not there
+
+
+class Kind(NamedTuple):
+    """What fits the keys of a kind, and how a message says so.
+
+    expected : with {of} the unit, {within} the range, {also}, {choices} and {meaning} of the key
+    fits : of the key and the value
+    """
+
+    expected: str
+    fits: Callable[["Key", object], bool]
 
 
 @dataclass(frozen=True)
 class Key:
     """One key of a section.
 
-    kind : "number" | "integer" | "flag" | "text" | "path" | "name" | "choice" | "vector" | "pressure" |
-        "points" | "places" | "polygon" | "words" | "integers" | "loads"
+    kind : one of KINDS
     low, high : bounds of a number; low_open, high_open : the bound itself is excluded
     """
 
@@ -29,34 +42,17 @@ class Key:
 
     def expected(self) -> str:
         """What is allowed, in words: "a number of m/s > 0"."""
-        if self.kind == "choice":
-            return "one of " + ", ".join(f'"{c}"' for c in self.choices)
-        if self.kind == "flag":
-            return "true or false"
-        if self.kind in ("text", "path"):
-            return f"a text in quotes ({self.meaning})"
-        if self.kind == "name":
-            return f"a name in quotes, without / ({self.meaning})"
-        if self.kind == "loads":
-            return 'a table of loads, {"load.snow" = 750.0, ...}'
-        of = f" of {self.unit}" if self.unit else ""
-        if self.kind == "vector":
-            return f"three numbers{of}, [x, y, z]" + self._range()
-        if self.kind == "pressure":
-            return f"three numbers{of}, [x, y, z], or one number along the normals,{self._range()}"
-        if self.kind == "points":
-            return f"a list of [x, y] pairs{of}{self._range()}"
-        if self.kind == "places":
-            return f"a list of places [x, y] or [x, y, z]{of}{self._range()}, or of ids of nodes"
-        if self.kind == "polygon":
-            return f"a list of three or more [x, y] corners{of}{self._range()}"
-        if self.kind == "integers":
-            return f"a list of integers ({self.meaning})"
-        if self.kind == "words":
-            return f"a list of names in quotes ({self.meaning})"
-        noun = "an integer" if self.kind == "integer" else "a number"
-        words = "".join(f' or "{w}"' for w in self.also)
-        return f"{noun}{of}{self._range()}{words}"
+        return KINDS[self.kind].expected.format(
+            of=f" of {self.unit}" if self.unit else "",
+            within=self._range(),
+            also="".join(f' or "{word}"' for word in self.also),
+            choices=", ".join(f'"{word}"' for word in self.choices),
+            meaning=self.meaning,
+        )
+
+    def fits(self, value) -> bool:
+        """Whether a value is what the key allows."""
+        return KINDS[self.kind].fits(self, value)
 
     def _range(self) -> str:
         parts = []
@@ -65,6 +61,75 @@ class Key:
         if self.high is not None:
             parts.append(f"{'<' if self.high_open else '<='} {self.high:g}")
         return (" " if parts else "") + " and ".join(parts)
+
+    def number(self, value) -> bool:
+        """Whether a value is a finite number in the range."""
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return False
+        try:
+            finite = math.isfinite(float(value))
+        except OverflowError:
+            return False
+        above = self.low is None or value > self.low or (value == self.low and not self.low_open)
+        below = self.high is None or value < self.high or (value == self.high and not self.high_open)
+        return finite and above and below
+
+    def numbers(self, value, *counts: int) -> bool:
+        """Whether a value is a list of so many such numbers."""
+        return isinstance(value, list) and len(value) in counts and all(map(self.number, value))
+
+
+def _whole(value) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _text(key: Key, value) -> bool:
+    return isinstance(value, str) and (value != "" or key.name == "title") and "\x00" not in value
+
+
+def _name(_, value) -> bool:
+    return isinstance(value, str) and value not in ("", ".", "..") and not set(value) & set("/\x00")
+
+
+def _points(key: Key, value) -> bool:
+    return isinstance(value, list) and all(key.numbers(point, 2) for point in value)
+
+
+def _places(key: Key, value) -> bool:
+    return isinstance(value, list) and all(_whole(v) or key.numbers(v, 2, 3) for v in value)
+
+
+def _some(fits: Callable[[object], bool]) -> Callable[[Key, object], bool]:
+    """What a list fits that is not empty, each of whose values fits."""
+    return lambda _, value: isinstance(value, list) and value != [] and all(map(fits, value))
+
+
+KINDS = {
+    "number": Kind("a number{of}{within}{also}", lambda key, v: v in key.also or key.number(v)),
+    "integer": Kind(
+        "an integer{of}{within}{also}",
+        lambda key, v: v in key.also or (isinstance(v, int) and key.number(v)),
+    ),
+    "flag": Kind("true or false", lambda _, v: isinstance(v, bool)),
+    "text": Kind("a text in quotes ({meaning})", _text),
+    "path": Kind("a text in quotes ({meaning})", _text),
+    "name": Kind("a name in quotes, without / ({meaning})", _name),
+    "choice": Kind("one of {choices}", lambda key, v: isinstance(v, str) and v in key.choices),
+    "vector": Kind("three numbers{of}, [x, y, z]{within}", lambda key, v: key.numbers(v, 3)),
+    "pressure": Kind(
+        "three numbers{of}, [x, y, z], or one number along the normals,{within}",
+        lambda key, v: key.number(v) or key.numbers(v, 3),
+    ),
+    "points": Kind("a list of [x, y] pairs{of}{within}", _points),
+    "places": Kind("a list of places [x, y] or [x, y, z]{of}{within}, or of ids of nodes", _places),
+    "polygon": Kind(
+        "a list of three or more [x, y] corners{of}{within}",
+        lambda key, v: _points(key, v) and len(v) >= 3,
+    ),
+    "words": Kind("a list of names in quotes ({meaning})", _some(lambda v: isinstance(v, str) and v != "")),
+    "integers": Kind("a list of integers ({meaning})", _some(_whole)),
+    "loads": Kind('a table of loads, {{"load.snow" = 750.0, ...}}', lambda _, v: isinstance(v, dict)),
+}
 
 
 def between(low, high, name, unit, default, meaning):

@@ -13,7 +13,7 @@ from netfall.job.schema import (
     may_break,
     wrong_combinations,
 )
-from netfall.job.values import fits, nearest, shown
+from netfall.job.values import nearest, shown
 
 
 class Validation:
@@ -114,7 +114,7 @@ class Validation:
                 self._value(place, name, rows[name], value, values)
 
     def _value(self, place: str, name: str, key: Key, value, values: dict) -> None:
-        if not fits(key, value):
+        if not key.fits(value):
             self.wrong(place, f"{name} = {shown(value)}: expected {key.expected()}")
         else:
             number = key.kind == "number" and not isinstance(value, str)

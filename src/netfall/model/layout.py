@@ -64,7 +64,7 @@ def _partitioned(job: Job, ranks: int) -> tuple:
     """Net, roofing, zones, partition and where this comes from."""
     net = build_net(job)
     roofing = roof_of(job, net)
-    zones = zones_of(job, net, roofing.faces)
+    zones = zones_of(job, net, roofing)
     if not job.changes_net():
         part = partition.read_partition(job.name, net.n, net.elements, ranks)
         if part is not None:

@@ -13,19 +13,9 @@ from netfall.job.asks import grows
 from netfall.job.job import Job
 from netfall.model.idle import idle_zones
 from netfall.net.net import GRAVITY, Net
-from netfall.roof.zones import Zones
+from netfall.roof.zones import Roof, Zones
 from netfall.wind.field import WindField
 from netfall.wind.sectors import read_sectors
-
-
-@dataclass(frozen=True)
-class Roof:
-    """What loads act on: area of surface and in plan (n,) [m2], vector area (n, 3) [m2], upward, zones."""
-
-    area: np.ndarray
-    plan_area: np.ndarray
-    vector: np.ndarray
-    zones: Zones
 
 
 @dataclass(frozen=True)

@@ -16,12 +16,13 @@ from netfall.mechanics.material import elastic_forces, unstressed_length, warm_l
 from netfall.mechanics.stability import scaled_mass
 from netfall.model.idle import bare_zones
 from netfall.model.layout import Layout
-from netfall.model.loads import Loading, Roof, by_node, carried_mass, loading_of, preload, pressure_load
+from netfall.model.loads import Loading, by_node, carried_mass, loading_of, preload, pressure_load
 from netfall.model.start import check_start, check_tensions, element_words, low_notes
 from netfall.net.net import Net
-from netfall.roof.areas import tributary_areas
+from netfall.roof.areas import Areas, tributary_areas
 from netfall.roof.panels import Panels, panels_of
-from netfall.roof.zones import Zones
+from netfall.roof.shares import Shares
+from netfall.roof.zones import Roof, Zones
 from netfall.wind.field import GeneratedHistory, WindField, force_factor, make_wind_field
 from netfall.wind.measured import MeasuredHistory
 from netfall.wind.taps import TapHistory
@@ -151,7 +152,8 @@ def make_model(
     L = np.sqrt(np.sum((x[net.elements[:, 1]] - x[net.elements[:, 0]]) ** 2, axis=1))
     N, L0 = _unstressed(job, net, L, net.prestress if N is None else N)
     notes = check_start(job, net, N, L, L0)
-    roof = Roof(*tributary_areas(x, net, layout.roofing.faces), layout.zones)
+    areas = _areas(layout, x)
+    roof = Roof(areas.surface, areas.plan, areas.vector, layout.zones)
     notes += bare_zones(layout.zones, roof.area) if loads_the_roof(job) else []
     _check_normals(job, net, roof)
     half = 0.5 * net.density * net.section * L0
@@ -167,7 +169,7 @@ def make_model(
         x,
         N,
         roof,
-        float(tributary_areas(net.x, net, layout.roofing.faces).surface.sum()) if job.form_finding else 0.0,
+        float(layout.roofing.given.surface.sum()) if job.form_finding else 0.0,
         L0=L0,
         cut_length=L0,
         half_mass=half,
@@ -177,9 +179,16 @@ def make_model(
         loading=loading,
         wind_field=field,
         history=history,
-        panels=_panels(job, layout, x, loading) if tears else None,
+        panels=_panels(job, layout, areas.shares, loading) if tears else None,
         start_notes=tuple(notes),
     )
+
+
+def _areas(layout: Layout, x: np.ndarray) -> Areas:
+    """The areas at x (n, 3) [m]: those of the geometry as given, where that is the initial state."""
+    net, roofing = layout.net, layout.roofing
+    same = np.array_equal(x, net.x)
+    return roofing.given if same else tributary_areas(x, net, roofing.faces)
 
 
 def _unstressed(job: Job, net: Net, L: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -214,7 +223,7 @@ def _wind(job: Job, layout: Layout, x: np.ndarray, roof: Roof, memory: Memory) -
     return field, measured or GeneratedHistory(field, job.wind)
 
 
-def _panels(job: Job, layout: Layout, x: np.ndarray, loading: Loading) -> Panels:
+def _panels(job: Job, layout: Layout, shares: Shares, loading: Loading) -> Panels:
     """The panels that can tear off. Raises InputError where there are none, or loads grow on them."""
     net, faces = layout.net, layout.roofing.faces
     if not len(faces) or np.isfinite(net.area).any():
@@ -226,8 +235,9 @@ def _panels(job: Job, layout: Layout, x: np.ndarray, loading: Loading) -> Panels
         raise InputError(
             f'{job.path}: [wind] after_fracture = "panels": not together with [load] ramp; remove one of them'
         )
-    panels = panels_of(x, net, faces)
-    load, roof = job.load, Roof(*panels.areas, layout.zones.at(panels.node))
+    panels = panels_of(net, faces, shares)
+    zones = layout.zones.at(panels.node)
+    load, roof = job.load, Roof(panels.area, panels.plan_area, panels.vector, zones)
     factor = np.broadcast_to(force_factor(by_node(job, layout.shape_coefficient)), net.n)[panels.node]
     return panels._replace(
         mass=carried_mass(load, roof) if load else np.zeros_like(roof.area),

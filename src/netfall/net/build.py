@@ -121,7 +121,7 @@ def _whole_net_errors(job: Job, net: Net) -> list[str]:
         e = over[0]
         errors.append(
             f"{job.path}: element {net.element_id[e]}: prestress = {net.prestress[e]:g} N: "
-            f"above the yield force {net.yield_stress[e] * net.section[e]:g} N; "
+            f"above the yield force {net.yield_force[e]:g} N; "
             "lower it or choose a larger area"
         )
     if job.form_finding is not None and np.isfinite(net.unstressed_length).any():

@@ -132,16 +132,6 @@ class Net:
         return self.spring.max(1)
 
     @property
-    def EA(self) -> np.ndarray:
-        """(m,) [N], axial stiffness."""
-        return self.modulus * self.section
-
-    @property
-    def yield_force(self) -> np.ndarray:
-        """(m,) [N], axial force at yield; inf: elastic."""
-        return self.yield_stress * self.section
-
-    @property
     def n(self) -> int:
         """Number of particles."""
         return len(self.x)
@@ -155,6 +145,16 @@ class Net:
     def tolerance(self) -> float:
         """Distance [m] below which places are the same."""
         return min(SAME_PLACE, SAME_SHARE * self.parts * float(np.median(self.lengths()))) if self.m else 0.0
+
+    @property
+    def EA(self) -> np.ndarray:
+        """(m,) [N], axial stiffness."""
+        return self.modulus * self.section
+
+    @property
+    def yield_force(self) -> np.ndarray:
+        """(m,) [N], axial force at yield; inf: elastic."""
+        return self.yield_stress * self.section
 
     def undivided(self) -> np.ndarray:
         """(m / parts, 2) particles between which the elements were given, before subdivision."""

@@ -1,8 +1,9 @@
-"""Which things hang together."""
+"""Which things hang together, and which points lie close to one another."""
 
 import numpy as np
 
 from netfall.ground.compile import kernel
+from netfall.net.net import pair_key
 
 
 def parts_of(pairs: np.ndarray, count: int) -> np.ndarray:
@@ -33,3 +34,29 @@ def label_parts(elements, label):
         label[max(a, b)] = min(a, b)
     for p in range(label.shape[0]):
         label[p] = label[label[p]]
+
+
+def unjoined_pairs(x: np.ndarray, elements: np.ndarray, distance: float) -> np.ndarray:
+    """The pairs of `close_pairs` that no element of elements (m, 2) joins."""
+    pairs = close_pairs(x, distance)
+    return pairs[~np.isin(pair_key(pairs, len(x)), pair_key(elements, len(x)))]
+
+
+def close_pairs(x: np.ndarray, distance: float) -> np.ndarray:
+    """(k, 2) pairs of points x (n, 3) no farther apart than `distance`, the lower number first.
+
+    Along any line through space they are no farther apart either: only neighbours along one are compared.
+    """
+    along = x @ np.array(
+        [0.57721566, 0.20787958, 0.78970000]
+    )  # some length near 1 along no axis or diagonal of a grid
+    order = np.argsort(along, kind="stable")
+    along, found = along[order], [np.zeros((0, 2), np.int64)]
+    for k in range(1, len(x)):
+        near = np.flatnonzero(along[k:] - along[:-k] <= 1.01 * distance)
+        if not len(near):
+            break
+        pairs = np.column_stack([order[near], order[near + k]])
+        apart = np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
+        found.append(pairs[apart <= distance])
+    return np.unique(np.sort(np.concatenate(found), axis=1), axis=0)

@@ -6,6 +6,7 @@ from netfall.ground.errors import InputError
 from netfall.job.job import Job
 from netfall.job.table import SEVERAL, Table
 from netfall.net.net import Net, pair_key
+from netfall.net.parts import unjoined_pairs
 
 AXES = ("x", "y", "z")
 NODE_COLUMNS = (
@@ -277,8 +278,7 @@ def _parallel_elements(net: Net) -> list[str]:
 
 def _unjoined_nodes(net: Net) -> list[str]:
     """A note for nodes so close that they were meant as one."""
-    pairs = close_pairs(net.x, net.tolerance)
-    pairs = pairs[~np.isin(pair_key(pairs, net.n), pair_key(net.elements, net.n))]
+    pairs = unjoined_pairs(net.x, net.elements, net.tolerance)
     notes = [
         f"nodes {net.node_id[a]} and {net.node_id[b]} lie {1e3 * np.linalg.norm(net.x[a] - net.x[b]):.3g} mm "
         "apart and are not joined; if they were meant as one, keep one of them"
@@ -289,23 +289,3 @@ def _unjoined_nodes(net: Net) -> list[str]:
 
 def _more(count: int, what: str) -> list[str]:
     return [f"{count - MOST_NAMED} more {what}"] if count > MOST_NAMED else []
-
-
-def close_pairs(x: np.ndarray, distance: float) -> np.ndarray:
-    """(k, 2) pairs of points x (n, 3) no farther apart than `distance`, the lower number first.
-
-    Along any line through space they are no farther apart either: only neighbours along one are compared.
-    """
-    along = x @ np.array(
-        [0.57721566, 0.20787958, 0.78970000]
-    )  # some length near 1 along no axis or diagonal of a grid
-    order = np.argsort(along, kind="stable")
-    along, found = along[order], [np.zeros((0, 2), np.int64)]
-    for k in range(1, len(x)):
-        near = np.flatnonzero(along[k:] - along[:-k] <= 1.01 * distance)
-        if not len(near):
-            break
-        pairs = np.column_stack([order[near], order[near + k]])
-        apart = np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
-        found.append(pairs[apart <= distance])
-    return np.unique(np.sort(np.concatenate(found), axis=1), axis=0)

@@ -30,7 +30,7 @@ from netfall.model.model import Model
 from netfall.net.build import build_net
 from netfall.program.run import scheduled
 from netfall.program.setup import prepare
-from netfall.roof.areas import MUCH, largest_face, moved_areas, normals, tributary_areas
+from netfall.roof.areas import MUCH, largest_face, moved_areas, normals
 from netfall.stages.modes import mode_lines
 from netfall.stages.scene import Scene
 from netfall.stages.statics import rest_words
@@ -123,9 +123,12 @@ def _describe_largest_face(model: Model, say) -> None:
 
 def _describe_sharing(model: Model, say) -> None:
     """Nodes whose areas are others than those of earlier versions, which knew no nearest corner."""
-    rows, before, now = moved_areas(model.x, model.net, model.layout.roofing.faces)
+    rows, before = moved_areas(model.x, model.net, model.layout.roofing.faces, model.area)
     if len(rows):
-        named = [f"node {model.net.node_id[p]} {b:.4g} -> {a:.4g} m2" for p, b, a in zip(rows, before, now)]
+        named = [
+            f"node {model.net.node_id[p]} {b:.4g} -> {a:.4g} m2"
+            for p, b, a in zip(rows, before, model.area[rows])
+        ]
         say(
             f"areas: faces of more than four corners are shared by nearest corner; from the triangles about "
             f"their centroids, as in earlier versions, {len(rows)} nodes differ by more than {MUCH:.0%} of "
@@ -184,18 +187,18 @@ def draw_check(job: Job, layout: Layout, folder: Path) -> Path:
     from netfall.plots.job import JobNet, draw_job
 
     net, faces = layout.net, layout.roofing.faces
-    zones, plan = layout.zones, tributary_areas(net.x, net, faces).plan
+    zones, given = layout.zones, layout.roofing.given
     rows = lambda parts: np.unique(np.concatenate([np.zeros(0, np.int64), *parts]))
     shown = JobNet(
         job.title or job.name,
         net,
         faces,
-        plan,
+        given.plan,
         zones.names,
         zones.of_node,
-        np.array([(plan * zones.of_zone(k)).sum() for k in (*range(len(zones.names)), -1)]),
+        np.array([(given.plan * zones.of_zone(k)).sum() for k in (*range(len(zones.names)), -1)]),
         [zone.polygon for zone in job.zones if zone.polygon is not None],
-        normals(net.x, net, faces) if along_normals(job) else None,
+        normals(net, given.vector) if along_normals(job) else None,
         rows(layout.lost),
         rows([layout.probes.named]),
         rows([layout.probes.particles]),

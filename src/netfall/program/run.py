@@ -25,7 +25,6 @@ from netfall.program.provenance import how_it_writes, provenance_of
 from netfall.program.restart import register_result, restore_state
 from netfall.program.setup import FORM, INITIAL, initial_record, prepare
 from netfall.record.energy import take_snapshot
-from netfall.roof.areas import Areas
 from netfall.stages import dynamics, modes, rests, statics
 from netfall.stages.scene import Desk, Outcome, Scene, Stage
 from netfall.write.checkpoint import Checkpoint
@@ -156,8 +155,7 @@ def initial_sections(scene: Scene) -> dict[str, dict]:
     model, form = scene.model, scene.form
     if model is None:
         return {}
-    areas = Areas(model.area, model.plan_area, model.vector_area)
-    sections = {"net": net_section(model.net, areas, model.zones, model.cut_length)}
+    sections = {"net": net_section(model.net, model.roof, model.cut_length)}
     sections["load"] = load_section(scene.job, model.zones)
     if "temperature" in sections["load"]:
         sections["net"]["unstressed_length_warm"] = model.L0

@@ -15,7 +15,7 @@ from netfall.results.file import (
     title_of,
 )
 from netfall.results.loss_lines import loss_lines
-from netfall.results.notes import balance_notes
+from netfall.results.notes import balance_notes, displacement_notes_of
 from netfall.results.states import state_groups
 
 FIRST_EVENTS = 8
@@ -31,6 +31,7 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
             "form finding": (_form, "form_finding" in f),
             "statics": (_statics, "statics" in f),
             "stability": (_stability, True),
+            "displacements": (_displacements, True),
             "dynamics": (_dynamics, "history" in f),
             "wind": (_wind, "wind" in f),
             "losses": (_losses, "removal" in f),
@@ -101,6 +102,12 @@ def _stability(f, say):
     for place in state_groups(f):
         if not np.all(f[place]["stable"][()]):
             say(f"note: an equilibrium of /{place} is NOT STABLE: compressed bars have no hold")
+
+
+def _displacements(f, say):
+    """A note where an equilibrium lies far from the form."""
+    for note in displacement_notes_of(f):
+        say(note)
 
 
 def _dynamics(f, say):

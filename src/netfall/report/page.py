@@ -8,6 +8,7 @@ from netfall.checks.cables import Checked, Cutting
 from netfall.results.file import lines_of_form, overloads_of, provenance_text, title_of
 from netfall.results.loss_lines import loss_lines, rises, telling_factor
 from netfall.results.losses import worst_after
+from netfall.results.notes import displacement_notes_of
 from netfall.results.states import Envelope
 
 WORST = 10
@@ -67,15 +68,21 @@ def _what_ran(f, result: Path) -> list[str]:
     if overrides:
         lines.append("With " + ", ".join(f"`{line}`" for line in overrides.split("\n")) + ".")
     if "form_finding" in f:
-        lines += [line[0].upper() + line[1:] + "." for line in lines_of_form(f)]
+        lines += _sentences(lines_of_form(f))
+    lines += _sentences(displacement_notes_of(f))
     if "events" in f and len(f["events/element"]):
         broken = len(np.unique(f["events/element"][:]))
         lines.append(f"{broken} elements broke, the first at t = {f['events/time'][0]:.4g} s.")
     if "history" in f:
         lines.append(f"Largest error of the physical balance: {_worst_balance(f)}.")
     if "events" in f and "envelope" in f:
-        lines += [line[0].upper() + line[1:] + "." for line in overloads_of(f)]
+        lines += _sentences(overloads_of(f))
     return lines
+
+
+def _sentences(lines: list[str]) -> list[str]:
+    """Lines of `info` as sentences."""
+    return [line[0].upper() + line[1:] + "." for line in lines]
 
 
 def _worst_balance(f) -> str:

@@ -2,7 +2,11 @@
 
 import numpy as np
 
+from netfall.numerics.functions import lengths
+from netfall.results.states import equilibria, start_position
+
 LARGEST_BALANCE = 0.01  # error of the physical balance above which a result is doubtful
+FAR = 0.2  # of a net's largest dimension in plan: a node that moves farther under static load is told
 
 
 def balance_notes(time: np.ndarray, balance: np.ndarray, broken: np.ndarray) -> list[str]:
@@ -16,3 +20,31 @@ def balance_notes(time: np.ndarray, balance: np.ndarray, broken: np.ndarray) -> 
         f"part, by more than {LARGEST_BALANCE:.0%} from t = {time[off[0]]:.4g} s on: the step is too long "
         f"for some of what happened; compare with a run of half the step (a smaller {smaller})"
     ]
+
+
+def displacement_notes(found: list[tuple[str, float, int]], x: np.ndarray) -> list[str]:
+    """A note if a node moved by more than FAR of the net's size in any equilibrium under static load.
+
+    found : what each equilibrium is, the largest displacement in it [m], the id of its node
+    x : (n, 3) [m], from which displacements count
+    """
+    size = float(np.ptp(x[:, :2], axis=0).max())
+    far = [each for each in found if each[1] > FAR * size]
+    if not far:
+        return []
+    words, moved, node = max(far, key=lambda each: each[1])
+    share = f" (and so in {len(far)} of {len(found)} equilibria)" if len(found) > 1 else ""
+    return [
+        f"note: {words}: node {node} moved by {moved:.4g} m, by more than a fifth of the net's largest "
+        f"dimension in plan, {size:.4g} m{share}: the net snapped through, or was slack at the start; look "
+        "at its shape, and at the units of loads, the prestress and the supports"
+    ]
+
+
+def displacement_notes_of(f) -> list[str]:
+    """`displacement_notes` on the equilibria of a result."""
+    x, node_id, found = start_position(f), f["net/node_id"][:], []
+    for each in list(equilibria(f))[1:]:
+        moved = lengths(each.position() - x)
+        found.append((each.name, float(moved.max()), node_id[moved.argmax()]))
+    return displacement_notes(found, x)

@@ -1,6 +1,6 @@
 """Areas of the roof that each particle carries; pressure and wind act by the vector ones."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from netfall.numerics.functions import lengths
 from netfall.roof.faces import Faces, double_area, find_faces, no_faces, turned_triangles
 from netfall.roof.given_faces import faces_are_given, given_faces
 from netfall.roof.plan import Plan, draw_plan
-from netfall.roof.shares import corner_areas, shares_of
+from netfall.roof.shares import Shares, corner_areas, shares_of
 
 REMEDY = (
     "name in [roof] groups the groups of elements whose faces carry the roof, mend the drawing, or give in "
@@ -27,11 +27,27 @@ MUCH = 0.2  # of a node's area: a change that `check` tells
 PLAIN = ("saddle", "stadium", "ring")
 
 
+class Areas(NamedTuple):
+    """What each particle carries of the roof, and the shares of faces that this comes from.
+
+    surface, plan : (n,) [m2], both >= 0; vector : (n, 3) [m2], upward: pressure p gives the force -p vector
+    """
+
+    surface: np.ndarray
+    plan: np.ndarray
+    vector: np.ndarray
+    shares: Shares
+
+
 @dataclass(frozen=True)
 class Roofing:
-    """The faces of the roof, what share of its outline in plan they cover, and notes on what is odd."""
+    """The faces of the roof, what share of its outline in plan they cover, and notes on what is odd.
+
+    given : the areas in the geometry that is given
+    """
 
     faces: Faces
+    given: Areas
     covered: float = 0.0
     notes: list[str] = field(default_factory=list)
 
@@ -42,22 +58,28 @@ def roof_of(job: Job, net: Net) -> Roofing:
     chosen = np.isin(net.group, [g for g, name in enumerate(net.group_names) if name in groups])
     carries = chosen[:: net.parts] if groups else np.ones(net.m // net.parts, bool)
     if faces_are_given(job):
-        faces, plan = given_faces(job, net)
-        notes = _notes(job, net, plan, faces, carries) if loads_the_roof(job) else []
-        return Roofing(faces, _covered(plan, faces), notes)
+        return _roofing(job, net, *given_faces(job, net), carries)
     lines = bool(job.roof and job.roof.lines)
     plan = draw_plan(net, carries, checked=lines or job.net.generator not in PLAIN)
     if plan.errors:
         if _needs_faces(job, net):
             raise InputError([f"{job.path}: {error}; {REMEDY}" for error in plan.errors])
-        return Roofing(no_faces(), 0.0, [f"the net has no faces: {error}" for error in plan.errors])
+        none = no_faces()
+        notes = [f"the net has no faces: {error}" for error in plan.errors]
+        return Roofing(none, tributary_areas(net.x, net, none), notes=notes)
     faces = _faces_but_openings(job, net, plan)
     loose = _unconnected(net, plan, faces)
     if loose and _needs_faces(job, net):
         raise InputError([f"{job.path}: {error}" for error in loose])
-    notes = _notes(job, net, plan, faces, carries) if loads_the_roof(job) else []
-    notes += loose
-    return Roofing(faces, _covered(plan, faces), notes)
+    return _roofing(job, net, faces, plan, carries, loose)
+
+
+def _roofing(job: Job, net: Net, faces: Faces, plan: Plan, carries: np.ndarray, loose=()) -> Roofing:
+    """The roof of faces that are known; carries : (m / parts,) bool; loose : notes that stand last."""
+    given, covered = tributary_areas(net.x, net, faces), _covered(plan, faces)
+    roofing = Roofing(faces, given, covered)
+    notes = _notes(job, net, plan, roofing, carries) if loads_the_roof(job) else []
+    return replace(roofing, notes=[*notes, *loose])
 
 
 def _unconnected(net: Net, plan: Plan, faces: Faces) -> list[str]:
@@ -123,9 +145,9 @@ def _needs_faces(job: Job, net: Net) -> bool:
     return loads_the_roof(job) and bool(np.isnan(net.area).any() or (along_normals(job) and bare.any()))
 
 
-def _notes(job: Job, net: Net, plan: Plan, faces: Faces, carries: np.ndarray) -> list[str]:
+def _notes(job: Job, net: Net, plan: Plan, roofing: Roofing, carries: np.ndarray) -> list[str]:
     """What a user should know of the areas that loads act on. Raises InputError if there are none."""
-    area, notes = tributary_areas(net.x, net, faces)[0], list(plan.notes)
+    faces, area, notes = roofing.faces, roofing.given.surface, list(plan.notes)
     if not (area > 0).any():
         raise InputError(
             f"{job.path}: the net has no closed face in plan, so wind, dead load and pressure have nothing "
@@ -146,7 +168,7 @@ def _notes(job: Job, net: Net, plan: Plan, faces: Faces, carries: np.ndarray) ->
     if len(rim):
         notes.append(
             f"at {len(rim)} free nodes on the edge of the faces elements go on without closing a face: "
-            f"{listed(net.node_id[rim])}; closed faces cover {_covered(plan, faces):.1%} of the outline "
+            f"{listed(net.node_id[rim])}; closed faces cover {roofing.covered:.1%} of the outline "
             "in plan; if the roof goes on to the supports, close it with elements between these"
         )
     return notes
@@ -155,9 +177,8 @@ def _notes(job: Job, net: Net, plan: Plan, faces: Faces, carries: np.ndarray) ->
 def _idle_lines(net: Net, plan: Plan, faces: Faces) -> list[str]:
     """A note on edges without an element that bound no face."""
     rings, points = faces.rings, len(plan.points)
-    sides = np.column_stack([rings.corner, rings.corner[rings.next_corner()]])
     lines = plan.segment[plan.element < 0]
-    loose = lines[~np.isin(pair_key(lines, points), pair_key(sides, points))]
+    loose = lines[~np.isin(pair_key(lines, points), pair_key(rings.sides(), points))]
     loose = loose[(loose < net.n).all(1)]
     if not len(loose):
         return []
@@ -171,17 +192,6 @@ def _covered(plan: Plan, faces: Faces) -> float:
         return 0.0
     outline = shapely.convex_hull(shapely.multipoints(plan.points[np.unique(plan.segment)]))
     return float(0.5 * turned_triangles(plan.points, faces, double_area).sum() / outline.area)
-
-
-class Areas(NamedTuple):
-    """What each particle carries of the roof.
-
-    surface, plan : (n,) [m2], both >= 0; vector : (n, 3) [m2], upward: pressure p gives the force -p vector
-    """
-
-    surface: np.ndarray
-    plan: np.ndarray
-    vector: np.ndarray
 
 
 def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> Areas:
@@ -198,27 +208,26 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> Areas:
     of_area, of_normal = np.isfinite(net.area), np.isfinite(net.normal[:, 0])
     given = of_area | of_normal
     if not given.any():
-        return Areas(surface, plan, vector)
+        return Areas(surface, plan, vector, shares)
     normal = np.where(of_normal[:, None], net.normal, unit_normals(vector))
     slope = np.where(normal.any(1), np.abs(normal[:, 2]), 1.0)
     surface, plan = np.where(of_area, net.area, surface), np.where(of_area, net.area * slope, plan)
-    return Areas(surface, plan, np.where(given[:, None], surface[:, None] * normal, vector))
+    return Areas(surface, plan, np.where(given[:, None], surface[:, None] * normal, vector), shares)
 
 
-def moved_areas(x: np.ndarray, net: Net, faces: Faces) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes whose surface differs by more than MUCH from that by triangles alone; that, and what it is [m2].
+def moved_areas(x: np.ndarray, net: Net, faces: Faces, now: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes whose surface `now` (n,) differs by more than MUCH from that by triangles alone; that [m2].
 
     So were faces of more than four corners shared out once. The nodes that differ most come first.
     """
     points = np.concatenate([x, net.corners])
     if not len(faces):
-        return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
+        return np.zeros(0, np.int64), np.zeros(0)
     before = np.bincount(faces.corner, corner_areas(points, faces), len(points))[: net.n]
-    now = tributary_areas(x, net, faces).surface
     change = np.where(np.isfinite(net.area), 0.0, np.abs(now - before))
     rows = np.flatnonzero(change > MUCH * before)
     rows = rows[np.argsort(-change[rows], kind="stable")]
-    return rows, before[rows], now[rows]
+    return rows, before[rows]
 
 
 def unit_normals(vector: np.ndarray) -> np.ndarray:
@@ -227,10 +236,9 @@ def unit_normals(vector: np.ndarray) -> np.ndarray:
     return np.divide(vector, length, out=np.zeros_like(vector), where=length > 0)
 
 
-def normals(x: np.ndarray, net: Net, faces: Faces) -> np.ndarray:
-    """Upward unit normals (n, 3) of the particles at x (n, 3) [m]; zero where a particle meets no face.
+def normals(net: Net, vector: np.ndarray) -> np.ndarray:
+    """Upward unit normals (n, 3) of the particles; zero where a particle meets no face.
 
-    Those of the tables where they are given; else those of the vector areas.
+    Those of the tables where they are given; else those of the vector areas (n, 3).
     """
-    found = unit_normals(tributary_areas(x, net, faces).vector)
-    return np.where(np.isfinite(net.normal), net.normal, found)
+    return np.where(np.isfinite(net.normal), net.normal, unit_normals(vector))

@@ -6,7 +6,7 @@ import shapely
 from netfall.net.net import Net
 from netfall.roof.faces import Faces, centroids, double_area
 from netfall.roof.nearest import nearest_areas
-from netfall.roof.shares import FEW, shares_of, vector_areas
+from netfall.roof.shares import FEW, Shares
 
 ROUNDING = 1e-9  # of a node's area
 
@@ -14,11 +14,11 @@ ROUNDING = 1e-9  # of a node's area
 class Cutter:
     """Cuts what the nodes of a net have of its faces."""
 
-    def __init__(self, net: Net, faces: Faces):
-        self.net, self.faces = net, faces
+    def __init__(self, net: Net, faces: Faces, shares: Shares):
+        """shares : of the faces in the geometry that is given"""
+        self.net, self.faces, self.shares = net, faces, shares
         self.points = np.concatenate([net.x, net.corners])
-        self.shares = shares_of(self.points, faces)
-        self.few = np.bincount(faces.rings.face_of_corner()) <= FEW
+        self.few = np.bincount(self.faces.rings.face_of_corner()) <= FEW
         self.boxes = shapely.STRtree(self._boxes())
 
     def _boxes(self):
@@ -63,7 +63,7 @@ class Cutter:
         if not chosen.any():
             return np.zeros(0)
         rings = self.faces.rings.of_faces(chosen)
-        vector = vector_areas(self.points, rings)
+        vector = self.shares.vector[chosen]
         size, within = nearest_areas(self.points, rings, vector), 0.0
         for window in _windows(region):
             within = within + nearest_areas(self.points, rings, vector, window)

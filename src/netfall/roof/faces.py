@@ -52,6 +52,10 @@ class Faces:
             after[self.start[1:] - 1] = self.start[:-1]
         return after
 
+    def sides(self) -> np.ndarray:
+        """(c, 2) the points at both ends of the side from each corner."""
+        return np.column_stack([self.corner, self.corner[self.next_corner()]])
+
     def of_corner(self) -> np.ndarray:
         """For each corner the number of its ring."""
         return np.repeat(np.arange(len(self)), np.diff(self.start))
@@ -173,14 +177,9 @@ def _selected(faces: Faces, mask) -> Faces:
     return Faces(start, faces.corner[np.repeat(mask, sizes)])
 
 
-def _sides(rings: Faces) -> np.ndarray:
-    """(c, 2) the points at both ends of each side."""
-    return np.column_stack([rings.corner, rings.corner[rings.next_corner()]])
-
-
 def _open_rim(rings: Faces, plan: Plan) -> np.ndarray:
     """Ends of what bounds no face, on sides that have a face on one of their sides only."""
-    sides = _sides(rings)
+    sides = rings.sides()
     key, bounded = pair_key(sides, len(plan.points)), pair_key(plan.segment, len(plan.points))
     values, row, times = np.unique(key, return_inverse=True, return_counts=True)
     rim, loose = sides[times[row.ravel()] == 1], plan.segment[~np.isin(bounded, values)]
@@ -191,7 +190,7 @@ def corners_on_sides(rings: Faces, plan: Plan, net: Net) -> Faces:
     """The rings with the particles that subdivision put on their sides as corners too."""
     if net.parts == 1 or not len(rings):
         return rings
-    sides, key = _sides(rings), pair_key(plan.segment, len(plan.points))
+    sides, key = rings.sides(), pair_key(plan.segment, len(plan.points))
     order = np.argsort(key)
     row = order[np.searchsorted(key[order], pair_key(sides, len(plan.points)))]
     turned = plan.segment[row, 0] != sides[:, 0]
@@ -243,6 +242,14 @@ def centroids(points, faces: Faces, double) -> np.ndarray:
     cross = 0.5 * double(u, v)
     area = np.bincount(of_corner, cross, len(faces))
     return middle + mean(cross[:, None] * (u + v) / 3, np.where(area == 0, 1, area))
+
+
+def vector_areas(points: np.ndarray, rings: Faces) -> np.ndarray:
+    """Vector areas (f, 3) [m2] of the faces, half the sum of x_k x x_(k+1) from a corner of their own."""
+    face = rings.face_of_corner()
+    start = points[rings.corner[rings.start[:-1]]][rings.first_rings()][face]
+    p, q = points[rings.corner] - start, points[rings.corner[rings.next_corner()]] - start
+    return np.stack([np.bincount(face, part, rings.count) for part in 0.5 * np.cross(p, q).T], -1)
 
 
 def _delaunay_cells(points, shapes: list[np.ndarray]) -> Faces:

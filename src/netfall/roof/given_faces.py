@@ -6,7 +6,7 @@ from netfall.ground.errors import InputError
 from netfall.job.job import Job
 from netfall.job.table import Table
 from netfall.net.net import Net, pair_key
-from netfall.roof.faces import Faces, corners_on_sides, double_area, faces_of_rings
+from netfall.roof.faces import Faces, corners_on_sides, faces_of_rings, vector_areas
 from netfall.roof.plan import Plan
 
 AXES = ("x", "y", "z")
@@ -24,9 +24,9 @@ def given_faces(job: Job, net: Net) -> tuple[Faces, Plan]:
     face = table.integers("face")
     ring = table.integers("ring") if "ring" in table else np.zeros(len(table), np.int64)
     start = np.flatnonzero(np.append(True, (face[1:] != face[:-1]) | (ring[1:] != ring[:-1])))
-    points = np.concatenate([net.x, net.corners])[:, :2]
-    rings = Faces(np.append(start, len(face)), corner)
-    _check(table, face[start], ring[start], rings, points)
+    space = np.concatenate([net.x, net.corners])
+    rings, points = Faces(np.append(start, len(face)), corner), space[:, :2]
+    _check(table, face[start], ring[start], rings, space)
     table.finish()
     plan = _sides(net, rings, points)
     polygon = np.cumsum(np.append(False, face[start][1:] != face[start][:-1]))
@@ -54,7 +54,7 @@ def _corners(table: Table, net: Net) -> tuple[np.ndarray, np.ndarray]:
 def _check(table: Table, number: np.ndarray, ring: np.ndarray, faces: Faces, points: np.ndarray) -> None:
     """Faces that stand in two places, have too few corners, or run the wrong way.
 
-    number, ring : (r,) of the rings `faces`
+    number, ring : (r,) of the rings `faces`; points : (k, 3) [m]
     """
     first = np.append(True, number[1:] != number[:-1])
     values, times = np.unique(number[first], return_counts=True)
@@ -63,9 +63,7 @@ def _check(table: Table, number: np.ndarray, ring: np.ndarray, faces: Faces, poi
     due = np.arange(len(ring)) - np.maximum.accumulate(np.where(first, np.arange(len(ring)), 0))
     for f in np.flatnonzero(ring != due):
         table.wrong(f"face = {number[f]}: ring = {ring[f]}; expected 0 around it, then its holes from 1")
-    p, q = points[faces.corner], points[faces.corner[faces.next_corner()]]
-    middle = points[faces.corner[faces.start[:-1]]][faces.of_corner()]
-    area = 0.5 * np.bincount(faces.of_corner(), double_area(p - middle, q - middle), len(faces))
+    area = vector_areas(points, faces)[:, 2]
     for f, corners in enumerate(np.split(faces.corner, faces.start[1:-1])):
         if len(np.unique(corners)) < max(3, len(corners)):
             table.wrong(f"face = {number[f]}: expected three corners or more, each once")
@@ -78,7 +76,7 @@ def _check(table: Table, number: np.ndarray, ring: np.ndarray, faces: Faces, poi
 
 def _sides(net: Net, faces: Faces, points: np.ndarray) -> Plan:
     """The sides of the faces, each once, with the undivided element that lies on it."""
-    side = np.column_stack([faces.corner, faces.corner[faces.next_corner()]])
+    side = faces.sides()
     side = side[np.unique(pair_key(side, len(points)), return_index=True)[1]]
     key = pair_key(net.undivided(), len(points))
     order = np.argsort(key, kind="stable")

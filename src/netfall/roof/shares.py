@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.numerics.functions import lengths
-from netfall.roof.faces import Faces, turned_triangles
+from netfall.roof.faces import Faces, turned_triangles, vector_areas
 from netfall.roof.nearest import nearest_areas
 
 FEW = 4  # corners, at most, of a face that triangles from its centroid share out
@@ -84,11 +84,3 @@ def corner_areas(points: np.ndarray, faces: Faces) -> np.ndarray:
     area = half.copy()
     area[faces.next_corner()] += half
     return area
-
-
-def vector_areas(points: np.ndarray, rings: Faces) -> np.ndarray:
-    """Vector areas (f, 3) [m2] of the faces, half the sum of x_k x x_(k+1) from a corner of their own."""
-    face = rings.face_of_corner()
-    start = points[rings.corner[rings.start[:-1]]][rings.first_rings()][face]
-    p, q = points[rings.corner] - start, points[rings.corner[rings.next_corner()]] - start
-    return np.stack([np.bincount(face, part, rings.count) for part in 0.5 * np.cross(p, q).T], -1)

@@ -10,9 +10,8 @@ from netfall.ground.errors import InputError
 from netfall.job.job import Job
 from netfall.job.values import nearest, shown
 from netfall.net.net import Net
-from netfall.roof.areas import tributary_areas
+from netfall.roof.areas import Roofing
 from netfall.roof.cutter import Cutter
-from netfall.roof.faces import Faces
 
 MUCH = 0.02  # of a zone's area: so much that lies outside its polygon is told
 NOBODY = "no node lies in it; the polygon is in metres, in plan"
@@ -86,16 +85,26 @@ class Zones:
         return self.by_node(getattr(section, key), _own(section, key))
 
 
+@dataclass(frozen=True)
+class Roof:
+    """What loads act on: area of surface and in plan (n,) [m2], vector area (n, 3) [m2], upward, zones."""
+
+    area: np.ndarray
+    plan_area: np.ndarray
+    vector: np.ndarray
+    zones: Zones
+
+
 def _own(section: SimpleNamespace, key: str) -> dict:
     """The values of zones that have one of their own."""
     return {name: values[key] for name, values in section.zone.items() if key in values}
 
 
-def zones_of(job: Job, net: Net, faces: Faces | None = None) -> Zones:
+def zones_of(job: Job, net: Net, roofing: Roofing) -> Zones:
     """The zones of a job, by where the nodes lie at the start. Raises InputError with all that is wrong.
 
     Those of the column `zone` that have no entry in the job stand after the entries.
-    faces : of the roof, which polygons with `cut` cut, and of which others take more than lies inside
+    roofing : whose faces polygons with `cut` cut, and of which others take more than lies inside
     """
     entries = [*job.zones, *(_of_column(name) for name in net.zone_names if name not in _names(job.zones))]
     names = _names(entries)
@@ -104,7 +113,7 @@ def zones_of(job: Job, net: Net, faces: Faces | None = None) -> Zones:
         raise InputError(errors)
     inside = [_members(zone, net) for zone in entries]
     drawn = any(zone.polygon is not None for zone in entries)
-    cutter = Cutter(net, faces) if drawn and faces is not None and len(faces) else None
+    cutter = Cutter(net, roofing.faces, roofing.given.shares) if drawn and len(roofing.faces) else None
     cut = [k for k, zone in enumerate(entries) if zone.cut and cutter]
     given = [] if net.zone_share is None else [k for k, name in enumerate(names) if name in net.zone_names]
     of_node = np.full(net.n, -1)
@@ -122,11 +131,10 @@ def zones_of(job: Job, net: Net, faces: Faces | None = None) -> Zones:
         for k in range(len(names))
         if not found.of_zone(k).any()
     ]
-    plan = tributary_areas(net.x, net, faces).plan if cutter else None
     for zone, members in zip(entries, inside):
         if cutter and zone.polygon is not None and not zone.cut:
-            notes += _astray(zone, members, cutter.inside(shapely.Polygon(zone.polygon)), plan)
-        elif zone.cut and not cutter and faces is not None:
+            notes += _astray(zone, members, cutter.inside(shapely.Polygon(zone.polygon)), roofing.given.plan)
+        elif zone.cut and not cutter:
             notes.append(f"zone {shown(zone.name)}: cut: no effect: the net has no faces")
     return replace(found, notes=notes)
 

@@ -118,11 +118,7 @@ class Elements:
         column = lambda name: distribution.elements(None if net is None else getattr(net, name))
         self.ends = distribution.subdomain.ends
         self.bar = column("bar").astype(np.uint8)
-        self.T0, self.q, EA = (
-            column("prestress"),
-            column("force_density"),
-            column("modulus") * column("section"),
-        )
+        self.T0, self.q, EA = column("prestress"), column("force_density"), column("EA")
         self.N, self.L = np.empty_like(EA), np.empty_like(EA)
         self.stiffness = np.zeros_like(EA)
         self.L_start = np.zeros_like(EA)

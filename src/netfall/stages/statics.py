@@ -25,6 +25,8 @@ from netfall.job.asks import has_statics, rests_at_loss, rests_in_wind
 from netfall.job.job import Job
 from netfall.job.memory import key_of
 from netfall.model.loads import live_load, of_case
+from netfall.numerics.functions import lengths
+from netfall.results.notes import displacement_notes
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import (
     ALL_LOADS,
@@ -50,7 +52,7 @@ class StaticPath:
     """What has been found so far.
 
     reference : [N], which the tolerance refers to; done : equilibria; total : iterations for all of these
-    steps : load_factor and `Settled.numbers` of the permanent loads, then of each load step
+    steps : load_factor, `Settled.numbers` and `farthest` of the permanent loads, then of each load step
     cases : the same by name; rest : the same, once found
     """
 
@@ -228,7 +230,7 @@ def to_the_start(scene: Scene) -> None:
 def keep(scene: Scene, desk: Desk, path: StaticPath, each: Equilibrium, found: Settled) -> None:
     """Note what was found, and write it. Collective."""
     state, snapshot = scene.state, found.snapshot
-    numbers = found.numbers()
+    numbers = found.numbers() | {"moved": farthest(scene)}
     if each.kind == "case":
         path.cases[each.name] = numbers
         desk.result.write_equilibrium(f"cases/{each.name}", state, snapshot, "displacement")
@@ -238,6 +240,15 @@ def keep(scene: Scene, desk: Desk, path: StaticPath, each: Equilibrium, found: S
     elif each.kind != "at once" and settings_of(scene.job).steps:
         path.steps.append({"load_factor": each.factor, **numbers})
         desk.result.write_static_step(state, snapshot)
+
+
+def farthest(scene: Scene) -> tuple[float, int]:
+    """Largest displacement [m] from the initial state, and the particle that has it. Collective."""
+    state, gid = scene.state, scene.distribution.subdomain.particle_gid
+    moved = lengths(state.x[: state.n_owned] - state.x_start[: state.n_owned])
+    p = int(np.argmax(moved)) if len(moved) else -1
+    here = (float(moved[p]), int(gid[p])) if p >= 0 else (0.0, 0)
+    return max(scene.comm.allgather(here), key=lambda one: (one[0], -one[1]))
 
 
 def bearable(scene: Scene, wanted: list[Equilibrium], before: dict, reference: float) -> str:
@@ -277,9 +288,11 @@ def lines(path: StaticPath, scene: Scene) -> list[str]:
     lines = [f"{what}: {_settled(numbers, scene.distribution.m)}" for what, numbers in found]
     if scene.model is None:
         return lines
-    falls = [(f"statics, load factor {step['load_factor']:.4g}", step["falls"]) for step in path.steps[:-1]]
-    falls += [(what, numbers["falls"]) for what, numbers in found]
-    return lines + [_unstable(what, p, scene.model.net.node_id) for what, p in falls if p != STABLE]
+    steps = [(f"statics, load factor {step['load_factor']:.4g}", step) for step in path.steps[:-1]]
+    node_id, every = scene.model.net.node_id, steps + found
+    lines += [_unstable(what, each["falls"], node_id) for what, each in every if each["falls"] != STABLE]
+    moved = [(what, each["moved"][0], node_id[each["moved"][1]]) for what, each in every]
+    return lines + displacement_notes(moved, scene.model.x)
 
 
 def rest_words(job: Job) -> str:
@@ -303,7 +316,7 @@ def sections(path: StaticPath) -> dict[str, dict[str, np.ndarray]]:
 
 def numbers_of(found: dict) -> dict[str, np.ndarray]:
     """What is kept of equilibria as datasets: whether stable, and not which node says so."""
-    arrays = {name: np.array(value) for name, value in found.items()}
+    arrays = {name: np.array(value) for name, value in found.items() if name != "moved"}
     return arrays | {"stable": arrays.pop("falls") == STABLE}
 
 

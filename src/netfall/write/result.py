@@ -17,8 +17,7 @@ from netfall.parallel.agree import on_root
 from netfall.parallel.subdomain import Distribution
 from netfall.record.columns import CELL_FIELDS, CELL_NUMBERS, POINT_FIELDS, POINT_NUMBERS, Field, Sight
 from netfall.results.datasets import ORDER, unit_of
-from netfall.roof.areas import Areas
-from netfall.roof.zones import Zones
+from netfall.roof.zones import Roof
 from netfall.write.h5 import SharedFile
 from netfall.write.ids import LocalIds
 from netfall.write.segments import join_segments
@@ -250,8 +249,9 @@ def _write_provenance(group, values, phases):
         timings.attrs[name] = seconds  # least, mean and largest of the ranks
 
 
-def net_section(net: Net, areas: Areas, zones: Zones, cut_length: np.ndarray) -> dict[str, np.ndarray]:
+def net_section(net: Net, roof: Roof, cut_length: np.ndarray) -> dict[str, np.ndarray]:
     """The datasets of /net. cut_length : (m,) [m], unstressed, at the temperature of form finding"""
+    zones = roof.zones
     shared = {} if zones.share is None else {"zone_share": zones.shares()}
     return (
         _strength_section(net)
@@ -262,9 +262,9 @@ def net_section(net: Net, areas: Areas, zones: Zones, cut_length: np.ndarray) ->
             "fixed": net.fixed.astype(np.uint8),
             "group": net.group.astype(np.int32),
             "group_names": np.array(net.group_names, h5py.string_dtype()),
-            "tributary_area": areas.surface,
-            "plan_area": areas.plan,
-            "vector_area": areas.vector,
+            "tributary_area": roof.area,
+            "plan_area": roof.plan_area,
+            "vector_area": roof.vector,
             "node_id": net.node_id,
             "element_id": net.element_id,
             "unstressed_length": cut_length,

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from netfall.net.parts import unjoined_pairs
+
 NEAR_SHARE, NEAR_TIMES = (
     0.01,
     10.0,
@@ -21,11 +23,7 @@ def near_nodes(x: np.ndarray, ends: np.ndarray, tolerance: float, reach: float):
 
     Not those that an element joins.
     """
-    from scipy.spatial import cKDTree
-
-    pairs = np.sort(cKDTree(x).query_pairs(reach, output_type="ndarray"), axis=1)
-    key = lambda rows: rows[:, 0] * len(x) + rows[:, 1]
-    pairs = pairs[~np.isin(key(pairs), key(np.sort(ends, axis=1)))]
+    pairs = unjoined_pairs(x, ends, reach)
     apart = np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
     order = np.argsort(apart, kind="stable")
     return pairs[order], apart[order]

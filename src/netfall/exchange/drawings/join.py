@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from netfall.net.parts import close_pairs, parts_of
+
 
 @dataclass
 class Joined:
@@ -40,19 +42,9 @@ def join(lines: np.ndarray, tolerance: float) -> Joined:
 
 def merge(points: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
     """Places (n, 3) of points (p, 3) of which those within the tolerance are one; (p,) the place of each."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    pairs = cKDTree(points).query_pairs(tolerance, output_type="ndarray")
-    count = len(points)
-    graph = coo_array((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), (count, count))
-    _, label = connected_components(graph, directed=False)
-    _, first, place = np.unique(label, return_index=True, return_inverse=True)
-    order = np.argsort(first, kind="stable")  # in the order of the drawing
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    return points[first[order]], rank[place]
+    lowest = parts_of(close_pairs(points, tolerance), len(points))
+    first, place = np.unique(lowest, return_inverse=True)  # in the order of the drawing
+    return points[first], place
 
 
 def nearest_nodes(x: np.ndarray, marks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -93,15 +85,10 @@ def split(joined: Joined, element: np.ndarray, x: np.ndarray, tolerance: float) 
     return Joined(again.x, again.ends, np.concatenate(line)[kept], joined.moved, joined.short, joined.twice)
 
 
-def parts_of(count: int, ends: np.ndarray) -> np.ndarray:
+def parts_by_size(ends: np.ndarray, count: int) -> np.ndarray:
     """For each of so many nodes the number of its part of the net, 0: the one with the most elements."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_array((np.ones(len(ends), np.int8), (ends[:, 0], ends[:, 1])), (count, count))
-    parts, label = connected_components(graph, directed=False)
-    elements = np.bincount(label[ends[:, 0]], minlength=parts)
-    order = np.argsort(-elements, kind="stable")
-    rank = np.empty(parts, np.int64)
-    rank[order] = np.arange(parts)
+    _, label = np.unique(parts_of(ends, count), return_inverse=True)
+    order = np.argsort(-np.bincount(label[ends[:, 0]], minlength=label.max() + 1), kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
     return rank[label]

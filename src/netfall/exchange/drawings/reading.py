@@ -9,7 +9,7 @@ from netfall.exchange.drawings import faults
 from netfall.exchange.drawings.compas import read_json
 from netfall.exchange.drawings.drawing import METRES, Drawing, rows_called
 from netfall.exchange.drawings.dxf import read_dxf
-from netfall.exchange.drawings.join import Joined, join, nearest_nodes, parts_of, split
+from netfall.exchange.drawings.join import Joined, join, nearest_nodes, parts_by_size, split
 from netfall.exchange.vtu import read_vtu
 from netfall.ground.errors import InputError
 from netfall.job.values import nearest
@@ -243,7 +243,7 @@ def _outline(net: Joined) -> tuple[np.ndarray, int]:
     The largest part is one; another if its outline holds free nodes, and it has closed faces or some size. So
     neither a title block's frame nor a stray line becomes one.
     """
-    of_element = parts_of(len(net.x), net.ends)[net.ends[:, 0]]
+    of_element = parts_by_size(net.ends, len(net.x))[net.ends[:, 0]]
     order = np.argsort(of_element, kind="stable")
     parts = np.split(net.ends[order], np.cumsum(np.bincount(of_element))[:-1])
     fixed, roofs = np.zeros(len(net.x), bool), 0
@@ -279,7 +279,7 @@ def _tell_near_misses(reading: Reading) -> None:
 def _drop_loose_parts(reading: Reading) -> None:
     """Parts of the net that no support holds are told, and left out: nothing could hold them up."""
     net, drawing = reading.net, reading.drawing
-    part = parts_of(len(net.x), net.ends)
+    part = parts_by_size(net.ends, len(net.x))
     held = np.zeros(part.max() + 1, bool)
     held[part[reading.fixed]] = True
     if not held.any():

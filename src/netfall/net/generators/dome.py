@@ -18,6 +18,7 @@ so that d_j = q_j fall_j / climb_j, and all follows from q_0. The upper ring of 
 
 import numpy as np
 
+from netfall.net.generators.prestressed import closed_rings, prestressed_net
 from netfall.net.net import Net
 from netfall.numerics.functions import cos, sin
 
@@ -32,23 +33,18 @@ def dome(diameter, opening, dome_height, strut, spokes: int, hoops: int, spoke_f
     angle = 2.0 * np.pi / spokes * (np.arange(spokes) + 0.5 * (np.arange(hoops + 2)[:, None] % 2))
     upper = np.stack([r[:, None] * cos(angle), r[:, None] * sin(angle), 0.0 * angle + z[:, None]], -1)
     x = np.concatenate([upper.reshape(-1, 3), (upper[:-1] - [0.0, 0.0, strut]).reshape(-1, 3)])
-    around = lambda nodes: np.stack([nodes, np.roll(nodes, -1, -1)], -1)
     kinds = (  # nodes (..., 2) and force density of each group, in the order of GROUPS
         (_both_ways(above[:-1], above[1:]), q[:, None, None]),
         (_both_ways(below, above[1:]), d[:, None, None]),
-        (around(below[1:]), c[1:, None]),
-        (around(above[0]), ring),
-        (around(below[0]), c[0]),
+        (closed_rings(below[1:]), c[1:, None]),
+        (closed_rings(above[0]), ring),
+        (closed_rings(below[0]), c[0]),
         (np.stack([below, above[:-1]], -1), (-P / strut)[:, None]),
     )
-    elements = np.concatenate([pairs.reshape(-1, 2) for pairs, _ in kinds])
-    density = np.concatenate([np.broadcast_to(value, pairs.shape[:-1]).ravel() for pairs, value in kinds])
-    group = np.repeat(np.arange(len(GROUPS)), [pairs.size // 2 for pairs, _ in kinds])
-    order = np.lexsort((elements.max(1), elements.min(1)))
     fixed = np.zeros((len(x), 3), bool)
     fixed[above[-1]] = True
-    net = Net(x, fixed, elements[order], group[order], GROUPS, outline=around(above[-1]))
-    net.prestress = density[order] * net.lengths()
+    net = prestressed_net(x, fixed, kinds, GROUPS)
+    net.outline = closed_rings(above[-1])
     return net
 
 

@@ -4,7 +4,8 @@ import numpy as np
 
 from netfall.job.dimensions import GENERATOR_KEYS
 from netfall.net.generators.dome import dome, wrong_dome
-from netfall.net.generators.ring import SNAP, ring
+from netfall.net.generators.ellipse import SNAP, around, cables_in_ellipse, in_order
+from netfall.net.generators.ring import ring
 from netfall.net.generators.wheel import largest_brace_force, wheel
 from netfall.net.net import Net, pair_key
 
@@ -30,7 +31,7 @@ def saddle(side: float, rise: float, cells: int) -> Net:
     inner = slice(1, -1)
     along_x = np.stack([number[inner, :-1], number[inner, 1:]], -1).reshape(-1, 2)
     along_y = np.stack([number[:-1, inner], number[1:, inner]], -1).reshape(-1, 2)
-    elements, group = _in_order(along_x, along_y)
+    elements, group = in_order(along_x, along_y)
     fixed = np.repeat(on_edge[~corner][:, None], 3, 1)
     return Net(
         points[~corner],
@@ -58,7 +59,7 @@ def mirrored(half: Net) -> Net:
     there = here.copy()
     there[away] = np.arange(k)
     along_x, along_y = (half.elements[half.group == group] for group in (0, 1))
-    elements, group = _in_order(
+    elements, group = in_order(
         np.concatenate([there[along_x], here[along_x]]),
         np.concatenate([there[along_y][:, ::-1], here[along_y]]),
     )
@@ -82,26 +83,18 @@ def half_stadium(length: float, width: float, arch_rise: float, spacing: float) 
     geometry is the ruled surface, straight in the y direction from arch to edge.
     """
     a, b = 0.5 * length, 0.5 * width
-    to_edge_y = lambda x: b * np.sqrt(np.maximum(0.0, 1 - (x / a) ** 2))
-    to_edge_x = lambda y: a * np.sqrt(np.maximum(0.0, 1 - (y / b) ** 2))
-    half = int(a / spacing) + 1
-    across, away = np.arange(-half, half + 1), np.arange(1, int(b / spacing) + 2)
-    X, Y = np.meshgrid(across * spacing, away * spacing, indexing="ij")
-    gap = np.minimum(to_edge_x(Y) - np.abs(X), to_edge_y(X) - Y)
-    gap[(np.abs(X) > a) | (b < Y)] = -np.inf
-    inside, on_edge = gap > SNAP * spacing, np.abs(gap) <= SNAP * spacing
-    xy, support, along_x, along_y = _stadium_cables(X, Y, inside, on_edge, to_edge_x, to_edge_y)
+    xy, support, along_x, along_y = cables_in_ellipse(a, b, spacing, whole=False)
     height = arch_rise * (1 - (xy[:, 0] / a) ** 2)
+    to_edge = b * np.sqrt(np.maximum(0.0, 1 - (xy[:, 0] / a) ** 2))
     z = np.where(
         support & (xy[:, 1] > 0),
         0.0,
-        height * (1 - xy[:, 1] / np.maximum(to_edge_y(xy[:, 0]), SNAP * spacing)),
+        height * (1 - xy[:, 1] / np.maximum(to_edge, SNAP * spacing)),
     )
-    elements, group = _in_order(along_x, along_y)
+    elements, group = in_order(along_x, along_y)
     n = len(xy)
     arch = np.flatnonzero(support & (xy[:, 1] == 0))
-    edge = np.flatnonzero(support & (xy[:, 1] > 0))
-    edge = edge[np.argsort(np.arctan2(xy[edge, 1] / b, xy[edge, 0] / a))]
+    edge = around(np.flatnonzero(support & (xy[:, 1] > 0)), xy, a, b)
     ring = np.concatenate(
         [[n], arch, [n + 1], edge]
     )  # corners (-a, 0), (a, 0), then the ellipse from +x to -x
@@ -114,55 +107,6 @@ def half_stadium(length: float, width: float, arch_rise: float, spacing: float) 
         outline=np.column_stack([ring, np.roll(ring, -1)]),
         corners=np.array([[-a, 0.0, 0.0], [a, 0.0, 0.0]]),
     )
-
-
-def _stadium_cables(X, Y, inside, on_edge, to_edge_x, to_edge_y):
-    """Places (n, 2) [m] in rows along x, whether each is a support, elements along x and along y.
-
-    Each cable ends in a support of its own, or in a point of the grid that lies on the ellipse.
-    """
-    columns, rows = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
-    x, y = X[columns, 0], Y[0, rows]
-    grid = inside | (on_edge & (inside.any(1)[:, None] | inside.any(0)[None]))
-    number = np.where(grid, np.cumsum(grid).reshape(grid.shape) - 1, -1)
-    last_y = inside.shape[1] - inside[columns, ::-1].argmax(1)  # beyond the last point inside
-    first_x, last_x = inside[:, rows].argmax(0) - 1, inside.shape[0] - inside[::-1, rows].argmax(0)
-    reach_y, reach_x = np.array([to_edge_y(one) for one in x]), np.array([to_edge_x(one) for one in y])
-    ends = (  # of the cables: those on the arch, and at the ellipse the number on the grid, or -1
-        (np.full(len(x), -1), x, np.zeros(len(x))),
-        (np.where(on_edge[columns, last_y], number[columns, last_y], -1), x, reach_y),
-        (np.where(on_edge[first_x, rows], number[first_x, rows], -1), -reach_x, y),
-        (np.where(on_edge[last_x, rows], number[last_x, rows], -1), reach_x, y),
-    )
-    numbers = np.concatenate([end[0] for end in ends])
-    own = numbers < 0
-    numbers[own] = grid.sum() + np.arange(own.sum())
-    places = np.concatenate([np.column_stack(end[1:]) for end in ends])[own]
-    arch, far, left, right = np.split(numbers, np.cumsum([len(end[0]) for end in ends[:-1]]))
-    along_y = _pairs(number, inside, arch, number[columns, 0], number[columns, last_y - 1], far)
-    first, last = number[first_x + 1, rows], number[last_x - 1, rows]
-    along_x = _pairs(number.T, inside.T, left, first, last, right)
-    xy = np.concatenate([np.column_stack([X[grid], Y[grid]]), places])
-    support = np.concatenate([on_edge[grid], np.ones(len(places), bool)])
-    order = np.lexsort((xy[:, 0], xy[:, 1]))
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    return xy[order], support[order], rank[along_x], rank[along_y]
-
-
-def _pairs(number, inside, start, first, last, end) -> np.ndarray:
-    """Elements (k, 2) of the cables along the second axis of a grid: to its first point, within, beyond."""
-    within = inside[:, :-1] & inside[:, 1:]
-    inner = np.column_stack([number[:, :-1][within], number[:, 1:][within]])
-    return np.concatenate([np.column_stack([start, first]), inner, np.column_stack([last, end])])
-
-
-def _in_order(along_x, along_y):
-    """Elements (m, 2) sorted by their particles, and their group: 0 along x, 1 along y."""
-    elements = np.concatenate([along_x, along_y])
-    group = np.repeat([0, 1], [len(along_x), len(along_y)])
-    order = np.lexsort((elements[:, 1], elements[:, 0]))
-    return elements[order], group[order]
 
 
 def generate(net) -> Net:

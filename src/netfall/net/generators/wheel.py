@@ -24,6 +24,7 @@ from math import sqrt
 
 import numpy as np
 
+from netfall.net.generators.prestressed import closed_rings, prestressed_net
 from netfall.net.net import Net
 from netfall.numerics.functions import cos, sin
 
@@ -62,30 +63,22 @@ def wheel(
         x[nodes] = np.column_stack([radius * cos(angle), radius * sin(angle), np.full(spokes, height)])
     step, sine = np.diff(np.append(r, 0.5 * diameter)), sin(np.pi / spokes)
     side = lambda force, radius: force / (2.0 * radius * sine)
-    around = lambda nodes: np.stack([nodes, np.roll(nodes, -1, -1)], -1)
     outwards = lambda nodes: np.stack([nodes, np.vstack([nodes[1:], outer])], -1)
     brace = brace_force / sqrt(_side(opening, spokes) ** 2 + ring_height**2)
     push = P / (upper - lower)
     push[0] += 2.0 * brace
     kinds = (  # nodes (..., 2) and force density of each group, in the order of GROUPS, then the diagonals
-        (around(outer), -side((H[-1] + G) / (2.0 * sine), 0.5 * diameter)),
-        (around(above[0]), side(H[0] / (2.0 * sine), r[0]) - brace),
-        (around(below[0]), side(G / (2.0 * sine), r[0]) - brace),
+        (closed_rings(outer), -side((H[-1] + G) / (2.0 * sine), 0.5 * diameter)),
+        (closed_rings(above[0]), side(H[0] / (2.0 * sine), r[0]) - brace),
+        (closed_rings(below[0]), side(G / (2.0 * sine), r[0]) - brace),
         (outwards(above), (H / step)[:, None]),
         (outwards(below), (G / step)[:, None]),
-        (around(above[1:]), side(hoop_force, r[1:])[:, None]),
+        (closed_rings(above[1:]), side(hoop_force, r[1:])[:, None]),
         (np.stack([below, above], -1), -push[:, None]),
         (_truss(outer, chord), 0.0),
         *([(_crossed(above[0], below[0]), brace)] if brace_force else []),
     )
-    elements = np.concatenate([pairs.reshape(-1, 2) for pairs, _ in kinds])
-    density = np.concatenate([np.broadcast_to(q, pairs.shape[:-1]).ravel() for pairs, q in kinds])
-    group = np.repeat(np.arange(len(kinds)), [pairs.size // 2 for pairs, _ in kinds])
-    order = np.lexsort((elements.max(1), elements.min(1)))
-    names = [*GROUPS, BRACE][: len(kinds)]
-    net = Net(x, _supports(number, spokes), elements[order], group[order], names)
-    net.prestress = density[order] * net.lengths()
-    return net
+    return prestressed_net(x, _supports(number, spokes), kinds, [*GROUPS, BRACE][: len(kinds)])
 
 
 def _truss(outer, chord) -> np.ndarray:
