@@ -10,7 +10,7 @@ import pytest
 from conftest import ENVIRONMENT, on_ranks
 from mpi4py import MPI
 
-from netfall.multigrid.distributed import SpreadMatrix
+from netfall.multigrid.distributed import DistributedMatrix
 from netfall.multigrid.products import coarser, transposed
 from netfall.multigrid.rows import BlockRows, Owners, blocks_of
 
@@ -58,7 +58,7 @@ def products(comm, seed: int) -> tuple[float, float, str]:
     for start, end in zip(coarse.own.indptr[:-1], coarse.own.indptr[1:]):
         assert (np.diff(coarse.own.indices[start:end]) > 0).all()
 
-    product, inverse = SpreadMatrix(matrix), np.tile(np.float32([1, 0, 0, 1, 0, 1]), (len(rows.mine), 1))
+    product, inverse = DistributedMatrix(matrix), np.tile(np.float32([1, 0, 0, 1, 0, 1]), (len(rows.mine), 1))
     whole = [product(x[rows.mine]).copy()]
     step, expected, moved = np.zeros_like(whole[0]), x.astype(float), np.zeros((n, 3))
     for _ in range(3):

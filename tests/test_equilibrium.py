@@ -12,7 +12,7 @@ from scipy.sparse.linalg import spsolve
 
 from netfall.equilibrium import increments as path
 from netfall.equilibrium import newton
-from netfall.equilibrium.increments import _Way
+from netfall.equilibrium.increments import _Increments
 from netfall.equilibrium.relaxation import Paused
 from netfall.ground.stop import NEVER
 from netfall.ground.timings import Phases
@@ -197,8 +197,8 @@ class Statics:
 def test_a_large_net_comes_to_much_load_by_parts_of_it(workshop, monkeypatch):
     """With twelve times its load cables go slack: no relaxation, and right; with its own, in one part."""
     parts = []
-    whole = _Way.go_part
-    monkeypatch.setattr(_Way, "go_part", lambda *given: parts.append(whole(*given)) or parts[-1])
+    whole = _Increments.add_increment
+    monkeypatch.setattr(_Increments, "add_increment", lambda *given: parts.append(whole(*given)) or parts[-1])
     for times, few in ((1, True), (12, False)):
         parts.clear()
         job = workshop.job(SADDLE.format(cells=24, cable="", pressure=[0.0, 0.0, 3 * times * AREA_LOAD]))
@@ -213,7 +213,7 @@ def test_a_large_net_comes_to_much_load_by_parts_of_it(workshop, monkeypatch):
 def test_what_the_way_by_parts_does_not_find_is_relaxed(workshop, monkeypatch):
     """Where it gives up on the way, the positions are put back and relaxation finds it, as in small nets."""
     job = workshop.job(SADDLE.format(cells=24, cable="", pressure=[0.0, 0.0, 36 * AREA_LOAD]))
-    monkeypatch.setattr(path, "PARTS", 1)
+    monkeypatch.setattr(path, "MOST_INCREMENTS", 1)
     found = Statics(job, 0, monkeypatch)
     found.find()
     assert found.path.steps[1]["iterations"] > 300 and max(found.off()) < 1e-6

@@ -10,7 +10,7 @@ from conftest import STEEL, StopAfter, run_on_standing_ranks
 from mpi4py import MPI
 
 from netfall.equilibrium import newton
-from netfall.equilibrium.newton import NotFound
+from netfall.equilibrium.newton import NoConvergence
 from netfall.ground.errors import Interrupted
 from netfall.ground.timings import Phases
 from netfall.job.read import read_job
@@ -167,7 +167,7 @@ def test_what_newton_s_method_does_not_find_is_relaxed(form_of, monkeypatch):
 
     def give_up(newton, *_):
         newton.net.x[:] += 1.0
-        raise NotFound
+        raise NoConvergence
 
     monkeypatch.setattr(form.Newton, "find", give_up)
     for factor in 0, 1e-3:

@@ -12,9 +12,9 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.equilibrium.increments import approach
-from netfall.equilibrium.newton import AT_START, Newton, NotFound, Stopped
+from netfall.equilibrium.newton import AT_START, Newton, NoConvergence, Stopped
 from netfall.equilibrium.relaxation import Paused, Relaxation, net_of, not_begun, relax
-from netfall.equilibrium.stable import falling
+from netfall.equilibrium.stable import unstable_shape
 from netfall.ground.errors import DivergedError
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.mechanics.state import State
@@ -33,13 +33,13 @@ ROUNDING = 1e-13  # of the largest force: residuals below that are rounding
 STABLE, UNKNOWN = -1, -2
 
 
-class Found(NamedTuple):
+class Solution(NamedTuple):
     """An equilibrium that was found.
 
     iterations : of conjugate gradients, or of the relaxation; residual : largest [N]
     displacement_error, tension_error : estimates, shares of the largest; nan where none could be made
-    relaxed : whether by dynamic relaxation; falls : global number of the particle that moves most where the
-        equilibrium is not stable, else `STABLE`, or `UNKNOWN` where that could not be told
+    relaxed : whether by dynamic relaxation; unstable_at : where the equilibrium is not stable, the global
+        number of the particle that moves most, else `STABLE`, or `UNKNOWN` where that could not be decided
     """
 
     iterations: int
@@ -47,7 +47,7 @@ class Found(NamedTuple):
     displacement_error: float
     tension_error: float
     relaxed: bool
-    falls: int
+    unstable_at: int
 
     @property
     def error(self) -> float:
@@ -79,7 +79,7 @@ class Finder:
         stop: StopRequest = NEVER,
         resume: Relaxation | None = None,
         guess: np.ndarray | None = None,
-    ) -> Found:
+    ) -> Solution:
         """Bring the state to equilibrium under a load (n, 3) [N] of owned and halo particles. Collective.
 
         tolerance : of the estimated errors; reference : [N], the largest force that acts; max_iterations : of
@@ -101,7 +101,7 @@ class Finder:
             except Stopped:
                 state.x[:] = before
                 raise Paused(not_begun(before)) from None
-            except NotFound:
+            except NoConvergence:
                 state.x[:] = before
         asked, found = tolerance * reference, None
         goals = [*(share * reference for share in NEARER if share > tolerance), asked]
@@ -129,7 +129,7 @@ class Finder:
             total, resume, before = total + iterations, None, state.x.copy(order="K")
             try:
                 return self._corrected(newton, tolerance, total, NEVER, True)
-            except NotFound:
+            except NoConvergence:
                 state.x[:] = before
             if goals[stage] <= asked:
                 found = self._relaxed(newton, total, residual)
@@ -146,22 +146,22 @@ class Finder:
         if not residuals[1] < SMALLER * residuals[0]:
             state.x[:] = before
 
-    def _relaxed(self, newton: Newton, total: int, residual: float) -> Found:
+    def _relaxed(self, newton: Newton, total: int, residual: float) -> Solution:
         """What relaxation alone has reached. Collective."""
         try:
             errors = newton.errors(self.state.x_start)
-        except NotFound:
+        except NoConvergence:
             errors = np.nan, np.nan
-        return Found(total, residual, *errors, True, self._falls(newton))
+        return Solution(total, residual, *errors, True, self._unstable_at(newton))
 
-    def _corrected(self, newton: Newton, tolerance, before: int, stop, near: bool = False) -> Found:
-        """By Newton's method; before : iterations until now. Raises NotFound, Stopped."""
+    def _corrected(self, newton: Newton, tolerance, before: int, stop, near: bool = False) -> Solution:
+        """By Newton's method; before : iterations until now. Raises NoConvergence, Stopped."""
         start, begun = self.state.x_start, AT_START
         if newton.large and not near:
             begun = approach(newton, start, stop)
         found = newton.find(tolerance, start, stop, near, begun)
         total = before + found.gradients
-        return Found(total, found.residual, found.moved, found.tension, False, self._falls(newton))
+        return Solution(total, found.residual, found.moved, found.tension, False, self._unstable_at(newton))
 
     def _newton(self, load: np.ndarray) -> Newton:
         net = net_of(self.state, load)
@@ -194,11 +194,11 @@ class Finder:
             state.eps_p[:] = eps_p
         return first
 
-    def _falls(self, newton: Newton) -> int:
+    def _unstable_at(self, newton: Newton) -> int:
         """Global number of the particle that moves most in an equilibrium that is not stable, or `STABLE`."""
         try:
-            shape = falling(newton)
-        except NotFound:
+            shape = unstable_shape(newton)
+        except NoConvergence:
             return UNKNOWN
         if shape is None:
             return STABLE

@@ -1,9 +1,9 @@
-"""The way of a large net to an equilibrium, by way of those under parts of what is missing.
+"""The equilibrium of a large net by load increments: by way of those under parts of what is missing.
 
 Where a whole correction goes too far, so that tensions come out other than its tangent foresaw, only part of
-the residual is answered: the net is brought near to equilibrium with the rest of it held, then the next part
-follows. Each is a few corrections near to where the last one was, so their number does not grow with the net;
-that of a relaxation does.
+the residual is answered: the net is brought near to equilibrium with the rest of it held, then the next
+increment follows. Each is a few corrections near to where the last one was, so their number does not grow
+with the net; that of a relaxation does.
 """
 
 import numpy as np
@@ -14,56 +14,56 @@ from netfall.equilibrium.newton import (
     LEFT,
     MANY_GRADIENTS,
     MOST_GRADIENTS,
-    Begun,
     Newton,
-    NotFound,
+    NoConvergence,
+    StartPoint,
     Stopped,
 )
 from netfall.ground.stop import StopRequest
 from netfall.multigrid.tangent import without_compression
 
-UNFORESEEN = 0.3  # of the largest tension: the most that a part may change tensions unforeseen
-TURNED = 0.05  # of all elements: the most that may become slack, taut or yield in a part
-SMALLEST = 1e-3  # of what is missing: a part below that is none
-SHORTER = 0.1, 0.9  # times, within which a part is made shorter until it is foreseen
-HALF = 0.5  # times, where too many elements turn
-PARTS = 50
-SLOW = 5000  # iterations for all that is missing, as the last part tells; a relaxation is then cheaper
-FAILURES = 3  # of parts that are then tried again, shorter
+UNFORESEEN = 0.3  # of the largest tension: the most that an increment may change tensions unforeseen
+MOST_CHANGED = 0.05  # of all elements: the most that may become slack, taut or yield in an increment
+SMALLEST = 1e-3  # of what is missing: an increment below that is none
+SHORTER = 0.1, 0.9  # times, within which an increment is shortened until it is foreseen
+HALF = 0.5  # times, where the active set changes too much
+MOST_INCREMENTS = 50
+SLOW = 5000  # iterations for all that is missing, as the last increment tells; a relaxation is then cheaper
+FAILURES = 3  # of increments that are then tried again, shorter
 AGAIN = 0.25  # times
-CORRECTIONS = 15  # for each part
-ROUGH = 0.1  # of the residual, what each of these leaves, and parts but the first
+CORRECTIONS = 15  # for each increment
+ROUGH = 0.1  # of the residual, what each of these leaves, and increments but the first
 MANY_ROUGH = 12  # iterations for that; another approximate inverse is then cheaper
 MOST_ROUGH = 80
 NEAR = 2e-2  # of the largest displacement and tension: what the last of them may move
 
 
-def approach(newton: Newton, start: np.ndarray, stop: StopRequest) -> Begun:
+def approach(newton: Newton, start: np.ndarray, stop: StopRequest) -> StartPoint:
     """Move the net near to equilibrium, for `Newton.find` to go on. Collective.
 
     start : (n, 3), as of `Newton.find`
 
-    Raises NotFound, Stopped. A tangent that is singular at the start is left to `Newton.find`.
+    Raises NoConvergence, Stopped. A tangent that is singular at the start is left to `Newton.find`.
     """
-    way = _Way(newton, start, stop)
-    for part in range(PARTS):
-        r, K = newton.residual(), way.tangent()
+    increments = _Increments(newton, start, stop)
+    for number in range(MOST_INCREMENTS):
+        r, K = newton.residual(), increments.tangent()
         try:
-            s = way.solve(K, r, rough=part > 0)
-        except NotFound:
-            if part == 0:
+            s = increments.solve(K, r, rough=number > 0)
+        except NoConvergence:
+            if number == 0:
                 return AT_START
             raise
-        before = way.gradients
-        share, size = way.go_part(K, s, r)
+        before = increments.gradients
+        share, size = increments.add_increment(K, s, r)
         if share == 1.0:
-            return Begun(way.gradients, size, way.cycle)
-        if way.gradients - before > SLOW * share:
-            raise NotFound("the parts are too many")
-    raise NotFound(f"{PARTS} parts were not enough")
+            return StartPoint(increments.gradients, size, increments.cycle)
+        if increments.gradients - before > SLOW * share:
+            raise NoConvergence("there are too many load increments")
+    raise NoConvergence(f"{MOST_INCREMENTS} load increments were not enough")
 
 
-class _Way:
+class _Increments:
     """The approximate inverse in use; iterations and failures so far."""
 
     def __init__(self, newton: Newton, start: np.ndarray, stop: StopRequest):
@@ -76,7 +76,7 @@ class _Way:
         return without_compression(self.newton.tangent())
 
     def solve(self, K, r: np.ndarray, rough: bool = True) -> np.ndarray:
-        """The correction of a residual. Raises NotFound, Stopped."""
+        """The correction of a residual. Raises NoConvergence, Stopped."""
         share, many, most = (
             (ROUGH, MANY_ROUGH, MOST_ROUGH) if rough else (LEFT, MANY_GRADIENTS, MOST_GRADIENTS)
         )
@@ -91,10 +91,10 @@ class _Way:
             self.cycle = None
         return s
 
-    def go_part(self, K, s: np.ndarray, r: np.ndarray) -> tuple[float, float]:
+    def add_increment(self, K, s: np.ndarray, r: np.ndarray) -> tuple[float, float]:
         """Answer the share of a residual r (n_owned, 3) [N] that its correction s foresees; it, and its size.
 
-        All of it is answered by s alone. Raises NotFound, Stopped.
+        All of it is answered by s alone. Raises NoConvergence, Stopped.
         """
         newton, most = self.newton, 1.0
         before = newton.net.x.copy()
@@ -105,7 +105,7 @@ class _Way:
             try:
                 self._settle((1.0 - share) * r)
                 return share, size
-            except NotFound:
+            except NoConvergence:
                 self.failures += 1
                 if self.failures > FAILURES:
                     raise
@@ -122,17 +122,20 @@ class _Way:
             newton.net.x[:] = before + share * newton.spread
             now = self.tangent()
             unforeseen = newton.unforeseen(K, now, share * predicted)
-            if unforeseen <= UNFORESEEN and newton.turned(K, now) <= TURNED * newton.distribution.m:
+            if (
+                unforeseen <= UNFORESEEN
+                and newton.active_set_changes(K, now) <= MOST_CHANGED * newton.distribution.m
+            ):
                 return share, max(share * moved, share * change, unforeseen)
             if unforeseen <= UNFORESEEN:
                 share *= HALF
             else:
                 share *= min(max(SHORTER[0], 0.95 * np.sqrt(UNFORESEEN / unforeseen)), SHORTER[1])
             if share < SMALLEST:
-                raise NotFound("no part of the load is foreseen")
+                raise NoConvergence("no load increment is foreseen")
 
     def _settle(self, left: np.ndarray) -> None:
-        """Bring the net near to equilibrium but for a residual (n_owned, 3) [N]. Raises NotFound, Stopped."""
+        """Bring the net near to equilibrium but for a residual (n_owned, 3) [N]. Raises as that."""
         newton = self.newton
         K = self.tangent()
         for _ in range(CORRECTIONS):
@@ -144,4 +147,4 @@ class _Way:
             size = max(ROUGH * moved, ROUGH * change, newton.unforeseen(old, K, predicted))
             if share == 1.0 and size <= NEAR:
                 return
-        raise NotFound(f"{CORRECTIONS} corrections were not enough")
+        raise NoConvergence(f"{CORRECTIONS} corrections were not enough")

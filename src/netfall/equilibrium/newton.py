@@ -38,7 +38,7 @@ ROUNDING = 1e-14  # of the net's extent: a correction below that is rounding
 NIL = 1e-6  # of the net's extent: a displacement below that counts as so much
 
 
-class Corrected(NamedTuple):
+class NewtonResult(NamedTuple):
     """An equilibrium that was found: gradients : iterations of all corrections; residual : largest [N]
 
     moved, tension : estimated errors, shares of the largest displacement from the start and largest tension
@@ -50,9 +50,9 @@ class Corrected(NamedTuple):
     tension: float
 
 
-class Begun(NamedTuple):
+class StartPoint(NamedTuple):
     """How far a net has come: gradients : iterations; size : of the last correction, as the larger of
-    `moved` and `tension` of `Corrected`; cycle : approximate inverse in use, None: to be made
+    `moved` and `tension` of `NewtonResult`; cycle : approximate inverse in use, None: to be made
     """
 
     gradients: int = 0
@@ -60,22 +60,22 @@ class Begun(NamedTuple):
     cycle: Cycle | None = None
 
 
-AT_START = Begun()
+AT_START = StartPoint()
 
 
 class Stopped(Exception):
     """Newton's method was asked to stop."""
 
 
-class NotFound(Exception):
+class NoConvergence(Exception):
     """Newton's method did not find the equilibrium."""
 
 
-class Slow(NotFound):
+class SlowConvergence(NoConvergence):
     """Conjugate gradients did not converge: the tangent is nearly singular."""
 
 
-class Falling(NotFound):
+class NotPositiveDefinite(NoConvergence):
     """There are displacements (n_owned, 3), `shape`, against which the tangent has no stiffness."""
 
     def __init__(self, shape: np.ndarray):
@@ -160,7 +160,7 @@ class Newton:
     ) -> tuple[np.ndarray, int]:
         """The correction (n_owned, 3) [m] of a residual, and the iterations, at most so many. Collective.
 
-        Raises NotFound where the tangent is singular in its direction.
+        Raises NoConvergence where the tangent is singular in its direction.
         """
         s, left, before = np.zeros_like(r), r.copy(), np.empty_like(r)
         z = self._held(cycle(left))
@@ -169,13 +169,13 @@ class Newton:
         if rr == 0.0:
             return s, 0
         if not (0.0 < rz < np.inf and rr < np.inf):
-            raise NotFound("the preconditioner is not positive")
+            raise NoConvergence("the preconditioner is not positive")
         first = rz
         for iteration in range(1, most + 1):
             q = self.stiffness_times(K, p)
             (pq,) = self.dots((p, q))
             if not pq > 0.0:
-                raise Falling(p)
+                raise NotPositiveDefinite(p)
             step = rz / pq
             advance(step, p, q, s, left, before)
             z = self._held(cycle(left))
@@ -185,16 +185,21 @@ class Newton:
             turn((new - old) / rz, z, p)
             rz = new
             if not 0.0 < rz < np.inf:
-                raise NotFound("the preconditioner is not positive")
-        raise Slow(f"{most} iterations of conjugate gradients were not enough")
+                raise NoConvergence("the preconditioner is not positive")
+        raise SlowConvergence(f"{most} iterations of conjugate gradients were not enough")
 
     def cycle(self, K: Tangent) -> Cycle:
         """The approximate inverse of a tangent. Collective."""
         return Cycle(self.comm, self.distribution, self.halo, self.net, K, self.inertia)
 
     def find(
-        self, tolerance: float, start, stop: StopRequest = NEVER, near: bool = False, begun: Begun = AT_START
-    ) -> Corrected:
+        self,
+        tolerance: float,
+        start,
+        stop: StopRequest = NEVER,
+        near: bool = False,
+        begun: StartPoint = AT_START,
+    ) -> NewtonResult:
         """Move the net to equilibrium. Collective.
 
         tolerance : of what is missing after the last correction, a share of the largest displacement from
@@ -202,7 +207,7 @@ class Newton:
         near : whether the net is near the equilibrium, so that few corrections will do, and none is too dear
         begun : how far the net has come before
 
-        Raises NotFound, Stopped if asked to stop; the positions are then those of the last correction.
+        Raises NoConvergence, Stopped if asked to stop; the positions are then those of the last correction.
         """
         self.begin()
         K = self.tangent()
@@ -218,8 +223,8 @@ class Newton:
             share = min(max(LEFT, tolerance / (LEFT * max(before, tolerance))), LEFT_LAST)
             try:
                 s, count = self.solve(K, cycle, r, share)
-            except NotFound as error:
-                if isinstance(error, Slow) and not near:
+            except NoConvergence as error:
+                if isinstance(error, SlowConvergence) and not near:
                     raise
                 if exact and self.comm.allreduce(K.across.min(initial=0.0), MPI.MIN) < 0.0:
                     K, exact = without_compression(K), False
@@ -233,28 +238,28 @@ class Newton:
             part = self.go(s, r)
             old, r, K = K, self.residual(), self.tangent()
             whole, change = part == 1.0 and not self.inertia, max(change, self.unforeseen(old, K, predicted))
-            size, turned = max(moved, change), self.turned(old, K)
-            if turned:  # slack or yield that came or went: the tangent did not know
+            size, changed = max(moved, change), self.active_set_changes(old, K)
+            if changed:  # slack or yield that came or went: the tangent did not know
                 before = np.inf
-            if self.large and (turned or count > MANY_GRADIENTS):
+            if self.large and (changed or count > MANY_GRADIENTS):
                 cycle = None
             left = CAUTION * share if self.large and count > MANY_GRADIENTS else share
             missing = max(left, min(1.0, size / before)) if 0.0 < before < np.inf else 1.0
             if whole and exact and missing * size <= tolerance:
                 mine = largest_residual(self.f, self.net.free, self.halo.n_owned)
                 worst = self.comm.allreduce(mine, MPI.MAX)
-                return Corrected(total, worst, missing * moved, missing * change)
+                return NewtonResult(total, worst, missing * moved, missing * change)
             before, exact = size if whole else np.inf, True
             if part < SHORT:
                 self._more_inertia()
             elif part == 1.0:
                 self.inertia = 0.0 if self.inertia <= FIRST_INERTIA else 0.1 * self.inertia
-        raise NotFound(f"{most} corrections were not enough")
+        raise NoConvergence(f"{most} corrections were not enough")
 
     def errors(self, start: np.ndarray) -> tuple[float, float]:
         """Estimated errors where the net is: of displacement and tension, shares of the largest. Collective.
 
-        Raises NotFound where the tangent is singular.
+        Raises NoConvergence where the tangent is singular.
         """
         self.begin()
         K = self.tangent()
@@ -264,7 +269,7 @@ class Newton:
     def _more_inertia(self) -> None:
         self.inertia = FIRST_INERTIA if not self.inertia else 10.0 * self.inertia
         if self.inertia > MOST_INERTIA:
-            raise NotFound("the tangent is singular")
+            raise NoConvergence("the tangent is singular")
 
     def unforeseen(self, old: Tangent, new: Tangent, predicted: np.ndarray) -> float:
         """Largest change of tension that the old tangent did not predict, a share of the largest."""
@@ -273,10 +278,10 @@ class Newton:
         )
         return off / tension if tension > 0.0 else 0.0
 
-    def turned(self, old: Tangent, new: Tangent) -> int:
+    def active_set_changes(self, old: Tangent, new: Tangent) -> int:
         """How many elements have become slack or taut, or begun or ceased to yield. Collective."""
-        turned = (old.axial == 0.0) != (new.axial == 0.0)
-        return self.comm.allreduce(np.count_nonzero(turned & self.distribution.subdomain.element_owned))
+        changed = (old.axial == 0.0) != (new.axial == 0.0)
+        return self.comm.allreduce(np.count_nonzero(changed & self.distribution.subdomain.element_owned))
 
     def sizes(self, K: Tangent, s: np.ndarray, start: np.ndarray) -> tuple[float, float, np.ndarray]:
         """A correction's largest displacement and change of tension, shares of the largest; all changes."""

@@ -3,17 +3,17 @@
 import numpy as np
 from mpi4py import MPI
 
-from netfall.equilibrium.newton import Falling, Newton
+from netfall.equilibrium.newton import Newton, NotPositiveDefinite
 from netfall.multigrid.tangent import scattered
 
 LEFT = 1e-4  # of the residual, in search of displacements without stiffness
 
 
-def falling(newton: Newton) -> np.ndarray | None:
+def unstable_shape(newton: Newton) -> np.ndarray | None:
     """Displacements (n_owned, 3) against which the net has no stiffness; None if stable. Collective.
 
     Conjugate gradients that answer forces of every shape come upon such displacements if there are any. Only
-    compression makes them. Raises NotFound where that cannot be told.
+    compression makes them. Raises NoConvergence where that cannot be told.
     """
     K, newton.inertia = newton.tangent(), 0.0
     if not newton.comm.allreduce(K.across.min(initial=0.0), MPI.MIN) < 0.0:
@@ -22,6 +22,6 @@ def falling(newton: Newton) -> np.ndarray | None:
     try:
         held = newton.moves & (K.nodal[newton.owned, None] > 0.0)  # not what has left the net
         newton.solve(K, newton.inverse(newton, K), np.where(held, scattered(number), 0.0), LEFT)
-    except Falling as found:
-        return found.shape
+    except NotPositiveDefinite as error:
+        return error.shape
     return None

@@ -57,7 +57,7 @@ def before_run(scene: Scene, progress: Progress) -> None:
 
 def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path) -> None:
     """The last lines of a run, on rank 0. Collective."""
-    simulation = outcomes[dynamics.NAME].found if dynamics.NAME in outcomes else None
+    simulation = outcomes[dynamics.NAME].result if dynamics.NAME in outcomes else None
     strained = _most_strained(scene, simulation and simulation.history)
     envelope = simulation.envelope.record(simulation.state)[1] if desk.log.events else {}
     if scene.model is None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from netfall.multigrid.distributed import SpreadMatrix, first_step
+from netfall.multigrid.distributed import DistributedMatrix, first_step
 from netfall.multigrid.finest import ElementMatrix
 from netfall.multigrid.levels import COARSEST, levels_of
 from netfall.multigrid.tangent import Tangent, incidence_of, tangent_rows
@@ -52,9 +52,11 @@ class Cycle:
                 break
             self.whole += spread
             inverse = level.inverse[:, *UPPER].astype(np.float32)
-            matrix = SpreadMatrix(level.matrix) if self.levels else ElementMatrix(halo, net, K, at, inertia)
-            beside = (SpreadMatrix(level.down), SpreadMatrix(level.up)) if level.up else ()
-            self.levels.append(_SpreadLevel(inverse, level.top, matrix, *beside))
+            matrix = (
+                DistributedMatrix(level.matrix) if self.levels else ElementMatrix(halo, net, K, at, inertia)
+            )
+            beside = (DistributedMatrix(level.down), DistributedMatrix(level.up)) if level.up else ()
+            self.levels.append(_DistributedLevel(inverse, level.top, matrix, *beside))
             del level  # its memory serves the next one
 
     def __call__(self, b: np.ndarray) -> np.ndarray:
@@ -93,12 +95,12 @@ class Cycle:
 
 
 @dataclass
-class _SpreadLevel:
+class _DistributedLevel:
     inverse: np.ndarray
     top: float
-    matrix: SpreadMatrix | ElementMatrix
-    down: SpreadMatrix | None = None
-    up: SpreadMatrix | None = None
+    matrix: DistributedMatrix | ElementMatrix
+    down: DistributedMatrix | None = None
+    up: DistributedMatrix | None = None
 
     def smooth(self, b: np.ndarray, zero: bool) -> None:
         """Chebyshev's iteration of `DEGREE` terms towards matrix x = b, on the x in `matrix.own`.

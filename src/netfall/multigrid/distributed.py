@@ -90,7 +90,7 @@ def turn(share, z, p):
             p[i, k] = z[i, k] + share * p[i, k]
 
 
-class SpreadMatrix:
+class DistributedMatrix:
     """The product of a matrix with a vector, rows float32 (rows, 3) of both on each rank."""
 
     def __init__(self, rows: BlockRows):

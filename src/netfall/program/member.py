@@ -80,7 +80,7 @@ def _outcome(comm: MPI.Comm, job: Job, path: Path | None, memory: Memory) -> dic
     result = Result(comm, path, scene.distribution, own, log) if path else Unwritten(comm)
     desk = desk_for(scene, result, log, Progress(False), phases, memory=memory)
     try:
-        simulation = run_stages(scene, desk)[dynamics.NAME].found
+        simulation = run_stages(scene, desk)[dynamics.NAME].result
     except (InputError, DivergedError):  # on every rank alike
         scene.halo.free()
         raise

@@ -41,10 +41,10 @@ def required(job: Job) -> bool:
 
 
 def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
-    """Step through the dynamic stage; found : the `Simulation`. Collective."""
+    """Step through the dynamic stage; result : the `Simulation`. Collective."""
     removal, losses = None, losses_now(scene)
     if scene.job.removes:
-        removal = Removal(scene, losses, outcomes[rests.NAME].found, desk.log)
+        removal = Removal(scene, losses, outcomes[rests.NAME].result, desk.log)
     with desk.phases.phase("wind"):
         loads = varying_loads(scene) + (list(removal.fades.values()) if removal else [])
     schedule = scene.schedule

@@ -8,7 +8,7 @@ of the real material follow in closed form.
 import numpy as np
 from mpi4py import MPI
 
-from netfall.equilibrium.newton import Newton, NotFound, Stopped, is_large
+from netfall.equilibrium.newton import Newton, NoConvergence, Stopped, is_large
 from netfall.equilibrium.relaxation import Net as RelaxedNet
 from netfall.equilibrium.relaxation import (
     Paused,
@@ -18,7 +18,7 @@ from netfall.equilibrium.relaxation import (
     not_begun,
     relax,
 )
-from netfall.equilibrium.stable import falling
+from netfall.equilibrium.stable import unstable_shape
 from netfall.ground.compile import kernel
 from netfall.ground.errors import DivergedError, InputError
 from netfall.ground.stop import NEVER, StopRequest
@@ -252,13 +252,13 @@ def large_form(comm, distribution, halo, net, elements, settings, asked: float, 
             total += found.gradients
             if found.residual > asked:
                 continue
-            if falling(newton) is None:
+            if unstable_shape(newton) is None:
                 return total, found.residual
             break
     except Stopped:
         net.x[:] = before
         raise Paused(not_begun(before)) from None
-    except NotFound:
+    except NoConvergence:
         pass
     net.x[:] = before
     return None
@@ -283,7 +283,7 @@ def _tangent(elements, x, N, axial, across) -> Tangent:
 def _towards_force_density(newton: Newton, elements) -> int:
     """Move to where the elements, of the force densities they begin with, nearly hold each other. Collective.
 
-    The iterations. Raises NotFound where the densities hold no shape.
+    The iterations. Raises NoConvergence where the densities hold no shape.
     """
     x = newton.net.x
     elements.measure(x)

@@ -13,7 +13,7 @@ from netfall.model.losses import Loss, comes_loose, losses_of
 from netfall.results.loss_lines import SOMETHING_BREAKS, elements_of
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import (
-    Equilibrium,
+    StaticLoad,
     committed,
     error_words,
     paused,
@@ -96,7 +96,7 @@ def required(job: Job) -> bool:
 
 
 def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
-    """The rests after the losses; found : `RestsAfter`, None where nothing is lost in time. Collective.
+    """The rests after the losses; result : `RestsAfter`, None where nothing is lost in time. Collective.
 
     From where the dynamic stage begins, with the losses so far, under all constant loads and the mean wind.
     Leaves the state as it was. Raises Interrupted where it is asked to stop.
@@ -121,7 +121,7 @@ def rests_after(scene: Scene, desk: Desk, losses: list[Loss]) -> RestsAfter:
     loads = loads_after(model, losses) if model else [None] * (len(losses) + 1)
     start, EA, broken = committed(state), state.EA.copy(), state.broken.copy()
     loose = scene.comm.bcast(loose_after(model, losses, loads) if model else None)
-    reference = reference_force(scene, Equilibrium("loss", "", distribution.particles(loads[0])))
+    reference = reference_force(scene, StaticLoad("loss", "", distribution.particles(loads[0])))
     mine = lambda tension: distribution.gather_elements(tension, state.owned.astype(bool))
     search = Search(start, tension=[mine(state.elements_now().N)])
     resume = _taken_up(scene, desk, search)
@@ -138,8 +138,8 @@ def rests_after(scene: Scene, desk: Desk, losses: list[Loss]) -> RestsAfter:
         line = f"no rest: a part of {words} is connected to no support"
         if not no_rest:
             try:
-                each = Equilibrium("loss", words, load, 1.0)
-                tension, rest, line, iterations = _settled(scene, each, reference, desk.stop, resume)
+                each = StaticLoad("loss", words, load, 1.0)
+                tension, rest, line, iterations = _rest_under(scene, each, reference, desk.stop, resume)
                 search.total += iterations
                 search.best = committed(state) if rest.state == "equilibrium" else search.best
             except Paused as pause:
@@ -170,8 +170,8 @@ def _taken_up(scene: Scene, desk: Desk, search: Search) -> Relaxation | None:
     return taken_up(scene.distribution, desk.saver)
 
 
-def _settled(
-    scene: Scene, each: Equilibrium, reference: float, stop, resume: Relaxation | None
+def _rest_under(
+    scene: Scene, each: StaticLoad, reference: float, stop, resume: Relaxation | None
 ) -> tuple[np.ndarray, Rest, str, int]:
     """Tensions (m,) [N] of this rank's elements at rest, what is known of it, a line on it, iterations.
 
@@ -179,13 +179,13 @@ def _settled(
     """
     most = min(MOST_ITERATIONS, scene.job.load.max_iterations) if scene.job.load else MOST_ITERATIONS
     settled = settle(scene, each, reference, stop, resume, most)
-    rest, N = settled.found, settled.snapshot.N
-    if rest.falls >= 0:
-        node = scene.comm.bcast(scene.model and scene.model.net.node_id[rest.falls])
+    rest, N = settled.solution, settled.snapshot.N
+    if rest.unstable_at >= 0:
+        node = scene.comm.bcast(scene.model and scene.model.net.node_id[rest.unstable_at])
         line = f"no rest of {each.words}: not stable at node {node}"
         return np.full_like(N, np.nan), Rest("unstable"), line, rest.iterations
     line = f"rest of {each.words}: {error_words(rest.displacement_error, rest.tension_error)}"
-    known = "" if rest.falls == STABLE else ", whether it is stable could not be told"
+    known = "" if rest.unstable_at == STABLE else ", whether it is stable could not be told"
     line += f", residual {rest.residual:.3g} N, slack {settled.slack}{known}"
     if not settled.breaking:
         return N, Rest("equilibrium"), line, rest.iterations

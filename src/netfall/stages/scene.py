@@ -83,11 +83,11 @@ class Desk:
 class Outcome(NamedTuple):
     """What a stage leaves.
 
-    found : for stages after it, and for a study; lines : said at its end
+    result : for stages after it, and for a study; lines : said at its end
     sections : its small datasets by group of the file, on rank 0
     """
 
-    found: Any = None
+    result: Any = None
     lines: Sequence[str] = ()
     sections: Mapping[str, dict[str, np.ndarray]] = {}
 

@@ -1,11 +1,11 @@
-"""One equilibrium of a scene: found, taken from the state and put back, interrupted."""
+"""One equilibrium of a scene: how it is found, taken from the state and put back, interrupted."""
 
 from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
 
-from netfall.equilibrium.find import Found
+from netfall.equilibrium.find import Solution
 from netfall.equilibrium.relaxation import (
     Paused,
     Relaxation,
@@ -29,8 +29,8 @@ RELAXATION = "relaxation"  # in checkpoints
 COMMITTED = ("x", "eps_p", "dissipated")
 
 
-class Equilibrium(NamedTuple):
-    """One equilibrium that is looked for.
+class StaticLoad(NamedTuple):
+    """A load whose equilibrium is looked for.
 
     kind : "permanent", "case", "step", "at once" or "rest", see `equilibria`; or "loss", `stages.rests`
     words : for messages
@@ -46,20 +46,20 @@ class Equilibrium(NamedTuple):
     from_permanent: bool = False
 
 
-class Settled(NamedTuple):
-    """An equilibrium that was found, and the state in it; slack : cables of the net.
+class Equilibrium(NamedTuple):
+    """An equilibrium, and the state in it; slack : cables of the net.
 
     breaking : elements, global numbers, that are beyond their fracture strain, after a loss alone
     """
 
     snapshot: Snapshot
     slack: int
-    found: Found
+    solution: Solution
     breaking: tuple[int, ...] = ()
 
     def numbers(self) -> dict:
         """What is kept of it besides the state."""
-        return {"slack": self.slack, **self.found._asdict()}
+        return {"slack": self.slack, **self.solution._asdict()}
 
 
 def taken_up(distribution: Distribution, saver: Saver) -> Relaxation | None:
@@ -86,7 +86,7 @@ def paused(
     return interrupted(f"in statics, {words}", desk.saver.save(stage, step, scene.state, more))
 
 
-def reference_force(scene: Scene, last: Equilibrium) -> float:
+def reference_force(scene: Scene, last: StaticLoad) -> float:
     """Largest of tensions and nodal loads [N] of what can move, which the tolerance refers to. Collective."""
     state = scene.state
     return largest_force(
@@ -95,8 +95,8 @@ def reference_force(scene: Scene, last: Equilibrium) -> float:
 
 
 def settle(
-    scene: Scene, each: Equilibrium, reference: float, stop: StopRequest, resume=None, most=None, guess=None
-) -> Settled:
+    scene: Scene, each: StaticLoad, reference: float, stop: StopRequest, resume=None, most=None, guess=None
+) -> Equilibrium:
     """Bring the state to one equilibrium, what yields on the way included. Collective.
 
     reference : [N], which the tolerance refers to; stop, resume : as in `relax`; most : iterations
@@ -106,7 +106,7 @@ def settle(
     but that after a loss is reported, with what breaks in it.
     """
     comm, state, settings = scene.comm, scene.state, settings_of(scene.job)
-    found = scene.finder.find(
+    solution = scene.finder.find(
         each.load,
         settings.tolerance,
         reference,
@@ -124,7 +124,7 @@ def settle(
     if state.features.plastic:
         state.dissipated[:] = snapshot.heat
         state.eps_p[:] = snapshot.eps_p
-    return Settled(snapshot, comm.allreduce(snapshot.slack), found, breaking)
+    return Equilibrium(snapshot, comm.allreduce(snapshot.slack), solution, breaking)
 
 
 def settings_of(job: Job) -> SimpleNamespace:
@@ -140,7 +140,7 @@ def _breaking(scene: Scene, snapshot: Snapshot) -> tuple[int, ...]:
     return tuple(sorted(set().union(*scene.comm.allgather(over))))
 
 
-def _advice(job: Job, each: Equilibrium) -> str:
+def _advice(job: Job, each: StaticLoad) -> str:
     if each.kind in ("rest", "case"):
         under = {"case": "it"}.get(each.kind) or ("them" if each.words == ALL_LOADS else "")
         return f": there is no equilibrium under {under}" if under else ""

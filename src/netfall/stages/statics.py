@@ -31,7 +31,7 @@ from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import (
     ALL_LOADS,
     Equilibrium,
-    Settled,
+    StaticLoad,
     carried_on,
     committed,
     error_words,
@@ -52,7 +52,7 @@ class StaticPath:
     """What has been found so far.
 
     reference : [N], which the tolerance refers to; done : equilibria; total : iterations for all of these
-    steps : load_factor, `Settled.numbers` and `farthest` of the permanent loads, then of each load step
+    steps : load_factor, `Equilibrium.numbers` and `farthest` of the permanent loads, then of each load step
     cases : the same by name; rest : the same, once found
     """
 
@@ -106,7 +106,7 @@ def find_or_recall(scene: Scene, desk: Desk, path: StaticPath) -> None:
         return
     seen = []
 
-    def find() -> list[tuple[Settled, dict]]:
+    def find() -> list[tuple[Equilibrium, dict]]:
         find_equilibria(scene, desk, path, seen=seen)
         return seen
 
@@ -116,40 +116,40 @@ def find_or_recall(scene: Scene, desk: Desk, path: StaticPath) -> None:
         _again(scene, desk, path, known)
 
 
-def _again(scene: Scene, desk: Desk, path: StaticPath, known: list[tuple[Settled, dict]]) -> None:
+def _again(scene: Scene, desk: Desk, path: StaticPath, known: list[tuple[Equilibrium, dict]]) -> None:
     """The equilibria of an earlier run, with all that `find_equilibria` does about them. Collective."""
-    for each, (found, there) in zip(equilibria(scene), known):
+    for each, (equilibrium, there) in zip(equilibria(scene), known):
         put_back(scene.state, there)
-        note(scene, desk, path, each, found)
+        note(scene, desk, path, each, equilibrium)
     if each.kind == "case":
         to_the_start(scene)
 
 
-def equilibria(scene: Scene) -> list[Equilibrium]:
+def equilibria(scene: Scene) -> list[StaticLoad]:
     """What the job asks for, in order: permanent loads, cases, load steps, rest. Collective."""
     job, model, distribution = scene.job, scene.model, scene.distribution
     steps, rests = job.load.steps if job.load else 0, rests_in_wind(job)
     spread = lambda values: distribution.particles(None if model is None else values())
     permanent, live = spread(lambda: model.loading.permanent), spread(lambda: model.loading.live)
-    found = []
+    loads = []
     if job.cases or steps:
-        found.append(Equilibrium("permanent", "the permanent loads", permanent))
+        loads.append(StaticLoad("permanent", "the permanent loads", permanent))
     for case in job.cases:
         load = permanent + spread(partial(live_of_case, settings_of(job), model, case))
-        found.append(Equilibrium("case", f"case {case.name}", load, 1.0, case.name, True))
+        loads.append(StaticLoad("case", f"case {case.name}", load, 1.0, case.name, True))
     again = bool(job.cases)
     for step in range(1, steps + 1):
         factor = step / steps
         words = f"static load step {step} of {steps}"
-        found.append(Equilibrium("step", words, permanent + factor * live, factor, "", again and step == 1))
+        loads.append(StaticLoad("step", words, permanent + factor * live, factor, "", again and step == 1))
     if rests and not steps:
-        found.append(Equilibrium("at once", "the constant loads", permanent + live, 1.0, "", again))
+        loads.append(StaticLoad("at once", "the constant loads", permanent + live, 1.0, "", again))
     if rests_at_loss(job):
-        found.append(Equilibrium("rest", ALL_LOADS, permanent + live, 1.0, "", again and not steps))
+        loads.append(StaticLoad("rest", ALL_LOADS, permanent + live, 1.0, "", again and not steps))
     if rests:
         wind = spread(lambda: model.mean_wind)
-        found.append(Equilibrium("rest", "the mean wind", permanent + live + wind, 1.0))
-    return found
+        loads.append(StaticLoad("rest", "the mean wind", permanent + live + wind, 1.0))
+    return loads
 
 
 def live_of_case(load: SimpleNamespace, model, case) -> np.ndarray:
@@ -184,7 +184,7 @@ def find_equilibria(
         if large and each.kind == "step" and path.steps[-1]["load_factor"] > 0.0:
             guess = carried_on(state, base, each.factor / path.steps[-1]["load_factor"])
         try:
-            found = settle(scene, each, path.reference, desk.stop, resume, guess=guess)
+            equilibrium = settle(scene, each, path.reference, desk.stop, resume, guess=guess)
         except DivergedError as error:
             if before is None:
                 raise
@@ -193,22 +193,22 @@ def find_equilibria(
         if each.kind == "permanent":
             base = committed(state)
         if seen is not None:
-            seen.append((found, committed(state)))
-        note(scene, desk, path, each, found)
-        share, slack = path.done / len(wanted), f"slack {found.slack}"
+            seen.append((equilibrium, committed(state)))
+        note(scene, desk, path, each, equilibrium)
+        share, slack = path.done / len(wanted), f"slack {equilibrium.slack}"
         desk.progress.at(share, each.words, path.total, "iterations", slack)
     if wanted[-1].kind == "case":  # cases are beside the run: what follows starts where it would without
         to_the_start(scene)
 
 
-def note(scene: Scene, desk: Desk, path: StaticPath, each: Equilibrium, found: Settled) -> None:
+def note(scene: Scene, desk: Desk, path: StaticPath, each: StaticLoad, equilibrium: Equilibrium) -> None:
     """Write what was found, and count it. Collective."""
-    keep(scene, desk, path, each, found)
+    keep(scene, desk, path, each, equilibrium)
     path.done += 1
-    path.total += found.found.iterations
+    path.total += equilibrium.solution.iterations
 
 
-def permanent_again(scene: Scene, permanent: Equilibrium, reference: float) -> dict[str, np.ndarray]:
+def permanent_again(scene: Scene, permanent: StaticLoad, reference: float) -> dict[str, np.ndarray]:
     """What the permanent loads leave, found once more, in a run that is taken up. Collective."""
     state = scene.state
     now = committed(state)
@@ -227,10 +227,10 @@ def to_the_start(scene: Scene) -> None:
         state.eps_p[:] = state.dissipated[:] = 0.0
 
 
-def keep(scene: Scene, desk: Desk, path: StaticPath, each: Equilibrium, found: Settled) -> None:
+def keep(scene: Scene, desk: Desk, path: StaticPath, each: StaticLoad, equilibrium: Equilibrium) -> None:
     """Note what was found, and write it. Collective."""
-    state, snapshot = scene.state, found.snapshot
-    numbers = found.numbers() | {"moved": farthest(scene)}
+    state, snapshot = scene.state, equilibrium.snapshot
+    numbers = equilibrium.numbers() | {"moved": farthest(scene)}
     if each.kind == "case":
         path.cases[each.name] = numbers
         desk.result.write_equilibrium(f"cases/{each.name}", state, snapshot, "displacement")
@@ -251,7 +251,7 @@ def farthest(scene: Scene) -> tuple[float, int]:
     return max(scene.comm.allgather(here), key=lambda one: (one[0], -one[1]))
 
 
-def bearable(scene: Scene, wanted: list[Equilibrium], before: dict, reference: float) -> str:
+def bearable(scene: Scene, wanted: list[StaticLoad], before: dict, reference: float) -> str:
     """How much of the mean wind has an equilibrium, in words, by halving. Collective.
 
     before : the state without the wind, as of `committed`
@@ -263,7 +263,7 @@ def bearable(scene: Scene, wanted: list[Equilibrium], before: dict, reference: f
         put_back(scene.state, before)
         share = rest._replace(load=still + middle * (rest.load - still), factor=middle)
         try:
-            stays = settle(scene, share, reference, NEVER, most=most).found.falls == STABLE
+            stays = settle(scene, share, reference, NEVER, most=most).solution.unstable_at == STABLE
             low, high = (middle, high) if stays else (low, middle)
         except DivergedError:
             high = middle
@@ -280,17 +280,19 @@ def _borne(job: Job, share: float) -> str:
 
 def lines(path: StaticPath, scene: Scene) -> list[str]:
     """What the static stage found."""
-    found = [(f"case {name}", numbers) for name, numbers in path.cases.items()]
+    last = [(f"case {name}", numbers) for name, numbers in path.cases.items()]
     if path.steps:
-        found.append(("statics", path.steps[-1]))
+        last.append(("statics", path.steps[-1]))
     if path.rest:
-        found.append((rest_words(scene.job), path.rest))
-    lines = [f"{what}: {_settled(numbers, scene.distribution.m)}" for what, numbers in found]
+        last.append((rest_words(scene.job), path.rest))
+    lines = [f"{what}: {_in_words(numbers, scene.distribution.m)}" for what, numbers in last]
     if scene.model is None:
         return lines
     steps = [(f"statics, load factor {step['load_factor']:.4g}", step) for step in path.steps[:-1]]
-    node_id, every = scene.model.net.node_id, steps + found
-    lines += [_unstable(what, each["falls"], node_id) for what, each in every if each["falls"] != STABLE]
+    node_id, every = scene.model.net.node_id, steps + last
+    lines += [
+        _unstable(what, each["unstable_at"], node_id) for what, each in every if each["unstable_at"] != STABLE
+    ]
     moved = [(what, each["moved"][0], node_id[each["moved"][1]]) for what, each in every]
     return lines + displacement_notes(moved, scene.model.x)
 
@@ -304,20 +306,20 @@ def rest_words(job: Job) -> str:
 
 def sections(path: StaticPath) -> dict[str, dict[str, np.ndarray]]:
     """The numbers of all equilibria; their states are written as they are found."""
-    found = {}
+    datasets = {}
     if path.steps:
         columns = {name: [step[name] for step in path.steps] for name in path.steps[0]}
-        found["statics"] = numbers_of(columns)
-    found |= {f"cases/{name}": numbers_of(numbers) for name, numbers in path.cases.items()}
+        datasets["statics"] = numbers_of(columns)
+    datasets |= {f"cases/{name}": numbers_of(numbers) for name, numbers in path.cases.items()}
     if path.rest:
-        found["rest"] = numbers_of(path.rest)
-    return found
+        datasets["rest"] = numbers_of(path.rest)
+    return datasets
 
 
-def numbers_of(found: dict) -> dict[str, np.ndarray]:
+def numbers_of(numbers: dict) -> dict[str, np.ndarray]:
     """What is kept of equilibria as datasets: whether stable, and not which node says so."""
-    arrays = {name: np.array(value) for name, value in found.items() if name != "moved"}
-    return arrays | {"stable": arrays.pop("falls") == STABLE}
+    arrays = {name: np.array(value) for name, value in numbers.items() if name != "moved"}
+    return arrays | {"stable": arrays.pop("unstable_at") == STABLE}
 
 
 def _unstable(what: str, p: int, node_id: np.ndarray) -> str:
@@ -330,7 +332,7 @@ def _unstable(what: str, p: int, node_id: np.ndarray) -> str:
     )
 
 
-def _settled(numbers: dict, elements: int) -> str:
+def _in_words(numbers: dict, elements: int) -> str:
     return (
         f"in equilibrium {error_words(numbers['displacement_error'], numbers['tension_error'])}"
         f"{', by relaxation' if numbers['relaxed'] else ''}, residual {numbers['residual']:.3g} N, "

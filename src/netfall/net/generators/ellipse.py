@@ -50,7 +50,7 @@ def _ends(across, along, chord, inside, on_edge):
     high = inside.shape[1] - inside[of, ::-1].argmax(1)
     ends = []
     for sign, beyond in ((-1.0, low), (1.0, high)):
-        reach = np.where(on_edge[of, beyond], along[of, beyond], sign * chord[of, 0])
+        reach = np.where(on_edge[of, beyond], along[of, beyond], 0.0 + sign * chord[of, 0])  # no -0.0
         ends.append(np.column_stack([across[of, 0], reach]))
     return *ends, of
 
