@@ -20,7 +20,7 @@ def cables_in_ellipse(a: float, b: float, spacing: float, whole: bool = True):
     number = np.where(inside, np.cumsum(inside).reshape(inside.shape) - 1, -1)
     first, last, of_y = _ends(X, Y, to_edge_y, inside, on_edge)
     if not whole:
-        first = first * [1.0, 0.0]
+        first[:, 1] = 0.0
     left, right, of_x = _ends(Y.T, X.T, to_edge_x.T, inside.T, on_edge.T)
     left, right = left[:, ::-1], right[:, ::-1]
     held, end = np.unique(np.concatenate([first, last, left, right]), axis=0, return_inverse=True)
