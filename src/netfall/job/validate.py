@@ -133,7 +133,6 @@ class Validation:
                 self.wrong(place, what)
         if "wind" in given and "dynamics" not in given:
             self.wrong("wind", "there is no [dynamics] that the wind could act in; add it or remove [wind]")
-        self._prestress(given, found)
         self._entries_of_lists(lists)
         self._losses(given, found, lists)
 
@@ -231,19 +230,6 @@ class Validation:
         elif "shape_coefficient" not in wind and "sectors" not in wind:
             expected = "a number, or sectors = a table of them by the wind's direction"
             self.wrong("wind", f"shape_coefficient: missing; expected {expected}")
-
-    def _prestress(self, given: dict, found: dict) -> None:
-        relaxes = "form_finding" in given and given["form_finding"].get("method", "fpm") == "fpm"
-        if not relaxes or found["cable"] is None:
-            return
-        of_groups = (table for table in given["cable"].values() if isinstance(table, dict))
-        taut = found["cable"].prestress or any("prestress" in table for table in of_groups)
-        if not taut and not given.get("net", {}).get("elements"):
-            self.wrong(
-                "cable",
-                "prestress: missing or 0; form finding needs the tension to find the form with, "
-                "a number of N > 0",
-            )
 
 
 def _flat(table: dict, place: str = "") -> dict:

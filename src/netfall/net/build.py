@@ -166,6 +166,6 @@ def _without_tension(job: Job, net: Net) -> list[str]:
     other = np.isfinite(net.force_density).any()
     return [
         f'{job.path}: [form_finding] method = "fpm": no element that can move has a prestress, and without '
-        "tension there is no form; give prestress in [cable] or as a column"
+        "tension there is no form; give prestress in [cable], a number of N > 0, or as a column"
         + (', or method = "force_density", which takes the force densities of the table' if other else "")
     ]
