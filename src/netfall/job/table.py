@@ -110,6 +110,14 @@ class Table:
                 self.wrong(f"{self.at(row)}: {name} = {word[:40]!r}: expected an integer")
         return values
 
+    def ascending(self, name: str, values: np.ndarray) -> None:
+        """Note where the values of a column do not ascend."""
+        for row in np.flatnonzero(np.diff(values) <= 0)[:3]:
+            self.wrong(
+                f"{self.at(row + 1)}: {name} = {values[row + 1]:g}: not after the row before "
+                f"({values[row]:g}); expected ascending {name}s"
+            )
+
     def finish(self) -> None:
         """Raise what was noted."""
         if self.errors:

@@ -10,7 +10,6 @@ from netfall.job.schema import (
     LOST,
     OVERRIDES,
     SECTIONS,
-    may_break,
     wrong_combinations,
 )
 from netfall.job.values import nearest, shown
@@ -132,10 +131,8 @@ class Validation:
         if "cable" in given:
             for place, what in wrong_combinations(given["cable"], "elements" in given.get("net", {})):
                 self.wrong(place, what)
-        self._mass_scaling(given, found)
         if "wind" in given and "dynamics" not in given:
             self.wrong("wind", "there is no [dynamics] that the wind could act in; add it or remove [wind]")
-        self._prestress(given, found)
         self._entries_of_lists(lists)
         self._losses(given, found, lists)
 
@@ -233,28 +230,6 @@ class Validation:
         elif "shape_coefficient" not in wind and "sectors" not in wind:
             expected = "a number, or sectors = a table of them by the wind's direction"
             self.wrong("wind", f"shape_coefficient: missing; expected {expected}")
-
-    def _mass_scaling(self, given: dict, found: dict) -> None:
-        moves, breaks = found.get("dynamics"), may_break(given.get("cable", {}))
-        if moves is not None and moves.mass_scaling and moves.fragments and breaks:
-            self.wrong(
-                "dynamics",
-                f"mass_scaling = {shown(moves.mass_scaling)}: a fragment would take the added inertia along "
-                "as mass; allowed with fragments = false, or where nothing can break",
-            )
-
-    def _prestress(self, given: dict, found: dict) -> None:
-        relaxes = "form_finding" in given and given["form_finding"].get("method", "fpm") == "fpm"
-        if not relaxes or found["cable"] is None:
-            return
-        of_groups = (table for table in given["cable"].values() if isinstance(table, dict))
-        taut = found["cable"].prestress or any("prestress" in table for table in of_groups)
-        if not taut and not given.get("net", {}).get("elements"):
-            self.wrong(
-                "cable",
-                "prestress: missing or 0; form finding needs the tension to find the form with, "
-                "a number of N > 0",
-            )
 
 
 def _flat(table: dict, place: str = "") -> dict:

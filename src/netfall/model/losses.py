@@ -9,7 +9,7 @@ from netfall.job.job import Job
 from netfall.job.schema import LOST
 from netfall.job.values import nearest, shown
 from netfall.model.handover import HandOver, hand_over
-from netfall.net.net import Net
+from netfall.net.net import Net, nearest_group
 from netfall.net.parts import parts_of
 
 MOST_NAMED = 8  # ids in one message
@@ -59,9 +59,7 @@ def _of_ids(net: Net, entry) -> tuple[np.ndarray, str]:
 def _of_group(net: Net, entry) -> tuple[np.ndarray, str]:
     names = np.array(net.group_names)[net.group]
     rows = np.flatnonzero(names == entry.group)
-    there = sorted(set(names.tolist()) - {""})
-    advice = nearest(entry.group, there) if there else "the net has no groups"
-    return rows, "" if len(rows) else f"no such group of elements; {advice}"
+    return rows, "" if len(rows) else f"no such group of elements; {nearest_group(net, entry.group)}"
 
 
 def _of_cables(net: Net, entry) -> tuple[np.ndarray, str]:

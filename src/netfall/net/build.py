@@ -5,10 +5,10 @@ import numpy as np
 from netfall.ground.errors import InputError
 from netfall.job.asks import roof_groups
 from netfall.job.job import Job
-from netfall.job.values import nearest, shown
+from netfall.job.values import shown
 from netfall.net.cables import cables_of, same_names
 from netfall.net.generators import generate as generators
-from netfall.net.net import Net, subdivide
+from netfall.net.net import Net, nearest_group, subdivide
 from netfall.net.parts import parts_of
 from netfall.net.sections import set_sections, set_strengths, strength_errors, strength_notes
 from netfall.net.tables import read_lines, read_tables
@@ -71,15 +71,14 @@ def _set_sections(job: Job, net: Net, columns: dict | None = None) -> None:
 
 def _wrong_groups(job: Job, net: Net) -> list[str]:
     """A line for each section or list that names a group of which there is no element."""
-    known = [name for name in net.group_names if name]
-    advice = lambda name: nearest(name, known) if known else "the net has no groups"
+    known = set(net.group_names) - {""}
     lines = [
-        f"{job.path}: [cable.{name}]: no element is of this group; {advice(name)}"
+        f"{job.path}: [cable.{name}]: no element is of this group; {nearest_group(net, name)}"
         for name in job.groups
         if name not in known
     ]
     lines += [
-        f"{job.path}: [roof] groups: no element is of group {shown(name)}; {advice(name)}"
+        f"{job.path}: [roof] groups: no element is of group {shown(name)}; {nearest_group(net, name)}"
         for name in roof_groups(job)
         if name not in known
     ]
@@ -166,6 +165,6 @@ def _without_tension(job: Job, net: Net) -> list[str]:
     other = np.isfinite(net.force_density).any()
     return [
         f'{job.path}: [form_finding] method = "fpm": no element that can move has a prestress, and without '
-        "tension there is no form; give prestress in [cable] or as a column"
+        "tension there is no form; give prestress in [cable], a number of N > 0, or as a column"
         + (', or method = "force_density", which takes the force densities of the table' if other else "")
     ]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
+from netfall.job.values import nearest
 from netfall.numerics.functions import lengths
 
 GRAVITY = 9.81  # m/s2, for self weight and for the mass of the dead load
@@ -174,6 +175,12 @@ class Net:
 def pair_key(pairs: np.ndarray, count: int) -> np.ndarray:
     """One number for each pair (k, 2) of points 0 to count - 1, the same in either order."""
     return pairs.min(1) * count + pairs.max(1)
+
+
+def nearest_group(net: Net, name: str) -> str:
+    """Advice on a name that no group of the net has."""
+    known = [group for group in net.group_names if group]
+    return nearest(name, known) if known else "the net has no groups"
 
 
 def subdivide(net: Net, parts: int) -> Net:

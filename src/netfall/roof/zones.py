@@ -9,7 +9,7 @@ import shapely
 from netfall.ground.errors import InputError
 from netfall.job.job import Job
 from netfall.job.values import nearest, shown
-from netfall.net.net import Net
+from netfall.net.net import Net, nearest_group
 from netfall.roof.areas import Roofing
 from netfall.roof.cutter import Cutter
 
@@ -215,7 +215,7 @@ def _wrong_entries(entries: list, net: Net) -> list[str]:
         for name in zone.groups or ():
             if name not in net.group_names:
                 lines.append(
-                    f"{place} groups: no element is of group {shown(name)}; {_known_groups(net, name)}"
+                    f"{place} groups: no element is of group {shown(name)}; {nearest_group(net, name)}"
                 )
         if in_column and (zone.polygon is not None or zone.groups is not None):
             lines.append(f"{place} the column zone of nodes.csv has nodes of it already; give the name alone")
@@ -240,11 +240,6 @@ def _not_simple(corners: list) -> list[str]:
         return []
     why = shapely.is_valid_reason(polygon) if not polygon.is_valid else "no area"
     return [f"{why}; expected corners in order around an area, without sides that cross"]
-
-
-def _known_groups(net: Net, name: str) -> str:
-    known = [group for group in net.group_names if group]
-    return nearest(name, known) if known else "the net has no groups"
 
 
 def _unknown_names(job: Job, names: list[str]) -> list[str]:

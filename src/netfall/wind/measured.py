@@ -5,13 +5,17 @@ second table, each the speed at that place and height; a particle takes those of
 plan, weighted by distance, and the power-law profile carries each from its own height to the particle's.
 """
 
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.table import Table
+from netfall.job.table import LARGEST, Table
 from netfall.numerics.functions import lengths
 from netfall.wind.coherence import LOWEST_HEIGHT
 
+ROWS = 64  # of a long file that are read at once
 TOGETHER = 1e-3  # m in plan; points as close are one place
 
 
@@ -35,25 +39,28 @@ def place_weights(x: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.nda
     return corner, weights
 
 
-class MeasuredHistory:
-    """A table of times (t,) [s] and speeds (t, c) [m/s], from time 0 on.
+class TableHistory:
+    """Rows of a table in time, from time 0 on, of which some are held at a time.
 
-    places : (c, 3) [m], where they were measured; None: one speed at 10 m
+    places : (c, 2 or 3) [m], where its columns belong; None: one column everywhere; notes : on the tables
+    mean_gust : (c,), the mean over the duration
     """
 
-    def __init__(self, time: np.ndarray, speed: np.ndarray, places: np.ndarray | None, duration: float):
-        """duration : [s], over which `mean_gust` (c,) [m/s] is the mean"""
-        first = int(np.searchsorted(time, 0.0, side="right")) - 1
-        self.time, self.speed = time[first:], speed[first:]
-        self.places, self.notes = places, []
-        within = np.unique(np.clip(time, 0.0, duration))
-        course = (np.interp(within, time, column) for column in speed.T)
-        self.mean_gust = np.array([np.trapezoid(values, within) / duration for values in course])
+    def __init__(self, time, rows: Callable[[int, int], np.ndarray], mean_gust, places, notes):
+        """time : (t,) [s]; rows(first, end) : values (end - first, c) of these rows"""
+        self.first = int(np.searchsorted(time, 0.0, side="right")) - 1
+        self.time, self.mean_gust = time[self.first :], mean_gust
+        self.places, self.notes = places, notes
+        self._rows, self._begin, self._block = rows, -1, None
 
     def sample(self, k: int) -> tuple[float, np.ndarray]:
-        """Time [s] and speeds (c,) [m/s] of row k; the last one stands for all that follow."""
+        """Time [s] and values (c,) of row k; the last one stands for all that follow."""
         k = min(k, len(self.time) - 1)
-        return float(self.time[k]), self.speed[k]
+        begin = k // ROWS * ROWS
+        if begin != self._begin:
+            end = min(begin + ROWS, len(self.time))
+            self._begin, self._block = begin, self._rows(self.first + begin, self.first + end)
+        return float(self.time[k]), self._block[k - begin]
 
     def record(self) -> tuple[dict, dict]:
         """Nothing: a row depends on its number alone."""
@@ -63,57 +70,63 @@ class MeasuredHistory:
         """Nothing to take up."""
 
 
-def read_measured(job) -> MeasuredHistory:
+def read_measured(job) -> TableHistory:
     """The history of [wind] file, a table with columns time [s] and speed [m/s], or one for each of points.
 
     Raises InputError unless times ascend from 0 or before to the end of the simulated time.
     """
-    names, places, notes = ["speed"], None, []
+    names, places, notes, duration = ["speed"], None, [], job.dynamics.duration
     if job.wind.points:
-        names, places, notes = read_places(job.path.parent / job.wind.points)
+        one = "one height at each place, the profile does the rest"
+        names, places, notes = read_places(job.path.parent / job.wind.points, "xyz", one)
         _check_heights(job, names, places)
-    table = Table(job.path.parent / job.wind.file, ("time", *names), ("time", *names))
-    time = table.numbers("time", unit="s")
-    speed = np.column_stack([table.numbers(name, low=0.0, unit="m/s") for name in names])
-    table.finish()
-    for row in np.flatnonzero(np.diff(time) <= 0)[:3]:
-        table.wrong(
-            f"{table.at(row + 1)}: time = {time[row + 1]:g}: not after the row before ({time[row]:g}); "
-            "expected ascending times"
-        )
-    if np.isnan(time).any() or np.isnan(speed).any():
-        table.wrong("empty cells; expected a number in each")
-    elif time[0] > 0 or time[-1] < job.dynamics.duration:
-        table.wrong(
-            f"covers {time[0]:g} to {time[-1]:g} s; expected 0 to duration = {job.dynamics.duration:g} s"
-        )
-    table.finish()
-    history = MeasuredHistory(time, speed, places, job.dynamics.duration)
-    history.notes = notes + table.notes
-    return history
+    table, time, speed = read_rows(job.path.parent / job.wind.file, names, duration, 0.0, "m/s")
+    within = np.unique(np.clip(time, 0.0, duration))
+    course = (np.interp(within, time, column) for column in speed.T)
+    mean = np.array([np.trapezoid(values, within) / duration for values in course])
+    return TableHistory(time, lambda first, end: speed[first:end], mean, places, notes + table.notes)
 
 
-def read_places(path) -> tuple[list[str], np.ndarray, list[str]]:
-    """Names (as headers are read: in small letters), places (c, 3) [m] and notes of a table name, x, y, z.
+def read_rows(path: Path, names: list[str], duration: float, low: float = -LARGEST, unit: str = ""):
+    """A table, its column time (t,) [s] and those of some names (t, c), numbers from `low` on.
 
-    Raises InputError for points without a name of their own, or above one another.
+    Raises InputError unless times ascend from 0 or before to a duration [s], and each cell has its number.
     """
-    table = Table(path, ("name", "x", "y", "z"), ("name", "x", "y", "z"))
+    table = Table(path, ("time", *names), ("time", *names))
+    time = table.numbers("time", unit="s")
+    values = np.column_stack([table.numbers(name, low=low, unit=unit) for name in names])
+    table.finish()
+    table.ascending("time", time)
+    if np.isnan(time).any() or np.isnan(values).any():
+        table.wrong("empty cells; expected a number in each")
+    elif time[0] > 0 or time[-1] < duration:
+        table.wrong(f"covers {time[0]:g} to {time[-1]:g} s; expected 0 to duration = {duration:g} s")
+    table.finish()
+    return table, time, values
+
+
+def read_places(path: Path, axes: str, expected: str) -> tuple[list[str], np.ndarray, list[str]]:
+    """Names (as headers are read: in small letters), places (c, 2 or 3) [m] and notes of a table of places.
+
+    axes : that it must have; expected : as in `_check_apart`
+
+    Raises InputError for places without a name of their own, or above one another.
+    """
+    table = Table(path, ("name", "x", "y", "z"), ("name", *axes))
     names = [name.lower() for name in table.words("name")]
-    places = np.column_stack([table.numbers(axis, unit="m") for axis in "xyz"])
+    places = np.column_stack([table.numbers(axis, unit="m") for axis in axes])
     for row, name in enumerate(names):
         if not name or name == "time" or name in names[:row]:
-            table.wrong(
-                f"{table.at(row)}: name = {name[:40]!r}: expected a name of its own, the column's in file"
-            )
+            own = "expected a name of its own, that of a column of values"
+            table.wrong(f"{table.at(row)}: name = {name[:40]!r}: {own}")
     if np.isnan(places).any():
         table.wrong("empty cells; expected a number in each")
-    check_apart(table, names, places, "one height at each place, the profile does the rest")
+    _check_apart(table, names, places, expected)
     table.finish()
     return names, places, table.notes
 
 
-def check_apart(table: Table, names: list[str], places: np.ndarray, expected: str) -> None:
+def _check_apart(table: Table, names: list[str], places: np.ndarray, expected: str) -> None:
     """Places (c, 2 or 3) [m] must differ in plan: of two at one place a particle would take the mean."""
     for row in range(len(places)):
         near = lengths(places[:row, :2] - places[row, :2]) < TOGETHER

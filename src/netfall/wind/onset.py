@@ -23,7 +23,7 @@ class GrowingGusts:
     """
 
     def __init__(self, history, ramp: float):
-        """history : `GeneratedHistory`, `MeasuredHistory`; ramp : [s], 0: everything acts from the start"""
+        """history : `GeneratedHistory`, `TableHistory`; ramp : [s], 0: everything acts from the start"""
         self.history = history
         self.ramp = ramp if ramp > 0.0 else -math.inf  # times of a table may be before 0
         self.count = 0  # samples of the history so far

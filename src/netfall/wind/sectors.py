@@ -71,8 +71,4 @@ def _check_direction(table: Table, direction: np.ndarray) -> None:
         table.wrong(
             f"{table.at(row)}: direction = {words[:40]!r}: expected a number of degrees >= 0 and < 360"
         )
-    for row in np.flatnonzero(np.diff(direction) <= 0)[:3]:
-        table.wrong(
-            f"{table.at(row + 1)}: direction = {direction[row + 1]:g}: not after the row before "
-            f"({direction[row]:g}); expected ascending directions"
-        )
+    table.ascending("direction", direction)

@@ -7,55 +7,14 @@ taps, of which 64 rows are held at a time. Times are those of the roof, in s. A 
 four nearest taps in plan, weighted by distance (`measured.place_weights`); between times values are linear.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 
 import h5py
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.table import LARGEST, Table
-from netfall.wind.measured import check_apart, place_weights
-
-ROWS = 64  # of a long file that are read at once
-
-
-class TapHistory:
-    """Values at taps in time, from time 0 on; samples as `measured.MeasuredHistory` gives them.
-
-    places : (c, 2) [m], x and y of the taps; notes : on the tables
-    mean_gust : (c,), the mean over the duration
-    """
-
-    def __init__(self, time, rows: Callable[[int, int], np.ndarray], places, notes, duration: float):
-        """time : (t,) [s]; rows(first, end) : values (end - first, c) of these rows; duration : [s]"""
-        self.first = int(np.searchsorted(time, 0.0, side="right")) - 1
-        self.time, self.places, self.notes = time[self.first :], places, notes
-        self._rows, self._begin, self._block = rows, -1, None
-        share = _shares(time, duration)
-        blocks = range(0, len(time), ROWS)
-        sums = (np.add.reduce(share[i : i + ROWS, None] * rows(i, i + ROWS), axis=0) for i in blocks)
-        self.mean_gust = sum(sums)
-
-    def sample(self, k: int) -> tuple[float, np.ndarray]:
-        """Time [s] and values (c,) of row k; the last one stands for all that follow."""
-        k = min(k, len(self.time) - 1)
-        begin = k // ROWS * ROWS
-        if begin != self._begin:
-            end = min(begin + ROWS, len(self.time))
-            self._begin, self._block = begin, self._rows(self.first + begin, self.first + end)
-        return float(self.time[k]), self._block[k - begin]
-
-    def weights(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Taps (n, 4) that reach each node x (n, 3) [m], and their weights (n, 4), whose sum is 1."""
-        return place_weights(x, self.places)
-
-    def record(self) -> tuple[dict, dict]:
-        """Nothing: a row depends on its number alone."""
-        return {}, {}
-
-    def restore(self, numbers: dict, arrays: dict) -> None:
-        """Nothing to take up."""
+from netfall.job.table import LARGEST
+from netfall.wind.measured import ROWS, TableHistory, read_places, read_rows
 
 
 def _shares(time: np.ndarray, duration: float) -> np.ndarray:
@@ -68,34 +27,24 @@ def _shares(time: np.ndarray, duration: float) -> np.ndarray:
     return share / duration
 
 
-def read_taps(taps: Path, values: Path, duration: float) -> TapHistory:
+def read_taps(taps: Path, values: Path, duration: float) -> TableHistory:
     """The history of two files, over at least a duration [s]. Raises InputError."""
-    table = Table(taps, ("name", "x", "y", "z"), ("name", "x", "y"))
-    names = [name.lower() for name in table.words("name")]
-    places = np.column_stack([table.numbers(axis, unit="m") for axis in "xy"])
-    for row, name in enumerate(names):
-        if not name or name == "time" or name in names[:row]:
-            table.wrong(f"{table.at(row)}: name = {name[:40]!r}: expected a name of its own")
-    if np.isnan(places).any():
-        table.wrong("empty cells; expected a number in each")
-    check_apart(table, names, places, "one tap at each place, with what presses and what lifts there added")
-    table.finish()
+    one = "one tap at each place, with what presses and what lifts there added"
+    names, places, notes = read_places(taps, "xy", one)
     if values.suffix in (".h5", ".hdf5"):
-        time, rows, notes = *_long_file(values, len(names)), []
+        time, rows = _long_file(values, len(names))
+        _check_times(values, time, duration)
     else:
-        time, rows, notes = _csv_file(values, names)
-    _check_times(values, time, duration)
-    return TapHistory(time, rows, places, table.notes + notes, duration)
+        table, time, value = read_rows(values, names, duration)
+        rows, notes = (lambda first, end: value[first:end]), notes + table.notes
+    return TableHistory(time, rows, _mean(time, rows, duration), places, notes)
 
 
-def _csv_file(path: Path, names: list[str]):
-    table = Table(path, ("time", *names), ("time", *names))
-    time = table.numbers("time", unit="s")
-    value = np.column_stack([table.numbers(name) for name in names])
-    if np.isnan(time).any() or np.isnan(value).any():
-        table.wrong("empty cells; expected a number in each")
-    table.finish()
-    return time, lambda first, end: value[first:end], table.notes
+def _mean(time: np.ndarray, rows, duration: float) -> np.ndarray:
+    """Mean values (c,) over the duration [s]; time, rows : as in `TableHistory`."""
+    share = _shares(time, duration)
+    blocks = range(0, len(time), ROWS)
+    return sum(np.add.reduce(share[i : i + ROWS, None] * rows(i, i + ROWS), axis=0) for i in blocks)
 
 
 def _long_file(path: Path, count: int):

@@ -292,12 +292,9 @@ def _drop_loose_parts(reading: Reading) -> None:
     _tell_largest(reading, of_element, held[0])
     for number in np.unique(of_element[of_element > 0]).tolist():
         mine = of_element == number
-        layers = sorted({drawing.layers[k] for k in drawing.layer[net.line[mine]].tolist()})
-        place = net.x[net.ends[mine][0, 0]]
+        where, place = _where(reading, mine)
         fate = "held by supports of its own" if held[number] else "without a support: left out"
-        told.append(
-            f"{int(mine.sum())} elements at {reading.place(place)}, layer {', '.join(layers)}, {fate}"
-        )
+        told.append(f"{int(mine.sum())} elements {where}, {fate}")
         places.append(place)
     reading.tell("loose part", len(told), "parts are not joined to the rest of the net", told, places)
     kept = held[of_element]
@@ -307,18 +304,25 @@ def _drop_loose_parts(reading: Reading) -> None:
     reading.fixed = reading.fixed[nodes]
 
 
+def _where(reading: Reading, mine: np.ndarray) -> tuple[str, np.ndarray]:
+    """Where some elements, mine (m,) bool, are, and on which layers, in words; their first place [m]."""
+    net, drawing = reading.net, reading.drawing
+    layers = sorted({drawing.layers[k] for k in drawing.layer[net.line[mine]].tolist()})
+    place = net.x[net.ends[mine][0, 0]]
+    return f"at {reading.place(place)}, layer {', '.join(layers)}", place
+
+
 def _tell_largest(reading: Reading, of_element: np.ndarray, held: bool) -> None:
     """The largest part, where no support holds it: the net is then another one than was meant."""
     if held:
         return
-    net, drawing, mine = reading.net, reading.drawing, of_element == 0
-    layers = sorted({drawing.layers[k] for k in drawing.layer[net.line[mine]].tolist()})
-    place = net.x[net.ends[mine][0, 0]]
+    mine = of_element == 0
+    where, place = _where(reading, mine)
     reading.tell(
         "LARGEST PART LEFT OUT",
         int(mine.sum()),
         f"of {len(mine)} elements are without a support; --supports takes a layer, points or outline",
-        [f"at {reading.place(place)}, layer {', '.join(layers)}"],
+        [where],
         place,
     )
 
