@@ -20,8 +20,7 @@ from netfall.parallel import partition
 from netfall.roof.areas import Roofing, roof_of
 from netfall.roof.zones import Zones, zones_of
 from netfall.wind.field import read_history
-from netfall.wind.measured import MeasuredHistory
-from netfall.wind.taps import TapHistory
+from netfall.wind.measured import TableHistory
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ class Layout:
     lost: list[np.ndarray]
     probes: Probes
     shape_coefficient: np.ndarray | None
-    measured: MeasuredHistory | TapHistory | None
+    measured: TableHistory | None
     notes: tuple[str, ...]
 
 

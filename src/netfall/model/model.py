@@ -24,8 +24,7 @@ from netfall.roof.panels import Panels, panels_of
 from netfall.roof.shares import Shares
 from netfall.roof.zones import Roof, Zones
 from netfall.wind.field import GeneratedHistory, WindField, force_factor, make_wind_field
-from netfall.wind.measured import MeasuredHistory
-from netfall.wind.taps import TapHistory
+from netfall.wind.measured import TableHistory
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ class Model:
     added: np.ndarray | None
     loading: Loading
     wind_field: WindField | None
-    history: GeneratedHistory | MeasuredHistory | TapHistory | None
+    history: GeneratedHistory | TableHistory | None
     panels: Panels | None
     start_notes: tuple[str, ...]
 
