@@ -6,20 +6,19 @@ divided into more. The runs are interleaved, and the best of them counts: a mach
 at times, never faster.
 """
 
-import csv
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.ground.launch import check_launcher, passing_result, run_job_command
+from netfall.ground.launch import check_launcher
 from netfall.job.job import Job
-from netfall.job.read import read_job
-from netfall.write.locks import whole
+from netfall.measure import tables
+from netfall.measure.runs import Runs, dynamic_job, place_of_runs
 
 GROWING = {
     "saddle": ("side", "rise", "cells"),
@@ -67,13 +66,8 @@ def scale(
 
     Returns the paths of the table and its picture, in `folder`.
     """
-    job = read_job(path, overrides)
-    if job.dynamics is None:
-        raise InputError(
-            f"{path}: [dynamics] is missing: what is measured is the dynamic stage; add the section"
-        )
+    job = dynamic_job(path, overrides)
     check_launcher(launcher)
-    folder.mkdir(parents=True, exist_ok=True)
     cases = [("strong", count, []) for count in ranks]
     cases += [("weak", count, grown(job, count / ranks[0])) for count in ranks]
     cases = [case for case in cases if case[2] is not None]
@@ -82,27 +76,27 @@ def scale(
             "note: no weak scaling for numbers of ranks that are no multiples of the first: "
             "a table's elements can be divided only into whole numbers of parts"
         )
-    best: dict[tuple, Timing] = {}
-    for repeat in range(repeats):
-        for kind, count, larger in cases:
-            if kind == "weak" and not larger:  # the job itself
-                best[kind, count] = Timing(**{**vars(best["strong", count]), "kind": kind})
-                continue
-            timing = measure(kind, count, path, [*overrides, *larger], launcher, folder)
-            say(
-                f"{kind}, {count} rank{'s' * (count > 1)}, run {repeat + 1} of {repeats}: "
-                f"{timing.elements} elements, {timing.dynamics:.3g} s, {timing.rate:.3g} element-steps/s"
-            )
-            if (kind, count) not in best or timing.rate > best[kind, count].rate:
-                best[kind, count] = timing
-    timings = list(best.values())
-    rows = table(timings)
-    for line in as_text(rows):
-        say(line)
-    return [
-        write_csv(rows, folder / f"{job.name}_scale.csv"),
-        draw(job, timings, folder / f"{job.name}_scale.png"),
-    ]
+    csv = folder / f"{job.name}_scale.csv"
+    with place_of_runs(csv) as place:
+        best: dict[tuple, Timing] = {}
+        for repeat in range(repeats):
+            for kind, count, larger in cases:
+                if kind == "weak" and not larger:  # the job itself
+                    best[kind, count] = replace(best["strong", count], kind=kind)
+                    continue
+                runs = Runs(path, count, launcher, place, profile=True)
+                timing = measure(kind, runs, [*overrides, *larger])
+                say(
+                    f"{kind}, {count} rank{'s' * (count > 1)}, run {repeat + 1} of {repeats}: "
+                    f"{timing.elements} elements, {timing.dynamics:.3g} s, {timing.rate:.3g} element-steps/s"
+                )
+                if (kind, count) not in best or timing.rate > best[kind, count].rate:
+                    best[kind, count] = timing
+        timings = list(best.values())
+        rows = table(timings)
+        for line in as_text(rows):
+            say(line)
+        return [tables.write_csv(rows, csv), draw(job, timings, csv.with_suffix(".png"))]
 
 
 def grown(job: Job, factor: float) -> list[str] | None:
@@ -116,26 +110,27 @@ def grown(job: Job, factor: float) -> list[str] | None:
     return [f"net.{key}={whole(key, v) if key in WHOLE else repr(v)}" for key, v in longer.items()]
 
 
-def measure(kind: str, ranks: int, path: Path, overrides: list[str], launcher: str, folder: Path) -> Timing:
-    """The times of one run."""
-    with passing_result(folder) as result:
-        run_job_command(launcher, ranks, path, result, overrides, "--profile")
-        with h5py.File(result, "r") as file:
-            provenance = file["provenance"].attrs
-            if provenance["ranks"] != ranks:
-                raise InputError(
-                    f'--launcher "{launcher}": started {provenance["ranks"]} ranks in one world '
-                    f"where {ranks} were asked for"
-                )
-            seconds = file["provenance/timings"].attrs
-            return Timing(
+def measure(kind: str, runs: Runs, overrides: list[str]) -> Timing:
+    """The times of one run. Raises InputError if it does not come to its end."""
+    found = []
+
+    def done(_, told: dict, file: h5py.File | None) -> None:
+        if file is None:
+            raise InputError(f"{runs.job}: a run on {runs.ranks} ranks {told['state']}: {told['reason']}")
+        seconds = file["provenance/timings"].attrs
+        found.append(
+            Timing(
                 kind,
-                ranks,
+                runs.ranks,
                 len(file["net/elements"]),
-                int(provenance["steps"]),
+                int(file["provenance"].attrs["steps"]),
                 float(seconds["dynamics"][2]),
                 {name: seconds[long] for name, long in PHASES.items()},
             )
+        )
+
+    runs.run([(kind, overrides)], done)
+    return found[0]
 
 
 def table(timings: list[Timing]) -> list[dict]:
@@ -162,83 +157,57 @@ def table(timings: list[Timing]) -> list[dict]:
 
 def as_text(rows: list[dict]) -> list[str]:
     """The table for the eye; phases in per cent of the dynamic stage: least / mean / largest of the ranks."""
-    lines = [
-        "| scaling | ranks | elements | steps | seconds | element-steps/s | speed-up | efficiency | "
-        + " | ".join(f"{name} [%]" for name in PHASES)
-        + " |",
-        "|" + "---|" * (8 + len(PHASES)),
+    head = ["scaling", "ranks", "elements", "steps", "seconds", "element-steps/s", "speed-up", "efficiency"]
+    return tables.as_text([*head, *(f"{name} [%]" for name in PHASES)], [_cells(row) for row in rows])
+
+
+def _cells(row: dict) -> list[str]:
+    share = lambda name, which: f"{100 * row[f'{name}_{which}_s'] / row['dynamics_s']:.0f}"
+    return [
+        *(str(row[name]) for name in ("kind", "ranks", "elements", "steps")),
+        *(f"{row[name]:.3g}" for name in ("dynamics_s", "element_steps_per_s")),
+        *(f"{row[name]:.2f}" for name in ("speed_up", "efficiency")),
+        *(" / ".join(share(name, which) for which in ("min", "mean", "max")) for name in PHASES),
     ]
-    for row in rows:
-        shares = [
-            " / ".join(
-                f"{100 * row[f'{name}_{which}_s'] / row['dynamics_s']:.0f}"
-                for which in ("min", "mean", "max")
-            )
-            for name in PHASES
-        ]
-        lines.append(
-            f"| {row['kind']} | {row['ranks']} | {row['elements']} | {row['steps']} "
-            f"| {row['dynamics_s']:.3g} | {row['element_steps_per_s']:.3g} "
-            f"| {row['speed_up']:.2f} | {row['efficiency']:.2f} | " + " | ".join(shares) + " |"
-        )
-    return lines
-
-
-def write_csv(rows: list[dict], path: Path) -> Path:
-    """The table, all figures in seconds."""
-    with whole(path) as place, open(place, "w", newline="") as file:
-        writer = csv.DictWriter(file, rows[0])
-        writer.writeheader()
-        writer.writerows(rows)
-    return path
 
 
 def draw(job: Job, timings: list[Timing], path: Path) -> Path:
     """Speed-up over the ranks, and what a rank's time goes into."""
-    import matplotlib
+    with tables.two_panels(path, figsize=(11, 4.4)) as (figure, left, right):
+        _draw_speed_up(left, table(timings))
+        _draw_phases(right, timings)
+        figure.suptitle(job.title or job.name)
+    return path
 
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
 
-    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.4), layout="constrained")
-    rows = table(timings)
+def _draw_speed_up(axes, rows: list[dict]) -> None:
     counts = sorted({row["ranks"] for row in rows})
-    left.plot(counts, [count / counts[0] for count in counts], color="0.6", linestyle="--", label="ideal")
+    axes.plot(counts, [count / counts[0] for count in counts], color="0.6", linestyle="--", label="ideal")
     for kind, marker in (("strong", "o"), ("weak", "s")):
         mine = sorted((row["ranks"], row["speed_up"]) for row in rows if row["kind"] == kind)
         if len(mine) > 1:
-            left.plot(*zip(*mine), marker=marker, label=f"{kind} scaling")
-    left.set(
+            axes.plot(*zip(*mine), marker=marker, label=f"{kind} scaling")
+    axes.set(
         xlabel="ranks",
         ylabel=f"element-steps per second, of those on {counts[0]} rank{'s' * (counts[0] > 1)}",
         xticks=counts,
         ylim=(0, None),
     )
-    left.legend()
-    bottom = np.zeros(len(timings))
+    axes.legend()
+
+
+def _draw_phases(axes, timings: list[Timing]) -> None:
+    bottom, places = np.zeros(len(timings)), range(len(timings))
     for name in PHASES:
-        share = np.array([100 * t.phases[name][1] / t.dynamics for t in timings])
-        spread = np.array([100 * (t.phases[name][1:] - t.phases[name][:-1]) / t.dynamics for t in timings]).T
-        right.bar(
-            range(len(timings)),
-            share,
-            bottom=bottom,
-            yerr=spread,
-            capsize=3,
-            label=name,
-            error_kw={"elinewidth": 0.8},
-        )
-        bottom += share
-    right.set(
-        xticks=range(len(timings)),
+        least, mean, most = np.array([100 * t.phases[name] / t.dynamics for t in timings]).T
+        spread, line = [mean - least, most - mean], {"elinewidth": 0.8}
+        axes.bar(places, mean, bottom=bottom, yerr=spread, capsize=3, label=name, error_kw=line)
+        bottom += mean
+    axes.set(
+        xticks=places,
         xticklabels=[f"{t.kind}\n{t.ranks}" for t in timings],
         ylabel="share of the dynamic stage [%]",
         ylim=(0, 110),
     )
-    right.legend(fontsize=8, ncols=4, loc="upper center")
-    right.set_title("mean of the ranks; bars: least and largest", fontsize=9)
-    figure.suptitle(job.title or job.name)
-    with whole(path) as place:
-        figure.savefig(place, dpi=130)
-    plt.close(figure)
-    return path
+    axes.legend(fontsize=8, ncols=4, loc="upper center")
+    axes.set_title("mean of the ranks; bars: least and largest", fontsize=9)

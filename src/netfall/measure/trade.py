@@ -6,53 +6,76 @@ the reference's first fracture a roof has one answer, after it a collapse is cha
 scatter. (The wind's time step and seed are no accuracy: they change the gusts themselves.)
 """
 
-import hashlib
 import itertools
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from netfall.ground.errors import InputError
+from netfall.ground.errors import InputError, Interrupted
 from netfall.ground.launch import check_launcher
-from netfall.ground.sources import program_digest
+from netfall.ground.sources import TELLING, program_digest
 from netfall.job.job import Job
 from netfall.job.read import read_job
 from netfall.job.schema import may_break
 from netfall.measure.compare import Row, as_text, compare, draw, mark_best, write_table
-from netfall.measure.outcome import Outcome, Store, best_of, measure
-from netfall.write.locks import claim, release
+from netfall.measure.outcome import Outcome, Outcomes, end_of_comparison, outcome_of
+from netfall.measure.runs import Runs, dynamic_job, place_of_runs
+from netfall.study.files import Watch
 
 FINER = 10.0  # how much shorter the reference's step is
-FORMAT = 2
+FORMAT = 3  # of the journal
 
 
 @dataclass(frozen=True)
-class Study:
-    """The job of a study, and how its runs are started."""
+class Trade:
+    """The job of a trade, its runs and what came of them. stop : a wish to stop"""
 
     path: Path
     overrides: list[str]
-    ranks: int
-    launcher: str
-    repeats: int
-    folder: Path
+    runs: Runs
+    outcomes: Outcomes
+    stop: object
 
     def job(self, setting: list[str]) -> Job:
         """The job with a setting. Raises InputError."""
         return read_job(self.path, [*self.overrides, *setting])
 
-    def once(self, setting: list[str], until: float) -> Outcome:
-        """The outcome of one run."""
-        overrides = [*self.overrides, *setting]
-        return measure(self.path, overrides, self.ranks, self.launcher, self.folder, until)
+    def measure(
+        self,
+        settings: list[list[str]],
+        repeats: int,
+        until: float | None = None,
+        report: Callable[[int, Outcome], None] = lambda row, outcome: None,
+    ) -> list[Outcome]:
+        """The outcome of each setting, the fastest of its runs; those that are missing are made.
 
-    def stored_or_run(self, store: Store, setting: list[str], until: float, repeats: int) -> Outcome:
-        """The outcome that is stored, else that of the fastest of several runs."""
-        key = f"{text_of(setting)} until {until!r} of {self.job(setting).digest()}"
-        return store.outcome(key, lambda: best_of(repeats, lambda: self.once(setting, until)))
+        until : as of `read_outcome`; report : takes the number of a setting, from 0, and its outcome
+
+        Raises Interrupted if asked to stop, InputError if no run can start or a file has changed.
+        """
+        jobs = [self.job(setting) for setting in settings]
+        watch = Watch([self.path, *dict.fromkeys(file for job in jobs for file in job.files())])
+        keys = [f"{job.digest()} until {until!r}" for job in jobs]
+        found = []
+
+        def missing():
+            for row, (key, setting) in enumerate(zip(keys, settings)):
+                while not self.outcomes.enough(key, repeats):
+                    yield key, [*self.overrides, *setting]
+                found.append(self.outcomes.best(key))
+                report(row, found[-1])
+
+        def done(key, told, file):
+            watch.check()
+            self.outcomes.add(key, outcome_of(told, file, until))
+
+        self.runs.run(missing(), done, self.stop)
+        if len(found) < len(settings):
+            raise Interrupted(
+                f"interrupted with {len(settings) - len(found)} of {len(settings)} settings "
+                "still to be measured; the same command goes on"
+            )
+        return found
 
 
 def trade(
@@ -66,100 +89,87 @@ def trade(
     tolerance: float,
     folder: Path,
     say: Callable[[str], None],
+    stop,
 ) -> list[Path]:
-    """Run the grid, print the table, write it and its picture into `folder`; their paths. Raises InputError.
+    """Run the grid, print the table, write it and its picture into `folder`; their paths.
 
     vary : SECTION.KEY=VALUE,VALUE,...; every combination is run. Empty: one key at a time, of those that the
     job has
     reference : overrides of the reference, beside those of all runs
     repeats : runs of each setting, of which the fastest counts (a first one may compile)
-    tolerance : of the largest relative error
+    tolerance : of the largest relative error; stop : a wish to stop
+
+    Raises InputError, Interrupted if asked to stop.
     """
-    job = read_job(path, overrides)
-    if job.dynamics is None:
-        raise InputError(
-            f"{path}: [dynamics] is missing: what is compared is the dynamic stage; add the section"
-        )
+    job = dynamic_job(path, overrides)
     check_launcher(launcher)
-    study = Study(path, overrides, ranks, launcher, repeats, folder)
     settings = combinations(vary) if vary else usual_settings(job)
-    for setting in settings:
-        varied = study.job(setting)  # all errors before the first run
-    safety = any(item.partition("=")[0].strip() == "dynamics.safety" for item in vary)
-    if safety and varied.dynamics.time_step != "auto":
-        say(
-            "note: --vary dynamics.safety: time_step is fixed, so it sets at most the mass of fragments; "
-            "with --set dynamics.time_step=auto it sets the step"
-        )
-    folder.mkdir(parents=True, exist_ok=True)
+    for setting in [*settings, reference]:  # all errors before the first run
+        read_job(path, [*overrides, *setting])
+    for note in notes_on(path, overrides, settings, vary):
+        say(note)
     table = folder / f"{job.name}_trade.h5"
-    claimed = claim(table)
-    try:
-        store = Store(table, digest_of(ranks))
-        reference = reference or shorter_step(study, job)
+    with place_of_runs(table) as place:
+        header = {"format": FORMAT, "program": program_digest(TELLING), "ranks": ranks}
+        outcomes = Outcomes(table.with_suffix(".journal"), header)
+        asked = Trade(path, overrides, Runs(path, ranks, launcher, place), outcomes, stop)
+        reference = reference or shorter_step(asked, job)
         say(f"reference: {text_of(reference)}")
-        exact, until = measure_reference(study, store, reference)
-        rows = measure_settings(study, store, settings, exact, until, say)
+        (exact,) = asked.measure([reference], repeats)
+        if exact.state != "finished":
+            raise InputError(f"{path}: the reference was {exact.state}: {exact.reason}")
+        rows = measure_rows(asked, settings, repeats, exact, say)
         mark_best(rows)
         for line in as_text(rows, exact, tolerance):
             say(line)
         against = {"reference": text_of(reference), "reference_seconds": exact.seconds}
         write_table(table, rows, **against, tolerance=tolerance, ranks=ranks)
-        picture = folder / f"{job.name}_trade.png"
-        return [table, draw(job.title or job.name, rows, exact, tolerance, picture)]
-    finally:
-        release(claimed)
+        title = job.title or job.name
+        return [table, draw(title, rows, exact, tolerance, table.with_suffix(".png"))]
 
 
-def digest_of(ranks: int) -> str:
-    """Fingerprint of what all outcomes of a study depend on besides the job."""
-    return hashlib.sha256(json.dumps([program_digest(), ranks, FORMAT]).encode()).hexdigest()
+def notes_on(path: Path, overrides: list[str], settings: list[list[str]], vary: list[str]) -> list[str]:
+    """What a grid does not do that it seems to."""
+    safety = any(item.partition("=")[0].strip() == "dynamics.safety" for item in vary)
+    if not safety or read_job(path, [*overrides, *settings[-1]]).dynamics.time_step == "auto":
+        return []
+    return [
+        "note: --vary dynamics.safety: time_step is fixed, so it sets at most the mass of fragments; "
+        "with --set dynamics.time_step=auto it sets the step"
+    ]
 
 
-def shorter_step(study: Study, job: Job) -> list[str]:
+def shorter_step(asked: Trade, job: Job) -> list[str]:
     """The usual reference: a tenth of the automatic step, or of the job's own if that is shorter."""
-    coarse = automatic_step(study, job)
+    coarse = automatic_step(asked, job)
     if job.dynamics.time_step != "auto":
         coarse = min(coarse, job.dynamics.time_step)
     return [f"dynamics.time_step={coarse / FINER:.6g}"]
 
 
-def automatic_step(study: Study, job: Job) -> float:
+def automatic_step(asked: Trade, job: Job) -> float:
     """The step [s] that "auto" takes, from a run of a single history row."""
     setting = ["dynamics.time_step=auto", "dynamics.safety=0.8", "output.frames=1"]
     setting.append(f"dynamics.duration={min(job.dynamics.duration, job.output.history)!r}")
-    found = study.once(setting, np.inf)
+    (found,) = asked.measure([setting], 1)
     if found.state != "finished":
-        raise InputError(f"{study.path}: the run for the automatic step was {found.state}: {found.reason}")
+        raise InputError(f"{asked.path}: the run for the automatic step was {found.state}: {found.reason}")
     return found.time_step
 
 
-def measure_reference(study: Study, store: Store, reference: list[str]) -> tuple[Outcome, float]:
-    """The outcome of the reference, and the time [s] of its first fracture, up to which runs are compared."""
-    whole = study.stored_or_run(store, reference, np.inf, 1)
-    if whole.state != "finished":
-        raise InputError(f"{study.path}: the reference was {whole.state}: {whole.reason}")
-    until = whole.first_fracture if np.isfinite(whole.first_fracture) else np.inf
-    return study.stored_or_run(store, reference, until, study.repeats), until
-
-
-def measure_settings(
-    study: Study,
-    store: Store,
-    settings: list[list[str]],
-    exact: Outcome,
-    until: float,
-    say: Callable[[str], None],
+def measure_rows(
+    asked: Trade, settings: list[list[str]], repeats: int, exact: Outcome, say: Callable[[str], None]
 ) -> list[Row]:
     """The row of each setting, told as it is measured."""
     rows = []
-    for number, setting in enumerate(settings, 1):
-        found = study.stored_or_run(store, setting, until, study.repeats)
-        row = compare(text_of(setting), found, exact)
-        rows.append(row)
-        finished = f"{found.seconds:.3g} s, error {row.error:.2g}"
+
+    def report(row: int, found: Outcome) -> None:
+        rows.append(compare(text_of(settings[row]), found, exact))
+        finished = f"{found.seconds:.3g} s, error {rows[-1].error:.2g}"
         told = finished if found.state == "finished" else f"{found.state}: {found.reason}"
-        say(f"{number} of {len(settings)}: {row.setting}: {told}")
+        say(f"{row + 1} of {len(settings)}: {rows[-1].setting}: {told}")
+
+    asked.measure(settings, repeats, end_of_comparison(exact.first_fracture), report)
     return rows
 
 
@@ -199,11 +209,6 @@ def usual_settings(job: Job) -> list[list[str]]:
             f"output.history={5.0 * job.output.history:g}",
         ]
     )
-    settings += [
-        [f"dynamics.precision={precision}"]
-        for precision in ("double", "mixed", "single")
-        if precision != job.dynamics.precision
-    ]
     settings.append(["output.energy=false"])
     other = "logarithmic" if job.cable.strain == "engineering" else "engineering"
     settings += [[f"cable.strain={other}"], [f"net.subdivide={2 * job.net.subdivide}"]]

@@ -1,0 +1,89 @@
+"""Runs that are measured: one at a time on the workers of a study, each result kept until it is read."""
+
+import math
+import shutil
+from collections.abc import Callable, Iterable
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+
+from netfall.ground.errors import InputError
+from netfall.ground.sources import TELLING, program_digest
+from netfall.ground.stop import NEVER
+from netfall.job.job import Job
+from netfall.job.read import read_job
+from netfall.study.pool import Pool, check_started, worker_command
+from netfall.write.locks import claim, release
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Runs of a job on so many ranks. place : folder of their results; profile : time the parts of a step"""
+
+    job: Path
+    ranks: int
+    launcher: str
+    place: Path
+    profile: bool = False
+
+    def run(self, settings: Iterable[tuple[object, list[str]]], done: Callable, stop=NEVER) -> None:
+        """Run the job with each of the settings, a name and overrides; the next is taken when one is done.
+
+        done(name, told, file) : what a worker tells of a run (`program.member`), and its result, open; None
+        for one that did not come to its end
+
+        Raises InputError if no worker can start.
+        """
+        left, result, name = iter(settings), self.place / "result.vtkhdf", None
+
+        def take(_):
+            nonlocal name
+            name, overrides = next(left, (None, None))
+            shutil.rmtree(self.place, ignore_errors=True)  # what the run before left
+            if overrides is None:
+                return None
+            self.place.mkdir()
+            task = {"job": str(self.job), "overrides": overrides, "removes": [], "result": str(result)}
+            return "", 0, task | {"profile": self.profile, "net": False}
+
+        def answered(_, told):
+            if told["state"] != "finished":
+                done(name, told, None)
+                return
+            with h5py.File(result, "r") as file:
+                done(name, told, file)
+
+        def died(_, why, again):
+            if not again:
+                done(name, {"state": "failed", "exit_code": 1, "reason": why}, None)
+
+        started = lambda told: check_started(told, self.ranks, program_digest(TELLING))
+        command = worker_command(self.launcher, self.ranks)
+        Pool(command, 1, math.inf, take, answered, died, started).run(stop)
+
+
+@contextmanager
+def place_of_runs(table: Path):
+    """A folder for the results of runs, as long as the name of the table that comes of them is reserved.
+
+    Raises InputError if another process measures for this table.
+    """
+    table.parent.mkdir(parents=True, exist_ok=True)
+    claimed, place = claim(table), table.with_name(f".{table.stem}.runs")
+    try:
+        yield place
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
+        release(claimed)
+
+
+def dynamic_job(path: Path, overrides: list[str]) -> Job:
+    """The job whose dynamic stage is measured. Raises InputError if it has none."""
+    job = read_job(path, overrides)
+    if job.dynamics is None:
+        raise InputError(
+            f"{path}: [dynamics] is missing: what is measured is the dynamic stage; add the section"
+        )
+    return job
