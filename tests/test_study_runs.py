@@ -334,6 +334,7 @@ def test_a_journal_that_is_cut_at_any_byte_loses_one_record_at_most(tmp_path):
 
 FAKE = """
 import json, os, sys, time
+print("a line of the launcher")
 time.sleep(float(sys.argv[1]))
 print("{}", flush=True)
 for line in sys.stdin:

@@ -89,13 +89,15 @@ class Outcomes:
         if outcome.state in STATES.values():
             self.journal.add({"run": key, "outcome": outcome._asdict()})
 
-    def enough(self, key: str, repeats: int) -> bool:
-        """Whether so many runs are there, or one that did not come to its end."""
+    def best(self, key: str, repeats: int) -> Outcome | None:
+        """The fastest of so many runs, fewer if one did not come to its end; None: more are to be made."""
         found = self.there.get(key, [])
-        return len(found) >= repeats or any(outcome.state != "finished" for outcome in found)
-
-    def best(self, key: str) -> Outcome:
-        """The fastest run; the last one if none came to its end."""
-        found = self.there[key]
         finished = [outcome for outcome in found if outcome.state == "finished"]
-        return min(finished, key=lambda outcome: outcome.seconds) if finished else found[-1]
+        if len(finished) == len(found) < repeats:
+            return None
+        return min(finished, key=lambda outcome: outcome.seconds, default=found[-1])
+
+    def close(self) -> None:
+        """The end of writing."""
+        self.journal.sync()
+        self.journal.close()

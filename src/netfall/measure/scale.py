@@ -18,7 +18,7 @@ from netfall.ground.errors import InputError
 from netfall.ground.launch import check_launcher
 from netfall.job.job import Job
 from netfall.measure import tables
-from netfall.measure.runs import Runs, dynamic_job, place_of_runs
+from netfall.measure.series import Series, dynamic_job, place_of_series
 
 GROWING = {
     "saddle": ("side", "rise", "cells"),
@@ -77,14 +77,14 @@ def scale(
             "a table's elements can be divided only into whole numbers of parts"
         )
     csv = folder / f"{job.name}_scale.csv"
-    with place_of_runs(csv) as place:
+    with place_of_series(csv) as place:
         best: dict[tuple, Timing] = {}
         for repeat in range(repeats):
             for kind, count, larger in cases:
                 if kind == "weak" and not larger:  # the job itself
                     best[kind, count] = replace(best["strong", count], kind=kind)
                     continue
-                runs = Runs(path, count, launcher, place, profile=True)
+                runs = Series(path, count, launcher, place, profile=True)
                 timing = measure(kind, runs, [*overrides, *larger])
                 say(
                     f"{kind}, {count} rank{'s' * (count > 1)}, run {repeat + 1} of {repeats}: "
@@ -110,7 +110,7 @@ def grown(job: Job, factor: float) -> list[str] | None:
     return [f"net.{key}={whole(key, v) if key in WHOLE else repr(v)}" for key, v in longer.items()]
 
 
-def measure(kind: str, runs: Runs, overrides: list[str]) -> Timing:
+def measure(kind: str, runs: Series, overrides: list[str]) -> Timing:
     """The times of one run. Raises InputError if it does not come to its end."""
     found = []
 

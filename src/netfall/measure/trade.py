@@ -8,37 +8,39 @@ scatter. (The wind's time step and seed are no accuracy: they change the gusts t
 
 import itertools
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
 from netfall.ground.errors import InputError, Interrupted
 from netfall.ground.launch import check_launcher
 from netfall.ground.sources import TELLING, program_digest
+from netfall.ground.stop import StopRequest
 from netfall.job.job import Job
 from netfall.job.read import read_job
 from netfall.job.schema import may_break
 from netfall.measure.compare import Row, as_text, compare, draw, mark_best, write_table
 from netfall.measure.outcome import Outcome, Outcomes, end_of_comparison, outcome_of
-from netfall.measure.runs import Runs, dynamic_job, place_of_runs
+from netfall.measure.series import Series, dynamic_job, place_of_series
 from netfall.study.files import Watch
 
 FINER = 10.0  # how much shorter the reference's step is
 FORMAT = 3  # of the journal
+NO_EFFECT = (
+    "note: --vary dynamics.safety: time_step is fixed, so it sets at most the mass of fragments; "
+    "with --set dynamics.time_step=auto it sets the step"
+)
 
 
 @dataclass(frozen=True)
 class Trade:
-    """The job of a trade, its runs and what came of them. stop : a wish to stop"""
+    """A job, its runs and what came of them. watch : of the files that they read; stop : a wish to stop"""
 
-    path: Path
+    runs: Series
     overrides: list[str]
-    runs: Runs
     outcomes: Outcomes
-    stop: object
-
-    def job(self, setting: list[str]) -> Job:
-        """The job with a setting. Raises InputError."""
-        return read_job(self.path, [*self.overrides, *setting])
+    watch: Watch
+    stop: StopRequest
 
     def measure(
         self,
@@ -53,28 +55,25 @@ class Trade:
 
         Raises Interrupted if asked to stop, InputError if no run can start or a file has changed.
         """
-        jobs = [self.job(setting) for setting in settings]
-        watch = Watch([self.path, *dict.fromkeys(file for job in jobs for file in job.files())])
-        keys = [f"{job.digest()} until {until!r}" for job in jobs]
-        found = []
+        overrides = [[*self.overrides, *setting] for setting in settings]
+        keys = [f"{read_job(self.runs.job, each).digest()} until {until!r}" for each in overrides]
+        found: list[Outcome] = []
 
         def missing():
-            for row, (key, setting) in enumerate(zip(keys, settings)):
-                while not self.outcomes.enough(key, repeats):
-                    yield key, [*self.overrides, *setting]
-                found.append(self.outcomes.best(key))
-                report(row, found[-1])
+            for row, key in enumerate(keys):
+                while (best := self.outcomes.best(key, repeats)) is None:
+                    yield key, overrides[row]
+                found.append(best)
+                report(row, best)
 
         def done(key, told, file):
-            watch.check()
+            self.watch.check()
             self.outcomes.add(key, outcome_of(told, file, until))
 
         self.runs.run(missing(), done, self.stop)
-        if len(found) < len(settings):
-            raise Interrupted(
-                f"interrupted with {len(settings) - len(found)} of {len(settings)} settings "
-                "still to be measured; the same command goes on"
-            )
+        left = len(settings) - len(found)
+        if left:
+            raise Interrupted(f"interrupted with {left} settings to be measured; the same command goes on")
         return found
 
 
@@ -89,7 +88,7 @@ def trade(
     tolerance: float,
     folder: Path,
     say: Callable[[str], None],
-    stop,
+    stop: StopRequest,
 ) -> list[Path]:
     """Run the grid, print the table, write it and its picture into `folder`; their paths.
 
@@ -104,61 +103,58 @@ def trade(
     job = dynamic_job(path, overrides)
     check_launcher(launcher)
     settings = combinations(vary) if vary else usual_settings(job)
-    for setting in [*settings, reference]:  # all errors before the first run
-        read_job(path, [*overrides, *setting])
-    for note in notes_on(path, overrides, settings, vary):
-        say(note)
+    *varied, finest = [read_job(path, [*overrides, *setting]) for setting in [*settings, reference]]
+    if has_no_effect(vary, varied[-1]):
+        say(NO_EFFECT)
+    files = dict.fromkeys(file for each in (*varied, finest) for file in each.files())
+    header = {"format": FORMAT, "program": program_digest(TELLING), "ranks": ranks}
     table = folder / f"{job.name}_trade.h5"
-    with place_of_runs(table) as place:
-        header = {"format": FORMAT, "program": program_digest(TELLING), "ranks": ranks}
-        outcomes = Outcomes(table.with_suffix(".journal"), header)
-        asked = Trade(path, overrides, Runs(path, ranks, launcher, place), outcomes, stop)
-        reference = reference or shorter_step(asked, job)
+    with (
+        place_of_series(table) as place,
+        closing(Outcomes(table.with_suffix(".journal"), header)) as outcomes,
+    ):
+        runs = Series(path, ranks, launcher, place)
+        made = Trade(runs, overrides, outcomes, Watch([path, *files]), stop)
+        reference = reference or shorter_step(made, job)
         say(f"reference: {text_of(reference)}")
-        (exact,) = asked.measure([reference], repeats)
+        (exact,) = made.measure([reference], repeats)
         if exact.state != "finished":
             raise InputError(f"{path}: the reference was {exact.state}: {exact.reason}")
-        rows = measure_rows(asked, settings, repeats, exact, say)
+        rows = measure_rows(made, settings, repeats, exact, say)
         mark_best(rows)
         for line in as_text(rows, exact, tolerance):
             say(line)
         against = {"reference": text_of(reference), "reference_seconds": exact.seconds}
         write_table(table, rows, **against, tolerance=tolerance, ranks=ranks)
-        title = job.title or job.name
-        return [table, draw(title, rows, exact, tolerance, table.with_suffix(".png"))]
+        return [table, draw(job.title or job.name, rows, exact, tolerance, table.with_suffix(".png"))]
 
 
-def notes_on(path: Path, overrides: list[str], settings: list[list[str]], vary: list[str]) -> list[str]:
-    """What a grid does not do that it seems to."""
+def has_no_effect(vary: list[str], job: Job) -> bool:
+    """Whether a grid varies a safety of steps that are fixed."""
     safety = any(item.partition("=")[0].strip() == "dynamics.safety" for item in vary)
-    if not safety or read_job(path, [*overrides, *settings[-1]]).dynamics.time_step == "auto":
-        return []
-    return [
-        "note: --vary dynamics.safety: time_step is fixed, so it sets at most the mass of fragments; "
-        "with --set dynamics.time_step=auto it sets the step"
-    ]
+    return safety and job.dynamics.time_step != "auto"
 
 
-def shorter_step(asked: Trade, job: Job) -> list[str]:
+def shorter_step(made: Trade, job: Job) -> list[str]:
     """The usual reference: a tenth of the automatic step, or of the job's own if that is shorter."""
-    coarse = automatic_step(asked, job)
+    coarse = automatic_step(made, job)
     if job.dynamics.time_step != "auto":
         coarse = min(coarse, job.dynamics.time_step)
     return [f"dynamics.time_step={coarse / FINER:.6g}"]
 
 
-def automatic_step(asked: Trade, job: Job) -> float:
+def automatic_step(made: Trade, job: Job) -> float:
     """The step [s] that "auto" takes, from a run of a single history row."""
     setting = ["dynamics.time_step=auto", "dynamics.safety=0.8", "output.frames=1"]
     setting.append(f"dynamics.duration={min(job.dynamics.duration, job.output.history)!r}")
-    (found,) = asked.measure([setting], 1)
+    (found,) = made.measure([setting], 1)
     if found.state != "finished":
-        raise InputError(f"{asked.path}: the run for the automatic step was {found.state}: {found.reason}")
+        raise InputError(f"{made.runs.job}: the run for the automatic step was {found.state}: {found.reason}")
     return found.time_step
 
 
 def measure_rows(
-    asked: Trade, settings: list[list[str]], repeats: int, exact: Outcome, say: Callable[[str], None]
+    made: Trade, settings: list[list[str]], repeats: int, exact: Outcome, say: Callable[[str], None]
 ) -> list[Row]:
     """The row of each setting, told as it is measured."""
     rows = []
@@ -169,7 +165,7 @@ def measure_rows(
         told = finished if found.state == "finished" else f"{found.state}: {found.reason}"
         say(f"{row + 1} of {len(settings)}: {rows[-1].setting}: {told}")
 
-    asked.measure(settings, repeats, end_of_comparison(exact.first_fracture), report)
+    made.measure(settings, repeats, end_of_comparison(exact.first_fracture), report)
     return rows
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 NAN = float("nan")
 
 
-class Outcome(NamedTuple):
+class MemberColumn(NamedTuple):
     """A column of /members of a study file that comes of a run.
 
     empty : while nothing is known, or where there is nothing of the kind; its type is that of the column
@@ -26,24 +26,24 @@ class Outcome(NamedTuple):
 
 
 OUTCOMES = (
-    Outcome("first_fracture", NAN, "s"),
-    Outcome("first_element", -1),
-    Outcome("first_element_id", -1, of_run=False),
-    Outcome("broken", 0),
-    Outcome("roof_lost", NAN),
-    Outcome("displacement_max", NAN, "m"),
-    Outcome("tension_max", NAN, "N"),
-    Outcome("utilisation_max", NAN),
-    Outcome("balance_error", NAN),
-    Outcome("dynamic_factor_max", NAN, of_losses=True),
-    Outcome("dynamic_factor_element", -1, of_losses=True),
-    Outcome("dynamic_factor_element_id", -1, of_losses=True, of_run=False),
-    Outcome("rest_after_loss", "", of_losses=True),
-    Outcome("gusts", 0, of_losses=True),
-    Outcome("duration", NAN, "s", of_run=False),
-    Outcome("seconds", NAN, "s"),
-    Outcome("state", ""),
-    Outcome("reason", ""),
+    MemberColumn("first_fracture", NAN, "s"),
+    MemberColumn("first_element", -1),
+    MemberColumn("first_element_id", -1, of_run=False),
+    MemberColumn("broken", 0),
+    MemberColumn("roof_lost", NAN),
+    MemberColumn("displacement_max", NAN, "m"),
+    MemberColumn("tension_max", NAN, "N"),
+    MemberColumn("utilisation_max", NAN),
+    MemberColumn("balance_error", NAN),
+    MemberColumn("dynamic_factor_max", NAN, of_losses=True),
+    MemberColumn("dynamic_factor_element", -1, of_losses=True),
+    MemberColumn("dynamic_factor_element_id", -1, of_losses=True, of_run=False),
+    MemberColumn("rest_after_loss", "", of_losses=True),
+    MemberColumn("gusts", 0, of_losses=True),
+    MemberColumn("duration", NAN, "s", of_run=False),
+    MemberColumn("seconds", NAN, "s"),
+    MemberColumn("state", ""),
+    MemberColumn("reason", ""),
 )
 BY_NAME = {each.name: each for each in OUTCOMES}
 OF_RUN = tuple(each for each in OUTCOMES if each.of_run)

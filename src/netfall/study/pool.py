@@ -69,12 +69,15 @@ class Worker:
                 rest = rest[self.process.stdin.write(rest) :]
 
     def lines(self) -> list[bytes] | None:
-        """What it has said since the last time, whole lines; None if it has died."""
+        """What it has said since the last time, whole lines; None if it has died.
+
+        What is no object of JSON its launcher has said.
+        """
         more = os.read(self.process.stdout.fileno(), 1 << 20)
         self.heard += more
         *lines, rest = self.heard.split(b"\n") if b"\n" in more else (self.heard,)
         self.heard = bytearray(rest)
-        return lines if more else None
+        return [line for line in lines if line.startswith(b"{")] if more else None
 
     def last_words(self) -> str:
         """Why it has died, as far as it said so."""

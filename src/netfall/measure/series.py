@@ -19,7 +19,7 @@ from netfall.write.locks import claim, release
 
 
 @dataclass(frozen=True)
-class Runs:
+class Series:
     """Runs of a job on so many ranks. place : folder of their results; profile : time the parts of a step"""
 
     job: Path
@@ -65,7 +65,7 @@ class Runs:
 
 
 @contextmanager
-def place_of_runs(table: Path):
+def place_of_series(table: Path):
     """A folder for the results of runs, as long as the name of the table that comes of them is reserved.
 
     Raises InputError if another process measures for this table.
