@@ -8,7 +8,6 @@ at times, never faster.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -28,29 +27,14 @@ GROWING = {
     "dome": ("diameter", "opening", "dome_height", "strut", "spokes", "hoops"),
 }  # dimensions that grow with the root of the area
 WHOLE = {"cells": 1, "hoops": 1, "spokes": 4}  # numbers, and what they are multiples of
+RATE = "element_steps_per_s"
 PHASES = {
     "forces": "dynamics: forces and kick",
     "exchange": "dynamics: exchange",
     "drift": "dynamics: drift",
     "output": "dynamics: output",
 }
-
-
-@dataclass
-class Timing:
-    """One run: seconds of the dynamic stage and of its phases, least, mean and largest of the ranks."""
-
-    kind: str  # strong | weak
-    ranks: int
-    elements: int
-    steps: int
-    dynamics: float
-    phases: dict[str, np.ndarray]
-
-    @property
-    def rate(self) -> float:
-        """Elements times steps in a second."""
-        return self.elements * self.steps / self.dynamics
+OF_RANKS = ("min", "mean", "max")  # what is told of the seconds of all ranks
 
 
 def scale(
@@ -78,25 +62,24 @@ def scale(
         )
     csv = folder / f"{job.name}_scale.csv"
     with place_of_series(csv) as place:
-        best: dict[tuple, Timing] = {}
+        best: dict[tuple, dict] = {}
         for repeat in range(repeats):
             for kind, count, larger in cases:
                 if kind == "weak" and not larger:  # the job itself
-                    best[kind, count] = replace(best["strong", count], kind=kind)
+                    best[kind, count] = best["strong", count] | {"kind": kind}
                     continue
                 runs = Series(path, count, launcher, place, profile=True)
-                timing = measure(kind, runs, [*overrides, *larger])
+                row = measure(kind, runs, [*overrides, *larger])
                 say(
                     f"{kind}, {count} rank{'s' * (count > 1)}, run {repeat + 1} of {repeats}: "
-                    f"{timing.elements} elements, {timing.dynamics:.3g} s, {timing.rate:.3g} element-steps/s"
+                    f"{row['elements']} elements, {row['dynamics_s']:.3g} s, {row[RATE]:.3g} element-steps/s"
                 )
-                if (kind, count) not in best or timing.rate > best[kind, count].rate:
-                    best[kind, count] = timing
-        timings = list(best.values())
-        rows = table(timings)
+                best[kind, count] = max(best.get((kind, count), row), row, key=lambda row: row[RATE])
+        rows = list(best.values())
+        compare(rows)
         for line in as_text(rows):
             say(line)
-        return [tables.write_csv(rows, csv), draw(job, timings, csv.with_suffix(".png"))]
+        return [tables.write_csv(rows, csv), draw(job, rows, csv.with_suffix(".png"))]
 
 
 def grown(job: Job, factor: float) -> list[str] | None:
@@ -110,49 +93,42 @@ def grown(job: Job, factor: float) -> list[str] | None:
     return [f"net.{key}={whole(key, v) if key in WHOLE else repr(v)}" for key, v in longer.items()]
 
 
-def measure(kind: str, runs: Series, overrides: list[str]) -> Timing:
-    """The times of one run. Raises InputError if it does not come to its end."""
-    found = []
+def measure(kind: str, runs: Series, overrides: list[str]) -> dict:
+    """The row of one run. Raises InputError if it does not come to its end."""
+    rows = []
 
     def done(_, told: dict, file: h5py.File | None) -> None:
         if file is None:
             raise InputError(f"{runs.job}: a run on {runs.ranks} ranks {told['state']}: {told['reason']}")
-        seconds = file["provenance/timings"].attrs
-        found.append(
-            Timing(
-                kind,
-                runs.ranks,
-                len(file["net/elements"]),
-                int(file["provenance"].attrs["steps"]),
-                float(seconds["dynamics"][2]),
-                {name: seconds[long] for name, long in PHASES.items()},
-            )
-        )
+        rows.append({"kind": kind, "ranks": runs.ranks} | timing(file))
 
     runs.run([(kind, overrides)], done)
-    return found[0]
+    return rows[0]
 
 
-def table(timings: list[Timing]) -> list[dict]:
-    """A row for each case; speed-up and efficiency against the smallest number of ranks of its kind."""
-    rows = []
-    for t in timings:
-        first = min((other for other in timings if other.kind == t.kind), key=lambda other: other.ranks)
-        speed_up = t.rate / first.rate
-        row = {
-            "kind": t.kind,
-            "ranks": t.ranks,
-            "elements": t.elements,
-            "steps": t.steps,
-            "dynamics_s": t.dynamics,
-            "element_steps_per_s": t.rate,
-            "speed_up": speed_up,
-            "efficiency": speed_up * first.ranks / t.ranks,
-        }
-        for name, values in t.phases.items():
-            row |= {f"{name}_{which}_s": float(value) for which, value in zip(("min", "mean", "max"), values)}
-        rows.append(row)
-    return rows
+def timing(file: h5py.File) -> dict:
+    """The speed of a run, which `compare` compares, and the seconds [s] of the dynamic stage's phases."""
+    seconds = file["provenance/timings"].attrs
+    elements, steps = len(file["net/elements"]), int(file["provenance"].attrs["steps"])
+    dynamics = float(seconds["dynamics"][2])
+    row = {"elements": elements, "steps": steps, "dynamics_s": dynamics, RATE: elements * steps / dynamics}
+    row |= {"speed_up": math.nan, "efficiency": math.nan}
+    for name, phase in PHASES.items():
+        row |= {f"{name}_{which}_s": float(value) for which, value in zip(OF_RANKS, seconds[phase])}
+    return row
+
+
+def compare(rows: list[dict]) -> None:
+    """Give each row its speed-up and efficiency against the smallest number of ranks of its kind."""
+    for row in rows:
+        first = min((other for other in rows if other["kind"] == row["kind"]), key=lambda row: row["ranks"])
+        row["speed_up"] = row[RATE] / first[RATE]
+        row["efficiency"] = row["speed_up"] * first["ranks"] / row["ranks"]
+
+
+def shares(row: dict, phase: str) -> list[float]:
+    """Of a phase in the dynamic stage [%]: least, mean and largest of the ranks."""
+    return [100 * row[f"{phase}_{which}_s"] / row["dynamics_s"] for which in OF_RANKS]
 
 
 def as_text(rows: list[dict]) -> list[str]:
@@ -162,20 +138,19 @@ def as_text(rows: list[dict]) -> list[str]:
 
 
 def _cells(row: dict) -> list[str]:
-    share = lambda name, which: f"{100 * row[f'{name}_{which}_s'] / row['dynamics_s']:.0f}"
     return [
         *(str(row[name]) for name in ("kind", "ranks", "elements", "steps")),
-        *(f"{row[name]:.3g}" for name in ("dynamics_s", "element_steps_per_s")),
+        *(f"{row[name]:.3g}" for name in ("dynamics_s", RATE)),
         *(f"{row[name]:.2f}" for name in ("speed_up", "efficiency")),
-        *(" / ".join(share(name, which) for which in ("min", "mean", "max")) for name in PHASES),
+        *(" / ".join(f"{share:.0f}" for share in shares(row, name)) for name in PHASES),
     ]
 
 
-def draw(job: Job, timings: list[Timing], path: Path) -> Path:
+def draw(job: Job, rows: list[dict], path: Path) -> Path:
     """Speed-up over the ranks, and what a rank's time goes into."""
     with tables.two_panels(path, figsize=(11, 4.4)) as (figure, left, right):
-        _draw_speed_up(left, table(timings))
-        _draw_phases(right, timings)
+        _draw_speed_up(left, rows)
+        _draw_phases(right, rows)
         figure.suptitle(job.title or job.name)
     return path
 
@@ -196,16 +171,16 @@ def _draw_speed_up(axes, rows: list[dict]) -> None:
     axes.legend()
 
 
-def _draw_phases(axes, timings: list[Timing]) -> None:
-    bottom, places = np.zeros(len(timings)), range(len(timings))
+def _draw_phases(axes, rows: list[dict]) -> None:
+    bottom, places = np.zeros(len(rows)), range(len(rows))
     for name in PHASES:
-        least, mean, most = np.array([100 * t.phases[name] / t.dynamics for t in timings]).T
+        least, mean, most = np.array([shares(row, name) for row in rows]).T
         spread, line = [mean - least, most - mean], {"elinewidth": 0.8}
         axes.bar(places, mean, bottom=bottom, yerr=spread, capsize=3, label=name, error_kw=line)
         bottom += mean
     axes.set(
         xticks=places,
-        xticklabels=[f"{t.kind}\n{t.ranks}" for t in timings],
+        xticklabels=[f"{row['kind']}\n{row['ranks']}" for row in rows],
         ylabel="share of the dynamic stage [%]",
         ylim=(0, 110),
     )
