@@ -20,7 +20,6 @@ from netfall.study.pool import Pool, worker_command
 from netfall.study.runs import Queue, task_of
 from netfall.study.study import net_key, pieces_of
 
-FIGURES = ("runs_a_minute", "times_the_first", "run_over_dynamic_stage")
 RUNS = 16  # of each worker, the first one left out
 
 
@@ -92,8 +91,15 @@ def throughput(
             measured[count].append(measure(plan, numbers[: (RUNS + 1) * count], count, launcher))
     rows = [_row(measured[count], measured[workers[0]], plan.ranks) for count in workers]
     head = ["workers", "runs a minute", "times the first", "a run over its dynamic stage"]
-    shown = [[row[name] for name in ("workers", *FIGURES)] for row in rows]
-    for line in tables.as_text(head, [[f"{cell:.3g}" for cell in cells] for cells in shown]):
+    shown = {
+        "workers": "d",
+        "runs_a_minute": ".1f",
+        "times_the_first": ".2f",
+        "run_over_dynamic_stage": ".2f",
+    }
+    for line in tables.as_text(
+        head, [[format(row[name], how) for name, how in shown.items()] for row in rows]
+    ):
         say(line)
     folder.mkdir(parents=True, exist_ok=True)
     return [tables.write_csv(rows, folder / f"{path.stem}_throughput.csv")]
