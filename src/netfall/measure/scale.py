@@ -97,12 +97,13 @@ def measure(kind: str, runs: Series, overrides: list[str]) -> dict:
     """The row of one run. Raises InputError if it does not come to its end."""
     rows = []
 
-    def done(_, told: dict, file: h5py.File | None) -> None:
+    def done(told: dict, file: h5py.File | None) -> None:
         if file is None:
-            raise InputError(f"{runs.job}: a run on {runs.ranks} ranks {told['state']}: {told['reason']}")
+            on = f"{runs.ranks} rank{'s' * (runs.ranks > 1)}"
+            raise InputError(f"{runs.job}: a run on {on} {told['state']}: {told['reason']}")
         rows.append({"kind": kind, "ranks": runs.ranks} | timing(file))
 
-    runs.run([(kind, overrides)], done)
+    runs.run([overrides], done)
     return rows[0]
 
 

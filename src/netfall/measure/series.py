@@ -11,10 +11,10 @@ import h5py
 
 from netfall.ground.errors import InputError
 from netfall.ground.sources import TELLING, program_digest
-from netfall.ground.stop import NEVER
+from netfall.ground.stop import NEVER, StopRequest
 from netfall.job.job import Job
 from netfall.job.read import read_job
-from netfall.study.pool import Pool, check_started, worker_command
+from netfall.study.pool import Pool, check_started, task_for, worker_command
 from netfall.write.locks import claim, release
 
 
@@ -28,36 +28,34 @@ class Series:
     place: Path
     profile: bool = False
 
-    def run(self, settings: Iterable[tuple[object, list[str]]], done: Callable, stop=NEVER) -> None:
-        """Run the job with each of the settings, a name and overrides; the next is taken when one is done.
+    def run(self, settings: Iterable[list[str]], done: Callable, stop: StopRequest = NEVER) -> None:
+        """Run the job with each of the settings, overrides; the next is taken when one is done.
 
-        done(name, told, file) : what a worker tells of a run (`program.member`), and its result, open; None
-        for one that did not come to its end
+        done(told, file) : what a worker tells of a run (`program.member`), and its result, open; None for one
+        that did not come to its end
 
         Raises InputError if no worker can start.
         """
-        left, result, name = iter(settings), self.place / "result.vtkhdf", None
+        left, result = iter(settings), self.place / "result.vtkhdf"
 
         def take(_):
-            nonlocal name
-            name, overrides = next(left, (None, None))
+            overrides = next(left, None)
             shutil.rmtree(self.place, ignore_errors=True)  # what the run before left
             if overrides is None:
                 return None
             self.place.mkdir()
-            task = {"job": str(self.job), "overrides": overrides, "removes": [], "result": str(result)}
-            return "", 0, task | {"profile": self.profile, "net": False}
+            return "", 0, task_for(self.job, overrides, result=result, profile=self.profile)
 
         def answered(_, told):
             if told["state"] != "finished":
-                done(name, told, None)
+                done(told, None)
                 return
             with h5py.File(result, "r") as file:
-                done(name, told, file)
+                done(told, file)
 
         def died(_, why, again):
             if not again:
-                done(name, {"state": "failed", "exit_code": 1, "reason": why}, None)
+                done({"state": "failed", "exit_code": 1, "reason": why}, None)
 
         started = lambda told: check_started(told, self.ranks, program_digest(TELLING))
         command = worker_command(self.launcher, self.ranks)

@@ -62,13 +62,13 @@ class Trade:
         def missing():
             for row, key in enumerate(keys):
                 while (best := self.outcomes.best(key, repeats)) is None:
-                    yield key, overrides[row]
+                    yield overrides[row]
                 found.append(best)
                 report(row, best)
 
-        def done(key, told, file):
+        def done(told, file):
             self.watch.check()
-            self.outcomes.add(key, outcome_of(told, file, until))
+            self.outcomes.add(keys[len(found)], outcome_of(told, file, until))
 
         self.runs.run(missing(), done, self.stop)
         left = len(settings) - len(found)

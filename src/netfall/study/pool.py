@@ -20,6 +20,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from netfall.ground.errors import InputError
 from netfall.ground.launch import check_launcher, default_launcher
@@ -120,6 +121,21 @@ def worker_command(launcher: str | None, ranks: int) -> list[str]:
     check_launcher(launcher or default_launcher())
     usual = default_launcher().replace("-n {ranks}", "--bind-to none -n {ranks}")  # workers share the cores
     return [*shlex.split((launcher or usual).format(ranks=ranks)), *own]
+
+
+def task_for(
+    job: Path,
+    overrides: list[str],
+    removes: list[dict] = (),
+    result: Path | None = None,
+    profile: bool = False,
+    net: bool = False,
+) -> dict:
+    """What a worker is told of a run. result : file to write; profile : whether to time the parts of a step;
+    net : whether to tell the net in its form in place of a run
+    """
+    task = {"job": str(job), "overrides": overrides, "removes": removes, "result": result and str(result)}
+    return task | {"profile": profile, "net": net}
 
 
 def check_started(told: dict, ranks: int, program: str) -> None:

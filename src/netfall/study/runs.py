@@ -17,16 +17,14 @@ from netfall.job.memory import BESIDE
 from netfall.job.read import read_job
 from netfall.results.outcomes import NOTHING
 from netfall.study.answers.fragility import fragility_section
-from netfall.study.file import Member, Plan
+from netfall.study.file import OWN, Member, Plan
 from netfall.study.files import Place, Watch
 from netfall.study.journal import Journal
-from netfall.study.pool import Pool, check_started, worker_command
+from netfall.study.pool import Pool, check_started, task_for, worker_command
 from netfall.study.table import Table
 from netfall.write.locks import writing
 
 UNFINISHED = re.compile(r"\.+(\d{6,})-")  # begins the name of a result file that has not got its own yet
-# A member leaves no checkpoints, which change nothing in what it finds, and its modes are not asked.
-OWN = ["output.checkpoint=0.0", "output.modes=0"]
 NET = -1  # in place of a member's number: the task that tells the net
 
 
@@ -96,7 +94,7 @@ class Runs:
             return None
         key, number = found
         self._note({"try": number})
-        result = None if self.plan.keep == "none" else str(self._kept(number, self.token))
+        result = None if self.plan.keep == "none" else self._kept(number, self.token)
         return key, number, task_of(self.plan, self.plan.member(number), result)
 
     def finish(self, number: int, told: dict) -> None:
@@ -164,11 +162,10 @@ class Runs:
         self.progress.say(f"written: {self.place.result} ({ended})")
 
 
-def task_of(plan: Plan, member: Member, result: str | None = None, net: bool = False) -> dict:
-    """What a worker is told of a member. result : path of a file to write; net : whether to tell the net"""
-    removes = [member.remove] if member.remove else []
-    rest = {"result": result, "profile": False, "net": net}
-    return {"job": str(plan.job), "overrides": [*member.overrides, *OWN], "removes": removes, **rest}
+def task_of(plan: Plan, member: Member, result: Path | None = None, net: bool = False) -> dict:
+    """What a worker is told of a member; as `task_for`."""
+    overrides = [*member.overrides, *(f"{name}={value}" for name, value in OWN.items())]
+    return task_for(plan.job, overrides, [member.remove] if member.remove else [], result, net=net)
 
 
 class Queue:
