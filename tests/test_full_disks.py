@@ -20,7 +20,7 @@ from test_long_runs import JOB as TINY
 from netfall.ground.errors import OutputError
 from netfall.write import locks as room
 from netfall.write.h5 import SharedFile, check_seal
-from netfall.write.locks import h5_file, h5_updated, reserve
+from netfall.write.locks import h5_file, h5_whole, reserve
 
 SHORT = JOB.replace("duration = 0.4", "duration = 0.06").replace("frames = 80", "frames = 240")
 DISK = 16  # MB
@@ -238,10 +238,10 @@ def test_a_file_for_hdf5_takes_everything_and_tells(tmp_path, monkeypatch):
                 write(tmp_path / "full.h5", early)
 
 
-def test_what_is_added_to_a_file_is_there_or_the_file_is_as_before(tmp_path, monkeypatch):
-    """A table that grows: a full disk leaves the old one, to the byte."""
+def test_a_file_that_is_written_anew_is_there_or_the_one_before_is(tmp_path, monkeypatch):
+    """A table: a full disk leaves the old one, to the byte."""
     path = tmp_path / "table.h5"
-    with h5_updated(path) as file:
+    with h5_whole(path) as file:
         file["a"] = 1
     before = path.read_bytes()
 
@@ -252,14 +252,14 @@ def test_what_is_added_to_a_file_is_there_or_the_file_is_as_before(tmp_path, mon
         patch.setattr(os, "pwrite", full)
         with (
             pytest.raises(OutputError, match=f"table.h5: cannot be written .{CUT}"),
-            h5_updated(path) as file,
+            h5_whole(path) as file,
         ):
             file["b"] = 2
     assert path.read_bytes() == before and {p.name for p in tmp_path.iterdir()} == {"table.h5"}
-    with h5_updated(path) as file:
+    with h5_whole(path) as file:
         file["b"] = 2
     with h5py.File(path) as file:
-        assert {*file} == {"a", "b"}
+        assert {*file} == {"b"}
 
 
 def test_room_is_reserved_without_a_change_of_the_file(disk):

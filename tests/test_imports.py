@@ -67,7 +67,7 @@ PACKAGES = {
     "scipy": ["stages.modes", "multigrid.rows", "study.draws", "exchange.drawings"],
     "shapely": ["roof", "exchange.drawings"],
     "pymetis": ["parallel.partition", "stages.force_density"],
-    "matplotlib": ["plots", "measure.compare", "measure.scale"],
+    "matplotlib": ["plots", "measure.tables"],
     "mpl_toolkits": ["plots"],
     "PIL": ["plots.film"],
     "tqdm": ["ground.progress"],

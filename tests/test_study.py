@@ -1,15 +1,19 @@
 """`netfall scale` and `netfall trade`: tables, pictures, resumption, and refusal of what cannot be."""
 
 import csv
+import signal
+import time
+from subprocess import DEVNULL, Popen
 
 import h5py
 import numpy as np
 import pytest
-from conftest import STEEL, run_netfall
+from conftest import BIN, ENVIRONMENT, STEEL, run_netfall
 
 from netfall.ground.errors import BUSY
-from netfall.ground.launch import RunFailed
 from netfall.job.read import read_job
+from netfall.measure.outcome import Outcome, Outcomes, outcome_of
+from netfall.study.journal import read_journal
 from netfall.write.locks import claim, release
 
 JOB = (
@@ -67,6 +71,22 @@ def test_scale_measures_one_and_two_ranks(workshop):
     assert float(by["strong", 2]["exchange_mean_s"]) > 0
     assert (workshop.folder / "out" / "job_scale.png").stat().st_size > 10_000
     assert not list((workshop.folder / "out").glob(".*"))
+
+
+def test_scale_of_a_study_counts_runs_a_minute(workshop):
+    """Members of one form over and over: a row for each number of workers, compared with the first."""
+    workshop.job(JOB)
+    study = workshop.folder / "study.toml"
+    study.write_text('job = "job.toml"\n[vary]\n"wind.seed" = [1, 2]\n')
+    out = workshop.folder / "out"
+    done = run_netfall("scale", study, "--workers", "1,2", "--repeats", "1", "-o", out, cwd=workshop.folder)
+    assert done.returncode == 0, done.stderr
+    one, two = csv.DictReader((out / "study_throughput.csv").read_text().splitlines())
+    assert (one["workers"], two["workers"], one["times_the_first"]) == ("1", "2", "1.0")
+    ratio = float(two["runs_a_minute"]) / float(one["runs_a_minute"])
+    assert float(two["times_the_first"]) == pytest.approx(ratio)
+    assert min(float(row["run_over_dynamic_stage"]) for row in (one, two)) > 1.0
+    assert "| workers | runs a minute |" in done.stdout
 
 
 def test_trade_compares_settings_and_goes_on_where_it_was(workshop):
@@ -178,7 +198,7 @@ def test_a_changed_table_is_run_again(workshop):
         before = path.read_text()
         path.write_text(before.replace(old, new))
         changed = run_netfall(*arguments, *no_launcher, cwd=workshop.folder)
-        assert changed.returncode == 2 and "the reference was failed" in changed.stderr
+        assert changed.returncode == 2 and "does not start" in changed.stderr
         path.write_text(before)
 
 
@@ -186,7 +206,7 @@ def test_what_failed_is_tried_again(workshop):
     """A launcher that did not work leaves no outcome behind; nor does a study leave files of its runs."""
     _, arguments = with_tables(workshop)
     failed = run_netfall(*arguments, "--launcher", "false {ranks}", cwd=workshop.folder)
-    assert failed.returncode == 2 and "the reference was failed" in failed.stderr
+    assert failed.returncode == 2 and "does not start" in failed.stderr
     done = run_netfall(*arguments, "--set", "output.checkpoint=0.005", cwd=workshop.folder)
     assert done.returncode == 0, done.stderr
     assert not [p.name for p in workshop.folder.iterdir() if p.name.startswith(".") or "checkpoint" in p.name]
@@ -203,10 +223,50 @@ def test_a_second_study_of_the_same_table_is_refused_at_once(workshop):
     assert done.returncode == 2 and BUSY in done.stderr
 
 
-def test_a_busy_result_is_no_refusal():
-    """Exit code 2 because another run is writing may pass; because the input is wrong, it stays."""
-    assert RunFailed("netfall run", 2, f"a.vtkhdf: {BUSY}; wait for it").state == "failed"
-    assert RunFailed("netfall run", 2, "job.toml: [wind] speed: missing").state == "refused"
+def test_an_outcome_lasts_if_another_try_would_give_it_again(tmp_path):
+    """What is refused or diverges, but no worker that died; the best of enough runs counts, and another
+    program begins anew.
+    """
+    path, header = tmp_path / "x.journal", {"program": "a"}
+    told = {code: {"state": "failed", "exit_code": code, "reason": "why"} for code in (1, 2, 3)}
+    ended = [outcome_of(told[code], None, None) for code in (1, 2, 3)]
+    assert [outcome.state for outcome in ended] == ["failed", "refused", "diverged"]
+    outcomes = Outcomes(path, header)
+    for key, outcome in zip("abc", ended):
+        outcomes.add(key, outcome)
+        assert outcomes.best(key, 3) == outcome
+    for seconds in (2.0, 1.0, 3.0):
+        assert outcomes.best("d", 3) is None
+        outcomes.add("d", Outcome("finished", seconds=seconds))
+    again = Outcomes(path, header)
+    assert sorted(again.there) == ["b", "c", "d"] and again.best("a", 1) is None
+    assert again.best("d", 3).seconds == 1.0 and again.best("d", 4) is None
+    assert Outcomes(path, {"program": "b"}).there == {} and read_journal(path)[0] == [{"program": "b"}]
+
+
+@pytest.mark.parametrize("signal_, code", [(signal.SIGKILL, -signal.SIGKILL), (signal.SIGTERM, 4)])
+def test_a_trade_that_is_stopped_goes_on_where_it_was(workshop, signal_, code):
+    """What was measured is in the journal, run for run; what was left of a result goes."""
+    _, arguments = with_tables(workshop)
+    arguments = [str(word) for word in (*arguments, "--repeats", 12)]
+    journal = workshop.folder / "job_trade.journal"
+    done = lambda: len(read_journal(journal)[0]) - 1 if journal.exists() else 0
+    process = Popen([BIN / "netfall", *arguments], cwd=workshop.folder, env=ENVIRONMENT, stdout=DEVNULL)
+    end = time.monotonic() + 120
+    while done() < 3 and process.poll() is None:
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    process.send_signal(signal_)
+    assert process.wait(60) == code
+    there = read_journal(journal)[0]
+    assert 3 <= len(there) - 1 < 24
+    finished = run_netfall(*arguments, cwd=workshop.folder)
+    assert finished.returncode == 0, finished.stderr
+    assert read_journal(journal)[0][: len(there)] == there and done() == 24  # 12 of each
+    names = {"job.toml", "nodes.csv", "elements.csv", "wind.csv"}
+    assert {p.name for p in workshop.folder.iterdir() if "lock" not in p.name} == names | {
+        f"job_trade.{ending}" for ending in ("h5", "png", "journal")
+    }
 
 
 def test_digest_of_a_job_is_that_of_what_it_computes(workshop):

@@ -163,6 +163,7 @@ def _say():
 def trade(arguments) -> None:
     """netfall trade JOB"""
     from netfall.ground.launch import default_launcher
+    from netfall.ground.stop import StopRequest
     from netfall.measure.trade import trade as run_trade
 
     for path in run_trade(
@@ -176,6 +177,7 @@ def trade(arguments) -> None:
         arguments.tolerance,
         _folder(arguments.folder),
         _say(),
+        StopRequest(),
     ):
         print(path)
 

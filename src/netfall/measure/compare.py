@@ -1,15 +1,20 @@
 """Outcomes against a reference: errors, which settings nothing beats, table and picture."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
 import numpy as np
 
+from netfall.measure import tables
 from netfall.measure.outcome import Outcome
-from netfall.write.locks import h5_updated, whole
+from netfall.study.table import write_columns
+from netfall.write.locks import h5_whole
 
 ERRORS = ("displacement", "tension", "first_fracture", "broken")
+HEAD = [
+    *("setting", "step [s]", "seconds", "displacement [m]", "tension [kN]", "first fracture [s] (element)"),
+    *("broken", "overlap", "balance", "error"),
+]
 NEAR = 0.08  # decades, in which points of the picture share a name
 
 
@@ -71,26 +76,29 @@ def as_text(rows: list[Row], exact: Outcome, tolerance: float) -> list[str]:
     """The table for the eye, the front marked with *, and the cheapest setting within the tolerance."""
     ranked = sorted(rows, key=lambda row: row.outcome.seconds)
     mark = lambda row: "\\* " if row.best else ""
+    lines = [_cells(mark(row) + row.setting, row.outcome, row.errors["overlap"], row.error) for row in ranked]
     return [
-        "| setting | step [s] | seconds | displacement [m] | tension [kN] | first fracture [s] (element) "
-        "| broken | overlap | balance | error |",
-        "|" + "---|" * 10,
-        _line("**reference**", exact, 1.0, 0.0),
-        *(_line(mark(row) + row.setting, row.outcome, row.errors["overlap"], row.error) for row in ranked),
+        *tables.as_text(HEAD, [_cells("**reference**", exact, 1.0, 0.0), *lines]),
         f"cheapest within an error of {tolerance:g}: {_advice(cheapest(rows, tolerance), exact)}"
         "; * nothing else is both faster and closer",
     ]
 
 
-def _line(name: str, o: Outcome, overlap: float, error: float) -> str:
+def _cells(name: str, o: Outcome, overlap: float, error: float) -> list[str]:
     if o.state != "finished":
-        return f"| {name} | | | {o.state} | | | | | | |"
-    first = f"{o.first_fracture:.5f} ({o.first_element})" if o.broken else "none"
-    return (
-        f"| {name} | {o.time_step:.3g} | {o.seconds:.3g} | {o.largest_displacement:.5g} "
-        f"| {o.largest_tension / 1e3:.5g} | {first} | {o.broken} | {overlap:.2f} "
-        f"| {o.balance_error:.1e} | {error:.2g} |"
-    )
+        return [name, "", "", o.state, *[""] * (len(HEAD) - 4)]
+    return [
+        name,
+        f"{o.time_step:.3g}",
+        f"{o.seconds:.3g}",
+        f"{o.largest_displacement:.5g}",
+        f"{o.largest_tension / 1e3:.5g}",
+        f"{o.first_fracture:.5f} ({o.first_element})" if o.broken else "none",
+        str(o.broken),
+        f"{overlap:.2f}",
+        f"{o.balance_error:.1e}",
+        f"{error:.2g}",
+    ]
 
 
 def _advice(found: Row | None, exact: Outcome) -> str:
@@ -103,48 +111,37 @@ def _advice(found: Row | None, exact: Outcome) -> str:
 
 def write_table(path: Path, rows: list[Row], **attributes) -> None:
     """The table as datasets of one length, /table; attributes say what it was measured against."""
-    with h5_updated(path) as file:
-        file.pop("table", None)
-        group = file.create_group("table")
-        group.attrs.update(attributes)
-        group["setting"] = np.array([row.setting for row in rows], h5py.string_dtype())
-        group["error"] = np.array([row.error for row in rows])
-        group["pareto"] = np.array([row.best for row in rows], np.uint8)
-        group["overlap"] = np.array([row.errors["overlap"] for row in rows])
-        for name in ERRORS:
-            group[f"{name}_error"] = np.array([row.errors[name] for row in rows])
-        for field in fields(Outcome):
-            values = [getattr(row.outcome, field.name) for row in rows]
-            dtype = h5py.string_dtype() if isinstance(values[0], str) else None
-            group[field.name] = np.array(values, dtype)
+    columns = {
+        "setting": [row.setting for row in rows],
+        "error": [row.error for row in rows],
+        "pareto": np.array([row.best for row in rows], np.uint8),
+        "overlap": [row.errors["overlap"] for row in rows],
+    }
+    columns |= {f"{name}_error": [row.errors[name] for row in rows] for name in ERRORS}
+    columns |= {name: [getattr(row.outcome, name) for row in rows] for name in Outcome._fields}
+    with h5_whole(path) as file:
+        write_columns(file, "table", columns)
+        file["table"].attrs.update(attributes)
 
 
 def draw(title: str, rows: list[Row], exact: Outcome, tolerance: float, path: Path) -> Path:
     """Run time against error."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, (axes, names) = plt.subplots(1, 2, figsize=(11, 6), width_ratios=(3, 1.3), layout="constrained")
     finished = sorted(
         (row for row in rows if row.outcome.state == "finished" and np.isfinite(row.error)),
         key=lambda row: row.outcome.seconds,
     )
-    _points(axes, finished)
     lines = "\n".join(f"{number:2d}  {row.setting}" for number, row in enumerate(finished, 1))
     lines = lines.replace(", ", ",\n      ")
-    names.axis("off")
-    names.text(0.0, 1.0, lines, va="top", fontsize=8, transform=names.transAxes)
-    axes.axhline(tolerance, color="C3", lw=0.8, ls="--", label=f"tolerance {tolerance:g}")
-    axes.axvline(exact.seconds, color="0.5", lw=0.8, ls=":", label="reference")
-    axes.set(xscale="log", yscale="log", xlabel="dynamic stage [s]", ylabel="largest relative error")
-    axes.set_title(f"{title}: run time against error")
-    axes.margins(x=0.2)
-    axes.legend(fontsize=8)
-    with whole(path) as place:
-        figure.savefig(place, dpi=130)
-    plt.close(figure)
+    with tables.two_panels(path, figsize=(11, 6), width_ratios=(3, 1.3)) as (_, axes, names):
+        _points(axes, finished)
+        names.axis("off")
+        names.text(0.0, 1.0, lines, va="top", fontsize=8, transform=names.transAxes)
+        axes.axhline(tolerance, color="C3", lw=0.8, ls="--", label=f"tolerance {tolerance:g}")
+        axes.axvline(exact.seconds, color="0.5", lw=0.8, ls=":", label="reference")
+        axes.set(xscale="log", yscale="log", xlabel="dynamic stage [s]", ylabel="largest relative error")
+        axes.set_title(f"{title}: run time against error")
+        axes.margins(x=0.2)
+        axes.legend(fontsize=8)
     return path
 
 

@@ -1,76 +1,55 @@
-"""What one run of a study gave, and the file that keeps it."""
+"""What one run of a trade gave, and the journal that keeps it."""
 
-import json
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import NamedTuple
 
 import h5py
 import numpy as np
 
-from netfall.ground.launch import RunFailed, passing_result, run_job_command
 from netfall.results.frames import Frames
-from netfall.write.locks import h5_updated
+from netfall.study.journal import Journal, read_journal
 
-LASTING = ("finished", "refused", "diverged")  # what a further try would give again
+NAN = float("nan")
+STATES = {0: "finished", 2: "refused", 3: "diverged"}  # by exit code: what a further try would give again
 
 
-@dataclass
-class Outcome:
+class Outcome(NamedTuple):
     """What one run gave, in SI units; nan where there is nothing of the kind."""
 
     state: str  # finished | refused | diverged | failed
-    reason: str
-    seconds: float  # of the dynamic stage, the slowest rank
-    time_step: float
-    largest_displacement: float  # up to the reference's first fracture
-    largest_tension: float  # the same
-    first_fracture: float  # time
-    first_element: int
-    broken: int
-    balance_error: float
-    broken_elements: str  # ids, for the overlap
+    reason: str = ""
+    seconds: float = NAN  # of the dynamic stage, the slowest rank
+    time_step: float = NAN
+    largest_displacement: float = NAN  # up to the reference's first fracture
+    largest_tension: float = NAN  # the same
+    first_fracture: float = NAN  # time
+    first_element: int = -1
+    broken: int = -1
+    balance_error: float = NAN
+    broken_elements: str = ""  # ids, for the overlap
 
 
-def best_of(repeats: int, run: Callable[[], Outcome]) -> Outcome:
-    """The fastest of several runs; one alone if it did not finish."""
-    found = run()
-    for _ in range(repeats - 1):
-        if found.state == "finished":
-            found = min(found, run(), key=lambda outcome: outcome.seconds)
-    return found
+def outcome_of(told: dict, file: h5py.File | None, until: float | None) -> Outcome:
+    """The outcome of a run from what its worker told and its result; until : as of `read_outcome`."""
+    if file is None:
+        return Outcome(STATES.get(told["exit_code"], "failed"), told["reason"])
+    return read_outcome(file, until)
 
 
-def measure(
-    path: Path, overrides: list[str], ranks: int, launcher: str, folder: Path, until: float
-) -> Outcome:
-    """The outcome of one run; displacements and tensions up to the time `until` [s]."""
-    nothing = {field.name: np.nan for field in fields(Outcome)} | {
-        "first_element": -1,
-        "broken": -1,
-        "broken_elements": "",
-    }
-    with passing_result(folder) as result:
-        try:
-            run_job_command(launcher, ranks, path, result, overrides)
-        except RunFailed as failed:
-            return Outcome(**{**nothing, "state": failed.state, "reason": failed.reason})
-        with h5py.File(result, "r") as file:
-            return read_outcome(file, until)
-
-
-def read_outcome(file: h5py.File, until: float) -> Outcome:
-    """The quantities of one result file."""
-    frames = Frames(file)
+def read_outcome(file: h5py.File, until: float | None) -> Outcome:
+    """The quantities of one result file; displacement and tension up to the time `until` [s], None: its own
+    first fracture.
+    """
+    frames, events, ids = Frames(file), file["events"], file["net/element_id"][:]
+    first = float(events["time"][0]) if len(events["time"]) else NAN
+    if until is None:
+        until = end_of_comparison(first)
     displacement = tension = 0.0
     for step in np.flatnonzero(frames.times <= until):
-        displacement = max(
-            displacement, np.linalg.norm(frames.point("displacement", step), axis=1).max(initial=0.0)
-        )
+        moved = np.linalg.norm(frames.point("displacement", step), axis=1)
+        displacement = max(displacement, moved.max(initial=0.0))
         tension = max(tension, frames.cell("tension", step).max(initial=0.0))
-    events, ids = file["events"], file["net/element_id"][:]
     broken = np.unique(events["element"][:])
-    first = events["time"][0] if len(events["time"]) else np.nan
     return Outcome(
         "finished",
         "",
@@ -78,7 +57,7 @@ def read_outcome(file: h5py.File, until: float) -> Outcome:
         float(file["provenance"].attrs["time_step"]),
         float(displacement),
         float(tension),
-        float(first),
+        first,
         int(ids[events["element"][0]]) if len(broken) else -1,
         len(broken),
         float(np.abs(file["history/balance_error"][:]).max()),
@@ -86,33 +65,39 @@ def read_outcome(file: h5py.File, until: float) -> Outcome:
     )
 
 
-class Store:
-    """Outcomes so far, in one HDF5 file; a study that was stopped goes on where it was.
+def end_of_comparison(first_fracture: float) -> float:
+    """Until when [s] runs are compared: the reference's first fracture, the end if it has none."""
+    return first_fracture if np.isfinite(first_fracture) else np.inf
 
-    digest : of what all outcomes depend on; if it has changed, none of them is used
-    """
 
-    def __init__(self, path: Path, digest: str):
-        self.path, self.digest = path, digest
+class Outcomes:
+    """Outcomes so far by what was run, in a journal; a trade that was stopped goes on where it was."""
 
-    def outcome(self, key: str, run: Callable[[], Outcome]) -> Outcome:
-        """The outcome that is stored under a key, else that of a run, which is stored if it lasts."""
-        key = key.replace("/", "|")
-        if not self.path.exists() or self._other():
-            with h5_updated(self.path) as file:
-                file.clear()
-                file.attrs["digest"] = self.digest
-        with h5py.File(self.path, "r") as file:
-            stored = file.get("outcomes", {})
-            if key in stored:
-                return Outcome(**json.loads(stored[key][()]))
-        found = run()
-        if found.state in LASTING:
-            with h5_updated(self.path) as file:
-                file.require_group("outcomes")[key] = json.dumps(asdict(found))
-        return found
+    def __init__(self, path: Path, header: dict):
+        """header : what all of them depend on; if it has changed, the journal begins anew"""
+        records = read_journal(path)[0] if path.exists() else []
+        if records[:1] != [header]:
+            path.unlink(missing_ok=True)
+        self.there: dict[str, list[Outcome]] = {}
+        for record in records[1:] if path.exists() else []:
+            self.there.setdefault(record["run"], []).append(Outcome(**record["outcome"]))
+        self.journal = Journal(path, header)
 
-    def _other(self) -> bool:
-        """Whether what is there is of another study."""
-        with h5py.File(self.path, "r") as file:
-            return file.attrs.get("digest") != self.digest
+    def add(self, key: str, outcome: Outcome) -> None:
+        """Take in an outcome; one that another try may better stays for this session."""
+        self.there.setdefault(key, []).append(outcome)
+        if outcome.state in STATES.values():
+            self.journal.add({"run": key, "outcome": outcome._asdict()})
+
+    def best(self, key: str, repeats: int) -> Outcome | None:
+        """The fastest of so many runs, fewer if one did not come to its end; None: more are to be made."""
+        found = self.there.get(key, [])
+        finished = [outcome for outcome in found if outcome.state == "finished"]
+        if len(finished) == len(found) < repeats:
+            return None
+        return min(finished, key=lambda outcome: outcome.seconds, default=found[-1])
+
+    def close(self) -> None:
+        """The end of writing."""
+        self.journal.sync()
+        self.journal.close()

@@ -6,20 +6,18 @@ divided into more. The runs are interleaved, and the best of them counts: a mach
 at times, never faster.
 """
 
-import csv
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.ground.launch import check_launcher, passing_result, run_job_command
+from netfall.ground.launch import check_launcher
 from netfall.job.job import Job
-from netfall.job.read import read_job
-from netfall.write.locks import whole
+from netfall.measure import tables
+from netfall.measure.series import Series, dynamic_job, place_of_series
 
 GROWING = {
     "saddle": ("side", "rise", "cells"),
@@ -29,29 +27,14 @@ GROWING = {
     "dome": ("diameter", "opening", "dome_height", "strut", "spokes", "hoops"),
 }  # dimensions that grow with the root of the area
 WHOLE = {"cells": 1, "hoops": 1, "spokes": 4}  # numbers, and what they are multiples of
+RATE = "element_steps_per_s"
 PHASES = {
     "forces": "dynamics: forces and kick",
     "exchange": "dynamics: exchange",
     "drift": "dynamics: drift",
     "output": "dynamics: output",
 }
-
-
-@dataclass
-class Timing:
-    """One run: seconds of the dynamic stage and of its phases, least, mean and largest of the ranks."""
-
-    kind: str  # strong | weak
-    ranks: int
-    elements: int
-    steps: int
-    dynamics: float
-    phases: dict[str, np.ndarray]
-
-    @property
-    def rate(self) -> float:
-        """Elements times steps in a second."""
-        return self.elements * self.steps / self.dynamics
+OF_RANKS = ("min", "mean", "max")  # what is told of the seconds of all ranks
 
 
 def scale(
@@ -67,13 +50,8 @@ def scale(
 
     Returns the paths of the table and its picture, in `folder`.
     """
-    job = read_job(path, overrides)
-    if job.dynamics is None:
-        raise InputError(
-            f"{path}: [dynamics] is missing: what is measured is the dynamic stage; add the section"
-        )
+    job = dynamic_job(path, overrides)
     check_launcher(launcher)
-    folder.mkdir(parents=True, exist_ok=True)
     cases = [("strong", count, []) for count in ranks]
     cases += [("weak", count, grown(job, count / ranks[0])) for count in ranks]
     cases = [case for case in cases if case[2] is not None]
@@ -82,27 +60,26 @@ def scale(
             "note: no weak scaling for numbers of ranks that are no multiples of the first: "
             "a table's elements can be divided only into whole numbers of parts"
         )
-    best: dict[tuple, Timing] = {}
-    for repeat in range(repeats):
-        for kind, count, larger in cases:
-            if kind == "weak" and not larger:  # the job itself
-                best[kind, count] = Timing(**{**vars(best["strong", count]), "kind": kind})
-                continue
-            timing = measure(kind, count, path, [*overrides, *larger], launcher, folder)
-            say(
-                f"{kind}, {count} rank{'s' * (count > 1)}, run {repeat + 1} of {repeats}: "
-                f"{timing.elements} elements, {timing.dynamics:.3g} s, {timing.rate:.3g} element-steps/s"
-            )
-            if (kind, count) not in best or timing.rate > best[kind, count].rate:
-                best[kind, count] = timing
-    timings = list(best.values())
-    rows = table(timings)
-    for line in as_text(rows):
-        say(line)
-    return [
-        write_csv(rows, folder / f"{job.name}_scale.csv"),
-        draw(job, timings, folder / f"{job.name}_scale.png"),
-    ]
+    csv = folder / f"{job.name}_scale.csv"
+    with place_of_series(csv) as place:
+        best: dict[tuple, dict] = {}
+        for repeat in range(repeats):
+            for kind, count, larger in cases:
+                if kind == "weak" and not larger:  # the job itself
+                    best[kind, count] = best["strong", count] | {"kind": kind}
+                    continue
+                runs = Series(path, count, launcher, place, profile=True)
+                row = measure(kind, runs, [*overrides, *larger])
+                say(
+                    f"{kind}, {count} rank{'s' * (count > 1)}, run {repeat + 1} of {repeats}: "
+                    f"{row['elements']} elements, {row['dynamics_s']:.3g} s, {row[RATE]:.3g} element-steps/s"
+                )
+                best[kind, count] = max(best.get((kind, count), row), row, key=lambda row: row[RATE])
+        rows = list(best.values())
+        compare(rows)
+        for line in as_text(rows):
+            say(line)
+        return [tables.write_csv(rows, csv), draw(job, rows, csv.with_suffix(".png"))]
 
 
 def grown(job: Job, factor: float) -> list[str] | None:
@@ -116,129 +93,97 @@ def grown(job: Job, factor: float) -> list[str] | None:
     return [f"net.{key}={whole(key, v) if key in WHOLE else repr(v)}" for key, v in longer.items()]
 
 
-def measure(kind: str, ranks: int, path: Path, overrides: list[str], launcher: str, folder: Path) -> Timing:
-    """The times of one run."""
-    with passing_result(folder) as result:
-        run_job_command(launcher, ranks, path, result, overrides, "--profile")
-        with h5py.File(result, "r") as file:
-            provenance = file["provenance"].attrs
-            if provenance["ranks"] != ranks:
-                raise InputError(
-                    f'--launcher "{launcher}": started {provenance["ranks"]} ranks in one world '
-                    f"where {ranks} were asked for"
-                )
-            seconds = file["provenance/timings"].attrs
-            return Timing(
-                kind,
-                ranks,
-                len(file["net/elements"]),
-                int(provenance["steps"]),
-                float(seconds["dynamics"][2]),
-                {name: seconds[long] for name, long in PHASES.items()},
-            )
-
-
-def table(timings: list[Timing]) -> list[dict]:
-    """A row for each case; speed-up and efficiency against the smallest number of ranks of its kind."""
+def measure(kind: str, runs: Series, overrides: list[str]) -> dict:
+    """The row of one run. Raises InputError if it does not come to its end."""
     rows = []
-    for t in timings:
-        first = min((other for other in timings if other.kind == t.kind), key=lambda other: other.ranks)
-        speed_up = t.rate / first.rate
-        row = {
-            "kind": t.kind,
-            "ranks": t.ranks,
-            "elements": t.elements,
-            "steps": t.steps,
-            "dynamics_s": t.dynamics,
-            "element_steps_per_s": t.rate,
-            "speed_up": speed_up,
-            "efficiency": speed_up * first.ranks / t.ranks,
-        }
-        for name, values in t.phases.items():
-            row |= {f"{name}_{which}_s": float(value) for which, value in zip(("min", "mean", "max"), values)}
-        rows.append(row)
-    return rows
+
+    def done(told: dict, file: h5py.File | None) -> None:
+        if file is None:
+            on = f"{runs.ranks} rank{'s' * (runs.ranks > 1)}"
+            raise InputError(f"{runs.job}: a run on {on} {told['state']}: {told['reason']}")
+        rows.append({"kind": kind, "ranks": runs.ranks} | timing(file))
+
+    runs.run([overrides], done)
+    return rows[0]
+
+
+def timing(file: h5py.File) -> dict:
+    """The speed of a run, which `compare` compares, and the seconds [s] of the dynamic stage's phases."""
+    seconds = file["provenance/timings"].attrs
+    elements, steps = len(file["net/elements"]), int(file["provenance"].attrs["steps"])
+    dynamics = float(seconds["dynamics"][2])
+    row = {"elements": elements, "steps": steps, "dynamics_s": dynamics, RATE: elements * steps / dynamics}
+    row |= {"speed_up": math.nan, "efficiency": math.nan}
+    for name, phase in PHASES.items():
+        row |= {f"{name}_{which}_s": float(value) for which, value in zip(OF_RANKS, seconds[phase])}
+    return row
+
+
+def compare(rows: list[dict]) -> None:
+    """Give each row its speed-up and efficiency against the smallest number of ranks of its kind."""
+    for row in rows:
+        first = min((other for other in rows if other["kind"] == row["kind"]), key=lambda row: row["ranks"])
+        row["speed_up"] = row[RATE] / first[RATE]
+        row["efficiency"] = row["speed_up"] * first["ranks"] / row["ranks"]
+
+
+def shares(row: dict, phase: str) -> list[float]:
+    """Of a phase in the dynamic stage [%]: least, mean and largest of the ranks."""
+    return [100 * row[f"{phase}_{which}_s"] / row["dynamics_s"] for which in OF_RANKS]
 
 
 def as_text(rows: list[dict]) -> list[str]:
     """The table for the eye; phases in per cent of the dynamic stage: least / mean / largest of the ranks."""
-    lines = [
-        "| scaling | ranks | elements | steps | seconds | element-steps/s | speed-up | efficiency | "
-        + " | ".join(f"{name} [%]" for name in PHASES)
-        + " |",
-        "|" + "---|" * (8 + len(PHASES)),
+    head = ["scaling", "ranks", "elements", "steps", "seconds", "element-steps/s", "speed-up", "efficiency"]
+    return tables.as_text([*head, *(f"{name} [%]" for name in PHASES)], [_cells(row) for row in rows])
+
+
+def _cells(row: dict) -> list[str]:
+    return [
+        *(str(row[name]) for name in ("kind", "ranks", "elements", "steps")),
+        *(f"{row[name]:.3g}" for name in ("dynamics_s", RATE)),
+        *(f"{row[name]:.2f}" for name in ("speed_up", "efficiency")),
+        *(" / ".join(f"{share:.0f}" for share in shares(row, name)) for name in PHASES),
     ]
-    for row in rows:
-        shares = [
-            " / ".join(
-                f"{100 * row[f'{name}_{which}_s'] / row['dynamics_s']:.0f}"
-                for which in ("min", "mean", "max")
-            )
-            for name in PHASES
-        ]
-        lines.append(
-            f"| {row['kind']} | {row['ranks']} | {row['elements']} | {row['steps']} "
-            f"| {row['dynamics_s']:.3g} | {row['element_steps_per_s']:.3g} "
-            f"| {row['speed_up']:.2f} | {row['efficiency']:.2f} | " + " | ".join(shares) + " |"
-        )
-    return lines
 
 
-def write_csv(rows: list[dict], path: Path) -> Path:
-    """The table, all figures in seconds."""
-    with whole(path) as place, open(place, "w", newline="") as file:
-        writer = csv.DictWriter(file, rows[0])
-        writer.writeheader()
-        writer.writerows(rows)
+def draw(job: Job, rows: list[dict], path: Path) -> Path:
+    """Speed-up over the ranks, and what a rank's time goes into."""
+    with tables.two_panels(path, figsize=(11, 4.4)) as (figure, left, right):
+        _draw_speed_up(left, rows)
+        _draw_phases(right, rows)
+        figure.suptitle(job.title or job.name)
     return path
 
 
-def draw(job: Job, timings: list[Timing], path: Path) -> Path:
-    """Speed-up over the ranks, and what a rank's time goes into."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.4), layout="constrained")
-    rows = table(timings)
+def _draw_speed_up(axes, rows: list[dict]) -> None:
     counts = sorted({row["ranks"] for row in rows})
-    left.plot(counts, [count / counts[0] for count in counts], color="0.6", linestyle="--", label="ideal")
+    axes.plot(counts, [count / counts[0] for count in counts], color="0.6", linestyle="--", label="ideal")
     for kind, marker in (("strong", "o"), ("weak", "s")):
         mine = sorted((row["ranks"], row["speed_up"]) for row in rows if row["kind"] == kind)
         if len(mine) > 1:
-            left.plot(*zip(*mine), marker=marker, label=f"{kind} scaling")
-    left.set(
+            axes.plot(*zip(*mine), marker=marker, label=f"{kind} scaling")
+    axes.set(
         xlabel="ranks",
         ylabel=f"element-steps per second, of those on {counts[0]} rank{'s' * (counts[0] > 1)}",
         xticks=counts,
         ylim=(0, None),
     )
-    left.legend()
-    bottom = np.zeros(len(timings))
+    axes.legend()
+
+
+def _draw_phases(axes, rows: list[dict]) -> None:
+    bottom, places = np.zeros(len(rows)), range(len(rows))
     for name in PHASES:
-        share = np.array([100 * t.phases[name][1] / t.dynamics for t in timings])
-        spread = np.array([100 * (t.phases[name][1:] - t.phases[name][:-1]) / t.dynamics for t in timings]).T
-        right.bar(
-            range(len(timings)),
-            share,
-            bottom=bottom,
-            yerr=spread,
-            capsize=3,
-            label=name,
-            error_kw={"elinewidth": 0.8},
-        )
-        bottom += share
-    right.set(
-        xticks=range(len(timings)),
-        xticklabels=[f"{t.kind}\n{t.ranks}" for t in timings],
+        least, mean, most = np.array([shares(row, name) for row in rows]).T
+        spread, line = [mean - least, most - mean], {"elinewidth": 0.8}
+        axes.bar(places, mean, bottom=bottom, yerr=spread, capsize=3, label=name, error_kw=line)
+        bottom += mean
+    axes.set(
+        xticks=places,
+        xticklabels=[f"{row['kind']}\n{row['ranks']}" for row in rows],
         ylabel="share of the dynamic stage [%]",
         ylim=(0, 110),
     )
-    right.legend(fontsize=8, ncols=4, loc="upper center")
-    right.set_title("mean of the ranks; bars: least and largest", fontsize=9)
-    figure.suptitle(job.title or job.name)
-    with whole(path) as place:
-        figure.savefig(place, dpi=130)
-    plt.close(figure)
-    return path
+    axes.legend(fontsize=8, ncols=4, loc="upper center")
+    axes.set_title("mean of the ranks; bars: least and largest", fontsize=9)

@@ -4,7 +4,6 @@ The members are those that share form, rest and gust model with the first one. W
 start and what is shared, is left out: the clock runs from the answer with which each may have had one.
 """
 
-import csv
 import itertools
 import time
 from collections.abc import Callable
@@ -15,11 +14,11 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.ground.stop import NEVER
+from netfall.measure import tables
 from netfall.study.file import Plan, read_plan
-from netfall.study.pool import Pool
-from netfall.study.runs import Queue, task_of, worker_words
+from netfall.study.pool import Pool, worker_command
+from netfall.study.runs import Queue, task_of
 from netfall.study.study import net_key, pieces_of
-from netfall.write.locks import whole
 
 RUNS = 16  # of each worker, the first one left out
 
@@ -62,9 +61,10 @@ def measure(plan: Plan, numbers: list[int], workers: int, launcher: str | None) 
         found.dynamics.append(told["dynamic_seconds"])
 
     def died(number, why, again):
-        raise InputError(f"{plan.path}: run {number}: {why}")
+        if not again:
+            raise InputError(f"{plan.path}: run {number}: {why}")
 
-    command = worker_words(launcher, plan.ranks)
+    command = worker_command(launcher, plan.ranks)
     Pool(command, workers, plan.time_limit, take, done, died).run(NEVER)
     return found
 
@@ -89,20 +89,29 @@ def throughput(
     for _ in range(repeats):
         for count in workers:
             measured[count].append(measure(plan, numbers[: (RUNS + 1) * count], count, launcher))
+    rows = [_row(measured[count], measured[workers[0]], plan.ranks) for count in workers]
+    head = ["workers", "runs a minute", "times the first", "a run over its dynamic stage"]
+    shown = {
+        "workers": "d",
+        "runs_a_minute": ".1f",
+        "times_the_first": ".2f",
+        "run_over_dynamic_stage": ".2f",
+    }
+    for line in tables.as_text(
+        head, [[format(row[name], how) for name, how in shown.items()] for row in rows]
+    ):
+        say(line)
     folder.mkdir(parents=True, exist_ok=True)
-    table = folder / f"{path.stem}_throughput.csv"
-    with whole(table) as place, place.open("w", newline="") as file:
-        rows = csv.writer(file)
-        rows.writerow(["workers", "ranks", "runs_a_minute", "times_the_first", "run_over_dynamic_stage"])
-        say("workers  runs a minute  times the first  a run over its dynamic stage")
-        for count in workers:
-            minute, overhead = (
-                float(np.median([getattr(each, name) for each in measured[count]]))
-                for name in ("minute", "overhead")
-            )
-            # of each sitting, one number of workers beside the other
-            pairs = zip(measured[count], measured[workers[0]])
-            ratio = float(np.median([each.minute / one.minute for each, one in pairs]))
-            rows.writerow([count, plan.ranks, f"{minute:.4g}", f"{ratio:.3f}", f"{overhead:.3f}"])
-            say(f"{count:7d}  {minute:13.1f}  {ratio:15.2f}  {overhead:28.2f}")
-    return [table]
+    return [tables.write_csv(rows, folder / f"{path.stem}_throughput.csv")]
+
+
+def _row(mine: list[Throughput], first: list[Throughput], ranks: int) -> dict:
+    """The medians of one number of workers; compared with the first of each sitting, one beside the other."""
+    median = lambda values: float(np.median(list(values)))
+    return {
+        "workers": mine[0].workers,
+        "ranks": ranks,
+        "runs_a_minute": median(each.minute for each in mine),
+        "times_the_first": median(each.minute / one.minute for each, one in zip(mine, first)),
+        "run_over_dynamic_stage": median(each.overhead for each in mine),
+    }

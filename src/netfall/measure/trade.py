@@ -6,53 +6,75 @@ the reference's first fracture a roof has one answer, after it a collapse is cha
 scatter. (The wind's time step and seed are no accuracy: they change the gusts themselves.)
 """
 
-import hashlib
 import itertools
-import json
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from netfall.ground.errors import InputError
+from netfall.ground.errors import InputError, Interrupted
 from netfall.ground.launch import check_launcher
-from netfall.ground.sources import program_digest
+from netfall.ground.sources import TELLING, program_digest
+from netfall.ground.stop import StopRequest
 from netfall.job.job import Job
 from netfall.job.read import read_job
 from netfall.job.schema import may_break
 from netfall.measure.compare import Row, as_text, compare, draw, mark_best, write_table
-from netfall.measure.outcome import Outcome, Store, best_of, measure
-from netfall.write.locks import claim, release
+from netfall.measure.outcome import Outcome, Outcomes, end_of_comparison, outcome_of
+from netfall.measure.series import Series, dynamic_job, place_of_series
+from netfall.study.files import Watch
 
 FINER = 10.0  # how much shorter the reference's step is
-FORMAT = 2
+FORMAT = 3  # of the journal
+NO_EFFECT = (
+    "note: --vary dynamics.safety: time_step is fixed, so it sets at most the mass of fragments; "
+    "with --set dynamics.time_step=auto it sets the step"
+)
 
 
 @dataclass(frozen=True)
-class Study:
-    """The job of a study, and how its runs are started."""
+class Trade:
+    """A job, its runs and what came of them. watch : of the files that they read; stop : a wish to stop"""
 
-    path: Path
+    runs: Series
     overrides: list[str]
-    ranks: int
-    launcher: str
-    repeats: int
-    folder: Path
+    outcomes: Outcomes
+    watch: Watch
+    stop: StopRequest
 
-    def job(self, setting: list[str]) -> Job:
-        """The job with a setting. Raises InputError."""
-        return read_job(self.path, [*self.overrides, *setting])
+    def measure(
+        self,
+        settings: list[list[str]],
+        repeats: int,
+        until: float | None = None,
+        report: Callable[[int, Outcome], None] = lambda row, outcome: None,
+    ) -> list[Outcome]:
+        """The outcome of each setting, the fastest of its runs; those that are missing are made.
 
-    def once(self, setting: list[str], until: float) -> Outcome:
-        """The outcome of one run."""
-        overrides = [*self.overrides, *setting]
-        return measure(self.path, overrides, self.ranks, self.launcher, self.folder, until)
+        until : as of `read_outcome`; report : takes the number of a setting, from 0, and its outcome
 
-    def stored_or_run(self, store: Store, setting: list[str], until: float, repeats: int) -> Outcome:
-        """The outcome that is stored, else that of the fastest of several runs."""
-        key = f"{text_of(setting)} until {until!r} of {self.job(setting).digest()}"
-        return store.outcome(key, lambda: best_of(repeats, lambda: self.once(setting, until)))
+        Raises Interrupted if asked to stop, InputError if no run can start or a file has changed.
+        """
+        overrides = [[*self.overrides, *setting] for setting in settings]
+        keys = [f"{read_job(self.runs.job, each).digest()} until {until!r}" for each in overrides]
+        found: list[Outcome] = []
+
+        def missing():
+            for row, key in enumerate(keys):
+                while (best := self.outcomes.best(key, repeats)) is None:
+                    yield overrides[row]
+                found.append(best)
+                report(row, best)
+
+        def done(told, file):
+            self.watch.check()
+            self.outcomes.add(keys[len(found)], outcome_of(told, file, until))
+
+        self.runs.run(missing(), done, self.stop)
+        left = len(settings) - len(found)
+        if left:
+            raise Interrupted(f"interrupted with {left} settings to be measured; the same command goes on")
+        return found
 
 
 def trade(
@@ -66,100 +88,84 @@ def trade(
     tolerance: float,
     folder: Path,
     say: Callable[[str], None],
+    stop: StopRequest,
 ) -> list[Path]:
-    """Run the grid, print the table, write it and its picture into `folder`; their paths. Raises InputError.
+    """Run the grid, print the table, write it and its picture into `folder`; their paths.
 
     vary : SECTION.KEY=VALUE,VALUE,...; every combination is run. Empty: one key at a time, of those that the
     job has
     reference : overrides of the reference, beside those of all runs
     repeats : runs of each setting, of which the fastest counts (a first one may compile)
-    tolerance : of the largest relative error
+    tolerance : of the largest relative error; stop : a wish to stop
+
+    Raises InputError, Interrupted if asked to stop.
     """
-    job = read_job(path, overrides)
-    if job.dynamics is None:
-        raise InputError(
-            f"{path}: [dynamics] is missing: what is compared is the dynamic stage; add the section"
-        )
+    job = dynamic_job(path, overrides)
     check_launcher(launcher)
-    study = Study(path, overrides, ranks, launcher, repeats, folder)
     settings = combinations(vary) if vary else usual_settings(job)
-    for setting in settings:
-        varied = study.job(setting)  # all errors before the first run
-    safety = any(item.partition("=")[0].strip() == "dynamics.safety" for item in vary)
-    if safety and varied.dynamics.time_step != "auto":
-        say(
-            "note: --vary dynamics.safety: time_step is fixed, so it sets at most the mass of fragments; "
-            "with --set dynamics.time_step=auto it sets the step"
-        )
-    folder.mkdir(parents=True, exist_ok=True)
+    *varied, finest = [read_job(path, [*overrides, *setting]) for setting in [*settings, reference]]
+    if has_no_effect(vary, varied[-1]):
+        say(NO_EFFECT)
+    files = dict.fromkeys(file for each in (*varied, finest) for file in each.files())
+    header = {"format": FORMAT, "program": program_digest(TELLING), "ranks": ranks}
     table = folder / f"{job.name}_trade.h5"
-    claimed = claim(table)
-    try:
-        store = Store(table, digest_of(ranks))
-        reference = reference or shorter_step(study, job)
+    with (
+        place_of_series(table) as place,
+        closing(Outcomes(table.with_suffix(".journal"), header)) as outcomes,
+    ):
+        runs = Series(path, ranks, launcher, place)
+        made = Trade(runs, overrides, outcomes, Watch([path, *files]), stop)
+        reference = reference or shorter_step(made, job)
         say(f"reference: {text_of(reference)}")
-        exact, until = measure_reference(study, store, reference)
-        rows = measure_settings(study, store, settings, exact, until, say)
+        (exact,) = made.measure([reference], repeats)
+        if exact.state != "finished":
+            raise InputError(f"{path}: the reference was {exact.state}: {exact.reason}")
+        rows = measure_rows(made, settings, repeats, exact, say)
         mark_best(rows)
         for line in as_text(rows, exact, tolerance):
             say(line)
         against = {"reference": text_of(reference), "reference_seconds": exact.seconds}
         write_table(table, rows, **against, tolerance=tolerance, ranks=ranks)
-        picture = folder / f"{job.name}_trade.png"
-        return [table, draw(job.title or job.name, rows, exact, tolerance, picture)]
-    finally:
-        release(claimed)
+        return [table, draw(job.title or job.name, rows, exact, tolerance, table.with_suffix(".png"))]
 
 
-def digest_of(ranks: int) -> str:
-    """Fingerprint of what all outcomes of a study depend on besides the job."""
-    return hashlib.sha256(json.dumps([program_digest(), ranks, FORMAT]).encode()).hexdigest()
+def has_no_effect(vary: list[str], job: Job) -> bool:
+    """Whether a grid varies a safety of steps that are fixed."""
+    safety = any(item.partition("=")[0].strip() == "dynamics.safety" for item in vary)
+    return safety and job.dynamics.time_step != "auto"
 
 
-def shorter_step(study: Study, job: Job) -> list[str]:
+def shorter_step(made: Trade, job: Job) -> list[str]:
     """The usual reference: a tenth of the automatic step, or of the job's own if that is shorter."""
-    coarse = automatic_step(study, job)
+    coarse = automatic_step(made, job)
     if job.dynamics.time_step != "auto":
         coarse = min(coarse, job.dynamics.time_step)
     return [f"dynamics.time_step={coarse / FINER:.6g}"]
 
 
-def automatic_step(study: Study, job: Job) -> float:
+def automatic_step(made: Trade, job: Job) -> float:
     """The step [s] that "auto" takes, from a run of a single history row."""
     setting = ["dynamics.time_step=auto", "dynamics.safety=0.8", "output.frames=1"]
     setting.append(f"dynamics.duration={min(job.dynamics.duration, job.output.history)!r}")
-    found = study.once(setting, np.inf)
+    (found,) = made.measure([setting], 1)
     if found.state != "finished":
-        raise InputError(f"{study.path}: the run for the automatic step was {found.state}: {found.reason}")
+        raise InputError(f"{made.runs.job}: the run for the automatic step was {found.state}: {found.reason}")
     return found.time_step
 
 
-def measure_reference(study: Study, store: Store, reference: list[str]) -> tuple[Outcome, float]:
-    """The outcome of the reference, and the time [s] of its first fracture, up to which runs are compared."""
-    whole = study.stored_or_run(store, reference, np.inf, 1)
-    if whole.state != "finished":
-        raise InputError(f"{study.path}: the reference was {whole.state}: {whole.reason}")
-    until = whole.first_fracture if np.isfinite(whole.first_fracture) else np.inf
-    return study.stored_or_run(store, reference, until, study.repeats), until
-
-
-def measure_settings(
-    study: Study,
-    store: Store,
-    settings: list[list[str]],
-    exact: Outcome,
-    until: float,
-    say: Callable[[str], None],
+def measure_rows(
+    made: Trade, settings: list[list[str]], repeats: int, exact: Outcome, say: Callable[[str], None]
 ) -> list[Row]:
     """The row of each setting, told as it is measured."""
     rows = []
-    for number, setting in enumerate(settings, 1):
-        found = study.stored_or_run(store, setting, until, study.repeats)
-        row = compare(text_of(setting), found, exact)
-        rows.append(row)
-        finished = f"{found.seconds:.3g} s, error {row.error:.2g}"
+
+    def report(row: int, found: Outcome) -> None:
+        rows.append(compare(text_of(settings[row]), found, exact))
+        finished = f"{found.seconds:.3g} s, error {rows[-1].error:.2g}"
         told = finished if found.state == "finished" else f"{found.state}: {found.reason}"
-        say(f"{number} of {len(settings)}: {row.setting}: {told}")
+        say(f"{row + 1} of {len(settings)}: {rows[-1].setting}: {told}")
+
+    made.measure(settings, repeats, end_of_comparison(exact.first_fracture), report)
     return rows
 
 
@@ -199,11 +205,6 @@ def usual_settings(job: Job) -> list[list[str]]:
             f"output.history={5.0 * job.output.history:g}",
         ]
     )
-    settings += [
-        [f"dynamics.precision={precision}"]
-        for precision in ("double", "mixed", "single")
-        if precision != job.dynamics.precision
-    ]
     settings.append(["output.energy=false"])
     other = "logarithmic" if job.cable.strain == "engineering" else "engineering"
     settings += [[f"cable.strain={other}"], [f"net.subdivide={2 * job.net.subdivide}"]]

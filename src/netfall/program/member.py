@@ -20,61 +20,50 @@ from netfall.parallel.agree import on_root
 from netfall.program.run import desk_for, run_stages, scheduled
 from netfall.program.setup import prepare
 from netfall.results.loss_lines import MUCH, states_of_rest, worst_rest
+from netfall.results.outcomes import NOTHING
 from netfall.stages import dynamics
 from netfall.write.locks import check_place
 from netfall.write.result import Result
 from netfall.write.unwritten import Unwritten
 
-NAN = float("nan")
-# What is told of a run that has no dynamic stage, or did not come to its end.
-NOTHING = {
-    "first_fracture": NAN,
-    "first_element": -1,
-    "broken": 0,
-    "roof_lost": NAN,
-    "displacement_max": NAN,
-    "tension_max": NAN,
-    "utilisation_max": NAN,
-    "balance_error": NAN,
-    "dynamic_factor_max": NAN,
-    "dynamic_factor_element": -1,
-    "rest_after_loss": "",
-    "gusts": 0,
-    "times": [],
-    "elements": [],
-}
 
-
-def run_member(comm: MPI.Comm, read: Callable[[], Job], path: Path | None, memory: Memory) -> dict | None:
-    """Run a job; what came of it, on rank 0: NOTHING's names, `state`, `reason`, `seconds`. Collective.
+def run_member(
+    comm: MPI.Comm, read: Callable[[], Job], path: Path | None, memory: Memory, profile: bool = False
+) -> dict | None:
+    """Run a job; what came of it, on rank 0: the outcomes and `exit_code`, as of `netfall run`. Collective.
 
     read : reads the job, on every rank; path : of a result file, None: none is written
-    memory : of runs before in this process
+    memory : of runs before in this process; profile : time the parts of a step
 
     A run without a rest, or that diverges, or whose input is wrong, is a result too.
     """
     begin = time.perf_counter()
     try:
-        outcome = _outcome(comm, read(), path, memory)
-        found = {"state": "finished", "reason": ""} | (outcome or {})
+        outcome = _outcome(comm, read(), path, memory, Phases(profile))
+        found = (outcome or {}) | {"state": "finished", "exit_code": 0}
     except NoRest as error:  # it fails before the first gust
-        found = NOTHING | {"state": "no_rest", "reason": str(error), "first_fracture": 0.0, "roof_lost": 1.0}
+        found = _ended("no_rest", error) | {"first_fracture": 0.0, "roof_lost": 1.0}
     except DivergedError as error:
-        found = NOTHING | {"state": "diverged", "reason": str(error)}
+        found = _ended("diverged", error)
     except InputError as error:
-        found = NOTHING | {"state": "failed", "reason": "; ".join(error.lines)}
+        found = _ended("failed", error)
     except OutputError as error:
         if not getattr(error, "on_every_rank", comm.size == 1):
             raise
-        found = NOTHING | {"state": "failed", "reason": str(error)}
+        found = _ended("failed", error)
     return found | {"seconds": time.perf_counter() - begin} if comm.rank == 0 else None
 
 
-def _outcome(comm: MPI.Comm, job: Job, path: Path | None, memory: Memory) -> dict | None:
+def _ended(state: str, error: Exception) -> dict:
+    """What is told of a run that did not come to its end."""
+    reason = "; ".join(getattr(error, "lines", [str(error)]))
+    return NOTHING | {"state": state, "reason": reason, "exit_code": error.exit_code}
+
+
+def _outcome(comm: MPI.Comm, job: Job, path: Path | None, memory: Memory, phases: Phases) -> dict | None:
     """Run the stages; what came of them, on rank 0. Collective."""
     if path:
         on_root(comm, lambda: check_place(path))
-    phases = Phases()
     scene = scheduled(prepare(comm, job, phases, memory=memory)[0])
     log, own = EventLog(scene.distribution.n), scene.model and scene.model.net
     result = Result(comm, path, scene.distribution, own, log) if path else Unwritten(comm)
@@ -124,7 +113,7 @@ def _told(model: Model, simulation, tension: np.ndarray, displacement: np.ndarra
     return found | {
         "roof_lost": roof_lost(model.net, simulation.removal.area if removal else model.area, gone),
         "tension_max": float(tension.max()),
-        "utilisation_max": float(used.max()) if len(used) else NAN,
+        "utilisation_max": float(used.max()) if len(used) else np.nan,
     }
 
 
@@ -171,4 +160,4 @@ def roof_lost(net: Net, area: np.ndarray, gone: np.ndarray) -> float:
     supported = np.zeros(net.n, bool)
     supported[label[net.held.any(1)]] = True
     total = float(area.sum())
-    return float(area[~supported[label]].sum()) / total if total > 0.0 else NAN
+    return float(area[~supported[label]].sum()) / total if total > 0.0 else np.nan

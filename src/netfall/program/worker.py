@@ -3,9 +3,9 @@
     mpirun -n 2 python -m netfall.program.worker
 
 Each line of standard input is a task, JSON: `job`, a path; `overrides` of --set; `removes`, entries of
-[[remove]]; `result`, a path or null; `net`, whether the net in its form is wanted in place of a run. The
-first line of standard output says that the ranks have started; then each answers a task, with what
-`program.member` tells. The end of input ends the ranks.
+[[remove]]; `result`, a path or null; `profile`, whether the parts of a step are timed; `net`, whether the
+net in its form is wanted in place of a run. The first line of standard output says that the ranks have
+started; then each answers a task, with what `program.member` tells. The end of input ends the ranks.
 """
 
 import base64
@@ -20,8 +20,6 @@ from netfall.__main__ import abort  # which also sees to one thread for each ran
 
 PAUSE = 2e-3, 2e-2  # s between two looks for a task, at first and later: waiting in MPI would take a core
 REMEMBERED = 4  # forms, rests and winds of earlier members
-# A member leaves no checkpoints, which change nothing in what it finds, and its modes are not asked.
-OWN = ["output.checkpoint=0.0", "output.modes=0"]
 
 
 def next_task(comm) -> dict | None:
@@ -65,14 +63,14 @@ def serve() -> None:
         print(json.dumps({"ranks": comm.size, "program": program_digest(TELLING)}), file=answers, flush=True)
     memory = Memory(REMEMBERED)
     while (task := next_task(tasks)) is not None:
-        words = task["job"], [*task["overrides"], *OWN], task["removes"]
+        words = task["job"], task["overrides"], task["removes"]
         read = lambda words=words: comm.bcast(on_root(comm, lambda: read_job(*words)))
         result = Path(task["result"]) if task["result"] else None
         if task["net"]:
             net = net_of(comm, read, memory)
             found = {"net": {name: packed(array) for name, array in (net or {}).items()}}
         else:
-            found = run_member(comm, read, result, memory)
+            found = run_member(comm, read, result, memory, task["profile"])
         if comm.rank == 0:
             print(json.dumps(found), file=answers, flush=True)
 

@@ -27,7 +27,8 @@ from netfall.study.sections import (
     run_section,
 )
 
-OWN = ("output.checkpoint", "output.modes")  # which members have their own way
+# A member leaves no checkpoints, which change nothing in what it finds, and its modes are not asked.
+OWN = {"output.checkpoint": 0.0, "output.modes": 0}
 
 
 @dataclass(frozen=True)

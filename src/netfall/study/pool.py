@@ -17,24 +17,30 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from netfall.ground.errors import InputError
+from netfall.ground.launch import check_launcher, default_launcher
 
 LOOK = 0.2  # s between looks at the clock and at the wish to stop
 END = 10.0  # s that workers are given to end
 START = 900.0  # s that a worker is given to start: in a queue's allocation it may have to wait
 DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of Linux
+DEATHS = 3  # of workers at one task, after which it is given up
 STARTS = 3  # in a row that fail: then none will do
 TOLD = 200  # characters of what a worker said at its end
 
 
 class Worker:
-    """Some ranks, and the task that they have; key : of their last one; ready : whether they have started."""
+    """Some ranks, and the number of the task that they have; key : of their last one; given : all of it;
+    ready : whether they have started.
+    """
 
     def __init__(self, command: list[str]):
-        self.key = self.task = None
+        self.key = self.task = self.given = None
         self.ready, self.since, self.heard = False, time.monotonic(), bytearray()
         self.complaints = tempfile.TemporaryFile("w+")
         try:
@@ -55,7 +61,7 @@ class Worker:
 
     def give(self, key, number: int, task: dict) -> None:
         """A task, and the number of the member."""
-        self.key, self.task = key, number
+        self.key, self.task, self.given = key, number, (key, number, task)
         if self.ready:
             self.since = time.monotonic()
         rest = memoryview(json.dumps(task).encode() + b"\n")
@@ -64,12 +70,15 @@ class Worker:
                 rest = rest[self.process.stdin.write(rest) :]
 
     def lines(self) -> list[bytes] | None:
-        """What it has said since the last time, whole lines; None if it has died."""
+        """What it has said since the last time, whole lines; None if it has died.
+
+        What is no object of JSON its launcher has said.
+        """
         more = os.read(self.process.stdout.fileno(), 1 << 20)
         self.heard += more
         *lines, rest = self.heard.split(b"\n") if b"\n" in more else (self.heard,)
         self.heard = bytearray(rest)
-        return lines if more else None
+        return [line for line in lines if line.startswith(b"{")] if more else None
 
     def last_words(self) -> str:
         """Why it has died, as far as it said so."""
@@ -104,9 +113,40 @@ def _end_with_the_study() -> None:
     ctypes.CDLL(None).prctl(DEATH_SIGNAL, signal.SIGTERM)
 
 
-def worker_command(launcher: list[str]) -> list[str]:
-    """The words that start a worker. launcher : those that start something on its ranks"""
-    return [*launcher, sys.executable, "-m", "netfall.program.worker"]
+def worker_command(launcher: str | None, ranks: int) -> list[str]:
+    """The words that start a worker. launcher : of its ranks, with {ranks} in it; None: the usual one"""
+    own = [sys.executable, "-m", "netfall.program.worker"]
+    if launcher is None and ranks == 1:
+        return own
+    check_launcher(launcher or default_launcher())
+    usual = default_launcher().replace("-n {ranks}", "--bind-to none -n {ranks}")  # workers share the cores
+    return [*shlex.split((launcher or usual).format(ranks=ranks)), *own]
+
+
+def task_for(
+    job: Path,
+    overrides: list[str],
+    removes: list[dict] = (),
+    result: Path | None = None,
+    profile: bool = False,
+    net: bool = False,
+) -> dict:
+    """What a worker is told of a run. result : file to write; profile : whether to time the parts of a step;
+    net : whether to tell the net in its form in place of a run
+    """
+    task = {"job": str(job), "overrides": overrides, "removes": removes, "result": result and str(result)}
+    return task | {"profile": profile, "net": net}
+
+
+def check_started(told: dict, ranks: int, program: str) -> None:
+    """Raises InputError where a worker that has started is not one of so many ranks of this program."""
+    if told["ranks"] != ranks:
+        raise InputError(
+            f"--launcher: started {told['ranks']} ranks; expected a command that starts {{ranks}} of "
+            f"them, here {ranks}"
+        )
+    if told["program"] != program:
+        raise InputError("the program has changed meanwhile; start the command again to see what is valid")
 
 
 @dataclass
@@ -115,7 +155,8 @@ class Pool:
 
     take(key) : the next task, (key, number, task), best one whose key a worker had last; None: no more
     done(number, answer) : an answer has come
-    died(number, why, again) : a task ended its worker, or took longer than time_limit [s], then not `again`
+    died(number, why, again) : a task ended its worker, and is given out `again`, up to DEATHS times; or took
+    longer than time_limit [s]
     started : what a worker says when it has started
     """
 
@@ -127,6 +168,8 @@ class Pool:
     died: Callable
     started: Callable = lambda told: None
     workers: list[Worker] = field(default_factory=list)
+    deaths: Counter = field(default_factory=Counter)  # by the number of the task
+    waiting: list[tuple] = field(default_factory=list)  # tasks that are given out again
     stillborn: int = 0  # workers in a row that ended before they had started
 
     def run(self, stop) -> None:
@@ -165,7 +208,7 @@ class Pool:
         idle = [worker for worker in self.workers if worker.task is None]
         while idle or len(self.workers) < self.count:
             worker = idle.pop() if idle else None
-            task = self.take(worker and worker.key)
+            task = self.waiting.pop() if self.waiting else self.take(worker and worker.key)
             if task is None:
                 return
             if worker is None:
@@ -183,6 +226,7 @@ class Pool:
         for line in lines:
             if worker.ready:
                 number, worker.task = worker.task, None
+                self.deaths.pop(number, None)
                 self.done(number, json.loads(line))
             else:
                 self.started(json.loads(line))
@@ -195,7 +239,11 @@ class Pool:
         if self.stillborn == STARTS:
             command = shlex.join(self.command)
             raise InputError(f"{command}: does not start: {why}; --launcher gives another way")
-        self.died(worker.task, why, True)
+        self.deaths[worker.task] += 1
+        again = self.deaths[worker.task] < DEATHS
+        if again:
+            self.waiting.append(worker.given)
+        self.died(worker.task, why if again else f"{why}, {DEATHS} times", again)
 
     def _drop(self, worker: Worker) -> None:
         self.selector.unregister(worker.process.stdout)

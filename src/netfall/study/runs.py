@@ -11,20 +11,19 @@ from collections import deque
 from pathlib import Path
 
 import netfall
-from netfall.ground.errors import InputError, Interrupted
-from netfall.ground.launch import check_launcher, default_launcher
+from netfall.ground.errors import Interrupted
 from netfall.ground.progress import Progress
 from netfall.job.memory import BESIDE
 from netfall.job.read import read_job
+from netfall.results.outcomes import NOTHING
 from netfall.study.answers.fragility import fragility_section
-from netfall.study.file import Member, Plan
+from netfall.study.file import OWN, Member, Plan
 from netfall.study.files import Place, Watch
 from netfall.study.journal import Journal
-from netfall.study.pool import Pool, worker_command
-from netfall.study.table import OUTCOMES, Table
+from netfall.study.pool import Pool, check_started, task_for, worker_command
+from netfall.study.table import Table
 from netfall.write.locks import writing
 
-DEATHS = 3  # of workers at one member, after which it is given up
 UNFINISHED = re.compile(r"\.+(\d{6,})-")  # begins the name of a result file that has not got its own yet
 NET = -1  # in place of a member's number: the task that tells the net
 
@@ -38,7 +37,6 @@ class Runs:
         """header : of the journal; table : what there is"""
         self.plan, self.place, self.table, self.header = plan, place, table, header
         self.watch, self.progress = watch, progress
-        self.deaths: dict[int, int] = {}
         self.done = self.broke = 0
         self.net_asked = table.net is not None
         self.token = secrets.token_hex(4)  # of this session's files, apart from those of one that was killed
@@ -56,12 +54,12 @@ class Runs:
         try:
             self._make_room(set(missing))
             asks = self.take, self.finish, self.died, self.started
-            Pool(worker_words(launcher, ranks), count, self.plan.time_limit, *asks).run(stop)
+            Pool(worker_command(launcher, ranks), count, self.plan.time_limit, *asks).run(stop)
             self.journal.sync()
         finally:
             self.journal.close()
         self.progress.end()
-        if self.done < self.count or not self.net_asked:
+        if self.done < self.count or self.table.net is None:
             there = int(self.table.there.sum())
             raise Interrupted(f"interrupted after {there} of {len(self.plan)} runs; the same command goes on")
         self._write(workers)
@@ -84,15 +82,7 @@ class Runs:
 
     def started(self, told: dict) -> None:
         """A worker has started. Raises InputError if it is not one of this study."""
-        if told["ranks"] != self.plan.ranks:
-            raise InputError(
-                f"--launcher: started {told['ranks']} ranks; expected a command that starts {{ranks}} of "
-                f"them, here {self.plan.ranks}"
-            )
-        if told["program"] != self.header["program"]:
-            raise InputError(
-                "the program has changed while the study ran; start it again to see what is valid"
-            )
+        check_started(told, self.plan.ranks, self.header["program"])
 
     def take(self, last: str | None) -> tuple | None:
         """The next task. The first tells the net and its form, which are the first member's."""
@@ -104,7 +94,7 @@ class Runs:
             return None
         key, number = found
         self._note({"try": number})
-        result = None if self.plan.keep == "none" else str(self._kept(number, self.token))
+        result = None if self.plan.keep == "none" else self._kept(number, self.token)
         return key, number, task_of(self.plan, self.plan.member(number), result)
 
     def finish(self, number: int, told: dict) -> None:
@@ -124,17 +114,11 @@ class Runs:
 
     def died(self, number: int, why: str, again: bool) -> None:
         """A run ended its worker, or took too long."""
-        self.deaths[number] = self.deaths.get(number, 0) + 1
-        if again and self.deaths[number] < DEATHS:
-            if number == NET:
-                self.net_asked = False
-            else:
-                self.queue.back(number)
-            return
-        times = f", {self.deaths[number]} times" if again else ""
-        empty = {name: value for name, (_, value) in OUTCOMES.items()}
-        told = {"state": "failed", "reason": why + times, "times": [], "elements": []}
-        self.finish(number, empty | told)
+        if not again:
+            failed = NOTHING | {"state": "failed", "reason": why}
+            self.finish(number, {"net": {}} if number == NET else failed)
+        elif number != NET:
+            self._note({"try": number})
 
     def _note(self, record: dict) -> None:
         self.journal.add(record)
@@ -178,20 +162,10 @@ class Runs:
         self.progress.say(f"written: {self.place.result} ({ended})")
 
 
-def task_of(plan: Plan, member: Member, result: str | None = None, net: bool = False) -> dict:
-    """What a worker is told of a member. result : path of a file to write; net : whether to tell the net"""
-    removes = [member.remove] if member.remove else []
-    rest = {"result": result, "net": net}
-    return {"job": str(plan.job), "overrides": member.overrides, "removes": removes, **rest}
-
-
-def worker_words(launcher: str | None, ranks: int) -> list[str]:
-    """The command that starts a worker."""
-    if launcher is None and ranks == 1:
-        return worker_command([])
-    check_launcher(launcher or default_launcher())
-    usual = default_launcher().replace("-n {ranks}", "--bind-to none -n {ranks}")  # workers share the cores
-    return worker_command(shlex.split((launcher or usual).format(ranks=ranks)))
+def task_of(plan: Plan, member: Member, result: Path | None = None, net: bool = False) -> dict:
+    """What a worker is told of a member; as `task_for`."""
+    overrides = [*member.overrides, *(f"{name}={value}" for name, value in OWN.items())]
+    return task_for(plan.job, overrides, [member.remove] if member.remove else [], result, net=net)
 
 
 class Queue:
@@ -218,7 +192,3 @@ class Queue:
         if not self.groups[key]:
             del self.groups[key]
         return key, number
-
-    def back(self, number: int) -> None:
-        """Take a member back, to be given out again."""
-        self.groups.setdefault(self._key(number), deque()).appendleft(number)

@@ -8,33 +8,10 @@ import h5py
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.write.locks import h5_file, sync, whole, writing
+from netfall.results.outcomes import BY_NAME, OF_RUN, OUTCOMES
+from netfall.write.locks import h5_whole, sync, writing
 
 FORMAT = 1
-# What is told of each run: data type, and what stands there while nothing is known.
-OUTCOMES = {
-    "first_fracture": (float, np.nan),
-    "first_element": (np.int64, -1),
-    "broken": (np.int64, 0),
-    "roof_lost": (float, np.nan),
-    "displacement_max": (float, np.nan),
-    "tension_max": (float, np.nan),
-    "utilisation_max": (float, np.nan),
-    "balance_error": (float, np.nan),
-    "dynamic_factor_max": (float, np.nan),
-    "dynamic_factor_element": (np.int64, -1),
-    "rest_after_loss": (object, ""),
-    "gusts": (np.int64, 0),
-    "seconds": (float, np.nan),
-    "state": (object, ""),
-    "reason": (object, ""),
-}
-OF_LOSSES = ("dynamic_factor_max", "dynamic_factor_element", "rest_after_loss", "gusts")
-UNITS = {
-    **dict.fromkeys(("first_fracture", "seconds", "duration"), "s"),
-    "displacement_max": "m",
-    "tension_max": "N",
-}
 NET = ("particles", "elements", "fixed", "node_id", "element_id", "group", "cable", "tributary_area")
 DIGESTS = {"study": "the study file", "job": "the job or its tables", "program": "the program"}
 TEXT = h5py.string_dtype()
@@ -44,7 +21,7 @@ class Table:
     """Rows by the number of the member; `there` : which are known; `tries` : how often each was begun."""
 
     def __init__(self, count: int):
-        self.columns = {name: np.full(count, empty, dtype) for name, (dtype, empty) in OUTCOMES.items()}
+        self.columns = {each.name: np.full(count, each.empty, each.dtype) for each in OF_RUN}
         self.there = np.zeros(count, bool)
         self.tries = np.zeros(count, np.int64)
         self.times: dict[int, np.ndarray] = {}  # of fractures, by member
@@ -67,8 +44,8 @@ class Table:
                 return
             self.counts["failed"] -= 1  # it was run again
         self.there[number] = True
-        for name in OUTCOMES:
-            self.columns[name][number] = told[name]
+        for name, column in self.columns.items():
+            column[number] = told[name]
         self.counts[told["state"]] += 1
         if told["times"]:
             self.times[number] = np.array(told["times"])
@@ -79,11 +56,11 @@ class Table:
         with h5py.File(path) as f:
             numbers = f["members/member"][:]
             new = ~self.there[numbers]
-            for name in OUTCOMES:
+            for name, column in self.columns.items():
                 if name in f["members"]:
                     values = f[f"members/{name}"]
-                    values = values.asstr()[:] if OUTCOMES[name][0] is object else values[:]
-                    self.columns[name][numbers[new]] = values[new]
+                    values = values.asstr()[:] if column.dtype == object else values[:]
+                    column[numbers[new]] = values[new]
             self.tries[numbers[new]] += f["provenance/attempts"][:][new]
             self.counts.update(self.columns["state"][numbers[new]].tolist())
             member, time, element = (f[f"events/{name}"][:] for name in ("member", "time", "element"))
@@ -115,18 +92,19 @@ class Table:
         """
         rows = np.flatnonzero(self.there)
         members = self._members(rows, plan)
-        with whole(path) as temporary:
-            with h5_file(temporary, "w") as (f, _):
-                f.attrs["netfall_study"], f.attrs["title"] = FORMAT, title
-                _write(f, "members", members)
-                self._write_events(f, rows)
-                if self.net:
-                    _write(f, "net", self.net)
-                    self._write_counts(f, rows)
-                if "wind.speed" in members:
-                    _write(f, "fragility", fragility(members))
-                _write(f, "provenance", provenance | {"attempts": self.tries[rows]})
-            sync(temporary)
+        with h5_whole(path) as f:
+            f.attrs["netfall_study"], f.attrs["title"] = FORMAT, title
+            write_columns(f, "members", members)
+            for name in BY_NAME.keys() & members.keys():
+                if BY_NAME[name].unit:
+                    f[f"members/{name}"].attrs["unit"] = BY_NAME[name].unit
+            self._write_events(f, rows)
+            if self.net:
+                write_columns(f, "net", self.net)
+                self._write_counts(f, rows)
+            if "wind.speed" in members:
+                write_columns(f, "fragility", fragility(members))
+            write_columns(f, "provenance", provenance | {"attempts": self.tries[rows]})
         with writing(path):
             sync(path.parent)  # before the journal goes
 
@@ -138,7 +116,8 @@ class Table:
         if plan.loss:
             columns["removed"] = np.array([member.removed for member in found], object)
         else:
-            columns = {name: values for name, values in columns.items() if name not in OF_LOSSES}
+            of_losses = {each.name for each in OUTCOMES if each.of_losses}
+            columns = {name: values for name, values in columns.items() if name not in of_losses}
         columns["duration"] = np.array([plan.duration(member) for member in found])
         for name in ("first_element", "dynamic_factor_element"):
             if name in columns and self.net:
@@ -154,7 +133,7 @@ class Table:
             "time": join([self.times[n] for _, n in broke], float),
             "element": join([self.elements[n] for _, n in broke], np.int64),
         }
-        _write(f, "events", columns)
+        write_columns(f, "events", columns)
 
     def _write_counts(self, f: h5py.File, rows: np.ndarray) -> None:
         """How often each element was the first to break, and broke at all."""
@@ -201,13 +180,10 @@ def _column(values: list) -> np.ndarray:
     return np.array([value if isinstance(value, str) else str(value) for value in values], object)
 
 
-def _write(f: h5py.File, group: str, columns: dict) -> None:
+def write_columns(f: h5py.File, group: str, columns: dict) -> None:
+    """Write datasets by name into a new group; texts as such."""
     place = f.create_group(group)
     for name, values in columns.items():
         values = np.asarray(values)
         dtype = TEXT if values.dtype == object or values.dtype.kind == "U" else values.dtype
-        dataset = place.create_dataset(
-            name, data=values.astype(object) if dtype is TEXT else values, dtype=dtype
-        )
-        if name in UNITS and group == "members":
-            dataset.attrs["unit"] = UNITS[name]
+        place.create_dataset(name, data=values.astype(object) if dtype is TEXT else values, dtype=dtype)

@@ -263,11 +263,9 @@ def h5_file(path: Path, mode: str):
 
 
 @contextmanager
-def h5_updated(path: Path):
-    """An HDF5 file to be added to, or a new one: at the end as it was left, or as before."""
+def h5_whole(path: Path):
+    """A new HDF5 file: at the end on the disk under its name, or what was there is as before."""
     with whole(path) as place:
-        if path.exists():
-            shutil.copyfile(path, place)
-        with h5_file(place, "r+" if path.exists() else "w") as (file, _):
+        with h5_file(place, "w") as (file, _):
             yield file
         sync(place)

@@ -12,9 +12,10 @@ from netfall.plots.study.fragility import fragility
 from netfall.plots.study.inputs import inputs
 from netfall.plots.study.losses import loss_chart, loss_map
 from netfall.plots.study.spread import spread
+from netfall.results.outcomes import BY_NAME
 from netfall.study.answers.correlation import drawn_inputs, responses
 from netfall.study.answers.losses import elements_lost, losses_of
-from netfall.study.answers.read import RESULTS, Study, read_study, with_unit
+from netfall.study.answers.read import Study, read_study, with_unit
 from netfall.write.locks import whole
 
 
@@ -54,7 +55,7 @@ def plot_study(path: Path, folder: Path) -> tuple[list[Path], list[str]]:
 
 def write_members(study: Study, path: Path) -> None:
     """Write /members as a table: units in the first line, then names, then a row for each; nan: empty."""
-    names = [*(n for n in study.members if n not in RESULTS), *(n for n in RESULTS if n in study.members)]
+    names = [*(n for n in study.members if n not in BY_NAME), *(n for n in BY_NAME if n in study.members)]
     columns = [study.members[name] for name in names]
     with open(path, "w", newline="", encoding="utf-8") as file:
         file.write(f"# {', '.join(with_unit(name) for name in names)}; elements are ids of the tables\n")

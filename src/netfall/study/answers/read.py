@@ -8,38 +8,10 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.job.schema import SECTIONS
+from netfall.results.outcomes import BY_NAME, OUTCOMES
 from netfall.study.answers.fragility import fragility_section
 
 MARK = "netfall_study"  # the attribute of the root that says what the file is
-# Columns of /members that a run gave, with their units; all others are inputs.
-RESULTS = {
-    "first_fracture": "s",
-    "first_element": "",
-    "first_element_id": "",
-    "broken": "",
-    "roof_lost": "",
-    "displacement_max": "m",
-    "tension_max": "N",
-    "utilisation_max": "",
-    "balance_error": "",
-    "dynamic_factor_max": "",
-    "dynamic_factor_element": "",
-    "dynamic_factor_element_id": "",
-    "rest_after_loss": "",
-    "gusts": "",
-    "duration": "s",
-    "seconds": "s",
-    "state": "",
-    "reason": "",
-}
-
-OF_LOSSES = (
-    "dynamic_factor_max",
-    "dynamic_factor_element",
-    "dynamic_factor_element_id",
-    "rest_after_loss",
-    "gusts",
-)
 EVENTS = ("member", "time", "element")
 NET = {"particles": (0, 3), "elements": (0, 2), "element_id": (0,), "node_id": (0,), "fixed": (0, 3)}
 
@@ -113,7 +85,7 @@ def read_study(path: Path) -> Study:
 
 def _needed(file: h5py.File) -> list[str]:
     """What must be in a file, whatever its members lose; and a net only if a run had one."""
-    names = [f"members/{name}" for name in RESULTS if name not in OF_LOSSES]
+    names = [f"members/{each.name}" for each in OUTCOMES if not each.of_losses]
     names += [f"events/{name}" for name in EVENTS]
     return names + [f"net/{name}" for name in NET] * ("net" in file)
 
@@ -126,8 +98,8 @@ def _columns(group: h5py.Group) -> dict[str, np.ndarray]:
 
 def unit_of_column(name: str) -> str:
     """The unit of a column of /members, "" if it has none: of a result, or of a key of the job."""
-    if name in RESULTS:
-        return RESULTS[name]
+    if name in BY_NAME:
+        return BY_NAME[name].unit
     section, _, key = name.partition(".")
     return next((row.unit for row in SECTIONS.get(section, ()) if row.name == key.split(".")[-1]), "")
 

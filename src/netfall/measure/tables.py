@@ -1,0 +1,40 @@
+"""How measurements are shown: tables for the eye and as CSV, pictures of two panels."""
+
+import csv
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from netfall.write.locks import whole
+
+
+def as_text(head: list[str], rows: list[list[str]]) -> list[str]:
+    """A table for the eye, in Markdown: names of the columns, and a list of cells for each row."""
+    line = lambda cells: f"| {' | '.join(cells)} |"
+    return [line(head), "|" + "---|" * len(head), *map(line, rows)]
+
+
+def write_csv(rows: list[dict], path: Path) -> Path:
+    """Rows by the names of their columns."""
+    with whole(path) as place, open(place, "w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    return path
+
+
+@contextmanager
+def two_panels(path: Path, **sizes) -> Iterator[tuple]:
+    """A figure and its two axes beside each other; at the end of the block it is written."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, (left, right) = plt.subplots(1, 2, layout="constrained", **sizes)
+    try:
+        yield figure, left, right
+        with whole(path) as place:
+            figure.savefig(place, dpi=130)
+    finally:
+        plt.close(figure)

@@ -1,0 +1,51 @@
+"""The outcomes of a run, as a study keeps them: what each is, its unit, and what stands there without it."""
+
+from typing import NamedTuple
+
+NAN = float("nan")
+
+
+class MemberColumn(NamedTuple):
+    """A column of /members of a study file that comes of a run.
+
+    empty : while nothing is known, or where there is nothing of the kind; its type is that of the column
+    of_losses : there if members are lost
+    of_run : a run gives it; else the table of the study adds it
+    """
+
+    name: str
+    empty: float | int | str
+    unit: str = ""
+    of_losses: bool = False
+    of_run: bool = True
+
+    @property
+    def dtype(self) -> type:
+        """Of the column."""
+        return object if self.empty == "" else type(self.empty)
+
+
+OUTCOMES = (
+    MemberColumn("first_fracture", NAN, "s"),
+    MemberColumn("first_element", -1),
+    MemberColumn("first_element_id", -1, of_run=False),
+    MemberColumn("broken", 0),
+    MemberColumn("roof_lost", NAN),
+    MemberColumn("displacement_max", NAN, "m"),
+    MemberColumn("tension_max", NAN, "N"),
+    MemberColumn("utilisation_max", NAN),
+    MemberColumn("balance_error", NAN),
+    MemberColumn("dynamic_factor_max", NAN, of_losses=True),
+    MemberColumn("dynamic_factor_element", -1, of_losses=True),
+    MemberColumn("dynamic_factor_element_id", -1, of_losses=True, of_run=False),
+    MemberColumn("rest_after_loss", "", of_losses=True),
+    MemberColumn("gusts", 0, of_losses=True),
+    MemberColumn("duration", NAN, "s", of_run=False),
+    MemberColumn("seconds", NAN, "s"),
+    MemberColumn("state", ""),
+    MemberColumn("reason", ""),
+)
+BY_NAME = {each.name: each for each in OUTCOMES}
+OF_RUN = tuple(each for each in OUTCOMES if each.of_run)
+# What is told of a run of which nothing is known; times and elements : of its fractures
+NOTHING = {each.name: each.empty for each in OF_RUN} | {"times": [], "elements": []}
