@@ -14,7 +14,8 @@ from scipy.spatial import Delaunay
 import netfall
 from netfall.ground.errors import InputError
 from netfall.job.read import read_job
-from netfall.model.model import make_model, model_digest, set_initial
+from netfall.model.layout import layout_digest, make_layout
+from netfall.model.model import make_model
 from netfall.net.build import build_net
 from netfall.net.net import Net, subdivide
 from netfall.numerics.functions import lengths
@@ -183,18 +184,18 @@ def test_the_resultant_of_a_pressure_is_that_on_the_outline(workshop, rise):
     text = SOFT + "[load]\npressure = 10.0\n[dynamics]\nduration = 0.01\n"
     wind = "[wind]\nspeed = 20.0\nroughness = 0.0\nshape_coefficient = -1.0\nprofile_exponent = 0.0\n"
     job = read_job(workshop.job(text + wind, *dome_tables(rise)))
-    model = make_model(job, 1)
-    set_initial(job, model, model.net.x, None)
+    layout = make_layout(job, 1)
+    model = make_model(job, layout, layout.net.x, None)
     # rounding of 25 shares of 1 m2 each
-    assert model.live.sum(0) == pytest.approx([0.0, 0.0, -160.0], rel=1e-14, abs=1e-12)
+    assert model.loading.live.sum(0) == pytest.approx([0.0, 0.0, -160.0], rel=1e-14, abs=1e-12)
     assert 20.0**2 * model.wind.sum(0) == pytest.approx([0.0, 0.0, 4000.0], rel=1e-14, abs=1e-11)
     assert (model.area[~model.net.fixed.all(1)] > lengths(model.vector_area)[~model.net.fixed.all(1)]).any()
     (workshop.folder / "taps.csv").write_text("name,x,y\na,0,0\n")
     (workshop.folder / "values.csv").write_text("time,a\n0,-250\n1,-250\n")
     tapped = '[wind]\ntaps = "taps.csv"\npressures = "values.csv"\n'
     job = read_job(workshop.job(text + tapped, *dome_tables(rise)))
-    model = make_model(job, 1)
-    set_initial(job, model, model.net.x, None)
+    layout = make_layout(job, 1)
+    model = make_model(job, layout, layout.net.x, None)
     assert model.mean_wind.sum(0) == pytest.approx([0.0, 0.0, 4000.0], rel=1e-14, abs=1e-11)
 
 
@@ -852,7 +853,7 @@ def test_lines_are_part_of_the_digest(workshop):
     for row in ("1,6", "2,5"):
         (workshop.folder / "panels.csv").write_text(f"start,end\n{row}\n")
         job = read_job(workshop.job(LINED, RINGS, TWO_RINGS + "1,5\n2,6\n3,7\n4,8\n"))
-        digests |= {job.digest(), model_digest(job, build_net(job))}
+        digests |= {job.digest(), layout_digest(job, build_net(job))}
     assert len(digests) == 4
 
 

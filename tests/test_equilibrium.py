@@ -186,7 +186,7 @@ class Statics:
     def off(self) -> tuple[float, float]:
         """Of the last: displacement and tension off the exact ones, shares of the largest."""
         model = self.scene.model
-        net, load = model.net, model.permanent + model.live
+        net, load = model.net, model.loading.permanent + model.loading.live
         exact = Exact(self.scene.state.x, net.elements, ~net.fixed, model.L0, load)
         N, tension = exact.lengths()[2], self.seen[-1][0].snapshot.N
         moved = np.linalg.norm(exact.x - self.scene.state.x, axis=1).max()

@@ -13,7 +13,7 @@ from netfall.ground.errors import InputError
 from netfall.job.read import read_job
 from netfall.job.schema import LISTS, SECTIONS
 from netfall.job.template import write_template
-from netfall.model.model import make_model
+from netfall.model.layout import make_layout
 from netfall.net.build import build_net
 from netfall.plots import job as plot_job
 from netfall.program.check import check_job, draw_check
@@ -98,7 +98,7 @@ def test_check_draws_what_the_job_says(workshop, monkeypatch):
     monkeypatch.setattr(plot_job.plt, "close", kept.append)
     job = workshop.job(STEEL + DRAWN, *drawn_net())
     read = read_job(job)
-    picture = draw_check(read, make_model(read, 1), workshop.folder / "pictures")
+    picture = draw_check(read, make_layout(read, 1), workshop.folder / "pictures")
     assert picture.name == "job_net.png" and picture.stat().st_size > 10_000
     told = [text.get_text() for legend in kept[0].legends for text in legend.get_texts()]
     assert {"edge, 6", "net, 18", "supports, 3", "springs, 2 (z: 2)", "probes, 2"} <= set(told)

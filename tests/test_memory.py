@@ -11,7 +11,7 @@ from netfall.job.memory import OF_SPEED, Memory, key_of
 from netfall.job.read import read_job
 from netfall.job.schema import LISTS, OVERRIDES, SECTIONS
 from netfall.job.values import fits
-from netfall.model.model import make_model
+from netfall.model.layout import make_layout
 from netfall.study.file import read_plan
 from netfall.study.files import Watch
 from netfall.study.runs import Queue
@@ -167,11 +167,11 @@ def test_a_net_is_not_remembered_when_its_table_has_changed(workshop):
     job = workshop.job(TABLES, NODES, "start,end\n1,2\n2,3\n3,1\n")
     (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n1,20\n")
     memory = Memory(4)
-    assert make_model(read_job(job), 1, memory).net.x[1].tolist() == [1.0, 1.0, 0.0]
-    again = make_model(read_job(job), 1, memory)
-    assert again.net is make_model(read_job(job), 1, memory).net  # it is remembered
+    assert make_layout(read_job(job), 1, memory).net.x[1].tolist() == [1.0, 1.0, 0.0]
+    again = make_layout(read_job(job), 1, memory)
+    assert again.net is make_layout(read_job(job), 1, memory).net  # it is remembered
     (workshop.folder / "nodes.csv").write_text(NODES.replace("2,1,1,0,0", "2,1,1,0.5,0"))
-    assert make_model(read_job(job), 1, memory).net.x[1].tolist() == [1.0, 1.0, 0.5]
+    assert make_layout(read_job(job), 1, memory).net.x[1].tolist() == [1.0, 1.0, 0.5]
 
 
 def plan_of(workshop, study: str):

@@ -23,7 +23,7 @@ from netfall.checks.cables import Cutting
 from netfall.ground.errors import InputError, Interrupted
 from netfall.ground.progress import Progress
 from netfall.job.read import read_job
-from netfall.model.model import make_model
+from netfall.model.layout import make_layout
 from netfall.model.start import in_words
 from netfall.program.run import run_job
 from netfall.report.report import write_report
@@ -347,7 +347,7 @@ def test_histories_of_what_there_is_not_are_refused(workshop):
     """Both keys at once, with the ids that there are."""
     job = workshop.job(CABLE + "[dynamics]\nduration = 1.0\n" + NONE_SUCH, *weights(1))
     with pytest.raises(InputError) as raised:
-        make_model(read_job(job), 1)
+        make_layout(read_job(job), 1)
     assert raised.value.lines == [
         f"{job}: [output] probes: no node 7; ids are 0 to 2",
         f"{job}: [output] elements: no element 5, 9; ids are 0 to 1",
@@ -386,7 +386,7 @@ def test_a_wrong_entry_is_refused(workshop, text, line):
     rows = "\n".join(r if i == 0 else f"{r}, hanger" for i, r in enumerate(rows.split("\n")))
     job = workshop.job(CABLE + dynamics(1.0, 10) + f"[[remove]]\n{text}\n", nodes, rows)
     with pytest.raises(InputError) as raised:
-        make_model(read_job(job), 1)
+        make_layout(read_job(job), 1)
     assert any(found.startswith(f"{job}: [[remove]] {line}") for found in raised.value.lines), raised.value
 
 

@@ -5,7 +5,7 @@ import pytest
 from conftest import run_on_standing_ranks
 
 from netfall.job.read import read_job
-from netfall.model.model import make_model
+from netfall.model.layout import make_layout
 
 SECTION = "[cable]\nmodulus = 1.6e11\narea = 1e-4\ndensity = 7850.0\n"
 
@@ -148,7 +148,7 @@ def test_an_unstressed_length_beyond_the_limits_is_refused(workshop, limit, says
     job = workshop.job(f"{SECTION}{limit}\n[dynamics]\nduration = 1e-4\n", nodes, elements.format(1.9))
     assert "2 elements (7, 9) " + says in the_line(run_on_standing_ranks("run", job))
     (workshop.folder / "elements.csv").write_text(elements.format(1.985))
-    notes = make_model(read_job(job), 1).notes()
+    notes = make_layout(read_job(job), 1).notes
     assert not [note for note in notes if "unit" in note or "strain" in note]
 
 
@@ -165,7 +165,7 @@ def test_an_unstressed_length_beyond_the_limits_is_refused(workshop, limit, says
 def test_values_in_other_units_are_noted(workshop, change, says):
     """What may be meant but is far from any cable: one note for each kind of value, none for steel."""
     job = workshop.job(WINDY)
-    (note,) = make_model(read_job(job, [change]), 1).notes()
+    (note,) = make_layout(read_job(job, [change]), 1).notes
     assert note.startswith(says)
 
 
@@ -195,9 +195,9 @@ IDLE = {
 def test_a_key_without_effect_is_said(workshop, settings):
     """In `check` and `run` alike; without the key nothing is said."""
     job = workshop.job(WINDY)
-    notes = make_model(read_job(job, settings.split()), 1).notes()
+    notes = make_layout(read_job(job, settings.split()), 1).notes
     assert any(note.startswith(IDLE[settings]) for note in notes)
-    assert make_model(read_job(job), 1).notes() == []
+    assert make_layout(read_job(job), 1).notes == ()
 
 
 def test_sections_and_columns_without_effect_are_said(workshop):

@@ -6,7 +6,8 @@ from conftest import STEEL
 
 from netfall.ground.errors import InputError
 from netfall.job.read import read_job
-from netfall.model.model import make_model, set_initial
+from netfall.model.layout import make_layout
+from netfall.model.model import make_model
 from netfall.net.build import build_net
 from netfall.roof.faces import find_faces
 from netfall.roof.zones import zones_of
@@ -358,9 +359,8 @@ SUCTION = 0.5 * 1.25 * 20.0**2  # N/m2; z = 0 is 10 m above ground, where the sp
 
 def model_of(job):
     """The model of a job in its start geometry, on one rank."""
-    model = make_model(job, 1)
-    set_initial(job, model, model.net.x, None)
-    return model
+    layout = make_layout(job, 1)
+    return make_model(job, layout, layout.net.x, None)
 
 
 def test_wind_acts_with_the_coefficient_of_each_zone(workshop):
@@ -448,16 +448,16 @@ def test_sectors_are_linear_in_the_direction_and_around(workshop, direction, roo
     """By hand, for the roof and a zone with a column; its name in capital letters too."""
     model = model_of(sectors_job(workshop, BY_SECTORS, SECTORS, f"wind.direction={direction}"))
     expected = np.where(model.zones.of_node == 0, edge, roof)
-    assert model.shape_coefficient == pytest.approx(expected, abs=1e-15)  # rounding of numbers near 1
+    assert model.layout.shape_coefficient == pytest.approx(expected, abs=1e-15)  # rounding of numbers near 1
 
 
 def test_a_zone_without_a_column_has_its_own_value_or_that_of_the_roof(workshop):
     """In the wind of any direction."""
     table = "direction,shape_coefficient\n0,-1\n180,-2\n"
     job = sectors_job(workshop, BY_SECTORS, table, "wind.direction=90")
-    assert make_model(job, 1).shape_coefficient.tolist() == [-1.5] * SIDE**2
+    assert make_layout(job, 1).shape_coefficient.tolist() == [-1.5] * SIDE**2
     job = sectors_job(workshop, BY_SECTORS, table, "wind.zone.Edge.shape_coefficient=-3")
-    assert sorted(set(make_model(job, 1).shape_coefficient)) == [-3.0, -1.0]
+    assert sorted(set(make_layout(job, 1).shape_coefficient)) == [-3.0, -1.0]
 
 
 def test_sectors_are_part_of_the_digest(workshop):
@@ -486,7 +486,7 @@ def test_sectors_are_part_of_the_digest(workshop):
 def test_a_wrong_table_of_sectors_is_one_line(workshop, table, line):
     """The line of the table and what is allowed."""
     with pytest.raises(InputError) as raised:
-        make_model(sectors_job(workshop, BY_SECTORS, table), 1)
+        make_layout(sectors_job(workshop, BY_SECTORS, table), 1)
     assert raised.value.lines[0].startswith(f"{workshop.folder / 'cp.csv'}: {line}")
 
 
@@ -508,11 +508,11 @@ def test_zones_and_directions_without_effect_are_told(workshop):
     idle = 'zone "{}": no effect: neither [wind] nor [load] nor a case has a value for it'
     follow = "[wind] direction = 0 (from 180 degrees): the shape coefficients do not follow it; sectors = "
     follow += "a table gives them by direction"
-    notes = make_model(read_job(workshop.job(STEEL + ZONED + square("b", 4, 4, 5, 5), *grid())), 1).notes()
+    notes = make_layout(read_job(workshop.job(STEEL + ZONED + square("b", 4, 4, 5, 5), *grid())), 1).notes
     assert idle.format("b") in notes and idle.format("edge") not in notes and follow in notes
-    notes = make_model(sectors_job(workshop), 1).notes()
+    notes = make_layout(sectors_job(workshop), 1).notes
     assert idle.format("Edge") not in notes and follow not in notes
-    notes = make_model(sectors_job(workshop, BY_SECTORS, SECTORS.replace("Edge", "rim")), 1).notes()
+    notes = make_layout(sectors_job(workshop, BY_SECTORS, SECTORS.replace("Edge", "rim")), 1).notes
     left = 'columns not known and left alone: "rim"; known: direction, shape_coefficient, edge'
     assert idle.format("Edge") in notes and f"{workshop.folder / 'cp.csv'}: {left}" in notes
 
@@ -525,9 +525,9 @@ def test_a_zone_without_any_area_of_the_roof_is_told(workshop):
 
     def told(more):
         job = read_job(workshop.job(text + more, nodes, elements))
-        model = make_model(job, 1)
-        set_initial(job, model, model.net.x, None)
-        return any(note.startswith(bare) for note in model.notes())
+        layout = make_layout(job, 1)
+        model = make_model(job, layout, layout.net.x, None)
+        return any(note.startswith(bare) for note in model.notes)
 
     around = [[x + 0.5, y + 0.5] for x in (0, 1) for y in (0, 1)]
     assert told(f"[roof]\nopenings = {around}\n")
@@ -540,9 +540,9 @@ def test_a_zone_alone_brings_loads_on_the_roof(workshop):
     nodes, elements = grid()
     crossing = elements + f"\n{node(1, 1)},{node(2, 2)},y\n{node(1, 2)},{node(2, 1)},y"
     with pytest.raises(InputError, match="cross in plan without a node"):
-        make_model(read_job(workshop.job(STEEL + text, nodes, crossing)), 1)
+        make_layout(read_job(workshop.job(STEEL + text, nodes, crossing)), 1)
     zero = ZONED.replace("shape_coefficient = -1.0", "shape_coefficient = 0.0")
-    notes = make_model(read_job(workshop.job(STEEL + zero, *grid())), 1).notes()
+    notes = make_layout(read_job(workshop.job(STEEL + zero, *grid())), 1).notes
     assert not any("shape_coefficient = 0" in note for note in notes)
 
 
@@ -566,8 +566,8 @@ def test_snow_on_half_of_a_roof_is_half_of_the_load(workshop):
     for edge in (2.5, 2.0):
         for shape in (square, cut):
             model = model_of(read_job(workshop.job(STEEL + SNOW + shape("half", 0, 0, edge, 5), *grid())))
-            loads[edge, shape] = -model.live.sum(0)[2]
-            notes = [note for note in model.notes() if "cut = true" in note]
+            loads[edge, shape] = -model.loading.live.sum(0)[2]
+            notes = [note for note in model.notes if "cut = true" in note]
             told = (
                 "of its 12.5 m2 in plan 2.5 m2 (20.0%) lie outside its polygon, and 0 m2 inside the polygon"
             )
@@ -575,7 +575,7 @@ def test_snow_on_half_of_a_roof_is_half_of_the_load(workshop):
     assert loads == {(2.5, square): 1250.0, (2.5, cut): 1250.0, (2.0, square): 1250.0, (2.0, cut): 1000.0}
     assert model.zones.mixed.tolist() == [node(2, y) for y in range(SIDE)]
     assert model.zones.of_node.tolist() == [0 if x < 3 else -1 for x in range(SIDE) for _ in range(SIDE)]
-    assert (model.live[model.zones.mixed, 2] == -50.0 * model.plan_area[model.zones.mixed]).all()
+    assert (model.loading.live[model.zones.mixed, 2] == -50.0 * model.plan_area[model.zones.mixed]).all()
 
 
 def test_half_a_square_net_of_a_generator_carries_half(workshop):
@@ -586,7 +586,7 @@ def test_half_a_square_net_of_a_generator_carries_half(workshop):
         model = model_of(read_job(workshop.job(text + SNOW + shape("half", -30, -30, 30, 0))))
         whole = 100.0 * model.plan_area.sum()
         # the corners of the square, which no particle carries, are as many on either side
-        assert -model.live[:, 2].sum() / whole == pytest.approx(
+        assert -model.loading.live[:, 2].sum() / whole == pytest.approx(
             share, rel=0.012 if shape is square else 1e-14
         )
 
@@ -604,7 +604,7 @@ def test_a_concave_polygon_cuts_faces_of_any_corners(workshop, parts, slope):
     nodes = "\n".join([first, *(f"{i},{x},{y},{slope * float(x)},{f},{z}" for i, x, y, _, f, z in raised)])
     model = model_of(read_job(workshop.job(STEEL + text, nodes, elements), [f"net.subdivide={parts}"]))
     # sums of hundreds of pieces
-    assert -model.live[:, 2].sum() == pytest.approx(100.0 * area, rel=1e-12)
+    assert -model.loading.live[:, 2].sum() == pytest.approx(100.0 * area, rel=1e-12)
 
 
 def test_of_cut_zones_the_last_has_what_they_share(workshop):
@@ -639,8 +639,8 @@ def test_values_of_cut_zones_are_means_by_area(workshop):
     job = workshop.job(STEEL + text, *grid())
     model = model_of(read_job(job))
     assert (model.wind.sum(0) * 20.0**2)[2] == pytest.approx(SUCTION * (2.2 * 10 + 1.0 * 15), rel=1e-14)
-    assert model.live.sum(0)[2] == pytest.approx(-(10 * 1.0 + 15 * 3.0 + 10 * 5.0), rel=1e-14)
-    assert model.carried.sum() == pytest.approx((25 * 8.0 + 10 * 5.0) / 9.81, rel=1e-14)
+    assert model.loading.live.sum(0)[2] == pytest.approx(-(10 * 1.0 + 15 * 3.0 + 10 * 5.0), rel=1e-14)
+    assert model.loading.carried.sum() == pytest.approx((25 * 8.0 + 10 * 5.0) / 9.81, rel=1e-14)
     with workshop.run(job) as f:
         x = f["net/particles"][:, 0]
         share = np.select([x < 2, x == 2], [1.0, 0.5], 0.0)
@@ -660,8 +660,8 @@ def test_a_cut_without_polygon_or_faces_is_told(workshop):
     nodes = "\n".join([first + ",area", *(row + ",1.0" for row in rows)])
     crossing = elements + f"\n{node(1, 1)},{node(2, 2)},y\n{node(1, 2)},{node(2, 1)},y"
     model = model_of(read_job(workshop.job(STEEL + SNOW + cut("half", 0, 0, 2, 5), nodes, crossing)))
-    assert 'zone "half": cut: no effect: the net has no faces' in model.notes()
-    assert model.live[:, 2].sum() == -100.0 * 3 * SIDE
+    assert 'zone "half": cut: no effect: the net has no faces' in model.notes
+    assert model.loading.live[:, 2].sum() == -100.0 * 3 * SIDE
 
 
 def test_panels_take_what_cut_zones_have_of_them(workshop):
@@ -670,12 +670,12 @@ def test_panels_take_what_cut_zones_have_of_them(workshop):
     text = text.replace("[wind]\n", '[wind]\nafter_fracture = "panels"\n')
     text += "[load]\npressure = 3.0\ndead = 8.0\n[load.zone.edge]\npressure = [0, 2, -1]\nsnow = 5\n"
     model = model_of(read_job(workshop.job(STEEL + text, *grid())))
-    panels = model.panels
+    panels, loading = model.panels, model.loading
     at_nodes = lambda values: np.bincount(panels.node, values, model.net.n)
-    assert at_nodes(panels.mass) == pytest.approx(model.carried, rel=1e-13)
+    assert at_nodes(panels.mass) == pytest.approx(model.loading.carried, rel=1e-13)
     for axis in range(3):
         assert at_nodes(panels.pressure[:, axis]) == pytest.approx(
-            model.live[:, axis] + 9.81 * (model.carried - 8.0 * model.area / 9.81) * (axis == 2),
+            loading.live[:, axis] + 9.81 * (loading.carried - 8.0 * model.area / 9.81) * (axis == 2),
             rel=1e-12,
             abs=1e-12,
         )

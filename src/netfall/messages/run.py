@@ -12,7 +12,8 @@ from netfall.mechanics.events import EventLog
 from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.stability import Limit
 from netfall.messages.wind import wind_notes
-from netfall.model.model import Model, features_of
+from netfall.model.layout import features_of
+from netfall.model.model import Model
 from netfall.model.schedule import step_at
 from netfall.numerics.functions import lengths
 from netfall.parallel import partition
@@ -36,7 +37,7 @@ def before_run(scene: Scene, progress: Progress) -> None:
     if model is None:
         return
     progress.say(f"{net_line(model)}, roof {model.area.sum():.1f} m2")
-    for note in model.notes():
+    for note in model.notes:
         progress.say(f"note: {note}")
     if scene.comm.size > 1:
         progress.say(partition_line(model, scene.comm.size))
@@ -101,7 +102,7 @@ def _overloads(model: Model, log: EventLog, tension: np.ndarray) -> list[str]:
     for event in reversed(log.events):  # of two ends the first
         broke[event.element] = event.time
     along = model.x[ends[:, 1]] - model.x[ends[:, 0]]
-    strength = strength_of(model.EA, model.eps_u, model.yield_force)
+    strength = strength_of(model.net.EA, model.eps_u, model.net.yield_force)
     carried = Carried(ends, along / lengths(along)[:, None], strength, tension[:, 0], tension[:, 1], broke)
     name = lambda e: f"{model.id_of(e)} ({'-'.join(str(model.net.node_id[p]) for p in ends[e])})"
     return overload_lines(carried, name)
@@ -131,15 +132,15 @@ def _strain_notes(model: Model, strain: float, time: float, element: int) -> lis
 
 def net_line(model: Model) -> str:
     """How large the net is."""
-    return f"net: {model.net.n} particles ({int((~model.moves).sum())} fixed), {model.net.m} elements"
+    return f"net: {model.net.n} particles ({int((~model.net.moves).sum())} fixed), {model.net.m} elements"
 
 
 def partition_line(model: Model, ranks: int) -> str:
     """How the net is split."""
-    elements = model.net.elements
+    elements, part = model.net.elements, model.layout.part
     return (
-        f"partition: {model.partition_source}, {partition.edge_cut(elements, model.part)} elements cut, "
-        f"fullest part {partition.imbalance(elements, model.part, ranks):.2f} of the mean"
+        f"partition: {model.layout.partition_source}, {partition.edge_cut(elements, part)} elements cut, "
+        f"fullest part {partition.imbalance(elements, part, ranks):.2f} of the mean"
     )
 
 
@@ -156,7 +157,7 @@ def form_line(scene: Scene) -> str:
 def moved_lines(model: Model) -> list[str]:
     """What form finding did to the geometry that was given."""
     area = float(model.area.sum())
-    return form_lines(model.net.x, model.x, model.moves, model.net.node_id, model.area_given, area)
+    return form_lines(model.net.x, model.x, model.net.moves, model.net.node_id, model.area_given, area)
 
 
 def starts_moving(scene: Scene) -> bool:
@@ -237,7 +238,7 @@ def probe_remarks(model: Model, probes) -> list[str]:
     net, remarks = model.net, []
     ends = model.x[net.elements]
     longest = np.sqrt(np.sum((ends[:, 1] - ends[:, 0]) ** 2, axis=1)).max(initial=0.0)
-    for place, p in zip(probes, model.probes.particles):
+    for place, p in zip(probes, model.layout.probes.particles):
         if isinstance(place, int):
             continue
         axes, name = len(place), ", ".join(f"{value:g}" for value in place)
@@ -287,13 +288,13 @@ def _added_mass(model: Model) -> str:
     most = int(np.argmax(added / np.where(own > 0.0, own, 1.0)))
     return (
         f"mass scaling: {added.sum():.4g} kg of inertia added at {int((added > 0.0).sum())} of {len(added)} "
-        f"particles, {added.sum() / own[model.moves].sum():.2%} of what moves; at most "
+        f"particles, {added.sum() / own[model.net.moves].sum():.2%} of what moves; at most "
         f"{added[most] / own[most]:.2g} times a particle's own (node {model.net.node_id[most]})"
     )
 
 
 def _rounding(precision: str, model: Model, dt: float) -> str:
-    stiffness = largest_stiffness(model.EA, model.L0)
+    stiffness = largest_stiffness(model.net.EA, model.L0)
     stiffest = int(np.argmax(stiffness))
     lost = f", and what is slower than {HALF_DIGIT / dt:.2g} m/s stands still with this step"
     return (

@@ -83,7 +83,7 @@ def losses_of(job: Job, model, schedule) -> list[Loss]:
         entries = tuple(k for k, s in enumerate(step) if s == at)
         entry = np.full(model.net.m, -1)
         for k in reversed(entries):
-            entry[model.lost[k]] = k
+            entry[model.layout.lost[k]] = k
         elements = np.flatnonzero((entry >= 0) & there)
         if not len(elements):  # lost before: nothing happens
             continue
@@ -101,7 +101,7 @@ def leaving_with(model, elements: np.ndarray, there: np.ndarray, torn=()) -> tup
     """
     net = model.net
     held = (np.bincount(net.elements[there].ravel(), minlength=net.n) > 0) | net.held.any(1)
-    carries = (net.mass > 0) | (model.carried > 0) | net.load.any(1)
+    carries = (net.mass > 0) | (model.loading.carried > 0) | net.load.any(1)
     loose = np.zeros(net.n, bool)
     loose[net.elements[elements]] = True
     loose &= ~held

@@ -63,8 +63,8 @@ def make_schedule(limit: float, dynamics, output) -> Schedule:
 
 def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[str, Limit]:
     """Limits of the explicit step that hold whatever the net does, by name. Rank 0."""
-    elements, EA, L0, mass = model.net.elements, model.EA, model.L0, model.mass
-    limits = any_shape_limits(elements, EA, L0, mass, model.moves, model.bar, model.support)
+    elements, EA, L0, mass = model.net.elements, model.net.EA, model.L0, model.mass
+    limits = any_shape_limits(elements, EA, L0, mass, model.net.moves, model.net.bar, model.net.support)
     if features.fracture and features.fragments:
         limits.append(
             after_fracture_limit(
@@ -73,9 +73,9 @@ def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[
                 L0,
                 model.half_mass,
                 mass,
-                ~model.moves,
+                ~model.net.moves,
                 model.eps_u,
-                model.support,
+                model.net.support,
                 fragment_mass,
             )
         )

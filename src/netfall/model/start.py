@@ -55,29 +55,34 @@ def strain_notes(net: Net, eps: np.ndarray) -> list[str]:
     return notes
 
 
-def check_start(job: Job, model, L: np.ndarray) -> list[str]:
-    """Notes on the strains at lengths L (m,) [m] of the start.
+def check_start(job: Job, net: Net, N: np.ndarray, L: np.ndarray, L0: np.ndarray) -> list[str]:
+    """Notes on the strains of elements of unstressed length L0 at lengths L (m,) [m] and forces N (m,) [N].
 
-    model : `model.Model`. Raises InputError where elements yield or break in it.
+    Raises InputError where elements yield or break in it.
     """
-    net, N = model.net, model.N
-    eps = strains(L, model.L0, job.cable.strain == "logarithmic")
+    eps = strains(L, L0, job.cable.strain == "logarithmic")
     errors = []
     for over, what, value, limit in (
-        (eps > model.eps_u, "fracture_strain", eps, model.eps_u),
-        (np.abs(N) > model.yield_force, "yield force [N]", N, model.yield_force),
+        (eps > net.fracture_strain, "fracture_strain", eps, net.fracture_strain),
+        (np.abs(N) > net.yield_force, "yield force [N]", N, net.yield_force),
     ):
         rows = np.flatnonzero(over)
         if len(rows):
             e, one = rows[0], len(np.unique(net.element_id[rows])) == 1
             errors.append(
                 f"{job.path}: {in_words(net, rows)} start{'s' * one} beyond {what}: "
-                f"{value[e]:.4g} in element {model.element_name(e)} at a length of {L[e]:.6g} m, allowed "
-                f"{limit[e]:.4g}, with EA = {model.EA[e]:.4g} N; {UNITS}"
+                f"{value[e]:.4g} in element {element_words(net, e, L0)} at a length of {L[e]:.6g} m, allowed "
+                f"{limit[e]:.4g}, with EA = {net.EA[e]:.4g} N; {UNITS}"
             )
     if errors:
         raise InputError(errors)
     return strain_notes(net, eps) + _buckling(net, N)
+
+
+def element_words(net: Net, e: int, L0: np.ndarray) -> str:
+    """Id, ids of the nodes and length of an element, of unstressed lengths L0 (m,) [m]."""
+    ids = "-".join(str(net.node_id[p]) for p in net.elements[e])
+    return f"{net.element_id[e]} (nodes {ids}, {L0[e]:.4g} m)"
 
 
 def low_notes(job: Job, net: Net, x: np.ndarray, wind: np.ndarray) -> list[str]:
@@ -137,7 +142,7 @@ def in_words(net: Net, rows: np.ndarray) -> str:
 
 def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
     """Axial forces N (m,) [N] at lengths L (m,) [m] that no element can have. Raises InputError."""
-    yield_force, EA = net.yield_stress * net.section, net.modulus * net.section
+    yield_force, EA = net.yield_force, net.EA
     at_start = lambda e: f"its axial force is {N[e]:.4g} N in the initial state"
     checks = (
         (

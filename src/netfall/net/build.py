@@ -116,7 +116,7 @@ def _whole_net_errors(job: Job, net: Net) -> list[str]:
             f"{job.path}: element {net.element_id[e]}: prestress = {net.prestress[e]:g}: "
             'a cable carries no compression; expected >= 0, or kind = "bar" for its group'
         )
-    over = np.flatnonzero(np.abs(net.prestress) > net.yield_stress * net.section)
+    over = np.flatnonzero(np.abs(net.prestress) > net.yield_force)
     if len(over):
         e = over[0]
         errors.append(

@@ -117,6 +117,31 @@ class Net:
         return self.fixed | (self.spring > 0)
 
     @property
+    def moves(self) -> np.ndarray:
+        """(n,) bool, whether any axis can move."""
+        return ~self.fixed.all(1)
+
+    @property
+    def valence(self) -> np.ndarray:
+        """(n,) elements attached."""
+        return np.bincount(self.elements.ravel(), minlength=self.n)
+
+    @property
+    def support(self) -> np.ndarray:
+        """(n,) [N/m] of elastic supports, the stiffest axis."""
+        return self.spring.max(1)
+
+    @property
+    def EA(self) -> np.ndarray:
+        """(m,) [N], axial stiffness."""
+        return self.modulus * self.section
+
+    @property
+    def yield_force(self) -> np.ndarray:
+        """(m,) [N], axial force at yield; inf: elastic."""
+        return self.yield_stress * self.section
+
+    @property
     def n(self) -> int:
         """Number of particles."""
         return len(self.x)

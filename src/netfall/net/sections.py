@@ -189,8 +189,8 @@ def set_strengths(job: Job, net: Net) -> None:
         for name in ("yield_stress", "breaking_load", "fracture_strain"):
             setattr(net, name, getattr(net, name) * net.strength)
     if np.isfinite(net.breaking_load).any():
-        reached = net.breaking_load <= net.yield_stress * net.section * (1.0 + ROUNDING)
-        strain = np.where(reached, net.breaking_load / (net.modulus * net.section), np.inf)
+        reached = net.breaking_load <= net.yield_force * (1.0 + ROUNDING)
+        strain = np.where(reached, net.breaking_load / net.EA, np.inf)
         net.fracture_strain = np.minimum(net.fracture_strain, strain)
 
 
@@ -212,7 +212,7 @@ def strength_errors(job: Job, net: Net) -> list[str]:
     told = lambda e: (
         f"{job.path}: element {net.element_id[e]}: breaking_load = {net.breaking_load[e]:.7g} N{drawn}"
     )
-    limit = net.yield_stress * net.section
+    limit = net.yield_force
     over = net.prestress > net.breaking_load
     never = np.isfinite(net.breaking_load) & (net.breaking_load > limit * (1.0 + ROUNDING))
     for e in np.flatnonzero(over)[:1]:

@@ -25,7 +25,8 @@ from netfall.messages.run import (
     starts_moving,
 )
 from netfall.messages.wind import wind_lines
-from netfall.model.model import Model, make_model
+from netfall.model.layout import Layout, make_layout
+from netfall.model.model import Model
 from netfall.net.build import build_net
 from netfall.program.run import scheduled
 from netfall.program.setup import prepare
@@ -63,7 +64,7 @@ def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) 
         short = replace(job, form_finding=None)
     memory = Memory(1)
     if folder:
-        say(f"picture: {draw_check(job, make_model(short, 1, memory), folder)}")
+        say(f"picture: {draw_check(job, make_layout(short, 1, memory), folder)}")
     scene = scheduled(prepare(MPI.COMM_SELF, short, Phases(), memory=memory)[0])
     say(f"{job.path}: {job.title or job.name}: valid")
     _describe_net(scene, say)
@@ -97,18 +98,22 @@ def _describe_net(scene: Scene, say) -> None:
     own = float((net.density * net.section * L0).sum())
     say(f"masses: elements {own:.4g} kg, all particles {model.mass.sum():.4g} kg")
     say(
-        f"roof: {model.area.sum():.1f} m2 of surface, {model.plan_area.sum():.1f} m2 in plan; "
-        f"closed faces cover {model.roofing.covered:.1%} of the net's outline in plan (its convex hull)"
+        f"roof: {model.area.sum():.1f} m2 of surface, {model.plan_area.sum():.1f} m2 in plan; closed faces "
+        f"cover {model.layout.roofing.covered:.1%} of the net's outline in plan (its convex hull)"
     )
     _describe_largest_face(model, say)
     _describe_sharing(model, say)
-    for note in model.notes():
+    for note in model.notes:
         say(f"note: {note}")
 
 
 def _describe_largest_face(model: Model, say) -> None:
     """A face much larger than the others, which may be an opening."""
-    area, usual, (x, y) = largest_face(model.x, model.net, model.roofing.faces) or (0.0, 0.0, (0.0, 0.0))
+    area, usual, (x, y) = largest_face(model.x, model.net, model.layout.roofing.faces) or (
+        0.0,
+        0.0,
+        (0.0, 0.0),
+    )
     if area > MUCH_LARGER * usual:
         say(
             f"largest face: {area:.4g} m2 in plan around [{x:.4g}, {y:.4g}], the usual one has {usual:.4g} "
@@ -118,7 +123,7 @@ def _describe_largest_face(model: Model, say) -> None:
 
 def _describe_sharing(model: Model, say) -> None:
     """Nodes whose areas are others than those of earlier versions, which knew no nearest corner."""
-    rows, before, now = moved_areas(model.x, model.net, model.roofing.faces)
+    rows, before, now = moved_areas(model.x, model.net, model.layout.roofing.faces)
     if len(rows):
         named = [f"node {model.net.node_id[p]} {b:.4g} -> {a:.4g} m2" for p, b, a in zip(rows, before, now)]
         say(
@@ -174,12 +179,12 @@ def _describe_memory(job: Job, scene: Scene, say) -> None:
     )
 
 
-def draw_check(job: Job, model: Model, folder: Path) -> Path:
+def draw_check(job: Job, layout: Layout, folder: Path) -> Path:
     """Write NAME_net.png into a folder, from the net before its form is found; the path of it."""
     from netfall.plots.job import JobNet, draw_job
 
-    net, faces = model.net, model.roofing.faces
-    zones, plan = model.zones, tributary_areas(net.x, net, faces).plan
+    net, faces = layout.net, layout.roofing.faces
+    zones, plan = layout.zones, tributary_areas(net.x, net, faces).plan
     rows = lambda parts: np.unique(np.concatenate([np.zeros(0, np.int64), *parts]))
     shown = JobNet(
         job.title or job.name,
@@ -191,9 +196,9 @@ def draw_check(job: Job, model: Model, folder: Path) -> Path:
         np.array([(plan * zones.of_zone(k)).sum() for k in (*range(len(zones.names)), -1)]),
         [zone.polygon for zone in job.zones if zone.polygon is not None],
         normals(net.x, net, faces) if along_normals(job) else None,
-        rows(model.lost),
-        rows([model.probes.named]),
-        rows([model.probes.particles]),
+        rows(layout.lost),
+        rows([layout.probes.named]),
+        rows([layout.probes.particles]),
         _wind_of(job),
     )
     path = folder / f"{job.path.stem}_net.png"

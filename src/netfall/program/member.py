@@ -118,7 +118,7 @@ def _told(model: Model, simulation, tension: np.ndarray, displacement: np.ndarra
         found |= {} if log.events else _largest_factor(removal)  # the rest is that of a net that holds
         found["rest_after_loss"] = worst_rest(states_of_rest(removal))
         found["gusts"] = int(model.wind_field is not None and model.wind_field.varies)
-    strength = np.where(np.isfinite(model.net.breaking_load), model.net.breaking_load, model.yield_force)
+    strength = np.where(np.isfinite(model.net.breaking_load), model.net.breaking_load, model.net.yield_force)
     known = np.isfinite(strength) & (strength > 0.0)
     used = tension[known] / strength[known]
     return found | {

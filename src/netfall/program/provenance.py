@@ -32,7 +32,7 @@ def net_record(model: Model) -> dict[str, np.ndarray]:
     """What the tables of the same net need besides /net; a column of one value has a single row."""
     columns = {name: getattr(model.net, name) for name in OF_TABLES} | {"spring_rest": model.spring_rest}
     found = {name: values[:1] if _alike(values) else values for name, values in columns.items()}
-    rings = model.roofing.faces.rings
+    rings = model.layout.roofing.faces.rings
     face = np.arange(len(rings)) if rings.face is None else rings.face
     bounds = {"ring_start": rings.start, "ring_corner": rings.corner, "ring_face": face}
     return found | bounds | {"corners": model.net.corners}
@@ -68,9 +68,9 @@ def provenance_of(scene: Scene) -> dict:
     if model is None:
         return values
     values |= {
-        "partition": model.partition_source,
+        "partition": model.layout.partition_source,
         "metis_seed": partition.SEED,
-        "edge_cut": partition.edge_cut(model.net.elements, model.part),
+        "edge_cut": partition.edge_cut(model.net.elements, model.layout.part),
     }
     values["net"] = net_record(model)
     if scene.form:

@@ -17,7 +17,8 @@ from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
 from netfall.mechanics.fields import FIELDS, Features
 from netfall.mechanics.stability import Limit
 from netfall.mechanics.state import State
-from netfall.model.model import Model, features_of, make_model, model_digest, set_initial, warm
+from netfall.model.layout import Layout, features_of, layout_digest, make_layout
+from netfall.model.model import Model, make_model, warmed
 from netfall.model.schedule import step_limits
 from netfall.net.net import joined, spaced
 from netfall.parallel.agree import on_root
@@ -56,27 +57,26 @@ def prepare(
     with phases.phase("net and partition"):
         if comm.rank > 0:
             wake()  # while rank 0 reads the net
-        model = on_root(comm, lambda: make_model(job, comm.size, memory))
-        net = model.net if model else None
-        n, m, features = comm.bcast((net.n, net.m, features_of(job, net)) if model else None)
-        cut = on_root(comm, lambda: cut_net(n, net.elements, model.part, comm.size))
+        layout = on_root(comm, lambda: make_layout(job, comm.size, memory))
+        net = layout.net if layout else None
+        n, m, features = comm.bcast((net.n, net.m, features_of(job, net)) if layout else None)
+        cut = on_root(comm, lambda: cut_net(n, net.elements, layout.part, comm.size))
         distribution = Distribution(comm, n, m, cut)
         halo = Halo(comm, distribution.subdomain, 3)
-    digest = comm.bcast(model_digest(job, net) if model else None)
+    digest = comm.bcast(layout_digest(job, net) if layout else None)
     checkpoint = on_root(comm, lambda: Checkpoint(restart, digest)) if restart else None
     stage = comm.bcast(checkpoint and checkpoint.record["stage"])
     with phases.phase("form finding"):
         if stage not in (None, FORM):
-            form = _restored_initial(comm, job, model, checkpoint)
+            form, x, N = _kept_initial(comm, job, checkpoint)
         elif job.form_finding is not None:
             of_run = result, digest, restart, checkpoint, stop
-            find = lambda: _form(job, model, distribution, halo, report, *of_run)
-            key = comm.bcast(key_of(job, without=OF_SPEED) if model else None)
+            find = lambda: _form(job, layout, distribution, halo, report, *of_run)
+            key = comm.bcast(key_of(job, without=OF_SPEED) if layout else None)
             form, x, N = memory.once("form", key, find)
-            on_root(comm, lambda: set_initial(job, model, x, N, memory))
         else:
-            form = None
-            on_root(comm, lambda: set_initial(job, model, net.x, None, memory))
+            form, x, N = None, layout and net.x, None
+        model = on_root(comm, lambda: make_model(job, layout, x, N, memory))
     with phases.phase("state"):
         state = make_state(distribution, model, features)
         residual = state_residual(comm, state)
@@ -84,7 +84,7 @@ def prepare(
         if form is not None:
             _check_form(job, max(form.reference, reference), residual)
         if job.load and job.load.temperature:
-            on_root(comm, lambda: warm(job, model))
+            model = on_root(comm, lambda: warmed(job, model))
             state.L0[:] = distribution.elements(model and model.L0)
         limits = _limits(comm, job, model, features, state, distribution, halo)
     finder = Finder(comm, halo, distribution, state)
@@ -92,18 +92,20 @@ def prepare(
     return Scene(comm, job, model, distribution, halo, state, finder, *found), checkpoint
 
 
-def _form(job, model, distribution, halo, report, result, digest, restart, checkpoint, stop) -> tuple:
+def _form(
+    job, layout: Layout | None, distribution, halo, report, result, digest, restart, checkpoint, stop
+) -> tuple:
     """Find the form; and, on rank 0, positions (n, 3) [m] and tensions (m,) [N] of the net in it. Collective.
 
     Nothing loads an element between its ends while the form is found, so it is straight and has one tension:
     a net that was subdivided has the form of the net as it was given, its new particles evenly spaced.
     """
-    comm, net = distribution.comm, model and model.net
-    as_given, own_halo = model and joined(net), None
-    if comm.bcast(model and net.parts > 1):
-        part = model and model.part[: as_given.n]
+    comm, net = distribution.comm, layout and layout.net
+    as_given, own_halo = layout and joined(net), None
+    if comm.bcast(layout and net.parts > 1):
+        part = layout and layout.part[: as_given.n]
         cut = on_root(comm, lambda: cut_net(as_given.n, as_given.elements, part, comm.size))
-        distribution = Distribution(comm, *comm.bcast(model and (as_given.n, as_given.m)), cut)
+        distribution = Distribution(comm, *comm.bcast(layout and (as_given.n, as_given.m)), cut)
         halo = own_halo = Halo(comm, distribution.subdomain, 3)
     try:
         kept = comm.bcast(checkpoint and checkpoint.part(RELAXATION)[0])
@@ -117,7 +119,7 @@ def _form(job, model, distribution, halo, report, result, digest, restart, check
         if own_halo:
             own_halo.free()
     x, N = distribution.gather_particles(form.x), distribution.gather_elements(form.N)
-    return form, model and spaced(net, x), model and np.repeat(N, net.parts)
+    return form, layout and spaced(net, x), layout and np.repeat(N, net.parts)
 
 
 def pause_form_finding(
@@ -141,18 +143,17 @@ def initial_record(scene: Scene) -> tuple[dict, dict[str, np.ndarray]]:
     return small, {"x": model.x, "N": model.N} if model else {}
 
 
-def _restored_initial(comm: MPI.Comm, job: Job, model: Model | None, checkpoint: Checkpoint | None):
-    """The initial state of the run that is taken up; what is known of its form. Collective."""
+def _kept_initial(comm: MPI.Comm, job: Job, checkpoint: Checkpoint | None) -> tuple:
+    """As of `_form`, from the checkpoint of the run that is taken up. Collective."""
     small, arrays = checkpoint.part(INITIAL) if checkpoint else (None, None)
-    tension = arrays["N"] if arrays and job.form_finding else None
-    on_root(comm, lambda: set_initial(job, model, arrays["x"], tension))
     form = comm.bcast(small)["form"]
-    return Form(None, None, **form) if form else None
+    x = arrays and arrays["x"]
+    return Form(None, None, **form) if form else None, x, arrays["N"] if arrays and job.form_finding else None
 
 
 def _largest_tension(model: Model) -> float:
     """Of what can move [N]. Rank 0."""
-    return float(np.abs(model.N[model.moves[model.net.elements].any(1)]).max(initial=0.0))
+    return float(np.abs(model.N[model.net.moves[model.net.elements].any(1)]).max(initial=0.0))
 
 
 def _check_form(job: Job, reference: float, residual: float) -> None:

@@ -81,7 +81,7 @@ def varying_loads(scene: Scene) -> list:
         gusts = GrowingGusts(model.history, ramp) if model else None
         loads.append(WindLoad(scene.comm, distribution, field, gusts))
     if grows(job):
-        loads.append(GrowingLoad(distribution.particles(model and model.growing), job.load.ramp))
+        loads.append(GrowingLoad(distribution.particles(model and model.loading.growing), job.load.ramp))
     return loads
 
 
@@ -115,7 +115,7 @@ class Simulation:
         self.log, self.removal, self.model = desk.log, removal, scene.model
         self.result, self.progress, self.phases = desk.result, desk.progress, desk.phases
         self.stop, self.saver = desk.stop, desk.saver
-        probes = scene.comm.bcast(scene.model and scene.model.probes)
+        probes = scene.comm.bcast(scene.model and scene.model.layout.probes)
         self.envelope, self.history = Envelope(distribution), History(probes)
         self.wind = next((load for load in loads if isinstance(load, WindLoad)), None)
         self.loads = VaryingLoads(self.state, loads)

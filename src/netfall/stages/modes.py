@@ -73,7 +73,7 @@ def modes_at(x, net: Net, N, L0, mass, count: int, logarithmic: bool = False) ->
         return Modes(np.zeros(0), np.zeros((0, net.n, 3)), 0)
     along = x[net.elements[:, 1]] - x[net.elements[:, 0]]
     L = np.linalg.norm(along, axis=1)
-    stiffness = elastic_stiffness(net.modulus * net.section, L0, L, logarithmic)
+    stiffness = elastic_stiffness(net.EA, L0, L, logarithmic)
     axial = np.where((N > 0.0) | net.bar, stiffness, 0.0)
     free = np.ones((net.n, 3), bool)  # held axes are left out below
     number = np.arange(net.n)

@@ -198,8 +198,8 @@ def _settled(
 def loads_after(model, losses: list[Loss]) -> list[np.ndarray]:
     """What acts on the net without wind gusts, (n, 3) [N], before any loss and after each. Rank 0."""
     still, wind, gid = model.load.copy(), None, np.arange(model.net.n)
-    if model.growing is not None:
-        still += model.growing
+    if model.loading.growing is not None:
+        still += model.loading.growing
     if model.mean_wind is not None:
         wind, square = model.wind.copy(), model.wind_field.mean_square(model.history.mean_gust)
     total = lambda: still.copy() if wind is None else still + wind * square[:, None]

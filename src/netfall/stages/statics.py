@@ -128,7 +128,7 @@ def equilibria(scene: Scene) -> list[Equilibrium]:
     job, model, distribution = scene.job, scene.model, scene.distribution
     steps, rests = job.load.steps if job.load else 0, rests_in_wind(job)
     spread = lambda values: distribution.particles(None if model is None else values())
-    permanent, live = spread(lambda: model.permanent), spread(lambda: model.live)
+    permanent, live = spread(lambda: model.loading.permanent), spread(lambda: model.loading.live)
     found = []
     if job.cases or steps:
         found.append(Equilibrium("permanent", "the permanent loads", permanent))

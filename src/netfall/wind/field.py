@@ -12,9 +12,9 @@ import numpy as np
 from netfall.ground.compile import kernel
 from netfall.wind.autoregressive import GustModel, GustRecursion, fit_gust_model
 from netfall.wind.coherence import along_wind, mean_speed
-from netfall.wind.measured import place_weights, read_measured
+from netfall.wind.measured import MeasuredHistory, place_weights, read_measured
 from netfall.wind.spectra import gust_of
-from netfall.wind.taps import read_taps
+from netfall.wind.taps import TapHistory, read_taps
 
 CLOSEST = 2.0  # m between control points, at the least
 
@@ -160,7 +160,7 @@ def particle_speeds(mean, corner, weight, gust, speed):
         speed[p] = u
 
 
-def read_history(job):
+def read_history(job) -> MeasuredHistory | TapHistory | None:
     """The history of measured speeds or of pressures at taps, None: generated. Raises InputError."""
     wind = job.wind
     if wind is None or wind.speed:

@@ -287,14 +287,14 @@ def _strength_section(net: Net) -> dict[str, np.ndarray]:
     """What elements are made of, springs; strengths as given, and beside them what was drawn, a factor."""
     names = lambda words: np.array(words, h5py.string_dtype())
     section = {
-        "axial_stiffness": net.modulus * net.section,
+        "axial_stiffness": net.EA,
         "mass_per_length": net.density * net.section,
         "expansion": net.expansion,
         "bar": net.bar.astype(np.uint8),
     }
     strengths = {
         "breaking_load": net.breaking_load / net.strength,
-        "yield_force": net.yield_stress * net.section / net.strength,
+        "yield_force": net.yield_force / net.strength,
         "fracture_strain": net.fracture_strain / net.strength,
     }
     section |= {name: values for name, values in strengths.items() if np.isfinite(values).any()}

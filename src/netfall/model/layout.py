@@ -1,0 +1,104 @@
+"""The layout of a job: its net as it is given, on rank 0, in global order, before its form is found."""
+
+import hashlib
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from netfall.job.asks import grows
+from netfall.job.job import Job
+from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
+from netfall.mechanics.fields import Features
+from netfall.model.idle import without_effect
+from netfall.model.loads import shape_coefficients
+from netfall.model.losses import named_elements
+from netfall.model.probes import Probes, find_probes
+from netfall.model.start import far_notes, unit_notes
+from netfall.net.build import build_net
+from netfall.net.net import Net
+from netfall.parallel import partition
+from netfall.roof.areas import Roofing, roof_of
+from netfall.roof.zones import Zones, zones_of
+from netfall.wind.field import read_history
+from netfall.wind.measured import MeasuredHistory
+from netfall.wind.taps import TapHistory
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What rank 0 knows of the whole net before its form is found.
+
+    part : (n,) rank of each particle; partition_source : where this comes from
+    lost : rows of the elements that each [[remove]] names
+    shape_coefficient : (n,) of the wind, None: there is none
+    measured : the wind of a file, None: it is generated, or there is none
+    notes : what is plausible but odd in the net, its tables and its roof
+    """
+
+    net: Net
+    roofing: Roofing
+    zones: Zones
+    part: np.ndarray
+    partition_source: str
+    lost: list[np.ndarray]
+    probes: Probes
+    shape_coefficient: np.ndarray | None
+    measured: MeasuredHistory | TapHistory | None
+    notes: tuple[str, ...]
+
+
+def make_layout(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Layout:
+    """Net, roof, zones and partition of a job. Raises InputError."""
+    key = ranks, key_of(job, without=OF_SPEED)
+    net, roofing, zones, part, source = memory.once("net", key, lambda: _partitioned(job, ranks))
+    lost, probes = named_elements(job, net), find_probes(job, net)
+    coefficient, notes = shape_coefficients(job, zones)
+    notes = [*net.notes, *roofing.notes, *zones.notes, *without_effect(job, net), *notes, *unit_notes(net)]
+    measured = read_history(job)
+    if measured:
+        notes += measured.notes + far_notes(job, net, measured.places)
+    return Layout(net, roofing, zones, part, source, lost, probes, coefficient, measured, tuple(notes))
+
+
+def _partitioned(job: Job, ranks: int) -> tuple:
+    """Net, roofing, zones, partition and where this comes from."""
+    net = build_net(job)
+    roofing = roof_of(job, net)
+    zones = zones_of(job, net, roofing.faces)
+    if not job.changes_net():
+        part = partition.read_partition(job.name, net.n, net.elements, ranks)
+        if part is not None:
+            return net, roofing, zones, part, f"{partition.FOLDER / job.name}.graph.part.{ranks}"
+    return net, roofing, zones, partition.metis_partition(net.n, net.elements, ranks), "METIS, k-way"
+
+
+def layout_digest(job: Job, net: Net) -> str:
+    """Fingerprint of a job, of the files that it reads and of every column of its net."""
+    total = hashlib.sha256(job.digest().encode())
+    for column in fields(Net):
+        values = getattr(net, column.name)
+        if column.name != "notes" and values is not None:
+            total.update(column.name.encode())
+            total.update(values.tobytes() if isinstance(values, np.ndarray) else repr(values).encode())
+    return total.hexdigest()
+
+
+def features_of(job: Job, net: Net) -> Features:
+    """What the scene has, as the job names it."""
+    differ = lambda values: bool((values != values[:1]).any())
+    return Features(
+        precision=job.dynamics.precision if job.dynamics else "double",
+        fragments=not job.dynamics or job.dynamics.fragments,
+        plastic=bool(np.isfinite(net.yield_stress).any()),
+        fracture=bool(np.isfinite(net.fracture_strain).any()),
+        wind=job.wind is not None,
+        tapped=job.wind is not None and job.wind.pressures is not None,
+        varying=grows(job) or any(entry.duration for entry in job.removes),
+        springs=bool(net.spring.any()),
+        losses=bool(job.removes),
+        logarithmic=job.cable.strain == "logarithmic",
+        bars=bool(net.bar.any()),
+        part_held=bool((net.fixed.any(1) & ~net.fixed.all(1)).any()),
+        sections=differ(net.EA) or differ(net.yield_force),
+        energy=job.output.energy,
+    )
