@@ -27,7 +27,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PLACE = Path(tempfile.gettempdir()) / f"netfall-faults-{ROOT.name}"
 TREE, JOURNAL = PLACE / "tree", PLACE / "journal.jsonl"
-COPIED = ("src", "tests", "jobs", "partitions", "pyproject.toml", "README.md")
+COPIED = ("src", "tests", "jobs", "partitions", "pyproject.toml", "README.md", "CHANGELOG.md", "CITATION.cff")
 LIMIT = 90  # CPU s of a quick set
 LONGEST = 600  # s, whatever the processor does besides; a fault may make a run wait for ever
 LOADED = ("numba", "numpy", "h5py", "shapely", "scipy.sparse", "pytest", "_pytest.assertion.rewrite")
@@ -169,7 +169,8 @@ def write_table(faults: list[Fault], rows: dict[str, dict]) -> str:
         "# Faults made by hand, and what finds them",
         "",
         "Written by `python tests/faults.py --table`; each fault is an edit in [faults.toml](faults.toml).",
-        f"The quick set of a part of the program stops at the first failure. {total}",
+        "The quick set of a part of the program stops at the first failure.",
+        total,
         "",
         "| part | file | what the fault does | found by | CPU s |",
         "|---|---|---|---|---|",

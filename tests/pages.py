@@ -3,16 +3,24 @@
     .venv/bin/python tests/pages.py          writes them anew
 
 src/netfall/MAP.md, from the first sentence of each file; the tables of datasets in
-src/netfall/results/README.md. test_readme.py compares them with the code.
+src/netfall/results/README.md; the tables of keys in jobs/KEYS.md; those of options in jobs/RUNNING.md.
+test_readme.py compares them with the code.
 """
 
+import argparse
 import ast
 import re
+import textwrap
 from pathlib import Path
 
+from netfall.cli.parser import parser
+from netfall.job.keys import ABSENT, REQUIRED, Key
+from netfall.job.schema import GENERATOR_KEYS, LISTS, OVERRIDES, SECTIONS
 from netfall.results.datasets import tables
 
-PACKAGE = Path(__file__).resolve().parents[1] / "src" / "netfall"
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "src" / "netfall"
+WIDEST = 110  # characters of a line of a page
 ROOMS = (  # from the ground up: a room imports from those before it
     *("ground", "numerics", "job", "net", "net/generators", "roof", "wind", "mechanics", "parallel", "step"),
     *("multigrid", "equilibrium", "model", "record", "write", "stages", "messages", "program"),
@@ -43,20 +51,163 @@ def code_map() -> str:
     return "\n".join(parts)
 
 
-def with_part(page: Path, name: str, part: str) -> str:
-    """A page with the part between its marks `<!-- name: ... -->` and `<!-- end -->` anew."""
-    return re.sub(
-        rf"(<!-- {name}: [^\n]*-->\n).*?(<!-- end -->)",
-        lambda found: f"{found[1]}\n{part}\n{found[2]}",
-        page.read_text(),
-        flags=re.S,
+# --- the keys of a job file
+
+
+NOUNS = {  # what a key takes, by its kind
+    "number": "number",
+    "integer": "integer",
+    "flag": "`true`, `false`",
+    "text": "text",
+    "path": "path",
+    "name": "name",
+    "vector": "three numbers",
+    "pressure": "number, or three",
+    "points": "list of [x, y]",
+    "places": "list of [x, y], [x, y, z] or ids",
+    "polygon": "list of [x, y]",
+    "words": "list of names",
+    "integers": "list of integers",
+    "loads": 'table, `{"load.snow" = 750.0}`',
+}
+
+
+def takes(key: Key) -> str:
+    """What a key takes: its type or the words to choose from, and the words in place of a number."""
+    if key.kind == "choice":
+        return ", ".join(f'`"{word}"`' for word in key.choices)
+    return NOUNS[key.kind] + "".join(f', or `"{word}"`' for word in key.also)
+
+
+def limits(key: Key) -> str:
+    """The range of a key's numbers: "> 0", "0 to 1"; empty where there is none."""
+    low, high = key.low, key.high
+    if low is None and high is None:
+        return ""
+    if high is None:
+        return f"{'>' if key.low_open else '>='} {low:g}"
+    if low is None:
+        return f"{'<' if key.high_open else '<='} {high:g}"
+    above = f"> {low:g}, up to" if key.low_open else f"{low:g} to"
+    return f"{above} {'below ' if key.high_open else ''}{high:g}"
+
+
+def default(key: Key) -> str:
+    """The default of a key as a job file has it."""
+    if key.default is REQUIRED:
+        return "required"
+    if key.default is ABSENT:
+        return "absent"
+    if isinstance(key.default, bool):
+        return str(key.default).lower()
+    if isinstance(key.default, str):
+        return f'"{key.default}"'
+    if isinstance(key.default, tuple):
+        return "[" + ", ".join(f"{value:g}" for value in key.default) + "]"
+    return f"{key.default:g}" if isinstance(key.default, float) else str(key.default)
+
+
+def table_of_keys(keys: tuple[Key, ...]) -> str:
+    """The table of the keys of a section."""
+    rows = []
+    for key in keys:
+        name = f"`{key.name}`" + (f" [{key.unit}]" if key.unit else "")
+        rows.append(f"| {name} | {takes(key)} | {limits(key)} | {default(key)} | {key.meaning} |")
+    return "\n".join(["| key [unit] | takes | range | default | meaning |", "|---|---|---|---|---|", *rows])
+
+
+def overridden(section: str) -> str:
+    """The sentence on the tables inside a section that override some of its keys; empty without them."""
+    if section not in OVERRIDES:
+        return ""
+    inside, keys = OVERRIDES[section]
+    place = f"[{section}.{inside}.NAME]" if inside else f"[{section}.GROUP]"
+    names = ", ".join(f"`{key.name}`" for key in keys)
+    others = [f"`{key.name}`" for key in SECTIONS[section] if key not in keys]
+    all_but = f"every key but {', '.join(others)}"
+    return f"\n\n`{place}` may give {names if len(keys) < len(others) else all_but}."
+
+
+def generators() -> str:
+    """The table of the keys that each generator of [net] takes."""
+    rows = [
+        f"| `{name}` | {', '.join(f'`{key}`' for key in keys)} |" for name, keys in GENERATOR_KEYS.items()
+    ]
+    return "\n".join(["| generator | its keys |", "|---|---|", *rows])
+
+
+def keys_of(section: str, keys: tuple[Key, ...]) -> str:
+    """What jobs/KEYS.md has of a section or of the entries of a list."""
+    more = f"\n\n{generators()}" if section == "net" else overridden(section)
+    return table_of_keys(keys) + more
+
+
+# --- the options of the commands
+
+
+def table_of_options(verb: argparse.ArgumentParser) -> str:
+    """The table of a command's arguments and options, with their meaning."""
+    rows = []
+    for action in verb._actions:
+        if action.dest == "help" or not action.help:
+            continue
+        words = [action.metavar or ""] if not action.option_strings else action.option_strings
+        value = action.metavar or "|".join(action.choices or ())
+        if action.option_strings and action.nargs != 0 and value:
+            words = [f"{word} {value}" for word in words]
+        shown = "`, `".join(words).replace("|", " or ")
+        rows.append(f"| `{shown}` | {action.help}{' (required)' * is_needed(action)} |")
+    return "\n".join(["| option | meaning |", "|---|---|", *rows]) if rows else "No options."
+
+
+def is_needed(action: argparse.Action) -> bool:
+    """Whether an option must be given."""
+    return bool(action.option_strings) and action.required
+
+
+def options() -> str:
+    """What jobs/RUNNING.md has of the commands."""
+    verbs = next(action for action in parser()._actions if action.dest == "verb").choices
+    return "\n\n".join(
+        textwrap.fill(f"**`{usage(name, verb)}`**: {verb.description}.", WIDEST, break_on_hyphens=False)
+        + f"\n\n{table_of_options(verb)}"
+        for name, verb in verbs.items()
     )
 
 
+def usage(name: str, verb: argparse.ArgumentParser) -> str:
+    """A command with its positional arguments."""
+    return " ".join(["netfall", name, *(a.metavar for a in verb._actions if not a.option_strings)])
+
+
+# --- pages with parts
+
+
+def with_parts(page: Path, parts: dict[str, str]) -> str:
+    """A page with each part between its marks `<!-- name: ... -->` and `<!-- end -->` anew."""
+    text = page.read_text()
+    for name, part in parts.items():
+        marks = rf"(<!-- {re.escape(name)}: [^\n]*-->\n).*?(<!-- end -->)"
+        made = lambda found, part=part: f"{found[1]}\n{part.rstrip()}\n\n{found[2]}"
+        text, places = re.subn(marks, made, text, flags=re.S)
+        if places != 1:
+            raise ValueError(
+                f"{page}: {places} places for <!-- {name}: ... --> ... <!-- end -->, expected one"
+            )
+    return text
+
+
 DATASETS = PACKAGE / "results" / "README.md"
+KEYS = ROOT / "jobs" / "KEYS.md"
+RUNNING = ROOT / "jobs" / "RUNNING.md"
 PAGES = {  # page: its text as the code says it
     PACKAGE / "MAP.md": code_map,
-    DATASETS: lambda: with_part(DATASETS, "datasets", tables()),
+    DATASETS: lambda: with_parts(DATASETS, {"datasets": tables()}),
+    KEYS: lambda: with_parts(
+        KEYS,
+        {f"keys of {name or 'the job'}": keys_of(name, keys) for name, keys in (SECTIONS | LISTS).items()},
+    ),
+    RUNNING: lambda: with_parts(RUNNING, {"options": options()}),
 }
 
 if __name__ == "__main__":

@@ -272,16 +272,6 @@ def test_unwritable_place_is_refused(workshop):
     assert done.returncode == 2 and "does not exist" in done.stderr
 
 
-def test_readme_lists_every_key_with_its_default():
-    """The tables of keys in jobs/README.md are those of the schema."""
-    text = (ROOT / "jobs" / "README.md").read_text()
-    for section, key in ALL_KEYS:
-        if section:
-            part = text.split(f"**[{section}]**")[1].split("**[")[0]
-            row = next((line for line in part.splitlines() if line.startswith(f"| `{key.name}`")), "")
-            assert key.meaning in row and (key.unit in row), (section, key.name)
-
-
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_malformed_inputs_made_from_the_schema_are_refused(ranks):
     """400 jobs and tables by hypothesis (bad_inputs.py):

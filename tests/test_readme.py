@@ -1,27 +1,26 @@
-"""The README files: links lead somewhere, the commands are those of the program, the examples run as told."""
+"""The pages: links lead somewhere, the commands are those of the program, the examples run as told."""
 
 import re
 import subprocess
+import tomllib
 
 import pages
 import pytest
 from conftest import ROOT, run_on_standing_ranks
 
+import netfall
 from netfall.cli.parser import parser
+from netfall.job.schema import LISTS, SECTIONS
+from netfall.net.sections import OF_TYPE
+from netfall.net.tables import ELEMENT_COLUMNS, NODE_COLUMNS
 
-FOLDERS = (
-    ".",
-    "jobs",
-    "jobs/bench",
-    "jobs/trade",
-    "partitions",
-    "src/netfall",
-    "src/netfall/results",
-    "src/netfall/study",
-    "tests",
+PAGES = sorted(
+    page
+    for pattern in ("*.md", "jobs/**/*.md", "partitions/*.md", "src/**/*.md", "tests/*.md")
+    for page in ROOT.glob(pattern)
 )
-PAGES = [ROOT / folder / "README.md" for folder in FOLDERS]
-MOST_LINES, WIDEST = 150, 110
+NAMES = [page.relative_to(ROOT).as_posix() for page in PAGES]
+MOST_LINES, WIDEST = 150, pages.WIDEST
 
 
 def prose(page):
@@ -40,10 +39,10 @@ def blocks(page, kind):
     return re.findall(rf"```{kind}\n(.*?)```", page.read_text(), re.S)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=FOLDERS)
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
 def test_links_lead_somewhere(page):
-    """Every link of a page names a file, and a heading, that exist."""
-    links = re.findall(r"\]\(([^)\s]+)\)", prose(page))
+    """Every link of a page to another names a file, and a heading, that exist."""
+    links = re.findall(r"\]\((?!https://)([^)\s]+)\)", prose(page))
     for link in links:
         path, _, anchor = link.partition("#")
         target = (page.parent / path).resolve() if path else page
@@ -51,12 +50,12 @@ def test_links_lead_somewhere(page):
         assert not anchor or anchor in anchors(target), link
 
 
-@pytest.mark.parametrize("page", PAGES, ids=FOLDERS)
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
 def test_lines_are_readable(page):
     """No line but a table's is wider than a page; the first page is short."""
     lines = page.read_text().splitlines()
     assert [line for line in lines if len(line) > WIDEST and not line.startswith("|")] == []
-    assert page.parent != ROOT or len(lines) <= MOST_LINES
+    assert page != ROOT / "README.md" or len(lines) <= MOST_LINES
 
 
 @pytest.mark.parametrize("page", pages.PAGES, ids=lambda page: page.name)
@@ -69,6 +68,76 @@ def test_the_map_has_every_room():
     """No folder of the package is left out of MAP.md."""
     rooms = {path.parent.relative_to(pages.PACKAGE).as_posix() for path in pages.PACKAGE.rglob("*.py")}
     assert rooms - {"."} == set(pages.ROOMS)
+
+
+def test_every_page_is_linked_from_the_first():
+    """From README.md, along links, one comes to every page."""
+    reached, to_read = set(), [ROOT / "README.md"]
+    while to_read:
+        page = to_read.pop()
+        if page not in reached:
+            reached.add(page)
+            links = re.findall(r"\]\(([^)\s#]+\.md)", prose(page))
+            to_read += [(page.parent / link).resolve() for link in links if ":" not in link]
+    assert set(PAGES) - reached == set()
+
+
+def test_a_part_without_a_place_is_an_error(tmp_path):
+    """A section of the schema without its marks in the page is not left out without a word."""
+    page = tmp_path / "page.md"
+    page.write_text("<!-- one: made -->\nold\n<!-- end -->\n")
+    assert pages.with_parts(page, {"one": "new"}) == "<!-- one: made -->\n\nnew\n\n<!-- end -->\n"
+    with pytest.raises(ValueError, match="two"):
+        pages.with_parts(page, {"one": "new", "two": "new"})
+
+
+def test_every_key_stands_in_the_page_of_keys():
+    """jobs/KEYS.md has each key of each section, with its unit, range and meaning."""
+    text = pages.KEYS.read_text()
+    for name, keys in (SECTIONS | LISTS).items():
+        part = text.split(f"<!-- keys of {name or 'the job'}:")[1].split("<!-- end -->")[0]
+        rows = {row.split("`")[1]: row for row in part.splitlines() if row.startswith("| `")}
+        for key in keys:
+            assert key.meaning in rows[key.name] and f"[{key.unit}]" in rows[key.name] + "[]", key.name
+            for bound in (key.low, key.high):
+                assert bound is None or f"{bound:g}" in rows[key.name], key.name
+
+
+def columns(page, heading):
+    """The names of columns in the first column of the tables below a heading of a page."""
+    part = page.read_text().split(f"\n{heading}\n")[1].split("\n## ")[0]
+    cells = [row.split("|")[1] for row in part.splitlines() if row.startswith("| `")]
+    return {name for cell in cells for name in re.findall(r"`(\w+)`", re.sub(r"\[.*?\]", "", cell))}
+
+
+def test_columns_of_tables_are_those_that_are_read():
+    """jobs/TABLES.md has the columns of nodes, elements and catalogue that are read, and no other."""
+    page = ROOT / "jobs" / "TABLES.md"
+    assert columns(page, "## Nodes") == set(NODE_COLUMNS)
+    assert columns(page, "## Elements") == set(ELEMENT_COLUMNS)
+    assert columns(page, "## Catalogue") == {"name", *OF_TYPE}
+
+
+def test_versions_agree():
+    """CHANGELOG.md begins with the version that package, pyproject.toml and CITATION.cff have."""
+    newest = re.search(r"^## \[(.+?)\]", (ROOT / "CHANGELOG.md").read_text(), re.M)[1]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    cited = re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text(), re.M)[1]
+    assert netfall.__version__ == project["version"] == cited == newest
+
+
+def test_first_page_counts_the_comparisons():
+    """README.md says how many rows the table of comparisons has."""
+    rows = re.findall(r"^\| (?!case \|)[^-]", (ROOT / "tests" / "VALIDATION.md").read_text(), re.M)
+    assert f"**[{len(rows)} figures](tests/VALIDATION.md)**" in (ROOT / "README.md").read_text()
+
+
+def test_words_of_engineers_are_found():
+    """Who searches the page on the method for a subject comes upon what holds of it."""
+    text = (ROOT / "jobs" / "METHOD.md").read_text().lower()
+    words = ("buckling", "pressure coefficient", "load combination", "partial factor", "erection")
+    words += ("natural frequenc", "ponding", "added mass", "aerodynamic damping", "creep", "fatigue", "slip")
+    assert [word for word in words if word not in text] == []
 
 
 def test_commands_are_those_of_the_program():

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from conftest import ROOT, STEEL
+from conftest import STEEL
 
 from netfall.ground.errors import InputError
 from netfall.job.read import read_job
-from netfall.job.schema import LISTS
 from netfall.model.layout import make_layout
 from netfall.model.model import make_model
 from netfall.net.build import build_net
@@ -670,16 +669,6 @@ def test_a_cut_without_polygon_or_faces_is_told(workshop):
     model = model_of(read_job(workshop.job(STEEL + SNOW + cut("half", 0, 0, 2, 5), nodes, crossing)))
     assert 'zone "half": cut: no effect: the net has no faces' in model.notes
     assert model.loading.live[:, 2].sum() == -100.0 * 3 * SIDE
-
-
-def test_readme_lists_the_keys_of_every_list():
-    """The tables of jobs/README.md are those of the schema."""
-    text = (ROOT / "jobs" / "README.md").read_text()
-    for name, keys in LISTS.items():
-        part = text.split(f"**[[{name}]]**")[1].split("\n\n")[1]
-        rows = [line for line in part.splitlines() if line.startswith("| `")]
-        assert len(rows) == len(keys)
-        assert all(f"| `{key.name}`" in row and key.meaning in row for key, row in zip(keys, rows))
 
 
 def test_panels_take_what_cut_zones_have_of_them(workshop):

@@ -56,7 +56,7 @@ def _tell(what) -> None:
 
 
 def main() -> None:
-    """Entry point: run a command; the exit code says how it ended (jobs/README.md)."""
+    """Entry point: run a command; the exit code says how it ended (jobs/RUNNING.md)."""
     _open_standard_files()
     top = parser()
     try:

@@ -36,7 +36,7 @@ def parser() -> Parser:
     _folder(_of_job(verbs, "check", text), None, "folder for a picture of the net (default: none is drawn)")
     _partition(_of_job(verbs, "partition", "write partitions/NAME.graph and NAME.graph.part.P"))
     _run(_of_job(verbs, "run", "run a job; on P ranks: mpirun -n P netfall run JOB"))
-    _of_result(verbs, "info", "of a result or study file: what ran, how it ended, what broke first")
+    _of_result(verbs, "info", "what ran, how it ended and what broke first, of a result or study file")
     _plot(_of_result(verbs, "plot", "pictures, or an animation, from a result or study file"))
     _report(
         _of_result(
@@ -145,14 +145,14 @@ def _report(verb: Parser) -> None:
         type=float,
         default=0.0,
         metavar="K",
-        help="at which cables are measured, from that of form finding (default: 0)",
+        help="temperature at which cables are measured, above that of form finding (default: 0)",
     )
     verb.add_argument(
         "--measuring-load",
         type=float,
         metavar="N",
         dest="load",
-        help="under which cables are measured (default: the mean tension of each in the form)",
+        help="tension under which cables are measured (default: the mean tension of each in the form)",
     )
 
 
@@ -204,16 +204,23 @@ def _study(verb: Parser) -> None:
     verb.add_argument("--workers", type=take.count, metavar="W", help=text)
     text = "the I-th of N parts, for job arrays; without it the parts are joined, and what is missing is run"
     verb.add_argument("--shard", type=take.shard, metavar="I/N", help=text)
-    verb.add_argument("--retry", action="store_true", help="run again what failed")
+    verb.add_argument("--retry", action="store_true", help="run failed members again")
     _launcher(verb)
     verb.add_argument("--quiet", action="store_true", help="print errors only")
 
 
 def _import(verb: Parser) -> None:
     verb.add_argument("drawing", type=Path, metavar="FILE")
-    verb.add_argument("-o", type=Path, required=True, metavar="FOLDER", dest="folder", help="what is written")
+    verb.add_argument(
+        "-o",
+        type=Path,
+        required=True,
+        metavar="FOLDER",
+        dest="folder",
+        help="folder for the tables, the picture, the report and the job",
+    )
     units = ("m", "dm", "cm", "mm", "km", "in", "ft", "yd")
-    verb.add_argument("--unit", choices=units, help="of the drawing (default: what the file says)")
+    verb.add_argument("--unit", choices=units, help="unit of the drawing (default: what the file says)")
     verb.add_argument(
         "--tolerance",
         type=take.length,

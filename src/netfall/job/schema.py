@@ -1,7 +1,7 @@
 """Every key of a job file: its type, unit, range, default and meaning, in one table.
 
-Validation, the messages for wrong input and the tests read this table; a key is added by adding a row here
-and in jobs/README.md (a test compares the two).
+Validation, the messages for wrong input, the page jobs/KEYS.md and the tests read this table: a key is added
+by adding a row here.
 """
 
 from types import SimpleNamespace
@@ -14,8 +14,8 @@ CABLE = (
     between(1.0, 1e15, "modulus", "Pa", ABSENT, "Young's modulus; with area, or axial_stiffness instead"),
     between(1e-12, 1e4, "area", "m2", ABSENT, "cross-section"),
     between(1e-3, 1e6, "density", "kg/m3", ABSENT, "mass density; with area, or mass_per_length instead"),
-    between(1.0, 1e15, "axial_stiffness", "N", ABSENT, "EA, instead of modulus"),
-    between(1e-9, 1e7, "mass_per_length", "kg/m", ABSENT, "instead of density"),
+    between(1.0, 1e15, "axial_stiffness", "N", ABSENT, "EA, instead of modulus and area"),
+    between(1e-9, 1e7, "mass_per_length", "kg/m", ABSENT, "mass of a metre of cable, instead of density"),
     Key("catalogue", "path", ABSENT, "", "path of a table of types, relative to the job file"),
     Key("type", "text", ABSENT, "", "name of a row of the catalogue, for stiffness, mass and breaking load"),
     between(-1e12, 1e12, "prestress", "N", 0.0, "axial force to form-find with, tension positive"),
@@ -33,8 +33,14 @@ CABLE = (
         "scatter of the strength from cable to cable, share of its mean",
         high=0.5,
     ),
-    count("strength_seed", 1, "number that the strengths drawn are a function of", low=0, high=2**63 - 1),
-    between(-1e-3, 1e-3, "expansion", "1/K", 12e-6, "strain for each K of temperature"),
+    count(
+        "strength_seed",
+        1,
+        "seed of the drawn strengths: the same seed draws the same strengths",
+        low=0,
+        high=2**63 - 1,
+    ),
+    between(-1e-3, 1e-3, "expansion", "1/K", 12e-6, "coefficient of thermal expansion: strain for each K"),
     choice("strain", ("engineering", "logarithmic"), "engineering", "strain measure"),
 )
 OF_THE_WHOLE = ("strain", "catalogue", "strength_seed")  # no group has its own
@@ -45,7 +51,7 @@ NEEDED = {"modulus": ("modulus", "axial_stiffness"), "area": ("area", "axial_sti
 
 
 WIND: tuple[Key, ...] = (
-    between(0.1, 200.0, "speed", "m/s", ABSENT, "U0, mean at 10 m above ground"),
+    between(0.1, 200.0, "speed", "m/s", ABSENT, "U0, mean wind speed at 10 m above ground"),
     Key("file", "path", ABSENT, "", "path of a table time, speed, instead of a generated wind"),
     Key(
         "points",
@@ -64,15 +70,23 @@ WIND: tuple[Key, ...] = (
         "direction",
         "degrees",
         0.0,
-        "where it blows to, from x towards y: 30 is a wind from 210",
+        "where the wind blows to, counted from x towards y: 30 is a wind from 210",
     ),
-    Key("roughness", "number", 0.03, "", "k of the gusts; 0: no gusts", low=0.0, high=0.2),
+    Key(
+        "roughness",
+        "number",
+        0.03,
+        "",
+        "roughness factor k of the gusts: their variance is 6 k U0^2; 0: no gusts",
+        low=0.0,
+        high=0.2,
+    ),
     Key(
         "turbulence",
         "number",
         ABSENT,
         "",
-        "intensity at 10 m, instead of roughness: k = I^2 / 6; 0: no gusts",
+        "turbulence intensity I at 10 m, instead of roughness: k = I^2 / 6; 0: no gusts",
         low=0.0,
         high=1.0,
     ),
@@ -81,7 +95,7 @@ WIND: tuple[Key, ...] = (
         "choice",
         "davenport",
         "",
-        "of the gusts",
+        "spectrum of the gusts along the wind",
         choices=("davenport", "kaimal", "von_karman", "en1991"),
     ),
     Key(
@@ -89,7 +103,7 @@ WIND: tuple[Key, ...] = (
         "number",
         "auto",
         "m",
-        "L of the spectrum; auto: 1200, 56.7, 63.2 and 63.2, in the order of the choices, at 10 m",
+        "L of the spectrum at 10 m; auto: 1200 (davenport), 56.7 (kaimal), 63.2 (von_karman, en1991)",
         low=0.1,
         high=1e5,
         also=("auto",),
@@ -99,7 +113,8 @@ WIND: tuple[Key, ...] = (
         "number",
         ABSENT,
         "",
-        "u_s: positive presses on the roof, against the upward normal; negative is suction, which lifts",
+        "u_s, the pressure coefficient: positive presses on the roof, against the upward normal; "
+        "negative is suction, which lifts",
         low=-1e4,
         high=1e4,
     ),
@@ -113,19 +128,21 @@ WIND: tuple[Key, ...] = (
     ),
     positive("air_density", "kg/m3", 1.25, "density of the air", high=1e4),
     between(1e-4, 60.0, "time_step", "s", 0.05, "time step of the generated histories"),
-    count("ar_order", 14, "largest number of lags of the autoregressive model", high=30),
-    count("seed", 1, "number that the random histories are a function of", low=0, high=2**63 - 1),
+    count("ar_order", 14, "largest number of lags of the autoregressive model of the gusts", high=30),
+    count("seed", 1, "seed of the gusts: the same seed gives the same gusts", low=0, high=2**63 - 1),
     count("control_points", 25, "largest number of points at which histories are generated", low=1, high=400),
     Key(
         "coherence_decay",
         "vector",
         (8.0, 16.0, 10.0),
         "",
-        "C of Davenport's coherence along the wind, across, vertical",
+        "decay C of Davenport's coherence along the wind, across it and vertically",
         low=0.0,
         high=1e6,
     ),
-    not_negative("profile_exponent", "", 0.16, "of the mean speed over height", high=1.0),
+    not_negative(
+        "profile_exponent", "", 0.16, "exponent of the power law of the mean speed over height", high=1.0
+    ),
     between(-1e6, 1e6, "base_height", "m", 10.0, "height of z = 0 above ground"),
     Key(
         "onset",
@@ -144,7 +161,8 @@ WIND: tuple[Key, ...] = (
         "choice",
         "particle",
         "",
-        "what loses the wind at a fracture",
+        "on what the wind no longer acts after a fracture; particle: the node where an element broke; "
+        "panels: the torn faces; all: the whole roof; none: it acts on as before",
         choices=("particle", "panels", "all", "none"),
     ),
 )
@@ -160,7 +178,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "unit",
             ("m", "cm", "mm", "ft", "in"),
             "m",
-            "in which the coordinates of nodes.csv stand; all else is in SI units",
+            "unit of the coordinates in nodes.csv; everything else is in SI units",
         ),
         count(
             "subdivide",
@@ -187,7 +205,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "number",
             1e-6,
             "",
-            "largest residual force / largest prestress of what can move",
+            "largest residual force over the largest prestress of the elements that can move",
             low=1e-12,
             high=0.1,
         ),
@@ -202,7 +220,13 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "weight of the roof's cladding, downward; its mass moves with the particles",
             high=1e9,
         ),
-        not_negative("snow", "N/m2", 0.0, "in plan, downward; its mass moves with the particles", high=1e9),
+        not_negative(
+            "snow",
+            "N/m2",
+            0.0,
+            "snow load on the area in plan, downward; its mass moves with the particles",
+            high=1e9,
+        ),
         Key(
             "pressure",
             "pressure",
@@ -262,8 +286,15 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
     "wind": WIND,
     "dynamics": (
         positive("duration", "s", REQUIRED, "simulated time", high=1e9),
-        positive("time_step", "s", "auto", "step of the particles", high=1e9, also=("auto",)),
-        positive("safety", "", 0.8, 'of the stable step, for "auto"', high=1.0),
+        positive(
+            "time_step",
+            "s",
+            "auto",
+            "time step of the dynamic stage; auto: from the stable step",
+            high=1e9,
+            also=("auto",),
+        ),
+        positive("safety", "", 0.8, 'share of the stable step that time_step = "auto" takes', high=1.0),
         not_negative("damping", "1/s", 0.0, "mass-proportional damping zeta", high=1e9),
         not_negative(
             "fragment_mass",
@@ -296,7 +327,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
     ),
     "output": (
         count("frames", 120, "states written over the duration", low=1, high=1_000_000),
-        positive("history", "s", 0.01, "between rows of /history", high=1e9),
+        positive("history", "s", 0.01, "time between rows of /history", high=1e9),
         flag(
             "energy",
             True,
@@ -314,14 +345,20 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         ),
         Key("elements", "integers", ABSENT, "", "ids of elements whose tensions are kept"),
         not_negative("checkpoint", "s", 0.0, "simulated time between checkpoints; 0: none", high=1e9),
-        count("modes", 0, "modes of the net where dynamics begins, lowest first; 0: none", low=0, high=1000),
+        count(
+            "modes",
+            0,
+            "natural modes and frequencies where dynamics begins: how many, lowest first; 0: none",
+            low=0,
+            high=1000,
+        ),
     ),
 }
 
 # Lists of tables, [[zone]]: the keys of each entry.
 LISTS: dict[str, tuple[Key, ...]] = {
     "zone": (
-        Key("name", "name", REQUIRED, "", "by which [wind.zone.NAME] and [load.zone.NAME] know it"),
+        Key("name", "name", REQUIRED, "", "name by which [wind.zone.NAME] and [load.zone.NAME] refer to it"),
         Key(
             "polygon",
             "polygon",
@@ -339,16 +376,22 @@ LISTS: dict[str, tuple[Key, ...]] = {
         ),
     ),
     "case": (
-        Key("name", "name", REQUIRED, "", "of the static case"),
+        Key("name", "name", REQUIRED, "", "name of the static case"),
         Key("set", "loads", REQUIRED, "N/m2", "what it sets: snow and pressure of [load] and of its zones"),
     ),
     "remove": (
         Key("elements", "integers", ABSENT, "", "ids of the elements that are lost"),
         Key("group", "text", ABSENT, "", "or the group of elements that is lost"),
         Key("cables", "words", ABSENT, "", "or the names of the pieces of cable that are lost"),
-        not_negative("time", "s", REQUIRED, "of the dynamic stage at which their stiffness goes", high=1e9),
         not_negative(
-            "duration", "s", 0.0, "over which their tension then falls to zero; 0: at once", high=1e9
+            "time",
+            "s",
+            REQUIRED,
+            "time in the dynamic stage at which the elements lose their stiffness",
+            high=1e9,
+        ),
+        not_negative(
+            "duration", "s", 0.0, "time over which their tension then falls to zero; 0: at once", high=1e9
         ),
     ),
 }
