@@ -1,9 +1,13 @@
 """A key is there because a shipped job or study shows what it is for."""
 
 import tomllib
+from types import SimpleNamespace
 
+import h5py
+import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, run_on_standing_ranks
+from scipy.optimize import brentq
 
 from netfall.job.schema import LISTS, OVERRIDES, SECTIONS
 
@@ -62,3 +66,52 @@ def test_each_file_says_what_it_is_and_how_it_is_run(path):
     """In its head, by its own name."""
     head = path.read_text().split("\n\n")[0]
     assert head.startswith("# ") and path.stem in head
+
+
+SPAN, SIDES, HEAD = 40.0, 8, 20e6  # m; of the polygon; N/m
+CARRYING, BRACING = (4.0, 300e3), (-3.0, 400e3)  # sag [m], horizontal force at prestress [N]
+
+
+def horizontal_force(sag, prestress, EA, w, give):
+    """Of a cable whose middle sinks by w [m], 20 K colder than at prestress; give : [m/N] of its supports."""
+    stretch = 16 / 3 * (1 - 1 / SIDES**2) * (sag * w + w**2 / 2) / SPAN
+    colder = 12e-6 * 20.0 * SPAN * (1 + 16 / 3 * (sag / SPAN) ** 2)
+    return prestress + (stretch + colder) / (SPAN * (1 + 8 * (sag / SPAN) ** 2) / EA + give)
+
+
+def truss(q, EA):
+    """What its middle sinks by [m] under q [N/m], and forces of both cables [N]; EA : of the carrying one [N]."""
+    forces = lambda w: np.array(
+        [horizontal_force(*CARRYING, EA, w, 2 / HEAD), horizontal_force(*BRACING, 107e6, w, 0.0)]
+    )
+    sags = np.array([CARRYING[0], BRACING[0]])
+    w = brentq(lambda w: forces(w) @ (sags + w) - q * SPAN**2 / 8, -1.0, 1.0)
+    return w, forces(w)
+
+
+@pytest.fixture(scope="module")
+def snow(tmp_path_factory):
+    """jobs/trusses.toml without its skylight, in snow: what a node sinks by [m], an element's tension [N]."""
+    path = tmp_path_factory.mktemp("trusses") / "result.vtkhdf"
+    even = ("--set", "load.zone.skylight.dead=200", "--set", "dynamics.duration=0.01")
+    job = ROOT / "jobs" / "trusses.toml"
+    done = run_on_standing_ranks("run", job, "-o", path, "--quiet", *even, cwd=path.parent)
+    assert done.returncode == 0, done.stderr
+    with h5py.File(path) as f:
+        node, element = (f[f"net/{name}_id"][:].tolist() for name in ("node", "element"))
+        z, N = f["cases/snow/displacement"][:, 2], f["cases/snow/tension"][:]
+    return SimpleNamespace(sunk=lambda i: -z[node.index(i)], tension=lambda i: N[element.index(i)])
+
+
+@pytest.mark.parametrize(
+    "first, width, EA, cable", [(200, 6.0, 168e6, 8.9), (100, 3.0, 107e6, 5.7)], ids=["inner", "outer"]
+)
+def test_trusses_sink_as_by_hand(snow, first, width, EA, cable):
+    """The parabola of two cables that share the load: jobs/trusses.toml says how. Left out are what hangers
+    get longer and that the load sits on nodes that go sideways: 1 % together.
+    """
+    weight = 9.81 * (1.053 * cable + 1.03 * 5.7 + 0.95)  # N/m, of cables, 3.75 m of hanger every 5 m
+    w, (carrying, bracing) = truss((750.0 + 200.0 * 738.5 / 720.0) * width + weight, EA)
+    assert snow.sunk(first + 4) == pytest.approx(w, rel=0.01)
+    assert snow.tension(first + 3) * np.cos(np.arctan(0.05)) == pytest.approx(carrying, rel=0.01)
+    assert snow.tension(first + 53) * np.cos(np.arctan(0.0375)) == pytest.approx(bracing, rel=0.01)
