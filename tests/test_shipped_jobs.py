@@ -80,7 +80,7 @@ def horizontal_force(sag, prestress, EA, w, give):
 
 
 def truss(q, EA):
-    """What its middle sinks by [m] under q [N/m], and forces of both cables [N]; EA : of the carrying one [N]."""
+    """What its middle sinks by [m] under q [N/m], forces of its cables [N]; EA : of the carrying one [N]."""
     forces = lambda w: np.array(
         [horizontal_force(*CARRYING, EA, w, 2 / HEAD), horizontal_force(*BRACING, 107e6, w, 0.0)]
     )
