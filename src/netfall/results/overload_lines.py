@@ -12,7 +12,7 @@ import numpy as np
 BEYOND = 1.05  # times its strength: in shipped jobs what breaks is less than 1 % above it after its last step
 CAUSE = (
     "no result: what is left of an element that broke has no strength, and its light end rings in a step as "
-    "long as this; [dynamics] fragments = false leaves no such ends, and a smaller safety (0.2, say) or "
+    "long as this; [dynamics] fragments = false leaves fewer such ends, and a smaller safety (0.2, say) or "
     "time_step shows how much is the step's"
 )
 
