@@ -13,6 +13,7 @@ class Key:
     kind : "number" | "integer" | "flag" | "text" | "path" | "name" | "choice" | "vector" | "pressure" |
         "points" | "places" | "polygon" | "words" | "integers" | "loads"
     low, high : bounds of a number; low_open, high_open : the bound itself is excluded
+    gone : values that the key once had, each with the reason why it went
     """
 
     name: str
@@ -26,11 +27,12 @@ class Key:
     high_open: bool = False
     choices: tuple[str, ...] = ()
     also: tuple[str, ...] = ()  # words that stand in place of a number ("auto")
+    gone: tuple[tuple[str, str], ...] = ()
 
     def expected(self) -> str:
         """What is allowed, in words: "a number of m/s > 0"."""
         if self.kind == "choice":
-            return "one of " + ", ".join(f'"{c}"' for c in self.choices)
+            return ("one of " if len(self.choices) > 1 else "") + ", ".join(f'"{c}"' for c in self.choices)
         if self.kind == "flag":
             return "true or false"
         if self.kind in ("text", "path"):
@@ -57,6 +59,10 @@ class Key:
         noun = "an integer" if self.kind == "integer" else "a number"
         words = "".join(f' or "{w}"' for w in self.also)
         return f"{noun}{of}{self._range()}{words}"
+
+    def why_gone(self, value) -> str:
+        """The end of a message on a value that went; "" for any other value."""
+        return next((f'; "{word}" went: {why}' for word, why in self.gone if word == value), "")
 
     def _range(self) -> str:
         parts = []
@@ -87,9 +93,9 @@ def count(name, default, meaning, low=1, high=None):
     return Key(name, "integer", default, "", meaning, low=low, high=high)
 
 
-def choice(name, choices, default, meaning):
+def choice(name, choices, default, meaning, gone=()):
     """Row of one of several words."""
-    return Key(name, "choice", default, "", meaning, choices=choices)
+    return Key(name, "choice", default, "", meaning, choices=choices, gone=gone)
 
 
 def flag(name, default, meaning):
