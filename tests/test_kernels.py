@@ -7,14 +7,14 @@ import pytest
 
 from netfall.ground.compile import kernel
 from netfall.mechanics.elements import add_tensions
-from netfall.mechanics.fields import LANES, Features
+from netfall.mechanics.fields import Features
 from netfall.mechanics.state import State
 from netfall.parallel.partition import metis_partition
 from netfall.parallel.subdomain import cut_net
 from netfall.step.forces import kick_chunk
 from netfall.step.limits import count_near
 from netfall.step.plan import CHUNK, Plan
-from netfall.step.runs import Runs
+from netfall.step.runs import LANES, Runs
 
 
 class NoHalo:
@@ -88,7 +88,6 @@ def forces_of(state: State, in_runs: bool = True) -> tuple[np.ndarray, np.ndarra
         )
         nothing, chunk = 0 * count, np.arange(len(count))
         runs = Runs(
-            LANES,
             np.column_stack(
                 [nothing, nothing, nothing, nothing, places[:-1], places[:-1] + count, chunk, chunk + 1]
             ),

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-LANES = 8  # numbers of the widest registers
 SLOTS = 4  # elements of a particle in the vector loop; particles with more have layers of their own
 EMPTY = np.uint32(0xFFFFFFFF)  # in place of an element's number
 LIKE_PARENT = "as the particle that it splits off"

@@ -106,10 +106,8 @@ def stored_energy(elements, e, N, eps_p, law):
 def yield_energy(elements, e, eps_p, eps_p_new, law):
     """Energy [J] that yield of element e from plastic strain eps_p to eps_p_new turns into heat."""
     if eps_p_new == eps_p:
-        return 0.0  # also of an element without a yield force, whose limit is no number to multiply with
+        return 0.0  # also of an element that never yields, whose limit is infinite
     EA, L0, limit = elements.EA[e], elements.L0[e], elements.yield_force[e]
-    if eps_p_new == eps_p:  # also what never yields, whose limit is infinite
-        return 0.0
     if law.logarithmic is not None:
         grown = abs(exponential(eps_p_new) - exponential(eps_p))
         tension = eps_p_new > eps_p

@@ -13,6 +13,7 @@ from netfall.mechanics.material import force_density
 from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
 from netfall.mechanics.supports import spring_force
 from netfall.numerics.arithmetic import fused
+from netfall.step.runs import LANES
 
 
 @part_of_kernel
@@ -91,7 +92,7 @@ def kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
     scratch.near : the same, out, 1 where an element of the particle is near its limits; None: all are elastic
     """
     origin = np.uint64(chunks.low[c])  # unsigned: no index then counts from the end
-    lanes, spans, whole, parts, rest, loose = chunks.runs
+    spans, whole, parts, rest, loose = chunks.runs
     x, f, f_rest, near_rest = particles.x, scratch.f, scratch.f_rest, scratch.near_rest
     kick = make_kick(kick_dt, zeta, share)
     for r in range(spans[c, 0], spans[c, 1]):
@@ -127,7 +128,7 @@ def kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
             if scratch.near is not None:
                 scratch.near[i] = (1 if found else 0) if mine else scratch.near[i]
     first, last = np.uint64(spans[c, 4]), np.uint64(spans[c, 5])
-    filled_up = first + np.uint64((spans[c, 5] - spans[c, 4] + lanes - 1) // lanes * lanes)
+    filled_up = first + np.uint64((spans[c, 5] - spans[c, 4] + LANES - 1) // LANES * LANES)
     other = slots.other
     for i in range(first, filled_up):
         p, k = np.uint64(rest[i]), i - first

@@ -65,25 +65,25 @@ def keep_forces(low, high, f_chunk, f):
 
 
 @part_of_kernel
-def move_axis(p, kick, x, axis, f, per_mass, dt):
+def move_axis(p, kick, axis, f, per_mass, dt):
     """Kick and drift of particle p along one axis, under the total force f."""
     new = kicked(axis.v[p], f[p] * per_mass[p], kick)
     if axis.free is not None:
         new = new if axis.free[p] else axis.v[p]
     axis.v[p] = new
-    x[p] += dt * new
+    axis.x[p] += dt * new
 
 
 @vector_kernel
 def move_halo(first, last, kick_dt, dt, zeta, particles):
     """Kick and drift of halo particles, whose total force f the owner has sent."""
     first, last = np.uint64(first), np.uint64(last)
-    x, f, per_mass = particles.x, particles.f, particles.per_mass
+    f, per_mass = particles.f, particles.per_mass
     kick = make_kick(kick_dt, zeta, 0.0)
     for p in range(first, last):
-        move_axis(p, kick, x[0], along_x(particles), f[0], per_mass, dt)
-        move_axis(p, kick, x[1], along_y(particles), f[1], per_mass, dt)
-        move_axis(p, kick, x[2], along_z(particles), f[2], per_mass, dt)
+        move_axis(p, kick, along_x(particles), f[0], per_mass, dt)
+        move_axis(p, kick, along_y(particles), f[1], per_mass, dt)
+        move_axis(p, kick, along_z(particles), f[2], per_mass, dt)
 
 
 @kernel

@@ -4,11 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.mechanics.fields import LANES, SLOTS, Particles
+from netfall.mechanics.fields import SLOTS, Particles
 from netfall.mechanics.state import State, axes
 from netfall.parallel.halo import Halo
 from netfall.step.loop import Interval, time_loop
-from netfall.step.runs import Runs, find_runs, make_runs
+from netfall.step.runs import LANES, Runs, find_runs, make_runs
 from netfall.step.slots import empty_slots, fill_slots
 
 CHUNK = 2048  # particles, 300 KB; fewer end the runs too often, more leave the second cache
@@ -112,7 +112,7 @@ class Plan:
             np.concatenate([np.full(len(new), SLOTS), self._width]),
             np.concatenate([np.zeros(len(new), np.int64), self._last_use + len(new)]),
             has_yielded,
-            make_runs(len(low), state.n_local, LANES),
+            make_runs(len(low), state.n_local),
         )
         find_runs(self.chunks.low, self.chunks.high, self.chunks.width, state.other, self.chunks.runs)
         self.arguments = (
