@@ -35,7 +35,6 @@ FLAGS = (
 SCENES = st.fixed_dictionaries(
     {name: st.booleans() for name in FLAGS}
     | {
-        "precision": st.sampled_from(("double", "double", "mixed", "single")),
         "wind": st.sampled_from((None, "steady", "gusts", "table", "points", "taps")),
     }
 )
@@ -45,9 +44,9 @@ FORMS = st.sampled_from(
 )
 LINEAR = st.sampled_from((None, {"method": "force_density"}))
 # Nearly everything at once, in two ways that are stepped by different code.
-FULL = dict.fromkeys(FLAGS, True) | {"logarithmic": False, "precision": "double", "wind": "gusts"}
+FULL = dict.fromkeys(FLAGS, True) | {"logarithmic": False, "wind": "gusts"}
 FULL |= {"rests": False}  # whose iterations take longer on three ranks than all the rest
-OTHER = dict.fromkeys(FLAGS, True) | {"fragments": False, "precision": "mixed", "wind": "taps"}
+OTHER = dict.fromkeys(FLAGS, True) | {"fragments": False, "wind": "taps"}
 
 
 @dataclass
@@ -487,7 +486,7 @@ def draw_dynamics(draw, scene: dict, dt: float, duration: float) -> dict:
         "damping": draw(st.sampled_from((0.0, 0.8))),
         "fragments": scene["fragments"],
         "fragment_mass": draw(st.sampled_from((0.5, 0.05, 0.0))),
-        "precision": scene["precision"],
+        "precision": "double",
     }
     if chance(draw, 4):
         keys["safety"] = 0.6

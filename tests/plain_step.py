@@ -1,6 +1,6 @@
 """The dynamic stage written down plainly, particle by particle, from the equations of src/netfall/README.md.
 
-It shares no line with the program: no slots, no runs, no chunks, no displacements, no halo. What a step does
+It shares no line with the program: no slots, no runs, no chunks, no halo. What a step does
 is read off here; test_manufactured.py compares.
 """
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 KERNEL = {
-    "precision": ("double", "mixed", "single"),
     "strain": ("engineering", "logarithmic"),
     "wind": (True, False),
     "bars": (False, True),
@@ -434,7 +433,6 @@ def dynamics(row: dict, dt: float, duration: float) -> str:
         fragment_mass=row["fragment_mass"],
         fragments=row["fragments"],
         mass_scaling=row["mass_scaling"],
-        precision=row["precision"],
     )
     return section("dynamics", keys)
 

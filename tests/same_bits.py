@@ -1,12 +1,12 @@
 """Compare the present code with an earlier commit: every result must be the same to the last bit.
 
     .venv/bin/python tests/same_bits.py COMMIT                  all cases
-    .venv/bin/python tests/same_bits.py COMMIT --quick          the shipped jobs in double precision only
+    .venv/bin/python tests/same_bits.py COMMIT --quick          the shipped jobs only, as they stand
     .venv/bin/python tests/same_bits.py COMMIT --only stadium --only net-07
     .venv/bin/python tests/same_bits.py COMMIT --seed 2 --nets 60
     .venv/bin/python tests/same_bits.py COMMIT --new history/loss_work
 
-Cases are the shipped jobs (each precision, with fragments and without) and random nets (random_nets.py).
+Cases are the shipped jobs (with fragments and without) and random nets (random_nets.py).
 The earlier code runs each case on one rank, once: its results and its compiled kernels are kept in
 build/same_bits/COMMIT. The present code runs it on one rank and on several, and random nets also from a
 checkpoint or after a pause, on other ranks. Compared are names, shapes, types and bytes of all datasets and
@@ -123,7 +123,7 @@ class Case:
 
 
 def shipped_cases(quick: bool) -> list[Case]:
-    """The jobs of jobs/, in all precisions, with fragments and without; `quick`: as they stand."""
+    """The jobs of jobs/, with fragments and without; `quick`: as they stand."""
     wanted = {"stadium-40": ("stadium", "wind.speed=40"), "stadium-80": ("stadium", "wind.speed=80")}
     wanted |= {"saddle": ("saddle",), "olympia": ("olympia",)}
     cases = []
@@ -132,12 +132,11 @@ def shipped_cases(quick: bool) -> list[Case]:
         files |= {f"{job}/{p.name}": p.read_text() for p in sorted((ROOT / "jobs" / job).glob("*.csv"))}
         if quick and name != "stadium-40":
             cases.append(Case(name, files, tuple(overrides), (1, 3)))
-        for precision in () if quick else ("double", "mixed", "single"):
-            for fragments in ("true", "false"):
-                more = (f"dynamics.precision={precision}", f"dynamics.fragments={fragments}")
-                full = f"{name}-{precision}" + ("-taken-out" if fragments == "false" else "")
-                variant = f"{'stadium' if job == 'saddle' else job} {more}"
-                cases.append(Case(full, files, (*overrides, *more), (1, 2, 3), variant=variant))
+        for fragments in () if quick else ("true", "false"):
+            more = (f"dynamics.fragments={fragments}",)
+            full = name + ("-taken-out" if fragments == "false" else "")
+            variant = f"{'stadium' if job == 'saddle' else job} {more}"
+            cases.append(Case(full, files, (*overrides, *more), (1, 2, 3), variant=variant))
     return cases
 
 
@@ -397,7 +396,7 @@ def options() -> argparse.Namespace:
     p.add_argument("--only", action="append", default=[], metavar="NAME", help="cases whose names begin so")
     p.add_argument("--nets", type=int, help="number of random nets (default: 36; with --quick none)")
     p.add_argument("--seed", type=int, default=1, help="of the random nets (default: 1)")
-    p.add_argument("--quick", action="store_true", help="shipped jobs in double precision on 1 and 3 ranks")
+    p.add_argument("--quick", action="store_true", help="shipped jobs as they stand on 1 and 3 ranks")
     p.add_argument(
         "--new", action="append", default=[], metavar="NAME", help="datasets that may be new, by beginning"
     )

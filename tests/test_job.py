@@ -125,6 +125,18 @@ def test_the_contracts_own_message(workshop):
     ]
 
 
+@pytest.mark.parametrize("value, figure", [("mixed", "1.61 s for 1.53 s"), ("single", "3 % off the time")])
+def test_a_value_that_went_is_refused_with_the_reason(workshop, value, figure):
+    """With the figure that it went for, and where the table of these stands."""
+    path = workshop.job(WHOLE)
+    (line,) = errors_of(path, [f"dynamics.precision={value}"])
+    assert line.startswith(f'{path}: [dynamics] precision = "{value}": expected "double"; "{value}" went: ')
+    page = re.search(r"\((\S+), Precision\)$", line)[1]
+    assert figure in line and "\n## Precision\n" in (ROOT / page).read_text()
+    other = f'{path}: [dynamics] precision = "half": expected "double"'
+    assert errors_of(path, ["dynamics.precision=half"]) == [other]
+
+
 def test_unknown_key_and_section_name_the_nearest(workshop):
     """A slip of the pen is answered with the word that was meant."""
     path = workshop.job(

@@ -14,7 +14,7 @@ from netfall.parallel.subdomain import cut_net
 from netfall.step.forces import kick_chunk
 from netfall.step.limits import count_near
 from netfall.step.plan import CHUNK, Plan
-from netfall.step.runs import Runs
+from netfall.step.runs import LANES, Runs
 
 
 class NoHalo:
@@ -43,10 +43,7 @@ def make_state(scene: Features, n: int, elements: np.ndarray, x: np.ndarray, see
     state.x[:] = x
     a, b = elements[3]
     state.x[b] = state.x[a]
-    moved = (0.3 * rng.normal(size=x.shape)).astype(np.float32) if scene.displaced else np.zeros_like(x)
-    moved[b] = moved[a]
-    state.x_start[:] = state.x - moved
-    state.count_displacements()
+    state.x_start[:] = state.x
     L = np.linalg.norm(state.x[elements[:, 1]] - state.x[elements[:, 0]], axis=1)
     state.L0[:] = np.maximum(L, 1.0) / (1 + rng.uniform(-0.02, 0.03, len(L)))
     state.EA[:] = 1e8 * (rng.choice([1.0, 2.5], len(L)) if scene.sections else 1.0)
@@ -70,7 +67,7 @@ def forces_of(state: State, in_runs: bool = True) -> tuple[np.ndarray, np.ndarra
     """Forces (n, 3) [N] by the vector loop, from rest without load;
     and whether a particle has elements near their limits.
     """
-    plan, s, lanes = Plan(state, NoHalo()), state, state.features.lanes
+    plan, s = Plan(state, NoHalo()), state
     chunks, particles, _, slots, _, law, scratch = plan.arguments
     runs = chunks.runs
     spans = runs.spans.max(0)
@@ -82,16 +79,15 @@ def forces_of(state: State, in_runs: bool = True) -> tuple[np.ndarray, np.ndarra
     assert np.array_equal(np.sort(np.concatenate(covered)), np.arange(s.n_owned))
     if not in_runs:  # each particle by itself
         count = chunks.high - chunks.low
-        places = np.concatenate([[0], np.cumsum((count + lanes - 1) // lanes * lanes)])
+        places = np.concatenate([[0], np.cumsum((count + LANES - 1) // LANES * LANES)])
         rest = np.concatenate(
             [
-                np.append(np.arange(low, high), np.full(-(high - low) % lanes, low))
+                np.append(np.arange(low, high), np.full(-(high - low) % LANES, low))
                 for low, high in zip(chunks.low, chunks.high)
             ]
         )
         nothing, chunk = 0 * count, np.arange(len(count))
         runs = Runs(
-            lanes,
             np.column_stack(
                 [nothing, nothing, nothing, nothing, places[:-1], places[:-1] + count, chunk, chunk + 1]
             ),
@@ -124,29 +120,13 @@ def lattice(side: int) -> np.ndarray:
 
 
 FEATURES = ("plastic", "fracture", "logarithmic", "bars", "sections")
-PRECISIONS = {
-    "double": 1e-12,
-    "mixed": 2e-6,
-    "single": 2e-6,
-}  # of the largest force; there are thirteen terms at the hub
-# Any two features, and any feature and precision, with and without, in some row: few, for each is compiled.
-COVERING = [
-    ("00000", "double"),
-    ("11111", "double"),
-    ("00111", "single"),
-    ("11010", "single"),
-    ("10100", "single"),
-    ("11001", "mixed"),
-    ("01110", "mixed"),
-    ("00101", "mixed"),
-]
-EVERY = [("".join(there), p) for there in itertools.product("01", repeat=5) for p in PRECISIONS]
-NAMES = {row: "-".join([*itertools.compress(FEATURES, map(int, row[0])), row[1]]) for row in EVERY}
-SCENES = {
-    row: Features(**{name: there == "1" for name, there in zip(FEATURES, row[0])}, precision=row[1])
-    for row in EVERY
-}
-ALL_FEATURES = SCENES["11111", "double"]
+ROUNDING = 1e-12  # of the largest force; there are thirteen terms at the hub
+# Any two features, with and without, in some row: few, for each is compiled.
+COVERING = ["00000", "11111", "00111", "11010", "10100", "11001", "01110"]
+EVERY = list(map("".join, itertools.product("01", repeat=5)))
+NAMES = {row: "-".join(itertools.compress(FEATURES, map(int, row))) or "none" for row in EVERY}
+SCENES = {row: Features(**{name: there == "1" for name, there in zip(FEATURES, row)}) for row in EVERY}
+ALL_FEATURES = SCENES["11111"]
 EVERY_SCENE = pytest.mark.parametrize(
     "scene",
     [
@@ -157,11 +137,9 @@ EVERY_SCENE = pytest.mark.parametrize(
 
 
 def test_scenes_that_are_always_tested_cover_all_pairs():
-    """Of features and precision, each two values stand together in some row."""
+    """Of any two features each combination stands in some row."""
     pairs = lambda rows: {
-        ((i, a), (j, b))
-        for there, precision in rows
-        for (i, a), (j, b) in itertools.combinations(enumerate([*there, precision]), 2)
+        ((i, a), (j, b)) for row in rows for (i, a), (j, b) in itertools.combinations(enumerate(row), 2)
     }
     assert pairs(COVERING) == pairs(EVERY)
 
@@ -174,7 +152,7 @@ def test_vector_kernel_gives_the_forces_of_the_element_law(scene):
     expected = np.zeros_like(state.x)
     add_tensions(state.x, state.ends, N, L, expected)
     found, near = forces_of(state)
-    assert np.abs(found - expected).max() <= PRECISIONS[scene.precision] * np.abs(expected).max()
+    assert np.abs(found - expected).max() <= ROUNDING * np.abs(expected).max()
     if scene.inelastic:
         over = np.zeros(state.m, bool)
         if scene.plastic:
@@ -214,7 +192,7 @@ def test_a_lattice_with_gaps_is_one_run_for_each_chunk():
     expected = np.zeros_like(state.x)
     add_tensions(state.x, state.ends, N, L, expected)
     found = forces_of(state)[0]
-    assert np.abs(found - expected).max() <= PRECISIONS["double"] * np.abs(expected).max()
+    assert np.abs(found - expected).max() <= ROUNDING * np.abs(expected).max()
     assert found.tobytes() == forces_of(state, in_runs=False)[0].tobytes()
 
 

@@ -78,8 +78,8 @@ def test_a_signal_between_two_distant_rows_is_heeded(workshop, ranks, number):
 
 @pytest.mark.parametrize("ranks", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_a_stop_between_two_rows_changes_no_bit(workshop, ranks):
-    """Stopped by the wall time at looks between two rows, until done; in single precision."""
-    text = JOB.replace("16.2", "0.25").replace("damping = 1.0", 'damping = 1.0\nprecision = "single"')
+    """Stopped by the wall time at looks between two rows, until done."""
+    text = JOB.replace("16.2", "0.25")
     text = text.replace("[wind]", "yield_stress = 1e9\nfracture_strain = 0.9\n[wind]")  # as other tests have
     job = workshop.job(text, NODES, ELEMENTS)
     whole = workshop.run(job, output="whole.vtkhdf")

@@ -47,9 +47,7 @@ class Runs:
         first = self.run("one", 1)
         stops, goes_on = self.drawn.ranks
         at_checkpoints = self.drawn.stop == "checkpoint"
-        # Single precision sums the audit's works from one output to the next, and a checkpoint is one.
-        needed = (at_checkpoints and stops == 3) or self.drawn.scene["precision"] != "double"
-        kept = () if needed else ("--set", "output.checkpoint=0")
+        kept = () if at_checkpoints and stops == 3 else ("--set", "output.checkpoint=0")
         self.same("three ranks", first, self.run("three", 3, *kept), "three")
         if first[0] != 0:
             return first[0]

@@ -61,7 +61,6 @@ def measure(N: int) -> dict:
     def step(watched=False):
         plan.run(Interval(at.first, steps, net.DT, net.DT, 0.5, 0.0, 1e9, watched))
         at.first += steps
-        state.end_block()
 
     snapshot = take_snapshot(state, net.DT, net.DT, 0.5, 0.0)
     audit = lambda: total_energies(MPI.COMM_SELF, state, take_snapshot(state, net.DT, net.DT, 0.5, 0.0))

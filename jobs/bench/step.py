@@ -1,6 +1,6 @@
 """Times the step of netfall on the benchmark's net.
 
-    mpirun -n P python step.py N SCENE [--precision P] [--rounds R] [--no-order]
+    mpirun -n P python step.py N SCENE [--rounds R] [--no-order]
 
 SCENE: elastic, or one or more of plastic, fracture, wind, energy, sections, bars joined by + (all: the first
 four, and damping). Prints a line of JSON.
@@ -19,7 +19,6 @@ from mpi4py import MPI
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("N", type=int)
 parser.add_argument("scene")
-parser.add_argument("--precision", choices=("double", "mixed", "single"), default="double")
 parser.add_argument("--rounds", type=int, default=5)
 parser.add_argument("--seconds", type=float, default=1.0, help="of a round")
 parser.add_argument(
@@ -53,7 +52,6 @@ words = (
 scene = Features(
     **{word: True for word in words if word != "energy"},
     energy="energy" in words,
-    precision=arguments.precision,
 )
 
 begin = time.perf_counter()
@@ -94,7 +92,6 @@ def advance(first: int, steps: int) -> float:
     done, _, error = plan.run(Interval(first, steps, net.DT if first else 0.0, net.DT, damping, 0.0, 1e9))
     assert done == steps and not error
     seconds = time.perf_counter() - begin
-    state.end_block()
     return comm.allreduce(seconds, MPI.MAX)
 
 

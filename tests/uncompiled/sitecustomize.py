@@ -45,17 +45,9 @@ def plain_arithmetic(module):
     """The intrinsic functions of arithmetic.py."""
     import numpy as np
 
-    def like(sample, number):
-        if isinstance(sample, np.ndarray | np.generic):
-            return sample.dtype.type(number)
-        return type(sample)(number)
-
-    module.fused, module.like = fused_of(np), like
+    module.fused = fused_of(np)
     module.bits_of = lambda a: np.float64(a).view(np.int64)
     module.number_of = lambda a: np.int64(a).view(np.float64)
-    module.guessed_root = lambda a: np.int32(0x5F3759DF - (int(np.float32(a).view(np.uint32)) >> 1)).view(
-        np.float32
-    )
 
 
 def plain_symbols(module):

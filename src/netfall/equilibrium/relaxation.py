@@ -210,7 +210,7 @@ def net_of(state: State, load: np.ndarray) -> Net:
         now = state.elements_now()
         return largest_stiffness(state.EA, state.L0) + geometric_stiffness(now.N, now.L)
 
-    support = state.spring.max(1).astype(float) if state.features.springs else None
+    support = state.spring.max(1) if state.features.springs else None
     return Net(state.x, state.free, state.ends, forces, stiffness, support)
 
 

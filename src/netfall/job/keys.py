@@ -26,6 +26,7 @@ class Key:
 
     kind : one of KINDS
     low, high : bounds of a number; low_open, high_open : the bound itself is excluded
+    gone : values that the key once had, each with the reason why it went
     """
 
     name: str
@@ -39,6 +40,7 @@ class Key:
     high_open: bool = False
     choices: tuple[str, ...] = ()
     also: tuple[str, ...] = ()  # words that stand in place of a number ("auto")
+    gone: tuple[tuple[str, str], ...] = ()
 
     def expected(self) -> str:
         """What is allowed, in words: "a number of m/s > 0"."""
@@ -46,13 +48,17 @@ class Key:
             of=f" of {self.unit}" if self.unit else "",
             within=self._range(),
             also="".join(f' or "{word}"' for word in self.also),
-            choices=", ".join(f'"{word}"' for word in self.choices),
+            choices="one of " * (len(self.choices) > 1) + ", ".join(f'"{word}"' for word in self.choices),
             meaning=self.meaning,
         )
 
     def fits(self, value) -> bool:
         """Whether a value is what the key allows."""
         return KINDS[self.kind].fits(self, value)
+
+    def why_gone(self, value) -> str:
+        """The end of a message on a value that went; "" for any other value."""
+        return next((f'; "{word}" went: {why}' for word, why in self.gone if word == value), "")
 
     def _range(self) -> str:
         parts = []
@@ -114,7 +120,7 @@ KINDS = {
     "text": Kind("a text in quotes ({meaning})", _text),
     "path": Kind("a text in quotes ({meaning})", _text),
     "name": Kind("a name in quotes, without / ({meaning})", _name),
-    "choice": Kind("one of {choices}", lambda key, v: isinstance(v, str) and v in key.choices),
+    "choice": Kind("{choices}", lambda key, v: isinstance(v, str) and v in key.choices),
     "vector": Kind("three numbers{of}, [x, y, z]{within}", lambda key, v: key.numbers(v, 3)),
     "pressure": Kind(
         "three numbers{of}, [x, y, z], or one number along the normals,{within}",
@@ -152,9 +158,9 @@ def count(name, default, meaning, low=1, high=None):
     return Key(name, "integer", default, "", meaning, low=low, high=high)
 
 
-def choice(name, choices, default, meaning):
+def choice(name, choices, default, meaning, gone=()):
     """Row of one of several words."""
-    return Key(name, "choice", default, "", meaning, choices=choices)
+    return Key(name, "choice", default, "", meaning, choices=choices, gone=gone)
 
 
 def flag(name, default, meaning):

@@ -114,7 +114,7 @@ class Validation:
 
     def _value(self, place: str, name: str, key: Key, value, values: dict) -> None:
         if not key.fits(value):
-            self.wrong(place, f"{name} = {shown(value)}: expected {key.expected()}")
+            self.wrong(place, f"{name} = {shown(value)}: expected {key.expected()}{key.why_gone(value)}")
         else:
             number = key.kind == "number" and not isinstance(value, str)
             values[name] = float(value) if number else value

@@ -142,4 +142,4 @@ def nodal_stiffness(ends, k, out):
 
 def geometric_stiffness(N: np.ndarray, L: np.ndarray) -> np.ndarray:
     """Stiffness (m,) [N/m] across elements of length L (m,) [m] that carry N (m,) [N]."""
-    return np.abs(N) / np.maximum(L, 1e-300)
+    return np.abs(N) / np.maximum(L, TINY)

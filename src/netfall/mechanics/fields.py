@@ -10,10 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-REGISTER = 64  # bytes of the widest registers
 SLOTS = 4  # elements of a particle in the vector loop; particles with more have layers of their own
 EMPTY = np.uint32(0xFFFFFFFF)  # in place of an element's number
-STEPPED, SUMMED = "precision of the steps", "precision of the displacements"  # a data type of `Features`
 LIKE_PARENT = "as the particle that it splits off"
 
 
@@ -32,7 +30,7 @@ class Field:
     name: str
     entity: str
     tail: tuple[int, ...]
-    dtype: type | str
+    dtype: type
     unit: str
     meaning: str
     needs: str = ""
@@ -61,22 +59,15 @@ def _slot(name, dtype, unit, meaning, needs="", of=""):
 
 AXES, ONE = (3,), ()
 FIELDS = (
+    _particle("x", AXES, np.float64, "m", "position", kept=True, split=LIKE_PARENT, given=True),
     _particle(
-        "x",
+        "v",
         AXES,
         np.float64,
-        "m",
-        "position; if displacements are stepped, as at the end of the last block",
+        "m/s",
+        "velocity, half a step behind the position",
         kept=True,
         split=LIKE_PARENT,
-        given=True,
-    ),
-    _particle("u", AXES, SUMMED, "m", "displacement", "displaced", kept=True, split=LIKE_PARENT),
-    _particle(
-        "u_rounded", AXES, STEPPED, "m", "displacement in the precision of the steps, for the forces", "mixed"
-    ),
-    _particle(
-        "v", AXES, STEPPED, "m/s", "velocity, half a step behind the position", kept=True, split=LIKE_PARENT
     ),
     _particle(
         "x_start",
@@ -98,10 +89,9 @@ FIELDS = (
         kept=True,
         given=True,
     ),
-    _particle("per_mass", ONE, STEPPED, "1/kg", "1 / mass; 0 without mass, and where every axis is held"),
-    _particle("stepped_mass", ONE, STEPPED, "kg", "mass in the precision of the steps", "block_work"),
-    _particle("load", AXES, STEPPED, "N", "constant external force", kept=True, given=True),
-    _particle("spring", AXES, STEPPED, "N/m", "stiffness of the elastic support", "springs", given=True),
+    _particle("per_mass", ONE, np.float64, "1/kg", "1 / mass; 0 without mass, and where every axis is held"),
+    _particle("load", AXES, np.float64, "N", "constant external force", kept=True, given=True),
+    _particle("spring", AXES, np.float64, "N/m", "stiffness of the elastic support", "springs", given=True),
     _particle(
         "spring_rest",
         AXES,
@@ -111,21 +101,20 @@ FIELDS = (
         "springs",
         given=True,
     ),
-    _particle("spring_zero", AXES, STEPPED, "m", "where it carries nothing, as x is stepped", "springs"),
-    _particle("load_before", AXES, STEPPED, "N", "forces that vary, at the last sample", "varying"),
-    _particle("load_after", AXES, STEPPED, "N", "forces that vary, at the next sample", "varying"),
-    _particle("wind", AXES, STEPPED, "N s2/m2", "wind force at 1 m/s", "wind", kept=True, given=True),
-    _particle("speed_before", ONE, STEPPED, "m/s", "wind speed at the last sample", "wind"),
-    _particle("speed_after", ONE, STEPPED, "m/s", "wind speed at the next sample", "wind"),
+    _particle("spring_zero", AXES, np.float64, "m", "position at which it carries nothing", "springs"),
+    _particle("load_before", AXES, np.float64, "N", "forces that vary, at the last sample", "varying"),
+    _particle("load_after", AXES, np.float64, "N", "forces that vary, at the next sample", "varying"),
+    _particle("wind", AXES, np.float64, "N s2/m2", "wind force at 1 m/s", "wind", kept=True, given=True),
+    _particle("speed_before", ONE, np.float64, "m/s", "wind speed at the last sample", "wind"),
+    _particle("speed_after", ONE, np.float64, "m/s", "wind speed at the next sample", "wind"),
     _particle("tapped", ONE, np.uint8, "", "there where these are pressures [N/m2] instead", "tapped"),
     _particle("valence", ONE, np.int32, "", "elements attached", "fracture", kept=True, split=1, given=True),
     _particle(
         "work", AXES, np.float64, "J", "work of external, internal and damping forces", "energy", kept=True
     ),
-    _particle("block_work", AXES, STEPPED, "J", "the same in the present block of steps", "block_work"),
     _particle("gid", ONE, np.int64, "", "global number"),
     _particle(
-        "f", AXES, STEPPED, "N", "total force; of all particles if something can break, else of those sent"
+        "f", AXES, np.float64, "N", "total force; of all particles if something can break, else of those sent"
     ),
     _element("ends", np.uint32, "", "local numbers of the two particles", tail=(2,)),
     _element("L0", np.float64, "m", "unstressed length", given=True),
@@ -156,23 +145,19 @@ FIELDS = (
     ),
     _element("pending", np.int32, "", "elements that reached eps_u in a step", "fracture"),
     _slot("other", np.uint32, "", "local number of the far end; in an empty slot the particle's own"),
-    _slot("inv_L0", STEPPED, "1/m", "1 / unstressed length, 0 in an empty slot"),
-    _slot("start_x", STEPPED, "m", "from x_start of the particle to that of the far end", "displaced"),
-    _slot("start_y", STEPPED, "m", "the same along y", "displaced"),
-    _slot("start_z", STEPPED, "m", "the same along z", "displaced"),
-    _slot("start_excess", STEPPED, "", "(L / L0)^2 - 1 there", "displaced"),
+    _slot("inv_L0", np.float64, "1/m", "1 / unstressed length, 0 in an empty slot"),
     _slot("slot_element", np.uint32, "", "local number of the element", "inelastic"),
-    _slot("slot_EA", STEPPED, "N", "axial stiffness, unless it is the same everywhere", "sections", "EA"),
+    _slot("slot_EA", np.float64, "N", "axial stiffness, unless it is the same everywhere", "sections", "EA"),
     _slot("slot_bar", np.uint8, "", "1 where compression is carried", "bars", "bar"),
     _slot(
         "slot_yield_force",
-        STEPPED,
+        np.float64,
         "N",
         "axial force at yield, unless it is the same everywhere",
         "plastic_sections",
         "yield_force",
     ),
-    _slot("slot_eps_p", STEPPED, "", "plastic strain", "plastic", "eps_p"),
+    _slot("slot_eps_p", np.float64, "", "plastic strain", "plastic", "eps_p"),
 )
 
 
@@ -209,22 +194,6 @@ class Features:
     part_held: bool = False  # some particle is held on some axes and not on others
     energy: bool = True  # the audit of work
     fragments: bool = True  # a particle splits off where an element breaks
-    precision: str = "double"  # mixed: forces and velocities in single; single: displacements too
-
-    @property
-    def displaced(self) -> bool:
-        """Whether displacements are stepped, not positions, whose digits single precision would lose."""
-        return self.precision != "double"
-
-    @property
-    def mixed(self) -> bool:
-        """Whether displacements are summed up in another precision than the rest."""
-        return self.precision == "mixed"
-
-    @property
-    def block_work(self) -> bool:
-        """Whether work is summed up in single precision within a block of steps."""
-        return self.energy and self.displaced
 
     @property
     def inelastic(self) -> bool:
@@ -241,18 +210,6 @@ class Features:
         """Whether elements yield at different forces."""
         return self.plastic and self.sections
 
-    @property
-    def lanes(self) -> int:
-        """Numbers of a register in the precision of the steps."""
-        return REGISTER // self.number(STEPPED).itemsize
-
     def has(self, field: Field) -> bool:
         """Whether the scene has a field."""
         return not field.needs or getattr(self, field.needs)
-
-    def number(self, dtype) -> np.dtype:
-        """The data type of a field."""
-        if dtype in (STEPPED, SUMMED):
-            single = self.precision == "single" or (self.mixed and dtype == STEPPED)
-            return np.dtype(np.float32 if single else np.float64)
-        return np.dtype(dtype)

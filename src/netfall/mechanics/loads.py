@@ -21,13 +21,13 @@ def squared_speed(p, particles, share):
 
 
 @part_of_kernel
-def external_force(p, zero, axis, square, share):
+def external_force(p, axis, square, share):
     """External force [N] on particle p along an axis.
 
-    zero : in the precision of the sum; axis : `motion.Axis`; square : of the wind speed [m2/s2]
+    axis : `motion.Axis`; square : of the wind speed [m2/s2]
     share : of the way between two samples
     """
-    force = zero
+    force = 0.0
     if axis.load is not None:
         force += axis.load[p]
     if axis.load_before is not None:

@@ -60,7 +60,7 @@ def join(state: State, particles: np.ndarray, source: np.ndarray, share: np.ndar
     taken = share * given.mass[source]
     for p in dict.fromkeys(particles.tolist()):
         here = np.flatnonzero(particles == p)
-        before, momentum = _motion(state, p), state.mass[p] * state.v[p].astype(float)
+        before, momentum = _motion(state, p), state.mass[p] * state.v[p]
         for k in here.tolist():
             momentum += taken[k] * given.v[source[k]]
             state.mass[p] += taken[k]
@@ -75,7 +75,7 @@ def join(state: State, particles: np.ndarray, source: np.ndarray, share: np.ndar
 
 def _motion(state: State, p: int) -> float:
     """Kinetic energy [J] of a particle."""
-    return 0.5 * state.mass[p] * float(np.sum(state.v[p].astype(float) ** 2))
+    return 0.5 * state.mass[p] * float(np.sum(state.v[p] ** 2))
 
 
 def _let_go(state: State, e: int) -> None:

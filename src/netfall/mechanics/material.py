@@ -23,14 +23,11 @@ from netfall.numerics.arithmetic import (
     exponential_less_one,
     fused,
     inverse_root,
-    like,
     logarithm,
-    shortening,
 )
 from netfall.numerics.functions import exp, log
 
 NEARLY = 1.0 - 1e-9  # a force or a strain this close to its limit is looked at again, exactly
-NEARLY_SINGLE = 1.0 - 1e-5  # the same where it was computed in single precision
 TINY = 1e-300  # keeps an element without length from dividing zero by zero
 
 
@@ -48,11 +45,6 @@ class Law(NamedTuple):
     EA: float | None
     yield_force: float | None
     reach: float | None
-
-
-def nearly(single: bool) -> float:
-    """Share of a limit from which on an element is looked at exactly."""
-    return NEARLY_SINGLE if single else NEARLY
 
 
 # --- one element
@@ -114,10 +106,8 @@ def stored_energy(elements, e, N, eps_p, law):
 def yield_energy(elements, e, eps_p, eps_p_new, law):
     """Energy [J] that yield of element e from plastic strain eps_p to eps_p_new turns into heat."""
     if eps_p_new == eps_p:
-        return 0.0  # also of an element without a yield force, whose limit is no number to multiply with
+        return 0.0  # also of an element that never yields, whose limit is infinite
     EA, L0, limit = elements.EA[e], elements.L0[e], elements.yield_force[e]
-    if eps_p_new == eps_p:  # also what never yields, whose limit is infinite
-        return 0.0
     if law.logarithmic is not None:
         grown = abs(exponential(eps_p_new) - exponential(eps_p))
         tension = eps_p_new > eps_p
@@ -178,50 +168,37 @@ def elastic_forces(L, L0, EA, bar, logarithmic: bool) -> np.ndarray:
 
 
 @part_of_kernel
-def force_density(d, excess, s, p, slots, law):
+def force_density(d, s, p, slots, law):
     """N / L [N/m] of the element in slot s of particle p, and whether it is near yield or fracture.
 
     `axial_force` over the length, arranged for one inverse root:
     EA (L / L0 - 1 - eps_p) / L = EA (1 / L0 - (1 + eps_p) / L).
 
     d : three [m], from the particle to the far end
-    excess : (L / L0)^2 - 1 where forces are in single precision, for which 1 / L0 and 1 / L are too close;
-        else None
     slots : `Slots`. An empty slot, 1 / L0 = 0, gives zero.
     """
     per_L0 = slots.inv_L0[s, p]
-    stiffness = like(per_L0, law.EA) if slots.EA is None else slots.EA[s, p]
-    eps_p = like(per_L0, 0.0) if slots.eps_p is None else slots.eps_p[s, p]
-    close = like(per_L0, NEARLY if excess is None else NEARLY_SINGLE)
-    if excess is None:
-        square = fused(d[2], d[2], fused(d[1], d[1], fused(d[0], d[0], TINY)))
-        per_length = like(per_L0, inverse_root(square))
-        if law.logarithmic is not None:
-            stretch = max(square * per_length * per_L0, TINY)
-            q = like(per_L0, stiffness * (logarithm(stretch) - eps_p) * per_length)
-        else:
-            q = like(per_L0, stiffness * fused(-1.0 - eps_p, per_length, per_L0))
+    stiffness = law.EA if slots.EA is None else slots.EA[s, p]
+    eps_p = 0.0 if slots.eps_p is None else slots.eps_p[s, p]
+    square = fused(d[2], d[2], fused(d[1], d[1], fused(d[0], d[0], TINY)))
+    per_length = inverse_root(square)
+    if law.logarithmic is not None:
+        stretch = max(square * per_length * per_L0, TINY)
+        q = stiffness * (logarithm(stretch) - eps_p) * per_length
     else:
-        shorter = shortening(excess)
-        per_length = fused(-shorter, per_L0, per_L0)
-        if law.logarithmic is not None:
-            eps = like(per_L0, 0.5 * logarithm(max(1.0 + excess, TINY)))
-            q = stiffness * (eps - eps_p) * per_length
-        else:
-            q = stiffness * fused(-eps_p, per_length, shorter * per_L0)
+        q = stiffness * fused(-1.0 - eps_p, per_length, per_L0)
     near = False
-    slack = like(per_L0, 0.0)
-    lowest = slack
+    lowest = 0.0  # slack
     if slots.bar is not None:
-        lowest = like(per_L0, -np.inf) if slots.bar[s, p] else slack
+        lowest = -np.inf if slots.bar[s, p] else 0.0
     if law.plastic is not None:
-        limit = like(per_L0, law.yield_force) if slots.yield_force is None else slots.yield_force[s, p]
+        limit = law.yield_force if slots.yield_force is None else slots.yield_force[s, p]
         highest = limit * per_length
-        near = q > highest * close
+        near = q > highest * NEARLY
         q = highest if q > highest else q
         if slots.bar is not None:
-            lowest = -highest if slots.bar[s, p] else slack
-            near |= (q < lowest * close) & (lowest < slack)
+            lowest = -highest if slots.bar[s, p] else 0.0
+            near |= (q < lowest * NEARLY) & (lowest < 0.0)
     if law.reach is not None:
-        near |= per_L0 > like(per_L0, law.reach) * per_length
+        near |= per_L0 > law.reach * per_length
     return q if q > lowest else lowest, near

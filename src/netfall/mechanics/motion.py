@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.ground.compile import inner_kernel, part_of_kernel
-from netfall.numerics.arithmetic import like
 
 
 class Kick(NamedTuple):
@@ -27,13 +26,10 @@ class Kick(NamedTuple):
 
 
 @part_of_kernel
-def make_kick(sample, dt, zeta, share):
-    """The kick of length dt [s] in the precision of a sample, a number or an array."""
+def make_kick(dt, zeta, share):
+    """The kick of length dt [s]."""
     h = 0.5 * zeta * dt
-    c_v, c_a = (1.0 - h) / (1.0 + h), dt / (1.0 + h)
-    return Kick(
-        like(sample, dt), like(sample, c_v), like(sample, c_a), like(sample, zeta), like(sample, share)
-    )
+    return Kick(dt, (1.0 - h) / (1.0 + h), dt / (1.0 + h), zeta, share)
 
 
 @part_of_kernel

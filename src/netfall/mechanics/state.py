@@ -18,7 +18,7 @@ from netfall.mechanics.fields import (
     Slots,
     fields_of,
 )
-from netfall.mechanics.material import Law, nearly
+from netfall.mechanics.material import NEARLY, Law
 from netfall.numerics.functions import exp
 
 
@@ -38,10 +38,9 @@ class State:
 
     def _zeros(self, field: Field, rows: int) -> np.ndarray:
         """An array of so many elements or particles; a particle's axes stand apart, each contiguous."""
-        dtype = self.features.number(field.dtype)
         if field.entity == "slot":
-            return np.zeros((self.width, rows), dtype)
-        return np.zeros((rows, *field.tail), dtype, order="C" if field.entity == "element" else "F")
+            return np.zeros((self.width, rows), field.dtype)
+        return np.zeros((rows, *field.tail), field.dtype, order="C" if field.entity == "element" else "F")
 
     # --- what kernels take
 
@@ -98,7 +97,7 @@ class State:
             return None
         least = self.eps_u.min(initial=np.inf)
         longest = float(exp(least) if self.features.logarithmic else 1.0 + least)
-        return longest * nearly(self.features.displaced)
+        return longest * NEARLY
 
     def elements_now(self) -> ElementState:
         """Axial force [N], strain, plastic strain and length [m] (m,) at the present positions."""
@@ -106,43 +105,17 @@ class State:
         element_state(self.x, self.elements, self.law, now)
         return now
 
-    # --- positions, displacements, masses
+    # --- what follows from other fields
 
     def invert_masses(self) -> None:
         """Bring per_mass up to date."""
         moves = self.free.any(1) & (self.mass > 0.0)
         self.per_mass[:] = np.divide(1.0, self.mass, out=np.zeros_like(self.mass), where=moves)
-        if self.stepped_mass is not None:
-            self.stepped_mass[:] = self.mass
 
     def place_springs(self) -> None:
         """Bring up to date where elastic supports carry nothing."""
         if self.features.springs:
-            self.spring_zero[:] = self.spring_rest + (0.0 if self.features.displaced else self.x_start)
-
-    def count_displacements(self) -> None:
-        """Bring displacements up to date with positions that something else than the steps has changed."""
-        if self.features.displaced:
-            self.u[:] = self.x - self.x_start
-            self.place()
-        self.round_displacements()
-
-    def round_displacements(self) -> None:
-        """Bring the displacements that the forces read up to date."""
-        if self.u_rounded is not None:
-            self.u_rounded[:] = self.u
-
-    def place(self) -> None:
-        """Bring positions up to date with the displacements that were stepped."""
-        if self.features.displaced:
-            np.add(self.x_start, self.u, out=self.x)
-
-    def end_block(self) -> None:
-        """At the end of a block of steps, the same for all ranks: positions, and the work done in it."""
-        self.place()
-        if self.block_work is not None:
-            self.work += self.block_work
-            self.block_work[:] = 0.0
+            self.spring_zero[:] = self.spring_rest + self.x_start
 
     # --- rows
 

@@ -7,7 +7,6 @@ was found, over k; 0 without form finding. Its energy is k (d - d0)^2 / 2.
 import numpy as np
 
 from netfall.ground.compile import kernel, part_of_kernel
-from netfall.numerics.arithmetic import like
 
 
 @part_of_kernel
@@ -15,7 +14,7 @@ def spring_force(p, internal, axis):
     """Force [N] of the spring of particle p along an axis, and of the elements [N]; axis : `motion.Axis`."""
     if axis.spring is None:
         return internal
-    return like(internal, internal + axis.spring[p] * (axis.spring_zero[p] - axis.x[p]))
+    return internal + axis.spring[p] * (axis.spring_zero[p] - axis.x[p])
 
 
 @kernel
@@ -29,4 +28,4 @@ def add_springs(x, x_start, spring, rest, f_int):
 def spring_energy(x, x_start, spring, rest) -> np.ndarray:
     """Energy (n,) [J] of the springs of each particle, arguments as in `add_springs`."""
     off = (x - x_start) - rest
-    return 0.5 * np.sum(np.asarray(spring, float) * off * off, axis=1)
+    return 0.5 * np.sum(spring * off * off, axis=1)

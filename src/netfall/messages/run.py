@@ -9,7 +9,6 @@ from netfall.job.asks import has_statics
 from netfall.job.job import Job
 from netfall.job.values import listed
 from netfall.mechanics.events import EventLog
-from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.stability import Limit
 from netfall.messages.wind import wind_notes
 from netfall.model.layout import features_of
@@ -26,7 +25,6 @@ from netfall.stages import dynamics
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.statics import rest_words
 
-HALF_DIGIT = 2.0**-25  # of a single-precision number just below 1: what is less is lost when added to it
 MUCH_LONGER = 0.01  # of the duration: a last step that ends later is told
 AT_REST = 1e-6  # of the largest tension: a larger residual of the start is told
 
@@ -206,7 +204,6 @@ def feature_words(job: Job, model: Model) -> str:
         ("elastic supports", features.springs),
         ("logarithmic strain", features.logarithmic),
         ("broken elements taken out", features.fracture and not features.fragments),
-        (f"{features.precision} precision", features.displaced),
     )
     return ", ".join(word for word, there in words if there) or "elastic elements alone"
 
@@ -260,12 +257,10 @@ def probe_remarks(model: Model, probes) -> list[str]:
 
 
 def step_remarks(scene: Scene) -> list[str]:
-    """What a user should know of mass that was added, of the precision, and of a fixed step."""
+    """What a user should know of mass that was added, and of a fixed step."""
     job, dt, remarks = scene.job, scene.schedule.dt, []
     if scene.model.added is not None:
         remarks.append(_added_mass(scene.model))
-    if job.dynamics.precision != "double":
-        remarks.append(_rounding(job.dynamics.precision, scene.model, dt))
     end = step_at(job.dynamics.duration, dt) * dt
     if end > (1.0 + MUCH_LONGER) * job.dynamics.duration:
         remarks.append(
@@ -290,16 +285,4 @@ def _added_mass(model: Model) -> str:
         f"mass scaling: {added.sum():.4g} kg of inertia added at {int((added > 0.0).sum())} of {len(added)} "
         f"particles, {added.sum() / own[model.net.moves].sum():.2%} of what moves; at most "
         f"{added[most] / own[most]:.2g} times a particle's own (node {model.net.node_id[most]})"
-    )
-
-
-def _rounding(precision: str, model: Model, dt: float) -> str:
-    stiffness = largest_stiffness(model.net.EA, model.L0)
-    stiffest = int(np.argmax(stiffness))
-    lost = f", and what is slower than {HALF_DIGIT / dt:.2g} m/s stands still with this step"
-    return (
-        f"note: {precision} precision: where displacements are near 1 m, tensions are rounded to "
-        f"{2.0 * HALF_DIGIT * stiffness[stiffest]:.2g} N in element {model.net.element_id[stiffest]} "
-        f"({model.L0[stiffest]:.3g} m)"
-        + ("" if precision == "mixed" else f'{lost} (precision = "mixed" lets it move)')
     )

@@ -86,7 +86,6 @@ def features_of(job: Job, net: Net) -> Features:
     """What the scene has, as the job names it."""
     differ = lambda values: bool((values != values[:1]).any())
     return Features(
-        precision=job.dynamics.precision if job.dynamics else "double",
         fragments=not job.dynamics or job.dynamics.fragments,
         plastic=bool(np.isfinite(net.yield_stress).any()),
         fracture=bool(np.isfinite(net.fracture_strain).any()),

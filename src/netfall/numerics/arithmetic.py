@@ -16,28 +16,15 @@ from numba.extending import intrinsic
 from netfall.ground.compile import part_of_kernel
 from netfall.numerics.functions import LN2_HIGH, LN2_LOW, SQRT_HALF
 
-HALF, THREE_EIGHTHS, FIVE_SIXTEENTHS, ONE, LEAST = np.float32([0.5, 0.375, 0.3125, 1.0, 1e-7])
 INVERSE_LN2 = 1.0 / (LN2_HIGH + LN2_LOW)
 GUESS = np.int64(0x5FE6EB50C7B537A9)  # less half the bits of a number: its inverse root within 3.5 %
 
 
 @intrinsic
 def fused(typing, a, b, c):
-    """a b + c, rounded once; in single precision if all three are."""
+    """a b + c, rounded once; in single precision if all three are (`multigrid`)."""
     number = types.float32 if (a, b, c) == (types.float32,) * 3 else types.float64
     return number(number, number, number), lambda context, builder, signature, values: builder.fma(*values)
-
-
-@intrinsic
-def like(typing, sample, number):
-    """A number in the precision of another number, or of an array's.
-
-    (A literal would make double precision of whatever it meets.)
-    """
-    kind = sample.dtype if isinstance(sample, types.Array) else sample
-    return kind(sample, number), lambda context, builder, signature, values: context.cast(
-        builder, values[1], number, kind
-    )
 
 
 @intrinsic
@@ -68,35 +55,6 @@ def inverse_root(a):
         e = fused(-(a * y), y, 1.0)
         y = fused(y * e, fused(fused(0.3125, e, 0.375), e, 0.5), y)
     return y
-
-
-@intrinsic
-def guessed_root(typing, a):
-    """1 / sqrt(a) of a > 0 in single precision, within 3.5 %."""
-    bits = ir.IntType(32)
-
-    def write(context, builder, signature, values):
-        half = builder.lshr(builder.bitcast(values[0], bits), ir.Constant(bits, 1))
-        return builder.bitcast(builder.sub(ir.Constant(bits, 0x5F3759DF), half), ir.FloatType())
-
-    return types.float32(types.float32), write
-
-
-@part_of_kernel
-def shortening(excess):
-    """1 - 1 / sqrt(1 + excess) in single precision, to its last digits however small it is.
-
-    After a first round as in `inverse_root` (to 1e-5) the rest is done on w = 1 - y itself: 1 - (1 + excess)
-    y^2 = w (1 + y) - excess y^2. Below 1 + excess = 1e-7, where nothing is left of the digits of excess, as
-    there.
-    """
-    a = max(ONE + excess, LEAST)
-    y = guessed_root(a)
-    e = fused(-(a * y), y, ONE)
-    y = fused(y * e, fused(fused(FIVE_SIXTEENTHS, e, THREE_EIGHTHS), e, HALF), y)
-    w = ONE - y
-    e = fused(-(excess * y), y, w * (ONE + y))
-    return fused(-(y * e), fused(THREE_EIGHTHS, e, HALF), w)
 
 
 @part_of_kernel

@@ -40,10 +40,10 @@ def energies_along(p, axis, internal, square, part, kick, mass):
 
     part : share of the kick that comes before n; internal : force [N]; works: external, internal, damping
     """
-    old = np.float64(axis.v[p])
+    old = axis.v[p]
     if not axis.free[p]:
         return old, 0.0, 0.0, 0.0
-    force = external_force(p, 0.0, axis, square, kick.share)
+    force = external_force(p, axis, square, kick.share)
     new = kicked(old, (internal + force) * inverse_mass(mass), kick)
     now = old + part * (new - old)
     way = part * kick.dt * (0.5 * (old + now))
@@ -58,7 +58,7 @@ def particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, veloci
     kick_dt, zeta, share : of `motion.Kick`; f_int : (n, 3) [N]
     velocity : (r, 3) [m/s], out; terms : (4, r) [J], out: kinetic, damping, external, internal
     """
-    kick = make_kick(part, kick_dt, zeta, share)
+    kick = make_kick(kick_dt, zeta, share)
     x, y, z = along_x(particles), along_y(particles), along_z(particles)
     for i in range(rows.shape[0]):
         p = rows[i]

@@ -66,8 +66,7 @@ def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
 
 
 def start_energies(scene: Scene) -> Energies:
-    """The energies at the start, from which displacements count. Collective."""
-    scene.state.count_displacements()
+    """The energies at the start. Collective."""
     return total_energies(scene.comm, scene.state, take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0))
 
 
@@ -266,11 +265,9 @@ class Simulation:
             self.n += done
             self.before_dt = dt
             if count:
-                self.state.place()
                 events = break_elements(self.state, count, self.n - 1, self.rules)
                 self.plan.follow(self.state, count)
                 self.events += events
-        self.state.end_block()
 
     def advance_until_first_fracture(self, stop: int) -> None:
         """For after_fracture = "all": all wind ends with the first fracture, at the same step on all ranks.

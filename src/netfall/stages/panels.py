@@ -73,7 +73,7 @@ class Tearing:
             p, of = self.row[corner], self.corners.at(corner)
             mass = min(of.mass, max(0.0, state.mass[p] - least[p]))
             if state.work is not None:
-                state.work[p, 0] -= 0.5 * mass * float(np.sum(state.v[p].astype(float) ** 2))
+                state.work[p, 0] -= 0.5 * mass * float(np.sum(state.v[p] ** 2))
             state.mass[p] -= mass
             state.load[p] -= of.pressure
             state.load[p, 2] += GRAVITY * mass

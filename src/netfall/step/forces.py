@@ -12,40 +12,20 @@ from netfall.mechanics.loads import external_force, squared_speed
 from netfall.mechanics.material import force_density
 from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
 from netfall.mechanics.supports import spring_force
-from netfall.numerics.arithmetic import fused, like
-
-
-@part_of_kernel
-def seen_by_forces(particles):
-    """Positions or displacements in the precision of the forces, three of (n,)."""
-    return particles.x if particles.u_rounded is None else particles.u_rounded
+from netfall.numerics.arithmetic import fused
+from netfall.step.runs import LANES
 
 
 @part_of_kernel
 def add_force(p, o, s, so_far, x, slots, law):
     """Forces [N] on particle p and whether an element is near its limits, with the element in its slot s.
 
-    o : its far end; so_far : the same without it; x : `seen_by_forces`
+    o : its far end; so_far : the same without it; x : positions [m], three of (n,)
     """
     fx, fy, fz, near = so_far
     dx, dy, dz = x[0][o] - x[0][p], x[1][o] - x[1][p], x[2][o] - x[2][p]
-    if slots.start_x is None:
-        q, found = force_density((dx, dy, dz), None, s, p, slots, law)
-        return (
-            like(fx, fused(q, dx, fx)),
-            like(fx, fused(q, dy, fy)),
-            like(fx, fused(q, dz, fz)),
-            near | found,
-        )
-    # of displacements: L^2 - L_start^2 = (d - d_start) (d + d_start), to their own last digits
-    sx, sy, sz = slots.start_x[s, p], slots.start_y[s, p], slots.start_z[s, p]
-    per_L0 = slots.inv_L0[s, p]
-    ux, uy, uz = like(sx, dx), like(sy, dy), like(sz, dz)
-    ex, ey, ez = sx + ux, sy + uy, sz + uz
-    square = fused(uz, ez + sz, fused(uy, ey + sy, ux * (ex + sx)))
-    excess = fused(square, per_L0 * per_L0, slots.start_excess[s, p])
-    q, found = force_density((ex, ey, ez), excess, s, p, slots, law)
-    return fused(q, ex, fx), fused(q, ey, fy), fused(q, ez, fz), near | found
+    q, found = force_density((dx, dy, dz), s, p, slots, law)
+    return fused(q, dx, fx), fused(q, dy, fy), fused(q, dz, fz), near | found
 
 
 @part_of_kernel
@@ -54,8 +34,7 @@ def four_forces(p, far, x, slots, law):
 
     far : their far ends. Numbers have one type each, or all would be compiled for each type that occurs.
     """
-    none = like(slots.inv_L0, 0.0)
-    found = add_force(p, far[0], np.int64(0), (none, none, none, np.bool_(False)), x, slots, law)
+    found = add_force(p, far[0], np.int64(0), (0.0, 0.0, 0.0, np.bool_(False)), x, slots, law)
     found = add_force(p, far[1], np.int64(1), found, x, slots, law)
     found = add_force(p, far[2], np.int64(2), found, x, slots, law)
     return add_force(p, far[3], np.int64(3), found, x, slots, law)
@@ -69,7 +48,7 @@ def kick_axis(p, i, internal, square, kick, axis, f, particles):
     Returns the work [J] of the external, internal and damping forces
     """
     internal = spring_force(p, internal, axis)
-    external = external_force(p, like(internal, 0.0), axis, square, kick.share)
+    external = external_force(p, axis, square, kick.share)
     total = internal + external
     f[i] = total
     old = axis.v[p]
@@ -79,9 +58,9 @@ def kick_axis(p, i, internal, square, kick, axis, f, particles):
     axis.v[p] = new
     if particles.work is None:
         return external, external, external  # of no use
-    mean = like(old, 0.5) * (old + new)
+    mean = 0.5 * (old + new)
     way = kick.dt * mean  # zero where held
-    damping = kick.zeta * particles.stepped_mass[p] * mean
+    damping = kick.zeta * particles.mass[p] * mean
     return way * external, way * internal, way * damping
 
 
@@ -91,7 +70,7 @@ def kick_particle(p, i, force, kick, particles, f):
 
     Totals to row i of f.
     """
-    square = like(particles.per_mass, 0.0)
+    square = 0.0
     if particles.wind is not None:
         square = squared_speed(p, particles, kick.share)
     ax, bx, cx = kick_axis(p, i, force[0], square, kick, along_x(particles), f[0], particles)
@@ -113,9 +92,9 @@ def kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
     scratch.near : the same, out, 1 where an element of the particle is near its limits; None: all are elastic
     """
     origin = np.uint64(chunks.low[c])  # unsigned: no index then counts from the end
-    lanes, spans, whole, parts, rest, loose = chunks.runs
-    x, f, f_rest, near_rest = seen_by_forces(particles), scratch.f, scratch.f_rest, scratch.near_rest
-    kick = make_kick(particles.v[0], kick_dt, zeta, share)
+    spans, whole, parts, rest, loose = chunks.runs
+    x, f, f_rest, near_rest = particles.x, scratch.f, scratch.f_rest, scratch.near_rest
+    kick = make_kick(kick_dt, zeta, share)
     for r in range(spans[c, 0], spans[c, 1]):
         s0, s1, s2, s3 = (
             np.uint64(whole[r, 2]),
@@ -149,7 +128,7 @@ def kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
             if scratch.near is not None:
                 scratch.near[i] = (1 if found else 0) if mine else scratch.near[i]
     first, last = np.uint64(spans[c, 4]), np.uint64(spans[c, 5])
-    filled_up = first + np.uint64((spans[c, 5] - spans[c, 4] + lanes - 1) // lanes * lanes)
+    filled_up = first + np.uint64((spans[c, 5] - spans[c, 4] + LANES - 1) // LANES * LANES)
     other = slots.other
     for i in range(first, filled_up):
         p, k = np.uint64(rest[i]), i - first

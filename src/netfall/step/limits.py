@@ -10,8 +10,6 @@ import numpy as np
 from netfall.ground.compile import inner_kernel, vector_kernel
 from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.material import axial_force, strain, yield_energy
-from netfall.numerics.arithmetic import like
-from netfall.step.forces import seen_by_forces
 
 
 @vector_kernel
@@ -25,17 +23,9 @@ def count_near(near, particles):
 
 @inner_kernel
 def length_of(p, o, particles):
-    """Distance [m] of two particles, of positions or of what displacements from x_start give.
-
-    As the forces see them: what the vector loop points at and what is decided here must be the same state,
-    or the two ends of an element, on two ranks perhaps, come to different plastic strains.
-    """
-    x, x_start = seen_by_forces(particles), particles.x_start
-    dx, dy, dz = np.float64(x[0][o]) - x[0][p], np.float64(x[1][o]) - x[1][p], np.float64(x[2][o]) - x[2][p]
-    if x_start is not None:
-        dx += x_start[0][o] - x_start[0][p]
-        dy += x_start[1][o] - x_start[1][p]
-        dz += x_start[2][o] - x_start[2][p]
+    """Distance [m] of two particles."""
+    x = particles.x
+    dx, dy, dz = x[0][o] - x[0][p], x[1][o] - x[1][p], x[2][o] - x[2][p]
     return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
@@ -61,8 +51,7 @@ def yield_and_break(c, count, chunks, particles, elements, slots, law, near):
             reports = start == p or (chunks.n_owned <= start and start < first_split)
             eps = strain(length_of(p, o, particles), elements.L0[e], law)
             if elements.yield_force is not None:
-                _, exact = axial_force(elements, e, eps, np.float64(slots.eps_p[s, p]))
-                eps_p = np.float64(like(slots.eps_p, exact))
+                _, eps_p = axial_force(elements, e, eps, slots.eps_p[s, p])
                 if eps_p != slots.eps_p[s, p]:
                     any_yield = True
                     if reports:

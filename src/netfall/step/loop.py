@@ -16,7 +16,6 @@ import numpy as np
 
 from netfall.ground.compile import kernel, part_of_kernel, vector_kernel
 from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
-from netfall.numerics.arithmetic import like
 from netfall.parallel.halo import receive_forces, send_forces, wait_for_neighbours
 from netfall.parallel.mpi_symbols import lap
 from netfall.step.forces import kick_chunk
@@ -44,26 +43,15 @@ class Interval(NamedTuple):
     watched: bool = False
 
 
-@part_of_kernel
-def round_position(p, particles):
-    """Bring what the forces read of particle p up to date, where that is not x itself."""
-    if particles.u_rounded is not None:
-        particles.u_rounded[0][p] = particles.x[0][p]
-        particles.u_rounded[1][p] = particles.x[1][p]
-        particles.u_rounded[2][p] = particles.x[2][p]
-
-
 @vector_kernel
 def drift_rows(first, last, dt, particles):
     """x to n + 1 of particles first to last; where held, v = 0."""
     first, last = np.uint64(first), np.uint64(last)  # unsigned: no index then counts from the end
     x, v = particles.x, particles.v
-    dt = like(x[0], dt)
     for p in range(first, last):
         x[0][p] += dt * v[0][p]
         x[1][p] += dt * v[1][p]
         x[2][p] += dt * v[2][p]
-        round_position(p, particles)
 
 
 @vector_kernel
@@ -77,26 +65,25 @@ def keep_forces(low, high, f_chunk, f):
 
 
 @part_of_kernel
-def move_axis(p, kick, x, axis, f, per_mass, dt):
+def move_axis(p, kick, axis, f, per_mass, dt):
     """Kick and drift of particle p along one axis, under the total force f."""
     new = kicked(axis.v[p], f[p] * per_mass[p], kick)
     if axis.free is not None:
         new = new if axis.free[p] else axis.v[p]
     axis.v[p] = new
-    x[p] += dt * new
+    axis.x[p] += dt * new
 
 
 @vector_kernel
 def move_halo(first, last, kick_dt, dt, zeta, particles):
     """Kick and drift of halo particles, whose total force f the owner has sent."""
     first, last = np.uint64(first), np.uint64(last)
-    x, f, per_mass = particles.x, particles.f, particles.per_mass
-    kick, dt = make_kick(per_mass, kick_dt, zeta, 0.0), like(x[0], dt)
+    f, per_mass = particles.f, particles.per_mass
+    kick = make_kick(kick_dt, zeta, 0.0)
     for p in range(first, last):
-        move_axis(p, kick, x[0], along_x(particles), f[0], per_mass, dt)
-        move_axis(p, kick, x[1], along_y(particles), f[1], per_mass, dt)
-        move_axis(p, kick, x[2], along_z(particles), f[2], per_mass, dt)
-        round_position(p, particles)
+        move_axis(p, kick, along_x(particles), f[0], per_mass, dt)
+        move_axis(p, kick, along_y(particles), f[1], per_mass, dt)
+        move_axis(p, kick, along_z(particles), f[2], per_mass, dt)
 
 
 @kernel

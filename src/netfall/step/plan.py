@@ -4,11 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.mechanics.fields import SLOTS, STEPPED, Particles
+from netfall.mechanics.fields import SLOTS, Particles
 from netfall.mechanics.state import State, axes
 from netfall.parallel.halo import Halo
 from netfall.step.loop import Interval, time_loop
-from netfall.step.runs import Runs, find_runs, make_runs
+from netfall.step.runs import LANES, Runs, find_runs, make_runs
 from netfall.step.slots import empty_slots, fill_slots
 
 CHUNK = 2048  # particles, 300 KB; fewer end the runs too often, more leave the second cache
@@ -56,22 +56,13 @@ def halo_width(state: State) -> int:
 
 
 def stepped_particles(state: State) -> Particles:
-    """The particles as the time loop takes them.
-
-    x are positions, or displacements from x_start, which is None otherwise; work is that of the block, if
-    that is kept; what no particle has is None.
-    """
+    """The particles as the time loop takes them: what no particle has, and what it does not read, is None."""
     s = state
     vertical = not s.load[:, :2].any()
     return s.particles._replace(
-        x=axes(s.u if s.features.displaced else s.x),
-        x_start=axes(s.x_start) if s.features.displaced else None,
-        u=None,
+        x_start=None,
         free=axes(s.free) if s.features.part_held else None,  # else all axes move, or 1 / mass is 0
         load=(None, None, s.load[:, 2]) if vertical else axes(s.load),
-        stepped_mass=s.mass if s.stepped_mass is None else s.stepped_mass,
-        work=axes(s.work if s.block_work is None else s.block_work),
-        block_work=None,
         gid=None,
     )
 
@@ -84,12 +75,11 @@ class Plan:
         self.halo, self.boundary = halo, len(before)
         self._low = np.concatenate([before, after])
         self._high = np.append(self._low[1:], state.n_owned)[: len(self._low)]
-        number, lanes = state.features.number, state.features.lanes
         self.scratch = Scratch(
-            tuple(np.zeros((3, CHUNK), number(STEPPED))),
+            tuple(np.zeros((3, CHUNK))),
             np.zeros(CHUNK, np.int32) if state.features.inelastic else None,
-            tuple(np.zeros((3, CHUNK + lanes), number(STEPPED))),
-            np.zeros(CHUNK + lanes, np.int32),
+            tuple(np.zeros((3, CHUNK + LANES))),
+            np.zeros(CHUNK + LANES, np.int32),
         )
         valence = np.bincount(state.ends.ravel(), minlength=state.n_local)[: state.n_owned]
         self._width = np.full(len(self._low), SLOTS, np.int64)
@@ -109,7 +99,6 @@ class Plan:
         fill_slots(state, zip(low.tolist(), high.tolist()))
         state.invert_masses()
         state.place_springs()
-        state.round_displacements()
         has_yielded = np.zeros(len(low), np.uint8)
         if state.slot_eps_p is not None:
             has_yielded[:] = [state.slot_eps_p[:, a:b].any() for a, b in zip(low, high)]
@@ -123,7 +112,7 @@ class Plan:
             np.concatenate([np.full(len(new), SLOTS), self._width]),
             np.concatenate([np.zeros(len(new), np.int64), self._last_use + len(new)]),
             has_yielded,
-            make_runs(len(low), state.n_local, state.features.lanes),
+            make_runs(len(low), state.n_local),
         )
         find_runs(self.chunks.low, self.chunks.high, self.chunks.width, state.other, self.chunks.runs)
         self.arguments = (

@@ -7,6 +7,7 @@ import numpy as np
 from netfall.ground.compile import inner_kernel, kernel
 from netfall.mechanics.fields import SLOTS
 
+LANES = 8  # numbers of the widest registers: particles that one takes at once
 FEWEST = 3  # particles that are worth a register of their own
 MANY_LOOSE = 8  # one particle in so many outside a chunk's whole runs: then the kick goes through all of it
 
@@ -14,18 +15,16 @@ MANY_LOOSE = 8  # one particle in so many outside a chunk's whole runs: then the
 class Runs(NamedTuple):
     """How the vector loop goes through the particles of each chunk.
 
-    lanes : particles that a register takes at once
     spans : (chunks, 8) from and up to which row of each of the next four
-    whole : (., 2 + SLOTS) first and last particle of runs, a multiple of lanes apart, and how far away
+    whole : (., 2 + SLOTS) first and last particle of runs, a multiple of LANES apart, and how far away
         the far ends are
-    parts : (., 4 + SLOTS) what remains of runs, or all of one: first and last particle, a multiple of lanes
+    parts : (., 4 + SLOTS) what remains of runs, or all of one: first and last particle, a multiple of LANES
         apart; from and up to which of them it is the run; and how far away the far ends are
-    rest : (.,) particles in no run, the last of a chunk repeated up to a multiple of lanes
+    rest : (.,) particles in no run, the last of a chunk repeated up to a multiple of LANES
     loose : (., 2) first and last particle of stretches outside the whole runs, whose kick comes after all
         forces; the whole chunk where it has many
     """
 
-    lanes: int
     spans: np.ndarray
     whole: np.ndarray
     parts: np.ndarray
@@ -33,15 +32,14 @@ class Runs(NamedTuple):
     loose: np.ndarray
 
 
-def make_runs(chunks: int, particles: int, lanes: int) -> Runs:
+def make_runs(chunks: int, particles: int) -> Runs:
     """`Runs` with room for the most that there could be, for `find_runs`."""
     return Runs(
-        lanes,
         np.zeros((chunks, 8), np.int64),
-        np.zeros((particles // lanes, 2 + SLOTS), np.int64),
+        np.zeros((particles // LANES, 2 + SLOTS), np.int64),
         np.zeros((particles // FEWEST, 4 + SLOTS), np.int64),
-        np.zeros(particles + lanes * chunks, np.uint32),
-        np.zeros((particles // lanes + chunks, 2), np.int64),
+        np.zeros(particles + LANES * chunks, np.uint32),
+        np.zeros((particles // LANES + chunks, 2), np.int64),
     )
 
 
@@ -60,12 +58,12 @@ def end_of_run(p, high, other):
 
 
 @inner_kernel
-def kick_at_once(low, high, width, lanes, other):
+def kick_at_once(low, high, width, other):
     """Whether so few particles of a chunk are in whole runs that the kick had better go through all of it."""
     outside, p = high - low, low
     while p < high and width <= SLOTS:
         end = end_of_run(p, high, other)
-        outside -= (end - p) // lanes * lanes
+        outside -= (end - p) // LANES * LANES
         p = end
     return outside * MANY_LOOSE > high - low
 
@@ -76,18 +74,18 @@ def find_runs(low_of, high_of, width_of, other, runs):
 
     low_of, high_of, width_of : (chunks,) of `plan.Chunks`; other : (slots, n) local number of the far end
     """
-    lanes, spans, whole, parts, rest, loose = runs
+    spans, whole, parts, rest, loose = runs
     wholes = partials = rests = stretches = 0
     for c in range(width_of.shape[0]):
         low, high = low_of[c], high_of[c]
-        at_once = kick_at_once(low, high, width_of[c], lanes, other)
+        at_once = kick_at_once(low, high, width_of[c], other)
         spans[c, 0], spans[c, 2], spans[c, 4], spans[c, 6] = wholes, partials, rests, stretches
         p = covered = low  # covered: where the last whole run ends
         while p < high:
             end = end_of_run(p, high, other)
             left = p  # so far in nothing
-            if not at_once and end - p >= lanes:
-                left = end - (end - p) % lanes
+            if not at_once and end - p >= LANES:
+                left = end - (end - p) % LANES
                 whole[wholes, 0], whole[wholes, 1] = p, left
                 for s in range(SLOTS):
                     whole[wholes, 2 + s] = np.int64(other[s, p]) - p
@@ -96,7 +94,7 @@ def find_runs(low_of, high_of, width_of, other, runs):
                     loose[stretches, 0], loose[stretches, 1] = covered, p
                     stretches += 1
                 covered = left
-            length = (end - left + lanes - 1) // lanes * lanes
+            length = (end - left + LANES - 1) // LANES * LANES
             begin = min(left, high - length)
             fits = end - left >= FEWEST and begin >= low and width_of[c] <= SLOTS
             for s in range(SLOTS):
@@ -117,6 +115,6 @@ def find_runs(low_of, high_of, width_of, other, runs):
             loose[stretches, 0], loose[stretches, 1] = covered, high
             stretches += 1
         spans[c, 1], spans[c, 3], spans[c, 5], spans[c, 7] = wholes, partials, rests, stretches
-        while rests % lanes > 0:
+        while rests % LANES > 0:
             rest[rests] = rest[rests - 1]
             rests += 1

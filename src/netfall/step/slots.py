@@ -5,8 +5,6 @@ ranks. Every element is computed at both ends, from the same bits: twice the ari
 scattered, and the loop over particles runs in vector registers.
 """
 
-import math
-
 import numpy as np
 
 from netfall.ground.compile import allocating_kernel, kernel
@@ -26,7 +24,7 @@ def fill_slots(state: State, chunks) -> None:
     for low, high in chunks:
         align_slots(low + 1, high, 1, s.n_local, s.other, element, filled)
         align_slots(high - 2, low - 1, -1, s.n_local, s.other, element, filled)
-    fill_geometry(s.n_local, element, s.x_start, s.elements, s.slots)
+    fill_lengths(s.n_local, element, s.L0, s.inv_L0)
     for field in fields_of("slot"):
         slot = getattr(s, field.name)
         if field.slot_of and slot is not None:
@@ -90,24 +88,12 @@ def align_slots(first, last, direction, n_local, other, slot_element, filled):
 
 
 @kernel
-def fill_geometry(n_local, slot_element, x_start, elements, slots):
-    """Lengths in the slots, 1 / L0 = 0 in an empty one; and what displacements count from.
-
-    x_start : (n, 3) [m]; slots.start_x to start_excess are filled where displacements are stepped
-    """
-    for s in range(slots.inv_L0.shape[0]):
+def fill_lengths(n_local, slot_element, L0, inv_L0):
+    """1 / L0 of the elements, L0 (m,) [m], into the slots, inv_L0 (slots, n) [1/m]; 0 in an empty one."""
+    for s in range(inv_L0.shape[0]):
         for p in range(n_local):
-            e, o = slot_element[s, p], slots.other[s, p]
-            slots.inv_L0[s, p] = 0.0 if e == EMPTY else 1.0 / elements.L0[e]
-            if slots.start_x is not None:
-                dx, dy, dz, excess = 0.0, 0.0, 0.0, 0.0
-                if e != EMPTY:
-                    dx, dy = x_start[o, 0] - x_start[p, 0], x_start[o, 1] - x_start[p, 1]
-                    dz = x_start[o, 2] - x_start[p, 2]
-                    L, L0 = math.sqrt(dx * dx + dy * dy + dz * dz), elements.L0[e]
-                    excess = (L - L0) * (L + L0) / (L0 * L0)
-                slots.start_x[s, p], slots.start_y[s, p], slots.start_z[s, p] = dx, dy, dz
-                slots.start_excess[s, p] = excess
+            e = slot_element[s, p]
+            inv_L0[s, p] = 0.0 if e == EMPTY else 1.0 / L0[e]
 
 
 @kernel
@@ -130,6 +116,3 @@ def empty_slots_of(e, p, slots):
             slots.element[s, p], slots.inv_L0[s, p] = EMPTY, 0.0
             if slots.bar is not None:
                 slots.bar[s, p] = 0
-            if slots.start_x is not None:
-                slots.start_x[s, p] = slots.start_y[s, p] = slots.start_z[s, p] = 0.0
-                slots.start_excess[s, p] = 0.0

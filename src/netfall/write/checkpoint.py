@@ -110,7 +110,7 @@ def _write_state(file: SharedFile, state: State, result) -> None:
     rows = state.owned_rows()
     for field in kept_fields(state, "particle"):
         values = getattr(state, field.name)[rows].reshape(len(rows), int(np.prod(field.tail)))
-        file.create(f"particles/{field.name}", state.features.number(field.dtype), (values.shape[1],), points)
+        file.create(f"particles/{field.name}", field.dtype, (values.shape[1],), points)
         file.append(
             f"particles/{field.name}",
             file.slabs.collect(result.log.row_of(state.gid[rows]), values, points),
@@ -119,7 +119,7 @@ def _write_state(file: SharedFile, state: State, result) -> None:
     mine = state.owned.astype(bool)
     gid = result.distribution.subdomain.element_gid[mine]
     for field in kept_fields(state, "element"):
-        file.create(f"elements/{field.name}", state.features.number(field.dtype), (), m)
+        file.create(f"elements/{field.name}", field.dtype, (), m)
         file.append(
             f"elements/{field.name}",
             file.slabs.collect(gid, getattr(state, field.name)[mine][:, None], m)[:, 0],
