@@ -164,6 +164,11 @@ def elastic_forces(L, L0, EA, bar, logarithmic: bool) -> np.ndarray:
     return np.where(bar, N, np.maximum(N, 0.0))
 
 
+def strength_of(EA, fracture_strain, yield_force) -> np.ndarray:
+    """Axial force (m,) [N] that an element never passes before it breaks, inf: none."""
+    return np.minimum(EA * fracture_strain, yield_force)
+
+
 # --- a slot of the vector loop
 
 

@@ -9,6 +9,7 @@ from netfall.job.asks import has_statics
 from netfall.job.job import Job
 from netfall.job.values import listed
 from netfall.mechanics.events import EventLog
+from netfall.mechanics.material import strength_of
 from netfall.mechanics.stability import Limit
 from netfall.messages.wind import wind_notes
 from netfall.model.layout import features_of
@@ -20,7 +21,7 @@ from netfall.record.history import MOST_STRAIN, History, most_strained, most_str
 from netfall.results.form_lines import form_lines
 from netfall.results.loss_lines import loss_lines
 from netfall.results.notes import balance_notes
-from netfall.results.overload_lines import Carried, overload_lines, strength_of
+from netfall.results.overload_lines import Carried, overload_lines
 from netfall.stages import dynamics
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.statics import rest_words

@@ -1,6 +1,5 @@
 """What `check` tells of the wind, and /wind keeps: intensity, gust factor, what the gusts lack."""
 
-import numpy as np
 
 from netfall.job.job import Job
 from netfall.model.model import Model
@@ -95,8 +94,7 @@ def _tap_line(job: Job, model: Model) -> str:
 def _measured_lines(job: Job, model: Model) -> list[str]:
     """Of a table, over the duration."""
     history = model.history
-    last = int(np.searchsorted(history.time, job.dynamics.duration)) + 1
-    section = wind_section(job, model, history.time[:last], history.speed[:last])
+    section = wind_section(job, model, *history.until(job.dynamics.duration))
     mean, count = section["mean_speed"], len(section["mean_speed"])
     where = "one speed at 10 m" if history.places is None else f"{count} points"
     return [

@@ -7,9 +7,10 @@ import h5py
 import numpy as np
 
 from netfall.ground.errors import InputError
+from netfall.mechanics.material import strength_of
 from netfall.numerics.functions import lengths
 from netfall.results.form_lines import form_lines
-from netfall.results.overload_lines import Carried, overload_lines, strength_of
+from netfall.results.overload_lines import Carried, overload_lines
 
 
 def open_result(path: Path) -> h5py.File:

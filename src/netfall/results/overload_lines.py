@@ -32,11 +32,6 @@ class Carried(NamedTuple):
     broke: np.ndarray
 
 
-def strength_of(EA, fracture_strain, yield_force) -> np.ndarray:
-    """Axial force (m,) [N] that an element never passes before it breaks, inf: none."""
-    return np.minimum(EA * fracture_strain, yield_force)
-
-
 def overloaded(c: Carried) -> np.ndarray:
     """Elements (m,) that had a tension of more than BEYOND times their strength."""
     return c.most > BEYOND * c.strength

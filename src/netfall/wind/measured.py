@@ -62,6 +62,11 @@ class TableHistory:
             self._begin, self._block = begin, self._rows(self.first + begin, self.first + end)
         return float(self.time[k]), self._block[k - begin]
 
+    def until(self, end: float) -> tuple[np.ndarray, np.ndarray]:
+        """Times (k,) [s] and values (k, c) of the rows up to the first at or after a time [s]."""
+        rows = int(np.searchsorted(self.time, end)) + 1
+        return self.time[:rows], self._rows(self.first, self.first + rows)
+
     def record(self) -> tuple[dict, dict]:
         """Nothing: a row depends on its number alone."""
         return {}, {}
