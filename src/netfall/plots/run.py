@@ -7,15 +7,13 @@ tensions and displacements of the probes (Fig. 13, 14), wind.
 
 from pathlib import Path
 
-import matplotlib.pyplot as plt
-
+from netfall.plots.canvas import save
 from netfall.plots.collapse import collapse
 from netfall.plots.curves import displacements, energies, load_displacement, tensions, wind
 from netfall.plots.modes import modes
 from netfall.plots.roof import has_roof, roof
 from netfall.plots.states import form, has_states, states
 from netfall.results.file import missing_line, open_result
-from netfall.write.locks import whole
 
 
 def _has_probes(history) -> bool:
@@ -50,9 +48,5 @@ def plot_all(result: Path, folder: Path) -> tuple[list[Path], list[str]]:
             except KeyError as error:
                 lacking.append(f"{result}: {missing_line(error)}, so there is no picture {name}")
                 continue
-            path = folder / f"{result.stem}_{name}.png"
-            with whole(path) as place:
-                figure.savefig(place, dpi=130)
-            plt.close(figure)
-            written.append(path)
+            written.append(save(figure, folder / f"{result.stem}_{name}.png"))
     return written, lacking

@@ -4,9 +4,9 @@ import csv
 from collections.abc import Callable
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 
+from netfall.plots.canvas import save
 from netfall.plots.study.breaks import breaks
 from netfall.plots.study.fragility import fragility
 from netfall.plots.study.inputs import inputs
@@ -41,11 +41,7 @@ def plot_study(path: Path, folder: Path) -> tuple[list[Path], list[str]]:
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for name, draw in pictures_of(study).items():
-        figure = draw(study)
-        written.append(folder / f"{study.name}_{name}.png")
-        with whole(written[-1]) as place:
-            figure.savefig(place, dpi=130)
-        plt.close(figure)
+        written.append(save(draw(study), folder / f"{study.name}_{name}.png"))
     written.append(folder / f"{study.name}_members.csv")
     with whole(written[-1]) as place:
         write_members(study, place)
