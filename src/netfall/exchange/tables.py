@@ -9,7 +9,6 @@ from netfall.exchange.job_again import job_again
 from netfall.exchange.state import AXES, MARK, RECORD, State
 from netfall.ground.errors import InputError
 from netfall.job.table import SEVERAL, write_table
-from netfall.results.file import not_in_file
 from netfall.results.result import Result
 from netfall.write.locks import whole_folder
 
@@ -23,7 +22,7 @@ def write_tables(result: Result, state: State, folder: Path) -> list[str]:
 
     In motion the tables alone: where the points are then, and what elements carry.
     """
-    ours = _check_folder(result, folder)
+    ours = _check_folder(folder)
     with whole_folder(folder) as place:
         told = [line.replace(str(place), str(folder)) for line in _written(result, state, place)]
         _check_copies(folder, place, ours)
@@ -60,11 +59,8 @@ def digest(folder: Path) -> str:
     return total.hexdigest()[:DIGITS]
 
 
-def _check_folder(result: Result, folder: Path) -> bool:
-    """Whether netfall exported what is in the folder.
-
-    Raises InputError for tables that are not netfall's to replace, and for results of another version.
-    """
+def _check_folder(folder: Path) -> bool:
+    """Whether netfall exported what is in the folder. Raises InputError for tables of the user's."""
     about = folder / ABOUT
     ours = about.is_file() and about.read_text(encoding="utf-8", errors="replace").startswith(MARK)
     there = [name for name in OWN if (folder / name).exists()]
@@ -72,8 +68,6 @@ def _check_folder(result: Result, folder: Path) -> bool:
         raise InputError(
             f"-o {folder}: has {there[0]} already, which is not what netfall exported; give another name"
         )
-    if RECORD not in result.file:
-        raise InputError(f"{result.path}: {not_in_file(f'/{RECORD}')}; run the job again")
     return ours
 
 

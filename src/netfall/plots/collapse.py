@@ -78,10 +78,9 @@ def _draw_stage(axes, frames: Frames, step: int, window: np.ndarray) -> None:
 
 def _happenings(f) -> tuple[np.ndarray, np.ndarray, list[float]]:
     """Times [s] of fractures, of losses, and of what else is remarkable, the most remarkable first."""
-    h, losses, moments = f["history"], np.unique(lost_at(f)), []
-    if "envelope" in f:
-        far = f["envelope/displacement_max"][:]
-        moments.append(float(f["envelope/displacement_max_time"][int(np.argmax(far))]))
+    h, losses = f["history"], np.unique(lost_at(f))
+    far = f["envelope/displacement_max"][:]
+    moments = [float(f["envelope/displacement_max_time"][int(np.argmax(far))])]
     t, kinetic, slack = h["time"][:], h["kinetic_energy"][:], h["slack"][:]
     peaks = np.flatnonzero((kinetic[1:-1] > kinetic[:-2]) & (kinetic[1:-1] >= kinetic[2:])) + 1
     moments += [float(t[np.argmax(slack)])] * bool(slack.any())

@@ -17,7 +17,7 @@ from netfall.ground.errors import InputError
 from netfall.plots.canvas import BROKEN, add_lines, heading, in_space, line_width
 from netfall.plots.collapse import view, within
 from netfall.plots.force import SLACK, ForceScale, add_by_force, add_supports, force_bars
-from netfall.results.file import missing_line, open_result, title_of
+from netfall.results.file import reading, title_of
 from netfall.results.frames import Frames
 from netfall.results.losses import lost_at
 from netfall.write.locks import whole
@@ -41,11 +41,8 @@ def animate(result: Path, folder: Path, form: str | None, fps: int) -> tuple[Pat
     form, why = format_of(form, writers.is_available("ffmpeg"))
     if form == "gif" and fps > FASTEST:
         raise InputError(f"--fps {fps}: a GIF shows at most {FASTEST} frames a second; lower it, or take MP4")
-    with open_result(result) as f:
-        try:
-            film = Film.of(f, result)
-        except KeyError as error:
-            raise InputError(f"{result}: {missing_line(error)}, so there is no animation") from None
+    with reading(result) as f:
+        film = Film.of(f, result)
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{result.stem}_collapse.{form}"
         with whole(path) as place:

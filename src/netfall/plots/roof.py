@@ -29,7 +29,7 @@ def has_roof(f) -> bool:
 def roof(f):
     """A panel for the zones, one for the areas, and one for each thing that acts on the roof by node."""
     there = [row for row in VALUES if row[0] in f]
-    zoned = "net/zone_names" in f and len(f["net/zone_names"]) > 0
+    zoned = len(f["net/zone_names"]) > 0
     x, elements = f["net/particles"][:, :2], f["net/elements"][:]
     largest = 0.55 * np.sqrt(f["net/plan_area"][:].max())  # of the squares
     figure, panels = plan_panels(x, held_axes(f).any(1), len(there) + zoned, largest)

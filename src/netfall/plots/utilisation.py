@@ -59,7 +59,7 @@ def utilisation(f, envelope: Envelope, checked: Checked, path: Path) -> None:
         label = f"largest tension [{unit}]; no element has a strength; grey: only compressed"
         over = plt.get_cmap(COLOURS)(1.0)
         high = (limits(values[values > 0.0]) or (0.0, 1e-9))[1]  # not the largest: that is a fragment's
-    if "events" in f and "envelope" in f and (beyond := int(overloaded(carried_in(f)).sum())):
+    if "history" in f and (beyond := int(overloaded(carried_in(f)).sum())):
         label += f"; {beyond} beyond strength after a fracture: of the step"
     _draw(f, Shading(values, Normalize(0.0, high), over, "how far elements are used", label), path)
 

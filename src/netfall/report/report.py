@@ -24,7 +24,7 @@ from netfall.checks.reactions import reaction_columns
 from netfall.ground.errors import InputError
 from netfall.plots.utilisation import dynamic_factors, utilisation
 from netfall.report.page import summary
-from netfall.results.file import missing_line, open_result
+from netfall.results.file import reading
 from netfall.results.states import envelope_of
 from netfall.write.locks import whole
 
@@ -37,21 +37,18 @@ def write_report(result: Path, folder: Path, codes: Path | None, cutting: Cuttin
     codes : a file of checks instead of the shipped one. Raises InputError for a wrong file.
     """
     checks = read_codes(codes)
-    with open_result(result) as f:
-        try:
-            check_groups(codes, checks, f["net/group_names"].asstr()[:].tolist())
-            resistance = resistances_of(f, checks)
-            envelope = envelope_of(f, resistance[checks[0].name])
-            checked = check_elements(f, checks, resistance, envelope)
-            tables = {
-                "cables.csv": cable_columns(f, envelope, checked),
-                "elements.csv": element_columns(f, envelope, checked),
-                "cutting_list.csv": cutting_columns(f, cutting),
-                "reactions.csv": reaction_columns(f),
-            }
-            text = summary(f, result, tables, envelope, checked, cutting)
-        except KeyError as error:
-            raise InputError(f"{result}: {missing_line(error)}; run the job again") from None
+    with reading(result) as f:
+        check_groups(codes, checks, f["net/group_names"].asstr()[:].tolist())
+        resistance = resistances_of(f, checks)
+        envelope = envelope_of(f, resistance[checks[0].name])
+        checked = check_elements(f, checks, resistance, envelope)
+        tables = {
+            "cables.csv": cable_columns(f, envelope, checked),
+            "elements.csv": element_columns(f, envelope, checked),
+            "cutting_list.csv": cutting_columns(f, cutting),
+            "reactions.csv": reaction_columns(f),
+        }
+        text = summary(f, result, tables, envelope, checked, cutting)
         folder.mkdir(parents=True, exist_ok=True)
         for name, columns in tables.items():
             _check_ours(folder / name, columns)

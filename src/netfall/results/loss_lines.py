@@ -18,9 +18,7 @@ WITHOUT = ("no_equilibrium", "unstable")  # a rest
 
 
 def states_of_rest(removal) -> list[str]:
-    """For each entry what came of its rest, a key of RESTS; "": nothing was lost, or is not known."""
-    if "state" not in removal:  # written by an earlier version
-        return ["" if np.isnan(row).all() else "equilibrium" for row in removal["tension_after"][:]]
+    """For each entry what came of its rest, a key of RESTS; "": nothing was lost."""
     names = removal["state"]
     return [str(name) for name in (names.asstr()[:] if hasattr(names, "asstr") else names)]
 
@@ -56,8 +54,6 @@ def loss_lines(removal, events, element_id: np.ndarray) -> list[str]:
 
 def _torn(removal, k: int, element_id: np.ndarray) -> str:
     """What breaks in the rest after entry k, in words."""
-    if "breaking_entry" not in removal:
-        return ""
     rows = removal["breaking_element"][:][removal["breaking_entry"][:] == k]
     return f": {elements_of(element_id[rows])}" if len(rows) else ""
 
@@ -71,8 +67,6 @@ def rises(removal, k: int) -> np.ndarray:
 
 def _rises(removal, k: int, element_id: np.ndarray) -> list[str]:
     """Where tensions rise to a multiple, which a factor of 1 may hide."""
-    if "tension_highest" not in removal:
-        return []
     rise = rises(removal, k)
     rows = _largest_of_each(np.where(rise >= RISES, rise, np.nan), element_id)
     kN = lambda name, e: f"{removal[name][k][e] / 1e3:.4g}"

@@ -90,7 +90,7 @@ class Result:
         names = lambda: np.append(of("zone_names").asstr()[:], "")[of("zone")[:]].astype(str)
         columns = {"id": lambda: of("node_id")[:], "x": x(0), "y": x(1), "z": x(2)}
         columns["fixed"] = lambda: of("fixed")[:].astype(bool)
-        areas = [name for name in ("tributary_area", "plan_area", "vector_area") if name in self.file["net"]]
+        areas = ("tributary_area", "plan_area", "vector_area")
         columns |= {name: lambda name=name: of(name)[:] for name in areas}
         units = dict.fromkeys("xyz", "[m]") | dict.fromkeys(areas, "[m2]")
         return of_arrays(f"{self.path}: nodes", columns | {"zone": names}, units)
@@ -101,15 +101,13 @@ class Result:
         unstressed_length [m] at the temperature of form finding, unstressed_length_warm [m] at that of the
         loads, bar (1: it carries compression).
         """
-        net, of = self.file["net"], lambda name: self.file[f"net/{name}"]
+        of = lambda name: self.file[f"net/{name}"]
         ends = lambda k: lambda: of("node_id")[:][of("elements")[:, k]]
         groups = lambda: of("group_names").asstr()[:][of("group")[:]].astype(str)
         columns = {"id": lambda: of("element_id")[:], "start": ends(0), "end": ends(1), "group": groups}
         for name in ("axial_stiffness", "unstressed_length", "bar"):
-            if name in net:
-                columns[name] = lambda name=name: of(name)[:]
-        if "unstressed_length" in net:
-            columns["unstressed_length_warm"] = lambda: warm_lengths(self.file)
+            columns[name] = lambda name=name: of(name)[:]
+        columns["unstressed_length_warm"] = lambda: warm_lengths(self.file)
         units = {"axial_stiffness": "[N]", "unstressed_length": "[m]", "unstressed_length_warm": "[m]"}
         return of_arrays(f"{self.path}: elements", columns, units)
 
@@ -126,9 +124,7 @@ class Result:
         """A row for each fracture: time [s], step, element and node (ids of what broke and of that end),
         strain, mass [kg] of the particle that split off; rows of /net: element_row, particle, new_particle.
         """
-        group = self._group("events")
-        there = {name: dataset for name, dataset in EVENT_COLUMNS.items() if dataset in group}
-        return of_group(f"{self.path}: events", group, there)
+        return of_group(f"{self.path}: events", self._group("events"), EVENT_COLUMNS)
 
     @property
     def envelope(self) -> Columns:

@@ -33,10 +33,8 @@ def pictures_of(study: Study) -> dict[str, Callable]:
     return {name: draw for name, draw, there in pictures if there}
 
 
-def plot_study(path: Path, folder: Path) -> tuple[list[Path], list[str]]:
-    """Write every picture that the study has data for, and the members as a table; their paths, and no line
-    of what cannot be drawn (`run.plot_all` has some).
-    """
+def plot_study(path: Path, folder: Path) -> list[Path]:
+    """Write every picture that the study has data for, and the members as a table; their paths."""
     study = read_study(path)
     folder.mkdir(parents=True, exist_ok=True)
     written = []
@@ -45,7 +43,7 @@ def plot_study(path: Path, folder: Path) -> tuple[list[Path], list[str]]:
     written.append(folder / f"{study.name}_members.csv")
     with whole(written[-1]) as place:
         write_members(study, place)
-    return written, []
+    return written
 
 
 def write_members(study: Study, path: Path) -> None:
