@@ -48,6 +48,14 @@ class Frame:
     broken: np.ndarray
 
 
+def _table(name: str) -> property:
+    """The property of a Result that gives a group of the file; its help is the group's table of datasets."""
+    group = group_of(name)
+    shapes = [f"{each.name} ({each.shape}) [{each.unit}] {each.meaning}" for each in group.datasets]
+    read = lambda result: of_group(f"{result.path}: {name}", result._group(name))
+    return property(read, doc="\n".join([f"Columns of {group.meaning}.", "", *shapes]))
+
+
 class Result:
     """A result file, open for reading; `netfall.open` and `netfall.run` give one.
 
@@ -111,13 +119,8 @@ class Result:
         units = {"axial_stiffness": "[N]", "unstressed_length": "[m]", "unstressed_length_warm": "[m]"}
         return of_arrays(f"{self.path}: elements", columns, units)
 
-    @property
-    def history(self) -> Columns:
-        """A row for each [output] history (t,): time [s], kinetic_energy, strain_energy, plastic_dissipation,
-        damping_work, external_work [J], identity_error, balance_error, slack, broken; probe_displacement
-        (t, p, 3) [m], probe_tension (t, k) [N]; element_tension (t, k) [N] of element_id (k,).
-        """
-        return self._columns("history")
+    form_finding, statics, rest, modes = map(_table, ("form_finding", "statics", "rest", "modes"))
+    history, envelope, removal, wind = map(_table, ("history", "envelope", "removal", "wind"))
 
     @property
     def events(self) -> Columns:
@@ -127,50 +130,10 @@ class Result:
         return of_group(f"{self.path}: events", self._group("events"), EVENT_COLUMNS)
 
     @property
-    def envelope(self) -> Columns:
-        """Extremes over the history, by element (m,) and node (n,): tension_max [N] and its time [s],
-        tension_min, slack_time [s], displacement_max [m] and its time.
-        """
-        return self._columns("envelope")
-
-    @property
-    def form_finding(self) -> Columns:
-        """The form: position (n, 3) [m], tension (m,) [N], unstressed_length (m,) [m], residual."""
-        return self._columns("form_finding")
-
-    @property
-    def statics(self) -> Columns:
-        """The load path, a row for each load_factor (s,): displacement (s, n, 3) [m], tension (s, m) [N]."""
-        return self._columns("statics")
-
-    @property
-    def rest(self) -> Columns:
-        """The rest under all constant loads and the mean wind: position (n, 3) [m], tension (m,) [N]."""
-        return self._columns("rest")
-
-    @property
-    def wind(self) -> Columns:
-        """The wind: control_point (c, 3) [m], mean_speed (c,), time (t,) [s], speed (t, c) [m/s]."""
-        return self._columns("wind")
-
-    @property
-    def modes(self) -> Columns:
-        """The lowest modes: period (k,) [s], shape (k, n, 3), damping_ratio (k,)."""
-        return self._columns("modes")
-
-    @property
-    def removal(self) -> Columns:
-        """A row for each loss of a member: time [s], tension_before, _peak, _after [N], dynamic_factor."""
-        return self._columns("removal")
-
-    @property
     def cases(self) -> dict[str, Columns]:
         """The static cases by name: displacement (n, 3) [m], tension (m,) [N], residual, slack."""
         group = self._group("cases")
         return {name: of_group(f"{self.path}: case {name}", group[name]) for name in group}
-
-    def _columns(self, name: str) -> Columns:
-        return of_group(f"{self.path}: {name}", self._group(name))
 
     def _group(self, name: str):
         if name not in self.file:
