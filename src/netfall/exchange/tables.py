@@ -119,11 +119,11 @@ def _node_columns(result: Result) -> dict[str, np.ndarray]:
     found: dict[str, np.ndarray] = {}
     for name, values in (("load", of("load")), ("normal", of("normal"))):
         if (values[np.isfinite(values)] != 0.0).any():
-            found |= {f"{name}_{k}": _empty_for_nan(values[:, i]) for i, k in enumerate(AXES)}
+            found |= {f"{name}_{k}": values[:, i] for i, k in enumerate(AXES)}
     if of("mass").any():
         found["mass"] = of("mass")
     if np.isfinite(of("area")).any():
-        found["area"] = _empty_for_nan(of("area"))
+        found["area"] = of("area")
     if "spring" in net:
         for name, values in (("spring", net["spring"][:]), ("spring_rest", of("spring_rest"))):
             found |= {f"{name}_{k}": values[:, i] for i, k in enumerate(AXES)}
@@ -167,7 +167,7 @@ def _element_columns(result: Result, state: State) -> dict[str, np.ndarray]:
     ):
         if np.isfinite(values).any():
             given = before_drawing(values, factor)
-            found[name] = _empty_for_nan(np.where(np.isfinite(given), given, np.nan))
+            found[name] = np.where(np.isfinite(given), given, np.nan)
     if "type" in net:
         names = np.append(net["type_names"].asstr()[:], "").astype(str)
         found["type"] = names[net["type"][:]]
@@ -199,13 +199,8 @@ def _faces(result: Result, state: State) -> dict[str, np.ndarray]:
     if not is_node.all():
         place = np.full((len(corner), 3), np.nan)
         place[~is_node] = others[corner[~is_node] - n]
-        columns |= {k: _empty_for_nan(place[:, i]) for i, k in enumerate(AXES)}
+        columns |= {k: place[:, i] for i, k in enumerate(AXES)}
     return columns
-
-
-def _empty_for_nan(values: np.ndarray) -> np.ndarray:
-    empty = np.isnan(values)
-    return np.where(empty, "", values.astype(object)) if empty.any() else values
 
 
 def _history(result: Result) -> dict[str, np.ndarray]:

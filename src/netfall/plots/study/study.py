@@ -1,11 +1,11 @@
 """Pictures and the table of a study file: which come depends on what it holds. No MPI, no solver."""
 
-import csv
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from netfall.job.table import write_table
 from netfall.plots.canvas import save
 from netfall.plots.study.breaks import breaks
 from netfall.plots.study.fragility import fragility
@@ -42,25 +42,13 @@ def plot_study(path: Path, folder: Path) -> list[Path]:
         written.append(save(draw(study), folder / f"{study.name}_{name}.png"))
     written.append(folder / f"{study.name}_members.csv")
     with whole(written[-1]) as place:
-        write_members(study, place)
+        columns = members_table(study)
+        units = ", ".join(map(with_unit, columns))
+        write_table(place, columns, f"{units}; elements are ids of the tables")
     return written
 
 
-def write_members(study: Study, path: Path) -> None:
-    """Write /members as a table: units in the first line, then names, then a row for each; nan: empty."""
-    names = [*(n for n in study.members if n not in RESULTS), *(n for n in RESULTS if n in study.members)]
-    columns = [study.members[name] for name in names]
-    with open(path, "w", newline="", encoding="utf-8") as file:
-        file.write(f"# {', '.join(with_unit(name) for name in names)}; elements are ids of the tables\n")
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(names)
-        for k in range(len(columns[0])):
-            table.writerow([_cell(column[k]) for column in columns])
-
-
-def _cell(value):
-    """A value as text that gives the same number when read back; nan: nothing."""
-    if isinstance(value, str):
-        return value
-    number = value.item() if isinstance(value, np.generic) else value
-    return "" if number != number else repr(number)
+def members_table(study: Study) -> dict[str, np.ndarray]:
+    """The columns of /members: what was drawn, then what came of it."""
+    drawn = [name for name in study.members if name not in RESULTS]
+    return {name: study.members[name] for name in (*drawn, *(n for n in RESULTS if n in study.members))}
