@@ -11,7 +11,9 @@ import numpy as np
 from netfall.ground.errors import InputError
 from netfall.numerics.functions import lengths
 from netfall.results.form_lines import form_lines
+from netfall.results.losses import broken_at
 from netfall.results.overload_lines import Carried, overload_lines, strength_of
+from netfall.results.states import start_position
 
 OF_MOTION = ("events", "envelope", "final")  # groups beside /history
 
@@ -101,17 +103,15 @@ def carried_in(f: h5py.File) -> Carried:
     EA, ends = net["axial_stiffness"][:], net["elements"][:]
     none, factor = np.full(len(EA), np.inf), 1.0 if drawn is None else drawn[:]
     given = [factor * net[name][:] if name in net else none for name in ("fracture_strain", "yield_force")]
-    x = f["form_finding/position"][:] if "form_finding" in f else net["particles"][:]
+    x = start_position(f)
     along = x[ends[:, 1]] - x[ends[:, 0]]
-    broke = np.full(len(EA), np.nan)
-    broke[f["events/element"][:][::-1]] = f["events/time"][:][::-1]  # of two ends the first
     return Carried(
         ends,
         along / lengths(along)[:, None],
         strength_of(EA, *given),
         envelope["tension_max"][:],
         envelope["tension_max_time"][:],
-        broke,
+        broken_at(f),
     )
 
 

@@ -153,21 +153,21 @@ class Result:
         """Tension [N] over the frames `time`: (f,) of the element of this id, (f, k) of a list of ids or of a
         cable of k parts, (f, m) of all.
         """
-        return self._over_frames(self._frames.cell_part, "tension", self._rows("element", element), element)
+        return self._over_frames(self._frames.cell, "tension", self._rows("element", element), element)
 
     def strain(self, element=None) -> np.ndarray:
         """Strain over the frames, shaped as `tension`."""
-        return self._over_frames(self._frames.cell_part, "strain", self._rows("element", element), element)
+        return self._over_frames(self._frames.cell, "strain", self._rows("element", element), element)
 
     def displacement(self, node=None) -> np.ndarray:
         """Displacement [m] from the form over the frames `time`: (f, 3) of the node of this id, (f, k, 3) of
         a list of ids, (f, n, 3) of all.
         """
-        return self._over_frames(self._frames.point_part, "displacement", self._rows("node", node), node)
+        return self._over_frames(self._frames.point, "displacement", self._rows("node", node), node)
 
     def velocity(self, node=None) -> np.ndarray:
         """Velocity [m/s] over the frames, shaped as `displacement`."""
-        return self._over_frames(self._frames.point_part, "velocity", self._rows("node", node), node)
+        return self._over_frames(self._frames.point, "velocity", self._rows("node", node), node)
 
     def _over_frames(self, read, name: str, rows, asked) -> np.ndarray:
         low, high = (int(rows.min()), int(rows.max()) + 1) if len(rows) else (0, 0)
@@ -196,19 +196,15 @@ class Result:
                 f"{self.path}: time {time:g} s: the frames are from {times[0]:g} to {times[-1]:g} s"
             )
         step = int(np.abs(times - time).argmin())
-        cell, point = (lambda name: frames.cell(name, step)), (lambda name: frames.point(name, step))
         return Frame(
             time=float(times[step]),
             position=frames.positions(step),
-            displacement=point("displacement"),
-            velocity=point("velocity"),
-            node=point("node_id"),
+            node=frames.point("node_id", step),
             ends=frames.ends(step),
-            element=cell("element_id"),
-            tension=cell("tension"),
-            strain=cell("strain"),
-            plastic_strain=cell("plastic_strain"),
-            broken=cell("broken").astype(bool),
+            element=frames.cell("element_id", step),
+            broken=frames.cell("broken", step).astype(bool),
+            **{name: frames.point(name, step) for name in ("displacement", "velocity")},
+            **{name: frames.cell(name, step) for name in ("tension", "strain", "plastic_strain")},
         )
 
     # --- where it comes from
