@@ -39,26 +39,15 @@ def parser() -> Parser:
     _run(_of_job(verbs, "run", "run a job; on P ranks: mpirun -n P netfall run JOB"))
     _of_result(verbs, "info", "of a result or study file: what ran, how it ended, what broke first")
     _plot(_of_result(verbs, "plot", "pictures, or an animation, from a result or study file"))
-    _report(
-        _of_result(
-            verbs,
-            "report",
-            "utilisation, cutting list, reactions: summary.md, tables and a picture from a result file",
-        )
-    )
-    _scale(
-        _of_job(
-            verbs,
-            "scale",
-            "run a job on several numbers of ranks: strong and weak scaling, times of the phases",
-        )
-    )
+    text = "utilisation, cutting list, reactions: summary.md, tables and a picture from a result file"
+    _report(_of_result(verbs, "report", text))
+    text = "run a job on several numbers of ranks: strong and weak scaling, times of the phases"
+    _scale(_of_job(verbs, "scale", text))
     _trade(_of_job(verbs, "trade", "what each saving costs: run time against error over a grid of settings"))
     _study(verbs.add_parser("study", help=STUDY, description=STUDY))
     _import(verbs.add_parser("import", help=IMPORT, description=IMPORT))
-    _export(
-        _of_result(verbs, "export", "a result for other programs: .dxf, .csv, .tcl (OpenSees), .json, .vtu")
-    )
+    text = "a result for other programs: .dxf, .csv, .tcl (OpenSees), .json, .vtu"
+    _export(_of_result(verbs, "export", text))
     for name, verb in verbs.choices.items():
         verb.epilog, verb.formatter_class = shown(name), argparse.RawDescriptionHelpFormatter
     return top
