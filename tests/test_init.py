@@ -15,6 +15,7 @@ from netfall.job.schema import LISTS, SECTIONS
 from netfall.job.template import write_template
 from netfall.model.layout import make_layout
 from netfall.net.build import build_net
+from netfall.plots import canvas
 from netfall.plots import job as plot_job
 from netfall.program.check import check_job, draw_check
 
@@ -95,7 +96,7 @@ def drawn_net() -> tuple[str, str]:
 def test_check_draws_what_the_job_says(workshop, monkeypatch):
     """Its legend counts what the tables hold."""
     kept = []
-    monkeypatch.setattr(plot_job.plt, "close", kept.append)
+    monkeypatch.setattr(canvas.plt, "close", kept.append)
     job = workshop.job(STEEL + DRAWN, *drawn_net())
     read = read_job(job)
     picture = draw_check(read, make_layout(read, 1), workshop.folder / "pictures")

@@ -113,7 +113,5 @@ def _columns(name: str, given: dict, rows: int, arrays: dict | None = None) -> d
             raise InputError(
                 f"Net: {name} {column!r} has the shape {array.shape}: expected ({rows},), or one value"
             )
-        array = np.broadcast_to(array, rows)
-        empty = np.isnan(array) if array.dtype.kind == "f" else np.zeros(rows, bool)
-        found[column] = np.where(empty, "", array.astype(object)) if empty.any() else array
+        found[column] = np.broadcast_to(array, rows)
     return found

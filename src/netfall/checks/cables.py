@@ -109,7 +109,7 @@ def cable_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
     at = _first_by(checked.decisive(envelope.most), cable)  # the element that governs each cable
     low = _first_by(-envelope.least, cable)
     each = element_columns(f, envelope, checked)
-    strengths = strengths_of(f)
+    strengths = {name: np.where(np.isinf(N), np.nan, N)[at] for name, N in strengths_of(f).items()}
     slack = _any_of(envelope.slack, cable, count) & ~_any_of(envelope.gone, cable, count)
     columns = {
         "cable": f["net/cable_names"].asstr()[:].astype(object),
@@ -117,8 +117,8 @@ def cable_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
         "type": types_of(f)[at],
         "elements": np.bincount(cable, minlength=count),
         "unstressed_length": np.bincount(cable, each["unstressed_length"], count),
-        "breaking_load": strengths["breaking_load"][at],
-        "yield_force": strengths["yield_force"][at],
+        "breaking_load": strengths["breaking_load"],
+        "yield_force": strengths["yield_force"],
         "tension_max": envelope.most[at],
         "case_max": each["case_max"][at],
         "time_max": envelope.time_most[at],

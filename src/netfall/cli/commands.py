@@ -91,11 +91,8 @@ def plot(arguments) -> None:
     from netfall.study.answers.read import is_study
 
     draw = plot_study if is_study(arguments.result) else plot_all
-    written, lacking = draw(arguments.result, _folder(arguments.folder or arguments.result.parent))
-    for picture in written:
+    for picture in draw(arguments.result, _folder(arguments.folder or arguments.result.parent)):
         print(picture)
-    if lacking:
-        raise InputError(lacking)
 
 
 def _animate(arguments) -> None:

@@ -1,6 +1,7 @@
 """The words of the command line: the commands, their options, and what each option takes."""
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 from netfall.cli import arguments as take
@@ -38,244 +39,156 @@ def parser() -> Parser:
     _run(_of_job(verbs, "run", "run a job; on P ranks: mpirun -n P netfall run JOB"))
     _of_result(verbs, "info", "what ran, how it ended and what broke first, of a result or study file")
     _plot(_of_result(verbs, "plot", "pictures, or an animation, from a result or study file"))
-    _report(
-        _of_result(
-            verbs,
-            "report",
-            "utilisation, cutting list, reactions: summary.md, tables and a picture from a result file",
-        )
-    )
-    _scale(
-        _of_job(
-            verbs,
-            "scale",
-            "run a job on several numbers of ranks: strong and weak scaling, times of the phases",
-        )
-    )
+    text = "utilisation, cutting list, reactions: summary.md, tables and a picture from a result file"
+    _report(_of_result(verbs, "report", text))
+    text = "run a job on several numbers of ranks: strong and weak scaling, times of the phases"
+    _scale(_of_job(verbs, "scale", text))
     _trade(_of_job(verbs, "trade", "what each saving costs: run time against error over a grid of settings"))
     _study(verbs.add_parser("study", help=STUDY, description=STUDY))
     _import(verbs.add_parser("import", help=IMPORT, description=IMPORT))
-    _export(
-        _of_result(verbs, "export", "a result for other programs: .dxf, .csv, .tcl (OpenSees), .json, .vtu")
-    )
+    text = "a result for other programs: .dxf, .csv, .tcl (OpenSees), .json, .vtu"
+    _export(_of_result(verbs, "export", text))
     for name, verb in verbs.choices.items():
         verb.epilog, verb.formatter_class = shown(name), argparse.RawDescriptionHelpFormatter
     return top
 
 
 def _init(verb: Parser) -> None:
-    verb.add_argument(
-        "job", type=take.file, nargs="?", default=Path("job.toml"), metavar="JOB", help="default: job.toml"
-    )
+    _value(verb, "job", take.file, "JOB", "default: job.toml", nargs="?", default=Path("job.toml"))
 
 
 def _of_job(verbs, name: str, text: str) -> Parser:
     """A command on a job file."""
     verb = verbs.add_parser(name, help=text, description=text)
-    verb.add_argument("job", type=Path, metavar="JOB")
-    verb.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="SECTION.KEY=VALUE",
-        dest="overrides",
-        help="override a key of the job file; may be repeated",
-    )
+    _value(verb, "job", Path, "JOB", None)
+    text = "override a key of the job file; may be repeated"
+    _values(verb, "--set", "SECTION.KEY=VALUE", text, dest="overrides")
     return verb
 
 
 def _of_result(verbs, name: str, text: str) -> Parser:
     """A command on a result file."""
     verb = verbs.add_parser(name, help=text, description=text)
-    verb.add_argument("result", type=Path, metavar="RESULT")
+    _value(verb, "result", Path, "RESULT", None)
     return verb
 
 
 def _partition(verb: Parser) -> None:
-    verb.add_argument("-n", type=int, required=True, metavar="P", dest="parts", help="number of parts")
+    _value(verb, "-n", int, "P", "number of parts", required=True, dest="parts")
 
 
 def _run(verb: Parser) -> None:
-    verb.add_argument(
-        "-o",
-        type=take.file,
-        metavar="FILE",
-        dest="output",
-        help="result file (default: the job's name with .vtkhdf, here)",
-    )
-    verb.add_argument(
-        "--restart", type=Path, metavar="CHECKPOINT", help="go on from a checkpoint, on any number of ranks"
-    )
-    verb.add_argument(
-        "--walltime",
-        type=take.duration,
-        metavar="HH:MM:SS",
-        help="stop with a checkpoint (exit code 4) after this time",
-    )
-    verb.add_argument(
-        "--profile",
-        action="store_true",
-        help="time forces, exchange and drift of every step too (some 0.2 microseconds a step)",
-    )
+    text = "result file (default: the job's name with .vtkhdf, here)"
+    _value(verb, "-o", take.file, "FILE", text, dest="output")
+    _value(verb, "--restart", Path, "CHECKPOINT", "go on from a checkpoint, on any number of ranks")
+    text = "stop with a checkpoint (exit code 4) after this time"
+    _value(verb, "--walltime", take.duration, "HH:MM:SS", text)
+    text = "time forces, exchange and drift of every step too (some 0.2 microseconds a step)"
+    _flag(verb, "--profile", text)
     loud = verb.add_mutually_exclusive_group()
-    loud.add_argument("--quiet", action="store_true", help="print errors only")
-    loud.add_argument("--verbose", action="store_true", help="print residuals and step limits too")
+    _flag(loud, "--quiet", "print errors only")
+    _flag(loud, "--verbose", "print residuals and step limits too")
 
 
 def _plot(verb: Parser) -> None:
     _folder(verb, None, "folder of the pictures (default: beside the result file)")
-    text = "an animation of the dynamic stage in place of the pictures"
-    verb.add_argument("--animate", action="store_true", help=text)
+    _flag(verb, "--animate", "an animation of the dynamic stage in place of the pictures")
     text = "of the animation (default: mp4 where ffmpeg is installed, else gif)"
     verb.add_argument("--format", choices=("mp4", "gif"), help=text)
-    text = "frames of the animation in a second (default: 15)"
-    verb.add_argument("--fps", type=take.count, metavar="N", help=text)
+    _value(verb, "--fps", take.count, "N", "frames of the animation in a second (default: 15)")
 
 
 def _report(verb: Parser) -> None:
     _folder(verb, None, "folder of the report (default: RESULT-report beside the result file)")
-    verb.add_argument(
-        "--codes",
-        type=Path,
-        metavar="FILE",
-        help="checks and their factors, instead of EN 1993-1-11, ASCE 19",
-    )
-    verb.add_argument(
-        "--temperature",
-        type=float,
-        default=0.0,
-        metavar="K",
-        help="temperature at which cables are measured, above that of form finding (default: 0)",
-    )
-    verb.add_argument(
-        "--measuring-load",
-        type=float,
-        metavar="N",
-        dest="load",
-        help="tension under which cables are measured (default: the mean tension of each in the form)",
-    )
+    _value(verb, "--codes", Path, "FILE", "checks and their factors, instead of EN 1993-1-11, ASCE 19")
+    text = "temperature at which cables are measured, above that of form finding (default: 0)"
+    _value(verb, "--temperature", float, "K", text, default=0.0)
+    text = "tension under which cables are measured (default: the mean tension of each in the form)"
+    _value(verb, "--measuring-load", float, "N", text, dest="load")
 
 
 def _scale(verb: Parser) -> None:
-    verb.add_argument("--ranks", type=take.counts, metavar="1,2,...", help="numbers of ranks, for a job")
+    _value(verb, "--ranks", take.counts, "1,2,...", "numbers of ranks, for a job")
     text = "numbers of workers, for a study file: runs a minute"
-    verb.add_argument("--workers", type=take.counts, metavar="1,2,...", help=text)
+    _value(verb, "--workers", take.counts, "1,2,...", text)
     _launcher(verb)
     _repeats(verb, 3, "runs of each case, of which the best counts (default: 3)")
     _folder(verb, Path("."), "folder of the table and the picture (default: here)")
 
 
 def _trade(verb: Parser) -> None:
-    verb.add_argument(
-        "--vary",
-        action="append",
-        default=[],
-        metavar="SECTION.KEY=V1,V2,...",
-        help="key and values; several: every combination (default: one key at a time)",
-    )
-    verb.add_argument(
-        "--reference",
-        action="append",
-        default=[],
-        metavar="SECTION.KEY=VALUE",
-        help="setting of the reference "
-        "(default: a tenth of the automatic step, or of the job's if that is shorter)",
-    )
-    verb.add_argument(
-        "--tolerance",
-        type=float,
-        default=0.05,
-        metavar="E",
-        help="largest relative error of the setting that is recommended (default: 0.05)",
-    )
+    text = "key and values; several: every combination (default: one key at a time)"
+    _values(verb, "--vary", "SECTION.KEY=V1,V2,...", text)
+    text = "(default: a tenth of the automatic step, or of the job's if that is shorter)"
+    _values(verb, "--reference", "SECTION.KEY=VALUE", f"setting of the reference {text}")
+    text = "largest relative error of the setting that is recommended (default: 0.05)"
+    _value(verb, "--tolerance", float, "E", text, default=0.05)
     _repeats(verb, 2, "runs of each setting, of which the fastest counts (default: 2)")
-    verb.add_argument(
-        "--ranks", type=take.count, default=1, metavar="P", help="ranks of each run (default: 1)"
-    )
+    _value(verb, "--ranks", take.count, "P", "ranks of each run (default: 1)", default=1)
     _launcher(verb)
     _folder(verb, Path("."), "folder of the table (HDF5) and the picture (default: here)")
 
 
 def _study(verb: Parser) -> None:
-    verb.add_argument("study", type=Path, metavar="STUDY", help="a study file")
+    _value(verb, "study", Path, "STUDY", "a study file")
     text = "study file (default: STUDY's name with .study.h5, here)"
-    verb.add_argument("-o", type=take.file, metavar="FILE", dest="output", help=text)
-    text = "runs at once (default: as many as there are cores)"
-    verb.add_argument("--workers", type=take.count, metavar="W", help=text)
+    _value(verb, "-o", take.file, "FILE", text, dest="output")
+    _value(verb, "--workers", take.count, "W", "runs at once (default: as many as there are cores)")
     text = "the I-th of N parts, for job arrays; without it the parts are joined, and what is missing is run"
-    verb.add_argument("--shard", type=take.shard, metavar="I/N", help=text)
-    verb.add_argument("--retry", action="store_true", help="run failed members again")
+    _value(verb, "--shard", take.shard, "I/N", text)
+    _flag(verb, "--retry", "run failed members again")
     _launcher(verb)
-    verb.add_argument("--quiet", action="store_true", help="print errors only")
+    _flag(verb, "--quiet", "print errors only")
 
 
 def _import(verb: Parser) -> None:
-    verb.add_argument("drawing", type=Path, metavar="FILE")
-    verb.add_argument(
-        "-o",
-        type=Path,
-        required=True,
-        metavar="FOLDER",
-        dest="folder",
-        help="folder for the tables, the picture, the report and the job",
-    )
+    _value(verb, "drawing", Path, "FILE", None)
+    text = "folder for the tables, the picture, the report and the job"
+    _value(verb, "-o", Path, "FOLDER", text, required=True, dest="folder")
     units = ("m", "dm", "cm", "mm", "km", "in", "ft", "yd")
     verb.add_argument("--unit", choices=units, help="unit of the drawing (default: what the file says)")
-    verb.add_argument(
-        "--tolerance",
-        type=take.length,
-        default=1e-3,
-        metavar="M",
-        help="ends no farther apart are one node [m] (default: 1e-3)",
+    text = "ends no farther apart are one node [m] (default: 1e-3)"
+    _value(verb, "--tolerance", take.length, "M", text, default=1e-3)
+    text = (
+        "layer that marks supports: its points, circles and blocks, and all nodes on its lines; "
+        "or points, of any layer; or outline (default: what the file says, else the outline)"
     )
-    verb.add_argument(
-        "--supports",
-        metavar="LAYER",
-        help="layer that marks supports: its points, circles and blocks, and all nodes on its lines; "
-        "or points, of any layer; or outline (default: what the file says, else the outline)",
-    )
-    verb.add_argument(
-        "--layers",
-        type=take.words,
-        metavar="NAME,...",
-        help="layers to read, which become groups (default: all)",
-    )
-    verb.add_argument(
-        "--split", action="store_true", help="make a joint wherever elements cross, or an end lies on one"
-    )
+    _value(verb, "--supports", str, "LAYER", text)
+    _value(verb, "--layers", take.words, "NAME,...", "layers to read, which become groups (default: all)")
+    _flag(verb, "--split", "make a joint wherever elements cross, or an end lies on one")
 
 
 def _export(verb: Parser) -> None:
-    verb.add_argument(
-        "-o",
-        type=Path,
-        required=True,
-        metavar="FILE",
-        dest="output",
-        help="what to write; the ending names the format (.csv: a folder of tables)",
-    )
-    verb.add_argument(
-        "--time",
-        type=take.time,
-        metavar="T",
-        help="the state at this time [s], or end for the last (default: the form)",
-    )
+    text = "what to write; the ending names the format (.csv: a folder of tables)"
+    _value(verb, "-o", Path, "FILE", text, required=True, dest="output")
+    text = "the state at this time [s], or end for the last (default: the form)"
+    _value(verb, "--time", take.time, "T", text)
 
 
-# --- options that several commands have
+# --- kinds of options
+
+
+def _value(verb: Parser, name: str, kind: Callable, what: str, text: str | None, **more) -> None:
+    """A word or option with a value; what : the value in the help; more : as of `add_argument`"""
+    verb.add_argument(name, type=kind, metavar=what, help=text, **more)
+
+
+def _values(verb: Parser, name: str, what: str, text: str, **more) -> None:
+    """An option that may be repeated."""
+    verb.add_argument(name, action="append", default=[], metavar=what, help=text, **more)
+
+
+def _flag(verb, name: str, text: str) -> None:
+    verb.add_argument(name, action="store_true", help=text)
 
 
 def _launcher(verb: Parser) -> None:
-    text = 'what starts the ranks (default: "mpirun -n {ranks}")'
-    verb.add_argument("--launcher", metavar="COMMAND", help=text)
+    _value(verb, "--launcher", str, "COMMAND", 'what starts the ranks (default: "mpirun -n {ranks}")')
 
 
 def _repeats(verb: Parser, default: int, text: str) -> None:
-    verb.add_argument("--repeats", type=take.count, default=default, metavar="N", help=text)
+    _value(verb, "--repeats", take.count, "N", text, default=default)
 
 
 def _folder(verb: Parser, default: Path | None, text: str) -> None:
-    verb.add_argument("-o", type=Path, default=default, metavar="DIR", dest="folder", help=text)
-
-
-# --- what an option takes
+    _value(verb, "-o", Path, "DIR", text, default=default, dest="folder")

@@ -12,6 +12,7 @@ from netfall.exchange.state import AXES, MARK, State, lengths, state_of
 from netfall.exchange.tables import write_tables
 from netfall.exchange.vtu import write_vtu
 from netfall.ground.errors import InputError
+from netfall.results.file import telling_what_lacks
 from netfall.results.result import Result
 from netfall.write.locks import whole
 
@@ -37,7 +38,7 @@ def export(source: Path, target: Path, time: float | None, say: Callable[[str], 
         raise InputError(f"-o {target}: exists, and is not what netfall exported; give another name")
     if write is write_tcl and time is not None:
         raise InputError("--time: a .tcl holds an equilibrium, not a state in motion; leave --time out")
-    with Result(source) as result:
+    with Result(source) as result, telling_what_lacks(source):
         lines = write(result, state_of(result, time), target)
         if write is not write_tables:
             lines += lacking(result, target.suffix.lower())

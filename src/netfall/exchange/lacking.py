@@ -24,7 +24,7 @@ def _of_net(result: Result) -> dict[str, bool]:
     """What there is in a net, and whether this one has it."""
     f = result.file
     net, ids = f["net"], f["net/element_id"][:]
-    known = lambda name: f[f"{RECORD}/{name}"][:] if RECORD in f else np.zeros(1)
+    known = lambda name: f[f"{RECORD}/{name}"][:]
     pieces = net["cable_names"].asstr()[:].astype(str)[net["cable"][:]]
     part_held = net["fixed"][:].any(1) & ~net["fixed"][:].all(1)
     return {

@@ -4,8 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.ground.errors import InputError
-from netfall.results.file import not_in_file
 from netfall.results.result import Result
 from netfall.results.states import start_position, start_tension
 
@@ -62,11 +60,8 @@ class State:
 def state_of(result: Result, time: float | None) -> State:
     """The form (time None), or the frame nearest to a time [s]; inf: the last one.
 
-    Raises InputError for a time that the run did not reach, and for a file that lacks what this needs.
+    Raises InputError for a time that the run did not reach.
     """
-    needed = [name for name in ("unstressed_length", "axial_stiffness") if name not in result.elements]
-    if needed:
-        raise InputError(f"{result.path}: {not_in_file(f'/net/{needed[0]}')}; run the job again")
     if time is None:
         position, tension = form_of(result)
         broken, ends, name = np.zeros(len(tension), bool), result.file["net/elements"][:], "form"

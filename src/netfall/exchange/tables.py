@@ -9,7 +9,6 @@ from netfall.exchange.job_again import job_again
 from netfall.exchange.state import AXES, MARK, RECORD, State
 from netfall.ground.errors import InputError
 from netfall.job.table import SEVERAL, write_table
-from netfall.results.file import not_in_file
 from netfall.results.result import Result
 from netfall.write.locks import whole_folder
 
@@ -23,7 +22,7 @@ def write_tables(result: Result, state: State, folder: Path) -> list[str]:
 
     In motion the tables alone: where the points are then, and what elements carry.
     """
-    ours = _check_folder(result, folder)
+    ours = _check_folder(folder)
     with whole_folder(folder) as place:
         told = [line.replace(str(place), str(folder)) for line in _written(result, state, place)]
         _check_copies(folder, place, ours)
@@ -60,11 +59,8 @@ def digest(folder: Path) -> str:
     return total.hexdigest()[:DIGITS]
 
 
-def _check_folder(result: Result, folder: Path) -> bool:
-    """Whether netfall exported what is in the folder.
-
-    Raises InputError for tables that are not netfall's to replace, and for results of another version.
-    """
+def _check_folder(folder: Path) -> bool:
+    """Whether netfall exported what is in the folder. Raises InputError for tables of the user's."""
     about = folder / ABOUT
     ours = about.is_file() and about.read_text(encoding="utf-8", errors="replace").startswith(MARK)
     there = [name for name in OWN if (folder / name).exists()]
@@ -72,8 +68,6 @@ def _check_folder(result: Result, folder: Path) -> bool:
         raise InputError(
             f"-o {folder}: has {there[0]} already, which is not what netfall exported; give another name"
         )
-    if RECORD not in result.file:
-        raise InputError(f"{result.path}: {not_in_file(f'/{RECORD}')}; run the job again")
     return ours
 
 
@@ -125,11 +119,11 @@ def _node_columns(result: Result) -> dict[str, np.ndarray]:
     found: dict[str, np.ndarray] = {}
     for name, values in (("load", of("load")), ("normal", of("normal"))):
         if (values[np.isfinite(values)] != 0.0).any():
-            found |= {f"{name}_{k}": _empty_for_nan(values[:, i]) for i, k in enumerate(AXES)}
+            found |= {f"{name}_{k}": values[:, i] for i, k in enumerate(AXES)}
     if of("mass").any():
         found["mass"] = of("mass")
     if np.isfinite(of("area")).any():
-        found["area"] = _empty_for_nan(of("area"))
+        found["area"] = of("area")
     if "spring" in net:
         for name, values in (("spring", net["spring"][:]), ("spring_rest", of("spring_rest"))):
             found |= {f"{name}_{k}": values[:, i] for i, k in enumerate(AXES)}
@@ -173,7 +167,7 @@ def _element_columns(result: Result, state: State) -> dict[str, np.ndarray]:
     ):
         if np.isfinite(values).any():
             given = before_drawing(values, factor)
-            found[name] = _empty_for_nan(np.where(np.isfinite(given), given, np.nan))
+            found[name] = np.where(np.isfinite(given), given, np.nan)
     if "type" in net:
         names = np.append(net["type_names"].asstr()[:], "").astype(str)
         found["type"] = names[net["type"][:]]
@@ -205,13 +199,8 @@ def _faces(result: Result, state: State) -> dict[str, np.ndarray]:
     if not is_node.all():
         place = np.full((len(corner), 3), np.nan)
         place[~is_node] = others[corner[~is_node] - n]
-        columns |= {k: _empty_for_nan(place[:, i]) for i, k in enumerate(AXES)}
+        columns |= {k: place[:, i] for i, k in enumerate(AXES)}
     return columns
-
-
-def _empty_for_nan(values: np.ndarray) -> np.ndarray:
-    empty = np.isnan(values)
-    return np.where(empty, "", values.astype(object)) if empty.any() else values
 
 
 def _history(result: Result) -> dict[str, np.ndarray]:

@@ -403,29 +403,6 @@ LISTS: dict[str, tuple[Key, ...]] = {
 LOST = ("elements", "group", "cables")  # keys of [[remove]] that say what is lost: one of them
 
 
-def wanted(name: str) -> str:
-    """What is said of a key that is missing."""
-    key = next(key for key in CABLE if key.name == name)
-    instead = next(other for other in NEEDED[name] if other != name)
-    return f"{name}: missing; expected {key.expected()}, or {instead}, or a type of the catalogue"
-
-
-def wrong_combinations(cable: dict, tables: bool):
-    """Sections and what is wrong in them, of [cable] as it stands; tables : rows of a table may say more."""
-    groups = {name: table for name, table in cable.items() if isinstance(table, dict)}
-    everywhere = {f"cable.{name}": table for name, table in groups.items()} | {"cable": cable}
-    for place, table in everywhere.items():
-        for one, other in EITHER:
-            if one in table and other in table:
-                yield place, f"{one} and {other} exclude each other; keep one of the two"
-        if "type" in table and "catalogue" not in cable:
-            yield place, "type: needs the table that it stands in; add catalogue = a path to [cable]"
-    given = {key for table in everywhere.values() for key in table}
-    for name, other in NEEDED.items():
-        if not tables and not given & {*other, "type"}:
-            yield "cable", wanted(name)
-
-
 def may_break(cable: dict) -> bool:
     """Whether a key of [cable] or of a group lets elements break."""
     tables = [table for table in (cable, *cable.values()) if isinstance(table, dict)]

@@ -153,10 +153,22 @@ def _rows_of(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
         raise InputError(f"{path}: not a CSV table ({error})") from None
 
 
-def write_table(path: Path, columns: dict) -> None:
-    """Write columns of one length by name as a table that `Table` reads; numbers come back exactly."""
-    cells = [np.asarray(values).tolist() for values in columns.values()]
+def write_table(path: Path, columns: dict, note: str = "", digits: int | None = None) -> None:
+    """Write columns of one length by name as a table that `Table` reads; nan is an empty cell.
+
+    note : a comment above the header; digits : of numbers, None: all, so that they come back exactly
+    """
+    cells = [[_cell(value, digits) for value in np.asarray(values).tolist()] for values in columns.values()]
     with open(path, "w", newline="", encoding="utf-8") as file:
+        file.write(f"# {note}\n" if note else "")
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(zip(*cells))
+
+
+def _cell(value, digits: int | None):
+    if not isinstance(value, float):
+        return value
+    if value != value:
+        return ""
+    return f"{value + 0.0:.{digits}g}" if digits else value

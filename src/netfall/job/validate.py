@@ -4,13 +4,15 @@ from types import SimpleNamespace
 
 from netfall.job.keys import REQUIRED, Key
 from netfall.job.schema import (
+    CABLE,
     CASE_KEYS,
+    EITHER,
     GENERATOR_KEYS,
     LISTS,
     LOST,
+    NEEDED,
     OVERRIDES,
     SECTIONS,
-    wrong_combinations,
 )
 from netfall.job.values import nearest, shown
 
@@ -238,3 +240,26 @@ def _flat(table: dict, place: str = "") -> dict:
     for name, value in table.items():
         found |= _flat(value, f"{place}{name}.") if isinstance(value, dict) else {place + name: value}
     return found
+
+
+def wanted(name: str) -> str:
+    """What is said of a key that is missing."""
+    key = next(key for key in CABLE if key.name == name)
+    instead = next(other for other in NEEDED[name] if other != name)
+    return f"{name}: missing; expected {key.expected()}, or {instead}, or a type of the catalogue"
+
+
+def wrong_combinations(cable: dict, tables: bool):
+    """Sections and what is wrong in them, of [cable] as it stands; tables : rows of a table may say more."""
+    groups = {name: table for name, table in cable.items() if isinstance(table, dict)}
+    everywhere = {f"cable.{name}": table for name, table in groups.items()} | {"cable": cable}
+    for place, table in everywhere.items():
+        for one, other in EITHER:
+            if one in table and other in table:
+                yield place, f"{one} and {other} exclude each other; keep one of the two"
+        if "type" in table and "catalogue" not in cable:
+            yield place, "type: needs the table that it stands in; add catalogue = a path to [cable]"
+    given = {key for table in everywhere.values() for key in table}
+    for name, other in NEEDED.items():
+        if not tables and not given & {*other, "type"}:
+            yield "cable", wanted(name)

@@ -28,3 +28,14 @@ def nearest(word: str, known) -> str:
 def listed(ids) -> str:
     """Ids in words, the first few of them."""
     return ", ".join(map(str, ids[:MOST_NAMED])) + (", ..." if len(ids) > MOST_NAMED else "")
+
+
+def counted(what: str, ids) -> str:
+    """Things by their number and the first few of their ids, each once: "3 nodes (4, 7, 9)", "node 4"."""
+    ids = list(dict.fromkeys(ids.tolist()))  # the parts of an element that was subdivided share its id
+    return f"{what} {ids[0]}" if len(ids) == 1 else f"{len(ids)} {what}s ({listed(ids)})"
+
+
+def more_of(what: str, count: int) -> list[str]:
+    """A line on how many more things there are than are named."""
+    return [f"{count - MOST_NAMED} more {what}"] if count > MOST_NAMED else []

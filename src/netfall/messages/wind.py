@@ -1,6 +1,5 @@
 """What `check` tells of the wind, and /wind keeps: intensity, gust factor, what the gusts lack."""
 
-
 from netfall.job.job import Job
 from netfall.model.model import Model
 from netfall.record.wind import expected_gust_factor, gust_lengths, negative_share, wind_section

@@ -7,12 +7,10 @@ import numpy as np
 from netfall.ground.errors import InputError
 from netfall.job.job import Job
 from netfall.job.schema import LOST
-from netfall.job.values import nearest, shown
+from netfall.job.values import MOST_NAMED, listed, nearest, shown
 from netfall.model.handover import HandOver, hand_over
 from netfall.net.net import Net, nearest_group
 from netfall.net.parts import parts_of
-
-MOST_NAMED = 8  # ids in one message
 
 
 @dataclass(frozen=True)
@@ -52,8 +50,8 @@ def _of_ids(net: Net, entry) -> tuple[np.ndarray, str]:
     """Rows of elements by their ids, and what is wrong with these."""
     rows = np.flatnonzero(np.isin(net.element_id, entry.elements))
     unknown = sorted(set(entry.elements) - set(net.element_id[rows].tolist()))
-    few, ids = ", ".join(map(str, unknown[:MOST_NAMED])), net.element_id
-    return rows, f"no element {few}; ids are {ids.min()} to {ids.max()}" if unknown else ""
+    ids = net.element_id
+    return rows, f"no element {listed(unknown)}; ids are {ids.min()} to {ids.max()}" if unknown else ""
 
 
 def _of_group(net: Net, entry) -> tuple[np.ndarray, str]:

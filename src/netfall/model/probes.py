@@ -6,9 +6,8 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.job.job import Job
+from netfall.job.values import listed
 from netfall.net.net import Net
-
-MOST_NAMED = 8  # ids in one message
 
 
 @dataclass(frozen=True)
@@ -50,6 +49,5 @@ def _particle(net: Net, probe) -> int:
 def _unknown(job: Job, key: str, what: str, wanted, ids: np.ndarray) -> list[str]:
     """A line on the ids that there are not."""
     unknown = sorted(set(wanted) - set(ids.tolist()))
-    few = ", ".join(map(str, unknown[:MOST_NAMED])) + ", ..." * (len(unknown) > MOST_NAMED)
-    line = f"{job.path}: [output] {key}: no {what} {few}; ids are {ids.min()} to {ids.max()}"
+    line = f"{job.path}: [output] {key}: no {what} {listed(unknown)}; ids are {ids.min()} to {ids.max()}"
     return [line] if unknown else []

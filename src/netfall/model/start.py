@@ -4,7 +4,7 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.job.job import Job
-from netfall.job.values import listed
+from netfall.job.values import counted
 from netfall.mechanics.material import strains
 from netfall.net.net import Net
 from netfall.numerics.functions import lengths
@@ -32,8 +32,9 @@ def unit_notes(net: Net) -> list[str]:
         values = getattr(net, column)
         odd = np.flatnonzero(np.isfinite(values) & ((values < low) | (values > high)))
         if len(odd):
+            these = counted("element", net.element_id[odd])
             notes.append(
-                f"{key} = {values[odd[0]]:g} {unit} of {in_words(net, odd)} is far from what cables have, "
+                f"{key} = {values[odd[0]]:g} {unit} of {these} is far from what cables have, "
                 f"{low:g} to {high:g}: {example}".replace("  ", " ")
             )
     return notes
@@ -70,7 +71,7 @@ def check_start(job: Job, net: Net, N: np.ndarray, L: np.ndarray, L0: np.ndarray
         if len(rows):
             e, one = rows[0], len(np.unique(net.element_id[rows])) == 1
             errors.append(
-                f"{job.path}: {in_words(net, rows)} start{'s' * one} beyond {what}: "
+                f"{job.path}: {counted('element', net.element_id[rows])} start{'s' * one} beyond {what}: "
                 f"{value[e]:.4g} in element {element_words(net, e, L0)} at a length of {L[e]:.6g} m, allowed "
                 f"{limit[e]:.4g}, with EA = {net.EA[e]:.4g} N; {UNITS}"
             )
@@ -129,15 +130,9 @@ def _buckling(net: Net, N: np.ndarray) -> list[str]:
     if not len(rows):
         return []
     return [
-        f"[net] subdivide cuts {in_words(net, rows)} in parts, compressed bars without bending stiffness, "
-        "which buckle at the nodes between them; subdivide = 1 leaves them whole"
+        f"[net] subdivide cuts {counted('element', net.element_id[rows])} in parts, compressed bars without "
+        "bending stiffness, which buckle at the nodes between them; subdivide = 1 leaves them whole"
     ]
-
-
-def in_words(net: Net, rows: np.ndarray) -> str:
-    """Elements by the first few of their ids, and how many there are; the parts of one share its id."""
-    ids = list(dict.fromkeys(net.element_id[rows].tolist()))
-    return f"element {ids[0]}" if len(ids) == 1 else f"{len(ids)} elements ({listed(ids)})"
 
 
 def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:

@@ -20,7 +20,7 @@ from netfall.ground.errors import InputError
 from netfall.job.job import Job
 from netfall.job.schema import EITHER, wanted
 from netfall.job.table import Table
-from netfall.job.values import listed, nearest, shown
+from netfall.job.values import counted, nearest, shown
 from netfall.net.net import Net
 from netfall.numerics.functions import exp, log1p
 from netfall.numerics.normal import quantile
@@ -273,8 +273,8 @@ def _bars_by_inheritance(job: Job, net: Net) -> list[str]:
             bare = (net.group == g) & (np.abs(given - value) <= ROUNDING * value)
             if bare.any():
                 notes.append(
-                    f"[cable.{name}]: {_bars(net, bare)} with {key} = {value:g} {unit} from [cable], where "
-                    f"it is that of cables; give that of bars in [cable.{name}]"
+                    f"[cable.{name}]: {counted('bar', net.element_id[bare])} with {key} = {value:g} {unit} "
+                    f"from [cable], where it is that of cables; give that of bars in [cable.{name}]"
                 )
     return notes
 
@@ -288,13 +288,7 @@ def _bars_without(net: Net) -> list[str]:
         name, rows = net.group_names[g], endless & (net.group == g)
         of = f" of group {shown(name)}" if name else ""
         notes.append(
-            f"{_bars(net, rows)}{of} without a strength, while others can break: nothing yields or breaks "
-            "there, whatever is carried; give yield_stress, breaking_load or fracture_strain"
+            f"{counted('bar', net.element_id[rows])}{of} without a strength, while others can break: nothing "
+            "yields or breaks there, whatever is carried; give yield_stress, breaking_load or fracture_strain"
         )
     return notes
-
-
-def _bars(net: Net, rows: np.ndarray) -> str:
-    """Bars by how many they are and the first few of their ids; the parts of one share its id."""
-    ids = list(dict.fromkeys(net.element_id[rows].tolist()))
-    return f"bar {ids[0]}" if len(ids) == 1 else f"{len(ids)} bars ({listed(ids)})"

@@ -5,6 +5,7 @@ import numpy as np
 from netfall.ground.errors import InputError
 from netfall.job.job import Job
 from netfall.job.table import SEVERAL, Table
+from netfall.job.values import MOST_NAMED, more_of
 from netfall.net.net import Net, pair_key
 from netfall.net.parts import unjoined_pairs
 
@@ -46,7 +47,6 @@ TO_METRES = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000), 
 LEAST = 1e-12  # of what is to be positive
 UNIT = 4e-16  # rounding of the length of a unit normal
 WHOLE = 1e-9  # rounding of the sum of shares
-MOST_NAMED = 5  # pairs in one note
 
 
 def read_tables(job: Job) -> tuple[Net, dict[str, np.ndarray]]:
@@ -273,7 +273,7 @@ def _parallel_elements(net: Net) -> list[str]:
             f"elements {' and '.join(map(str, net.element_id[rows]))} both join nodes {a} and {b}; "
             "they count as parallel cables, and once for the roof's faces"
         )
-    return notes + _more(len(several), "pairs of nodes are joined by several elements")
+    return notes + more_of("pairs of nodes are joined by several elements", len(several))
 
 
 def _unjoined_nodes(net: Net) -> list[str]:
@@ -284,8 +284,4 @@ def _unjoined_nodes(net: Net) -> list[str]:
         "apart and are not joined; if they were meant as one, keep one of them"
         for a, b in pairs[:MOST_NAMED]
     ]
-    return notes + _more(len(pairs), "pairs of nodes lie as close")
-
-
-def _more(count: int, what: str) -> list[str]:
-    return [f"{count - MOST_NAMED} more {what}"] if count > MOST_NAMED else []
+    return notes + more_of("pairs of nodes lie as close", len(pairs))

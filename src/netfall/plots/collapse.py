@@ -2,11 +2,10 @@
 
 import matplotlib.pyplot as plt
 import numpy as np
-from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
+from netfall.plots.canvas import BROKEN, MOST_DRAWN, add_lines, heading, space_panels
 from netfall.plots.force import add_supports
-from netfall.plots.net import MOST_DRAWN, _space
-from netfall.plots.style import short_title
+from netfall.results.file import title_of
 from netfall.results.frames import Frames
 from netfall.results.losses import lost_at
 
@@ -18,7 +17,7 @@ STYLES = (
     ("taut", "#30507a", 0.8),
     ("compressed", "#c77700", 0.9),
     ("slack", "#9ab8d8", 0.6),
-    ("broken; dashed: lost", "#d62728", 1.1),
+    ("broken; dashed: lost", BROKEN, 1.1),
 )
 
 
@@ -27,27 +26,19 @@ def collapse(f):
     frames = Frames(f)
     steps = stage_steps(frames.times, *_happenings(f))
     window = view(frames, steps)
-    rows = -(-len(steps) // 2)
-    figure = plt.figure(figsize=(11, 3.6 * rows + 0.7))
-    start = frames.positions(0)[: len(f["net/fixed"])]
+    figure, panels = space_panels(window, len(steps), 0.5)
+    start, elements = frames.positions(0)[: len(f["net/fixed"])], f["net/elements"][:]
     lost = lost_at(f)
-    for k, step in enumerate(steps):
-        axes = _space(figure, (rows, 2, k + 1), window)
+    for axes, step in zip(panels, steps):
         _draw_stage(axes, frames, step, window)
-        gone = start[f["net/elements"][:][lost <= frames.times[step]]]
-        if len(gone):
-            axes.add_collection3d(
-                Line3DCollection(gone, colors=STYLES[-1][1], linewidths=1.1, linestyles="--")
-            )
+        gone = start[elements[lost <= frames.times[step]]]
+        add_lines(axes, gone, colors=BROKEN, linewidths=1.1, linestyles="--")
         add_supports(f, axes, start)
     handles = [plt.Line2D([], [], color=colour, lw=2, label=name) for name, colour, _ in STYLES]
     handles += axes.get_legend_handles_labels()[0]
-    figure.legend(handles=handles, loc="lower center", ncols=6, frameon=False, fontsize=9)
+    figure.legend(handles=handles, loc="lower center", ncols=6)
     what = "collapse" if len(f["events/time"]) else "motion"
-    figure.suptitle(f"{short_title(f)}: {'loss of members, ' * bool(np.isfinite(lost).any())}{what}")
-    height = figure.get_figheight()
-    margins = {"top": 1 - 0.9 / height, "bottom": 0.5 / height, "hspace": 0.12, "wspace": 0.02}
-    figure.subplots_adjust(left=0.02, right=0.98, **margins)
+    heading(figure, title_of(f), f": {'loss of members, ' * bool(np.isfinite(lost).any())}{what}")
     return figure
 
 
@@ -64,30 +55,32 @@ def view(frames: Frames, steps: list[int], farthest: float = FARTHEST) -> np.nda
     return np.array([np.clip(lowest, low - reach, low), np.clip(highest, high, high + reach)])
 
 
+def within(window: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """Which lines (m, 2, 3) [m] are in the box (2, 3) [m], or hardly beyond it."""
+    margin = 0.02 * np.ptp(window, axis=0).max()
+    return ((lines >= window[0] - margin) & (lines <= window[1] + margin)).all((1, 2))
+
+
 def _draw_stage(axes, frames: Frames, step: int, window: np.ndarray) -> None:
     """The elements at a step that are within the window (2, 3)."""
     every = max(1, frames.cells // MOST_DRAWN)
     lines, N = frames.lines(step)[::every], frames.cell("tension", step)[::every]
     broken = frames.cell("broken", step)[::every].astype(bool)
-    margin = 0.02 * np.ptp(window, axis=0).max()
-    inside = ((lines >= window[0] - margin) & (lines <= window[1] + margin)).all((1, 2))
+    inside = within(window, lines)
     which = (~broken & (N > 0), ~broken & (N < 0), ~broken & (N == 0), broken)
     for (_, colour, width), rows in zip(STYLES, which):
-        if (rows & inside).any():
-            axes.add_collection3d(Line3DCollection(lines[rows & inside], colors=colour, linewidths=width))
+        add_lines(axes, lines[rows & inside], colors=colour, linewidths=width)
     gone, away = int(frames.cell("broken", step).sum()), int((~inside).sum()) * every
     out_of_view = f", {away} out of view" if away else ""
     slack = int(which[2].sum()) * every
-    words = f"t = {frames.times[step]:.4g} s: {gone} broken or lost, {slack} slack{out_of_view}"
-    axes.set_title(words, fontsize=9)
+    axes.set_title(f"t = {frames.times[step]:.4g} s: {gone} broken or lost, {slack} slack{out_of_view}")
 
 
 def _happenings(f) -> tuple[np.ndarray, np.ndarray, list[float]]:
     """Times [s] of fractures, of losses, and of what else is remarkable, the most remarkable first."""
-    h, losses, moments = f["history"], np.unique(lost_at(f)), []
-    if "envelope" in f:
-        far = f["envelope/displacement_max"][:]
-        moments.append(float(f["envelope/displacement_max_time"][int(np.argmax(far))]))
+    h, losses = f["history"], np.unique(lost_at(f))
+    far = f["envelope/displacement_max"][:]
+    moments = [float(f["envelope/displacement_max_time"][int(np.argmax(far))])]
     t, kinetic, slack = h["time"][:], h["kinetic_energy"][:], h["slack"][:]
     peaks = np.flatnonzero((kinetic[1:-1] > kinetic[:-2]) & (kinetic[1:-1] >= kinetic[2:])) + 1
     moments += [float(t[np.argmax(slack)])] * bool(slack.any())

@@ -3,8 +3,8 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from netfall.plots.style import legend_below, mark_events, short_title, unit_of
-from netfall.results.file import element_name
+from netfall.plots.canvas import SMALL, charts, heading, legend_below, unit_of
+from netfall.results.file import element_name, title_of
 from netfall.results.frames import Frames
 from netfall.results.losses import broken_at, lost_at
 
@@ -13,7 +13,9 @@ MOST_NAMED = 10  # of the elements that the job names
 LEAST_ROWS = 10  # of the history before the first fracture, for a picture of them
 BULK = 0.5, 99.5  # percentiles of values that a scale shows
 MUCH_MORE = 1.0  # times the range of the bulk: what is farther out is left out of the scale
-UNTIL = "until the first fracture"
+FLOOR = 1e-17  # of the errors that are drawn
+AUDITS = (("balance_error", "physical balance", "C4"), ("identity_error", "work identity", "C5"))
+ROOM = 0.14  # of the width, from one time that is told to the next
 
 
 def load_displacement(f):
@@ -24,12 +26,11 @@ def load_displacement(f):
     p = int(np.linalg.norm(last, axis=1).argmax())
     k = int(np.abs(last[p]).argmax())
     groups, names = f["net/group"][:], f["net/group_names"].asstr()[:]
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
+    figure, ((left, right),) = charts(1, 2, 10, 4.2)
     left.plot(g["displacement"][:, p, k], share, "o-", color="C0")
     left.set_xlabel(f"displacement along {'xyz'[k]} of node {f['net/node_id'][p]} [m]")
     left.xaxis.set_major_locator(plt.MaxNLocator(5))
     left.set_ylabel("load factor [-]")
-    left.grid(alpha=0.3)
     factor, unit = unit_of(np.abs(T).max(), "N")
     for j, name in enumerate(names):
         mine = factor * T[:, groups == j]
@@ -38,9 +39,8 @@ def load_displacement(f):
     right.set_xlabel("load factor [-]")
     right.set_ylabel(f"tension, least to largest [{unit}]")
     right.set_ylim(bottom=min(0.0, right.get_ylim()[0]))
-    right.grid(alpha=0.3)
-    right.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=4, frameon=False)
-    figure.suptitle(f"{short_title(f)}: static load")
+    legend_below(figure, right)
+    heading(figure, title_of(f), ": static load")
     return figure
 
 
@@ -57,39 +57,59 @@ def energies(f):
     )
     total = sum(h[name][:] for name, *_ in names[1:])
     first = early_end(f)
-    places = [["early", "top"], ["below", "below"]] if first else [["top"], ["below"]]
-    size = {"figsize": (11 if first else 9, 7), "height_ratios": (3, 1), "layout": "constrained"}
-    figure, panels = plt.subplot_mosaic(places, **size)
-    top, below = panels["top"], panels["below"]
-    for panel in [panels[name] for name in ("early", "top") if name in panels]:
-        rows = t <= first if panel is not top else np.full(len(t), True)
+    figure, panels = charts(2, 2 if first else 1, 11 if first else 9, 7, height_ratios=(3, 1), sharex="col")
+    for (k, column), panel in np.ndenumerate(panels):
+        rows = _shown(t, first, column)
+        if k:
+            _draw_audits(panel, h, t, rows)
+            continue
         scale, named = unit_of(max(np.abs(h[name][:][rows]).max() for name, *_ in names), "J")
         for name, label, colour, style in names:
             panel.plot(t[rows], scale * h[name][:][rows], color=colour, ls=style, lw=1.3, label=label)
-        panel.plot(
-            t[rows], scale * total[rows], color="0.6", ls="--", lw=2.2, zorder=0, label="sum of the four"
-        )
+        both = dict(color="0.6", ls="--", lw=2.2, zorder=0, label="sum of the four")
+        panel.plot(t[rows], scale * total[rows], **both)
         panel.set_ylabel(f"energy [{named}]")
-        panel.grid(alpha=0.3)
-    if first:
-        panels["early"].set_title(UNTIL, fontsize=9)
-    figure.legend(
-        *top.get_legend_handles_labels(), loc="outside lower center", ncols=6, frameon=False, fontsize=8
-    )
-    mark_events(top, f)
-    floor = 1e-17
-    below.semilogy(
-        t, np.maximum(np.abs(h["balance_error"][:]), floor), color="C4", lw=1, label="physical balance"
-    )
-    below.semilogy(
-        t, np.maximum(np.abs(h["identity_error"][:]), floor), color="C5", lw=1, label="work identity"
-    )
-    below.set_xlabel("time [s]")
-    below.set_ylabel("share of the energy [-]")
-    below.grid(alpha=0.3)
-    below.legend(loc="lower right", ncols=2, frameon=False, fontsize=8)
-    figure.suptitle(f"{short_title(f)}: energy")
+    legend_below(figure, panels[0, 0], 6)
+    _tell_events(f, panels[0], first)
+    panels[1, 0].set_ylabel("share of the energy [-]")
+    panels[1, -1].legend(loc="lower right", ncols=2)
+    heading(figure, title_of(f), ": energy")
     return figure
+
+
+def _draw_audits(axes, h, t: np.ndarray, rows: np.ndarray) -> None:
+    """The errors of the two audits over the time t (t,) [s], in some rows (t,) bool."""
+    for name, label, colour in AUDITS:
+        axes.semilogy(t[rows], np.maximum(np.abs(h[name][:][rows]), FLOOR), color=colour, lw=1, label=label)
+    axes.set_xlabel("time [s]")
+
+
+def _shown(t: np.ndarray, first: float, column: int) -> np.ndarray:
+    """Rows (t,) bool of the history in a column: those before the first fracture, and beside them all."""
+    return t <= first if first and column == 0 else np.full(len(t), True)
+
+
+def _tell_events(f, panels, first: float) -> None:
+    """Mark events in the last of the uppermost panels, and name the first where it ends before them."""
+    mark_events(panels[-1], f)
+    if first:
+        panels[0].set_title("until the first fracture")
+
+
+def mark_events(axes, f) -> None:
+    """A line at each loss of members and at the first fracture, with its time where there is room."""
+    lost = lost_at(f)
+    marks = [(t, f"first fracture {t:.3f} s", ":") for t in f["events/time"][:1]]
+    marks += [(t, f"loss {t:.3f} s", "--") for t in np.unique(lost[~np.isnan(lost)])]
+    low, high = axes.get_xlim()
+    told: list[float] = []
+    for t, words, style in marks:
+        axes.axvline(t, color="0.5", lw=0.8, ls=style)
+        if all(abs(t - other) > ROOM * (high - low) for other in told):
+            told.append(t)
+            above = axes.get_xaxis_transform()
+            place = {"xytext": (3, 3), "textcoords": "offset points", "fontsize": SMALL, "color": "0.4"}
+            axes.annotate(words, (t, 1.0), xycoords=above, **place)
 
 
 def tensions(f):
@@ -97,26 +117,23 @@ def tensions(f):
 
     After its fracture an element is drawn thin: it swings loose (paper Fig. 13).
     """
-    figure, axes = plt.subplots(figsize=(9, 4.8), layout="constrained")
+    figure, ((axes,),) = charts(1, 1, 9, 4.8)
     curves = _tension_curves(f)
     factor, unit = unit_of(max(np.abs(N).max() for _, N, _ in curves), "N")
     broken, lost = broken_at(f), lost_at(f)
     for k, (t, N, e) in enumerate(curves):
         end = np.fmin(broken[e], lost[e])
         note = f", breaks at {end:.3f} s" if end == broken[e] else f", lost at {end:.3f} s" if end > 0 else ""
-        whole = ~(t > end)
-        axes.plot(
-            t[whole], factor * N[whole], lw=1, color=f"C{k % 10}", label=f"element {element_name(f, e)}{note}"
-        )
-        axes.plot(t[~whole], factor * N[~whole], lw=0.5, color=f"C{k % 10}", alpha=0.35)
+        whole, colour, label = ~(t > end), f"C{k % 10}", f"element {element_name(f, e)}{note}"
+        axes.plot(t[whole], factor * N[whole], lw=1, color=colour, label=label)
+        axes.plot(t[~whole], factor * N[~whole], lw=0.5, color=colour, alpha=0.35)
     sizes = np.concatenate([N for _, N, _ in curves])
     _set_readable(axes, factor * sizes)
     axes.set_xlabel("time [s]")
     axes.set_ylabel(f"axial force, positive in tension [{unit}]")
-    axes.grid(alpha=0.3)
     mark_events(axes, f)
-    legend_below(axes, 3)
-    axes.set_title(f"{short_title(f)}: tensions", pad=16)
+    legend_below(figure, axes, 3)
+    heading(figure, title_of(f), ": tensions")
     return figure
 
 
@@ -152,31 +169,20 @@ def displacements(f):
     """Displacement histories of the probes (paper Fig. 14); beside the whole what was before a fracture."""
     h, first = f["history"], early_end(f)
     t, d, particles = h["time"][:], h["probe_displacement"][:], h["probe_particle"][:]
-    x, columns = f["net/particles"][:], 2 if first else 1
-    figure, axes = plt.subplots(
-        3,
-        columns,
-        figsize=(5.5 * columns + 3.5 * (not first), 7),
-        sharex="col",
-        layout="constrained",
-        squeeze=False,
-    )
+    x = f["net/particles"][:]
+    figure, axes = charts(3, 2 if first else 1, 11 if first else 9, 7, sharex="col")
     name = lambda p: f"node {f['net/node_id'][p]} at ({', '.join(f'{value:.1f}' for value in x[p])}) m"
     for (k, column), axis in np.ndenumerate(axes):
-        rows = t <= first if first and column == 0 else np.full(len(t), True)
+        rows = _shown(t, first, column)
         for j, p in enumerate(particles[:MOST_CURVES]):
             axis.plot(t[rows], d[rows, j, k], lw=1, label=name(p))
         if column == 0:
             axis.set_ylabel(f"displacement {'xyz'[k]} [m]")
-        axis.grid(alpha=0.3)
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
-    mark_events(axes[0, -1], f)
-    if first:
-        axes[0, 0].set_title(UNTIL, fontsize=9)
-    labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(*labels, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
-    figure.suptitle(f"{short_title(f)}: displacements")
+    _tell_events(f, axes[0], first)
+    legend_below(figure, axes[0, 0], 3)
+    heading(figure, title_of(f), ": displacements")
     return figure
 
 
@@ -196,7 +202,7 @@ def wind(f):
     tapped = "pressure" in g
     t, values = g["time"][:], g["pressure" if tapped else "speed"][:]
     points = g["tap" if tapped else "control_point"][:]
-    figure, axes = plt.subplots(figsize=(9, 4.2), layout="constrained")
+    figure, ((axes,),) = charts(1, 1, 9, 4.2)
     for k in np.unique(np.linspace(0, values.shape[1] - 1, 3).astype(int)):
         place = ", ".join(f"{coordinate:.0f}" for coordinate in points[k])
         axes.plot(t, values[:, k], lw=0.9, label=f"at ({place}) m")
@@ -204,7 +210,6 @@ def wind(f):
         axes.axhline(g["mean_speed"][:].mean(), color="0.5", lw=0.8, ls="--", label="mean")
     axes.set_xlabel("time [s]")
     axes.set_ylabel("pressure, positive presses [N/m2]" if tapped else "wind speed [m/s]")
-    axes.grid(alpha=0.3)
-    legend_below(axes)
-    axes.set_title(f"{short_title(f)}: wind", pad=16)
+    legend_below(figure, axes)
+    heading(figure, title_of(f), ": wind")
     return figure

@@ -11,15 +11,13 @@ import h5py
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.animation import FFMpegWriter, writers
-from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from PIL import Image
 
 from netfall.ground.errors import InputError
-from netfall.plots.collapse import view
+from netfall.plots.canvas import BROKEN, add_lines, heading, in_space, line_width
+from netfall.plots.collapse import view, within
 from netfall.plots.force import SLACK, ForceScale, add_by_force, add_supports, force_bars
-from netfall.plots.net import _space
-from netfall.plots.style import short_title
-from netfall.results.file import missing_line, open_result
+from netfall.results.file import reading, title_of
 from netfall.results.frames import Frames
 from netfall.results.losses import lost_at
 from netfall.write.locks import whole
@@ -31,7 +29,6 @@ MOST_LOOKS = 25  # frames from which the room is found
 FASTEST = 50  # frames a second that programs show of a GIF
 FARTHEST = 0.6  # of the largest extent of the net: how far beyond it the picture reaches at most
 ZOOM = 1.05
-BROKEN = "#d62728"
 FORMATS = ("mp4", "gif")
 
 
@@ -44,11 +41,8 @@ def animate(result: Path, folder: Path, form: str | None, fps: int) -> tuple[Pat
     form, why = format_of(form, writers.is_available("ffmpeg"))
     if form == "gif" and fps > FASTEST:
         raise InputError(f"--fps {fps}: a GIF shows at most {FASTEST} frames a second; lower it, or take MP4")
-    with open_result(result) as f:
-        try:
-            film = Film.of(f, result)
-        except KeyError as error:
-            raise InputError(f"{result}: {missing_line(error)}, so there is no animation") from None
+    with reading(result) as f:
+        film = Film.of(f, result)
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{result.stem}_collapse.{form}"
         with whole(path) as place:
@@ -104,7 +98,7 @@ class Film:
         figure, axes = _stage(f, frames, window, scale, N)
         done = _time_bar(f, figure, frames.times)
         word = "broken or lost" if np.isfinite(lost_at(f)).any() else "broken"
-        return Film(frames, short_title(f), steps, every, window, scale, figure, axes, done, word, [])
+        return Film(frames, title_of(f), steps, every, window, scale, figure, axes, done, word, [])
 
     def show(self, step: int) -> None:
         """Draw a frame of the file in place of the one before."""
@@ -113,17 +107,15 @@ class Film:
         before = set(self.axes.collections)
         lines, N = self.frames.lines(step)[:: self.every], self.frames.cell("tension", step)[:: self.every]
         broken = self.frames.cell("broken", step).astype(bool)
-        gone, margin = broken[:: self.every], 0.02 * np.ptp(self.window, axis=0).max()
-        inside = ((lines >= self.window[0] - margin) & (lines <= self.window[1] + margin)).all((1, 2))
+        gone, inside = broken[:: self.every], within(self.window, lines)
         whole, torn = inside & ~gone, inside & gone
-        width = float(np.clip(50.0 / np.sqrt(len(lines)), 0.4, 1.3))
+        width = line_width(len(lines))
         add_by_force(self.axes, lines[whole], N[whole], self.scale, width)
-        if torn.any():
-            self.axes.add_collection3d(Line3DCollection(lines[torn], colors=BROKEN, linewidths=1.4 * width))
+        add_lines(self.axes, lines[torn], colors=BROKEN, linewidths=1.4 * width)
         self.moving = [artist for artist in self.axes.collections if artist not in before]
         t, away = self.frames.times[step], int((~inside).sum()) * self.every
         told = f"{int(broken.sum())} of {len(broken)} {self.word}" + (f", {away} out of view" if away else "")
-        self.figure.suptitle(f"{self.title}\nt = {t:.3f} s: {told}", fontsize=10)
+        heading(self.figure, self.title, f"\nt = {t:.3f} s: {told}")
         self.done.set_width(t - self.frames.times[0])
 
     def told(self, fps: int) -> str:
@@ -153,7 +145,7 @@ def _whole_forces(frames: Frames, step: int) -> np.ndarray:
 def _stage(f, frames: Frames, window, scale: ForceScale, N):
     """The figure and its axes with what does not move: supports, scales, legend."""
     figure = plt.figure(figsize=SIZE, dpi=DPI)
-    axes = _space(figure, (1, 1, 1), window)
+    axes = in_space(figure, (1, 1, 1), window)
     axes.set_box_aspect(np.ptp([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()], axis=1), zoom=ZOOM)
     axes.computed_zorder = False  # supports and broken elements over the others
     add_supports(f, axes, frames.positions(0)[: len(f["net/fixed"])])
@@ -164,7 +156,7 @@ def _stage(f, frames: Frames, window, scale: ForceScale, N):
         plt.Line2D([], [], color=c, lw=2, label=name) for c, name in ((SLACK, "slack"), (BROKEN, "broken"))
     ]
     handles = [*axes.get_legend_handles_labels()[0], *lines]
-    figure.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.0, 0.92), frameon=False, fontsize=7)
+    figure.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.0, 0.92))
     return figure, axes
 
 
@@ -174,7 +166,7 @@ def _time_bar(f, figure, times: np.ndarray):
     axes.set_xlim(times[0], times[-1])
     axes.set_yticks([])
     axes.tick_params(labelsize=7, pad=1)
-    axes.set_xlabel("time [s]; red: fractures and losses", fontsize=8, labelpad=1)
+    axes.set_xlabel("time [s]; red: fractures and losses", labelpad=1)
     done = plt.Rectangle((times[0], 0.0), 0.0, 1.0, color="0.75", lw=0)
     axes.add_patch(done)
     lost = lost_at(f)

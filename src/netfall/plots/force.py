@@ -9,11 +9,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.path import Path
-from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from netfall.checks.reactions import held_axes
-from netfall.plots.net import MOST_DRAWN
-from netfall.plots.style import unit_of
+from netfall.plots.canvas import MOST_DRAWN, add_coloured, add_lines, unit_of
 
 MOST_SUPPORTS = 2_000  # marked
 PERCENTILES = 1.0, 99.0  # of the forces, between which colours differ
@@ -62,24 +60,12 @@ def add_by_force(axes, lines: np.ndarray, N: np.ndarray, scale: ForceScale, widt
     """Add elements with ends lines (m, 2, 3) [m] and axial forces N (m,) [N]; the most stressed on top."""
     every = max(1, len(lines) // MOST_DRAWN)
     lines, N = lines[::every], N[::every]
-    idle = N == 0.0
-    if idle.any():
-        axes.add_collection3d(
-            Line3DCollection(lines[idle], colors=SLACK, linewidths=0.7 * width, clip_on=False)
-        )
+    add_lines(axes, lines[N == 0.0], colors=SLACK, linewidths=0.7 * width)
     for sign, ends, palette in ((1, scale.tension, TENSION), (-1, scale.compression, COMPRESSION)):
         rows = np.flatnonzero(sign * N > 0.0)
         if len(rows):
-            rows = rows[np.argsort(sign * N[rows], kind="stable")]
-            shown = Line3DCollection(
-                lines[rows],
-                array=scale.factor * sign * N[rows],
-                cmap=palette,
-                linewidths=width,
-                clip_on=False,
-            )
-            shown.set_clim(scale.factor * ends[0], scale.factor * ends[1])
-            axes.add_collection3d(shown)
+            norm = plt.Normalize(scale.factor * ends[0], scale.factor * ends[1])
+            add_coloured(axes, lines[rows], scale.factor * sign * N[rows], norm, palette, width)
 
 
 def force_bars(figure, scale: ForceScale, N: np.ndarray, bottom: float, height: float) -> None:
@@ -93,13 +79,14 @@ def force_bars(figure, scale: ForceScale, N: np.ndarray, bottom: float, height: 
     for k, (word, sign, ends, palette) in enumerate(there):
         left = 0.5 - 0.5 * width if len(there) == 1 else 0.1 + 0.46 * k
         values = scale.factor * sign * N[sign * N > 0.0]
-        colours = plt.cm.ScalarMappable(
-            plt.Normalize(scale.factor * ends[0], scale.factor * ends[1]), cmap=palette
+        low, high = scale.factor * ends[0], scale.factor * ends[1]
+        bar = figure.colorbar(
+            plt.cm.ScalarMappable(plt.Normalize(low, high), palette),
+            cax=figure.add_axes((left, bottom, width, height)),
+            orientation="horizontal",
+            extend=beyond(values, low, high),
         )
-        place = figure.add_axes((left, bottom, width, height))
-        extend = beyond(values, scale.factor * ends[0], scale.factor * ends[1])
-        bar = figure.colorbar(colours, cax=place, orientation="horizontal", extend=extend)
-        bar.set_label(f"{word} [{scale.unit}], {values.min():.4g} to {values.max():.4g}", fontsize=9)
+        bar.set_label(f"{word} [{scale.unit}], {values.min():.4g} to {values.max():.4g}")
 
 
 def beyond(values: np.ndarray, low: float, high: float) -> str:
@@ -113,18 +100,12 @@ def add_supports(f, axes, x: np.ndarray) -> None:
     rows = np.flatnonzero(held_axes(f).any(1))
     edge = edge_of(x, rows)
     if len(edge):
-        axes.plot(
-            *x[edge].T,
-            color=SUPPORT,
-            lw=0.8,
-            ls=(0, (3, 2)),
-            label="edge through the supports",
-            clip_on=False,
-        )
+        dashed = {"color": SUPPORT, "lw": 0.8, "ls": (0, (3, 2)), "clip_on": False}
+        axes.plot(*x[edge].T, label="edge through the supports", **dashed)
     size = float(np.clip(20.0 / np.sqrt(max(len(rows), 1)), 1.2, 4.0))
     shown = rows[:: max(1, len(rows) // MOST_SUPPORTS)]
-    label = f"supports, {len(rows)}"
-    axes.plot(*x[shown].T, ls="", marker="s", color=SUPPORT, ms=size, mew=0, label=label, clip_on=False)
+    square = {"ls": "", "marker": "s", "color": SUPPORT, "ms": size, "mew": 0, "clip_on": False}
+    axes.plot(*x[shown].T, label=f"supports, {len(rows)}", **square)
 
 
 def edge_of(x: np.ndarray, supports: np.ndarray) -> np.ndarray:

@@ -11,13 +11,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.lines import Line2D
-from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from netfall.net.net import Net
-from netfall.plots.net import _space, group_colours, named_groups
-from netfall.plots.style import LONGEST_TITLE
+from netfall.plots.canvas import BROKEN, add_lines, heading, in_space, line_width, save, set_plan
+from netfall.plots.net import group_colours, named_groups
 from netfall.roof.faces import Faces
-from netfall.write.locks import whole
 
 MOST_DRAWN = 30_000  # elements, that lines stay apart; of larger nets every k-th cable is drawn
 MOST_CELLS = 400_000  # parts of faces; of larger nets each node is a dot
@@ -25,7 +23,7 @@ MOST_MARKED = 2_000  # nodes of a kind, or members to be removed
 MOST_NORMALS = 150
 MOST_ZONES = 10  # in the legend
 ROOF, OUTSIDE = "#dfe8f0", "0.93"  # without zones; of nodes in none
-LOST, FOLLOWED, WIND = "#d62728", "#111111", "#0b5d7a"
+FOLLOWED, WIND = "#111111", "#0b5d7a"
 
 
 @dataclass(frozen=True)
@@ -58,29 +56,26 @@ def draw_job(job: JobNet, path: Path) -> None:
     """Write the picture: in space by groups, in plan by zones."""
     rows, every = rows_shown(job.net, MOST_DRAWN)
     figure = plt.figure(figsize=(13, 7.2))
-    space = _space(figure, (1, 2, 1), job.net.x)
+    space = in_space(figure, (1, 2, 1), job.net.x)
     space.computed_zorder = False
     _draw_groups(space, job, rows)
-    _draw_members(space, job, 3)
-    _draw_nodes(space, job, 3)
+    _draw_members(space, job, job.net.x)
+    _draw_nodes(space, job, job.net.x)
     _draw_normals(space, job)
     space.set_position((0.0, 0.24, 0.5, 0.68))
     plan = figure.add_axes((0.56, 0.3, 0.42, 0.58))
     _draw_plan(plan, job, rows)
     _legend(figure, space, 0.25)
     _legend(figure, plan, 0.77)
-    figure.suptitle(_title(job, every), fontsize=10)
-    with whole(path) as place:
-        figure.savefig(place, dpi=130)
-    plt.close(figure)
+    heading(figure, job.title, _words(job.net, every))
+    save(figure, path)
 
 
 def _legend(figure, axes, middle: float) -> None:
     """The legend of a panel below it, its lines as thick as can be told apart; middle : share of the width"""
     handles = axes.get_legend_handles_labels()[0]
-    style = {"loc": "upper center", "ncols": 2, "frameon": False, "fontsize": 8}
-    shown = figure.legend(handles=handles, bbox_to_anchor=(middle, 0.23), **style).legend_handles
-    for line in shown:
+    legend = figure.legend(handles=handles, bbox_to_anchor=(middle, 0.23), loc="upper center", ncols=2)
+    for line in legend.legend_handles:
         if isinstance(line, Line2D | LineCollection):
             line.set_linewidth(np.maximum(line.get_linewidth(), 1.5))
 
@@ -109,18 +104,10 @@ def in_turn(places: np.ndarray) -> np.ndarray:
     return np.argsort(code, kind="stable")
 
 
-def _title(job: JobNet, every: int) -> str:
-    net, extent = job.net, np.ptp(job.net.x, axis=0)
-    title = " ".join(job.title.split())
-    title = title if len(title) <= LONGEST_TITLE else title[: LONGEST_TITLE - 3] + "..."
-    size = " x ".join(f"{side:.4g}" for side in extent)
+def _words(net: Net, every: int) -> str:
+    size = " x ".join(f"{side:.4g}" for side in np.ptp(net.x, axis=0))
     left_out = f"; one of {every} cables is drawn" if every > 1 else ""
-    return f"{title}: the net as it is read\n{net.n} nodes, {net.m} elements, {size} m{left_out}"
-
-
-def _width(net: Net) -> float:
-    """Of a line [points]: thinner where there are many."""
-    return float(np.clip(40.0 / np.sqrt(min(net.m, MOST_DRAWN)), 0.3, 1.2))
+    return f": the net as it is read\n{net.n} nodes, {net.m} elements, {size} m{left_out}"
 
 
 def _draw_groups(axes, job: JobNet, rows: np.ndarray) -> None:
@@ -132,32 +119,25 @@ def _draw_groups(axes, job: JobNet, rows: np.ndarray) -> None:
         bars = bool(net.bar[net.group == g].all())
         lines = net.x[net.elements[rows[group == g]]]
         label = labels[g] and labels[g] + " bars" * bars
-        width = _width(net) * (1.8 if bars else 1.0)
-        style = {"colors": colours[g], "linewidths": width, "clip_on": False, "zorder": 2}
-        axes.add_collection3d(Line3DCollection(lines, label=label, **style))
+        width = line_width(len(rows)) * (1.8 if bars else 1.0)
+        add_lines(axes, lines, colors=colours[g], linewidths=width, zorder=2, label=label)
 
 
-def _draw_members(axes, job: JobNet, axis_count: int) -> None:
-    """Members that are to be removed, and those whose tension is followed; over the others."""
-    net = job.net
-    collection = Line3DCollection if axis_count == 3 else LineCollection
-    add = axes.add_collection3d if axis_count == 3 else axes.add_collection
+def _draw_members(axes, job: JobNet, x: np.ndarray) -> None:
+    """Members that are to be removed, and those whose tension is followed; nodes at x (n, 2 or 3) [m]."""
     for rows, colour, style, word in (
-        (job.lost, LOST, "-", "to be removed"),
+        (job.lost, BROKEN, "-", "to be removed"),
         (job.followed, FOLLOWED, ":", "[output] elements"),
     ):
-        if not len(rows):
-            continue
-        lines = net.x[net.elements[rows]][..., :axis_count]
+        lines = x[job.net.elements[rows]] if len(rows) else x[:0]
         label = f"{word}, {len(rows)}"
-        add(collection(lines, colors=colour, linewidths=2.0, linestyles=style, label=label, zorder=4))
-        if style == "-" and len(rows) <= MOST_MARKED:  # short ones too are to be seen
-            middle = lines.mean(1)
-            axes.plot(*middle.T, ls="", marker="x", ms=4, color=colour, zorder=5)
+        add_lines(axes, lines, colors=colour, linewidths=2.0, linestyles=style, label=label, zorder=4)
+        if style == "-" and 0 < len(rows) <= MOST_MARKED:  # short ones too are to be seen
+            axes.plot(*lines.mean(1).T, ls="", marker="x", ms=4, color=colour, zorder=5)
 
 
-def _draw_nodes(axes, job: JobNet, axis_count: int) -> None:
-    """Supports of each kind and probes, with their numbers."""
+def _draw_nodes(axes, job: JobNet, x: np.ndarray) -> None:
+    """Supports of each kind and probes, with their numbers; nodes at x (n, 2 or 3) [m]."""
     net = job.net
     fixed, springs = net.fixed, (net.spring > 0).any(1)
     held, guided = fixed.all(1), fixed.any(1) & ~fixed.all(1)
@@ -172,15 +152,12 @@ def _draw_nodes(axes, job: JobNet, axis_count: int) -> None:
     ):
         rows = np.flatnonzero(mine)
         if len(rows):
-            shown = net.x[rows[:: max(1, len(rows) // MOST_MARKED)], :axis_count]
-            style = {"ls": "", "marker": marker, "color": colour, "ms": size(len(rows)), "mew": 0}
-            style["clip_on"] = False
-            axes.plot(*shown.T, label=word.format(len(rows)), zorder=3, **style)
+            shown = x[rows[:: max(1, len(rows) // MOST_MARKED)]]
+            style = {"ls": "", "marker": marker, "color": colour, "mew": 0, "clip_on": False}
+            axes.plot(*shown.T, ms=size(len(rows)), label=word.format(len(rows)), zorder=3, **style)
     if len(job.probes):
-        shown = net.x[job.probes, :axis_count]
-        label = f"probes, {len(job.probes)}"
         star = {"ls": "", "marker": "*", "ms": 10, "mfc": "#ffd400", "mec": "k", "mew": 0.6}
-        axes.plot(*shown.T, label=label, zorder=6, **star)
+        axes.plot(*x[job.probes].T, label=f"probes, {len(job.probes)}", zorder=6, **star)
 
 
 def _draw_normals(axes, job: JobNet) -> None:
@@ -193,31 +170,20 @@ def _draw_normals(axes, job: JobNet) -> None:
     reach = 0.05 * np.ptp(job.net.x, axis=0).max()
     lines = np.stack([start, start + reach * job.normal[shown]], 1)
     label = f"upward normals, {len(shown)} of {len(rows)}"
-    style = {"colors": "#444444", "linewidths": 0.6, "clip_on": False, "zorder": 3}
-    axes.add_collection3d(Line3DCollection(lines, label=label, **style))
+    add_lines(axes, lines, colors="#444444", linewidths=0.6, zorder=3, label=label)
 
 
 def _draw_plan(axes, job: JobNet, rows: np.ndarray) -> None:
     """Zones or roof, elements, supports, probes, what is to be removed, and where the wind blows to."""
     net, x = job.net, job.net.x[:, :2]
     _draw_zones(axes, job)
-    lines = LineCollection(x[net.elements[rows]], colors="0.3", linewidths=0.6 * _width(net), zorder=2)
-    axes.add_collection(lines)
+    add_lines(axes, x[net.elements[rows]], colors="0.3", linewidths=0.6 * line_width(len(rows)), zorder=2)
     for corners in job.polygons:
         closed = np.array([*corners, corners[0]])
         axes.plot(*closed.T, color="k", lw=0.9, ls="--", zorder=3)
-    _draw_members(axes, job, 2)
-    _draw_nodes(axes, job, 2)
-    low, high = x.min(0), x.max(0)
-    if job.wind:
-        start = _draw_wind(axes, job.wind, 0.5 * (low + high), x)
-        low, high = np.minimum(low, start), np.maximum(high, start)
-    margin = 0.03 * (high - low).max() + 1e-9
-    axes.set(xlim=(low[0] - margin, high[0] + margin), ylim=(low[1] - margin, high[1] + margin))
-    axes.set_aspect("equal")
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
-    axes.tick_params(labelsize=8)
+    _draw_members(axes, job, x)
+    _draw_nodes(axes, job, x)
+    set_plan(axes, np.vstack([x, _draw_wind(axes, job.wind, x)]) if job.wind else x)
 
 
 def _draw_zones(axes, job: JobNet) -> None:
@@ -258,9 +224,9 @@ def _cells(job: JobNet) -> np.ndarray:
     return np.stack([corner, side, centre, before], 1)
 
 
-def _draw_wind(axes, wind: tuple[float, str], middle: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """An arrow on the side from which the wind comes; where it begins (2,) [m]."""
-    angle = np.radians(wind[0])
+def _draw_wind(axes, wind: tuple[float, str], x: np.ndarray) -> np.ndarray:
+    """An arrow on the side of the net x (n, 2) [m] from which the wind comes; where it begins (2,) [m]."""
+    angle, middle = np.radians(wind[0]), 0.5 * (x.min(0) + x.max(0))
     along = np.array([np.cos(angle), np.sin(angle)])
     first = ((x - middle) @ along).min()
     length = 0.14 * np.ptp(x, axis=0).max()

@@ -2,10 +2,9 @@
 
 import matplotlib.pyplot as plt
 import numpy as np
-from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from netfall.plots.net import MOST_DRAWN, _space
-from netfall.plots.style import short_title
+from netfall.plots.canvas import MOST_DRAWN, NOTHING, add_coloured, add_lines, heading, space_panels
+from netfall.results.file import title_of
 
 DRAWN = 6  # modes
 SWING = 0.06  # of the net's length: the largest displacement drawn
@@ -17,22 +16,15 @@ def modes(f):
     x, elements = _rest(f), f["net/elements"][:]
     lines = elements[:: max(1, len(elements) // MOST_DRAWN)]
     period, shape = f["modes/period"][:DRAWN], f["modes/shape"][:DRAWN]
-    rows = -(-len(period) // 2)
-    figure = plt.figure(figsize=(11, 3.6 * rows + 0.9))
     swing = SWING * float(np.ptp(x, axis=0).max())
     window = np.array([x.min(0) - [0, 0, swing], x.max(0) + [0, 0, swing]])
-    for k, (T, u) in enumerate(zip(period, shape)):
-        axes = _space(figure, (rows, 2, k + 1), window)
-        axes.add_collection3d(Line3DCollection(x[lines], colors="#c8c8c8", linewidths=0.5))
+    figure, panels = space_panels(window, len(period), 0.3)
+    for k, (axes, T, u) in enumerate(zip(panels, period, shape)):
+        add_lines(axes, x[lines], colors=NOTHING, linewidths=0.5)
         moved = np.linalg.norm(u, axis=1)[lines].mean(1)
-        drawn = Line3DCollection((x + swing * u)[lines], array=moved, cmap="viridis", linewidths=0.9)
-        drawn.set_clim(0.0, 1.0)
-        axes.add_collection3d(drawn)
-        axes.set_title(f"mode {k + 1}: {_named(T)}{_damped(f, k)}", fontsize=9)
-    figure.suptitle(f"{short_title(f)}: lowest modes, largest displacement drawn as {swing:.3g} m")
-    height = figure.get_figheight()
-    margins = {"top": 1 - 0.9 / height, "bottom": 0.3 / height, "hspace": 0.12, "wspace": 0.02}
-    figure.subplots_adjust(left=0.02, right=0.98, **margins)
+        add_coloured(axes, (x + swing * u)[lines], moved, plt.Normalize(0.0, 1.0), "viridis", 0.9)
+        axes.set_title(f"mode {k + 1}: {_named(T)}{_damped(f, k)}")
+    heading(figure, title_of(f), f": lowest modes, largest displacement drawn as {swing:.3g} m")
     return figure
 
 

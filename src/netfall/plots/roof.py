@@ -5,14 +5,12 @@ Each node is a square as large as its area in plan, at its place at the start.
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.collections import PolyCollection
 
 from netfall.checks.reactions import held_axes
-from netfall.plots.style import short_title, unit_of
+from netfall.plots.canvas import MOST_DRAWN, add_lines, heading, plan_panels, unit_of
+from netfall.results.file import title_of
 
-MOST_DRAWN = 60_000  # elements in a picture; of larger nets every k-th is drawn
-WIDTH = 5.6  # inches of a panel
-SHORTEST, LONGEST = 1.4, 6.5  # inches of its height
 OUTSIDE = "0.88"  # what is in no zone, or has a pressure along axes
 # Dataset, what it is, unit, colours; with two signs the middle of the colours is 0.
 VALUES = (
@@ -31,50 +29,20 @@ def has_roof(f) -> bool:
 def roof(f):
     """A panel for the zones, one for the areas, and one for each thing that acts on the roof by node."""
     there = [row for row in VALUES if row[0] in f]
-    zoned = "net/zone_names" in f and len(f["net/zone_names"]) > 0
-    figure, panels = _panels(f, len(there) + zoned)
+    zoned = len(f["net/zone_names"]) > 0
+    x, elements = f["net/particles"][:, :2], f["net/elements"][:]
+    largest = 0.55 * np.sqrt(f["net/plan_area"][:].max())  # of the squares
+    figure, panels = plan_panels(x, held_axes(f).any(1), len(there) + zoned, largest)
+    for axes in panels:
+        lines = x[elements[:: max(1, len(elements) // MOST_DRAWN)]]
+        add_lines(axes, lines, colors="0.25", linewidths=0.35, zorder=2)
     if zoned:
         _draw_zones(f, panels[0])
     for axes, row in zip(panels[zoned:], there):
         _draw_values(f, axes, *row)
-    figure.suptitle(
-        f"{short_title(f)}: roof in plan\n"
-        "(each node a square of its area; dots: supports; a positive pressure presses)",
-        fontsize=11,
-    )
+    words = "(each node a square of its area; dots: supports; a positive pressure presses)"
+    heading(figure, title_of(f), f": roof in plan\n{words}")
     return figure
-
-
-def _panels(f, count: int):
-    """A figure with panels for the plan, two beside each other, and the net drawn in each."""
-    x, elements = f["net/particles"][:, :2], f["net/elements"][:]
-    extent = np.ptp(x, axis=0)
-    columns = min(count, 2)
-    rows = -(-count // columns)
-    height = float(np.clip(0.72 * WIDTH * extent[1] / max(extent[0], 1e-9), SHORTEST, LONGEST))
-    figure, grid = plt.subplots(
-        rows,
-        columns,
-        figsize=(columns * WIDTH, rows * (height + 0.9) + 0.4),
-        layout="constrained",
-        squeeze=False,
-    )
-    panels = list(grid.ravel())
-    for unused in panels[count:]:
-        unused.remove()
-    every = max(1, len(elements) // MOST_DRAWN)
-    held = held_axes(f).any(1)
-    margin = max(0.03 * extent.max(), 0.55 * np.sqrt(f["net/plan_area"][:].max()))
-    for axes in panels[:count]:
-        lines = LineCollection(x[elements[::every]], colors="0.25", linewidths=0.35, zorder=2)
-        axes.add_collection(lines)
-        axes.plot(*x[held].T, ".", color="k", ms=min(4.0, 40 / len(x) ** 0.4), zorder=3)
-        axes.set_aspect("equal")
-        axes.set_xlim(x[:, 0].min() - margin, x[:, 0].max() + margin)
-        axes.set_ylim(x[:, 1].min() - margin, x[:, 1].max() + margin)
-        axes.set_xlabel("x [m]")
-        axes.set_ylabel("y [m]")
-    return figure, panels[:count]
 
 
 def _squares(f, **style) -> tuple[PolyCollection, np.ndarray]:
@@ -103,8 +71,8 @@ def _draw_zones(f, axes) -> None:
         part = f["net/zone_share"][:]
         own = lambda k: (area * (part[:, k] if k >= 0 else 1.0 - part.sum(1))).sum()
     labels = [f"{names[k] if k >= 0 else '(none)'}: {own(k):.4g} m2" for k in shown]
-    axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.02, 1.0), frameon=False, fontsize=8)
-    axes.set_title("zones, with their area of surface", fontsize=10)
+    axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.02, 1.0))
+    axes.set_title("zones, with their area of surface")
 
 
 def _draw_values(f, axes, name: str, what: str, unit: str, colours: str, signed: bool) -> None:
@@ -121,10 +89,7 @@ def _draw_values(f, axes, name: str, what: str, unit: str, colours: str, signed:
     squares.set_clim(-span if signed else 0.0, span)
     axes.add_collection(squares)
     bar = axes.figure.colorbar(squares, cax=axes.inset_axes((1.03, 0.0, 0.04, 1.0)))
-    bar.set_label(f"[{named}]", fontsize=9)
-    bar.ax.tick_params(labelsize=8)
+    bar.set_label(f"[{named}]")
     least, most = f"{factor * low:.4g}", f"{factor * high:.4g}"
     along_axes = ", grey: along axes" if len(known) < len(rows) else ""
-    axes.set_title(
-        f"{what}: {least if least == most else f'{least} to {most}'} {named}{along_axes}", fontsize=10
-    )
+    axes.set_title(f"{what}: {least if least == most else f'{least} to {most}'} {named}{along_axes}")

@@ -7,52 +7,39 @@ tensions and displacements of the probes (Fig. 13, 14), wind.
 
 from pathlib import Path
 
-import matplotlib.pyplot as plt
-
+from netfall.plots.canvas import save
 from netfall.plots.collapse import collapse
 from netfall.plots.curves import displacements, energies, load_displacement, tensions, wind
 from netfall.plots.modes import modes
 from netfall.plots.roof import has_roof, roof
 from netfall.plots.states import form, has_states, states
-from netfall.results.file import missing_line, open_result
-from netfall.write.locks import whole
+from netfall.results.file import reading
 
 
 def _has_probes(history) -> bool:
     return "probe_displacement" in history and history["probe_displacement"].shape[1] > 0
 
 
-def plot_all(result: Path, folder: Path) -> tuple[list[Path], list[str]]:
-    """Write every picture that the result file has data for; their paths, and a line for each that cannot be.
+def plot_all(result: Path, folder: Path) -> list[Path]:
+    """Write every picture that the result file has data for; their paths.
 
     Raises InputError for a wrong file.
     """
-    with open_result(result) as f:
+    with reading(result) as f:
         folder.mkdir(parents=True, exist_ok=True)
+        moves = "history" in f
         pictures = [
             ("form", form, "form_finding" in f),
             ("states", states, has_states(f)),
             ("roof", roof, has_roof(f)),
             ("load_displacement", load_displacement, "statics" in f),
-            ("collapse", collapse, "history" in f),
+            ("collapse", collapse, moves),
             ("modes", modes, "modes" in f and len(f["modes/period"])),
-            ("energies", energies, "history" in f),
-            ("tensions", tensions, "history" in f),
-            ("displacements", displacements, "history" in f and _has_probes(f["history"])),
+            ("energies", energies, moves),
+            ("tensions", tensions, moves),
+            ("displacements", displacements, moves and _has_probes(f["history"])),
             ("wind", wind, "wind" in f),
         ]
-        written, lacking = [], []
-        for name, draw, there in pictures:
-            if not there:
-                continue
-            try:
-                figure = draw(f)
-            except KeyError as error:
-                lacking.append(f"{result}: {missing_line(error)}, so there is no picture {name}")
-                continue
-            path = folder / f"{result.stem}_{name}.png"
-            with whole(path) as place:
-                figure.savefig(place, dpi=130)
-            plt.close(figure)
-            written.append(path)
-    return written, lacking
+        return [
+            save(draw(f), folder / f"{result.stem}_{name}.png") for name, draw, there in pictures if there
+        ]

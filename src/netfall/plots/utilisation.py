@@ -5,22 +5,27 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm, Normalize
-from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from netfall.checks.cables import Checked, only_compressed
 from netfall.checks.reactions import held_axes
-from netfall.plots.force import MOST_DRAWN, add_supports, limits
-from netfall.plots.net import _space
-from netfall.plots.style import short_title, unit_of
-from netfall.results.file import carried_in
+from netfall.plots.canvas import (
+    add_coloured,
+    add_lines,
+    dot_supports,
+    heading,
+    in_space,
+    line_width,
+    save,
+    set_plan,
+    unit_of,
+)
+from netfall.plots.force import add_supports, limits
+from netfall.results.file import carried_in, title_of
 from netfall.results.losses import lost_at
 from netfall.results.overload_lines import overloaded
 from netfall.results.states import Envelope, start_position
-from netfall.write.locks import whole
 
-NOTHING = "#b8b8b8"  # what has no value: no strength, only compressed, no factor
 OVER = "#e000c0"  # what is used by more than its resistance
 LOST = OVER
 TICKS = 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0  # of a logarithmic scale
@@ -54,9 +59,9 @@ def utilisation(f, envelope: Envelope, checked: Checked, path: Path) -> None:
         label = f"largest tension [{unit}]; no element has a strength; grey: only compressed"
         over = plt.get_cmap(COLOURS)(1.0)
         high = (limits(values[values > 0.0]) or (0.0, 1e-9))[1]  # not the largest: that is a fragment's
-    if "events" in f and "envelope" in f and (beyond := int(overloaded(carried_in(f)).sum())):
+    if "history" in f and (beyond := int(overloaded(carried_in(f)).sum())):
         label += f"; {beyond} beyond strength after a fracture: of the step"
-    _write(f, Shading(values, Normalize(0.0, high), over, "how far elements are used", label), path)
+    _draw(f, Shading(values, Normalize(0.0, high), over, "how far elements are used", label), path)
 
 
 def dynamic_factors(f, factor: np.ndarray, path: Path) -> None:
@@ -68,31 +73,19 @@ def dynamic_factors(f, factor: np.ndarray, path: Path) -> None:
     label = "dynamic factor, (peak - before) / (at rest afterwards - before); grey: none; magenta: lost"
     over = plt.get_cmap(COLOURS)(1.0)
     words = "dynamic factors after losses, the largest of each element"
-    _write(f, Shading(factor, scale, over, words, label), path)
+    _draw(f, Shading(factor, scale, over, words, label), path)
 
 
-def _write(f, shading: Shading, path: Path) -> None:
-    figure = _draw(f, shading)
-    with whole(path) as place:
-        figure.savefig(place, dpi=130)
-    plt.close(figure)
-
-
-def _draw(f, shading: Shading):
-    """The net in space and in plan, coloured; squares and dots: supports."""
+def _draw(f, shading: Shading, path: Path) -> None:
+    """Write the net in space and in plan, coloured; squares and dots: supports."""
     x, values = start_position(f), shading.values
     figure = plt.figure(figsize=(14, 6.6))
-    space, plan = _space(figure, (1, 2, 1), x), figure.add_subplot(1, 2, 2)
-    _add_lines(f, space.add_collection3d, Line3DCollection, x, shading)
-    _add_lines(f, plan.add_collection, LineCollection, x[:, :2], shading)
-    held = held_axes(f).any(1)
-    size = min(4.0, 40 / len(x) ** 0.4)
+    space, plan = in_space(figure, (1, 2, 1), x), figure.add_subplot(1, 2, 2)
+    _add_elements(f, space, x, shading)
+    _add_elements(f, plan, x[:, :2], shading)
     add_supports(f, space, x)
-    plan.plot(*x[held, :2].T, ".", color="k", ms=size)
-    plan.autoscale_view()
-    plan.set_aspect("equal")
-    plan.set_xlabel("x [m]")
-    plan.set_ylabel("y [m]")
+    dot_supports(plan, x[:, :2], held_axes(f).any(1))
+    set_plan(plan, x[:, :2])
     figure.subplots_adjust(left=0.02, right=0.97, top=0.94, bottom=0.2, wspace=0.22)
     most = float(np.nanmax(values)) if np.isfinite(values).any() else np.nan
     bar = figure.colorbar(
@@ -107,30 +100,16 @@ def _draw(f, shading: Shading):
     bar.set_label(
         f"{shading.label}; largest {most:.4g}" if np.isfinite(most) else f"{shading.label}; no values"
     )
-    figure.suptitle(f"{short_title(f)}: {shading.words}, in space and in plan", fontsize=11)
-    return figure
+    heading(figure, title_of(f), f": {shading.words}, in space and in plan")
+    save(figure, path)
 
 
-def _add_lines(f, add, kind, x: np.ndarray, shading: Shading) -> None:
-    """Add the elements between places x (n, 2 or 3), the largest values on top; those that have a colour.
-
-    Where it is a picture of what a loss did, what was lost is dashed.
-    """
-    elements, values = f["net/elements"][:], shading.values
-    order = np.argsort(np.where(np.isfinite(values), values, -np.inf), kind="stable")
-    order = order[::-1][:: max(1, len(order) // MOST_DRAWN)][::-1]
-    known = np.isfinite(values[order])
-    none = order[~known]
-    lost = np.isfinite(lost_at(f)[none])
-    width = float(np.clip(60.0 / np.sqrt(len(elements)), 0.6, 2.0))
-    if (~lost).any():
-        add(kind(x[elements[none[~lost]]], colors=NOTHING, linewidths=0.7, clip_on=False))
-    if lost.any():
-        add(kind(x[elements[none[lost]]], colors=LOST, linewidths=width, linestyles="--", clip_on=False))
-    rows = order[known]
-    if len(rows):
-        colours = dict(cmap=_palette(shading), norm=shading.scale)
-        add(kind(x[elements[rows]], array=values[rows], linewidths=width, clip_on=False, **colours))
+def _add_elements(f, axes, x: np.ndarray, shading: Shading) -> None:
+    """Add the elements between places x (n, 2 or 3) [m]; what was lost, and so has no value, is dashed."""
+    lines, lost = x[f["net/elements"][:]], np.isfinite(lost_at(f)) & ~np.isfinite(shading.values)
+    width = line_width(len(lines), 2.0)
+    add_coloured(axes, lines[~lost], shading.values[~lost], shading.scale, _palette(shading), width)
+    add_lines(axes, lines[lost], colors=LOST, linewidths=width, linestyles="--")
 
 
 def _palette(shading: Shading):

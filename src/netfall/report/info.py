@@ -8,10 +8,9 @@ import numpy as np
 from netfall.results.file import (
     element_name,
     lines_of_form,
-    missing_line,
-    open_result,
     overloads_of,
     provenance_text,
+    reading,
     title_of,
 )
 from netfall.results.loss_lines import loss_lines
@@ -23,36 +22,29 @@ ENERGIES = ("external_work", "kinetic_energy", "strain_energy", "plastic_dissipa
 
 
 def print_info(path: Path, say: Callable[[str], None]) -> None:
-    """Print a summary of a result file. Elements and nodes are named by the ids of the tables."""
-    with open_result(path) as f:
-        say(f"{path}: {_or_missing(title_of, f)}")
-        parts = {
-            "run": (_run, True),
-            "form finding": (_form, "form_finding" in f),
-            "statics": (_statics, "statics" in f),
-            "stability": (_stability, True),
-            "displacements": (_displacements, True),
-            "dynamics": (_dynamics, "history" in f),
-            "wind": (_wind, "wind" in f),
-            "losses": (_losses, "removal" in f),
-            "energies": (_energies, "history" in f),
-            "fractures": (_fractures, "history" in f),
-            "tensions": (_overloads, "events" in f and "envelope" in f),
-            "time": (_seconds, True),
-        }
-        for name, (tell, there) in parts.items():
+    """Print a summary of a result file. Elements and nodes are named by the ids of the tables.
+
+    Raises InputError for a wrong file.
+    """
+    with reading(path) as f:
+        say(f"{path}: {title_of(f)}")
+        moves = "history" in f
+        for tell, there in (
+            (_run, True),
+            (_form, "form_finding" in f),
+            (_statics, "statics" in f),
+            (_stability, True),
+            (_displacements, True),
+            (_dynamics, moves),
+            (_wind, "wind" in f),
+            (_losses, "removal" in f),
+            (_energies, moves),
+            (_fractures, moves),
+            (_overloads, moves),
+            (_seconds, True),
+        ):
             if there:
-                missing = _or_missing(tell, f, say)
-                if missing:
-                    say(f"{name}: {missing}")
-
-
-def _or_missing(tell: Callable, *arguments):
-    """What `tell` gives; where the file lacks what it reads, as one of another version may, that in words."""
-    try:
-        return tell(*arguments)
-    except KeyError as error:
-        return missing_line(error)
+                tell(f, say)
 
 
 def _seconds(f, say):
@@ -164,15 +156,12 @@ def _overloads(f, say):
 def _fractures(f, say):
     h = f["history"]
     say(f"slack at the end: {h['slack'][-1]} cables; broken: {h['broken'][-1]} elements")
-    e, ids = f["events"], f["net/node_id"][:]
-    nodes = (
-        e["node_id"][:] if "node_id" in e else ids[np.minimum(e["particle"][:], len(ids) - 1)]
-    )  # older files
+    e = f["events"]
     for k in range(min(FIRST_EVENTS, len(e["time"]))):
         split = "" if e["new_particle"][k] >= 0 else ", nothing split"
         say(
             f"  t = {e['time'][k]:.5f} s, step {e['step'][k]}: element {element_name(f, e['element'][k])} "
-            f"at node {nodes[k]}{split}, strain {e['strain'][k]:.4f}"
+            f"at node {e['node_id'][k]}{split}, strain {e['strain'][k]:.4f}"
         )
     if len(e["time"]) > FIRST_EVENTS:
         say(f"  and {len(e['time']) - FIRST_EVENTS} more fracture events in /events")

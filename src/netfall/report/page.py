@@ -70,12 +70,12 @@ def _what_ran(f, result: Path) -> list[str]:
     if "form_finding" in f:
         lines += _sentences(lines_of_form(f))
     lines += _sentences(displacement_notes_of(f))
-    if "events" in f and len(f["events/element"]):
+    if "history" in f and len(f["events/element"]):
         broken = len(np.unique(f["events/element"][:]))
         lines.append(f"{broken} elements broke, the first at t = {f['events/time'][0]:.4g} s.")
     if "history" in f:
         lines.append(f"Largest error of the physical balance: {_worst_balance(f)}.")
-    if "events" in f and "envelope" in f:
+    if "history" in f:
         lines += _sentences(overloads_of(f))
     return lines
 
@@ -175,13 +175,7 @@ def _tensions(f, envelope: Envelope, check: str) -> list[str]:
         share, e = envelope.most_used[k]
         used = f"{share:.3f} (element {ids[e]})" if e >= 0 else ""
         rows.append([name, used, governs[k], int(envelope.slack[k].sum())])
-    lines = _rows(["stage", f"largest utilisation, {check}", "governs elements", "slack elements"], rows)
-    if "history" in f and not envelope.complete:
-        lines += [
-            "",
-            "The dynamic stage is known by its frames and its end alone: peaks between are not in it.",
-        ]
-    return lines
+    return _rows(["stage", f"largest utilisation, {check}", "governs elements", "slack elements"], rows)
 
 
 def _losses(f, checked: Checked) -> list[str]:

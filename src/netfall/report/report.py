@@ -5,11 +5,7 @@ of the roof by utilisation and, where members are lost, by dynamic factors. Ids 
 numbers are in SI units.
 """
 
-import csv
-import io
 from pathlib import Path
-
-import numpy as np
 
 from netfall.checks.cables import (
     Cutting,
@@ -22,9 +18,10 @@ from netfall.checks.cables import (
 from netfall.checks.codes import check_groups, read_codes
 from netfall.checks.reactions import reaction_columns
 from netfall.ground.errors import InputError
+from netfall.job.table import write_table
 from netfall.plots.utilisation import dynamic_factors, utilisation
 from netfall.report.page import summary
-from netfall.results.file import missing_line, open_result
+from netfall.results.file import reading
 from netfall.results.states import envelope_of
 from netfall.write.locks import whole
 
@@ -37,35 +34,33 @@ def write_report(result: Path, folder: Path, codes: Path | None, cutting: Cuttin
     codes : a file of checks instead of the shipped one. Raises InputError for a wrong file.
     """
     checks = read_codes(codes)
-    with open_result(result) as f:
-        try:
-            check_groups(codes, checks, f["net/group_names"].asstr()[:].tolist())
-            resistance = resistances_of(f, checks)
-            envelope = envelope_of(f, resistance[checks[0].name])
-            checked = check_elements(f, checks, resistance, envelope)
-            tables = {
-                "cables.csv": cable_columns(f, envelope, checked),
-                "elements.csv": element_columns(f, envelope, checked),
-                "cutting_list.csv": cutting_columns(f, cutting),
-                "reactions.csv": reaction_columns(f),
-            }
-            text = summary(f, result, tables, envelope, checked, cutting)
-        except KeyError as error:
-            raise InputError(f"{result}: {missing_line(error)}; run the job again") from None
+    with reading(result) as f:
+        check_groups(codes, checks, f["net/group_names"].asstr()[:].tolist())
+        resistance = resistances_of(f, checks)
+        envelope = envelope_of(f, resistance[checks[0].name])
+        checked = check_elements(f, checks, resistance, envelope)
+        tables = {
+            "cables.csv": cable_columns(f, envelope, checked),
+            "elements.csv": element_columns(f, envelope, checked),
+            "cutting_list.csv": cutting_columns(f, cutting),
+            "reactions.csv": reaction_columns(f),
+        }
+        text = summary(f, result, tables, envelope, checked, cutting)
         folder.mkdir(parents=True, exist_ok=True)
         for name, columns in tables.items():
             _check_ours(folder / name, columns)
-        contents = {"summary.md": text} | {name: csv_text(columns) for name, columns in tables.items()}
-        for name, content in contents.items():
+        with whole(folder / "summary.md") as place:
+            place.write_text(text, encoding="utf-8")
+        for name, columns in tables.items():
             with whole(folder / name) as place:
-                place.write_text(content, encoding="utf-8")
+                write_table(place, columns, digits=DIGITS)
         utilisation(f, envelope, checked, folder / "utilisation.png")
         pictures = ["utilisation.png"]
         if "removal" in f:
             factors = tables["elements.csv"]["dynamic_factor"]
             dynamic_factors(f, factors, folder / "dynamic_factors.png")
             pictures.append("dynamic_factors.png")
-    return [folder / name for name in (*contents, *pictures)]
+    return [folder / name for name in ("summary.md", *tables, *pictures)]
 
 
 def _check_ours(path: Path, columns: dict) -> None:
@@ -75,18 +70,3 @@ def _check_ours(path: Path, columns: dict) -> None:
         raise InputError(
             f"{path}: exists and is no table of a report; move it away, or give another folder with -o"
         )
-
-
-def csv_text(columns: dict[str, np.ndarray]) -> str:
-    """A table with a header; what is not a number (nan, inf) is an empty cell."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(columns)
-    table.writerows(zip(*([_cell(value) for value in values] for values in columns.values())))
-    return text.getvalue()
-
-
-def _cell(value) -> str:
-    if isinstance(value, (float, np.floating)):
-        return f"{value + 0.0:.{DIGITS}g}" if np.isfinite(value) else ""
-    return str(value)

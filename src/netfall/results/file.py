@@ -1,6 +1,8 @@
 """A result file, open for reading: what it is, its title, the names in it."""
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import h5py
@@ -10,7 +12,11 @@ from netfall.ground.errors import InputError
 from netfall.mechanics.material import strength_of
 from netfall.numerics.functions import lengths
 from netfall.results.form_lines import form_lines
+from netfall.results.losses import broken_at
 from netfall.results.overload_lines import Carried, overload_lines
+from netfall.results.states import start_position
+
+OF_MOTION = ("events", "envelope", "final")  # groups beside /history
 
 
 def open_result(path: Path) -> h5py.File:
@@ -32,6 +38,10 @@ def open_result(path: Path) -> h5py.File:
     if "netfall_study" in file.attrs:
         file.close()
         raise InputError(f"{path}: a study file, for netfall info and plot; expected the result of one run")
+    for name in ("VTKHDF", *OF_MOTION * ("history" in file)):
+        if name not in file:
+            file.close()
+            raise _lacks(path, name)
     return file
 
 
@@ -46,15 +56,27 @@ def title_of(file: h5py.File) -> str:
     return provenance_text(file, "title") or provenance_text(file, "job_name")
 
 
-def not_in_file(name: str) -> str:
-    """What a message says of a dataset that a result file should have."""
-    return f"{name} is not in this file, which another version of netfall wrote"
+@contextmanager
+def telling_what_lacks(path: Path) -> Iterator[None]:
+    """Raises InputError where h5py does not find in a result file what is read of it."""
+    try:
+        yield
+    except KeyError as error:
+        quoted = re.search(r"'([^']+)'", str(error.args[0]))
+        raise _lacks(path, quoted[1] if quoted else "a group") from None
 
 
-def missing_line(error: KeyError) -> str:
-    """`not_in_file` of what h5py did not find."""
-    quoted = re.search(r"'([^']+)'", str(error.args[0]))
-    return not_in_file(quoted[1] if quoted else "a group")
+def _lacks(path: Path, name: str) -> InputError:
+    return InputError(
+        f"{path}: {name} is not in this file, which another version of netfall wrote; run the job again"
+    )
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[h5py.File]:
+    """`open_result`, and what the file lacks told in its one way."""
+    with open_result(path) as file, telling_what_lacks(path):
+        yield file
 
 
 def element_name(f: h5py.File, e: int) -> str:
@@ -66,13 +88,12 @@ def element_name(f: h5py.File, e: int) -> str:
 def lines_of_form(f: h5py.File) -> list[str]:
     """`form_lines` of a result file."""
     net = f["net"]
-    given = f["provenance"].attrs.get("roof_area_given", 0.0)  # older versions do not tell
     return form_lines(
         net["particles"][:],
         f["form_finding/position"][:],
         ~net["fixed"][:].astype(bool).all(1),
         net["node_id"][:],
-        float(given),
+        float(f["provenance"].attrs["roof_area_given"]),
         float(net["tributary_area"][:].sum()),
     )
 
@@ -83,17 +104,15 @@ def carried_in(f: h5py.File) -> Carried:
     EA, ends = net["axial_stiffness"][:], net["elements"][:]
     none, factor = np.full(len(EA), np.inf), 1.0 if drawn is None else drawn[:]
     given = [factor * net[name][:] if name in net else none for name in ("fracture_strain", "yield_force")]
-    x = f["form_finding/position"][:] if "form_finding" in f else net["particles"][:]
+    x = start_position(f)
     along = x[ends[:, 1]] - x[ends[:, 0]]
-    broke = np.full(len(EA), np.nan)
-    broke[f["events/element"][:][::-1]] = f["events/time"][:][::-1]  # of two ends the first
     return Carried(
         ends,
         along / lengths(along)[:, None],
         strength_of(EA, *given),
         envelope["tension_max"][:],
         envelope["tension_max_time"][:],
-        broke,
+        broken_at(f),
     )
 
 

@@ -9,24 +9,14 @@ class Frames:
         self.times = self.g["Steps/Values"][:]
         self.cells = len(f["net/elements"])
 
-    def cell(self, name, step):
-        """A cell field (m,) at a step."""
-        start = int(self.g[f"Steps/CellDataOffsets/{name}"][step])
-        return self.g[f"CellData/{name}"][start : start + self.cells]
-
-    def point(self, name, step):
-        """A point field (points, ...) at a step."""
-        start, n = int(self.g[f"Steps/PointDataOffsets/{name}"][step]), self._points(step)
-        return self.g[f"PointData/{name}"][start : start + n]
-
-    def cell_part(self, name, step, low, high):
-        """Rows low to high of a cell field at a step."""
-        start = int(self.g[f"Steps/CellDataOffsets/{name}"][step])
+    def cell(self, name, step, low=0, high=None):
+        """A cell field (m,) at a step, or its rows low to high."""
+        start, high = int(self.g[f"Steps/CellDataOffsets/{name}"][step]), high or self.cells
         return self.g[f"CellData/{name}"][start + low : start + high]
 
-    def point_part(self, name, step, low, high):
-        """Rows low to high of a point field at a step; the nodes of the net come first."""
-        start = int(self.g[f"Steps/PointDataOffsets/{name}"][step])
+    def point(self, name, step, low=0, high=None):
+        """A point field (points, ...) at a step, or its rows low to high; the nodes of the net come first."""
+        start, high = int(self.g[f"Steps/PointDataOffsets/{name}"][step]), high or self._points(step)
         return self.g[f"PointData/{name}"][start + low : start + high]
 
     def _points(self, step):

@@ -2,7 +2,9 @@
 
 import numpy as np
 
-MOST_NAMED = 4  # ids of what was lost, and of the largest factors
+from netfall.job.values import counted
+
+MOST_FACTORS = 4  # of the largest ones
 MUCH = 0.02  # of the largest tension: factors of what changes less are large without being telling
 RISES = 2.0  # times the tension before: from there on told beside the factor
 MOST_RISES = 2  # of these
@@ -18,9 +20,7 @@ WITHOUT = ("no_equilibrium", "unstable")  # a rest
 
 
 def states_of_rest(removal) -> list[str]:
-    """For each entry what came of its rest, a key of RESTS; "": nothing was lost, or is not known."""
-    if "state" not in removal:  # written by an earlier version
-        return ["" if np.isnan(row).all() else "equilibrium" for row in removal["tension_after"][:]]
+    """For each entry what came of its rest, a key of RESTS; "": nothing was lost."""
     names = removal["state"]
     return [str(name) for name in (names.asstr()[:] if hasattr(names, "asstr") else names)]
 
@@ -45,9 +45,9 @@ def loss_lines(removal, events, element_id: np.ndarray) -> list[str]:
         broke = (events["time"][:] >= time[k]) & (events["time"][:] < later)
         others = np.unique(events["element"][:][broke])
         parts = [
-            f"loss {k + 1}, t = {time[k]:.4g} s: {elements_of(element_id[lost])}",
+            f"loss {k + 1}, t = {time[k]:.4g} s: {counted('element', element_id[lost])}",
             RESTS[rests[k] or "no_equilibrium"] + _torn(removal, k, element_id),
-            f"{elements_of(element_id[others])} broke then" if len(others) else "nothing broke then",
+            f"{counted('element', element_id[others])} broke then" if len(others) else "nothing broke then",
         ]
         parts += _factors(telling_factor(removal, k), element_id) + _rises(removal, k, element_id)
         lines.append("; ".join(parts))
@@ -56,10 +56,8 @@ def loss_lines(removal, events, element_id: np.ndarray) -> list[str]:
 
 def _torn(removal, k: int, element_id: np.ndarray) -> str:
     """What breaks in the rest after entry k, in words."""
-    if "breaking_entry" not in removal:
-        return ""
     rows = removal["breaking_element"][:][removal["breaking_entry"][:] == k]
-    return f": {elements_of(element_id[rows])}" if len(rows) else ""
+    return f": {counted('element', element_id[rows])}" if len(rows) else ""
 
 
 def rises(removal, k: int) -> np.ndarray:
@@ -71,8 +69,6 @@ def rises(removal, k: int) -> np.ndarray:
 
 def _rises(removal, k: int, element_id: np.ndarray) -> list[str]:
     """Where tensions rise to a multiple, which a factor of 1 may hide."""
-    if "tension_highest" not in removal:
-        return []
     rise = rises(removal, k)
     rows = _largest_of_each(np.where(rise >= RISES, rise, np.nan), element_id)
     kN = lambda name, e: f"{removal[name][k][e] / 1e3:.4g}"
@@ -103,11 +99,4 @@ def _largest_of_each(values: np.ndarray, element_id: np.ndarray) -> np.ndarray:
     """Rows of the largest values that are known, one of the parts of each element."""
     rows = np.flatnonzero(~np.isnan(values))
     rows = rows[np.argsort(-values[rows], kind="stable")]
-    return rows[np.sort(np.unique(element_id[rows], return_index=True)[1])][:MOST_NAMED]
-
-
-def elements_of(ids: np.ndarray) -> str:
-    """Elements by their ids, in words."""
-    ids = list(dict.fromkeys(ids.tolist()))  # the parts of one that was subdivided share its id
-    few = ", ".join(map(str, ids[:MOST_NAMED])) + (", ..." if len(ids) > MOST_NAMED else "")
-    return f"element {few}" if len(ids) == 1 else f"{len(ids)} elements ({few})"
+    return rows[np.sort(np.unique(element_id[rows], return_index=True)[1])][:MOST_FACTORS]

@@ -48,6 +48,14 @@ class Frame:
     broken: np.ndarray
 
 
+def _table(name: str) -> property:
+    """The property of a Result that gives a group of the file; its help is the group's table of datasets."""
+    group = group_of(name)
+    shapes = [f"{each.name} ({each.shape}) [{each.unit}] {each.meaning}" for each in group.datasets]
+    read = lambda result: of_group(f"{result.path}: {name}", result._group(name))
+    return property(read, doc="\n".join([f"Columns of {group.meaning}.", "", *shapes]))
+
+
 class Result:
     """A result file, open for reading; `netfall.open` and `netfall.run` give one.
 
@@ -90,7 +98,7 @@ class Result:
         names = lambda: np.append(of("zone_names").asstr()[:], "")[of("zone")[:]].astype(str)
         columns = {"id": lambda: of("node_id")[:], "x": x(0), "y": x(1), "z": x(2)}
         columns["fixed"] = lambda: of("fixed")[:].astype(bool)
-        areas = [name for name in ("tributary_area", "plan_area", "vector_area") if name in self.file["net"]]
+        areas = ("tributary_area", "plan_area", "vector_area")
         columns |= {name: lambda name=name: of(name)[:] for name in areas}
         units = dict.fromkeys("xyz", "[m]") | dict.fromkeys(areas, "[m2]")
         return of_arrays(f"{self.path}: nodes", columns | {"zone": names}, units)
@@ -101,80 +109,31 @@ class Result:
         unstressed_length [m] at the temperature of form finding, unstressed_length_warm [m] at that of the
         loads, bar (1: it carries compression).
         """
-        net, of = self.file["net"], lambda name: self.file[f"net/{name}"]
+        of = lambda name: self.file[f"net/{name}"]
         ends = lambda k: lambda: of("node_id")[:][of("elements")[:, k]]
         groups = lambda: of("group_names").asstr()[:][of("group")[:]].astype(str)
         columns = {"id": lambda: of("element_id")[:], "start": ends(0), "end": ends(1), "group": groups}
         for name in ("axial_stiffness", "unstressed_length", "bar"):
-            if name in net:
-                columns[name] = lambda name=name: of(name)[:]
-        if "unstressed_length" in net:
-            columns["unstressed_length_warm"] = lambda: warm_lengths(self.file)
+            columns[name] = lambda name=name: of(name)[:]
+        columns["unstressed_length_warm"] = lambda: warm_lengths(self.file)
         units = {"axial_stiffness": "[N]", "unstressed_length": "[m]", "unstressed_length_warm": "[m]"}
         return of_arrays(f"{self.path}: elements", columns, units)
 
-    @property
-    def history(self) -> Columns:
-        """A row for each [output] history (t,): time [s], kinetic_energy, strain_energy, plastic_dissipation,
-        damping_work, external_work [J], identity_error, balance_error, slack, broken; probe_displacement
-        (t, p, 3) [m], probe_tension (t, k) [N]; element_tension (t, k) [N] of element_id (k,).
-        """
-        return self._columns("history")
+    form_finding, statics, rest, modes = map(_table, ("form_finding", "statics", "rest", "modes"))
+    history, envelope, removal, wind = map(_table, ("history", "envelope", "removal", "wind"))
 
     @property
     def events(self) -> Columns:
         """A row for each fracture: time [s], step, element and node (ids of what broke and of that end),
         strain, mass [kg] of the particle that split off; rows of /net: element_row, particle, new_particle.
         """
-        group = self._group("events")
-        there = {name: dataset for name, dataset in EVENT_COLUMNS.items() if dataset in group}
-        return of_group(f"{self.path}: events", group, there)
-
-    @property
-    def envelope(self) -> Columns:
-        """Extremes over the history, by element (m,) and node (n,): tension_max [N] and its time [s],
-        tension_min, slack_time [s], displacement_max [m] and its time.
-        """
-        return self._columns("envelope")
-
-    @property
-    def form_finding(self) -> Columns:
-        """The form: position (n, 3) [m], tension (m,) [N], unstressed_length (m,) [m], residual."""
-        return self._columns("form_finding")
-
-    @property
-    def statics(self) -> Columns:
-        """The load path, a row for each load_factor (s,): displacement (s, n, 3) [m], tension (s, m) [N]."""
-        return self._columns("statics")
-
-    @property
-    def rest(self) -> Columns:
-        """The rest under all constant loads and the mean wind: position (n, 3) [m], tension (m,) [N]."""
-        return self._columns("rest")
-
-    @property
-    def wind(self) -> Columns:
-        """The wind: control_point (c, 3) [m], mean_speed (c,), time (t,) [s], speed (t, c) [m/s]."""
-        return self._columns("wind")
-
-    @property
-    def modes(self) -> Columns:
-        """The lowest modes: period (k,) [s], shape (k, n, 3), damping_ratio (k,)."""
-        return self._columns("modes")
-
-    @property
-    def removal(self) -> Columns:
-        """A row for each loss of a member: time [s], tension_before, _peak, _after [N], dynamic_factor."""
-        return self._columns("removal")
+        return of_group(f"{self.path}: events", self._group("events"), EVENT_COLUMNS)
 
     @property
     def cases(self) -> dict[str, Columns]:
         """The static cases by name: displacement (n, 3) [m], tension (m,) [N], residual, slack."""
         group = self._group("cases")
         return {name: of_group(f"{self.path}: case {name}", group[name]) for name in group}
-
-    def _columns(self, name: str) -> Columns:
-        return of_group(f"{self.path}: {name}", self._group(name))
 
     def _group(self, name: str):
         if name not in self.file:
@@ -194,21 +153,21 @@ class Result:
         """Tension [N] over the frames `time`: (f,) of the element of this id, (f, k) of a list of ids or of a
         cable of k parts, (f, m) of all.
         """
-        return self._over_frames(self._frames.cell_part, "tension", self._rows("element", element), element)
+        return self._over_frames(self._frames.cell, "tension", self._rows("element", element), element)
 
     def strain(self, element=None) -> np.ndarray:
         """Strain over the frames, shaped as `tension`."""
-        return self._over_frames(self._frames.cell_part, "strain", self._rows("element", element), element)
+        return self._over_frames(self._frames.cell, "strain", self._rows("element", element), element)
 
     def displacement(self, node=None) -> np.ndarray:
         """Displacement [m] from the form over the frames `time`: (f, 3) of the node of this id, (f, k, 3) of
         a list of ids, (f, n, 3) of all.
         """
-        return self._over_frames(self._frames.point_part, "displacement", self._rows("node", node), node)
+        return self._over_frames(self._frames.point, "displacement", self._rows("node", node), node)
 
     def velocity(self, node=None) -> np.ndarray:
         """Velocity [m/s] over the frames, shaped as `displacement`."""
-        return self._over_frames(self._frames.point_part, "velocity", self._rows("node", node), node)
+        return self._over_frames(self._frames.point, "velocity", self._rows("node", node), node)
 
     def _over_frames(self, read, name: str, rows, asked) -> np.ndarray:
         low, high = (int(rows.min()), int(rows.max()) + 1) if len(rows) else (0, 0)
@@ -237,19 +196,15 @@ class Result:
                 f"{self.path}: time {time:g} s: the frames are from {times[0]:g} to {times[-1]:g} s"
             )
         step = int(np.abs(times - time).argmin())
-        cell, point = (lambda name: frames.cell(name, step)), (lambda name: frames.point(name, step))
         return Frame(
             time=float(times[step]),
             position=frames.positions(step),
-            displacement=point("displacement"),
-            velocity=point("velocity"),
-            node=point("node_id"),
+            node=frames.point("node_id", step),
             ends=frames.ends(step),
-            element=cell("element_id"),
-            tension=cell("tension"),
-            strain=cell("strain"),
-            plastic_strain=cell("plastic_strain"),
-            broken=cell("broken").astype(bool),
+            element=frames.cell("element_id", step),
+            broken=frames.cell("broken", step).astype(bool),
+            **{name: frames.point(name, step) for name in ("displacement", "velocity")},
+            **{name: frames.cell(name, step) for name in ("tension", "strain", "plastic_strain")},
         )
 
     # --- where it comes from

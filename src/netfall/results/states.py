@@ -9,7 +9,6 @@ import numpy as np
 from netfall.mechanics.material import elastic_forces, warm_length
 from netfall.numerics.functions import lengths
 from netfall.results.datasets import ORDER
-from netfall.results.frames import Frames
 from netfall.results.losses import broken_at, loss_rows, lost_at
 
 ALIKE = 1e-6  # of a tension: frames are in single precision, and the earlier stage governs
@@ -106,7 +105,6 @@ class Envelope:
     of_most, of_least : (m,) numbers of the stages in `names`; time_most : (m,) [s], nan: not in dynamics
     slack, gone : (stages, m) bool, gone: lost or broken, and so not slack; slack_time : (m,) [s] or None
     most_used : for each stage the largest share of the resistances, and the element; -1: none has any
-    complete : whether the dynamic stage is there by all its steps, not by its frames alone
     """
 
     names: list[str]
@@ -118,7 +116,6 @@ class Envelope:
     slack: np.ndarray
     gone: np.ndarray
     slack_time: np.ndarray | None
-    complete: bool
     most_used: list[tuple[float, int]]
 
 
@@ -131,9 +128,8 @@ def envelope_of(f, resistance: np.ndarray) -> Envelope:
     nan, whole = np.full(m, np.nan), np.zeros(m, bool)
     rows = [(stage.name, N, N, nan, whole) for stage in equilibria(f) for N in [stage.tension()]]
     rows += [(name, high, low, nan, gone) for name, high, low, gone in loss_rows(f)]
-    complete = "envelope" in f
-    if "history" in f:
-        high, low, when = _of_envelope(f) if complete else _of_frames(f)
+    if moves := "history" in f:
+        high, low, when = (f[f"envelope/tension_{name}"][:] for name in ("max", "min", "max_time"))
         gone = ~np.isnan(lost_at(f)) | ~np.isnan(broken_at(f))
         rows.append(("dynamics", high, np.where(gone & (low == 0.0), np.nan, low), when, gone))
     most, least = rows[0][1], rows[0][2]
@@ -146,29 +142,13 @@ def envelope_of(f, resistance: np.ndarray) -> Envelope:
         most, least = np.fmax(most, high), np.fmin(least, low)
     bar = f["net/bar"][:].astype(bool)
     slack = np.array([(low <= 0.0) & ~bar & ~gone for _, _, low, _, gone in rows])
-    slack_time = f["envelope/slack_time"][:] if complete and "slack_time" in f["envelope"] else None
+    slack_time = f["envelope/slack_time"][:] if moves else None
     names, gone = [name for name, *_ in rows], np.array([gone for *_, gone in rows])
     used = [_most_used(high / resistance) for _, high, *_ in rows]
-    return Envelope(names, most, least, of_most, of_least, time, slack, gone, slack_time, complete, used)
+    return Envelope(names, most, least, of_most, of_least, time, slack, gone, slack_time, used)
 
 
 def _most_used(share: np.ndarray) -> tuple[float, int]:
     if np.isnan(share).all():
         return np.nan, -1
     return float(np.nanmax(share)), int(np.nanargmax(share))
-
-
-def _of_envelope(f):
-    g = f["envelope"]
-    return g["tension_max"][:], g["tension_min"][:], g["tension_max_time"][:]
-
-
-def _of_frames(f):
-    """The largest and least tension of the frames and the last state, and when it was the largest."""
-    frames, N = Frames(f), f["final/tension"][:]
-    most, least, when = N, N, np.full(len(N), f["history/time"][-1])
-    for step, time in enumerate(frames.times):
-        N = frames.cell("tension", step).astype(float)
-        when = np.where(N > most, time, when)
-        most, least = np.maximum(most, N), np.minimum(least, N)
-    return most, least, when

@@ -5,11 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import shapely
 
-from netfall.job.values import listed
+from netfall.job.values import MOST_NAMED, listed, more_of
 from netfall.net.net import Net, pair_key
 from netfall.numerics.functions import lengths
-
-MOST_NAMED = 5  # pairs in one message
 
 
 @dataclass(frozen=True)
@@ -110,8 +108,7 @@ def _cut_at_nodes(net, points, segment, element, span):
         f"an end of it{_height_over(net, p, segment[s], share)}; it counts as a corner of the roof there"
         for p, s, share in list(zip(node, row, t))[:MOST_NAMED]
     ]
-    if len(node) > MOST_NAMED:
-        notes.append(f"{len(node) - MOST_NAMED} more nodes lie within elements in plan")
+    notes += more_of("nodes lie within elements in plan", len(node))
     return (
         np.concatenate([segment[whole], chains(stop)]),
         np.concatenate([element[whole], element[owner[:-1][same]]]),
@@ -141,10 +138,7 @@ def _crossings(net, points, segment, element) -> list[str]:
     name = lambda s: _member(net, segment[s], element[s]).removeprefix("element ")
     both = (sorted(ends, key=own.__getitem__) for ends in zip(first[at], second[at]))
     named = [" and ".join(map(name, ends)) for ends in both]
-    return [
-        f"{len(pairs)} pairs of elements cross in plan without a node: {', '.join(named[:MOST_NAMED])}"
-        + (", ..." if len(pairs) > MOST_NAMED else "")
-    ]
+    return [f"{len(pairs)} pairs of elements cross in plan without a node: {listed(named)}"]
 
 
 def _node_name(net, p: int) -> str:

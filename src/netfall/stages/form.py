@@ -22,7 +22,7 @@ from netfall.equilibrium.stable import unstable_shape
 from netfall.ground.compile import kernel
 from netfall.ground.errors import DivergedError, InputError
 from netfall.ground.stop import NEVER, StopRequest
-from netfall.job.values import listed
+from netfall.job.values import counted
 from netfall.mechanics.elements import add_tensions, geometric_stiffness, nodal_stiffness
 from netfall.multigrid.tangent import Tangent
 from netfall.net.net import Net
@@ -94,11 +94,11 @@ def _not_held(net: Net, rows: np.ndarray, axes: list[int]) -> InputError:
     """That the nodes in these rows have no place along these axes: a singular matrix of force densities."""
     ids = net.node_id[rows]
     one, along = len(ids) == 1, " and ".join("xyz"[axis] for axis in axes)
-    nodes = f"node {ids[0]}" if one else f"{len(ids)} nodes ({listed(ids)})"
     return InputError(
-        f"form finding by force density has no solution: the force densities do not hold {nodes} along "
-        f"{along}, which could stand anywhere; hold {'it' if one else 'one of them'}, join "
-        f"{'it' if one else 'them'} to supports, or give force densities (or prestress) that do not cancel"
+        "form finding by force density has no solution: the force densities do not hold "
+        f"{counted('node', ids)} along {along}, which could stand anywhere; hold "
+        f"{'it' if one else 'one of them'}, join {'it' if one else 'them'} to supports, or give force "
+        "densities (or prestress) that do not cancel"
     )
 
 

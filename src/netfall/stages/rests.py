@@ -9,8 +9,9 @@ from netfall.equilibrium.find import STABLE
 from netfall.equilibrium.relaxation import Paused, Relaxation
 from netfall.ground.errors import DivergedError
 from netfall.job.job import Job
+from netfall.job.values import counted, listed
 from netfall.model.losses import Loss, comes_loose, losses_of
-from netfall.results.loss_lines import SOMETHING_BREAKS, elements_of
+from netfall.results.loss_lines import SOMETHING_BREAKS
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import (
     StaticLoad,
@@ -24,7 +25,6 @@ from netfall.stages.settle import (
 )
 
 MOST_ITERATIONS = 100_000  # in which the damaged net comes to rest, or is taken to have none
-MOST_NAMED = 4  # elements or cables in one line
 
 
 def local_rows(gid: np.ndarray, wanted: np.ndarray) -> np.ndarray:
@@ -190,7 +190,7 @@ def _rest_under(
     if not settled.breaking:
         return N, Rest("equilibrium"), line, rest.iterations
     ids = scene.model and scene.model.net.element_id[list(settled.breaking)]
-    torn = scene.comm.bcast(scene.model and elements_of(ids))
+    torn = scene.comm.bcast(scene.model and counted("element", ids))
     line += f"; {SOMETHING_BREAKS}: {torn}"
     return N, Rest("breaks", settled.breaking), line, rest.iterations
 
@@ -231,8 +231,7 @@ def words_of(job, loss: Loss) -> str:
         for key, given in (("element", entry.elements), ("cable", entry.cables)):
             if given is not None:
                 given = list(dict.fromkeys(given))
-                few = ", ".join(map(str, given[:MOST_NAMED])) + ", ..." * (len(given) > MOST_NAMED)
-                names.append(f"{key}{'s' * (len(given) > 1)} {few}")
+                names.append(f"{key}{'s' * (len(given) > 1)} {listed(given)}")
         if entry.group is not None:
             names.append(f"group {entry.group}")
     return " and ".join(names)

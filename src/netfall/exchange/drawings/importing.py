@@ -42,8 +42,7 @@ def _write(reading: Reading, folder: Path, place: Path) -> list[str]:
     elements = {"id": np.arange(1, len(net.ends) + 1), "start": node_id[net.ends[:, 0]]}
     elements |= {"end": node_id[net.ends[:, 1]], "group": group}
     for name, values in drawing.columns.items():
-        column = values[net.line]
-        elements[name] = np.where(np.isnan(column), "", column.astype(object))
+        elements[name] = values[net.line]
     write_table(place / "nodes.csv", nodes)
     write_table(place / "elements.csv", elements)
     length = np.linalg.norm(x[net.ends[:, 1]] - x[net.ends[:, 0]], axis=1)

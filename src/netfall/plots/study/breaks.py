@@ -2,13 +2,14 @@
 
 import numpy as np
 
-from netfall.plots.study.parts import draw_values, plan_panels, suptitle
+from netfall.plots.canvas import heading
+from netfall.plots.study.parts import draw_values, roof_panels
 from netfall.study.answers.read import Study
 
 
 def breaks(study: Study):
     """Two panels: first to break, as a share of the members that broke; at all, of those that finished."""
-    figure, (left, right) = plan_panels(study, 2)
+    figure, (left, right) = roof_panels(study)
     ran, broke = int(study.finished.sum()), int(study.first_breaks.sum())
     for axes, counts, of, label in (
         (left, study.first_breaks, broke, f"first to break, share of the {broke} members that broke"),
@@ -16,5 +17,5 @@ def breaks(study: Study):
     ):
         shares = np.where(counts > 0, counts / max(of, 1), np.nan)
         draw_values(study, axes, shares, label, percent=True)
-    suptitle(figure, study, "where it breaks (grey: never; dots: supports; numbers: ids)")
+    heading(figure, study.title, ": where it breaks (grey: never; dots: supports; numbers: ids)")
     return figure

@@ -7,7 +7,7 @@ import numpy as np
 
 from netfall.numerics.functions import log
 from netfall.numerics.normal import cdf
-from netfall.plots.study.parts import suptitle
+from netfall.plots.canvas import SMALL, charts, heading
 from netfall.study.answers.intervals import binned, wilson, with_interval
 from netfall.study.answers.read import Study
 
@@ -21,14 +21,11 @@ def fragility(study: Study):
     g = study.fragility
     measures, names = (list(dict.fromkeys(g[key])) for key in ("measure", "curve"))
     rows = -(-len(measures) // COLUMNS)
-    figure, panels = plt.subplots(
-        rows, COLUMNS, figsize=(13, 3.7 * rows + 1.0), sharex=True, sharey=True, squeeze=False
-    )
+    figure, panels = charts(rows, COLUMNS, 13, 3.7 * rows + 1.0, sharex=True, sharey=True)
     for axes, measure in zip(panels.ravel(), measures):
         for j, name in enumerate(names):
             _draw(axes, g, np.flatnonzero((g["measure"] == measure) & (g["curve"] == name))[0], j, len(names))
-        axes.set_title(measure, fontsize=10)
-        axes.grid(alpha=0.3)
+        axes.set_title(measure)
         axes.tick_params(labelbottom=True)
     for unused in panels.ravel()[len(measures) :]:
         unused.remove()
@@ -37,13 +34,10 @@ def fragility(study: Study):
     panels[0, 0].xaxis.set_major_locator(plt.MaxNLocator(8, steps=[1, 2, 5, 10]))
     for axes in panels[:, 0]:
         axes.set_ylabel("share of runs that fail [-]")
-    figure.supxlabel(f"mean wind speed [m/s], exposure {study.exposure}", fontsize=10, y=0.075)
-    figure.legend(handles=_handles(g, names), loc="lower center", ncols=4, frameon=False, fontsize=9)
-    suptitle(figure, study, f"runs that fail within {study.exposure}")
-    height = figure.get_figheight()
-    figure.subplots_adjust(
-        left=0.06, right=0.985, top=1 - 0.75 / height, bottom=1.15 / height, hspace=0.3, wspace=0.06
-    )
+    for axes in panels.ravel()[: len(measures)][-COLUMNS:]:
+        axes.set_xlabel(f"mean wind speed [m/s], exposure {study.exposure}")
+    figure.legend(handles=_handles(g, names), loc="outside lower center", ncols=4)
+    heading(figure, study.title, f": runs that fail within {study.exposure}")
     return figure
 
 
@@ -63,15 +57,8 @@ def _draw(axes, g, k: int, j: int, curves: int) -> None:
         at, share, [share - low, high - share], fmt="o", color=colour, ms=4, lw=1, capsize=2, alpha=0.9
     )
     text = _text(g, k) if curves == 1 else _short(g, k)
-    axes.text(
-        0.02,
-        0.97 - 0.07 * j,
-        text,
-        transform=axes.transAxes,
-        va="top",
-        fontsize=8,
-        color=colour if j else "C0",
-    )
+    place = {"transform": axes.transAxes, "va": "top", "fontsize": SMALL}
+    axes.text(0.02, 0.97 - 0.07 * j, text, color=colour, **place)
 
 
 def _text(g, k: int) -> str:

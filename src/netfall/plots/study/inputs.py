@@ -1,10 +1,8 @@
 """What members gave over what was drawn for them, with rank correlations."""
 
-import matplotlib.pyplot as plt
 import numpy as np
 
-from netfall.plots.study.parts import suptitle
-from netfall.plots.style import unit_of
+from netfall.plots.canvas import SMALL, charts, heading, unit_of
 from netfall.study.answers.correlation import drawn_inputs, responses, spearman
 from netfall.study.answers.read import Study, unit_of_column
 
@@ -16,15 +14,8 @@ def inputs(study: Study):
     """A column for each input that was drawn, a row for each response: a dot for each member."""
     names, given = drawn_inputs(study)[:MOST_INPUTS], responses(study)
     rows = [name for name in SHOWN if name in given]
-    figure, panels = plt.subplots(
-        len(rows),
-        len(names),
-        figsize=(2.2 + 3.2 * len(names), 1.0 + 2.3 * len(rows)),
-        sharex="col",
-        sharey="row",
-        squeeze=False,
-        layout="constrained",
-    )
+    size = 2.2 + 3.2 * len(names), 1.0 + 2.3 * len(rows)
+    figure, panels = charts(len(rows), len(names), *size, sharex="col", sharey="row")
     for j, name in enumerate(names):
         x, label = _scaled(name, study.members[name].astype(float))
         for i, what in enumerate(rows):
@@ -33,19 +24,18 @@ def inputs(study: Study):
             if j == 0:
                 panels[i, j].set_ylabel(of)
         panels[-1, j].set_xlabel(label)
-    suptitle(figure, study, "what was drawn, and what came of it")
+    heading(figure, study.title, ": what was drawn, and what came of it")
     return figure
 
 
 def _draw(axes, x: np.ndarray, y: np.ndarray) -> None:
     """Dots, and the correlation of their ranks, grey where chance gives as much."""
     axes.plot(x, y, "o", ms=2.5, alpha=0.5, mew=0, color="C0")
-    axes.grid(alpha=0.3)
     rho, n = spearman(x, y)
     if np.isfinite(rho):
         strong = abs(rho) * np.sqrt(n - 1) > 1.96
         text = f"rank correlation {rho:+.2f}, n = {n}"
-        axes.set_title(text, fontsize=8, color="k" if strong else "0.6", loc="right")
+        axes.set_title(text, fontsize=SMALL, color="k" if strong else "0.6", loc="right")
 
 
 def _scaled(name: str, values: np.ndarray) -> tuple[np.ndarray, str]:

@@ -1,14 +1,13 @@
 """Loss of each element or cable: dynamic factors and what is lost of the roof, as a map and as a chart."""
 
-import matplotlib.pyplot as plt
 import numpy as np
 
-from netfall.plots.study.parts import draw_values, plan_panels, suptitle
+from netfall.plots.canvas import BROKEN, SMALL, charts, heading
+from netfall.plots.study.parts import draw_values, roof_panels
 from netfall.study.answers.losses import TELLING, elements_lost, losses_of
 from netfall.study.answers.read import Study
 
 MOST_ROWS = 50  # losses in the chart
-NO_REST = "#d62728"
 
 
 def loss_map(study: Study):
@@ -18,7 +17,7 @@ def loss_map(study: Study):
     losses = losses_of(study)
     row = elements_lost(study, losses)
     of_element = lambda values: np.where(row >= 0, values[row], np.nan)
-    figure, (left, right) = plan_panels(study, 2)
+    figure, (left, right) = roof_panels(study)
     factor = of_element(losses.dynamic_factor)
     low = float(min(1.0, np.nanmin(factor))) if np.isfinite(factor).any() else 1.0
     names = np.where(row >= 0, losses.name[row], "")
@@ -29,7 +28,7 @@ def loss_map(study: Study):
     label = "share of the roof lost (grey: nothing)" if lost else "elements that broke besides (grey: none)"
     shown = of_element(np.where(worst > 0, worst, np.nan))
     draw_values(study, right, shown, label, percent=lost, names=names)
-    suptitle(figure, study, "after the loss of each (the largest on top; dots: supports)")
+    heading(figure, study.title, ": after the loss of each (the largest on top; dots: supports)")
     return figure
 
 
@@ -46,9 +45,8 @@ def loss_chart(study: Study):
     place = np.full(len(losses.name), -1)
     place[shown] = np.arange(len(shown))
     y = place[losses.place]
-    figure, (left, right) = plt.subplots(
-        1, 2, figsize=(11, 1.8 + 0.19 * len(shown)), sharey=True, layout="constrained", width_ratios=(3, 2)
-    )
+    size, ratios = (11, 1.8 + 0.19 * len(shown)), (3, 2)
+    figure, ((left, right),) = charts(1, 2, *size, sharey=True, width_ratios=ratios)
     there = (y >= 0) & np.isfinite(factor)
     more = study.members["broken"] > 0
     left.plot(factor[there & ~more], y[there & ~more], "o", color="C0", ms=4, alpha=0.8)
@@ -57,19 +55,16 @@ def loss_chart(study: Study):
         left.set_xscale("log")
         left.xaxis.set_major_formatter("{x:g}")
     for row in np.flatnonzero(np.isnan(losses.dynamic_factor[shown])):
-        left.text(1.0, row, " no factor", va="center", fontsize=7, color="0.5")
+        left.text(1.0, row, " no factor", va="center", fontsize=SMALL, color="0.5")
     left.axvline(1.0, color="0.6", lw=0.8)
     left.axvline(2.0, color="0.6", lw=0.8, ls=":")
     left.set_xlabel("largest dynamic factor of each member [-]; hollow: more broke; dotted: 2")
     _draw_lost(right, losses, shown)
-    left.set_yticks(np.arange(len(shown)), losses.name[shown], fontsize=8)
+    left.set_yticks(np.arange(len(shown)), losses.name[shown])
     left.set_ylabel("what is lost")
     left.set_ylim(len(shown) - 0.5, -0.5)
-    for axes in (left, right):
-        axes.grid(alpha=0.3)
-        axes.set_axisbelow(True)
     of = f" (the worst {len(shown)} of {len(order)})" if len(shown) < len(order) else ""
-    suptitle(figure, study, f"after each loss{of}")
+    heading(figure, study.title, f": after each loss{of}")
     return figure
 
 
@@ -83,10 +78,12 @@ def _draw_lost(axes, losses, shown: np.ndarray) -> None:
     lost = 100 * np.nan_to_num(losses.roof_lost[shown])
     far = max(10.0, 1.25 * lost.max(initial=0.0))
     bad = losses.no_rest[shown] > 0
-    axes.barh(np.arange(len(shown)), lost, color=np.where(bad, NO_REST, "C0"), height=0.7)
+    axes.barh(np.arange(len(shown)), lost, color=np.where(bad, BROKEN, "C0"), height=0.7)
     for y, k in enumerate(shown):
         broken = losses.broken[k]
         text = "no rest" if bad[y] else f"{broken:.0f} broke" if broken > 0 else ""
-        axes.text(lost[y] + 0.015 * far, y, text, va="center", fontsize=7, color=NO_REST if bad[y] else "0.3")
+        axes.text(
+            lost[y] + 0.015 * far, y, text, va="center", fontsize=SMALL, color=BROKEN if bad[y] else "0.3"
+        )
     axes.set_xlim(0, far)
     axes.set_xlabel("largest share of the roof lost [%], and what broke besides")

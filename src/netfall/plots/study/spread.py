@@ -3,8 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from netfall.plots.study.parts import suptitle
-from netfall.plots.style import legend_below
+from netfall.plots.canvas import charts, heading, legend_below
 from netfall.study.answers.read import Study
 from netfall.study.answers.samples import SPEED
 
@@ -23,7 +22,7 @@ def spread(study: Study):
     left = np.array([study.members["duration"][k] - first[k] for k in courses])
     times = np.concatenate(list(courses.values()))
     span = max(1.05 * np.quantile(times, SHOWN), 0.05 * left.max(), 1e-3)
-    figure, axes = plt.subplots(figsize=(9, 5.4), layout="constrained")
+    figure, ((axes,),) = charts(1, 1, 9, 5.4)
     lines = _lines(study, axes, courses, left)
     grid = np.linspace(0.0, span, POINTS)
     count = np.array([np.searchsorted(t, grid, side="right") for t in courses.values()], float)
@@ -35,11 +34,10 @@ def spread(study: Study):
     axes.set_ylim(bottom=0)
     axes.set_xlabel("time since the first fracture [s]")
     axes.set_ylabel("elements broken")
-    axes.grid(alpha=0.3)
     if lines is not None:
         figure.colorbar(lines, ax=axes, label="mean wind speed [m/s]")
-    legend_below(axes, 2)
-    suptitle(figure, study, f"spread of the collapse in {len(courses)} members that broke")
+    legend_below(figure, axes, 2)
+    heading(figure, study.title, f": spread of the collapse in {len(courses)} members that broke")
     return figure
 
 

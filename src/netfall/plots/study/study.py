@@ -1,12 +1,12 @@
 """Pictures and the table of a study file: which come depends on what it holds. No MPI, no solver."""
 
-import csv
 from collections.abc import Callable
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 
+from netfall.job.table import write_table
+from netfall.plots.canvas import save
 from netfall.plots.study.breaks import breaks
 from netfall.plots.study.fragility import fragility
 from netfall.plots.study.inputs import inputs
@@ -34,40 +34,22 @@ def pictures_of(study: Study) -> dict[str, Callable]:
     return {name: draw for name, draw, there in pictures if there}
 
 
-def plot_study(path: Path, folder: Path) -> tuple[list[Path], list[str]]:
-    """Write every picture that the study has data for, and the members as a table; their paths, and no line
-    of what cannot be drawn (`run.plot_all` has some).
-    """
+def plot_study(path: Path, folder: Path) -> list[Path]:
+    """Write every picture that the study has data for, and the members as a table; their paths."""
     study = read_study(path)
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for name, draw in pictures_of(study).items():
-        figure = draw(study)
-        written.append(folder / f"{study.name}_{name}.png")
-        with whole(written[-1]) as place:
-            figure.savefig(place, dpi=130)
-        plt.close(figure)
+        written.append(save(draw(study), folder / f"{study.name}_{name}.png"))
     written.append(folder / f"{study.name}_members.csv")
     with whole(written[-1]) as place:
-        write_members(study, place)
-    return written, []
+        columns = members_table(study)
+        units = ", ".join(map(with_unit, columns))
+        write_table(place, columns, f"{units}; elements are ids of the tables")
+    return written
 
 
-def write_members(study: Study, path: Path) -> None:
-    """Write /members as a table: units in the first line, then names, then a row for each; nan: empty."""
-    names = [*(n for n in study.members if n not in BY_NAME), *(n for n in BY_NAME if n in study.members)]
-    columns = [study.members[name] for name in names]
-    with open(path, "w", newline="", encoding="utf-8") as file:
-        file.write(f"# {', '.join(with_unit(name) for name in names)}; elements are ids of the tables\n")
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(names)
-        for k in range(len(columns[0])):
-            table.writerow([_cell(column[k]) for column in columns])
-
-
-def _cell(value):
-    """A value as text that gives the same number when read back; nan: nothing."""
-    if isinstance(value, str):
-        return value
-    number = value.item() if isinstance(value, np.generic) else value
-    return "" if number != number else repr(number)
+def members_table(study: Study) -> dict[str, np.ndarray]:
+    """The columns of /members: what was drawn, then what came of it."""
+    drawn = [name for name in study.members if name not in BY_NAME]
+    return {name: study.members[name] for name in (*drawn, *(n for n in BY_NAME if n in study.members))}

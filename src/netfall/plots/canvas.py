@@ -1,0 +1,170 @@
+"""The canvas of all pictures: sizes, fonts, colours; figures opened and saved; the net in space and plan."""
+
+from pathlib import Path
+
+import matplotlib
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.collections import LineCollection
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+from netfall.write.locks import whole
+
+matplotlib.use("Agg")
+SMALL = 8  # points: legends, ticks, notes in a picture
+STYLE = {
+    "savefig.dpi": 130,
+    "figure.titlesize": 11,
+    "axes.titlesize": 9,
+    "axes.labelsize": 9,
+    "xtick.labelsize": SMALL,
+    "ytick.labelsize": SMALL,
+    "legend.fontsize": SMALL,
+    "legend.frameon": False,
+    "grid.alpha": 0.3,
+}
+plt.rcParams.update(STYLE)
+NOTHING = "#b8b8b8"  # what has no value
+BROKEN = "#d62728"  # what is broken, lost or at fault; no group has this red
+LONGEST_TITLE = 90  # characters
+MOST_DRAWN = 60_000  # elements in a picture; of larger nets every k-th is drawn
+PANEL, ALONE = (5.5, 3.4), (9.0, 4.9)  # inches of a panel in space, of one that is alone
+PLAN_WIDTH = 6.0  # inches of a panel in plan
+SHORTEST, LONGEST = 1.6, 6.8  # inches of its height
+HEAD = 0.75  # inches for the title
+
+
+def save(figure, path: Path) -> Path:
+    """Write a picture, whole or not at all, and close it; its path."""
+    with whole(path) as place:
+        figure.savefig(place)
+    plt.close(figure)
+    return path
+
+
+def heading(figure, title: str, words: str) -> None:
+    """The title of a job or study, cut to what fits above a picture, and what is shown."""
+    title = " ".join(title.split())
+    title = title if len(title) <= LONGEST_TITLE else title[: LONGEST_TITLE - 3] + "..."
+    figure.suptitle(f"{title}{words}")
+
+
+def unit_of(largest: float, unit: str) -> tuple[float, str]:
+    """Factor and name of a unit that keeps numbers readable: N, kN, MN."""
+    for factor, prefix in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if largest >= 2 * factor:
+            return 1 / factor, prefix + unit
+    return 1.0, unit
+
+
+def charts(rows: int, columns: int, width: float, height: float, **more):
+    """A figure with charts (rows, columns), each with a grid; width, height : inches; more : of subplots"""
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(width, height), layout="constrained", squeeze=False, **more
+    )
+    for each in axes.flat:
+        each.grid(True)
+        each.set_axisbelow(True)
+    return figure, axes
+
+
+def legend_below(figure, axes, ncols: int = 4) -> None:
+    """What the lines of a chart are, below all charts."""
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=ncols)
+
+
+def line_width(elements: int, most: float = 1.4) -> float:
+    """Width of lines [points] that leaves as many elements apart."""
+    return float(np.clip(60.0 / np.sqrt(max(elements, 1)), 0.4, most))
+
+
+def in_space(figure, place, points):
+    """Axes in space with equal scales around the points (n, 3), labelled in metres."""
+    axes = figure.add_subplot(*place, projection="3d")
+    low, high = points.min(0), points.max(0)
+    extent = np.maximum(high - low, 0.02 * (high - low).max() + 1e-9)
+    middle = 0.5 * (low + high)
+    for k, limits in enumerate((axes.set_xlim, axes.set_ylim, axes.set_zlim)):
+        limits(middle[k] - 0.5 * extent[k], middle[k] + 0.5 * extent[k])
+    axes.set_box_aspect(extent, zoom=1.1)
+    axes.view_init(elev=28, azim=-60)
+    axes.set_xlabel("x [m]", labelpad=6)
+    axes.set_ylabel("y [m]", labelpad=6)
+    axes.set_zlabel("z [m]", labelpad=0)
+    axes.xaxis.set_major_locator(plt.MaxNLocator(5))
+    axes.yaxis.set_major_locator(plt.MaxNLocator(4))
+    axes.zaxis.set_major_locator(plt.MaxNLocator(3))
+    axes.tick_params(labelsize=7, pad=1)
+    return axes
+
+
+def space_panels(points, count: int, below: float):
+    """A figure with panels in space, two beside each other, around the same points (n, 3) [m]; the panels.
+
+    below : inches that are left below them, for scales and legends
+    """
+    columns, rows = min(2, count), -(-count // 2)
+    width, height = ALONE if count == 1 else PANEL
+    figure = plt.figure(figsize=(columns * width, rows * height + HEAD + below))
+    high = figure.get_figheight()
+    panels = [in_space(figure, (rows, columns, k + 1), points) for k in range(count)]
+    margins = {"top": 1.0 - HEAD / high, "bottom": below / high, "hspace": 0.14, "wspace": 0.02}
+    figure.subplots_adjust(left=0.02, right=0.98, **margins)
+    return figure, panels
+
+
+def set_plan(axes, points: np.ndarray, margin: float = 0.0) -> None:
+    """Make axes a plan with equal scales around points (n, 2) [m]; margin : [m], at least a little"""
+    low, high = points.min(0), points.max(0)
+    margin = max(margin, 0.04 * (high - low).max() + 1e-9)
+    axes.set(xlim=(low[0] - margin, high[0] + margin), ylim=(low[1] - margin, high[1] + margin))
+    axes.set_aspect("equal")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+
+
+def plan_panels(x: np.ndarray, held: np.ndarray, count: int, margin: float = 0.0):
+    """A figure with panels in plan, two beside each other; the panels.
+
+    x : (n, 2) [m] nodes; held : (n,) bool, supports, which are dots; margin : as of `set_plan`
+    """
+    columns, rows = min(2, count), -(-count // 2)
+    extent = np.ptp(x, axis=0)
+    height = float(np.clip(0.76 * PLAN_WIDTH * extent[1] / max(extent[0], 1e-9), SHORTEST, LONGEST))
+    size = (columns * PLAN_WIDTH, rows * (height + 0.9) + 0.4)
+    figure, grid = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False)
+    panels = list(grid.flat)
+    for unused in panels[count:]:
+        unused.remove()
+    for axes in panels[:count]:
+        set_plan(axes, x, margin)
+        dot_supports(axes, x, held)
+    return figure, panels[:count]
+
+
+def dot_supports(axes, x: np.ndarray, held: np.ndarray) -> None:
+    """Dots at the supports in plan. x : (n, 2) [m]; held : (n,) bool"""
+    axes.plot(*x[held].T, ".", color="k", ms=min(4.0, 40 / len(x) ** 0.4), zorder=3)
+
+
+def add_lines(axes, lines: np.ndarray, **style):
+    """Add lines (k, 2, 2 or 3) [m], none if there is none, to axes in plan or in space."""
+    in_plan = lines.shape[-1] == 2
+    kind, add = (
+        (LineCollection, axes.add_collection) if in_plan else (Line3DCollection, axes.add_collection3d)
+    )
+    return add(kind(lines, **{"clip_on": False} | style)) if len(lines) else None
+
+
+def add_coloured(axes, lines: np.ndarray, values: np.ndarray, norm, palette, width: float) -> np.ndarray:
+    """Add lines (k, 2, 2 or 3) [m] coloured by values (k,), the largest on top; nan: pale, below all.
+
+    The rows that have a value, as they are drawn: of many lines every k-th, the largest among them.
+    """
+    order = np.argsort(np.where(np.isfinite(values), values, -np.inf), kind="stable")
+    order = order[::-1][:: max(1, len(order) // MOST_DRAWN)][::-1]
+    known = np.isfinite(values[order])
+    pale, rows = order[~known], order[known]
+    add_lines(axes, lines[pale], colors=NOTHING, linewidths=0.5 * width)
+    add_lines(axes, lines[rows], array=values[rows], norm=norm, cmap=palette, linewidths=width)
+    return rows
