@@ -18,8 +18,9 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.job.job import Job
-from netfall.job.schema import EITHER, wanted
+from netfall.job.schema import EITHER
 from netfall.job.table import Table
+from netfall.job.validate import wanted
 from netfall.job.values import counted, nearest, shown
 from netfall.net.net import Net
 from netfall.numerics.functions import exp, log1p
