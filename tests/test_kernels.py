@@ -125,7 +125,16 @@ ROUNDING = 1e-12  # of the largest force; there are thirteen terms at the hub
 COVERING = ["00000", "11111", "00111", "11010", "10100", "11001", "01110"]
 EVERY = list(map("".join, itertools.product("01", repeat=5)))
 NAMES = {row: "-".join(itertools.compress(FEATURES, map(int, row))) or "none" for row in EVERY}
-SCENES = {row: Features(**{name: there == "1" for name, there in zip(FEATURES, row)}) for row in EVERY}
+
+
+def scene_of(row: str) -> Features:
+    """The scene of a row of zeros and ones."""
+    there = {name: one == "1" for name, one in zip(FEATURES, row)}
+    strain = "logarithmic" if there.pop("logarithmic") else "engineering"
+    return Features(strain=strain, **there)
+
+
+SCENES = {row: scene_of(row) for row in EVERY}
 ALL_FEATURES = SCENES["11111"]
 EVERY_SCENE = pytest.mark.parametrize(
     "scene",

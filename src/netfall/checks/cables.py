@@ -7,7 +7,7 @@ import numpy as np
 from netfall.checks.codes import STRENGTHS, Check
 from netfall.mechanics.material import stretched_length, warm_length
 from netfall.results.losses import broken_at, largest_factor, lost_at
-from netfall.results.states import Envelope, is_logarithmic, start_position, start_tension
+from netfall.results.states import Envelope, start_position, start_tension, strain_measure
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ def cutting_columns(f, cutting: Cutting) -> dict[str, np.ndarray]:
     else:
         load = np.where(f["net/bar"][:][first], 0.0, cutting.load)
     warm = warm_length(L0, f["net/expansion"][:], cutting.temperature)
-    stretched = stretched_length(warm, load[cable], EA, is_logarithmic(f))
+    stretched = stretched_length(warm, load[cable], EA, strain_measure(f))
     return {
         "cable": f["net/cable_names"].asstr()[:].astype(object),
         "group": _words_of(groups_of(f), cable, count),

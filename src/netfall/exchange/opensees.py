@@ -49,9 +49,9 @@ def write_tcl(result: Result, state: State, path: Path) -> list[str]:
     """Write the model. The state is the form, which the model starts from."""
     what, x, tension, free = _equilibrium(result)
     EA, bar, reached = result.elements["axial_stiffness"], result.elements["bar"], lengths(x, state.ends)
-    linear = elastic_forces(reached, free, EA, bar.astype(bool), logarithmic=False)
+    linear = elastic_forces(reached, free, EA, bar.astype(bool), strain="engineering")
     other = np.abs(linear - tension) > SAME * np.abs(tension).max()
-    free = np.where(other, unstressed_length(reached, tension, EA, logarithmic=False), free)
+    free = np.where(other, unstressed_length(reached, tension, EA, strain="engineering"), free)
     load = np.where(state.fixed, 0.0, -internal(x, state.ends, tension))
     load[np.abs(load) <= SAME * np.abs(tension).max()] = 0.0
     names = dict(name=path.name, stem=path.stem, steps=LOAD_STEPS, step=repr(1.0 / LOAD_STEPS))

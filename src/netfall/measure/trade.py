@@ -18,7 +18,7 @@ from netfall.ground.sources import TELLING, program_digest
 from netfall.ground.stop import StopRequest
 from netfall.job.job import Job
 from netfall.job.read import read_job
-from netfall.job.schema import may_break
+from netfall.job.schema import CABLE, may_break
 from netfall.measure.compare import Row, as_text, compare, draw, mark_best, write_table
 from netfall.measure.outcome import Outcome, Outcomes, end_of_comparison, outcome_of
 from netfall.measure.series import Series, dynamic_job, place_of_series
@@ -206,6 +206,6 @@ def usual_settings(job: Job) -> list[list[str]]:
         ]
     )
     settings.append(["output.energy=false"])
-    other = "logarithmic" if job.cable.strain == "engineering" else "engineering"
-    settings += [[f"cable.strain={other}"], [f"net.subdivide={2 * job.net.subdivide}"]]
-    return settings
+    measures = next(key.choices for key in CABLE if key.name == "strain")
+    settings += [[f"cable.strain={other}"] for other in measures if other != job.cable.strain]
+    return [*settings, [f"net.subdivide={2 * job.net.subdivide}"]]

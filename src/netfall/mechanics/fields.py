@@ -186,7 +186,7 @@ class Features:
     wind: bool = False
     tapped: bool = False  # the wind is given as pressures in time, which are not squared
     varying: bool = False  # forces besides the wind that vary in time
-    logarithmic: bool = False
+    strain: str = "engineering"  # its measure
     bars: bool = False
     sections: bool = False  # more than one stiffness or yield force
     springs: bool = False  # elastic supports

@@ -150,7 +150,7 @@ def dissipate(state: State, e: int, dt: float) -> None:
 
 def _strain_before(state: State, e: int, dt: float) -> float:
     """Strain of element e at x(n), one drift ago."""
-    return float(strains(_length_before(state, e, dt), state.L0[e], state.features.logarithmic))
+    return float(strains(_length_before(state, e, dt), state.L0[e], state.features.strain))
 
 
 def _length_before(state: State, e: int, time: float) -> float:

@@ -18,8 +18,7 @@ from netfall.mechanics.fields import (
     Slots,
     fields_of,
 )
-from netfall.mechanics.material import NEARLY, Law
-from netfall.numerics.functions import exp
+from netfall.mechanics.material import Law, law_of
 
 
 class State:
@@ -81,23 +80,15 @@ class State:
         alike = lambda array, slot: (
             float(array.max(initial=0.0)) if slot is None and array is not None else None
         )
-        self._tuples["law"] = Law(
-            self.features.logarithmic or None,
-            self.features.plastic or None,
+        least = None if self.eps_u is None else self.eps_u.min(initial=np.inf)
+        self._tuples["law"] = law_of(
+            self.features.strain,
+            self.features.plastic,
             alike(self.EA, self.slot_EA),
             alike(self.yield_force, self.slot_yield_force),
-            self.reach,
+            least,
         )
         return self._tuples["law"]
-
-    @property
-    def reach(self) -> float | None:
-        """L / L0 beyond which some element may break; None if nothing can."""
-        if self.eps_u is None:
-            return None
-        least = self.eps_u.min(initial=np.inf)
-        longest = float(exp(least) if self.features.logarithmic else 1.0 + least)
-        return longest * NEARLY
 
     def elements_now(self) -> ElementState:
         """Axial force [N], strain, plastic strain and length [m] (m,) at the present positions."""

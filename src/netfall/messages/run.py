@@ -9,6 +9,7 @@ from netfall.job.asks import has_statics
 from netfall.job.job import Job
 from netfall.job.values import listed
 from netfall.mechanics.events import EventLog
+from netfall.mechanics.fields import Features
 from netfall.mechanics.material import strength_of
 from netfall.mechanics.stability import Limit
 from netfall.messages.wind import wind_notes
@@ -203,7 +204,7 @@ def feature_words(job: Job, model: Model) -> str:
         ("static pressure", any(value is not None for value in job.loads("pressure"))),
         ("temperature", bool(load and load.temperature)),
         ("elastic supports", features.springs),
-        ("logarithmic strain", features.logarithmic),
+        (f"{features.strain} strain", features.strain != Features.strain),
         ("broken elements taken out", features.fracture and not features.fragments),
     )
     return ", ".join(word for word, there in words if there) or "elastic elements alone"

@@ -94,7 +94,7 @@ def features_of(job: Job, net: Net) -> Features:
         varying=varies(job),
         springs=bool(net.spring.any()),
         losses=bool(job.removes),
-        logarithmic=job.cable.strain == "logarithmic",
+        strain=job.cable.strain,
         bars=bool(net.bar.any()),
         part_held=bool((net.fixed.any(1) & ~net.fixed.all(1)).any()),
         sections=differ(net.EA) or differ(net.yield_force),

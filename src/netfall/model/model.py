@@ -192,13 +192,13 @@ def _areas(layout: Layout, x: np.ndarray) -> Areas:
 
 def _unstressed(job: Job, net: Net, L: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Tensions (m,) [N] and unstressed lengths (m,) [m] at lengths L: as given, else those of N."""
-    EA, logarithmic = net.EA, job.cable.strain == "logarithmic"
+    EA, strain = net.EA, job.cable.strain
     check_tensions(job, net, N, L)
-    L0 = unstressed_length(L, N, EA, logarithmic)
+    L0 = unstressed_length(L, N, EA, strain)
     given = np.isfinite(net.unstressed_length)
     if given.any():
         L0 = np.where(given, net.unstressed_length, L0)
-        N = np.where(given, elastic_forces(L, L0, EA, net.bar, logarithmic), N)
+        N = np.where(given, elastic_forces(L, L0, EA, net.bar, strain), N)
     return N, L0
 
 

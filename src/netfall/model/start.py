@@ -5,7 +5,7 @@ import numpy as np
 from netfall.ground.errors import InputError
 from netfall.job.job import Job
 from netfall.job.values import counted
-from netfall.mechanics.material import strains
+from netfall.mechanics.material import exceeds_stiffness, strains
 from netfall.net.net import Net
 from netfall.numerics.functions import lengths
 from netfall.wind.coherence import LOWEST_HEIGHT
@@ -21,7 +21,6 @@ PLAUSIBLE = (
 SLACKEST, TIGHTEST = -0.5, 0.1  # strains between which nets start
 FAR = 3.0  # times the roof's diagonal in plan: taps and points as far outside of it are in another unit
 COLLAPSED = 1e-6  # of the length that is given: an element so short in the form is none any more
-LARGEST_LOG = 500.0  # of a logarithmic strain: exp of much more is no number
 UNITS = "check the units of modulus (Pa), area (m2), prestress (N) and unstressed_length (m)"
 
 
@@ -61,7 +60,7 @@ def check_start(job: Job, net: Net, N: np.ndarray, L: np.ndarray, L0: np.ndarray
 
     Raises InputError where elements yield or break in it.
     """
-    eps = strains(L, L0, job.cable.strain == "logarithmic")
+    eps = strains(L, L0, job.cable.strain)
     errors = []
     for over, what, value, limit in (
         (eps > net.fracture_strain, "fracture_strain", eps, net.fracture_strain),
@@ -159,7 +158,7 @@ def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
             ),
         ),
         (
-            (1.0 + N / EA <= 0) | ((job.cable.strain == "logarithmic") & (np.abs(N) > LARGEST_LOG * EA)),
+            exceeds_stiffness(N, EA, job.cable.strain),
             lambda e: f"its axial force {N[e]:.4g} N is beyond its stiffness EA; choose a larger area",
         ),
     )

@@ -33,9 +33,9 @@ def start_position(f) -> np.ndarray:
     return f["form_finding/position"][:] if "form_finding" in f else f["net/particles"][:]
 
 
-def is_logarithmic(f) -> bool:
-    """Whether the run's measure of strain is the logarithmic one."""
-    return f["provenance"].attrs.get("strain") == "logarithmic"
+def strain_measure(f) -> str:
+    """The run's measure of strain."""
+    return f["provenance"].attrs["strain"]
 
 
 def warm_lengths(f) -> np.ndarray:
@@ -53,7 +53,7 @@ def start_tension(f) -> np.ndarray:
     x, elements = f["net/particles"][:], f["net/elements"][:]
     L = lengths(x[elements[:, 1]] - x[elements[:, 0]])
     EA, L0, bar = f["net/axial_stiffness"][:], f["net/unstressed_length"][:], f["net/bar"][:].astype(bool)
-    return elastic_forces(L, L0, EA, bar, is_logarithmic(f))
+    return elastic_forces(L, L0, EA, bar, strain_measure(f))
 
 
 def state_groups(f) -> list[str]:

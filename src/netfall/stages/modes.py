@@ -61,10 +61,10 @@ class Modes:
         return zeta * self.period / (4.0 * np.pi)
 
 
-def modes_at(x, net: Net, N, L0, mass, count: int, logarithmic: bool = False) -> Modes:
+def modes_at(x, net: Net, N, L0, mass, count: int, strain: str = "engineering") -> Modes:
     """The lowest modes of a net at x (n, 3) [m] with axial forces N (m,) [N]; mass : (n,) [kg].
 
-    L0 : (m,) [m]; count : how many, at most; logarithmic : the measure of strain
+    L0 : (m,) [m]; count : how many, at most; strain : its measure
     """
     from scipy.sparse import diags_array  # here: it takes 0.2 s to load
 
@@ -73,7 +73,7 @@ def modes_at(x, net: Net, N, L0, mass, count: int, logarithmic: bool = False) ->
         return Modes(np.zeros(0), np.zeros((0, net.n, 3)), 0)
     along = x[net.elements[:, 1]] - x[net.elements[:, 0]]
     L = np.linalg.norm(along, axis=1)
-    stiffness = elastic_stiffness(net.EA, L0, L, logarithmic)
+    stiffness = elastic_stiffness(net.EA, L0, L, strain)
     axial = np.where((N > 0.0) | net.bar, stiffness, 0.0)
     free = np.ones((net.n, 3), bool)  # held axes are left out below
     number = np.arange(net.n)
@@ -159,7 +159,7 @@ def modes_now(scene: Scene, count: int) -> Modes | None:
     N = distribution.gather_elements(state.elements_now().N)
     if model is None:
         return None
-    return modes_at(x, model.net, N, model.L0, model.mass, count, state.features.logarithmic)
+    return modes_at(x, model.net, N, model.L0, model.mass, count, state.features.strain)
 
 
 def modes_section(job: Job, modes: Modes) -> dict[str, np.ndarray]:
