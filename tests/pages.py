@@ -25,7 +25,7 @@ ROOMS = (  # from the ground up: a room imports from those before it
     *("ground", "numerics", "job", "net", "net/generators", "roof", "wind", "mechanics", "parallel", "step"),
     *("multigrid", "equilibrium", "model", "record", "write", "stages", "messages", "program"),
     *("results", "checks", "plots", "report", "study", "study/answers", "plots/study", "measure"),
-    *("api", "exchange", "exchange/drawings", "cli"),
+    *("api", "exchange", "exchange/formats", "exchange/drawings", "cli"),
 )
 HEAD = """# The map of the code
 

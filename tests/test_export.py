@@ -488,7 +488,7 @@ def test_opensees_finds_the_same_tensions(stadium):
 def test_what_cannot_be_exported_is_told(broken, tmp_path):
     """Another ending, a time that was not reached, a motion as an equilibrium: exit code 2, no file."""
     for name, time, words in (
-        ("a.stl", None, "the ending names the format; expected one of .dxf, .csv"),
+        ("a.stl", None, "the ending names the format; expected one of .csv, .dxf"),
         ("a.dxf", 9.0, "time 9 s: the frames are from 0 to 0.2 s"),
         ("a.tcl", 0.1, "leave --time out"),
         ("none/a.dxf", None, "does not exist"),

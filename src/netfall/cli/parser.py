@@ -6,6 +6,7 @@ from pathlib import Path
 
 from netfall.cli import arguments as take
 from netfall.cli.examples import shown
+from netfall.exchange.formats import endings
 from netfall.ground.errors import InputError
 
 VERBS = (
@@ -46,7 +47,7 @@ def parser() -> Parser:
     _trade(_of_job(verbs, "trade", "what each saving costs: run time against error over a grid of settings"))
     _study(verbs.add_parser("study", help=STUDY, description=STUDY))
     _import(verbs.add_parser("import", help=IMPORT, description=IMPORT))
-    text = "a result for other programs: .dxf, .csv, .tcl (OpenSees), .json, .vtu"
+    text = f"a result for other programs: {', '.join(endings())}"
     _export(_of_result(verbs, "export", text))
     for name, verb in verbs.choices.items():
         verb.epilog, verb.formatter_class = shown(name), argparse.RawDescriptionHelpFormatter

@@ -5,22 +5,17 @@ import numpy as np
 from netfall.exchange.state import RECORD
 from netfall.results.result import Result
 
-HELD = {  # by ending, of what `_of_net` names; .csv holds all
-    ".dxf": ("groups",),
-    ".json": ("groups", "ids", "tensions", "unstressed lengths", "axes of supports"),
-    ".vtu": ("groups", "ids", "tensions", "unstressed lengths"),
-    ".tcl": ("ids", "tensions", "unstressed lengths", "axes of supports", "stiffness", "bars")
-    + ("loads of nodes", "temperature"),
-}
 
+def lacking(result: Result, ending: str, held: tuple[str, ...]) -> list[str]:
+    """A line that names what of this net a file of this ending does not hold.
 
-def lacking(result: Result, ending: str) -> list[str]:
-    """A line that names what of this net a file of this ending does not hold."""
-    words = [word for word, there in _of_net(result).items() if there and word not in HELD[ending]]
+    held : what of `of_net` it holds
+    """
+    words = [word for word, there in of_net(result).items() if there and word not in held]
     return [f"note: a {ending} does not hold this net's {', '.join(words)}; a .csv does"]
 
 
-def _of_net(result: Result) -> dict[str, bool]:
+def of_net(result: Result) -> dict[str, bool]:
     """What there is in a net, and whether this one has it."""
     f = result.file
     net, ids = f["net"], f["net/element_id"][:]

@@ -9,6 +9,11 @@ from netfall.mechanics.material import elastic_forces, unstressed_length
 from netfall.results.result import Result
 from netfall.write.locks import whole
 
+HOLDS = (
+    *("ids", "tensions", "unstressed lengths", "axes of supports", "stiffness", "bars"),
+    *("loads of nodes", "temperature"),
+)
+FOLDER, AT_REST = False, True
 SAME = 1e-9  # of the largest force: what two ways to compute a force may differ by
 LOAD_STEPS = 10
 HEAD = """\
@@ -45,7 +50,7 @@ close $out
 """
 
 
-def write_tcl(result: Result, state: State, path: Path) -> list[str]:
+def write(result: Result, state: State, path: Path) -> list[str]:
     """Write the model. The state is the form, which the model starts from."""
     what, x, tension, free = _equilibrium(result)
     EA, bar, reached = result.elements["axial_stiffness"], result.elements["bar"], lengths(x, state.ends)

@@ -12,12 +12,14 @@ from netfall.job.table import SEVERAL, write_table
 from netfall.results.result import Result
 from netfall.write.locks import whole_folder
 
+HOLDS = None
+FOLDER, AT_REST = True, False
 ABOUT = "README.txt"
 OWN = ("nodes.csv", "elements.csv", "faces.csv", "job.toml", "history.csv", "events.csv", ABOUT)
 DIGITS = 16  # of the digest
 
 
-def write_tables(result: Result, state: State, folder: Path) -> list[str]:
+def write(result: Result, state: State, folder: Path) -> list[str]:
     """nodes.csv, elements.csv and faces.csv, from which job.toml makes the same net; history and events.
 
     In motion the tables alone: where the points are then, and what elements carry.

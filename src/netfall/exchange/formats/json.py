@@ -1,0 +1,53 @@
+"""A result as a Graph of COMPAS 2, `compas.json_load` reads it: nodes and edges with their attributes."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from netfall.exchange.state import AXES, MARK, State, lengths
+from netfall.results.result import Result
+from netfall.write.locks import whole
+
+HOLDS = ("groups", "ids", "tensions", "unstressed lengths", "axes of supports")
+FOLDER, AT_REST = False, False
+
+
+def write(result: Result, state: State, path: Path) -> list[str]:
+    """Write the Graph."""
+    length, there = lengths(state.position, state.ends), ~state.out()
+    force_density = np.divide(state.tension, length, out=np.zeros_like(length), where=length > 0)
+    node = {
+        str(number): {**dict(zip(AXES, x)), "is_anchor": any(fixed), "fixed": fixed}
+        for number, x, fixed in zip(
+            state.node_id.tolist(), state.position.tolist(), state.fixed.tolist(), strict=True
+        )
+    }
+    edge: dict[str, dict] = {number: {} for number in node}
+    doubled, unstressed = 0, state.unstressed()
+    for e in np.flatnonzero(there).tolist():
+        a, b = state.node_id[state.ends[e]].tolist()
+        doubled += str(b) in edge[str(a)] or str(a) in edge[str(b)]
+        edge[str(a)][str(b)] = {
+            "id": int(state.element_id[e]),
+            "group": str(state.group[e]),
+            "tension": float(state.tension[e]),
+            "q": float(force_density[e]),
+            **{name: float(values[e]) for name, values in unstressed.items()},
+            "broken": bool(state.broken[e]),
+        }
+    data = {
+        "attributes": {"name": result.title, "state": state.name, "made": MARK, "unit": "m"},
+        "default_node_attributes": {"x": 0.0, "y": 0.0, "z": 0.0, "is_anchor": False},
+        "default_edge_attributes": {},
+        "node": node,
+        "edge": edge,
+        "max_node": int(state.node_id.max()),
+    }
+    with whole(path) as place:
+        place.write_text(json.dumps({"dtype": "compas.datastructures/Graph", "data": data}), encoding="utf-8")
+    told = [f"{path}: {state.name}, {len(node)} nodes, {there.sum()} edges; m, N, N/m"]
+    told += state.told_out("edges")
+    if doubled:
+        told.append(f"note: {doubled} elements join nodes that another one joins: a Graph holds one of them")
+    return told

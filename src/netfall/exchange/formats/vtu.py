@@ -1,0 +1,34 @@
+"""A result as an UnstructuredGrid of lines, for ParaView."""
+
+from pathlib import Path
+
+import numpy as np
+
+from netfall.exchange.state import MARK, State
+from netfall.exchange.vtu import write_vtu
+from netfall.results.result import Result
+from netfall.write.locks import whole
+
+HOLDS = ("groups", "ids", "tensions", "unstressed lengths")
+FOLDER, AT_REST = False, False
+
+
+def write(result: Result, state: State, path: Path) -> list[str]:
+    """Write the grid."""
+    names = sorted(set(state.group.tolist()))
+    points = {
+        "node_id": state.node_id,
+        "fixed": state.fixed.any(1).astype(np.uint8),
+        "displacement": state.displacement,
+    }
+    cells = {
+        "element_id": state.element_id,
+        "group": np.array([names.index(name) for name in state.group.tolist()], np.int32),
+        "tension": state.tension,
+        **state.unstressed(),
+        "broken": state.broken.astype(np.uint8),
+    }
+    with whole(path) as place:
+        write_vtu(place, state.position, state.ends, points, cells, MARK)
+    groups = ", ".join(f"{k} {name or '(none)'}" for k, name in enumerate(names))
+    return [f"{path}: {state.name}, {len(state.position)} points, {len(state.ends)} lines; groups: {groups}"]
