@@ -46,7 +46,8 @@ def code_map() -> str:
     for room in ROOMS:
         files = sorted(path for path in (PACKAGE / room).glob("*.py") if path.name != "__init__.py")
         rows = "".join(f"| `{path.name}` | {first_sentence(path)} |\n" for path in files)
-        about = " ".join(ast.get_docstring(ast.parse((PACKAGE / room / "__init__.py").read_text())).split())
+        whole = ast.get_docstring(ast.parse((PACKAGE / room / "__init__.py").read_text()))
+        about = " ".join(whole.split("\n\n")[0].split())
         parts.append(f"## {room}\n\n{about}\n\n| file | what |\n|---|---|\n{rows}")
     return "\n".join(parts)
 

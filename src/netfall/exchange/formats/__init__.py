@@ -1,6 +1,6 @@
-"""The formats of `netfall export`: a file for each, named after its ending.
+"""The formats of `netfall export`: a file for each, named after its ending. No file knows of another.
 
-It has
+A format has
     HOLDS      what of `lacking.of_net` it holds, None: all
     FOLDER     whether it is a folder of files
     AT_REST    whether it holds an equilibrium alone, not a state in motion
