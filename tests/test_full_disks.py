@@ -74,7 +74,11 @@ def refused(done, *words) -> str:
 
 
 @pytest.mark.parametrize(
-    "ranks, left", [(1, (40, 900, 2400, 3600)), (2, (40, 600, 820, 900, 1800, 2400, 3600))]
+    "ranks, left",
+    [
+        pytest.param(1, (40, 900, 2400, 3600), marks=pytest.mark.long),
+        (2, (40, 600, 820, 900, 1800, 2400, 3600)),
+    ],
 )
 def test_a_run_ends_where_the_disk_is_full(disk, workshop, ranks, left):
     """From the first dataset to the joining of the parts: no result, no half file, and the last checkpoint is
@@ -114,7 +118,7 @@ steps = 2
 """
 
 
-@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize("ranks", [pytest.param(1, marks=pytest.mark.long), 2])
 @pytest.mark.parametrize(
     "stage, method",
     [(1, "modulus_factor = 0"), (2, 'method = "force_density"')],

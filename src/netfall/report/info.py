@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from netfall.numerics.functions import lengths
 from netfall.results.file import (
     element_name,
     lines_of_form,
@@ -14,8 +15,8 @@ from netfall.results.file import (
     title_of,
 )
 from netfall.results.loss_lines import loss_lines
-from netfall.results.notes import balance_notes, displacement_notes_of
-from netfall.results.states import state_groups
+from netfall.results.notes import NOT_STABLE, balance_notes, displacement_notes_of
+from netfall.results.states import start_position, state_groups, state_words, states_of
 
 FIRST_EVENTS = 8
 ENERGIES = ("external_work", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work")
@@ -32,8 +33,7 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
         for tell, there in (
             (_run, True),
             (_form, "form_finding" in f),
-            (_statics, "statics" in f),
-            (_stability, True),
+            (_equilibria, True),
             (_displacements, True),
             (_dynamics, moves),
             (_wind, "wind" in f),
@@ -78,22 +78,20 @@ def _form(f, say):
         say(line)
 
 
-def _statics(f, say):
-    g = f["statics"]
-    N, moved = g["tension"][-1], np.linalg.norm(g["displacement"][-1], axis=1)
-    steps = int((g["load_factor"][:] > 0).sum())
-    say(
-        f"statics: {steps} load steps; largest displacement {moved.max():.4g} m "
-        f"(node {f['net/node_id'][moved.argmax()]}), tensions {N.min():.4g} to {N.max():.4g} N, "
-        f"slack {g['slack'][-1]}, largest residual {g['residual'][:].max():.2g} N"
-    )
-
-
-def _stability(f, say):
-    """Name the equilibria that are not stable."""
+def _equilibria(f, say):
+    """The last equilibrium of each group, and a note where one of them is not stable."""
+    x, node_id = start_position(f), f["net/node_id"][:]
     for place in state_groups(f):
-        if not np.all(f[place]["stable"][()]):
-            say(f"note: an equilibrium of /{place} is NOT STABLE: compressed bars have no hold")
+        g, last = f[place], list(states_of(f, place))[-1]
+        N, moved = last.tension(), lengths(last.position() - x)
+        steps = f"{int((g['load_factor'][:] > 0).sum())} load steps; " if "load_factor" in g else ""
+        say(
+            f"{state_words(place)}: {steps}largest displacement {moved.max():.4g} m "
+            f"(node {node_id[moved.argmax()]}), tensions {N.min():.4g} to {N.max():.4g} N, "
+            f"slack {np.ravel(g['slack'][()])[-1]}, largest residual {np.max(g['residual'][()]):.2g} N"
+        )
+        if not np.all(g["stable"][()]):
+            say(f"note: an equilibrium of /{place} is NOT STABLE: {NOT_STABLE}")
 
 
 def _displacements(f, say):

@@ -48,7 +48,12 @@ def equilibrium(many: str = "") -> tuple[Dataset, ...]:
         ),
         row("tension_error", many, NONE, "estimated, as a share of the largest tension"),
         row("relaxed", many, NONE, "whether dynamic relaxation found it, and not Newton's method"),
-        row("stable", many, NONE, "whether the net stays there: false where compressed bars have no hold"),
+        row(
+            "stable",
+            many,
+            NONE,
+            "whether the tangent stiffness is positive definite; false: compressed bars buckle",
+        ),
     )
 
 

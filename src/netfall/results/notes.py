@@ -41,6 +41,9 @@ def displacement_notes(found: list[tuple[str, float, int]], x: np.ndarray) -> li
     ]
 
 
+NOT_STABLE = "the tangent stiffness is not positive definite, compressed bars buckle"
+
+
 def displacement_notes_of(f) -> list[str]:
     """`displacement_notes` on the equilibria of a result."""
     x, node_id, found = start_position(f), f["net/node_id"][:], []

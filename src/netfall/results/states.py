@@ -64,18 +64,28 @@ def state_groups(f) -> list[str]:
 
 
 def equilibria(f) -> Iterator[ShownState]:
-    """The form, then what `state_groups` hold: of a load path a state for each step."""
+    """The form, then what `state_groups` hold."""
     x = start_position(f)
     found = "form_finding" in f
     yield ShownState("form" if found else "as given", lambda: start_tension(f), lambda: x)
     for name in state_groups(f):
-        group, words = f[name], re.sub(r"^(case|stage)s/", r"\1 ", name)
-        if "load_factor" not in group:
-            yield ShownState(words, *_state(group, x, ...))
-            continue
-        for row, factor in enumerate(group["load_factor"][:]):
-            more = f"load factor {factor:.4g}" if factor else "permanent loads"
-            yield ShownState(f"{words}, {more}", *_state(group, x, row))
+        yield from states_of(f, name)
+
+
+def states_of(f, name: str) -> Iterator[ShownState]:
+    """The equilibria of a group: of a load path one for each load increment."""
+    x, group, words = start_position(f), f[name], state_words(name)
+    if "load_factor" not in group:
+        yield ShownState(words, *_state(group, x, ...))
+        return
+    for row, factor in enumerate(group["load_factor"][:]):
+        more = f"load factor {factor:.4g}" if factor else "permanent loads"
+        yield ShownState(f"{words}, {more}", *_state(group, x, row))
+
+
+def state_words(name: str) -> str:
+    """A group of equilibria in words: "case snow" of cases/snow."""
+    return re.sub(r"^(case|stage)s/", r"\1 ", name)
 
 
 def _state(g, x: np.ndarray, row):

@@ -26,7 +26,7 @@ from netfall.job.job import Job
 from netfall.job.memory import key_of
 from netfall.model.loads import live_load, of_case
 from netfall.numerics.functions import lengths
-from netfall.results.notes import displacement_notes
+from netfall.results.notes import NOT_STABLE, displacement_notes
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import (
     ALL_LOADS,
@@ -324,11 +324,11 @@ def numbers_of(numbers: dict) -> dict[str, np.ndarray]:
 
 def _unstable(what: str, p: int, node_id: np.ndarray) -> str:
     if p == UNKNOWN:
-        return f"note: {what}: whether compressed bars stay there could not be told"
+        return f"note: {what}: whether compressed bars buckle there could not be decided"
     node = node_id[p]
     return (
-        f"note: {what}: NOT STABLE: compressed bars have no hold, the slightest push moves node {node} most; "
-        "the net does not stay where this was found: hold the bars, or tension the net more"
+        f"note: {what}: NOT STABLE: {NOT_STABLE}, node {node} moves most; the net does not stay in this "
+        "equilibrium: support the bars across, or tension the net more"
     )
 
 
