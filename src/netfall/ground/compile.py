@@ -8,6 +8,7 @@ import contextlib
 import fcntl
 import hashlib
 import operator
+import os
 import shutil
 import time
 from pathlib import Path
@@ -34,7 +35,7 @@ def _choose_cache() -> str:
     numba looks only at the file of the function that is called, and would run on with an old law after a
     change in another file. So the folder's name covers every file that has kernels, or constants of theirs.
     """
-    files = [(path, path.read_bytes()) for path in sorted(PACKAGE.rglob("*.py"))]
+    files = [(path, path.read_bytes()) for path in _sources()]
     compiled = b"".join(text for path, text in files if b"kernel" in text or path.parent.name == "mechanics")
     parent = Path(numba.config.CACHE_DIR or PACKAGE / "__pycache__")
     folder = parent / f"netfall-{hashlib.sha256(compiled).hexdigest()[:16]}"
@@ -48,6 +49,15 @@ def _choose_cache() -> str:
             if old != folder and time.time() - old.stat().st_mtime > KEPT_DAYS * 86400:
                 shutil.rmtree(old, ignore_errors=True)
     return str(folder)
+
+
+def _sources() -> list[Path]:
+    """The files of the package in order, without a look into caches, which may hold thousands."""
+    found = []
+    for folder, below, names in os.walk(PACKAGE):
+        below[:] = [name for name in below if name != "__pycache__"]
+        found += [Path(folder, name) for name in names if name.endswith(".py")]
+    return sorted(found)
 
 
 numba.config.CACHE_DIR = _choose_cache()
