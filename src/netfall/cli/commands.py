@@ -105,8 +105,8 @@ def _animate(arguments) -> None:
         raise InputError("netfall plot: --format and --fps are of the animation; add --animate")
     if is_study(a.result):
         raise InputError(f"{a.result}: a study file has no frames; animate the result file of one run")
-    path, told = animate(a.result, _folder(a.folder or a.result.parent), a.format, a.fps or 15)
-    print(f"{path}: {told}")
+    path, words = animate(a.result, _folder(a.folder or a.result.parent), a.format, a.fps or 15)
+    print(f"{path}: {words}")
 
 
 def report(arguments) -> None:

@@ -52,8 +52,8 @@ def template(name: str) -> str:
 def _section(head: str, keys: tuple[Key, ...], given: dict | None) -> list[str]:
     """A section; given : what is set in it, None: all of it is a comment."""
     mark = "# " if given is None else ""
-    told = [_line(key, given or {}) for key in keys]
-    return [*([mark + head] if head else []), *told, ""]
+    rows = [_line(key, given or {}) for key in keys]
+    return [*([mark + head] if head else []), *rows, ""]
 
 
 def _line(key: Key, given: dict) -> str:

@@ -1,4 +1,4 @@
-"""Single values of a job file: how a value or a name is told in a message."""
+"""Single values of a job file: how a value or a name stands in a message."""
 
 import difflib
 import json

@@ -27,8 +27,8 @@ from netfall.stages import dynamics
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.statics import rest_words
 
-MUCH_LONGER = 0.01  # of the duration: a last step that ends later is told
-AT_REST = 1e-6  # of the largest tension: a larger residual of the start is told
+MUCH_LONGER = 0.01  # of the duration: a last step that ends later is reported
+AT_REST = 1e-6  # of the largest tension: a larger residual of the start is reported
 
 
 def before_run(scene: Scene, progress: Progress) -> None:

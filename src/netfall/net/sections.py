@@ -210,7 +210,7 @@ def strength_errors(job: Job, net: Net) -> list[str]:
     """Elements that would break at the start, or never by the breaking load that they were given."""
     lines = []
     drawn = " (as drawn by strength_deviation)" if net.strength_deviation.any() else ""
-    told = lambda e: (
+    where = lambda e: (
         f"{job.path}: element {net.element_id[e]}: breaking_load = {net.breaking_load[e]:.7g} N{drawn}"
     )
     limit = net.yield_force
@@ -218,18 +218,18 @@ def strength_errors(job: Job, net: Net) -> list[str]:
     never = np.isfinite(net.breaking_load) & (net.breaking_load > limit * (1.0 + ROUNDING))
     for e in np.flatnonzero(over)[:1]:
         lines.append(
-            f"{told(e)}: below its prestress {net.prestress[e]:g} N; "
+            f"{where(e)}: below its prestress {net.prestress[e]:g} N; "
             "lower the prestress or choose a stronger cable"
         )
     for e in np.flatnonzero(never & ~np.isfinite(net.fracture_strain))[:1]:
         lines.append(
-            f"{told(e)}: above the yield force {limit[e]:g} N, which its tension never exceeds; expected "
+            f"{where(e)}: above the yield force {limit[e]:g} N, which its tension never exceeds; expected "
             "at most that, or fracture_strain beside it, at which it breaks as it yields"
         )
     brittle = net.bar & np.isfinite(limit) & (net.breaking_load < limit * (1.0 - ROUNDING))
     for e in np.flatnonzero(brittle)[:1]:
         lines.append(
-            f"{told(e)}: below the yield force {limit[e]:g} N of a bar, which may yield in compression; "
+            f"{where(e)}: below the yield force {limit[e]:g} N of a bar, which may yield in compression; "
             "that is not computed: leave out yield_stress, or give a breaking_load of at least that"
         )
     moves = job.dynamics

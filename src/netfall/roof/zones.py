@@ -13,7 +13,7 @@ from netfall.net.net import Net, nearest_group
 from netfall.roof.areas import Roofing
 from netfall.roof.cutter import Cutter
 
-MUCH = 0.02  # of a zone's area: so much that lies outside its polygon is told
+MUCH = 0.02  # of a zone's area: so much that lies outside its polygon is reported
 NOBODY = "no node lies in it; the polygon is in metres, in plan"
 LAST_BITS = 4e-16  # what the sum of shares of a whole node may lack
 
