@@ -59,7 +59,7 @@ def _with_sections(job: Job) -> Net:
 
 
 def _set_sections(job: Job, net: Net, columns: dict | None = None) -> None:
-    """The sections of the elements; groups that nobody has are reported before what lacks for want of them."""
+    """The sections of the elements; unknown groups are reported before what they leave missing."""
     wrong = _wrong_groups(job, net)
     try:
         set_sections(job, net, columns)
