@@ -18,7 +18,6 @@ from netfall.measure import tables
 from netfall.study.file import Plan, read_plan
 from netfall.study.pool import Pool, worker_command
 from netfall.study.runs import Queue, task_of
-from netfall.study.study import net_key, pieces_of
 
 RUNS = 16  # of each worker, the first one left out
 
@@ -81,7 +80,7 @@ def throughput(
 
     Raises InputError.
     """
-    plan = read_plan(path, pieces_of, net_key)
+    plan = read_plan(path)
     first = next(iter(Queue(plan, range(len(plan))).groups.values()))
     asked = (RUNS + 1) * max(workers)
     numbers = list(itertools.islice(itertools.cycle(first), asked))
