@@ -79,7 +79,7 @@ def write_study(path, members: dict, section: dict, roof: dict | None = None, ti
         file.attrs["netfall_study"], file.attrs["title"] = 1, title
         for group, data in (("members", members), ("events", events), ("net", roof), ("fragility", section)):
             for name, values in data.items():
-                text = isinstance(values, np.ndarray) and values.dtype == object
+                text = isinstance(values, np.ndarray) and values.dtype.kind in "OU"
                 file[f"{group}/{name}"] = values.astype(TEXT) if text else values
         file["first_breaks"] = np.bincount(first, minlength=m)
         file["breaks"] = np.bincount(broke[ran[broke[:, 0]], 1], minlength=m)

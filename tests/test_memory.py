@@ -14,7 +14,6 @@ from netfall.model.layout import make_layout
 from netfall.study.file import read_plan
 from netfall.study.files import Watch
 from netfall.study.runs import Queue
-from netfall.study.study import net_key, pieces_of
 
 # Two values of each kind that most keys allow; numbers, words and names are tried until two of them fit.
 TWO = {
@@ -176,7 +175,7 @@ def test_a_net_is_not_remembered_when_its_table_has_changed(workshop):
 def plan_of(workshop, study: str):
     path = workshop.folder / "study.toml"
     path.write_text(study)
-    return read_plan(path, pieces_of, net_key)
+    return read_plan(path)
 
 
 def test_members_are_batched_by_all_that_is_shared(workshop):

@@ -30,7 +30,6 @@ from netfall.study.files import Watch
 from netfall.study.journal import Journal, read_journal
 from netfall.study.pool import Pool
 from netfall.study.runs import NET, Runs
-from netfall.study.study import net_key, pieces_of
 from netfall.study.table import Table
 
 JOB = """
@@ -531,7 +530,7 @@ WRONG = [
 @pytest.mark.parametrize(("text", "line"), WRONG, ids=[line[:40] for _, line in WRONG])
 def test_a_wrong_study_file_is_refused_in_one_line(tmp_path, text, line):
     with pytest.raises(InputError) as error:
-        read_plan(write(tmp_path, OF_STUDY + text), pieces_of, net_key)
+        read_plan(write(tmp_path, OF_STUDY + text))
     told = line.format(job=ROOT / "jobs" / "saddle.toml")
     assert any(told in each and "toml" in each for each in error.value.lines), error.value.lines
 
@@ -541,7 +540,7 @@ def test_a_job_is_no_study_and_a_study_no_job(tmp_path):
     with pytest.raises(InputError, match=r"storm.toml: is a study file; netfall study .*storm.toml runs it"):
         read_job(study)
     with pytest.raises(InputError, match=r"roof.toml: is a job file; netfall run"):
-        read_plan(tmp_path / "roof.toml", pieces_of, net_key)
+        read_plan(tmp_path / "roof.toml")
 
 
 def test_the_order_of_the_members(tmp_path):
@@ -551,7 +550,7 @@ def test_the_order_of_the_members(tmp_path):
         '[sample]\ncount = 2\nmethod = "random"\n'
         '"cable.prestress" = {distribution = "uniform", from = 1e5, to = 2e5}\n'
     )
-    plan = read_plan(write(tmp_path, text), pieces_of, net_key)
+    plan = read_plan(write(tmp_path, text))
     found = [plan.member(k).values for k in range(len(plan))]
     first, second = plan.draws[:, 0].tolist()
     assert [(m["wind.seed"], m["wind.speed"], m["cable.prestress"]) for m in found] == [

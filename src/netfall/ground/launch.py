@@ -1,4 +1,4 @@
-"""Runs of a job as commands of their own, for studies that vary what stands in it."""
+"""The launcher of MPI ranks: the usual one, the command of a run on its ranks, and what it must hold."""
 
 import shlex
 import shutil
@@ -7,14 +7,12 @@ from pathlib import Path
 
 from netfall.ground.errors import InputError
 
-LAUNCHER = "mpirun -n {ranks}"
-
 
 def default_launcher() -> str:
     """mpirun of the environment that netfall is installed in, else of the path."""
     beside = Path(sys.executable).with_name("mpirun")
     found = str(beside) if beside.exists() else shutil.which("mpirun")
-    return LAUNCHER.replace("mpirun", shlex.quote(found or "mpirun"), 1)
+    return f"{shlex.quote(found or 'mpirun')} -n {{ranks}}"
 
 
 def run_command(

@@ -30,16 +30,12 @@ class Outcome(NamedTuple):
 
 
 def outcome_of(told: dict, file: h5py.File | None, until: float | None) -> Outcome:
-    """The outcome of a run from what its worker told and its result; until : as of `read_outcome`."""
+    """The outcome of a run from what its worker told and its result file, None where there is none.
+
+    until : time [s] up to which displacement and tension count, None: the run's own first fracture
+    """
     if file is None:
         return Outcome(STATES.get(told["exit_code"], "failed"), told["reason"])
-    return read_outcome(file, until)
-
-
-def read_outcome(file: h5py.File, until: float | None) -> Outcome:
-    """The quantities of one result file; displacement and tension up to the time `until` [s], None: its own
-    first fracture.
-    """
     frames, events, ids = Frames(file), file["events"], file["net/element_id"][:]
     first = float(events["time"][0]) if len(events["time"]) else NAN
     if until is None:

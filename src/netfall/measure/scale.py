@@ -15,17 +15,13 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.ground.launch import check_launcher
+from netfall.job.dimensions import GENERATOR_KEYS
 from netfall.job.job import Job
 from netfall.measure import tables
 from netfall.measure.series import Series, dynamic_job, place_of_series
 
-GROWING = {
-    "saddle": ("side", "rise", "cells"),
-    "stadium": ("length", "width", "arch_rise"),
-    "wheel": ("diameter", "opening", "spokes", "hoops"),
-    "ring": ("length", "width", "rise"),
-    "dome": ("diameter", "opening", "dome_height", "strut", "spokes", "hoops"),
-}  # dimensions that grow with the root of the area
+# Of the keys of a generator these stay as they are; the others grow with the root of the area.
+FIXED = ("spacing", "halves", "ring_height", "ring_depth", "spoke_force", "hoop_force", "brace_force")
 WHOLE = {"cells": 1, "hoops": 1, "spokes": 4}  # numbers, and what they are multiples of
 RATE = "element_steps_per_s"
 PHASES = {
@@ -88,7 +84,8 @@ def grown(job: Job, factor: float) -> list[str] | None:
         return []
     if job.net.generator is None:
         return [f"net.subdivide={round(job.net.subdivide * factor)}"] if factor == round(factor) else None
-    longer = {key: getattr(job.net, key) * math.sqrt(factor) for key in GROWING[job.net.generator]}
+    keys = [key for key in GENERATOR_KEYS[job.net.generator] if key not in FIXED]
+    longer = {key: getattr(job.net, key) * math.sqrt(factor) for key in keys}
     whole = lambda key, value: WHOLE[key] * round(value / WHOLE[key])
     return [f"net.{key}={whole(key, v) if key in WHOLE else repr(v)}" for key, v in longer.items()]
 

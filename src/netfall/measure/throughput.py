@@ -7,7 +7,6 @@ start and what is shared, is left out: the clock runs from the answer with which
 import itertools
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -18,36 +17,15 @@ from netfall.measure import tables
 from netfall.study.file import Plan, read_plan
 from netfall.study.pool import Pool, worker_command
 from netfall.study.runs import Queue, task_of
-from netfall.study.study import net_key, pieces_of
 
 RUNS = 16  # of each worker, the first one left out
 
 
-@dataclass
-class Throughput:
-    """One measurement: when answers came [s], and seconds of members and of their dynamic stages."""
-
-    workers: int
-    answered: list[float] = field(default_factory=list)
-    seconds: list[float] = field(default_factory=list)
-    dynamics: list[float] = field(default_factory=list)
-
-    @property
-    def minute(self) -> float:
-        """Runs a minute."""
-        counted = self.answered[self.workers - 1 :]
-        return 60.0 * (len(counted) - 1) / (counted[-1] - counted[0])
-
-    @property
-    def overhead(self) -> float:
-        """Median over the members of their seconds over those of their dynamic stages."""
-        ratios = np.array(self.seconds) / np.array(self.dynamics)
-        return float(np.median(ratios[self.workers :]))
-
-
-def measure(plan: Plan, numbers: list[int], workers: int, launcher: str | None) -> Throughput:
-    """Run members on so many workers."""
-    found, left = Throughput(workers), iter(numbers)
+def measure(plan: Plan, numbers: list[int], workers: int, launcher: str | None) -> tuple[float, float]:
+    """Run members on so many workers: runs a minute, and the median over the members of their seconds over
+    those of their dynamic stages.
+    """
+    answered, ratios, left = [], [], iter(numbers)
 
     def take(last):
         number = next(left, None)
@@ -56,9 +34,8 @@ def measure(plan: Plan, numbers: list[int], workers: int, launcher: str | None) 
     def done(number, told):
         if told["state"] != "finished":
             raise InputError(f"{plan.path}: run {number} ended as {told['state']}: {told['reason']}")
-        found.answered.append(time.monotonic())
-        found.seconds.append(told["seconds"])
-        found.dynamics.append(told["dynamic_seconds"])
+        answered.append(time.monotonic())
+        ratios.append(told["seconds"] / told["dynamic_seconds"])
 
     def died(number, why, again):
         if not again:
@@ -66,7 +43,9 @@ def measure(plan: Plan, numbers: list[int], workers: int, launcher: str | None) 
 
     command = worker_command(launcher, plan.ranks)
     Pool(command, workers, plan.time_limit, take, done, died).run(NEVER)
-    return found
+    counted = answered[workers - 1 :]
+    minute = 60.0 * (len(counted) - 1) / (counted[-1] - counted[0])
+    return minute, float(np.median(ratios[workers:]))
 
 
 def throughput(
@@ -81,15 +60,15 @@ def throughput(
 
     Raises InputError.
     """
-    plan = read_plan(path, pieces_of, net_key)
+    plan = read_plan(path)
     first = next(iter(Queue(plan, range(len(plan))).groups.values()))
     asked = (RUNS + 1) * max(workers)
     numbers = list(itertools.islice(itertools.cycle(first), asked))
-    measured: dict[int, list[Throughput]] = {count: [] for count in workers}
+    measured: dict[int, list] = {count: [] for count in workers}  # (minute, ratio) of each sitting
     for _ in range(repeats):
         for count in workers:
             measured[count].append(measure(plan, numbers[: (RUNS + 1) * count], count, launcher))
-    rows = [_row(measured[count], measured[workers[0]], plan.ranks) for count in workers]
+    rows = [_row(count, plan.ranks, measured[count], measured[workers[0]]) for count in workers]
     head = ["workers", "runs a minute", "times the first", "a run over its dynamic stage"]
     shown = {
         "workers": "d",
@@ -105,13 +84,13 @@ def throughput(
     return [tables.write_csv(rows, folder / f"{path.stem}_throughput.csv")]
 
 
-def _row(mine: list[Throughput], first: list[Throughput], ranks: int) -> dict:
+def _row(workers: int, ranks: int, mine: list, first: list) -> dict:
     """The medians of one number of workers; compared with the first of each sitting, one beside the other."""
     median = lambda values: float(np.median(list(values)))
     return {
-        "workers": mine[0].workers,
+        "workers": workers,
         "ranks": ranks,
-        "runs_a_minute": median(each.minute for each in mine),
-        "times_the_first": median(each.minute / one.minute for each, one in zip(mine, first)),
-        "run_over_dynamic_stage": median(each.overhead for each in mine),
+        "runs_a_minute": median(minute for minute, _ in mine),
+        "times_the_first": median(minute / one for (minute, _), (one, _) in zip(mine, first)),
+        "run_over_dynamic_stage": median(ratio for _, ratio in mine),
     }

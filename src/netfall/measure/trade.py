@@ -51,7 +51,7 @@ class Trade:
     ) -> list[Outcome]:
         """The outcome of each setting, the fastest of its runs; those that are missing are made.
 
-        until : as of `read_outcome`; report : takes the number of a setting, from 0, and its outcome
+        until : as of `outcome_of`; report : takes the number of a setting, from 0, and its outcome
 
         Raises Interrupted if asked to stop, InputError if no run can start or a file has changed.
         """
@@ -104,7 +104,8 @@ def trade(
     check_launcher(launcher)
     settings = combinations(vary) if vary else usual_settings(job)
     *varied, finest = [read_job(path, [*overrides, *setting]) for setting in [*settings, reference]]
-    if has_no_effect(vary, varied[-1]):
+    safety = any(item.partition("=")[0].strip() == "dynamics.safety" for item in vary)
+    if safety and varied[-1].dynamics.time_step != "auto":
         say(NO_EFFECT)
     files = dict.fromkeys(file for each in (*varied, finest) for file in each.files())
     header = {"format": FORMAT, "program": program_digest(TELLING), "ranks": ranks}
@@ -127,12 +128,6 @@ def trade(
         against = {"reference": text_of(reference), "reference_seconds": exact.seconds}
         write_table(table, rows, **against, tolerance=tolerance, ranks=ranks)
         return [table, draw(job.title or job.name, rows, exact, tolerance, table.with_suffix(".png"))]
-
-
-def has_no_effect(vary: list[str], job: Job) -> bool:
-    """Whether a grid varies a safety of steps that are fixed."""
-    safety = any(item.partition("=")[0].strip() == "dynamics.safety" for item in vary)
-    return safety and job.dynamics.time_step != "auto"
 
 
 def shorter_step(made: Trade, job: Job) -> list[str]:

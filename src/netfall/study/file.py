@@ -1,7 +1,6 @@
 """The study file: which runs of which job, in what order (jobs/studies/README.md)."""
 
 import hashlib
-import itertools
 import json
 import math
 from dataclasses import dataclass, replace
@@ -14,6 +13,7 @@ from netfall.job.job import PATHS, Job
 from netfall.job.read import read_job, read_toml
 from netfall.job.toml_text import toml_value
 from netfall.job.values import nearest, shown
+from netfall.net.build import build_net
 from netfall.study.draws import draw
 from netfall.study.sections import (
     EACH,
@@ -113,11 +113,8 @@ class Plan:
         return hashlib.sha256(json.dumps([asked, self.sampled, draws, self.loss]).encode()).hexdigest()
 
 
-def read_plan(path: Path, pieces_of, net_key) -> Plan:
+def read_plan(path: Path) -> Plan:
     """The plan of a study file, with every value of every key tried in the job.
-
-    pieces_of(job, each, group) : ids of elements, or names of cables, of a net
-    net_key(job) : what rows and ids of a net's elements are, the same for all members
 
     Raises InputError with a line for each thing that is wrong.
     """
@@ -156,7 +153,7 @@ def read_plan(path: Path, pieces_of, net_key) -> Plan:
         )
     if loss:
         first = [f"{axis.name}={toml_value(axis.values[0])}" for axis in axes if axis.name != LOST]
-        pieces = pieces_of(read_job(job, first), loss["each"], loss.get("group"))
+        pieces = _pieces_of(read_job(job, first), loss["each"], loss.get("group"))
         axes = [Axis(LOST, pieces) if axis.name == LOST else axis for axis in axes]
     draws, notes = None, []
     if distributions:
@@ -166,14 +163,13 @@ def read_plan(path: Path, pieces_of, net_key) -> Plan:
             notes.append(f"note: [sample] count = {count}: Sobol's points are even for powers of two only")
     own = read_job(job)
     exposure = own.dynamics.duration if own.dynamics else math.nan
-    whole = {name for name, each in distributions.items() if each["distribution"] == "integer"}
     plan = Plan(
         path,
         text,
         job,
         axes,
         list(distributions),
-        whole,
+        {name for name, each in distributions.items() if each["distribution"] == "integer"},
         draws,
         loss,
         **run,
@@ -181,7 +177,27 @@ def read_plan(path: Path, pieces_of, net_key) -> Plan:
         files=[job, *own.files()],
         notes=notes,
     )
-    return replace(plan, files=_try(plan, net_key))
+    return replace(plan, files=_try(plan))
+
+
+def _pieces_of(job, each: str, group: str | list[str] | None) -> list:
+    """Ids of elements, or names of cables, that are lost one after another. Raises InputError."""
+    net = build_net(job)
+    there = {net.group_names[k] for k in net.group}
+    groups = there if group is None else {group} if isinstance(group, str) else set(group)
+    if groups - there:
+        known = ", ".join(sorted(filter(None, there))) or "none"
+        raise InputError(f"{job.path}: no element has the group {min(groups - there)}; groups: {known}")
+    rows = [e for e in range(net.m) if net.group_names[net.group[e]] in groups]
+    if each == "element":
+        return list(dict.fromkeys(int(net.element_id[e]) for e in rows))
+    return list(dict.fromkeys(net.cable_names[net.cable[e]] for e in rows))
+
+
+def _net_key(job) -> str:
+    """What rows and ids of a net's elements are."""
+    net = build_net(job)
+    return hashlib.sha256(net.elements.tobytes() + net.element_id.tobytes()).hexdigest()
 
 
 def _flat(table: dict, wrong, prefix: str = "") -> dict:
@@ -198,14 +214,14 @@ def _flat(table: dict, wrong, prefix: str = "") -> dict:
     return found
 
 
-def _try(plan: Plan, net_key) -> list[Path]:
+def _try(plan: Plan) -> list[Path]:
     """Try each value of each key in the job, and the ends of each draw; the files read. Raises InputError."""
     if len(plan) > MOST:
         raise InputError(f"{plan.path}: asks for {len(plan)} runs; at most {MOST} are possible")
     files, nets = dict.fromkeys(plan.files), set()
     first = plan.member(0).values
     errors = []
-    tried = [(name, value) for axis in plan.axes if axis.name != LOST for name, value in _few(axis)]
+    tried = [(axis.name, value) for axis in plan.axes if axis.name != LOST for value in _few(axis)]
     for k, name in enumerate(plan.sampled):
         number = int if name in plan.whole else float
         tried += [(name, number(end)) for end in (plan.draws[:, k].min(), plan.draws[:, k].max())]
@@ -227,7 +243,7 @@ def _try(plan: Plan, net_key) -> list[Path]:
             if job.dynamics is None:
                 errors.append(f"{plan.job}: [dynamics] is missing: a study is of the dynamic stage")
             elif name.startswith("net."):
-                nets.add(net_key(job))
+                nets.add(_net_key(job))
     if len(nets) > 1:
         errors.append(
             f"{plan.path}: keys of [net] that vary change its elements, which are the rows of the study's "
@@ -240,11 +256,10 @@ def _try(plan: Plan, net_key) -> list[Path]:
     return list(files)
 
 
-def _few(axis: Axis) -> itertools.chain:
+def _few(axis: Axis) -> list:
     """The values that are tried: all of a list, and the ends of a long range; all that name files."""
     whole = len(axis.values) <= 100 or tuple(axis.name.split(".")) in PATHS
-    values = axis.values if whole else [*axis.values[:50], *axis.values[-50:]]
-    return ((axis.name, value) for value in values)
+    return axis.values if whole else [*axis.values[:50], *axis.values[-50:]]
 
 
 def _settable(name: str, value) -> bool:

@@ -16,7 +16,6 @@ from netfall.ground.progress import Progress
 from netfall.job.memory import BESIDE
 from netfall.job.read import read_job
 from netfall.results.outcomes import NOTHING
-from netfall.study.answers.fragility import fragility_section
 from netfall.study.file import OWN, Member, Plan
 from netfall.study.files import Place, Watch
 from netfall.study.journal import Journal
@@ -156,7 +155,7 @@ class Runs:
         if self.plan.draws is not None:
             provenance["draws"] = self.plan.draws
         title = job.title or job.name
-        self.table.write(self.place.result, self.plan, title, provenance, fragility_section)
+        self.table.write(self.place.result, self.plan, title, provenance)
         self.place.journal.unlink()
         ended = ", ".join(f"{name} {count}" for name, count in self.table.counts.items() if count)
         self.progress.say(f"written: {self.place.result} ({ended})")

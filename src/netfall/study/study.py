@@ -4,11 +4,9 @@ A run that ends is a line of the journal, NAME.study.journal beside the study fi
 NAME.study.h5, is made from it when all runs are there. The same command goes on after any interruption.
 """
 
-import hashlib
 import os
 from pathlib import Path
 
-from netfall.ground.errors import InputError
 from netfall.ground.progress import Progress
 from netfall.ground.sources import TELLING, program_digest
 from netfall.net.build import build_net
@@ -20,26 +18,6 @@ from netfall.study.table import Table, check_digests, digests_of
 from netfall.write.locks import check_place, claim, release
 
 FORMAT = 2  # of journals
-
-
-def pieces_of(job, each: str, group: str | list[str] | None) -> list:
-    """Ids of elements, or names of cables, that are lost one after another. Raises InputError."""
-    net = build_net(job)
-    there = {net.group_names[k] for k in net.group}
-    groups = there if group is None else {group} if isinstance(group, str) else set(group)
-    if groups - there:
-        known = ", ".join(sorted(filter(None, there))) or "none"
-        raise InputError(f"{job.path}: no element has the group {min(groups - there)}; groups: {known}")
-    rows = [e for e in range(net.m) if net.group_names[net.group[e]] in groups]
-    if each == "element":
-        return list(dict.fromkeys(int(net.element_id[e]) for e in rows))
-    return list(dict.fromkeys(net.cable_names[net.cable[e]] for e in rows))
-
-
-def net_key(job) -> str:
-    """What rows and ids of a net's elements are."""
-    net = build_net(job)
-    return hashlib.sha256(net.elements.tobytes() + net.element_id.tobytes()).hexdigest()
 
 
 def study(
@@ -59,7 +37,7 @@ def study(
 
     Raises InputError, OutputError, Interrupted if asked to stop.
     """
-    plan = read_plan(path, pieces_of, net_key)
+    plan = read_plan(path)
     build_net(plan.read(plan.member(0)))  # what is wrong in the net is said here, once
     for note in plan.notes:
         progress.say(note)

@@ -9,10 +9,11 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.results.outcomes import BY_NAME, OF_RUN, OUTCOMES
+from netfall.study.answers.fragility import fragility_section
 from netfall.write.locks import h5_whole, sync, writing
 
 FORMAT = 1
-NET = ("particles", "elements", "fixed", "node_id", "element_id", "group", "cable", "tributary_area")
+MARK = "netfall_study"  # the attribute of the root that says what the file is
 DIGESTS = {"study": "the study file", "job": "the job or its tables", "program": "the program"}
 TEXT = h5py.string_dtype()
 
@@ -56,11 +57,9 @@ class Table:
         with h5py.File(path) as f:
             numbers = f["members/member"][:]
             new = ~self.there[numbers]
-            for name, column in self.columns.items():
-                if name in f["members"]:
-                    values = f[f"members/{name}"]
-                    values = values.asstr()[:] if column.dtype == object else values[:]
-                    column[numbers[new]] = values[new]
+            for name, values in read_columns(f["members"]).items():
+                if name in self.columns:
+                    self.columns[name][numbers[new]] = values[new]
             self.tries[numbers[new]] += f["provenance/attempts"][:][new]
             self.counts.update(self.columns["state"][numbers[new]].tolist())
             member, time, element = (f[f"events/{name}"][:] for name in ("member", "time", "element"))
@@ -71,11 +70,7 @@ class Table:
                 self.elements[int(numbers[row])] = element[part]
             self.there[numbers] = True
             if self.net is None:
-                self.net = (
-                    {} if "net" not in f else {name: f[f"net/{name}"][:] for name in NET if name != "cable"}
-                )
-                if self.net:
-                    self.net["cable"] = f["net/cable"].asstr()[:].astype(str)
+                self.net = read_columns(f["net"]) if "net" in f else {}
 
     def forget_failed(self) -> None:
         """Runs that failed count as not made."""
@@ -85,15 +80,15 @@ class Table:
 
     # --- the study file
 
-    def write(self, path: Path, plan, title: str, provenance: dict, fragility) -> None:
+    def write(self, path: Path, plan, title: str, provenance: dict) -> None:
         """Write the rows that are known, in the order of the members. Raises OutputError.
 
-        provenance : texts and numbers; fragility(members) : datasets of /fragility, from those of /members
+        provenance : texts and numbers
         """
         rows = np.flatnonzero(self.there)
         members = self._members(rows, plan)
         with h5_whole(path) as f:
-            f.attrs["netfall_study"], f.attrs["title"] = FORMAT, title
+            f.attrs[MARK], f.attrs["title"] = FORMAT, title
             write_columns(f, "members", members)
             for name in BY_NAME.keys() & members.keys():
                 if BY_NAME[name].unit:
@@ -103,7 +98,7 @@ class Table:
                 write_columns(f, "net", self.net)
                 self._write_counts(f, rows)
             if "wind.speed" in members:
-                write_columns(f, "fragility", fragility(members))
+                write_columns(f, "fragility", fragility_section(members))
             write_columns(f, "provenance", provenance | {"attempts": self.tries[rows]})
         with writing(path):
             sync(path.parent)  # before the journal goes
@@ -159,7 +154,7 @@ def digests_of(path: Path) -> dict | None:
     """The digests in a study file; None if it is none."""
     try:
         with h5py.File(path) as f:
-            if "netfall_study" not in f.attrs:
+            if MARK not in f.attrs:
                 return None
             return {name: f[f"provenance/{name}_digest"].asstr()[()] for name in DIGESTS}
     except (OSError, KeyError):
@@ -187,3 +182,9 @@ def write_columns(f: h5py.File, group: str, columns: dict) -> None:
         values = np.asarray(values)
         dtype = TEXT if values.dtype == object or values.dtype.kind == "U" else values.dtype
         place.create_dataset(name, data=values.astype(object) if dtype is TEXT else values, dtype=dtype)
+
+
+def read_columns(group: h5py.Group) -> dict[str, np.ndarray]:
+    """All datasets of a group; texts as str."""
+    read = lambda d: d.asstr()[()] if h5py.check_string_dtype(d.dtype) else d[()]
+    return {name: read(data) for name, data in group.items() if isinstance(data, h5py.Dataset)}

@@ -6,7 +6,6 @@ A run without an equilibrium under the mean wind has failed, with all of the roo
 not end for a technical reason is left out, and counted.
 """
 
-import h5py
 import numpy as np
 
 from netfall.study.answers import probit
@@ -19,7 +18,6 @@ FEWEST = 8  # independent samples, below which the bootstrap says nothing
 FEW = 30  # below which its intervals are rough, and mostly too narrow
 GRID = 81  # speeds of the band
 COUNTED = ("finished", "no_rest")  # states that tell whether the roof stood
-TEXT = h5py.string_dtype("utf-8")
 
 
 def failures(members: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -43,16 +41,12 @@ def fragility_section(members: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     counted = np.isin(members["state"], COUNTED)
     speed = np.unique(members[SPEED]).astype(float)
     grid = np.linspace(0.9 * speed[0], 1.05 * speed[-1], GRID)
-    curves, pooled = curves_of(members, np.arange(len(counted)))
+    curves, pooled = curves_of(members)
     measures = failures(members)
     rows = [row for curve in curves for row in _curve_rows(members, curve, counted, measures, speed, grid)]
-    columns = {name: _column([row[name] for row in rows]) for name in rows[0]}
+    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     shared = {"speed": speed, "band_speed": grid, "level": LEVEL, "resamples": RESAMPLES}
-    return shared | columns | {"pooled": np.array(pooled, dtype=TEXT)}
-
-
-def _column(values: list) -> np.ndarray:
-    return np.array(values, dtype=TEXT if isinstance(values[0], str) else None)
+    return shared | columns | {"pooled": np.array(pooled, str)}
 
 
 def _curve_rows(members, curve: Curve, counted, measures, speed, grid) -> list[dict]:

@@ -11,7 +11,7 @@ from netfall.study.answers.correlation import rank_correlations
 from netfall.study.answers.intervals import binned, half_width, narrower, with_interval
 from netfall.study.answers.losses import TELLING, losses_of, one_draw
 from netfall.study.answers.read import Study, read_study, unit_of_column, with_unit
-from netfall.study.answers.samples import SPEED, inputs_of, is_seed
+from netfall.study.answers.samples import SPEED, inputs_of, is_seed, values_of
 
 MOST_NAMED = 5  # elements, losses, reasons
 FEW_WITHOUT = 0.02  # share of resamples without a curve up to which the width goes with 1 / sqrt(samples)
@@ -75,9 +75,8 @@ def _states(study: Study, say) -> None:
 
 def member_name(study: Study, row: int) -> str:
     """A member by its row and its inputs."""
-    text = lambda v: v if isinstance(v, str) else f"{v:g}"
-    inputs = [f"{name} = {text(study.members[name][row])}" for name in inputs_of(study.members)]
-    return f"row {row}" + (f" ({', '.join(inputs)})" if inputs else "")
+    inputs = values_of(study.members, row, inputs_of(study.members))
+    return f"row {row}" + (f" ({inputs})" if inputs else "")
 
 
 def _time(study: Study, say) -> None:

@@ -9,9 +9,8 @@ import numpy as np
 from netfall.ground.errors import InputError
 from netfall.job.schema import SECTIONS
 from netfall.results.outcomes import BY_NAME, OUTCOMES
-from netfall.study.answers.fragility import fragility_section
+from netfall.study.table import MARK, read_columns
 
-MARK = "netfall_study"  # the attribute of the root that says what the file is
 EVENTS = ("member", "time", "element")
 NET = {"particles": (0, 3), "elements": (0, 2), "element_id": (0,), "node_id": (0,), "fixed": (0, 3)}
 
@@ -70,15 +69,13 @@ def read_study(path: Path) -> Study:
         if missing:
             raise InputError([f"{path}: no /{name}; expected a study file that is whole" for name in missing])
         nothing = {name: np.zeros(shape, int) for name, shape in NET.items()}
-        members = _columns(file["members"])
-        fragility = _columns(file["fragility"]) if "fragility" in file else fragility_section(members)
         return Study(
             path.name.removesuffix(".h5").removesuffix(".study"),
             str(file.attrs.get("title", "")) or path.name,
-            members,
-            _columns(file["events"]),
-            _columns(file["net"]) if "net" in file else nothing,
-            fragility,
+            read_columns(file["members"]),
+            read_columns(file["events"]),
+            read_columns(file["net"]) if "net" in file else nothing,
+            read_columns(file["fragility"]) if "fragility" in file else {},
             *(file[name][:] if name in file else np.zeros(0, int) for name in ("first_breaks", "breaks")),
         )
 
@@ -88,12 +85,6 @@ def _needed(file: h5py.File) -> list[str]:
     names = [f"members/{each.name}" for each in OUTCOMES if not each.of_losses]
     names += [f"events/{name}" for name in EVENTS]
     return names + [f"net/{name}" for name in NET] * ("net" in file)
-
-
-def _columns(group: h5py.Group) -> dict[str, np.ndarray]:
-    """All datasets of a group; texts as str."""
-    read = lambda d: d.asstr()[()] if h5py.check_string_dtype(d.dtype) else d[()]
-    return {name: read(data) for name, data in group.items() if isinstance(data, h5py.Dataset)}
 
 
 def unit_of_column(name: str) -> str:

@@ -49,31 +49,35 @@ def inputs_of(members: dict[str, np.ndarray]) -> list[str]:
     return [name for name in names if len(np.unique(members[name])) > 1]
 
 
+def values_of(members: dict[str, np.ndarray], row: int, names: list[str]) -> str:
+    """The inputs of one member in words, by their names."""
+    text = lambda v: v if isinstance(v, str) else f"{v:g}"
+    return ", ".join(f"{name} = {text(members[name][row])}" for name in names)
+
+
 def is_seed(name: str) -> bool:
     """Whether an input is the seed of a generator: its value says nothing."""
     return name.endswith("seed")
 
 
-def curves_of(members: dict[str, np.ndarray], rows: np.ndarray) -> tuple[list[Curve], list[str]]:
-    """The curves of the members in `rows`, and the inputs that are pooled in each, seeds left out.
+def curves_of(members: dict[str, np.ndarray]) -> tuple[list[Curve], list[str]]:
+    """The curves of the members, and the inputs that are pooled in each, seeds left out.
 
     Inputs of few values make a curve for each combination, as long as there are no more than MOST_CURVES.
     """
     inputs = [name for name in inputs_of(members) if name != SPEED]
-    apart, kind = [], np.zeros(len(rows), int)
+    apart, kind = [], np.zeros(len(members[SPEED]), int)
     for name in sorted(inputs, key=lambda name: (len(np.unique(members[name])), name)):
-        finer = _codes(kind, codes_of(members[name][rows]))
+        finer = _codes(kind, codes_of(members[name]))
         if not is_seed(name) and len(np.unique(finer)) <= MOST_CURVES:
             apart, kind = [*apart, name], finer
     pooled = [name for name in inputs if name not in apart]
-    curves = [_curve(members, rows[kind == k], apart, pooled) for k in np.unique(kind)]
+    curves = [_curve(members, np.flatnonzero(kind == k), apart, pooled) for k in np.unique(kind)]
     return curves, [name for name in pooled if not is_seed(name)]
 
 
 def _curve(members, rows: np.ndarray, apart: list[str], pooled: list[str]) -> Curve:
-    value = lambda name: members[name][rows[0]]
-    text = lambda v: v if isinstance(v, str) else f"{v:g}"
-    name = ", ".join(f"{name} = {text(value(name))}" for name in apart)
+    name = values_of(members, rows[0], apart)
     groups: dict[str, np.ndarray] = {}
     for column in pooled:
         _add_factor(groups, column, codes_of(members[column][rows]))
