@@ -21,17 +21,6 @@ class Event(NamedTuple):
     mass: float
 
 
-COLUMNS = {
-    "time": np.float64,
-    "step": np.int64,
-    "element": np.int64,
-    "particle": np.int64,
-    "new_particle": np.int64,
-    "strain": np.float64,
-    "mass": np.float64,
-}
-
-
 class EventLog:
     """All fractures of a run so far, the same on every rank, in the order of step, element and particle.
 
@@ -68,9 +57,9 @@ class EventLog:
         """The log as columns, for the result file and for checkpoints."""
         return {
             name: np.array([getattr(event, name) for event in self.events], dtype)
-            for name, dtype in COLUMNS.items()
+            for name, dtype in Event.__annotations__.items()
         }
 
     def restore(self, columns: dict[str, np.ndarray]) -> None:
         """Take up the columns of an earlier run."""
-        self.add([Event(*row) for row in zip(*(columns[name].tolist() for name in COLUMNS))])
+        self.add([Event(*row) for row in zip(*(columns[name].tolist() for name in Event._fields))])

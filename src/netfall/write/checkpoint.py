@@ -110,23 +110,15 @@ def _write_state(file: SharedFile, state: State, result) -> None:
     rows = state.owned_rows()
     for field in kept_fields(state, "particle"):
         values = getattr(state, field.name)[rows].reshape(len(rows), int(np.prod(field.tail)))
-        file.create(f"particles/{field.name}", field.dtype, (values.shape[1],), points)
-        file.append(
-            f"particles/{field.name}",
-            file.slabs.collect(result.log.row_of(state.gid[rows]), values, points),
-            points,
-        )
+        block = file.slabs.collect(result.log.row_of(state.gid[rows]), values, points)
+        file.put(f"particles/{field.name}", block, points, field.dtype)
     mine = state.owned.astype(bool)
     gid = result.distribution.subdomain.element_gid[mine]
     for field in kept_fields(state, "element"):
-        file.create(f"elements/{field.name}", field.dtype, (), m)
-        file.append(
-            f"elements/{field.name}",
-            file.slabs.collect(gid, getattr(state, field.name)[mine][:, None], m)[:, 0],
-            m,
-        )
-    file.create("elements/ends", np.int64, (2,), m)
-    file.append("elements/ends", file.slabs.collect(gid, state.gid[state.ends[mine]].reshape(-1, 2), m), m)
+        block = file.slabs.collect(gid, getattr(state, field.name)[mine][:, None], m)[:, 0]
+        file.put(f"elements/{field.name}", block, m, field.dtype)
+    ends = file.slabs.collect(gid, state.gid[state.ends[mine]].reshape(-1, 2), m)
+    file.put("elements/ends", ends, m, np.int64)
 
 
 class Checkpoint:

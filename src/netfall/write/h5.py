@@ -140,20 +140,22 @@ class SharedFile:
                 self._write_waiting(kept)
         return first + self.base.get(name, 0)
 
+    def put(self, name: str, block: np.ndarray, total: int, dtype=np.float64) -> None:
+        """A new dataset of `total` rows, of which this rank gives its block."""
+        self.create(name, dtype, block.shape[1:], total)
+        self.append(name, block, total)
+
     def append_state(self, name: str, block: np.ndarray, total: int) -> None:
         """Append one state: a row (total, ...) of which this rank gives its block along the first axis."""
         if not self.writes:
             return
         with writing(self.path):
-            self.write(name, block[None], self.grow(name, 1), self.slabs.bounds(total)[self.comm.rank])
-
-    def grow(self, name: str, rows: int) -> int:
-        """Make room for more rows of a dataset; the first new one in this file. On ranks that write."""
-        kept = self._open_dataset(name)
-        first = kept.rows
-        kept.rows += rows
-        self._extend(kept)
-        return first
+            kept = self._open_dataset(name)
+            block = np.ascontiguousarray(block[None], kept.dtype)
+            start = (kept.rows, int(self.slabs.bounds(total)[self.comm.rank]), *(0,) * (block.ndim - 2))
+            kept.rows += 1
+            self._extend(kept)
+            self._transfer_block(kept, block, start, (1,) * block.ndim, (1,) * block.ndim, block.shape)
 
     def _extend(self, kept: Growing) -> None:
         """Give a dataset the rows that it is to have; whole chunks of it are then on the disk."""
@@ -177,13 +179,6 @@ class SharedFile:
                 reserve(self.temporary, self._reserved)
 
         on_root(self.comm, have) if PARALLEL else have()
-
-    def write(self, name: str, block: np.ndarray, *first: int) -> None:
-        """Write this rank's block into rows that `grow` has made, from the place `first` on."""
-        kept = self._open_dataset(name)
-        block = np.ascontiguousarray(block, kept.dtype)
-        start = (*map(int, first), *([0] * (block.ndim - len(first))))
-        self._transfer_block(kept, block, start, (1,) * block.ndim, (1,) * block.ndim, block.shape)
 
     def _open_dataset(self, name: str) -> Growing:
         if name not in self._growing:

@@ -137,19 +137,14 @@ class Result:
         """One equilibrium, in a group of its own; place : "position" or "displacement" of its nodes."""
         n, m, rows = self.distribution.n, self.distribution.m, snapshot.rows
         x = state.x[rows] - (state.x_start[rows] if place == "displacement" else 0.0)
-        for name, tail, block, total in (
-            (place, (3,), self._points(state, rows, {"x": x})["x"], n),
-            ("tension", (), self._cells(state, {"N": snapshot.N})["N"], m),
-        ):
-            self.file.create(f"{group}/{name}", np.float64, tail, total)
-            self.file.append(f"{group}/{name}", block, total)
+        self.file.put(f"{group}/{place}", self._points(state, rows, {"x": x})["x"], n)
+        self.file.put(f"{group}/tension", self._cells(state, {"N": snapshot.N})["N"], m)
 
     def write_whole(self, group: str, datasets: dict[str, np.ndarray] | None) -> None:
         """Datasets that rank 0 gives whole, None elsewhere, kept from now on."""
         for name, values in self.comm.bcast(datasets).items():
             low, high = self.file.slabs.bounds(len(values))[self.comm.rank : self.comm.rank + 2]
-            self.file.create(f"{group}/{name}", values.dtype, values.shape[1:], max(1, len(values)))
-            self.file.append(f"{group}/{name}", values[low:high], len(values))
+            self.file.put(f"{group}/{name}", values[low:high], len(values), values.dtype)
 
     def write_envelope(self, state: State, tension: dict, displacement: dict) -> None:
         """The datasets of /envelope. tension : (m,), displacement : (n_owned,), of this rank, by name"""
@@ -158,8 +153,7 @@ class Result:
         points = split(self.file.slabs.collect(subdomain.particle_gid[: subdomain.n_owned], stacked, n))
         for columns, total in ((self._cells(state, tension), m), (points, n)):
             for name, block in columns.items():
-                self.file.create(f"envelope/{name}", np.float64, (), total)
-                self.file.append(f"envelope/{name}", block, total)
+                self.file.put(f"envelope/{name}", block, total)
 
     def write_final(self, state: State, snapshot) -> None:
         """The last state in full precision, /final."""
@@ -168,11 +162,10 @@ class Result:
         gid = self.distribution.subdomain.element_gid
         p = {"particle_id": state.gid[rows], "position": state.x[rows], "velocity": snapshot.velocity}
         c = {"element_id": gid, "tension": snapshot.N, "plastic_strain": snapshot.eps_p}
-        blocks = [(name, p[name], block, points) for name, block in self._points(state, rows, p).items()]
-        blocks += [(name, c[name], block, cells) for name, block in self._cells(state, c).items()]
-        for name, whole, block, total in blocks:
-            self.file.create(f"final/{name}", whole.dtype, whole.shape[1:], total)
-            self.file.append(f"final/{name}", block, total)
+        for name, block in self._points(state, rows, p).items():
+            self.file.put(f"final/{name}", block, points, p[name].dtype)
+        for name, block in self._cells(state, c).items():
+            self.file.put(f"final/{name}", block, cells, c[name].dtype)
 
     # --- the end
 
@@ -261,7 +254,7 @@ def net_section(net: Net, roof: Roof, cut_length: np.ndarray) -> dict[str, np.nd
             "elements": net.elements,
             "fixed": net.fixed.astype(np.uint8),
             "group": net.group.astype(np.int32),
-            "group_names": np.array(net.group_names, h5py.string_dtype()),
+            "group_names": texts(net.group_names),
             "tributary_area": roof.area,
             "plan_area": roof.plan_area,
             "vector_area": roof.vector,
@@ -269,9 +262,9 @@ def net_section(net: Net, roof: Roof, cut_length: np.ndarray) -> dict[str, np.nd
             "element_id": net.element_id,
             "unstressed_length": cut_length,
             "cable": net.cable.astype(np.int32),
-            "cable_names": np.array(net.cable_names, h5py.string_dtype()),
+            "cable_names": texts(net.cable_names),
             "zone": zones.of_node.astype(np.int32),
-            "zone_names": np.array(zones.names, h5py.string_dtype()),
+            "zone_names": texts(zones.names),
         }
     )
 
@@ -283,7 +276,6 @@ def texts(words: list[str]) -> np.ndarray:
 
 def _strength_section(net: Net) -> dict[str, np.ndarray]:
     """What elements are made of, springs; strengths as given, and beside them what was drawn, a factor."""
-    names = lambda words: np.array(words, h5py.string_dtype())
     section = {
         "axial_stiffness": net.EA,
         "mass_per_length": net.density * net.section,
@@ -301,5 +293,5 @@ def _strength_section(net: Net) -> dict[str, np.ndarray]:
     if net.spring.any():
         section["spring"] = net.spring
     if net.type_names:
-        section |= {"type": net.type.astype(np.int32), "type_names": names(net.type_names)}
+        section |= {"type": net.type.astype(np.int32), "type_names": texts(net.type_names)}
     return section

@@ -42,11 +42,8 @@ class VtkSeries:
 
     def restore(self, record: dict) -> None:
         """Take up the record of an earlier run."""
-        self.parts, self.steps, self._mesh = (
-            [tuple(p) for p in record["parts"]],
-            record["steps"],
-            record["mesh"],
-        )
+        self.parts = [tuple(p) for p in record["parts"]]
+        self.steps, self._mesh = record["steps"], record["mesh"]
 
     def write_mesh(
         self, connectivity: np.ndarray, point_data: dict, cell_data: dict, points: int, cells: int
@@ -60,7 +57,8 @@ class VtkSeries:
             "part": len(self.parts),
             "cells": self.file.append("VTKHDF/Types", np.full(len(connectivity), LINE), cells),
         }
-        self._mesh["connectivity"] = self._append_pairs(connectivity, low, cells)
+        pairs = connectivity.reshape(-1)
+        self._mesh["connectivity"] = self.file.append("VTKHDF/Connectivity", pairs, 2 * cells, 2 * low)
         self._append_offsets(low, len(connectivity), cells)
         self._mesh |= self._append_fields(point_data, cell_data, points, cells)
         self.parts.append((points, cells))
@@ -71,9 +69,6 @@ class VtkSeries:
             for group, data, total in (("PointData", point_data, points), ("CellData", cell_data, cells))
             for name, block in data.items()
         }
-
-    def _append_pairs(self, connectivity, low, cells):
-        return self.file.append("VTKHDF/Connectivity", connectivity.reshape(-1), 2 * cells, 2 * low)
 
     def _append_offsets(self, low, count, cells):
         leading = low == 0 and self.file.comm.rank == 0
