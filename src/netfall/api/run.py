@@ -22,13 +22,10 @@ def run(job, overrides: dict | None, ranks: int | None, output, quiet: bool) -> 
     settings = [f"{name}={toml_value(value)}" for name, value in (overrides or {}).items()]
     if ranks is not None and (isinstance(ranks, bool) or not isinstance(ranks, int) or ranks < 1):
         raise InputError(f"ranks = {ranks!r}: expected a whole number >= 1")
-    if under_mpirun():
+    if under_mpirun() or (ranks or 1) == 1:
         return _run_on_these_ranks(job, settings, ranks, output, quiet)
     with _Place(job, output) as place:
-        if (ranks or 1) == 1:
-            _run_here(place, settings, quiet)
-        else:
-            _run_on_new_ranks(place, settings, ranks, quiet)
+        _run_on_new_ranks(place, settings, ranks, quiet)
         return place.result()
 
 
@@ -117,19 +114,6 @@ def _absolute(value):
     return value
 
 
-def _run_here(place: _Place, settings: list[str], quiet: bool) -> None:
-    from mpi4py import MPI
-
-    from netfall.ground.progress import Progress
-    from netfall.job.read import read_job
-    from netfall.program.run import run_job
-
-    try:
-        run_job(MPI.COMM_SELF, read_job(place.job, settings), place.output, Progress(not quiet))
-    except InputError as error:
-        raise InputError(_without(place.prefix, error.lines)) from None
-
-
 def _run_on_new_ranks(place: _Place, settings: list[str], ranks: int, quiet: bool) -> None:
     options = ["--quiet"] if quiet else []
     command = run_command(default_launcher(), ranks, place.job, place.output, settings, *options)
@@ -156,7 +140,7 @@ def _error(code: int, lines: list[str], command: list[str]) -> Exception:
 
 
 def _run_on_these_ranks(job, settings: list[str], ranks: int | None, output, quiet: bool) -> Result:
-    """Collective over all ranks, each of which gets the result."""
+    """Collective over the ranks of mpirun, each of which gets the result; without mpirun on this one."""
     from mpi4py import MPI
 
     from netfall.ground.progress import Progress
@@ -164,7 +148,7 @@ def _run_on_these_ranks(job, settings: list[str], ranks: int | None, output, qui
     from netfall.parallel.agree import on_root
     from netfall.program.run import run_job
 
-    comm = MPI.COMM_WORLD
+    comm = MPI.COMM_WORLD if under_mpirun() else MPI.COMM_SELF
     if ranks not in (None, comm.size):
         raise InputError(
             f"ranks = {ranks}: this script runs on {comm.size} ranks of mpirun already, and so does the job; "

@@ -35,7 +35,8 @@ def reaction_columns(f) -> dict[str, np.ndarray]:
     held, elements = held_axes(f), f["net/elements"][:]
     nodes = np.flatnonzero(held.any(1))
     springs = Springs(f, nodes) if "spring" in f["net"] else None
-    blocks = [_of_stage(f, stage, held[nodes], nodes, elements, springs) for stage in _stages(f)]
+    stages = [*equilibria(f), *([last] if (last := final(f)) else [])]
+    blocks = [_of_stage(f, stage, held[nodes], nodes, elements, springs) for stage in stages]
     return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
 
 
@@ -58,32 +59,17 @@ class Springs:
         return self.preload + self.stiffness * (x - self.start)
 
 
-def _stages(f):
-    yield from equilibria(f)
-    last = final(f)
-    if last:
-        yield last
-
-
 def _of_stage(f, stage: ShownState, held, nodes, elements, springs: Springs | None) -> dict[str, np.ndarray]:
     """held : (k, 3) bool, axes of the supports, rows (k,) of the net"""
     x = stage.position()
     pull = pull_at(x, elements if stage.ends is None else stage.ends, stage.tension())
-    at = nodes if stage.ends is None else _rows_of_nodes(f, nodes)
-    force = np.where(held, pull[at], 0.0)
+    force = np.where(held, pull[nodes], 0.0)
     if springs:
-        force = np.where(springs.stiffness > 0.0, springs.force(x[at]), force)
+        force = np.where(springs.stiffness > 0.0, springs.force(x[nodes]), force)
     return {
         "node": f["net/node_id"][:][nodes],
         "stage": np.full(len(nodes), stage.name, object),
-        **{axis: x[at, k] for k, axis in enumerate("xyz")},
+        **{axis: x[nodes, k] for k, axis in enumerate("xyz")},
         **{f"force_{axis}": force[:, k] for k, axis in enumerate("xyz")},
         "force": np.linalg.norm(force, axis=1),
     }
-
-
-def _rows_of_nodes(f, nodes: np.ndarray) -> np.ndarray:
-    """Rows of /final at which nodes are."""
-    number = f["final/particle_id"][:]
-    order = np.argsort(number, kind="stable")
-    return order[np.searchsorted(number[order], nodes)]

@@ -39,7 +39,7 @@ def job_again(result: Result, state: State, folder: Path, faces: bool) -> list[s
     if faces:
         job["roof"] = {"faces": "faces.csv"}
     _zones(job, _used_zones(result))
-    told = _lost_cables(result, job) + _parts(result, state, job)
+    told = _lost_cables(result, job) + _parts(state, job)
     _probes(result, job)
     told += _files(job, Path(provenance_text(result.file, "job_folder")), folder, set())
     head = HEAD.format(mark=MARK, title=" ".join(result.title.split()))
@@ -70,7 +70,7 @@ def _zones(job: dict, used: set[str]) -> None:
         case["set"] = {key: value for key, value in case["set"].items() if not of_idle(key)}
 
 
-def _parts(result: Result, state: State, job: dict) -> list[str]:
+def _parts(state: State, job: dict) -> list[str]:
     """Ids of elements that were subdivided: all their parts are named in their place."""
     if len(np.unique(state.cable)) == len(state.cable):
         return []

@@ -8,13 +8,13 @@ from netfall.ground.errors import InputError
 def toml_text(job: dict) -> str:
     """The text of a job file that says what nested dicts say; a list of dicts gives entries, [[name]]."""
     plain = {name: value for name, value in job.items() if not _is_section(value)}
-    lines = [f"{_name(name)} = {toml_value(value)}" for name, value in plain.items() if value is not None]
+    lines = [f"{toml_name(name)} = {toml_value(value)}" for name, value in plain.items() if value is not None]
     for name, value in job.items():
         if isinstance(value, dict):
-            lines += _section(_name(name), value)
+            lines += _section(toml_name(name), value)
         elif _is_section(value):
             for entry in value:
-                lines += _section(_name(name), entry, "[[{}]]")
+                lines += _section(toml_name(name), entry, "[[{}]]")
     return "\n".join(lines) + "\n"
 
 
@@ -32,7 +32,7 @@ def toml_value(value) -> str:
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(toml_value(item) for item in value) + "]"
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{_name(key)} = {toml_value(item)}" for key, item in value.items()) + "}"
+        return "{" + ", ".join(f"{toml_name(key)} = {toml_value(item)}" for key, item in value.items()) + "}"
     if isinstance(value, str) or hasattr(value, "__fspath__"):
         return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")
     raise InputError(
@@ -51,16 +51,17 @@ def _section(name: str, table: dict, head: str = "[{}]") -> list[str]:
     entry = head != "[{}]"
     inner = {} if entry else {key: value for key, value in table.items() if isinstance(value, dict)}
     own = [
-        f"{_name(key)} = {toml_value(value)}"
+        f"{toml_name(key)} = {toml_value(value)}"
         for key, value in table.items()
         if key not in inner and value is not None
     ]
     lines = ["", head.format(name), *own]
     for key, value in inner.items():
-        lines += _section(f"{name}.{_name(key)}", value)
+        lines += _section(f"{name}.{toml_name(key)}", value)
     return lines
 
 
-def _name(name) -> str:
+def toml_name(name) -> str:
+    """A name as a key of TOML."""
     bare = str(name).replace("_", "").replace("-", "")
-    return str(name) if bare.isascii() and bare.isalnum() else json.dumps(str(name), ensure_ascii=False)
+    return str(name) if bare.isascii() and bare.isalnum() else toml_value(str(name))

@@ -34,132 +34,118 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
             (_run, True),
             (_form, "form_finding" in f),
             (_equilibria, True),
-            (_displacements, True),
+            (displacement_notes_of, True),
             (_dynamics, moves),
             (_wind, "wind" in f),
             (_losses, "removal" in f),
             (_energies, moves),
             (_fractures, moves),
-            (_overloads, moves),
+            (overloads_of, moves),
             (_seconds, True),
         ):
-            if there:
-                tell(f, say)
+            for line in tell(f) if there else ():
+                say(line)
 
 
-def _seconds(f, say):
+def _seconds(f):
     seconds = f["provenance/timings"].attrs
-    say("time: " + ", ".join(f"{name} {np.max(seconds[name]):.2f} s" for name in seconds))
+    yield "time: " + ", ".join(f"{name} {np.max(seconds[name]):.2f} s" for name in seconds)
 
 
-def _run(f, say):
+def _run(f):
     p = f["provenance"].attrs
     ranks = f"{p['ranks']} rank{'s' if p['ranks'] > 1 else ''}"
-    say(f"ran: netfall {p['netfall']} on {ranks} ({p['writing']}); {p['exit_state']}")
+    yield f"ran: netfall {p['netfall']} on {ranks} ({p['writing']}); {p['exit_state']}"
     overrides = provenance_text(f, "overrides")
     if overrides:
-        say("with: " + ", ".join(overrides.split("\n")))
+        yield "with: " + ", ".join(overrides.split("\n"))
     n, m, fixed = len(f["net/particles"]), len(f["net/elements"]), f["net/fixed"][:].all(1).sum()
-    say(
+    yield (
         f"net: {n} particles ({fixed} fixed), {m} elements, roof {f['net/tributary_area'][:].sum():.1f} m2; "
         f"partition {p['partition']}, {p['edge_cut']} elements cut"
     )
 
 
-def _form(f, say):
+def _form(f):
     g = f["form_finding"]
     N = g["tension"][:]
-    say(
+    yield (
         f"form finding: {g['iterations'][()]} iterations, residual {g['residual'][()]:.2g} of the prestress, "
         f"with the real material {g['residual_real_material'][()]:.2g}; "
         f"tensions {N.min():.4g} to {N.max():.4g} N"
     )
-    for line in lines_of_form(f):
-        say(line)
+    yield from lines_of_form(f)
 
 
-def _equilibria(f, say):
+def _equilibria(f):
     """The last equilibrium of each group, and a note where one of them is not stable."""
     x, node_id = start_position(f), f["net/node_id"][:]
     for place in state_groups(f):
         g, last = f[place], list(states_of(f, place))[-1]
         N, moved = last.tension(), lengths(last.position() - x)
         steps = f"{int((g['load_factor'][:] > 0).sum())} load steps; " if "load_factor" in g else ""
-        say(
+        yield (
             f"{state_words(place)}: {steps}largest displacement {moved.max():.4g} m "
             f"(node {node_id[moved.argmax()]}), tensions {N.min():.4g} to {N.max():.4g} N, "
             f"slack {np.ravel(g['slack'][()])[-1]}, largest residual {np.max(g['residual'][()]):.2g} N"
         )
         if not np.all(g["stable"][()]):
-            say(f"note: an equilibrium of /{place} is NOT STABLE: {NOT_STABLE}")
+            yield f"note: an equilibrium of /{place} is NOT STABLE: {NOT_STABLE}"
 
 
-def _displacements(f, say):
-    """A note where an equilibrium lies far from the form."""
-    for note in displacement_notes_of(f):
-        say(note)
-
-
-def _dynamics(f, say):
+def _dynamics(f):
     h, p = f["history"], f["provenance"].attrs
-    say(
+    yield (
         f"dynamics: {h['time'][-1]:g} s in {p['steps']} steps of {p['time_step']:.4g} s; "
         f"{len(f['VTKHDF/Steps/Values'])} frames, {len(h['time'])} history rows"
     )
     if "added_mass" in p:
-        say(f"  mass scaling: {p['added_mass']:.4g} kg of inertia added")
+        yield f"  mass scaling: {p['added_mass']:.4g} kg of inertia added"
     for name in [k[6:] for k in p if k.startswith("limit_") and not k.endswith("_element")]:
         e = p[f"limit_{name}_element"]
         element = f" (element {element_name(f, e)})" if e >= 0 else ""
-        say(f"  step limit {name.replace('_', ' ')}: {p['limit_' + name]:.4g} s{element}")
+        yield f"  step limit {name.replace('_', ' ')}: {p['limit_' + name]:.4g} s{element}"
 
 
-def _wind(f, say):
+def _wind(f):
     if "wind/pressure" in f:
         p = f["wind/pressure"][:]
-        say(f"wind: pressures of {p.min():.4g} to {p.max():.4g} N/m2 at {p.shape[1]} taps")
+        yield f"wind: pressures of {p.min():.4g} to {p.max():.4g} N/m2 at {p.shape[1]} taps"
         return
     u, mean = f["wind/speed"][:], f["wind/mean_speed"][:].mean()
     of = f"{u.min():.1f} to {u.max():.1f} m/s at {u.shape[1]} control points"
-    say(f"wind: mean {mean:.1f} m/s, generated {of}")
+    yield f"wind: mean {mean:.1f} m/s, generated {of}"
 
 
-def _losses(f, say):
-    for line in loss_lines(f["removal"], f["events"], f["net/element_id"][:]):
-        say(line)
+def _losses(f):
+    return loss_lines(f["removal"], f["events"], f["net/element_id"][:])
 
 
-def _energies(f, say):
+def _energies(f):
     h = f["history"]
     known = [name for name in ENERGIES if np.isfinite(h[name][-1])]
     at_end = [f"{name.replace('_', ' ')} {h[name][-1]:.4g}" for name in known]
-    say("energy at the end [J]: " + ", ".join(at_end))
+    yield "energy at the end [J]: " + ", ".join(at_end)
     if len(known) < len(ENERGIES):
-        say("audits: none, the job has [output] energy = false")
+        yield "audits: none, the job has [output] energy = false"
         return
     identity, balance = (np.abs(h[name][:]).max() for name in ("identity_error", "balance_error"))
-    say(
+    yield (
         f"audits: work identity to {identity:.1e}, physical balance to {balance:.1e} "
         "of the energy that took part"
     )
-    for note in balance_notes(h["time"][:], h["balance_error"][:], h["broken"][:]):
-        say(note)
+    yield from balance_notes(h["time"][:], h["balance_error"][:], h["broken"][:])
 
 
-def _overloads(f, say):
-    for line in overloads_of(f):
-        say(line)
-
-
-def _fractures(f, say):
+def _fractures(f):
     h = f["history"]
-    say(f"slack at the end: {h['slack'][-1]} cables; broken: {h['broken'][-1]} elements")
+    yield f"slack at the end: {h['slack'][-1]} cables; broken: {h['broken'][-1]} elements"
     e = f["events"]
     for k in range(min(FIRST_EVENTS, len(e["time"]))):
         split = "" if e["new_particle"][k] >= 0 else ", nothing split"
-        say(
+        yield (
             f"  t = {e['time'][k]:.5f} s, step {e['step'][k]}: element {element_name(f, e['element'][k])} "
             f"at node {e['node_id'][k]}{split}, strain {e['strain'][k]:.4f}"
         )
     if len(e["time"]) > FIRST_EVENTS:
-        say(f"  and {len(e['time']) - FIRST_EVENTS} more fracture events in /events")
+        yield f"  and {len(e['time']) - FIRST_EVENTS} more fracture events in /events"

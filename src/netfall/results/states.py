@@ -95,17 +95,17 @@ def _state(g, x: np.ndarray, row):
 
 
 def final(f) -> ShownState | None:
-    """The last state of the dynamic stage; the ends that split off are where they are now."""
+    """The last state of the dynamic stage: the nodes, then the ends that split off, where they are now."""
     if "history" not in f:
         return None
     number = f["final/particle_id"][:]
-    row = np.argsort(number, kind="stable")
+    order = np.argsort(number, kind="stable")
     ends, n = f["net/elements"][:].copy(), len(f["net/particles"])
     new = f["events/new_particle"][:]
     ends[f["events/element"][:][new >= 0], (new[new >= 0] - n) % 2] = new[new >= 0]
-    rows = row[np.searchsorted(number[row], ends)]
+    rows = np.searchsorted(number[order], ends)
     name = f"final, t = {f['history/time'][-1]:.4g} s"
-    return ShownState(name, lambda: f["final/tension"][:], lambda: f["final/position"][:], rows)
+    return ShownState(name, lambda: f["final/tension"][:], lambda: f["final/position"][:][order], rows)
 
 
 @dataclass

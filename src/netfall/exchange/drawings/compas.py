@@ -14,10 +14,7 @@ SUPPORTS = ("is_anchor", "is_fixed", "is_support", "fixed", "anchor", "support")
 GROUPS = ("group", "layer", "category")
 SHOWN = ("visible", "is_visible", "show", "is_edge", "_is_edge")  # of an edge; false: it is no cable
 HIDDEN = ("hidden", "is_hidden")
-COLUMNS = {
-    "q": "force_density",
-    "force_density": "force_density",
-}  # attribute of an edge: column of elements.csv
+FORCE_DENSITIES = ("force_density", "q")
 
 
 def read_json(path: Path, supports: str | None, wanted: list[str] | None) -> Drawing:
@@ -40,9 +37,7 @@ def read_json(path: Path, supports: str | None, wanted: list[str] | None) -> Dra
     edges = [edge for edge in edges if wanted is None or is_among(edge["group"], (*wanted, supports))]
     names = sorted({edge["group"] for edge in edges})
     held = [place for data in objects for place in _held(data)]
-    columns = {}
-    for name in sorted({name for edge in edges for name in edge["columns"]}):
-        columns[name] = np.array([edge["columns"].get(name, np.nan) for edge in edges], float)
+    q = np.array([edge["q"] for edge in edges], float)
     keys = [edge["keys"] for edge in edges]
     one = len(objects) == 1 and all(isinstance(key, int) for pair in keys for key in pair)
     return Drawing(
@@ -51,7 +46,7 @@ def read_json(path: Path, supports: str | None, wanted: list[str] | None) -> Dra
         layers=names,
         held=np.array(held, float).reshape(-1, 3),
         keys=np.array(keys, np.int64) if one else None,
-        columns=columns,
+        columns={"force_density": q} if any(edge["q"] is not None for edge in edges) else {},
         unit=next((data["attributes"]["unit"] for data in objects if _says_unit(data)), None),
         unit_from="its attributes",
         read=[f"{len(edges)} edges", *(f"groups {words}" for words in alike(names))],
@@ -91,7 +86,7 @@ def _places(data: dict) -> dict:
 
 
 def _edges(data: dict) -> list[dict]:
-    """Each edge: its ends, keys, group and columns."""
+    """Each edge: its ends, keys, group, force density, and whether it is hidden."""
     if "points" in data or "start" in data:
         points = data["points"] if "points" in data else [data["start"], data["end"]]
         return [_edge((a, b), (None, None), {}) for a, b in pairwise(points)]
@@ -109,10 +104,10 @@ def _edges(data: dict) -> list[dict]:
 
 def _edge(ends, keys, values: dict) -> dict:
     group = next((str(values[name]) for name in GROUPS if values.get(name)), "cables")
-    columns = {COLUMNS[name]: values[name] for name in COLUMNS if isinstance(values.get(name), (int, float))}
+    given = (values[name] for name in FORCE_DENSITIES if isinstance(values.get(name), (int, float)))
     hidden = any(values.get(name, True) in (False, 0) for name in SHOWN)
     hidden = hidden or any(values.get(name, False) in (True, 1) for name in HIDDEN)
-    return {"ends": ends, "keys": keys, "group": group, "columns": columns, "hidden": hidden}
+    return {"ends": ends, "keys": keys, "group": group, "q": next(given, None), "hidden": hidden}
 
 
 def _sides(data: dict) -> dict:

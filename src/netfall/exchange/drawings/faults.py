@@ -1,6 +1,7 @@
 """What is wrong with a net that was drawn: near misses, crossings without a joint, loose ends and parts."""
 
 import numpy as np
+import shapely
 
 from netfall.net.parts import unjoined_pairs
 
@@ -18,11 +19,8 @@ def reach_of(x: np.ndarray, ends: np.ndarray, tolerance: float) -> float:
     return max(NEAR_TIMES * tolerance, NEAR_SHARE * float(np.median(length)))
 
 
-def near_nodes(x: np.ndarray, ends: np.ndarray, tolerance: float, reach: float):
-    """Pairs of nodes (k, 2) that are farther apart than the tolerance, but not than `reach`, and how far [m].
-
-    Not those that an element joins.
-    """
+def near_nodes(x: np.ndarray, ends: np.ndarray, reach: float):
+    """Pairs of nodes (k, 2) no farther apart than `reach` that no element joins, and how far [m]."""
     pairs = unjoined_pairs(x, ends, reach)
     apart = np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
     order = np.argsort(apart, kind="stable")
@@ -30,11 +28,7 @@ def near_nodes(x: np.ndarray, ends: np.ndarray, tolerance: float, reach: float):
 
 
 def touches(x: np.ndarray, ends: np.ndarray, reach: float):
-    """Nodes (k,) within `reach` of elements (k,) between these elements' ends, the distances [m], the places
-    (k, 3) on the elements.
-    """
-    import shapely
-
+    """Nodes (k,) within `reach` of elements (k,) between these elements' ends, and the distances [m]."""
     tree = shapely.STRtree(_in_plan(x, ends))
     node, element = tree.query(shapely.points(x[:, :2]), predicate="dwithin", distance=reach)
     free = (ends[element] != node[:, None]).all(1)
@@ -45,7 +39,7 @@ def touches(x: np.ndarray, ends: np.ndarray, reach: float):
     apart = np.linalg.norm(x[node] - place, axis=1)
     to_ends = np.linalg.norm(x[node][:, None] - x[ends[element]], axis=2).min(1)
     found = (apart <= reach) & (share > 0) & (share < 1) & (to_ends > reach)
-    return node[found], element[found], apart[found], place[found]
+    return node[found], element[found], apart[found]
 
 
 def crossings(x: np.ndarray, ends: np.ndarray, tolerance: float):
@@ -71,8 +65,6 @@ def crossings(x: np.ndarray, ends: np.ndarray, tolerance: float):
 
 def _near_pairs(x: np.ndarray, ends: np.ndarray, tolerance: float) -> np.ndarray:
     """Pairs of elements (k, 2) without a common node whose boxes in space are no farther apart."""
-    import shapely
-
     low, high = x[ends].min(1) - tolerance, x[ends].max(1) + tolerance
     boxes = shapely.box(*low[:, :2].T, *high[:, :2].T)
     tree, found = shapely.STRtree(boxes), [np.zeros((0, 2), np.int64)]
@@ -93,8 +85,6 @@ def _between(share: np.ndarray, square: np.ndarray, tolerance: float) -> np.ndar
 
 
 def _in_plan(x: np.ndarray, ends: np.ndarray):
-    import shapely
-
     return shapely.linestrings(x[ends][:, :, :2])
 
 
@@ -104,8 +94,6 @@ def outline(x: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, bool]:
 
     Where most of the boundary is joined to such ends, as in a net without edge cables, only these.
     """
-    import shapely
-
     single = np.bincount(ends.ravel(), minlength=len(x)) == 1
     faces = shapely.get_parts(shapely.polygonize(_in_plan(x, ends)))
     if not len(faces):
@@ -121,8 +109,6 @@ def outline(x: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, bool]:
 
 def _union(faces):
     """The union of faces, quickly where they do not overlap; they do where elements cross without a joint."""
-    import shapely
-
     if shapely.coverage_is_valid(faces):
         return shapely.coverage_union_all(faces)
     return shapely.union_all(faces)

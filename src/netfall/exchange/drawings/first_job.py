@@ -1,14 +1,12 @@
 """The first job for a net that was imported: what runs at once, with what is to be decided marked."""
 
-import numpy as np
-
-from netfall.job.toml_text import toml_value
+from netfall.job.toml_text import toml_name, toml_value
 
 TEXT = """\
 # {name}: a first job for the net that was imported. Sections and forces are placeholders: CHOOSE them.
 #
-#   netfall check {job}
-#   netfall run {job}
+#   netfall check this file
+#   netfall run this file
 
 title = {title}
 
@@ -48,14 +46,8 @@ GROUP = """\
 """
 
 
-def first_job(name: str, groups: list[str], length: np.ndarray) -> str:
-    """The text of the job for a drawing's name, its groups, and the lengths (m,) [m] of its elements."""
-    parts = [GROUP.format(name=toml_key(group)) for group in groups]
+def first_job(name: str, groups: list[str]) -> str:
+    """The text of the job for a drawing's name and its groups."""
+    parts = [GROUP.format(name=toml_name(group)) for group in groups]
     title = toml_value(" ".join(name.split()) or "imported net")
-    return TEXT.format(name=name, job="this file", title=title, groups="".join(parts))
-
-
-def toml_key(name: str) -> str:
-    """A name as a key of TOML."""
-    bare = name.replace("_", "").replace("-", "")
-    return name if bare.isascii() and bare.isalnum() else toml_value(name)
+    return TEXT.format(name=name, title=title, groups="".join(parts))

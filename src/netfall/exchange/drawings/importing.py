@@ -50,9 +50,8 @@ def _write(reading: Reading, folder: Path, place: Path) -> list[str]:
     job = folder / f"{folder.resolve().name}.toml"
     made = not job.exists()
     if made:
-        (place / job.name).write_text(
-            first_job(reading.path.stem, sorted(set(group)), length), encoding="utf-8"
-        )
+        text = first_job(reading.path.stem, sorted(set(group)))
+        (place / job.name).write_text(text, encoding="utf-8")
     as_read(x[net.ends], group, x[reading.fixed], reading.marks, reading.path.name, place / "net.png")
     (place / "report.txt").write_text("\n".join([*reading.lines, *told, ""]), encoding="utf-8")
     kept = "" if made else " (that was there, and stays as it is)"

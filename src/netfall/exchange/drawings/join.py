@@ -47,13 +47,6 @@ def merge(points: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]
     return points[first], place
 
 
-def nearest_nodes(x: np.ndarray, marks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For each of marks (k, 3) how far [m] the nearest of the nodes x (n, 3) is, and its row."""
-    from scipy.spatial import cKDTree
-
-    return cKDTree(x).query(marks)
-
-
 def _used(joined: Joined) -> Joined:
     """Without nodes that no element is left at."""
     used = np.zeros(len(joined.x), bool)

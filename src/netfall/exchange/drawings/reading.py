@@ -9,7 +9,7 @@ from netfall.exchange.drawings import faults
 from netfall.exchange.drawings.compas import read_json
 from netfall.exchange.drawings.drawing import METRES, Drawing, rows_called
 from netfall.exchange.drawings.dxf import read_dxf
-from netfall.exchange.drawings.join import Joined, join, nearest_nodes, parts_by_size, split
+from netfall.exchange.drawings.join import Joined, join, parts_by_size, split
 from netfall.exchange.vtu import read_vtu
 from netfall.ground.errors import InputError
 from netfall.job.values import nearest
@@ -175,7 +175,7 @@ def _split_where_asked(reading: Reading) -> None:
     """Joints: on lines of the layer of supports, and with --split everywhere; else they are told."""
     net, options = reading.net, reading.options
     on_edge = _on_support_layer(reading)
-    node, element, _, _ = faults.touches(net.x, net.ends, options.tolerance)
+    node, element, _ = faults.touches(net.x, net.ends, options.tolerance)
     pairs, crossing = faults.crossings(net.x, net.ends, options.tolerance)
     where = lambda e: f'layer "{reading.drawing.layers[reading.drawing.layer[net.line[e]]]}"'
     cut = np.ones(len(element), bool) if options.split else on_edge[element]
@@ -223,12 +223,14 @@ def _supports(reading: Reading) -> np.ndarray:
             fixed[net.ends[_on_support_layer(reading)]] = True
         why, advice = {None: "as the file says", AT_POINTS: "at points"}.get(asked, f'layer "{asked}"'), ""
         if len(marks):
-            apart, node = nearest_nodes(net.x, marks)
+            from scipy.spatial import cKDTree
+
+            apart, node = cKDTree(net.x).query(marks)
             good = apart <= reading.options.tolerance
             fixed[node[good]] = True
             told = [
                 f"{1e3 * d:.4g} mm from the nearest node, at {reading.place(x)}"
-                for d, x in _far(apart, marks, good)
+                for d, x in zip(apart[~good], marks[~good])
             ]
             reading.tell(
                 "support", int((~good).sum()), "points of supports are not at a node", told, marks[~good]
@@ -258,18 +260,14 @@ def _outline(net: Joined) -> tuple[np.ndarray, int]:
     return fixed, roofs
 
 
-def _far(apart, marks, good):
-    return zip(apart[~good].tolist(), marks[~good], strict=True)
-
-
 def _tell_near_misses(reading: Reading) -> None:
     net, tolerance = reading.net, reading.options.tolerance
     reach = faults.reach_of(net.x, net.ends, tolerance)
-    pairs, apart = faults.near_nodes(net.x, net.ends, tolerance, reach)
+    pairs, apart = faults.near_nodes(net.x, net.ends, reach)
     told = [f"{1e3 * d:.4g} mm at {reading.place(net.x[a])}" for (a, _), d in zip(pairs.tolist(), apart)]
     what = f"pairs of nodes lie closer than {1e3 * reach:.3g} mm, unjoined; a larger --tolerance joins them"
     reading.tell("near miss", len(pairs), what, told, net.x[pairs[:, 0]])
-    node, _, apart, _ = faults.touches(net.x, net.ends, reach)
+    node, _, apart = faults.touches(net.x, net.ends, reach)
     far = apart > tolerance
     told = [f"{1e3 * d:.4g} mm at {reading.place(net.x[p])}" for p, d in zip(node[far], apart[far])]
     what = f"nodes end closer than {1e3 * reach:.3g} mm beside an element"
