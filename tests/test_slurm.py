@@ -204,6 +204,19 @@ def test_srun_starts_the_ranks_of_a_worker(slurm, site):
 # --- two hosts
 
 
+def test_the_scaling_script_runs_on_ranks_that_srun_starts(slurm, site):
+    """jobs/scale.slurm on one node of two tasks: a row for each number of ranks, strong and weak."""
+    job = site / "jobs" / "stadium.toml"
+    job.write_text(job.read_text().replace("duration = 12.0", "duration = 1.0"))
+    first = slurm.submit(
+        "--nodes=1", "--ntasks-per-node=2", "--export=ALL,SLURM_MPI_TYPE=pmix", "jobs/scale.slurm", cwd=site
+    )
+    slurm.until_empty()
+    assert slurm.facts(first)["ExitCode"] == "0:0", log_of(site, f"netfall-scale-{first}")
+    rows = (site / "results" / "stadium_scale.csv").read_text().splitlines()[1:]
+    assert [row.split(",")[:2] for row in rows] == [[k, n] for k in ("strong", "weak") for n in "12"]
+
+
 @pytest.mark.skipif(os.getuid() != 0, reason="namespaces for hosts of their own need root")
 def test_two_ranks_on_two_hosts_have_the_bits_of_one(tmp_path):
     """A rank on each of two hosts that share a network and their files."""
