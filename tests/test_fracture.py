@@ -1,14 +1,22 @@
 """Fracture by splitting particles: who parts, what is kept, what follows."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import STEEL, STILL_AIR
+from mpi4py import MPI
+from test_kernels import ALL_FEATURES, lattice, make_state
 
-from netfall.mechanics.fields import Features
-from netfall.mechanics.fracture import dissipate
+from netfall.mechanics.fields import Features, Slots
+from netfall.mechanics.fracture import FractureRules, dissipate
 from netfall.mechanics.state import State
 from netfall.model.losses import comes_loose
 from netfall.net.net import Net
+from netfall.parallel.halo import Halo
+from netfall.parallel.subdomain import cut_net
+from netfall.step.loop import Interval
+from netfall.step.plan import Plan
 
 BRITTLE = STEEL.replace("prestress = 100e3\n", "fracture_strain = 1e-3\n")
 DYNAMICS = "[dynamics]\nduration = {}\n[output]\nhistory = 0.001\nframes = {}\n"
@@ -155,7 +163,7 @@ def test_what_cannot_yield_dissipates_its_strain_energy_when_it_goes():
     state = State(Features(plastic=True, fracture=True, fragments=False), 2, 0, 1)
     state.ends[:], state.owned[:], state.free[:], state.mass[:] = [[0, 1]], 1, 1, 1.0
     state.x[1, 0], state.L0[:], state.EA[:], state.yield_force[:] = 2.0, 1.9, 1e6, np.inf
-    dissipate(state, 0, 1e-4)
+    dissipate(0, 1e-4, state.elements, state.particles, state.law)
     assert state.dissipated[0] == pytest.approx(0.5 * 1e6 * 0.1**2 / 1.9, rel=1e-12)
 
 
@@ -167,3 +175,33 @@ def test_a_part_that_is_held_along_other_axes_only_is_loose():
     assert not comes_loose(net, np.array([True]), load, gone)
     assert comes_loose(net, np.array([False]), load, gone)
     assert not comes_loose(net, np.array([False]), load[:, [0, 2, 1]], gone)
+
+
+@pytest.mark.parametrize("fragments", [True, False])
+def test_slots_mended_where_elements_break_are_those_filled_anew(fragments):
+    """A lattice of all kinds of elements tears: its particles have theirs in order, with all fields."""
+    n = 1600
+    x = np.column_stack([np.arange(n) % 40, np.arange(n) // 40, np.zeros(n)])
+    elements = lattice(40)
+    state = make_state(replace(ALL_FEATURES, fragments=fragments), n, elements, x, 3)
+    state.valence[:], state.half_mass[:] = np.bincount(elements.ravel()), 0.01
+    state.gid[:], state.v[:] = np.arange(n), 10.0 * np.random.default_rng(3).normal(size=(n, 3))
+    (subdomain,) = cut_net(n, elements, np.zeros(n, np.int32), 1)
+    ranks = n, n, np.arange(len(elements))  # all particles are owned
+    rules = FractureRules(n, *ranks, 9.81, True, True, True, 2e-5, 2e-5 if fragments else None)
+    plan = Plan(state, Halo(MPI.COMM_SELF, subdomain, 5), rules)
+    step = 0
+    while step < 400:
+        step += plan.run(Interval(step, 400 - step, 2e-5, 2e-5, 0.0, 0.0, 1e9))
+    assert (state.broken == 1).sum() > 200
+    assert (state.n_local > n) == fragments
+    mended = slots_of(state)
+    plan.attach(state)
+    assert mended == slots_of(state)
+
+
+def slots_of(state: State) -> list:
+    """Of each particle the elements in its slots, in order, with all that the slots hold of them."""
+    there = [column[:, : state.n_local] for column in state.slots if column is not None]
+    full = there[Slots._fields.index("inv_L0")] > 0.0
+    return [[tuple(c[s, p] for c in there) for s in np.flatnonzero(full[:, p])] for p in range(state.n_local)]

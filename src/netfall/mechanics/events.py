@@ -4,45 +4,77 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.ground.compile import inner_kernel
 
-class Event(NamedTuple):
-    """One fracture at one end of an element, in global numbers.
 
+class Events(NamedTuple):
+    """Fractures of one rank that others do not know of yet, each at one end of an element, as they happen.
+
+    count : (1,) how many; the others have room for more, and global numbers
     new_particle : -1 where nothing split, at a loose end or without fragments; mass : [kg] of the new
         particle
     """
 
-    time: float
-    step: int
-    element: int
-    particle: int
-    new_particle: int
-    strain: float
-    mass: float
+    count: np.ndarray
+    step: np.ndarray
+    element: np.ndarray
+    particle: np.ndarray
+    new_particle: np.ndarray
+    strain: np.ndarray
+    mass: np.ndarray
+
+
+COLUMNS = {name: np.float64 if name in ("strain", "mass") else np.int64 for name in Events._fields[1:]}
+
+
+def events_with_room(room: int, before: Events | None = None) -> Events:
+    """Room for so many fractures, those from before among them."""
+    columns = {name: np.zeros(room, dtype) for name, dtype in COLUMNS.items()}
+    if before is None:
+        return Events(np.zeros(1, np.int64), **columns)
+    known = before.count[0]
+    for name, column in columns.items():
+        column[:known] = getattr(before, name)[:known]
+    return Events(before.count, **columns)
+
+
+@inner_kernel
+def add_event(events, step, element, particle, new_particle, strain, mass):
+    """Log a fracture."""
+    k = events.count[0]
+    events.step[k], events.element[k], events.particle[k] = step, element, particle
+    events.new_particle[k], events.strain[k], events.mass[k] = new_particle, strain, mass
+    events.count[0] = k + 1
 
 
 class EventLog:
     """All fractures of a run so far, the same on every rank, in the order of step, element and particle.
 
-    broken : elements; split_gid : numbers of the particles that have split off, ascending
+    time [s], step, element, particle, new_particle, strain, mass [kg] : (k,) as in `Events`
+    broken : elements, ascending; split_gid : numbers of the particles that have split off, ascending
     """
+
+    NAMES = ("time", *COLUMNS)
 
     def __init__(self, particles: int):
         """particles : of the net, whose rows come before those that split off"""
         self.particles = particles
-        self.events: list[Event] = []
-        self.broken: set[int] = set()
-        self.split_gid = np.zeros(0, np.int64)
+        self.time = np.zeros(0)
+        for name, dtype in COLUMNS.items():
+            setattr(self, name, np.zeros(0, dtype))
+        self.broken = self.split_gid = np.zeros(0, np.int64)
 
     def __len__(self) -> int:
-        return len(self.events)
+        return len(self.step)
 
-    def add(self, events: list[Event]) -> None:
-        """Fractures since the last call, from all ranks."""
-        self.events += sorted(events, key=lambda event: (event.step, event.element, event.particle))
-        self.broken.update(event.element for event in events)
-        new = [event.new_particle for event in events if event.new_particle >= 0]
-        self.split_gid = np.sort(np.concatenate([self.split_gid, np.array(new, np.int64)]))
+    def add(self, found: dict[str, np.ndarray]) -> None:
+        """Fractures since the last call, from all ranks: the columns by name."""
+        order = np.lexsort((found["particle"], found["element"], found["step"]))
+        for name in self.NAMES:
+            setattr(self, name, np.concatenate([getattr(self, name), found[name][order]]))
+        self.broken = np.union1d(self.broken, found["element"])
+        new = found["new_particle"]
+        self.split_gid = np.sort(np.concatenate([self.split_gid, new[new >= 0]]))
 
     @property
     def points(self) -> int:
@@ -55,11 +87,8 @@ class EventLog:
 
     def columns(self) -> dict[str, np.ndarray]:
         """The log as columns, for the result file and for checkpoints."""
-        return {
-            name: np.array([getattr(event, name) for event in self.events], dtype)
-            for name, dtype in Event.__annotations__.items()
-        }
+        return {name: getattr(self, name) for name in self.NAMES}
 
     def restore(self, columns: dict[str, np.ndarray]) -> None:
         """Take up the columns of an earlier run."""
-        self.add([Event(*row) for row in zip(*(columns[name].tolist() for name in Event._fields))])
+        self.add({name: columns[name] for name in self.NAMES})

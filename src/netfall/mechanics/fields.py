@@ -143,7 +143,9 @@ FIELDS = (
     _element(
         "eps_u", np.float64, "", "strain at fracture, inf once broken", "fracture", kept=True, given=True
     ),
+    _element("reach", np.float64, "", "L / L0 from which it is looked at for fracture", "strengths"),
     _element("pending", np.int32, "", "elements that reached eps_u in a step", "fracture"),
+    _element("breaks", np.uint8, "", "where those break, as `fracture.decide` has it", "fracture"),
     _slot("other", np.uint32, "", "local number of the far end; in an empty slot the particle's own"),
     _slot("inv_L0", np.float64, "1/m", "1 / unstressed length, 0 in an empty slot"),
     _slot("slot_element", np.uint32, "", "local number of the element", "inelastic"),
@@ -158,6 +160,14 @@ FIELDS = (
         "yield_force",
     ),
     _slot("slot_eps_p", np.float64, "", "plastic strain", "plastic", "eps_p"),
+    _slot(
+        "slot_reach",
+        np.float64,
+        "",
+        "L / L0 from which the element is looked at, unless it is the same everywhere",
+        "strengths",
+        "reach",
+    ),
 )
 
 
@@ -189,6 +199,7 @@ class Features:
     strain: str = "engineering"  # its measure
     bars: bool = False
     sections: bool = False  # more than one stiffness or yield force
+    strengths: bool = False  # more than one strain at fracture
     springs: bool = False  # elastic supports
     losses: bool = False  # elements leave the net at given times
     part_held: bool = False  # some particle is held on some axes and not on others

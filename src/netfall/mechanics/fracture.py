@@ -10,167 +10,223 @@ Without fragments the element is taken out of the net at x(n+1): its mass stays 
 stored in it counts as dissipated.
 
 Every rank that holds the element decides alike: strain, resultant forces, masses and valences are equal to
-the bit on all of them. Mass and valence are those before the step, whatever else breaks in it.
+the bit on all of them. Mass and valence are those before the step, whatever else breaks in it: all is decided
+(`decide`) before anything splits.
+
+All of this is compiled, and called by the time loop (`step/tear.py`), which then mends slots and runs.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from netfall.mechanics.events import Event
-from netfall.mechanics.material import energies_at, strains
+from netfall.ground.compile import inner_kernel, kernel
+from netfall.mechanics.events import Events, add_event
+from netfall.mechanics.fields import Particles
+from netfall.mechanics.material import energies_at, strain
+from netfall.mechanics.motion import inverse_mass
 from netfall.mechanics.stability import ROUNDING, fragment_mass
-from netfall.mechanics.state import State
 
 EQUAL_FORCES = 1e-6  # relative: a symmetric net breaks symmetrically in spite of rounding
+LOOSE = (
+    2  # bits of `Elements.breaks`: end 0 and end 1 break, then, so many places on, which of them are loose
+)
 
 
 class FractureRules(NamedTuple):
     """What holds for every fracture of a run.
 
-    particles : of the net; element_gid : (m,) global numbers of the rank's elements
+    particles : of the net; n_owned, first_split : local rows up to and from which this rank owns particles
+    element_gid : (m,) global numbers of the rank's elements
     gravity : [m/s2]; own_weighs, carried_weighs : whether it acts on the elements' own mass, on what is
         carried
     wind_stays : whether a particle keeps its wind when an element leaves it
-    dt : [s] length of a step; stable_dt : [s] for which fragments are stable
+    dt : [s] length of a step; stable_dt : [s] for which fragments are stable; None: without fragments
     """
 
     particles: int
+    n_owned: int
+    first_split: int
     element_gid: np.ndarray
     gravity: float
     own_weighs: bool
     carried_weighs: bool
     wind_stays: bool
     dt: float
-    stable_dt: float
+    stable_dt: float | None
 
 
-def break_elements(state: State, count: int, step: int, rules: FractureRules) -> list[Event]:
-    """Break the `count` elements in state.pending, after step `step`; the events at particles of this rank.
+class Fractures(NamedTuple):
+    """What fractures act on besides elements: all fields of particles, rows in use (1,), what happened."""
 
-    The elements' slots are not touched: `plan.Plan` brings them up to date.
+    rules: FractureRules
+    particles: Particles
+    rows: np.ndarray
+    events: Events
+
+
+@inner_kernel
+def owns(p, rules):
+    """Whether this rank owns the particle in local row p."""
+    return p < rules.n_owned or p >= rules.first_split
+
+
+@inner_kernel
+def decide(e, elements, particles):
+    """Write to `elements.breaks` at which ends element e breaks, and which of them are loose.
+
+    It breaks at that with the larger resultant force, or at both.
     """
-    elements = sorted(state.pending[:count].tolist())
-    breaking = [(e, ends_that_break(state, e)) for e in elements]
-    if not state.features.fragments:
-        return [event for e, ends in breaking for event in take_out(state, e, ends, step, rules)]
-    decisions = [(e, [(end, is_loose(state, state.ends[e, end], e)) for end in ends]) for e, ends in breaking]
-    state.reserve(2 * count)
-    return [event for e, ends in decisions for event in split_particles(state, e, ends, step, rules)]
+    start, end = resultant(elements.ends[e, 0], particles), resultant(elements.ends[e, 1], particles)
+    breaks = 1 if start > end else 2
+    if abs(start - end) <= EQUAL_FORCES * max(start, end):
+        breaks = 3
+    for k in range(2):
+        if breaks >> k & 1 and is_loose(elements.ends[e, k], e, elements, particles):
+            breaks |= 1 << (LOOSE + k)
+    elements.breaks[e] = breaks
 
 
-def split_number(particles: int, element: int, end: int) -> int:
-    """Global number of the particle that splits off at an end (0, 1) of an element of a net of so many."""
-    return particles + 2 * element + end
+@inner_kernel
+def resultant(p, particles):
+    """Size [N] of the total force on particle p."""
+    f = particles.f
+    return math.sqrt(f[0][p] * f[0][p] + f[1][p] * f[1][p] + f[2][p] * f[2][p])
 
 
-def ends_that_break(state: State, e: int) -> tuple[int, ...]:
-    """The ends (0, 1) at which element e breaks: that with the larger resultant force, or both."""
-    force = [float(np.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])) for f in state.f[state.ends[e]]]
-    if abs(force[0] - force[1]) <= EQUAL_FORCES * max(force):
-        return (0, 1)
-    return (0,) if force[0] > force[1] else (1,)
-
-
-def is_loose(state: State, p: int, e: int) -> bool:
+@inner_kernel
+def is_loose(p, e, elements, particles):
     """Whether the particle is but the end of element e, carries nothing, and so leaves nothing to split.
 
     It is on no other element and no support. What it carries (cladding, a weight) falls off with the element
     that held it, or it would hang on a broken one for ever.
     """
-    sprung = state.features.springs and bool(state.spring[p].any())
-    alone = state.valence[p] == 1 and bool(state.free[p].all()) and not sprung
-    return alone and bool(state.mass[p] - state.half_mass[e] <= ROUNDING * state.mass[p])
+    for k in range(3):
+        if not particles.free[k][p]:
+            return False
+        if particles.spring is not None and particles.spring[k][p] != 0.0:
+            return False
+    mass = particles.mass[p]
+    return particles.valence[p] == 1 and mass - elements.half_mass[e] <= ROUNDING * mass
 
 
-def split_particles(state: State, e: int, ends: list[tuple[int, bool]], step: int, rules: FractureRules):
-    """The events at particles of this rank where element e breaks at some ends (end, whether it is loose)."""
-    particles, gid = state.ends[e].copy(), int(rules.element_gid[e])
-    before = _strain_before(state, e, rules.dt)
-    state.broken[e], state.eps_u[e] = 1, np.inf
-    split = [end for end, loose in ends if not loose]
-    half = state.half_mass[e]
-    mass = fragment_mass(state.EA[e], state.L0[e], half, rules.stable_dt)
+@inner_kernel
+def break_element(e, step, elements, law, fractures):
+    """Break element e after step `step`, as decided: split it, or take it out where there are no fragments.
+
+    The particle that splits off at end 0 or 1 has the global number particles + 2 element + end. Slots are
+    not touched: these follow from what became of the element's ends and its EA (`step/tear.py`).
+    """
+    if fractures.rules.stable_dt is not None:
+        split_particles(e, step, elements, law, fractures)
+    else:
+        take_out(e, step, elements, law, fractures)
+
+
+@inner_kernel
+def split_particles(e, step, elements, law, fractures):
+    """Element e leaves the particles at which it breaks, but the loose ones; new particles take its ends."""
+    rules, particles, rows, events = fractures
+    breaks, gid = np.int64(elements.breaks[e]), rules.element_gid[e]
+    a, b = np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1])
+    before = strain(length_before(e, rules.dt, elements, particles), elements.L0[e], law)
+    elements.broken[e], elements.eps_u[e] = 1, np.inf
+    half, at_split = elements.half_mass[e], breaks & 3 & ~(breaks >> LOOSE)
+    mass = fragment_mass(elements.EA[e], elements.L0[e], half, rules.stable_dt)
     weight = rules.gravity * (half * rules.own_weighs + (mass - half) * rules.carried_weighs)
     # the rank that keeps the element: the owner of the end that holds on; of its start if none does
-    keeper = particles[1 - split[0]] if len(split) == 1 else particles[0]
-    kept = state.own(keeper)
-    events = []
-    for end, loose in ends:
-        p = int(particles[end])
-        number = -1 if loose else split_number(rules.particles, gid, end)
-        if not loose:
-            if state.own(p):
-                _take_off(state, p, mass, weight)
-            if kept:
-                state.ends[e, end] = _new_particle(state, p, number, mass, weight)
-        if state.own(p):
-            _lose_wind(state, p, rules)
-            taken = 0.0 if loose else float(mass)
-            events.append(Event(step * rules.dt, step, gid, int(state.gid[p]), number, before, taken))
-    if split:
-        state.owned[e] = kept
-        if not kept:
-            state.EA[e] = 0.0  # it lives on the keeper's rank alone from here on
-    return events
-
-
-def take_out(state: State, e: int, ends: tuple[int, ...], step: int, rules: FractureRules) -> list[Event]:
-    """The events at particles of this rank where element e, which breaks at some ends, is taken out."""
-    before, gid = _strain_before(state, e, rules.dt), int(rules.element_gid[e])
-    dissipate(state, e, rules.dt)
-    state.broken[e], state.eps_u[e], state.EA[e] = 1, np.inf, 0.0
-    events = []
-    for end, p in enumerate(state.ends[e].tolist()):
-        if not state.own(p):
+    kept = owns(b if at_split == 1 else a, rules)
+    for end in range(2):
+        if not breaks >> end & 1:
             continue
-        state.valence[p] -= 1
-        if end in ends:
-            _lose_wind(state, p, rules)
-            events.append(Event(step * rules.dt, step, gid, int(state.gid[p]), -1, before, 0.0))
-    return events
+        p, number, taken = a if end == 0 else b, np.int64(-1), 0.0
+        if at_split >> end & 1:
+            number, taken = np.int64(rules.particles + 2 * gid + end), mass
+            if owns(p, rules):
+                take_off(p, mass, weight, particles)
+            if kept:
+                elements.ends[e, end] = new_particle(p, number, mass, weight, particles, rows)
+        if owns(p, rules):
+            lose_wind(p, rules, particles)
+            add_event(events, step, gid, particles.gid[p], number, before, taken)
+    if at_split:
+        elements.owned[e] = kept
+        if not kept:
+            elements.EA[e] = 0.0  # it lives on the keeper's rank alone from here on
 
 
-def _lose_wind(state: State, p: int, rules: FractureRules) -> None:
-    if state.wind is not None and not rules.wind_stays:
-        state.wind[p] = 0.0
+@inner_kernel
+def take_out(e, step, elements, law, fractures):
+    """Element e leaves the net; what is stored in it counts as dissipated."""
+    rules, particles, _, events = fractures
+    before = strain(length_before(e, rules.dt, elements, particles), elements.L0[e], law)
+    dissipate(e, rules.dt, elements, particles, law)
+    elements.broken[e], elements.eps_u[e], elements.EA[e] = 1, np.inf, 0.0
+    for end in range(2):
+        p = np.int64(elements.ends[e, end])
+        if not owns(p, rules):
+            continue
+        particles.valence[p] -= 1
+        if elements.breaks[e] >> end & 1:
+            lose_wind(p, rules, particles)
+            add_event(events, step, rules.element_gid[e], particles.gid[p], np.int64(-1), before, 0.0)
 
 
-def dissipate(state: State, e: int, dt: float) -> None:
+@inner_kernel
+def lose_wind(p, rules, particles):
+    """The wind on particle p ends with the element that left it, where it does."""
+    if particles.wind is not None and not rules.wind_stays:
+        particles.wind[0][p] = particles.wind[1][p] = particles.wind[2][p] = 0.0
+
+
+@kernel
+def dissipate(e, dt, elements, particles, law):
     """Count what is stored in element e as dissipated: up to half a drift ago, where its forces worked."""
-    elements, law = state.elements, state.law
-    L = _length_before(state, e, 0.5 * dt)
-    eps_p = 0.0 if state.eps_p is None else float(state.eps_p[e])
-    now, heat, stored = energies_at(elements, e, float(L), eps_p, law)
-    if state.eps_p is not None:
-        state.dissipated[e] += heat
-        state.eps_p[e] = now
-    state.dissipated[e] += stored
+    L = length_before(e, 0.5 * dt, elements, particles)
+    eps_p = 0.0
+    if elements.eps_p is not None:
+        eps_p = elements.eps_p[e]
+    now, heat, stored = energies_at(elements, e, L, eps_p, law)
+    if elements.eps_p is not None:
+        elements.dissipated[e] += heat
+        elements.eps_p[e] = now
+    elements.dissipated[e] += stored
 
 
-def _strain_before(state: State, e: int, dt: float) -> float:
-    """Strain of element e at x(n), one drift ago."""
-    return float(strains(_length_before(state, e, dt), state.L0[e], state.features.strain))
-
-
-def _length_before(state: State, e: int, time: float) -> float:
+@inner_kernel
+def length_before(e, time, elements, particles):
     """Length [m] of element e a time [s] ago, on the present velocities."""
-    a, b = state.ends[e]
-    d = (state.x[b] - time * state.v[b]) - (state.x[a] - time * state.v[a])
-    return np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    a, b, x, v = elements.ends[e, 0], elements.ends[e, 1], particles.x, particles.v
+    dx = (x[0][b] - time * v[0][b]) - (x[0][a] - time * v[0][a])
+    dy = (x[1][b] - time * v[1][b]) - (x[1][a] - time * v[1][a])
+    dz = (x[2][b] - time * v[2][b]) - (x[2][a] - time * v[2][a])
+    return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-def _take_off(state: State, p: int, mass: float, weight: float) -> None:
+@inner_kernel
+def take_off(p, mass, weight, particles):
     """Take a fragment's mass [kg] and weight [N] off particle p."""
-    state.valence[p] -= 1
-    state.mass[p] -= mass
-    state.load[p, 2] += weight
-    if state.valence[p] == 0 and state.mass[p] < 1e-9 * mass:
-        state.mass[p] = 0.0  # nothing was carried: what is left is rounding
+    particles.valence[p] -= 1
+    particles.mass[p] -= mass
+    particles.load[2][p] += weight
+    if particles.valence[p] == 0 and particles.mass[p] < 1e-9 * mass:
+        particles.mass[p] = 0.0  # nothing was carried: what is left is rounding
+    if particles.per_mass[p] != 0.0:
+        particles.per_mass[p] = inverse_mass(particles.mass[p])
 
 
-def _new_particle(state: State, p: int, number: int, mass: float, weight: float) -> int:
-    """Local row of the particle that takes a fragment's mass [kg] and weight [N] off particle p."""
-    row = state.add_particle(p)
-    state.gid[row], state.mass[row], state.load[row, 2] = number, mass, -weight
+@inner_kernel
+def new_particle(p, number, mass, weight, particles, rows):
+    """Local row of the particle that takes a fragment's mass [kg] and weight [N] off particle p.
+
+    Other fields are as `State` keeps them in the rows that are not yet in use.
+    """
+    row = rows[0]
+    rows[0] += 1
+    for k in range(3):
+        particles.x[k][row], particles.v[k][row] = particles.x[k][p], particles.v[k][p]
+        particles.x_start[k][row] = particles.x_start[k][p]
+    particles.gid[row], particles.mass[row], particles.load[2][row] = number, mass, -weight
+    particles.per_mass[row] = inverse_mass(mass)
     return row

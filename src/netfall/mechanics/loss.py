@@ -25,7 +25,7 @@ def lose_elements(state: State, elements: np.ndarray, dt: float) -> None:
     """
     for e in elements.tolist():
         if state.EA[e] > 0.0:  # else another rank has kept it when it broke, or it had been taken out
-            dissipate(state, e, dt)
+            dissipate(e, dt, state.elements, state.particles, state.law)
             _let_go(state, e)
         state.EA[e], state.lost[e], state.broken[e] = 0.0, 1, 1
         if state.eps_u is not None:

@@ -39,7 +39,8 @@ class Law(NamedTuple):
     logarithmic : True for the logarithmic strain, None for the engineering strain
     plastic : True where elements yield, None where all are elastic
     EA : [N] axial stiffness, None: differs, in the slots; yield_force : the same
-    reach : L / L0 from which an element is looked at for fracture, None: nothing breaks
+    reach : L / L0 from which an element is looked at for fracture (the least, where they differ), None:
+        nothing breaks
     """
 
     logarithmic: bool | None
@@ -53,8 +54,13 @@ def law_of(
     measure: str, plastic: bool, EA: float | None, yield_force: float | None, least: float | None
 ) -> Law:
     """The law of a rank. measure : a key of MEASURES; least : fracture strain of all, None: nothing breaks"""
-    reach = None if least is None else float(MEASURES[measure].stretch(least)) * NEARLY
+    reach = None if least is None else float(reaches(least, measure))
     return Law(measure == "logarithmic" or None, plastic or None, EA, yield_force, reach)
+
+
+def reaches(eps_u: np.ndarray, measure: str) -> np.ndarray:
+    """L / L0 (m,) from which elements of fracture strains (m,) are looked at; inf: never"""
+    return np.where(np.isinf(eps_u), np.inf, MEASURES[measure].stretch(eps_u) * NEARLY)
 
 
 # --- one element
@@ -252,5 +258,6 @@ def force_density(d, s, p, slots, law):
             lowest = -highest if slots.bar[s, p] else 0.0
             near |= (q < lowest * NEARLY) & (lowest < 0.0)
     if law.reach is not None:
-        near |= per_L0 > law.reach * per_length
+        reach = law.reach if slots.reach is None else slots.reach[s, p]
+        near |= per_L0 > reach * per_length
     return q if q > lowest else lowest, near

@@ -28,6 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from netfall.ground.compile import kernel
 from netfall.mechanics.material import largest_stiffness
 
 CLOSE = 1e-6  # of a step, to which mass scaling finds it
@@ -142,6 +143,7 @@ def scaled_mass(elements, EA, L0, mass, free, support, share: float) -> np.ndarr
     return mass + added(low)
 
 
+@kernel
 def fragment_mass(EA: float, L0: float, half: float, dt: float) -> float:
     """Mass [kg] of a particle that splits off with an element, in a run whose steps ask for stability at dt
     [s].

@@ -18,7 +18,9 @@ from netfall.mechanics.fields import (
     Slots,
     fields_of,
 )
-from netfall.mechanics.material import Law, law_of
+from netfall.mechanics.material import Law, law_of, reaches
+
+FEWEST_SPARE = 64  # rows for particles that may split off, made at once
 
 
 class State:
@@ -29,11 +31,20 @@ class State:
         self.features = features
         self.width = max(width, SLOTS)
         self.n_owned, self.n_halo, self.m = n_owned, n_halo, m
-        self.n_local = n_owned + n_halo  # rows of particles in use; more after splits
+        self.rows = np.array([n_owned + n_halo])  # of particles, in use; more after splits
         for field in FIELDS:
             rows = m if field.entity == "element" else self.n_local
             setattr(self, field.name, self._zeros(field, rows) if features.has(field) else None)
         self._tuples: dict = {}
+
+    @property
+    def n_local(self) -> int:
+        """Rows of particles in use."""
+        return int(self.rows[0])
+
+    @n_local.setter
+    def n_local(self, rows: int):
+        self.rows[0] = rows
 
     def _zeros(self, field: Field, rows: int) -> np.ndarray:
         """An array of so many elements or particles; a particle's axes stand apart, each contiguous."""
@@ -81,6 +92,8 @@ class State:
             float(array.max(initial=0.0)) if slot is None and array is not None else None
         )
         least = None if self.eps_u is None else self.eps_u.min(initial=np.inf)
+        if self.reach is not None:
+            self.reach[:] = reaches(self.eps_u, self.features.strain)
         self._tuples["law"] = law_of(
             self.features.strain,
             self.features.plastic,
@@ -123,28 +136,20 @@ class State:
         """Local rows of the particles that this rank owns."""
         return np.concatenate([np.arange(self.n_owned), np.arange(self.first_split, self.n_local)])
 
-    def add_particle(self, parent: int) -> int:
-        """Local row of a particle that splits off another; its fields as the table says. Needs `reserve`."""
-        row = self.n_local
-        self.n_local += 1
-        for field in fields_of("particle"):
-            array = getattr(self, field.name)
-            if array is not None:
-                array[row] = array[parent] if field.split == LIKE_PARENT else field.split
-        return row
-
     def reserve(self, particles: int) -> None:
-        """Make room for more particles to split off."""
+        """Make room for more particles to split off; their rows begin as the table of fields says."""
         capacity = len(self.x)
         if self.n_local + particles <= capacity:
             return
-        spare = max(64, particles, capacity // 8)
+        spare = max(FEWEST_SPARE, 2 * particles, capacity // 8)
         for field in FIELDS:
             array = getattr(self, field.name)
             if field.entity != "element" and array is not None:
                 grown = self._zeros(field, self.n_local + spare)
                 used = (slice(None), slice(self.n_local)) if field.entity == "slot" else slice(self.n_local)
                 grown[used] = array[used]
+                if field.entity == "particle" and field.split != LIKE_PARENT:
+                    grown[self.n_local :] = field.split
                 setattr(self, field.name, grown)
         self._tuples = {}
 

@@ -59,7 +59,7 @@ def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path
     """The last lines of a run, on rank 0. Collective."""
     simulation = outcomes[dynamics.NAME].result if dynamics.NAME in outcomes else None
     strained = _most_strained(scene, simulation and simulation.history)
-    envelope = simulation.envelope.record(simulation.state)[1] if desk.log.events else {}
+    envelope = simulation.envelope.record(simulation.state)[1] if len(desk.log) else {}
     if scene.model is None:
         return
     if simulation:
@@ -80,11 +80,10 @@ def _dynamics_lines(model: Model, simulation) -> list[str]:
     log, history, lines = simulation.log, simulation.history, []
     if simulation.removal:
         lines += loss_lines(simulation.removal.columns(), log.columns(), model.net.element_id)
-    if log.events:
-        first = log.events[0]
+    if len(log):
         lines.append(
-            f"fractures: {len(log.broken)} elements, the first at t = {first.time:.4f} s "
-            f"(element {model.id_of(first.element)})"
+            f"fractures: {len(log.broken)} elements, the first at t = {log.time[0]:.4f} s "
+            f"(element {model.id_of(log.element[0])})"
         )
     identity, balance = history.largest("identity_error"), history.largest("balance_error")
     if np.isfinite(identity):  # not without the audit
@@ -99,8 +98,7 @@ def _dynamics_lines(model: Model, simulation) -> list[str]:
 def _overloads(model: Model, log: EventLog, tension: np.ndarray) -> list[str]:
     """Notes on tensions that no element bears. tension : (m, 4), as `envelope.TENSION` has them"""
     ends, broke = model.net.elements, np.full(model.net.m, np.nan)
-    for event in reversed(log.events):  # of two ends the first
-        broke[event.element] = event.time
+    broke[log.element[::-1]] = log.time[::-1]  # of two ends the first
     along = model.x[ends[:, 1]] - model.x[ends[:, 0]]
     strength = strength_of(model.net.EA, model.eps_u, model.net.yield_force)
     carried = Carried(ends, along / lengths(along)[:, None], strength, tension[:, 0], tension[:, 1], broke)

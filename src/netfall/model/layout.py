@@ -98,5 +98,6 @@ def features_of(job: Job, net: Net) -> Features:
         bars=bool(net.bar.any()),
         part_held=bool((net.fixed.any(1) & ~net.fixed.all(1)).any()),
         sections=differ(net.EA) or differ(net.yield_force),
+        strengths=differ(net.fracture_strain),
         energy=job.output.energy,
     )

@@ -91,20 +91,20 @@ def _told(model: Model, simulation, tension: np.ndarray, displacement: np.ndarra
     log = simulation.log
     removal = simulation.removal.columns() if simulation.removal else None
     gone = np.zeros(model.net.m, bool)
-    gone[list(log.broken)] = True
+    gone[log.broken] = True
     found = {
-        "times": [event.time for event in log.events],
-        "elements": [event.element for event in log.events],
+        "times": log.time.tolist(),
+        "elements": log.element.tolist(),
         "broken": len(log.broken),
         "displacement_max": float(displacement.max()),
         "balance_error": simulation.history.largest("balance_error"),
     }
-    if log.events:
-        found |= {"first_fracture": log.events[0].time, "first_element": log.events[0].element}
+    if len(log):
+        found |= {"first_fracture": float(log.time[0]), "first_element": int(log.element[0])}
     if removal:
         gone[removal["element"]] = True
         tension = np.fmax(tension, np.fmax.reduce(removal["tension_highest"], 0))
-        found |= {} if log.events else _largest_factor(removal)  # the rest is that of a net that holds
+        found |= {} if len(log) else _largest_factor(removal)  # the rest is that of a net that holds
         found["rest_after_loss"] = worst_rest(states_of_rest(removal))
         found["gusts"] = int(model.wind_field is not None and model.wind_field.varies)
     strength = np.where(np.isfinite(model.net.breaking_load), model.net.breaking_load, model.net.yield_force)

@@ -8,8 +8,8 @@ from mpi4py import MPI
 from netfall.ground.errors import DivergedError, interrupted
 from netfall.job.asks import carries_weight
 from netfall.job.job import Job
-from netfall.mechanics.events import Event
-from netfall.mechanics.fracture import FractureRules, break_elements
+from netfall.mechanics.events import COLUMNS
+from netfall.mechanics.fracture import FractureRules
 from netfall.mechanics.state import State
 from netfall.net.net import GRAVITY
 from netfall.parallel.halo import Halo
@@ -108,20 +108,21 @@ class Simulation:
         self.after_fracture = job.wind.after_fracture if job.wind else "none"
         self.rules = FractureRules(
             particles=distribution.n,
+            n_owned=self.state.n_owned,
+            first_split=self.state.first_split,
             element_gid=distribution.subdomain.element_gid,
             gravity=GRAVITY,
             own_weighs=bool(job.load and job.load.self_weight),
             carried_weighs=carries_weight(job),
             wind_stays=self.after_fracture != "particle",
             dt=schedule.dt,
-            stable_dt=schedule.stable_dt,
+            stable_dt=schedule.stable_dt if self.state.features.fragments else None,
         )
         self.subdomain = distribution.subdomain
         self.halo = Halo(scene.comm, self.subdomain, halo_width(self.state))
-        self.plan = Plan(self.state, self.halo)
+        self.plan = Plan(self.state, self.halo, self.rules if self.state.features.fracture else None)
         self.n = 0  # step number: x(n), v(n-1/2)
         self.before_dt = 0.0
-        self.events: list[Event] = []  # of this rank, not yet shared
         self.start_strain = self.start_plastic = 0.0  # J, from which energies count
         self.largest_work = 0.0
         self.slack = 0
@@ -232,7 +233,7 @@ class Simulation:
                 stop = min(stop, self.removal.next_step)
             self.loads.advance(self.state, self.n, self.schedule.step_at)
             stop = min(stop, self.loads.due(self.schedule.step_at))
-            if self.after_fracture == "all" and not self.log.events:
+            if self.after_fracture == "all" and not len(self.log):
                 self.advance_until_first_fracture(stop)
             elif self.tearing:
                 self.advance_with_tearing(stop)
@@ -259,15 +260,8 @@ class Simulation:
         dt, watched = self.schedule.dt, self.removal is not None and self.removal.done > 0
         while self.n < stop:
             interval = Interval(self.n, stop - self.n, self.before_dt, dt, self.zeta, *sample, watched)
-            done, count, error = self.plan.run(interval, self.phases.of_steps)
-            if error:
-                raise MPI.Exception(error)
-            self.n += done
+            self.n += self.plan.run(interval, self.phases.of_steps)
             self.before_dt = dt
-            if count:
-                events = break_elements(self.state, count, self.n - 1, self.rules)
-                self.plan.follow(self.state, count)
-                self.events += events
 
     def advance_until_first_fracture(self, stop: int) -> None:
         """For after_fracture = "all": all wind ends with the first fracture, at the same step on all ranks.
@@ -296,20 +290,21 @@ class Simulation:
                 self.advance_block(first + 1)
             known = len(self.log)
             self.share_events()
-            self.tearing.tear(self.state, {event.element for event in self.log.events[known:]})
+            self.tearing.tear(self.state, np.unique(self.log.element[known:]))
             self.plan.attach(self.state)
 
     def first_fracture(self, stop: int) -> tuple[int, tuple, State]:
         """A block up to `stop`: the step of the first fracture in it, and how it began, for `take_back`."""
-        begin, kept = (self.n, self.before_dt, len(self.events)), self.state.copy()
+        begin, kept = (self.n, self.before_dt, int(self.plan.events.count[0])), self.state.copy()
         self.advance_block(stop)
-        mine = min((event.step for event in self.events), default=stop)
+        events = self.plan.events
+        mine = int(events.step[: events.count[0]].min(initial=stop))
         return self.comm.allreduce(mine, MPI.MIN), begin, kept
 
     def take_back(self, begin: tuple, kept: State) -> None:
         """To where a block began."""
-        self.n, self.before_dt, count = begin
-        self.events, self.state = self.events[:count], kept
+        self.n, self.before_dt, self.plan.events.count[0] = begin
+        self.state = kept
         self.plan.attach(kept)
 
     def share_events(self, slack_here: int = 0) -> None:
@@ -317,13 +312,16 @@ class Simulation:
 
         Count slack cables; hear of a wish to stop.
         """
-        counts = np.array([len(self.events), slack_here, self.stop.wanted], np.int64)
+        mine = self.plan.events
+        counts = np.array([mine.count[0], slack_here, self.stop.wanted], np.int64)
         self.comm.Allreduce(MPI.IN_PLACE, counts, MPI.SUM)
         events, self.slack, stopping = counts.tolist()
         self.stopping = stopping > 0
         if events:
-            self.log.add([event for part in self.comm.allgather(self.events) for event in part])
-            self.events = []
+            parts = self.comm.allgather([column[: mine.count[0]] for column in mine[1:]])
+            found = dict(zip(COLUMNS, map(np.concatenate, zip(*parts))))
+            self.log.add({"time": found["step"] * self.schedule.dt} | found)
+            mine.count[0] = 0
 
     def check_energies(self, snapshot) -> Energies:
         """The energies, before they are reported or the state is kept; stops a run that has diverged."""

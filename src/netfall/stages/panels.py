@@ -54,11 +54,11 @@ class Tearing:
         columns = (panels.of_corner, panels.node, panels.mass, panels.pressure, panels.wind)
         self.corners, self.row = Corners(*(column[here] for column in columns)), row[here]
         self.torn = np.zeros(self.panels.count, bool)
-        self.torn[self.panels.at(list(broken))] = True
+        self.torn[self.panels.at(broken)] = True
 
     def tear(self, state: State, elements) -> None:
         """Take the panels at some elements, global numbers, off the particles of this rank."""
-        panels = self.panels.at(list(elements))
+        panels = self.panels.at(elements)
         panels = panels[~self.torn[panels]]
         self.torn[panels] = True
         corners = np.flatnonzero(np.isin(self.corners.panel, panels))

@@ -92,7 +92,7 @@ class Removal:
     def _leaving(self, k: int) -> tuple[np.ndarray, HandOver]:
         """The particles that leave at loss k, and what they hand over, as the log has it. Collective."""
         loss = self.losses[k]
-        torn = {event.element for event in self.log.events if event.step < loss.step}
+        torn = set(self.log.element[self.log.step < loss.step].tolist())
         torn &= set(loss.elements.tolist())
         if not torn:
             return loss.particles, loss.handed

@@ -85,16 +85,66 @@ def kick_particle(p, i, force, kick, particles, f):
 
 @vector_kernel
 def kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
-    """Forces, kick and work of the particles of chunk c.
+    """Forces, kick and work of the particles of chunk c; those that split off have one element, in slot 0.
 
     kick_dt, zeta, share : of `motion.Kick`; chunks, scratch : `plan.Chunks`, `plan.Scratch`
     scratch.f : (rows,) counted from the chunk's first particle, out, total force [N]
     scratch.near : the same, out, 1 where an element of the particle is near its limits; None: all are elastic
     """
-    origin = np.uint64(chunks.low[c])  # unsigned: no index then counts from the end
-    spans, whole, parts, rest, loose = chunks.runs
-    x, f, f_rest, near_rest = particles.x, scratch.f, scratch.f_rest, scratch.near_rest
+    origin, end = (
+        np.uint64(chunks.low[c]),
+        np.uint64(chunks.high[c]),
+    )  # unsigned: no index counts from the end
+    gathered, spans, whole, rest, loose = chunks.runs
+    x, f, f_rest, near_rest, other = particles.x, scratch.f, scratch.f_rest, scratch.near_rest, slots.other
     kick = make_kick(kick_dt, zeta, share)
+    if c < chunks.splits:
+        for p in range(origin, end):
+            so_far, i = (0.0, 0.0, 0.0, np.bool_(False)), p - origin
+            fx, fy, fz, found = add_force(p, np.uint64(other[0, p]), np.int64(0), so_far, x, slots, law)
+            if scratch.near is not None:
+                scratch.near[i] = 1 if found else 0
+            kick_particle(p, i, (fx, fy, fz), kick, particles, f)
+        return
+    if gathered[c] and chunks.width[c] == SLOTS:
+        for p in range(origin, end):
+            i = p - origin
+            far = (
+                np.uint64(other[0, p]),
+                np.uint64(other[1, p]),
+                np.uint64(other[2, p]),
+                np.uint64(other[3, p]),
+            )
+            fx, fy, fz, found = four_forces(p, far, x, slots, law)
+            if scratch.near is not None:
+                scratch.near[i] = 1 if found else 0
+            kick_particle(p, i, (fx, fy, fz), kick, particles, f)
+        return
+    if gathered[c]:
+        for p in range(origin, end):
+            i = p - origin
+            far = (
+                np.uint64(other[0, p]),
+                np.uint64(other[1, p]),
+                np.uint64(other[2, p]),
+                np.uint64(other[3, p]),
+            )
+            f[0][i], f[1][i], f[2][i], found = four_forces(p, far, x, slots, law)
+            if scratch.near is not None:
+                scratch.near[i] = 1 if found else 0
+        for s in range(SLOTS, chunks.width[c]):
+            for p in range(origin, end):
+                i = p - origin
+                so_far = (f[0][i], f[1][i], f[2][i], np.bool_(False))
+                f[0][i], f[1][i], f[2][i], found = add_force(
+                    p, np.uint64(other[s, p]), np.int64(s), so_far, x, slots, law
+                )
+                if scratch.near is not None:
+                    scratch.near[i] |= 1 if found else 0
+        for p in range(origin, end):
+            i = p - origin
+            kick_particle(p, i, (f[0][i], f[1][i], f[2][i]), kick, particles, f)
+        return
     for r in range(spans[c, 0], spans[c, 1]):
         s0, s1, s2, s3 = (
             np.uint64(whole[r, 2]),
@@ -108,47 +158,19 @@ def kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
             if scratch.near is not None:
                 scratch.near[i] = 1 if found else 0
             kick_particle(p, i, (fx, fy, fz), kick, particles, f)
-    for r in range(spans[c, 2], spans[c, 3]):
-        s0, s1, s2, s3 = (
-            np.uint64(parts[r, 4]),
-            np.uint64(parts[r, 5]),
-            np.uint64(parts[r, 6]),
-            np.uint64(parts[r, 7]),
-        )
-        from_, up_to = np.uint64(parts[r, 2]), np.uint64(parts[r, 3])
-        for p in range(np.uint64(parts[r, 0]), np.uint64(parts[r, 1])):
-            i = p - origin
-            mine = (p >= from_) & (p < up_to)
-            fx, fy, fz, found = four_forces(p, (p + s0, p + s1, p + s2, p + s3), x, slots, law)
-            f[0][i], f[1][i], f[2][i] = (
-                fx if mine else f[0][i],
-                fy if mine else f[1][i],
-                fz if mine else f[2][i],
-            )
-            if scratch.near is not None:
-                scratch.near[i] = (1 if found else 0) if mine else scratch.near[i]
-    first, last = np.uint64(spans[c, 4]), np.uint64(spans[c, 5])
-    filled_up = first + np.uint64((spans[c, 5] - spans[c, 4] + LANES - 1) // LANES * LANES)
-    other = slots.other
+    first, last = np.uint64(spans[c, 2]), np.uint64(spans[c, 3])
+    filled_up = first + np.uint64((spans[c, 3] - spans[c, 2] + LANES - 1) // LANES * LANES)
     for i in range(first, filled_up):
         p, k = np.uint64(rest[i]), i - first
         far = (np.uint64(other[0, p]), np.uint64(other[1, p]), np.uint64(other[2, p]), np.uint64(other[3, p]))
         f_rest[0][k], f_rest[1][k], f_rest[2][k], found = four_forces(p, far, x, slots, law)
         near_rest[k] = 1 if found else 0
-    for s in range(SLOTS, chunks.width[c]):
-        for i in range(first, last):
-            p, k = np.uint64(rest[i]), i - first
-            so_far = (f_rest[0][k], f_rest[1][k], f_rest[2][k], near_rest[k] != 0)
-            f_rest[0][k], f_rest[1][k], f_rest[2][k], found = add_force(
-                p, np.uint64(other[s, p]), np.int64(s), so_far, x, slots, law
-            )
-            near_rest[k] = 1 if found else 0
     for i in range(first, last):
         k, row = i - first, rest[i] - origin
         f[0][row], f[1][row], f[2][row] = f_rest[0][k], f_rest[1][k], f_rest[2][k]
         if scratch.near is not None:
             scratch.near[row] = near_rest[k]
-    for r in range(spans[c, 6], spans[c, 7]):
+    for r in range(spans[c, 4], spans[c, 5]):
         for p in range(np.uint64(loose[r, 0]), np.uint64(loose[r, 1])):
             i = p - origin
             kick_particle(p, i, (f[0][i], f[1][i], f[2][i]), kick, particles, f)

@@ -11,6 +11,8 @@ from netfall.ground.compile import inner_kernel, vector_kernel
 from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.material import axial_force, strain, yield_energy
 
+BLOCK = 64  # particles that are passed over at once
+
 
 @vector_kernel
 def count_near(near, particles):
@@ -30,37 +32,44 @@ def length_of(p, o, particles):
 
 
 @inner_kernel
-def yield_and_break(c, count, chunks, particles, elements, slots, law, near):
+def yield_and_break(c, count, chunks, particles, elements, slots, law, near, f):
     """Yield of the elements of chunk c at x(n), and those that reach their fracture strain.
 
-    near : of `Scratch`; only particles where it is not 0 are looked at
+    near, f : of `Scratch`; only particles where near is not 0 are looked at, and their forces kept
 
     Both ends come to the same plastic strain by themselves; that which `reports` keeps the element's record.
     elements.pending : out, elements from place `count` on; the new count, and whether anything yielded
     """
     low, high, first_split = chunks.low[c], chunks.high[c], chunks.n_owned + chunks.n_halo
     any_yield = False
-    for p in range(low, high):
-        if near[p - low] == 0:
+    for begin in range(low, high, BLOCK):
+        end = min(begin + BLOCK, high)
+        if count_near(near[begin - low :], end - begin) == 0:
             continue
-        for s in range(max(chunks.width[c], SLOTS)):
-            if slots.inv_L0[s, p] == 0.0:
+        for p in range(begin, end):
+            if near[p - low] == 0:
                 continue
-            e, o = slots.element[s, p], slots.other[s, p]
-            start = elements.ends[e, 0]
-            reports = start == p or (chunks.n_owned <= start and start < first_split)
-            eps = strain(length_of(p, o, particles), elements.L0[e], law)
-            if elements.yield_force is not None:
-                _, eps_p = axial_force(elements, e, eps, slots.eps_p[s, p])
-                if eps_p != slots.eps_p[s, p]:
-                    any_yield = True
-                    if reports:
-                        elements.dissipated[e] += yield_energy(elements, e, elements.eps_p[e], eps_p, law)
-                        elements.eps_p[e] = eps_p
-                    slots.eps_p[s, p] = eps_p
-            if elements.eps_u is not None and reports and eps > elements.eps_u[e]:
-                elements.pending[count] = e
-                count += 1
+            for k in range(3):
+                particles.f[k][p] = f[k][p - low]
+            for s in range(max(chunks.width[c], SLOTS)):
+                if slots.inv_L0[s, p] == 0.0:
+                    continue
+                e, o = slots.element[s, p], slots.other[s, p]
+                start = elements.ends[e, 0]
+                reports = start == p or (chunks.n_owned <= start and start < first_split)
+                eps = strain(length_of(p, o, particles), elements.L0[e], law)
+                if elements.yield_force is not None:
+                    _, eps_p = axial_force(elements, e, eps, slots.eps_p[s, p])
+                    if eps_p != slots.eps_p[s, p]:
+                        any_yield = True
+                        if reports:
+                            heat = yield_energy(elements, e, elements.eps_p[e], eps_p, law)
+                            elements.dissipated[e] += heat
+                            elements.eps_p[e] = eps_p
+                        slots.eps_p[s, p] = eps_p
+                if elements.eps_u is not None and reports and eps > elements.eps_u[e]:
+                    elements.pending[count] = e
+                    count += 1
     return count, any_yield
 
 

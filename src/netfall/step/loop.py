@@ -7,7 +7,8 @@ A step n takes x(n) and v(n-1/2). Particles go through it in chunks that stay in
     3. after the chunks with boundary particles, which come first: their total forces are sent
     4. drift to x(n+1) of the chunks whose x(n) no later chunk needs; at the end, of all
     5. the halo's total forces arrive; halo particles: the same kick and drift
-    6. if elements reached their fracture strain, the loop returns; they break at x(n+1) (`fracture.py`)
+    6. elements that reached their fracture strain break at x(n+1) (`tear.py`); the loop returns if there is
+       no room for what they leave
 """
 
 from typing import NamedTuple
@@ -20,6 +21,7 @@ from netfall.parallel.halo import receive_forces, send_forces, wait_for_neighbou
 from netfall.parallel.mpi_symbols import lap
 from netfall.step.forces import kick_chunk
 from netfall.step.limits import count_near, keep_extremes, yield_and_break
+from netfall.step.tear import break_elements, has_room
 
 FORCES, EXCHANGE, INTEGRATION = 0, 1, 2  # what a step's time goes into; the kick counts with the forces
 
@@ -87,12 +89,15 @@ def move_halo(first, last, kick_dt, dt, zeta, particles):
 
 
 @kernel
-def time_loop(interval, chunks, particles, elements, slots, unyielded, law, scratch, buffers, seconds):
-    """The steps of an interval; steps done, elements that reached their fracture strain, MPI error.
+def time_loop(
+    interval, chunks, particles, elements, slots, unyielded, law, scratch, fractures, buffers, seconds
+):
+    """The steps of an interval; steps done, elements that are still to break, MPI error.
 
     chunks, scratch : of `Plan`; particles : `Particles` as `plan.stepped_particles` prepares them
     elements, slots, law : of `State`; unyielded : the slots without plastic strains, for chunks that
         have none
+    fractures : `Fractures`; None: nothing breaks
     buffers : `HaloBuffers`
     seconds : (3,) [s], added to, time of FORCES, EXCHANGE, INTEGRATION; None: not measured
     """
@@ -119,10 +124,10 @@ def time_loop(interval, chunks, particles, elements, slots, unyielded, law, scra
                 near = count_near(scratch.near, high - low)
                 if near > 0:
                     count, yielded = yield_and_break(
-                        c, count, chunks, particles, elements, slots, law, scratch.near
+                        c, count, chunks, particles, elements, slots, law, scratch.near, scratch.f
                     )
                     chunks.has_yielded[c] |= yielded
-            if c < own or near > 0:  # forces are kept where they are sent, or where something may break
+            if c < own:  # forces are kept where they are sent, and by `yield_and_break` where they count
                 keep_forces(low, high, scratch.f, particles.f)
             mark = lap(seconds, FORCES, mark)
             if c == own - 1:
@@ -144,6 +149,8 @@ def time_loop(interval, chunks, particles, elements, slots, unyielded, law, scra
         receive_forces(n_owned, particles, place, buffers)
         move_halo(n_owned, n_owned + n_halo, kick_dt, dt, zeta, particles)
         mark = lap(seconds, INTEGRATION, mark)
-        if count > 0:
-            return s + 1, count, 0
+        if fractures is not None and count > 0:
+            if not has_room(count, fractures):
+                return s + 1, count, 0
+            break_elements(count, interval.first + s, chunks, elements, slots, law, fractures)
     return interval.steps, 0, 0

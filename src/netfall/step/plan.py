@@ -4,12 +4,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.mechanics.events import events_with_room
 from netfall.mechanics.fields import SLOTS, Particles
+from netfall.mechanics.fracture import FractureRules, Fractures
 from netfall.mechanics.state import State, axes
-from netfall.parallel.halo import Halo
+from netfall.parallel.halo import Halo, check
 from netfall.step.loop import Interval, time_loop
 from netfall.step.runs import LANES, Runs, find_runs, make_runs
-from netfall.step.slots import empty_slots, fill_slots
+from netfall.step.slots import fill_slots
+from netfall.step.tear import break_elements
 
 CHUNK = 2048  # particles, 300 KB; fewer end the runs too often, more leave the second cache
 
@@ -17,9 +20,10 @@ CHUNK = 2048  # particles, 300 KB; fewer end the runs too often, more leave the 
 class Chunks(NamedTuple):
     """Stretches of particles, each small enough for the cache, in the order in which they are stepped.
 
-    First those of the particles that split off, `splits` of them, then those of the owned ones, of which the
-    first `boundary` hold the boundary particles.
-    n_owned, n_halo : particles; low, high : (chunks,) particles of each chunk
+    First those of the particles that split off, `splits` of them, with one element each; some are empty as
+    yet. Then those of the owned ones, of which the first `boundary` hold the boundary particles.
+    n_owned, n_halo : particles; inner : the first one after the boundary chunks; size : of a whole chunk
+    low, high : (chunks,) particles of each chunk
     width : (chunks,) most elements at one of them
     last_use : (chunks,) the last chunk that reads positions of the chunk, itself if none comes after it
     has_yielded : (chunks,) whether any of its elements has plastic strain
@@ -27,6 +31,8 @@ class Chunks(NamedTuple):
 
     n_owned: int
     n_halo: int
+    inner: int
+    size: int
     splits: int
     boundary: int
     low: np.ndarray
@@ -68,11 +74,12 @@ def stepped_particles(state: State) -> Particles:
 
 
 class Plan:
-    """The arguments of the time loop for a state, brought up to date when elements break."""
+    """The arguments of the time loop for a state, brought up to date when something else changes it."""
 
-    def __init__(self, state: State, halo: Halo):
+    def __init__(self, state: State, halo: Halo, rules: FractureRules | None = None):
+        """rules : of fractures; None: nothing breaks"""
         before, after = np.arange(0, halo.boundary, CHUNK), np.arange(halo.boundary, state.n_owned, CHUNK)
-        self.halo, self.boundary = halo, len(before)
+        self.halo, self.boundary, self.rules = halo, len(before), rules
         self._low = np.concatenate([before, after])
         self._high = np.append(self._low[1:], state.n_owned)[: len(self._low)]
         self.scratch = Scratch(
@@ -89,14 +96,17 @@ class Plan:
         chunk = chunk_of(state.ends[(state.ends < state.n_owned).all(1)])
         np.maximum.at(self._last_use, chunk[:, 0], chunk[:, 1])
         np.maximum.at(self._last_use, chunk[:, 1], chunk[:, 0])
+        self.events = events_with_room(0)
         self.attach(state)
 
     def attach(self, state: State) -> None:
         """Bring chunks, slots, masses and runs up to date with what is attached to what."""
-        new = np.arange(state.first_split, state.n_local, CHUNK)
+        self.state = state
+        state.renew_law()
+        new = np.arange(state.first_split, len(state.x), CHUNK)
         low = np.concatenate([new, self._low])
-        high = np.concatenate([np.minimum(new + CHUNK, state.n_local), self._high])
-        fill_slots(state, zip(low.tolist(), high.tolist()))
+        high = np.concatenate([np.clip(state.n_local, new, new + CHUNK), self._high])
+        fill_slots(state, zip(self._low.tolist(), self._high.tolist()))
         state.invert_masses()
         state.place_springs()
         has_yielded = np.zeros(len(low), np.uint8)
@@ -105,6 +115,8 @@ class Plan:
         self.chunks = Chunks(
             state.n_owned,
             state.n_halo,
+            self._low[self.boundary] if self.boundary < len(self._low) else state.n_owned,
+            CHUNK,
             len(new),
             self.boundary,
             low,
@@ -112,30 +124,36 @@ class Plan:
             np.concatenate([np.full(len(new), SLOTS), self._width]),
             np.concatenate([np.zeros(len(new), np.int64), self._last_use + len(new)]),
             has_yielded,
-            make_runs(len(low), state.n_local),
+            make_runs(len(low), state.n_owned),
         )
-        find_runs(self.chunks.low, self.chunks.high, self.chunks.width, state.other, self.chunks.runs)
+        find_runs(len(new), low, high, self.chunks.width, state.other, self.chunks.runs)
+        fractures = self.rules and Fractures(self.rules, state.particles, state.rows, self.events)
         self.arguments = (
             self.chunks,
             stepped_particles(state),
             state.elements,
             state.slots,
             state.slots._replace(eps_p=None),
-            state.renew_law(),
+            state.law,
             self.scratch,
+            fractures,
         )
 
-    def follow(self, state: State, count: int) -> None:
-        """Bring everything up to date with the `count` elements of state.pending that have broken."""
-        if state.features.fragments:
-            self.attach(state)
-            return
-        for e in state.pending[:count].tolist():  # taken out: nothing else changes
-            empty_slots(state, e)
+    def run(self, interval: Interval, seconds: np.ndarray | None = None) -> int:
+        """Advance the state by up to the steps of an interval; how many were done.
 
-    def run(self, interval: Interval, seconds: np.ndarray | None = None) -> tuple[int, int, int]:
-        """Advance the state by up to the steps of an interval; as `time_loop`.
-
-        Collective among neighbours.
+        Fewer where more breaks than there is room for: then there is, and it has broken. Collective among
+        neighbours.
         """
-        return time_loop(interval, *self.arguments, self.halo.buffers, seconds)
+        done, count, error = time_loop(interval, *self.arguments, self.halo.buffers, seconds)
+        check(error)
+        if count:
+            if self.state.features.fragments:
+                self.state.reserve(2 * count)
+            known = int(self.events.count[0])
+            if known + 2 * count > len(self.events.step):
+                self.events = events_with_room(2 * (known + 2 * count), self.events)
+            self.attach(self.state)
+            chunks, _, elements, slots, _, law, _, fractures = self.arguments
+            break_elements(count, interval.first + done - 1, chunks, elements, slots, law, fractures)
+        return done

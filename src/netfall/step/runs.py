@@ -8,26 +8,23 @@ from netfall.ground.compile import inner_kernel, kernel
 from netfall.mechanics.fields import SLOTS
 
 LANES = 8  # numbers of the widest registers: particles that one takes at once
-FEWEST = 3  # particles that are worth a register of their own
-MANY_LOOSE = 8  # one particle in so many outside a chunk's whole runs: then the kick goes through all of it
+MANY_LOOSE = 8  # one particle in so many outside a chunk's runs: then it is gone through without them
 
 
 class Runs(NamedTuple):
     """How the vector loop goes through the particles of each chunk.
 
-    spans : (chunks, 8) from and up to which row of each of the next four
+    gathered : (chunks,) 1 where it goes through all of them one after the other, whatever their far ends
+    spans : (chunks, 6) from and up to which row of each of the next three
     whole : (., 2 + SLOTS) first and last particle of runs, a multiple of LANES apart, and how far away
         the far ends are
-    parts : (., 4 + SLOTS) what remains of runs, or all of one: first and last particle, a multiple of LANES
-        apart; from and up to which of them it is the run; and how far away the far ends are
     rest : (.,) particles in no run, the last of a chunk repeated up to a multiple of LANES
-    loose : (., 2) first and last particle of stretches outside the whole runs, whose kick comes after all
-        forces; the whole chunk where it has many
+    loose : (., 2) first and last particle of stretches outside the runs, whose kick comes after all forces
     """
 
+    gathered: np.ndarray
     spans: np.ndarray
     whole: np.ndarray
-    parts: np.ndarray
     rest: np.ndarray
     loose: np.ndarray
 
@@ -35,9 +32,9 @@ class Runs(NamedTuple):
 def make_runs(chunks: int, particles: int) -> Runs:
     """`Runs` with room for the most that there could be, for `find_runs`."""
     return Runs(
-        np.zeros((chunks, 8), np.int64),
+        np.ones(chunks, np.uint8),
+        np.zeros((chunks, 6), np.int64),
         np.zeros((particles // LANES, 2 + SLOTS), np.int64),
-        np.zeros((particles // FEWEST, 4 + SLOTS), np.int64),
         np.zeros(particles + LANES * chunks, np.uint32),
         np.zeros((particles // LANES + chunks, 2), np.int64),
     )
@@ -58,8 +55,8 @@ def end_of_run(p, high, other):
 
 
 @inner_kernel
-def kick_at_once(low, high, width, other):
-    """Whether so few particles of a chunk are in whole runs that the kick had better go through all of it."""
+def is_torn(low, high, width, other):
+    """Whether so few particles of a chunk are in runs that it had better be gone through without."""
     outside, p = high - low, low
     while p < high and width <= SLOTS:
         end = end_of_run(p, high, other)
@@ -69,23 +66,24 @@ def kick_at_once(low, high, width, other):
 
 
 @kernel
-def find_runs(low_of, high_of, width_of, other, runs):
-    """Write the `Runs` of the chunks.
+def find_runs(first, low_of, high_of, width_of, other, runs):
+    """Write the `Runs` of the chunks from number `first` on.
 
     low_of, high_of, width_of : (chunks,) of `plan.Chunks`; other : (slots, n) local number of the far end
     """
-    spans, whole, parts, rest, loose = runs
-    wholes = partials = rests = stretches = 0
-    for c in range(width_of.shape[0]):
+    gathered, spans, whole, rest, loose = runs
+    wholes = rests = stretches = 0
+    for c in range(first, width_of.shape[0]):
         low, high = low_of[c], high_of[c]
-        at_once = kick_at_once(low, high, width_of[c], other)
-        spans[c, 0], spans[c, 2], spans[c, 4], spans[c, 6] = wholes, partials, rests, stretches
-        p = covered = low  # covered: where the last whole run ends
+        gathered[c] = is_torn(low, high, width_of[c], other)
+        if gathered[c]:
+            continue
+        spans[c, 0], spans[c, 2], spans[c, 4] = wholes, rests, stretches
+        p = covered = low  # covered: where the last run ends
         while p < high:
             end = end_of_run(p, high, other)
-            left = p  # so far in nothing
-            if not at_once and end - p >= LANES:
-                left = end - (end - p) % LANES
+            left = end - (end - p) % LANES  # so far in nothing
+            if left > p:
                 whole[wholes, 0], whole[wholes, 1] = p, left
                 for s in range(SLOTS):
                     whole[wholes, 2 + s] = np.int64(other[s, p]) - p
@@ -94,19 +92,6 @@ def find_runs(low_of, high_of, width_of, other, runs):
                     loose[stretches, 0], loose[stretches, 1] = covered, p
                     stretches += 1
                 covered = left
-            length = (end - left + LANES - 1) // LANES * LANES
-            begin = min(left, high - length)
-            fits = end - left >= FEWEST and begin >= low and width_of[c] <= SLOTS
-            for s in range(SLOTS):
-                far = begin + np.int64(other[s, p]) - p
-                fits &= far >= 0 and far + length <= other.shape[1]
-            if fits:
-                parts[partials, 0], parts[partials, 1] = begin, begin + length
-                parts[partials, 2], parts[partials, 3] = left, end
-                for s in range(SLOTS):
-                    parts[partials, 4 + s] = np.int64(other[s, p]) - p
-                partials += 1
-                left = end
             for p in range(left, end):
                 rest[rests] = p
                 rests += 1
@@ -114,7 +99,7 @@ def find_runs(low_of, high_of, width_of, other, runs):
         if covered < high:
             loose[stretches, 0], loose[stretches, 1] = covered, high
             stretches += 1
-        spans[c, 1], spans[c, 3], spans[c, 5], spans[c, 7] = wholes, partials, rests, stretches
+        spans[c, 1], spans[c, 3], spans[c, 5] = wholes, rests, stretches
         while rests % LANES > 0:
             rest[rests] = rest[rests - 1]
             rests += 1

@@ -7,7 +7,7 @@ scattered, and the loop over particles runs in vector registers.
 
 import numpy as np
 
-from netfall.ground.compile import allocating_kernel, kernel
+from netfall.ground.compile import allocating_kernel, inner_kernel, kernel
 from netfall.mechanics.fields import EMPTY, SLOTS, fields_of
 from netfall.mechanics.state import State
 
@@ -29,12 +29,6 @@ def fill_slots(state: State, chunks) -> None:
         slot = getattr(s, field.name)
         if field.slot_of and slot is not None:
             copy_to_slots(s.n_local, element, getattr(s, field.slot_of), slot)
-
-
-def empty_slots(state: State, e: int) -> None:
-    """Take element e out of the slots of its ends, where nothing else changes; runs stay as they are."""
-    for p in state.ends[e].tolist():
-        empty_slots_of(np.uint32(e), p, state.slots)
 
 
 @kernel
@@ -108,11 +102,34 @@ def copy_to_slots(n_local, slot_element, values, slot):
                 slot[s, p] = values[e]
 
 
-@kernel
-def empty_slots_of(e, p, slots):
-    """Leave the slot of element e at particle p empty, where it is."""
-    for s in range(slots.inv_L0.shape[0]):
-        if slots.element[s, p] == e:
-            slots.element[s, p], slots.inv_L0[s, p] = EMPTY, 0.0
-            if slots.bar is not None:
-                slots.bar[s, p] = 0
+@inner_kernel
+def slot_of(e, p, slots):
+    """The slot of element e at particle p, which has one."""
+    s = 0
+    while slots.element[s, p] != np.uint32(e):
+        s += 1
+    return s
+
+
+@inner_kernel
+def empty_slot(s, p, slots):
+    """Leave a slot of particle p empty: it adds nothing, and keeps its far end, so that runs go on."""
+    slots.element[s, p], slots.inv_L0[s, p] = EMPTY, 0.0
+    if slots.bar is not None:
+        slots.bar[s, p] = 0
+
+
+@inner_kernel
+def fill_slot(e, s, p, far, elements, slots):
+    """Put element e, whose far end is particle `far`, into a slot of particle p."""
+    slots.other[s, p], slots.element[s, p], slots.inv_L0[s, p] = far, e, 1.0 / elements.L0[e]
+    if slots.EA is not None:
+        slots.EA[s, p] = elements.EA[e]
+    if slots.bar is not None:
+        slots.bar[s, p] = elements.bar[e]
+    if slots.yield_force is not None:
+        slots.yield_force[s, p] = elements.yield_force[e]
+    if slots.eps_p is not None:
+        slots.eps_p[s, p] = elements.eps_p[e]
+    if slots.reach is not None:
+        slots.reach[s, p] = np.inf  # it has broken

@@ -1,0 +1,87 @@
+"""Fractures within the time loop: elements break, and slots and chunks follow where they are touched.
+
+What an element that breaks leaves is a slot that stays empty, at the particle that it left, a new far end, at
+the particle that it stays with, and a particle with one element, which stands in a chunk of such. A chunk in
+which far ends have changed is gone through without runs from then on.
+"""
+
+import numpy as np
+
+from netfall.ground.compile import inner_kernel, kernel
+from netfall.mechanics.fracture import break_element, decide, owns
+from netfall.step.slots import empty_slot, fill_slot, slot_of
+
+
+@inner_kernel
+def has_room(count, fractures):
+    """Whether there is room for what `count` elements can leave: two particles and two events each."""
+    if fractures.rules.stable_dt is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
+        if fractures.rows[0] + 2 * count > fractures.particles.gid.shape[0]:
+            return False
+    return fractures.events.count[0] + 2 * count <= fractures.events.step.shape[0]
+
+
+@kernel
+def break_elements(count, step, chunks, elements, slots, law, fractures):
+    """Break the `count` elements in elements.pending, after step `step`."""
+    pending = elements.pending
+    sort(pending, count)
+    for k in range(count):
+        decide(pending[k], elements, fractures.particles)
+    for k in range(count):
+        e = pending[k]
+        a, b = np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1])
+        break_element(e, step, elements, law, fractures)
+        follow_end(e, 0, a, chunks, elements, slots, fractures)
+        follow_end(e, 1, b, chunks, elements, slots, fractures)
+
+
+@inner_kernel
+def sort(numbers, count):
+    """Sort the first `count` of some numbers, by Shell's method."""
+    gap = 1
+    while 3 * gap < count:
+        gap = 3 * gap + 1
+    while gap > 0:
+        for k in range(gap, count):
+            mine, place = numbers[k], k
+            while place >= gap and numbers[place - gap] > mine:
+                numbers[place] = numbers[place - gap]
+                place -= gap
+            numbers[place] = mine
+        gap //= 3
+
+
+@inner_kernel
+def follow_end(e, end, before, chunks, elements, slots, fractures):
+    """Slots at an end (0, 1) of element e, which has broken. before : the particle there until then"""
+    rules = fractures.rules
+    there, far = np.int64(elements.ends[e, end]), np.int64(elements.ends[e, 1 - end])
+    out = elements.EA[e] == 0.0  # taken out of the net, or kept by another rank
+    if owns(before, rules) and (out or there != before):
+        empty_slot(slot_of(e, before, slots), before, slots)
+    elif owns(before, rules):
+        s = slot_of(e, before, slots)
+        if slots.reach is not None:
+            slots.reach[s, before] = np.inf
+        if slots.other[s, before] != np.uint32(far):
+            slots.other[s, before] = far
+            if before < rules.n_owned:
+                chunks.runs.gathered[chunk_of(before, chunks)] = 1
+    if not out and there != before:
+        for s in range(slots.other.shape[0]):
+            slots.other[s, there] = there
+            empty_slot(s, there, slots)
+        fill_slot(e, 0, there, far, elements, slots)
+        c = (there - rules.first_split) // chunks.size
+        chunks.high[c] = max(chunks.high[c], there + 1)
+        if slots.eps_p is not None:
+            chunks.has_yielded[c] |= slots.eps_p[0, there] != 0.0
+
+
+@inner_kernel
+def chunk_of(p, chunks):
+    """The chunk of a particle that this rank has owned from the start."""
+    if p < chunks.inner:
+        return chunks.splits + p // chunks.size
+    return chunks.splits + chunks.boundary + (p - chunks.inner) // chunks.size
