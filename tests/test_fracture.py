@@ -188,7 +188,7 @@ def test_slots_mended_where_elements_break_are_those_filled_anew(fragments):
     state.gid[:], state.v[:] = np.arange(n), 10.0 * np.random.default_rng(3).normal(size=(n, 3))
     (subdomain,) = cut_net(n, elements, np.zeros(n, np.int32), 1)
     ranks = n, n, np.arange(len(elements))  # all particles are owned
-    rules = FractureRules(n, *ranks, 9.81, True, True, True, 2e-5, 2e-5 if fragments else None)
+    rules = FractureRules(n, *ranks, 9.81, True, True, True, 2e-5 if fragments else None)
     plan = Plan(state, Halo(MPI.COMM_SELF, subdomain, 5), rules)
     step = 0
     while step < 400:

@@ -50,7 +50,7 @@ def outcome_of(told: dict, file: h5py.File | None, until: float | None) -> Outco
         "finished",
         "",
         float(file["provenance/timings"].attrs["dynamics"][2]),
-        float(file["provenance"].attrs["time_step"]),
+        float(file["provenance"].attrs["shortest_time_step"]),
         float(displacement),
         float(tension),
         first,

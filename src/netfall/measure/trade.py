@@ -139,7 +139,7 @@ def shorter_step(made: Trade, job: Job) -> list[str]:
 
 
 def automatic_step(made: Trade, job: Job) -> float:
-    """The step [s] that "auto" takes, from a run of a single history row."""
+    """The shortest step [s] that "auto" takes, from a run of a single history row."""
     setting = ["dynamics.time_step=auto", "dynamics.safety=0.8", "output.frames=1"]
     setting.append(f"dynamics.duration={min(job.dynamics.duration, job.output.history)!r}")
     (found,) = made.measure([setting], 1)

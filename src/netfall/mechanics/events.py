@@ -7,15 +7,25 @@ import numpy as np
 from netfall.ground.compile import inner_kernel
 
 
+class StepDone(NamedTuple):
+    """The step in which something breaks. time : [s] at its begin; step : its number; dt : [s], its length"""
+
+    time: float
+    step: int
+    dt: float
+
+
 class Events(NamedTuple):
     """Fractures of one rank that others do not know of yet, each at one end of an element, as they happen.
 
     count : (1,) how many; the others have room for more, and global numbers
+    time : [s]; step : number of the step, as `Schedule` counts them
     new_particle : -1 where nothing split, at a loose end or without fragments; mass : [kg] of the new
         particle
     """
 
     count: np.ndarray
+    time: np.ndarray
     step: np.ndarray
     element: np.ndarray
     particle: np.ndarray
@@ -24,7 +34,8 @@ class Events(NamedTuple):
     mass: np.ndarray
 
 
-COLUMNS = {name: np.float64 if name in ("strain", "mass") else np.int64 for name in Events._fields[1:]}
+REALS = ("time", "strain", "mass")
+COLUMNS = {name: np.float64 if name in REALS else np.int64 for name in Events._fields[1:]}
 
 
 def events_with_room(room: int, before: Events | None = None) -> Events:
@@ -39,10 +50,11 @@ def events_with_room(room: int, before: Events | None = None) -> Events:
 
 
 @inner_kernel
-def add_event(events, step, element, particle, new_particle, strain, mass):
-    """Log a fracture."""
+def add_event(events, when, element, particle, new_particle, strain, mass):
+    """Log a fracture. when : `StepDone`"""
     k = events.count[0]
-    events.step[k], events.element[k], events.particle[k] = step, element, particle
+    events.time[k], events.step[k] = when.time, when.step
+    events.element[k], events.particle[k] = element, particle
     events.new_particle[k], events.strain[k], events.mass[k] = new_particle, strain, mass
     events.count[0] = k + 1
 
@@ -50,16 +62,13 @@ def add_event(events, step, element, particle, new_particle, strain, mass):
 class EventLog:
     """All fractures of a run so far, the same on every rank, in the order of step, element and particle.
 
-    time [s], step, element, particle, new_particle, strain, mass [kg] : (k,) as in `Events`
+    time, step, element, particle, new_particle, strain, mass [kg] : (k,) as in `Events`
     broken : elements, ascending; split_gid : numbers of the particles that have split off, ascending
     """
-
-    NAMES = ("time", *COLUMNS)
 
     def __init__(self, particles: int):
         """particles : of the net, whose rows come before those that split off"""
         self.particles = particles
-        self.time = np.zeros(0)
         for name, dtype in COLUMNS.items():
             setattr(self, name, np.zeros(0, dtype))
         self.broken = self.split_gid = np.zeros(0, np.int64)
@@ -70,7 +79,7 @@ class EventLog:
     def add(self, found: dict[str, np.ndarray]) -> None:
         """Fractures since the last call, from all ranks: the columns by name."""
         order = np.lexsort((found["particle"], found["element"], found["step"]))
-        for name in self.NAMES:
+        for name in COLUMNS:
             setattr(self, name, np.concatenate([getattr(self, name), found[name][order]]))
         self.broken = np.union1d(self.broken, found["element"])
         new = found["new_particle"]
@@ -87,8 +96,8 @@ class EventLog:
 
     def columns(self) -> dict[str, np.ndarray]:
         """The log as columns, for the result file and for checkpoints."""
-        return {name: getattr(self, name) for name in self.NAMES}
+        return {name: getattr(self, name) for name in COLUMNS}
 
     def restore(self, columns: dict[str, np.ndarray]) -> None:
         """Take up the columns of an earlier run."""
-        self.add({name: columns[name] for name in self.NAMES})
+        self.add({name: columns[name] for name in COLUMNS})

@@ -42,7 +42,7 @@ class FractureRules(NamedTuple):
     gravity : [m/s2]; own_weighs, carried_weighs : whether it acts on the elements' own mass, on what is
         carried
     wind_stays : whether a particle keeps its wind when an element leaves it
-    dt : [s] length of a step; stable_dt : [s] for which fragments are stable; None: without fragments
+    stable_dt : [s] for which fragments are stable; None: without fragments
     """
 
     particles: int
@@ -53,7 +53,6 @@ class FractureRules(NamedTuple):
     own_weighs: bool
     carried_weighs: bool
     wind_stays: bool
-    dt: float
     stable_dt: float | None
 
 
@@ -112,25 +111,27 @@ def is_loose(p, e, elements, particles):
 
 
 @inner_kernel
-def break_element(e, step, elements, law, fractures):
-    """Break element e after step `step`, as decided: split it, or take it out where there are no fragments.
+def break_element(e, when, elements, law, fractures):
+    """Break element e, as decided: split it, or take it out where there are no fragments.
+
+    when : `events.StepDone`
 
     The particle that splits off at end 0 or 1 has the global number particles + 2 element + end. Slots are
     not touched: these follow from what became of the element's ends and its EA (`step/tear.py`).
     """
     if fractures.rules.stable_dt is not None:
-        split_particles(e, step, elements, law, fractures)
+        split_particles(e, when, elements, law, fractures)
     else:
-        take_out(e, step, elements, law, fractures)
+        take_out(e, when, elements, law, fractures)
 
 
 @inner_kernel
-def split_particles(e, step, elements, law, fractures):
+def split_particles(e, when, elements, law, fractures):
     """Element e leaves the particles at which it breaks, but the loose ones; new particles take its ends."""
     rules, particles, rows, events = fractures
     breaks, gid = np.int64(elements.breaks[e]), rules.element_gid[e]
     a, b = np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1])
-    before = strain(length_before(e, rules.dt, elements, particles), elements.L0[e], law)
+    before = strain(length_before(e, when.dt, elements, particles), elements.L0[e], law)
     elements.broken[e], elements.eps_u[e] = 1, np.inf
     half, at_split = elements.half_mass[e], breaks & 3 & ~(breaks >> LOOSE)
     mass = fragment_mass(elements.EA[e], elements.L0[e], half, rules.stable_dt)
@@ -149,7 +150,7 @@ def split_particles(e, step, elements, law, fractures):
                 elements.ends[e, end] = new_particle(p, number, mass, weight, particles, rows)
         if owns(p, rules):
             lose_wind(p, rules, particles)
-            add_event(events, step, gid, particles.gid[p], number, before, taken)
+            add_event(events, when, gid, particles.gid[p], number, before, taken)
     if at_split:
         elements.owned[e] = kept
         if not kept:
@@ -157,11 +158,11 @@ def split_particles(e, step, elements, law, fractures):
 
 
 @inner_kernel
-def take_out(e, step, elements, law, fractures):
+def take_out(e, when, elements, law, fractures):
     """Element e leaves the net; what is stored in it counts as dissipated."""
     rules, particles, _, events = fractures
-    before = strain(length_before(e, rules.dt, elements, particles), elements.L0[e], law)
-    dissipate(e, rules.dt, elements, particles, law)
+    before = strain(length_before(e, when.dt, elements, particles), elements.L0[e], law)
+    dissipate(e, when.dt, elements, particles, law)
     elements.broken[e], elements.eps_u[e], elements.EA[e] = 1, np.inf, 0.0
     for end in range(2):
         p = np.int64(elements.ends[e, end])
@@ -170,7 +171,7 @@ def take_out(e, step, elements, law, fractures):
         particles.valence[p] -= 1
         if elements.breaks[e] >> end & 1:
             lose_wind(p, rules, particles)
-            add_event(events, step, rules.element_gid[e], particles.gid[p], np.int64(-1), before, 0.0)
+            add_event(events, when, rules.element_gid[e], particles.gid[p], np.int64(-1), before, 0.0)
 
 
 @inner_kernel

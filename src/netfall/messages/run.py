@@ -258,7 +258,7 @@ def probe_remarks(model: Model, probes) -> list[str]:
 
 def step_remarks(scene: Scene) -> list[str]:
     """What a user should know of mass that was added, and of a fixed step."""
-    job, dt, remarks = scene.job, scene.schedule.dt, []
+    job, dt, remarks = scene.job, scene.schedule.long_dt, []
     if scene.model.added is not None:
         remarks.append(_added_mass(scene.model))
     end = step_at(job.dynamics.duration, dt) * dt

@@ -23,42 +23,84 @@ def step_at(times, dt: float):
 
 @dataclass(frozen=True)
 class Schedule:
-    """Steps of one length dt [s], and the step numbers at which something is due."""
+    """Steps of one length dt [s], and the step numbers at which something is due.
+
+    stride : the net is stepped with so many of these at once as long as nothing breaks; what is due is so at
+        a multiple of it
+    stable_dt : [s] for which fragments are stable: longer than dt by the margin of safety
+    margin : share of a limit of the step that the net as it is by now may need for the long step
+    """
 
     dt: float
     steps: int
+    stride: int
     history: np.ndarray
     frames: np.ndarray
     checkpoints: np.ndarray
-    stable_dt: float  # s, for which fragments are stable: longer than the step by the margin of safety
+    stable_dt: float
+    margin: float
+
+    @property
+    def long_dt(self) -> float:
+        """[s], of the steps as long as nothing breaks."""
+        return self.stride * self.dt
 
     def step_at(self, time: float) -> int:
-        """First step at or after a time [s]."""
-        return int(step_at(time, self.dt))
+        """First step at or after a time [s] at which something can be due."""
+        return self.stride * int(step_at(time, self.long_dt))
 
 
-def make_schedule(limit: float, dynamics, output) -> Schedule:
-    """Steps for the job: its own length, or for "auto" the largest within `limit` [s] that fits the rows of
-    the history, or the duration where that is no multiple of theirs: then they come up to a step later.
+def make_schedule(limit: float, intact: float, dynamics, output) -> Schedule:
+    """Steps for the job: its own length, or for "auto" the largest that fits the rows of the history, or the
+    duration where that is no multiple of theirs: then they come up to a step later.
+
+    limit, intact : [s] of the step, whatever the net does, and as long as nothing breaks
     """
+    stride = 1
     if dynamics.time_step == "auto":
-        every, longest = min(output.history, dynamics.duration), dynamics.safety * limit
+        stride = stride_of(intact / limit)
+        every, longest = min(output.history, dynamics.duration), dynamics.safety * min(intact, stride * limit)
         rows = dynamics.duration / every
         if abs(rows - round(rows)) > ROUNDING * rows:
             every, longest = dynamics.duration, min(every, longest)
-        dt = every / max(1.0, np.ceil(every / longest - ROUNDING))
+        long = every / max(1.0, np.ceil(every / longest - ROUNDING))
+        stride = max(1, int(np.ceil(long / (dynamics.safety * limit) - ROUNDING)))
     else:
-        dt = dynamics.time_step
-    steps = max(1, int(step_at(dynamics.duration, dt)))
-    rows = np.arange(int(np.floor(steps * dt / output.history + ROUNDING)) + 1) * output.history
-    frames = np.linspace(0.0, steps * dt, output.frames + 1)
-    at = lambda times: np.unique(np.append(np.minimum(step_at(times, dt), steps), steps)).astype(np.int64)
+        long = dynamics.time_step
+    steps = max(1, int(step_at(dynamics.duration, long)))
+    rows = np.arange(int(np.floor(steps * long / output.history + ROUNDING)) + 1) * output.history
+    frames = np.linspace(0.0, steps * long, output.frames + 1)
+    at = lambda times: np.unique(np.append(np.minimum(step_at(times, long), steps), steps)).astype(np.int64)
     every = output.checkpoint
-    saves = np.arange(1, int(np.floor(steps * dt / every)) + 1) * every if every > 0 else np.zeros(0)
-    saves = step_at(saves, dt).astype(np.int64)
+    saves = np.arange(1, int(np.floor(steps * long / every)) + 1) * every if every > 0 else np.zeros(0)
+    saves, dt = step_at(saves, long).astype(np.int64), float(long) / stride
     return Schedule(
-        float(dt), steps, at(rows), at(frames), saves[saves < steps], float(min(dt / dynamics.safety, limit))
+        dt,
+        stride * steps,
+        stride,
+        stride * at(rows),
+        stride * at(frames),
+        stride * saves[saves < steps],
+        float(min(dt / dynamics.safety, limit)),
+        0.5 * (1.0 + dynamics.safety),
     )
+
+
+def steps_line(schedule: Schedule) -> str:
+    """The number of steps and their length, for messages."""
+    line = f"{schedule.steps // schedule.stride} steps of {schedule.long_dt:.4g} s"
+    return line + (f", of {schedule.dt:.4g} s where elements break" if schedule.stride > 1 else "")
+
+
+def stride_of(ratio: float) -> int:
+    """How many steps of fragments make one of the intact net, whose limit is `ratio` times theirs.
+
+    One of the two is shorter than it need be: that which loses less.
+    """
+    if not np.isfinite(ratio):
+        return 1
+    whole = max(1, int(ratio + ROUNDING))
+    return whole if ratio * ratio <= whole * (whole + 1) else whole + 1
 
 
 def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[str, Limit]:
@@ -82,12 +124,13 @@ def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[
     return {limit.name: limit for limit in limits}
 
 
-def governing(limits: dict[str, Limit], automatic: bool) -> Limit:
-    """The limit that the step must keep whatever the net does.
+def governing(limits: dict[str, Limit], automatic: bool, intact: bool = False) -> Limit:
+    """The limit that the step must keep whatever the net does; intact : as long as nothing breaks
 
     That for slack cables only where it is chosen here.
     """
-    binding = [limit for limit in limits.values() if limit.name != "assembled"]
+    no = ("assembled", "after_fracture") if intact else ("assembled",)
+    binding = [limit for limit in limits.values() if limit.name not in no]
     return min(
         (limit for limit in binding if automatic or limit.name != "slackening"), key=lambda limit: limit.dt
     )
@@ -113,7 +156,7 @@ def schedule_of(job: Job, limits: dict[str, Limit], model: Model) -> Schedule:
             f"{job.path}: [dynamics] duration = {job.dynamics.duration:g}: asks for {steps:.3g} steps of "
             f"{dt:.3g} s; at most {MOST_STEPS:.0e} are possible"
         )
-    return make_schedule(limit.dt, job.dynamics, job.output)
+    return make_schedule(limit.dt, governing(limits, automatic, True).dt, job.dynamics, job.output)
 
 
 def refuse_step(job: Job, limit: Limit, limits: dict[str, Limit], model: Model) -> None:

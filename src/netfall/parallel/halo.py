@@ -196,7 +196,7 @@ class Halo:
         """Collective."""
         index = subdomain.send_index
         self.boundary = int(index.max()) + 1 if len(index) else 0  # first rows, which hold boundary particles
-        self.n_owned, self._made, self._window = subdomain.n_owned, [], None
+        self.n_owned, self.width, self._made, self._window = subdomain.n_owned, width, [], None
         node = _node_of(comm)
         first = lambda counts: np.concatenate([[0], np.cumsum(counts)]).astype(int) * width
         sends, receives = first(subdomain.send_counts), first(subdomain.receive_counts)  # places in a buffer

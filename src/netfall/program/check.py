@@ -27,6 +27,7 @@ from netfall.messages.run import (
 from netfall.messages.wind import wind_lines
 from netfall.model.layout import Layout, make_layout
 from netfall.model.model import Model
+from netfall.model.schedule import steps_line
 from netfall.net.build import build_net
 from netfall.program.run import scheduled
 from netfall.program.setup import prepare
@@ -140,10 +141,7 @@ def _describe_steps(scene: Scene, say) -> None:
     job, schedule = scene.job, scene.schedule
     for limit in scene.limits.values():
         say(limit_line(limit, scene.model))
-    say(
-        f"steps: {schedule.steps} of {schedule.dt:.4g} s"
-        + (" (auto)" if job.dynamics.time_step == "auto" else "")
-    )
+    say(f"steps: {steps_line(schedule)}" + (" (auto)" if job.dynamics.time_step == "auto" else ""))
     for remark in remarks_of(scene):
         say(remark)
 
@@ -156,7 +154,7 @@ def _describe_time(scene: Scene, say) -> None:
         count = len(job.cases) + (job.load.steps if job.load else 0) + 1
         parts["equilibria"] = EQUILIBRIUM_S * m * (count + bool(rest_words(job)))
     if schedule:
-        parts["steps"] = schedule.steps * (m * STEP_NS * 1e-9 + STEP_US * 1e-6)
+        parts["steps"] = schedule.steps // schedule.stride * (m * STEP_NS * 1e-9 + STEP_US * 1e-6)
         parts["output"] = ROW_S * (len(schedule.history) + len(schedule.frames))
     say(
         f"expected run time about {sum(parts.values()):.2g} s on one core ("

@@ -44,7 +44,7 @@ def _alike(values: np.ndarray) -> bool:
 
 def provenance_of(scene: Scene) -> dict:
     """The attributes and texts of /provenance; rank 0 has all of them."""
-    job, schedule, model = scene.job, scene.schedule, scene.model
+    job, model = scene.job, scene.model
     values = {
         "job": job.text,
         "job_name": job.name,
@@ -77,8 +77,7 @@ def provenance_of(scene: Scene) -> dict:
         values["roof_area_given"] = model.area_given
     if model.added is not None:
         values["added_mass"] = float(model.added.sum())
-    if schedule:
-        values |= {"time_step": schedule.dt, "steps": schedule.steps}
+    if scene.schedule:
         for name, limit in scene.limits.items():
             values |= {f"limit_{name}": limit.dt, f"limit_{name}_element": limit.element}
     return values

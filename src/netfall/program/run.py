@@ -118,6 +118,8 @@ def run_stages(scene: Scene, desk: Desk) -> dict[str, Outcome]:
             group: datasets for outcome in outcomes.values() for group, datasets in outcome.sections.items()
         }
         provenance = provenance_of(scene)
+        for outcome in outcomes.values():
+            provenance |= outcome.attributes
         desk.result.close(sections, provenance, desk.phases.over_ranks(scene.comm))
     except (InputError, DivergedError, Interrupted) as error:  # raised on every rank alike
         desk.result.file.discard_all()

@@ -11,6 +11,7 @@ from netfall.job.job import Job
 from netfall.mechanics.events import COLUMNS
 from netfall.mechanics.fracture import FractureRules
 from netfall.mechanics.state import State
+from netfall.model.schedule import steps_line
 from netfall.net.net import GRAVITY
 from netfall.parallel.halo import Halo
 from netfall.record.columns import Moment
@@ -23,6 +24,7 @@ from netfall.stages.panels import Tearing
 from netfall.stages.removal import Removal
 from netfall.stages.rests import losses_now
 from netfall.stages.scene import Desk, Outcome, Scene
+from netfall.stages.step_limit import long_step_allowed
 from netfall.stages.varying import VaryingLoads, WindLoad, varying_loads
 from netfall.step.loop import Interval
 from netfall.step.plan import Plan, halo_width
@@ -30,7 +32,7 @@ from netfall.write.ids import event_ids
 
 LOOK_STEPS = 100_000  # at most, between looks at the wish to stop: a tenth of a second on the smallest net
 LOOK_WORK = 200_000_000  # steps of an element, at most, between them: two seconds on one rank
-
+CALM = 100  # long steps without a fracture, after which the step is a long one again
 
 NAME = "dynamics"
 
@@ -48,9 +50,7 @@ def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
     with desk.phases.phase("wind"):
         loads = varying_loads(scene) + (list(removal.fades.values()) if removal else [])
     schedule = scene.schedule
-    desk.progress.say(
-        f"dynamics: {scene.job.dynamics.duration:g} s in {schedule.steps} steps of {schedule.dt:.4g} s"
-    )
+    desk.progress.say(f"dynamics: {scene.job.dynamics.duration:g} s in {steps_line(schedule)}")
     start = start_energies(scene) if desk.saver.stage != NAME else None
     simulation = Simulation(scene, desk, loads, removal)
     if start:
@@ -62,7 +62,8 @@ def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
         except DivergedError:  # on every rank
             simulation.halo.free()
             raise
-    return Outcome(simulation, sections=sections(scene, simulation))
+    made = {"steps": simulation.made, "time_step": schedule.long_dt, "shortest_time_step": schedule.dt}
+    return Outcome(simulation, sections=sections(scene, simulation), attributes=made)
 
 
 def start_energies(scene: Scene) -> Energies:
@@ -115,7 +116,6 @@ class Simulation:
             own_weighs=bool(job.load and job.load.self_weight),
             carried_weighs=carries_weight(job),
             wind_stays=self.after_fracture != "particle",
-            dt=schedule.dt,
             stable_dt=schedule.stable_dt if self.state.features.fragments else None,
         )
         self.subdomain = distribution.subdomain
@@ -123,17 +123,26 @@ class Simulation:
         self.plan = Plan(self.state, self.halo, self.rules if self.state.features.fracture else None)
         self.n = 0  # step number: x(n), v(n-1/2)
         self.before_dt = 0.0
+        self.made = 0  # steps, each of a stride
+        self.stride = schedule.stride  # now
+        self.calm = 0  # step number from which on a longer stride may be had again
         self.start_strain = self.start_plastic = 0.0  # J, from which energies count
         self.largest_work = 0.0
         self.slack = 0
         self.stopping = False
-        self.look_every = max(1, min(LOOK_STEPS, LOOK_WORK // max(1, distribution.m)))  # steps
+        looks = min(LOOK_STEPS, LOOK_WORK // max(1, distribution.m)) // schedule.stride
+        self.look_every = max(1, looks) * schedule.stride  # steps
         self.probes = LocalProbes(self.subdomain, probes)
         self.tearing = None
         if self.after_fracture == "panels":
             self.tearing = Tearing(scene.comm, distribution, self.model, self.log.broken, schedule.stable_dt)
         with self.phases.phase("time loop"):  # compiled, or loaded
             self.plan.run(Interval(0, 0, 0.0, schedule.dt, self.zeta, 0.0, 1.0), self.phases.of_steps)
+
+    @property
+    def dt(self) -> float:
+        """Length [s] of the steps that are taken now."""
+        return self.stride * self.schedule.dt
 
     def begin(self, energies: Energies) -> None:
         """At the first step: what is stored and dissipated from there on counts."""
@@ -197,13 +206,16 @@ class Simulation:
         """Snapshot of the present step, with the loads at its time."""
         self.loads.advance(self.state, self.n, self.schedule.step_at)
         share = (self.time - self.loads.time) / self.loads.dt
-        return take_snapshot(self.state, self.before_dt, self.schedule.dt, self.zeta, share)
+        return take_snapshot(self.state, self.before_dt, self.dt, self.zeta, share)
 
     def record(self) -> tuple[dict, dict]:
         """Where the run stands, for `restore`. Collective."""
         small = {
             "step": self.n,
             "before_dt": self.before_dt,
+            "made": self.made,
+            "stride": self.stride,
+            "calm": self.calm,
             "largest_work": self.largest_work,
             "start_strain": self.start_strain,
             "start_plastic": self.start_plastic,
@@ -213,7 +225,8 @@ class Simulation:
 
     def restore(self, small: dict, _: dict | None) -> None:
         """Take up the record of an earlier run; the loads stand where it left them."""
-        self.n, self.before_dt = small["step"], small["before_dt"]
+        self.n, self.before_dt, self.made = small["step"], small["before_dt"], small["made"]
+        self.stride, self.calm = small["stride"], small["calm"]
         self.largest_work = small["largest_work"]
         self.history.most_strained = tuple(small["most_strained"])
         self.start_strain, self.start_plastic = small["start_strain"], small["start_plastic"]
@@ -233,12 +246,8 @@ class Simulation:
                 stop = min(stop, self.removal.next_step)
             self.loads.advance(self.state, self.n, self.schedule.step_at)
             stop = min(stop, self.loads.due(self.schedule.step_at))
-            if self.after_fracture == "all" and not len(self.log):
-                self.advance_until_first_fracture(stop)
-            elif self.tearing:
-                self.advance_with_tearing(stop)
-            else:
-                self.advance_block(stop)
+            while self.n < stop:
+                self.advance_in_stride(stop)
             if self.n < target and self.n % self.look_every == 0:
                 self.report()
                 if self.comm.allreduce(self.stop.wanted, MPI.LOR):
@@ -254,14 +263,72 @@ class Simulation:
         """Write a checkpoint of the present step; its path. Collective."""
         return self.saver.save(NAME, self.n, self.state)
 
+    def advance_in_stride(self, stop: int) -> None:
+        """Step towards number `stop`, or to it, with the step that the net has now.
+
+        As long as nothing breaks that is the long one. If something does, the steps are taken back to the long
+        step in which it happened, and from there on it is the short one, until nothing has broken for CALM
+        long steps. All of this follows from the numbers of the steps in which elements break, which are the
+        same on any ranks and wherever rows, frames and checkpoints fall.
+        """
+        long = self.schedule.stride
+        if self.stride == long:
+            if long == 1:
+                self.advance_through_fractures(stop)
+            elif self.advance_to_first_fracture(stop):
+                self.stride, self.calm = 1, self.n + CALM * long
+            return
+        self.advance_through_fractures(min(stop, self.calm))
+        mine = self.plan.events.step[: self.plan.events.count[0]]
+        known = self.log.step[-1] if len(self.log) else -1
+        last = self.comm.allreduce(int(mine.max(initial=known)), MPI.MAX)
+        self.calm = max(self.calm, (last // long + 1 + CALM) * long if last >= 0 else 0)
+        if self.n == self.calm:
+            if long_step_allowed(
+                self.comm, self.state, self.halo, self.schedule.long_dt, self.schedule.margin
+            ):
+                self.stride = long
+            else:
+                self.calm += CALM * long
+
+    def advance_through_fractures(self, stop: int) -> None:
+        """Step to number `stop` with the short step, whatever breaks."""
+        if self.after_fracture == "all" and not len(self.log):
+            self.advance_until_first_fracture(stop)
+        elif self.tearing:
+            self.advance_with_tearing(stop)
+        else:
+            self.advance_block(stop)
+
+    def interval(self, stop: int, trial: bool = False) -> Interval:
+        """The steps from the present one to number `stop`, with the stride of now."""
+        first, steps = self.n // self.stride, (stop - self.n) // self.stride
+        sample, watched = (self.loads.time, self.loads.dt), self.removal is not None and self.removal.done > 0
+        return Interval(
+            first, steps, self.before_dt, self.dt, self.zeta, *sample, self.stride, watched, trial
+        )
+
+    def advance_to_first_fracture(self, stop: int) -> bool:
+        """Step to number `stop`, or to the step in which something breaks on any rank; whether it does."""
+        whole = self.interval(stop, trial=True)
+        mine = self.plan.try_out(whole, self.phases.of_steps)
+        steps = self.comm.allreduce(mine, MPI.MIN)
+        if steps < whole.steps:
+            self.plan.take_back()
+            if steps:
+                self.plan.run(self.interval(self.n + steps * self.stride), self.phases.of_steps)
+        self._stepped(steps)
+        return steps < whole.steps
+
+    def _stepped(self, steps: int) -> None:
+        self.n += steps * self.stride
+        self.made += steps
+        self.before_dt = self.dt if steps else self.before_dt
+
     def advance_block(self, stop: int) -> None:
         """Step to number `stop` without a word to ranks that are not neighbours."""
-        sample = self.loads.time, self.loads.dt
-        dt, watched = self.schedule.dt, self.removal is not None and self.removal.done > 0
         while self.n < stop:
-            interval = Interval(self.n, stop - self.n, self.before_dt, dt, self.zeta, *sample, watched)
-            self.n += self.plan.run(interval, self.phases.of_steps)
-            self.before_dt = dt
+            self._stepped(self.plan.run(self.interval(stop), self.phases.of_steps))
 
     def advance_until_first_fracture(self, stop: int) -> None:
         """For after_fracture = "all": all wind ends with the first fracture, at the same step on all ranks.
@@ -295,7 +362,8 @@ class Simulation:
 
     def first_fracture(self, stop: int) -> tuple[int, tuple, State]:
         """A block up to `stop`: the step of the first fracture in it, and how it began, for `take_back`."""
-        begin, kept = (self.n, self.before_dt, int(self.plan.events.count[0])), self.state.copy()
+        count = int(self.plan.events.count[0])
+        begin, kept = (self.n, self.made, self.before_dt, count), self.state.copy()
         self.advance_block(stop)
         events = self.plan.events
         mine = int(events.step[: events.count[0]].min(initial=stop))
@@ -303,7 +371,7 @@ class Simulation:
 
     def take_back(self, begin: tuple, kept: State) -> None:
         """To where a block began."""
-        self.n, self.before_dt, self.plan.events.count[0] = begin
+        self.n, self.made, self.before_dt, self.plan.events.count[0] = begin
         self.state = kept
         self.plan.attach(kept)
 
@@ -319,8 +387,7 @@ class Simulation:
         self.stopping = stopping > 0
         if events:
             parts = self.comm.allgather([column[: mine.count[0]] for column in mine[1:]])
-            found = dict(zip(COLUMNS, map(np.concatenate, zip(*parts))))
-            self.log.add({"time": found["step"] * self.schedule.dt} | found)
+            self.log.add(dict(zip(COLUMNS, map(np.concatenate, zip(*parts)))))
             mine.count[0] = 0
 
     def check_energies(self, snapshot) -> Energies:
@@ -339,7 +406,7 @@ class Simulation:
         self.largest_work = np.fmax(self.largest_work, abs(e.external))
         now = Moment(
             self.time,
-            self.schedule.dt,
+            self.before_dt or self.dt,
             e,
             self.start_strain,
             self.start_plastic,

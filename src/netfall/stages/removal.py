@@ -65,7 +65,7 @@ class Removal:
         force = self._forces(state, loss, rows, now)
         simulation.share_events()
         particles, handed = self._leaving(self.done)
-        lose_elements(state, rows, self.dt)
+        lose_elements(state, rows, simulation.before_dt)
         self._join(state, handed)
         leave(state, np.flatnonzero(np.isin(subdomain.particle_gid, particles)))
         simulation.plan.attach(state)

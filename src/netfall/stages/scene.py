@@ -84,12 +84,13 @@ class Outcome(NamedTuple):
     """What a stage leaves.
 
     result : for stages after it, and for a study; lines : said at its end
-    sections : its small datasets by group of the file, on rank 0
+    sections : its small datasets by group of the file, on rank 0; attributes : of /provenance, likewise
     """
 
     result: Any = None
     lines: Sequence[str] = ()
     sections: Mapping[str, dict[str, np.ndarray]] = {}
+    attributes: Mapping[str, Any] = {}
 
 
 class Stage(Protocol):

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.ground.compile import kernel, part_of_kernel, vector_kernel
+from netfall.mechanics.events import StepDone
 from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
 from netfall.parallel.halo import receive_forces, send_forces, wait_for_neighbours
 from netfall.parallel.mpi_symbols import lap
@@ -30,9 +31,11 @@ class Interval(NamedTuple):
     """Steps between two samples of the loads that vary, or fewer.
 
     first : number of the first step, at time first * dt; steps : how many; dt : [s] their length
+    stride : how many of the steps that are counted each of them is
     before_dt : [s] length of the step before the first, 0 at the start
     zeta : [1/s] damping; sample_time : [s] of the sample before; sample_dt : [s] from it to the one after
     watched : whether extremes of the tensions are kept, in a scene that has them
+    trial : whether nothing breaks yet: the steps are taken back if something reaches its fracture strain
     """
 
     first: int
@@ -42,7 +45,16 @@ class Interval(NamedTuple):
     zeta: float
     sample_time: float
     sample_dt: float
+    stride: int = 1
     watched: bool = False
+    trial: bool = False
+
+
+@kernel
+def step_done(interval, s):
+    """Step number s of an interval."""
+    number = interval.first + s
+    return StepDone(number * interval.dt, number * interval.stride, interval.dt)
 
 
 @vector_kernel
@@ -94,6 +106,9 @@ def time_loop(
 ):
     """The steps of an interval; steps done, elements that are still to break, MPI error.
 
+    In a trial the second is the number of steps up to the one in which the first element should have broken,
+    0 if none should.
+
     chunks, scratch : of `Plan`; particles : `Particles` as `plan.stepped_particles` prepares them
     elements, slots, law : of `State`; unyielded : the slots without plastic strains, for chunks that
         have none
@@ -103,6 +118,7 @@ def time_loop(
     """
     before_dt, dt, zeta, own = interval.before_dt, interval.dt, interval.zeta, chunks.splits + chunks.boundary
     n_owned, n_halo = chunks.n_owned, chunks.n_halo
+    tried = 0
     for s in range(interval.steps):
         kick_dt = 0.5 * (before_dt + dt)
         before_dt = dt
@@ -150,7 +166,11 @@ def time_loop(
         move_halo(n_owned, n_owned + n_halo, kick_dt, dt, zeta, particles)
         mark = lap(seconds, INTEGRATION, mark)
         if fractures is not None and count > 0:
-            if not has_room(count, fractures):
+            if interval.trial:
+                tried = s + 1 if tried == 0 else tried
+            elif has_room(count, fractures):
+                when = step_done(interval, s)
+                break_elements(count, when, chunks, elements, slots, law, fractures)
+            else:
                 return s + 1, count, 0
-            break_elements(count, interval.first + s, chunks, elements, slots, law, fractures)
-    return interval.steps, 0, 0
+    return interval.steps, tried, 0

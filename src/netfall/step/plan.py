@@ -9,11 +9,12 @@ from netfall.mechanics.fields import SLOTS, Particles
 from netfall.mechanics.fracture import FractureRules, Fractures
 from netfall.mechanics.state import State, axes
 from netfall.parallel.halo import Halo, check
-from netfall.step.loop import Interval, time_loop
+from netfall.step.loop import Interval, step_done, time_loop
 from netfall.step.runs import LANES, Runs, find_runs, make_runs
 from netfall.step.slots import fill_slots
 from netfall.step.tear import break_elements
 
+MOVING = ("x", "v", "work", "highest", "lowest", "eps_p", "dissipated", "slot_eps_p")  # where nothing breaks
 CHUNK = 2048  # particles, 300 KB; fewer end the runs too often, more leave the second cache
 
 
@@ -155,5 +156,19 @@ class Plan:
                 self.events = events_with_room(2 * (known + 2 * count), self.events)
             self.attach(self.state)
             chunks, _, elements, slots, _, law, _, fractures = self.arguments
-            break_elements(count, interval.first + done - 1, chunks, elements, slots, law, fractures)
+            break_elements(count, step_done(interval, done - 1), chunks, elements, slots, law, fractures)
         return done
+
+    def try_out(self, interval: Interval, seconds: np.ndarray | None = None) -> int:
+        """Steps of a trial before the one in which the first element should break; all, if none should."""
+        kept = {name: getattr(self.state, name) for name in MOVING}
+        kept = {name: array.copy(order="K") for name, array in kept.items() if array is not None}
+        done, tried, error = time_loop(interval, *self.arguments, self.halo.buffers, seconds)
+        check(error)
+        self.before = kept
+        return tried - 1 if tried else done
+
+    def take_back(self) -> None:
+        """The state is as it was before the last trial."""
+        for name, array in self.before.items():
+            getattr(self.state, name)[:] = array

@@ -22,8 +22,8 @@ def has_room(count, fractures):
 
 
 @kernel
-def break_elements(count, step, chunks, elements, slots, law, fractures):
-    """Break the `count` elements in elements.pending, after step `step`."""
+def break_elements(count, when, chunks, elements, slots, law, fractures):
+    """Break the `count` elements in elements.pending. when : `events.StepDone`"""
     pending = elements.pending
     sort(pending, count)
     for k in range(count):
@@ -31,7 +31,7 @@ def break_elements(count, step, chunks, elements, slots, law, fractures):
     for k in range(count):
         e = pending[k]
         a, b = np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1])
-        break_element(e, step, elements, law, fractures)
+        break_element(e, when, elements, law, fractures)
         follow_end(e, 0, a, chunks, elements, slots, fractures)
         follow_end(e, 1, b, chunks, elements, slots, fractures)
 
