@@ -131,6 +131,7 @@ FIELDS = (
     ),
     _element("lowest", np.float64, "N", "smallest tension of a step since then", "losses", kept=True),
     _element("yield_force", np.float64, "N", "axial force at yield", "plastic", given=True),
+    _element("yield_strain", np.float64, "", "strain at yield before any", "plastic_sections"),
     _element("eps_p", np.float64, "", "plastic strain", "plastic", kept=True),
     _element(
         "dissipated",
@@ -158,6 +159,14 @@ FIELDS = (
         "axial force at yield, unless it is the same everywhere",
         "plastic_sections",
         "yield_force",
+    ),
+    _slot(
+        "slot_yield_strain",
+        np.float64,
+        "",
+        "strain at yield before any, unless it is the same everywhere",
+        "plastic_sections",
+        "yield_strain",
     ),
     _slot("slot_eps_p", np.float64, "", "plastic strain", "plastic", "eps_p"),
     _slot(

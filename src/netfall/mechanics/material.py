@@ -38,7 +38,8 @@ class Law(NamedTuple):
 
     logarithmic : True for the logarithmic strain, None for the engineering strain
     plastic : True where elements yield, None where all are elastic
-    EA : [N] axial stiffness, None: differs, in the slots; yield_force : the same
+    EA : [N] axial stiffness, None: differs, in the slots; yield_force, yield_strain = yield_force / EA : the
+        same
     reach : L / L0 from which an element is looked at for fracture (the least, where they differ), None:
         nothing breaks
     """
@@ -47,6 +48,7 @@ class Law(NamedTuple):
     plastic: bool | None
     EA: float | None
     yield_force: float | None
+    yield_strain: float | None
     reach: float | None
 
 
@@ -55,7 +57,8 @@ def law_of(
 ) -> Law:
     """The law of a rank. measure : a key of MEASURES; least : fracture strain of all, None: nothing breaks"""
     reach = None if least is None else float(reaches(least, measure))
-    return Law(measure == "logarithmic" or None, plastic or None, EA, yield_force, reach)
+    yield_strain = None if EA is None or yield_force is None else yield_force / EA if EA > 0.0 else np.inf
+    return Law(measure == "logarithmic" or None, plastic or None, EA, yield_force, yield_strain, reach)
 
 
 def reaches(eps_u: np.ndarray, measure: str) -> np.ndarray:
@@ -227,7 +230,10 @@ def strength_of(EA, fracture_strain, yield_force) -> np.ndarray:
 
 @part_of_kernel
 def force_density(d, s, p, slots, law):
-    """N / L [N/m] of the element in slot s of particle p, and whether it is near yield or fracture.
+    """N / L [N/m] of the element in slot s of particle p, whether it is near its limits, its plastic strain.
+
+    Where the slots hold plastic strains, cables yield here. A bar is only pointed at as near, since its heat
+    does not follow from its plastic strain.
 
     `axial_force` over the length, arranged for one inverse root:
     EA (L / L0 - 1 - eps_p) / L = EA (1 / L0 - (1 + eps_p) / L).
@@ -238,7 +244,7 @@ def force_density(d, s, p, slots, law):
     per_L0 = slots.inv_L0[s, p]
     stiffness = law.EA if slots.EA is None else slots.EA[s, p]
     eps_p = 0.0 if slots.eps_p is None else slots.eps_p[s, p]
-    square = fused(d[2], d[2], fused(d[1], d[1], fused(d[0], d[0], TINY)))
+    square = squared_length(d)
     per_length = inverse_root(square)
     if law.logarithmic is not None:
         stretch = max(square * per_length * per_L0, TINY)
@@ -247,17 +253,47 @@ def force_density(d, s, p, slots, law):
         q = stiffness * fused(-1.0 - eps_p, per_length, per_L0)
     near = False
     lowest = 0.0  # slack
+    yielded = 0.0
+    if slots.eps_p is not None:
+        yielded = plastic_strain(square * per_length * per_L0, eps_p, s, p, slots, law)
+        if slots.bar is not None:
+            near = (yielded != eps_p) & (slots.bar[s, p] != 0)
+            yielded = eps_p if slots.bar[s, p] else yielded
     if slots.bar is not None:
         lowest = -np.inf if slots.bar[s, p] else 0.0
     if law.plastic is not None:
         limit = law.yield_force if slots.yield_force is None else slots.yield_force[s, p]
         highest = limit * per_length
-        near = q > highest * NEARLY
+        if slots.eps_p is None:
+            near = q > highest * NEARLY
         q = highest if q > highest else q
         if slots.bar is not None:
             lowest = -highest if slots.bar[s, p] else 0.0
-            near |= (q < lowest * NEARLY) & (lowest < 0.0)
+            if slots.eps_p is None:
+                near |= (q < lowest * NEARLY) & (lowest < 0.0)
     if law.reach is not None:
         reach = law.reach if slots.reach is None else slots.reach[s, p]
         near |= per_L0 > reach * per_length
-    return q if q > lowest else lowest, near
+    return q if q > lowest else lowest, near, yielded
+
+
+@part_of_kernel
+def plastic_strain(stretch, eps_p, s, p, slots, law):
+    """Plastic strain after L / L0 = stretch of the element in slot s of particle p, which had eps_p before.
+
+    A cable's only grows: to what is left of the strain at the yield force.
+    """
+    limit = law.yield_strain if slots.yield_strain is None else slots.yield_strain[s, p]
+    eps = stretch - 1.0
+    if law.logarithmic is not None:
+        eps = logarithm(max(stretch, TINY))
+    new = max(eps_p, eps - limit)
+    if slots.bar is not None:
+        new = min(new, eps + limit) if slots.bar[s, p] else new
+    return new
+
+
+@part_of_kernel
+def squared_length(d):
+    """Square [m2] of the length of a vector, three [m]; not zero."""
+    return fused(d[2], d[2], fused(d[1], d[1], fused(d[0], d[0], TINY)))

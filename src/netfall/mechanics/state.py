@@ -92,6 +92,10 @@ class State:
             float(array.max(initial=0.0)) if slot is None and array is not None else None
         )
         least = None if self.eps_u is None else self.eps_u.min(initial=np.inf)
+        if self.yield_strain is not None:
+            self.yield_strain[:] = np.divide(
+                self.yield_force, self.EA, out=np.full(self.m, np.inf), where=self.EA > 0.0
+            )
         if self.reach is not None:
             self.reach[:] = reaches(self.eps_u, self.features.strain)
         self._tuples["law"] = law_of(

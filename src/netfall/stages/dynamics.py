@@ -28,6 +28,7 @@ from netfall.stages.step_limit import long_step_allowed
 from netfall.stages.varying import VaryingLoads, WindLoad, varying_loads
 from netfall.step.loop import Interval
 from netfall.step.plan import Plan, halo_width
+from netfall.step.slots import collect_yield_of
 from netfall.write.ids import event_ids
 
 LOOK_STEPS = 100_000  # at most, between looks at the wish to stop: a tenth of a second on the smallest net
@@ -206,6 +207,7 @@ class Simulation:
         """Snapshot of the present step, with the loads at its time."""
         self.loads.advance(self.state, self.n, self.schedule.step_at)
         share = (self.time - self.loads.time) / self.loads.dt
+        collect_yield_of(self.state)
         return take_snapshot(self.state, self.before_dt, self.dt, self.zeta, share)
 
     def record(self) -> tuple[dict, dict]:
@@ -266,10 +268,10 @@ class Simulation:
     def advance_in_stride(self, stop: int) -> None:
         """Step towards number `stop`, or to it, with the step that the net has now.
 
-        As long as nothing breaks that is the long one. If something does, the steps are taken back to the long
-        step in which it happened, and from there on it is the short one, until nothing has broken for CALM
-        long steps. All of this follows from the numbers of the steps in which elements break, which are the
-        same on any ranks and wherever rows, frames and checkpoints fall.
+        As long as nothing breaks that is the long one. If something does, the steps are taken back to the
+        long step in which it happened, and from there on it is the short one, until nothing has broken for
+        CALM long steps. All of this follows from the numbers of the steps in which elements break: the same
+        on any ranks, and wherever rows, frames and checkpoints fall.
         """
         long = self.schedule.stride
         if self.stride == long:
@@ -362,6 +364,7 @@ class Simulation:
 
     def first_fracture(self, stop: int) -> tuple[int, tuple, State]:
         """A block up to `stop`: the step of the first fracture in it, and how it began, for `take_back`."""
+        collect_yield_of(self.state)
         count = int(self.plan.events.count[0])
         begin, kept = (self.n, self.made, self.before_dt, count), self.state.copy()
         self.advance_block(stop)

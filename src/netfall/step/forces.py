@@ -6,7 +6,7 @@ it. `Particles` come as the plan prepares them (`plan.stepped_particles`).
 
 import numpy as np
 
-from netfall.ground.compile import part_of_kernel, vector_kernel
+from netfall.ground.compile import inner_kernel, part_of_kernel, vector_kernel
 from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.loads import external_force, squared_speed
 from netfall.mechanics.material import force_density
@@ -20,11 +20,15 @@ from netfall.step.runs import LANES
 def add_force(p, o, s, so_far, x, slots, law):
     """Forces [N] on particle p and whether an element is near its limits, with the element in its slot s.
 
+    Where the slots hold plastic strains, a cable's yield is kept.
+
     o : its far end; so_far : the same without it; x : positions [m], three of (n,)
     """
     fx, fy, fz, near = so_far
     dx, dy, dz = x[0][o] - x[0][p], x[1][o] - x[1][p], x[2][o] - x[2][p]
-    q, found = force_density((dx, dy, dz), s, p, slots, law)
+    q, found, yielded = force_density((dx, dy, dz), s, p, slots, law)
+    if slots.eps_p is not None:
+        slots.eps_p[s, p] = yielded
     return fused(q, dx, fx), fused(q, dy, fy), fused(q, dz, fz), near | found
 
 
@@ -83,68 +87,79 @@ def kick_particle(p, i, force, kick, particles, f):
         damping[p] = damping[p] + cx + cy + cz
 
 
-@vector_kernel
-def kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
-    """Forces, kick and work of the particles of chunk c; those that split off have one element, in slot 0.
+@inner_kernel
+def kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, unyielded, law, scratch):
+    """Forces, kick and work of the particles of chunk c; where plastic strains are, yield of cables.
 
     kick_dt, zeta, share : of `motion.Kick`; chunks, scratch : `plan.Chunks`, `plan.Scratch`
+    unyielded : the slots without plastic strains
     scratch.f : (rows,) counted from the chunk's first particle, out, total force [N]
     scratch.near : the same, out, 1 where an element of the particle is near its limits; None: all are elastic
     """
-    origin, end = (
-        np.uint64(chunks.low[c]),
-        np.uint64(chunks.high[c]),
-    )  # unsigned: no index counts from the end
-    gathered, spans, whole, rest, loose = chunks.runs
+    if c < chunks.splits:
+        if chunks.has_yielded[c]:
+            kick_splits(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
+        else:
+            kick_splits(c, kick_dt, zeta, share, chunks, particles, unyielded, law, scratch)
+    elif chunks.has_yielded[c]:
+        kick_gathered(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
+    elif chunks.runs.gathered[c]:
+        kick_gathered(c, kick_dt, zeta, share, chunks, particles, unyielded, law, scratch)
+    else:
+        kick_runs(c, kick_dt, zeta, share, chunks, particles, unyielded, law, scratch)
+
+
+@vector_kernel
+def kick_splits(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
+    """`kick_chunk` of particles that have split off: each has one element, in slot 0."""
+    origin, x, f, other = np.uint64(chunks.low[c]), particles.x, scratch.f, slots.other
+    kick = make_kick(kick_dt, zeta, share)
+    for p in range(origin, np.uint64(chunks.high[c])):
+        so_far, i = (0.0, 0.0, 0.0, np.bool_(False)), p - origin
+        fx, fy, fz, found = add_force(p, np.uint64(other[0, p]), np.int64(0), so_far, x, slots, law)
+        if scratch.near is not None:
+            scratch.near[i] = 1 if found else 0
+        kick_particle(p, i, (fx, fy, fz), kick, particles, f)
+
+
+@vector_kernel
+def kick_gathered(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
+    """`kick_chunk` one particle after the other, wherever the far ends are."""
+    origin, end = np.uint64(chunks.low[c]), np.uint64(chunks.high[c])  # unsigned: nothing counts from the end
+    x, f, other = particles.x, scratch.f, slots.other
+    kick = make_kick(kick_dt, zeta, share)
+    for p in range(origin, end):
+        i = p - origin
+        f[0][i], f[1][i], f[2][i], found = four_forces(p, far_ends(p, other), x, slots, law)
+        if scratch.near is not None:
+            scratch.near[i] = 1 if found else 0
+    for s in range(SLOTS, chunks.width[c]):
+        for p in range(origin, end):
+            i = p - origin
+            so_far = (f[0][i], f[1][i], f[2][i], np.bool_(False))
+            f[0][i], f[1][i], f[2][i], found = add_force(
+                p, np.uint64(other[s, p]), np.int64(s), so_far, x, slots, law
+            )
+            if scratch.near is not None:
+                scratch.near[i] |= 1 if found else 0
+    for p in range(origin, end):
+        i = p - origin
+        kick_particle(p, i, (f[0][i], f[1][i], f[2][i]), kick, particles, f)
+
+
+@part_of_kernel
+def far_ends(p, other):
+    """The far ends in the first four slots of particle p."""
+    return np.uint64(other[0, p]), np.uint64(other[1, p]), np.uint64(other[2, p]), np.uint64(other[3, p])
+
+
+@vector_kernel
+def kick_runs(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
+    """`kick_chunk` in runs; `Runs`."""
+    origin = np.uint64(chunks.low[c])  # unsigned: no index then counts from the end
+    _, spans, whole, rest, loose = chunks.runs
     x, f, f_rest, near_rest, other = particles.x, scratch.f, scratch.f_rest, scratch.near_rest, slots.other
     kick = make_kick(kick_dt, zeta, share)
-    if c < chunks.splits:
-        for p in range(origin, end):
-            so_far, i = (0.0, 0.0, 0.0, np.bool_(False)), p - origin
-            fx, fy, fz, found = add_force(p, np.uint64(other[0, p]), np.int64(0), so_far, x, slots, law)
-            if scratch.near is not None:
-                scratch.near[i] = 1 if found else 0
-            kick_particle(p, i, (fx, fy, fz), kick, particles, f)
-        return
-    if gathered[c] and chunks.width[c] == SLOTS:
-        for p in range(origin, end):
-            i = p - origin
-            far = (
-                np.uint64(other[0, p]),
-                np.uint64(other[1, p]),
-                np.uint64(other[2, p]),
-                np.uint64(other[3, p]),
-            )
-            fx, fy, fz, found = four_forces(p, far, x, slots, law)
-            if scratch.near is not None:
-                scratch.near[i] = 1 if found else 0
-            kick_particle(p, i, (fx, fy, fz), kick, particles, f)
-        return
-    if gathered[c]:
-        for p in range(origin, end):
-            i = p - origin
-            far = (
-                np.uint64(other[0, p]),
-                np.uint64(other[1, p]),
-                np.uint64(other[2, p]),
-                np.uint64(other[3, p]),
-            )
-            f[0][i], f[1][i], f[2][i], found = four_forces(p, far, x, slots, law)
-            if scratch.near is not None:
-                scratch.near[i] = 1 if found else 0
-        for s in range(SLOTS, chunks.width[c]):
-            for p in range(origin, end):
-                i = p - origin
-                so_far = (f[0][i], f[1][i], f[2][i], np.bool_(False))
-                f[0][i], f[1][i], f[2][i], found = add_force(
-                    p, np.uint64(other[s, p]), np.int64(s), so_far, x, slots, law
-                )
-                if scratch.near is not None:
-                    scratch.near[i] |= 1 if found else 0
-        for p in range(origin, end):
-            i = p - origin
-            kick_particle(p, i, (f[0][i], f[1][i], f[2][i]), kick, particles, f)
-        return
     for r in range(spans[c, 0], spans[c, 1]):
         s0, s1, s2, s3 = (
             np.uint64(whole[r, 2]),
@@ -162,8 +177,7 @@ def kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
     filled_up = first + np.uint64((spans[c, 3] - spans[c, 2] + LANES - 1) // LANES * LANES)
     for i in range(first, filled_up):
         p, k = np.uint64(rest[i]), i - first
-        far = (np.uint64(other[0, p]), np.uint64(other[1, p]), np.uint64(other[2, p]), np.uint64(other[3, p]))
-        f_rest[0][k], f_rest[1][k], f_rest[2][k], found = four_forces(p, far, x, slots, law)
+        f_rest[0][k], f_rest[1][k], f_rest[2][k], found = four_forces(p, far_ends(p, other), x, slots, law)
         near_rest[k] = 1 if found else 0
     for i in range(first, last):
         k, row = i - first, rest[i] - origin

@@ -9,7 +9,8 @@ import numpy as np
 
 from netfall.ground.compile import inner_kernel, vector_kernel
 from netfall.mechanics.fields import SLOTS
-from netfall.mechanics.material import axial_force, strain, yield_energy
+from netfall.mechanics.material import axial_force, plastic_strain, squared_length, strain, yield_energy
+from netfall.numerics.arithmetic import inverse_root
 
 BLOCK = 64  # particles that are passed over at once
 
@@ -59,18 +60,26 @@ def yield_and_break(c, count, chunks, particles, elements, slots, law, near, f):
                 reports = start == p or (chunks.n_owned <= start and start < first_split)
                 eps = strain(length_of(p, o, particles), elements.L0[e], law)
                 if elements.yield_force is not None:
-                    _, eps_p = axial_force(elements, e, eps, slots.eps_p[s, p])
-                    if eps_p != slots.eps_p[s, p]:
+                    before = slots.eps_p[s, p]
+                    eps_p = yielded(p, o, s, particles, slots, law)
+                    if eps_p != before:
                         any_yield = True
-                        if reports:
-                            heat = yield_energy(elements, e, elements.eps_p[e], eps_p, law)
-                            elements.dissipated[e] += heat
-                            elements.eps_p[e] = eps_p
+                        if reports and elements.bar[e]:
+                            elements.dissipated[e] += yield_energy(elements, e, before, eps_p, law)
                         slots.eps_p[s, p] = eps_p
                 if elements.eps_u is not None and reports and eps > elements.eps_u[e]:
                     elements.pending[count] = e
                     count += 1
     return count, any_yield
+
+
+@inner_kernel
+def yielded(p, o, s, particles, slots, law):
+    """Plastic strain of the element in slot s of particle p at x(n), to the bits of the vector loop."""
+    x = particles.x
+    square = squared_length((x[0][o] - x[0][p], x[1][o] - x[1][p], x[2][o] - x[2][p]))
+    stretch = square * inverse_root(square) * slots.inv_L0[s, p]
+    return plastic_strain(stretch, slots.eps_p[s, p], s, p, slots, law)
 
 
 @inner_kernel

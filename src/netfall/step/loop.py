@@ -22,6 +22,7 @@ from netfall.parallel.halo import receive_forces, send_forces, wait_for_neighbou
 from netfall.parallel.mpi_symbols import lap
 from netfall.step.forces import kick_chunk
 from netfall.step.limits import count_near, keep_extremes, yield_and_break
+from netfall.step.slots import collect_yields
 from netfall.step.tear import break_elements, has_room
 
 FORCES, EXCHANGE, INTEGRATION = 0, 1, 2  # what a step's time goes into; the kick counts with the forces
@@ -128,13 +129,12 @@ def time_loop(
         error, drifted = 0, chunks.splits
         mark = lap(seconds, -1, 0.0)
         if elements.highest is not None and interval.watched:
+            if slots.eps_p is not None:
+                collect_yields(n_owned, n_owned + n_halo, elements, slots, law)
             keep_extremes(particles, elements, law)
         for c in range(chunks.low.shape[0]):
             low, high = chunks.low[c], chunks.high[c]
-            if chunks.has_yielded[c]:
-                kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
-            else:
-                kick_chunk(c, kick_dt, zeta, share, chunks, particles, unyielded, law, scratch)
+            kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, unyielded, law, scratch)
             near = 0
             if scratch.near is not None:
                 near = count_near(scratch.near, high - low)

@@ -11,7 +11,7 @@ from netfall.mechanics.state import State, axes
 from netfall.parallel.halo import Halo, check
 from netfall.step.loop import Interval, step_done, time_loop
 from netfall.step.runs import LANES, Runs, find_runs, make_runs
-from netfall.step.slots import fill_slots
+from netfall.step.slots import collect_yield_of, fill_slots
 from netfall.step.tear import break_elements
 
 MOVING = ("x", "v", "work", "highest", "lowest", "eps_p", "dissipated", "slot_eps_p")  # where nothing breaks
@@ -97,11 +97,13 @@ class Plan:
         chunk = chunk_of(state.ends[(state.ends < state.n_owned).all(1)])
         np.maximum.at(self._last_use, chunk[:, 0], chunk[:, 1])
         np.maximum.at(self._last_use, chunk[:, 1], chunk[:, 0])
-        self.events = events_with_room(0)
+        self.events, self.state = events_with_room(0), None
         self.attach(state)
 
     def attach(self, state: State) -> None:
         """Bring chunks, slots, masses and runs up to date with what is attached to what."""
+        if self.state is not None:
+            collect_yield_of(state)
         self.state = state
         state.renew_law()
         new = np.arange(state.first_split, len(state.x), CHUNK)
@@ -134,7 +136,7 @@ class Plan:
             stepped_particles(state),
             state.elements,
             state.slots,
-            state.slots._replace(eps_p=None),
+            state.slots._replace(eps_p=None, yield_strain=None),
             state.law,
             self.scratch,
             fractures,

@@ -9,6 +9,7 @@ import numpy as np
 
 from netfall.ground.compile import allocating_kernel, inner_kernel, kernel
 from netfall.mechanics.fields import EMPTY, SLOTS, fields_of
+from netfall.mechanics.material import yield_energy
 from netfall.mechanics.state import State
 
 
@@ -29,6 +30,12 @@ def fill_slots(state: State, chunks) -> None:
         slot = getattr(s, field.name)
         if field.slot_of and slot is not None:
             copy_to_slots(s.n_local, element, getattr(s, field.slot_of), slot)
+
+
+def collect_yield_of(state: State) -> None:
+    """Bring the elements' plastic strains and heat up to date: in most steps the slots alone change."""
+    if state.eps_p is not None:
+        collect_yields(state.n_owned, state.first_split, state.elements, state.slots, state.law)
 
 
 @kernel
@@ -112,6 +119,28 @@ def slot_of(e, p, slots):
 
 
 @inner_kernel
+def collect_yield(e, n_owned, first_split, elements, slots, law):
+    """Bring plastic strain and heat of element e up to date with its slots; of a bar they always are.
+
+    The heat of a cable, whose plastic strain only grows, follows from that.
+    """
+    p = elements.ends[e, 0]
+    if n_owned <= p and p < first_split:
+        p = elements.ends[e, 1]
+    elements.eps_p[e] = slots.eps_p[slot_of(e, p, slots), p]
+    if not elements.bar[e]:
+        elements.dissipated[e] = yield_energy(elements, e, 0.0, elements.eps_p[e], law)
+
+
+@kernel
+def collect_yields(n_owned, first_split, elements, slots, law):
+    """`collect_yield` of all elements that this rank steps."""
+    for e in range(elements.ends.shape[0]):
+        if elements.EA[e] != 0.0:
+            collect_yield(e, n_owned, first_split, elements, slots, law)
+
+
+@inner_kernel
 def empty_slot(s, p, slots):
     """Leave a slot of particle p empty: it adds nothing, and keeps its far end, so that runs go on."""
     slots.element[s, p], slots.inv_L0[s, p] = EMPTY, 0.0
@@ -129,6 +158,8 @@ def fill_slot(e, s, p, far, elements, slots):
         slots.bar[s, p] = elements.bar[e]
     if slots.yield_force is not None:
         slots.yield_force[s, p] = elements.yield_force[e]
+    if slots.yield_strain is not None:
+        slots.yield_strain[s, p] = elements.yield_strain[e]
     if slots.eps_p is not None:
         slots.eps_p[s, p] = elements.eps_p[e]
     if slots.reach is not None:
