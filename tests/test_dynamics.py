@@ -274,7 +274,7 @@ def test_the_run_ends_at_its_duration_whatever_the_history(history, rows):
     """Rows at the first steps at or after the multiples of an odd interval, and one at 0.1 s, not beyond."""
     dynamics = SimpleNamespace(time_step="auto", safety=0.8, duration=0.1)
     output = SimpleNamespace(history=history, frames=4, checkpoint=0.0)
-    soft, made = (make_schedule(limit, dynamics, output) for limit in (1e9, 3e-4))
+    soft, made = (make_schedule(limit, limit, dynamics, output) for limit in (1e9, 3e-4))
     assert soft.steps * soft.dt == pytest.approx(0.1, rel=1e-12) and soft.dt <= history
     assert made.steps * made.dt == pytest.approx(0.1, rel=1e-12) and made.dt <= 0.8 * 3e-4
     times, multiples = made.history * made.dt, np.append(np.arange(rows - 1) * history, 0.1)

@@ -310,7 +310,7 @@ def test_a_step_too_long_for_what_is_unstressed_is_refused(workshop, kind):
 
 TWO = (
     SECTION
-    + "[cable.weak]\nfracture_strain = {0}\n[dynamics]\nduration = 0.05\nsafety = 0.1\nfragment_mass = 0\n"
+    + "[cable.weak]\nfracture_strain = {0}\n[dynamics]\nduration = 0.05\nsafety = 0.05\nfragment_mass = 0\n"
 )
 
 

@@ -76,6 +76,7 @@ class Removal:
         simulation.loads.renew(state)
         state.highest[:] = state.lowest[:] = np.where(state.broken != 0, 0.0, now.N)
         self.done += 1
+        simulation.watched = True
         simulation.result.losses = self.done
 
     def _forces(self, state, loss: Loss, rows: np.ndarray, now) -> np.ndarray:

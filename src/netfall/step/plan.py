@@ -9,6 +9,7 @@ from netfall.mechanics.fields import SLOTS, Particles
 from netfall.mechanics.fracture import FractureRules, Fractures
 from netfall.mechanics.state import State, axes
 from netfall.parallel.halo import Halo, check
+from netfall.step.limits import anything_over
 from netfall.step.loop import Interval, step_done, time_loop
 from netfall.step.runs import LANES, Runs, find_runs, make_runs
 from netfall.step.slots import collect_yield_of, fill_slots
@@ -162,13 +163,16 @@ class Plan:
         return done
 
     def try_out(self, interval: Interval, seconds: np.ndarray | None = None) -> int:
-        """Steps of a trial before the one in which the first element should break; all, if none should."""
+        """Steps of a trial before that in which an element passes its fracture strain; all, if none does."""
         kept = {name: getattr(self.state, name) for name in MOVING}
         kept = {name: array.copy(order="K") for name, array in kept.items() if array is not None}
         done, tried, error = time_loop(interval, *self.arguments, self.halo.buffers, seconds)
         check(error)
         self.before = kept
-        return tried - 1 if tried else done
+        if tried:  # it was found at the begin of a step, and so had passed it in the one before
+            return max(0, tried - 2)
+        _, particles, elements, _, _, law, _, _ = self.arguments
+        return done - 1 if anything_over(particles, elements, law) else done
 
     def take_back(self) -> None:
         """The state is as it was before the last trial."""

@@ -1,0 +1,199 @@
+"""Stepping a net in which elements break: how long a step is, and what is taken back and stepped again."""
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.job.asks import carries_weight
+from netfall.mechanics.events import COLUMNS
+from netfall.mechanics.fracture import FractureRules
+from netfall.mechanics.state import State
+from netfall.net.net import GRAVITY
+from netfall.parallel.halo import Halo
+from netfall.stages.panels import Tearing
+from netfall.stages.scene import Desk, Scene
+from netfall.stages.step_limit import long_step_allowed
+from netfall.stages.varying import VaryingLoads
+from netfall.step.loop import Interval
+from netfall.step.plan import Plan, halo_width
+from netfall.step.slots import collect_yield_of
+
+CALM = 100  # long steps without a fracture, after which the step is a long one again
+
+
+class Stepper:
+    """The net in motion at step number n, on one rank: x(n), v(n-1/2), and the fractures so far.
+
+    A step is a long one, of `stride` steps as they are counted, as long as nothing breaks (`Schedule`).
+    made : steps so far, long or short; calm : number from which on a step may be a long one again
+    watched : whether extremes of the tensions are kept
+    """
+
+    def __init__(self, scene: Scene, desk: Desk, loads: list):
+        """Collective. loads : that vary, as `varying` has them"""
+        job, schedule, distribution = scene.job, scene.schedule, scene.distribution
+        self.comm, self.state, self.schedule = scene.comm, scene.state, schedule
+        self.log, self.model = desk.log, scene.model
+        self.phases, self.stop = desk.phases, desk.stop
+        self.loads = VaryingLoads(self.state, loads)
+        self.zeta = job.dynamics.damping
+        self.after_fracture = job.wind.after_fracture if job.wind else "none"
+        rules = FractureRules(
+            particles=distribution.n,
+            n_owned=self.state.n_owned,
+            first_split=self.state.first_split,
+            element_gid=distribution.subdomain.element_gid,
+            gravity=GRAVITY,
+            own_weighs=bool(job.load and job.load.self_weight),
+            carried_weighs=carries_weight(job),
+            wind_stays=self.after_fracture != "particle",
+            stable_dt=schedule.stable_dt if self.state.features.fragments else None,
+        )
+        self.subdomain = distribution.subdomain
+        self.halo = Halo(scene.comm, self.subdomain, halo_width(self.state))
+        self.plan = Plan(self.state, self.halo, rules if self.state.features.fracture else None)
+        self.n, self.made, self.before_dt = 0, 0, 0.0
+        self.stride, self.calm = schedule.stride, 0
+        self.slack, self.stopping, self.watched = 0, False, False
+        self.tearing = None
+        if self.after_fracture == "panels":
+            self.tearing = Tearing(scene.comm, distribution, self.model, self.log.broken, schedule.stable_dt)
+        with self.phases.phase("time loop"):  # compiled, or loaded
+            self.plan.run(Interval(0, 0, 0.0, schedule.dt, self.zeta, 0.0, 1.0), self.phases.of_steps)
+
+    @property
+    def time(self) -> float:
+        """Time [s] of the present step."""
+        return self.n * self.schedule.dt
+
+    @property
+    def dt(self) -> float:
+        """Length [s] of the steps that are taken now."""
+        return self.stride * self.schedule.dt
+
+    def advance_in_stride(self, stop: int) -> None:
+        """Step towards number `stop`, or to it, with the step that the net has now.
+
+        As long as nothing breaks that is the long one. If something does, the steps are taken back to the
+        long step in which it happened, and from there on it is the short one, until nothing has broken for
+        CALM long steps. All of this follows from the numbers of the steps in which elements break: the same
+        on any ranks, and wherever rows, frames and checkpoints fall.
+        """
+        long = self.schedule.stride
+        if self.stride == long:
+            if long == 1:
+                self.advance_through_fractures(stop)
+            elif self.advance_to_first_fracture(stop):
+                self.stride, self.calm = 1, self.n + CALM * long
+            return
+        self.advance_through_fractures(min(stop, self.calm))
+        mine = self.plan.events.step[: self.plan.events.count[0]]
+        known = self.log.step[-1] if len(self.log) else -1
+        last = self.comm.allreduce(int(mine.max(initial=known)), MPI.MAX)
+        self.calm = max(self.calm, (last // long + 1 + CALM) * long if last >= 0 else 0)
+        if self.n == self.calm:
+            if long_step_allowed(
+                self.comm, self.state, self.halo, self.schedule.long_dt, self.schedule.margin
+            ):
+                self.stride = long
+            else:
+                self.calm += CALM * long
+
+    def advance_through_fractures(self, stop: int) -> None:
+        """Step to number `stop` with the short step, whatever breaks."""
+        if self.after_fracture == "all" and not len(self.log):
+            self.advance_until_first_fracture(stop)
+        elif self.tearing:
+            self.advance_with_tearing(stop)
+        else:
+            self.advance_block(stop)
+
+    def interval(self, stop: int, trial: bool = False) -> Interval:
+        """The steps from the present one to number `stop`, with the stride of now."""
+        first, steps = self.n // self.stride, (stop - self.n) // self.stride
+        sample = self.loads.time, self.loads.dt
+        return Interval(
+            first, steps, self.before_dt, self.dt, self.zeta, *sample, self.stride, self.watched, trial
+        )
+
+    def advance_to_first_fracture(self, stop: int) -> bool:
+        """Step to number `stop`, or to the step in which something is to break on any rank; whether it is."""
+        whole = self.interval(stop, trial=True)
+        mine = self.plan.try_out(whole, self.phases.of_steps)
+        steps = self.comm.allreduce(mine, MPI.MIN)
+        if steps < whole.steps:
+            self.plan.take_back()
+            if steps:
+                self.plan.run(self.interval(self.n + steps * self.stride), self.phases.of_steps)
+        self._stepped(steps)
+        return steps < whole.steps
+
+    def _stepped(self, steps: int) -> None:
+        self.n += steps * self.stride
+        self.made += steps
+        self.before_dt = self.dt if steps else self.before_dt
+
+    def advance_block(self, stop: int) -> None:
+        """Step to number `stop` without a word to ranks that are not neighbours."""
+        while self.n < stop:
+            self._stepped(self.plan.run(self.interval(stop), self.phases.of_steps))
+
+    def advance_until_first_fracture(self, stop: int) -> None:
+        """For after_fracture = "all": all wind ends with the first fracture, at the same step on all ranks.
+
+        A rank learns of a fracture elsewhere only at the end of a block. The block that holds the first one
+        is therefore taken back and stepped again to just behind it; no step waits for a reduction.
+        """
+        first, begin, kept = self.first_fracture(stop)
+        if first < stop:
+            self.take_back(begin, kept)
+            self.advance_block(first + 1)
+            self.state.wind[:] = 0.0
+            self.share_events()
+
+    def advance_with_tearing(self, stop: int) -> None:
+        """For after_fracture = "panels": panels leave in the step of the fracture, on all ranks.
+
+        A block with fractures is stepped again to just behind the first; see `advance_until_first_fracture`.
+        """
+        while self.n < stop:
+            first, begin, kept = self.first_fracture(stop)
+            if first >= stop:
+                return
+            if first + 1 < self.n:
+                self.take_back(begin, kept)
+                self.advance_block(first + 1)
+            known = len(self.log)
+            self.share_events()
+            self.tearing.tear(self.state, np.unique(self.log.element[known:]))
+            self.plan.attach(self.state)
+
+    def first_fracture(self, stop: int) -> tuple[int, tuple, State]:
+        """A block up to `stop`: the step of the first fracture in it, and how it began, for `take_back`."""
+        collect_yield_of(self.state)
+        count = int(self.plan.events.count[0])
+        begin, kept = (self.n, self.made, self.before_dt, count), self.state.copy()
+        self.advance_block(stop)
+        events = self.plan.events
+        mine = int(events.step[: events.count[0]].min(initial=stop))
+        return self.comm.allreduce(mine, MPI.MIN), begin, kept
+
+    def take_back(self, begin: tuple, kept: State) -> None:
+        """To where a block began."""
+        self.n, self.made, self.before_dt, self.plan.events.count[0] = begin
+        self.state = kept
+        self.plan.attach(kept)
+
+    def share_events(self, slack_here: int = 0) -> None:
+        """Broadcast the fractures since the last time, so that every rank knows all of them.
+
+        Count slack cables; hear of a wish to stop.
+        """
+        mine = self.plan.events
+        counts = np.array([mine.count[0], slack_here, self.stop.wanted], np.int64)
+        self.comm.Allreduce(MPI.IN_PLACE, counts, MPI.SUM)
+        events, self.slack, stopping = counts.tolist()
+        self.stopping = stopping > 0
+        if events:
+            parts = self.comm.allgather([column[: mine.count[0]] for column in mine[1:]])
+            self.log.add(dict(zip(COLUMNS, map(np.concatenate, zip(*parts)))))
+            mine.count[0] = 0
