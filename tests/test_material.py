@@ -23,7 +23,7 @@ def element(bar=0, L0=1.0) -> Elements:
 
 def law_of(logarithmic: bool) -> Law:
     """The law of the element."""
-    return Law(logarithmic or None, True, EA, YIELD, None)
+    return Law(logarithmic or None, True, EA, YIELD, YIELD / EA, None)
 
 
 def follow(lengths, L0=1.0, bar=0, logarithmic=False):

@@ -19,7 +19,6 @@ from netfall.stages.rests import losses_now
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.stepper import Stepper
 from netfall.stages.varying import WindLoad, varying_loads
-from netfall.step.slots import collect_yield_of
 from netfall.write.ids import event_ids
 
 LOOK_STEPS = 100_000  # at most, between looks at the wish to stop: a tenth of a second on the smallest net
@@ -156,7 +155,7 @@ class Simulation(Stepper):
         """Snapshot of the present step, with the loads at its time."""
         self.loads.advance(self.state, self.n, self.schedule.step_at)
         share = (self.time - self.loads.time) / self.loads.dt
-        collect_yield_of(self.state)
+        self.plan.collect_yield(self.state)
         return take_snapshot(self.state, self.before_dt, self.dt, self.zeta, share)
 
     def record(self) -> tuple[dict, dict]:

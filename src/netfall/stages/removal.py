@@ -18,7 +18,6 @@ from netfall.parallel.subdomain import rows_of
 from netfall.stages.rests import Rest, RestsAfter, local_rows
 from netfall.stages.scene import Scene
 from netfall.stages.varying import FadingLoad
-from netfall.step.slots import collect_yield_of
 from netfall.write.result import texts
 
 # (losses, m) [N] on rank 0, nan where not known; rest: before the loss; lowest is not known of what broke.
@@ -58,7 +57,7 @@ class Removal:
     def happen(self, simulation) -> None:
         """The loss that is due at the present step. Collective."""
         state, loss = simulation.state, self.losses[self.done]
-        collect_yield_of(state)
+        simulation.plan.collect_yield(state)
         now = state.elements_now()
         self.close(state, now.N)
         self._keep("before", self.done, state, now.N)

@@ -15,7 +15,6 @@ from netfall.stages.step_limit import long_step_allowed
 from netfall.stages.varying import VaryingLoads
 from netfall.step.loop import Interval
 from netfall.step.plan import Plan, halo_width
-from netfall.step.slots import collect_yield_of
 
 CALM = 100  # long steps without a fracture, after which the step is a long one again
 
@@ -169,7 +168,7 @@ class Stepper:
 
     def first_fracture(self, stop: int) -> tuple[int, tuple, State]:
         """A block up to `stop`: the step of the first fracture in it, and how it began, for `take_back`."""
-        collect_yield_of(self.state)
+        self.plan.collect_yield(self.state)
         count = int(self.plan.events.count[0])
         begin, kept = (self.n, self.made, self.before_dt, count), self.state.copy()
         self.advance_block(stop)

@@ -12,7 +12,7 @@ from netfall.parallel.halo import Halo, check
 from netfall.step.limits import anything_over
 from netfall.step.loop import Interval, step_done, time_loop
 from netfall.step.runs import LANES, Runs, find_runs, make_runs
-from netfall.step.slots import collect_yield_of, fill_slots
+from netfall.step.slots import collect_yields, fill_slots
 from netfall.step.tear import break_elements
 
 MOVING = ("x", "v", "work", "highest", "lowest", "eps_p", "dissipated", "slot_eps_p")  # where nothing breaks
@@ -104,7 +104,7 @@ class Plan:
     def attach(self, state: State) -> None:
         """Bring chunks, slots, masses and runs up to date with what is attached to what."""
         if self.state is not None:
-            collect_yield_of(state)
+            self.collect_yield(state)
         self.state = state
         state.renew_law()
         new = np.arange(state.first_split, len(state.x), CHUNK)
@@ -142,6 +142,12 @@ class Plan:
             self.scratch,
             fractures,
         )
+
+    def collect_yield(self, state: State) -> None:
+        """Bring plastic strains and heat of the elements up to date: in most steps the slots alone change."""
+        if self.chunks.has_yielded.any():
+            arrays = state.elements, state.slots, state.law
+            collect_yields(state.n_owned, state.first_split, *arrays)
 
     def run(self, interval: Interval, seconds: np.ndarray | None = None) -> int:
         """Advance the state by up to the steps of an interval; how many were done.

@@ -32,12 +32,6 @@ def fill_slots(state: State, chunks) -> None:
             copy_to_slots(s.n_local, element, getattr(s, field.slot_of), slot)
 
 
-def collect_yield_of(state: State) -> None:
-    """Bring the elements' plastic strains and heat up to date: in most steps the slots alone change."""
-    if state.eps_p is not None:
-        collect_yields(state.n_owned, state.first_split, state.elements, state.slots, state.law)
-
-
 @kernel
 def attach_elements(n_owned, first_split, n_local, elements, other, slot_element, filled):
     """Put every element into a slot of each of its ends that this rank steps, in ascending order.
