@@ -12,6 +12,7 @@ from netfall.mechanics.fields import Features, Slots
 from netfall.mechanics.fracture import FractureRules, dissipate
 from netfall.mechanics.state import State
 from netfall.model.losses import comes_loose
+from netfall.model.schedule import stride_of
 from netfall.net.net import Net
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import cut_net
@@ -93,6 +94,43 @@ def test_mass_and_energy_through_a_collapse(workshop):
     new = f["events/new_particle"][:]
     n = len(f["net/particles"])
     assert sorted(f["final/particle_id"][:].tolist()) == sorted(list(range(n)) + [p for p in new if p >= 0])
+
+
+LIGHT = ("--set", "load.dead=500", "--set", "dynamics.fragment_mass=0")  # fragments on a heavy roof
+
+
+def test_the_step_is_that_of_fragments_only_where_elements_break(workshop):
+    """Rows before the first fracture have the long step, those after it the short one; it breaks as with
+    steps of a fifth, and a fixed step stays as it is.
+    """
+    f = workshop.run(workshop.job(PULLED.format(0.6)), *LIGHT)
+    attributes, first = f["provenance"].attrs, f["events/time"][0]
+    time, step = f["history/time"][1:], f["history/time_step"][1:]
+    long, short = attributes["time_step"], attributes["shortest_time_step"]
+    assert long / short == pytest.approx(round(long / short), rel=1e-12) and long > 1.5 * short
+    assert (step[time < first] == long).all() and step[time > first][0] == short
+    assert 0.6 / long < attributes["steps"] < 0.6 / short
+    fine = workshop.run(workshop.folder / "job.toml", *LIGHT, "--set", f"dynamics.time_step={short / 5:.9g}")
+    assert abs(fine["events/time"][0] - first) < short and fine["events/element"][0] == f["events/element"][0]
+    assert fine["provenance"].attrs["steps"] == round(0.6 / float(f"{short / 5:.9g}"))
+
+
+def test_frames_and_checkpoints_move_no_step(workshop):
+    """Which steps are taken back follows from the fractures alone: the same bits."""
+    path = workshop.job(PULLED.format(0.6))
+    one = workshop.run(path, *LIGHT, output="one.vtkhdf")
+    more = (*LIGHT, "--set", "output.frames=37", "--set", "output.checkpoint=0.0173")
+    other = workshop.run(path, *more, output="other.vtkhdf")
+    assert one["history/broken"][-1] > 10
+    for group in ("events", "history", "envelope", "final"):
+        for name in one[group]:
+            assert one[group][name][()].tobytes() == other[group][name][()].tobytes(), name
+
+
+@pytest.mark.parametrize("ratio, stride", [(1.0, 1), (1.4, 1), (1.45, 2), (2.4, 2), (2.5, 3), (7.9, 8)])
+def test_the_long_step_is_so_many_short_ones(ratio, stride):
+    """Whichever loses less: a long step shorter than it need be, or a short one."""
+    assert stride_of(ratio) == stride and stride_of(np.inf) == 1
 
 
 def test_refused_step_names_the_fragments(workshop):

@@ -290,7 +290,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "time_step",
             "s",
             "auto",
-            "time step of the dynamic stage; auto: from the stable step",
+            "time step of the dynamic stage; auto: from the stable step of the net as it is",
             high=1e9,
             also=("auto",),
         ),

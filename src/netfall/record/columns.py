@@ -60,7 +60,7 @@ def _balance(now: Moment) -> float:
 SHARE = "share of the largest energy that took part so far"
 HISTORY = (
     Column("time", "s", "", lambda now: now.time),
-    Column("time_step", "s", "", lambda now: now.time_step),
+    Column("time_step", "s", "of the step before the row", lambda now: now.time_step),
     Column("kinetic_energy", "J", "of all particles", lambda now: now.energies.kinetic),
     Column("strain_energy", "J", "change since the start", lambda now: now.strain),
     Column(

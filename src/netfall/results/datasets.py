@@ -224,7 +224,7 @@ GROUPS = (
         "[dynamics]",
         (
             row("time", "e", "s", ""),
-            row("step", "e", NONE, "number of the step"),
+            row("step", "e", NONE, "number of the step, counted in `shortest_time_step` of /provenance"),
             row("element", "e", NONE, "number of what broke"),
             row("element_id", "e", NONE, "its id in the tables"),
             row("particle", "e", NONE, "number of the one that it left"),
