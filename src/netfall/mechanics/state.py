@@ -145,7 +145,7 @@ class State:
         capacity = len(self.x)
         if self.n_local + particles <= capacity:
             return
-        spare = max(FEWEST_SPARE, 2 * particles, capacity // 8)
+        spare = max(FEWEST_SPARE, 2 * particles, capacity // 16)
         for field in FIELDS:
             array = getattr(self, field.name)
             if field.entity != "element" and array is not None:
@@ -156,6 +156,23 @@ class State:
                     grown[self.n_local :] = field.split
                 setattr(self, field.name, grown)
         self._tuples = {}
+
+    def sort_splits(self) -> None:
+        """Order the rows of the particles that split off by their far ends, so that these are near in memory.
+
+        `other` is to be filled anew after it.
+        """
+        first, rows = self.first_split, slice(self.first_split, self.n_local)
+        order = np.argsort(self.other[0, rows], kind="stable")
+        for field in FIELDS:
+            array = getattr(self, field.name)
+            if field.entity != "element" and array is not None:
+                at = (slice(None), rows) if field.entity == "slot" else rows
+                array[at] = array[:, first + order] if field.entity == "slot" else array[first + order]
+        new = np.empty_like(order)
+        new[order] = np.arange(len(order))
+        split = self.ends >= first
+        self.ends[split] = first + new[self.ends[split] - first]
 
     def copy(self) -> "State":
         """A copy of all arrays."""

@@ -159,6 +159,7 @@ class Plan:
         check(error)
         if count:
             if self.state.features.fragments:
+                self.state.sort_splits()
                 self.state.reserve(2 * count)
             known = int(self.events.count[0])
             if known + 2 * count > len(self.events.step):
