@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from netfall.ground.compile import inner_kernel, kernel, vector_kernel
+from netfall.ground.compile import inner_kernel, vector_kernel
 from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.material import axial_force, plastic_strain, squared_length, strain, yield_energy
 from netfall.numerics.arithmetic import inverse_root
@@ -73,7 +73,7 @@ def yield_and_break(c, count, chunks, particles, elements, slots, law, near, f):
     return count, any_yield
 
 
-@kernel
+@inner_kernel
 def anything_over(particles, elements, law):
     """Whether an element has passed its fracture strain at the present positions."""
     for e in range(elements.ends.shape[0]):

@@ -21,7 +21,7 @@ from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kic
 from netfall.parallel.halo import receive_forces, send_forces, wait_for_neighbours
 from netfall.parallel.mpi_symbols import lap
 from netfall.step.forces import kick_chunk
-from netfall.step.limits import count_near, keep_extremes, yield_and_break
+from netfall.step.limits import anything_over, count_near, keep_extremes, yield_and_break
 from netfall.step.slots import collect_yields
 from netfall.step.tear import break_elements, has_room
 
@@ -107,8 +107,8 @@ def time_loop(
 ):
     """The steps of an interval; steps done, elements that are still to break, MPI error.
 
-    In a trial the second is the number of steps up to the one in which the first element should have broken,
-    0 if none should.
+    In a trial the second is the number of steps up to and with the one at whose begin the first element has
+    passed its fracture strain, one more than there are where it is at the end of the last; 0 if none has.
 
     chunks, scratch : of `Plan`; particles : `Particles` as `plan.stepped_particles` prepares them
     elements, slots, law : of `State`; unyielded : the slots without plastic strains, for chunks that
@@ -173,4 +173,6 @@ def time_loop(
                 break_elements(count, when, chunks, elements, slots, law, fractures)
             else:
                 return s + 1, count, 0
+    if fractures is not None and interval.trial and tried == 0:
+        tried = interval.steps + 1 if anything_over(particles, elements, law) else 0
     return interval.steps, tried, 0

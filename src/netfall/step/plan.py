@@ -9,7 +9,6 @@ from netfall.mechanics.fields import SLOTS, Particles
 from netfall.mechanics.fracture import FractureRules, Fractures
 from netfall.mechanics.state import State, axes
 from netfall.parallel.halo import Halo, check
-from netfall.step.limits import anything_over
 from netfall.step.loop import Interval, step_done, time_loop
 from netfall.step.runs import LANES, Runs, find_runs, make_runs
 from netfall.step.slots import collect_yields, fill_slots
@@ -176,10 +175,7 @@ class Plan:
         done, tried, error = time_loop(interval, *self.arguments, self.halo.buffers, seconds)
         check(error)
         self.before = kept
-        if tried:  # it was found at the begin of a step, and so had passed it in the one before
-            return max(0, tried - 2)
-        _, particles, elements, _, _, law, _, _ = self.arguments
-        return done - 1 if anything_over(particles, elements, law) else done
+        return max(0, tried - 2) if tried else done  # it had passed it in the step before
 
     def take_back(self) -> None:
         """The state is as it was before the last trial."""
