@@ -52,6 +52,7 @@ class Plain:
         self.v, self.start = np.zeros_like(self.x), self.x.copy()
         self.eps_p, self.heat = np.zeros(len(self.ends)), np.zeros(len(self.ends))
         self.work = np.zeros(3)  # J, of external, internal and damping forces
+        self.broken = np.zeros(len(self.ends), bool)
         self.id = list(range(len(self.x)))
         self.n = len(self.x)
 
@@ -103,13 +104,15 @@ class Plain:
             self.work += [length * (mean * force).sum() for force in forces]
             self.v = new
             self.x = self.x + dt * new
-            self.split(np.flatnonzero(eps > self.eps_u), n, external + internal)
+            over, remnants = eps > self.eps_u, self.broken.copy()
+            self.split(np.flatnonzero(over & ~remnants), n, external + internal)
+            self.lengthen(np.flatnonzero(over & remnants))
 
         self.note_slack()
 
     def note_slack(self):
         """Cables that are whole and slack now."""
-        self.slack.append((self.axial(self.strains()[0])[0] == 0.0) & ~self.bar & (self.eps_u < np.inf))
+        self.slack.append((self.axial(self.strains()[0])[0] == 0.0) & ~self.bar & ~self.broken)
 
     def split(self, elements, n, force):
         """Break elements at x(n+1), each at the end with the larger force."""
@@ -123,7 +126,9 @@ class Plain:
                 self.take_out(e, p, n)
                 continue
             mass = max(self.half[e], 0.5 * self.EA[e] / self.L0[e] * self.stable_dt**2)
-            self.eps_u[e] = np.inf
+            self.broken[e] = True
+            if self.limit[e] < np.inf:
+                self.eps_u[e] = np.inf  # it yields instead
             weight = GRAVITY * mass if self.weighs else 0.0
             self.mass[p] -= mass
             self.load[p, 2] += weight
@@ -139,6 +144,19 @@ class Plain:
             self.id.append(number)
             self.events.append((n, e, p if p < self.n else self.id[p], number, mass))
 
+    def lengthen(self, elements):
+        """What is left of elements that cannot yield grows longer, until its strain is that at fracture.
+
+        What it stored half a drift ago and then stores less is heat.
+        """
+        for e in elements:
+            a, b = self.ends[e]
+            d, v = self.x[b] - self.x[a], self.v[b] - self.v[a]
+            L, before, worked = np.linalg.norm(d), self.L0[e], np.linalg.norm(d - 0.5 * self.dt * v)
+            self.L0[e] = max(before, L / (1.0 + self.eps_u[e]))
+            stored = [0.5 * self.EA[e] * max(0.0, worked / L0 - 1.0) ** 2 * L0 for L0 in (before, self.L0[e])]
+            self.heat[e] += stored[0] - stored[1]
+
     def take_out(self, e, p, n):
         """Element e, which breaks at particle p, is gone; its mass stays, what it stores is heat.
 
@@ -149,7 +167,7 @@ class Plain:
         trial = self.EA[e] * (L / self.L0[e] - 1.0 - self.eps_p[e])
         N = min(trial, self.limit[e])
         self.heat[e] += N**2 / self.EA[e] * self.L0[e] / 2 + N * self.L0[e] * (trial - N) / self.EA[e]
-        self.eps_u[e], self.EA[e], self.limit[e] = np.inf, 0.0, 0.0
+        self.broken[e], self.eps_u[e], self.EA[e], self.limit[e] = True, np.inf, 0.0, 0.0
         self.events.append((n, e, p, -1, 0.0))
 
     def energies(self, dt, time):

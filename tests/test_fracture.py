@@ -243,3 +243,29 @@ def slots_of(state: State) -> list:
     there = [column[:, : state.n_local] for column in state.slots if column is not None]
     full = there[Slots._fields.index("inv_L0")] > 0.0
     return [[tuple(c[s, p] for c in there) for s in np.flatnonzero(full[:, p])] for p in range(state.n_local)]
+
+
+@pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
+def test_what_is_left_of_an_element_that_cannot_yield_has_its_strength(strain):
+    """A remnant's light end flies off with four times the energy that it can store: its tension is its
+    strength and what one step adds, and what it grows longer by takes the rest of the energy.
+    """
+    EA, eps_u, mass, dt = 1e6, 0.01, 2.0, 2e-6
+    strength = EA * eps_u
+    state = State(Features(fracture=True, strain=strain), 2, 0, 1)
+    state.ends[:], state.owned[:], state.free[1], state.mass[:] = [[0, 1]], 1, 1, mass
+    state.x[1, 0], state.L0[:], state.EA[:], state.eps_u[:] = 1.0, 1.0, EA, eps_u
+    state.broken[:], state.valence[:], state.gid[:] = 1, 1, [0, 3]
+    state.v[1, 0] = np.sqrt(4.0 * strength * eps_u / mass)
+    (subdomain,) = cut_net(2, state.ends.astype(np.int64), np.zeros(2, np.int32), 1)
+    plan = Plan(state, Halo(MPI.COMM_SELF, subdomain, 5), FractureRules(2, 2, 2, np.zeros(1), 0, 0, 0, 0, dt))
+    energy, adds = 0.5 * mass * state.v[1, 0] ** 2, EA * state.v[1, 0] * dt
+    most, step = 0.0, 0
+    while state.v[1, 0] > 0.0:
+        step += plan.run(Interval(step, 1, dt, dt, 0.0, 0.0, 1.0))
+        most = max(most, state.elements_now().N[0])
+    assert strength < most < strength + adds and not plan.events.count[0]
+    grown = (state.L0[0] - 1.0) * (1.0 + eps_u if strain == "engineering" else np.exp(eps_u))
+    assert state.dissipated[0] == pytest.approx(strength * grown, rel=0.02)
+    stored = 0.5 * strength * eps_u * state.L0[0]
+    assert state.dissipated[0] + stored == pytest.approx(energy, rel=0.01)

@@ -117,7 +117,7 @@ FIELDS = (
         "f", AXES, np.float64, "N", "total force; of all particles if something can break, else of those sent"
     ),
     _element("ends", np.uint32, "", "local numbers of the two particles", tail=(2,)),
-    _element("L0", np.float64, "m", "unstressed length", given=True),
+    _element("L0", np.float64, "m", "unstressed length", kept=True, given=True),
     _element(
         "EA", np.float64, "N", "axial stiffness; 0: out of the net, or kept by another rank", given=True
     ),
@@ -142,7 +142,13 @@ FIELDS = (
         kept=True,
     ),
     _element(
-        "eps_u", np.float64, "", "strain at fracture, inf once broken", "fracture", kept=True, given=True
+        "eps_u",
+        np.float64,
+        "",
+        "strain at fracture, and at which what is left grows longer; inf: never",
+        "fracture",
+        kept=True,
+        given=True,
     ),
     _element("reach", np.float64, "", "L / L0 from which it is looked at for fracture", "strengths"),
     _element("pending", np.int32, "", "elements that reached eps_u in a step", "fracture"),
@@ -223,7 +229,7 @@ class Features:
     @property
     def dissipating(self) -> bool:
         """Whether elements turn energy into heat."""
-        return self.plastic or self.losses or (self.fracture and not self.fragments)
+        return self.plastic or self.losses or self.fracture
 
     @property
     def plastic_sections(self) -> bool:

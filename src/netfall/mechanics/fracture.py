@@ -6,6 +6,10 @@ and, if the step is too long for that alone, some of what the end carried, with 
 (`stability.fragment_mass`); so mass, momentum and energy stay as they are. It belongs to the rank that owns
 the element's other end, so a fracture never adds to the halo.
 
+What is left of an element that cannot yield has the same strength: where its strain passes eps_u again, it
+grows longer until it is eps_u, as one that yields does, and what that releases counts as dissipated. So no
+remnant carries more than its strength by more than one step adds.
+
 Without fragments the element is taken out of the net at x(n+1): its mass stays with its ends, and what is
 stored in it counts as dissipated.
 
@@ -24,7 +28,7 @@ import numpy as np
 from netfall.ground.compile import inner_kernel, kernel
 from netfall.mechanics.events import Events, add_event
 from netfall.mechanics.fields import Particles
-from netfall.mechanics.material import energies_at, strain
+from netfall.mechanics.material import energies_at, length_at, strain
 from netfall.mechanics.motion import inverse_mass
 from netfall.mechanics.stability import ROUNDING, fragment_mass
 
@@ -132,7 +136,10 @@ def split_particles(e, when, elements, law, fractures):
     breaks, gid = np.int64(elements.breaks[e]), rules.element_gid[e]
     a, b = np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1])
     before = strain(length_before(e, when.dt, elements, particles), elements.L0[e], law)
-    elements.broken[e], elements.eps_u[e] = 1, np.inf
+    elements.broken[e] = 1
+    if elements.yield_force is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
+        if elements.yield_force[e] < np.inf:
+            never_again(e, elements)
     half, at_split = elements.half_mass[e], breaks & 3 & ~(breaks >> LOOSE)
     mass = fragment_mass(elements.EA[e], elements.L0[e], half, rules.stable_dt)
     weight = rules.gravity * (half * rules.own_weighs + (mass - half) * rules.carried_weighs)
@@ -155,6 +162,31 @@ def split_particles(e, when, elements, law, fractures):
         elements.owned[e] = kept
         if not kept:
             elements.EA[e] = 0.0  # it lives on the keeper's rank alone from here on
+
+
+@inner_kernel
+def never_again(e, elements):
+    """Element e is not looked at for its strength any more."""
+    elements.eps_u[e] = np.inf
+    if elements.reach is not None:
+        elements.reach[e] = np.inf
+
+
+@inner_kernel
+def lengthen(e, dt, elements, particles, law):
+    """What is left of element e, and was strained beyond its strength, grows longer until it is not.
+
+    What that releases of the energy stored where its forces worked counts as dissipated.
+    dt : [s], of the step
+    """
+    L, eps_u = length_before(e, 0.0, elements, particles), elements.eps_u[e]
+    if strain(L, elements.L0[e], law) <= eps_u:
+        return
+    worked = length_before(e, 0.5 * dt, elements, particles)
+    _, _, before = energies_at(elements, e, worked, 0.0, law)
+    elements.L0[e] = length_at(L, eps_u, law)
+    _, _, after = energies_at(elements, e, worked, 0.0, law)
+    elements.dissipated[e] += before - after
 
 
 @inner_kernel

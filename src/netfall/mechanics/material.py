@@ -78,6 +78,14 @@ def strain(L, L0, law):
 
 
 @kernel
+def length_at(L, eps, law):
+    """Unstressed length [m] of an element that has the strain eps at length L [m]."""
+    if law.logarithmic is not None:
+        return L * exponential(-eps)
+    return L / (1.0 + eps)
+
+
+@kernel
 def axial_force(elements, e, eps, eps_p):
     """Axial force [N] and plastic strain of element e at strain eps after plastic strain eps_p."""
     N = elements.EA[e] * (eps - eps_p)

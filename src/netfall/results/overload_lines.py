@@ -1,8 +1,9 @@
 """Tensions that an element cannot have borne, in sentences; no file is opened here.
 
-An element breaks in the step in which its strain passes the limit, so it has at most what one step adds to
-that. What is left of it has no strength any more: with a light end it may ring as far as the step lets it,
-and what it hangs on, if that has no strength either, rings along. Such tensions are no results.
+An element breaks in the step in which its strain passes the limit, and what is left of it grows longer there:
+so it has at most what one step adds to its strength, which is much where a light end comes taut at speed.
+What has no strength and hangs on such an end rings along, as far as its own mass and the step let it. Such
+tensions are no results.
 """
 
 from typing import NamedTuple
@@ -10,10 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 BEYOND = 1.05  # times its strength: in shipped jobs what breaks is less than 1 % above it after its last step
-CAUSE = (
-    "no result: what is left of an element that broke has no strength, and its light end rings in a step as "
-    "long as this; [dynamics] fragments = false leaves fewer such ends, and a smaller safety (0.2, say) or "
-    "time_step shows how much is the step's"
+SMALLER = "a smaller [dynamics] safety (0.2, say) or time_step shows how much is the step's"
+ONE_STEP = f"no result: a light end that came taut at speed, and what one step added then; {SMALLER}"
+RINGS = (
+    "no result: it hangs on light ends of what broke, and rings with nothing to hold it back; give it a "
+    f"strength; {SMALLER}"
 )
 
 
@@ -72,7 +74,7 @@ def overload_lines(c: Carried, name) -> list[str]:
         lines.append(
             f"note: {_count(len(rows))} tensions beyond {'its' if len(rows) == 1 else 'their'} strength, the "
             f"most element {name(e)} with {c.most[e]:.4g} N at t = {c.time[e]:.4g} s, its strength is "
-            f"{c.strength[e]:.4g} N{broke}: {CAUSE}"
+            f"{c.strength[e]:.4g} N{broke}: {ONE_STEP}"
         )
     bound = at_ends(c)
     rows = np.flatnonzero(c.most > BEYOND * bound)
@@ -81,7 +83,7 @@ def overload_lines(c: Carried, name) -> list[str]:
         lines.append(
             f"note: {_count(len(rows))} no strength and carried more than what meets "
             f"{'it' if len(rows) == 1 else 'them'} can bear, the most element {name(e)} with "
-            f"{c.most[e]:.4g} N at t = {c.time[e]:.4g} s, for {bound[e]:.4g} N at an end: {CAUSE}"
+            f"{c.most[e]:.4g} N at t = {c.time[e]:.4g} s, for {bound[e]:.4g} N at an end: {RINGS}"
         )
     return lines
 

@@ -136,7 +136,9 @@ def _breaking(scene: Scene, snapshot: Snapshot) -> tuple[int, ...]:
     """Elements, global numbers, that are beyond their fracture strain, the same on every rank. Collective."""
     if not scene.state.features.fracture:
         return ()
-    over = scene.distribution.subdomain.element_gid[snapshot.eps > scene.state.eps_u].tolist()
+    state = scene.state
+    beyond = (snapshot.eps > state.eps_u) & (state.broken == 0)
+    over = scene.distribution.subdomain.element_gid[beyond].tolist()
     return tuple(sorted(set().union(*scene.comm.allgather(over))))
 
 

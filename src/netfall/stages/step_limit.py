@@ -95,7 +95,7 @@ def long_step_allowed(comm: MPI.Comm, state: State, halo: Halo, dt: float, margi
     """Whether the net as it is by now, with what has split off, can be stepped with dt [s]. Collective.
 
     As `stability.any_shape_limits` of the intact net: omega dt up to 1 at a cable that can go slack and taut
-    again, up to 2 at a bar and at what has broken; of both no more than the share `margin`.
+    again, up to 2 at a bar; of both no more than the share `margin`.
     halo : of any width
     """
     s, k = state, np.where(state.EA > 0.0, largest_stiffness(state.EA, state.L0), 0.0)
@@ -106,6 +106,6 @@ def long_step_allowed(comm: MPI.Comm, state: State, halo: Halo, dt: float, margi
     square = np.zeros((s.n_local, halo.width))
     square[:, 0] = np.where(moves, stiffness * s.per_mass[: s.n_local], 0.0)
     halo.update(square)
-    largest = np.where((s.bar != 0) | (s.broken != 0), 2.0, 1.0) * margin
+    largest = np.where(s.bar != 0, 2.0, 1.0) * margin
     omega2 = np.where(k > 0.0, square[s.ends, 0].sum(1), 0.0)
     return comm.allreduce(bool((omega2 * dt * dt <= largest * largest).all()), MPI.LAND)

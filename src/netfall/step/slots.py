@@ -122,7 +122,7 @@ def collect_yield(e, n_owned, first_split, elements, slots, law):
     if n_owned <= p and p < first_split:
         p = elements.ends[e, 1]
     elements.eps_p[e] = slots.eps_p[slot_of(e, p, slots), p]
-    if not elements.bar[e]:
+    if not elements.bar[e] and elements.eps_p[e] != 0.0:  # else its heat stands already
         elements.dissipated[e] = yield_energy(elements, e, 0.0, elements.eps_p[e], law)
 
 
@@ -157,4 +157,4 @@ def fill_slot(e, s, p, far, elements, slots):
     if slots.eps_p is not None:
         slots.eps_p[s, p] = elements.eps_p[e]
     if slots.reach is not None:
-        slots.reach[s, p] = np.inf  # it has broken
+        slots.reach[s, p] = elements.reach[e]

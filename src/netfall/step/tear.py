@@ -8,7 +8,7 @@ which far ends have changed is gone through without runs from then on.
 import numpy as np
 
 from netfall.ground.compile import inner_kernel, kernel
-from netfall.mechanics.fracture import break_element, decide, owns
+from netfall.mechanics.fracture import break_element, decide, lengthen, owns
 from netfall.step.slots import collect_yield, empty_slot, fill_slot, slot_of
 
 
@@ -23,13 +23,22 @@ def has_room(count, fractures):
 
 @kernel
 def break_elements(count, when, chunks, elements, slots, law, fractures):
-    """Break the `count` elements in elements.pending. when : `events.StepDone`"""
+    """Break the `count` elements in elements.pending; what is left of a broken one grows longer.
+
+    when : `events.StepDone`
+    """
     pending = elements.pending
     sort(pending, count)
     for k in range(count):
         decide(pending[k], elements, fractures.particles)
     for k in range(count):
         e = pending[k]
+        if elements.broken[e]:
+            lengthen(e, when.dt, elements, fractures.particles, law)
+            for end in range(2):
+                p = np.int64(elements.ends[e, end])
+                slots.inv_L0[slot_of(e, p, slots), p] = 1.0 / elements.L0[e]
+            continue
         if slots.eps_p is not None:
             collect_yield(e, chunks.n_owned, chunks.n_owned + chunks.n_halo, elements, slots, law)
         a, b = np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1])
@@ -65,7 +74,7 @@ def follow_end(e, end, before, chunks, elements, slots, fractures):
     elif owns(before, rules):
         s = slot_of(e, before, slots)
         if slots.reach is not None:
-            slots.reach[s, before] = np.inf
+            slots.reach[s, before] = elements.reach[e]
         if slots.other[s, before] != np.uint32(far):
             slots.other[s, before] = far
             if before < rules.n_owned:
