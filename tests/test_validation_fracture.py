@@ -160,8 +160,8 @@ def test_weight_on_a_cable_that_breaks(both_ways, compare):
         "energy at its strength, reduced mass",
         moves[1] - moves[2],
         away - weight / M * (tau - slack),
-        3 * (omega * dt) ** 2 / 8,
-        "second order in the step: (omega dt)^2 / 8",
+        rate * dt / stretch,
+        "what one step adds to the strength",
         "m/s",
     )
 
