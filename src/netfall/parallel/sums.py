@@ -10,35 +10,42 @@ import math
 import numpy as np
 from mpi4py import MPI
 
-from netfall.ground.compile import allocating_kernel
+from netfall.ground.compile import allocating_kernel, inner_kernel, kernel
+from netfall.numerics.arithmetic import bits_of
 
 LIMBS = 67  # 66 of 32 bits cover 2^-1074 to 2^1024; the last one counts what is not finite
 LOWEST = 1074  # the first limb's unit is 2^-1074
 MASK = np.int64(0xFFFFFFFF)
 
 
-@allocating_kernel
+@inner_kernel
+def add_term(value, limbs):
+    """Add a value to the fixed-point number in limbs (LIMBS,), exactly, for up to 2^30 values."""
+    bits = bits_of(value)
+    exponent = (bits >> 52) & np.int64(0x7FF)
+    mantissa = bits & np.int64(0xFFFFFFFFFFFFF)
+    if exponent == 0x7FF:
+        limbs[LIMBS - 1] += 1
+        return
+    if exponent == 0:
+        exponent = np.int64(1)
+    else:
+        mantissa |= np.int64(0x10000000000000)
+    shift = exponent - 1
+    k, off = shift >> 5, shift & 31
+    low, high = (mantissa & MASK) << off, (mantissa >> 32) << off
+    low_carry = (low >> 32) & MASK
+    sign = np.int64(1) if bits >= 0 else np.int64(-1)
+    limbs[k] += sign * (low & MASK)
+    limbs[k + 1] += sign * (low_carry + (high & MASK))
+    limbs[k + 2] += sign * (high >> 32)
+
+
+@kernel
 def add_exactly(values, limbs):
-    """Add the values (n,) to the fixed-point number in limbs (LIMBS,), exactly, for up to 2^30 values."""
-    bits = values.view(np.int64)
-    for i in range(bits.shape[0]):
-        exponent = (bits[i] >> 52) & np.int64(0x7FF)
-        mantissa = bits[i] & np.int64(0xFFFFFFFFFFFFF)
-        if exponent == 0x7FF:
-            limbs[LIMBS - 1] += 1
-            continue
-        if exponent == 0:
-            exponent = np.int64(1)
-        else:
-            mantissa |= np.int64(0x10000000000000)
-        shift = exponent - 1
-        k, off = shift >> 5, shift & 31
-        low, high = (mantissa & MASK) << off, (mantissa >> 32) << off
-        low_carry = (low >> 32) & MASK
-        sign = np.int64(1) if bits[i] >= 0 else np.int64(-1)
-        limbs[k] += sign * (low & MASK)
-        limbs[k + 1] += sign * (low_carry + (high & MASK))
-        limbs[k + 2] += sign * (high >> 32)
+    """`add_term` of all values (n,)."""
+    for i in range(values.shape[0]):
+        add_term(values[i], limbs)
 
 
 @allocating_kernel
@@ -102,5 +109,10 @@ def exact_sums(comm: MPI.Comm, *terms: np.ndarray) -> list[float]:
     """Sums over all ranks of several arrays of terms, correctly rounded. Collective."""
     limbs = np.zeros((len(terms), LIMBS), np.int64)
     add_each(tuple(np.ascontiguousarray(values, np.float64).ravel() for values in terms), limbs)
+    return sums_of_all(comm, limbs)
+
+
+def sums_of_all(comm: MPI.Comm, limbs: np.ndarray) -> list[float]:
+    """Sums over all ranks of what each has in its limbs (numbers, LIMBS), which are used up. Collective."""
     comm.Allreduce(MPI.IN_PLACE, limbs, MPI.SUM)
     return round_each(limbs).tolist()

@@ -9,6 +9,7 @@ the step and is the error that users should see. Both are told as shares of the 
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -19,7 +20,8 @@ from netfall.mechanics.loads import external_force, squared_speed
 from netfall.mechanics.motion import along_x, along_y, along_z, inverse_mass, kicked, make_kick
 from netfall.mechanics.state import State
 from netfall.mechanics.supports import add_springs, spring_energy
-from netfall.parallel.sums import exact_sums
+from netfall.parallel.sums import LIMBS, add_exactly, add_term, exact_sums, sums_of_all
+from netfall.record.envelope import NO_ENVELOPE, widen
 
 
 @dataclass(frozen=True)
@@ -79,58 +81,129 @@ def particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, veloci
 
 
 @kernel
-def observe(rows, part, kick_dt, zeta, share, x, springs, particles, elements, law, f_int, snapshot):
-    """All of a snapshot at once, for a call takes as long as any of its parts; the slack cables of this rank.
+def observe(rows, part, kick_dt, zeta, share, x, springs, particles, elements, law, room, envelope):
+    """All of a snapshot at once, for a call takes as long as any of its parts.
 
-    springs : x_start, spring, spring_rest, None: no elastic supports
-    snapshot : velocity, terms, `ElementState`, stored, heat, as in `Snapshot`, out; f_int : (n, 3) [N], zero
+    springs : x_start, spring, spring_rest, None: no elastic supports; room : `Room`, out
+    envelope : of `Envelope.at`, taken in
+    The slack cables of this rank, and the largest size of a strain
     """
-    velocity, terms, now, stored, heat = snapshot
+    f_int, velocity, now, heat, terms, stored, sums = room
+    for p in range(f_int.shape[0]):
+        f_int[p, 0] = f_int[p, 1] = f_int[p, 2] = 0.0
     element_state(x, elements, law, now)
     add_tensions(x, elements.ends, now.N, now.L, f_int)
     if springs is not None:
         add_springs(x, springs[0], springs[1], springs[2], f_int)
     particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, velocity, terms)
     element_energies(elements, now, law, stored, heat)
-    slack = 0
+    slack, largest = 0, 0.0
     for e in range(now.N.shape[0]):
         whole = elements.bar[e] == 0 and elements.broken[e] == 0 and elements.owned[e] == 1
         slack += now.N[e] == 0.0 and whole
-    return slack
+        largest = max(largest, abs(now.eps[e]))
+    sums[:] = 0
+    for k in range(4):
+        add_exactly(terms[k], sums[k])
+    in_store, as_heat = sums[4], sums[5]
+    for e in range(now.N.shape[0]):
+        if elements.owned[e]:
+            add_term(stored[e], in_store)
+            add_term(heat[e], as_heat)
+    widen(envelope, now.N, elements, particles)
+    return slack, largest
+
+
+class Room(NamedTuple):
+    """What a snapshot fills: f_int (n, 3) [N], velocity (r, 3) [m/s], `ElementState`, heat (m,) [J].
+
+    terms : (4, r) [J] kinetic, damping, external, internal; stored : (m,) [J]
+    sums : (6, LIMBS), exact, of this rank: those four, stored and heat
+    """
+
+    f_int: np.ndarray
+    velocity: np.ndarray
+    now: ElementState
+    heat: np.ndarray
+    terms: np.ndarray
+    stored: np.ndarray
+    sums: np.ndarray
 
 
 @dataclass
 class Snapshot:
     """The state at a step n as it is reported: owned particles (rows) and all elements of a rank.
 
-    slack : cables of this rank that are whole and slack; sprung : (r,) [J] in elastic supports, None: none
+    slack : cables of this rank that are whole and slack; largest : size of a strain
+    sprung : (r,) [J] in elastic supports, None: none
     """
 
     rows: np.ndarray
-    velocity: np.ndarray
-    N: np.ndarray
-    eps: np.ndarray
-    eps_p: np.ndarray
-    terms: np.ndarray
-    stored: np.ndarray
-    heat: np.ndarray
-    slack: int
+    room: Room
+    slack: int = 0
+    largest: float = 0.0
     sprung: np.ndarray | None = None
 
+    @property
+    def velocity(self) -> np.ndarray:
+        """(r, 3) [m/s]"""
+        return self.room.velocity
 
-def take_snapshot(state: State, before_dt: float, dt: float, zeta: float, share: float) -> Snapshot:
+    @property
+    def N(self) -> np.ndarray:
+        """Axial force (m,) [N]"""
+        return self.room.now.N
+
+    @property
+    def eps(self) -> np.ndarray:
+        """Strain (m,)"""
+        return self.room.now.eps
+
+    @property
+    def eps_p(self) -> np.ndarray:
+        """Plastic strain (m,)"""
+        return self.room.now.eps_p
+
+    @property
+    def heat(self) -> np.ndarray:
+        """Dissipated (m,) [J]"""
+        return self.room.heat
+
+
+def make_room(state: State) -> Snapshot:
+    """A snapshot that is yet to be taken."""
+    rows, m = state.owned_rows(), state.m
+    terms, sums = np.empty((4, len(rows))), np.zeros((6, LIMBS), np.int64)
+    N, eps, eps_p, L, stored, heat = np.empty((6, m))
+    arrays = np.empty_like(state.x), np.empty((len(rows), 3)), ElementState(N, eps, eps_p, L)
+    return Snapshot(rows, Room(*arrays, heat, terms, stored, sums))
+
+
+def take_snapshot(
+    state: State,
+    before_dt: float,
+    dt: float,
+    zeta: float,
+    share: float,
+    before: Snapshot | None = None,
+    envelope: tuple = NO_ENVELOPE,
+) -> Snapshot:
     """Forces, velocities and energies at the present step.
 
-    before_dt, dt : [s] the steps before and after it.
+    before_dt, dt : [s] the steps before and after it
+    before : a snapshot that is of no more use, and whose arrays are; envelope : of `Envelope.at`, taken in
     """
-    rows = state.owned_rows()
-    velocity, terms = np.empty((len(rows), 3)), np.empty((4, len(rows)))
-    N, eps, eps_p, L, stored, heat = np.empty((6, state.m))
-    now = ElementState(N, eps, eps_p, L)
-    part, kick_dt, f_int = before_dt / (before_dt + dt), 0.5 * (before_dt + dt), np.zeros_like(state.x)
+    snapshot = before
+    if (
+        before is None
+        or len(before.room.f_int) != len(state.x)
+        or len(before.rows) != state.n_local - state.n_halo
+    ):
+        snapshot = make_room(state)
+    part, kick_dt = before_dt / (before_dt + dt), 0.5 * (before_dt + dt)
     springs = (state.x_start, state.spring, state.spring_rest) if state.features.springs else None
-    slack = observe(
-        rows,
+    snapshot.slack, snapshot.largest = observe(
+        snapshot.rows,
         part,
         kick_dt,
         zeta,
@@ -140,19 +213,17 @@ def take_snapshot(state: State, before_dt: float, dt: float, zeta: float, share:
         state.particles,
         state.elements,
         state.law,
-        f_int,
-        (velocity, terms, now, stored, heat),
+        snapshot.room,
+        envelope,
     )
-    sprung = spring_energy(*(array[rows] for array in (state.x, *springs))) if springs else None
-    return Snapshot(rows, velocity, N, eps, eps_p, terms, stored, heat, slack, sprung)
+    if springs:
+        snapshot.sprung = spring_energy(*(array[snapshot.rows] for array in (state.x, *springs)))
+    return snapshot
 
 
 def total_energies(comm: MPI.Comm, state: State, snapshot: Snapshot) -> Energies:
     """Energies of the whole net, the same to the bit on any number of ranks. Collective."""
-    mine = state.owned.astype(bool)
-    kinetic, damping, external, internal, stored, heat = exact_sums(
-        comm, *snapshot.terms, snapshot.stored[mine], snapshot.heat[mine]
-    )
+    kinetic, damping, external, internal, stored, heat = sums_of_all(comm, snapshot.room.sums.copy())
     if state.features.springs:
         stored += exact_sums(comm, snapshot.sprung)[0]
     return Energies(kinetic, stored, heat, damping, external, internal)

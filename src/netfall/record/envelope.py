@@ -7,31 +7,35 @@ import math
 
 import numpy as np
 
-from netfall.ground.compile import kernel
+from netfall.ground.compile import inner_kernel
 from netfall.parallel.subdomain import Distribution
 
 TENSION = ("tension_max", "tension_max_time", "tension_min", "slack_time")  # (m,), of elements
 DISPLACEMENT = ("displacement_max", "displacement_max_time")  # (n,), of particles of the net
 
 
-@kernel
-def widen(time, since, N, bar, broken, x, x_start, tension, displacement):
-    """Take in the axial forces N (m,) [N] and positions x (n, 3) [m] of a row of the history.
+@inner_kernel
+def widen(envelope, N, elements, particles):
+    """Take in the axial forces N (m,) [N] and the positions of a row of the history.
 
-    time : [s]; since : [s] from the row before; bar, broken : (m,) of `Elements`; x_start : (n, 3) [m]
-    tension : (4, m), rows as TENSION; displacement : (2, n_owned), rows as DISPLACEMENT; both out
+    envelope : of `Envelope.at`
     """
-    for e in range(N.shape[0]):
+    time, since, tension, displacement = envelope
+    for e in range(tension.shape[1]):
         if N[e] > tension[0, e]:
             tension[0, e], tension[1, e] = N[e], time
         tension[2, e] = min(tension[2, e], N[e])
-        if N[e] == 0.0 and bar[e] == 0 and broken[e] == 0:
+        if N[e] == 0.0 and elements.bar[e] == 0 and elements.broken[e] == 0:
             tension[3, e] += since
+    x, start = particles.x, particles.x_start
     for p in range(displacement.shape[1]):
-        dx, dy, dz = x[p, 0] - x_start[p, 0], x[p, 1] - x_start[p, 1], x[p, 2] - x_start[p, 2]
+        dx, dy, dz = x[0][p] - start[0][p], x[1][p] - start[1][p], x[2][p] - start[2][p]
         u = math.sqrt(dx * dx + dy * dy + dz * dz)
         if u > displacement[0, p]:
             displacement[0, p], displacement[1, p] = u, time
+
+
+NO_ENVELOPE = 0.0, 0.0, np.zeros((len(TENSION), 0)), np.zeros((len(DISPLACEMENT), 0))  # nothing is kept
 
 
 class Envelope:
@@ -45,10 +49,9 @@ class Envelope:
         self.displacement = np.zeros((len(DISPLACEMENT), subdomain.n_owned))
         self.displacement[0] = -1.0
 
-    def add(self, time: float, since: float, state, snapshot) -> None:
-        """Take in a row of the history, at a time [s], `since` [s] after the one before."""
-        arrays = state.bar, state.broken, state.x, state.x_start, self.tension, self.displacement
-        widen(time, since, snapshot.N, *arrays)
+    def at(self, time: float, since: float) -> tuple:
+        """To take in a row of the history, at a time [s], `since` [s] after the one before."""
+        return time, since, self.tension, self.displacement
 
     def columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """Of elements (m,) and of particles (n_owned,), by name."""

@@ -10,8 +10,8 @@ from netfall.job.job import Job
 from netfall.model.schedule import steps_line
 from netfall.record.columns import Moment
 from netfall.record.energy import Energies, most_extreme, take_snapshot, total_energies
-from netfall.record.envelope import Envelope
-from netfall.record.history import History, LocalProbes, most_strained, most_strained_of_all
+from netfall.record.envelope import NO_ENVELOPE, Envelope
+from netfall.record.history import MOST_STRAIN, History, LocalProbes, most_strained, most_strained_of_all
 from netfall.record.wind import wind_section
 from netfall.stages import rests
 from netfall.stages.removal import Removal
@@ -93,7 +93,7 @@ class Simulation(Stepper):
         self.envelope, self.history = Envelope(scene.distribution), History(probes)
         self.wind = next((load for load in loads if isinstance(load, WindLoad)), None)
         self.start_strain = self.start_plastic = 0.0  # J, from which energies count
-        self.largest_work = 0.0
+        self.largest_work, self.room = 0.0, None
         looks = min(LOOK_STEPS, LOOK_WORK // max(1, scene.distribution.m)) // self.schedule.stride
         self.look_every = max(1, looks) * self.schedule.stride  # steps
         self.probes = LocalProbes(self.subdomain, probes)
@@ -130,7 +130,7 @@ class Simulation(Stepper):
         ):
             self.advance_to(target)
             with self.phases.phase("dynamics: output"):
-                snapshot = self.snapshot()
+                snapshot = self.snapshot(row=target in history)
                 self.watch_strains(snapshot)
                 self.share_events(snapshot.slack)
                 if target in history or target in saves:
@@ -151,12 +151,20 @@ class Simulation(Stepper):
         self.result.write_final(self.state, snapshot)
         self.halo.free()
 
-    def snapshot(self):
-        """Snapshot of the present step, with the loads at its time."""
+    def snapshot(self, row: bool = False):
+        """Snapshot of the present step, with the loads at its time, in place of the one before.
+
+        row : whether it becomes a row of the history, which the envelope is of
+        """
         self.loads.advance(self.state, self.n, self.schedule.step_at)
         share = (self.time - self.loads.time) / self.loads.dt
         self.plan.collect_yield(self.state)
-        return take_snapshot(self.state, self.before_dt, self.dt, self.zeta, share)
+        rows, envelope = self.history.rows["time"], NO_ENVELOPE
+        if row:
+            envelope = self.envelope.at(self.time, self.time - rows[-1] if rows else 0.0)
+        step = self.before_dt, self.dt, self.zeta, share
+        self.room = take_snapshot(self.state, *step, self.room, envelope)
+        return self.room
 
     def record(self) -> tuple[dict, dict]:
         """Where the run stands, for `restore`. Collective."""
@@ -224,9 +232,7 @@ class Simulation(Stepper):
         return e
 
     def write_history(self, snapshot, e: Energies) -> None:
-        """One row of /history, the probes' and the envelope's."""
-        rows = self.history.rows["time"]
-        self.envelope.add(self.time, self.time - rows[-1] if rows else 0.0, self.state, snapshot)
+        """One row of /history, and the probes'."""
         self.largest_work = np.fmax(self.largest_work, abs(e.external))
         now = Moment(
             self.time,
@@ -241,9 +247,10 @@ class Simulation(Stepper):
 
     def watch_strains(self, snapshot) -> None:
         """Keep the largest strain so far, for the end of the run."""
-        gid = self.subdomain.element_gid
-        now = most_strained(self.state, self.time, snapshot.eps, snapshot.N, gid)
-        self.history.most_strained = max(self.history.most_strained, now)
+        if snapshot.largest > MOST_STRAIN:
+            gid = self.subdomain.element_gid
+            now = most_strained(self.state, self.time, snapshot.eps, snapshot.N, gid)
+            self.history.most_strained = max(self.history.most_strained, now)
 
     def report(self) -> None:
         """Progress on rank 0."""
