@@ -1,10 +1,12 @@
 """What a collapse costs beside its steps: the benchmark's net, torn or yielding, and intact.
 
-    python jobs/bench/collapse.py N [--ranks P] [--rounds R] [--command NETFALL]
+    python jobs/bench/collapse.py N [--ranks P] [--rounds R] [--command NETFALL] [--even]
 
 N x N particles under a load that comes at once. Three scenes of the same steps: intact; torn: strengths of
 the elements scattered by 5 % about what the load asks for; flowing: half of the elements yield. Prints for
 each round the seconds of the dynamic stage and their ratios to the intact net's, then the medians as JSON.
+With --even a net that LAMMPS can tear as well (lammps_collapse.py): flat, of bars of one length and
+one strength, which are taken out where they break.
 """
 
 import argparse
@@ -24,11 +26,10 @@ parser.add_argument("N", type=int)
 parser.add_argument("--ranks", type=int, default=1)
 parser.add_argument("--rounds", type=int, default=3)
 parser.add_argument("--command", default=str(Path(sys.executable).with_name("netfall")), help="that is timed")
+parser.add_argument("--even", action="store_true", help="a flat net of one length and one strength")
 arguments = parser.parse_args()
 
-STEPS, DT, SEED = 2600, 1.0e-4, 7  # steps of DT [s]
-LOAD = 24e3  # N, scatter of the load of a node along x and y
-MEAN, SCATTER = 1.0e-3, 0.05  # strain at fracture
+SCATTER = 0.0 if arguments.even else 0.05  # of the strain at fracture
 YIELD = 160e6  # Pa: what half of them reach
 JOB = f"""
 [net]
@@ -38,24 +39,28 @@ elements = "elements.csv"
 modulus = 1.95e11
 area = 6.83e-4
 density = 7850.0
+kind = "{"bar" if arguments.even else "cable"}"
 {{strength}}
 [load]
 steps = 0
 [dynamics]
-duration = {STEPS * DT}
-time_step = {DT}
+duration = {net.TORN_STEPS * net.TORN_DT}
+time_step = {net.TORN_DT}
+fragments = {str(not arguments.even).lower()}
 [output]
-history = {STEPS * DT / 10}
+history = {net.TORN_STEPS * net.TORN_DT / 10}
 frames = 1
 """
-SCENES = {"intact": "", "torn": "", "flowing": f"yield_stress = {YIELD}"}
+SCENES = {"intact": "", "torn": ""}
+if not arguments.even:
+    SCENES["flowing"] = f"yield_stress = {YIELD}"
 
 
 def write_tables(folder: Path, torn: bool) -> None:
     """nodes.csv and elements.csv of the net; torn : with strengths"""
-    whole = net.make_net(arguments.N)
-    random = np.random.default_rng(SEED)
-    load, mass = LOAD * random.standard_normal((len(whole.x), 2)), np.full(len(whole.x), net.MASS)
+    whole = net.make_even_net(arguments.N) if arguments.even else net.make_net(arguments.N)
+    random = np.random.default_rng(net.SEED)
+    load, mass = net.sideways_load(arguments.N, random), np.full(len(whole.x), net.MASS)
     columns, names = (
         [np.arange(len(whole.x)), whole.x, whole.fixed, mass, load],
         "id,x,y,z,fixed,mass,load_x,load_y",
@@ -64,7 +69,7 @@ def write_tables(folder: Path, torn: bool) -> None:
     columns, names = [whole.elements, whole.L0], "start,end,unstressed_length"
     if torn:
         draw = random.standard_normal(len(whole.L0))
-        columns, names = [*columns, MEAN * (1.0 + SCATTER * draw)], names + ",fracture_strain"
+        columns, names = [*columns, net.STRENGTH * (1.0 + SCATTER * draw)], names + ",fracture_strain"
     np.savetxt(folder / "elements.csv", np.column_stack(columns), "%.17g", ",", header=names, comments="")
 
 
@@ -105,5 +110,5 @@ with tempfile.TemporaryDirectory() as name:
             found = run(folder, scene)
             seconds[scene].append(found["seconds"])
             print(scene, found, flush=True)
-    ratio = {s: float(np.median(np.divide(seconds[s], seconds["intact"]))) for s in ("torn", "flowing")}
+    ratio = {s: float(np.median(np.divide(seconds[s], seconds["intact"]))) for s in SCENES if s != "intact"}
     print(json.dumps({"N": arguments.N, "ranks": arguments.ranks, **ratio}))

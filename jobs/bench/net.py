@@ -46,3 +46,21 @@ def make_net(N: int) -> BenchNet:
     edge = np.ones((N, N), bool)
     edge[1:-1, 1:-1] = False
     return BenchNet(x, elements, L0, edge.ravel(), int(number[N // 2, N // 2]))
+
+
+TORN_STEPS, TORN_DT, SEED = 2600, 1.0e-4, 7  # steps of the net that is torn, and their length [s]
+SIDEWAYS = 24e3  # N, scatter of the load of a node along x and y, which comes at once
+STRENGTH = 1.0e-3  # strain at fracture, the mean where it is scattered
+
+
+def sideways_load(N: int, random) -> np.ndarray:
+    """Load (n, 2) [N] of each node along x and y, the first that a generator of SEED draws."""
+    return SIDEWAYS * random.standard_normal((N * N, 2))
+
+
+def make_even_net(N: int) -> BenchNet:
+    """The net of N x N particles, flat and with elements of one length."""
+    whole = make_net(N)
+    whole.x[:, 2] = 0.0
+    whole.L0[:] = SPACING / (1.0 + PRESTRESS / EA)
+    return whole
