@@ -8,13 +8,14 @@ the step and is the error that users should see. Both are told as shares of the 
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
 
-from netfall.ground.compile import inner_kernel, kernel, part_of_kernel
+from netfall.ground.compile import entry_for, inner_kernel, kernel, part_of_kernel
 from netfall.mechanics.elements import ElementState, add_tensions, element_energies, element_state
 from netfall.mechanics.loads import external_force, squared_speed
 from netfall.mechanics.motion import along_x, along_y, along_z, inverse_mass, kicked, make_kick
@@ -135,7 +136,7 @@ class Snapshot:
     """The state at a step n as it is reported: owned particles (rows) and all elements of a rank.
 
     slack : cables of this rank that are whole and slack; largest : size of a strain
-    sprung : (r,) [J] in elastic supports, None: none
+    sprung : (r,) [J] in elastic supports, None: none; enter : `observe`, once its types are known
     """
 
     rows: np.ndarray
@@ -143,6 +144,7 @@ class Snapshot:
     slack: int = 0
     largest: float = 0.0
     sprung: np.ndarray | None = None
+    enter: Callable | None = None
 
     @property
     def velocity(self) -> np.ndarray:
@@ -202,20 +204,13 @@ def take_snapshot(
         snapshot = make_room(state)
     part, kick_dt = before_dt / (before_dt + dt), 0.5 * (before_dt + dt)
     springs = (state.x_start, state.spring, state.spring_rest) if state.features.springs else None
-    snapshot.slack, snapshot.largest = observe(
-        snapshot.rows,
-        part,
-        kick_dt,
-        zeta,
-        share,
-        state.x,
-        springs,
-        state.particles,
-        state.elements,
-        state.law,
-        snapshot.room,
-        envelope,
-    )
+    step = snapshot.rows, part, kick_dt, zeta, share
+    arguments = *step, state.x, springs, state.particles, state.elements, state.law, snapshot.room, envelope
+    if snapshot.enter:
+        snapshot.slack, snapshot.largest = snapshot.enter(*arguments)
+    else:
+        snapshot.slack, snapshot.largest = observe(*arguments)
+        snapshot.enter = entry_for(observe, *arguments) if snapshot is before else None
     if springs:
         snapshot.sprung = spring_energy(*(array[snapshot.rows] for array in (state.x, *springs)))
     return snapshot

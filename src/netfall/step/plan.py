@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.ground.compile import entry_for
 from netfall.mechanics.events import events_with_room
 from netfall.mechanics.fields import SLOTS, Particles
 from netfall.mechanics.fracture import FractureRules, Fractures
@@ -131,6 +132,7 @@ class Plan:
         )
         find_runs(len(new), low, high, self.chunks.width, state.other, self.chunks.runs)
         fractures = self.rules and Fractures(self.rules, state.particles, state.rows, self.events)
+        self._entries: dict = {}  # what is None may have changed
         self.arguments = (
             self.chunks,
             stepped_particles(state),
@@ -154,7 +156,7 @@ class Plan:
         Fewer where more breaks than there is room for: then there is, and it has broken. Collective among
         neighbours.
         """
-        done, count, error = time_loop(interval, *self.arguments, self.halo.buffers, seconds)
+        done, count, error = self._steps(interval, seconds)
         check(error)
         if count:
             if self.state.features.fragments:
@@ -172,10 +174,19 @@ class Plan:
         """Steps of a trial before that in which an element passes its fracture strain; all, if none does."""
         kept = {name: getattr(self.state, name) for name in MOVING}
         kept = {name: array.copy(order="K") for name, array in kept.items() if array is not None}
-        done, tried, error = time_loop(interval, *self.arguments, self.halo.buffers, seconds)
+        done, tried, error = self._steps(interval, seconds)
         check(error)
         self.before = kept
         return max(0, tried - 2) if tried else done  # it had passed it in the step before
+
+    def _steps(self, interval: Interval, seconds: np.ndarray | None) -> tuple[int, int, int]:
+        """`time_loop` with these arguments."""
+        arguments, timed = (interval, *self.arguments, self.halo.buffers, seconds), seconds is not None
+        if timed in self._entries:
+            return self._entries[timed](*arguments)
+        found = time_loop(*arguments)
+        self._entries[timed] = entry_for(time_loop, *arguments)
+        return found
 
     def take_back(self) -> None:
         """The state is as it was before the last trial."""
