@@ -37,7 +37,8 @@ def break_elements(count, when, chunks, elements, slots, law, fractures):
             lengthen(e, when.dt, elements, fractures.particles, law)
             for end in range(2):
                 p = np.int64(elements.ends[e, end])
-                slots.inv_L0[slot_of(e, p, slots), p] = 1.0 / elements.L0[e]
+                if owns(p, fractures.rules):  # one end is the halo's where nothing has split off
+                    slots.inv_L0[slot_of(e, p, slots), p] = 1.0 / elements.L0[e]
             continue
         if slots.eps_p is not None:
             collect_yield(e, chunks.n_owned, chunks.n_owned + chunks.n_halo, elements, slots, law)
