@@ -67,8 +67,10 @@ def events_of(members: dict, elements: int, seed: int = 1) -> dict:
     }
 
 
-def write_study(path, members: dict, section: dict, roof: dict | None = None, title="a roof") -> None:
-    """Write a study file of these columns and of what stands in /fragility."""
+def write_study(
+    path, members: dict, section: dict, roof: dict | None = None, title="a roof", hazard: dict | None = None
+) -> None:
+    """Write a study file of these columns and of what stands in /fragility and /hazard."""
     roof = roof or net()
     m = len(roof["elements"])
     events = events_of(members, m)
@@ -77,8 +79,9 @@ def write_study(path, members: dict, section: dict, roof: dict | None = None, ti
     first = members["first_element"][ran & (members["broken"] > 0)]
     with h5py.File(path, "w") as file:
         file.attrs["netfall_study"], file.attrs["title"] = 1, title
-        for group, data in (("members", members), ("events", events), ("net", roof), ("fragility", section)):
-            for name, values in data.items():
+        groups = {"members": members, "events": events, "net": roof, "fragility": section, "hazard": hazard}
+        for group, data in groups.items():
+            for name, values in (data or {}).items():
                 text = isinstance(values, np.ndarray) and values.dtype.kind in "OU"
                 file[f"{group}/{name}"] = values.astype(TEXT) if text else values
         file["first_breaks"] = np.bincount(first, minlength=m)

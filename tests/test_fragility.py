@@ -16,12 +16,14 @@ from netfall.ground.errors import InputError
 from netfall.numerics import normal
 from netfall.plots.study.study import pictures_of
 from netfall.results.file import open_result
-from netfall.study.answers import fragility, probit, samples
+from netfall.study.answers import fragility, measures, probit, samples
 from netfall.study.answers.correlation import spearman
-from netfall.study.answers.fragility import fragility_section
+from netfall.study.answers.fragility import curve_sections, fragility_section
+from netfall.study.answers.hazard import Hazard
 from netfall.study.answers.info import print_study
 from netfall.study.answers.intervals import narrower
 from netfall.study.answers.losses import elements_lost, losses_of
+from netfall.study.answers.measures import Failure, failure_section
 from netfall.study.answers.read import read_study
 
 SPEEDS = (30.0, 34.0, 38.0, 42.0, 46.0)
@@ -147,7 +149,7 @@ def test_the_interval_holds_the_truth_as_often_as_it_says(monkeypatch):
     """Sixty studies of 50 seeds: 95 % of them would be 57; fewer than 50 come once in 10^4 at 94 %, and an
     interval of half the width would hold it in 40.
     """
-    monkeypatch.setattr(fragility, "LOST_ROOF", ())
+    monkeypatch.setattr(measures, "LOST_ROOF", ())
     generator, held = np.random.default_rng(6), 0
     for _ in range(60):
         section = fragility_section(drawn_members(generator, 50, SPEEDS, 38.0, 0.1))
@@ -350,4 +352,8 @@ def test_every_dataset_is_described(storm):
     text = (ROOT / "src/netfall/study/README.md").read_text()
     with h5py.File(storm) as file:
         names = [name for group in ("members", "events", "fragility") for name in file[group]]
+    members = drawn_members(np.random.default_rng(1), 10, SPEEDS, 38.0, 0.1)
+    hazard = Hazard("gumbel", {"mode": 25.0, "scale": 2.5})
+    names += curve_sections(members, hazard=hazard)["hazard"]
+    names += failure_section(members, (Failure("much", "broken", 3.0),))
     assert [name for name in names if f"`{name}`" not in text] == []

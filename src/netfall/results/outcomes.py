@@ -24,7 +24,13 @@ class MemberColumn(NamedTuple):
         """Of the column."""
         return object if self.empty == "" else type(self.empty)
 
+    @property
+    def measured(self) -> bool:
+        """Whether it says how badly a run went, so that a failure may be defined by it."""
+        return self.of_run and self.dtype in (int, float) and self.name not in NO_MEASURE
 
+
+NO_MEASURE = ("first_element", "dynamic_factor_element", "gusts", "seconds")
 OUTCOMES = (
     MemberColumn("first_fracture", NAN, "s"),
     MemberColumn("first_element", -1),

@@ -5,6 +5,7 @@ import json
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,20 +15,27 @@ from netfall.job.read import read_job, read_toml
 from netfall.job.toml_text import toml_value
 from netfall.job.values import nearest, shown
 from netfall.net.build import build_net
+from netfall.study.answers.hazard import Hazard
+from netfall.study.answers.measures import Failure
+from netfall.study.answers.samples import SPEED
 from netfall.study.draws import draw
 from netfall.study.sections import (
     EACH,
     LOST,
     MOST,
     SAMPLE,
+    TOP,
     Axis,
     axis_of,
     check_sample,
+    failure_sections,
+    hazard_section,
     loss_section,
     run_section,
 )
 
 # A member leaves no checkpoints, which change nothing in what it finds, and its modes are not asked.
+FEW = 10  # pieces that a message names
 OWN = {"output.checkpoint": 0.0, "output.modes": 0}
 
 
@@ -52,11 +60,12 @@ class Plan:
 
     draws : (count, k) of the keys `sampled`, None without [sample]; whole : those with whole numbers
     loss : what each loss has in common; exposure : [s], duration of the job's own dynamic stage
-    files : that the members read
+    files : that the members read; failures, hazard : what is asked of the runs when they are there
     """
 
     path: Path
     text: str
+    title: str
     job: Path
     axes: list[Axis]
     sampled: list[str]
@@ -67,6 +76,8 @@ class Plan:
     keep: str
     time_limit: float
     exposure: float
+    failures: tuple[Failure, ...]
+    hazard: Hazard | None
     files: list[Path]
     notes: list[str]
 
@@ -99,7 +110,7 @@ class Plan:
         return float(member.values.get("dynamics.duration", self.exposure))
 
     def _entry(self, removed) -> dict:
-        rest = {name: value for name, value in self.loss.items() if name not in ("each", "group")}
+        rest = {name: value for name, value in self.loss.items() if name in ("time", "duration")}
         return {EACH[self.loss["each"]]: [removed], **rest}
 
     def read(self, member: Member) -> Job:
@@ -113,6 +124,18 @@ class Plan:
         return hashlib.sha256(json.dumps([asked, self.sampled, draws, self.loss]).encode()).hexdigest()
 
 
+class Sections(NamedTuple):
+    """The sections of a study file, checked; of losses not yet which elements or cables."""
+
+    run: dict
+    failures: tuple[Failure, ...]
+    hazard: Hazard | None
+    axes: list[Axis]
+    loss: dict | None
+    sample: dict
+    distributions: dict
+
+
 def read_plan(path: Path) -> Plan:
     """The plan of a study file, with every value of every key tried in the job.
 
@@ -121,67 +144,89 @@ def read_plan(path: Path) -> Plan:
     data, text = read_toml(path, "study")
     if "net" in data and "job" not in data:
         raise InputError(f"{path}: is a job file; netfall run {path} runs it; a study file names it in job")
-    errors: list[str] = []
-    wrong = lambda what: errors.append(f"{path}: {what}")
-    for name in data:
-        if name not in ("job", "vary", "sample", "run"):
-            wrong(f"{name}: unknown; {nearest(name, ('job', 'vary', 'sample', 'run'))}")
-    if not isinstance(data.get("job"), str):
-        wrong(f"job = {shown(data.get('job'))}: expected the path of a job file, relative to this one")
-    tables = {name: data.get(name, {}) for name in ("vary", "sample", "run")}
-    for name, table in tables.items():
-        if not isinstance(table, dict):
-            wrong(f"{name} = {shown(table)}: expected a section, [{name}]")
-            tables[name] = {}
-    run = run_section(tables["run"], wrong)
-    vary, loss = _flat(tables["vary"], wrong), None
-    if "remove" in vary:
-        loss = loss_section(vary["remove"], wrong)
-    axes = [axis_of(name, value, wrong) for name, value in vary.items()]
-    sample = _flat(tables["sample"], wrong)
-    distributions = {name: each for name, each in sample.items() if name not in SAMPLE}
-    check_sample(sample, distributions, vary, wrong)
-    if not axes and not distributions:
-        wrong("nothing varies; expected [vary] or [sample]")
-    if errors:
-        raise InputError(errors)
-    job = path.parent / data["job"]
-    combinations = math.prod(len(axis.values) for axis in axes if axis.name != LOST)
-    if combinations * sample.get("count", 1) > MOST:
-        raise InputError(
-            f"{path}: asks for {combinations * sample.get('count', 1)} runs; at most {MOST} are possible"
-        )
+    there, job = _sections_of(path, data), path.parent / str(data["job"])
+    axes, loss = there.axes, there.loss
+    count = math.prod(len(axis.values) for axis in axes if axis.name != LOST) * there.sample.get("count", 1)
+    if count > MOST:
+        raise InputError(f"{path}: asks for {count} runs; at most {MOST} are possible")
     if loss:
         first = [f"{axis.name}={toml_value(axis.values[0])}" for axis in axes if axis.name != LOST]
-        pieces = _pieces_of(read_job(job, first), loss["each"], loss.get("group"))
+        pieces = _pieces_of(read_job(job, first), loss["each"], loss.get("group"), loss.get("ids"))
         axes = [Axis(LOST, pieces) if axis.name == LOST else axis for axis in axes]
-    draws, notes = None, []
-    if distributions:
-        method, count = sample.get("method", "sobol"), sample["count"]
-        draws = draw(method, count, sample.get("seed", 1), list(distributions.values()))
-        if method == "sobol" and count & (count - 1):
-            notes.append(f"note: [sample] count = {count}: Sobol's points are even for powers of two only")
+    draws, notes = _draws(there)
     own = read_job(job)
-    exposure = own.dynamics.duration if own.dynamics else math.nan
     plan = Plan(
         path,
         text,
+        data.get("title", ""),
         job,
         axes,
-        list(distributions),
-        {name for name, each in distributions.items() if each["distribution"] == "integer"},
+        list(there.distributions),
+        {name for name, each in there.distributions.items() if each["distribution"] == "integer"},
         draws,
         loss,
-        **run,
-        exposure=exposure,
+        **there.run,
+        exposure=own.dynamics.duration if own.dynamics else math.nan,
+        failures=there.failures,
+        hazard=there.hazard,
         files=[job, *own.files()],
         notes=notes,
     )
     return replace(plan, files=_try(plan))
 
 
-def _pieces_of(job, each: str, group: str | list[str] | None) -> list:
-    """Ids of elements, or names of cables, that are lost one after another. Raises InputError."""
+def _sections_of(path: Path, data: dict) -> Sections:
+    """What stands in a study file. Raises InputError with a line for each thing that is wrong."""
+    errors: list[str] = []
+    wrong = lambda what: errors.append(f"{path}: {what}")
+    for name in data:
+        if name not in TOP:
+            wrong(f"{name}: unknown; {nearest(name, TOP)}")
+    if not isinstance(data.get("title", ""), str):
+        wrong(f"title = {shown(data['title'])}: expected a text")
+    if not isinstance(data.get("job"), str):
+        wrong(f"job = {shown(data.get('job'))}: expected the path of a job file, relative to this one")
+    tables = {name: data.get(name, {}) for name in ("vary", "sample", "run", "hazard")}
+    for name, table in tables.items():
+        if not isinstance(table, dict):
+            wrong(f"{name} = {shown(table)}: expected a section, [{name}]")
+            tables[name] = {}
+    vary, sample = (_flat(tables[name], wrong) for name in ("vary", "sample"))
+    distributions = {name: each for name, each in sample.items() if name not in SAMPLE}
+    check_sample(sample, distributions, vary, wrong)
+    varied = {*vary, *distributions}
+    there = Sections(
+        run_section(tables["run"], wrong),
+        failure_sections(data.get("failure", []), "remove" in vary, wrong),
+        hazard_section(tables["hazard"], SPEED in varied, wrong),
+        [axis_of(name, value, wrong) for name, value in vary.items()],
+        loss_section(vary["remove"], wrong) if "remove" in vary else None,
+        sample,
+        distributions,
+    )
+    if not varied:
+        wrong("nothing varies; expected [vary] or [sample]")
+    if errors:
+        raise InputError(errors)
+    return there
+
+
+def _draws(there: Sections) -> tuple[np.ndarray | None, list[str]]:
+    """The values that are drawn, and what is to be noted of them."""
+    if not there.distributions:
+        return None, []
+    method, count = there.sample.get("method", "sobol"), there.sample["count"]
+    notes = []
+    if method == "sobol" and count & (count - 1):
+        notes.append(f"note: [sample] count = {count}: Sobol's points are even for powers of two only")
+    return draw(method, count, there.sample.get("seed", 1), list(there.distributions.values())), notes
+
+
+def _pieces_of(job, each: str, group: str | list[str] | None, ids: list | None) -> list:
+    """Ids of elements, or names of cables, that are lost one after another. Raises InputError.
+
+    group : of these groups alone; ids : of these alone, in their order
+    """
     net = build_net(job)
     there = {net.group_names[k] for k in net.group}
     groups = there if group is None else {group} if isinstance(group, str) else set(group)
@@ -190,8 +235,14 @@ def _pieces_of(job, each: str, group: str | list[str] | None) -> list:
         raise InputError(f"{job.path}: no element has the group {min(groups - there)}; groups: {known}")
     rows = [e for e in range(net.m) if net.group_names[net.group[e]] in groups]
     if each == "element":
-        return list(dict.fromkeys(int(net.element_id[e]) for e in rows))
-    return list(dict.fromkeys(net.cable_names[net.cable[e]] for e in rows))
+        pieces = list(dict.fromkeys(int(net.element_id[e]) for e in rows))
+    else:
+        pieces = list(dict.fromkeys(net.cable_names[net.cable[e]] for e in rows))
+    unknown = [name for name in ids or [] if name not in pieces]
+    if unknown:
+        few = ", ".join(map(str, pieces[:FEW])) + ", ..." * (len(pieces) > FEW)
+        raise InputError(f"{job.path}: [vary] remove: ids: no {each} {shown(unknown[0])}; there are {few}")
+    return pieces if ids is None else ids
 
 
 def _net_key(job) -> str:

@@ -10,6 +10,7 @@ import contextlib
 import ctypes
 import json
 import os
+import resource
 import selectors
 import shlex
 import signal
@@ -31,7 +32,22 @@ START = 900.0  # s that a worker is given to start: in a queue's allocation it m
 DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of Linux
 DEATHS = 3  # of workers at one task, after which it is given up
 STARTS = 3  # in a row that fail: then none will do
+DESCRIPTORS, SPARE = 3, 64  # open files: of a worker here, and of all else
 TOLD = 200  # characters of what a worker said at its end
+
+
+def make_room_for(workers: int) -> None:
+    """Raise the limit of open files as far as so many workers need it. Raises InputError if it is too low."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    needed = DESCRIPTORS * workers + SPARE
+    if hard != resource.RLIM_INFINITY and needed > hard:
+        most = (hard - SPARE) // DESCRIPTORS
+        raise InputError(
+            f"{workers} workers at once need {needed} open files, and the limit is {hard} (ulimit -Hn): "
+            f"expected --workers of {most} at most; run the others as parts (--shard)"
+        )
+    if soft != resource.RLIM_INFINITY and needed > soft:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (needed, hard))
 
 
 class Worker:
@@ -174,6 +190,7 @@ class Pool:
 
     def run(self, stop) -> None:
         """Have tasks done until there are no more, or `stop.wanted`. Raises InputError if none can start."""
+        make_room_for(self.count)
         try:
             with selectors.DefaultSelector() as self.selector:
                 while not stop.wanted:

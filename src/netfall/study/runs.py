@@ -61,7 +61,7 @@ class Runs:
         if self.done < self.count or self.table.net is None:
             there = int(self.table.there.sum())
             raise Interrupted(f"interrupted after {there} of {len(self.plan)} runs; the same command goes on")
-        self._write(workers)
+        write_study(self.plan, self.place, self.table, self.header, workers, self.progress)
 
     def _make_room(self, missing: set[int]) -> None:
         """A folder for the result files that are kept, without what a killed session left of these members.
@@ -140,25 +140,25 @@ class Runs:
             for path in (there, kept):
                 path.unlink(missing_ok=True)
 
-    def _write(self, workers: int) -> None:
-        """The study file, and the end of the journal."""
-        job = read_job(self.plan.job)
-        provenance = {f"{name}_digest": self.header[name] for name in ("study", "job", "program")} | {
-            "study": self.plan.text,
-            "job": job.text,
-            "netfall": netfall.__version__,
-            "python": platform.python_version(),
-            "command": shlex.join(sys.argv),
-            "workers": workers,
-            "ranks": self.plan.ranks,
-        }
-        if self.plan.draws is not None:
-            provenance["draws"] = self.plan.draws
-        title = job.title or job.name
-        self.table.write(self.place.result, self.plan, title, provenance)
-        self.place.journal.unlink()
-        ended = ", ".join(f"{name} {count}" for name, count in self.table.counts.items() if count)
-        self.progress.say(f"written: {self.place.result} ({ended})")
+
+def write_study(plan: Plan, place: Place, table: Table, header: dict, workers: int, progress) -> None:
+    """The study file of the runs that are there, and the end of the journal. header : of the journal"""
+    job = read_job(plan.job)
+    provenance = {f"{name}_digest": header[name] for name in ("study", "job", "program")} | {
+        "study": plan.text,
+        "job": job.text,
+        "netfall": netfall.__version__,
+        "python": platform.python_version(),
+        "command": shlex.join(sys.argv),
+        "workers": workers,
+        "ranks": plan.ranks,
+    }
+    if plan.draws is not None:
+        provenance["draws"] = plan.draws
+    table.write(place.result, plan, plan.title or job.title or job.name, provenance)
+    place.journal.unlink(missing_ok=True)
+    ended = ", ".join(f"{name} {count}" for name, count in table.counts.items() if count)
+    progress.say(f"written: {place.result} ({ended})")
 
 
 def task_of(plan: Plan, member: Member, result: Path | None = None, net: bool = False) -> dict:
@@ -167,18 +167,29 @@ def task_of(plan: Plan, member: Member, result: Path | None = None, net: bool = 
     return task_for(plan.job, overrides, [member.remove] if member.remove else [], result, net=net)
 
 
+def part_of(plan: Plan, part: int, parts: int) -> list[int]:
+    """The numbers of the members of a part, 1 to `parts`: those that share form and rest stay together."""
+    together: dict[str, list[int]] = {}
+    for number in range(len(plan)):
+        together.setdefault(shared_key(plan, number), []).append(number)
+    order = [number for numbers in together.values() for number in numbers]
+    return sorted(order[(part - 1) * len(plan) // parts : part * len(plan) // parts])
+
+
+def shared_key(plan: Plan, number: int) -> str:
+    """What members have in common that share form and rest."""
+    values = plan.member(number).values
+    return json.dumps([value for name, value in values.items() if name not in BESIDE])
+
+
 class Queue:
     """Members to run; a worker gets those that share most with its last one."""
 
     def __init__(self, plan: Plan, numbers: list[int]):
-        self.plan, self.groups = plan, {}
+        self.groups: dict[str, deque[int]] = {}
         for number in numbers:
-            self.groups.setdefault(self._key(number), deque()).append(number)
+            self.groups.setdefault(shared_key(plan, number), deque()).append(number)
         self.given: set[str] = set()
-
-    def _key(self, number: int) -> str:
-        values = self.plan.member(number).values
-        return json.dumps([value for name, value in values.items() if name not in BESIDE])
 
     def take(self, last: str | None) -> tuple[str, int] | None:
         """The next member and its key; None if there are no more."""

@@ -5,14 +5,20 @@ import math
 from dataclasses import dataclass
 
 from netfall.job.values import nearest, shown
+from netfall.results.outcomes import OUTCOMES
+from netfall.study.answers import hazard
+from netfall.study.answers.hazard import Hazard
+from netfall.study.answers.measures import Failure
 from netfall.study.draws import DISTRIBUTIONS, METHODS
 
 MOST = 10_000_000  # members
+TOP = ("job", "title", "vary", "sample", "run", "failure", "hazard")
 RUN = {"ranks": 1, "keep": "none", "time_limit": 3600.0}
 SAMPLE = ("count", "method", "seed")
 KEEP = ("none", "broken", "all")
-REMOVE = ("each", "group", "time", "duration")
+REMOVE = ("each", "group", "ids", "time", "duration")
 EACH = {"element": "elements", "cable": "cables"}  # what is lost, and the key of [[remove]] that names it
+FAILURE = ("name", "of", "above")
 LOST = "[[remove]]"  # the name of the axis of losses: no key of a job can have it
 
 
@@ -59,9 +65,13 @@ def loss_section(value, wrong) -> dict:
         wrong(
             f"{place}: group = {shown(groups)}: expected the name of a group of elements, or a list of them"
         )
+    ids, kind = value.get("ids", []), int if value["each"] == "element" else str
+    if not isinstance(ids, list) or not all(isinstance(one, kind) for one in ids) or value.get("ids") == []:
+        wrong(f"{place}: ids = {shown(ids)}: expected a list of ids of elements, or of names of cables")
+    elif len(set(ids)) < len(ids):
+        wrong(f"{place}: ids: one stands in it twice")
     if not _number(value.get("time")) or value["time"] < 0:
-        given = f"time = {shown(value['time'])}" if "time" in value else "time: missing"
-        wrong(f"{place}: {given}; expected the time of the loss, s >= 0")
+        wrong(f"{place}: {_given(value, 'time')}; expected the time of the loss, s >= 0")
     if not _number(value.get("duration", 0.0)) or value.get("duration", 0.0) < 0:
         wrong(f"{place}: duration = {shown(value['duration'])}: expected s >= 0")
     return value
@@ -95,8 +105,7 @@ def axis_of(name: str, value, wrong) -> Axis:
 def check_sample(sample: dict, distributions: dict, vary: dict, wrong) -> None:
     """Check [sample]; distributions : its keys of the job; vary : those of [vary]."""
     if sample and not _whole(sample.get("count"), 1):
-        given = f"count = {shown(sample['count'])}" if "count" in sample else "count: missing"
-        wrong(f"[sample] {given}; expected the number of draws, >= 1")
+        wrong(f"[sample] {_given(sample, 'count')}; expected the number of draws, >= 1")
     if sample.get("method", "sobol") not in METHODS:
         wrong(f"[sample] method = {shown(sample['method'])}: expected {', '.join(METHODS)}")
     if not _whole(sample.get("seed", 1), 0):
@@ -126,3 +135,57 @@ def check_sample(sample: dict, distributions: dict, vary: dict, wrong) -> None:
             wrong(f"{place}: expected deviation > 0")
         elif kind == "lognormal" and not values[0] > 0:
             wrong(f"{place}: expected mean > 0")
+
+
+def _given(table: dict, name: str) -> str:
+    return f"{name} = {shown(table[name])}" if name in table else f"{name}: missing"
+
+
+def failure_sections(entries, losses: bool, wrong) -> tuple[Failure, ...]:
+    """The measures of failure of [[failure]], in their order. losses : whether members are lost"""
+    if not isinstance(entries, list) or not all(isinstance(each, dict) for each in entries):
+        wrong(f"failure = {shown(entries)}: expected entries, [[failure]]")
+        return ()
+    names = [each.get("name") for each in entries]
+    for number, each in enumerate(entries, 1):
+        place = f"[[failure]] {number}"
+        for name in set(each) - set(FAILURE):
+            wrong(f"{place}: {name}: unknown key; {nearest(name, FAILURE)}")
+        if not isinstance(each.get("name"), str) or not each["name"].strip():
+            wrong(f"{place}: {_given(each, 'name')}; expected how the measure is called")
+        elif names.index(each["name"]) < number - 1:
+            wrong(f"{place}: name = {shown(each['name'])}: stands twice")
+        measured = [one.name for one in OUTCOMES if one.measured and (losses or not one.of_losses)]
+        if each.get("of") not in measured:
+            known = ", ".join(measured)
+            wrong(f"{place}: {_given(each, 'of')}; expected an outcome of a run: {known}")
+        if not _number(each.get("above")):
+            wrong(f"{place}: {_given(each, 'above')}; expected a number; more than it is a failure")
+    return tuple(Failure(each.get("name"), each.get("of"), each.get("above")) for each in entries)
+
+
+def hazard_section(table: dict, varies: bool, wrong) -> Hazard | None:
+    """The distribution of the annual maxima of the wind; None without the section.
+
+    varies : whether the speed of the wind does
+    """
+    if not table:
+        return None
+    if not varies:
+        wrong(
+            "[hazard] is of the mean wind speed, and that is one; expected wind.speed in [vary] or [sample]"
+        )
+    kind, years = table.get("distribution"), table.get("years", hazard.YEARS)
+    if kind not in hazard.DISTRIBUTIONS:
+        wrong(f"[hazard] {_given(table, 'distribution')}; expected {', '.join(hazard.DISTRIBUTIONS)}")
+        return None
+    given = hazard.DISTRIBUTIONS[kind]
+    for name in set(table) - {"distribution", "years", *given}:
+        wrong(f"[hazard] {name}: unknown key of {kind}; {nearest(name, ('years', *given))}")
+    values = {name: table.get(name, default) for name, default in given.items()}
+    for name, value in values.items():
+        if not _number(value) or value <= 0:
+            wrong(f"[hazard] {_given(table, name)}; expected a number > 0")
+    if not _whole(years, 1):
+        wrong(f"[hazard] years = {shown(years)}: expected a whole number >= 1")
+    return Hazard(kind, values, years)

@@ -13,8 +13,8 @@ from netfall.net.build import build_net
 from netfall.study.file import Plan, read_plan
 from netfall.study.files import Place, Watch, place_of
 from netfall.study.journal import read_journal
-from netfall.study.runs import Runs
-from netfall.study.table import Table, check_digests, digests_of
+from netfall.study.runs import Runs, part_of, write_study
+from netfall.study.table import Table, check_digests, digests_of, text_of
 from netfall.write.locks import check_place, claim, release
 
 FORMAT = 2  # of journals
@@ -51,12 +51,14 @@ def study(
         table = _what_there_is(plan, place, digests, shard, progress)
         if retry:
             table.forget_failed()
-        mine = range(len(plan)) if shard is None else range(shard[0] - 1, len(plan), shard[1])
+        mine = range(len(plan)) if shard is None else part_of(plan, *shard)
         missing = [number for number in mine if not table.there[number]]
+        header = {"format": FORMAT, "members": len(plan), **digests}
+        workers = workers or _cores(launcher) // plan.ranks or 1
         if missing or not place.result.exists() or place.journal.exists():
-            header = {"format": FORMAT, "members": len(plan), **digests}
-            runs = Runs(plan, place, table, header, watch, progress)
-            runs.run(missing, workers or _cores(launcher) // plan.ranks or 1, launcher, stop)
+            Runs(plan, place, table, header, watch, progress).run(missing, workers, launcher, stop)
+        elif text_of(place.result) != plan.text:  # other questions to the same runs
+            write_study(plan, place, table, header, workers, progress)
         else:
             progress.say(f"{place.result}: whole already, {len(mine)} runs")
     finally:

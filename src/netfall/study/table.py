@@ -9,7 +9,8 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.results.outcomes import BY_NAME, OF_RUN, OUTCOMES
-from netfall.study.answers.fragility import fragility_section
+from netfall.study.answers.fragility import curve_sections
+from netfall.study.answers.measures import failure_section
 from netfall.write.locks import h5_whole, sync, writing
 
 FORMAT = 1
@@ -97,8 +98,10 @@ class Table:
             if self.net:
                 write_columns(f, "net", self.net)
                 self._write_counts(f, rows)
-            if "wind.speed" in members:
-                write_columns(f, "fragility", fragility_section(members))
+            if plan.failures:
+                write_columns(f, "failures", failure_section(members, plan.failures))
+            for name, columns in curve_sections(members, plan.failures, plan.hazard).items():
+                write_columns(f, name, columns)
             write_columns(f, "provenance", provenance | {"attempts": self.tries[rows]})
         with writing(path):
             sync(path.parent)  # before the journal goes
@@ -159,6 +162,12 @@ def digests_of(path: Path) -> dict | None:
             return {name: f[f"provenance/{name}_digest"].asstr()[()] for name in DIGESTS}
     except (OSError, KeyError):
         return None
+
+
+def text_of(path: Path) -> str:
+    """The study file whose runs are in a file of results."""
+    with h5py.File(path) as f:
+        return f["provenance/study"].asstr()[()]
 
 
 def _unpacked(told: dict) -> np.ndarray:

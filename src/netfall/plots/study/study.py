@@ -9,6 +9,7 @@ from netfall.job.table import write_table
 from netfall.plots.canvas import save
 from netfall.plots.study.breaks import breaks
 from netfall.plots.study.fragility import fragility
+from netfall.plots.study.hazard import hazard
 from netfall.plots.study.inputs import inputs
 from netfall.plots.study.losses import loss_chart, loss_map
 from netfall.plots.study.spread import spread
@@ -25,6 +26,7 @@ def pictures_of(study: Study) -> dict[str, Callable]:
     broke = bool(study.breaks.any())
     pictures = [
         ("fragility", fragility, bool(study.fragility)),
+        ("hazard", hazard, bool(study.hazard) and np.isfinite(study.hazard["annual_probability"]).any()),
         ("breaks", breaks, broke),
         ("spread", spread, broke),
         ("loss_map", loss_map, losses is not None and (elements_lost(study, losses) >= 0).any()),

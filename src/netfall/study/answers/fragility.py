@@ -9,32 +9,29 @@ not end for a technical reason is left out, and counted.
 import numpy as np
 
 from netfall.study.answers import probit
+from netfall.study.answers.hazard import Hazard, hazard_head, hazard_row
+from netfall.study.answers.measures import COUNTED, Failure, failures
 from netfall.study.answers.probit import Fits
 from netfall.study.answers.samples import RESAMPLES, SPEED, Curve, curves_of, weights
 
-LOST_ROOF = (0.0, 0.05, 0.10, 0.25, 0.50)  # shares of the roof; more than this lost is a failure
 LEVEL = 0.95  # of the intervals
 FEWEST = 8  # independent samples, below which the bootstrap says nothing
 FEW = 30  # below which its intervals are rough, and mostly too narrow
 GRID = 81  # speeds of the band
-COUNTED = ("finished", "no_rest")  # states that tell whether the roof stood
-
-
-def failures(members: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Whether each member (N,) has failed, by each measure."""
-    no_rest = members["state"] == "no_rest"
-    lost = np.where(no_rest, 1.0, members["roof_lost"])
-    measures = {"first fracture": no_rest | np.isfinite(members["first_fracture"])}
-    for share in LOST_ROOF:
-        name = f"more than {share:.0%} of the roof lost" if share else "any of the roof lost"
-        measures[name] = lost > share
-    return measures
 
 
 def fragility_section(members: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """What stands in /fragility, by the names of the datasets; empty unless the wind's speed differs.
+    """What stands in /fragility, by the names of the datasets; empty unless the wind's speed differs."""
+    return curve_sections(members).get("fragility", {})
 
-    members : the columns of /members by name, (N,) each, texts as str
+
+def curve_sections(
+    members: dict[str, np.ndarray], own: tuple[Failure, ...] = (), hazard: Hazard | None = None
+) -> dict[str, dict[str, np.ndarray]]:
+    """What stands in /fragility and /hazard, by the names of the datasets; none unless the speed differs.
+
+    members : the columns of /members by name, (N,) each, texts as str; own : measures of failure besides
+    those that are always there
     """
     if SPEED not in members or len(np.unique(members[SPEED])) < 2:
         return {}
@@ -42,14 +39,24 @@ def fragility_section(members: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     speed = np.unique(members[SPEED]).astype(float)
     grid = np.linspace(0.9 * speed[0], 1.05 * speed[-1], GRID)
     curves, pooled = curves_of(members)
-    measures = failures(members)
-    rows = [row for curve in curves for row in _curve_rows(members, curve, counted, measures, speed, grid)]
-    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    measures = failures(members, own)
+    rows = [
+        row for curve in curves for row in _curve_rows(members, curve, counted, measures, speed, grid, hazard)
+    ]
+    yearly = [row.pop("of_year") for row in rows]
     shared = {"speed": speed, "band_speed": grid, "level": LEVEL, "resamples": RESAMPLES}
-    return shared | columns | {"pooled": np.array(pooled, str)}
+    sections = {"fragility": shared | _columns(rows) | {"pooled": np.array(pooled, str)}}
+    if hazard:
+        names = {name: np.array([row[name] for row in rows]) for name in ("measure", "curve")}
+        sections["hazard"] = hazard_head(hazard, grid) | names | _columns(yearly)
+    return sections
 
 
-def _curve_rows(members, curve: Curve, counted, measures, speed, grid) -> list[dict]:
+def _columns(rows: list[dict]) -> dict[str, np.ndarray]:
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def _curve_rows(members, curve: Curve, counted, measures, speed, grid, hazard: Hazard | None) -> list[dict]:
     """The rows of one curve, a measure each."""
     out = curve.rows[~counted[curve.rows]]
     curve = _only(curve, counted[curve.rows])
@@ -62,12 +69,14 @@ def _curve_rows(members, curve: Curve, counted, measures, speed, grid) -> list[d
     missing = (members[SPEED][out][:, None] == speed).sum(0)
     rows = []
     for k, name in enumerate(measures):
+        fit = probit.fit(speed, runs, counts[k])
         drawn = None if samples is None else probit.fit(speed, samples[0], samples[1 + k])
         rows.append(
             {"measure": name, "curve": curve.name, "runs": runs, "failed": counts[k], "left_out": len(out)}
             | {"samples": curve.samples, "resampled": curve.resampled}
             | {"exposure": exposure[0] if len(exposure) == 1 else np.nan}
-            | _row(speed, grid, runs, counts[k], drawn, missing, curve.samples)
+            | _row(speed, grid, runs, counts[k], fit, drawn, missing, curve.samples)
+            | {"of_year": hazard_row(hazard, speed, counts[k], fit, drawn, _interval) if hazard else None}
         )
     return rows
 
@@ -89,9 +98,8 @@ def _resampled(curve: Curve, at: np.ndarray, failed: np.ndarray) -> np.ndarray:
     return counts.reshape(RESAMPLES, 1 + len(failed), at.shape[1]).transpose(1, 0, 2)
 
 
-def _row(speed, grid, runs, failed, drawn: Fits | None, missing, samples: int) -> dict:
+def _row(speed, grid, runs, failed, fit: Fits, drawn: Fits | None, missing, samples: int) -> dict:
     """The fit to counts (s,), its intervals from the samples drawn, and what must be said of it."""
-    fit = probit.fit(speed, runs, failed)
     found = fit.verdict[0] == probit.FITTED
     nothing = np.full(2, np.nan)
     row = {"median": fit.median[0], "dispersion": fit.dispersion[0]}

@@ -8,7 +8,8 @@ import numpy as np
 from netfall.results.loss_lines import RESTS
 from netfall.results.notes import LARGEST_BALANCE
 from netfall.study.answers.correlation import rank_correlations
-from netfall.study.answers.intervals import binned, half_width, narrower, with_interval
+from netfall.study.answers.info_hazard import tell_hazard
+from netfall.study.answers.intervals import binned, half_width, narrower, wilson, with_interval
 from netfall.study.answers.losses import TELLING, losses_of, one_draw
 from netfall.study.answers.read import Study, read_study, unit_of_column, with_unit
 from netfall.study.answers.samples import SPEED, inputs_of, is_seed, values_of
@@ -22,7 +23,19 @@ def print_study(path: Path, say: Callable[[str], None]) -> None:
     """Print a summary of a study file; elements are named by the ids of the tables."""
     study = read_study(path)
     say(f"{path}: {study.title}")
-    for tell in (_inputs, _states, _time, _broken, _fragility, _elements, _losses, _correlations, _audit):
+    for tell in (
+        _inputs,
+        _states,
+        _time,
+        _broken,
+        _fragility,
+        tell_hazard,
+        _failures,
+        _elements,
+        _losses,
+        _correlations,
+        _audit,
+    ):
         tell(study, say)
 
 
@@ -160,6 +173,17 @@ def _sureness(g, rows, say) -> None:
         ]
         of = texts or ["none"]
         say(f"  {g['left_out'][k]} left out; the medians if all of them failed, or none: {', '.join(of)}")
+
+
+def _failures(study: Study, say) -> None:
+    """The study's own measures of failure, where no curve tells of them."""
+    f = study.failures
+    if not f or study.fragility:
+        return
+    for name, runs, failed in zip(f["measure"], f["runs"], f["failed"]):
+        low, high = wilson(np.array([runs]), np.array([failed]))[:, 0] if runs else (np.nan, np.nan)
+        share = failed / runs if runs else np.nan
+        say(f"failure, {name}: {failed} of {runs} members, {share:.1%} (95 %: {low:.1%} to {high:.1%})")
 
 
 def _elements(study: Study, say) -> None:

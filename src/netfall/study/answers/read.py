@@ -11,6 +11,7 @@ from netfall.job.schema import SECTIONS
 from netfall.results.outcomes import BY_NAME, OUTCOMES
 from netfall.study.table import MARK, read_columns
 
+ASKED = ("fragility", "hazard", "failures")
 EVENTS = ("member", "time", "element")
 NET = {"particles": (0, 3), "elements": (0, 2), "element_id": (0,), "node_id": (0,), "fixed": (0, 3)}
 
@@ -20,7 +21,8 @@ class Study:
     """What a study file holds.
 
     name : of the file, without .study.h5
-    members, events, net, fragility : datasets by name; texts as str; fragility: empty without several speeds
+    members, events, net, fragility, hazard, failures : datasets by name; texts as str; fragility: empty
+        without several speeds; hazard, failures: empty where the study file asks for none
     first_breaks, breaks : (m,) runs in which an element broke first, or at all
     """
 
@@ -30,6 +32,8 @@ class Study:
     events: dict[str, np.ndarray]
     net: dict[str, np.ndarray]
     fragility: dict[str, np.ndarray]
+    hazard: dict[str, np.ndarray]
+    failures: dict[str, np.ndarray]
     first_breaks: np.ndarray
     breaks: np.ndarray
 
@@ -75,7 +79,7 @@ def read_study(path: Path) -> Study:
             read_columns(file["members"]),
             read_columns(file["events"]),
             read_columns(file["net"]) if "net" in file else nothing,
-            read_columns(file["fragility"]) if "fragility" in file else {},
+            *(read_columns(file[name]) if name in file else {} for name in ASKED),
             *(file[name][:] if name in file else np.zeros(0, int) for name in ("first_breaks", "breaks")),
         )
 

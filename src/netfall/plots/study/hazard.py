@@ -1,0 +1,66 @@
+"""From the fragility curve to a year: annual maxima of the wind, the curves, and the probability of each."""
+
+import numpy as np
+
+from netfall.numerics.functions import log
+from netfall.numerics.normal import cdf
+from netfall.plots.canvas import SMALL, charts, heading
+from netfall.study.answers.hazard import TARGETS
+from netfall.study.answers.read import Study
+
+LEAST = 1e-7  # of the left axis
+
+
+def hazard(study: Study):
+    """Left: annual maxima and the fitted curves over the speed; right: the probability in a year."""
+    h, g = study.hazard, study.fragility
+    rows = np.flatnonzero(np.isfinite(h["annual_probability"]))
+    figure, panels = charts(1, 2, 13, 3.2 + 0.28 * max(len(rows), 6))
+    left, right = panels[0]
+    _curves(left, h, g, rows)
+    _probabilities(right, h, rows)
+    heading(figure, study.title, f": probability of failure in a year (exposure {study.exposure})")
+    return figure
+
+
+def _curves(axes, h, g, rows: np.ndarray) -> None:
+    axes.semilogy(h["speed"], h["exceedance"], color="0.2", lw=2, label="annual maximum exceeds the speed")
+    for j, k in enumerate(rows):
+        z = (log(h["speed"]) - np.log(g["median"][k])) / g["dispersion"][k]
+        axes.semilogy(h["speed"], cdf(z), color=f"C{j}", lw=1.4, label=_name(h, k))
+    axes.set_ylim(LEAST, 1.5)
+    axes.set_xlabel("mean wind speed [m/s]")
+    axes.set_ylabel("probability [-]")
+    axes.legend(fontsize=SMALL, loc="lower left")
+    axes.set_title(f"hazard: {h['distribution']}")
+
+
+def _probabilities(axes, h, rows: np.ndarray) -> None:
+    """A line for each measure, largest on top, with the interval and what EN 1990 aims at."""
+    place = np.arange(len(rows))[::-1]
+    annual, interval = h["annual_probability"][rows], h["interval"][rows]
+    for j, (y, p, (low, high)) in enumerate(zip(place, annual, interval)):
+        if np.isfinite(low):
+            axes.plot([max(low, 1e-300), high], [y, y], color=f"C{j}", lw=2)
+        axes.plot(p, y, "o", color=f"C{j}", ms=6)
+        text = f"{p:.2g}, beta {h['beta'][rows[j]]:.2f}, tail {h['tail_share'][rows[j]]:.0%}"
+        axes.annotate(text, (p, y), (0, 7), textcoords="offset points", fontsize=SMALL, ha="center")
+    for name, (beta, _) in TARGETS.items():
+        axes.axvline(cdf(np.array(-beta)), color="0.5", lw=1, ls="--")
+        axes.annotate(
+            name,
+            (cdf(np.array(-beta)), 1.0),
+            (2, -10),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            fontsize=SMALL,
+            color="0.4",
+        )
+    axes.set_xscale("log")
+    axes.set_yticks(place, [_name(h, k) for k in rows])
+    axes.set_ylim(-0.7, len(rows) - 0.2)
+    axes.set_xlabel("probability in a year [-]; bars: 95 % interval; dashed: targets of EN 1990, 1 year")
+
+
+def _name(h, k: int) -> str:
+    return f"{h['measure'][k]}, {h['curve'][k]}" if h["curve"][k] else str(h["measure"][k])

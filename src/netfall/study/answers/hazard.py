@@ -1,0 +1,133 @@
+"""From a fragility curve to a year: the probability that the largest wind of a year breaks the roof.
+
+With F the lognormal curve and S(v) the probability that the largest mean speed of a year exceeds v,
+
+    P = integral of F(v) (-dS/dv) dv = integral of S(v) dF(v)
+      = integral of phi(z) S(median exp(dispersion z)) dz
+
+P over N years, which are independent, is 1 - (1 - P)^N, and the reliability index is -Phi^-1(P)
+(EN 1990:2002, annex C). Of a sample without a curve, what bounds its share of failures bounds P.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.numerics.functions import exp, expm1, log, log1p, power
+from netfall.numerics.normal import quantile
+from netfall.study.answers import probit
+from netfall.study.answers.probit import Fits
+
+# What each distribution of annual maxima is given by, with what it is by default; None: must be given.
+DISTRIBUTIONS = {
+    "gumbel": {"mode": None, "scale": None},  # m/s
+    "weibull": {"shape": None, "scale": None},  # scale in m/s
+    "en1991": {"basic_speed": None, "K": 0.2, "n": 0.5},  # EN 1991-1-4:2005, eq. 4.2
+}
+YEARS = 50
+TARGETS = {"RC1": (4.2, 3.3), "RC2": (4.7, 3.8), "RC3": (5.2, 4.3)}  # EN 1990:2002, table B2: 1, 50 years
+Z = np.linspace(-9.0, 9.0, 1801)  # of the normal variable; the trapezoidal rule is exact to rounding here
+Z_WEIGHT = exp(-0.5 * Z * Z) * ((Z[1] - Z[0]) / np.sqrt(2.0 * np.pi))
+SPEEDS = 121  # of the grid on which the hazard is kept for pictures
+
+
+class Hazard(NamedTuple):
+    """The distribution of the largest mean wind speed of a year, 10 m above ground.
+
+    parameters : as DISTRIBUTIONS has them; years : over which the probability is told beside that of a year
+    """
+
+    distribution: str
+    parameters: dict[str, float]
+    years: int = YEARS
+
+    def __str__(self) -> str:
+        values = ", ".join(f"{name} {value:g}" for name, value in self.parameters.items())
+        return f"{self.distribution} ({values})"
+
+    def exceedance(self, speed: np.ndarray) -> np.ndarray:
+        """Probability that the largest speed of a year exceeds these [m/s]."""
+        speed, p = np.maximum(np.asarray(speed, float), 1e-300), self.parameters
+        if self.distribution == "weibull":
+            return exp(-power(speed / p["scale"], p["shape"]))
+        if self.distribution == "gumbel":
+            return -expm1(-exp(-(speed - p["mode"]) / p["scale"]))
+        # v(p) = v_b [(1 - K ln(-ln(1 - p))) / (1 - K ln(-ln 0.98))]^n, solved for p
+        once_in_fifty = 1.0 - p["K"] * float(log(-log(0.98)))
+        grown = power(speed / p["basic_speed"], 1.0 / p["n"]) * once_in_fifty
+        return -expm1(-exp((1.0 - grown) / p["K"]))
+
+
+def annual_probability(exceedance, median: np.ndarray, dispersion: np.ndarray) -> np.ndarray:
+    """P (R,) of lognormal curves, median (R,) [m/s]. exceedance : S(v), a function of speeds [m/s]"""
+    speed = exp(np.clip(log(median)[:, None] + dispersion[:, None] * Z, -700.0, 700.0))
+    return np.sum(Z_WEIGHT * exceedance(speed), axis=1)
+
+
+def tail_share(exceedance, median: float, dispersion: float, lowest: float) -> float:
+    """Share of P from speeds below `lowest` [m/s], where no run has failed and the curve alone speaks.
+
+    The integral of F (-dS/dv) below a speed u is that of phi(z) (S(v) - S(u)) over v below u.
+    """
+    speed = exp(np.clip(log(median) + dispersion * Z, -700.0, 700.0))
+    below = np.maximum(exceedance(speed) - exceedance(np.array([lowest])), 0.0)
+    whole = float(np.sum(Z_WEIGHT * exceedance(speed)))
+    return float(np.sum(Z_WEIGHT * below)) / whole if whole > 0.0 else np.nan
+
+
+def annual_bounds(exceedance, fits: Fits) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds (R,) of P: the same where there is a curve, else what is left by `probit.share_bounds`."""
+    fitted = fits.verdict == probit.FITTED
+    low, high = np.zeros(len(fitted)), np.ones(len(fitted))
+    if fitted.any():
+        low[fitted] = high[fitted] = annual_probability(
+            exceedance, fits.median[fitted], fits.dispersion[fitted]
+        )
+    apart = ~fitted & ~np.isin(fits.verdict, (probit.FALLING, probit.NOT_FOUND))
+    above = np.where(np.isfinite(fits.above), fits.above, 1e300)
+    mixed, share = (np.where(np.isnan(v), w, v) for v, w in ((fits.mixed, above), (fits.share, 1.0)))
+    beyond = lambda speed: exceedance(np.maximum(speed, 1e-300))
+    least = share * (beyond(mixed) - beyond(above)) + beyond(above)
+    mixed, share = (np.where(np.isnan(v), w, v) for v, w in ((fits.mixed, fits.below), (fits.share, 0.0)))
+    most = share * (beyond(fits.below) - beyond(mixed)) + beyond(mixed)
+    return np.where(apart, least, low), np.where(apart, most, high)
+
+
+def over_years(probability: np.ndarray, years: int) -> np.ndarray:
+    """1 - (1 - P)^N"""
+    return -expm1(years * log1p(-np.minimum(probability, 1.0 - 2.0**-53)))
+
+
+def reliability_index(probability: np.ndarray) -> np.ndarray:
+    """beta = -Phi^-1(P); infinite where nothing fails, nan where P is."""
+    inside = np.clip(np.where(np.isnan(probability), 0.5, probability), 1e-300, 1.0 - 2.0**-53)
+    return np.where(probability > 0.0, -quantile(inside), np.where(probability == 0.0, np.inf, np.nan))
+
+
+def hazard_row(hazard: Hazard, speed, failed, fits: Fits, drawn: Fits | None, interval_of) -> dict:
+    """What /hazard has of one curve.
+
+    speed, failed : (s,) speeds and failures there; fits : of one; drawn : of the resamples
+    interval_of(low, high) : percentiles (2,)
+    """
+    exceedance, probability, within, tail = hazard.exceedance, np.nan, np.nan, np.nan
+    if fits.verdict[0] == probit.FITTED:
+        probability = float(annual_probability(exceedance, fits.median, fits.dispersion)[0])
+        within = float(over_years(np.array(probability), hazard.years))
+        lowest = float(speed[failed > 0].min())
+        tail = tail_share(exceedance, fits.median[0], fits.dispersion[0], lowest)
+    return {
+        "annual_probability": probability,
+        "interval": np.full(2, np.nan) if drawn is None else interval_of(*annual_bounds(exceedance, drawn)),
+        "beta": float(reliability_index(np.array(probability))),
+        "probability": within,
+        "beta_of_years": float(reliability_index(np.array(within))),
+        "tail_share": tail,
+    }
+
+
+def hazard_head(hazard: Hazard, grid: np.ndarray) -> dict:
+    """What /hazard has of the annual maxima; grid : speeds of the curves' bands [m/s]."""
+    speed = np.linspace(0.3 * grid[0], grid[-1], SPEEDS)
+    head = {"distribution": str(hazard), "years": hazard.years, "speed": speed}
+    return head | {"exceedance": hazard.exceedance(speed)}

@@ -1,0 +1,51 @@
+"""What `netfall info` tells of the probability of failure in a year."""
+
+import numpy as np
+
+from netfall.study.answers.hazard import TARGETS, YEARS
+from netfall.study.answers.read import Study
+
+CODES = 600.0  # s, over which the mean speed of EN 1991-1-4 is taken
+MUCH = 0.5  # share of the tail from which the figure rests on the curve's form
+
+
+def tell_hazard(study: Study, say) -> None:
+    """Probabilities of a year and of some, reliability indices, and what they rest on."""
+    h = study.hazard
+    if not h:
+        return
+    years = int(h["years"])
+    say(f"hazard: annual maxima of the mean wind speed, {h['distribution']}; with the curve of each measure")
+    names = [f"{m}, {c}" if c else str(m) for m, c in zip(h["measure"], h["curve"])]
+    wide = max(map(len, names))
+    say(f"  {'':{wide}}  {'in a year':<31}{f'in {years} years':<14}{f'beta 1, {years} years':<19}tail")
+    for k, name in enumerate(names):
+        say(f"  {name:{wide}}  {_row(h, k)}")
+    say(
+        "  tail: share of the probability from speeds below the lowest at which a run failed, where the "
+        "curve's form alone speaks"
+    )
+    targets = "; ".join(f"{name} {one:g}, {fifty:g}" for name, (one, fifty) in TARGETS.items())
+    say(f"  targets of beta (EN 1990:2002, table B2; 1, {YEARS} years): {targets}")
+    if (h["tail_share"] > MUCH).any():
+        say(
+            "  note: more than half of a probability comes from its tail: more runs at lower speeds would "
+            "say whether the curve holds there"
+        )
+    exposure = study.fragility["exposure"]
+    if (exposure < CODES).any():
+        say(
+            f"  note: the wind lasts {study.exposure} in a run; the mean speeds of codes are those of ten "
+            "minutes, in which a roof fails at lower ones: the probabilities here are too small"
+        )
+
+
+def _row(h, k: int) -> str:
+    low, high = h["interval"][k]
+    annual = h["annual_probability"][k]
+    bounds = "no interval" if np.isnan(low) else f"{low:.2g}..{high:.2g}" if low > 0 else f"< {high:.2g}"
+    if not np.isfinite(annual):
+        return f"no curve ({bounds})"
+    beta = f"{h['beta'][k]:.2f}, {h['beta_of_years'][k]:.2f}"
+    of_year, of_years = f"{annual:.3g} ({bounds})", f"{h['probability'][k]:.3g}"
+    return f"{of_year:<31}{of_years:<14}{beta:<19}{h['tail_share'][k]:.0%}"

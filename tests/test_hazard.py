@@ -1,0 +1,211 @@
+"""From a fragility curve to a year: hazard, reliability, own measures of failure; closed forms."""
+
+import numpy as np
+import pytest
+from conftest import run_netfall
+from scipy import integrate, stats
+from study_files import drawn_members, net, write_study
+from test_study_runs import STUDY, write
+
+from netfall.plots.study.study import pictures_of
+from netfall.results.outcomes import OUTCOMES
+from netfall.study.answers import fragility, probit, samples
+from netfall.study.answers.fragility import curve_sections
+from netfall.study.answers.hazard import (
+    Hazard,
+    annual_bounds,
+    annual_probability,
+    over_years,
+    reliability_index,
+    tail_share,
+)
+from netfall.study.answers.info import print_study
+from netfall.study.answers.measures import Failure, failures
+from netfall.study.answers.read import read_study
+from netfall.study.file import read_plan
+
+SPEEDS = (30.0, 34.0, 38.0, 42.0, 46.0)
+GUMBEL = Hazard("gumbel", {"mode": 25.0, "scale": 2.5})
+WEIBULL = Hazard("weibull", {"shape": 9.0, "scale": 26.0})
+EN = Hazard("en1991", {"basic_speed": 30.0, "K": 0.2, "n": 0.5})
+
+
+@pytest.fixture(autouse=True)
+def fewer_resamples(monkeypatch):
+    """A fifth of them, for time."""
+    monkeypatch.setattr(fragility, "RESAMPLES", 400)
+    monkeypatch.setattr(samples, "RESAMPLES", 400)
+
+
+def one(function, median: float, dispersion: float) -> float:
+    return float(annual_probability(function, np.array([median]), np.array([dispersion]))[0])
+
+
+def test_a_power_law_of_speeds_has_a_closed_form():
+    """S = (20/v)^8 with median 60 and dispersion 0.1: (1/3)^8 exp(32 * 0.01) = 2.098960e-4."""
+    exact = (20.0 / 60.0) ** 8 * np.exp(0.5 * 64 * 0.01)
+    assert exact == pytest.approx(2.098960e-4, rel=1e-6)
+    assert one(lambda v: (20.0 / v) ** 8, 60.0, 0.1) == pytest.approx(exact, rel=1e-12)  # rounding
+
+
+@pytest.mark.parametrize(
+    "hazard, density",
+    [
+        (GUMBEL, stats.gumbel_r(25.0, 2.5).pdf),
+        (WEIBULL, stats.weibull_min(9.0, scale=26.0).pdf),
+    ],
+)
+def test_probability_of_a_year_and_its_tail_as_by_quadrature(hazard, density):
+    """The integral of curve times density of annual maxima, by scipy's adaptive quadrature."""
+    both = lambda v: stats.norm.cdf(np.log(v / 38.0) / 0.1) * density(v)
+    whole, below = (integrate.quad(both, 1.0, top, epsabs=0, epsrel=1e-10, limit=400)[0] for top in (120, 31))
+    assert one(hazard.exceedance, 38.0, 0.1) == pytest.approx(whole, rel=1e-9)  # of the quadrature
+    # The trapezoidal rule meets a corner at 31 m/s: it errs by the square of its step, 1e-4 of the share.
+    assert tail_share(hazard.exceedance, 38.0, 0.1, 31.0) == pytest.approx(below / whole, abs=2e-4)
+
+
+def test_the_code_is_a_gumbel_distribution_of_the_squared_speed():
+    """EN 1991-1-4, eq. 4.2: the basic speed is exceeded with 0.02 in a year; v(p) gives p back, by hand."""
+    for p in (0.5, 0.1, 0.02, 1e-3, 1e-6):
+        v = 30.0 * ((1 - 0.2 * np.log(-np.log(1 - p))) / (1 - 0.2 * np.log(-np.log(0.98)))) ** 0.5
+        assert EN.exceedance(np.array([v]))[0] == pytest.approx(p, rel=1e-9)  # ten digits of 1 - p are lost
+    # Known figures of a stadium's curve (median 60.6 m/s, dispersion 0.079), by quadrature elsewhere.
+    for basic, known in ((30.0, 2.24e-10), (32.5, 5.82e-9), (35.0, 8.83e-8)):
+        hazard = EN._replace(parameters={**EN.parameters, "basic_speed": basic})
+        assert one(hazard.exceedance, 60.6, 0.079) == pytest.approx(known, rel=2e-3)  # their digits
+
+
+def test_many_years_and_the_reliability_index():
+    """1 - (1 - P)^N without loss of digits; beta of EN 1990's 1e-6 and 7.2e-5 in table B2's pairs."""
+    assert over_years(np.array(1e-12), 50) == pytest.approx(5e-11, rel=1e-9)
+    assert over_years(np.array(0.1), 50) == pytest.approx(1 - 0.9**50, rel=1e-12)
+    assert reliability_index(np.array([1e-6, 1.3e-6, 7.2e-5])) == pytest.approx([4.75, 4.7, 3.8], abs=5e-3)
+    assert reliability_index(np.array([0.0, np.nan])).tolist()[0] == np.inf
+
+
+def test_what_a_sample_without_a_curve_still_says():
+    """No failure up to 38 m/s: at most what exceeds it; all from 38 on: at least that; separated: between."""
+    speed, runs = np.array([34.0, 38.0, 42.0]), np.full(3, 10)
+    beyond = GUMBEL.exceedance(speed)
+    for failed, low, high in (
+        ([0, 0, 0], 0.0, beyond[2]),
+        ([10, 10, 10], beyond[0], 1.0),
+        ([0, 0, 10], beyond[2], beyond[1]),
+        ([0, 4, 10], 0.4 * (beyond[1] - beyond[2]) + beyond[2], 0.4 * (beyond[0] - beyond[1]) + beyond[1]),
+        ([5, 3, 1], 0.0, 1.0),
+    ):
+        bounds = annual_bounds(GUMBEL.exceedance, probit.fit(speed, runs, np.array(failed)))
+        assert np.ravel(bounds) == pytest.approx([low, high], rel=1e-12), failed
+
+
+def test_the_interval_holds_the_truth():
+    """Forty studies of 50 seeds: 95 % of them would be 38; fewer than 31 come once in 10^3 at 90 %."""
+    generator, truth = np.random.default_rng(8), one(GUMBEL.exceedance, 38.0, 0.1)
+    held = 0
+    for _ in range(40):
+        members = drawn_members(generator, 50, SPEEDS, 38.0, 0.1)
+        row = curve_sections(members, hazard=GUMBEL)["hazard"]
+        low, high = row["interval"][0]
+        held += low <= truth <= high
+    assert held >= 31
+
+
+def test_own_measures_of_failure_are_those_of_the_columns():
+    """More than a value is a failure, no number is none; what has no rest has failed by all."""
+    members = drawn_members(np.random.default_rng(2), 10, SPEEDS, 38.0, 0.1)
+    members["displacement_max"][0], members["state"][1] = np.nan, "no_rest"
+    measures = failures(members, (Failure("much", "displacement_max", 0.4),))
+    expected = members["displacement_max"] > 0.4
+    expected[1] = True
+    assert list(measures)[-1] == "much" and (measures["much"] == expected).all() and not measures["much"][0]
+
+
+def test_info_and_pictures_tell_of_the_year(tmp_path):
+    """Probability with its interval, reliability beside the targets, the tail, and that 6 s are no storm."""
+    members = drawn_members(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
+    sections = curve_sections(members, (Failure("moves by 0.5 m", "displacement_max", 0.5),), GUMBEL)
+    write_study(tmp_path / "a.study.h5", members, sections["fragility"], net(), hazard=sections["hazard"])
+    said = []
+    print_study(tmp_path / "a.study.h5", said.append)
+    text, row = "\n".join(said), sections["hazard"]
+    assert f"{row['annual_probability'][0]:.3g} (" in text and "RC2 4.7, 3.8" in text
+    assert "moves by 0.5 m" in text and "the wind lasts 6 s in a run" in text
+    assert 0 < row["interval"][0][0] < row["annual_probability"][0] < row["interval"][0][1]
+    study = read_study(tmp_path / "a.study.h5")
+    pictures_of(study)["hazard"](study).savefig(tmp_path / "hazard.png", dpi=60)
+    assert (tmp_path / "hazard.png").stat().st_size > 10_000
+
+
+ASKED = """title = "a roof by the sea"
+[[failure]]
+name = "moves"
+of = "displacement_max"
+above = 0.001
+[hazard]
+distribution = "gumbel"
+mode = 25.0
+scale = 2.5
+"""
+
+
+def test_other_questions_to_the_same_runs_run_nothing(tmp_path):
+    """Measures and hazard may change when all runs are there: the file is written anew, without a run."""
+    study = write(tmp_path, STUDY.replace("20.0, 30.0, 180.0", "20.0, 21.0"))
+    done = run_netfall("study", study, "--workers", 1, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    study.write_text(ASKED + study.read_text().replace('job = "roof.toml"', "", 1))
+    study.write_text('job = "roof.toml"\n' + study.read_text())
+    done = run_netfall("study", study, "--workers", 1, cwd=tmp_path)
+    assert done.returncode == 0 and "runs to make" not in done.stdout and "written: " in done.stdout
+    told = run_netfall("info", tmp_path / "storm.study.h5", cwd=tmp_path).stdout
+    assert "a roof by the sea" in told and "moves" in told and "gumbel (mode 25, scale 2.5)" in told
+    done = run_netfall("study", study, cwd=tmp_path)
+    assert "whole already, 4 runs" in done.stdout
+
+
+@pytest.mark.parametrize(
+    "text, says",
+    [
+        (
+            '[[failure]]\nname = "a"\nof = "speed"\nabove = 1.0',
+            "expected an outcome of a run: first_fracture",
+        ),
+        ('[[failure]]\nname = "a"\nof = "dynamic_factor_max"\nabove = 1.0', "expected an outcome of a run"),
+        ('[[failure]]\nname = "a"\nof = "broken"', "[[failure]] 1: above: missing; expected a number"),
+        ('[[failure]]\nof = "broken"\nabove = 1', "name: missing; expected how the measure is called"),
+        ('[hazard]\ndistribution = "normal"', "expected gumbel, weibull, en1991"),
+        ('[hazard]\ndistribution = "gumbel"\nmode = 25.0', "[hazard] scale: missing; expected a number > 0"),
+        ('[hazard]\ndistribution = "en1991"\nbasic_sped = 30', "basic_sped: unknown key of en1991"),
+        ("title = 3", "title = 3: expected a text"),
+    ],
+)
+def test_what_is_wrong_in_these_sections_is_named(tmp_path, text, says):
+    study = write(tmp_path)
+    head, rest = (text, "") if text.startswith("title") else ("", text)
+    study.write_text(head + STUDY + rest)
+    done = run_netfall("study", study, cwd=tmp_path)
+    assert done.returncode == 2 and says in done.stderr, done.stderr
+
+
+def test_a_hazard_needs_speeds_that_differ(tmp_path):
+    study = write(
+        tmp_path, STUDY.replace('"wind.speed" = [20.0, 30.0, 180.0]', "") + ASKED.partition("\n")[2]
+    )
+    done = run_netfall("study", study, cwd=tmp_path)
+    assert done.returncode == 2 and "expected wind.speed in [vary] or [sample]" in done.stderr
+
+
+def test_losses_of_named_elements_alone(tmp_path):
+    """`ids` keeps their order; an id that is not there is named."""
+    text = 'job = "roof.toml"\n[vary]\nremove = {each = "element", ids = [IDS], time = 0.05}\n'
+    ids = [9, 3, 7]
+    plan = read_plan(write(tmp_path, text.replace("IDS", "9, 3, 7")))
+    assert [plan.member(k).remove["elements"] for k in range(len(plan))] == [[e] for e in ids]
+    done = run_netfall("study", write(tmp_path, text.replace("IDS", "9, 9999")), cwd=tmp_path)
+    assert done.returncode == 2 and "ids: no element 9999; there are 0, 1" in done.stderr, done.stderr
+
+
+def test_every_measure_is_a_number_of_a_run():
+    """What a failure may be of: outcomes that say how badly a run went."""
+    assert {each.name for each in OUTCOMES if each.measured} >= {"broken", "roof_lost", "displacement_max"}
+    assert not any(each.measured for each in OUTCOMES if each.empty == "" or each.name.endswith("_id"))
