@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -373,6 +374,25 @@ def test_workers_that_die_or_take_too_long_are_replaced():
     assert (2, "took longer than time_limit = 3 s", False) in died
     why = "its worker ended with exit code 1: netfall: rank 0: no memory"
     assert [told for told in died if told[0] == 1] == [(1, why, True)] * 2 + [(1, f"{why}, 3 times", False)]
+
+
+STAND_IN = ["/bin/sh", "-c", "echo {}; while read line; do echo {}; done"]
+
+
+def test_six_hundred_workers_need_no_more_open_files_than_there_may_be(monkeypatch):
+    """The soft limit of 1024 is raised as far as they need; where the hard one is too low, that is said."""
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    tasks, done = [("a", number, {}) for number in range(600)], []
+    take = lambda _: tasks.pop() if tasks else None
+    resource.setrlimit(resource.RLIMIT_NOFILE, (1024, before[1]))
+    try:
+        Pool(STAND_IN, 600, 60.0, take, lambda number, _: done.append(number), None).run(NEVER)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
+    assert sorted(done) == list(range(600))
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (1024, 1024))
+    with pytest.raises(InputError, match=r"600 workers .* the limit is 1024 .* --workers of 320 at most"):
+        Pool(STAND_IN, 600, 60.0, take, None, None).run(NEVER)
 
 
 def test_the_start_of_a_worker_is_no_part_of_a_run():
