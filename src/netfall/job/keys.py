@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 REQUIRED = object()  # the key must stand in the job file if its section does
+ROUNDING = 1e-9  # of what adds to 1
 ABSENT = None  # the key may be missing: the thing that it describes is then not there
 
 
@@ -110,11 +111,28 @@ def _some(fits: Callable[[object], bool]) -> Callable[[Key, object], bool]:
     return lambda _, value: isinstance(value, list) and value != [] and all(map(fits, value))
 
 
+def _seed(key: Key, value) -> bool:
+    """A seed, or several with weights whose squares add to 1: their mixture is as random as one."""
+    if _whole(value):
+        return key.number(value)
+    pair = lambda each: isinstance(each, list) and len(each) == 2 and _whole(each[1]) and key.number(each[1])
+    if not isinstance(value, list) or not value or not all(map(pair, value)):
+        return False
+    weights, seeds = zip(*value)
+    numbers = all(isinstance(w, int | float) and not isinstance(w, bool) and abs(w) <= 1.0 for w in weights)
+    return numbers and len(set(seeds)) == len(seeds) and abs(sum(w * w for w in weights) - 1.0) < ROUNDING
+
+
 KINDS = {
     "number": Kind("a number{of}{within}{also}", lambda key, v: v in key.also or key.number(v)),
     "integer": Kind(
         "an integer{of}{within}{also}",
         lambda key, v: v in key.also or (isinstance(v, int) and key.number(v)),
+    ),
+    "seed": Kind(
+        "an integer{within}, or pairs [[weight, seed], ...] of different seeds, "
+        "the squares of whose weights add to 1",
+        _seed,
     ),
     "flag": Kind("true or false", lambda _, v: isinstance(v, bool)),
     "text": Kind("a text in quotes ({meaning})", _text),
@@ -156,6 +174,11 @@ def not_negative(name, unit, default, meaning, high=None):
 def count(name, default, meaning, low=1, high=None):
     """Row of an integer."""
     return Key(name, "integer", default, "", meaning, low=low, high=high)
+
+
+def seed(name, meaning):
+    """Row of the seed of a generator."""
+    return Key(name, "seed", 1, "", meaning, low=0, high=2**63 - 1)
 
 
 def choice(name, choices, default, meaning, gone=()):

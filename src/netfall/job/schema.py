@@ -7,7 +7,7 @@ by adding a row here.
 from types import SimpleNamespace
 
 from netfall.job.dimensions import DIMENSIONS, GENERATOR_KEYS
-from netfall.job.keys import ABSENT, REQUIRED, Key, between, choice, count, flag, not_negative, positive
+from netfall.job.keys import ABSENT, REQUIRED, Key, between, choice, count, flag, not_negative, positive, seed
 
 CABLE = (
     choice("kind", ("cable", "bar"), "cable", "cable: tension only; bar: tension and compression"),
@@ -33,13 +33,7 @@ CABLE = (
         "scatter of the strength from cable to cable, share of its mean",
         high=0.5,
     ),
-    count(
-        "strength_seed",
-        1,
-        "seed of the drawn strengths: the same seed draws the same strengths",
-        low=0,
-        high=2**63 - 1,
-    ),
+    seed("strength_seed", "seed of the drawn strengths: the same seed draws the same strengths"),
     between(-1e-3, 1e-3, "expansion", "1/K", 12e-6, "coefficient of thermal expansion: strain for each K"),
     choice("strain", ("engineering", "logarithmic"), "engineering", "strain measure"),
 )
@@ -129,7 +123,7 @@ WIND: tuple[Key, ...] = (
     positive("air_density", "kg/m3", 1.25, "density of the air", high=1e4),
     between(1e-4, 60.0, "time_step", "s", 0.05, "time step of the generated histories"),
     count("ar_order", 14, "largest number of lags of the autoregressive model of the gusts", high=30),
-    count("seed", 1, "seed of the gusts: the same seed gives the same gusts", low=0, high=2**63 - 1),
+    seed("seed", "seed of the gusts: the same seed gives the same gusts"),
     count("control_points", 25, "largest number of points at which histories are generated", low=1, high=400),
     Key(
         "coherence_decay",

@@ -21,7 +21,7 @@ from netfall.job.job import Job
 from netfall.job.schema import EITHER
 from netfall.job.table import Table
 from netfall.job.validate import wanted
-from netfall.job.values import counted, nearest, shown
+from netfall.job.values import counted, nearest, shown, weighted
 from netfall.net.net import Net
 from netfall.numerics.functions import exp, log1p
 from netfall.numerics.normal import quantile
@@ -195,13 +195,14 @@ def set_strengths(job: Job, net: Net) -> None:
         net.fracture_strain = np.minimum(net.fracture_strain, strain)
 
 
-def drawn_strength(net: Net, seed: int) -> np.ndarray:
+def drawn_strength(net: Net, seed: int | list) -> np.ndarray:
     """Strength (m,) of the elements over its mean: lognormal, one number for each piece of cable.
 
-    Number k of the Philox sequence of the seed belongs to cable k.
+    Number k of the Philox sequence of the seed belongs to cable k; of several seeds, weighted, their sum.
     """
-    raw = np.random.Philox(key=seed).random_raw(len(net.cable_names)) >> np.uint64(12)
-    z = quantile((raw + 0.5) * 2.0**-52)[net.cable]
+    drawn = [(w, np.random.Philox(key=s).random_raw(len(net.cable_names))) for w, s in weighted(seed)]
+    parts = (w * quantile(((raw >> np.uint64(12)) + 0.5) * 2.0**-52) for w, raw in drawn)
+    z = sum(parts, next(parts))[net.cable]
     spread = np.sqrt(log1p(net.strength_deviation**2))
     return np.round(exp(spread * z - 0.5 * spread**2), DRAWN_DIGITS)
 
