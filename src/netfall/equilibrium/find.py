@@ -90,10 +90,10 @@ class Finder:
         newton, state = self._newton(load), self.state
         first, total = 0, 0
         if resume is not None and (resume.iteration > 0 or resume.stage > 0):
-            first, total = resume.stage, resume.total
+            first, total, start = resume.stage, resume.total, resume.start
         else:
             resume = None
-            before = state.x.copy(order="K")
+            start = before = state.x.copy(order="K")
             if guess is not None:
                 self._begin_at(guess, newton)
             try:
@@ -119,7 +119,7 @@ class Finder:
                     resume=resume,
                 )
             except Paused as pause:
-                pause.at.stage, pause.at.total = stage, total
+                pause.at.stage, pause.at.total, pause.at.start = stage, total, start
                 raise
             except DivergedError:
                 if found is None:
@@ -136,6 +136,12 @@ class Finder:
                 if not found.error > tolerance:
                     break
         return found
+
+    def residual(self, load: np.ndarray) -> np.ndarray:
+        """Residual forces (n, 3) [N] on the free axes under a load, 0 at halo particles."""
+        r = np.zeros_like(self.state.x)
+        r[: self.state.n_owned] = self._newton(load).residual()
+        return r
 
     def _begin_at(self, guess: np.ndarray, newton: Newton) -> None:
         """Begin there if the residual is so much smaller there. Collective."""

@@ -33,6 +33,7 @@ class Relaxation:
     """Where a relaxation stands before an iteration: arrays (n, 3) of owned and halo particles.
 
     stage : of an equilibrium that is relaxed to several residuals in turn; total : iterations before it
+    start : positions from which the equilibrium is looked for, None: x
     """
 
     iteration: int
@@ -43,6 +44,7 @@ class Relaxation:
     mass: np.ndarray
     stage: int = 0
     total: int = 0
+    start: np.ndarray | None = None
 
 
 class Paused(Exception):
@@ -221,12 +223,13 @@ def state_residual(comm: MPI.Comm, state: State) -> float:
     return comm.allreduce(largest_residual(f, state.free, state.n_owned), MPI.MAX)
 
 
-RELAXED = ("x", "v", "mass")  # arrays of a relaxation
+RELAXED = ("x", "v", "mass", "start")  # arrays of a relaxation
 
 
 def relaxation_record(distribution: Distribution, at: Relaxation) -> tuple[dict, dict[str, np.ndarray]]:
     """A relaxation as small values and, on rank 0, global arrays, for `restored_relaxation`. Collective."""
-    arrays = {name: distribution.gather_particles(getattr(at, name)) for name in RELAXED}
+    there = {name: getattr(at, name) for name in RELAXED} | {"start": at.x if at.start is None else at.start}
+    arrays = {name: distribution.gather_particles(rows) for name, rows in there.items()}
     small = {"iteration": at.iteration, "previous": at.previous, "rested": bool(at.rested), "stage": at.stage}
     return small | {"total": at.total}, arrays if distribution.comm.rank == 0 else {}
 

@@ -17,7 +17,7 @@ from netfall.model.model import Model
 from netfall.net.net import Net
 from netfall.net.parts import parts_of
 from netfall.parallel.agree import on_root
-from netfall.program.run import desk_for, run_stages, scheduled
+from netfall.program.run import desk_for, raise_failure, run_stages, scheduled
 from netfall.program.setup import prepare
 from netfall.results.loss_lines import MUCH, states_of_rest, worst_rest
 from netfall.results.outcomes import NOTHING
@@ -69,7 +69,9 @@ def _outcome(comm: MPI.Comm, job: Job, path: Path | None, memory: Memory, phases
     result = Result(comm, path, scene.distribution, own, log) if path else Unwritten(comm)
     desk = desk_for(scene, result, log, Progress(False), phases, memory=memory)
     try:
-        simulation = run_stages(scene, desk)[dynamics.NAME].result
+        outcomes = run_stages(scene, desk)
+        raise_failure(desk, outcomes)
+        simulation = outcomes[dynamics.NAME].result
     except (InputError, DivergedError):  # on every rank alike
         scene.halo.free()
         raise

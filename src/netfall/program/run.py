@@ -69,6 +69,7 @@ def run_job(
         outcomes = run_stages(scene, desk)
         progress.end()
         after_run(scene, desk, outcomes, path)
+        raise_failure(desk, outcomes)
     finally:
         if claimed:
             release(claimed)
@@ -103,7 +104,10 @@ def desk_for(
 
 
 def run_stages(scene: Scene, desk: Desk) -> dict[str, Outcome]:
-    """The stages after the form, and the result file; their outcomes by name. Collective."""
+    """The stages after the form, and the result file; their outcomes by name. Collective.
+
+    The last one may have a `failure`: the file then holds what was found until there.
+    """
     outcomes: dict[str, Outcome] = {}
     try:
         take_up(scene, desk)
@@ -112,15 +116,18 @@ def run_stages(scene: Scene, desk: Desk) -> dict[str, Outcome]:
                 outcomes[stage.NAME] = stage.run(scene, desk, outcomes)
                 for line in outcomes[stage.NAME].lines:
                     desk.progress.say(line)
-        if scene.job.dynamics is None:
+                if outcomes[stage.NAME].failure:
+                    break
+        if dynamics.NAME not in outcomes:
             write_state(scene, desk)
         sections = initial_sections(scene) | {
             group: datasets for outcome in outcomes.values() for group, datasets in outcome.sections.items()
         }
-        provenance = provenance_of(scene)
+        provenance, labels = provenance_of(scene), {}
         for outcome in outcomes.values():
             provenance |= outcome.attributes
-        desk.result.close(sections, provenance, desk.phases.over_ranks(scene.comm))
+            labels |= outcome.labels
+        desk.result.close(sections, provenance, desk.phases.over_ranks(scene.comm), labels)
     except (InputError, DivergedError, Interrupted) as error:  # raised on every rank alike
         desk.result.file.discard_all()
         if isinstance(error, DivergedError):
@@ -133,6 +140,13 @@ def run_stages(scene: Scene, desk: Desk) -> dict[str, Outcome]:
         desk.result.file.discard()
         raise
     return outcomes
+
+
+def raise_failure(desk: Desk, outcomes: dict[str, Outcome]) -> None:
+    """Raise the failure of the stage at which a run ended, if there is one. Its result file is there."""
+    for outcome in outcomes.values():
+        if outcome.failure:
+            raise desk.saver.naming_the_last(outcome.failure)
 
 
 def take_up(scene: Scene, desk: Desk) -> None:

@@ -16,7 +16,7 @@ from netfall.results.file import (
 )
 from netfall.results.loss_lines import loss_lines
 from netfall.results.notes import NOT_STABLE, balance_notes, displacement_notes_of
-from netfall.results.states import start_position, state_groups, state_words, states_of
+from netfall.results.states import no_equilibrium, start_position, state_groups, state_words, states_of
 
 FIRST_EVENTS = 8
 ENERGIES = ("external_work", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work")
@@ -87,9 +87,16 @@ def _equilibria(f):
         yield (
             f"{state_words(place)}: {steps}largest displacement {moved.max():.4g} m "
             f"(node {node_id[moved.argmax()]}), tensions {N.min():.4g} to {N.max():.4g} N, "
-            f"slack {np.ravel(g['slack'][()])[-1]}, largest residual {np.max(g['residual'][()]):.2g} N"
+            f"slack {np.ravel(g['slack'][()])[-1]}, largest residual {np.nanmax(g['residual'][()]):.2g} N"
         )
-        if not np.all(g["stable"][()]):
+        if no_equilibrium(g):
+            names = ", ".join(str(name) for name in g.attrs["elements"][:FIRST_EVENTS])
+            where = f" (elements {names})" if names else ""
+            yield (
+                f"note: {state_words(place)}: NO EQUILIBRIUM: {g.attrs['reason']}{where}; load factor "
+                f"reached {g.attrs['load_factor']:.4g}, and the state there is what is shown"
+            )
+        elif not np.all(g["stable"][()]):
             yield f"note: an equilibrium of /{place} is NOT STABLE: {NOT_STABLE}"
 
 

@@ -75,12 +75,21 @@ def equilibria(f) -> Iterator[ShownState]:
 def states_of(f, name: str) -> Iterator[ShownState]:
     """The equilibria of a group: of a load path one for each load increment."""
     x, group, words = start_position(f), f[name], state_words(name)
+    failed = no_equilibrium(group)
     if "load_factor" not in group:
-        yield ShownState(words, *_state(group, x, ...))
+        reached = f", load factor {group.attrs['load_factor']:.4g}, reached of 1" if failed else ""
+        yield ShownState(words + reached, *_state(group, x, ...))
         return
-    for row, factor in enumerate(group["load_factor"][:]):
+    factors = group["load_factor"][:]
+    for row, factor in enumerate(factors):
         more = f"load factor {factor:.4g}" if factor else "permanent loads"
-        yield ShownState(f"{words}, {more}", *_state(group, x, row))
+        reached = ", reached of 1" if failed and row == len(factors) - 1 else ""
+        yield ShownState(f"{words}, {more}{reached}", *_state(group, x, row))
+
+
+def no_equilibrium(group) -> bool:
+    """Whether a group holds, at its end, what a load reached that has no equilibrium."""
+    return group.attrs.get("state") == "no_equilibrium"
 
 
 def state_words(name: str) -> str:

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.ground.errors import DivergedError
 from netfall.ground.stop import NEVER
 from netfall.job.asks import has_statics, rests_at_loss
 from netfall.job.job import Job
@@ -189,9 +188,7 @@ def go_to_rest(job: Job, scene: Scene) -> str:
     if not last:
         return "in the initial state, without loads"
     start, loads = committed(scene.state), "all loads" if rests_at_loss(job) else REST[last[-1].kind]
-    try:
-        settle(scene, last[-1], reference_force(scene, last[-1]), NEVER)
-    except DivergedError:
+    if not settle(scene, last[-1], reference_force(scene, last[-1]), NEVER).carries:
         put_back(scene.state, start)
         return f"in the initial state (no rest was found under {loads})"
     return f"at rest under {loads}"

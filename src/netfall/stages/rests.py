@@ -7,7 +7,6 @@ import numpy as np
 
 from netfall.equilibrium.find import STABLE
 from netfall.equilibrium.relaxation import Paused, Relaxation
-from netfall.ground.errors import DivergedError
 from netfall.job.job import Job
 from netfall.job.values import counted, listed
 from netfall.model.losses import Loss, comes_loose, losses_of
@@ -148,9 +147,6 @@ def rests_after(scene: Scene, desk: Desk, losses: list[Loss]) -> RestsAfter:
                 state.EA[:], state.broken[:] = EA, broken
                 kept = {NAME: search.record(scene)}
                 raise paused(scene, desk, NAME, words, search.total, pause, kept) from None
-            except DivergedError as error:
-                line = f"no rest: {error}"
-                search.total += MOST_ITERATIONS
         resume = None
         desk.progress.say(line)
         search.rests.append(rest)
@@ -178,7 +174,11 @@ def _rest_under(
     Collective.
     """
     most = min(MOST_ITERATIONS, scene.job.load.max_iterations) if scene.job.load else MOST_ITERATIONS
-    settled = settle(scene, each, reference, stop, resume, most)
+    outcome = settle(scene, each, reference, stop, resume, most)
+    settled = outcome.equilibrium
+    if not outcome.carries:
+        line = f"no rest: {each.words}: {outcome.reason}"
+        return np.full_like(settled.snapshot.N, np.nan), Rest("no_equilibrium"), line, MOST_ITERATIONS
     rest, N = settled.solution, settled.snapshot.N
     if rest.unstable_at >= 0:
         node = scene.comm.bcast(scene.model and scene.model.net.node_id[rest.unstable_at])

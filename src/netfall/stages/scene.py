@@ -8,6 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.equilibrium.find import Finder
+from netfall.ground.errors import DivergedError
 from netfall.ground.progress import Progress
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.ground.timings import Phases
@@ -85,12 +86,15 @@ class Outcome(NamedTuple):
 
     result : for stages after it, and for a study; lines : said at its end
     sections : its small datasets by group of the file, on rank 0; attributes : of /provenance, likewise
+    labels : attributes of groups of the file, likewise; failure : why the run cannot go on, None: it can
     """
 
     result: Any = None
     lines: Sequence[str] = ()
     sections: Mapping[str, dict[str, np.ndarray]] = {}
     attributes: Mapping[str, Any] = {}
+    labels: Mapping[str, dict[str, Any]] = {}
+    failure: DivergedError | None = None
 
 
 class Stage(Protocol):

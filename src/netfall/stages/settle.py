@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.equilibrium.find import Solution
+from netfall.equilibrium.find import UNKNOWN, Solution
 from netfall.equilibrium.relaxation import (
     Paused,
     Relaxation,
@@ -14,19 +14,25 @@ from netfall.equilibrium.relaxation import (
     restored_relaxation,
 )
 from netfall.ground.errors import DivergedError, Interrupted, interrupted
-from netfall.ground.stop import StopRequest
+from netfall.ground.stop import NEVER, StopRequest
 from netfall.job.asks import rests_at_loss, rests_in_wind
 from netfall.job.job import Job
 from netfall.job.schema import defaults
 from netfall.mechanics.state import State
 from netfall.parallel.subdomain import Distribution
 from netfall.record.energy import Snapshot, take_snapshot
+from netfall.results.notes import NOT_STABLE
 from netfall.stages.scene import Desk, Scene
 from netfall.write.saver import Record, Saver
 
 ALL_LOADS = "all loads"
 RELAXATION = "relaxation"  # in checkpoints
 COMMITTED = ("x", "eps_p", "dissipated")
+EQUILIBRIUM, NONE, UNSTABLE = "equilibrium", "no_equilibrium", "unstable"
+NOT_FOUND = Solution(0, np.nan, np.nan, np.nan, False, UNKNOWN)
+MOST_NAMED = 100  # elements where a net gives way
+SHARP = 0.004  # of the load factor at which something breaks: how closely it is found
+LEAST = 1e-3  # of a load: less is none
 
 
 class StaticLoad(NamedTuple):
@@ -36,6 +42,7 @@ class StaticLoad(NamedTuple):
     words : for messages
     load : (n, 3) [N], owned and halo; factor : of the load that is not permanent; name : of a case
     from_permanent : whether it starts from the equilibrium under the permanent loads, not from the last one
+    begins : the factor of the equilibrium that it starts from
     """
 
     kind: str
@@ -44,6 +51,11 @@ class StaticLoad(NamedTuple):
     factor: float = 0.0
     name: str = ""
     from_permanent: bool = False
+    begins: float = 0.0
+
+    def reached(self, share: float) -> float:
+        """The load factor at a share of the way from its start; nan: permanent loads have none."""
+        return self.begins + share * (self.factor - self.begins) if self.kind != "permanent" else np.nan
 
 
 class Equilibrium(NamedTuple):
@@ -60,6 +72,32 @@ class Equilibrium(NamedTuple):
     def numbers(self) -> dict:
         """What is kept of it besides the state."""
         return {"slack": self.slack, **self.solution._asdict()}
+
+
+class StaticOutcome(NamedTuple):
+    """What came of the search for an equilibrium under one load. The state stands in `equilibrium`.
+
+    state : "equilibrium"; "unstable": one in which compressed bars buckle; or "no_equilibrium"
+    load_factor : reached, see `StaticLoad.factor`; nan: not known
+    reason : in words, ""; elements : global numbers, where it gives way, at most `MOST_NAMED`
+    equilibrium : that under `load_factor`; where none was found, the state from which it began
+    """
+
+    state: str
+    load_factor: float
+    reason: str
+    elements: tuple[int, ...]
+    equilibrium: Equilibrium
+
+    @property
+    def carries(self) -> bool:
+        """Whether there is an equilibrium under the whole load."""
+        return self.state != NONE
+
+    def labels(self) -> dict:
+        """Attributes of its group of the file, elements by their global numbers."""
+        names = ("state", "load_factor", "reason", "elements")
+        return {name: getattr(self, name) for name in names}
 
 
 def taken_up(distribution: Distribution, saver: Saver) -> Relaxation | None:
@@ -96,35 +134,98 @@ def reference_force(scene: Scene, last: StaticLoad) -> float:
 
 def settle(
     scene: Scene, each: StaticLoad, reference: float, stop: StopRequest, resume=None, most=None, guess=None
-) -> Equilibrium:
+) -> StaticOutcome:
     """Bring the state to one equilibrium, what yields on the way included. Collective.
 
     reference : [N], which the tolerance refers to; stop, resume : as in `relax`; most : iterations
     guess : positions (n, 3) [m] that may be nearer to it
 
-    Raises DivergedError where there is none. An equilibrium has no fractures: none where one is due either,
-    but that after a loss is reported, with what breaks in it.
+    Where there is none the state comes to the last equilibrium on the way that was found: that of the share
+    of the load at which something breaks, else where it began. An equilibrium has no fractures, but after a
+    loss it is reported with what breaks in it. Raises Paused if asked to stop.
     """
-    comm, state, settings = scene.comm, scene.state, settings_of(scene.job)
+    start = committed(scene.state)
+    if resume is not None and resume.start is not None:
+        start["x"][:] = resume.start
+    try:
+        found = _found(scene, each, reference, stop, resume, most, guess)
+    except DivergedError as error:
+        put_back(scene.state, start)
+        reason = str(error).removeprefix(f"{each.words}: ")
+        return StaticOutcome(NONE, each.reached(0.0), reason, (), _as_it_began(scene))
+    if found.breaking and each.kind != "loss":
+        return _up_to_fracture(scene, each, reference, start, found.breaking)
+    _commit(scene.state, found.snapshot)
+    state, elements = EQUILIBRIUM, ()
+    if found.solution.unstable_at >= 0:
+        state, elements = UNSTABLE, _compressed_at(scene, found.solution.unstable_at)
+    return StaticOutcome(state, each.factor, NOT_STABLE if elements else "", elements, found)
+
+
+def _found(scene: Scene, each: StaticLoad, reference, stop=NEVER, resume=None, most=None, guess=None):
+    """The `Equilibrium`, its plastic strains not kept yet. Collective. Raises DivergedError, Paused."""
+    settings = settings_of(scene.job)
+    most = most or settings.max_iterations
     solution = scene.finder.find(
-        each.load,
-        settings.tolerance,
-        reference,
-        most or settings.max_iterations,
-        each.words,
-        stop,
-        resume,
-        guess,
+        each.load, settings.tolerance, reference, most, each.words, stop, resume, guess
     )
-    snapshot = take_snapshot(state, 0.0, 1.0, 0.0, 0.0)
-    breaking = _breaking(scene, snapshot)
-    if breaking and each.kind != "loss":
-        name = scene.comm.bcast(scene.model and scene.model.id_of(breaking[0]))
-        raise DivergedError(f"under {each.words} element {name} breaks{_advice(scene.job, each)}")
+    snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
+    return Equilibrium(snapshot, scene.comm.allreduce(snapshot.slack), solution, _breaking(scene, snapshot))
+
+
+def _as_it_began(scene: Scene) -> Equilibrium:
+    """The state from which no equilibrium was found. Collective."""
+    snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
+    return Equilibrium(snapshot, scene.comm.allreduce(snapshot.slack), NOT_FOUND)
+
+
+def _commit(state: State, snapshot: Snapshot) -> None:
     if state.features.plastic:
         state.dissipated[:] = snapshot.heat
         state.eps_p[:] = snapshot.eps_p
-    return Equilibrium(snapshot, comm.allreduce(snapshot.slack), solution, breaking)
+
+
+def _up_to_fracture(
+    scene: Scene, each: StaticLoad, reference: float, start: dict, breaking: tuple[int, ...]
+) -> StaticOutcome:
+    """The largest share of a load under which nothing breaks, found by halving, and the state there.
+
+    start : the state without the load, as of `committed`; breaking : under all of it. Collective.
+    """
+    state, low, high = scene.state, 0.0, 1.0
+    put_back(state, start)
+    left, best, found = scene.finder.residual(each.load), committed(state), _as_it_began(scene)
+    while high - low > SHARP * high and high > LEAST:
+        middle = 0.5 * (low + high)
+        try:
+            there = _found(scene, each._replace(load=each.load - (1.0 - middle) * left), reference)
+        except DivergedError:
+            there = None
+        if there and not there.breaking:
+            low, best, found = middle, committed(state), there
+        else:
+            high, breaking = middle, there.breaking if there else breaking
+            put_back(state, best)
+    put_back(state, best)
+    _commit(state, found.snapshot)
+    name = scene.comm.bcast(scene.model and scene.model.id_of(breaking[0]))
+    return StaticOutcome(NONE, each.reached(low), f"element {name} breaks", breaking[:MOST_NAMED], found)
+
+
+def _compressed_at(scene: Scene, particle: int) -> tuple[int, ...]:
+    """Compressed elements, global numbers, at the particle that moves most as they buckle. Collective."""
+    d, state = scene.distribution.subdomain, scene.state
+    there = (d.particle_gid[state.ends] == particle).any(1) & (state.elements_now().N < 0.0)
+    found = scene.comm.allgather(d.element_gid[there].tolist())
+    return tuple(sorted(set().union(*found)))[:MOST_NAMED]
+
+
+def no_equilibrium(scene: Scene, each: StaticLoad, outcome: StaticOutcome) -> str:
+    """That a load has no equilibrium, what gives way, how far it was borne, what to do."""
+    factor = outcome.load_factor
+    reached = f" (load factor reached {factor:.4g})" if factor == factor else ""
+    what = f"under {each.words} " if outcome.elements else f"{each.words}: "
+    return f"{what}{outcome.reason}{reached}{_advice(scene.job, each)}"
 
 
 def settings_of(job: Job) -> SimpleNamespace:
@@ -143,15 +244,13 @@ def _breaking(scene: Scene, snapshot: Snapshot) -> tuple[int, ...]:
 
 
 def _advice(job: Job, each: StaticLoad) -> str:
-    if each.kind in ("rest", "case"):
-        under = {"case": "it"}.get(each.kind) or ("them" if each.words == ALL_LOADS else "")
-        return f": there is no equilibrium under {under}" if under else ""
+    if each.kind == "case" or each.kind == "rest":
+        return f": there is no equilibrium under {'it' if each.words != ALL_LOADS else 'them'}"
     keys = ["[load] steps = 0"] * bool(job.load and job.load.steps)
     keys += ['[wind] onset = "sudden"'] * rests_in_wind(job)
     at_once = job.dynamics and not job.cases and not rests_at_loss(job)
-    return (
-        f" (load factor {each.factor:.4g}): there is no static equilibrium to start from; lower the load"
-        + (f", or set {' and '.join(keys)} to let it act at once in the dynamic stage" if at_once else "")
+    return ": there is no static equilibrium to start from; lower the load" + (
+        f", or set {' and '.join(keys)} to let it act at once in the dynamic stage" if at_once else ""
     )
 
 

@@ -7,6 +7,7 @@ static onset, its mean comes on top of all of that.
 Within an equilibrium the plastic strains are those of the one before; what has yielded is kept at its end.
 """
 
+import math
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from types import SimpleNamespace
@@ -30,11 +31,14 @@ from netfall.results.notes import NOT_STABLE, displacement_notes
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import (
     ALL_LOADS,
-    Equilibrium,
+    EQUILIBRIUM,
+    NONE,
     StaticLoad,
+    StaticOutcome,
     carried_on,
     committed,
     error_words,
+    no_equilibrium,
     paused,
     put_back,
     reference_force,
@@ -54,6 +58,7 @@ class StaticPath:
     reference : [N], which the tolerance refers to; done : equilibria; total : iterations for all of these
     steps : load_factor, `Equilibrium.numbers` and `farthest` of the permanent loads, then of each load step
     cases : the same by name; rest : the same, once found
+    labels : attributes of the groups of the file that hold these; failed : why the run cannot go on, or ""
     """
 
     reference: float | None = None
@@ -62,6 +67,8 @@ class StaticPath:
     steps: list[dict] = field(default_factory=list)
     cases: dict[str, dict] = field(default_factory=dict)
     rest: dict = field(default_factory=dict)
+    labels: dict[str, dict] = field(default_factory=dict)
+    failed: str = ""
 
     def record(self) -> tuple[dict, dict]:
         """What a continuation needs, for `restore`."""
@@ -85,7 +92,7 @@ def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
     path, saver, steps = StaticPath(), desk.saver, scene.job.load.steps if scene.job.load else 0
     saver.register(NAME, path.record, path.restore)
     if saver.is_past(NAME):
-        return Outcome(path, sections=sections(path))
+        return Outcome(path, sections=sections(path), labels=group_labels(path, scene))
     if steps:
         desk.progress.say(f"statics: {steps} load steps")
     with desk.phases.phase(NAME):
@@ -96,7 +103,17 @@ def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
                 find_or_recall(scene, desk, path)
         except Paused as pause:
             raise paused(scene, desk, NAME, equilibria(scene)[path.done].words, path.total, pause) from None
-    return Outcome(path, lines(path, scene), sections(path))
+    more = {} if not path.failed else {"exit_state": NONE}
+    labels = group_labels(path, scene)
+    return Outcome(path, lines(path, scene), sections(path), more, labels, failure_of(scene.job, path))
+
+
+def failure_of(job: Job, path: StaticPath) -> DivergedError | None:
+    """Why the run cannot go on, None: it can."""
+    if not path.failed:
+        return None
+    no_rest = rests_in_wind(job) and path.labels.get("rest", {}).get("state") == NONE
+    return (NoRest if no_rest else DivergedError)(path.failed)
 
 
 def find_or_recall(scene: Scene, desk: Desk, path: StaticPath) -> None:
@@ -106,7 +123,7 @@ def find_or_recall(scene: Scene, desk: Desk, path: StaticPath) -> None:
         return
     seen = []
 
-    def find() -> list[tuple[Equilibrium, dict]]:
+    def find() -> list[tuple[StaticOutcome, dict, str]]:
         find_equilibria(scene, desk, path, seen=seen)
         return seen
 
@@ -116,11 +133,12 @@ def find_or_recall(scene: Scene, desk: Desk, path: StaticPath) -> None:
         _again(scene, desk, path, known)
 
 
-def _again(scene: Scene, desk: Desk, path: StaticPath, known: list[tuple[Equilibrium, dict]]) -> None:
-    """The equilibria of an earlier run, with all that `find_equilibria` does about them. Collective."""
-    for each, (equilibrium, there) in zip(equilibria(scene), known):
+def _again(scene: Scene, desk: Desk, path: StaticPath, known: list[tuple[StaticOutcome, dict, str]]) -> None:
+    """The outcomes of an earlier run, with all that `find_equilibria` does about them. Collective."""
+    for each, (outcome, there, failed) in zip(equilibria(scene), known):
         put_back(scene.state, there)
-        note(scene, desk, path, each, equilibrium)
+        note(scene, desk, path, each, outcome)
+        path.failed = failed
     if each.kind == "case":
         to_the_start(scene)
 
@@ -141,7 +159,8 @@ def equilibria(scene: Scene) -> list[StaticLoad]:
     for step in range(1, steps + 1):
         factor = step / steps
         words = f"static load step {step} of {steps}"
-        loads.append(StaticLoad("step", words, permanent + factor * live, factor, "", again and step == 1))
+        load, anew = permanent + factor * live, again and step == 1
+        loads.append(StaticLoad("step", words, load, factor, "", anew, (step - 1) / steps))
     if rests and not steps:
         loads.append(StaticLoad("at once", "the constant loads", permanent + live, 1.0, "", again))
     if rests_at_loss(job):
@@ -165,7 +184,8 @@ def find_equilibria(
     path : of what is found, and of how far an earlier run came; resume : where it was within the next one
     seen : takes all that is found, for `recall`
 
-    Raises Paused where it is asked to stop, NoRest where there is no equilibrium.
+    A case without an equilibrium is noted; anything else without one ends it, see `path.failed`.
+    Raises Paused where it is asked to stop.
     """
     state, wanted, base = scene.state, equilibria(scene), None
     large = is_large(scene.distribution)
@@ -183,29 +203,33 @@ def find_equilibria(
         guess = None
         if large and each.kind == "step" and path.steps[-1]["load_factor"] > 0.0:
             guess = carried_on(state, base, each.factor / path.steps[-1]["load_factor"])
-        try:
-            equilibrium = settle(scene, each, path.reference, desk.stop, resume, guess=guess)
-        except DivergedError as error:
-            if before is None:
-                raise
-            raise NoRest(f"{error}; {bearable(scene, wanted, before, path.reference)}") from None
+        outcome = settle(scene, each, path.reference, desk.stop, resume, guess=guess)
         resume = None
+        if not outcome.carries and each.kind != "case":
+            path.failed = no_equilibrium(scene, each, outcome)
+            if before is not None:
+                share = (
+                    outcome.load_factor if outcome.elements else borne(scene, wanted, before, path.reference)
+                )
+                path.failed += f"; {_borne(scene.job, share)}"
         if each.kind == "permanent":
             base = committed(state)
         if seen is not None:
-            seen.append((equilibrium, committed(state)))
-        note(scene, desk, path, each, equilibrium)
-        share, slack = path.done / len(wanted), f"slack {equilibrium.slack}"
+            seen.append((outcome, committed(state), path.failed))
+        note(scene, desk, path, each, outcome)
+        if path.failed:
+            return
+        share, slack = path.done / len(wanted), f"slack {outcome.equilibrium.slack}"
         desk.progress.at(share, each.words, path.total, "iterations", slack)
     if wanted[-1].kind == "case":  # cases are beside the run: what follows starts where it would without
         to_the_start(scene)
 
 
-def note(scene: Scene, desk: Desk, path: StaticPath, each: StaticLoad, equilibrium: Equilibrium) -> None:
+def note(scene: Scene, desk: Desk, path: StaticPath, each: StaticLoad, outcome: StaticOutcome) -> None:
     """Write what was found, and count it. Collective."""
-    keep(scene, desk, path, each, equilibrium)
+    keep(scene, desk, path, each, outcome)
     path.done += 1
-    path.total += equilibrium.solution.iterations
+    path.total += outcome.equilibrium.solution.iterations
 
 
 def permanent_again(scene: Scene, permanent: StaticLoad, reference: float) -> dict[str, np.ndarray]:
@@ -227,19 +251,24 @@ def to_the_start(scene: Scene) -> None:
         state.eps_p[:] = state.dissipated[:] = 0.0
 
 
-def keep(scene: Scene, desk: Desk, path: StaticPath, each: StaticLoad, equilibrium: Equilibrium) -> None:
+def keep(scene: Scene, desk: Desk, path: StaticPath, each: StaticLoad, outcome: StaticOutcome) -> None:
     """Note what was found, and write it. Collective."""
-    state, snapshot = scene.state, equilibrium.snapshot
-    numbers = equilibrium.numbers() | {"moved": farthest(scene)}
+    state, snapshot = scene.state, outcome.equilibrium.snapshot
+    numbers = outcome.equilibrium.numbers() | {"moved": farthest(scene)}
+    group = {"case": f"cases/{each.name}", "rest": "rest"}.get(each.kind, "statics")
+    if group == "statics" and (each.kind == "at once" or not settings_of(scene.job).steps):
+        return
     if each.kind == "case":
         path.cases[each.name] = numbers
-        desk.result.write_equilibrium(f"cases/{each.name}", state, snapshot, "displacement")
+        desk.result.write_equilibrium(group, state, snapshot, "displacement")
     elif each.kind == "rest":
         path.rest = numbers
-        desk.result.write_equilibrium("rest", state, snapshot, "position")
-    elif each.kind != "at once" and settings_of(scene.job).steps:
-        path.steps.append({"load_factor": each.factor, **numbers})
+        desk.result.write_equilibrium(group, state, snapshot, "position")
+    else:
+        path.steps.append({"load_factor": outcome.load_factor, **numbers})
         desk.result.write_static_step(state, snapshot)
+    if group not in path.labels or outcome.state != EQUILIBRIUM or path.labels[group]["state"] == EQUILIBRIUM:
+        path.labels[group] = outcome.labels()
 
 
 def farthest(scene: Scene) -> tuple[float, int]:
@@ -251,49 +280,63 @@ def farthest(scene: Scene) -> tuple[float, int]:
     return max(scene.comm.allgather(here), key=lambda one: (one[0], -one[1]))
 
 
-def bearable(scene: Scene, wanted: list[StaticLoad], before: dict, reference: float) -> str:
-    """How much of the mean wind has an equilibrium, in words, by halving. Collective.
+def borne(scene: Scene, wanted: list[StaticLoad], before: dict, reference: float) -> float:
+    """The largest share of the mean wind with an equilibrium, found by halving. Collective.
 
     before : the state without the wind, as of `committed`
     """
-    rest, still = wanted[-1], wanted[-2].load
+    rest, still, there = wanted[-1], wanted[-2].load, committed(scene.state)
     low, high, most = 0.0, 1.0, min(FEWER, settings_of(scene.job).max_iterations)
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         put_back(scene.state, before)
         share = rest._replace(load=still + middle * (rest.load - still), factor=middle)
-        try:
-            stays = settle(scene, share, reference, NEVER, most=most).solution.unstable_at == STABLE
-            low, high = (middle, high) if stays else (low, middle)
-        except DivergedError:
-            high = middle
-    return f'{_borne(scene.job, low)}, or set [wind] onset = "sudden" to let it act at once'
+        stays = settle(scene, share, reference, NEVER, most=most).state == EQUILIBRIUM
+        low, high = (middle, high) if stays else (low, middle)
+    put_back(scene.state, there)
+    return low
 
 
 def _borne(job: Job, share: float) -> str:
     """What share of the mean wind is borne, and what to do; pressures at taps have no speed."""
-    found = f"an equilibrium was found up to {share:.2f} of its pressure"
-    if job.wind.pressures:
-        return f"{found}; lower the pressures"
-    return f"{found}, that is {np.sqrt(share):.2f} of its speed; lower the speed"
+    found, sudden = (
+        f"an equilibrium was found up to {share:.2f} of its pressure",
+        'or set [wind] onset = "sudden"',
+    )
+    if not job.wind.pressures:
+        found += f", that is {np.sqrt(share):.2f} of its speed"
+    return (
+        f"{found}; lower the {'pressures' if job.wind.pressures else 'speed'}, {sudden} to let it act at once"
+    )
 
 
 def lines(path: StaticPath, scene: Scene) -> list[str]:
     """What the static stage found."""
-    last = [(f"case {name}", numbers) for name, numbers in path.cases.items()]
+    last = [(f"cases/{name}", f"case {name}", numbers) for name, numbers in path.cases.items()]
     if path.steps:
-        last.append(("statics", path.steps[-1]))
+        last.append(("statics", "statics", path.steps[-1]))
     if path.rest:
-        last.append((rest_words(scene.job), path.rest))
-    lines = [f"{what}: {_in_words(numbers, scene.distribution.m)}" for what, numbers in last]
+        last.append(("rest", rest_words(scene.job), path.rest))
+    lines = [
+        f"{what}: {_in_words(numbers, path.labels[group], scene.distribution.m)}"
+        for group, what, numbers in last
+    ]
+    failed = [name for name in path.cases if path.labels[f"cases/{name}"]["state"] == NONE]
+    if failed:
+        lines.append(f"{len(failed)} of {len(path.cases)} cases have no equilibrium")
     if scene.model is None:
         return lines
-    steps = [(f"statics, load factor {step['load_factor']:.4g}", step) for step in path.steps[:-1]]
-    node_id, every = scene.model.net.node_id, steps + last
+    steps = [("statics", f"statics, load factor {step['load_factor']:.4g}", step) for step in path.steps[:-1]]
+    node_id, every = (
+        scene.model.net.node_id,
+        [each for each in steps + last if not math.isnan(each[2]["residual"])],
+    )
     lines += [
-        _unstable(what, each["unstable_at"], node_id) for what, each in every if each["unstable_at"] != STABLE
+        _unstable(what, each["unstable_at"], node_id)
+        for _, what, each in every
+        if each["unstable_at"] != STABLE
     ]
-    moved = [(what, each["moved"][0], node_id[each["moved"][1]]) for what, each in every]
+    moved = [(what, each["moved"][0], node_id[each["moved"][1]]) for _, what, each in every]
     return lines + displacement_notes(moved, scene.model.x)
 
 
@@ -316,6 +359,14 @@ def sections(path: StaticPath) -> dict[str, dict[str, np.ndarray]]:
     return datasets
 
 
+def group_labels(path: StaticPath, scene: Scene) -> dict[str, dict]:
+    """Attributes of the groups of the file, on rank 0: elements by their ids."""
+    if scene.model is None:
+        return {}
+    ids = lambda elements: scene.model.net.element_id[list(elements)]
+    return {group: each | {"elements": ids(each["elements"])} for group, each in path.labels.items()}
+
+
 def numbers_of(numbers: dict) -> dict[str, np.ndarray]:
     """What is kept of equilibria as datasets: whether stable, and not which node says so."""
     arrays = {name: np.array(value) for name, value in numbers.items() if name != "moved"}
@@ -332,7 +383,9 @@ def _unstable(what: str, p: int, node_id: np.ndarray) -> str:
     )
 
 
-def _in_words(numbers: dict, elements: int) -> str:
+def _in_words(numbers: dict, label: dict, elements: int) -> str:
+    if label["state"] == NONE:
+        return f"NO EQUILIBRIUM: {label['reason']}; load factor reached {label['load_factor']:.4g}"
     return (
         f"in equilibrium {error_words(numbers['displacement_error'], numbers['tension_error'])}"
         f"{', by relaxation' if numbers['relaxed'] else ''}, residual {numbers['residual']:.3g} N, "

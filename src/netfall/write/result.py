@@ -176,11 +176,11 @@ class Result:
             for segment in self.segments:
                 segment.unlink(missing_ok=True)
 
-    def close(self, sections: dict[str, dict], provenance: dict, phases: dict) -> None:
+    def close(self, sections: dict[str, dict], provenance: dict, phases: dict, labels: dict) -> None:
         """Write what is small, name the unit of every dataset, and give the file its name.
 
         sections : on rank 0, datasets by group ("net", "history", ...)
-        provenance : attributes and texts; phases : of `Phases.over_ranks`
+        provenance : attributes and texts; phases : of `Phases.over_ranks`; labels : attributes of groups
         """
 
         def finish(file: h5py.File):
@@ -191,6 +191,8 @@ class Result:
             states = [group for group in sections if group != "form_finding" and f"{group}/tension" in file]
             for order, group in enumerate(states):
                 file[group].attrs[ORDER] = order
+            for group, attributes in labels.items():
+                file.require_group(group).attrs.update(attributes)
             _write_provenance(file.create_group("provenance"), provenance, phases)
             label(file)
 

@@ -1,0 +1,109 @@
+"""Loads that a net cannot carry: how far it was borne, where it gives way, what is kept and said."""
+
+import numpy as np
+import pytest
+from conftest import run_on_standing_ranks
+
+CABLES = """
+[cable]
+modulus = 2e11
+area = 1e-3
+density = 7850.0
+yield_stress = 1e9
+fracture_strain = 0.04
+[load]
+steps = {steps}
+"""
+SUPPORTS, SAG, EA, YIELD, FRACTURE = 10.0, 1.0, 2e8, 1e6, 0.04
+ENDS = "id,start,end\n1,1,3\n2,2,3\n"
+
+
+def nodes(load: float) -> str:
+    """Two cables that meet 1 m below supports 20 m apart, with a load [N] where they meet."""
+    return f"id,x,y,z,fixed,load_z\n1,-10,0,0,1,0\n2,10,0,0,1,0\n3,0,0,-1,0,{-load}\n"
+
+
+def borne() -> float:
+    """What two cables bear that yield until they break, by hand: 2 N_y sin(slope) at L0 (1 + fracture)."""
+    L = np.hypot(SUPPORTS, SAG) * (1.0 + FRACTURE)
+    return 2.0 * YIELD * np.sqrt(L * L - SUPPORTS * SUPPORTS) / L
+
+
+@pytest.mark.parametrize("steps, times", [(1, 1.5), (4, 1.5), (1, 1.01), (2, 3.0)])
+def test_two_cables_bear_what_they_bear_by_hand(workshop, steps, times):
+    """To 1 %: load factor, ids and state stand in the file, which is kept with exit code 3; both break."""
+    job = workshop.job(CABLES.format(steps=steps), nodes(times * borne()), ENDS)
+    done = workshop.run(job, code=3)
+    with workshop.open() as f:
+        label = dict(f["statics"].attrs)
+        assert label["state"] == "no_equilibrium" and label["load_factor"] == pytest.approx(
+            1 / times, rel=0.01
+        )
+        assert label["elements"].tolist() == [1, 2] and label["reason"] == "element 1 breaks"
+        assert f["statics/load_factor"][-1] == label["load_factor"]
+        sank = SAG - f["statics/displacement"][-1, 2, 2]
+        slope = sank / np.hypot(SUPPORTS, sank)
+        assert f["statics/tension"][-1] == pytest.approx(YIELD, rel=1e-9)
+        assert 2.0 * YIELD * slope == pytest.approx(label["load_factor"] * times * borne(), rel=1e-6)
+        assert f["provenance"].attrs["exit_state"] == "no_equilibrium"
+    assert f"load factor reached {label['load_factor']:.4g}" in done.stderr
+
+
+def test_nearly_all_of_what_they_bear_is_an_equilibrium(workshop):
+    """0.99 times it, and the file says so."""
+    with workshop.run(workshop.job(CABLES.format(steps=1), nodes(0.99 * borne()), ENDS)) as f:
+        label = dict(f["statics"].attrs)
+        assert label["state"] == "equilibrium" and label["load_factor"] == 1.0
+        assert label["reason"] == "" and len(label["elements"]) == 0
+
+
+CASES = """
+[roof]
+[[case]]
+name = "heavy"
+set = {{"load.snow" = {heavy}}}
+[[case]]
+name = "light"
+set = {{"load.snow" = {light}}}
+"""
+
+
+def test_a_case_without_equilibrium_is_one_among_others(workshop):
+    """Exit code 0, a line that counts, and the case after it as if there had been none before."""
+    table = (
+        nodes(0.0)
+        .replace("load_z", "area,load_z")
+        .replace(",1,0\n", ",1,0,0\n")
+        .replace(",0,-0.0", ",0,10,-0.0")
+    )
+    set_up = CABLES.format(steps=0)
+    snow = borne() / 10.0
+    both = set_up + CASES.format(heavy=2.0 * snow, light=0.5 * snow)
+    job = workshop.job(both, table, ENDS)
+    done = workshop.run(job, code=None)
+    assert done.returncode == 0, done.stderr
+    assert "1 of 2 cases have no equilibrium" in done.stdout
+    with workshop.open() as f:
+        heavy, light = (dict(f[f"cases/{name}"].attrs) for name in ("heavy", "light"))
+        after = f["cases/light/displacement"][:]
+    assert heavy["state"] == "no_equilibrium" and heavy["load_factor"] == pytest.approx(0.5, rel=0.01)
+    assert light["state"] == "equilibrium" and light["load_factor"] == 1.0
+    alone = workshop.job(
+        set_up + "[roof]\n" + CASES.split("[roof]")[1].format(heavy=0.1, light=0.5 * snow), table, ENDS
+    )
+    with workshop.run(alone) as f:
+        assert np.array_equal(f["cases/light/displacement"][:], after)
+
+
+def test_whatever_reads_a_result_reads_what_was_found(workshop):
+    """info, plot and report say that it has no equilibrium."""
+    job = workshop.job(CABLES.format(steps=2), nodes(1.5 * borne()), ENDS)
+    workshop.run(job, code=3)
+    result = workshop.folder / "result.vtkhdf"
+    info = run_on_standing_ranks("info", result)
+    assert "NO EQUILIBRIUM: element 1 breaks (elements 1, 2); load factor reached 0.66" in info.stdout, info
+    for command in ("report", "plot"):
+        done = run_on_standing_ranks(command, result, "-o", workshop.folder / command)
+        assert done.returncode == 0, done.stderr
+    page = (workshop.folder / "report" / "summary.md").read_text()
+    assert "reached of 1" in page
