@@ -188,7 +188,7 @@ class Statics:
         model = self.scene.model
         net, load = model.net, model.loading.permanent + model.loading.live
         exact = Exact(self.scene.state.x, net.elements, ~net.fixed, model.L0, load)
-        N, tension = exact.lengths()[2], self.seen[-1][0].snapshot.N
+        N, tension = exact.lengths()[2], self.seen[-1][0].equilibrium.snapshot.N
         moved = np.linalg.norm(exact.x - self.scene.state.x, axis=1).max()
         far = np.linalg.norm(exact.x - model.x, axis=1).max()
         return moved / far, np.abs(N - tension).max() / N.max()
