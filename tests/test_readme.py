@@ -120,7 +120,7 @@ def test_columns_of_tables_are_those_that_are_read():
 
 def test_versions_agree():
     """CHANGELOG.md begins with the version that package, pyproject.toml and CITATION.cff have."""
-    newest = re.search(r"^## \[(\d.*?)\]", (ROOT / "CHANGELOG.md").read_text(), re.M)[1]
+    newest = re.search(r"^## \[(.+?)\]", (ROOT / "CHANGELOG.md").read_text(), re.M)[1]
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     cited = re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text(), re.M)[1]
     assert netfall.__version__ == project["version"] == cited == newest
