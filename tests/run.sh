@@ -4,7 +4,7 @@
 set -euo pipefail
 export PATH # bash has one of its own where the environment has none, but Open MPI needs to see it
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
-bash jobs/setup.sh test
+bash jobs/setup.sh test view browser
 .venv/bin/ruff format --check --quiet .
 .venv/bin/ruff check --quiet .
 exec .venv/bin/python -m pytest -n 2 --no-loadscope-reorder "$@"

@@ -41,6 +41,7 @@ MAY_IMPORT = {
     "results": ["job", "mechanics.material", "record.columns"],
     "checks": ["job", "mechanics.material", "results"],
     "plots": ["job.table", "net", "roof", "write.locks", "results", "checks", "study.answers"],
+    "view": ["write.locks", "results", "checks", "plots"],
     "report": ["job.table", "roof", "write.locks", "results", "checks", "plots"],
     "study": ["job", "net", "write.locks", "results"],
     "measure": ["job", "write.locks", "results", "study"],
@@ -48,7 +49,7 @@ MAY_IMPORT = {
     "exchange": ["job", "net.parts", "mechanics.material", "write.locks", "results", "plots"],
     "cli": [
         *("job", "net", "parallel", "program", "results", "checks", "plots", "report", "study", "measure"),
-        *("exchange",),
+        *("view", "exchange"),
     ],
     "__main__": ["cli"],
 }
@@ -67,9 +68,10 @@ PACKAGES = {
     "scipy": ["stages.modes", "multigrid.rows", "study.draws", "exchange.drawings"],
     "shapely": ["roof", "exchange.drawings"],
     "pymetis": ["parallel.partition", "stages.force_density"],
-    "matplotlib": ["plots", "measure.tables"],
+    "matplotlib": ["plots", "view.quantities", "measure.tables"],
     "mpl_toolkits": ["plots"],
     "PIL": ["plots.film"],
+    "k3d": ["view.page"],
     "tqdm": ["ground.progress"],
     "ezdxf": ["exchange"],
 }
@@ -77,7 +79,7 @@ PACKAGES = {
 # Modules that work on a machine without MPI -> what they and all that they import must not reach.
 WITHOUT = {
     name: ["mpi4py", "program", "stages"]
-    for name in ("plots.run", "report.info", "results.frames", "report.report")
+    for name in ("plots.run", "report.info", "results.frames", "report.report", "view.page")
     + ("plots.study.study", "study.answers.info")
 }
 

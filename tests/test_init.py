@@ -16,7 +16,7 @@ from netfall.job.template import write_template
 from netfall.model.layout import make_layout
 from netfall.net.build import build_net
 from netfall.plots import canvas
-from netfall.plots import job as plot_job
+from netfall.plots.net import whole_cables
 from netfall.program.check import check_job, draw_check
 
 
@@ -116,7 +116,7 @@ def test_the_picture_of_a_large_net_shows_every_kth_cable(tmp_path):
     path = tmp_path / "job.toml"
     path.write_text(f'[net]\ngenerator = "saddle"\nside = 40.0\nrise = 2.0\ncells = 101\n{STEEL}')
     net = build_net(read_job(path))
-    rows, every = plot_job.rows_shown(net, net.m // 5)
+    rows, every = whole_cables(net.x, net.elements, net.cable, net.group, net.m // 5)
     assert every == 5 and net.m == 20_200
     for group, axis in ((0, 1), (1, 0)):
         mine = rows[net.group[rows] == group]

@@ -109,6 +109,15 @@ def _animate(arguments) -> None:
     print(f"{path}: {words}")
 
 
+def view(arguments) -> None:
+    """netfall view RESULT"""
+    from netfall.view.page import write_page
+
+    page = arguments.output or arguments.result.with_suffix(".html")
+    _folder(page.parent)
+    print(f"{page}: {write_page(arguments.result, page)}; open it in a browser")
+
+
 def report(arguments) -> None:
     """netfall report RESULT"""
     from netfall.checks.cables import Cutting

@@ -18,6 +18,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "netfall plot results/stadium.vtkhdf -o pictures",
         "netfall plot results/stadium.vtkhdf --animate --fps 25",
     ),
+    "view": ("netfall view results/stadium.vtkhdf",),
     "report": ("netfall report results/stadium.vtkhdf -o report",),
     "scale": (
         'netfall scale jobs/stadium.toml --ranks 1,2,4 --launcher "srun -n {ranks}"',

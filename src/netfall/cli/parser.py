@@ -10,7 +10,7 @@ from netfall.exchange.formats import endings
 from netfall.ground.errors import InputError
 
 VERBS = (
-    *("check", "partition", "run", "info", "plot", "report", "scale", "trade", "study"),
+    *("check", "partition", "run", "info", "plot", "view", "report", "scale", "trade", "study"),
     *("import", "export", "init"),
 )
 
@@ -40,6 +40,7 @@ def parser() -> Parser:
     _run(_of_job(verbs, "run", "run a job; on P ranks: mpirun -n P netfall run JOB"))
     _of_result(verbs, "info", "what ran, how it ended and what broke first, of a result or study file")
     _plot(_of_result(verbs, "plot", "pictures, or an animation, from a result or study file"))
+    _view(_of_result(verbs, "view", "a page to turn and to play in any browser, without network"))
     text = "utilisation, cutting list, reactions: summary.md, tables and a picture from a result file"
     _report(_of_result(verbs, "report", text))
     text = "run a job on several numbers of ranks: strong and weak scaling, times of the phases"
@@ -97,6 +98,11 @@ def _plot(verb: Parser) -> None:
     text = "of the animation (default: mp4 where ffmpeg is installed, else gif)"
     verb.add_argument("--format", choices=("mp4", "gif"), help=text)
     _value(verb, "--fps", take.count, "N", "frames of the animation in a second (default: 15)")
+
+
+def _view(verb: Parser) -> None:
+    text = "the page (default: RESULT's name with .html, beside it)"
+    _value(verb, "-o", take.file, "FILE.html", text, dest="output")
 
 
 def _report(verb: Parser) -> None:

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 
 from netfall.net.net import Net
 from netfall.plots.canvas import BROKEN, add_lines, heading, in_space, line_width, save, set_plan
-from netfall.plots.net import group_colours, named_groups
+from netfall.plots.net import group_colours, named_groups, whole_cables
 from netfall.roof.faces import Faces
 
 MOST_DRAWN = 30_000  # elements, that lines stay apart; of larger nets every k-th cable is drawn
@@ -54,7 +54,8 @@ class JobNet:
 
 def draw_job(job: JobNet, path: Path) -> None:
     """Write the picture: in space by groups, in plan by zones."""
-    rows, every = rows_shown(job.net, MOST_DRAWN)
+    net = job.net
+    rows, every = whole_cables(net.x, net.elements, net.cable, net.group, MOST_DRAWN)
     figure = plt.figure(figsize=(13, 7.2))
     space = in_space(figure, (1, 2, 1), job.net.x)
     space.computed_zorder = False
@@ -78,30 +79,6 @@ def _legend(figure, axes, middle: float) -> None:
     for line in legend.legend_handles:
         if isinstance(line, Line2D | LineCollection):
             line.set_linewidth(np.maximum(line.get_linewidth(), 1.5))
-
-
-def rows_shown(net: Net, most: int) -> tuple[np.ndarray, int]:
-    """Rows of the elements that are drawn, whole cables, evenly over each group; one of how many is."""
-    every = max(1, -(-net.m // most))
-    if every == 1:
-        return np.arange(net.m), 1
-    name, first, cable = np.unique(net.cable, return_index=True, return_inverse=True)
-    middle = net.x[net.elements, :2].mean(1)
-    place = np.stack([np.bincount(cable, values) for values in middle.T], -1) / np.bincount(cable)[:, None]
-    group = net.group[first]
-    chosen = np.zeros(len(name), bool)
-    for g in np.unique(group):
-        mine = np.flatnonzero(group == g)
-        chosen[mine[in_turn(place[mine])][::every]] = True
-    return np.flatnonzero(chosen[cable]), every
-
-
-def in_turn(places: np.ndarray) -> np.ndarray:
-    """An order of places (k, 2) in which neighbours follow one another: of Morton's curve."""
-    box = places - places.min(0)
-    cell = (1023 * box / max(box.max(), 1e-9)).astype(np.int64)
-    code = sum(((cell[:, axis] >> bit) & 1) << (2 * bit + axis) for bit in range(10) for axis in (0, 1))
-    return np.argsort(code, kind="stable")
 
 
 def _words(net: Net, every: int) -> str:

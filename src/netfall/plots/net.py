@@ -27,6 +27,32 @@ def named_groups(names: list[str], count) -> list[str | None]:
     return labels
 
 
+def whole_cables(x, elements, cable, group, most: int) -> tuple[np.ndarray, int]:
+    """Rows of the elements that are drawn, whole cables, evenly over each group; one of how many is.
+
+    x : (n, 3) [m]; elements : (m, 2); cable, group : (m,) numbers; most : elements that are drawn
+    """
+    every = max(1, -(-len(elements) // most))
+    if every == 1:
+        return np.arange(len(elements)), 1
+    name, first, row = np.unique(cable, return_index=True, return_inverse=True)
+    middle = x[elements, :2].mean(1)
+    place = np.stack([np.bincount(row, values) for values in middle.T], -1) / np.bincount(row)[:, None]
+    chosen, group = np.zeros(len(name), bool), group[first]
+    for g in np.unique(group):
+        mine = np.flatnonzero(group == g)
+        chosen[mine[in_turn(place[mine])][::every]] = True
+    return np.flatnonzero(chosen[row]), every
+
+
+def in_turn(places: np.ndarray) -> np.ndarray:
+    """An order of places (k, 2) in which neighbours follow one another: of Morton's curve."""
+    box = places - places.min(0)
+    cell = (1023 * box / max(box.max(), 1e-9)).astype(np.int64)
+    code = sum(((cell[:, axis] >> bit) & 1) << (2 * bit + axis) for bit in range(10) for axis in (0, 1))
+    return np.argsort(code, kind="stable")
+
+
 def as_read(lines, group: list[str], held, marks, title: str, path) -> None:
     """Write a picture of a net that was read: lines (m, 2, 3) [m] by group, supports (h, 3), and marks (k, 3)
     where something is wrong with it.

@@ -1,0 +1,91 @@
+"""Chromium without a screen or network, led by chromedriver in the words of W3C's WebDriver."""
+
+import base64
+import json
+import shutil
+import subprocess
+import tempfile
+import urllib.error
+import urllib.request
+from contextlib import contextmanager
+from pathlib import Path
+
+FLAGS = (
+    *(
+        "--headless",
+        "--no-sandbox",
+        "--use-gl=angle",
+        "--use-angle=swiftshader",
+        "--enable-unsafe-swiftshader",
+    ),
+    *("--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update"),
+    *("--disable-sync", "--window-size=1280,800", "--host-resolver-rules=MAP * ~NOTFOUND"),
+)
+PATIENCE = 60.0  # s that an answer may take
+
+
+def is_there() -> bool:
+    """Whether Chromium and its driver are installed."""
+    return bool(shutil.which("chromium") and shutil.which("chromedriver"))
+
+
+class Browser:
+    """One page after the other."""
+
+    def __init__(self, address: str, options: dict):
+        self.address = address
+        self.session = f"/session/{self._ask('POST', '/session', options)['sessionId']}"
+
+    def _ask(self, method: str, path: str, content: dict | None = None):
+        data = None if content is None else json.dumps(content).encode()
+        asked = urllib.request.Request(
+            self.address + path, data, {"Content-Type": "application/json"}, method=method
+        )
+        try:
+            with urllib.request.urlopen(asked, timeout=PATIENCE) as answer:
+                return json.load(answer)["value"]
+        except urllib.error.HTTPError as error:
+            raise AssertionError(f"{path}: {json.load(error)['value']['message']}") from None
+
+    def open(self, path: Path) -> None:
+        """Open a file and wait until it is loaded."""
+        self._ask("POST", f"{self.session}/url", {"url": path.resolve().as_uri()})
+
+    def run(self, code: str):
+        """What a function with this body returns in the page, or the promise that it returns gives."""
+        return self._ask("POST", f"{self.session}/execute/sync", {"script": code, "args": []})
+
+    def picture(self) -> bytes:
+        """What is seen, as PNG."""
+        return base64.b64decode(self._ask("GET", f"{self.session}/screenshot"))
+
+    def faults(self) -> list[str]:
+        """The errors that the console was told of since it was last asked."""
+        rows = self._ask("POST", f"{self.session}/se/log", {"type": "browser"})
+        return [row["message"] for row in rows if row["level"] == "SEVERE"]
+
+    def close(self) -> None:
+        self._ask("DELETE", self.session)
+
+
+@contextmanager
+def browser():
+    """A browser with a profile of its own, which ends with the block."""
+    with tempfile.TemporaryDirectory() as folder:
+        driver = subprocess.Popen(
+            ["chromedriver", "--port=0"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        )
+        page = None
+        try:
+            started = next(line for line in driver.stdout if "successfully on port" in line)
+            port = started.split("port ")[1].strip(".\n")
+            chromium = {"args": [*FLAGS, f"--user-data-dir={folder}"], "binary": shutil.which("chromium")}
+            wanted = {"goog:chromeOptions": chromium, "goog:loggingPrefs": {"browser": "ALL"}}
+            page = Browser(f"http://127.0.0.1:{port}", {"capabilities": {"alwaysMatch": wanted}})
+            yield page
+        finally:
+            if page:
+                page.close()
+            driver.terminate()
+            driver.wait(PATIENCE)
+            driver.stdout.close()

@@ -1,0 +1,179 @@
+"""`netfall view`: the page has what the result has, and draws it in a browser without network."""
+
+import json
+import re
+import time
+from html.parser import HTMLParser
+from importlib.util import find_spec
+from pathlib import Path
+
+import browser
+import h5py
+import numpy as np
+import pytest
+from conftest import STEEL, run_netfall
+
+from netfall.ground.errors import InputError
+from netfall.results.frames import Frames
+from netfall.results.states import start_position
+from netfall.view import page, states
+from netfall.view.numbers import LARGEST, NONE, Numbers
+from netfall.view.states import drawn_part, states_shown
+
+BREAKS = f"""
+title = "All </script> breaks & falls"
+[net]
+generator = "saddle"
+cells = 4
+{STEEL}yield_stress = 1.75e9
+fracture_strain = 0.0404
+[form_finding]
+method = "force_density"
+[wind]
+speed = 200.0
+shape_coefficient = -9.0
+onset = "sudden"
+roughness = 0.0
+[dynamics]
+duration = 0.5
+[output]
+frames = 25
+"""
+needs_k3d = pytest.mark.skipif(find_spec("k3d") is None, reason="k3d is not installed")
+needs_browser = pytest.mark.skipif(not browser.is_there(), reason="no Chromium, or no driver of it")
+
+
+@pytest.fixture(scope="module")
+def broken(shared_workshop) -> Path:
+    """The result of a saddle that a storm tears apart."""
+    with shared_workshop.run(shared_workshop.job(BREAKS)) as file:
+        assert len(file["events/time"]) > 5
+    return shared_workshop.folder / "result.vtkhdf"
+
+
+@pytest.fixture(scope="module")
+def its_page(broken) -> Path:
+    """Its page, as the command writes it."""
+    done = run_netfall("view", broken)
+    assert "26 frames" in done.stdout and "result.html" in done.stdout
+    return broken.with_suffix(".html")
+
+
+def test_numbers_of_states_are_within_half_a_unit():
+    """Whole shares of the largest; nan and what is far away have no value; what is not zero stays so."""
+    values = np.random.default_rng(1).normal(size=(5, 40))
+    values[2, 3], values[3, 4], values[4, 5], values[1, 6] = np.nan, 50.0, 1e-9, 0.0
+    numbers = Numbers()
+    place = numbers.add_in_time(values, 4.0, nonzero=True)
+    whole = np.cumsum(np.frombuffer(numbers.parts[0], "<i2")[: values.size].reshape(5, 40), 0, dtype=np.int16)
+    assert whole[2, 3] == NONE and whole[3, 4] == NONE and whole[4, 5] == 1 and whole[1, 6] == 0
+    known = (whole != NONE) & (np.abs(values) > 1e-6)
+    assert known.sum() == 196 and place["unit"] == 4.0 / LARGEST
+    assert np.abs(whole * place["unit"] - values)[known].max() <= 0.501 * place["unit"]  # 0.001: rounding
+
+
+def test_what_is_drawn_is_where_the_result_has_it(broken):
+    """The ends of each element in each frame, those that split off included; what is broken has no force."""
+    with h5py.File(broken) as f:
+        drawn = drawn_part(f)
+        (motion, *rest), left_out = states_shown(f, drawn)
+        frames = Frames(f)
+        assert len(drawn.loose) > 5 and left_out == [] and [each.name for each in rest] == ["form"]
+        for k in range(len(frames.times)):
+            lines = (drawn.start + motion.displacement[k])[drawn.ends]
+            assert np.abs(lines - frames.lines(k)).max() < 1e-4  # m: single precision
+            gone = frames.cell("broken", k).astype(bool)
+            assert np.array_equal(np.isnan(motion.tension[k]), gone) and motion.broken[k] == gone.sum()
+            assert np.array_equal(motion.tension[k][~gone], frames.cell("tension", k)[~gone])
+        assert np.array_equal(rest[0].tension[0], f["form_finding/tension"][:])
+        assert np.array_equal(drawn.start, start_position(f)[drawn.origin])
+
+
+def test_a_large_result_is_thinned_and_says_so(broken, monkeypatch):
+    """Whole cables of each group; frames evenly."""
+    monkeypatch.setattr(states, "MOST_ELEMENTS", 14)
+    monkeypatch.setattr(states, "MOST_VALUES", 14 * 10)
+    with h5py.File(broken) as f:
+        drawn = drawn_part(f)
+        (motion, *_), left_out = states_shown(f, drawn)
+        assert drawn.every == 2 and len(drawn.rows) == 16
+        cables = f["net/cable"][:]
+        assert all(np.isin(np.flatnonzero(cables == name), drawn.rows).all() for name in cables[drawn.rows])
+        assert left_out == ["one in 4 of the frames", "one in 2 of the cables"]
+        assert np.array_equal(motion.time, f["VTKHDF/Steps/Values"][::4])
+
+
+def test_without_k3d_a_line_says_how_to_get_it(broken, tmp_path, monkeypatch):
+    """Exit code 2 and no page."""
+    monkeypatch.setattr(page, "find_spec", lambda name: None)
+    with pytest.raises(InputError, match=re.escape("pip install 'netfall[view]'")):
+        page.write_page(broken, tmp_path / "page.html")
+    assert [*tmp_path.iterdir()] == []
+
+
+class References(HTMLParser):
+    """What the tags of a page point to."""
+
+    def __init__(self):
+        super().__init__()
+        self.found = []
+
+    def handle_starttag(self, tag, attrs):
+        names = ("src", "href", "action", "data", "poster", "srcset")
+        self.found += [value for name, value in attrs if name in names]
+
+
+@needs_k3d
+def test_a_page_refers_to_nothing_outside(its_page):
+    """No tag with an address, and the words of the job stay words."""
+    text = its_page.read_text()
+    reading = References()
+    reading.feed(text)
+    assert reading.found == [] and "[[" not in text.split("page-data")[0]
+    assert "<title>All &lt;/script&gt; breaks &amp; falls</title>" in text
+    data = json.loads(re.search(r'id="page-data">(.*?)</script>', text, re.S)[1])
+    assert data["title"] == "All </script> breaks & falls" and len(data["states"]) == 2
+
+
+@needs_k3d
+@needs_browser
+def test_the_page_draws_and_plays(its_page, broken):
+    """Asked of the page: its times are the frames, its lines where they are; playing changes what is seen."""
+    with browser.browser() as seen, h5py.File(broken) as f:
+        seen.open(its_page)
+        seen.run("return netfall.then(() => 1)")
+        frames = Frames(f)
+        assert seen.run("return K3DInstance.then(k => k.getTimeSeriesInfo().times)") == frames.times.tolist()
+        first = seen.picture()
+        some = int(np.argmax([frames.cell("broken", k).any() for k in range(len(frames.times))]))
+        for step in (some, len(frames.times) - 1):
+            seen.run(f"return K3DInstance.then(k => k.setTime({frames.times[step]})).then(() => 1)")
+            drawn = {
+                kind: seen.run(f"return netfall.then(s => [...s.kinds[{kind}].vertices])")
+                for kind in ("TAUT", "SLACK", "BROKEN")
+            }
+            compare_lines(drawn, f, step)
+        assert seen.picture() != first
+        seen.run("document.getElementById('play').click()")
+        one = seen.run("return netfall.then(s => s.frame)")
+        time.sleep(1.0)
+        assert seen.run("return netfall.then(s => s.frame)") != one
+        seen.run("return netfall.then(s => choose(s, 1))")
+        assert seen.run("return document.getElementById('foot').style.display") == "none"
+        assert seen.run("return performance.getEntriesByType('resource').map(r => r.name)") == []
+        assert seen.faults() == []
+
+
+def compare_lines(drawn: dict[str, list], f, step: int) -> None:
+    """Each element is drawn once, as what it is, where it is; what is far away is not."""
+    frames, x = Frames(f), start_position(f)
+    lines, N = frames.lines(step), frames.cell("tension", step)
+    reach = page.FARTHEST * np.ptp(x, axis=0).max()
+    near = np.abs(lines - x[f["net/elements"][:]]).max((1, 2)) <= reach
+    gone = frames.cell("broken", step).astype(bool)
+    for kind, rows in {"TAUT": ~gone & (N != 0), "SLACK": ~gone & (N == 0), "BROKEN": gone}.items():
+        vertices = np.array(drawn[kind], float).reshape(-1, 2, 3)  # None, of NaN, becomes nan
+        there = ~np.isnan(vertices).any((1, 2))
+        assert np.array_equal(there, rows & near), kind
+        # half of the unit; single precision adds a tenth of it
+        assert not there.any() or np.abs(vertices - lines)[there].max() < 0.6 * reach / LARGEST, kind
