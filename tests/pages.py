@@ -23,7 +23,7 @@ PACKAGE = ROOT / "src" / "netfall"
 WIDEST = 110  # characters of a line of a page
 ROOMS = (  # from the ground up: a room imports from those before it
     *("ground", "numerics", "job", "net", "net/generators", "roof", "wind", "mechanics", "parallel", "step"),
-    *("multigrid", "equilibrium", "model", "record", "write", "stages", "messages", "program"),
+    *("multigrid", "equilibrium", "prestress", "model", "record", "write", "stages", "messages", "program"),
     *("results", "checks", "plots", "view", "report", "study", "study/answers", "plots/study", "measure"),
     *("api", "exchange", "exchange/formats", "exchange/drawings", "cli"),
 )

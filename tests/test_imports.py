@@ -24,12 +24,13 @@ MAY_IMPORT = {
     "step": ["mechanics", "parallel.halo", "parallel.mpi_symbols"],
     "multigrid": ["mechanics", "parallel"],
     "equilibrium": ["mechanics", "parallel", "multigrid"],
+    "prestress": ["job", "net"],
     "model": ["job", "net", "roof", "wind", "mechanics", "parallel"],
     "record": ["job", "wind", "mechanics", "parallel", "model"],
     "write": ["net", "roof", "mechanics", "parallel", "record.columns", "results.datasets"],
     "stages": [
         *("job", "net", "roof", "wind", "mechanics", "parallel", "step", "multigrid", "equilibrium"),
-        *("model", "record", "write", "results.loss_lines", "results.notes"),
+        *("prestress", "model", "record", "write", "results.loss_lines", "results.notes"),
     ],
     "messages": [
         *("job", "net", "roof", "wind", "mechanics", "parallel", "model", "record", "results", "stages"),

@@ -216,10 +216,10 @@ def net_of(state: State, load: np.ndarray) -> Net:
     return Net(state.x, state.free, state.ends, forces, stiffness, support)
 
 
-def state_residual(comm: MPI.Comm, state: State) -> float:
-    """Largest residual force [N] on a free axis at the present positions without load. Collective."""
+def state_residual(comm: MPI.Comm, state: State, load: np.ndarray) -> float:
+    """Largest residual force [N] on a free axis at the present positions under a load (n, 3). Collective."""
     f = np.zeros_like(state.x)
-    net_of(state, np.zeros_like(state.x)).forces(state.x, f)
+    net_of(state, load).forces(state.x, f)
     return comm.allreduce(largest_residual(f, state.free, state.n_owned), MPI.MAX)
 
 

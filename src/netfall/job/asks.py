@@ -3,6 +3,11 @@
 from netfall.job.job import Job
 
 
+def carries_permanent(job: Job) -> bool:
+    """Whether the form that is found carries the permanent loads."""
+    return job.form_finding is not None and job.form_finding.loads == "permanent"
+
+
 def rests_in_wind(job: Job) -> bool:
     """Whether the dynamic stage begins at rest under the mean wind."""
     return job.wind is not None and job.wind.onset == "static"

@@ -1,6 +1,6 @@
 """The keys of [net] that give the dimensions of nets from generators."""
 
-from netfall.job.keys import between, count, not_negative, positive
+from netfall.job.keys import between, count, flag, not_negative, positive
 
 DIMENSIONS = (
     between(1e-3, 1e6, "side", "m", 73.2, "saddle: side of the square in plan"),
@@ -60,6 +60,11 @@ DIMENSIONS = (
         "wheel: tension of the crossed diagonals between the tension rings; 0: there are none",
         high=1e12,
     ),
+    flag(
+        "ring_groups",
+        False,
+        "wheel, dome: whether each ring of a group is a group of its own: hoop1, hoop2, ... from the middle",
+    ),
 )
 GENERATOR_KEYS = {
     "saddle": ("side", "rise", "cells"),
@@ -67,7 +72,7 @@ GENERATOR_KEYS = {
     "ring": ("length", "width", "rise", "spacing"),
     "wheel": (
         *("diameter", "opening", "ring_height", "ring_depth"),
-        *("spokes", "hoops", "spoke_force", "hoop_force", "brace_force"),
+        *("spokes", "hoops", "spoke_force", "hoop_force", "brace_force", "ring_groups"),
     ),
-    "dome": ("diameter", "opening", "dome_height", "strut", "spokes", "hoops", "spoke_force"),
+    "dome": ("diameter", "opening", "dome_height", "strut", "spokes", "hoops", "spoke_force", "ring_groups"),
 }

@@ -185,7 +185,17 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
     "cable": CABLE,
     "form_finding": (
         choice(
-            "method", ("fpm", "force_density"), "fpm", "fpm: relaxation of particles; force_density: linear"
+            "method",
+            ("fpm", "force_density", "keep"),
+            "fpm",
+            "fpm: relaxation of particles; force_density: linear; keep: the geometry stays, and carries the "
+            "self-stress nearest to the prestress, equal within a group",
+        ),
+        choice(
+            "loads",
+            ("none", "permanent"),
+            "none",
+            "permanent: the form is in equilibrium with self weight and dead load; none: with no load",
         ),
         choice(
             "start",

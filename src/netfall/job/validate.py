@@ -135,6 +135,10 @@ class Validation:
                 self.wrong(place, what)
         if "wind" in given and "dynamics" not in given:
             self.wrong("wind", "there is no [dynamics] that the wind could act in; add it or remove [wind]")
+        form, net = found["form_finding"], found["net"]
+        if form and form.method == "keep" and form.loads == "permanent" and net and net.subdivide > 1:
+            what = f"subdivide = {net.subdivide}: nodes between those given sag under permanent loads"
+            self.wrong("net", f'{what}; with method = "keep" expected subdivide = 1, or loads = "none"')
         self._entries_of_lists(lists)
         self._losses(given, found, lists)
 

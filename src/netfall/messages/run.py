@@ -19,7 +19,7 @@ from netfall.model.schedule import step_at
 from netfall.numerics.functions import lengths
 from netfall.parallel import partition
 from netfall.record.history import MOST_STRAIN, History, most_strained, most_strained_of_all
-from netfall.results.form_lines import form_lines
+from netfall.results.form_lines import form_lines, self_stress_lines
 from netfall.results.loss_lines import loss_lines
 from netfall.results.notes import balance_notes
 from netfall.results.overload_lines import Carried, overload_lines
@@ -44,7 +44,7 @@ def before_run(scene: Scene, progress: Progress) -> None:
     N = model.N
     if scene.form:
         progress.say(f"{form_line(scene)}; tensions {N.min():.4g} to {N.max():.4g} N")
-        for line in moved_lines(model):
+        for line in moved_lines(scene):
             progress.say(line)
     elif starts_moving(scene):
         progress.say(f"{start_note(scene)}, largest tension {scene.reference:.3g} N")
@@ -152,8 +152,11 @@ def form_line(scene: Scene) -> str:
     )
 
 
-def moved_lines(model: Model) -> list[str]:
-    """What form finding did to the geometry that was given."""
+def moved_lines(scene: Scene) -> list[str]:
+    """What form finding did to the geometry that was given, or which self-stress it has."""
+    model = scene.model
+    if scene.form.self_stress is not None:
+        return self_stress_lines(scene.form.self_stress, model.net.group, model.net.group_names)
     area = float(model.area.sum())
     return form_lines(model.net.x, model.x, model.net.moves, model.net.node_id, model.area_given, area)
 

@@ -4,7 +4,7 @@ import difflib
 
 import numpy as np
 
-from netfall.job.asks import grows, has_statics, loads_the_roof
+from netfall.job.asks import carries_permanent, grows, has_statics, loads_the_roof
 from netfall.job.job import Job
 from netfall.job.values import shown
 from netfall.net.net import Net
@@ -66,9 +66,12 @@ def _idle_keys(job: Job, net: Net) -> list[tuple]:
         why = "it lets the pressure grow in a dynamic stage without load steps"
         rows.append(("load", ("ramp",), idle, why))
     if form:
-        linear = form.method == "force_density"
-        why = 'method = "force_density" is one linear solve'
+        linear = form.method != "fpm"
+        why = f'method = "{form.method}" is one linear solve'
         rows.append(("form_finding", ("start", "modulus_factor", "max_iterations"), linear, why))
+        weightless = not (load and load.self_weight) and not any(job.loads("dead"))
+        why = "there is neither self weight nor dead load"
+        rows.append(("form_finding", ("loads",), carries_permanent(job) and weightless, why))
     if wind:
         still = wind.speed and intensity(wind) == 0
         source = "file" if wind.file else "pressures"

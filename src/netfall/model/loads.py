@@ -91,12 +91,13 @@ def pressure_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
     return force
 
 
-def preload(net: Net, x: np.ndarray, N: np.ndarray, L: np.ndarray) -> np.ndarray:
+def preload(net: Net, x: np.ndarray, N: np.ndarray, L: np.ndarray, load=None) -> np.ndarray:
     """Displacements (n, 3) [m] at which springs carry nothing: the form is found with their axes held.
 
-    So each begins with the reaction there, against the tensions N (m,) [N] of elements of length L (m,) [m].
+    So each begins with the reaction there, against the tensions N (m,) [N] of elements of length L (m,) [m]
+    and the load (n, 3) [N] that the form carries, None: none.
     """
-    pull = np.zeros((net.n, 3))
+    pull = np.zeros((net.n, 3)) if load is None else load.copy()
     along = (N / L)[:, None] * (x[net.elements[:, 1]] - x[net.elements[:, 0]])
     np.add.at(pull, net.elements[:, 0], along)
     np.subtract.at(pull, net.elements[:, 1], along)

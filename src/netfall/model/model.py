@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.asks import along_normals, loads_the_roof
+from netfall.job.asks import along_normals, carries_permanent, loads_the_roof
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, Memory, key_of
 from netfall.mechanics.material import elastic_forces, unstressed_length, warm_length
@@ -19,6 +19,7 @@ from netfall.model.layout import Layout
 from netfall.model.loads import Loading, by_node, carried_mass, loading_of, preload, pressure_load
 from netfall.model.start import check_start, check_tensions, element_words, low_notes
 from netfall.net.net import Net
+from netfall.numerics.functions import lengths
 from netfall.roof.areas import Areas, tributary_areas
 from netfall.roof.panels import Panels, panels_of
 from netfall.roof.shares import Shares
@@ -155,8 +156,7 @@ def make_model(
     roof = Roof(areas.surface, areas.plan, areas.vector, layout.zones)
     notes += bare_zones(layout.zones, roof.area) if loads_the_roof(job) else []
     _check_normals(job, net, roof)
-    half = 0.5 * net.density * net.section * L0
-    own = np.bincount(net.elements[:, 0], half, net.n) + np.bincount(net.elements[:, 1], half, net.n)
+    half, own = _own_mass(net, L0)
     loading = loading_of(job, roof, own, net.load)
     mass, added = _scaled(job, net, L0, own + net.mass + loading.carried)
     field, history = _wind(job, layout, x, roof, memory)
@@ -172,7 +172,7 @@ def make_model(
         L0=L0,
         cut_length=L0,
         half_mass=half,
-        spring_rest=preload(net, x, N, L) if job.form_finding else net.spring_rest,
+        spring_rest=_spring_rest(job, net, x, N, L, loading),
         mass=mass,
         added=added,
         loading=loading,
@@ -181,6 +181,28 @@ def make_model(
         panels=_panels(job, layout, areas.shares, loading) if tears else None,
         start_notes=tuple(notes),
     )
+
+
+def permanent_load(job: Job, layout: Layout, x: np.ndarray, N: np.ndarray) -> np.ndarray:
+    """Self weight and dead load (n, 3) [N] of the net at x (n, 3) [m] with axial forces N (m,) [N]."""
+    net, areas = layout.net, _areas(layout, x)
+    L = lengths(x[net.elements[:, 1]] - x[net.elements[:, 0]])
+    _, own = _own_mass(net, unstressed_length(L, N, net.EA, job.cable.strain))
+    roof = Roof(areas.surface, areas.plan, areas.vector, layout.zones)
+    return loading_of(job, roof, own, net.load).permanent
+
+
+def _own_mass(net: Net, L0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Half of each element's own mass (m,) [kg], and what nodes (n,) have of it."""
+    half = 0.5 * net.density * net.section * L0
+    return half, np.bincount(net.elements[:, 0], half, net.n) + np.bincount(net.elements[:, 1], half, net.n)
+
+
+def _spring_rest(job: Job, net: Net, x, N, L, loading: Loading) -> np.ndarray:
+    """Displacements (n, 3) [m] at which springs carry nothing: as given, or by the reactions of the form."""
+    if not job.form_finding:
+        return net.spring_rest
+    return preload(net, x, N, L, loading.permanent if carries_permanent(job) else None)
 
 
 def _areas(layout: Layout, x: np.ndarray) -> Areas:

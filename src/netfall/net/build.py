@@ -3,7 +3,7 @@
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.asks import roof_groups
+from netfall.job.asks import carries_permanent, roof_groups
 from netfall.job.job import Job
 from netfall.job.values import shown
 from netfall.net.cables import cables_of, same_names
@@ -160,7 +160,7 @@ def _without_tension(job: Job, net: Net) -> list[str]:
     moving = ~net.held[net.elements].all((1, 2))
     if job.form_finding is None or job.form_finding.method != "fpm" or not moving.any():
         return []
-    if net.prestress[moving].any():
+    if net.prestress[moving].any() or carries_permanent(job):
         return []
     other = np.isfinite(net.force_density).any()
     return [

@@ -53,6 +53,7 @@ class Net:
     fracture_strain : (m,), inf: never breaks; breaking_load : (m,) [N], inf: none
     strength_deviation : (m,) scatter; strength : (m,) what was drawn, a factor on all of the above, in them
     type : (m,) row of type_names, of the catalogue, -1: none; bar : (m,) bool, carries compression
+    tier : (m,) ring of a generated net, from the middle, that the element of its group is in; else 0
     prestress : (m,) [N]; force_density : (m,) [N/m], nan: none; unstressed_length : (m,) [m], nan: none
     outline : (s, 2) segments of the rigid boundary in plan, which close faces but are no elements; numbers
         from n on are rows of `corners` (k, 3) [m], points of the boundary without a particle
@@ -93,6 +94,7 @@ class Net:
     type: np.ndarray = _element(empty=-1)
     type_names: list[str] = field(default_factory=list)
     bar: np.ndarray = _element()
+    tier: np.ndarray = _element(empty=0)
     cable: np.ndarray = None
     cable_names: list[str] = field(default_factory=list)
     cable_given: list[str] = field(default_factory=list)

@@ -71,7 +71,7 @@ def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) 
     _describe_net(scene, say)
     if scene.form:
         say(form_line(scene))
-        for line in moved_lines(scene.model):
+        for line in moved_lines(scene):
             say(line)
     elif starts_moving(scene):
         say(start_note(scene))

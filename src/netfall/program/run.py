@@ -21,9 +21,10 @@ from netfall.messages.run import after_run, before_run
 from netfall.model.loads import load_section
 from netfall.model.schedule import schedule_of
 from netfall.parallel.agree import on_root
+from netfall.program.form import FORM, INITIAL, initial_record
 from netfall.program.provenance import how_it_writes, provenance_of
 from netfall.program.restart import register_result, restore_state
-from netfall.program.setup import FORM, INITIAL, initial_record, prepare
+from netfall.program.setup import prepare
 from netfall.record.energy import take_snapshot
 from netfall.stages import dynamics, modes, rests, statics
 from netfall.stages.scene import Desk, Outcome, Scene, Stage
@@ -185,4 +186,6 @@ def initial_sections(scene: Scene) -> dict[str, dict]:
             "tension": model.N,
             "unstressed_length": model.cut_length,
         }
+        if form.self_stress is not None:
+            sections["form_finding"]["self_stress"] = form.self_stress
     return sections

@@ -7,33 +7,31 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.equilibrium.find import Finder
-from netfall.equilibrium.relaxation import Paused, relaxation_record, restored_relaxation, state_residual
+from netfall.equilibrium.relaxation import state_residual
 from netfall.ground.compile import wake
-from netfall.ground.errors import InputError, interrupted
+from netfall.ground.errors import InputError
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.ground.timings import Phases
+from netfall.job.asks import carries_permanent
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
 from netfall.mechanics.fields import FIELDS, Features
 from netfall.mechanics.stability import Limit
 from netfall.mechanics.state import State
-from netfall.model.layout import Layout, features_of, layout_digest, make_layout
+from netfall.model.layout import features_of, layout_digest, make_layout
 from netfall.model.model import Model, make_model, warmed
 from netfall.model.schedule import step_limits
-from netfall.net.net import joined, spaced
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution, cut_net
-from netfall.stages.form import find_form
-from netfall.stages.scene import Form, Scene
-from netfall.stages.settle import RELAXATION
+from netfall.program.form import FORM, form_of, kept_form
+from netfall.stages.scene import Scene
 from netfall.stages.step_limit import assembled_limit
-from netfall.write.checkpoint import Checkpoint, checkpoint_path, remove_older, write_checkpoint
+from netfall.write.checkpoint import Checkpoint
 
 # Elements up to which each run finds the sharp limit of its step, in 10 ms at stadium size, half a second
 # here; beyond, where a fixed step needs it.
 LARGEST_SHARP = 50_000
-FORM, INITIAL = "form finding", "initial"  # names in checkpoints
 
 
 def prepare(
@@ -68,10 +66,10 @@ def prepare(
     stage = comm.bcast(checkpoint and checkpoint.record["stage"])
     with phases.phase("form finding"):
         if stage not in (None, FORM):
-            form, x, N = _kept_initial(comm, job, checkpoint)
+            form, x, N = kept_form(comm, job, checkpoint)
         elif job.form_finding is not None:
             of_run = result, digest, restart, checkpoint, stop
-            find = lambda: _form(job, layout, distribution, halo, report, *of_run)
+            find = lambda: form_of(job, layout, distribution, halo, report, *of_run)
             key = comm.bcast(key_of(job, without=OF_SPEED) if layout else None)
             form, x, N = memory.once("form", key, find)
         else:
@@ -79,7 +77,9 @@ def prepare(
         model = on_root(comm, lambda: make_model(job, layout, x, N, memory))
     with phases.phase("state"):
         state = make_state(distribution, model, features)
-        residual = state_residual(comm, state)
+        load = model and model.loading.permanent if carries_permanent(job) else None
+        carried = distribution.particles(load) if carries_permanent(job) else np.zeros_like(state.x)
+        residual = state_residual(comm, state, carried)
         reference = comm.bcast(_largest_tension(model) if model else None)
         if form is not None:
             _check_form(job, max(form.reference, reference), residual)
@@ -90,65 +90,6 @@ def prepare(
     finder = Finder(comm, halo, distribution, state)
     found = form, residual, reference, digest, limits
     return Scene(comm, job, model, distribution, halo, state, finder, *found), checkpoint
-
-
-def _form(
-    job, layout: Layout | None, distribution, halo, report, result, digest, restart, checkpoint, stop
-) -> tuple:
-    """Find the form; and, on rank 0, positions (n, 3) [m] and tensions (m,) [N] of the net in it. Collective.
-
-    Nothing loads an element between its ends while the form is found, so it is straight and has one tension:
-    a net that was subdivided has the form of the net as it was given, its new particles evenly spaced.
-    """
-    comm, net = distribution.comm, layout and layout.net
-    as_given, own_halo = layout and joined(net), None
-    if comm.bcast(layout and net.parts > 1):
-        part = layout and layout.part[: as_given.n]
-        cut = on_root(comm, lambda: cut_net(as_given.n, as_given.elements, part, comm.size))
-        distribution = Distribution(comm, *comm.bcast(layout and (as_given.n, as_given.m)), cut)
-        halo = own_halo = Halo(comm, distribution.subdomain, 3)
-    try:
-        kept = comm.bcast(checkpoint and checkpoint.part(RELAXATION)[0])
-        arrays = checkpoint and checkpoint.part(RELAXATION)[1]
-        resume = restored_relaxation(distribution, kept, arrays) if kept else None
-        form = find_form(comm, as_given, distribution, job.form_finding, halo, report, stop, resume)
-    except Paused as pause:
-        path = pause_form_finding(job, result, digest, distribution, pause, restart)
-        raise interrupted(f"in form finding, iteration {pause.at.iteration}", path) from None
-    finally:
-        if own_halo:
-            own_halo.free()
-    x, N = distribution.gather_particles(form.x), distribution.gather_elements(form.N)
-    return form, layout and spaced(net, x), layout and np.repeat(N, net.parts)
-
-
-def pause_form_finding(
-    job: Job, result: Path, digest: str, distribution: Distribution, pause: Paused, given: Path | None
-) -> Path:
-    """Write a checkpoint of the form finding where it was paused; its path. Collective."""
-    path = checkpoint_path(result, 1, pause.at.iteration)
-    record = {"job": digest, "name": job.title or job.name, "stage": FORM}
-    parts = {RELAXATION: relaxation_record(distribution, pause.at)}
-    write_checkpoint(distribution.comm, path, None, None, record, parts)
-    if distribution.comm.rank == 0:
-        remove_older(path, result, digest, given)
-    return path
-
-
-def initial_record(scene: Scene) -> tuple[dict, dict[str, np.ndarray]]:
-    """What is kept of the initial state and of how its form was found."""
-    form, model = scene.form, scene.model
-    names = ("iterations", "residual", "reference")
-    small = {"form": {name: getattr(form, name) for name in names} if form else None}
-    return small, {"x": model.x, "N": model.N} if model else {}
-
-
-def _kept_initial(comm: MPI.Comm, job: Job, checkpoint: Checkpoint | None) -> tuple:
-    """As of `_form`, from the checkpoint of the run that is taken up. Collective."""
-    small, arrays = checkpoint.part(INITIAL) if checkpoint else (None, None)
-    form = comm.bcast(small)["form"]
-    x = arrays and arrays["x"]
-    return Form(None, None, **form) if form else None, x, arrays["N"] if arrays and job.form_finding else None
 
 
 def _largest_tension(model: Model) -> float:

@@ -91,6 +91,12 @@ GROUPS = (
             row("position", "n, 3", "m", "of the form"),
             row("tension", "m", "N", "of the form"),
             row("unstressed_length", "m", "m", "at the temperature of form finding"),
+            row(
+                "self_stress",
+                "k, m",
+                NONE,
+                'with `method = "keep"`: axial forces of each state of self-stress, the largest is 1',
+            ),
         ),
     ),
     Group(

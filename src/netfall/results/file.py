@@ -11,7 +11,7 @@ import numpy as np
 from netfall.ground.errors import InputError
 from netfall.mechanics.material import strength_of
 from netfall.numerics.functions import lengths
-from netfall.results.form_lines import form_lines
+from netfall.results.form_lines import form_lines, self_stress_lines
 from netfall.results.losses import broken_at
 from netfall.results.overload_lines import Carried, overload_lines
 from netfall.results.states import start_position
@@ -86,8 +86,12 @@ def element_name(f: h5py.File, e: int) -> str:
 
 
 def lines_of_form(f: h5py.File) -> list[str]:
-    """`form_lines` of a result file."""
+    """`form_lines` of a result file, or the states of self-stress of a geometry that was kept."""
     net = f["net"]
+    if "form_finding/self_stress" in f:
+        return self_stress_lines(
+            f["form_finding/self_stress"][:], net["group"][:], net["group_names"].asstr()[:].tolist()
+        )
     return form_lines(
         net["particles"][:],
         f["form_finding/position"][:],

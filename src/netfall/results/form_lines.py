@@ -4,6 +4,7 @@ import numpy as np
 
 from netfall.numerics.functions import lengths
 
+NO_PART = 1e-9  # of the largest force of a state: an element with less takes no part
 FAR = 0.05  # of the span: a node that moved farther is told
 
 
@@ -27,6 +28,23 @@ def form_lines(given, found, free, node_id, area_given: float, area: float) -> l
     span = float(np.ptp(given, axis=0).max())
     far = int((moved > FAR * span).sum())
     return [line] + _far(far, len(moved), span, node_id[most], moved[most]) if far else [line]
+
+
+def self_stress_lines(states: np.ndarray, group: np.ndarray, names: list[str]) -> list[str]:
+    """How many states of self-stress a geometry has, and which groups take part in them.
+
+    states : (k, m) axial forces; group : (m,) rows of names
+    """
+    if not len(states):
+        return ["self-stress: the geometry has no state; its forces follow from the load alone"]
+    taking = np.unique(group[(np.abs(states) > NO_PART).any(0)])
+    of = lambda rows: ", ".join(names[row] or "without a name" for row in rows)
+    others = np.setdiff1d(np.unique(group), taking)
+    count = f"{len(states)} states" if len(states) > 1 else "1 state"
+    without = f"; no part in {'them' if len(states) > 1 else 'it'}: {of(others)}" if len(others) else ""
+    spread = [np.ptp(states[:, group == row], axis=1) > NO_PART for row in taking]
+    equal = "each ring of each group" if np.any(spread) else "each group"
+    return [f"self-stress: {count} with one force in {equal}, of {of(taking)}{without}"]
 
 
 def _far(far: int, n: int, span: float, node: int, moved: float) -> list[str]:

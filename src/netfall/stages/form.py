@@ -26,9 +26,11 @@ from netfall.job.values import counted
 from netfall.mechanics.elements import add_tensions, geometric_stiffness, nodal_stiffness
 from netfall.multigrid.tangent import Tangent
 from netfall.net.net import Net
+from netfall.numerics.functions import lengths
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
+from netfall.prestress.self_stress import self_stress
 from netfall.stages.force_density import Singular, solve_sparse
 from netfall.stages.scene import Form
 
@@ -53,10 +55,11 @@ def form_tensions(x, ends, T0, stiffness, L_start, bar, N, L):
             N[e] = 0.0
 
 
-def force_density_form(net: Net) -> np.ndarray:
+def force_density_form(net: Net, load: np.ndarray | None = None) -> np.ndarray:
     """Equilibrium positions (n, 3) [m] for given force densities, or prestress / length where none are given.
 
-    sum_e q_e (x_other - x_p) = 0 on each free axis: a sparse system, in factors. Only on rank 0.
+    sum_e q_e (x_other - x_p) + load_p = 0 on each free axis: a sparse system, in factors. Only on rank 0.
+    load : (n, 3) [N], None: none
 
     Raises InputError where the system is singular: the densities then define no shape.
     """
@@ -75,6 +78,8 @@ def force_density_form(net: Net) -> np.ndarray:
             np.add.at(pull, net.elements[:, end], np.where(held[there], q, 0.0)[:, None] * net.x[there])
         within = ~held[net.elements].any(1)
         try:
+            if load is not None:
+                pull += load
             sides = total[free], pull[free][:, axes], size[free]
             found = solve_sparse(place[net.elements[within]], -q[within], *sides)
         except Singular as error:
@@ -114,7 +119,11 @@ def _held_alike(net: Net) -> list[list[int]]:
 class Elements:
     """The form-finding elements of one rank: tensions by `form_tensions` and the forces that follow."""
 
-    def __init__(self, distribution: Distribution, net: Net | None, x: np.ndarray, modulus_factor: float):
+    def __init__(
+        self, distribution: Distribution, net: Net | None, x: np.ndarray, modulus_factor: float, load=None
+    ):
+        """load : (n, 3) [N] that the form carries, None: none"""
+        self.load = 0.0 if load is None else np.asfortranarray(load)
         column = lambda name: distribution.elements(None if net is None else getattr(net, name))
         self.ends = distribution.subdomain.ends
         self.bar = column("bar").astype(np.uint8)
@@ -138,7 +147,7 @@ class Elements:
     def forces(self, x, f):
         """Write the forces f (n, 3) [N] of the elements at x."""
         self.measure(x)
-        f[:] = 0.0
+        f[:] = self.load
         add_tensions(x, self.ends, self.N, self.L, f)
 
     def bound(self, x):
@@ -188,23 +197,33 @@ def find_form(
     report,
     stop: StopRequest = NEVER,
     resume: Relaxation | None = None,
+    load: np.ndarray | None = None,
+    start: np.ndarray | None = None,
 ) -> Form:
     """The form of the net by the job's method.
 
-    Collective. net : on rank 0, None elsewhere; stop, resume : as in `relax`.
+    Collective. net : on rank 0, None elsewhere; stop, resume : as in `relax`
+    load : (n, 3) [N], all particles, on rank 0, that the form carries, None: none; start : positions (n, 3)
+        [m] of this rank from which to relax, None: those that are given
     """
+    if net is not None and load is not None:
+        load = load[: net.n]
+    carried = distribution.particles(load) if comm.bcast(load is not None) else None
     x = distribution.particles(None if net is None else net.x)
     free = 1 - distribution.particles(None if net is None else net.held).astype(np.uint8)
-    given = Elements(distribution, net, x, settings.modulus_factor)
-    largest = lambda N: largest_force(comm, N, given.ends, free)
+    if settings.method == "keep":
+        return kept_form(comm, net, distribution, settings, x, free, load)
+    given = Elements(distribution, net, x, settings.modulus_factor, carried)
+    mine = None if carried is None else carried[: halo.n_owned]
+    largest = lambda N: largest_force(comm, N, given.ends, free, mine)
     if settings.method == "force_density" or settings.start == "force_density":
-        x = distribution.particles(on_root(comm, lambda: force_density_form(net)))
-        elements = Elements(distribution, net, x, settings.modulus_factor)
+        x = distribution.particles(on_root(comm, lambda: force_density_form(net, load)))
+        elements = Elements(distribution, net, x, settings.modulus_factor, carried)
     else:
         elements = given
     if settings.method == "force_density":
         N = given.densities() * elements.L_start
-        f = np.zeros_like(x)
+        f = np.zeros_like(x) + elements.load
         add_tensions(x, elements.ends, N, elements.L_start, f)
         residual, reference = comm.allreduce(largest_residual(f, free, halo.n_owned), MPI.MAX), largest(N)
         if not residual <= settings.tolerance * reference:
@@ -214,6 +233,8 @@ def find_form(
             )
         return Form(x, N, 1, residual, reference)
     reference = largest(elements.T0)
+    if start is not None:
+        x[:] = start
     moving, asked = (
         RelaxedNet(x, free, elements.ends, elements.forces, elements.bound),
         settings.tolerance * reference,
@@ -228,6 +249,15 @@ def find_form(
             report = Watch(comm, distribution, net, elements, report)
         found = relax(comm, halo, moving, asked, most, "form finding", report, stop, resume)
     return Form(x, elements.N, *found, reference)
+
+
+def kept_form(comm: MPI.Comm, net: Net | None, distribution: Distribution, settings, x, free, load) -> Form:
+    """The geometry as given, x (n, 3) [m], and its self-stress; load : as in `find_form`. Collective."""
+    found = on_root(comm, lambda: self_stress(net, load, settings.tolerance))
+    N = distribution.elements(found and found.N)
+    residual = comm.bcast(found and float(lengths(found.residual).max()))
+    reference = largest_force(comm, N, distribution.subdomain.ends, free)
+    return Form(x, N, 1, residual, reference, found and found.states)
 
 
 def large_form(comm, distribution, halo, net, elements, settings, asked: float, stop) -> tuple | None:
@@ -289,7 +319,7 @@ def _towards_force_density(newton: Newton, elements) -> int:
     elements.measure(x)
     q = elements.densities()
     N = q * elements.L
-    newton.f[:] = 0.0
+    newton.f[:] = elements.load
     add_tensions(x, elements.ends, N, elements.L, newton.f)
     r = np.where(newton.moves, newton.f[newton.owned], 0.0)
     K = _tangent(elements, x, N, q, q)

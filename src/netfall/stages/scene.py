@@ -31,6 +31,7 @@ class Form:
 
     x : (n, 3) [m], owned and halo; N : (m,) [N]; residual : largest residual force [N] over the free axes
     reference : largest prestress [N] of what can move, which the tolerance refers to
+    self_stress : (k, m) states of self-stress of a geometry that is kept, on rank 0; None: not looked for
     """
 
     x: np.ndarray
@@ -38,6 +39,7 @@ class Form:
     iterations: int
     residual: float
     reference: float
+    self_stress: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,9 @@ from netfall.numerics.functions import cos, sin
 GROUPS = ["ridge", "diagonal", "hoop", "ring_upper", "ring_lower", "strut"]
 
 
-def dome(diameter, opening, dome_height, strut, spokes: int, hoops: int, spoke_force) -> Net:
+def dome(
+    diameter, opening, dome_height, strut, spokes: int, hoops: int, spoke_force, ring_groups=False
+) -> Net:
     """The net with its prestress; the arguments as in the job. Its supports are the outermost nodes."""
     r, z, q, d, c, ring, P = profile(diameter, opening, dome_height, strut, spokes, hoops, spoke_force)
     above = np.arange((hoops + 2) * spokes).reshape(-1, spokes)  # the supports are the last row
@@ -43,7 +45,7 @@ def dome(diameter, opening, dome_height, strut, spokes: int, hoops: int, spoke_f
     )
     fixed = np.zeros((len(x), 3), bool)
     fixed[above[-1]] = True
-    net = prestressed_net(x, fixed, kinds, GROUPS)
+    net = prestressed_net(x, fixed, kinds, GROUPS, ring_groups)
     net.outline = closed_rings(above[-1])
     return net
 

@@ -42,6 +42,7 @@ def wheel(
     spoke_force,
     hoop_force,
     brace_force=0.0,
+    ring_groups=False,
 ) -> Net:
     """The net with its prestress; the arguments as in the job. Without brace_force no diagonals.
 
@@ -78,7 +79,7 @@ def wheel(
         (_truss(outer, chord), 0.0),
         *([(_crossed(above[0], below[0]), brace)] if brace_force else []),
     )
-    return prestressed_net(x, _supports(number, spokes), kinds, [*GROUPS, BRACE][: len(kinds)])
+    return prestressed_net(x, _supports(number, spokes), kinds, [*GROUPS, BRACE][: len(kinds)], ring_groups)
 
 
 def _truss(outer, chord) -> np.ndarray:

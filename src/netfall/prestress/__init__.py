@@ -1,0 +1,1 @@
+"""The prestress of a geometry that is given: its states of self-stress."""

@@ -1,0 +1,171 @@
+"""States of self-stress of a geometry that is given, with one axial force in each group of elements.
+
+Each group is an unknown t; with the unit vector d_e from start to end of element e, equilibrium of node p is
+
+    sum over groups  t_g  sum over e of g at p  (+-) d_e  +  load_p  =  0        on each free axis
+
+(Pellegrino and Calladine 1986, with groups as unknowns: Yuan and Dong 2003). The states without load are the
+null space of this matrix. Axial forces are the state nearest to the prestress that is asked for: the least
+sum of squares over the elements that ask for any; what these leave open has the least sum of squares.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.ground.errors import DivergedError, InputError
+from netfall.job.values import counted
+from netfall.net.net import Net
+from netfall.numerics.functions import lengths
+from netfall.numerics.least_squares import least_squares, times
+
+LARGEST = 2e8  # entries of the matrix, 8 bytes each
+SHOWN = 5  # nodes out of equilibrium
+ROUNDING = 1e-12  # of the largest pivot: what the prestress does not determine
+
+
+class SelfStress(NamedTuple):
+    """Prestress of a geometry: N (m,) [N]; residual : (n, 3) [N] on the free axes
+
+    states : (k, m) axial forces of each state of self-stress, the largest of each is 1
+    """
+
+    N: np.ndarray
+    residual: np.ndarray
+    states: np.ndarray
+
+
+class Equations(NamedTuple):
+    """Equilibrium with one force for each group.
+
+    matrix : (r, c) a row for each free axis, scaled: unknowns are t sqrt(count), so their squares add up as
+        those of the elements do; of : (m,) column of each element, -1: its ends are held, it has none
+    count : (c,) elements of each column
+    """
+
+    matrix: np.ndarray
+    of: np.ndarray
+    count: np.ndarray
+
+
+def self_stress(net: Net, load: np.ndarray | None, tolerance: float) -> SelfStress:
+    """The prestress nearest to what `net` asks for, in equilibrium with a load (n, 3) [N].
+
+    load : None: none; tolerance : largest residual, as a share of the largest force, up to which a set of
+    forces is a state
+
+    Raises InputError where there is no state of self-stress, DivergedError where the load is not carried.
+    """
+    equations = equations_of(net)
+    free = ~net.held
+    side = np.zeros(free.sum()) if load is None else -load[free]
+    fit = least_squares(equations.matrix, side, tolerance)
+    asked = (equations.of >= 0) & (net.prestress != 0.0)
+    if load is None:
+        _check_states(net, equations, fit, asked)
+    u = fit.x + times(fit.null, _nearest(net.prestress, equations, fit, asked))
+    N = np.where(equations.of >= 0, (u / np.sqrt(equations.count))[equations.of], net.prestress)
+    residual = _residual(net, N, load)
+    found = SelfStress(N, residual, _states(equations, fit.null))
+    _check_residual(net, found, tolerance)
+    return found
+
+
+def equations_of(net: Net) -> Equations:
+    """The equations of a net, from its geometry as given. Raises InputError where they are too many."""
+    movable = (~net.held[net.elements]).any((1, 2))
+    pairs = net.group * (int(net.tier.max(initial=0)) + 1) + net.tier
+    _, column = np.unique(pairs[movable], return_inverse=True)
+    of = np.full(net.m, -1)
+    of[movable] = column
+    count = np.bincount(column)
+    if 3.0 * net.n * len(count) > LARGEST:
+        raise InputError(
+            f'[form_finding] method = "keep": {len(count)} groups and {net.n} nodes make a matrix of '
+            f"{3.0 * net.n * len(count):.2g} entries; at most {LARGEST:.0e} fit: fewer groups"
+        )
+    matrix = np.zeros((net.n, 3, len(count)))
+    unit = _directions(net)[movable] / np.sqrt(count)[column, None]
+    for end, sign in ((0, 1.0), (1, -1.0)):
+        np.add.at(matrix, (net.elements[movable, end], slice(None), column), sign * unit)
+    return Equations(matrix[~net.held], of, count)
+
+
+def _directions(net: Net) -> np.ndarray:
+    """Unit vectors (m, 3) from start to end."""
+    along = net.x[net.elements[:, 1]] - net.x[net.elements[:, 0]]
+    return along / lengths(along)[:, None]
+
+
+def _nearest(prestress: np.ndarray, equations: Equations, fit, asked: np.ndarray) -> np.ndarray:
+    """Shares (k,) of the states with which the forces are nearest to the prestress of those `asked`."""
+    columns = len(equations.count)
+    times_asked = np.bincount(equations.of[asked], minlength=columns)
+    total = np.bincount(equations.of[asked], prestress[asked], columns)
+    there = times_asked > 0
+    weight = np.sqrt(times_asked[there] / equations.count[there])  # of u, by which t sqrt(times_asked) comes
+    wanted = total[there] / np.sqrt(times_asked[there])
+    rows = weight[:, None] * fit.null[there]
+    return least_squares(rows, wanted - weight * fit.x[there], ROUNDING).x
+
+
+def _residual(net: Net, N: np.ndarray, load: np.ndarray | None) -> np.ndarray:
+    """Forces (n, 3) [N] that are left on the free axes."""
+    force = np.zeros((net.n, 3)) if load is None else load.copy()
+    pull = N[:, None] * _directions(net)
+    np.add.at(force, net.elements[:, 0], pull)
+    np.subtract.at(force, net.elements[:, 1], pull)
+    return np.where(net.held, 0.0, force)
+
+
+def _states(equations: Equations, null: np.ndarray) -> np.ndarray:
+    """The states as forces of elements (k, m), the largest of each 1."""
+    forces = (null / np.sqrt(equations.count)[:, None]).T
+    largest = np.abs(forces).argmax(1) if forces.size else np.zeros(0, int)
+    forces = forces / forces[np.arange(len(forces)), largest][:, None]
+    return np.where(equations.of >= 0, forces[:, equations.of], 0.0)
+
+
+def _check_states(net: Net, equations: Equations, fit, asked: np.ndarray) -> None:
+    """Raises InputError where there is no state, or nothing says how large one is."""
+    if not fit.null.shape[1]:
+        raise InputError(_no_state(net, equations, fit.least))
+    if not asked.any():
+        raise InputError(
+            '[form_finding] method = "keep": no element that can move has a prestress, to which the '
+            "self-stress could be the nearest; give [cable] prestress, or that of one group"
+        )
+
+
+def _no_state(net: Net, equations: Equations, least: float) -> str:
+    """That there is no state of self-stress, and at which node the best set of forces fails."""
+    best = least_squares(equations.matrix, np.zeros(len(equations.matrix)), least * (1.0 + 1e-9)).null[:, 0]
+    t = best / np.sqrt(equations.count)
+    N = np.where(equations.of >= 0, t[equations.of], 0.0)
+    left = lengths(_residual(net, N, None)) / np.abs(N).max()
+    p = int(np.argmax(left))
+    return (
+        '[form_finding] method = "keep": the geometry has no state of self-stress with one axial force in '
+        f"each of its {len(equations.count)} groups; the forces nearest to one leave {left[p]:.3g} of the "
+        f"largest at node {net.node_id[p]}; divide groups whose forces differ, correct the geometry, or "
+        "raise tolerance if coordinates are rounded"
+    )
+
+
+def _check_residual(net: Net, found: SelfStress, tolerance: float) -> None:
+    """Raises DivergedError where nodes are not in equilibrium, the farthest off first."""
+    left = lengths(found.residual)
+    asked = tolerance * np.abs(found.N).max(initial=0.0)
+    off = np.flatnonzero(~(left <= asked))
+    if not len(off):
+        return
+    worst = off[np.argsort(-left[off], kind="stable")]
+    first = ", ".join(
+        f"node {net.node_id[p]} by [{', '.join(f'{value:.4g}' for value in found.residual[p])}] N"
+        for p in worst[:SHOWN]
+    )
+    raise DivergedError(
+        f'[form_finding] method = "keep": {counted("node", net.node_id[off])} '
+        f"{'is' if len(off) == 1 else 'are'} not in equilibrium to {asked:.3g} N with one axial force in "
+        f"each group: {first}; divide groups, change the geometry, or raise tolerance"
+    )

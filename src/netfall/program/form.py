@@ -1,0 +1,140 @@
+"""The form of a job: found, paused, taken up; under the permanent load, where it carries that."""
+
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.equilibrium.relaxation import Paused, relaxation_record, restored_relaxation
+from netfall.ground.errors import DivergedError, interrupted
+from netfall.job.asks import carries_permanent
+from netfall.job.job import Job
+from netfall.model.layout import Layout
+from netfall.model.model import permanent_load
+from netfall.net.net import joined, spaced
+from netfall.parallel.agree import on_root
+from netfall.parallel.halo import Halo
+from netfall.parallel.subdomain import Distribution, cut_net
+from netfall.stages.form import find_form
+from netfall.stages.scene import Form, Scene
+from netfall.stages.settle import RELAXATION
+from netfall.write.checkpoint import Checkpoint, checkpoint_path, remove_older, write_checkpoint
+
+FORM, INITIAL, FORM_LOAD = "form finding", "initial", "form load"  # names in checkpoints
+SETTLED = 0.1  # of the tolerance of the form: a permanent load that changes by less is that of the form
+MOST_TURNS = 30  # in which it gets there; each leaves some hundredth of the change before
+
+
+def form_of(
+    job, layout: Layout | None, distribution, halo, report, result, digest, restart, checkpoint, stop
+):
+    """Find the form; and, on rank 0, positions (n, 3) [m] and tensions (m,) [N] of the net in it. Collective.
+
+    Where nothing loads an element between its ends while the form is found, it is straight and has one
+    tension: a net that was subdivided has the form of the net as given, its new particles evenly spaced.
+    """
+    comm, net, loaded = distribution.comm, layout and layout.net, carries_permanent(job)
+    as_given, own_halo = layout and (net if loaded else joined(net)), None
+    if comm.bcast(layout and as_given.n < net.n):
+        part = layout and layout.part[: as_given.n]
+        cut = on_root(comm, lambda: cut_net(as_given.n, as_given.elements, part, comm.size))
+        distribution = Distribution(comm, *comm.bcast(layout and (as_given.n, as_given.m)), cut)
+        halo = own_halo = Halo(comm, distribution.subdomain, 3)
+
+    def find(resume, load=None, start=None) -> Form:
+        settings = job.form_finding
+        try:
+            return find_form(comm, as_given, distribution, settings, halo, report, stop, resume, load, start)
+        except Paused as pause:
+            path = pause_form_finding(job, result, digest, distribution, pause, restart, load)
+            raise interrupted(f"in form finding, iteration {pause.at.iteration}", path) from None
+
+    try:
+        kept = comm.bcast(checkpoint and checkpoint.part(RELAXATION)[0])
+        arrays = checkpoint and checkpoint.part(RELAXATION)[1]
+        resume = restored_relaxation(distribution, kept, arrays) if kept else None
+        if loaded:
+            form = _loaded(job, layout, distribution, find, resume, kept and checkpoint)
+        else:
+            form = find(resume)
+    finally:
+        if own_halo:
+            own_halo.free()
+    x, N = distribution.gather_particles(form.x), distribution.gather_elements(form.N)
+    if loaded or layout is None:
+        return form, x, N
+    if form.self_stress is not None:
+        form.self_stress = np.repeat(form.self_stress, net.parts, axis=1)
+    return form, spaced(net, x), np.repeat(N, net.parts)
+
+
+def _loaded(
+    job: Job, layout: Layout | None, distribution, find, resume, checkpoint: Checkpoint | None
+) -> Form:
+    """The form that carries its own permanent load, which depends on it: found in turns. Collective.
+
+    find(resume, load, start) : the form under a load; checkpoint : of a turn that was paused
+    """
+    comm, start, total = distribution.comm, None, 0
+    at = lambda x, N: on_root(comm, lambda: permanent_load(job, layout, x, N))
+    load = checkpoint.part(FORM_LOAD)[1]["load"] if checkpoint else None
+    if resume is None:
+        load = at(layout and layout.net.x, layout and layout.net.prestress)
+    for _ in range(MOST_TURNS):
+        form = find(resume, load, start)
+        total += form.iterations
+        after = at(distribution.gather_particles(form.x), distribution.gather_elements(form.N))
+        change = comm.bcast(layout and float(np.abs(after - load).max()))
+        if change <= SETTLED * job.form_finding.tolerance * form.reference:
+            form.iterations = total
+            return form
+        resume, load, start = None, after, form.x
+    raise DivergedError(
+        f'form finding, loads = "permanent": the load of the form still changes by {change:.3g} N after '
+        f"{MOST_TURNS} forms, asked {SETTLED * job.form_finding.tolerance * form.reference:.3g} N; give more "
+        "prestress, or a larger tolerance"
+    )
+
+
+def pause_form_finding(
+    job: Job,
+    result: Path,
+    digest: str,
+    distribution: Distribution,
+    pause: Paused,
+    given: Path | None,
+    load: np.ndarray | None = None,
+) -> Path:
+    """Write a checkpoint of the form finding where it was paused; its path. Collective.
+
+    load : (n, 3) [N] that the form carries, on rank 0
+    """
+    path = checkpoint_path(result, 1, pause.at.iteration)
+    record = {"job": digest, "name": job.title or job.name, "stage": FORM}
+    parts = {RELAXATION: relaxation_record(distribution, pause.at)}
+    if carries_permanent(job):
+        parts[FORM_LOAD] = {}, {} if load is None else {"load": load}
+    write_checkpoint(distribution.comm, path, None, None, record, parts)
+    if distribution.comm.rank == 0:
+        remove_older(path, result, digest, given)
+    return path
+
+
+def initial_record(scene: Scene) -> tuple[dict, dict[str, np.ndarray]]:
+    """What is kept of the initial state and of how its form was found."""
+    form, model = scene.form, scene.model
+    names = ("iterations", "residual", "reference")
+    small = {"form": {name: getattr(form, name) for name in names} if form else None}
+    if model is None:
+        return small, {}
+    states = {} if form is None or form.self_stress is None else {"self_stress": form.self_stress}
+    return small, {"x": model.x, "N": model.N} | states
+
+
+def kept_form(comm: MPI.Comm, job: Job, checkpoint: Checkpoint | None) -> tuple:
+    """As of `form_of`, from the checkpoint of the run that is taken up. Collective."""
+    small, arrays = checkpoint.part(INITIAL) if checkpoint else (None, None)
+    form = comm.bcast(small)["form"]
+    x, states = arrays and arrays["x"], arrays and arrays.get("self_stress")
+    form = Form(None, None, **form, self_stress=states) if form else None
+    return form, x, arrays["N"] if arrays and job.form_finding else None
