@@ -75,6 +75,7 @@ PACKAGES = {
     "k3d": ["view.page"],
     "tqdm": ["ground.progress"],
     "ezdxf": ["exchange"],
+    "markdown_it": ["report.html"],
 }
 
 # Modules that work on a machine without MPI -> what they and all that they import must not reach.

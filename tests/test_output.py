@@ -15,7 +15,6 @@ from drawings import Sketch
 from kill_runs import JOB
 from PIL import Image
 
-from netfall.checks.cables import Cutting
 from netfall.exchange.export import export
 from netfall.ground.errors import InputError
 from netfall.plots.collapse import stage_steps
@@ -23,7 +22,7 @@ from netfall.plots.film import animate, format_of
 from netfall.plots.force import ForceScale, edge_of
 from netfall.plots.run import plot_all
 from netfall.report.info import print_info
-from netfall.report.report import write_report
+from netfall.report.report import Inputs, write_report
 
 STORM = """title = "Storm over a saddle"
 [net]
@@ -337,7 +336,7 @@ def test_a_file_of_another_version_is_refused_in_one_line(storm, tmp_path, lacki
     for name, read in (
         ("info", lambda: print_info(path, lambda line: None)),
         ("plot", lambda: plot_all(path, tmp_path)),
-        ("report", lambda: write_report(path, tmp_path, None, Cutting())),
+        ("report", lambda: write_report(path, tmp_path, Inputs())),
         ("export", lambda: export(path, tmp_path / "tables", None, lambda line: None)),
     ):
         try:

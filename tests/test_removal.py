@@ -19,14 +19,13 @@ from test_validation_opensees import (
     vertical,
 )
 
-from netfall.checks.cables import Cutting
 from netfall.ground.errors import InputError, Interrupted
 from netfall.ground.progress import Progress
 from netfall.job.read import read_job
 from netfall.job.values import counted
 from netfall.model.layout import make_layout
 from netfall.program.run import run_job
-from netfall.report.report import write_report
+from netfall.report.report import Inputs, write_report
 from netfall.results.loss_lines import loss_lines
 from netfall.stages.rests import words_of
 from netfall.stages.settle import settle
@@ -466,7 +465,7 @@ def test_a_report_after_a_loss_without_a_rest_is_whole(workshop):
     """No element has a dynamic factor: the picture says so, and the table has the tensions."""
     text = CABLE + dynamics(PERIOD, 400) + entry([0, 1], 0.1)
     workshop.run(workshop.job(text, *weights(2))).close()
-    paths = write_report(workshop.folder / "result.vtkhdf", workshop.folder / "report", None, Cutting())
+    paths = write_report(workshop.folder / "result.vtkhdf", workshop.folder / "report", Inputs())
     assert [path.name for path in paths][-1] == "dynamic_factors.png"
     assert all(path.stat().st_size > 0 for path in paths)
     text = (workshop.folder / "report" / "summary.md").read_text()
@@ -492,7 +491,7 @@ def test_a_rise_is_told_where_the_factor_is_near_one():
 
 def report_tells_of_losses(folder):
     """The peak of 3/2 W governs, which the rows of the history miss; what was lost is not slack."""
-    write_report(folder / "result.vtkhdf", folder / "report", None, Cutting())
+    write_report(folder / "result.vtkhdf", folder / "report", Inputs())
     with open(folder / "report" / "cables.csv", newline="") as file:
         cables = {row["cable"]: row for row in csv.DictReader(file)}
     other = cables["e3"]

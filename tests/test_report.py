@@ -1,6 +1,8 @@
 """`netfall report`: resistances, cutting lists, reactions and envelopes against figures by hand."""
 
 import csv
+import re
+from base64 import b64encode
 
 import h5py
 import numpy as np
@@ -10,8 +12,9 @@ from conftest import ROOT, STEEL, run_netfall, run_on_standing_ranks
 import netfall
 from netfall.checks.cables import Cutting, cutting_columns
 from netfall.checks.codes import read_codes
+from netfall.checks.shop import Piece, chain_of
 from netfall.ground.errors import InputError
-from netfall.report.report import write_report
+from netfall.report.report import Inputs, write_report
 
 # Two cables of 5 m from supports above hold node 5 against one of 4 m to a support below: with 50 kN in each
 # of the two and 2 x 50 x 4/5 = 80 kN in the third it is in equilibrium as given.
@@ -39,9 +42,9 @@ def loaded(shared_workshop):
     return shared_workshop.folder
 
 
-def report_of(folder, result="result.vtkhdf", codes=None, cutting=None):
+def report_of(folder, result="result.vtkhdf", codes=None, cutting=None, deductions=None):
     """The report of a result there."""
-    write_report(folder / result, folder / "report", codes, cutting or Cutting())
+    write_report(folder / result, folder / "report", Inputs(codes, cutting or Cutting(), deductions))
     return folder / "report"
 
 
@@ -202,6 +205,119 @@ def test_the_cutting_list_of_the_olympia_net_is_that_of_its_published_form(works
         assert float(rows[k]["length_at_measuring_load"]) == pytest.approx(measured, abs=1e-8)
 
 
+# Areas of 10 m2 at the free node and of 2 m2 at a support; snow on them as a case, and twice as much.
+ROOFED = "id,x,y,z,fixed,area,normal_x,normal_y,normal_z\n1,-3,0,4,1,2,0,0,1\n2,3,0,4,1,0,,,\n"
+ROOFED += "3,0,0,-4,1,0,,,\n5,0,0,0,0,10,0,0,1\n"
+CASES = STEEL.replace("prestress = 100e3\n", "") + "[load]\nsteps = 0\ntolerance = 1e-10\n"
+CASES += '[[case]]\nname = "snow"\nset = {"load.snow" = 2000.0}\n'
+CASES += '[[case]]\nname = "much"\nset = {"load.snow" = 4000.0}\n'
+
+
+@pytest.fixture(scope="module")
+def snowed(shared_workshop):
+    """The result of two cases, and the folder of its report."""
+    job = shared_workshop.job(CASES, ROOFED, ELEMENTS.format(ROWS))
+    with shared_workshop.run(job, output="snow.vtkhdf") as f:
+        states = {name: (f[f"cases/{name}/tension"][:], f[f"cases/{name}/displacement"][:]) for name in CASED}
+    write_report(shared_workshop.folder / "snow.vtkhdf", shared_workshop.folder / "snow", Inputs())
+    return states, shared_workshop.folder / "snow"
+
+
+CASED = ("snow", "much")
+
+
+def test_a_row_for_each_case_and_group_has_its_extremes(snowed):
+    """As the file has them; by hand node 5 is in equilibrium under its snow."""
+    states, folder = snowed
+    rows = rows_of(folder / "cases.csv")
+    assert [(row["case"], row["group"]) for row in rows] == [
+        (case, group) for case in CASED for group in ("upper", "lower")
+    ]
+    forces, moved = rows_of(folder / "forces.csv"), rows_of(folder / "displacements.csv")
+    for k, case in enumerate(CASED):
+        N, d = states[case]
+        assert column(forces, case) == pytest.approx(N, rel=1e-11)  # digits of the table
+        assert column(moved, f"{case} z") == pytest.approx(d[:, 2], rel=1e-11)
+        upper, lower = rows[2 * k : 2 * k + 2]
+        assert float(upper["tension_max"]) == pytest.approx(N[:2].max(), rel=1e-11)
+        assert float(lower["tension_min"]) == pytest.approx(N[2], rel=1e-11)
+        assert float(upper["displacement_max"]) == pytest.approx(-d[3, 2], rel=1e-11)
+        assert upper["node_max"] == "5" and upper["slack"] == "0" and upper["state"] == "equilibrium"
+        z = d[3, 2]
+        by_hand = 2 * N[0] * (4 - z) / np.hypot(3, 4 - z) - N[2]  # of node 5
+        assert by_hand == pytest.approx(2000.0 * (k + 1) * 10, rel=1e-8)  # 1e-10 of the largest force
+    assert column(forces, "as given") == pytest.approx([50e3, 50e3, 80e3], rel=1e-11)
+
+
+def test_forces_on_the_foundation_add_up_to_all_loads(snowed):
+    """With what acts on the support itself, 2 m2 of snow on node 1, which its cables do not carry."""
+    rows = [row for row in rows_of(snowed[1] / "reactions.csv") if row["stage"] == "case much"]
+    pull, foundation = (
+        np.array([column(rows, f"{of}_{a}") for a in "xyz"]).T for of in ("force", "foundation")
+    )
+    assert foundation - pull == pytest.approx(np.array([[0, 0, -8000.0], [0, 0, 0], [0, 0, 0]]), abs=1e-6)
+    assert foundation.sum(0) == pytest.approx([0, 0, -48e3], abs=1e-9 * 48e3)
+
+
+def test_each_check_names_the_worst_of_each_group_and_how_many_are_alike(snowed):
+    """Both upper cables in one row; their force in the heavier case over F_uk / 1.5 = 160 kN."""
+    states, folder = snowed
+    rows = [row for row in rows_of(folder / "checks.csv") if row["check"] == "en1993"]
+    assert [rows[0][name] for name in ("group", "alike", "case")] == ["upper", "2", "case much"]
+    N = states["much"][0][0]
+    assert float(rows[0]["N_Ed"]) == pytest.approx(N, rel=1e-11) and float(rows[0]["N_Rd"]) == 160e3
+    assert float(rows[0]["utilisation"]) == pytest.approx(N / 160e3, rel=1e-11)
+    assert rows[0]["result"] == "passes" and rows[1]["utilisation"] == rows[1]["result"] == ""
+
+
+def test_the_shop_list_is_that_by_hand(loaded, tmp_path):
+    """Equal cables in one row. Rigid ends of 150 mm are taken from the 5 m in the form at 50 kN; the rest is
+    measured 15 K warmer under 60 kN. Without them the pieces are those of the cutting list.
+    """
+    table = tmp_path / "ends.csv"
+    table.write_text("group,pin,socket\nupper,100,50\n")
+    upper, lower = rows_of(report_of(loaded, cutting=Cutting(15.0, 60e3), deductions=table) / "shop_list.csv")
+    assert (upper["mark"], upper["count"], upper["cables"]) == ("upper-1", "2", "e11; e12")
+    stretch = (1 + 12e-6 * 15) * (1 + 60e3 / EA) / (1 + 50e3 / EA)
+    lengths = [float(upper[name]) for name in ("length_node_to_node", "length_pin_to_pin", "cut_length")]
+    assert lengths == pytest.approx([5000 * stretch, 4800 * stretch, 4700 * stretch], rel=1e-11)
+    assert float(upper["mass"]) == pytest.approx(683.08e-6 * 7850 * 4.7 / (1 + 50e3 / EA), rel=1e-11)
+    assert lower["cut_length"] == lower["length_node_to_node"] and lower["clamps"] == ""
+    table.write_text("group,socket\nuper,50\nupper,2600\n")
+    done = run_on_standing_ranks("report", "result.vtkhdf", "--deductions", str(table), cwd=loaded)
+    assert done.returncode == 2 and "line 2: group = 'uper': no such group" in done.stderr
+    table.write_text("group,socket\nupper,2600\n")
+    done = run_on_standing_ranks("report", "result.vtkhdf", "--deductions", str(table), cwd=loaded)
+    assert done.returncode == 2 and "cable e11 (upper) of 5000 mm: 2600 mm at each end" in done.stderr
+
+
+def test_clamps_are_marked_along_a_cable_from_either_end():
+    """A piece of three segments and its mirror image are made alike; a ring has no ends."""
+    ends = np.array([[4, 3], [1, 2], [2, 3], [7, 8], [8, 9], [9, 7]])
+    chain = chain_of(ends, np.array([0, 1, 2]))
+    assert chain.elements.tolist() == [0, 2, 1] and chain.in_order and not chain.closed
+    ring = chain_of(ends, np.array([3, 4, 5]))
+    assert ring.elements.tolist() in ([3, 4, 5], [3, 5, 4]) and ring.closed
+    piece = lambda marks: Piece(0, "", "", chain, 6.0, 6.0, 6.0, np.array(marks), 0.0, 1.0)
+    assert piece([1.0, 3.0]).alike(piece([3.0, 5.0])) and not piece([1.0, 3.0]).alike(piece([1.0, 4.0]))
+
+
+def test_the_page_holds_all_that_it_shows(snowed):
+    """report.html names nothing outside itself; its pictures are those of the folder, its words those of
+    summary.md.
+    """
+    page, text = ((snowed[1] / name).read_text() for name in ("report.html", "summary.md"))
+    sources = re.findall(r'(?:src|href|url)\s*[=(]\s*"?([^">)]{0,30})', page)
+    assert len(sources) == 2 and all(source.startswith("data:image/png;base64,") for source in sources)
+    assert "http" not in re.sub(r"base64,[A-Za-z0-9+/=]+", "", page)
+    for title in re.findall(r"^## (.+)$", text, re.M):
+        assert f"<h2>{title}</h2>" in page
+    pictures = {
+        b64encode((snowed[1] / f"{name}.png").read_bytes()).decode() for name in ("utilisation", "states")
+    }
+    assert set(re.findall(r"base64,([A-Za-z0-9+/=]+)", page)) == pictures
+
+
 BREAKS = "[dynamics]\nduration = 0.05\n[output]\nframes = 5\n"
 
 
@@ -241,15 +357,12 @@ def test_a_support_whose_cable_tore_off_carries_nothing(workshop):
 
 
 def test_the_command_writes_beside_the_result_and_spares_what_is_not_its_own(loaded):
-    """Six files in RESULT-report; a table of the user's, a catalogue say, is not written over."""
+    """Thirteen files in RESULT-report; a table of the user's, a catalogue say, is not written over."""
     done = run_netfall("report", "result.vtkhdf", "--measuring-load", "60e3", cwd=loaded)
     names = [
-        "summary.md",
-        "cables.csv",
-        "elements.csv",
-        "cutting_list.csv",
-        "reactions.csv",
-        "utilisation.png",
+        *("summary.md", "report.html", "cases.csv", "checks.csv", "cables.csv", "elements.csv", "forces.csv"),
+        *("displacements.csv", "reactions.csv", "cutting_list.csv", "shop_list.csv", "utilisation.png"),
+        "states.png",
     ]
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == [f"result-report/{name}" for name in names]

@@ -6,6 +6,7 @@ import numpy as np
 
 from netfall.checks.codes import STRENGTHS, Check
 from netfall.mechanics.material import stretched_length, warm_length
+from netfall.results.cases import KINDS, cases_of
 from netfall.results.losses import broken_at, largest_factor, lost_at
 from netfall.results.states import Envelope, start_position, start_tension, strain_measure
 
@@ -22,20 +23,23 @@ class Cutting:
 class Checked:
     """The checks of all elements.
 
-    resistance, utilisation : (m,) [N], share, by the name of the check; nan: the element has no such strength
+    By the name of the check, (m,) each:
+    resistance, utilisation : [N], share; nan: the element has no such strength
+    tension, of : the largest [N] in the stages that count for the check, and which of the envelope's it is
     """
 
     checks: list[Check]
     resistance: dict[str, np.ndarray]
     utilisation: dict[str, np.ndarray]
+    tension: dict[str, np.ndarray]
+    of: dict[str, np.ndarray]
 
-    def decisive(self, tension: np.ndarray) -> np.ndarray:
-        """By what elements (m,) are compared: utilisation in the first check, without it the tension [N].
+    def decisive(self, check: str) -> np.ndarray:
+        """By what elements (m,) are compared in a check: its utilisation, without it the tension.
 
         An element with a utilisation comes before all without.
         """
-        first = self.utilisation[self.checks[0].name]
-        return np.where(np.isnan(first), tension / (1.0 + np.abs(tension).max()) - 2.0, first)
+        return _by(self.utilisation[check], self.tension[check])
 
 
 def groups_of(f) -> np.ndarray:
@@ -63,10 +67,33 @@ def resistances_of(f, checks: list[Check]) -> dict[str, np.ndarray]:
 
 
 def check_elements(f, checks: list[Check], resistance: dict, envelope: Envelope) -> Checked:
-    """The largest tension as a share of the resistances. What is only compressed has none."""
-    none = only_compressed(f, envelope)
-    used = {name: np.where(none, np.nan, envelope.most / R) for name, R in resistance.items()}
-    return Checked(checks, resistance, used)
+    """The largest tension of what counts for each check over its resistance; of what is in tension at all."""
+    none, kinds = only_compressed(f, envelope), stage_kinds(f, envelope)
+    found = {check.name: envelope.largest(counted(kinds, check.kind)) for check in checks}
+    tension, of = ({name: pair[k] for name, pair in found.items()} for k in (0, 1))
+    used = {name: np.where(none, np.nan, tension[name] / R) for name, R in resistance.items()}
+    return Checked(checks, resistance, used, tension, of)
+
+
+def stage_kinds(f, envelope: Envelope) -> np.ndarray:
+    """Of each stage of an envelope the kind of its case or combination (`results.cases.Case`), else ""."""
+    kinds = {case.shown.place: case.kind for case in cases_of(f)}
+    return np.array([kinds.get(place, "") for place in envelope.places], object)
+
+
+def counted(kinds: np.ndarray, kind: str) -> np.ndarray:
+    """Which stages (stages,) count for a check of some kind; kinds : as of `stage_kinds`.
+
+    Where the job has combinations of this kind: these and the first stage, the form; for ultimate checks
+    also losses, dynamics and what else is of no kind, whose loads are those of an accident. Where it has
+    none: all but the combinations of the other kind.
+    """
+    own = kinds == kind
+    if not kind or not own.any():
+        return ~np.isin(kinds, KINDS) if kind else np.ones(len(kinds), bool)
+    own |= (kinds == "") & (kind == KINDS[0])
+    own[0] = True
+    return own
 
 
 def only_compressed(f, envelope: Envelope) -> np.ndarray:
@@ -100,13 +127,17 @@ def element_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.nda
     for check in checked.checks:
         columns[f"resistance_{check.name}"] = checked.resistance[check.name]
         columns[f"utilisation_{check.name}"] = checked.utilisation[check.name]
+        columns[f"tension_{check.name}"] = checked.tension[check.name]
+        columns[f"case_{check.name}"] = names[checked.of[check.name]]
     return columns
 
 
 def cable_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarray]:
     """A row for each cable; what governs it is its element with the largest utilisation, or tension."""
     cable, count = f["net/cable"][:], len(f["net/cable_names"])
-    at = _first_by(checked.decisive(envelope.most), cable)  # the element that governs each cable
+    at = _first_by(
+        _by(checked.utilisation[checked.checks[0].name], envelope.most), cable
+    )  # the element that governs each cable
     low = _first_by(-envelope.least, cable)
     each = element_columns(f, envelope, checked)
     strengths = {name: np.where(np.isinf(N), np.nan, N)[at] for name, N in strengths_of(f).items()}
@@ -132,8 +163,9 @@ def cable_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
     if "dynamic_factor" in each:
         columns["dynamic_factor"] = -_least_of(-each["dynamic_factor"], cable, count)
     for check in checked.checks:
-        for name in (f"resistance_{check.name}", f"utilisation_{check.name}"):
-            columns[name] = each[name][at]
+        governs = _first_by(checked.decisive(check.name), cable)
+        for what in ("resistance", "utilisation", "tension", "case"):
+            columns[f"{what}_{check.name}"] = each[f"{what}_{check.name}"][governs]
     return columns
 
 
@@ -147,13 +179,7 @@ def cutting_columns(f, cutting: Cutting) -> dict[str, np.ndarray]:
     cable, count = f["net/cable"][:], len(f["net/cable_names"])
     total = lambda values: np.bincount(cable, values, count)
     x, elements, L0 = start_position(f), f["net/elements"][:], f["net/unstressed_length"][:]
-    EA, first = f["net/axial_stiffness"][:], np.unique(cable, return_index=True)[1]
-    if cutting.load is None:
-        load = total(start_tension(f) * L0) / total(L0)
-    else:
-        load = np.where(f["net/bar"][:][first], 0.0, cutting.load)
-    warm = warm_length(L0, f["net/expansion"][:], cutting.temperature)
-    stretched = stretched_length(warm, load[cable], EA, strain_measure(f))
+    load, warm, stretched = measured_lengths(f, cutting)
     return {
         "cable": f["net/cable_names"].asstr()[:].astype(object),
         "group": _words_of(groups_of(f), cable, count),
@@ -167,6 +193,23 @@ def cutting_columns(f, cutting: Cutting) -> dict[str, np.ndarray]:
         "length_at_measuring_load": total(stretched),
         "mass": total(L0 * f["net/mass_per_length"][:]),
     }
+
+
+def measured_lengths(f, cutting: Cutting) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Measuring loads (cables,) [N]; lengths (m,) [m] of the elements unstressed and warm, and under them."""
+    cable, count = f["net/cable"][:], len(f["net/cable_names"])
+    L0, EA = f["net/unstressed_length"][:], f["net/axial_stiffness"][:]
+    if cutting.load is None:
+        load = np.bincount(cable, start_tension(f) * L0, count) / np.bincount(cable, L0, count)
+    else:
+        first = np.unique(cable, return_index=True)[1]
+        load = np.where(f["net/bar"][:][first], 0.0, cutting.load)
+    warm = warm_length(L0, f["net/expansion"][:], cutting.temperature)
+    return load, warm, stretched_length(warm, load[cable], EA, strain_measure(f))
+
+
+def _by(used: np.ndarray, N: np.ndarray) -> np.ndarray:
+    return np.where(np.isnan(used), N / (1.0 + np.abs(N).max()) - 2.0, used)
 
 
 def _first_by(key: np.ndarray, cable: np.ndarray) -> np.ndarray:

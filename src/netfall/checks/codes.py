@@ -8,13 +8,14 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.job.values import nearest, shown
+from netfall.results.cases import KINDS
 
 SHIPPED = Path(__file__).with_name("codes.toml")
 STRENGTHS = ("breaking_load", "yield_force")
 USES = ("multiply", "divide")
 KEYS = {  # of each kind of table in the file
     "the file": ("check",),
-    "[[check]]": ("name", "title", "resistance"),
+    "[[check]]": ("name", "title", "kind", "resistance"),
     "[[check.resistance]]": ("of", "factor"),
     "factor": ("name", "use", "value", "edition", "meaning", "groups"),
 }
@@ -34,10 +35,14 @@ class Factor:
 
 @dataclass(frozen=True)
 class Check:
-    """A check; resistances : the strength that each begins with, and its factors. The least one counts."""
+    """A check; resistances : the strength that each begins with, and its factors. The least one counts.
+
+    kind : of the combinations that it is of, one of KINDS; "": of every state
+    """
 
     name: str
     title: str
+    kind: str
     resistances: list[tuple[str, list[Factor]]]
 
     def resistance(self, strengths: dict[str, np.ndarray], groups: np.ndarray) -> np.ndarray:
@@ -105,6 +110,8 @@ def _check(table: dict, place: str, errors: list[str]) -> Check:
     for key in ("name", "title"):
         if not isinstance(table.get(key), str) or not table[key]:
             errors.append(f"{place} {key} = {table.get(key)!r}: expected a text")
+    if table.get("kind", "") not in ("", *KINDS):
+        errors.append(f"{place} kind = {table['kind']!r}: expected one of {', '.join(KINDS)}")
     given = table.get("resistance")
     if not isinstance(given, list) or not given or not all(isinstance(r, dict) for r in given):
         errors.append(f"{place} resistance: missing; expected [[check.resistance]]")
@@ -119,7 +126,7 @@ def _check(table: dict, place: str, errors: list[str]) -> Check:
         if not listed:
             errors.append(f"{place} factor = {factors!r}: expected a list of tables")
         found.append((one.get("of"), [_factor(f, place, errors) for f in factors] if listed else []))
-    return Check(table.get("name"), table.get("title"), found)
+    return Check(table.get("name"), table.get("title"), table.get("kind", ""), found)
 
 
 def _factor(table: dict, place: str, errors: list[str]) -> Factor:

@@ -1,8 +1,8 @@
 """The reactions of a roof at its supports, in each stage.
 
-Where an axis is held: the force with which the elements pull at the support; what acts on the node itself
-goes into it besides. At an elastic support: the force on the spring (`mechanics.supports`), in which that is
-included.
+Two of them. `force`: where an axis is held, the pull of the elements at the support; at an elastic support
+the force on its spring (`mechanics.supports`). `foundation`: that, and what acts on the node itself, which at
+a spring is in it already; so those of a stage add up to all its loads.
 """
 
 import numpy as np
@@ -66,10 +66,23 @@ def _of_stage(f, stage: ShownState, held, nodes, elements, springs: Springs | No
     force = np.where(held, pull[nodes], 0.0)
     if springs:
         force = np.where(springs.stiffness > 0.0, springs.force(x[nodes]), force)
+    foundation = _on_foundation(stage, force, nodes)
     return {
         "node": f["net/node_id"][:][nodes],
         "stage": np.full(len(nodes), stage.name, object),
         **{axis: x[nodes, k] for k, axis in enumerate("xyz")},
         **{f"force_{axis}": force[:, k] for k, axis in enumerate("xyz")},
         "force": np.linalg.norm(force, axis=1),
+        **{f"foundation_{axis}": foundation[:, k] for k, axis in enumerate("xyz")},
+        "foundation": np.linalg.norm(foundation, axis=1),
     }
+
+
+def _on_foundation(stage: ShownState, force: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """Forces (k, 3) [N] on the foundation: with the loads of the nodes, which the form does not have.
+
+    nan where the file does not hold them: in motion.
+    """
+    if stage.reaction:
+        return stage.reaction()[nodes]
+    return force if stage.unloaded else np.full_like(force, np.nan)

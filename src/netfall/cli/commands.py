@@ -121,11 +121,11 @@ def view(arguments) -> None:
 def report(arguments) -> None:
     """netfall report RESULT"""
     from netfall.checks.cables import Cutting
-    from netfall.report.report import write_report
+    from netfall.report.report import Inputs, write_report
 
-    beside = arguments.result.with_name(f"{arguments.result.stem}-report")
-    cutting = Cutting(arguments.temperature, arguments.load)
-    for path in write_report(arguments.result, _folder(arguments.folder or beside), arguments.codes, cutting):
+    a, beside = arguments, arguments.result.with_name(f"{arguments.result.stem}-report")
+    inputs = Inputs(a.codes, Cutting(a.temperature, a.load), a.deductions)
+    for path in write_report(a.result, _folder(a.folder or beside), inputs):
         print(path)
 
 

@@ -41,7 +41,7 @@ def parser() -> Parser:
     _of_result(verbs, "info", "what ran, how it ended and what broke first, of a result or study file")
     _plot(_of_result(verbs, "plot", "pictures, or an animation, from a result or study file"))
     _view(_of_result(verbs, "view", "a page to turn and to play in any browser, without network"))
-    text = "utilisation, cutting list, reactions: summary.md, tables and a picture from a result file"
+    text = "checks, cases, reactions, shop list: report.html, summary.md, tables, pictures of a result file"
     _report(_of_result(verbs, "report", text))
     text = "run a job on several numbers of ranks: strong and weak scaling, times of the phases"
     _scale(_of_job(verbs, "scale", text))
@@ -112,6 +112,8 @@ def _report(verb: Parser) -> None:
     _value(verb, "--temperature", float, "K", text, default=0.0)
     text = "tension under which cables are measured (default: the mean tension of each in the form)"
     _value(verb, "--measuring-load", float, "N", text, dest="load")
+    text = "table of rigid ends for the shop list: group, type, pin, socket [mm] at each end (default: none)"
+    _value(verb, "--deductions", Path, "FILE", text)
 
 
 def _scale(verb: Parser) -> None:

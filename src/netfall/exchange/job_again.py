@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from netfall.exchange.state import MARK, State
-from netfall.job.job import tables_of
 from netfall.job.toml_text import toml_text
-from netfall.results.file import provenance_text
+from netfall.results.file import job_of, provenance_text
 from netfall.results.result import Result
 
 FILES = ("catalogue", "file", "points", "pressures", "taps", "sectors", "pressure_table")  # keys of paths
@@ -21,15 +20,9 @@ HEAD = """\
 """
 
 
-def job_of(result: Result) -> dict:
-    """The sections of the job that was run, with the overrides of its run."""
-    overrides = provenance_text(result.file, "overrides").splitlines()
-    return tables_of(provenance_text(result.file, "job"), overrides)
-
-
 def job_again(result: Result, state: State, folder: Path, faces: bool) -> list[str]:
     """Write job.toml and the files that it reads; what is said of them. faces : whether there is faces.csv"""
-    job = job_of(result)
+    job = job_of(result.file)
     job["title"] = result.title
     job.pop("form_finding", None)
     job["net"] = {"nodes": "nodes.csv", "elements": "elements.csv"}

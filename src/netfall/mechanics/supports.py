@@ -25,6 +25,11 @@ def add_springs(x, x_start, spring, rest, f_int):
             f_int[p, k] += spring[p, k] * (rest[p, k] - (x[p, k] - x_start[p, k]))
 
 
+def spring_forces(x, x_start, spring, rest) -> np.ndarray:
+    """Forces (n, 3) [N] of the springs on their particles, arguments as in `add_springs`."""
+    return spring * (rest - (x - x_start))
+
+
 def spring_energy(x, x_start, spring, rest) -> np.ndarray:
     """Energy (n,) [J] of the springs of each particle, arguments as in `add_springs`."""
     off = (x - x_start) - rest

@@ -5,6 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from netfall.checks.cables import Checked, Cutting
+from netfall.report.cases_page import cases, checks, limits, most_used
+from netfall.report.markdown import MOST_LISTED, as_table, force, more, picture
+from netfall.results.cases import cases_of
 from netfall.results.file import lines_of_form, overloads_of, provenance_text, title_of
 from netfall.results.loss_lines import loss_lines, rises, telling_factor
 from netfall.results.losses import worst_after
@@ -13,7 +16,6 @@ from netfall.results.states import Envelope
 
 WORST = 10
 ROUNDING = 1e-10  # of the forces that a sum is of: what rests is not exactly at rest
-MOST_LISTED = 15  # cables
 ALWAYS = "all stages"
 COLUMNS = {
     "cables.csv": "a row for each cable: strength [N], largest and least tension [N] with stage, time [s] "
@@ -24,17 +26,30 @@ COLUMNS = {
     "cutting_list.csv": "a row for each cable: `unstressed_length` [m] at the temperature of form finding, "
     "`length_in_form` [m], `temperature` [K], `unstressed_length_at_temperature` [m], `measuring_load` [N], "
     "`length_at_measuring_load` [m] (at that temperature), `mass` [kg]",
+    "cases.csv": "a row for each case or combination and group: smallest and largest force [N], largest "
+    "displacement [m], cables without tension, state, load factor that was reached, reason",
+    "forces.csv": "elements by states: their force [N] in the form and in each case and stage",
+    "displacements.csv": "nodes by states: their displacement [m] from the form and its components",
+    "checks.csv": "a row for each check and group, worst first: its worst member, how many are alike, the "
+    "case that governs, N_Ed and N_Rd [N], utilisation, result",
     "reactions.csv": "a row for each support and stage: place [m], force [N] along the axes that it holds, "
-    "with which the elements pull at it; at an elastic support the force on its spring",
+    "with which the elements pull at it, at an elastic support the force on its spring; `foundation` [N]: "
+    "that and what acts on the node itself",
+    "shop_list.csv": "a row for each sort of piece, equal ones together: lengths and marks of clamps [mm] "
+    "under the measuring load [N] at the temperature [K], deductions at both ends together, mass [kg] of one",
 }
 
 
 def summary(f, result: Path, tables: dict, envelope: Envelope, checked: Checked, cutting: Cutting) -> str:
     """The page."""
-    cables = tables["cables.csv"]
+    cables, made = tables["cables.csv"], cases_of(f)
+    failed = [case for case in made if not case.carries]
     parts = [
-        [f"# {title_of(f) or result.stem}", "", *_what_ran(f, result)],
-        ["## Utilisation", "", *_utilisation(cables, checked)],
+        [f"# {title_of(f) or result.stem}", "", *_what_ran(f, result), *_form_picture(f)],
+        *([["## Cases and combinations", "", *cases(f, made, tables["cases.csv"])]] if made else []),
+        ["## Checks", "", *checks(f, envelope, checked, tables["checks.csv"], failed)],
+        *([["## Limits in service", "", *limits(f, made)]] if made else []),
+        ["## Utilisation", "", *_utilisation(f, cables, envelope, checked)],
         ["## Factors", "", *_factors(checked)],
         ["## Tensions", "", *_tensions(f, envelope, checked.checks[0].name)],
         *([["## Losses", "", *_losses(f, checked)]] if "removal" in f else []),
@@ -42,20 +57,10 @@ def summary(f, result: Path, tables: dict, envelope: Envelope, checked: Checked,
         ["## Slack cables", "", *_slack(cables, envelope)],
         ["## Reactions", "", *_reactions(tables["reactions.csv"])],
         ["## Cutting list", "", *_cutting(tables["cutting_list.csv"], cutting)],
+        ["## Shop list", "", *_shop(tables["shop_list.csv"])],
         ["## Tables", "", *_tables()],
     ]
     return "\n".join("\n".join(lines) + "\n" for lines in parts)
-
-
-def force(N: float) -> str:
-    """A force with its unit."""
-    return f"{N / 1e3:.5g} kN" if np.isfinite(N) else "none"
-
-
-def _rows(header: list[str], rows: list[list]) -> list[str]:
-    """A table of Markdown."""
-    lines = [header, ["---"] * len(header), *rows]
-    return ["| " + " | ".join(str(cell).replace("|", "/") for cell in line) + " |" for line in lines]
 
 
 def _what_ran(f, result: Path) -> list[str]:
@@ -80,6 +85,10 @@ def _what_ran(f, result: Path) -> list[str]:
     return lines
 
 
+def _form_picture(f) -> list[str]:
+    return picture("the form, by axial force", "form.png") if "form_finding" in f else []
+
+
 def _sentences(lines: list[str]) -> list[str]:
     """Lines of `info` as sentences."""
     return [line[0].upper() + line[1:] + "." for line in lines]
@@ -91,13 +100,11 @@ def _worst_balance(f) -> str:
     return f"{known.max():.2g} of the energy that took part" if len(known) else "not known (no audit)"
 
 
-def _utilisation(cables: dict, checked: Checked) -> list[str]:
-    names = [check.name for check in checked.checks]
-    first = cables[f"utilisation_{names[0]}"]
+def _utilisation(f, cables: dict, envelope: Envelope, checked: Checked) -> list[str]:
     lines = [
         "Tensions are those of the loads in the job, without further factors. Utilisation: largest tension",
         "over resistance; strengths are those given, not those drawn. Compression is not checked. Tension",
-        "never exceeds the yield force, also in what breaks: see `broken`.",
+        "never exceeds the yield force, also in what breaks: see lost and broken cables.",
         "",
     ]
     for check in checked.checks:
@@ -123,35 +130,7 @@ def _utilisation(cables: dict, checked: Checked) -> list[str]:
             f"- compression, not checked: largest {force(-cables['tension_min'][least])} in cable "
             f"{cables['cable'][least]} ({cables['group'][least]}), {cables['case_min'][least]}"
         )
-    share = np.round(np.where(np.isnan(first), -1.0, first), 6)
-    broken = np.where(np.isnan(cables["broken_at"]), np.inf, cables["broken_at"])
-    order = [k for k in np.lexsort((broken, -share))[:WORST] if np.isfinite(first[k])]
-    if order:
-        lines += ["", f"The {len(order)} most used by {names[0]}:", "", *_worst(cables, order, names)]
-    return lines
-
-
-def _worst(cables: dict, order: list[int], names: list[str]) -> list[str]:
-    share = lambda value: f"{value:.3f}" if np.isfinite(value) else ""
-    header = ["cable", "group", "element", "largest tension", "in", "broken", "resistance", *names]
-    rows = [
-        [
-            cables["cable"][k],
-            cables["group"][k],
-            cables["element_max"][k],
-            force(cables["tension_max"][k]),
-            cables["case_max"][k] + _at(cables["time_max"][k]),
-            _at(cables["broken_at"][k])[2:],
-            force(cables[f"resistance_{names[0]}"][k]),
-            *(share(cables[f"utilisation_{name}"][k]) for name in names),
-        ]
-        for k in order
-    ]
-    return _rows(header, rows)
-
-
-def _at(time: float) -> str:
-    return f", t = {time:.4g} s" if np.isfinite(time) else ""
+    return lines + most_used(f, envelope, checked) + picture("how far elements are used", "utilisation.png")
 
 
 def _factors(checked: Checked) -> list[str]:
@@ -165,7 +144,7 @@ def _factors(checked: Checked) -> list[str]:
                     [check.name, f"`{of}`", factor.name, f"{sign} {factor.value:g}{own}"]
                     + [factor.edition, factor.meaning]
                 )
-    return _rows(["check", "of", "factor", "value", "edition", "meaning"], rows)
+    return as_table(["check", "of", "factor", "value", "edition", "meaning"], rows)
 
 
 def _tensions(f, envelope: Envelope, check: str) -> list[str]:
@@ -175,7 +154,7 @@ def _tensions(f, envelope: Envelope, check: str) -> list[str]:
         share, e = envelope.most_used[k]
         used = f"{share:.3f} (element {ids[e]})" if e >= 0 else ""
         rows.append([name, used, governs[k], int(envelope.slack[k].sum())])
-    return _rows(["stage", f"largest utilisation, {check}", "governs elements", "slack elements"], rows)
+    return as_table(["stage", f"largest utilisation, {check}", "governs elements", "slack elements"], rows)
 
 
 def _losses(f, checked: Checked) -> list[str]:
@@ -199,7 +178,7 @@ def _losses(f, checked: Checked) -> list[str]:
         "",
         "The most used after a loss, by the tensions of every step:",
         "",
-        *_rows(header, rows),
+        *as_table(header, rows),
     ]
 
 
@@ -215,7 +194,7 @@ def _gone(cables: dict) -> list[str]:
         for k in rows[:MOST_LISTED]
     ]
     lines = [f"{len(rows)} cables have an element that was lost or broke:", ""]
-    return lines + _rows(["cable", "group", "lost at", "broke at"], table) + _more(rows)
+    return lines + as_table(["cable", "group", "lost at", "broke at"], table) + more(rows, "cables.csv")
 
 
 def _slack(cables: dict, envelope: Envelope) -> list[str]:
@@ -226,7 +205,7 @@ def _slack(cables: dict, envelope: Envelope) -> list[str]:
     rows = sorted(rows, key=lambda k: words[k] == ALWAYS)  # what never carries comes last
     table = [[cables["cable"][k], cables["group"][k], words[k]] for k in rows[:MOST_LISTED]]
     lines = [f"{len(rows)} cables have an element without tension, in stages in which they are whole:", ""]
-    return lines + _rows(["cable", "group", "slack in"], table) + _more(rows)
+    return lines + as_table(["cable", "group", "slack in"], table) + more(rows, "cables.csv")
 
 
 def _briefly(stages: list[str], names: list[str]) -> str:
@@ -237,25 +216,23 @@ def _briefly(stages: list[str], names: list[str]) -> str:
     return f"all stages but {'; '.join(others)}" if others else ALWAYS
 
 
-def _more(rows) -> list[str]:
-    return ["", f"and {len(rows) - MOST_LISTED} more (cables.csv)"] if len(rows) > MOST_LISTED else []
-
-
 def _reactions(table: dict) -> list[str]:
     rows = []
     for stage in dict.fromkeys(table["stage"]):
         of = np.flatnonzero(table["stage"] == stage)
-        top = of[np.argmax(table["force"][of])]
-        total = np.array([table[f"force_{axis}"][of].sum() for axis in "xyz"])
-        total[np.abs(total) < ROUNDING * table["force"][of].sum()] = 0.0
-        largest = f"{force(table['force'][top])} at node {table['node'][top]}"
+        name = "foundation" if np.isfinite(table["foundation"][of]).all() else "force"
+        top = of[np.argmax(table[name][of])]
+        total = np.array([table[f"{name}_{axis}"][of].sum() for axis in "xyz"])
+        total[np.abs(total) < ROUNDING * table[name][of].sum()] = 0.0
+        largest = f"{force(table[name][top])} at node {table['node'][top]}"
         rows.append([stage, *(force(value) for value in total), largest])
     lines = [
-        "Forces with which the elements pull at the supports; at elastic supports the force on the spring,",
-        "in which what acts on the node itself is included; and their sums over all supports.",
+        "Sums over all supports of the forces on the foundation: the pull of the elements (at elastic",
+        "supports the force on the spring), and what acts on the node itself; in motion the pull alone.",
+        "Largest: of one support.",
         "",
     ]
-    return lines + _rows(["stage", "sum in x", "sum in y", "sum in z", "largest"], rows)
+    return lines + as_table(["stage", "sum in x", "sum in y", "sum in z", "largest"], rows)
 
 
 def _cutting(table: dict, cutting: Cutting) -> list[str]:
@@ -264,6 +241,30 @@ def _cutting(table: dict, cutting: Cutting) -> list[str]:
         f"{len(table['cable'])} cables, {table['unstressed_length'].sum():.6g} m unstressed at the",
         f"temperature of form finding, {table['mass'].sum():.5g} kg. Measured at {cutting.temperature:+g} K",
         f"from that temperature, each cable under {load}.",
+    ]
+
+
+def _shop(table: dict) -> list[str]:
+    """The first sorts of pieces."""
+    length = lambda name, k: f"{table[name][k]:.1f}"
+    lines = [
+        [table["mark"][k], table["count"][k], table["type"][k], length("length_pin_to_pin", k)]
+        + [length("cut_length", k), force(table["measuring_load"][k]), table["clamps"][k].count(";")]
+        for k in range(len(table["mark"]))
+    ]
+    for k, line in enumerate(lines):
+        line[-1] = len(table["clamps"][k].split("; ")) if table["clamps"][k] else 0
+    told = (
+        f"{len(lines)} sorts of pieces, {sum(table['count'])} in all; lengths in mm under the measuring load,"
+    )
+    header = ["mark", "pieces", "type", "pin to pin", "to be cut", "measuring load", "clamps"]
+    where = "shop_list.csv"
+    return [
+        told,
+        "with the places of clamps in shop_list.csv.",
+        "",
+        *as_table(header, lines[:MOST_LISTED]),
+        *more(lines, where),
     ]
 
 

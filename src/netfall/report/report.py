@@ -1,66 +1,112 @@
 """`netfall report`: what an engineer hands on, from a result file alone.
 
-summary.md, and tables with a header: cables.csv, elements.csv, cutting_list.csv, reactions.csv; and pictures
-of the roof by utilisation and, where members are lost, by dynamic factors. Ids are those of the tables,
-numbers are in SI units.
+summary.md, tables with a header, pictures of the form, of states at rest, of the roof by utilisation and,
+where members are lost, by dynamic factors; and report.html, the page with its pictures in one file. Ids are
+those of the tables, numbers are in SI units, those of the shop list in mm.
 """
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from netfall.checks.cables import (
+    Checked,
     Cutting,
     cable_columns,
     check_elements,
     cutting_columns,
     element_columns,
+    groups_of,
     resistances_of,
+    types_of,
 )
+from netfall.checks.cases import case_columns, displacement_columns, force_columns
 from netfall.checks.codes import check_groups, read_codes
+from netfall.checks.groups import group_columns
 from netfall.checks.reactions import reaction_columns
+from netfall.checks.shop import read_deductions, shop_columns
 from netfall.ground.errors import InputError
 from netfall.job.table import write_table
+from netfall.plots.canvas import save
+from netfall.plots.states import form, has_states, states
 from netfall.plots.utilisation import dynamic_factors, utilisation
+from netfall.report.html import one_page
 from netfall.report.page import summary
-from netfall.results.file import reading
-from netfall.results.states import envelope_of
+from netfall.results.cases import cases_of
+from netfall.results.file import reading, title_of
+from netfall.results.states import Envelope, envelope_of
 from netfall.write.locks import whole
 
+NOT_WARMED = Cutting()
 DIGITS = 12  # of the numbers in tables
 
 
-def write_report(result: Path, folder: Path, codes: Path | None, cutting: Cutting) -> list[Path]:
+@dataclass(frozen=True)
+class Inputs:
+    """What a report is asked for besides a result.
+
+    codes : a file of checks instead of the shipped one; deductions : a table of rigid ends of cables
+    """
+
+    codes: Path | None = None
+    cutting: Cutting = NOT_WARMED
+    deductions: Path | None = None
+
+
+def write_report(result: Path, folder: Path, inputs: Inputs) -> list[Path]:
     """Write the report of a result file; the paths of what was written.
 
-    codes : a file of checks instead of the shipped one. Raises InputError for a wrong file.
+    Raises InputError for a wrong file.
     """
-    checks = read_codes(codes)
+    checks = read_codes(inputs.codes)
     with reading(result) as f:
-        check_groups(codes, checks, f["net/group_names"].asstr()[:].tolist())
+        check_groups(inputs.codes, checks, f["net/group_names"].asstr()[:].tolist())
         resistance = resistances_of(f, checks)
         envelope = envelope_of(f, resistance[checks[0].name])
         checked = check_elements(f, checks, resistance, envelope)
-        tables = {
-            "cables.csv": cable_columns(f, envelope, checked),
-            "elements.csv": element_columns(f, envelope, checked),
-            "cutting_list.csv": cutting_columns(f, cutting),
-            "reactions.csv": reaction_columns(f),
-        }
-        text = summary(f, result, tables, envelope, checked, cutting)
+        tables = _tables(f, envelope, checked, inputs)
+        text = summary(f, result, tables, envelope, checked, inputs.cutting)
         folder.mkdir(parents=True, exist_ok=True)
         for name, columns in tables.items():
             _check_ours(folder / name, columns)
-        with whole(folder / "summary.md") as place:
-            place.write_text(text, encoding="utf-8")
         for name, columns in tables.items():
             with whole(folder / name) as place:
                 write_table(place, columns, digits=DIGITS)
-        utilisation(f, envelope, checked, folder / "utilisation.png")
-        pictures = ["utilisation.png"]
-        if "removal" in f:
-            factors = tables["elements.csv"]["dynamic_factor"]
-            dynamic_factors(f, factors, folder / "dynamic_factors.png")
-            pictures.append("dynamic_factors.png")
-    return [folder / name for name in ("summary.md", *tables, *pictures)]
+        pictures = _pictures(f, envelope, checked, tables, folder)
+        pages = {"summary.md": text, "report.html": one_page(text, title_of(f) or result.stem, folder)}
+    for name, page in pages.items():
+        with whole(folder / name) as place:
+            place.write_text(page, encoding="utf-8")
+    return [folder / name for name in (*pages, *tables, *pictures)]
+
+
+def _tables(f, envelope: Envelope, checked: Checked, inputs: Inputs) -> dict[str, dict]:
+    """The columns of each table by its name."""
+    cases, names = cases_of(f), lambda of: sorted(set(of.tolist()) - {""})
+    deductions = read_deductions(inputs.deductions, names(groups_of(f)), names(types_of(f)))
+    return {
+        "cases.csv": case_columns(f, cases),
+        "checks.csv": group_columns(f, envelope, checked),
+        "cables.csv": cable_columns(f, envelope, checked),
+        "elements.csv": element_columns(f, envelope, checked),
+        "forces.csv": force_columns(f, cases),
+        "displacements.csv": displacement_columns(f, cases),
+        "reactions.csv": reaction_columns(f),
+        "cutting_list.csv": cutting_columns(f, inputs.cutting),
+        "shop_list.csv": shop_columns(f, inputs.cutting, deductions),
+    }
+
+
+def _pictures(f, envelope: Envelope, checked: Checked, tables: dict, folder: Path) -> list[str]:
+    """Draw what the page shows; the names."""
+    found = ["utilisation.png"]
+    utilisation(f, envelope, checked, folder / "utilisation.png")
+    for name, draw, there in (("form.png", form, "form_finding" in f), ("states.png", states, has_states(f))):
+        if there:
+            found.append(save(draw(f), folder / name).name)
+    if "removal" in f:
+        found.append("dynamic_factors.png")
+        dynamic_factors(f, tables["elements.csv"]["dynamic_factor"], folder / "dynamic_factors.png")
+    return found
 
 
 def _check_ours(path: Path, columns: dict) -> None:

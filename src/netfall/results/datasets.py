@@ -34,6 +34,9 @@ class Group(NamedTuple):
 row = Dataset
 
 
+REACTION = "on what holds the nodes: of elements, and what acts on the node itself; 0 where nothing does"
+
+
 def equilibrium(many: str = "") -> tuple[Dataset, ...]:
     """What is kept of an equilibrium besides its state; many : the axis that counts equilibria."""
     return (
@@ -107,6 +110,7 @@ GROUPS = (
             row("load_factor", "s", NONE, "0: permanent loads alone; then the share of the rest"),
             row("displacement", "s, n, 3", "m", "in equilibrium"),
             row("tension", "s, m", "N", "in equilibrium"),
+            row("reaction", "s, n, 3", "N", REACTION),
             *equilibrium("s"),
         ),
     ),
@@ -117,6 +121,7 @@ GROUPS = (
         (
             row("displacement", "n, 3", "m", "in the equilibrium"),
             row("tension", "m", "N", "in the equilibrium"),
+            row("reaction", "n, 3", "N", REACTION),
             *equilibrium(),
         ),
     ),
@@ -127,6 +132,7 @@ GROUPS = (
         (
             row("position", "n, 3", "m", "at rest"),
             row("tension", "m", "N", "at rest"),
+            row("reaction", "n, 3", "N", REACTION),
             *equilibrium(),
         ),
     ),

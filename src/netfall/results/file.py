@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 
 from netfall.ground.errors import InputError
+from netfall.job.job import tables_of
 from netfall.mechanics.material import strength_of
 from netfall.numerics.functions import lengths
 from netfall.results.form_lines import form_lines, self_stress_lines
@@ -49,6 +50,11 @@ def provenance_text(file: h5py.File, name: str) -> str:
     """A text of /provenance: an attribute, or a dataset if it is long."""
     group = file["provenance"]
     return group[name].asstr()[()] if name in group else str(group.attrs[name])
+
+
+def job_of(file: h5py.File) -> dict:
+    """The tables of the job that was run, with the overrides of its run."""
+    return tables_of(provenance_text(file, "job"), provenance_text(file, "overrides").splitlines())
 
 
 def title_of(file: h5py.File) -> str:

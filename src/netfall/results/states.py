@@ -20,12 +20,17 @@ class ShownState:
 
     tension : gives (m,) [N]; position : gives (points, 3) [m]
     ends : (m, 2) rows of these, where elements have split off others than those of the net
+    place : its group in the file; reaction : gives (n, 3) [N] on what holds the nodes, None: not in the file
+    unloaded : whether no load acts
     """
 
     name: str
     tension: Callable[[], np.ndarray]
     position: Callable[[], np.ndarray]
     ends: np.ndarray | None = None
+    place: str = ""
+    reaction: Callable[[], np.ndarray] | None = None
+    unloaded: bool = False
 
 
 def start_position(f) -> np.ndarray:
@@ -67,7 +72,8 @@ def equilibria(f) -> Iterator[ShownState]:
     """The form, then what `state_groups` hold."""
     x = start_position(f)
     found = "form_finding" in f
-    yield ShownState("form" if found else "as given", lambda: start_tension(f), lambda: x)
+    name = "form" if found else "as given"
+    yield ShownState(name, lambda: start_tension(f), lambda: x, unloaded=True)
     for name in state_groups(f):
         yield from states_of(f, name)
 
@@ -78,13 +84,13 @@ def states_of(f, name: str) -> Iterator[ShownState]:
     failed = no_equilibrium(group)
     if "load_factor" not in group:
         reached = f", load factor {group.attrs['load_factor']:.4g}, reached of 1" if failed else ""
-        yield ShownState(words + reached, *_state(group, x, ...))
+        yield _state(group, words + reached, name, x, ...)
         return
     factors = group["load_factor"][:]
     for row, factor in enumerate(factors):
         more = f"load factor {factor:.4g}" if factor else "permanent loads"
         reached = ", reached of 1" if failed and row == len(factors) - 1 else ""
-        yield ShownState(f"{words}, {more}{reached}", *_state(group, x, row))
+        yield _state(group, f"{words}, {more}{reached}", name, x, row)
 
 
 def no_equilibrium(group) -> bool:
@@ -97,10 +103,11 @@ def state_words(name: str) -> str:
     return re.sub(r"^(case|stage)s/", r"\1 ", name)
 
 
-def _state(g, x: np.ndarray, row):
-    """What gives the tensions and the positions of a state of a group."""
-    place = (lambda: g["position"][row]) if "position" in g else (lambda: x + g["displacement"][row])
-    return (lambda: g["tension"][row]), place
+def _state(g, words: str, name: str, x: np.ndarray, row) -> ShownState:
+    """A state of a group, a row of its datasets or all of them."""
+    position = (lambda: g["position"][row]) if "position" in g else (lambda: x + g["displacement"][row])
+    reaction = (lambda: g["reaction"][row]) if "reaction" in g else None
+    return ShownState(words, lambda: g["tension"][row], position, None, name, reaction)
 
 
 def final(f) -> ShownState | None:
@@ -124,6 +131,7 @@ class Envelope:
     of_most, of_least : (m,) numbers of the stages in `names`; time_most : (m,) [s], nan: not in dynamics
     slack, gone : (stages, m) bool, gone: lost or broken, and so not slack; slack_time : (m,) [s] or None
     most_used : for each stage the largest share of the resistances, and the element; -1: none has any
+    high : (stages, m) [N], the largest tension of each stage; places : their groups in the file, "": none
     """
 
     names: list[str]
@@ -136,6 +144,14 @@ class Envelope:
     gone: np.ndarray
     slack_time: np.ndarray | None
     most_used: list[tuple[float, int]]
+    high: np.ndarray
+    places: list[str]
+
+    def largest(self, stages: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The largest tension (m,) [N] in some stages, (stages,) bool, and which of all has it first."""
+        counted = np.where(stages[:, None], self.high, np.nan)
+        most = np.fmax.reduce(counted)
+        return most, np.argmax(counted >= most - ALIKE * np.abs(most), axis=0)
 
 
 def envelope_of(f, resistance: np.ndarray) -> Envelope:
@@ -145,7 +161,11 @@ def envelope_of(f, resistance: np.ndarray) -> Envelope:
     """
     m = len(f["net/elements"])
     nan, whole = np.full(m, np.nan), np.zeros(m, bool)
-    rows = [(stage.name, N, N, nan, whole) for stage in equilibria(f) for N in [stage.tension()]]
+    rows, places = [], []
+    for stage in equilibria(f):
+        N = stage.tension()
+        rows.append((stage.name, N, N, nan, whole))
+        places.append(stage.place)
     rows += [(name, high, low, nan, gone) for name, high, low, gone in loss_rows(f)]
     if moves := "history" in f:
         high, low, when = (f[f"envelope/tension_{name}"][:] for name in ("max", "min", "max_time"))
@@ -164,7 +184,9 @@ def envelope_of(f, resistance: np.ndarray) -> Envelope:
     slack_time = f["envelope/slack_time"][:] if moves else None
     names, gone = [name for name, *_ in rows], np.array([gone for *_, gone in rows])
     used = [_most_used(high / resistance) for _, high, *_ in rows]
-    return Envelope(names, most, least, of_most, of_least, time, slack, gone, slack_time, used)
+    high = np.array([high for _, high, *_ in rows])
+    numbers = most, least, of_most, of_least, time, slack, gone, slack_time, used
+    return Envelope(names, *numbers, high, places + [""] * (len(names) - len(places)))
 
 
 def _most_used(share: np.ndarray) -> tuple[float, int]:

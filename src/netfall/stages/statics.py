@@ -27,6 +27,7 @@ from netfall.job.job import Job
 from netfall.job.memory import key_of
 from netfall.model.loads import live_load, of_case
 from netfall.numerics.functions import lengths
+from netfall.record.reactions import forces_on_supports
 from netfall.results.notes import NOT_STABLE, displacement_notes
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import (
@@ -258,15 +259,18 @@ def keep(scene: Scene, desk: Desk, path: StaticPath, each: StaticLoad, outcome: 
     group = {"case": f"cases/{each.name}", "rest": "rest"}.get(each.kind, "statics")
     if group == "statics" and (each.kind == "at once" or not settings_of(scene.job).steps):
         return
+    reaction = forces_on_supports(state, snapshot, each.load)
+    if not outcome.carries:  # what the load reached is in balance with less than the load
+        reaction[:] = np.nan
     if each.kind == "case":
         path.cases[each.name] = numbers
-        desk.result.write_equilibrium(group, state, snapshot, "displacement")
+        desk.result.write_equilibrium(group, state, snapshot, "displacement", reaction)
     elif each.kind == "rest":
         path.rest = numbers
-        desk.result.write_equilibrium(group, state, snapshot, "position")
+        desk.result.write_equilibrium(group, state, snapshot, "position", reaction)
     else:
         path.steps.append({"load_factor": outcome.load_factor, **numbers})
-        desk.result.write_static_step(state, snapshot)
+        desk.result.write_static_step(state, snapshot, reaction)
     if group not in path.labels or outcome.state != EQUILIBRIUM or path.labels[group]["state"] == EQUILIBRIUM:
         path.labels[group] = outcome.labels()
 

@@ -122,22 +122,30 @@ class Result:
         self.series.write_mesh(c.pop("ends"), p, c, self.log.points, self.distribution.m)
         self._drawn_events = len(self.log) + self.losses
 
-    def write_static_step(self, state: State, snapshot) -> None:
-        """One load step of /statics."""
+    def write_static_step(self, state: State, snapshot, reaction: np.ndarray) -> None:
+        """One load step of /statics; reaction : (r, 3) [N], as of `forces_on_supports`."""
         n, m = self.distribution.n, self.distribution.m
         if "statics/displacement" not in (self.file.file if self.file.writes else ()):
             self.file.create("statics/displacement", np.float64, (n, 3))
             self.file.create("statics/tension", np.float64, (m,))
+            self.file.create("statics/reaction", np.float64, (n, 3))
         rows = snapshot.rows
-        moved = self._points(state, rows, {"moved": state.x[rows] - state.x_start[rows]})["moved"]
-        self.file.append_state("statics/displacement", moved, n)
+        columns = {"displacement": state.x[rows] - state.x_start[rows]}
+        columns["reaction"] = reaction
+        for name, block in self._points(state, rows, columns).items():
+            self.file.append_state(f"statics/{name}", block, n)
         self.file.append_state("statics/tension", self._cells(state, {"N": snapshot.N})["N"], m)
 
-    def write_equilibrium(self, group: str, state: State, snapshot, place: str) -> None:
-        """One equilibrium, in a group of its own; place : "position" or "displacement" of its nodes."""
+    def write_equilibrium(self, group: str, state: State, snapshot, place: str, reaction: np.ndarray) -> None:
+        """One equilibrium, in a group of its own; place : "position" or "displacement" of its nodes.
+
+        reaction : (r, 3) [N], as of `forces_on_supports`
+        """
         n, m, rows = self.distribution.n, self.distribution.m, snapshot.rows
-        x = state.x[rows] - (state.x_start[rows] if place == "displacement" else 0.0)
-        self.file.put(f"{group}/{place}", self._points(state, rows, {"x": x})["x"], n)
+        columns = {place: state.x[rows] - (state.x_start[rows] if place == "displacement" else 0.0)}
+        columns["reaction"] = reaction
+        for name, block in self._points(state, rows, columns).items():
+            self.file.put(f"{group}/{name}", block, n)
         self.file.put(f"{group}/tension", self._cells(state, {"N": snapshot.N})["N"], m)
 
     def write_whole(self, group: str, datasets: dict[str, np.ndarray] | None) -> None:

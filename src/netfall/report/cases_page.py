@@ -1,0 +1,128 @@
+"""Sections of a report on cases and combinations: what came of each, checks by group, limits in service."""
+
+import numpy as np
+
+from netfall.checks.cables import Checked
+from netfall.checks.cases import largest_displacements, slack_cables
+from netfall.checks.groups import counted_names, limits_of, members
+from netfall.report.markdown import MOST_LISTED, as_table, force, more, picture, share
+from netfall.results.cases import EQUILIBRIUM, KINDS, Case
+from netfall.results.file import job_of
+from netfall.results.states import Envelope
+
+WORST = 10
+
+
+def cases(f, made: list[Case], table: dict) -> list[str]:
+    """A row for each case; table : as of `case_columns`."""
+    lines = []
+    for case, (most, node), count in zip(made, largest_displacements(f, made), slack_cables(f, made)):
+        mine = table["case"] == case.name
+        there = most == most
+        N = (
+            [float(np.min(table["tension_min"][mine])), float(np.max(table["tension_max"][mine]))]
+            if there
+            else []
+        )
+        reached = "" if case.carries else f", to a load factor of {case.load_factor:.3g}"
+        lines.append(
+            [case.name, case.kind, case.state.replace("_", " ") + reached]
+            + (
+                [force(N[0]), force(N[1]), f"{1e3 * most:.1f} mm at node {node}", count]
+                if there
+                else [""] * 4
+            )
+        )
+    header = [
+        "case",
+        "kind",
+        "state",
+        "smallest force",
+        "largest force",
+        "largest displacement",
+        "slack cables",
+    ]
+    failed = [case for case in made if case.state != EQUILIBRIUM]
+    told = [f"- {case.name}: {case.reason}" for case in failed if case.reason]
+    if failed:
+        told = [
+            f"**{len(failed)} of {len(made)} cases have no equilibrium, or none that is stable.**",
+            "",
+            *told,
+        ]
+    return [
+        "Each is an equilibrium of its own; displacements count from the form. By groups: cases.csv.",
+        "",
+        *as_table(header, lines),
+        *([""] if told else []),
+        *told,
+        *picture("axial forces at rest", "states.png"),
+    ]
+
+
+def checks(f, envelope: Envelope, checked: Checked, table: dict, failed: list[Case]) -> list[str]:
+    """For each check the worst of each group, and what counts for it; table : as of `group_columns`."""
+    lines = []
+    for check in checked.checks:
+        names = counted_names(f, envelope, check.kind)
+        mine = np.flatnonzero(
+            (table["check"] == check.name) & np.isfinite(table["utilisation"].astype(float))
+        )
+        lines += [f"### {check.title}", "", _counts(names, check.kind), ""]
+        lines += [f"**FAILS: {case.name} has no equilibrium.**" for case in failed if case.kind == check.kind]
+        if not len(mine):
+            lines += ["Empty: no group has a strength for it.", ""]
+            continue
+        header = ["group", "type", "worst member", "alike", "N_Ed", "in", "N_Rd", "N_Ed / N_Rd", ""]
+        lines += [*as_table(header, [_group_row(table, k) for k in mine]), ""]
+    return lines
+
+
+def _counts(names: list[str], kind: str) -> str:
+    of = f"Of kind {kind}. " if kind else ""
+    few = "; ".join(names[:WORST]) + (f"; and {len(names) - WORST} more" if len(names) > WORST else "")
+    return f"{of}The largest tension of each element in: {few}."
+
+
+def _group_row(table: dict, k: int) -> list:
+    of = {name: values[k] for name, values in table.items()}
+    member = f"element {of['element']} of {of['cable']}"
+    result = of["result"] if of["result"] != "FAILS" else "**FAILS**"
+    return [
+        *(of["group"] or "(none)", of["type"], member, of["alike"], force(of["N_Ed"]), of["case"]),
+        *(force(of["N_Rd"]), share(of["utilisation"]), result),
+    ]
+
+
+def most_used(f, envelope: Envelope, checked: Checked) -> list[str]:
+    """The members that are most used by the first check, symmetric ones in one row."""
+    check = checked.checks[0].name
+    used, ids, cable = checked.utilisation[check], f["net/element_id"][:], f["net/cable"][:]
+    names, groups = f["net/cable_names"].asstr()[:], f["net/group_names"].asstr()[:][f["net/group"][:]]
+    found = [(e, alike) for e, alike in members(f, checked, check) if np.isfinite(used[e])][:WORST]
+    lines = [
+        [names[cable[e]], groups[e], ids[e], alike, force(checked.tension[check][e])]
+        + [envelope.names[checked.of[check][e]], force(checked.resistance[check][e])]
+        + [share(checked.utilisation[each.name][e]) for each in checked.checks]
+        for e, alike in found
+    ]
+    header = ["cable", "group", "element", "alike", "largest tension", "in", "resistance"]
+    header += [each.name for each in checked.checks]
+    return ["", f"The {len(lines)} most used by {check}:", "", *as_table(header, lines)] if lines else []
+
+
+def limits(f, made: list[Case]) -> list[str]:
+    """What the limits in service come to."""
+    job = job_of(f)
+    if "limits" not in job:
+        return ["None: the job has no `[limits]`."]
+    found = limits_of(job, made, largest_displacements(f, made), slack_cables(f, made))
+    if not found:
+        return [f"Not checked: no combination is of kind {KINDS[1]}."]
+    lines = [
+        [each.case, each.what, f"{each.value:.4g} {each.unit}" if np.isfinite(each.value) else "none"]
+        + [each.at, f"{each.allowed:.4g} {each.unit}", "passes" if each.holds else "**FAILS**"]
+        for each in sorted(found, key=lambda each: each.holds)
+    ]
+    header = ["combination", "what", "reached", "at", "limit", ""]
+    return [*as_table(header, lines[:MOST_LISTED]), *more(lines, "cases.csv")]
