@@ -71,6 +71,8 @@ NOUNS = {  # what a key takes, by its kind
     "words": "list of names",
     "integers": "list of integers",
     "loads": 'table, `{"load.snow" = 750.0}`',
+    "factors": "table, `{permanent = 1.35, NAME = 1.5}`",
+    "shifts": "table, `{17 = [0.0, 0.0, -0.05]}`",
 }
 
 

@@ -306,10 +306,10 @@ def test_a_zone_of_the_column_has_no_polygon_too(workshop):
         ("[load]\nzone = 3\n", "[load] zone = 3: expected tables, [load.zone.NAME]"),
         ("[load.zone.a]\nsnow = -1\n", "[load.zone.a] snow = -1: expected a number of N/m2 >= 0"),
         ("[load.zone.a]\nsteps = 1\n", "[load.zone.a] steps: unknown key; known: dead, pressure, snow"),
-        ('[[case]]\nname = "c"\n', "[[case]] c: set: missing; expected a table of loads"),
+        ('[[case]]\nname = "c"\n', "[[case]] c: set, pressure_table or settlement: missing; say what acts"),
         (
-            '[[case]]\nname = "c"\nset = {"load.dead" = 1}\n',
-            '[[case]] c: set: load.dead: not what a case can set; did you mean "load.snow"?',
+            '[[case]]\nname = "c"\nset = {"load.snaw" = 1}\n',
+            '[[case]] c: set: load.snaw: not what a case can set; did you mean "load.snow"?',
         ),
         (
             '[[case]]\nname = "c"\nset = {"load.zone.a.snow" = "deep"}\n',

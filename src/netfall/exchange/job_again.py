@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.exchange.state import MARK, State
+from netfall.job.cases import in_zone
 from netfall.job.toml_text import toml_text
 from netfall.results.file import job_of, provenance_text
 from netfall.results.result import Result
@@ -59,8 +60,8 @@ def _zones(job: dict, used: set[str]) -> None:
         for name in idle:
             job.get(section, {}).get("zone", {}).pop(name, None)
     for case in job.get("case", []):
-        of_idle = lambda key: key.startswith("load.zone.") and key[10:].rpartition(".")[0] in idle
-        case["set"] = {key: value for key, value in case["set"].items() if not of_idle(key)}
+        of_idle = lambda key: (in_zone(key) or ("", "", ""))[1] in idle
+        case["set"] = {key: value for key, value in case.get("set", {}).items() if not of_idle(key)}
 
 
 def _parts(state: State, job: dict) -> list[str]:
@@ -98,7 +99,7 @@ def _files(table, source: Path, folder: Path, taken: set[str]) -> list[str]:
     for key, value in list(items):
         if isinstance(value, dict | list):
             told += _files(value, source, folder, taken)
-        elif isinstance(value, str) and key in FILES:
+        elif isinstance(value, str) and key.rpartition(".")[2] in FILES:
             name = Path(value).name
             while name in taken:
                 name = f"other_{name}"

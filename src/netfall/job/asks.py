@@ -1,5 +1,6 @@
 """Questions that a job answers by itself: which stages it has, what it loads, what may break."""
 
+from netfall.job.cases import blows
 from netfall.job.job import Job
 
 
@@ -21,14 +22,14 @@ def rests_at_loss(job: Job) -> bool:
 def has_statics(job: Job) -> bool:
     """Whether equilibria are looked for before the dynamic stage."""
     rests = rests_in_wind(job) or rests_at_loss(job)
-    return bool(job.cases or (job.load and job.load.steps) or rests)
+    return bool(job.cases or job.combinations or (job.load and job.load.steps) or rests)
 
 
 def grows(job: Job) -> bool:
     """Whether the pressure of [load] grows in the dynamic stage."""
     load = job.load
     there = any(value is not None for value in job.loads("pressure"))
-    return bool(job.dynamics and there and load.ramp and not load.steps)
+    return bool(job.dynamics and there and load and load.ramp and not load.steps)
 
 
 def varies(job: Job) -> bool:
@@ -43,29 +44,22 @@ def carries_weight(job: Job) -> bool:
     return any(table.get(key) for table in tables for key in ("dead", "snow"))
 
 
-def air_damps(job: Job) -> bool:
-    """Whether the motion of the roof is damped by the air."""
-    wind = job.wind
-    own = [zone["air_damping"] for zone in wind.zone.values() if "air_damping" in zone] if wind else []
-    return wind is not None and any([wind.air_damping, *own])
-
-
-def air_moves(job: Job) -> bool:
-    """Whether air moves with the roof."""
-    return any(job.loads("air_mass"))
-
-
 def roof_groups(job: Job) -> list[str]:
     """The groups whose faces carry the roof; none: all do."""
     return list(job.roof.groups or ()) if job.roof else []
 
 
+def presses(job: Job) -> bool:
+    """Whether a wind blows, also a static one of a case, or a table of pressures acts."""
+    return job.wind is not None or any(blows(case) or case.pressure_table for case in job.cases)
+
+
 def loads_the_roof(job: Job) -> bool:
     """Whether something acts on the areas of the roof."""
-    weighs = any(job.loads("dead") + job.loads("snow") + job.loads("air_mass"))
-    return job.wind is not None or weighs or any(value is not None for value in job.loads("pressure"))
+    weighs = any(job.loads("dead") + job.loads("snow"))
+    return weighs or presses(job) or any(value is not None for value in job.loads("pressure"))
 
 
 def along_normals(job: Job) -> bool:
     """Whether something acts along the normals of the roof."""
-    return job.wind is not None or any(isinstance(value, int | float) for value in job.loads("pressure"))
+    return presses(job) or any(isinstance(value, int | float) for value in job.loads("pressure"))

@@ -32,7 +32,9 @@ class Job:
     dynamics: SimpleNamespace | None
     output: SimpleNamespace
     zones: list[SimpleNamespace]  # [[zone]], in order
+    limits: SimpleNamespace | None
     cases: list[SimpleNamespace]  # [[case]]
+    combinations: list[SimpleNamespace]  # [[combination]]
     removes: list[SimpleNamespace]  # [[remove]]
 
     @property
@@ -41,8 +43,10 @@ class Job:
         return self.path.stem
 
     def files(self) -> list[Path]:
-        """The files that the job reads, of all keys that are paths: tables of the net, of cables, of wind."""
+        """The files that the job reads, of all keys that are paths: of net, cables, loads, wind."""
         named = [getattr(getattr(self, section), key, None) for section, key in PATHS]
+        named += [case.pressure_table for case in self.cases]
+        named += [case.set.get("wind.sectors") for case in self.cases]
         return [self.path.parent / name for name in named if name]
 
     @cached_property
@@ -81,12 +85,10 @@ class Job:
         return {f"{name}.{key}" for name, table in tables.items() for key in table}
 
     def loads(self, key: str) -> list:
-        """Every value of a key of [load]: its own, those of zones and cases; none without the section."""
-        if self.load is None:
-            return []
-        of_zones = [values[key] for values in self.load.zone.values() if key in values]
+        """Every value of a key of [load]: its own, those of zones and cases."""
+        own = [vars(self.load), *self.load.zone.values()] if self.load else []
         of_cases = [v for case in self.cases for name, v in case.set.items() if name.endswith(f".{key}")]
-        return [getattr(self.load, key), *of_zones, *of_cases]
+        return [values[key] for values in own if key in values] + of_cases
 
     def changes_net(self) -> bool:
         """Whether the command line overrides the net: files made for the job's own net then do not apply."""

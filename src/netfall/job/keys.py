@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 REQUIRED = object()  # the key must stand in the job file if its section does
 ROUNDING = 1e-9  # of what adds to 1
+MOST_SHIFT = 1e6  # m
 ABSENT = None  # the key may be missing: the thing that it describes is then not there
 
 
@@ -123,6 +124,18 @@ def _seed(key: Key, value) -> bool:
     return numbers and len(set(seeds)) == len(seeds) and abs(sum(w * w for w in weights) - 1.0) < ROUNDING
 
 
+def _factors(key: Key, value) -> bool:
+    return isinstance(value, dict) and all(map(key.number, value.values()))
+
+
+def _shifts(_, value) -> bool:
+    """Three numbers for each id."""
+    whole = lambda name: name.removeprefix("-").isdecimal() and name.isascii()
+    within = lambda v: isinstance(v, int | float) and not isinstance(v, bool) and abs(v) <= MOST_SHIFT
+    rows = value.items() if isinstance(value, dict) else [("", None)]
+    return all(whole(k) and isinstance(v, list) and len(v) == 3 and all(map(within, v)) for k, v in rows)
+
+
 KINDS = {
     "number": Kind("a number{of}{within}{also}", lambda key, v: v in key.also or key.number(v)),
     "integer": Kind(
@@ -152,6 +165,8 @@ KINDS = {
     ),
     "words": Kind("a list of names in quotes ({meaning})", _some(lambda v: isinstance(v, str) and v != "")),
     "integers": Kind("a list of integers ({meaning})", _some(_whole)),
+    "factors": Kind("a table of numbers{within}, {{permanent = 1.35, NAME = 1.5}}", _factors),
+    "shifts": Kind("a table of [x, y, z]{of} by ids of nodes, {{17 = [0.0, 0.0, -0.05]}}", _shifts),
     "loads": Kind('a table of loads, {{"load.snow" = 750.0, ...}}', lambda _, v: isinstance(v, dict)),
 }
 

@@ -6,6 +6,7 @@ by adding a row here.
 
 from types import SimpleNamespace
 
+from netfall.job.cases import CASE, COMBINATION, LIMITS, rows_of_set
 from netfall.job.dimensions import DIMENSIONS, GENERATOR_KEYS
 from netfall.job.keys import ABSENT, REQUIRED, Key, between, choice, count, flag, not_negative, positive, seed
 
@@ -121,14 +122,6 @@ WIND: tuple[Key, ...] = (
         "shape_coefficient",
     ),
     positive("air_density", "kg/m3", 1.25, "density of the air", high=1e4),
-    not_negative(
-        "air_damping",
-        "",
-        0.0,
-        "kappa: a surface that moves along its normal at v is pressed on by kappa rho U v; half the slope of "
-        "the normal force coefficient over the angle of attack; 1: attached flow; 0: no air damping",
-        high=10.0,
-    ),
     between(1e-4, 60.0, "time_step", "s", 0.05, "time step of the generated histories"),
     count("ar_order", 14, "largest number of lags of the autoregressive model of the gusts", high=30),
     seed("seed", "seed of the gusts: the same seed gives the same gusts"),
@@ -249,14 +242,12 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             low=-1e9,
             high=1e9,
         ),
-        not_negative(
-            "air_mass",
-            "kg/m2",
-            0.0,
-            "air that moves with the surface: inertia without weight, on which `damping` does not act",
-            high=1e6,
-        ),
         between(-273.0, 1000.0, "temperature", "K", 0.0, "change of all elements from that of form finding"),
+        flag(
+            "breaking",
+            False,
+            "whether a strength that is passed breaks an equilibrium of statics; false: it is reported",
+        ),
         count("steps", 0, "load steps of the static analysis; 0: none", low=0, high=100_000),
         not_negative(
             "ramp",
@@ -348,6 +339,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             ),
         ),
     ),
+    "limits": LIMITS,
     "output": (
         count("frames", 120, "states written over the duration", low=1, high=1_000_000),
         positive("history", "s", 0.01, "time between rows of /history", high=1e9),
@@ -398,10 +390,8 @@ LISTS: dict[str, tuple[Key, ...]] = {
             "whether a polygon takes of each node's area what lies inside; false: nodes inside whole",
         ),
     ),
-    "case": (
-        Key("name", "name", REQUIRED, "", "name of the static case"),
-        Key("set", "loads", REQUIRED, "N/m2", "what it sets: snow and pressure of [load] and of its zones"),
-    ),
+    "case": CASE,
+    "combination": COMBINATION,
     "remove": (
         Key("elements", "integers", ABSENT, "", "ids of the elements that are lost"),
         Key("group", "text", ABSENT, "", "or the group of elements that is lost"),
@@ -435,11 +425,11 @@ def _rows(section: str, *names: str) -> tuple[Key, ...]:
 # Sections with tables inside that override some of their keys: where these stand, and which keys.
 OVERRIDES: dict[str, tuple[str, tuple[Key, ...]]] = {
     "cable": ("", tuple(key for key in CABLE if key.name not in OF_THE_WHOLE)),  # [cable.GROUP]
-    "load": ("zone", _rows("load", "dead", "snow", "pressure", "air_mass")),  # [load.zone.NAME]
-    "wind": ("zone", _rows("wind", "shape_coefficient", "air_damping")),  # [wind.zone.NAME]
+    "load": ("zone", _rows("load", "dead", "snow", "pressure")),  # [load.zone.NAME]
+    "wind": ("zone", _rows("wind", "shape_coefficient")),  # [wind.zone.NAME]
 }
 
-CASE_KEYS = _rows("load", "snow", "pressure")  # of [load] and [load.zone.NAME]: what is not permanent
+IN_CASES = rows_of_set(SECTIONS, OVERRIDES)  # what a case can set
 
 
 def defaults(section: str) -> SimpleNamespace:

@@ -2,17 +2,19 @@
 
 from types import SimpleNamespace
 
+from netfall.job import cases
 from netfall.job.keys import REQUIRED, Key
 from netfall.job.schema import (
     CABLE,
-    CASE_KEYS,
     EITHER,
     GENERATOR_KEYS,
+    IN_CASES,
     LISTS,
     LOST,
     NEEDED,
     OVERRIDES,
     SECTIONS,
+    defaults,
 )
 from netfall.job.values import nearest, shown
 
@@ -139,18 +141,17 @@ class Validation:
         if form and form.method == "keep" and form.loads == "permanent" and net and net.subdivide > 1:
             what = f"subdivide = {net.subdivide}: nodes between those given sag under permanent loads"
             self.wrong("net", f'{what}; with method = "keep" expected subdivide = 1, or loads = "none"')
-        self._entries_of_lists(lists)
+        self._zones(lists)
+        self._cases(found, lists)
         self._losses(given, found, lists)
 
-    def _entries_of_lists(self, lists: dict) -> None:
+    def _zones(self, lists: dict) -> None:
         for zone in lists["zones"]:
             if zone.polygon is not None and zone.groups is not None:
                 place = f"[[zone]] {zone.name}:"
                 self.wrong(place, "polygon and groups exclude each other; keep one of the two")
             if zone.cut and zone.polygon is None:
                 self.wrong(f"[[zone]] {zone.name}:", "cut = true: only with polygon, which cuts; remove it")
-        for case in lists["cases"]:
-            case.set = self._loads_of_case(case)
 
     def _losses(self, given: dict, found: dict, lists: dict) -> None:
         for number, entry in enumerate(lists["removes"], 1):
@@ -165,19 +166,14 @@ class Validation:
                 "load", "ramp: a job with [[remove]] starts at rest under all loads; remove one of them"
             )
 
-    def _loads_of_case(self, case: SimpleNamespace) -> dict:
-        """What a case sets, by names such as "load.snow" and "load.zone.NAME.snow"."""
-        place, values = f"[[case]] {case.name}: set:", {}
-        keys = {key.name: key for key in CASE_KEYS}
-        for name, value in _flat(case.set if isinstance(case.set, dict) else {}).items():
-            section, _, key = name.rpartition(".")
-            of_zone = section.startswith("load.zone.") and section != "load.zone."
-            if key in keys and (section == "load" or of_zone):
-                self._value(place, name, keys[key], value, values)
-            else:
-                known = [f"{where}.{key}" for where in ("load", "load.zone.NAME") for key in keys]
-                self.wrong(place, f"{name}: not what a case can set; {nearest(name, known)}")
-        return values
+    def _cases(self, found: dict, lists: dict) -> None:
+        wind = found["wind"] or defaults("wind")
+        for case in lists["cases"]:
+            case.set = cases.values_of_set(case, IN_CASES, self._value, self.wrong)
+        for place, what in cases.wrong_cases(lists["cases"], wind):
+            self.wrong(place, what)
+        for place, what in cases.wrong_combinations(lists["combinations"], lists["cases"]):
+            self.wrong(place, what)
 
     def _source_of_the_net(self, net: dict) -> None:
         tables = "nodes" in net or "elements" in net
@@ -208,13 +204,7 @@ class Validation:
 
     def _source_of_the_wind(self, wind: dict) -> None:
         sources = [key for key in ("speed", "file", "pressures") if key in wind]
-        if sources == ["speed", "pressures"] and _air_damping(wind):
-            pass  # the air's damping is for that mean speed
-        elif sources == ["pressures"] and _air_damping(wind):
-            self.wrong(
-                "wind", "speed: missing; with pressures, air_damping needs the mean speed at 10 m, in m/s"
-            )
-        elif len(sources) > 1:
+        if len(sources) > 1:
             self.wrong("wind", f"{' and '.join(sources)} exclude each other; keep one of them")
         elif not sources:
             expected = "a number of m/s > 0, or file = a table of time, speed"
@@ -234,9 +224,7 @@ class Validation:
 
     def _coefficients_of_the_wind(self, wind: dict) -> None:
         if "pressures" in wind:
-            own = [key for key in ("shape_coefficient", "sectors") if key in wind]
-            if any("shape_coefficient" in zone for zone in _zones(wind)):
-                own.append("zone")
+            own = [key for key in ("shape_coefficient", "sectors", "zone") if key in wind]
             if own:
                 self.wrong("wind", f"{', '.join(own)}: pressures at taps need no coefficients; remove it")
         elif "shape_coefficient" in wind and "sectors" in wind:
@@ -244,25 +232,6 @@ class Validation:
         elif "shape_coefficient" not in wind and "sectors" not in wind:
             expected = "a number, or sectors = a table of them by the wind's direction"
             self.wrong("wind", f"shape_coefficient: missing; expected {expected}")
-
-
-def _zones(table: dict) -> list[dict]:
-    """The tables of the zones of a section as it stands."""
-    zones = table.get("zone")
-    return [zone for zone in zones.values() if isinstance(zone, dict)] if isinstance(zones, dict) else []
-
-
-def _air_damping(wind: dict) -> bool:
-    """Whether [wind], as it stands, asks for air damping anywhere."""
-    return any(table.get("air_damping") for table in (wind, *_zones(wind)))
-
-
-def _flat(table: dict, place: str = "") -> dict:
-    """The values of nested tables by their names with dots: as `load.snow` without quotes is read."""
-    found = {}
-    for name, value in table.items():
-        found |= _flat(value, f"{place}{name}.") if isinstance(value, dict) else {place + name: value}
-    return found
 
 
 def wanted(name: str) -> str:

@@ -5,11 +5,12 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from netfall.job.asks import air_damps, air_moves, varies
+from netfall.job.asks import varies
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
 from netfall.mechanics.fields import Features
-from netfall.model.idle import without_effect
+from netfall.model.cases import Inputs, read_cases
+from netfall.model.idle import idle_zones, without_effect
 from netfall.model.loads import shape_coefficients
 from netfall.model.losses import named_elements
 from netfall.model.probes import Probes, find_probes
@@ -31,6 +32,7 @@ class Layout:
     lost : rows of the elements that each [[remove]] names
     shape_coefficient : (n,) of the wind, None: there is none
     measured : the wind of a file, None: it is generated, or there is none
+    cases : what each [[case]] reads, by name
     notes : what is plausible but odd in the net, its tables and its roof
     """
 
@@ -43,6 +45,7 @@ class Layout:
     probes: Probes
     shape_coefficient: np.ndarray | None
     measured: TableHistory | None
+    cases: dict[str, Inputs]
     notes: tuple[str, ...]
 
 
@@ -51,12 +54,17 @@ def make_layout(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Layout:
     key = ranks, key_of(job, without=OF_SPEED)
     net, roofing, zones, part, source = memory.once("net", key, lambda: _partitioned(job, ranks))
     lost, probes = named_elements(job, net), find_probes(job, net)
-    coefficient, notes = shape_coefficients(job, zones)
-    notes = [*net.notes, *roofing.notes, *zones.notes, *without_effect(job, net), *notes, *unit_notes(net)]
+    coefficient, sectors = shape_coefficients(job, zones)
+    cases, of_cases = read_cases(job, net, zones)
+    notes = [*net.notes, *roofing.notes, *zones.notes, *without_effect(job, net)]
+    notes += (sectors.notes if sectors else []) + idle_zones(
+        job, zones, [sectors, *(c.sectors for c in cases.values())]
+    )
+    notes += of_cases + unit_notes(net)
     measured = read_history(job)
     if measured:
         notes += measured.notes + far_notes(job, net, measured.places)
-    return Layout(net, roofing, zones, part, source, lost, probes, coefficient, measured, tuple(notes))
+    return Layout(net, roofing, zones, part, source, lost, probes, coefficient, measured, cases, tuple(notes))
 
 
 def _partitioned(job: Job, ranks: int) -> tuple:
@@ -90,8 +98,6 @@ def features_of(job: Job, net: Net) -> Features:
         plastic=bool(np.isfinite(net.yield_stress).any()),
         fracture=bool(np.isfinite(net.fracture_strain).any()),
         wind=job.wind is not None,
-        air=air_damps(job),
-        air_mass=air_moves(job),
         tapped=job.wind is not None and job.wind.pressures is not None,
         varying=varies(job),
         springs=bool(net.spring.any()),

@@ -10,12 +10,12 @@ from types import SimpleNamespace
 import numpy as np
 
 from netfall.job.asks import grows
+from netfall.job.cases import in_zone
 from netfall.job.job import Job
-from netfall.model.idle import idle_zones
 from netfall.net.net import GRAVITY, Net
 from netfall.roof.zones import Roof, Zones
 from netfall.wind.field import WindField
-from netfall.wind.sectors import read_sectors
+from netfall.wind.sectors import Sectors, read_sectors
 
 
 @dataclass(frozen=True)
@@ -62,10 +62,10 @@ def of_case(load: SimpleNamespace, case: SimpleNamespace) -> SimpleNamespace:
     changed = SimpleNamespace(**vars(load))
     changed.zone = {name: dict(values) for name, values in load.zone.items()}
     for name, value in case.set.items():
-        place, _, key = name.removeprefix("load.").rpartition(".")
-        if place:
-            changed.zone.setdefault(place.removeprefix("zone."), {})[key] = value
-        else:
+        section, zone, key = in_zone(name) or (name.partition(".")[0], "", name.partition(".")[2])
+        if section == "load" and zone:
+            changed.zone.setdefault(zone, {})[key] = value
+        elif section == "load":
             setattr(changed, key, value)
     return changed
 
@@ -104,19 +104,18 @@ def preload(net: Net, x: np.ndarray, N: np.ndarray, L: np.ndarray, load=None) ->
     return np.divide(-pull, net.spring, out=np.zeros((net.n, 3)), where=net.spring > 0)
 
 
-def shape_coefficients(job: Job, zones: Zones) -> tuple[np.ndarray | None, list[str]]:
-    """Coefficient (n,) of each node, for the wind's direction if there are sectors; notes.
+def shape_coefficients(job: Job, zones: Zones) -> tuple[np.ndarray | None, Sectors | None]:
+    """Coefficient (n,) of each node, for the wind's direction if there are sectors; these.
 
     None without wind. Raises InputError for a wrong table.
     """
     wind = job.wind
     sectors = read_sectors(job, zones.names) if wind and wind.sectors else None
-    notes = (sectors.notes if sectors else []) + idle_zones(job, zones, sectors)
     if sectors is None:
-        return zones.spread(wind, "shape_coefficient") if wind else None, notes
+        return zones.spread(wind, "shape_coefficient") if wind else None, None
     of_roof, of_zone = sectors.at(wind.direction)
-    own = {name: zone[key] for name, zone in wind.zone.items() if (key := "shape_coefficient") in zone}
-    return zones.by_node(of_roof, own | of_zone), notes
+    own = {name: values["shape_coefficient"] for name, values in wind.zone.items() if values}
+    return zones.by_node(of_roof, own | of_zone), sectors
 
 
 def by_node(job: Job, coefficient: np.ndarray) -> SimpleNamespace:

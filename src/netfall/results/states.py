@@ -64,7 +64,8 @@ def start_tension(f) -> np.ndarray:
 def state_groups(f) -> list[str]:
     """The groups that hold equilibria besides the form, in the order in which the run found them."""
     found: dict[str, int] = {}
-    f.visititems(lambda name, item: found.update({name: item.attrs[ORDER]} if ORDER in item.attrs else {}))
+    holds = lambda item: ORDER in item.attrs and "tension" in item  # /cases has an order of names
+    f.visititems(lambda name, item: found.update({name: item.attrs[ORDER]} if holds(item) else {}))
     return sorted(found, key=found.get)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 
 from netfall.ground.errors import InputError
+from netfall.job.cases import in_zone
 from netfall.job.job import Job
 from netfall.job.values import nearest, shown
 from netfall.net.net import Net, nearest_group
@@ -259,9 +260,6 @@ def named_zones(job: Job) -> list[tuple[str, str]]:
         table = getattr(job, section)
         found += [(name, f"[{section}.zone.{name}]") for name in (table.zone if table else ())]
     for case in job.cases:
-        of_zones = [key for key in case.set if key.startswith("load.zone.")]
-        found += [
-            (key.removeprefix("load.zone.").rpartition(".")[0], f"[[case]] {case.name}: set: {key}")
-            for key in of_zones
-        ]
+        of_zones = [(in_zone(key), key) for key in case.set]
+        found += [(zone[1], f"[[case]] {case.name}: set: {key}") for zone, key in of_zones if zone]
     return found

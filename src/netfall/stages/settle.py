@@ -27,22 +27,25 @@ from netfall.write.saver import Record, Saver
 
 ALL_LOADS = "all loads"
 RELAXATION = "relaxation"  # in checkpoints
-COMMITTED = ("x", "eps_p", "dissipated")
+COMMITTED = ("x", "eps_p", "dissipated", "L0", "spring_rest")
 EQUILIBRIUM, NONE, UNSTABLE = "equilibrium", "no_equilibrium", "unstable"
 NOT_FOUND = Solution(0, np.nan, np.nan, np.nan, False, UNKNOWN)
 MOST_NAMED = 100  # elements where a net gives way
 SHARP = 0.004  # of the load factor at which something breaks: how closely it is found
 LEAST = 1e-3  # of a load: less is none
+APART = ("case", "combination")  # kinds that are beside the run: what follows starts as without them
 
 
 class StaticLoad(NamedTuple):
     """A load whose equilibrium is looked for.
 
-    kind : "permanent", "case", "step", "at once" or "rest", see `equilibria`; or "loss", `stages.rests`
+    kind : "permanent", "case", "combination", "step", "at once" or "rest", see `stages.wanted`; or "loss",
+        `stages.rests`
     words : for messages
     load : (n, 3) [N], owned and halo; factor : of the load that is not permanent; name : of a case
     from_permanent : whether it starts from the equilibrium under the permanent loads, not from the last one
     begins : the factor of the equilibrium that it starts from
+    L0, spring_rest, settlement : as in `model.actions.Actions`, on this rank; None: as in the model
     """
 
     kind: str
@@ -52,6 +55,9 @@ class StaticLoad(NamedTuple):
     name: str = ""
     from_permanent: bool = False
     begins: float = 0.0
+    L0: np.ndarray | None = None
+    spring_rest: np.ndarray | None = None
+    settlement: np.ndarray | None = None
 
     def reached(self, share: float) -> float:
         """The load factor at a share of the way from its start; nan: permanent loads have none."""
@@ -61,7 +67,7 @@ class StaticLoad(NamedTuple):
 class Equilibrium(NamedTuple):
     """An equilibrium, and the state in it; slack : cables of the net.
 
-    breaking : elements, global numbers, that are beyond their fracture strain, after a loss alone
+    breaking : elements, global numbers, that are beyond their fracture strain
     """
 
     snapshot: Snapshot
@@ -96,8 +102,8 @@ class StaticOutcome(NamedTuple):
 
     def labels(self) -> dict:
         """Attributes of its group of the file, elements by their global numbers."""
-        names = ("state", "load_factor", "reason", "elements")
-        return {name: getattr(self, name) for name in names}
+        names, over = ("state", "load_factor", "reason", "elements"), self.equilibrium.breaking[:MOST_NAMED]
+        return {name: getattr(self, name) for name in names} | ({"over_strength": over} if over else {})
 
 
 def taken_up(distribution: Distribution, saver: Saver) -> Relaxation | None:
@@ -153,7 +159,7 @@ def settle(
         put_back(scene.state, start)
         reason = str(error).removeprefix(f"{each.words}: ")
         return StaticOutcome(NONE, each.reached(0.0), reason, (), _as_it_began(scene))
-    if found.breaking and each.kind != "loss":
+    if found.breaking and tears(scene.job, each):
         return _up_to_fracture(scene, each, reference, start, found.breaking)
     _commit(scene.state, found.snapshot)
     state, elements = EQUILIBRIUM, ()
@@ -228,6 +234,15 @@ def no_equilibrium(scene: Scene, each: StaticLoad, outcome: StaticOutcome) -> st
     return f"{what}{outcome.reason}{reached}{_advice(scene.job, each)}"
 
 
+def tears(job: Job, each: StaticLoad) -> bool:
+    """Whether there is no equilibrium under a load where a strength is passed.
+
+    So it is by [load] breaking, and of what the dynamic stage begins from.
+    """
+    begins = each.kind in ("at once", "rest") or (each.kind == "step" and each.factor == 1.0)
+    return each.kind != "loss" and (settings_of(job).breaking or bool(begins and job.dynamics))
+
+
 def settings_of(job: Job) -> SimpleNamespace:
     """The keys of [load] that say how an equilibrium is found; their defaults without [load]."""
     return job.load or defaults("load")
@@ -252,6 +267,16 @@ def _advice(job: Job, each: StaticLoad) -> str:
     return ": there is no static equilibrium to start from; lower the load" + (
         f", or set {' and '.join(keys)} to let it act at once in the dynamic stage" if at_once else ""
     )
+
+
+def set_net(state: State, each: StaticLoad) -> None:
+    """Give the net the unstressed lengths, springs and supports that a load has of its own."""
+    for name in ("L0", "spring_rest"):
+        if getattr(each, name) is not None:
+            getattr(state, name)[:] = getattr(each, name)
+    if each.settlement is not None:
+        held = state.free == 0
+        state.x[held] = (state.x_start + each.settlement)[held]
 
 
 def committed(state: State) -> dict[str, np.ndarray]:

@@ -7,10 +7,9 @@ static onset, its mean comes on top of all of that.
 Within an equilibrium the plastic strains are those of the one before; what has yielded is kept at its end.
 """
 
+import json
 import math
 from dataclasses import asdict, dataclass, field
-from functools import partial
-from types import SimpleNamespace
 
 import numpy as np
 
@@ -25,13 +24,13 @@ from netfall.ground.stop import NEVER
 from netfall.job.asks import has_statics, rests_at_loss, rests_in_wind
 from netfall.job.job import Job
 from netfall.job.memory import key_of
-from netfall.model.loads import live_load, of_case
+from netfall.job.values import counted
 from netfall.numerics.functions import lengths
 from netfall.record.reactions import forces_on_supports
 from netfall.results.notes import NOT_STABLE, displacement_notes
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import (
-    ALL_LOADS,
+    APART,
     EQUILIBRIUM,
     NONE,
     StaticLoad,
@@ -43,10 +42,13 @@ from netfall.stages.settle import (
     paused,
     put_back,
     reference_force,
+    set_net,
     settings_of,
     settle,
     taken_up,
 )
+from netfall.stages.wanted import Wanted, equilibria, loaded
+from netfall.write.result import texts
 
 HALVINGS = 6  # of the mean wind, where all of it has no equilibrium: what it bears is told to 2 %
 FEWER = 20_000  # iterations for each of them
@@ -103,7 +105,9 @@ def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
             else:
                 find_or_recall(scene, desk, path)
         except Paused as pause:
-            raise paused(scene, desk, NAME, equilibria(scene)[path.done].words, path.total, pause) from None
+            raise paused(
+                scene, desk, NAME, equilibria(scene)[path.done].each.words, path.total, pause
+            ) from None
     more = {} if not path.failed else {"exit_state": NONE}
     labels = group_labels(path, scene)
     return Outcome(path, lines(path, scene), sections(path), more, labels, failure_of(scene.job, path))
@@ -136,45 +140,12 @@ def find_or_recall(scene: Scene, desk: Desk, path: StaticPath) -> None:
 
 def _again(scene: Scene, desk: Desk, path: StaticPath, known: list[tuple[StaticOutcome, dict, str]]) -> None:
     """The outcomes of an earlier run, with all that `find_equilibria` does about them. Collective."""
-    for each, (outcome, there, failed) in zip(equilibria(scene), known):
+    for (each, _), (outcome, there, failed) in zip(equilibria(scene), known):
         put_back(scene.state, there)
         note(scene, desk, path, each, outcome)
         path.failed = failed
-    if each.kind == "case":
+    if each.kind in APART:
         to_the_start(scene)
-
-
-def equilibria(scene: Scene) -> list[StaticLoad]:
-    """What the job asks for, in order: permanent loads, cases, load steps, rest. Collective."""
-    job, model, distribution = scene.job, scene.model, scene.distribution
-    steps, rests = job.load.steps if job.load else 0, rests_in_wind(job)
-    spread = lambda values: distribution.particles(None if model is None else values())
-    permanent, live = spread(lambda: model.loading.permanent), spread(lambda: model.loading.live)
-    loads = []
-    if job.cases or steps:
-        loads.append(StaticLoad("permanent", "the permanent loads", permanent))
-    for case in job.cases:
-        load = permanent + spread(partial(live_of_case, settings_of(job), model, case))
-        loads.append(StaticLoad("case", f"case {case.name}", load, 1.0, case.name, True))
-    again = bool(job.cases)
-    for step in range(1, steps + 1):
-        factor = step / steps
-        words = f"static load step {step} of {steps}"
-        load, anew = permanent + factor * live, again and step == 1
-        loads.append(StaticLoad("step", words, load, factor, "", anew, (step - 1) / steps))
-    if rests and not steps:
-        loads.append(StaticLoad("at once", "the constant loads", permanent + live, 1.0, "", again))
-    if rests_at_loss(job):
-        loads.append(StaticLoad("rest", ALL_LOADS, permanent + live, 1.0, "", again and not steps))
-    if rests:
-        wind = spread(lambda: model.mean_wind)
-        loads.append(StaticLoad("rest", "the mean wind", permanent + live + wind, 1.0))
-    return loads
-
-
-def live_of_case(load: SimpleNamespace, model, case) -> np.ndarray:
-    """What a case puts on top of the permanent loads, (n, 3) [N]. Rank 0."""
-    return live_load(of_case(load, case), model.roof, model.net.load)
 
 
 def find_equilibria(
@@ -191,22 +162,24 @@ def find_equilibria(
     state, wanted, base = scene.state, equilibria(scene), None
     large = is_large(scene.distribution)
     if path.reference is None:
-        path.reference = reference_force(scene, wanted[-1])
+        path.reference = reference_force(scene, loaded(scene, wanted[-1]))
     elif path.done > 0 and any(
-        each.from_permanent or (large and each.kind == "step") for each in wanted[path.done :]
+        each.from_permanent or (large and each.kind == "step") for each, _ in wanted[path.done :]
     ):
-        base = permanent_again(scene, wanted[0], path.reference)
+        base = permanent_again(scene, loaded(scene, wanted[0]), path.reference)
     desk.progress.start()
-    for each in wanted[path.done :]:
+    for want in wanted[path.done :]:
+        each = loaded(scene, want)
         if each.from_permanent and base:
             put_back(state, base)
+        set_net(state, each)
         before = committed(state) if each.kind == "rest" and rests_in_wind(scene.job) else None
         guess = None
         if large and each.kind == "step" and path.steps[-1]["load_factor"] > 0.0:
             guess = carried_on(state, base, each.factor / path.steps[-1]["load_factor"])
         outcome = settle(scene, each, path.reference, desk.stop, resume, guess=guess)
         resume = None
-        if not outcome.carries and each.kind != "case":
+        if not outcome.carries and each.kind not in APART:
             path.failed = no_equilibrium(scene, each, outcome)
             if before is not None:
                 share = (
@@ -222,7 +195,7 @@ def find_equilibria(
             return
         share, slack = path.done / len(wanted), f"slack {outcome.equilibrium.slack}"
         desk.progress.at(share, each.words, path.total, "iterations", slack)
-    if wanted[-1].kind == "case":  # cases are beside the run: what follows starts where it would without
+    if wanted[-1].each.kind in APART:  # cases are beside the run: what follows starts where it would without
         to_the_start(scene)
 
 
@@ -248,6 +221,9 @@ def to_the_start(scene: Scene) -> None:
     """Put the state back to the initial one, from which nothing has moved or yielded. Collective."""
     state, model = scene.state, scene.model
     state.x[:] = scene.distribution.particles(model.x if model else None)
+    state.L0[:] = scene.distribution.elements(model.L0 if model else None)
+    if state.features.springs:
+        state.spring_rest[:] = scene.distribution.particles(model.spring_rest if model else None)
     if state.features.plastic:
         state.eps_p[:] = state.dissipated[:] = 0.0
 
@@ -256,13 +232,13 @@ def keep(scene: Scene, desk: Desk, path: StaticPath, each: StaticLoad, outcome: 
     """Note what was found, and write it. Collective."""
     state, snapshot = scene.state, outcome.equilibrium.snapshot
     numbers = outcome.equilibrium.numbers() | {"moved": farthest(scene)}
-    group = {"case": f"cases/{each.name}", "rest": "rest"}.get(each.kind, "statics")
+    group = f"cases/{each.name}" if each.kind in APART else "rest" if each.kind == "rest" else "statics"
     if group == "statics" and (each.kind == "at once" or not settings_of(scene.job).steps):
         return
     reaction = forces_on_supports(state, snapshot, each.load)
     if not outcome.carries:  # what the load reached is in balance with less than the load
         reaction[:] = np.nan
-    if each.kind == "case":
+    if each.kind in APART:
         path.cases[each.name] = numbers
         desk.result.write_equilibrium(group, state, snapshot, "displacement", reaction)
     elif each.kind == "rest":
@@ -284,12 +260,12 @@ def farthest(scene: Scene) -> tuple[float, int]:
     return max(scene.comm.allgather(here), key=lambda one: (one[0], -one[1]))
 
 
-def borne(scene: Scene, wanted: list[StaticLoad], before: dict, reference: float) -> float:
+def borne(scene: Scene, wanted: list[Wanted], before: dict, reference: float) -> float:
     """The largest share of the mean wind with an equilibrium, found by halving. Collective.
 
     before : the state without the wind, as of `committed`
     """
-    rest, still, there = wanted[-1], wanted[-2].load, committed(scene.state)
+    rest, still, there = loaded(scene, wanted[-1]), loaded(scene, wanted[-2]).load, committed(scene.state)
     low, high, most = 0.0, 1.0, min(FEWER, settings_of(scene.job).max_iterations)
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
@@ -316,7 +292,9 @@ def _borne(job: Job, share: float) -> str:
 
 def lines(path: StaticPath, scene: Scene) -> list[str]:
     """What the static stage found."""
-    last = [(f"cases/{name}", f"case {name}", numbers) for name, numbers in path.cases.items()]
+    combined = {each.name for each in scene.job.combinations}
+    called = {name: f"{'combination' if name in combined else 'case'} {name}" for name in path.cases}
+    last = [(f"cases/{name}", called[name], numbers) for name, numbers in path.cases.items()]
     if path.steps:
         last.append(("statics", "statics", path.steps[-1]))
     if path.rest:
@@ -339,6 +317,13 @@ def lines(path: StaticPath, scene: Scene) -> list[str]:
         _unstable(what, each["unstable_at"], node_id)
         for _, what, each in every
         if each["unstable_at"] != STABLE
+    ]
+    ids = scene.model.net.element_id
+    over = [(what, path.labels[group].get("over_strength")) for group, what, _ in last]
+    lines += [
+        f"note: {what}: {counted('element', ids[list(which)])} beyond the strength, which breaks nothing here"
+        for what, which in over
+        if which
     ]
     moved = [(what, each["moved"][0], node_id[each["moved"][1]]) for _, what, each in every]
     return lines + displacement_notes(moved, scene.model.x)
@@ -368,7 +353,12 @@ def group_labels(path: StaticPath, scene: Scene) -> dict[str, dict]:
     if scene.model is None:
         return {}
     ids = lambda elements: scene.model.net.element_id[list(elements)]
-    return {group: each | {"elements": ids(each["elements"])} for group, each in path.labels.items()}
+    numbers = lambda each: {name: ids(each[name]) for name in ("elements", "over_strength") if name in each}
+    labels = {group: each | numbers(each) for group, each in path.labels.items()}
+    for each in scene.job.combinations:
+        if f"cases/{each.name}" in labels:
+            labels[f"cases/{each.name}"] |= {"kind": each.kind, "factors": json.dumps(each.factors)}
+    return labels | ({"cases": {"order": texts(list(path.cases))}} if path.cases else {})
 
 
 def numbers_of(numbers: dict) -> dict[str, np.ndarray]:

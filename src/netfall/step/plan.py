@@ -15,17 +15,7 @@ from netfall.step.runs import LANES, Runs, find_runs, make_runs
 from netfall.step.slots import collect_yields, fill_slots
 from netfall.step.tear import break_elements
 
-MOVING = (
-    "x",
-    "v",
-    "work",
-    "other_work",
-    "highest",
-    "lowest",
-    "eps_p",
-    "dissipated",
-    "slot_eps_p",
-)  # where nothing breaks
+MOVING = ("x", "v", "work", "highest", "lowest", "eps_p", "dissipated", "slot_eps_p")  # where nothing breaks
 CHUNK = 2048  # particles, 300 KB; fewer end the runs too often, more leave the second cache
 
 
@@ -70,9 +60,7 @@ class Scratch(NamedTuple):
 
 def halo_width(state: State) -> int:
     """Numbers sent for each boundary particle, as `halo.send_forces` packs them."""
-    if not state.features.fracture:
-        return 3
-    return 6 if state.features.air_mass else 5
+    return 5 if state.features.fracture else 3
 
 
 def stepped_particles(state: State) -> Particles:

@@ -72,6 +72,12 @@ def force_factor(settings) -> np.ndarray | float:
     return -np.asarray(settings.shape_coefficient) * 0.5 * settings.air_density
 
 
+def still_force(x: np.ndarray, vector: np.ndarray, settings) -> np.ndarray:
+    """Force (n, 3) [N] of the mean wind, which its speed at 10 m gives; arguments as of `make_wind_field`."""
+    mean = mean_speed(x[:, 2] + settings.base_height, settings.speed, settings.profile_exponent)
+    return np.reshape(force_factor(settings), (-1, 1)) * vector * (mean * mean)[:, None]
+
+
 def make_wind_field(
     x: np.ndarray, vector: np.ndarray, settings, places: np.ndarray | None = None
 ) -> WindField:
@@ -163,7 +169,7 @@ def particle_speeds(mean, corner, weight, gust, speed):
 def read_history(job) -> TableHistory | None:
     """The history of measured speeds or of pressures at taps, None: generated. Raises InputError."""
     wind = job.wind
-    if wind is None or not (wind.file or wind.pressures):
+    if wind is None or wind.speed:
         return None
     if wind.file:
         return read_measured(job)

@@ -16,18 +16,20 @@ from netfall.numerics.functions import lengths
 from netfall.wind.coherence import LOWEST_HEIGHT
 
 ROWS = 64  # of a long file that are read at once
+MOST_PAIRS = 1 << 21  # of particles and places whose distances are held at once
 TOGETHER = 1e-3  # m in plan; points as close are one place
 
 
-def place_weights(x: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The nearest places (n, 4) of each particle x (n, 3) in plan, and their weights (n, 4), whose sum is 1.
+def place_weights(x: np.ndarray, places: np.ndarray, axes: int = 2) -> tuple[np.ndarray, np.ndarray]:
+    """The nearest places (n, 4) of each particle x (n, 3), and their weights (n, 4), whose sum is 1.
+
+    axes : 2: in plan, 3: in space
 
     Weights ((R - d) / (R d))^2 at distance d, R that of the fifth nearest (Shepard 1968, Franke and Little):
     a place fades out before another takes its turn. At a place its own speed; with less than five, 1 / d^2.
     """
-    apart = lengths(x[:, None, :2] - places[:, :2])
-    order = np.argsort(apart, axis=1, kind="stable")[:, :5]
-    d = np.maximum(np.take_along_axis(apart, order, 1), TOGETHER)
+    order, apart = _nearest(x[:, :axes], places[:, :axes])
+    d = np.maximum(apart, TOGETHER)
     few = min(4, len(places))
     weight = 1.0 / d[:, :few]
     if len(places) > 4:
@@ -37,6 +39,16 @@ def place_weights(x: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.nda
     weights = np.zeros((len(x), 4))
     corner[:, :few], weights[:, :few] = order[:, :few], weight / weight.sum(1, keepdims=True)
     return corner, weights
+
+
+def _nearest(x: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The five nearest places (n, 5) of points x (n, a), of those there are, and how far off they are [m]."""
+    block, found = max(1, MOST_PAIRS // len(places)), []
+    for first in range(0, len(x), block):
+        apart = lengths(x[first : first + block, None] - places)
+        order = np.argsort(apart, axis=1, kind="stable")[:, :5]
+        found.append((order, np.take_along_axis(apart, order, 1)))
+    return tuple(map(np.concatenate, zip(*found)))
 
 
 class TableHistory:

@@ -1,0 +1,175 @@
+"""Static cases and combinations: the keys of [[case]], [[combination]] and [limits], and their checks."""
+
+from collections.abc import Callable
+from types import SimpleNamespace
+
+from netfall.job.keys import ABSENT, REQUIRED, Key, between, choice, count, positive
+from netfall.job.values import nearest, shown
+
+OF_LOAD = ("permanent", "prestress", "temperature", "load")  # factors that bear no case's name
+MOST_FACTOR = 1e3
+
+CASE = (
+    Key("name", "name", REQUIRED, "", "name of the static case; not permanent, prestress, temperature, load"),
+    Key(
+        "set",
+        "loads",
+        {},
+        "",
+        "what it sets: keys of [load] (snow, pressure, dead, temperature) and of its zones, and of a mean "
+        "[wind] that acts statically (pressure_factor: of its pressure)",
+    ),
+    Key(
+        "pressure_table",
+        "path",
+        ABSENT,
+        "N/m2",
+        "path of a table x, y, z (optional), pressure or coefficient: points in the axes of the net",
+    ),
+    between(-1e9, 1e9, "factor", "N/m2", ABSENT, "of the table: a pressure for coefficients; a number else"),
+    Key(
+        "settlement",
+        "shifts",
+        {},
+        "m",
+        "of a held axis or of a spring's foot, from the form, by ids; z upwards: [0, 0, -0.05] sinks",
+    ),
+)
+COMBINATION = (
+    Key("name", "name", REQUIRED, "", "name of the combination; no case bears it"),
+    Key(
+        "factors",
+        "factors",
+        REQUIRED,
+        "",
+        "of permanent, prestress (not named: 1), temperature, load, and of cases by name (not named: 0)",
+        low=-MOST_FACTOR,
+        high=MOST_FACTOR,
+    ),
+    choice("kind", ("ultimate", "service"), "ultimate", "which checks apply"),
+)
+LIMITS = (
+    positive("displacement", "m", ABSENT, "of a node, in combinations for service; absent: no limit"),
+    count("slack", ABSENT, "cables that may be slack, in combinations for service; absent: no limit", low=0),
+)
+# What a case sets of [wind], as in its section; gusts do not act in it.
+PRESSURE_FACTOR = between(-1e3, 1e3, "pressure_factor", "", 1.0, "of the pressure of a static wind")
+OF_WIND = ("speed", "direction", "shape_coefficient", "sectors", "air_density") + (
+    "profile_exponent",
+    "base_height",
+)
+
+
+def rows_of_set(sections: dict, overrides: dict) -> dict[str, Key]:
+    """Rows of what a case can set, by "load.snow", "load.zone.NAME.snow"; arguments : of the schema."""
+    rows = {f"load.{key.name}": key for key in sections["load"] if key.name in ("snow", "pressure", "dead")}
+    rows |= {f"load.{key.name}": key for key in sections["load"] if key.name == "temperature"}
+    rows |= {f"wind.{key.name}": key for key in sections["wind"] if key.name in OF_WIND}
+    rows["wind.pressure_factor"] = PRESSURE_FACTOR
+    for section in ("load", "wind"):
+        own = {f"{section}.zone.NAME.{key.name}": key for key in overrides[section][1]}
+        rows |= {name: key for name, key in own.items() if f"{section}.{key.name}" in rows}
+    return rows
+
+
+def in_zone(name: str) -> tuple[str, str, str] | None:
+    """Section, zone and key of "wind.zone.edge.shape_coefficient"; None: it is of no zone."""
+    section, _, rest = name.partition(".zone.")
+    zone, _, key = rest.rpartition(".")
+    return (section, zone, key) if zone else None
+
+
+def values_of_set(case: SimpleNamespace, rows: dict[str, Key], put: Callable, wrong: Callable) -> dict:
+    """What a case sets, by names such as "load.snow" and "load.zone.NAME.snow".
+
+    rows : of `rows_of_set`; put(place, name, row, value, values) takes what is right, wrong(place, what) not
+    """
+    place, values = f"[[case]] {case.name}: set:", {}
+    for name, value in _flat(case.set).items():
+        zone = in_zone(name)
+        row = rows.get(f"{zone[0]}.zone.NAME.{zone[2]}" if zone else name)
+        if row is None:
+            wrong(place, f"{shown(name)[1:-1]}: not what a case can set; {nearest(name, rows)}")
+        else:
+            put(place, name, row, value, values)
+    if {"wind.shape_coefficient", "wind.sectors"} <= set(values):
+        wrong(place, "wind.shape_coefficient and wind.sectors exclude each other; keep one of the two")
+    return values
+
+
+def _flat(table: dict, place: str = "") -> dict:
+    """The values of nested tables by their names with dots: as `load.snow` without quotes is read."""
+    found = {}
+    for name, value in table.items():
+        found |= _flat(value, f"{place}{name}.") if isinstance(value, dict) else {place + name: value}
+    return found
+
+
+def blows(case: SimpleNamespace) -> bool:
+    """Whether a static wind acts in a case."""
+    return any(name.startswith("wind.") for name in case.set)
+
+
+def static_wind(wind: SimpleNamespace, case: SimpleNamespace) -> SimpleNamespace:
+    """[wind] with what a case sets, for a mean wind; wind : the section, or its defaults."""
+    found = SimpleNamespace(**(vars(wind) | {"pressure_factor": 1.0}))
+    found.file = found.points = found.pressures = found.taps = None
+    found.zone = {name: dict(values) for name, values in wind.zone.items()}
+    for name, value in case.set.items():
+        if zone := in_zone(name):
+            if zone[0] == "wind":
+                found.zone.setdefault(zone[1], {})[zone[2]] = value
+        elif name.startswith("wind."):
+            setattr(found, name.removeprefix("wind."), value)
+    if "wind.shape_coefficient" in case.set:
+        found.sectors = None
+    if "wind.sectors" in case.set:
+        found.shape_coefficient = None
+    return found
+
+
+def wrong_cases(cases: list, wind: SimpleNamespace):
+    """Place and what is wrong, of cases whose `set` is checked; wind : [wind], or its defaults."""
+    for case in cases:
+        place = f"[[case]] {case.name}:"
+        if case.name in OF_LOAD:
+            yield place, f"name: {shown(case.name)} is what a factor of [[combination]] means; take another"
+        if not case.set and case.pressure_table is None and not case.settlement:
+            yield place, "set, pressure_table or settlement: missing; say what acts in it"
+        if case.factor is not None and case.pressure_table is None:
+            yield (
+                place,
+                "factor: only with pressure_table, whose values it multiplies; add it or remove factor",
+            )
+        if blows(case):
+            acting = static_wind(wind, case)
+            if acting.speed is None:
+                yield place, "set: wind.speed: missing; expected a number of m/s > 0 here or in [wind]"
+            if acting.shape_coefficient is None and acting.sectors is None:
+                expected = "expected it, or wind.sectors, here or in [wind]"
+                yield place, f"set: wind.shape_coefficient: missing; {expected}"
+
+
+def wrong_combinations(combinations: list, cases: list):
+    """Place and what is wrong, of the entries of [[combination]]."""
+    names = [case.name for case in cases if isinstance(case.name, str)]
+    for each in combinations:
+        place, factors = (
+            f"[[combination]] {each.name}:",
+            each.factors if isinstance(each.factors, dict) else {},
+        )
+        if each.name in names or each.name in OF_LOAD:
+            what = "a case" if each.name in names else "a factor"
+            yield place, f"name: {shown(each.name)} is the name of {what} already; names are unique"
+        for name in factors:
+            if name not in names and name not in OF_LOAD:
+                known = [*OF_LOAD, *names]
+                yield place, f"factors: {shown(name)[1:-1]}: no case bears this name; {nearest(name, known)}"
+        if factors.get("prestress", 1.0) < 0.0:
+            yield place, f"factors: prestress = {factors['prestress']:g}: expected a number >= 0"
+
+
+def factor_of(combination: SimpleNamespace, name: str) -> float:
+    """The factor of an action: as given, else 1 of permanent and prestress, 0 of all others."""
+    default = 1.0 if name in ("permanent", "prestress") else 0.0
+    return float(combination.factors.get(name, default))

@@ -1,0 +1,130 @@
+"""What acts in static cases and in combinations: loads, temperature, prestress, settlements of supports.
+
+A case alone: all loads, with what it sets. In a combination a case enters with what it names, less [load]'s
+value of these, times its factor; so two cases add. A static wind presses as the mean of [wind] does.
+"""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+
+from netfall.job.cases import factor_of
+from netfall.job.job import Job
+from netfall.job.schema import defaults
+from netfall.mechanics.material import unstressed_length, warm_length
+from netfall.model.loads import live_load, of_case
+from netfall.model.model import Model
+from netfall.numerics.functions import lengths
+from netfall.wind.field import still_force
+from netfall.wind.measured import place_weights
+
+
+@dataclass(frozen=True)
+class Actions:
+    """What acts in one equilibrium; None: as in the model.
+
+    load : (n, 3) [N]; L0 : (m,) [m]; spring_rest, settlement : (n, 3) [m]
+    """
+
+    load: np.ndarray
+    L0: np.ndarray | None = None
+    spring_rest: np.ndarray | None = None
+    settlement: np.ndarray | None = None
+
+
+def of_case_alone(job: Job, model: Model, case: SimpleNamespace) -> Actions:
+    """What acts in a case: the permanent loads and [load], with what it sets. Rank 0."""
+    load, roof = job.load or defaults("load"), model.roof
+    changed = of_case(load, case)
+    force = model.loading.permanent + live_load(changed, roof, model.net.load)
+    force = force + _dead(changed, model) - _dead(load, model) if _sets(case, "dead") else force
+    pressed = _pressed(model, case)
+    inputs = model.layout.cases[case.name]
+    warm = changed.temperature if _sets(case, "temperature") else None
+    return Actions(
+        force if pressed is None else force + pressed,
+        None if warm is None else warm_length(model.cut_length, model.net.expansion, warm),
+        _feet(model, model.spring_rest, inputs.settlement),
+        inputs.settlement,
+    )
+
+
+def of_combination(job: Job, model: Model, combination: SimpleNamespace) -> Actions:
+    """What acts in a combination. Rank 0."""
+    load, net = job.load or defaults("load"), model.net
+    factor = lambda name: factor_of(combination, name)
+    force = factor("permanent") * model.loading.permanent + factor("load") * live_load(
+        load, model.roof, net.load
+    )
+    warm, settlement = factor("temperature") * load.temperature, None
+    for case in job.cases:
+        share, inputs = factor(case.name), model.layout.cases[case.name]
+        if share:
+            force += share * _added(load, model, case)
+            warm += share * (case.set.get("load.temperature", load.temperature) - load.temperature)
+            if inputs.settlement is not None:
+                settlement = share * inputs.settlement + (0.0 if settlement is None else settlement)
+    L0, rest = _prestressed(job, model, factor("prestress"))
+    return Actions(force, warm_length(L0, net.expansion, warm), _feet(model, rest, settlement), settlement)
+
+
+def _sets(case: SimpleNamespace, key: str) -> bool:
+    """Whether a case sets a key of [load], in a zone too."""
+    return any(name.startswith("load.") and name.endswith(f".{key}") for name in case.set)
+
+
+def _added(load: SimpleNamespace, model: Model, case: SimpleNamespace) -> np.ndarray:
+    """The forces (n, 3) [N] with which a case enters a combination: what it names, less [load]'s of these."""
+    changed, none = of_case(load, case), np.zeros_like(model.net.load)
+    force = live_load(changed, model.roof, none) - live_load(load, model.roof, none)
+    force += _dead(changed, model) - _dead(load, model)
+    pressed = _pressed(model, case)
+    return force if pressed is None else force + pressed
+
+
+def _dead(load: SimpleNamespace, model: Model) -> np.ndarray:
+    """Weight (n, 3) [N] of the cladding."""
+    force = np.zeros_like(model.roof.vector)
+    force[:, 2] -= model.roof.zones.spread(load, "dead") * model.roof.area
+    return force
+
+
+def _pressed(model: Model, case: SimpleNamespace) -> np.ndarray | None:
+    """Forces (n, 3) [N] of the static wind of a case and of its table of pressures; None: neither acts."""
+    inputs, force = model.layout.cases[case.name], None
+    if inputs.wind is not None:
+        force = inputs.wind.pressure_factor * still_force(model.x, model.roof.vector, inputs.wind)
+    if inputs.points is not None:
+        pressure = table_pressure(model.x, inputs.points, inputs.pressure)
+        force = (0.0 if force is None else force) - pressure[:, None] * model.roof.vector
+    return force
+
+
+def table_pressure(x: np.ndarray, points: np.ndarray, pressure: np.ndarray) -> np.ndarray:
+    """Pressures (n,) [N/m2] at nodes x (n, 3) [m] of those (c,) at points (c, 2 or 3) [m], by distance."""
+    corner, weight = place_weights(x, points, points.shape[1])
+    return (weight * pressure[corner]).sum(1)
+
+
+def _feet(model: Model, rest: np.ndarray, settlement: np.ndarray | None) -> np.ndarray | None:
+    """Displacements (n, 3) [m] at which springs carry nothing, their feet having settled; None: no change."""
+    if not model.net.spring.any() or (settlement is None and rest is model.spring_rest):
+        return None
+    if settlement is None:
+        return rest
+    return rest + np.where(model.net.spring > 0.0, settlement, 0.0)
+
+
+def _prestressed(job: Job, model: Model, factor: float) -> tuple[np.ndarray, np.ndarray]:
+    """Unstressed lengths (m,) [m], and rests of springs (n, 3) [m], at a factor of the prestress.
+
+    An element has so many times its force at its length in the form; what carries none there stays as it is.
+    """
+    if factor == 1.0:
+        return model.cut_length, model.spring_rest
+    net, x = model.net, model.x
+    L = lengths(x[net.elements[:, 1]] - x[net.elements[:, 0]])
+    L0 = unstressed_length(L, factor * model.N, net.EA, job.cable.strain)
+    rest = factor * model.spring_rest if job.form_finding else model.spring_rest
+    return np.where(model.N == 0.0, model.cut_length, L0), rest

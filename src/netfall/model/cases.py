@@ -1,0 +1,112 @@
+"""What static cases read besides [load], before anything is computed: winds, tables, settlements."""
+
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+
+import numpy as np
+
+from netfall.ground.errors import InputError
+from netfall.job.cases import blows, static_wind
+from netfall.job.job import Job
+from netfall.job.schema import defaults
+from netfall.job.table import Table
+from netfall.model.loads import shape_coefficients
+from netfall.net.net import Net
+from netfall.roof.zones import Zones
+from netfall.wind.sectors import Sectors, origin
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What a case reads besides [load], by the net as it is given.
+
+    wind : [wind] as it acts in it, with the shape coefficient (n,) of each node, None: none acts
+    points : (c, 2 or 3) [m], and pressure : (c,) [N/m2] there, of its table, None: it has none
+    settlement : (n, 3) [m], None: no support settles; sectors : of its wind, None: it has none
+    """
+
+    wind: SimpleNamespace | None = None
+    sectors: Sectors | None = None
+    points: np.ndarray | None = None
+    pressure: np.ndarray | None = None
+    settlement: np.ndarray | None = None
+
+
+def read_cases(job: Job, net: Net, zones: Zones) -> tuple[dict[str, Inputs], list[str]]:
+    """What each case reads, by name, and notes. Raises InputError with all that is wrong."""
+    found, notes, errors = {}, [], []
+
+    def read(part, *arguments):
+        try:
+            return part(job, case, *arguments)
+        except InputError as error:
+            errors.extend(error.lines)
+            return None, None, []
+
+    for case in job.cases:
+        (wind, sectors, about), (points, pressure, more) = read(_wind_of, zones), read(_table_of)
+        found[case.name] = Inputs(wind, sectors, points, pressure, read(_settlement_of, net)[0])
+        notes += about + more
+    if errors:
+        raise InputError(list(dict.fromkeys(errors)))
+    return found, list(dict.fromkeys(notes))
+
+
+def _wind_of(job: Job, case: SimpleNamespace, zones: Zones) -> tuple:
+    """The static wind of a case and its sectors, None: none; notes."""
+    if not blows(case):
+        return None, None, []
+    wind = static_wind(job.wind or defaults("wind"), case)
+    coefficient, sectors = shape_coefficients(replace(job, wind=wind), zones)
+    notes = list(sectors.notes) if sectors else []
+    if "wind.direction" in case.set and wind.sectors is None:
+        notes.append(
+            f"[[case]] {case.name}: set: wind.direction = {wind.direction:g} ({origin(wind.direction)}): the "
+            "shape coefficients do not follow it; wind.sectors = a table gives them by direction"
+        )
+    return SimpleNamespace(**(vars(wind) | {"shape_coefficient": coefficient})), sectors, notes
+
+
+def _table_of(job: Job, case: SimpleNamespace) -> tuple[np.ndarray | None, np.ndarray | None, list[str]]:
+    """Points (c, 2 or 3) [m] and pressures (c,) [N/m2] of the table of a case; notes."""
+    if case.pressure_table is None:
+        return None, None, []
+    path = job.path.parent / case.pressure_table
+    table = Table(path, ("x", "y", "z", "pressure", "coefficient"), ("x", "y"))
+    axes = [axis for axis in "xyz" if axis in table]
+    given = [name for name in ("pressure", "coefficient") if name in table]
+    if len(given) != 1:
+        table.wrong("expected a column pressure [N/m2], or a column coefficient, and not both")
+        table.finish()
+    values = table.numbers(given[0], unit="N/m2" if given[0] == "pressure" else "")
+    points = np.column_stack([table.numbers(axis, unit="m") for axis in axes])
+    if np.isnan(values).any() or np.isnan(points).any():
+        table.wrong("empty cells; expected a number in each")
+    if given[0] == "coefficient" and case.factor is None:
+        what = "factor: missing; expected the pressure in N/m2 by which coefficients are multiplied"
+        table.errors.append(f"{job.path}: [[case]] {case.name}: {what}")
+    table.finish()
+    return points, values * (1.0 if case.factor is None else case.factor), table.notes
+
+
+def _settlement_of(job: Job, case: SimpleNamespace, net: Net) -> tuple[np.ndarray | None]:
+    """Settlements (n, 3) [m], None: nothing settles. Raises InputError for nodes or axes that are free."""
+    if not case.settlement:
+        return (None,)
+    place = f"{job.path}: [[case]] {case.name}: settlement"
+    row = {number: p for p, number in enumerate(net.node_id.tolist())}
+    found, errors = np.zeros((net.n, 3)), []
+    for name, shift in case.settlement.items():
+        p = row.get(int(name))
+        if p is None:
+            errors.append(f"{place}: there is no node {int(name)}; expected ids of nodes.csv")
+            continue
+        found[p] = shift
+        loose = ~(net.fixed[p].astype(bool) | (net.spring[p] > 0.0)) & (found[p] != 0.0)
+        if loose.any():
+            axes = ", ".join(axis for axis, free in zip("xyz", loose) if free)
+            why = "neither held nor on a spring; expected 0.0 there, or a support"
+            errors.append(f"{place}: node {int(name)}: {axes}: {why}")
+    if errors:
+        raise InputError(errors)
+    return (found,)

@@ -1,0 +1,281 @@
+"""Static cases and combinations: what acts in each, against the same loads written out, and by hand."""
+
+import h5py
+import numpy as np
+import pytest
+from conftest import AREAS, ROOF, STEEL, run_netfall
+
+TOLERANCE = 1e-6  # of the largest tension: what the issue asks, with [load] tolerance = 1e-9 well above it
+SADDLE = (
+    '[net]\ngenerator = "saddle"\nside = 40.0\nrise = 2.0\ncells = 4\n[cable]\nmodulus = 1e11\n'
+    "area = 5e-4\ndensity = 7850.0\nprestress = 1e5\n[form_finding]\ntolerance = 1e-9\n"
+    '[[zone]]\nname = "half"\npolygon = [[-1, -1], [20, -1], [20, 41], [-1, 41]]\ncut = true\n'
+)
+LOAD = "[load]\ntolerance = 1e-9\nself_weight = true\ndead = 100.0\n"
+
+
+def case(name: str, what: str) -> str:
+    """An entry [[case]]; what : the lines below its name."""
+    return f'[[case]]\nname = "{name}"\n{what}\n'
+
+
+def combination(name: str, factors: str, more: str = "") -> str:
+    """An entry [[combination]]."""
+    return f'[[combination]]\nname = "{name}"\nfactors = {{{factors}}}\n{more}'
+
+
+def apart(one: h5py.Group, other: h5py.Group) -> float:
+    """Largest difference of tensions of two equilibria, a share of the largest tension."""
+    N, M = one["tension"][:], other["tension"][:]
+    return np.abs(N - M).max() / M.max()
+
+
+WIND = '"wind.speed" = 30.0, "wind.shape_coefficient" = -0.8, "wind.zone.half.shape_coefficient" = -1.4'
+
+
+def test_a_combination_is_the_case_of_the_same_loads(workshop):
+    """Loads multiplied by hand, as [load] of a job of its own: snow, zone, dead, pressure, temperature."""
+    cases = case("snow", 'set = {"load.snow" = 500.0}')
+    cases += case("drift", 'set = {"load.zone.half.snow" = 400.0}')
+    cases += case("lift", 'set = {"load.pressure" = -200.0, "load.temperature" = -30.0}')
+    cases += case("cladding", 'set = {"load.dead" = 160.0}')
+    factors = "snow = 1.5, drift = 0.75, lift = 0.6, cladding = 0.5, temperature = 1.0"
+    given = LOAD + "temperature = 10.0\n"
+    f = workshop.run(workshop.job(SADDLE + given + cases + combination("all", factors)))
+    # dead 100 + 0.5 x 60; snow 750, and 300 more in the half; 10 + 0.6 x (-30 - 10) K
+    by_hand = (
+        LOAD.replace("100.0", "130.0") + "temperature = -14.0\nsnow = 750.0\npressure = -120.0\nsteps = 1\n"
+    )
+    by_hand += "[load.zone.half]\nsnow = 1050.0\n"
+    g = workshop.run(workshop.job(SADDLE + by_hand, name="hand"), output="hand.vtkhdf")
+    N, M = f["cases/all/tension"][:], g["statics/tension"][-1]
+    assert np.abs(N - M).max() <= TOLERANCE * M.max()
+    assert f["cases/all"].attrs["kind"] == "ultimate"
+    assert f["cases"].attrs["order"].tolist() == ["snow", "drift", "lift", "cladding", "all"]
+
+
+def test_a_case_enters_less_what_load_has_of_it(workshop):
+    """Snow of 750 in the case and 500 in [load]: both together are 750, the case alone is 250 in this sum."""
+    text = SADDLE + LOAD + "snow = 500.0\n" + case("deep", 'set = {"load.snow" = 750.0}')
+    text += combination("both", "load = 1.0, deep = 1.0") + combination("rise", "deep = 1.0")
+    text += case("250", 'set = {"load.snow" = 250.0}')
+    f = workshop.run(workshop.job(text))
+    assert apart(f["cases/both"], f["cases/deep"]) <= TOLERANCE
+    assert apart(f["cases/rise"], f["cases/250"]) <= TOLERANCE
+
+
+def test_permanent_and_prestress_take_factors(workshop):
+    """1.35 of dead and self weight is a net 1.35 times as heavy; 0.8 of the prestress is 0.8 in the form."""
+    text = (
+        SADDLE
+        + LOAD
+        + combination("heavy", "permanent = 1.35")
+        + combination("low", "permanent = 0, prestress = 0.8")
+    )
+    f = workshop.run(workshop.job(text))
+    heavy = SADDLE.replace("7850.0", "10597.5") + LOAD.replace("100.0", "135.0") + "steps = 1\n"
+    g = workshop.run(workshop.job(heavy, name="hand"), output="hand.vtkhdf")
+    N, M = f["cases/heavy/tension"][:], g["statics/tension"][0]
+    # The weight of an element is that of its unstressed length, which does not change with its density.
+    assert np.abs(N - M).max() <= TOLERANCE * M.max()
+    form = f["form_finding/tension"][:]
+    assert np.abs(f["cases/low/tension"][:] - 0.8 * form).max() <= 1e-6 * form.max()
+    assert np.abs(f["cases/low/displacement"][:]).max() < 1e-6  # m: without loads the form stays
+
+
+@pytest.mark.parametrize("held", ["fixed", "spring"])
+def test_a_support_that_settles_by_hand(workshop, held):
+    """A cable of 10 m hangs a weight; its upper end goes down by 20 mm, or up: the weight does as well.
+
+    On a spring of 2 MN/m the end goes down by 5 kN / 2 MN/m = 2.5 mm more.
+    """
+    spring = held == "spring"
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z,spring_z\n"
+    nodes += f"7,0,0,0,1,1,{int(not spring)},0,{2e6 * spring}\n9,0,0,-10,1,1,0,-5000,0\n"
+    text = STEEL.replace("100e3", "0.0") + "[load]\ntolerance = 1e-10\n"
+    text += case("down", "settlement = {7 = [0.0, 0.0, -0.02]}") + combination("up", "load = 1, down = -0.5")
+    f = workshop.run(workshop.job(text, nodes, "start,end\n7,9\n"))
+    stretch = 5000.0 * 10.0 / (1.95e11 * 683.08e-6)
+    sags = 5000.0 / 2e6 if spring else 0.0
+    for name, top in (("down", -0.02), ("up", 0.01)):
+        z = f[f"cases/{name}/displacement"][:, 2]
+        assert z == pytest.approx([top - sags, top - sags - stretch], rel=1e-8)
+        assert f[f"cases/{name}/tension"][0] == pytest.approx(5000.0, rel=1e-9)
+
+
+def test_a_settlement_of_two_cables_by_hand(workshop):
+    """Two cables in line, 10 m each, 50 kN; one end goes outwards by 1 mm: EA x 1 mm / 20 m more.
+
+    L0 = L / (1 + N / EA), so the force after is EA ((20.001) (1 + N / EA) / 20 - 1).
+    """
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,10,0,0,0\n3,20,0,0,1\n"
+    text = STEEL.replace("100e3", "50e3") + case("out", "settlement = {3 = [0.001, 0.0, 0.0]}")
+    f = workshop.run(workshop.job(text, nodes, "start,end\n1,2\n2,3\n"))
+    EA = 1.95e11 * 683.08e-6
+    expected = EA * (20.001 / 20.0 * (1.0 + 50e3 / EA) - 1.0)
+    assert f["cases/out/tension"][:] == pytest.approx([expected] * 2, rel=1e-9)
+    assert f["cases/out/displacement"][:, 0] == pytest.approx([0.0, 0.0005, 0.001], abs=1e-10)
+
+
+def test_a_static_wind_is_the_rest_under_the_mean_of_wind(workshop):
+    """The same keys in a case and in [wind], whose dynamic stage begins there: the same forces."""
+    wind = "[wind]\nspeed = 30.0\nroughness = 0.0\nshape_coefficient = -0.8\n"
+    wind += "[wind.zone.half]\nshape_coefficient = -1.4\n"
+    moves = "[dynamics]\nduration = 0.001\n"
+    g = workshop.run(workshop.job(SADDLE + LOAD + wind + moves, name="rest"), output="rest.vtkhdf")
+    f = workshop.run(workshop.job(SADDLE + LOAD + case("wind", f"set = {{{WIND}}}")))
+    assert apart(f["cases/wind"], g["rest"]) <= TOLERANCE
+
+
+def test_two_winds_add_as_forces_and_a_factor_multiplies_pressure(workshop):
+    """A speed by the root of two has twice the pressure, as pressure_factor = 2 and the factor 2 have."""
+    text = SADDLE + LOAD + case("one", f"set = {{{WIND}}}")
+    text += case("faster", f"set = {{{WIND.replace('30.0', repr(30.0 * 2**0.5))}}}")
+    text += case("factor", f'set = {{{WIND}, "wind.pressure_factor" = 2.0}}')
+    text += combination("twice", "one = 2.0") + combination("sum", "one = 1.0, factor = 0.5")
+    f = workshop.run(workshop.job(text))
+    for name in ("factor", "twice", "sum"):
+        assert apart(f[f"cases/{name}"], f["cases/faster"]) <= TOLERANCE
+
+
+def test_a_table_of_one_pressure_is_that_pressure(workshop):
+    """Coefficients times their factor, at points in plan or in space, are [load] pressure if all alike."""
+    text = SADDLE + LOAD + case("plain", 'set = {"load.pressure" = -340.0}')
+    for name, axes in (("plan", "x,y"), ("space", "x,y,z")):
+        rows = [f"{x},{y}{',3' * (name == 'space')},-0.4" for x in (0, 20, 40) for y in (0, 20, 40)]
+        (workshop.folder / f"{name}.csv").write_text("\n".join([axes + ",coefficient", *rows]))
+        text += case(name, f'pressure_table = "{name}.csv"\nfactor = 850.0')
+    f = workshop.run(workshop.job(text))
+    for name in ("plan", "space"):
+        assert apart(f[f"cases/{name}"], f["cases/plain"]) <= TOLERANCE
+
+
+def test_reactions_sum_to_the_loads_of_each_combination(workshop):
+    """The sum of reactions is that of the loads by hand, to 1e-9 of it: weight, snow in plan."""
+    text = SADDLE + LOAD.replace("1e-9", "1e-12") + case("snow", 'set = {"load.snow" = 500.0}')
+    text += combination("ULS", "permanent = 1.35, snow = 1.5") + combination(
+        "less", "permanent = 0.9, prestress = 0.9"
+    )
+    f = workshop.run(workshop.job(text))
+    ends, node = f["net/elements"][:], f["form_finding/position"][:]
+    weight = 9.81 * (f["net/mass_per_length"][:] * f["net/unstressed_length"][:]).sum()
+    weight += 100.0 * f["net/tributary_area"][:].sum()
+    snow = 500.0 * f["net/plan_area"][:].sum()
+    held = f["net/fixed"][:].all(1)
+    of_nodes = 1.35 * permanent_of(f)[held].sum() + 1.5 * 500.0 * f["net/plan_area"][:][held].sum()
+    for name, total, direct in (
+        ("ULS", 1.35 * weight + 1.5 * snow, of_nodes),
+        ("less", 0.9 * weight, 0.9 * permanent_of(f)[held].sum()),
+    ):
+        x = node + f[f"cases/{name}/displacement"][:]
+        along = x[ends[:, 1]] - x[ends[:, 0]]
+        pull = f[f"cases/{name}/tension"][:][:, None] * along / np.linalg.norm(along, axis=1)[:, None]
+        at = np.zeros_like(x)
+        np.add.at(at, ends[:, 0], pull)
+        np.add.at(at, ends[:, 1], -pull)
+        assert abs(-at[held, 2].sum() + direct - total) <= 1e-9 * total
+        assert np.abs(at[held, :2].sum(0)).max() <= 1e-9 * total
+
+
+def permanent_of(f: h5py.File) -> np.ndarray:
+    """Weight (n,) [N] of dead load and of halves of the elements."""
+    ends, own = f["net/elements"][:], 0.5 * 9.81 * f["net/mass_per_length"][:] * f["net/unstressed_length"][:]
+    found = 100.0 * f["net/tributary_area"][:]
+    np.add.at(found, ends.ravel(), np.repeat(own, 2))
+    return found
+
+
+WRONG = [
+    (
+        case("load", 'set = {"load.snow" = 1}'),
+        '[[case]] load: name: "load" is what a factor of [[combination]]',
+    ),
+    (
+        case("a", 'set = {"wind.direction" = 30}'),
+        "[[case]] a: set: wind.speed: missing; expected a number of m/s",
+    ),
+    (
+        case("a", 'set = {"wind.speed" = 30}'),
+        "[[case]] a: set: wind.shape_coefficient: missing; expected it, or wind.sectors",
+    ),
+    (
+        case("a", 'set = {"wind.seed" = 3}'),
+        "[[case]] a: set: wind.seed: not what a case can set; did you mean",
+    ),
+    (case("a", "factor = 3.0"), "[[case]] a: factor: only with pressure_table"),
+    (case("a", "settlement = {17 = [0.0, 0.1]}"), "[[case]] a: settlement = "),
+    (combination("c", "snaw = 1.5"), "[[combination]] c: factors: snaw: no case bears this name; known: "),
+    (
+        combination("c", "prestress = -1.0"),
+        "[[combination]] c: factors: prestress = -1: expected a number >= 0",
+    ),
+    (combination("c", "permanent = 1e9"), "[[combination]] c: factors = "),
+    ('[[combination]]\nname = "c"\n', "[[combination]] c: factors: missing; expected a table of numbers"),
+    (combination("c", "load = 1.0", 'kind = "fire"\n'), '[[combination]] c: kind = "fire": expected one of'),
+    (
+        case("a", 'set = {"load.snow" = 1}') + combination("a", "a = 1.0"),
+        '[[combination]] a: name: "a" is the name of a case already; names are unique',
+    ),
+    ("[limits]\ndisplacement = -1.0\n", "[limits] displacement = -1.0: expected a number of m > 0"),
+    (
+        case("a", "settlement = {7 = [0.0, 0.0, 0.1]}"),
+        "settlement: there is no node 7; expected ids of nodes.csv",
+    ),
+    (
+        case("a", "settlement = {2 = [0.0, 0.1, 0.1]}"),
+        "settlement: node 2: y, z: neither held nor on a spring",
+    ),
+    (case("a", 'pressure_table = "no.csv"'), "no.csv: No such file or directory"),
+    (case("a", 'pressure_table = "elements.csv"'), "elements.csv: column x is missing"),
+    (case("a", 'pressure_table = "cp.csv"'), "[[case]] a: factor: missing; expected the pressure in N/m2"),
+]
+NODES = f"id,x,y,z,fixed{AREAS}\n1,0,0,0,1{ROOF}\n2,10,0,0,0{ROOF}\n3,20,0,0,1{ROOF}\n"
+
+
+@pytest.mark.parametrize("text, line", WRONG)
+def test_a_wrong_entry_is_refused_with_its_place(workshop, text, line):
+    """Exit code 2, no file, a line that says where, what and what to do."""
+    (workshop.folder / "cp.csv").write_text("x,y,coefficient\n0,0,1\n")
+    done = workshop.run(workshop.job(STEEL + text, NODES, "start,end\n1,2\n2,3\n"), code=2)
+    assert line in done.stderr, done.stderr
+    assert not (workshop.folder / "result.vtkhdf").exists()
+
+
+TEN = "".join(case(f"{k}", f'set = {{"load.snow" = {100.0 * k}}}') for k in range(1, 7)) + "".join(
+    combination(f"c{k}", f"1 = {factor}") for k, factor in ((1, 1.0), (2, 1e3), (3, 2.0), (4, 900.0))
+)
+
+
+def test_three_overloaded_of_ten_leave_seven(workshop):
+    """Where strengths count, the run ends with 0, says how many have none, and keeps the others."""
+    strong = SADDLE.replace("[form_finding]", "breaking_load = 6e5\n[form_finding]")
+    job = workshop.job(strong + LOAD + "breaking = true\n" + TEN.replace("600.0}", "6000.0}"))
+    done = run_netfall("run", job, "-o", workshop.folder / "result.vtkhdf")
+    assert done.returncode == 0, done.stderr
+    assert "3 of 10 cases have no equilibrium" in done.stdout
+    f = workshop.open()
+    states = {name: f["cases"][name].attrs["state"] for name in f["cases"].attrs["order"]}
+    overloaded = ["6", "c2", "c4"]
+    assert [name for name, state in states.items() if state == "no_equilibrium"] == overloaded
+    for name in overloaded:
+        attributes = f["cases"][name].attrs
+        assert 0.0 < attributes["load_factor"] < 1.0
+        assert "breaks" in attributes["reason"] and len(attributes["elements"])
+    for name in set(states) - {*overloaded}:
+        assert np.isfinite(f["cases"][name]["tension"][:]).all()
+        assert f["cases"][name].attrs["load_factor"] == 1.0
+
+
+def test_strengths_break_nothing_in_statics_unless_asked(workshop):
+    """Without `breaking` the same tensions as without strengths, and a note that names what is passed."""
+    strong = SADDLE.replace("[form_finding]", "breaking_load = 2e5\n[form_finding]")
+    snow = "snow = 3000.0\nsteps = 1\n"
+    f = workshop.run(workshop.job(SADDLE + LOAD + snow))
+    done = run_netfall("run", workshop.job(strong + LOAD + snow), "-o", workshop.folder / "strong.vtkhdf")
+    assert "beyond the strength, which breaks nothing here" in done.stdout
+    g = workshop.open("strong.vtkhdf")
+    assert f["statics/tension"][-1].max() > 2e5
+    assert np.array_equal(f["statics/tension"][:], g["statics/tension"][:])
+    assert g["statics"].attrs["state"] == "equilibrium"
+    over = f["net/element_id"][:][f["statics/tension"][-1] > 2e5]
+    assert g["statics"].attrs["over_strength"].tolist() == over.tolist()
