@@ -1,11 +1,14 @@
 """From a fragility curve to a year: hazard, reliability, own measures of failure; closed forms."""
 
+import subprocess
+
+import h5py
 import numpy as np
 import pytest
-from conftest import run_netfall
+from conftest import BIN, ENVIRONMENT, run_netfall
 from scipy import integrate, stats
 from study_files import drawn_members, net, write_study
-from test_study_runs import STUDY, write
+from test_study_runs import STUDY, same_studies, wait_for, write
 
 from netfall.plots.study.study import pictures_of
 from netfall.results.outcomes import OUTCOMES
@@ -22,6 +25,7 @@ from netfall.study.answers.hazard import (
 from netfall.study.answers.info import print_study
 from netfall.study.answers.measures import Failure, failures
 from netfall.study.answers.read import read_study
+from netfall.study.answers.subset import Subset
 from netfall.study.file import read_plan
 
 SPEEDS = (30.0, 34.0, 38.0, 42.0, 46.0)
@@ -209,3 +213,111 @@ def test_every_measure_is_a_number_of_a_run():
     """What a failure may be of: outcomes that say how badly a run went."""
     assert {each.name for each in OUTCOMES if each.measured} >= {"broken", "roof_lost", "displacement_max"}
     assert not any(each.measured for each in OUTCOMES if each.empty == "" or each.name.endswith("_id"))
+
+
+def estimate(response, variables: int, above: float, seed: int, count: int = 1000) -> Subset:
+    """A subset simulation of a response of standard normal numbers (b, variables)."""
+    found = Subset(count, 0.1, above, seed, variables)
+    while found.batch:
+        found.take(response(np.array([found.samples[number].z for number in found.batch])))
+    return found
+
+
+EXPONENTIALS = (lambda z: -np.log(stats.norm.sf(z)).sum(1), 100, 130.0)
+RP22 = (lambda z: -(2.5 - (z[:, 0] + z[:, 1]) / np.sqrt(2) + 0.1 * (z[:, 0] - z[:, 1]) ** 2), 2, 0.0)
+RARE = [(EXPONENTIALS, stats.gamma(100).sf(130.0)), (RP22, 4.207306e-3)]  # RP22: by quadrature
+
+
+@pytest.mark.parametrize("case, exact", RARE)
+def test_a_rare_probability_lies_in_its_interval(case, exact):
+    """A sum of 100 exponentials above 130, and a curved limit: ten estimates; 95 % of them would be 9.5,
+    fewer than 6 come once in 10^3 at 90 %. Their mean errs by a tenth (0.2 each).
+    """
+    assert exact == pytest.approx({100: 2.750408e-3, 2: 4.207306e-3}[case[1]], rel=1e-6)
+    found = [estimate(*case, seed) for seed in range(10)]
+    held = [low <= exact <= high for low, high in (each.interval for each in found)]
+    assert sum(held) >= 6 and all(each.ended == "reached" for each in found)
+    assert np.mean([each.probability for each in found]) == pytest.approx(exact, rel=0.3)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("case, exact", RARE)
+def test_intervals_of_rare_probabilities_hold_the_truth(case, exact):
+    """Of 200 estimates 90 to 98 %."""
+    found = [estimate(*case, seed).interval for seed in range(200)]
+    assert 0.90 <= np.mean([low <= exact <= high for low, high in found]) <= 0.98
+
+
+def test_a_response_that_saturates_or_is_never_reached_is_told():
+    """Ten levels do not reach 40 deviations; where all share a value no level rises."""
+    far = estimate(lambda z: z[:, 0], 1, 40.0, 1, count=100)
+    assert far.ended == "too rare" and far.interval[0] == 0.0 and far.interval[1] < 1e-8
+    flat = estimate(lambda z: np.minimum(z[:, 0], 0.5), 1, 1.0, 1, count=100)
+    assert flat.ended == "stuck"
+
+
+STORM_RARE = """job = "roof.toml"
+[vary]
+"wind.speed" = [20.0]
+"dynamics.duration" = [0.1]
+[sample]
+"cable.prestress" = {distribution = "normal", mean = 60e3, deviation = 3e3}
+[rare]
+of = "displacement_max"
+above = ABOVE
+samples = 100
+level = 0.3
+"""
+
+
+def test_a_study_of_a_rare_failure_goes_on_to_the_same_bits(tmp_path):
+    """Runs follow from earlier ones; killed and gone on with two workers: as undisturbed; info tells it."""
+    folders = []
+    for name, workers in (("whole", 1), ("torn", 2)):
+        folder = tmp_path / name
+        folder.mkdir()
+        folders.append(folder)
+        study = write(folder, STORM_RARE.replace("ABOVE", "0.309"))
+        if name == "torn":
+            command = [BIN / "netfall", "study", study, "--workers", "1"]
+            driver = subprocess.Popen(command, cwd=folder, env=ENVIRONMENT, stdout=subprocess.DEVNULL)
+            journal = folder / "storm.study.journal"
+            wait_for(lambda journal=journal: journal.exists() and journal.read_bytes().count(b'"done"') > 120)
+            driver.kill()
+            driver.wait()
+        done = run_netfall("study", study, "--workers", workers, cwd=folder)
+        assert done.returncode == 0, done.stderr
+    told = run_netfall("info", folders[0] / "storm.study.h5", cwd=tmp_path).stdout
+    assert "rare: displacement_max above 0.309 has the probability" in told and "level 2:" in told
+    same_studies(*(folder / "storm.study.h5" for folder in folders))
+    with h5py.File(folders[0] / "storm.study.h5") as f:
+        seeds = f["members/wind.seed"].asstr()[:]
+        assert seeds[0].isdigit() and seeds[-1].startswith("[[") and len(f["members/member"]) > 150
+
+
+def test_utilisation_before_a_break_is_of_strain(tmp_path):
+    """Below 1 where nothing breaks: tension over EA, over the fracture strain; else the break's."""
+    study = write(tmp_path, STUDY.replace("20.0, 30.0, 180.0", "20.0, 30.0"))
+    assert run_netfall("study", study, "--workers", 1, cwd=tmp_path).returncode == 0
+    with h5py.File(tmp_path / "storm.study.h5") as f:
+        used, broken = f["members/utilisation_before_break"][:], f["members/broken"][:]
+        tension = f["members/tension_max"][:]
+    assert (broken[2:] > 0).any() and ((used > 1.0) == (broken > 0)).all() and (used < 1.1).all()
+    assert used[0] == pytest.approx(tension[0] / (1e11 * 5e-4) / 0.015, rel=1e-12)  # elastic
+
+
+def test_a_roof_that_sank_is_told_by_its_depth(tmp_path):
+    """Share of the area at nodes that lie deeper than the depth at the end, from the files of the runs."""
+    text = '[[failure]]\nname = "sunk"\nof = "sunk_area"\nabove = 0.1\nby = 0.01\n[run]\nkeep = "all"\n'
+    study = write(tmp_path, STUDY.replace("20.0, 30.0, 180.0", "20.0, 30.0") + text)
+    done = run_netfall("study", study, "--workers", 1, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    shares = []
+    for number in range(4):
+        with h5py.File(tmp_path / f"storm.members/{number:06d}.vtkhdf") as f:
+            area, start = f["net/tributary_area"][:], f["form_finding/position"][:]
+            sunk = start[:, 2] - f["final/position"][: len(start), 2]
+            shares.append(area[sunk > 0.01].sum() / area.sum())
+    with h5py.File(tmp_path / "storm.study.h5") as f:
+        assert f["members/sunk_area"][:].tolist() == shares and 0.0 < max(shares) < 1.0
+        assert f["failures/failed"][0] == sum(share > 0.1 for share in shares)

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -28,21 +29,27 @@ from netfall.write.unwritten import Unwritten
 
 
 def run_member(
-    comm: MPI.Comm, read: Callable[[], Job], path: Path | None, memory: Memory, profile: bool = False
+    comm: MPI.Comm,
+    read: Callable[[], Job],
+    path: Path | None,
+    memory: Memory,
+    profile: bool = False,
+    depth: float | None = None,
 ) -> dict | None:
     """Run a job; what came of it, on rank 0: the outcomes and `exit_code`, as of `netfall run`. Collective.
 
     read : reads the job, on every rank; path : of a result file, None: none is written
     memory : of runs before in this process; profile : time the parts of a step
+    depth : [m], of the outcome `sunk_area`
 
     A run without a rest, or that diverges, or whose input is wrong, is a result too.
     """
     begin = time.perf_counter()
     try:
-        outcome = _outcome(comm, read(), path, memory, Phases(profile))
+        outcome = _outcome(comm, read(), path, memory, Phases(profile), depth)
         found = (outcome or {}) | {"state": "finished", "exit_code": 0}
     except NoRest as error:  # it fails before the first gust
-        found = _ended("no_rest", error) | {"first_fracture": 0.0, "roof_lost": 1.0}
+        found = _ended("no_rest", error) | {"first_fracture": 0.0, "roof_lost": 1.0, "sunk_area": 1.0}
     except DivergedError as error:
         found = _ended("diverged", error)
     except InputError as error:
@@ -60,7 +67,9 @@ def _ended(state: str, error: Exception) -> dict:
     return NOTHING | {"state": state, "reason": reason, "exit_code": error.exit_code}
 
 
-def _outcome(comm: MPI.Comm, job: Job, path: Path | None, memory: Memory, phases: Phases) -> dict | None:
+def _outcome(
+    comm: MPI.Comm, job: Job, path: Path | None, memory: Memory, phases: Phases, depth: float | None
+) -> dict | None:
     """Run the stages; what came of them, on rank 0. Collective."""
     if path:
         on_root(comm, lambda: check_place(path))
@@ -76,21 +85,37 @@ def _outcome(comm: MPI.Comm, job: Job, path: Path | None, memory: Memory, phases
         scene.halo.free()
         raise
     scene.halo.free()
-    spread = scene.distribution
-    tension = spread.gather_elements(simulation.envelope.tension[0], scene.state.owned.astype(bool))
-    displacement = spread.gather_particles(simulation.envelope.displacement[0][:, None])
+    spread, state = scene.distribution, simulation.state
+    mine, n = state.owned.astype(bool), state.n_owned
+    plastic = np.zeros(state.m) if state.eps_p is None else state.eps_p
+    extremes = Extremes(
+        spread.gather_elements(simulation.envelope.tension[0], mine),
+        spread.gather_elements(plastic, mine),
+        spread.gather_particles(simulation.envelope.displacement[0][:, None]),
+        spread.gather_particles((state.x_start[:n, 2] - state.x[:n, 2])[:, None]),
+    )
     if comm.rank > 0:
         return None
-    told = NOTHING | _told(scene.model, simulation, tension, displacement)
+    told = NOTHING | _told(scene.model, simulation, extremes, depth)
     return told | {"dynamic_seconds": phases.seconds["dynamics"]}
 
 
-def _told(model: Model, simulation, tension: np.ndarray, displacement: np.ndarray) -> dict:
-    """What is told of a run that came to its end. Rank 0.
+class Extremes(NamedTuple):
+    """Of a run, on rank 0, over the rows of the history and at the end.
 
-    tension : (m,) [N], displacement : (n, 1) [m], the largest over the rows of the history
+    tension : (m,) [N] the largest; plastic : (m,) plastic strain at the end
+    displacement : (n, 1) [m] the largest; sunk : (n, 1) [m] downwards, at the end
     """
-    log = simulation.log
+
+    tension: np.ndarray
+    plastic: np.ndarray
+    displacement: np.ndarray
+    sunk: np.ndarray
+
+
+def _told(model: Model, simulation, extremes: Extremes, depth: float | None) -> dict:
+    """What is told of a run that came to its end. depth : [m] of `sunk_area`. Rank 0."""
+    log, tension = simulation.log, extremes.tension
     removal = simulation.removal.columns() if simulation.removal else None
     gone = np.zeros(model.net.m, bool)
     gone[log.broken] = True
@@ -98,7 +123,7 @@ def _told(model: Model, simulation, tension: np.ndarray, displacement: np.ndarra
         "times": log.time.tolist(),
         "elements": log.element.tolist(),
         "broken": len(log.broken),
-        "displacement_max": float(displacement.max()),
+        "displacement_max": float(extremes.displacement.max()),
         "balance_error": simulation.history.largest("balance_error"),
     }
     if len(log):
@@ -112,11 +137,29 @@ def _told(model: Model, simulation, tension: np.ndarray, displacement: np.ndarra
     strength = np.where(np.isfinite(model.net.breaking_load), model.net.breaking_load, model.net.yield_force)
     known = np.isfinite(strength) & (strength > 0.0)
     used = tension[known] / strength[known]
+    area = simulation.removal.area if removal else model.area
+    if depth is not None and area.sum() > 0.0:
+        found["sunk_area"] = float(area[extremes.sunk[:, 0] > depth].sum() / area.sum())
     return found | {
-        "roof_lost": roof_lost(model.net, simulation.removal.area if removal else model.area, gone),
+        "roof_lost": roof_lost(model.net, area, gone),
+        "utilisation_before_break": utilisation_before_break(model.net, log, extremes),
         "tension_max": float(tension.max()),
         "utilisation_max": float(used.max()) if len(used) else np.nan,
     }
+
+
+def utilisation_before_break(net: Net, log: EventLog, extremes: Extremes) -> float:
+    """Largest strain over that at which the element breaks; at a breaking load that is tension over it.
+
+    With a first fracture that of the element that breaks, which is above 1. Of a cable the largest strain is
+    what its largest tension and its plastic strain, which only grows, make. nan: nothing can break.
+    """
+    limit = net.fracture_strain
+    if len(log):
+        return float(log.strain[0] / limit[log.element[0]])
+    can = np.isfinite(limit)
+    strain = extremes.tension[can] / net.EA[can] + extremes.plastic[can]
+    return float(np.max(strain / limit[can])) if can.any() else np.nan
 
 
 def net_of(comm: MPI.Comm, read: Callable[[], Job], memory: Memory) -> dict[str, np.ndarray] | None:

@@ -4,8 +4,9 @@
 
 Each line of standard input is a task, JSON: `job`, a path; `overrides` of --set; `removes`, entries of
 [[remove]]; `result`, a path or null; `profile`, whether the parts of a step are timed; `net`, whether the
-net in its form is wanted in place of a run. The first line of standard output says that the ranks have
-started; then each answers a task, with what `program.member` tells. The end of input ends the ranks.
+net in its form is wanted in place of a run; `depth`, of `sunk_area`, or null. The first line of standard
+output says that the ranks have started; then each answers a task, with what `program.member` tells. The end
+of input ends the ranks.
 """
 
 import base64
@@ -70,7 +71,7 @@ def serve() -> None:
             net = net_of(comm, read, memory)
             found = {"net": {name: packed(array) for name, array in (net or {}).items()}}
         else:
-            found = run_member(comm, read, result, memory, task["profile"])
+            found = run_member(comm, read, result, memory, task["profile"], task["depth"])
         if comm.rank == 0:
             print(json.dumps(found), file=answers, flush=True)
 

@@ -10,6 +10,7 @@ class MemberColumn(NamedTuple):
 
     empty : while nothing is known, or where there is nothing of the kind; its type is that of the column
     of_losses : there if members are lost
+    of_depth : there if a depth is given
     of_run : a run gives it; else the table of the study adds it
     """
 
@@ -17,6 +18,7 @@ class MemberColumn(NamedTuple):
     empty: float | int | str
     unit: str = ""
     of_losses: bool = False
+    of_depth: bool = False
     of_run: bool = True
 
     @property
@@ -40,6 +42,8 @@ OUTCOMES = (
     MemberColumn("displacement_max", NAN, "m"),
     MemberColumn("tension_max", NAN, "N"),
     MemberColumn("utilisation_max", NAN),
+    MemberColumn("utilisation_before_break", NAN),
+    MemberColumn("sunk_area", NAN, of_depth=True),
     MemberColumn("balance_error", NAN),
     MemberColumn("dynamic_factor_max", NAN, of_losses=True),
     MemberColumn("dynamic_factor_element", -1, of_losses=True),

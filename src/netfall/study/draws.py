@@ -29,7 +29,7 @@ def draw(method: str, count: int, seed: int, distributions: list[dict]) -> np.nd
     method : one of METHODS; distributions : `distribution` and its two numbers, as in a study file
     """
     shares = np.clip(_shares(method, count, seed, len(distributions)), LEAST, 1.0 - LEAST)
-    return np.column_stack([_values(each, shares[:, k]) for k, each in enumerate(distributions)])
+    return np.column_stack([values_at(each, shares[:, k]) for k, each in enumerate(distributions)])
 
 
 def _shares(method: str, count: int, seed: int, columns: int) -> np.ndarray:
@@ -44,7 +44,7 @@ def _shares(method: str, count: int, seed: int, columns: int) -> np.ndarray:
         return engine.random(count)
 
 
-def _values(distribution: dict, share: np.ndarray) -> np.ndarray:
+def values_at(distribution: dict, share: np.ndarray) -> np.ndarray:
     """Values at which a distribution reaches these shares; mean and deviation are those of the values."""
     kind = distribution["distribution"]
     first, second = (float(distribution[name]) for name in DISTRIBUTIONS[kind])

@@ -19,6 +19,7 @@ from netfall.study.answers.hazard import Hazard
 from netfall.study.answers.measures import Failure
 from netfall.study.answers.samples import SPEED
 from netfall.study.draws import draw
+from netfall.study.rare import Chains, Rare
 from netfall.study.sections import (
     EACH,
     LOST,
@@ -31,10 +32,12 @@ from netfall.study.sections import (
     failure_sections,
     hazard_section,
     loss_section,
+    rare_section,
     run_section,
 )
 
 # A member leaves no checkpoints, which change nothing in what it finds, and its modes are not asked.
+TRIED = 20  # members of a study of rare failures that are tried before the first run
 FEW = 10  # pieces that a message names
 OWN = {"output.checkpoint": 0.0, "output.modes": 0}
 
@@ -60,6 +63,7 @@ class Plan:
 
     draws : (count, k) of the keys `sampled`, None without [sample]; whole : those with whole numbers
     loss : what each loss has in common; exposure : [s], duration of the job's own dynamic stage
+    chains : which members there are, where earlier ones decide, as for rare failures
     files : that the members read; failures, hazard : what is asked of the runs when they are there
     """
 
@@ -78,15 +82,21 @@ class Plan:
     exposure: float
     failures: tuple[Failure, ...]
     hazard: Hazard | None
+    chains: Chains | None
     files: list[Path]
     notes: list[str]
 
     def __len__(self) -> int:
+        if self.chains:
+            return self.chains.most
         count = 1 if self.draws is None else len(self.draws)
         return count * math.prod(len(axis.values) for axis in self.axes)
 
     def member(self, number: int) -> Member:
         """One run, by its number."""
+        if self.chains:
+            fixed = {axis.name: axis.values[0] for axis in self.axes}
+            return Member(number, fixed | self.chains.values(number), "", None)
         rest, row = divmod(number, 1 if self.draws is None else len(self.draws))
         chosen = {}
         for axis in reversed(self.axes):
@@ -103,7 +113,14 @@ class Plan:
     @property
     def inputs(self) -> list[str]:
         """The keys of the job that vary or are drawn."""
+        if self.chains:
+            return [axis.name for axis in self.axes] + self.chains.names
         return [axis.name for axis in self.axes if axis.name != LOST] + self.sampled
+
+    @property
+    def depth(self) -> float | None:
+        """From which a node has sunk [m], for the outcome `sunk_area`; None: that is not asked for."""
+        return next((float(each.by) for each in self.failures if each.by is not None), None)
 
     def duration(self, member: Member) -> float:
         """Of a member's dynamic stage [s]."""
@@ -121,7 +138,13 @@ class Plan:
         """Fingerprint of what is run, however it is run."""
         asked = [[axis.name, axis.values] for axis in self.axes]
         draws = None if self.draws is None else self.draws.tolist()
-        return hashlib.sha256(json.dumps([asked, self.sampled, draws, self.loss]).encode()).hexdigest()
+        parts = [asked, self.sampled, draws, self.loss]
+        if self.depth is not None:
+            parts.append(self.depth)
+        if self.chains:
+            chains = self.chains
+            parts += [chains.rare, chains.distributions, chains.hazard]
+        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
 
 
 class Sections(NamedTuple):
@@ -130,6 +153,7 @@ class Sections(NamedTuple):
     run: dict
     failures: tuple[Failure, ...]
     hazard: Hazard | None
+    rare: Rare | None
     axes: list[Axis]
     loss: dict | None
     sample: dict
@@ -155,20 +179,22 @@ def read_plan(path: Path) -> Plan:
         axes = [Axis(LOST, pieces) if axis.name == LOST else axis for axis in axes]
     draws, notes = _draws(there)
     own = read_job(job)
+    chains = Chains(there.rare, there.distributions, there.hazard, own) if there.rare else None
     plan = Plan(
         path,
         text,
         data.get("title", ""),
         job,
         axes,
-        list(there.distributions),
+        [] if chains else list(there.distributions),
         {name for name, each in there.distributions.items() if each["distribution"] == "integer"},
         draws,
         loss,
         **there.run,
         exposure=own.dynamics.duration if own.dynamics else math.nan,
         failures=there.failures,
-        hazard=there.hazard,
+        hazard=None if chains else there.hazard,
+        chains=chains,
         files=[job, *own.files()],
         notes=notes,
     )
@@ -186,25 +212,30 @@ def _sections_of(path: Path, data: dict) -> Sections:
         wrong(f"title = {shown(data['title'])}: expected a text")
     if not isinstance(data.get("job"), str):
         wrong(f"job = {shown(data.get('job'))}: expected the path of a job file, relative to this one")
-    tables = {name: data.get(name, {}) for name in ("vary", "sample", "run", "hazard")}
+    tables = {name: data.get(name, {}) for name in ("vary", "sample", "run", "hazard", "rare")}
     for name, table in tables.items():
         if not isinstance(table, dict):
             wrong(f"{name} = {shown(table)}: expected a section, [{name}]")
             tables[name] = {}
     vary, sample = (_flat(tables[name], wrong) for name in ("vary", "sample"))
     distributions = {name: each for name, each in sample.items() if name not in SAMPLE}
-    check_sample(sample, distributions, vary, wrong)
+    failures = failure_sections(data.get("failure", []), "remove" in vary, wrong)
+    rare = rare_section(tables["rare"], vary, any(each.by for each in failures), wrong)
+    check_sample(sample, distributions, vary, rare is not None, wrong)
     varied = {*vary, *distributions}
     there = Sections(
         run_section(tables["run"], wrong),
-        failure_sections(data.get("failure", []), "remove" in vary, wrong),
-        hazard_section(tables["hazard"], SPEED in varied, wrong),
+        failures,
+        hazard_section(tables["hazard"], SPEED in varied or rare is not None, wrong),
+        rare,
         [axis_of(name, value, wrong) for name, value in vary.items()],
         loss_section(vary["remove"], wrong) if "remove" in vary else None,
         sample,
         distributions,
     )
-    if not varied:
+    if rare and tables["hazard"] and SPEED in varied:
+        wrong(f"{SPEED}: is the annual maximum of [hazard] beside [rare]; remove one of the two")
+    if not varied and not rare:
         wrong("nothing varies; expected [vary] or [sample]")
     if errors:
         raise InputError(errors)
@@ -213,7 +244,7 @@ def _sections_of(path: Path, data: dict) -> Sections:
 
 def _draws(there: Sections) -> tuple[np.ndarray | None, list[str]]:
     """The values that are drawn, and what is to be noted of them."""
-    if not there.distributions:
+    if not there.distributions or there.rare:
         return None, []
     method, count = there.sample.get("method", "sobol"), there.sample["count"]
     notes = []
@@ -276,6 +307,8 @@ def _try(plan: Plan) -> list[Path]:
     for k, name in enumerate(plan.sampled):
         number = int if name in plan.whole else float
         tried += [(name, number(end)) for end in (plan.draws[:, k].min(), plan.draws[:, k].max())]
+    for number in range(TRIED if plan.chains else 0):
+        tried += plan.member(number).values.items()
     for name, value in tried:
         if name in OWN:
             errors.append(

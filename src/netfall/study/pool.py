@@ -146,12 +146,13 @@ def task_for(
     result: Path | None = None,
     profile: bool = False,
     net: bool = False,
+    depth: float | None = None,
 ) -> dict:
     """What a worker is told of a run. result : file to write; profile : whether to time the parts of a step;
-    net : whether to tell the net in its form in place of a run
+    net : whether to tell the net in its form in place of a run; depth : [m], of the outcome `sunk_area`
     """
     task = {"job": str(job), "overrides": overrides, "removes": removes, "result": result and str(result)}
-    return task | {"profile": profile, "net": net}
+    return task | {"profile": profile, "net": net, "depth": depth}
 
 
 def check_started(told: dict, ranks: int, program: str) -> None:

@@ -10,15 +10,18 @@ from netfall.study.answers import hazard
 from netfall.study.answers.hazard import Hazard
 from netfall.study.answers.measures import Failure
 from netfall.study.draws import DISTRIBUTIONS, METHODS
+from netfall.study.rare import Rare
 
 MOST = 10_000_000  # members
-TOP = ("job", "title", "vary", "sample", "run", "failure", "hazard")
+TOP = ("job", "title", "vary", "sample", "run", "failure", "hazard", "rare")
 RUN = {"ranks": 1, "keep": "none", "time_limit": 3600.0}
+RARE = {"of": "utilisation_before_break", "above": 1.0, "samples": 1000, "level": 0.1, "seed": 1}
 SAMPLE = ("count", "method", "seed")
 KEEP = ("none", "broken", "all")
 REMOVE = ("each", "group", "ids", "time", "duration")
 EACH = {"element": "elements", "cable": "cables"}  # what is lost, and the key of [[remove]] that names it
-FAILURE = ("name", "of", "above")
+FAILURE = ("name", "of", "above", "by")
+SUNK = "sunk_area"  # the outcome that has a depth, `by`
 LOST = "[[remove]]"  # the name of the axis of losses: no key of a job can have it
 
 
@@ -102,9 +105,17 @@ def axis_of(name: str, value, wrong) -> Axis:
     return Axis(name, value)
 
 
-def check_sample(sample: dict, distributions: dict, vary: dict, wrong) -> None:
-    """Check [sample]; distributions : its keys of the job; vary : those of [vary]."""
-    if sample and not _whole(sample.get("count"), 1):
+def check_sample(sample: dict, distributions: dict, vary: dict, rare: bool, wrong) -> None:
+    """Check [sample]; distributions : its keys of the job; vary : those of [vary].
+
+    rare : whether [rare] says how many are drawn, and how
+    """
+    for name in SAMPLE if rare else ():
+        if name in sample:
+            wrong(
+                f"[sample] {name}: no effect beside [rare], which has samples and seed of its own; remove it"
+            )
+    if sample and not rare and not _whole(sample.get("count"), 1):
         wrong(f"[sample] {_given(sample, 'count')}; expected the number of draws, >= 1")
     if sample.get("method", "sobol") not in METHODS:
         wrong(f"[sample] method = {shown(sample['method'])}: expected {', '.join(METHODS)}")
@@ -161,7 +172,45 @@ def failure_sections(entries, losses: bool, wrong) -> tuple[Failure, ...]:
             wrong(f"{place}: {_given(each, 'of')}; expected an outcome of a run: {known}")
         if not _number(each.get("above")):
             wrong(f"{place}: {_given(each, 'above')}; expected a number; more than it is a failure")
-    return tuple(Failure(each.get("name"), each.get("of"), each.get("above")) for each in entries)
+        if each.get("of") == SUNK and not (_number(each.get("by")) and each["by"] > 0.0):
+            wrong(f"{place}: {_given(each, 'by')}; expected the depth from which a node has sunk, m > 0")
+        if each.get("of") != SUNK and "by" in each:
+            wrong(f"{place}: by: no effect but of {SUNK}; remove it")
+    depths = {each["by"] for each in entries if _number(each.get("by"))}
+    if len(depths) > 1:
+        wrong(
+            f"[[failure]] by: {', '.join(f'{by:g}' for by in sorted(depths))}: expected one depth in a study"
+        )
+    return tuple(Failure(*(each.get(name) for name in FAILURE)) for each in entries)
+
+
+def rare_section(table: dict, vary: dict, sunk: bool, wrong) -> Rare | None:
+    """What [rare] asks for; None without it. vary : the keys of [vary]; sunk : whether a depth is given"""
+    if not table:
+        return None
+    for name in set(table) - set(RARE):
+        wrong(f"[rare] {name}: unknown key; {nearest(name, RARE)}")
+    given = RARE | {name: value for name, value in table.items() if name in RARE}
+    measured = [one.name for one in OUTCOMES if one.measured and not one.of_losses]
+    if given["of"] not in measured:
+        wrong(f"[rare] of = {shown(given['of'])}: expected an outcome of a run: {', '.join(measured)}")
+    if given["of"] == SUNK and not sunk:
+        wrong(f"[rare] of = {shown(SUNK)}: expected its depth, `by`, in a [[failure]]")
+    if not _number(given["above"]):
+        wrong(f"[rare] above = {shown(given['above'])}: expected a number; more than it is a failure")
+    if not _whole(given["samples"], 100) or given["samples"] > 100_000:
+        wrong(
+            f"[rare] samples = {shown(given['samples'])}: expected runs of a level, a whole number from 100 "
+            "to 100000"
+        )
+    if not _number(given["level"]) or not 0.01 <= given["level"] <= 0.5:
+        wrong(f"[rare] level = {shown(given['level'])}: expected the share that passes a level, 0.01 to 0.5")
+    if not _whole(given["seed"], 0) or given["seed"] >= 2**30:
+        wrong(f"[rare] seed = {shown(given['seed'])}: expected a whole number from 0 to 2^30 - 1")
+    for name, value in vary.items():
+        if name == "remove" or not isinstance(value, list) or len(value) != 1:
+            wrong(f"[vary] {name}: beside [rare] a key of [vary] has one value, as [50.0]")
+    return Rare(**given)
 
 
 def hazard_section(table: dict, varies: bool, wrong) -> Hazard | None:

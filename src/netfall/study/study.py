@@ -7,6 +7,7 @@ NAME.study.h5, is made from it when all runs are there. The same command goes on
 import os
 from pathlib import Path
 
+from netfall.ground.errors import InputError
 from netfall.ground.progress import Progress
 from netfall.ground.sources import TELLING, program_digest
 from netfall.net.build import build_net
@@ -38,6 +39,10 @@ def study(
     Raises InputError, OutputError, Interrupted if asked to stop.
     """
     plan = read_plan(path)
+    if plan.chains and shard:
+        raise InputError(
+            f"{path}: [rare] runs in rounds that need each other; expected no --shard, more --workers"
+        )
     build_net(plan.read(plan.member(0)))  # what is wrong in the net is said here, once
     for note in plan.notes:
         progress.say(note)
@@ -51,8 +56,11 @@ def study(
         table = _what_there_is(plan, place, digests, shard, progress)
         if retry:
             table.forget_failed()
-        mine = range(len(plan)) if shard is None else part_of(plan, *shard)
-        missing = [number for number in mine if not table.there[number]]
+        if plan.chains:
+            mine, missing = table.there.nonzero()[0], plan.chains.advance(table)
+        else:
+            mine = range(len(plan)) if shard is None else part_of(plan, *shard)
+            missing = [number for number in mine if not table.there[number]]
         header = {"format": FORMAT, "members": len(plan), **digests}
         workers = workers or _cores(launcher) // plan.ranks or 1
         if missing or not place.result.exists() or place.journal.exists():

@@ -100,6 +100,8 @@ class Table:
                 self._write_counts(f, rows)
             if plan.failures:
                 write_columns(f, "failures", failure_section(members, plan.failures))
+            if plan.chains:
+                write_columns(f, "rare", plan.chains.section(self))
             for name, columns in curve_sections(members, plan.failures, plan.hazard).items():
                 write_columns(f, name, columns)
             write_columns(f, "provenance", provenance | {"attempts": self.tries[rows]})
@@ -110,7 +112,10 @@ class Table:
         """The columns of /members."""
         found = [plan.member(int(number)) for number in rows]
         inputs = {name: _column([member.values[name] for member in found]) for name in plan.inputs}
+        of_depth = {each.name for each in OUTCOMES if each.of_depth}
         columns = {"member": rows} | inputs | {name: values[rows] for name, values in self.columns.items()}
+        if plan.depth is None:
+            columns = {name: v for name, v in columns.items() if name not in of_depth}
         if plan.loss:
             columns["removed"] = np.array([member.removed for member in found], object)
         else:

@@ -57,6 +57,17 @@ class Hazard(NamedTuple):
         grown = power(speed / p["basic_speed"], 1.0 / p["n"]) * once_in_fifty
         return -expm1(-exp((1.0 - grown) / p["K"]))
 
+    def speed_at(self, exceeded: np.ndarray) -> np.ndarray:
+        """The speed [m/s] that the largest of a year exceeds with these probabilities: of `exceedance`."""
+        p = self.parameters
+        if self.distribution == "weibull":
+            return p["scale"] * power(-log(exceeded), 1.0 / p["shape"])
+        reduced = -log(-log1p(-exceeded))
+        if self.distribution == "gumbel":
+            return p["mode"] + p["scale"] * reduced
+        once_in_fifty = 1.0 - p["K"] * float(log(-log(0.98)))
+        return p["basic_speed"] * power((1.0 + p["K"] * reduced) / once_in_fifty, p["n"])
+
 
 def annual_probability(exceedance, median: np.ndarray, dispersion: np.ndarray) -> np.ndarray:
     """P (R,) of lognormal curves, median (R,) [m/s]. exceedance : S(v), a function of speeds [m/s]"""

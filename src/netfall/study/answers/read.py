@@ -11,7 +11,7 @@ from netfall.job.schema import SECTIONS
 from netfall.results.outcomes import BY_NAME, OUTCOMES
 from netfall.study.table import MARK, read_columns
 
-ASKED = ("fragility", "hazard", "failures")
+ASKED = ("fragility", "hazard", "failures", "rare")
 EVENTS = ("member", "time", "element")
 NET = {"particles": (0, 3), "elements": (0, 2), "element_id": (0,), "node_id": (0,), "fixed": (0, 3)}
 
@@ -21,8 +21,8 @@ class Study:
     """What a study file holds.
 
     name : of the file, without .study.h5
-    members, events, net, fragility, hazard, failures : datasets by name; texts as str; fragility: empty
-        without several speeds; hazard, failures: empty where the study file asks for none
+    members, events, net, fragility, hazard, failures, rare : datasets by name; texts as str; fragility:
+        empty without several speeds; the three that follow: empty where the study file asks for none
     first_breaks, breaks : (m,) runs in which an element broke first, or at all
     """
 
@@ -34,6 +34,7 @@ class Study:
     fragility: dict[str, np.ndarray]
     hazard: dict[str, np.ndarray]
     failures: dict[str, np.ndarray]
+    rare: dict[str, np.ndarray]
     first_breaks: np.ndarray
     breaks: np.ndarray
 
@@ -86,7 +87,7 @@ def read_study(path: Path) -> Study:
 
 def _needed(file: h5py.File) -> list[str]:
     """What must be in a file, whatever its members lose; and a net only if a run had one."""
-    names = [f"members/{each.name}" for each in OUTCOMES if not each.of_losses]
+    names = [f"members/{each.name}" for each in OUTCOMES if not (each.of_losses or each.of_depth)]
     names += [f"events/{name}" for name in EVENTS]
     return names + [f"net/{name}" for name in NET] * ("net" in file)
 
