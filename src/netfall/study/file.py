@@ -18,8 +18,9 @@ from netfall.net.build import build_net
 from netfall.study.answers.hazard import Hazard
 from netfall.study.answers.measures import Failure
 from netfall.study.answers.samples import SPEED
+from netfall.study.answers.subset import Rare
 from netfall.study.draws import draw
-from netfall.study.rare import Chains, Rare
+from netfall.study.rare import Chains
 from netfall.study.sections import (
     EACH,
     LOST,

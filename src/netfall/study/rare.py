@@ -1,30 +1,18 @@
 """The members of a study of rare failures: each follows from what earlier ones gave (`answers/subset.py`)."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from netfall.job.job import Job
 from netfall.numerics.normal import cdf
 from netfall.study.answers.hazard import Hazard
 from netfall.study.answers.samples import SPEED
-from netfall.study.answers.subset import MOST_LEVELS, Sample, Subset
+from netfall.study.answers.subset import MOST_LEVELS, Rare, Sample, Subset
 from netfall.study.draws import LEAST, values_at
 
 GUSTS, STRENGTH = "wind.seed", "cable.strength_seed"
 STRENGTH_APART = 2**31  # seeds of strengths from those of gusts
 DIGITS = 12  # of the weights of seeds
 FAILED = ("no_rest", "diverged", "failed")  # states whose response is beyond any value
-
-
-class Rare(NamedTuple):
-    """What [rare] asks for: the probability that the outcome `of` is above a value."""
-
-    of: str
-    above: float
-    samples: int
-    level: float
-    seed: int
 
 
 class Chains:

@@ -9,8 +9,8 @@ from netfall.results.outcomes import OUTCOMES
 from netfall.study.answers import hazard
 from netfall.study.answers.hazard import Hazard
 from netfall.study.answers.measures import Failure
+from netfall.study.answers.subset import Rare
 from netfall.study.draws import DISTRIBUTIONS, METHODS
-from netfall.study.rare import Rare
 
 MOST = 10_000_000  # members
 TOP = ("job", "title", "vary", "sample", "run", "failure", "hazard", "rare")

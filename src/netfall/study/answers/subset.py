@@ -23,6 +23,16 @@ Z_95 = 1.959963984540054
 SEEDS_APART = 2**32  # seeds of gusts of studies with neighbouring seeds
 
 
+class Rare(NamedTuple):
+    """What [rare] asks for: the probability that the outcome `of` is above a value."""
+
+    of: str
+    above: float
+    samples: int
+    level: float
+    seed: int
+
+
 class Sample(NamedTuple):
     """A point of the space of what is random.
 
