@@ -63,9 +63,15 @@ PACKAGES = {
     ],
     "h5py": ["write", "results", "report", "checks", "plots", "study", "measure", "program", "wind.taps"],
     "numba": [  # besides compile: intrinsics, and the version for /provenance
-        *("ground.compile", "numerics.arithmetic", "parallel.mpi_symbols", "program.provenance"),
+        *(
+            "ground.compile",
+            "ground.passes",
+            "numerics.arithmetic",
+            "parallel.mpi_symbols",
+            "program.provenance",
+        ),
     ],
-    "llvmlite": ["ground.compile", "numerics.arithmetic", "parallel.mpi_symbols"],
+    "llvmlite": ["ground.compile", "ground.passes", "numerics.arithmetic", "parallel.mpi_symbols"],
     "scipy": ["stages.modes", "multigrid.rows", "study.draws", "exchange.drawings"],
     "shapely": ["roof", "exchange.drawings"],
     "pymetis": ["parallel.partition", "stages.force_density"],

@@ -6,8 +6,8 @@ model: a division by zero gives inf and not an exception (and does not stop vect
 
 import contextlib
 import fcntl
+import gc
 import hashlib
-import operator
 import os
 import shutil
 import time
@@ -15,15 +15,12 @@ from pathlib import Path
 
 import llvmlite.binding
 import numba
-from numba.core import ir, types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
-from numba.core.compiler import CompilerBase, DefaultPassBuilder
-from numba.core.compiler_machinery import FunctionPass, register_pass
 from numba.core.cpu import CPUTargetOptions
-from numba.core.ir_utils import get_definition, guard
 from numba.core.options import TargetOptions
 from numba.core.registry import CPUDispatcher
-from numba.core.untyped_passes import IRProcessing
+
+from netfall.ground.passes import Pipeline, remember_answers
 
 KEPT_DAYS = 30  # of compiled code that these sources did not make; a run of theirs may still be going on
 PACKAGE = Path(__file__).parents[1]
@@ -151,99 +148,44 @@ def turn(path: Path, longest: float = 300.0):
     return None
 
 
-class _Inner(CPUDispatcher):
-    """A function that only kernels call: compiled without the way in from Python, which is long to make."""
+class _Kernel(CPUDispatcher):
+    """A function that Python calls: compiled at its first call with arguments of these types, or loaded."""
+
+    def compile(self, sig):
+        """Without looks for garbage meanwhile, in all that numba has in memory: a tenth of the time."""
+        looks = gc.isenabled()
+        gc.disable()
+        try:
+            return super().compile(sig)
+        finally:
+            if looks:
+                gc.enable()
+
+
+class _Part(CPUDispatcher):
+    """A function that only kernels call: a part of them, and kept with them alone."""
 
     def __call__(self, *args, **kwargs):
         raise TypeError(f"{self.py_func.__qualname__} can be called by kernels alone")
 
 
 def _compiled(**flags):
-    """Decorator that compiles a function at its first call with arguments of these types, or loads it."""
+    """Decorator that makes a function a kernel, or a part of kernels where the flags say so."""
 
     def decorate(function):
         dispatcher = numba.njit(**flags)(function)
-        dispatcher._cache = _Cache(function)
         if flags.get("no_cpython_wrapper"):
-            dispatcher.__class__ = _Inner
+            dispatcher.__class__ = _Part
+        else:
+            dispatcher.__class__ = _Kernel
+            dispatcher._cache = _Cache(function)
         return dispatcher
 
     return decorate
 
 
-@register_pass(mutates_CFG=False, analysis_only=False)
-class AbsentFields(FunctionPass):
-    """Decides `is None` for arguments and for fields of named tuples that are arguments, by their types.
-
-    What a scene does not have is None: `if slots.eps_p is not None`. numba drops a branch on an argument that
-    is None, and with it what the scene lacks. With this pass it does so for fields too, and it drops the
-    other branch as well where the field is there.
-    """
-
-    _name = "absent_fields"
-
-    def __init__(self):
-        FunctionPass.__init__(self)
-
-    def run_pass(self, state):
-        """Rewrite the function in hand; whether anything was."""
-        changed = False
-        for block in state.func_ir.blocks.values():
-            for assign in block.find_insts(ir.Assign):
-                constant = self._constant(state, assign.value)
-                if constant is not None:
-                    definitions = state.func_ir._definitions[assign.target.name]
-                    definitions[definitions.index(assign.value)] = constant
-                    assign.value = constant
-                    changed = True
-        return changed
-
-    def _constant(self, state, value):
-        """The constant that an expression is known to be, None if it is none."""
-        if not isinstance(value, ir.Expr):
-            return None
-        if value.op == "getattr" and isinstance(self._type_of_field(state, value), types.NoneType):
-            return ir.Const(None, value.loc)
-        if value.op == "binop" and value.fn in (operator.is_, operator.is_not):
-            other = guard(get_definition, state.func_ir, value.rhs)
-            kind = self._type_of(state, value.lhs)
-            if isinstance(other, ir.Const) and other.value is None and self._decided(kind):
-                return ir.Const(isinstance(kind, types.NoneType) == (value.fn is operator.is_), value.loc)
-        return None
-
-    def _decided(self, kind):
-        """Whether a type says if a value is None."""
-        return kind is not None and not isinstance(kind, types.Omitted | types.Optional)
-
-    def _type_of(self, state, variable):
-        """Type of a variable that is an argument or a field of one; None if it is neither."""
-        value = guard(get_definition, state.func_ir, variable)
-        if isinstance(value, ir.Const) and value.value is None:
-            return types.none
-        return state.args[value.index] if isinstance(value, ir.Arg) else self._type_of_field(state, value)
-
-    def _type_of_field(self, state, value):
-        """Type of a field of an argument; None if the expression is something else."""
-        if not (isinstance(value, ir.Expr) and value.op == "getattr"):
-            return None
-        owner = self._type_of(state, value.value)
-        if not isinstance(owner, types.BaseNamedTuple) or value.attr not in owner.fields:
-            return None
-        return owner.types[owner.fields.index(value.attr)]
-
-
-class _Pipeline(CompilerBase):
-    """numba's own, with `AbsentFields` before branches are dropped."""
-
-    def define_pipelines(self):
-        """The passes in their order."""
-        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
-        passes.add_pass_after(AbsentFields, IRProcessing)
-        passes.finalize()
-        return [passes]
-
-
-FLAGS = {"error_model": "numpy", "fastmath": False, "pipeline_class": _Pipeline, "no_cfunc_wrapper": True}
+remember_answers()
+FLAGS = {"error_model": "numpy", "fastmath": False, "pipeline_class": Pipeline, "no_cfunc_wrapper": True}
 INNER = {"no_cpython_wrapper": True}  # a third of the time to compile goes into ways in from Python
 
 # Hardware gathers are a trap on processors whose microcode was mended against leaks through them: four

@@ -1,0 +1,171 @@
+"""What numba does with a kernel on the way to machine code, where it differs from numba's own.
+
+A kernel is typed, lowered to LLVM's language, joined there with the functions that it calls, optimised, and
+made machine code. numba does all of that for each of those functions as well, and has no use for it: a third
+of the time. Here they are lowered alone, and optimised within the kernels that they are joined with.
+"""
+
+import operator
+
+from numba import _dynfunc
+from numba.core import base, ir, types
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import FunctionPass, register_pass
+from numba.core.environment import lookup_environment
+from numba.core.ir_utils import get_definition, guard
+from numba.core.typed_passes import NativeLowering
+from numba.core.untyped_passes import IRProcessing
+
+
+@register_pass(mutates_CFG=False, analysis_only=False)
+class AbsentFields(FunctionPass):
+    """Decides `is None` for arguments and for fields of named tuples that are arguments, by their types.
+
+    What a scene does not have is None: `if slots.eps_p is not None`. numba drops a branch on an argument that
+    is None, and with it what the scene lacks. With this pass it does so for fields too, and it drops the
+    other branch as well where the field is there.
+    """
+
+    _name = "absent_fields"
+
+    def __init__(self):
+        FunctionPass.__init__(self)
+
+    def run_pass(self, state):
+        """Rewrite the function in hand; whether anything was."""
+        changed = False
+        for block in state.func_ir.blocks.values():
+            for assign in block.find_insts(ir.Assign):
+                constant = self._constant(state, assign.value)
+                if constant is not None:
+                    definitions = state.func_ir._definitions[assign.target.name]
+                    definitions[definitions.index(assign.value)] = constant
+                    assign.value = constant
+                    changed = True
+        return changed
+
+    def _constant(self, state, value):
+        """The constant that an expression is known to be, None if it is none."""
+        if not isinstance(value, ir.Expr):
+            return None
+        if value.op == "getattr" and isinstance(self._type_of_field(state, value), types.NoneType):
+            return ir.Const(None, value.loc)
+        if value.op == "binop" and value.fn in (operator.is_, operator.is_not):
+            other = guard(get_definition, state.func_ir, value.rhs)
+            kind = self._type_of(state, value.lhs)
+            if isinstance(other, ir.Const) and other.value is None and self._decided(kind):
+                return ir.Const(isinstance(kind, types.NoneType) == (value.fn is operator.is_), value.loc)
+        return None
+
+    def _decided(self, kind):
+        """Whether a type says if a value is None."""
+        return kind is not None and not isinstance(kind, types.Omitted | types.Optional)
+
+    def _type_of(self, state, variable):
+        """Type of a variable that is an argument or a field of one; None if it is neither."""
+        value = guard(get_definition, state.func_ir, variable)
+        if isinstance(value, ir.Const) and value.value is None:
+            return types.none
+        return state.args[value.index] if isinstance(value, ir.Arg) else self._type_of_field(state, value)
+
+    def _type_of_field(self, state, value):
+        """Type of a field of an argument; None if the expression is something else."""
+        if not (isinstance(value, ir.Expr) and value.op == "getattr"):
+            return None
+        owner = self._type_of(state, value.value)
+        if not isinstance(owner, types.BaseNamedTuple) or value.attr not in owner.fields:
+            return None
+        return owner.types[owner.fields.index(value.attr)]
+
+
+class PartLibrary(JITCodeLibrary):
+    """The code of a function that only kernels call: joined with them as it is, and never run by itself."""
+
+    def _optimize_final_module(self):
+        pass
+
+    def _finalize_final_module(self):
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class PartLowering(NativeLowering):
+    """Lowering of a function that only kernels call, into a library that makes no machine code."""
+
+    _name = "part_lowering"
+
+    def run_pass(self, state):
+        """Lower the function in hand, and tell numba where calls of it lead: true, it has changed."""
+        state.library = PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.flags.no_compile = True
+        super().run_pass(state)
+        state.library.finalize()
+        lowered, name = state["cr"], state.func_id.func_name
+        entry = _dynfunc.make_function(state.func_id.module, name, "", 0, lowered.env, (state.library,))
+        state.targetctx.insert_user_function(entry, lowered.fndesc, [state.library])
+        state["cr"] = lowered._replace(cfunc=entry)
+        return True
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class KernelLowering(NativeLowering):
+    """Lowering of a kernel; what is joined with it finds its environment, from which numba raises."""
+
+    _name = "kernel_lowering"
+
+    def run_pass(self, state):
+        """Lower the function in hand: true, it has changed."""
+        super().run_pass(state)
+        for variable in state.library._final_module.global_variables:
+            environment = lookup_environment(variable.name)
+            if environment is not None:
+                state.library.codegen.set_env(variable.name, environment)
+        return True
+
+
+class Pipeline(CompilerBase):
+    """numba's own, with `AbsentFields` before branches are dropped, and the lowering that fits."""
+
+    def define_pipelines(self):
+        """The passes in their order."""
+        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.add_pass_after(AbsentFields, IRProcessing)
+        part = self.state.flags.no_cpython_wrapper
+        lowering = PartLowering if part else KernelLowering
+        passes.passes = [
+            (lowering, text) if one is NativeLowering else (one, text) for one, text in passes.passes
+        ]
+        passes.finalize()
+        return [passes]
+
+
+def remember_answers() -> None:
+    """Have numba keep what it finds out again and again: a tenth of the time.
+
+    The sizes of types, each of which it asks LLVM for in a module of text; and what an operation on plain
+    numbers gives, for which it tries a dozen rules on strings, lists and sets first.
+    """
+    sizes: dict = {}
+    size_of = base.BaseContext.get_abi_sizeof
+
+    def remembered_size(context, kind):
+        key = str(kind)
+        if key not in sizes:
+            sizes[key] = size_of(context, kind)
+        return sizes[key]
+
+    signatures: dict = {}
+    resolve = types.BaseFunction.get_call_type
+
+    def remembered_signature(function, context, arguments, named):
+        if named or not all(isinstance(kind, types.Number | types.Boolean) for kind in arguments):
+            return resolve(function, context, arguments, named)
+        key = function, tuple(arguments)
+        if key not in signatures:
+            signatures[key] = resolve(function, context, arguments, named)
+        return signatures[key]
+
+    base.BaseContext.get_abi_sizeof = remembered_size
+    types.BaseFunction.get_call_type = remembered_signature
