@@ -27,6 +27,7 @@ FLAGS = (
     "lateral",  # loads along x and y
     "losses",
     "fading",
+    "air",  # its damping, and what moves along
     "growing",
     "energy",
     "fragments",
@@ -288,6 +289,10 @@ def draw_load(draw, scene: dict, rng, zones: list) -> dict:
         load["zone"] = {zones[0]: {"dead": 5.0, "snow": 3.0}}
         if scene["growing"]:
             load["zone"][zones[0]]["pressure"] = [5.0, 5.0, -30.0]
+        if scene["air"]:
+            load["zone"][zones[0]]["air_mass"] = 1.0
+    if scene["air"]:
+        load["air_mass"] = 0.3
     return load
 
 
@@ -338,9 +343,14 @@ def draw_wind(draw, scene: dict, net: DrawnNet, rng, duration: float, zones: lis
         tables["pressures.csv"] = table(columns)
         rows = [f"t{k},{net.points[p, 0]!r},{net.points[p, 1]!r}\n" for k, p in enumerate(place)]
         tables["taps.csv"] = "name,x,y\n" + "".join(rows).replace("np.float64(", "").replace(")", "")
-        return wind | {"pressures": "pressures.csv", "taps": "taps.csv"}
+        wind |= {"pressures": "pressures.csv", "taps": "taps.csv"}
+        return wind | ({"speed": speed, "air_damping": 0.8} if scene["air"] else {})
     wind |= {"profile_exponent": draw(st.sampled_from((0.0, 0.16))), "base_height": 20.0}
     coefficients(draw, wind, rng, zones, tables)
+    if scene["air"]:
+        wind["air_damping"] = 1.0
+        if zones:
+            wind.setdefault("zone", {}).setdefault(zones[-1], {})["air_damping"] = 0.3
     if kind in ("steady", "gusts"):
         wind |= {"speed": speed, "roughness": 0.05 if kind == "gusts" else 0.0}
     if kind == "gusts":

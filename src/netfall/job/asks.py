@@ -44,6 +44,18 @@ def carries_weight(job: Job) -> bool:
     return any(table.get(key) for table in tables for key in ("dead", "snow"))
 
 
+def air_damps(job: Job) -> bool:
+    """Whether the motion of the roof is damped by the air."""
+    wind = job.wind
+    own = [zone["air_damping"] for zone in wind.zone.values() if "air_damping" in zone] if wind else []
+    return wind is not None and any([wind.air_damping, *own])
+
+
+def air_moves(job: Job) -> bool:
+    """Whether air moves with the roof."""
+    return any(job.loads("air_mass"))
+
+
 def roof_groups(job: Job) -> list[str]:
     """The groups whose faces carry the roof; none: all do."""
     return list(job.roof.groups or ()) if job.roof else []
@@ -56,7 +68,7 @@ def presses(job: Job) -> bool:
 
 def loads_the_roof(job: Job) -> bool:
     """Whether something acts on the areas of the roof."""
-    weighs = any(job.loads("dead") + job.loads("snow"))
+    weighs = any(job.loads("dead") + job.loads("snow") + job.loads("air_mass"))
     return weighs or presses(job) or any(value is not None for value in job.loads("pressure"))
 
 

@@ -62,7 +62,7 @@ def _absurd_counts(job: Job) -> list[str]:
     asked = [("output", "history", duration / job.output.history, "rows", MOST_ROWS)]
     if job.output.checkpoint:
         asked.append(("output", "checkpoint", duration / job.output.checkpoint, "checkpoints", MOST_ROWS))
-    if wind and wind.speed:
+    if wind and wind.speed and not wind.pressures:
         speeds = duration / wind.time_step * wind.control_points
         asked.append(("wind", "time_step", speeds, "wind speeds", MOST_SAMPLES))
     return [

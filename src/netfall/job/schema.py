@@ -122,6 +122,14 @@ WIND: tuple[Key, ...] = (
         "shape_coefficient",
     ),
     positive("air_density", "kg/m3", 1.25, "density of the air", high=1e4),
+    not_negative(
+        "air_damping",
+        "",
+        0.0,
+        "kappa: a surface that moves along its normal at v is pressed on by kappa rho U v; half the slope of "
+        "the normal force coefficient over the angle of attack; 1: attached flow; 0: no air damping",
+        high=10.0,
+    ),
     between(1e-4, 60.0, "time_step", "s", 0.05, "time step of the generated histories"),
     count("ar_order", 14, "largest number of lags of the autoregressive model of the gusts", high=30),
     seed("seed", "seed of the gusts: the same seed gives the same gusts"),
@@ -241,6 +249,13 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
             "or [x, y, z]",
             low=-1e9,
             high=1e9,
+        ),
+        not_negative(
+            "air_mass",
+            "kg/m2",
+            0.0,
+            "air that moves with the surface: inertia without weight, on which `damping` does not act",
+            high=1e6,
         ),
         between(-273.0, 1000.0, "temperature", "K", 0.0, "change of all elements from that of form finding"),
         flag(
@@ -425,8 +440,8 @@ def _rows(section: str, *names: str) -> tuple[Key, ...]:
 # Sections with tables inside that override some of their keys: where these stand, and which keys.
 OVERRIDES: dict[str, tuple[str, tuple[Key, ...]]] = {
     "cable": ("", tuple(key for key in CABLE if key.name not in OF_THE_WHOLE)),  # [cable.GROUP]
-    "load": ("zone", _rows("load", "dead", "snow", "pressure")),  # [load.zone.NAME]
-    "wind": ("zone", _rows("wind", "shape_coefficient")),  # [wind.zone.NAME]
+    "load": ("zone", _rows("load", "dead", "snow", "pressure", "air_mass")),  # [load.zone.NAME]
+    "wind": ("zone", _rows("wind", "shape_coefficient", "air_damping")),  # [wind.zone.NAME]
 }
 
 IN_CASES = rows_of_set(SECTIONS, OVERRIDES)  # what a case can set

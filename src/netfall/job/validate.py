@@ -204,7 +204,13 @@ class Validation:
 
     def _source_of_the_wind(self, wind: dict) -> None:
         sources = [key for key in ("speed", "file", "pressures") if key in wind]
-        if len(sources) > 1:
+        if sources == ["speed", "pressures"] and _air_damping(wind):
+            pass  # the air's damping is for that mean speed
+        elif sources == ["pressures"] and _air_damping(wind):
+            self.wrong(
+                "wind", "speed: missing; with pressures, air_damping needs the mean speed at 10 m, in m/s"
+            )
+        elif len(sources) > 1:
             self.wrong("wind", f"{' and '.join(sources)} exclude each other; keep one of them")
         elif not sources:
             expected = "a number of m/s > 0, or file = a table of time, speed"
@@ -224,7 +230,9 @@ class Validation:
 
     def _coefficients_of_the_wind(self, wind: dict) -> None:
         if "pressures" in wind:
-            own = [key for key in ("shape_coefficient", "sectors", "zone") if key in wind]
+            own = [key for key in ("shape_coefficient", "sectors") if key in wind]
+            if any("shape_coefficient" in zone for zone in _zones(wind)):
+                own.append("zone")
             if own:
                 self.wrong("wind", f"{', '.join(own)}: pressures at taps need no coefficients; remove it")
         elif "shape_coefficient" in wind and "sectors" in wind:
@@ -232,6 +240,17 @@ class Validation:
         elif "shape_coefficient" not in wind and "sectors" not in wind:
             expected = "a number, or sectors = a table of them by the wind's direction"
             self.wrong("wind", f"shape_coefficient: missing; expected {expected}")
+
+
+def _zones(table: dict) -> list[dict]:
+    """The tables of the zones of a section as it stands."""
+    zones = table.get("zone")
+    return [zone for zone in zones.values() if isinstance(zone, dict)] if isinstance(zones, dict) else []
+
+
+def _air_damping(wind: dict) -> bool:
+    """Whether [wind], as it stands, asks for air damping anywhere."""
+    return any(table.get("air_damping") for table in (wind, *_zones(wind)))
 
 
 def wanted(name: str) -> str:

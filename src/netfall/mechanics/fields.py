@@ -13,6 +13,7 @@ import numpy as np
 SLOTS = 4  # elements of a particle in the vector loop; particles with more have layers of their own
 EMPTY = np.uint32(0xFFFFFFFF)  # in place of an element's number
 LIKE_PARENT = "as the particle that it splits off"
+OTHER_WORKS = ("air", "band", "support")  # beside external, internal and damping: of few scenes
 
 
 @dataclass(frozen=True)
@@ -108,9 +109,14 @@ FIELDS = (
     _particle("speed_before", ONE, np.float64, "m/s", "wind speed at the last sample", "wind"),
     _particle("speed_after", ONE, np.float64, "m/s", "wind speed at the next sample", "wind"),
     _particle("tapped", ONE, np.uint8, "", "there where these are pressures [N/m2] instead", "tapped"),
+    _particle("air", AXES, np.float64, "(kg/m)^1/2", "c of `mechanics.air`", "air", kept=True, given=True),
+    _particle("air_mass", ONE, np.float64, "kg", "air that moves along", "air_mass", kept=True, given=True),
     _particle("valence", ONE, np.int32, "", "elements attached", "fracture", kept=True, split=1, given=True),
     _particle(
         "work", AXES, np.float64, "J", "work of external, internal and damping forces", "energy", kept=True
+    ),
+    _particle(
+        "other_work", AXES, np.float64, "J", "work of what `OTHER_WORKS` names", "other_works", kept=True
     ),
     _particle("gid", ONE, np.int64, "", "global number"),
     _particle(
@@ -209,6 +215,8 @@ class Features:
     plastic: bool = False
     fracture: bool = False
     wind: bool = False
+    air: bool = False  # air damping
+    air_mass: bool = False
     tapped: bool = False  # the wind is given as pressures in time, which are not squared
     varying: bool = False  # forces besides the wind that vary in time
     strain: str = "engineering"  # its measure
@@ -230,6 +238,11 @@ class Features:
     def dissipating(self) -> bool:
         """Whether elements turn energy into heat."""
         return self.plastic or self.losses or self.fracture
+
+    @property
+    def other_works(self) -> bool:
+        """Whether the audit has more than external, internal and damping work."""
+        return self.energy and self.air
 
     @property
     def plastic_sections(self) -> bool:

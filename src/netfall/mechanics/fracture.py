@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.ground.compile import inner_kernel, kernel
+from netfall.mechanics.air import damped_mass, lose_air
 from netfall.mechanics.events import Events, add_event
 from netfall.mechanics.fields import Particles
 from netfall.mechanics.material import energies_at, length_at, strain
@@ -110,7 +111,7 @@ def is_loose(p, e, elements, particles):
             return False
         if particles.spring is not None and particles.spring[k][p] != 0.0:
             return False
-    mass = particles.mass[p]
+    mass = damped_mass(p, particles)
     return particles.valence[p] == 1 and mass - elements.half_mass[e] <= ROUNDING * mass
 
 
@@ -149,6 +150,8 @@ def split_particles(e, when, elements, law, fractures):
         if not breaks >> end & 1:
             continue
         p, number, taken = a if end == 0 else b, np.int64(-1), 0.0
+        if owns(p, rules):
+            lose_wind(p, rules, particles)
         if at_split >> end & 1:
             number, taken = np.int64(rules.particles + 2 * gid + end), mass
             if owns(p, rules):
@@ -156,7 +159,6 @@ def split_particles(e, when, elements, law, fractures):
             if kept:
                 elements.ends[e, end] = new_particle(p, number, mass, weight, particles, rows)
         if owns(p, rules):
-            lose_wind(p, rules, particles)
             add_event(events, when, gid, particles.gid[p], number, before, taken)
     if at_split:
         elements.owned[e] = kept
@@ -208,9 +210,10 @@ def take_out(e, when, elements, law, fractures):
 
 @inner_kernel
 def lose_wind(p, rules, particles):
-    """The wind on particle p ends with the element that left it, where it does."""
+    """The wind on particle p, and its air, ends with the element that left it, where it does."""
     if particles.wind is not None and not rules.wind_stays:
         particles.wind[0][p] = particles.wind[1][p] = particles.wind[2][p] = 0.0
+        lose_air(p, particles)
 
 
 @kernel

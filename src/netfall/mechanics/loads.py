@@ -9,12 +9,14 @@ from netfall.ground.compile import part_of_kernel
 
 
 @part_of_kernel
-def squared_speed(p, particles, share):
-    """Square [m2/s2] of the wind speed at particle p, `share` of the way between two samples.
+def wind_speed(p, particles, share):
+    """Wind speed [m/s] at particle p, `share` of the way between two samples; or the pressure [N/m2]."""
+    return particles.speed_before[p] + share * (particles.speed_after[p] - particles.speed_before[p])
 
-    Of pressures in time [N/m2] the pressure itself.
-    """
-    speed = particles.speed_before[p] + share * (particles.speed_after[p] - particles.speed_before[p])
+
+@part_of_kernel
+def squared_speed(speed, particles):
+    """Square [m2/s2] of the wind speed; of pressures in time [N/m2] the pressure itself."""
     if particles.tapped is not None:
         return speed
     return speed * speed

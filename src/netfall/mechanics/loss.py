@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.mechanics.air import rooted, squared
 from netfall.mechanics.fracture import dissipate
 from netfall.mechanics.state import State
 
@@ -41,15 +42,24 @@ def leave(state: State, particles: np.ndarray) -> None:
         state.v[p] = state.load[p] = 0.0
         if state.wind is not None:
             state.wind[p] = 0.0
+        if state.air is not None:
+            state.air[p] = 0.0
+        if state.air_mass is not None:
+            state.air_mass[p] = 0.0
 
 
 class Carried(NamedTuple):
-    """What particles that leave carry: mass (k,) [kg]; v [m/s], load [N], wind (or None) of (k, 3)."""
+    """What particles that leave carry: mass (k,) [kg]; v [m/s], load [N], wind (or None) of (k, 3).
+
+    air, air_mass : as in the state, None: there is none
+    """
 
     mass: np.ndarray
     v: np.ndarray
     load: np.ndarray
     wind: np.ndarray | None
+    air: np.ndarray | None
+    air_mass: np.ndarray | None
 
 
 def join(state: State, particles: np.ndarray, source: np.ndarray, share: np.ndarray, given: Carried) -> None:
@@ -67,6 +77,10 @@ def join(state: State, particles: np.ndarray, source: np.ndarray, share: np.ndar
             state.load[p] += share[k] * given.load[source[k]]
             if state.wind is not None:
                 state.wind[p] += share[k] * given.wind[source[k]]
+            if state.air is not None:
+                state.air[p] = rooted(squared(state.air[p]) + share[k] * squared(given.air[source[k]]))
+            if state.air_mass is not None:
+                state.air_mass[p] += share[k] * given.air_mass[source[k]]
         if state.mass[p] > 0.0:
             state.v[p] = np.where(state.free[p], momentum / state.mass[p], 0.0)  # a support takes the rest
         if state.work is not None and state.own(p):

@@ -4,7 +4,7 @@ import difflib
 
 import numpy as np
 
-from netfall.job.asks import carries_permanent, grows, has_statics, loads_the_roof
+from netfall.job.asks import air_damps, air_moves, carries_permanent, grows, has_statics, loads_the_roof
 from netfall.job.job import Job
 from netfall.job.values import shown
 from netfall.net.net import Net
@@ -63,6 +63,8 @@ def _idle_keys(job: Job, net: Net) -> list[tuple]:
             ("load", ("tolerance", "max_iterations"), moves and not has_statics(job), "steps = 0: no statics")
         )
         rows.append(("load", ("breaking",), not breaks, "nothing can break"))
+        still = not air_moves(job) or not (moves or output.modes)
+        rows.append(("load", ("air_mass",), still, "it is inertia, of what moves or has modes"))
         idle = not grows(job)
         why = "it lets the pressure grow in a dynamic stage without load steps"
         rows.append(("load", ("ramp",), idle, why))
@@ -76,13 +78,15 @@ def _idle_keys(job: Job, net: Net) -> list[tuple]:
         why = "there is neither self weight nor dead load"
         rows.append(("form_finding", ("loads",), carries_permanent(job) and weightless, why))
     if wind:
-        still = wind.speed and intensity(wind) == 0
+        generated = wind.speed and not wind.pressures
+        still = generated and intensity(wind) == 0
         source = "file" if wind.file else "pressures"
         of_speed = ("air_density", "direction", "profile_exponent", "base_height")
         none = "roughness" if wind.turbulence is None else "turbulence"
         rows += [
-            ("wind", ("roughness", "turbulence", *OF_GUSTS), not wind.speed, f"the wind comes from {source}"),
-            ("wind", of_speed, bool(wind.pressures), "the wind comes from pressures"),
+            ("wind", ("roughness", "turbulence", *OF_GUSTS), not generated, f"the wind comes from {source}"),
+            ("wind", of_speed, wind.pressures and not air_damps(job), "the wind comes from pressures"),
+            ("wind", ("direction",), wind.pressures and air_damps(job), "the wind comes from pressures"),
             ("wind", OF_GUSTS, still, f"{none} = 0: there are no gusts"),
             ("wind", ("after_fracture",), not breaks, "nothing can break"),
             ("wind", ("ramp",), wind.onset == "sudden", 'with onset = "sudden" nothing grows in'),
@@ -105,6 +109,7 @@ def _idle_sections(job: Job, net: Net, given: set[str]) -> list[str]:
     if (
         job.wind
         and job.wind.shape_coefficient == 0
+        and not air_damps(job)
         and not any(map(any, map(dict.values, job.wind.zone.values())))
     ):
         notes.append("[wind]: no effect: shape_coefficient = 0")

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from netfall.job.asks import varies
+from netfall.job.asks import air_damps, air_moves, varies
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
 from netfall.mechanics.fields import Features
@@ -98,6 +98,8 @@ def features_of(job: Job, net: Net) -> Features:
         plastic=bool(np.isfinite(net.yield_stress).any()),
         fracture=bool(np.isfinite(net.fracture_strain).any()),
         wind=job.wind is not None,
+        air=air_damps(job),
+        air_mass=air_moves(job),
         tapped=job.wind is not None and job.wind.pressures is not None,
         varying=varies(job),
         springs=bool(net.spring.any()),

@@ -114,7 +114,7 @@ def shape_coefficients(job: Job, zones: Zones) -> tuple[np.ndarray | None, Secto
     if sectors is None:
         return zones.spread(wind, "shape_coefficient") if wind else None, None
     of_roof, of_zone = sectors.at(wind.direction)
-    own = {name: values["shape_coefficient"] for name, values in wind.zone.items() if values}
+    own = {name: zone[key] for name, zone in wind.zone.items() if (key := "shape_coefficient") in zone}
     return zones.by_node(of_roof, own | of_zone), sectors
 
 

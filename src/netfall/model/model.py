@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.asks import along_normals, carries_permanent, loads_the_roof
+from netfall.job.asks import air_damps, air_moves, along_normals, carries_permanent, loads_the_roof
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, Memory, key_of
 from netfall.mechanics.material import elastic_forces, unstressed_length, warm_length
 from netfall.mechanics.stability import scaled_mass
+from netfall.model.air import damping_air, kappa_area, moving_air
 from netfall.model.idle import bare_zones
 from netfall.model.layout import Layout
 from netfall.model.loads import Loading, by_node, carried_mass, loading_of, preload, pressure_load
@@ -38,7 +39,9 @@ class Model:
     L0 : (m,) [m], unstressed, at the temperature of the loads; cut_length : at that of form finding
     half_mass : (m,) [kg], half of each element's own mass
     spring_rest : (n, 3) [m], displacement at which elastic supports carry nothing
-    mass : (n,) [kg]; added : (n,) [kg] of it by mass scaling, inertia without weight; None: there is none
+    mass : (n,) [kg]; of it, inertia without weight and None where there is none:
+    added : (n,) [kg] by mass scaling; air_mass : (n,) [kg] of air that moves along
+    air : (n, 3), c of `mechanics.air`, None: no air damping
     loading : the constant loads
     wind_field, history : of the wind, None: there is none
     panels : of the cladding, None: they do not tear off
@@ -56,6 +59,8 @@ class Model:
     spring_rest: np.ndarray
     mass: np.ndarray
     added: np.ndarray | None
+    air_mass: np.ndarray | None
+    air: np.ndarray | None
     loading: Loading
     wind_field: WindField | None
     history: GeneratedHistory | TableHistory | None
@@ -86,6 +91,11 @@ class Model:
     def vector_area(self) -> np.ndarray:
         """(n, 3) [m2], upward."""
         return self.roof.vector
+
+    @property
+    def own_mass(self) -> np.ndarray:
+        """(n,) [kg] without the air: what is left of it where a fracture takes the wind away."""
+        return self.mass if self.air_mass is None else self.mass - self.air_mass
 
     @property
     def x_start(self) -> np.ndarray:
@@ -160,6 +170,7 @@ def make_model(
     loading = loading_of(job, roof, own, net.load)
     mass, added = _scaled(job, net, L0, own + net.mass + loading.carried)
     field, history = _wind(job, layout, x, roof, memory)
+    air_mass = moving_air(job, roof)
     if field:
         notes += low_notes(job, net, x, field.force)
     tears = field and job.wind.after_fracture == "panels"
@@ -173,8 +184,10 @@ def make_model(
         cut_length=L0,
         half_mass=half,
         spring_rest=_spring_rest(job, net, x, N, L, loading),
-        mass=mass,
+        mass=mass if air_mass is None else mass + air_mass,
         added=added,
+        air_mass=air_mass,
+        air=damping_air(job, net, x, roof),
         loading=loading,
         wind_field=field,
         history=history,
@@ -260,7 +273,10 @@ def _panels(job: Job, layout: Layout, shares: Shares, loading: Loading) -> Panel
     zones = layout.zones.at(panels.node)
     load, roof = job.load, Roof(panels.area, panels.plan_area, panels.vector, zones)
     factor = np.broadcast_to(force_factor(by_node(job, layout.shape_coefficient)), net.n)[panels.node]
+    still = np.zeros_like(roof.vector)
     return panels._replace(
+        air=kappa_area(job, roof) if air_damps(job) else still,
+        air_mass=moving_air(job, roof) if air_moves(job) else np.zeros_like(roof.area),
         mass=carried_mass(load, roof) if load else np.zeros_like(roof.area),
         pressure=pressure_load(load, roof) if load else np.zeros_like(roof.vector),
         wind=factor[:, None] * roof.vector,

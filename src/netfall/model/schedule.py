@@ -105,7 +105,7 @@ def stride_of(ratio: float) -> int:
 
 def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[str, Limit]:
     """Limits of the explicit step that hold whatever the net does, by name. Rank 0."""
-    elements, EA, L0, mass = model.net.elements, model.net.EA, model.L0, model.mass
+    elements, EA, L0, mass = model.net.elements, model.net.EA, model.L0, model.own_mass
     limits = any_shape_limits(elements, EA, L0, mass, model.net.moves, model.net.bar, model.net.support)
     if features.fracture and features.fragments:
         limits.append(

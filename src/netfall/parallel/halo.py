@@ -108,6 +108,8 @@ def wait_for_neighbours(buffers):
 def send_forces(particles, buffers):
     """Pack and send the boundary particles' total forces; MPI's error code, and the place of the buffer."""
     place, width = buffer_in_use(buffers), 3 if particles.valence is None else 5
+    if particles.valence is not None and particles.air_mass is not None:
+        width = 6
     for i in range(buffers.send_index.shape[0]):
         p, row = buffers.send_index[i], buffers.send_at + place + i * width
         buffers.numbers[row] = particles.f[0][p]
@@ -116,6 +118,8 @@ def send_forces(particles, buffers):
         if particles.valence is not None:
             buffers.numbers[row + 3] = particles.mass[p]
             buffers.numbers[row + 4] = particles.valence[p]
+            if particles.air_mass is not None:
+                buffers.numbers[row + 5] = particles.air_mass[p]
     return send_buffer(buffers), place
 
 
@@ -132,6 +136,8 @@ def receive_forces(n_owned, particles, place, buffers):
             if particles.per_mass[p] != 0.0:
                 particles.per_mass[p] = inverse_mass(particles.mass[p])
             particles.valence[p] = int(buffers.numbers[row + 4])
+            if particles.air_mass is not None:
+                particles.air_mass[p] = buffers.numbers[row + 5]
 
 
 # --- rows of any kind

@@ -54,7 +54,9 @@ def energies(f):
         ("strain_energy", "strain (since t = 0)", "C1", "-"),
         ("plastic_dissipation", "plastic dissipation", "C3", "-"),
         ("damping_work", "damping", "C2", "-"),
+        ("air_work", "damping by the air", "C8", "-"),
     )
+    names = tuple(row for row in names if row[0] in h)
     total = sum(h[name][:] for name, *_ in names[1:])
     first = early_end(f)
     figure, panels = charts(2, 2 if first else 1, 11 if first else 9, 7, height_ratios=(3, 1), sharex="col")
@@ -66,7 +68,7 @@ def energies(f):
         scale, named = unit_of(max(np.abs(h[name][:][rows]).max() for name, *_ in names), "J")
         for name, label, colour, style in names:
             panel.plot(t[rows], scale * h[name][:][rows], color=colour, ls=style, lw=1.3, label=label)
-        both = dict(color="0.6", ls="--", lw=2.2, zorder=0, label="sum of the four")
+        both = dict(color="0.6", ls="--", lw=2.2, zorder=0, label="sum of these")
         panel.plot(t[rows], scale * total[rows], **both)
         panel.set_ylabel(f"energy [{named}]")
     legend_below(figure, panels[0, 0], 6)

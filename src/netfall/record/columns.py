@@ -37,7 +37,10 @@ class Moment(NamedTuple):
 
 
 class Column(NamedTuple):
-    """A column of the history: value : of a `Moment`; share : of the largest energy that took part so far."""
+    """A column of the history: value : of a `Moment`; share : of the largest energy that took part so far.
+
+    needs : the feature of `mechanics.fields.Features` without which there is no such column
+    """
 
     name: str
     unit: str
@@ -45,16 +48,17 @@ class Column(NamedTuple):
     value: Callable[[Moment], float]
     dtype: type = np.float64
     share: bool = False
+    needs: str = ""
 
 
 def _identity(now: Moment) -> float:
     e = now.energies
-    return e.kinetic + e.internal + e.damping - e.external
+    return e.kinetic + e.internal + e.damping + e.air - e.external
 
 
 def _balance(now: Moment) -> float:
     e = now.energies
-    return e.kinetic + now.strain + now.plastic + e.damping - e.external
+    return e.kinetic + now.strain + now.plastic + e.damping + e.air - e.external
 
 
 SHARE = "share of the largest energy that took part so far"
@@ -70,6 +74,7 @@ HISTORY = (
         lambda now: now.plastic,
     ),
     Column("damping_work", "J", "", lambda now: now.energies.damping),
+    Column("air_work", "J", "taken by `[wind] air_damping`", lambda now: now.energies.air, needs="air"),
     Column("external_work", "J", "", lambda now: now.energies.external),
     Column("identity_error", NONE, SHARE, _identity, share=True),
     Column("balance_error", NONE, SHARE, _balance, share=True),

@@ -16,8 +16,10 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.ground.compile import entry_for, inner_kernel, kernel, part_of_kernel
+from netfall.mechanics.air import air_work_before, damped_mass, with_air
 from netfall.mechanics.elements import ElementState, add_tensions, element_energies, element_state
-from netfall.mechanics.loads import external_force, squared_speed
+from netfall.mechanics.fields import OTHER_WORKS
+from netfall.mechanics.loads import external_force, squared_speed, wind_speed
 from netfall.mechanics.motion import along_x, along_y, along_z, inverse_mass, kicked, make_kick
 from netfall.mechanics.state import State
 from netfall.mechanics.supports import add_springs, spring_energy
@@ -27,7 +29,10 @@ from netfall.record.envelope import NO_ENVELOPE, widen
 
 @dataclass(frozen=True)
 class Energies:
-    """Energies [J] at one time. `internal` is the work done against the elements' forces."""
+    """Energies [J] at one time. `internal` is the work done against the elements' forces.
+
+    air : work of the air's damping; 0 where there is none
+    """
 
     kinetic: float
     strain: float
@@ -35,22 +40,26 @@ class Energies:
     damping: float
     external: float
     internal: float
+    air: float = 0.0
+    band: float = 0.0
+    support: float = 0.0
 
 
 @part_of_kernel
-def energies_along(p, axis, internal, square, part, kick, mass):
+def energies_along(p, axis, internal, external, total, part, kick, particles):
     """Velocity [m/s] of particle p along an axis at the very time n, and works [J] on the way there.
 
-    part : share of the kick that comes before n; internal : force [N]; works: external, internal, damping
+    part : share of the kick that comes before n; internal, external, total : forces [N]
+    Works: external, internal, damping
     """
     old = axis.v[p]
     if not axis.free[p]:
         return old, 0.0, 0.0, 0.0
-    force = external_force(p, axis, square, kick.share)
-    new = kicked(old, (internal + force) * inverse_mass(mass), kick)
+    new = kicked(old, total * inverse_mass(particles.mass[p]), kick)
     now = old + part * (new - old)
     way = part * kick.dt * (0.5 * (old + now))
-    return now, way * force, way * internal, way * (kick.zeta * mass * (0.5 * (old + new)))
+    damping = kick.zeta * damped_mass(p, particles) * (0.5 * (old + new))
+    return now, way * external, way * internal, way * damping
 
 
 @inner_kernel
@@ -59,18 +68,25 @@ def particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, veloci
 
     rows : (r,) local numbers; part : share of the kick that comes before n, 1/2 between equal steps
     kick_dt, zeta, share : of `motion.Kick`; f_int : (n, 3) [N]
-    velocity : (r, 3) [m/s], out; terms : (4, r) [J], out: kinetic, damping, external, internal
+    velocity : (r, 3) [m/s], out
+    terms : (4, r) [J], out: kinetic, damping, external, internal; (7, r) with OTHER_WORKS
     """
     kick = make_kick(kick_dt, zeta, share)
     x, y, z = along_x(particles), along_y(particles), along_z(particles)
     for i in range(rows.shape[0]):
         p = rows[i]
-        mass, square = particles.mass[p], 0.0
+        mass, speed, square = particles.mass[p], 0.0, 0.0
         if particles.wind is not None:
-            square = squared_speed(p, particles, share)
-        vx, ax, bx, cx = energies_along(p, x, f_int[p, 0], square, part, kick, mass)
-        vy, ay, by, cy = energies_along(p, y, f_int[p, 1], square, part, kick, mass)
-        vz, az, bz, cz = energies_along(p, z, f_int[p, 2], square, part, kick, mass)
+            speed = wind_speed(p, particles, share)
+            square = squared_speed(speed, particles)
+        nx, ny, nz = f_int[p, 0], f_int[p, 1], f_int[p, 2]
+        ex = external_force(p, x, square, share)
+        ey = external_force(p, y, square, share)
+        ez = external_force(p, z, square, share)
+        total, pull, along = with_air(p, (nx + ex, ny + ey, nz + ez), speed, kick, particles)
+        vx, ax, bx, cx = energies_along(p, x, nx, ex, total[0], part, kick, particles)
+        vy, ay, by, cy = energies_along(p, y, ny, ey, total[1], part, kick, particles)
+        vz, az, bz, cz = energies_along(p, z, nz, ez, total[2], part, kick, particles)
         velocity[i, 0], velocity[i, 1], velocity[i, 2] = vx, vy, vz
         terms[0, i] = 0.5 * mass * (vx * vx) + 0.5 * mass * (vy * vy) + 0.5 * mass * (vz * vz)
         terms[1, i] = terms[2, i] = terms[3, i] = math.nan
@@ -79,6 +95,10 @@ def particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, veloci
             terms[1, i] = damping[p] + cx + cy + cz
             terms[2, i] = external[p] + ax + ay + az
             terms[3, i] = -(internal[p] + bx + by + bz)
+        if particles.other_work is not None:
+            air, band, support = particles.other_work
+            terms[4, i] = air[p] + air_work_before(p, part, pull, along, kick, particles)
+            terms[5, i], terms[6, i] = band[p], support[p]
 
 
 @kernel
@@ -104,9 +124,10 @@ def observe(rows, part, kick_dt, zeta, share, x, springs, particles, elements, l
         slack += now.N[e] == 0.0 and whole
         largest = max(largest, abs(now.eps[e]))
     sums[:] = 0
-    for k in range(4):
+    last = terms.shape[0]
+    for k in range(last):
         add_exactly(terms[k], sums[k])
-    in_store, as_heat = sums[4], sums[5]
+    in_store, as_heat = sums[last], sums[last + 1]
     for e in range(now.N.shape[0]):
         if elements.owned[e]:
             add_term(stored[e], in_store)
@@ -118,8 +139,8 @@ def observe(rows, part, kick_dt, zeta, share, x, springs, particles, elements, l
 class Room(NamedTuple):
     """What a snapshot fills: f_int (n, 3) [N], velocity (r, 3) [m/s], `ElementState`, heat (m,) [J].
 
-    terms : (4, r) [J] kinetic, damping, external, internal; stored : (m,) [J]
-    sums : (6, LIMBS), exact, of this rank: those four, stored and heat
+    terms : (4, r) or (7, r) [J], as of `particle_energies`; stored : (m,) [J]
+    sums : (terms + 2, LIMBS), exact, of this rank: those, stored and heat
     """
 
     f_int: np.ndarray
@@ -175,7 +196,8 @@ class Snapshot:
 def make_room(state: State) -> Snapshot:
     """A snapshot that is yet to be taken."""
     rows, m = state.owned_rows(), state.m
-    terms, sums = np.empty((4, len(rows))), np.zeros((6, LIMBS), np.int64)
+    count = 4 if state.other_work is None else 4 + len(OTHER_WORKS)
+    terms, sums = np.empty((count, len(rows))), np.zeros((count + 2, LIMBS), np.int64)
     N, eps, eps_p, L, stored, heat = np.empty((6, m))
     arrays = np.empty_like(state.x), np.empty((len(rows), 3)), ElementState(N, eps, eps_p, L)
     return Snapshot(rows, Room(*arrays, heat, terms, stored, sums))
@@ -218,10 +240,11 @@ def take_snapshot(
 
 def total_energies(comm: MPI.Comm, state: State, snapshot: Snapshot) -> Energies:
     """Energies of the whole net, the same to the bit on any number of ranks. Collective."""
-    kinetic, damping, external, internal, stored, heat = sums_of_all(comm, snapshot.room.sums.copy())
+    *terms, stored, heat = sums_of_all(comm, snapshot.room.sums.copy())
+    kinetic, damping, external, internal, *others = terms
     if state.features.springs:
         stored += exact_sums(comm, snapshot.sprung)[0]
-    return Energies(kinetic, stored, heat, damping, external, internal)
+    return Energies(kinetic, stored, heat, damping, external, internal, *others)
 
 
 def most_extreme(

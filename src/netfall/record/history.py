@@ -3,11 +3,13 @@
 import numpy as np
 from mpi4py import MPI
 
+from netfall.mechanics.fields import Features
 from netfall.mechanics.state import State
 from netfall.model.probes import Probes
 from netfall.record.columns import HISTORY, Moment
 
 AT_REST = 1e-4  # of the energy stored at the start: what moves with less is at rest, and rounding counts
+DAMPING = ("damping_work", "air_work")
 MOST_STRAIN = 0.1  # that any cable bears; what is beyond it without a limit of its own is told
 
 
@@ -17,7 +19,8 @@ def energy_in_play(row: dict[str, float]) -> float:
     It goes into motion, strain, yield and damping; else it comes from the strain at the start.
     """
     gone = row["kinetic_energy"] + max(row["strain_energy"], 0.0) + row["plastic_dissipation"]
-    energy = max(abs(row["external_work"]), gone + row["damping_work"])
+    damped = sum(row.get(name, 0.0) for name in DAMPING)
+    energy = max(abs(row["external_work"]), gone + damped)
     return energy if energy == energy else 0.0  # nan without the audit
 
 
@@ -44,14 +47,15 @@ def most_strained_of_all(comm: MPI.Comm, here: tuple) -> tuple:
 
 
 class History:
-    """Rows so far; each has a value for every column of HISTORY.
+    """Rows so far; each has a value for every column of HISTORY that the scene has.
 
     scale : [J] largest energy that took part so far, which both errors are shares of
     """
 
-    def __init__(self, probes: Probes):
+    def __init__(self, probes: Probes, features: Features):
         self.probes, self.scale = probes, 0.0
-        self.rows: dict[str, list] = {column.name: [] for column in HISTORY}
+        self.table = [column for column in HISTORY if not column.needs or getattr(features, column.needs)]
+        self.rows: dict[str, list] = {column.name: [] for column in self.table}
         self.probe_rows: list[np.ndarray] = []
         self.most_strained = NOT_STRAINED  # of this rank, and of all before a checkpoint
 
@@ -64,9 +68,9 @@ class History:
 
     def add(self, probe_row: np.ndarray, now: Moment) -> None:
         """The row of a moment. probe_row : as `LocalProbes.values` gives it"""
-        values = {column.name: column.value(now) for column in HISTORY}
+        values = {column.name: column.value(now) for column in self.table}
         self.scale = max(self.scale, energy_in_play(values))
-        for column in HISTORY:
+        for column in self.table:
             value = values[column.name]
             self.rows[column.name].append(value / (self.scale or 1.0) if column.share else value)
         self.probe_rows.append(probe_row)
@@ -77,7 +81,7 @@ class History:
 
     def columns(self) -> dict[str, np.ndarray]:
         """The rows as columns, for the result file and for checkpoints."""
-        return {column.name: np.array(self.rows[column.name], column.dtype) for column in HISTORY}
+        return {column.name: np.array(self.rows[column.name], column.dtype) for column in self.table}
 
     def probe_columns(self) -> dict[str, np.ndarray]:
         """What was kept of nodes and elements by name, as datasets of /history."""
@@ -103,7 +107,7 @@ class History:
     def restore(self, small: dict, arrays: dict[str, np.ndarray]) -> None:
         """Take up the rows of an earlier run."""
         self.scale = small["scale"]
-        self.rows = {column.name: arrays[column.name].tolist() for column in HISTORY}
+        self.rows = {column.name: arrays[column.name].tolist() for column in self.table}
         self.probe_rows = list(arrays["probe_rows"])
 
 

@@ -15,6 +15,7 @@ class Panels(NamedTuple):
     element, panel : (k,) pairs; of_corner : (c,) panel; node : (c,); count : of panels
     area, plan_area, vector : of c corners as in `areas.Areas`, which at a node sum up to its own
     mass : (c,) [kg]; pressure : (c, 3) [N]; wind : (c, 3) [N s2/m2], what goes with the panel
+    air : (c, 3) [kg/m], kappa rho A; air_mass : (c,) [kg], of air that moves along
     """
 
     element: np.ndarray
@@ -28,6 +29,8 @@ class Panels(NamedTuple):
     mass: np.ndarray = None
     pressure: np.ndarray = None
     wind: np.ndarray = None
+    air: np.ndarray = None
+    air_mass: np.ndarray = None
 
     def at(self, elements) -> np.ndarray:
         """Panels that hang on any of some elements, ascending."""

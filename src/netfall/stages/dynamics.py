@@ -90,7 +90,8 @@ class Simulation(Stepper):
         self.removal = removal
         self.result, self.progress, self.saver = desk.result, desk.progress, desk.saver
         probes = scene.comm.bcast(scene.model and scene.model.layout.probes)
-        self.envelope, self.history = Envelope(scene.distribution), History(probes)
+        self.envelope = Envelope(scene.distribution)
+        self.history = History(probes, scene.state.features)
         self.wind = next((load for load in loads if isinstance(load, WindLoad)), None)
         self.start_strain = self.start_plastic = 0.0  # J, from which energies count
         self.largest_work, self.room = 0.0, None

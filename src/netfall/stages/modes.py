@@ -14,15 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from netfall.ground.stop import NEVER
-from netfall.job.asks import has_statics, rests_at_loss
+from netfall.job.asks import air_moves, has_statics, rests_at_loss
 from netfall.job.job import Job
 from netfall.job.values import listed
+from netfall.mechanics.air import rooted
 from netfall.mechanics.material import elastic_stiffness
 from netfall.model.model import Model
 from netfall.multigrid.tangent import block_matrix, incidence_of
-from netfall.net.net import Net
-from netfall.numerics.functions import lengths
-from netfall.roof.areas import unit_normals
+from netfall.net.net import GRAVITY, Net
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import committed, put_back, reference_force, settle
 from netfall.stages.wanted import equilibria, loaded
@@ -147,7 +146,7 @@ def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
     if not desk.saver.is_past(NAME):
         with desk.phases.phase(NAME):
             modes = modes_now(scene, scene.job.output.modes)
-            desk.result.write_whole(NAME, modes and modes_section(scene.job, modes))
+            desk.result.write_whole(NAME, modes and modes_section(scene.job, scene.model, modes))
     return Outcome()
 
 
@@ -161,10 +160,14 @@ def modes_now(scene: Scene, count: int) -> Modes | None:
     return modes_at(x, model.net, N, model.L0, model.mass, count, state.features.strain)
 
 
-def modes_section(job: Job, modes: Modes) -> dict[str, np.ndarray]:
+def modes_section(job: Job, model: Model, modes: Modes) -> dict[str, np.ndarray]:
     """The datasets of /modes."""
     section = {"period": modes.period, "shape": modes.shape}
-    return section | ({"damping_ratio": modes.damping_ratio(job.dynamics.damping)} if job.dynamics else {})
+    if job.dynamics:
+        section["damping_ratio"] = mass_damping(job, model, modes)
+    if model.air is not None:
+        section["air_damping_ratio"] = air_damping(job, model, modes)
+    return section
 
 
 def mode_lines(job: Job, scene: Scene) -> list[str]:
@@ -213,31 +216,53 @@ def _notes(model: Model, modes: Modes) -> list[str]:
 
 
 def _damping_lines(job: Job, model: Model, modes: Modes) -> list[str]:
-    zeta = job.dynamics.damping
-    lines = [
-        f"damping: damping = {zeta:g} 1/s is {_row(100.0 * modes.damping_ratio(zeta))} % of the critical in "
-        "them (damping x period / 4 pi)"
-    ]
-    if job.wind is not None and not job.wind.pressures and np.isfinite(modes.period).any():
-        air = 100.0 * air_damping(job, model, modes)
+    """What each damping amounts to in the modes, and what that of the mass means for what falls."""
+    zeta, lines = job.dynamics.damping, []
+    lines.append(
+        f"damping: damping = {zeta:g} 1/s is {_row(100.0 * mass_damping(job, model, modes))} % of the "
+        "critical in them (damping x period / 4 pi"
+        + (", without the air that moves along)" * air_moves(job) or ")")
+    )
+    if zeta:
+        lines.append(
+            f"damping: damping = {zeta:g} 1/s also holds back what falls: it comes to no more than "
+            f"g / damping = {GRAVITY / zeta:.4g} m/s"
+        )
+    if job.wind is None or not np.isfinite(modes.period).any():
+        return lines
+    if model.air is not None:
+        lines.append(
+            f"damping: that of the air is {_row(100.0 * air_damping(job, model, modes))} % at the mean wind"
+        )
+    elif not job.wind.pressures:
+        air = 100.0 * air_damping(job, model, modes, kappa=1.0)
         lines.append(
             f"damping: the air's own is left out; it would be of the order of {_row(air)} % "
-            "(rho U on the speed along the normal)"
+            "([wind] air_damping = 1)"
         )
     return lines
 
 
-def air_damping(job: Job, model: Model, modes: Modes) -> np.ndarray:
-    """Order (k,) of the share of the critical damping that the air would give.
+def mass_damping(job: Job, model: Model, modes: Modes) -> np.ndarray:
+    """Share (k,) of the critical damping that `damping` has, which does not act on air that moves along."""
+    ratio = modes.damping_ratio(job.dynamics.damping)
+    if model.air_mass is None:
+        return ratio
+    square = np.sum(modes.shape**2, axis=2)
+    return ratio * ((square @ model.own_mass) / (square @ model.mass))
 
-    A force rho U on each m2 of roof for each m/s along its normal (quasi-steady, slope of the coefficient
-    over the angle of attack of 2): sum rho U A (phi n)^2 / (2 omega sum M phi^2).
+
+def air_damping(job: Job, model: Model, modes: Modes, kappa: float | None = None) -> np.ndarray:
+    """Share (k,) of the critical damping that the air has at the mean wind.
+
+    sum |U| (c phi)^2 / (2 omega sum M phi^2), c of `mechanics.air`; kappa : of all the roof, None: its own
     """
-    gust = model.history.mean_gust
-    speed = model.wind_field.mean + np.sum(model.wind_field.weight * gust[model.wind_field.corner], axis=1)
-    size = lengths(model.vector_area)
-    along = np.sum(modes.shape * unit_normals(model.vector_area), axis=2) ** 2
-    taken = along @ (job.wind.air_density * speed * size)
+    speed = np.ones(model.net.n)  # of pressures: it is in c
+    if not job.wind.pressures:
+        field, gust = model.wind_field, model.history.mean_gust
+        speed = np.abs(field.mean + np.sum(field.weight * gust[field.corner], axis=1))
+    c = model.air if kappa is None else rooted(kappa * job.wind.air_density * model.vector_area)
+    taken = np.sum(modes.shape * c, axis=2) ** 2 @ speed
     modal = np.sum(modes.shape**2, axis=2) @ model.mass
     return taken / modal * modes.period / (4.0 * np.pi)
 

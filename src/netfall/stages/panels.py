@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
+from netfall.mechanics.air import take_air
 from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.state import State
 from netfall.model.handover import HandOver
@@ -19,13 +20,15 @@ from netfall.parallel.subdomain import Distribution, rows_of
 
 
 class Corners(NamedTuple):
-    """What corners of panels carry: panel, node (c,); mass (c,) [kg]; pressure (c, 3) [N]; wind (c, 3)"""
+    """What corners of panels carry, as in `roof.panels.Panels`: panel, node (c,), then a row for each."""
 
     panel: np.ndarray
     node: np.ndarray
     mass: np.ndarray
     pressure: np.ndarray
     wind: np.ndarray
+    air: np.ndarray
+    air_mass: np.ndarray
 
     def at(self, rows) -> "Corners":
         """Some of them."""
@@ -34,7 +37,7 @@ class Corners(NamedTuple):
     def passed(self, taker: int, share: float) -> "Corners":
         """A share of them, at another node."""
         node = np.full(len(self.node), taker)
-        return Corners(self.panel, node, share * self.mass, share * self.pressure, share * self.wind)
+        return Corners(self.panel, node, *(share * carried for carried in self[2:]))
 
 
 class Tearing:
@@ -51,7 +54,7 @@ class Tearing:
         self.owned = distribution.subdomain.particle_gid[: distribution.subdomain.n_owned]
         panels, row = self.panels, rows_of(self.owned, self.panels.node)
         here = row >= 0
-        columns = (panels.of_corner, panels.node, panels.mass, panels.pressure, panels.wind)
+        columns = (panels.of_corner, *(getattr(panels, name) for name in Corners._fields[1:]))
         self.corners, self.row = Corners(*(column[here] for column in columns)), row[here]
         self.torn = np.zeros(self.panels.count, bool)
         self.torn[self.panels.at(broken)] = True
@@ -71,6 +74,7 @@ class Tearing:
         least = np.maximum(own, 0.5 * self.stable_dt**2 * stiffness)
         for corner in corners.tolist():
             p, of = self.row[corner], self.corners.at(corner)
+            take_air(state, p, of.air, of.air_mass)
             mass = min(of.mass, max(0.0, state.mass[p] - least[p]))
             if state.work is not None:
                 state.work[p, 0] -= 0.5 * mass * float(np.sum(state.v[p] ** 2))

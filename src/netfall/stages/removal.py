@@ -104,7 +104,7 @@ class Removal:
     def _join(self, state, handed: HandOver) -> None:
         """What particles inside lost cables carry goes to others. Collective."""
         of = lambda rows: None if rows is None else handed.given(self.distribution, rows)
-        given = Carried(of(state.mass), of(state.v), of(state.load), of(state.wind))
+        given = Carried(*(of(getattr(state, name)) for name in Carried._fields))
         row = rows_of(self.distribution.subdomain.particle_gid, handed.taker)
         here = row >= 0
         join(state, row[here], handed.source[here], handed.share[here], given)

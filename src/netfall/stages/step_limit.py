@@ -32,8 +32,9 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
     N, _, _, L = s.elements_now()
     direction = (s.x[s.ends[:, 1]] - s.x[s.ends[:, 0]]) / np.maximum(L, 1e-300)[:, None]
     axial, transverse = largest_stiffness(s.EA, s.L0), geometric_stiffness(np.maximum(N, 0.0), L)
-    moves = (s.free != 0) & (s.mass > 0.0)[:, None]
-    root = np.where(moves, 1.0 / np.sqrt(np.where(s.mass > 0.0, s.mass, 1.0))[:, None], 0.0)
+    mass = s.mass if s.air_mass is None else s.mass - s.air_mass  # the air may be lost
+    moves = (s.free != 0) & (mass > 0.0)[:, None]
+    root = np.where(moves, 1.0 / np.sqrt(np.where(mass > 0.0, mass, 1.0))[:, None], 0.0)
     shape, force = np.empty((s.n_local, 3)), np.empty((s.n_local, 3))
 
     def apply(v: np.ndarray) -> np.ndarray:

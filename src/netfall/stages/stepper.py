@@ -4,6 +4,7 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.job.asks import carries_weight
+from netfall.mechanics.air import lose_all_wind
 from netfall.mechanics.events import COLUMNS
 from netfall.mechanics.fracture import FractureRules
 from netfall.mechanics.state import State
@@ -146,7 +147,7 @@ class Stepper:
         if first < stop:
             self.take_back(begin, kept)
             self.advance_block(first + 1)
-            self.state.wind[:] = 0.0
+            lose_all_wind(self.state)
             self.share_events()
 
     def advance_with_tearing(self, stop: int) -> None:

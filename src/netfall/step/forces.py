@@ -7,8 +7,9 @@ it. `Particles` come as the plan prepares them (`plan.stepped_particles`).
 import numpy as np
 
 from netfall.ground.compile import inner_kernel, part_of_kernel, vector_kernel
+from netfall.mechanics.air import damped_mass, with_air
 from netfall.mechanics.fields import SLOTS
-from netfall.mechanics.loads import external_force, squared_speed
+from netfall.mechanics.loads import external_force, squared_speed, wind_speed
 from netfall.mechanics.material import force_density
 from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
 from netfall.mechanics.supports import spring_force
@@ -45,15 +46,11 @@ def four_forces(p, far, x, slots, law):
 
 
 @part_of_kernel
-def kick_axis(p, i, internal, square, kick, axis, f, particles):
-    """Kick of particle p along one axis under its internal force [N] and the external one; total to f[i].
+def kick_axis(p, i, internal, external, total, kick, axis, f, particles):
+    """Kick of particle p along one axis under its total force [N], which goes to f[i]; axis : `motion.Axis`
 
-    axis : `motion.Axis`; square : of the wind speed [m2/s2]
     Returns the work [J] of the external, internal and damping forces
     """
-    internal = spring_force(p, internal, axis)
-    external = external_force(p, axis, square, kick.share)
-    total = internal + external
     f[i] = total
     old = axis.v[p]
     new = kicked(old, total * particles.per_mass[p], kick)  # v to n + 1/2
@@ -64,7 +61,7 @@ def kick_axis(p, i, internal, square, kick, axis, f, particles):
         return external, external, external  # of no use
     mean = 0.5 * (old + new)
     way = kick.dt * mean  # zero where held
-    damping = kick.zeta * particles.mass[p] * mean
+    damping = kick.zeta * damped_mass(p, particles) * mean
     return way * external, way * internal, way * damping
 
 
@@ -74,12 +71,23 @@ def kick_particle(p, i, force, kick, particles, f):
 
     Totals to row i of f.
     """
-    square = 0.0
+    speed, square = 0.0, 0.0
     if particles.wind is not None:
-        square = squared_speed(p, particles, kick.share)
-    ax, bx, cx = kick_axis(p, i, force[0], square, kick, along_x(particles), f[0], particles)
-    ay, by, cy = kick_axis(p, i, force[1], square, kick, along_y(particles), f[1], particles)
-    az, bz, cz = kick_axis(p, i, force[2], square, kick, along_z(particles), f[2], particles)
+        speed = wind_speed(p, particles, kick.share)
+        square = squared_speed(speed, particles)
+    x, y, z = along_x(particles), along_y(particles), along_z(particles)
+    nx, ny, nz = spring_force(p, force[0], x), spring_force(p, force[1], y), spring_force(p, force[2], z)
+    ex, ey, ez = (
+        external_force(p, x, square, kick.share),
+        external_force(p, y, square, kick.share),
+        external_force(p, z, square, kick.share),
+    )
+    total, pull, along = with_air(p, (nx + ex, ny + ey, nz + ez), speed, kick, particles)
+    ax, bx, cx = kick_axis(p, i, nx, ex, total[0], kick, x, f[0], particles)
+    ay, by, cy = kick_axis(p, i, ny, ey, total[1], kick, y, f[1], particles)
+    az, bz, cz = kick_axis(p, i, nz, ez, total[2], kick, z, f[2], particles)
+    if particles.other_work is not None:
+        particles.other_work[0][p] = particles.other_work[0][p] + kick.dt * (pull * along)
     if particles.work is not None:
         external, internal, damping = particles.work
         external[p] = external[p] + ax + ay + az

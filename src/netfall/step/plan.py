@@ -15,7 +15,17 @@ from netfall.step.runs import LANES, Runs, find_runs, make_runs
 from netfall.step.slots import collect_yields, fill_slots
 from netfall.step.tear import break_elements
 
-MOVING = ("x", "v", "work", "highest", "lowest", "eps_p", "dissipated", "slot_eps_p")  # where nothing breaks
+MOVING = (
+    "x",
+    "v",
+    "work",
+    "other_work",
+    "highest",
+    "lowest",
+    "eps_p",
+    "dissipated",
+    "slot_eps_p",
+)  # where nothing breaks
 CHUNK = 2048  # particles, 300 KB; fewer end the runs too often, more leave the second cache
 
 
@@ -60,7 +70,9 @@ class Scratch(NamedTuple):
 
 def halo_width(state: State) -> int:
     """Numbers sent for each boundary particle, as `halo.send_forces` packs them."""
-    return 5 if state.features.fracture else 3
+    if not state.features.fracture:
+        return 3
+    return 6 if state.features.air_mass else 5
 
 
 def stepped_particles(state: State) -> Particles:

@@ -169,7 +169,7 @@ def particle_speeds(mean, corner, weight, gust, speed):
 def read_history(job) -> TableHistory | None:
     """The history of measured speeds or of pressures at taps, None: generated. Raises InputError."""
     wind = job.wind
-    if wind is None or wind.speed:
+    if wind is None or not (wind.file or wind.pressures):
         return None
     if wind.file:
         return read_measured(job)

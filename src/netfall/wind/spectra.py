@@ -102,7 +102,7 @@ def intensity(settings) -> float:
 
 def gust_of(settings) -> Gust | None:
     """The gusts of a [wind]; None where there are none, or where they come from a table."""
-    if settings.speed is None or intensity(settings) == 0.0:
+    if settings.speed is None or settings.pressures or intensity(settings) == 0.0:
         return None
     shape = SHAPES[settings.spectrum]
     length = shape.length if settings.gust_length == "auto" else settings.gust_length

@@ -1,0 +1,130 @@
+"""Air that a roof feels as it moves: damping along its normal, and air that moves with it.
+
+A surface that moves with v_n along its normal n turns the relative wind by v_n / U, so the wind's pressure
+changes by kappa rho U v_n, kappa half the slope of the normal force coefficient over the angle of attack.
+With a vector area A and c = sqrt(kappa rho |A|) n the force on a particle is
+
+    f = -|U| c (c.v),     v = (v(n-1/2) + v(n+1/2)) / 2
+
+implicit in the mean velocity, and so stable at any step. The size of U counts: a gust may turn the wind
+round, and damping never feeds energy. Air that moves with the surface is inertia without weight, on which the
+mass-proportional damping does not act.
+
+Both are parts of the total force on a particle, which its owner sends; so halo copies know of neither.
+"""
+
+import numpy as np
+
+from netfall.ground.compile import inner_kernel, part_of_kernel
+from netfall.mechanics.motion import inverse_mass
+
+
+@part_of_kernel
+def with_air(p, force, speed, kick, particles):
+    """Total force [N] on particle p with that of the air, three; |U| c.v and c.v of the mean velocity v.
+
+    force : three [N], all others; speed : [m/s] of the wind; kick : `motion.Kick`
+
+    With u = v(n-1/2) + dt f / 2M, h = zeta dt / 2 of the mass without air and a = |U| c^2 dt / 2M the mean
+    velocity is u / (1 + h) across c and u / (1 + h + a) along it.
+    """
+    fx, fy, fz = force
+    pull, along = 0.0, 0.0
+    if particles.air is None and particles.air_mass is None:
+        return (fx, fy, fz), pull, along
+    half = 0.5 * kick.dt * particles.per_mass[p]
+    v = particles.v
+    ux, uy, uz = v[0][p] + half * fx, v[1][p] + half * fy, v[2][p] + half * fz
+    damped = 1.0 + 0.5 * kick.zeta * kick.dt
+    if particles.air_mass is not None:
+        damped = 1.0 + half * kick.zeta * (particles.mass[p] - particles.air_mass[p])
+    if particles.air is not None:
+        size = 1.0
+        if particles.tapped is None:  # else it is in c
+            size = abs(speed)
+        cx, cy, cz = particles.air[0][p], particles.air[1][p], particles.air[2][p]
+        along = (cx * ux + cy * uy + cz * uz) / (damped + half * size * (cx * cx + cy * cy + cz * cz))
+        pull = size * along
+        fx, fy, fz = fx - pull * cx, fy - pull * cy, fz - pull * cz
+        ux, uy, uz = ux - half * pull * cx, uy - half * pull * cy, uz - half * pull * cz
+    if particles.air_mass is not None:
+        spared = kick.zeta * particles.air_mass[p] / damped
+        fx, fy, fz = fx + spared * ux, fy + spared * uy, fz + spared * uz
+    return (fx, fy, fz), pull, along
+
+
+@part_of_kernel
+def air_work_before(p, part, pull, along, kick, particles):
+    """Work [J] of the air's damping in the share `part` of a kick, its begin; pull, along : of `with_air`."""
+    if particles.air is None:
+        return 0.0
+    v, c = particles.v, particles.air
+    old = c[0][p] * v[0][p] + c[1][p] * v[1][p] + c[2][p] * v[2][p]
+    return part * kick.dt * pull * (old + part * (along - old))
+
+
+@part_of_kernel
+def damped_mass(p, particles):
+    """Mass [kg] of particle p on which the mass-proportional damping acts."""
+    if particles.air_mass is None:
+        return particles.mass[p]
+    return particles.mass[p] - particles.air_mass[p]
+
+
+@inner_kernel
+def lose_air(p, particles):
+    """Particle p, which has lost its wind, feels no air any more; what moved with it moves on without it.
+
+    The kinetic energy [J] of that air counts as negative external work.
+    """
+    if particles.air is not None:
+        particles.air[0][p] = particles.air[1][p] = particles.air[2][p] = 0.0
+    if particles.air_mass is not None:
+        mass, v = particles.air_mass[p], particles.v
+        if particles.work is not None:
+            square = v[0][p] * v[0][p] + v[1][p] * v[1][p] + v[2][p] * v[2][p]
+            particles.work[0][p] -= 0.5 * mass * square
+        particles.air_mass[p] = 0.0
+        particles.mass[p] -= mass
+        if particles.per_mass[p] != 0.0:
+            particles.per_mass[p] = inverse_mass(particles.mass[p])
+
+
+def lose_all_wind(state) -> None:
+    """No particle feels wind or air any more; as `lose_air`. state : `state.State`"""
+    state.wind[:] = 0.0
+    if state.air is not None:
+        state.air[:] = 0.0
+    if state.air_mass is not None:
+        if state.work is not None:
+            state.work[:, 0] -= 0.5 * state.air_mass * np.sum(state.v * state.v, axis=1)
+        state.mass -= state.air_mass
+        state.air_mass[:] = 0.0
+        state.invert_masses()
+
+
+def take_air(state, p: int, vector: np.ndarray, mass: float) -> None:
+    """Take some of what particle p feels of the air off it, with its kinetic energy; as `lose_air`.
+
+    vector : (3,) [kg/m], kappa rho A; mass : [kg], all that is left if less is there
+    """
+    if state.air is not None:
+        left = squared(state.air[p]) - vector
+        state.air[p] = rooted(np.where(state.free[p] != 0, left, 0.0))
+    if state.air_mass is not None:
+        mass = min(mass, state.air_mass[p])
+        if state.work is not None:
+            state.work[p, 0] -= 0.5 * mass * float(np.sum(state.v[p] ** 2))
+        state.air_mass[p] -= mass
+        state.mass[p] -= mass
+
+
+def rooted(vector: np.ndarray) -> np.ndarray:
+    """c (n, 3) of vectors kappa rho A (n, 3) [kg/m], which may be added."""
+    size = np.sqrt(np.sum(vector * vector, axis=-1, keepdims=True))
+    return np.divide(vector, np.sqrt(size), out=np.zeros_like(vector), where=size > 0.0)
+
+
+def squared(c: np.ndarray) -> np.ndarray:
+    """kappa rho A (n, 3) [kg/m] of vectors c (n, 3): the inverse of `rooted`."""
+    return c * np.sqrt(np.sum(c * c, axis=-1, keepdims=True))

@@ -1,0 +1,106 @@
+"""Air damping and air that moves along, against closed forms; both through fractures, ranks and restarts."""
+
+import numpy as np
+import pytest
+from conftest import STEEL
+
+RHO = 1.25
+BARE = STEEL.replace("prestress = 100e3\n", "")
+STEADY = '[wind]\nonset = "sudden"\nspeed = 20.0\nroughness = 0.0\nprofile_exponent = 0.0\n'
+PLATE = "id,x,y,z,fixed,mass,load_z,area,normal_x,normal_y,normal_z\n1,0,0,0,1,0,0,0,0,0,1\n"
+
+
+def free_plate(kappa, step, damping=0.0, air=0.0):
+    """A plate of 4 m2 and 100 kg under 500 N upward, on a cable that is slack for as long as it flies."""
+    nodes = PLATE + "2,0,0,-9,0,100,500,4,0,0,1\n"
+    text = (
+        BARE
+        + STEADY
+        + f"shape_coefficient = 0.0\nair_damping = {kappa}\n[load]\nair_mass = {air}\n"
+        + f"[dynamics]\nduration = 1.0\ntime_step = {step}\ndamping = {damping}\n"
+        + f"[output]\nhistory = {step}\nprobes = [2]\n"
+    )
+    return text, nodes, "start,end,unstressed_length\n1,2,10.0\n"
+
+
+HALF_CABLE = 0.5 * 7850.0 * 683.08e-6 * 10.0  # kg
+
+
+@pytest.mark.parametrize("damping, air", [(0.0, 0.0), (0.5, 30.0)])
+def test_a_free_plate_in_steady_wind_decays_as_the_scheme_does(workshop, damping, air):
+    """v(n+1/2) = ((1 - b) v(n-1/2) + dt F / M) / (1 + b), b = (kappa rho U A + zeta m) dt / 2M.
+
+    M with the air that moves along, on which damping does not act. Both audits hold.
+    """
+    kappa, step = 0.7, 2e-3
+    f = workshop.run(workshop.job(*free_plate(kappa, step, damping, air)))
+    z = f["history/probe_displacement"][:, 0, 2]
+    own, g = 100.0 + HALF_CABLE, kappa * RHO * 20.0 * 4.0
+    M = own + 4.0 * air
+    drag = g + damping * own
+    x, v, expected = 0.0, 0.0, []
+    for n in range(501):
+        dt = step if n else 0.5 * step
+        b = 0.5 * drag * dt / M
+        expected.append(x)
+        v = ((1 - b) * v + dt * 500.0 / M) / (1 + b)
+        x += step * v
+    assert np.abs(z - expected).max() < 1e-13 * abs(z).max() + 1e-14
+    t = f["history/time"][:]
+    terminal = 500.0 / drag
+    exact = terminal * (t - M / drag * (1 - np.exp(-drag / M * t)))
+    assert np.abs(z - exact).max() < 1e-5 * exact.max()  # second order of a step of 1e-3 of the time it takes
+    h = f["history"]
+    assert np.abs(h["identity_error"][:]).max() < 1e-12
+    speed = terminal * (1 - np.exp(-drag / M * t))
+    work = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] ** 2 + speed[:-1] ** 2) * np.diff(t))]) * g
+    assert np.allclose(h["air_work"][:], work, rtol=1e-4, atol=1e-4 * work[-1])
+
+
+def hanging_plate(extra, damping=0.0):
+    """A plate of 8 m2 and 1000 kg on a 10 m cable, let go 1 mm below its rest; the load keeps it taut."""
+    L = 10.0 * (1 + 20e3 / (1.95e11 * 683.08e-6)) + 1e-3
+    nodes = PLATE + f"2,0,0,{-L!r},0,1000,-20e3,8,0,0,1\n"
+    text = (
+        BARE
+        + STEADY
+        + f"shape_coefficient = 0.0\n{extra}\n[dynamics]\nduration = 0.5\ntime_step = 2e-5\n"
+        + f"damping = {damping}\n[output]\nhistory = 2e-4\nprobes = [2]\nmodes = 3\n"
+    )
+    return text, nodes, "start,end,unstressed_length\n1,2,10.0\n"
+
+
+def decrement(f):
+    """Logarithmic decrement of the probe about its rest, over the whole periods in the history."""
+    z = f["history/probe_displacement"][:, 0, 2]
+    z = z - 1e-3  # it rests 1 mm above where it begins
+    peaks = np.flatnonzero((np.abs(z[1:-1]) >= np.abs(z[:-2])) & (np.abs(z[1:-1]) > np.abs(z[2:]))) + 1
+    value = []
+    for k in peaks:  # the vertex of a parabola through three rows
+        a, b, c = np.abs(z[k - 1 : k + 2])
+        value.append(b + 0.125 * (a - c) ** 2 / (2 * b - a - c))
+    return 2.0 * np.log(value[0] / value[-1]) / (len(value) - 1)
+
+
+def test_a_plate_on_a_spring_has_the_decrement_of_the_air(workshop):
+    """2 pi xi / sqrt(1 - xi^2), xi = kappa rho U A / (2 M omega): to 1e-4, the peaks' interpolation."""
+    f = workshop.run(workshop.job(*hanging_plate("air_damping = 2.0")))
+    M, k = 1000.0 + HALF_CABLE, 1.95e11 * 683.08e-6 / 10.0
+    xi = 2.0 * RHO * 20.0 * 8.0 / (2 * M * np.sqrt(k / M))
+    assert decrement(f) == pytest.approx(2 * np.pi * xi / np.sqrt(1 - xi**2), rel=1e-4)
+    assert np.abs(f["history/identity_error"][:]).max() < 1e-11
+    assert np.abs(f["history/balance_error"][:]).max() < 1e-5
+
+
+def test_air_that_moves_along_lengthens_the_period_of_a_known_mode(workshop):
+    """30 kg/m2: the period times sqrt(1 + m_air / m) in /modes, and in the motion; its weight is nothing."""
+    text, nodes, elements = hanging_plate("[load]\nair_mass = 30.0")
+    f = workshop.run(workshop.job(text, nodes, elements), output="with.vtkhdf")
+    bare = workshop.run(workshop.job(text.replace("air_mass = 30.0", ""), nodes, elements))
+    own = 1000.0 + HALF_CABLE
+    longer = np.sqrt(1.0 + 30.0 * 8.0 / own)
+    assert f["modes/period"][2] == pytest.approx(longer * bare["modes/period"][2], rel=1e-12)
+    z = f["history/probe_displacement"][:, 0, 2]
+    t = f["history/time"][:]
+    expected = 1e-3 * (1.0 - np.cos(2 * np.pi * t / f["modes/period"][2]))
+    assert np.abs(z - expected).max() < 1e-4 * 1e-3  # its own change of stiffness, and the step
