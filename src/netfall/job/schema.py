@@ -28,11 +28,7 @@ CABLE = (
         "breaking_load", "N", ABSENT, "tension at fracture; absent: none breaks by its tension", high=1e20
     ),
     not_negative(
-        "strength_deviation",
-        "",
-        0.0,
-        "scatter of the strength from cable to cable, share of its mean",
-        high=0.5,
+        "strength_deviation", "", 0.0, "scatter of strength from cable to cable, share of its mean", high=0.5
     ),
     seed("strength_seed", "seed of the drawn strengths: the same seed draws the same strengths"),
     between(-1e-3, 1e-3, "expansion", "1/K", 12e-6, "coefficient of thermal expansion: strain for each K"),
