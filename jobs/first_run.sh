@@ -10,4 +10,5 @@ mkdir -p results
 .venv/bin/netfall info results/stadium.vtkhdf
 .venv/bin/netfall plot results/stadium.vtkhdf
 .venv/bin/netfall view results/stadium.vtkhdf || [ $? = 2 ] # 2: without k3d
+[ ! -e results/stadium.html ] || echo "Open results/stadium.html in a browser and press play."
 echo "In ParaView (5.12 or newer) open results/stadium.vtkhdf as a time series."

@@ -51,6 +51,23 @@ def test_a_taut_string_has_the_periods_of_the_discrete_chain(nodes):
     )
 
 
+@pytest.mark.parametrize("nodes", [20, 400])
+def test_the_effective_mass_of_a_string_is_that_of_its_waves(nodes):
+    """Of mode j across: (sum of sines)^2 over N times the sum of their squares, (N + 1) / 2; of even j none.
+
+    The sum of sin(j k pi / (N + 1)) over k is cot(j pi / 2 (N + 1)) for odd j. The two directions of a wave
+    share it. All modes of a free string have the whole mass along each axis.
+    """
+    modes = modes_of(string(nodes), T, 6)
+    pairs = modes.effective_mass.reshape(3, 2, 3).sum(1)  # of each wave, along x, y, z
+    cot = 1.0 / np.tan(np.array([1, 3]) * np.pi / (2 * (nodes + 1)))
+    wave = cot**2 / (nodes * (nodes + 1) / 2)
+    assert pairs[[0, 2], 1:] == pytest.approx(np.column_stack([wave, wave]), rel=1e-6)
+    assert pairs[1] == pytest.approx(np.zeros(3), abs=1e-9)
+    if nodes == 20:
+        assert modes_of(string(nodes), T, 60).effective_mass.sum(0) == pytest.approx(np.ones(3), rel=1e-9)
+
+
 def grid(cells):
     """A flat orthogonal net with held edges."""
     line = A * np.arange(cells + 1)

@@ -76,6 +76,7 @@ def goes_through_everything(path, folder) -> None:
     answers("plot", path, "-o", folder / "pictures", cwd=folder)
     report = answers("report", path, "-o", folder / "report", cwd=folder)
     assert "summary.md" in report and "utilisation.png" in report
+    answers("view", path, "-o", folder / "page.html", cwd=folder)
     for suffix in SUFFIXES:
         answers("export", path, "-o", folder / f"exported{suffix}", cwd=folder)
     read_all(path)
@@ -139,7 +140,7 @@ def test_what_is_no_result_is_refused_by_all(workshop):
     odd |= {"missing": workshop.folder / "missing.vtkhdf", "folder": workshop.folder, "job": job}
     there = {*workshop.folder.rglob("*")}
     for name, path in odd.items():
-        for command in ("info", "plot", "report", "export"):
+        for command in ("info", "plot", "view", "report", "export"):
             more = () if command == "info" else ("-o", workshop.folder / "new")
             done = run_on_standing_ranks(command, path, *more, cwd=workshop.folder)
             assert done.returncode == 2, (name, command, done.stderr)

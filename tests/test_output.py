@@ -4,23 +4,28 @@ pictures and words.
 
 import re
 import subprocess
-from itertools import pairwise
+from itertools import combinations, pairwise
 from pathlib import Path
 
 import h5py
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall, run_on_standing_ranks
 from drawings import Sketch
 from kill_runs import JOB
+from matplotlib.text import Text
 from PIL import Image
 
 from netfall.exchange.export import export
 from netfall.ground.errors import InputError
+from netfall.plots.canvas import VIEWS, charts
 from netfall.plots.collapse import stage_steps
-from netfall.plots.film import animate, format_of
+from netfall.plots.film import Shot, animate, format_of
 from netfall.plots.force import ForceScale, edge_of
-from netfall.plots.run import plot_all
+from netfall.plots.labels import add_labels
+from netfall.plots.run import plot_all, plot_state
+from netfall.plots.states import deflection_scale
 from netfall.report.info import print_info
 from netfall.report.report import Inputs, write_report
 
@@ -494,11 +499,55 @@ def test_animation_has_a_picture_for_each_frame(storm, tmp_path):
 
 def test_format_of_the_animation_and_why():
     """MP4 where ffmpeg is, GIF where it is not; asked for without it: what to do."""
-    assert format_of(None, True) == ("mp4", "MP4, by ffmpeg")
-    assert format_of(None, False)[0] == "gif" and "ffmpeg" in format_of(None, False)[1]
-    assert format_of("gif", True)[0] == "gif"
-    with pytest.raises(InputError, match="install it, or take --format gif"):
-        format_of("mp4", False)
+    assert format_of(None, "ffmpeg") == ("mp4", "MP4, by ffmpeg")
+    assert format_of(None, None)[0] == "gif" and "ffmpeg" in format_of(None, None)[1]
+    assert format_of("gif", "ffmpeg")[0] == "gif"
+    with pytest.raises(InputError, match="or take --format gif"):
+        format_of("mp4", None)
+
+
+def test_animation_from_another_side_of_another_size_to_another_end(storm, tmp_path):
+    """As MP4 where imageio's ffmpeg is: read back by it. What ends before the second frame is an error."""
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    shot = Shot(VIEWS["plan"], (640, 480), 1.3, 0.41)
+    path, told = animate(Path(storm.filename), tmp_path, "mp4", 10, shot)
+    assert told.startswith("9 frames at 10 a second: 0.9 s for 0.4 s")  # of every 0.05 s
+    reader = imageio_ffmpeg.read_frames(str(path))
+    try:
+        assert next(reader)["size"] == (640, 480)
+    finally:
+        reader.close()
+    assert imageio_ffmpeg.count_frames_and_secs(str(path))[0] == 9
+    with pytest.raises(InputError, match=r"the second frame is at 0\.05 s"):
+        animate(Path(storm.filename), tmp_path, "gif", 10, Shot(until=0.01))
+
+
+def test_a_state_has_a_page_of_its_own(storm, tmp_path):
+    """By its name; a name that none has is answered by those that there are."""
+    assert plot_state(Path(storm.filename), tmp_path, "statics").name == "storm_statics.png"
+    with pytest.raises(InputError, match="--case stom: no such state; this result has form, statics"):
+        plot_state(Path(storm.filename), tmp_path, "stom")
+    assert [deflection_scale(0.05, 50.0), deflection_scale(4.0, 50.0), deflection_scale(0.0, 1.0)] == [
+        50,
+        0.5,
+        1,
+    ]
+
+
+def test_labels_do_not_cover_one_another():
+    """Fifty at one place: those for which there is room, the first among them, none on another."""
+    figure, ((axes,),) = charts(1, 1, 4, 4)
+    places = np.full((50, 2), 0.5)
+    added = add_labels(axes, places, [f"element {k}" for k in range(50)])
+    assert 8 < len(added) < 50 and added[0] == "element 0"
+    figure.canvas.draw()
+    boxes = [Text.get_window_extent(label) for label in axes.texts]  # without the lines to the places
+    # by half a pixel: the width of a text is estimated from its characters
+    for one, other in combinations(boxes, 2):
+        across = min(one.x1, other.x1) - max(one.x0, other.x0)
+        up = min(one.y1, other.y1) - max(one.y0, other.y0)
+        assert min(across, up) < 0.5
+    plt.close(figure)
 
 
 def test_animation_without_frames_says_what_to_do(workshop):

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import time
 from html.parser import HTMLParser
 from importlib.util import find_spec
@@ -12,13 +13,17 @@ import h5py
 import numpy as np
 import pytest
 from conftest import STEEL, run_netfall
+from study_files import columns, write_study
 
 from netfall.ground.errors import InputError
 from netfall.results.frames import Frames
 from netfall.results.states import start_position
+from netfall.study.answers.read import read_study
 from netfall.view import page, states
+from netfall.view.describe import FARTHEST
 from netfall.view.numbers import LARGEST, NONE, Numbers
 from netfall.view.states import drawn_part, states_shown
+from netfall.view.study import chosen, member_page, net_page
 
 BREAKS = f"""
 title = "All </script> breaks & falls"
@@ -168,7 +173,7 @@ def compare_lines(drawn: dict[str, list], f, step: int) -> None:
     """Each element is drawn once, as what it is, where it is; what is far away is not."""
     frames, x = Frames(f), start_position(f)
     lines, N = frames.lines(step), frames.cell("tension", step)
-    reach = page.FARTHEST * np.ptp(x, axis=0).max()
+    reach = FARTHEST * np.ptp(x, axis=0).max()
     near = np.abs(lines - x[f["net/elements"][:]]).max((1, 2)) <= reach
     gone = frames.cell("broken", step).astype(bool)
     for kind, rows in {"TAUT": ~gone & (N != 0), "SLACK": ~gone & (N == 0), "BROKEN": gone}.items():
@@ -177,3 +182,41 @@ def compare_lines(drawn: dict[str, list], f, step: int) -> None:
         assert np.array_equal(there, rows & near), kind
         # half of the unit; single precision adds a tenth of it
         assert not there.any() or np.abs(vertices - lines)[there].max() < 0.6 * reach / LARGEST, kind
+
+
+def shares_of(made, name: str) -> np.ndarray:
+    """The values of the elements in a choice of a page, by the begin of its name."""
+    (place,) = (each["values"] for each in made.data["quantities"] if each["name"].startswith(name))
+    return np.frombuffer(b"".join(made.numbers.parts), "<f4", place["length"], place["from"])
+
+
+def test_the_page_of_a_study_has_the_map_of_first_breaks(tmp_path):
+    """Shares of the members that broke; nan: never first."""
+    failed = np.array([True, True, False, True])
+    members = columns({"wind.seed": np.arange(4)}, failed, np.full(4, 0.1))
+    members["first_element"] = np.array([7, 7, -1, 9])
+    write_study(tmp_path / "s.study.h5", members, {})
+    made = net_page(read_study(tmp_path / "s.study.h5"))
+    shares = shares_of(made, "first to break, share of the 3 members")
+    assert shares[[7, 9]] == pytest.approx([2 / 3, 1 / 3]) and np.isnan(np.delete(shares, [7, 9])).all()
+    assert [state["name"] for state in made.data["states"]] == ["as each member begins"]
+
+
+def test_the_page_of_a_study_shows_a_member_that_was_kept(broken, tmp_path):
+    """That which loses most of its roof, or the one that is asked for; in it the map of the study."""
+    with h5py.File(broken) as f:
+        names = ("particles", "elements", "element_id", "node_id", "fixed", "group", "tributary_area")
+        roof = {name: f["net"][name][:] for name in names}
+    failed = np.array([False, True, True])
+    members = columns({"wind.seed": np.arange(3)}, failed, np.array([0.0, 0.1, 0.3]))
+    write_study(tmp_path / "s.study.h5", members, {}, roof)
+    (tmp_path / "s.members").mkdir()
+    for k in (1, 2):
+        shutil.copy(broken, tmp_path / "s.members" / f"{k:06d}.vtkhdf")
+    told = read_study(tmp_path / "s.study.h5")
+    made = member_page(told, tmp_path / "s.members", chosen(told, tmp_path / "s.members", None))
+    assert made.data["title"] == "a roof, member 2" and len(made.data["states"][0]["time"]) == 26
+    assert shares_of(made, "first to break")[7] == 1.0
+    assert chosen(told, tmp_path / "s.members", 1) == 1
+    with pytest.raises(InputError, match=r"--member 0: .* is not there"):
+        chosen(told, tmp_path / "s.members", 0)

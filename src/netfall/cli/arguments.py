@@ -19,6 +19,13 @@ def count(text: str) -> int:
     return int(text)
 
 
+def number(text: str) -> int:
+    """A whole number >= 0."""
+    if not text.isdigit():
+        raise argparse.ArgumentTypeError(f"{text}: expected a whole number >= 0")
+    return int(text)
+
+
 def counts(text: str) -> list[int]:
     """Different whole numbers >= 1, in ascending order."""
     return sorted({count(word.strip()) for word in text.split(",")})
@@ -49,6 +56,38 @@ def time(text: str) -> float:
     if not seconds >= 0.0:
         raise argparse.ArgumentTypeError(f"{text}: expected a time >= 0 in s, or end")
     return seconds
+
+
+def view(text: str) -> tuple[float, float] | str:
+    """Elevation and azimuth [degrees], or a name."""
+    if text in ("space", "plan", "front", "side"):
+        return text
+    try:
+        elevation, azimuth = map(float, text.split(","))
+        return elevation, azimuth
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text}: expected space, plan, front, side, or elevation and azimuth in degrees: 28,-60"
+        ) from None
+
+
+def size(text: str) -> tuple[int, int]:
+    """Width and height [pixels], even."""
+    parts = text.split("x")
+    if len(parts) != 2 or not all(part.isdigit() and 300 <= int(part) <= 8000 for part in parts):
+        raise argparse.ArgumentTypeError(f"{text}: expected WIDTHxHEIGHT, 300 to 8000 pixels each: 1280x720")
+    return int(parts[0]) // 2 * 2, int(parts[1]) // 2 * 2
+
+
+def factor(text: str) -> float:
+    """A number > 0."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < 1e3:
+        raise argparse.ArgumentTypeError(f"{text}: expected a number > 0")
+    return value
 
 
 def duration(text: str) -> float:

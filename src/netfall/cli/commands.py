@@ -10,6 +10,8 @@ from pathlib import Path
 import netfall
 from netfall.ground.errors import InputError
 
+OF_FILMS = ("format", "fps", "view", "size", "zoom", "until")  # options of `plot`
+
 
 def init(arguments) -> None:
     """netfall init JOB"""
@@ -83,13 +85,19 @@ def info(arguments) -> None:
 
 def plot(arguments) -> None:
     """netfall plot RESULT"""
-    if arguments.animate or arguments.format or arguments.fps:
+    if any(getattr(arguments, name) is not None for name in OF_FILMS) or arguments.animate:
         _animate(arguments)
         return
-    from netfall.plots.run import plot_all
+    from netfall.plots.run import plot_all, plot_state
     from netfall.plots.study.study import plot_study
     from netfall.study.answers.read import is_study
 
+    if arguments.case is not None:
+        if is_study(arguments.result):
+            raise InputError(f"--case {arguments.case}: {arguments.result} is a study file")
+        folder = _folder(arguments.folder or arguments.result.parent)
+        print(plot_state(arguments.result, folder, arguments.case))
+        return
     draw = plot_study if is_study(arguments.result) else plot_all
     for picture in draw(arguments.result, _folder(arguments.folder or arguments.result.parent)):
         print(picture)
@@ -97,25 +105,40 @@ def plot(arguments) -> None:
 
 def _animate(arguments) -> None:
     """netfall plot RESULT --animate"""
-    from netfall.plots.film import animate
+    from netfall.plots.canvas import VIEWS
+    from netfall.plots.film import Shot, animate
     from netfall.study.answers.read import is_study
 
     a = arguments
     if not a.animate:
-        raise InputError("netfall plot: --format and --fps are of the animation; add --animate")
+        names = ", ".join(f"--{name}" for name in OF_FILMS)
+        raise InputError(f"netfall plot: {names} are of the animation; add --animate")
     if is_study(a.result):
         raise InputError(f"{a.result}: a study file has no frames; animate the result file of one run")
-    path, words = animate(a.result, _folder(a.folder or a.result.parent), a.format, a.fps or 15)
+    asked = {name: getattr(a, name) for name in OF_FILMS[2:] if getattr(a, name) is not None}
+    if isinstance(a.view, str):
+        asked["view"] = VIEWS[a.view]
+    folder = _folder(a.folder or a.result.parent)
+    path, words = animate(a.result, folder, a.format, a.fps or 15, Shot(**asked))
     print(f"{path}: {words}")
 
 
 def view(arguments) -> None:
     """netfall view RESULT"""
+    from netfall.study.answers.read import is_study
     from netfall.view.page import write_page
+    from netfall.view.study import write_study_page
 
-    page = arguments.output or arguments.result.with_suffix(".html")
+    a, path = arguments, arguments.result
+    page = a.output or path.with_name(f"{path.name.removesuffix('.h5').removesuffix('.vtkhdf')}.html")
     _folder(page.parent)
-    print(f"{page}: {write_page(arguments.result, page)}; open it in a browser")
+    if is_study(path):
+        words = write_study_page(path, page, a.member)
+    elif a.member is not None:
+        raise InputError(f"--member {a.member}: {path} is not a study file")
+    else:
+        words = write_page(path, page)
+    print(f"{page}: {words}; open it in a browser")
 
 
 def report(arguments) -> None:

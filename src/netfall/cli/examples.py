@@ -16,7 +16,8 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "info": ("netfall info results/stadium.vtkhdf",),
     "plot": (
         "netfall plot results/stadium.vtkhdf -o pictures",
-        "netfall plot results/stadium.vtkhdf --animate --fps 25",
+        'netfall plot results/dome.vtkhdf --case "snow"',
+        "netfall plot results/stadium.vtkhdf --animate --fps 25 --view 15,-40 --size 1280x720 --until 5",
     ),
     "view": ("netfall view results/stadium.vtkhdf",),
     "report": ("netfall report results/stadium.vtkhdf -o report",),

@@ -40,7 +40,8 @@ def parser() -> Parser:
     _run(_of_job(verbs, "run", "run a job; on P ranks: mpirun -n P netfall run JOB"))
     _of_result(verbs, "info", "what ran, how it ended and what broke first, of a result or study file")
     _plot(_of_result(verbs, "plot", "pictures, or an animation, from a result or study file"))
-    _view(_of_result(verbs, "view", "a page to turn and to play in any browser, without network"))
+    text = "a page to turn and to play in any browser, without network, from a result or study file"
+    _view(_of_result(verbs, "view", text))
     text = "checks, cases, reactions, shop list: report.html, summary.md, tables, pictures of a result file"
     _report(_of_result(verbs, "report", text))
     text = "run a job on several numbers of ranks: strong and weak scaling, times of the phases"
@@ -94,15 +95,24 @@ def _run(verb: Parser) -> None:
 
 def _plot(verb: Parser) -> None:
     _folder(verb, None, "folder of the pictures (default: beside the result file)")
+    text = "one state at rest on a page of its own: a case, a stage, rest, statics, form"
+    _value(verb, "--case", str, "NAME", text)
     _flag(verb, "--animate", "an animation of the dynamic stage in place of the pictures")
-    text = "of the animation (default: mp4 where ffmpeg is installed, else gif)"
+    text = "of the animation (default: mp4 where there is ffmpeg, else gif)"
     verb.add_argument("--format", choices=("mp4", "gif"), help=text)
     _value(verb, "--fps", take.count, "N", "frames of the animation in a second (default: 15)")
+    text = "from where it is seen: space, plan, front, side, or elevation and azimuth in degrees: 28,-60"
+    _value(verb, "--view", take.view, "VIEW", text)
+    _value(verb, "--size", take.size, "WxH", "pixels of the animation (default: 720x600)")
+    _value(verb, "--zoom", take.factor, "Z", "how much larger than what fits (default: 1)")
+    _value(verb, "--until", take.time, "T", "where the animation ends [s]")
 
 
 def _view(verb: Parser) -> None:
     text = "the page (default: RESULT's name with .html, beside it)"
     _value(verb, "-o", take.file, "FILE.html", text, dest="output")
+    text = "of a study: the kept member to show (default: the one that loses most of its roof)"
+    _value(verb, "--member", take.number, "N", text)
 
 
 def _report(verb: Parser) -> None:

@@ -6,6 +6,7 @@ import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection
+from matplotlib.ticker import NullLocator
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from netfall.write.locks import whole
@@ -32,6 +33,9 @@ PANEL, ALONE = (5.5, 3.4), (9.0, 4.9)  # inches of a panel in space, of one that
 PLAN_WIDTH = 6.0  # inches of a panel in plan
 SHORTEST, LONGEST = 1.6, 6.8  # inches of its height
 HEAD = 0.75  # inches for the title
+VIEWS = {"space": (28.0, -60.0), "plan": (90.0, -90.0), "front": (0.0, -90.0), "side": (0.0, 0.0)}  # degrees
+ZOOM = 1.1, 1.2  # of nets in space, and of those that are flat
+FLAT, THIN = 0.12, 0.04  # of the largest extent, up to which an axis has room for two ticks, and for none
 
 
 def save(figure, path: Path) -> Path:
@@ -86,14 +90,15 @@ def in_space(figure, place, points):
     middle = 0.5 * (low + high)
     for k, limits in enumerate((axes.set_xlim, axes.set_ylim, axes.set_zlim)):
         limits(middle[k] - 0.5 * extent[k], middle[k] + 0.5 * extent[k])
-    axes.set_box_aspect(extent, zoom=1.1)
-    axes.view_init(elev=28, azim=-60)
-    axes.set_xlabel("x [m]", labelpad=6)
-    axes.set_ylabel("y [m]", labelpad=6)
-    axes.set_zlabel("z [m]", labelpad=0)
-    axes.xaxis.set_major_locator(plt.MaxNLocator(5))
-    axes.yaxis.set_major_locator(plt.MaxNLocator(4))
-    axes.zaxis.set_major_locator(plt.MaxNLocator(3))
+    axes.set_box_aspect(extent, zoom=ZOOM[0 if extent[2] > 3 * FLAT * extent.max() else 1])
+    axes.view_init(*VIEWS["space"])
+    for k, (axis, ticks, pad) in enumerate(((axes.xaxis, 5, 6), (axes.yaxis, 4, 6), (axes.zaxis, 3, 0))):
+        share = extent[k] / extent.max()
+        axis.set_major_locator(
+            plt.MaxNLocator(ticks if share > FLAT else 1) if share > THIN else NullLocator()
+        )
+        axis.set_label_text(f"{'xyz'[k]} [m]" if share > THIN else "")
+        axis.labelpad = pad
     axes.tick_params(labelsize=7, pad=1)
     return axes
 

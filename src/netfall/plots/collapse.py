@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from netfall.plots.canvas import BROKEN, MOST_DRAWN, add_lines, heading, space_panels
-from netfall.plots.force import add_supports
+from netfall.plots.force import TRACE, add_supports
 from netfall.results.file import title_of
 from netfall.results.frames import Frames
 from netfall.results.losses import lost_at
@@ -29,8 +29,9 @@ def collapse(f):
     figure, panels = space_panels(window, len(steps), 0.5)
     start, elements = frames.positions(0)[: len(f["net/fixed"])], f["net/elements"][:]
     lost = lost_at(f)
+    trace = TRACE * float(np.abs(f["envelope/tension_max"][:]).max())
     for axes, step in zip(panels, steps):
-        _draw_stage(axes, frames, step, window)
+        _draw_stage(axes, frames, step, window, trace)
         gone = start[elements[lost <= frames.times[step]]]
         add_lines(axes, gone, colors=BROKEN, linewidths=1.1, linestyles="--")
         add_supports(f, axes, start)
@@ -61,13 +62,14 @@ def within(window: np.ndarray, lines: np.ndarray) -> np.ndarray:
     return ((lines >= window[0] - margin) & (lines <= window[1] + margin)).all((1, 2))
 
 
-def _draw_stage(axes, frames: Frames, step: int, window: np.ndarray) -> None:
-    """The elements at a step that are within the window (2, 3)."""
+def _draw_stage(axes, frames: Frames, step: int, window: np.ndarray, trace: float) -> None:
+    """The elements at a step that are within the window (2, 3); trace : compression [N] that is none"""
     every = max(1, frames.cells // MOST_DRAWN)
     lines, N = frames.lines(step)[::every], frames.cell("tension", step)[::every]
     broken = frames.cell("broken", step)[::every].astype(bool)
     inside = within(window, lines)
-    which = (~broken & (N > 0), ~broken & (N < 0), ~broken & (N == 0), broken)
+    idle = (N <= 0) & (N >= -trace)
+    which = (~broken & (N > 0), ~broken & (N < -trace), ~broken & idle, broken)
     for (_, colour, width), rows in zip(STYLES, which):
         add_lines(axes, lines[rows & inside], colors=colour, linewidths=width)
     gone, away = int(frames.cell("broken", step).sum()), int((~inside).sum()) * every

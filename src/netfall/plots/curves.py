@@ -7,8 +7,12 @@ from netfall.plots.canvas import SMALL, charts, heading, legend_below, unit_of
 from netfall.results.file import element_name, title_of
 from netfall.results.frames import Frames
 from netfall.results.losses import broken_at, lost_at
+from netfall.results.states import start_tension
 
+CARRIES = 1e-9  # of the net's extent, or of the largest force: less is what an equilibrium leaves open
+ROUNDING = 1e-12  # of force times length of a net: an energy below that is none
 MOST_CURVES = 6
+DWARFS = 5.0  # times the median of the largest forces of curves
 MOST_NAMED = 10  # of the elements that the job names
 LEAST_ROWS = 10  # of the history before the first fracture, for a picture of them
 BULK = 0.5, 99.5  # percentiles of values that a scale shows
@@ -18,13 +22,31 @@ AUDITS = (("balance_error", "physical balance", "C4"), ("identity_error", "work 
 ROOM = 0.14  # of the width, from one time that is told to the next
 
 
+def has_load_path(f) -> bool:
+    """Whether there are steps that carry something: what moves or stresses the net more than the first."""
+    if "statics" not in f or len(f["statics/load_factor"]) < 2:
+        return False
+    g, last = f["statics"], np.abs(f["statics/displacement"][-1] - f["statics/displacement"][0])
+    N = g["tension"][:]
+    return bool(last.max() > CARRIES * np.ptp(f["net/particles"][:], axis=0).max()) or bool(
+        np.abs(N[-1] - N[0]).max() > CARRIES * np.abs(N).max()
+    )
+
+
+def has_energies(f) -> bool:
+    """Whether the energies were audited, and are more than the rounding of what the net holds."""
+    h = f["history"]
+    largest = max(np.nanmax(np.abs(h[name][:]), initial=0.0) for name in ("external_work", "kinetic_energy"))
+    return bool(largest > ROUNDING * (np.abs(start_tension(f)) * f["net/unstressed_length"][:]).sum())
+
+
 def load_displacement(f):
     """Displacement of the particle that moves most, and the extremes of tension, over the load."""
     g = f["statics"]
     share, T = g["load_factor"][:], g["tension"][:]  # the first row: the permanent loads alone
     last = g["displacement"][-1]
-    p = int(np.linalg.norm(last, axis=1).argmax())
-    k = int(np.abs(last[p]).argmax())
+    p = int(np.linalg.norm(last - g["displacement"][0], axis=1).argmax())
+    k = int(np.abs(last[p] - g["displacement"][0, p]).argmax())
     groups, names = f["net/group"][:], f["net/group_names"].asstr()[:]
     figure, ((left, right),) = charts(1, 2, 10, 4.2)
     left.plot(g["displacement"][:, p, k], share, "o-", color="C0")
@@ -117,26 +139,44 @@ def mark_events(axes, f) -> None:
 def tensions(f):
     """Tension histories of the elements that the job names, else at the probes and of what breaks first.
 
-    After its fracture an element is drawn thin: it swings loose (paper Fig. 13).
+    After its fracture an element is drawn thin: it swings loose (paper Fig. 13). What carries much more than
+    the others, which would not be seen beside it, has a panel of its own.
     """
-    figure, ((axes,),) = charts(1, 1, 9, 4.8)
     curves = _tension_curves(f)
-    factor, unit = unit_of(max(np.abs(N).max() for _, N, _ in curves), "N")
-    broken, lost = broken_at(f), lost_at(f)
-    for k, (t, N, e) in enumerate(curves):
-        end = np.fmin(broken[e], lost[e])
-        note = f", breaks at {end:.3f} s" if end == broken[e] else f", lost at {end:.3f} s" if end > 0 else ""
-        whole, colour, label = ~(t > end), f"C{k % 10}", f"element {element_name(f, e)}{note}"
-        axes.plot(t[whole], factor * N[whole], lw=1, color=colour, label=label)
-        axes.plot(t[~whole], factor * N[~whole], lw=0.5, color=colour, alpha=0.35)
-    sizes = np.concatenate([N for _, N, _ in curves])
-    _set_readable(axes, factor * sizes)
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel(f"axial force, positive in tension [{unit}]")
-    mark_events(axes, f)
-    legend_below(figure, axes, 3)
+    parts = _by_size(curves)
+    size = (9, 4.8) if len(parts) == 1 else (9, 7.0)
+    figure, panels = charts(len(parts), 1, *size, sharex="col")
+    colour = {e: f"C{k % 10}" for k, (_, _, e) in enumerate(curves)}
+    for axes, part in zip(panels[:, 0], parts):
+        _draw_tensions(f, axes, part, colour)
+    panels[-1, 0].set_xlabel("time [s]")
+    mark_events(panels[0, 0], f)
+    handles = [handle for axes in panels[:, 0] for handle in axes.get_legend_handles_labels()[0]]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
     heading(figure, title_of(f), ": tensions")
     return figure
+
+
+def _by_size(curves: list) -> list[list]:
+    """The curves that dwarf the others, then the others; all of them where none do."""
+    peak = np.array([np.abs(N).max() for _, N, _ in curves])
+    large = peak > DWARFS * np.median(peak[peak > 0.0]) if peak.any() else np.zeros(len(peak), bool)
+    parts = [[curve for curve, mine in zip(curves, large) if mine == which] for which in (True, False)]
+    return [part for part in parts if part]
+
+
+def _draw_tensions(f, axes, curves: list, colour: dict) -> None:
+    """Curves on axes in a unit of their own. colour : by element"""
+    factor, unit = unit_of(max(np.abs(N).max() for _, N, _ in curves), "N")
+    broken, lost = broken_at(f), lost_at(f)
+    for t, N, e in curves:
+        end = np.fmin(broken[e], lost[e])
+        note = f", breaks at {end:.3f} s" if end == broken[e] else f", lost at {end:.3f} s" if end > 0 else ""
+        whole, label = ~(t > end), f"element {element_name(f, e)}{note}"
+        axes.plot(t[whole], factor * N[whole], lw=1, color=colour[e], label=label)
+        axes.plot(t[~whole], factor * N[~whole], lw=0.5, color=colour[e], alpha=0.35)
+    _set_readable(axes, factor * np.concatenate([N for _, N, _ in curves]))
+    axes.set_ylabel(f"axial force, positive in tension [{unit}]")
 
 
 def _set_readable(axes, values: np.ndarray) -> None:

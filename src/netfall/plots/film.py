@@ -1,20 +1,22 @@
-"""The dynamic stage as a film: MP4 by ffmpeg where that is installed, else GIF by Pillow.
+"""The dynamic stage as a film: MP4 where there is ffmpeg, the system's or imageio's, else GIF by Pillow.
 
 The axes stay: around the roof where it began, with room for nearly all of what moves out of it. So does the
 scale of the colours. Elements that broke or were lost are red.
 """
 
+import shutil
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 import h5py
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.animation import FFMpegWriter, writers
+from matplotlib.animation import FFMpegWriter
 from PIL import Image
 
 from netfall.ground.errors import InputError
-from netfall.plots.canvas import BROKEN, add_lines, heading, in_space, line_width
+from netfall.plots.canvas import BROKEN, VIEWS, add_lines, heading, in_space, line_width
 from netfall.plots.collapse import view, within
 from netfall.plots.force import SLACK, ForceScale, add_by_force, add_supports, force_bars
 from netfall.results.file import reading, title_of
@@ -22,7 +24,7 @@ from netfall.results.frames import Frames
 from netfall.results.losses import lost_at
 from netfall.write.locks import whole
 
-SIZE, DPI = (7.2, 6.0), 100  # inches; pixels of an inch: an even number of pixels each way, as MP4 needs
+DPI = 100  # pixels of an inch
 MOST_FRAMES = 600  # in a film; of more every k-th is shown
 MOST_LINES = 20_000  # elements in a frame; of larger nets every k-th is drawn
 MOST_LOOKS = 25  # frames from which the room is found
@@ -32,17 +34,33 @@ ZOOM = 1.05
 FORMATS = ("mp4", "gif")
 
 
-def animate(result: Path, folder: Path, form: str | None, fps: int) -> tuple[Path, str]:
+@dataclass(frozen=True)
+class Shot:
+    """How a film is taken.
+
+    view : elevation and azimuth of the eye [degrees]; size : (width, height) [pixels], even, as MP4 needs
+    zoom : how much larger than what fits; until : [s], where it ends
+    """
+
+    view: tuple[float, float] = VIEWS["space"]
+    size: tuple[int, int] = (720, 600)
+    zoom: float = 1.0
+    until: float = np.inf
+
+
+def animate(
+    result: Path, folder: Path, form: str | None, fps: int, shot: Shot | None = None
+) -> tuple[Path, str]:
     """Write RESULT_collapse.mp4 or .gif; its path, and a line that says what it is.
 
     form : of FORMATS, None: MP4 where there is ffmpeg; fps : frames shown in a second
     Raises InputError for a wrong file, for one without frames, and where ffmpeg is asked for and missing.
     """
-    form, why = format_of(form, writers.is_available("ffmpeg"))
+    form, why = format_of(form, ffmpeg())
     if form == "gif" and fps > FASTEST:
         raise InputError(f"--fps {fps}: a GIF shows at most {FASTEST} frames a second; lower it, or take MP4")
     with reading(result) as f:
-        film = Film.of(f, result)
+        film = Film.of(f, result, shot or Shot())
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{result.stem}_collapse.{form}"
         with whole(path) as place:
@@ -51,17 +69,28 @@ def animate(result: Path, folder: Path, form: str | None, fps: int) -> tuple[Pat
     return path, f"{film.told(fps)}, {path.stat().st_size / 1e6:.2g} MB; {why}"
 
 
-def format_of(asked: str | None, ffmpeg: bool) -> tuple[str, str]:
-    """The format of the film and why it is that one; ffmpeg : whether it is installed."""
+def ffmpeg() -> str | None:
+    """The ffmpeg that there is: on the path, or imageio's."""
+    found = shutil.which("ffmpeg")
+    if found or find_spec("imageio_ffmpeg") is None:
+        return found
+    import imageio_ffmpeg  # here: it is an extra of the package
+
+    return imageio_ffmpeg.get_ffmpeg_exe()
+
+
+def format_of(asked: str | None, ffmpeg: str | None) -> tuple[str, str]:
+    """The format of the film and why it is that one; ffmpeg : the one that there is."""
     if asked == "mp4" and not ffmpeg:
         raise InputError(
-            "--format mp4: needs ffmpeg, which is not on the path; install it, or take --format gif"
+            "--format mp4: needs ffmpeg, which is not there; get it with: pip install 'netfall[view]', "
+            "or take --format gif"
         )
     if asked:
         return asked, f"{asked.upper()}, as asked"
     if ffmpeg:
         return "mp4", "MP4, by ffmpeg"
-    return "gif", "GIF, since ffmpeg, which MP4 needs, is not on the path"
+    return "gif", "GIF, since ffmpeg, which MP4 needs, is not there (pip install 'netfall[view]')"
 
 
 @dataclass
@@ -85,18 +114,20 @@ class Film:
     moving: list
 
     @staticmethod
-    def of(f: h5py.File, result: Path) -> "Film":
+    def of(f: h5py.File, result: Path, shot: Shot) -> "Film":
         """The film of a result file with frames, before its first frame."""
         frames = _frames(f, result)
-        count = len(frames.times)
+        count = int(np.searchsorted(frames.times, shot.until, side="right"))
+        if count < 2:
+            raise InputError(f"--until {shot.until:g}: the second frame is at {frames.times[1]:.4g} s")
         steps = np.arange(0, count, -(-count // MOST_FRAMES))
         every = max(1, frames.cells // MOST_LINES)
         looks = np.unique(np.linspace(0, count - 1, MOST_LOOKS).astype(int)).tolist()
         window = view(frames, looks, FARTHEST)
         N = np.concatenate([_whole_forces(frames, step)[::every] for step in steps])
         scale = ForceScale.of(N)
-        figure, axes = _stage(f, frames, window, scale, N)
-        done = _time_bar(f, figure, frames.times)
+        figure, axes = _stage(f, frames, window, scale, N, shot)
+        done = _time_bar(f, figure, frames.times[:count])
         word = "broken or lost" if np.isfinite(lost_at(f)).any() else "broken"
         return Film(frames, title_of(f), steps, every, window, scale, figure, axes, done, word, [])
 
@@ -121,7 +152,7 @@ class Film:
     def told(self, fps: int) -> str:
         """What the film is, in words."""
         count, every = len(self.steps), int(self.steps[1] - self.steps[0])
-        span = self.frames.times[-1] - self.frames.times[0]
+        span = self.frames.times[self.steps[-1]] - self.frames.times[0]
         more = f" (every {every}-th of the file)" if every > 1 else ""
         return f"{count} frames{more} at {fps} a second: {count / fps:.3g} s for {span:.4g} s of the roof"
 
@@ -142,11 +173,14 @@ def _whole_forces(frames: Frames, step: int) -> np.ndarray:
     return np.where(frames.cell("broken", step).astype(bool), 0.0, frames.cell("tension", step))
 
 
-def _stage(f, frames: Frames, window, scale: ForceScale, N):
+def _stage(f, frames: Frames, window, scale: ForceScale, N, shot: Shot):
     """The figure and its axes with what does not move: supports, scales, legend."""
-    figure = plt.figure(figsize=SIZE, dpi=DPI)
+    figure = plt.figure(figsize=(shot.size[0] / DPI, shot.size[1] / DPI), dpi=DPI)
     axes = in_space(figure, (1, 1, 1), window)
-    axes.set_box_aspect(np.ptp([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()], axis=1), zoom=ZOOM)
+    axes.set_box_aspect(
+        np.ptp([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()], axis=1), zoom=ZOOM * shot.zoom
+    )
+    axes.view_init(*shot.view)
     axes.computed_zorder = False  # supports and broken elements over the others
     add_supports(f, axes, frames.positions(0)[: len(f["net/fixed"])])
     figure.subplots_adjust(left=0.0, right=1.0, top=0.95, bottom=0.21)
@@ -177,6 +211,7 @@ def _time_bar(f, figure, times: np.ndarray):
 
 
 def _write_mp4(film: Film, path: Path, fps: int) -> None:
+    plt.rcParams["animation.ffmpeg_path"] = ffmpeg()
     writer = FFMpegWriter(fps=fps, codec="h264", extra_args=["-crf", "24"])
     with writer.saving(film.figure, str(path), DPI):
         for step in film.steps:

@@ -18,6 +18,7 @@ PERCENTILES = 1.0, 99.0  # of the forces, between which colours differ
 NEARLY_ALIKE = 0.5  # least over largest from which on a scale begins at the least, not at 0
 LONGEST_GAP = 4.0  # medians of the distance from support to support, up to which they are an edge
 MOST_TURNS = 1.6  # full turns, to either side, along an edge: an L has 1.5; mast feet and anchors zigzag
+TRACE = 1e-6  # of the largest force: a compression that is less is none
 SLACK = "#c9c9c9"
 SUPPORT = "#111111"
 
@@ -32,18 +33,23 @@ TENSION, COMPRESSION = part_of("viridis_r", 0.12, 1.0), part_of("YlOrRd", 0.45, 
 
 @dataclass(frozen=True)
 class ForceScale:
-    """Between which sizes of force [N] colours differ, in tension and in compression; None: there is none."""
+    """Between which sizes of force [N] colours differ, in tension and in compression; None: there is none.
+
+    trace : compression [N] that counts as none
+    """
 
     tension: tuple[float, float] | None
     compression: tuple[float, float] | None
     factor: float
     unit: str
+    trace: float
 
     @staticmethod
     def of(N: np.ndarray) -> "ForceScale":
         """The scale for all forces of a picture, N (k,) [N]."""
-        both = [limits(N[N > 0.0]), limits(-N[N < 0.0])]
-        return ForceScale(*both, *unit_of(max((ends[1] for ends in both if ends), default=0.0), "N"))
+        trace = TRACE * float(np.abs(N).max(initial=0.0))
+        both = [limits(N[N > 0.0]), limits(-N[N < -trace])]
+        return ForceScale(*both, *unit_of(max((ends[1] for ends in both if ends), default=0.0), "N"), trace)
 
 
 def limits(sizes: np.ndarray) -> tuple[float, float] | None:
@@ -60,6 +66,7 @@ def add_by_force(axes, lines: np.ndarray, N: np.ndarray, scale: ForceScale, widt
     """Add elements with ends lines (m, 2, 3) [m] and axial forces N (m,) [N]; the most stressed on top."""
     every = max(1, len(lines) // MOST_DRAWN)
     lines, N = lines[::every], N[::every]
+    N = np.where((N < 0.0) & (N >= -scale.trace), 0.0, N)
     add_lines(axes, lines[N == 0.0], colors=SLACK, linewidths=0.7 * width)
     for sign, ends, palette in ((1, scale.tension, TENSION), (-1, scale.compression, COMPRESSION)):
         rows = np.flatnonzero(sign * N > 0.0)
@@ -68,24 +75,26 @@ def add_by_force(axes, lines: np.ndarray, N: np.ndarray, scale: ForceScale, widt
             add_coloured(axes, lines[rows], scale.factor * sign * N[rows], norm, palette, width)
 
 
-def force_bars(figure, scale: ForceScale, N: np.ndarray, bottom: float, height: float) -> None:
+def force_bars(figure, scale: ForceScale, N, bottom: float, height: float, low=0.0, high=1.0) -> None:
     """The scales below a picture, with the extremes of its forces N (k,) [N].
 
-    bottom, height : shares of the figure
+    bottom, height : shares of the figure; low, high : the part of its width that they are for
     """
     told = [("tension", 1, scale.tension, TENSION), ("compression", -1, scale.compression, COMPRESSION)]
     there = [row for row in told if row[2]]
     width = 0.4 if len(there) == 1 else 0.34
     for k, (word, sign, ends, palette) in enumerate(there):
         left = 0.5 - 0.5 * width if len(there) == 1 else 0.1 + 0.46 * k
-        values = scale.factor * sign * N[sign * N > 0.0]
-        low, high = scale.factor * ends[0], scale.factor * ends[1]
+        place = (low + (high - low) * left, bottom, (high - low) * width, height)
+        values = scale.factor * sign * N[sign * N > (0.0 if sign > 0 else scale.trace)]
+        least, most = scale.factor * ends[0], scale.factor * ends[1]
         bar = figure.colorbar(
-            plt.cm.ScalarMappable(plt.Normalize(low, high), palette),
-            cax=figure.add_axes((left, bottom, width, height)),
+            plt.cm.ScalarMappable(plt.Normalize(least, most), palette),
+            cax=figure.add_axes(place),
             orientation="horizontal",
-            extend=beyond(values, low, high),
+            extend=beyond(values, least, most),
         )
+        bar.locator = plt.MaxNLocator(4)
         bar.set_label(f"{word} [{scale.unit}], {values.min():.4g} to {values.max():.4g}")
 
 

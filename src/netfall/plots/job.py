@@ -14,11 +14,11 @@ from matplotlib.lines import Line2D
 
 from netfall.net.net import Net
 from netfall.plots.canvas import BROKEN, add_lines, heading, in_space, line_width, save, set_plan
+from netfall.plots.cells import MOST_CELLS, cells_of
 from netfall.plots.net import group_colours, named_groups, whole_cables
 from netfall.roof.faces import Faces
 
 MOST_DRAWN = 30_000  # elements, that lines stay apart; of larger nets every k-th cable is drawn
-MOST_CELLS = 400_000  # parts of faces; of larger nets each node is a dot
 MOST_MARKED = 2_000  # nodes of a kind, or members to be removed
 MOST_NORMALS = 150
 MOST_ZONES = 10  # in the legend
@@ -172,8 +172,11 @@ def _draw_zones(axes, job: JobNet) -> None:
     if len(faces.corner) > MOST_CELLS:
         axes.scatter(*job.net.x[:, :2].T, s=0.6, c=tints[zone[: job.net.n]], lw=0, zorder=1)
     elif len(faces):
+        points = np.concatenate([job.net.x, job.net.corners])[:, :2]
         colours = tints[zone[faces.corner]]
-        cells = PolyCollection(_cells(job), facecolors=colours, edgecolors=colours, lw=0.2, zorder=1)
+        cells = PolyCollection(
+            cells_of(faces, points), facecolors=colours, edgecolors=colours, lw=0.2, zorder=1
+        )
         axes.add_collection(cells)
     if not names:
         label = f"roof, {faces.count} faces, {job.area.sum():.5g} m2 in plan"
@@ -187,18 +190,6 @@ def _draw_zones(axes, job: JobNet) -> None:
             axes.add_patch(plt.Rectangle((0, 0), 0, 0, color=tints[k + 1], label=label))
     if len(names) > MOST_ZONES:
         axes.plot([], [], ls="", label=f"and {len(names) - MOST_ZONES} more zones")
-
-
-def _cells(job: JobNet) -> np.ndarray:
-    """(c, 4, 2) [m] in plan: for each corner of each face the part of the face that is its own."""
-    faces, points = job.faces, np.concatenate([job.net.x, job.net.corners])[:, :2]
-    corner, after, face = points[faces.corner], faces.next_corner(), faces.of_corner()
-    count = np.bincount(face)
-    centre = np.stack([np.bincount(face, values) / count for values in corner.T], -1)[face]
-    side = 0.5 * (corner + corner[after])
-    before = np.empty_like(side)
-    before[after] = side
-    return np.stack([corner, side, centre, before], 1)
 
 
 def _draw_wind(axes, wind: tuple[float, str], x: np.ndarray) -> np.ndarray:

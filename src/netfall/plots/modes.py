@@ -1,31 +1,82 @@
-"""A picture of the lowest modes: the net where it rests, and displaced in each."""
+"""A picture of the lowest modes: the net where it rests, displaced in each, in space and in plan."""
 
 import matplotlib.pyplot as plt
 import numpy as np
 
-from netfall.plots.canvas import MOST_DRAWN, NOTHING, add_coloured, add_lines, heading, space_panels
+from netfall.checks.reactions import held_axes
+from netfall.plots.canvas import (
+    MOST_DRAWN,
+    NOTHING,
+    add_coloured,
+    add_lines,
+    dot_supports,
+    heading,
+    in_space,
+    line_width,
+    set_plan,
+)
 from netfall.results.file import title_of
 
-DRAWN = 6  # modes
+DRAWN, COLUMNS = 6, 3  # modes, and those beside each other
 SWING = 0.06  # of the net's length: the largest displacement drawn
+WIDTH, HIGHEST, HEAD, BELOW = (
+    4.6,
+    3.6,
+    1.2,
+    1.1,
+)  # inches: of a column, of a plan at most, for title and scale
+COLOURS = "RdBu_r"
 RESTS = ("rest/position", "form_finding/position", "net/particles")
 
 
 def modes(f):
-    """The first modes, coloured by how far their nodes move, over the net in grey."""
+    """The first modes over the net in grey, below each its plan; by colour how far it moves along an axis."""
     x, elements = _rest(f), f["net/elements"][:]
     lines = elements[:: max(1, len(elements) // MOST_DRAWN)]
-    period, shape = f["modes/period"][:DRAWN], f["modes/shape"][:DRAWN]
+    shape, held = f["modes/shape"][:DRAWN], held_axes(f).any(1)
     swing = SWING * float(np.ptp(x, axis=0).max())
-    window = np.array([x.min(0) - [0, 0, swing], x.max(0) + [0, 0, swing]])
-    figure, panels = space_panels(window, len(period), 0.3)
-    for k, (axes, T, u) in enumerate(zip(panels, period, shape)):
-        add_lines(axes, x[lines], colors=NOTHING, linewidths=0.5)
-        moved = np.linalg.norm(u, axis=1)[lines].mean(1)
-        add_coloured(axes, (x + swing * u)[lines], moved, plt.Normalize(0.0, 1.0), "viridis", 0.9)
-        axes.set_title(f"mode {k + 1}: {_named(T)}{_damped(f, k)}")
+    figure, panels = _panels(x, swing, len(shape))
+    norm, width = plt.Normalize(-1.0, 1.0), line_width(len(lines))
+    for k, ((space, plan), u) in enumerate(zip(panels, shape)):
+        axis = int((u**2).sum(0).argmax())
+        part, moved = u[:, axis][lines].mean(1), (x + swing * u)[lines]
+        add_lines(space, x[lines], colors=NOTHING, linewidths=0.5)
+        add_coloured(space, moved, part, norm, COLOURS, width)
+        add_lines(plan, x[lines][..., :2], colors=NOTHING, linewidths=0.5)
+        add_coloured(plan, moved[..., :2], part, norm, COLOURS, 1.4 * width)
+        plan.set_facecolor("0.93")  # what does not move is white
+        dot_supports(plan, x[:, :2], held)
+        space.set_title(_words(f, k, "xyz"[axis]), y=0.98)
+    place = figure.add_axes((0.3, 0.55 / figure.get_figheight(), 0.4, 0.13 / figure.get_figheight()))
+    bar = figure.colorbar(plt.cm.ScalarMappable(norm, COLOURS), cax=place, orientation="horizontal")
+    bar.set_label("displacement along the axis that a title names, of the largest of a node [-]")
     heading(figure, title_of(f), f": lowest modes, largest displacement drawn as {swing:.3g} m")
     return figure
+
+
+def _panels(x: np.ndarray, swing: float, count: int):
+    """A figure with a panel in space for each mode, and one in plan below it; the pairs."""
+    columns, rows = min(COLUMNS, count), -(-count // COLUMNS)
+    extent = np.ptp(x, axis=0)
+    high = float(np.clip(0.8 * WIDTH * extent[1] / max(extent[0], 1e-9), 1.2, HIGHEST))
+    heights = [3.0, high] * rows
+    figure = plt.figure(figsize=(columns * WIDTH, sum(heights) + 0.5 * (2 * rows - 1) + BELOW + HEAD))
+    whole = figure.get_figheight()
+    place = {"top": 1.0 - HEAD / whole, "bottom": BELOW / whole, "left": 0.06, "right": 0.98}
+    grid = figure.add_gridspec(
+        2 * rows, columns, height_ratios=heights, hspace=0.5 * 2 * rows / sum(heights), wspace=0.2, **place
+    )
+    window = np.array([x.min(0) - [0, 0, swing], x.max(0) + [0, 0, swing]])
+    panels = []
+    for k in range(count):
+        row, column = 2 * (k // columns), k % columns
+        space, plan = (
+            in_space(figure, (grid[row, column],), window),
+            figure.add_subplot(grid[row + 1, column]),
+        )
+        set_plan(plan, x[:, :2])
+        panels.append((space, plan))
+    return figure, panels
 
 
 def _rest(f) -> np.ndarray:
@@ -34,14 +85,18 @@ def _rest(f) -> np.ndarray:
     return x + f["statics/displacement"][-1] if "statics" in f and "rest" not in f else x
 
 
+def _words(f, k: int, axis: str) -> str:
+    """What a mode is: its period, its shares of the mass, its damping; axis : of its colours"""
+    lines = [f"mode {k + 1}: {_named(f['modes/period'][k])}, colour: along {axis}"]
+    if "modes/effective_mass" in f:
+        share = " / ".join(f"{100.0 * part:.3g}" for part in f["modes/effective_mass"][k].round(6))
+        lines.append(f"effective mass {share} % (x / y / z)")
+    if "modes/damping_ratio" in f and np.isfinite(f["modes/damping_ratio"][k]):
+        lines.append(f"damped by {100.0 * f['modes/damping_ratio'][k]:.2g} % of the critical")
+    return "\n".join(lines)
+
+
 def _named(period: float) -> str:
     if np.isinf(period):
         return "no stiffness"
     return "not stable" if np.isnan(period) else f"{period:.4g} s"
-
-
-def _damped(f, k: int) -> str:
-    """What the damping is of the critical, in words."""
-    if "modes/damping_ratio" not in f or not np.isfinite(f["modes/damping_ratio"][k]):
-        return ""
-    return f", damped by {100.0 * f['modes/damping_ratio'][k]:.2g} % of the critical"

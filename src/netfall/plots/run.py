@@ -5,19 +5,40 @@ plan, the load-displacement curve (Fig. 6), stages of the collapse (Fig. 7, 11),
 tensions and displacements of the probes (Fig. 13, 14), wind.
 """
 
+import re
 from pathlib import Path
 
 from netfall.plots.canvas import save
 from netfall.plots.collapse import collapse
-from netfall.plots.curves import displacements, energies, load_displacement, tensions, wind
+from netfall.plots.curves import (
+    displacements,
+    energies,
+    has_energies,
+    has_load_path,
+    load_displacement,
+    tensions,
+    wind,
+)
 from netfall.plots.modes import modes
 from netfall.plots.roof import has_roof, roof
-from netfall.plots.states import form, has_states, states
+from netfall.plots.states import form, has_states, named_state, one_state, states
 from netfall.results.file import reading
 
 
 def _has_probes(history) -> bool:
     return "probe_displacement" in history and history["probe_displacement"].shape[1] > 0
+
+
+def plot_state(result: Path, folder: Path, name: str) -> Path:
+    """Write the page of one equilibrium, by its name; its path.
+
+    Raises InputError for a wrong file, and for a name that no state has.
+    """
+    with reading(result) as f:
+        figure = one_state(f, named_state(f, name))
+        folder.mkdir(parents=True, exist_ok=True)
+        words = re.sub(r"[^\w.-]+", "_", name)
+        return save(figure, folder / f"{result.stem}_{words}.png")
 
 
 def plot_all(result: Path, folder: Path) -> list[Path]:
@@ -32,10 +53,10 @@ def plot_all(result: Path, folder: Path) -> list[Path]:
             ("form", form, "form_finding" in f),
             ("states", states, has_states(f)),
             ("roof", roof, has_roof(f)),
-            ("load_displacement", load_displacement, "statics" in f),
+            ("load_displacement", load_displacement, has_load_path(f)),
             ("collapse", collapse, moves),
             ("modes", modes, "modes" in f and len(f["modes/period"])),
-            ("energies", energies, moves),
+            ("energies", energies, moves and has_energies(f)),
             ("tensions", tensions, moves),
             ("displacements", displacements, moves and _has_probes(f["history"])),
             ("wind", wind, "wind" in f),

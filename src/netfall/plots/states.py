@@ -1,14 +1,22 @@
-"""Pictures of equilibria: the form that was found, and the states under static loads, by axial force."""
+"""Pictures of equilibria: the form that was found, the states under loads, and a page for one of them."""
 
+import re
+
+import matplotlib.pyplot as plt
 import numpy as np
 
-from netfall.plots.canvas import heading, line_width, space_panels
+from netfall.ground.errors import InputError
+from netfall.plots.canvas import NOTHING, add_coloured, add_lines, heading, line_width, space_panels
 from netfall.plots.force import ForceScale, add_by_force, add_supports, force_bars
+from netfall.plots.labels import add_labels
 from netfall.results.file import title_of
-from netfall.results.states import ShownState, equilibria, state_groups
+from netfall.results.states import ShownState, equilibria, start_position, state_groups
 
 MOST_PANELS = 6
 BELOW = 0.9  # inches under the panels, for the scales
+SEEN = 0.06  # of the largest extent of the net: about how large the largest deflection is drawn
+STEPS = np.outer(10.0 ** np.arange(-3, 7), (1.0, 2.0, 5.0)).ravel()  # scales of deflections
+MOST_TOLD = 16  # groups with labels
 
 
 def form(f):
@@ -47,8 +55,8 @@ def states(f):
     _add_bars(figure, scale, everything)
     edge = len(axes.get_legend_handles_labels()[0]) > 1
     marks = "squares: supports" + ", dashed: their edge" * edge
-    more = f" ({left_out} more are in the file)" if left_out else ""
-    heading(figure, title_of(f), f": axial forces at rest{more}; {marks}")
+    more = f" ({left_out} more: --case NAME)" if left_out else ""
+    heading(figure, title_of(f), f": axial forces at rest{more}\n{marks}")
     return figure
 
 
@@ -64,3 +72,76 @@ def _loaded(f) -> tuple[list[ShownState], int]:
     steps = len(f["statics/load_factor"]) if "statics" in f else 0
     found = found[: min(steps, 1)] + found[max(steps - 1, 1) if steps else 0 :]
     return found[:MOST_PANELS], max(0, len(found) - MOST_PANELS)
+
+
+def named_state(f, name: str) -> ShownState:
+    """The equilibrium of a name: of a case or stage, or as pictures name it; of a load path the last one.
+
+    Raises InputError for a name that none has.
+    """
+    found = list(equilibria(f))
+    for state in reversed(found):
+        if name in (state.name, re.sub(r"^(case|stage) ", "", state.name), state.name.split(",")[0]):
+            return state
+    names = ", ".join(dict.fromkeys(state.name.split(",")[0] for state in found))
+    raise InputError(f"--case {name}: no such state; this result has {names}")
+
+
+def one_state(f, state: ShownState):
+    """A state on one page: its axial forces with each group's extremes, its deflections from the form."""
+    x0, x, N = start_position(f), state.position(), state.tension()
+    elements, moved = f["net/elements"][:], x - start_position(f)
+    figure, (left, right) = space_panels(np.concatenate([x0, x]), 2, BELOW)
+    scale = ForceScale.of(N)
+    for axes in (left, right):
+        add_supports(f, axes, x)
+    add_by_force(left, x[elements], N, scale, line_width(len(N)))
+    size = np.linalg.norm(moved, axis=1)
+    largest = float(np.nanmax(size, initial=0.0))
+    times = deflection_scale(largest, float(np.ptp(x0, axis=0).max()))
+    add_lines(right, x0[elements], colors=NOTHING, linewidths=0.5)
+    norm, of_element = plt.Normalize(0.0, 1e3 * largest or 1.0), 1e3 * size[elements].mean(1)
+    add_coloured(right, (x0 + times * moved)[elements], of_element, norm, "viridis", line_width(len(N)))
+    _tell_forces(f, left, x, N, scale)
+    _tell_deflection(f, right, x0 + times * moved, moved, size)
+    slack = int(((N == 0.0) & ~f["net/bar"][:].astype(bool)).sum())
+    left.set_title(f"axial forces, {slack} slack (grey)" if slack else "axial forces")
+    right.set_title(f"deflection from the form, drawn {times:g} times; grey: the form")
+    height = figure.get_figheight()
+    force_bars(figure, scale, N, 0.6 * BELOW / height, 0.14 / height, 0.0, 0.5)
+    place = figure.add_axes((0.6, 0.6 * BELOW / height, 0.3, 0.14 / height))
+    bar = figure.colorbar(plt.cm.ScalarMappable(norm, "viridis"), cax=place, orientation="horizontal")
+    bar.set_label("deflection [mm]")
+    heading(figure, title_of(f), f": {state.name}")
+    return figure
+
+
+def deflection_scale(largest: float, extent: float) -> float:
+    """How many times deflections are drawn, 1, 2 or 5 times a power of ten: the largest one is [m]."""
+    if not largest > 0.0:
+        return 1.0
+    return float(STEPS[np.searchsorted(STEPS, max(SEEN * extent / largest, STEPS[0]), side="right") - 1])
+
+
+def _tell_forces(f, axes, x: np.ndarray, N: np.ndarray, scale: ForceScale) -> None:
+    """The largest and the smallest force of each group, at the elements that have them."""
+    group, names = f["net/group"][:], f["net/group_names"].asstr()[:]
+    middle, texts, rows = x[f["net/elements"][:]].mean(1), [], []
+    for g in np.unique(group)[:MOST_TOLD]:
+        mine = np.flatnonzero(group == g)
+        for e in (mine[np.nanargmax(N[mine])], mine[np.nanargmin(N[mine])]):
+            text = f"{names[g]} {scale.factor * N[e]:.4g} {scale.unit}".strip()
+            if text not in texts:  # a group may carry the same throughout
+                rows.append(e)
+                texts.append(text)
+    add_labels(axes, middle[rows], texts)
+
+
+def _tell_deflection(f, axes, drawn: np.ndarray, moved: np.ndarray, size: np.ndarray) -> None:
+    """The largest deflection, and the farthest down and up, at their nodes."""
+    down, up = int(np.nanargmin(moved[:, 2])), int(np.nanargmax(moved[:, 2]))
+    rows = [int(np.nanargmax(size)), down, up]
+    rows = [p for p in dict.fromkeys(rows) if size[p] > 0.0]
+    node = f["net/node_id"][:]
+    tell = lambda p: ", ".join(f"{1e3 * value:.1f}" for value in moved[p])
+    add_labels(axes, drawn[rows], [f"node {node[p]}: ({tell(p)}) mm" for p in rows])

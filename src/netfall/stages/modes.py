@@ -45,11 +45,14 @@ class Modes:
 
     period : (k,) [s]; inf: no stiffness, a mechanism; nan: omega^2 < 0, the rest is not stable
     shape : (k, n, 3), the largest displacement of a node is 1, its largest component positive
+    effective_mass : (k, 3) share of the mass that moves along each axis: (u.M e)^2 / (u.M u) / (e.M e), u the
+        shape, e the unit motion along the axis (Chopra, Dynamics of Structures, 13.2)
     unstable : how many omega^2 of the net are below zero
     """
 
     period: np.ndarray
     shape: np.ndarray
+    effective_mass: np.ndarray
     unstable: int
 
     def damping_ratio(self, zeta: float) -> np.ndarray:
@@ -68,7 +71,7 @@ def modes_at(x, net: Net, N, L0, mass, count: int, strain: str = "engineering") 
 
     moves = np.flatnonzero((~net.fixed & (mass > 0.0)[:, None]).ravel())
     if not len(moves):
-        return Modes(np.zeros(0), np.zeros((0, net.n, 3)), 0)
+        return Modes(np.zeros(0), np.zeros((0, net.n, 3)), np.zeros((0, 3)), 0)
     along = x[net.elements[:, 1]] - x[net.elements[:, 0]]
     L = np.linalg.norm(along, axis=1)
     stiffness = elastic_stiffness(net.EA, L0, L, strain)
@@ -84,7 +87,17 @@ def modes_at(x, net: Net, N, L0, mass, count: int, strain: str = "engineering") 
     values, vectors, unstable = _lowest(scaled, min(count, len(moves)))
     shape = np.zeros((len(values), 3 * net.n))
     shape[:, moves] = (vectors * root[:, None]).T
-    return Modes(_periods(values, scaled.diagonal().max()), _scaled(shape.reshape(-1, net.n, 3)), unstable)
+    periods, share = (
+        _periods(values, scaled.diagonal().max()),
+        _effective_mass(vectors, 1.0 / root, moves % 3),
+    )
+    return Modes(periods, _scaled(shape.reshape(-1, net.n, 3)), share, unstable)
+
+
+def _effective_mass(vectors: np.ndarray, root: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """Shares (k, 3) as in `Modes`. vectors : (d, k) M^1/2 u, of length 1; root : (d,) M^1/2; axis : (d,)"""
+    along = root[:, None] * (axis[:, None] == np.arange(3))
+    return (vectors.T @ along) ** 2 / np.maximum((along**2).sum(0), np.finfo(float).tiny)
 
 
 def _lowest(matrix, count: int) -> tuple[np.ndarray, np.ndarray, int]:
@@ -162,12 +175,17 @@ def modes_now(scene: Scene, count: int) -> Modes | None:
 
 def modes_section(job: Job, model: Model, modes: Modes) -> dict[str, np.ndarray]:
     """The datasets of /modes."""
+<<<<<<< HEAD
     section = {"period": modes.period, "shape": modes.shape}
     if job.dynamics:
         section["damping_ratio"] = mass_damping(job, model, modes)
     if model.air is not None:
         section["air_damping_ratio"] = air_damping(job, model, modes)
     return section
+=======
+    section = {"period": modes.period, "shape": modes.shape, "effective_mass": modes.effective_mass}
+    return section | ({"damping_ratio": modes.damping_ratio(job.dynamics.damping)} if job.dynamics else {})
+>>>>>>> 7d14ab2 (Pictures fit for a report: true cells, a state on a page, modes with plans, maps in space, films from any side; the page of a study)
 
 
 def mode_lines(job: Job, scene: Scene) -> list[str]:

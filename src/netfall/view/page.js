@@ -54,9 +54,11 @@ function readPage(k3d) {
   };
   const form = Object.values(k3d.getWorld().ObjectsListJson)[0];
   Object.assign(page, { form: form.id, start: form.vertices.data, ends: form.indices.data });
-  for (const name of ["bar", "group", "supports"]) page[name] = read(page[name]);
+  for (const name of ["group", "supports"]) page[name] = read(page[name]);
   if (!Array.isArray(page.element)) page.element = read(page.element);
-  for (const each of page.quantities) each.per = each.per && read(each.per);
+  for (const each of page.quantities) {
+    for (const name of ["per", "values"]) each[name] = each[name] && read(each[name]);
+  }
   for (const state of page.states) {
     for (const name of ["displacement", "tension", "strain"]) {
       if (state[name]) state[name] = whole(state[name], state.slack.length);
@@ -68,6 +70,7 @@ function readPage(k3d) {
 // Value of a quantity in an element, in the unit of the file; NaN: none.
 function valueOf(scene, e) {
   const { state, frame, quantity } = scene;
+  if (quantity.values) return quantity.values[e];
   const of = quantity.of_file && state.strain ? state.strain : state.tension;
   const number = of.values[frame * of.size + e];
   if (number === NONE) return NaN;

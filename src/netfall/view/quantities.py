@@ -8,12 +8,11 @@ from matplotlib.colors import to_hex
 from netfall.checks.cables import resistances_of
 from netfall.checks.codes import read_codes
 from netfall.plots.canvas import BROKEN, NOTHING, unit_of
-from netfall.plots.force import COMPRESSION, SLACK, SUPPORT, TENSION, limits
+from netfall.plots.force import COMPRESSION, SLACK, SUPPORT, TENSION, TRACE, limits
 from netfall.view.states import Drawn, States
 
 SHADES = 64  # of a scale
 MOST_LOOKED_AT = 2_000_000  # values from which the ends of a scale are found
-UNLOADED = 1e-6  # of the largest force, below which a bar carries nothing
 
 
 @dataclass(frozen=True)
@@ -21,7 +20,8 @@ class Quantity:
     """A choice of the page. Values in `unit` are those of the file times `factor`.
 
     tension, compression : ends of the two scales in the file's unit, None: there is none
-    per : (m,) what forces are divided by, None: they are not; at_rest : what it is of states at rest
+    at_rest : what it is of states at rest
+    per : (m,) what forces are divided by, None: they are not; values : (m,) of the elements in all states
     """
 
     name: str
@@ -30,7 +30,8 @@ class Quantity:
     factor: float
     tension: tuple[float, float] | None
     compression: tuple[float, float] | None
-    per: np.ndarray | None
+    per: np.ndarray | None = None
+    values: np.ndarray | None = None
 
 
 def palette() -> dict:
@@ -52,10 +53,10 @@ def quantities(f, drawn: Drawn, shown: list[States]) -> list[Quantity]:
     ends = _ends(forces)
     largest = max((end[1] for end in ends if end), default=0.0)
     factor, unit = unit_of(largest, "N")
-    found = [Quantity("axial force", "axial force", unit, factor, *ends, None)]
+    found = [Quantity("axial force", "axial force", unit, factor, *ends)]
     if np.isfinite(resistance).any():
         used, _ = _ends([N / resistance for N in forces])
-        name = f"utilisation in tension, {check.name}"
+        name = f"utilisation in tension, {check.title.split(':')[0]}"
         found.append(Quantity(name, name, "-", 1.0, used, None, resistance))
     found.append(Quantity("strain", "elastic strain", "%", 100.0, *_ends(strains), EA))
     return found
@@ -65,7 +66,7 @@ def without_traces(f, drawn: Drawn, N: np.ndarray) -> np.ndarray:
     """Forces (k, m) [N] with 0 in bars that carry next to nothing."""
     bar = f["net/bar"][:].astype(bool)[drawn.rows]
     largest = np.nanmax(np.abs(N), initial=0.0)
-    return np.where(bar & (np.abs(N) < UNLOADED * largest), 0.0, N)
+    return np.where(bar & (np.abs(N) < TRACE * largest), 0.0, N)
 
 
 def _ends(values: list[np.ndarray]) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:

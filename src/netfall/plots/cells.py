@@ -1,0 +1,45 @@
+"""The parts of the roof that belong to nodes, in plan.
+
+Of each face around a node the part up to the middles of the sides and the centroid; of faces with more than
+four corners too, which loads share by nearest corner.
+"""
+
+import numpy as np
+from matplotlib.collections import PolyCollection
+
+from netfall.roof.faces import Faces, faces_of_rings
+
+MOST_CELLS = 400_000  # parts of faces; of larger nets each node is a dot
+
+
+def cells_of(faces: Faces, points: np.ndarray) -> np.ndarray:
+    """(c, 4, 2) [m] for each corner of each face the part of the face that is its own. points : (k, 2) [m]"""
+    corner, after, face = points[faces.corner], faces.next_corner(), faces.of_corner()
+    count = np.bincount(face)
+    centre = np.stack([np.bincount(face, values) / count for values in corner.T], -1)[face]
+    side = 0.5 * (corner + corner[after])
+    before = np.empty_like(side)
+    before[after] = side
+    return np.stack([corner, side, centre, before], 1)
+
+
+def node_cells(f, **style) -> tuple[PolyCollection, np.ndarray]:
+    """The parts of the roof of a result file, and the node (c,) of each; of areas without faces squares."""
+    x, area = f["net/particles"][:, :2], f["net/plan_area"][:]
+    points = np.vstack([x, f["provenance/net/corners"][:, :2]])
+    rings = Faces(f["provenance/net/ring_start"][:], f["provenance/net/ring_corner"][:])
+    faces = faces_of_rings(rings, f["provenance/net/ring_face"][:], points) if has_faces(f) else rings
+    cells, node = np.zeros((0, 4, 2)), np.zeros(0, int)
+    if has_faces(f):
+        mine = faces.corner < len(x)
+        cells, node = cells_of(faces, points)[mine], faces.corner[mine]
+    alone = np.setdiff1d(np.flatnonzero((area > 0) & (f["net/tributary_area"][:] > 0)), node)
+    corner = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+    squares = x[alone][:, None] + np.sqrt(area[alone])[:, None, None] * corner
+    shapes = np.concatenate([cells, squares])
+    return PolyCollection(shapes, edgecolors="face", lw=0.3, **style), np.concatenate([node, alone])
+
+
+def has_faces(f) -> bool:
+    """Whether the net of a result file has faces, from which its areas come."""
+    return f["provenance/net/ring_start"].shape[0] > 1 and bool(f["provenance/net/ring_corner"].shape[0] > 2)

@@ -1,0 +1,62 @@
+"""Labels in a picture, none on top of another."""
+
+import numpy as np
+from mpl_toolkits.mplot3d import proj3d
+
+from netfall.plots.canvas import SMALL
+
+DIRECTIONS = ((1, 1), (-1, 1), (1, -1), (-1, -1), (0, 1), (0, -1), (1, 0), (-1, 0))
+REACHES = (6, 16, 30, 48, 70)  # points from the place to the nearest corner of its label
+WIDE, HIGH = 0.64, 1.5  # of the size of the font: a character, a line
+BOX = {"boxstyle": "round,pad=0.05", "fc": "white", "ec": "none", "alpha": 0.8}
+LEADER = {"arrowstyle": "-", "lw": 0.5, "color": "0.4", "shrinkA": 0, "shrinkB": 0}
+
+
+def add_labels(axes, places: np.ndarray, texts: list[str]) -> list[str]:
+    """Add texts at places (k, 2 or 3) [m], the first ones first; those for which there was room.
+
+    Each goes where it covers no other label, near its place and within the axes, with a line to the place.
+    """
+    axes.figure.canvas.draw()  # places on the page are known from now on
+    if places.shape[1] == 3:
+        places = np.stack(proj3d.proj_transform(*places.T, axes.get_proj())[:2], 1)
+    points, taken, added = axes.figure.dpi / 72.0, [], []
+    frame = axes.get_window_extent()
+    for place, text in zip(places, texts):
+        at = axes.transData.transform(place)
+        size = (
+            points * SMALL * np.array([WIDE * max(map(len, text.split("\n"))), HIGH * (1 + text.count("\n"))])
+        )
+        for offset in _offsets(points):
+            low = at + offset - np.where(offset < 0, size, np.where(offset == 0, 0.5 * size, 0.0))
+            box = np.array([low, low + size])
+            if _inside(box, frame) and not any(_cover(box, other) for other in taken):
+                taken.append(box)
+                added.append(text)
+                axes.annotate(
+                    text,
+                    place,
+                    xytext=(low - at) / points,
+                    textcoords="offset points",
+                    fontsize=SMALL,
+                    zorder=1000,
+                    bbox=BOX,
+                    arrowprops=LEADER,
+                )
+                break
+    return added
+
+
+def _offsets(points: float):
+    """Where a corner of a label may be [pixels], from its place, the nearest first."""
+    for reach in REACHES:
+        for direction in DIRECTIONS:
+            yield points * reach * np.array(direction, float)
+
+
+def _inside(box: np.ndarray, frame) -> bool:
+    return bool((box[0] >= (frame.x0, frame.y0)).all() and (box[1] <= (frame.x1, frame.y1)).all())
+
+
+def _cover(one: np.ndarray, other: np.ndarray) -> bool:
+    return bool((one[0] < other[1]).all() and (other[0] < one[1]).all())

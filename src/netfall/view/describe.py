@@ -1,0 +1,118 @@
+"""What a page is of a result: its words, choices and numbers, for `page.js`."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netfall.checks.reactions import held_axes
+from netfall.plots.collapse import view
+from netfall.results.file import title_of
+from netfall.results.frames import Frames
+from netfall.results.losses import broken_at, lost_at
+from netfall.results.states import start_position
+from netfall.view.numbers import Numbers
+from netfall.view.quantities import Quantity, palette, quantities, without_traces
+from netfall.view.states import Drawn, States, drawn_part, states_shown
+
+FARTHEST = 4.0  # largest extents of the net, beyond which what moves is not drawn
+MOST_STROKES = 400  # fractures and losses on the bar of the time
+MOST_LOOKS = 25  # frames from which the room is found
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page before it is written.
+
+    data : what `page.js` reads, but for the numbers; drawn : the net; words : what is shown
+    """
+
+    data: dict
+    numbers: Numbers
+    drawn: Drawn
+    words: str
+
+
+def page_of(f) -> Page:
+    """The page of an open result file."""
+    drawn = drawn_part(f)
+    shown, left_out = states_shown(f, drawn)
+    x, numbers = start_position(f), Numbers()
+    frames = f"{len(shown[0].time)} frames, " if len(shown[0].time) else ""
+    rest = sum(not len(states.time) for states in shown)
+    thinned = f"; of this result {', '.join(left_out)}" if left_out else ""
+    words = f"{len(drawn.rows)} elements, {frames}{rest} states at rest{thinned}"
+    net = net_data(numbers, drawn, title_of(f), f["net/element_id"][:], x[held_axes(f).any(1)])
+    data = net | {
+        "net": f"{len(x)} nodes, {len(f['net/elements'])} elements",
+        "left_out": left_out,
+        "window": _window(f, shown, x).tolist(),
+        "group": numbers.add(f["net/group"][:].astype(np.int16)[drawn.rows]),
+        "groups": f["net/group_names"].asstr()[:].tolist(),
+        "strokes": _strokes(f),
+        "quantities": [choice(numbers, each) for each in quantities(f, drawn, shown)],
+        "states": [_states(numbers, f, drawn, states, np.ptp(x, axis=0).max()) for states in shown],
+    }
+    return Page(data, numbers, drawn, words)
+
+
+def net_data(numbers: Numbers, drawn: Drawn, title: str, ids, supports) -> dict:
+    """What a page has of a net. ids : (m,) of all elements; supports : (h, 3) [m]"""
+    return {
+        "title": title,
+        "colours": palette(),
+        "element": _ids(numbers, ids[drawn.rows]),
+        "supports": numbers.add(supports.astype(np.float32)),
+    }
+
+
+def _window(f, shown: list[States], x: np.ndarray) -> np.ndarray:
+    """The room (2, 3) [m] that is looked at."""
+    if not len(shown[0].time):
+        return np.array([x.min(0), x.max(0)])
+    frames = Frames(f)
+    return view(frames, np.unique(np.linspace(0, len(frames.times) - 1, MOST_LOOKS).astype(int)).tolist())
+
+
+def _ids(numbers: Numbers, ids: np.ndarray) -> dict | list[str]:
+    """Ids of elements, as text where they are large."""
+    small = np.abs(ids).max(initial=0) < 2**31
+    return numbers.add(ids.astype(np.int32)) if small else [str(each) for each in ids]
+
+
+def _strokes(f) -> list[float]:
+    """Times [s] of fractures and losses."""
+    times = np.unique(np.concatenate([broken_at(f), lost_at(f)]))
+    times = times[np.isfinite(times)]
+    return times[:: 1 + len(times) // MOST_STROKES].tolist()
+
+
+def choice(numbers: Numbers, quantity: Quantity) -> dict:
+    """A quantity, for the page."""
+    plain = {name: getattr(quantity, name) for name in Quantity.__dataclass_fields__}
+    for name in ("per", "values"):
+        if plain[name] is not None:
+            plain[name] = numbers.add(plain[name].astype(np.float32))
+    return plain | {"of_file": quantity.name == "strain"}
+
+
+def _states(numbers: Numbers, f, drawn: Drawn, states: States, extent: float) -> dict:
+    """States of a result, for the page."""
+    return states_data(numbers, states, without_traces(f, drawn, states.tension), extent)
+
+
+def states_data(numbers: Numbers, states: States, N: np.ndarray, extent: float) -> dict:
+    """States, for the page, with the axial forces N (k, m) [N] that are shown; extent : of the net [m]"""
+    largest = lambda values: float(np.nanmax(np.abs(values), initial=0.0))
+    reach = min(largest(states.displacement), FARTHEST * extent)
+    page = {
+        "name": states.name,
+        "time": states.time.tolist(),
+        "displacement": numbers.add_in_time(states.displacement, reach),
+        "tension": numbers.add_in_time(N, largest(N), nonzero=True),
+        "slack": states.slack.tolist(),
+        "broken": states.broken.tolist(),
+    }
+    if states.strain is not None:
+        eps = np.where(np.isnan(N), np.nan, states.strain)
+        page["strain"] = numbers.add_in_time(eps, largest(eps))
+    return page

@@ -1,0 +1,128 @@
+"""The page of a study: where it breaks, in space; with a member that was kept, as that one moves."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from netfall.ground.errors import InputError
+from netfall.plots.net import whole_cables
+from netfall.results.file import reading
+from netfall.study.answers.losses import elements_lost, losses_of
+from netfall.study.answers.read import Study, read_study
+from netfall.study.files import place_of
+from netfall.view.describe import Page, choice, net_data, page_of, states_data
+from netfall.view.numbers import Numbers
+from netfall.view.page import need_k3d, put
+from netfall.view.quantities import Quantity
+from netfall.view.states import MOST_ELEMENTS, Drawn, States
+
+
+def write_study_page(path: Path, page: Path, member: int | None) -> str:
+    """Write the page of a study file; a line that says what it is.
+
+    member : its number, None: of those that were kept the one that loses most of its roof
+    Raises InputError for a study without a net, and for a member that was not kept.
+    """
+    need_k3d()
+    study = read_study(path)
+    if not len(study.net["elements"]):
+        raise InputError(f"{path}: no member had a net, so there is nothing to view")
+    kept = place_of(path, path, None).members
+    number = chosen(study, kept, member)
+    return put(page, net_page(study) if number is None else member_page(study, kept, number))
+
+
+def _file(kept: Path, member: int) -> Path:
+    return kept / f"{member:06d}.vtkhdf"
+
+
+def chosen(study: Study, kept: Path, member: int | None) -> int | None:
+    """The member to show, None: none was kept."""
+    if member is not None:
+        if not _file(kept, member).exists():
+            raise InputError(
+                f'--member {member}: {_file(kept, member)} is not there; [run] keep = "broken" or "all" in '
+                "the study file keeps the result files of its members"
+            )
+        return member
+    there = [int(file.stem) for file in kept.glob("[0-9]*.vtkhdf") if int(file.stem) < len(study.finished)]
+    lost = np.nan_to_num(study.members["roof_lost"])
+    return max(sorted(there), key=lambda k: (lost[k], study.members["broken"][k]), default=None)
+
+
+def member_page(study: Study, kept: Path, member: int) -> Page:
+    """The page of a member's result, with what the study knows of its elements."""
+    with reading(_file(kept, member)) as f:
+        if not np.array_equal(f["net/element_id"][:], study.net["element_id"]):
+            raise InputError(f"{f.filename}: another net than that of the study; view it without the study")
+        page = page_of(f)
+    page.data["title"] = f"{study.title}, member {member}"
+    page.data["quantities"] = _choices(study, page) + page.data["quantities"]
+    return replace(page, words=f"member {member}: {page.words}")
+
+
+def net_page(study: Study) -> Page:
+    """The page of a study that kept no member: its net at rest."""
+    x, elements = study.net["particles"], study.net["elements"]
+    group = np.zeros(len(elements), int)
+    rows, every = whole_cables(x, elements, np.arange(len(elements)), group, MOST_ELEMENTS)
+    nodes, ends = np.unique(elements[rows], return_inverse=True)
+    drawn = Drawn(rows, every, x[nodes], nodes, ends.reshape(-1, 2), np.zeros((0, 2), int))
+    numbers, none = Numbers(), np.zeros(1, int)
+    taut = np.ones((1, len(rows)))
+    still = States(
+        "as each member begins", np.zeros(0), np.zeros((1, *drawn.start.shape)), taut, None, none, none
+    )
+    data = net_data(numbers, drawn, study.title, study.net["element_id"], x[study.net["fixed"].any(1)])
+    data |= {
+        "net": f"{len(x)} nodes, {len(elements)} elements; no member was kept",
+        "left_out": [f"one in {every} of the elements"] * (every > 1),
+        "window": [x.min(0).tolist(), x.max(0).tolist()],
+        "group": numbers.add(group.astype(np.int16)[rows]),
+        "groups": [""],
+        "strokes": [],
+        "states": [states_data(numbers, still, taut, 1.0)],
+    }
+    page = Page(data, numbers, drawn, f"{len(rows)} elements; no member was kept, so nothing moves")
+    data["quantities"] = _choices(study, page)
+    return page
+
+
+def _choices(study: Study, page: Page) -> list[dict]:
+    """What the study tells of elements: how often they break, and what follows from the loss of each."""
+    broke, ran = max(int(study.first_breaks.sum()), 1), max(int(study.finished.sum()), 1)
+    share = lambda counts, of: np.where(counts > 0, counts / of, np.nan)
+    told = [
+        (
+            f"first to break, share of the {broke} members that broke",
+            "%",
+            100.0,
+            share(study.first_breaks, broke),
+        ),
+        (f"breaks at all, share of the {ran} members that finished", "%", 100.0, share(study.breaks, ran)),
+    ]
+    losses = losses_of(study)
+    if losses is not None:
+        row = elements_lost(study, losses)
+        of_element = lambda values: np.where(row >= 0, values[row], np.nan)
+        told.append(("largest dynamic factor after its loss", "-", 1.0, of_element(losses.dynamic_factor)))
+        told.append(("share of the roof lost after its loss", "%", 100.0, of_element(losses.roof_lost)))
+    found = [_quantity(*row, page.drawn.rows) for row in told if np.isfinite(row[3]).any()]
+    none = Quantity(
+        "no member broke",
+        "no member broke",
+        "-",
+        1.0,
+        None,
+        None,
+        values=np.full(len(page.drawn.rows), np.nan),
+    )
+    return [choice(page.numbers, each) for each in found or [none]]
+
+
+def _quantity(name: str, unit: str, factor: float, values: np.ndarray, rows: np.ndarray) -> Quantity:
+    """A value of each element, on a scale from 0."""
+    return Quantity(
+        name, name, unit, factor, (0.0, float(np.nanmax(values)) or 1.0), None, values=values[rows]
+    )
