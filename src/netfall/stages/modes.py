@@ -175,17 +175,12 @@ def modes_now(scene: Scene, count: int) -> Modes | None:
 
 def modes_section(job: Job, model: Model, modes: Modes) -> dict[str, np.ndarray]:
     """The datasets of /modes."""
-<<<<<<< HEAD
-    section = {"period": modes.period, "shape": modes.shape}
+    section = {"period": modes.period, "shape": modes.shape, "effective_mass": modes.effective_mass}
     if job.dynamics:
         section["damping_ratio"] = mass_damping(job, model, modes)
     if model.air is not None:
         section["air_damping_ratio"] = air_damping(job, model, modes)
     return section
-=======
-    section = {"period": modes.period, "shape": modes.shape, "effective_mass": modes.effective_mass}
-    return section | ({"damping_ratio": modes.damping_ratio(job.dynamics.damping)} if job.dynamics else {})
->>>>>>> 7d14ab2 (Pictures fit for a report: true cells, a state on a page, modes with plans, maps in space, films from any side; the page of a study)
 
 
 def mode_lines(job: Job, scene: Scene) -> list[str]:
