@@ -27,6 +27,7 @@ FLAGS = (
     "lateral",  # loads along x and y
     "losses",
     "fading",
+    "motion",  # of supports that are not on springs
     "air",  # its damping, and what moves along
     "growing",
     "energy",
@@ -410,6 +411,41 @@ def draw_losses(draw, scene: dict, net: DrawnNet, columns: dict, rng, duration: 
     return entries
 
 
+def draw_motion(draw, net: DrawnNet, scene: dict, nodes: dict, rng, duration: float, tables: dict) -> list:
+    """[[motion]]: an end settles while all are shaken by one component, at once or by a wave."""
+    held = net.held & ~sprung_nodes(net, scene, nodes)
+    ids = np.array(net.names)[held].tolist()
+    if not ids:
+        return []
+    time = np.linspace(0.0, 0.7 * duration, 6)
+    size = 0.02 * SPACING
+    columns = {"time": map(number, time)}
+    columns |= {k: map(number, size * c) for k, c in zip("xz", np.outer([0.3, 1.0], time / time[-1]))}
+    tables["move.csv"] = table(columns)
+    first = {"nodes": ids[:1], "displacement": "move.csv"}
+    a = np.append(0.0, rng.uniform(-1.0, 1.0, 5)) * size / duration**2 * 4
+    if chance(draw):
+        text = "made\nby hand\nin g\nNPTS= 6, DT= " + number(0.2 * duration) + " SEC\n"
+        tables["quake.AT2"] = text + " ".join(number(value / 9.81) for value in a) + "\n"
+        second = {"acceleration": "quake.AT2", "baseline": chance(draw)}
+    else:
+        shape = {"time": map(number, 0.2 * duration * np.arange(6)), "acceleration": map(number, a)}
+        tables["quake.csv"] = table(shape)
+        second = {"acceleration": "quake.csv"}
+    second |= {"direction": [1.0, 1.0, 0.0], "scale": 1.5, "nodes": ids}
+    if chance(draw):
+        second |= {"speed": 100.0 * SPACING / duration, "travel": [1.0, 0.5, 0.0]}
+    return [first, second]
+
+
+def sprung_nodes(net: DrawnNet, scene: dict, nodes: dict) -> np.ndarray:
+    """(n,) bool, of the columns of nodes.csv."""
+    if not scene["springs"]:
+        return np.zeros(len(net.points), bool)
+    nodes |= {f"spring_{k}": list(nodes[f"spring_{k}"]) for k in "xyz"}
+    return np.array([value != number(0.0) for value in nodes["spring_x"]])
+
+
 def draw_zones(draw, net: DrawnNet, nodes: dict) -> tuple[list, list]:
     """[[zone]] entries, and the names of all zones."""
     entries, names = [], ["own"] if "zone" in nodes else []
@@ -473,6 +509,8 @@ def jobs(draw, scenes=SCENES) -> DrawnJob:
         job["case"] = [{"name": "a", "set": {"load.snow": 3.0}}, {"name": "b", "set": {"load.pressure": 4.0}}]
     if scene["losses"]:
         job["remove"] = draw_losses(draw, scene, net, elements, rng, duration)
+    if scene["motion"]:
+        job["motion"] = draw_motion(draw, net, scene, nodes, rng, duration, tables)
     if scene["growing"] and (scene["wind"] or not scene["losses"]):
         job["load"]["ramp"] = 0.7 * duration
     if chance(draw, 5):

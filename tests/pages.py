@@ -14,8 +14,9 @@ import textwrap
 from pathlib import Path
 
 from netfall.cli.parser import parser
+from netfall.job.entries import LISTS
 from netfall.job.keys import ABSENT, REQUIRED, Key
-from netfall.job.schema import GENERATOR_KEYS, LISTS, OVERRIDES, SECTIONS
+from netfall.job.schema import GENERATOR_KEYS, OVERRIDES, SECTIONS
 from netfall.results.datasets import tables
 
 ROOT = Path(__file__).resolve().parents[1]

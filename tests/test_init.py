@@ -10,8 +10,9 @@ from conftest import STEEL
 from netfall.cli.examples import EXAMPLES
 from netfall.cli.parser import parser
 from netfall.ground.errors import InputError
+from netfall.job.entries import LISTS
 from netfall.job.read import read_job
-from netfall.job.schema import LISTS, SECTIONS
+from netfall.job.schema import SECTIONS
 from netfall.job.template import write_template
 from netfall.model.layout import make_layout
 from netfall.net.build import build_net

@@ -10,8 +10,9 @@ from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall, run_on_standing
 
 from netfall.ground.errors import InputError
 from netfall.job.dimensions import GENERATOR_KEYS
+from netfall.job.entries import LISTS
 from netfall.job.read import read_job
-from netfall.job.schema import LISTS, REQUIRED, SECTIONS
+from netfall.job.schema import REQUIRED, SECTIONS
 
 WHOLE = """
 title = "all sections"

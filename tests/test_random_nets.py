@@ -14,7 +14,8 @@ from drawn_jobs import FULL, OTHER, jobs
 from same_bits import differences, figures, without_mpirun
 from standing_ranks import StandingRanks
 
-from netfall.job.schema import LISTS, SECTIONS
+from netfall.job.entries import LISTS
+from netfall.job.schema import SECTIONS
 
 EXAMPLES = int(os.environ.get("NETFALL_EXAMPLES", "40"))  # of random scenes, with --long
 QUIET = dict(deadline=None, database=None, suppress_health_check=list(hypothesis.HealthCheck))

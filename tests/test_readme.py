@@ -10,7 +10,8 @@ from conftest import ROOT, run_on_standing_ranks
 
 import netfall
 from netfall.cli.parser import parser
-from netfall.job.schema import LISTS, SECTIONS
+from netfall.job.entries import LISTS
+from netfall.job.schema import SECTIONS
 from netfall.net.sections import OF_TYPE
 from netfall.net.tables import ELEMENT_COLUMNS, NODE_COLUMNS
 

@@ -9,7 +9,8 @@ import pytest
 from conftest import ROOT, run_on_standing_ranks
 from scipy.optimize import brentq
 
-from netfall.job.schema import LISTS, OVERRIDES, SECTIONS
+from netfall.job.entries import LISTS
+from netfall.job.schema import OVERRIDES, SECTIONS
 
 FILES = sorted((ROOT / "jobs").rglob("*.toml"))
 KEYS = [f"{name}.{key.name}" for name, keys in (SECTIONS | LISTS).items() for key in keys if name]

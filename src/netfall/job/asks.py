@@ -56,6 +56,11 @@ def air_moves(job: Job) -> bool:
     return any(job.loads("air_mass"))
 
 
+def moves_supports(job: Job) -> bool:
+    """Whether supports move in the dynamic stage."""
+    return bool(job.motions and job.dynamics)
+
+
 def roof_groups(job: Job) -> list[str]:
     """The groups whose faces carry the roof; none: all do."""
     return list(job.roof.groups or ()) if job.roof else []

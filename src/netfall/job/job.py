@@ -9,9 +9,11 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from netfall.ground.errors import InputError
-from netfall.job.schema import LISTS, SECTIONS
+from netfall.job.entries import LISTS
+from netfall.job.schema import SECTIONS
 
 PATHS = [(section, key.name) for section, keys in SECTIONS.items() for key in keys if key.kind == "path"]
+OF_MOTION = [key.name for key in LISTS["motion"] if key.kind == "path"]
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,7 @@ class Job:
     limits: SimpleNamespace | None
     cases: list[SimpleNamespace]  # [[case]]
     combinations: list[SimpleNamespace]  # [[combination]]
+    motions: list[SimpleNamespace]  # [[motion]]
     removes: list[SimpleNamespace]  # [[remove]]
 
     @property
@@ -47,6 +50,8 @@ class Job:
         named = [getattr(getattr(self, section), key, None) for section, key in PATHS]
         named += [case.pressure_table for case in self.cases]
         named += [case.set.get("wind.sectors") for case in self.cases]
+        entries = [(entry, key) for key in OF_MOTION for entry in self.motions]
+        named += [getattr(entry, key) for entry, key in entries]
         return [self.path.parent / name for name in named if name]
 
     @cached_property

@@ -6,7 +6,7 @@ by adding a row here.
 
 from types import SimpleNamespace
 
-from netfall.job.cases import CASE, COMBINATION, LIMITS, rows_of_set
+from netfall.job.cases import LIMITS, rows_of_set
 from netfall.job.dimensions import DIMENSIONS, GENERATOR_KEYS
 from netfall.job.keys import ABSENT, REQUIRED, Key, between, choice, count, flag, not_negative, positive, seed
 
@@ -380,47 +380,6 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         ),
     ),
 }
-
-# Lists of tables, [[zone]]: the keys of each entry.
-LISTS: dict[str, tuple[Key, ...]] = {
-    "zone": (
-        Key("name", "name", REQUIRED, "", "name by which [wind.zone.NAME] and [load.zone.NAME] refer to it"),
-        Key(
-            "polygon",
-            "polygon",
-            ABSENT,
-            "m",
-            "corners in plan of the start geometry, in order around it",
-            low=-1e9,
-            high=1e9,
-        ),
-        Key("groups", "words", ABSENT, "", "groups of elements whose nodes belong to it"),
-        flag(
-            "cut",
-            False,
-            "whether a polygon takes of each node's area what lies inside; false: nodes inside whole",
-        ),
-    ),
-    "case": CASE,
-    "combination": COMBINATION,
-    "remove": (
-        Key("elements", "integers", ABSENT, "", "ids of the elements that are lost"),
-        Key("group", "text", ABSENT, "", "or the group of elements that is lost"),
-        Key("cables", "words", ABSENT, "", "or the names of the pieces of cable that are lost"),
-        not_negative(
-            "time",
-            "s",
-            REQUIRED,
-            "time in the dynamic stage at which the elements lose their stiffness",
-            high=1e9,
-        ),
-        not_negative(
-            "duration", "s", 0.0, "time over which their tension then falls to zero; 0: at once", high=1e9
-        ),
-    ),
-}
-
-LOST = ("elements", "group", "cables")  # keys of [[remove]] that say what is lost: one of them
 
 
 def may_break(cable: dict) -> bool:

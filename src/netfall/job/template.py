@@ -3,8 +3,9 @@
 from pathlib import Path
 
 from netfall.ground.errors import InputError
+from netfall.job.entries import LISTS
 from netfall.job.keys import REQUIRED, Key
-from netfall.job.schema import LISTS, SECTIONS
+from netfall.job.schema import SECTIONS
 from netfall.job.toml_text import toml_value
 
 # Sections that the job has, and the keys that are set in it; all else stands as a comment.

@@ -3,19 +3,9 @@
 from types import SimpleNamespace
 
 from netfall.job import cases
+from netfall.job.entries import LISTS, LOST
 from netfall.job.keys import REQUIRED, Key
-from netfall.job.schema import (
-    CABLE,
-    EITHER,
-    GENERATOR_KEYS,
-    IN_CASES,
-    LISTS,
-    LOST,
-    NEEDED,
-    OVERRIDES,
-    SECTIONS,
-    defaults,
-)
+from netfall.job.schema import CABLE, EITHER, GENERATOR_KEYS, IN_CASES, NEEDED, OVERRIDES, SECTIONS, defaults
 from netfall.job.values import nearest, shown
 
 
@@ -144,6 +134,7 @@ class Validation:
         self._zones(lists)
         self._cases(found, lists)
         self._losses(given, found, lists)
+        self._motions(given, lists["motions"])
 
     def _zones(self, lists: dict) -> None:
         for zone in lists["zones"]:
@@ -174,6 +165,25 @@ class Validation:
             self.wrong(place, what)
         for place, what in cases.wrong_combinations(lists["combinations"], lists["cases"]):
             self.wrong(place, what)
+
+    def _motions(self, given: dict, motions: list) -> None:
+        for number, entry in enumerate(motions, 1):
+            place, key = f"[[motion]] {number}:", "displacement" if entry.displacement else "acceleration"
+            if (entry.displacement is None) == (entry.acceleration is None):
+                what = "missing" if entry.displacement is None else "exclude each other"
+                self.wrong(place, f"displacement or acceleration: {what}; expected one of the two")
+            if entry.direction is not None and entry.displacement is not None:
+                self.wrong(place, "direction: a displacement has x, y and z in its table; remove it")
+            if is_record(entry) and entry.direction is None:
+                self.wrong(place, "direction: missing; a record has one component: [x, y, z] of it")
+            if (entry.speed is None) != (entry.travel is None):
+                missing = "travel" if entry.travel is None else "speed"
+                self.wrong(place, f"{missing}: missing; a wave has a speed and a travel = [x, y, z]")
+            for name in ("direction", "travel"):
+                if getattr(entry, name) is not None and not any(getattr(entry, name)):
+                    self.wrong(place, f"{name} = [0, 0, 0]: has no direction; expected another")
+            if "dynamics" not in given:
+                self.wrong(place, f"{key}: there is no [dynamics] in which supports could move; add it")
 
     def _source_of_the_net(self, net: dict) -> None:
         tables = "nodes" in net or "elements" in net
@@ -240,6 +250,11 @@ class Validation:
         elif "shape_coefficient" not in wind and "sectors" not in wind:
             expected = "a number, or sectors = a table of them by the wind's direction"
             self.wrong("wind", f"shape_coefficient: missing; expected {expected}")
+
+
+def is_record(motion: SimpleNamespace) -> bool:
+    """Whether an entry of [[motion]] names a record of PEER's."""
+    return bool(motion.acceleration) and motion.acceleration.lower().endswith(".at2")
 
 
 def _zones(table: dict) -> list[dict]:

@@ -118,6 +118,25 @@ FIELDS = (
     _particle(
         "other_work", AXES, np.float64, "J", "work of what `OTHER_WORKS` names", "other_works", kept=True
     ),
+    _particle(
+        "ground",
+        AXES,
+        np.float64,
+        "m/s",
+        "velocity of the ground below: of an axis that is held half a step on, else now",
+        "motion",
+    ),
+    _particle(
+        "course",
+        ONE,
+        np.int32,
+        "",
+        "how that moves, a row of `ground.Ground`; -1: not at all",
+        "motion",
+        kept=True,
+        split=LIKE_PARENT,
+        given=True,
+    ),
     _particle("gid", ONE, np.int64, "", "global number"),
     _particle(
         "f", AXES, np.float64, "N", "total force; of all particles if something can break, else of those sent"
@@ -225,6 +244,7 @@ class Features:
     strengths: bool = False  # more than one strain at fracture
     springs: bool = False  # elastic supports
     losses: bool = False  # elements leave the net at given times
+    motion: bool = False  # supports move
     part_held: bool = False  # some particle is held on some axes and not on others
     energy: bool = True  # the audit of work
     fragments: bool = True  # a particle splits off where an element breaks
@@ -242,7 +262,7 @@ class Features:
     @property
     def other_works(self) -> bool:
         """Whether the audit has more than external, internal and damping work."""
-        return self.energy and self.air
+        return self.energy and (self.air or self.motion)
 
     @property
     def plastic_sections(self) -> bool:

@@ -263,6 +263,8 @@ def new_particle(p, number, mass, weight, particles, rows):
     for k in range(3):
         particles.x[k][row], particles.v[k][row] = particles.x[k][p], particles.v[k][p]
         particles.x_start[k][row] = particles.x_start[k][p]
+    if particles.course is not None:
+        particles.course[row] = particles.course[p]
     particles.gid[row], particles.mass[row], particles.load[2][row] = number, mass, -weight
     particles.per_mass[row] = inverse_mass(mass)
     return row

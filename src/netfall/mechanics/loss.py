@@ -82,7 +82,9 @@ def join(state: State, particles: np.ndarray, source: np.ndarray, share: np.ndar
             if state.air_mass is not None:
                 state.air_mass[p] += share[k] * given.air_mass[source[k]]
         if state.mass[p] > 0.0:
-            state.v[p] = np.where(state.free[p], momentum / state.mass[p], 0.0)  # a support takes the rest
+            state.v[p] = np.where(
+                state.free[p], momentum / state.mass[p], state.v[p]
+            )  # a support takes the rest
         if state.work is not None and state.own(p):
             state.work[p, 0] += _motion(state, p) - before
 

@@ -56,6 +56,7 @@ class Axis(NamedTuple):
     x: np.ndarray
     spring: np.ndarray | None
     spring_zero: np.ndarray | None
+    ground: np.ndarray | None
 
 
 def _along(k: int):
@@ -73,6 +74,7 @@ def _along(k: int):
             particles.x[k],
             None if particles.spring is None else particles.spring[k],
             None if particles.spring_zero is None else particles.spring_zero[k],
+            None if particles.ground is None else particles.ground[k],
         )
 
     return axis

@@ -205,6 +205,9 @@ def feature_words(job: Job, model: Model) -> str:
         ("static pressure", any(value is not None for value in job.loads("pressure"))),
         ("temperature", bool(load and load.temperature)),
         ("elastic supports", features.springs),
+        ("supports that move", features.motion),
+        ("air damping", features.air),
+        ("air that moves along", features.air_mass),
         (f"{features.strain} strain", features.strain != Features.strain),
         ("broken elements taken out", features.fracture and not features.fragments),
     )

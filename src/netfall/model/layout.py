@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from netfall.job.asks import air_damps, air_moves, varies
+from netfall.job.asks import air_damps, air_moves, moves_supports, varies
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
 from netfall.mechanics.fields import Features
@@ -99,6 +99,7 @@ def features_of(job: Job, net: Net) -> Features:
         fracture=bool(np.isfinite(net.fracture_strain).any()),
         wind=job.wind is not None,
         air=air_damps(job),
+        motion=moves_supports(job),
         air_mass=air_moves(job),
         tapped=job.wind is not None and job.wind.pressures is not None,
         varying=varies(job),

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from netfall.ground.errors import InputError
+from netfall.job.entries import LOST
 from netfall.job.job import Job
-from netfall.job.schema import LOST
 from netfall.job.values import MOST_NAMED, listed, nearest, shown
 from netfall.model.handover import HandOver, hand_over
 from netfall.net.net import Net, nearest_group

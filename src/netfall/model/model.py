@@ -9,7 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.asks import air_damps, air_moves, along_normals, carries_permanent, loads_the_roof
+from netfall.job.asks import (
+    air_damps,
+    air_moves,
+    along_normals,
+    carries_permanent,
+    loads_the_roof,
+    moves_supports,
+)
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, Memory, key_of
 from netfall.mechanics.material import elastic_forces, unstressed_length, warm_length
@@ -18,6 +25,7 @@ from netfall.model.air import damping_air, kappa_area, moving_air
 from netfall.model.idle import bare_zones
 from netfall.model.layout import Layout
 from netfall.model.loads import Loading, by_node, carried_mass, loading_of, preload, pressure_load
+from netfall.model.motion import Motion, motion_of
 from netfall.model.start import check_start, check_tensions, element_words, low_notes
 from netfall.net.net import Net
 from netfall.numerics.functions import lengths
@@ -44,6 +52,7 @@ class Model:
     air : (n, 3), c of `mechanics.air`, None: no air damping
     loading : the constant loads
     wind_field, history : of the wind, None: there is none
+    motion : of supports, None: they stand still
     panels : of the cladding, None: they do not tear off
     start_notes : what is plausible but odd in the initial state
     """
@@ -64,6 +73,7 @@ class Model:
     loading: Loading
     wind_field: WindField | None
     history: GeneratedHistory | TableHistory | None
+    motion: Motion | None
     panels: Panels | None
     start_notes: tuple[str, ...]
 
@@ -123,6 +133,11 @@ class Model:
         return self.wind_field and self.wind_field.mean_force(self.history.mean_gust)
 
     @property
+    def course(self) -> np.ndarray | None:
+        """(n,) how the ground below moves, a row of the motion; -1: not at all."""
+        return self.motion and self.motion.course
+
+    @property
     def eps_u(self) -> np.ndarray:
         """(m,), strain at fracture; inf: never breaks."""
         return self.net.fracture_strain
@@ -171,6 +186,8 @@ def make_model(
     mass, added = _scaled(job, net, L0, own + net.mass + loading.carried)
     field, history = _wind(job, layout, x, roof, memory)
     air_mass = moving_air(job, roof)
+    motion = motion_of(job, net, x) if moves_supports(job) else None
+    notes += motion.notes if motion else []
     if field:
         notes += low_notes(job, net, x, field.force)
     tears = field and job.wind.after_fracture == "panels"
@@ -191,6 +208,7 @@ def make_model(
         loading=loading,
         wind_field=field,
         history=history,
+        motion=motion,
         panels=_panels(job, layout, areas.shares, loading) if tears else None,
         start_notes=tuple(notes),
     )

@@ -80,6 +80,9 @@ def energies(f):
     )
     names = tuple(row for row in names if row[0] in h)
     total = sum(h[name][:] for name, *_ in names[1:])
+    if "support_work" in h:
+        names += (("support_work", "work of supports", "C9", "-"),)
+        total = total - h["support_work"][:]
     first = early_end(f)
     figure, panels = charts(2, 2 if first else 1, 11 if first else 9, 7, height_ratios=(3, 1), sharex="col")
     for (k, column), panel in np.ndenumerate(panels):

@@ -53,12 +53,12 @@ class Column(NamedTuple):
 
 def _identity(now: Moment) -> float:
     e = now.energies
-    return e.kinetic + e.internal + e.damping + e.air - e.external
+    return e.kinetic + e.internal + e.damping + e.air - e.external - e.support
 
 
 def _balance(now: Moment) -> float:
     e = now.energies
-    return e.kinetic + now.strain + now.plastic + e.damping + e.air - e.external
+    return e.kinetic + now.strain + now.plastic + e.damping + e.air - e.external - e.support
 
 
 SHARE = "share of the largest energy that took part so far"
@@ -75,6 +75,13 @@ HISTORY = (
     ),
     Column("damping_work", "J", "", lambda now: now.energies.damping),
     Column("air_work", "J", "taken by `[wind] air_damping`", lambda now: now.energies.air, needs="air"),
+    Column(
+        "support_work",
+        "J",
+        "of the supports that move, [[motion]], and of the ground that damping holds to",
+        lambda now: now.energies.support,
+        needs="motion",
+    ),
     Column("external_work", "J", "", lambda now: now.energies.external),
     Column("identity_error", NONE, SHARE, _identity, share=True),
     Column("balance_error", NONE, SHARE, _balance, share=True),

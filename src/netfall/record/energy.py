@@ -16,9 +16,10 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.ground.compile import entry_for, inner_kernel, kernel, part_of_kernel
-from netfall.mechanics.air import air_work_before, damped_mass, with_air
+from netfall.mechanics.air import air_work_before, with_air
 from netfall.mechanics.elements import ElementState, add_tensions, element_energies, element_state
 from netfall.mechanics.fields import OTHER_WORKS
+from netfall.mechanics.ground import pull_of_ground, velocity_after, works_of_motion
 from netfall.mechanics.loads import external_force, squared_speed, wind_speed
 from netfall.mechanics.motion import along_x, along_y, along_z, inverse_mass, kicked, make_kick
 from netfall.mechanics.state import State
@@ -31,7 +32,7 @@ from netfall.record.envelope import NO_ENVELOPE, widen
 class Energies:
     """Energies [J] at one time. `internal` is the work done against the elements' forces.
 
-    air : work of the air's damping; 0 where there is none
+    air : work of the air's damping; support : of the ground, on what it moves; 0 where there is none
     """
 
     kinetic: float
@@ -50,16 +51,19 @@ def energies_along(p, axis, internal, external, total, part, kick, particles):
     """Velocity [m/s] of particle p along an axis at the very time n, and works [J] on the way there.
 
     part : share of the kick that comes before n; internal, external, total : forces [N]
-    Works: external, internal, damping
+    Works: external, internal, damping, of the ground
     """
     old = axis.v[p]
-    if not axis.free[p]:
-        return old, 0.0, 0.0, 0.0
-    new = kicked(old, total * inverse_mass(particles.mass[p]), kick)
+    if axis.ground is None and not axis.free[p]:
+        return old, 0.0, 0.0, 0.0, 0.0
+    new = velocity_after(p, old, kicked(old, total * inverse_mass(particles.mass[p]), kick), axis)
     now = old + part * (new - old)
-    way = part * kick.dt * (0.5 * (old + now))
-    damping = kick.zeta * damped_mass(p, particles) * (0.5 * (old + new))
-    return now, way * external, way * internal, way * damping
+    duration = part * kick.dt
+    way = duration * (0.5 * (old + now))
+    damping, ground = works_of_motion(
+        p, old, now, duration, way, external + internal, 0.5 * (old + new), kick, axis, particles
+    )
+    return now, way * external, way * internal, damping, ground
 
 
 @inner_kernel
@@ -83,10 +87,16 @@ def particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, veloci
         ex = external_force(p, x, square, share)
         ey = external_force(p, y, square, share)
         ez = external_force(p, z, square, share)
-        total, pull, along = with_air(p, (nx + ex, ny + ey, nz + ez), speed, kick, particles)
-        vx, ax, bx, cx = energies_along(p, x, nx, ex, total[0], part, kick, particles)
-        vy, ay, by, cy = energies_along(p, y, ny, ey, total[1], part, kick, particles)
-        vz, az, bz, cz = energies_along(p, z, nz, ez, total[2], part, kick, particles)
+        total = (nx + ex, ny + ey, nz + ez)
+        if particles.ground is not None:
+            gx = pull_of_ground(p, x, kick, particles)
+            gy = pull_of_ground(p, y, kick, particles)
+            gz = pull_of_ground(p, z, kick, particles)
+            total = (total[0] + gx, total[1] + gy, total[2] + gz)
+        total, pull, along = with_air(p, total, speed, kick, particles)
+        vx, ax, bx, cx, dx = energies_along(p, x, nx, ex, total[0], part, kick, particles)
+        vy, ay, by, cy, dy = energies_along(p, y, ny, ey, total[1], part, kick, particles)
+        vz, az, bz, cz, dz = energies_along(p, z, nz, ez, total[2], part, kick, particles)
         velocity[i, 0], velocity[i, 1], velocity[i, 2] = vx, vy, vz
         terms[0, i] = 0.5 * mass * (vx * vx) + 0.5 * mass * (vy * vy) + 0.5 * mass * (vz * vz)
         terms[1, i] = terms[2, i] = terms[3, i] = math.nan
@@ -98,7 +108,7 @@ def particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, veloci
         if particles.other_work is not None:
             air, band, support = particles.other_work
             terms[4, i] = air[p] + air_work_before(p, part, pull, along, kick, particles)
-            terms[5, i], terms[6, i] = band[p], support[p]
+            terms[5, i], terms[6, i] = band[p], support[p] + dx + dy + dz
 
 
 @kernel
@@ -244,6 +254,8 @@ def total_energies(comm: MPI.Comm, state: State, snapshot: Snapshot) -> Energies
     kinetic, damping, external, internal, *others = terms
     if state.features.springs:
         stored += exact_sums(comm, snapshot.sprung)[0]
+    if not others and not state.features.energy:
+        others = [math.nan] * len(OTHER_WORKS)
     return Energies(kinetic, stored, heat, damping, external, internal, *others)
 
 

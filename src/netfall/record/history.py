@@ -20,7 +20,7 @@ def energy_in_play(row: dict[str, float]) -> float:
     """
     gone = row["kinetic_energy"] + max(row["strain_energy"], 0.0) + row["plastic_dissipation"]
     damped = sum(row.get(name, 0.0) for name in DAMPING)
-    energy = max(abs(row["external_work"]), gone + damped)
+    energy = max(abs(row["external_work"]), abs(row.get("support_work", 0.0)), gone + damped)
     return energy if energy == energy else 0.0  # nan without the audit
 
 

@@ -7,6 +7,7 @@ from mpi4py import MPI
 
 from netfall.ground.errors import DivergedError, interrupted
 from netfall.job.job import Job
+from netfall.mechanics.ground import begin_with_ground, move_ground
 from netfall.model.schedule import steps_line
 from netfall.record.columns import Moment
 from netfall.record.energy import Energies, most_extreme, take_snapshot, total_energies
@@ -103,6 +104,8 @@ class Simulation(Stepper):
         """At the first step: what is stored and dissipated from there on counts."""
         self.start_strain, self.start_plastic = energies.strain, energies.plastic
         self.history.begin(energies.strain)
+        if self.ground:
+            begin_with_ground(self.state, self.ground)
 
     def register(self) -> None:
         """Have all that moves saved with checkpoints; taken up where the run goes on from one. Collective."""
@@ -163,6 +166,10 @@ class Simulation(Stepper):
         rows, envelope = self.history.rows["time"], NO_ENVELOPE
         if row:
             envelope = self.envelope.at(self.time, self.time - rows[-1] if rows else 0.0)
+        if self.ground:
+            number = self.n // self.stride
+            times = number * self.dt, self.before_dt, (number + 1) * self.dt
+            move_ground(*times, self.zeta, self.ground, self.state.particles)
         step = self.before_dt, self.dt, self.zeta, share
         self.room = take_snapshot(self.state, *step, self.room, envelope)
         return self.room
@@ -227,14 +234,14 @@ class Simulation(Stepper):
         """The energies, before they are reported or the state is kept; stops a run that has diverged."""
         e = total_energies(self.comm, self.state, snapshot)
         # nan without the audit: then only what is not finite is seen
-        known = np.maximum(self.largest_work, abs(e.external)) + self.start_strain
+        known = np.maximum(self.largest_work, abs(e.external) + abs(e.support)) + self.start_strain
         if not np.isfinite(e.kinetic) or e.kinetic > 2 * known + 1e-9:
             raise divergence(self, snapshot, e.kinetic)
         return e
 
     def write_history(self, snapshot, e: Energies) -> None:
         """One row of /history, and the probes'."""
-        self.largest_work = np.fmax(self.largest_work, abs(e.external))
+        self.largest_work = np.fmax(self.largest_work, abs(e.external) + abs(e.support))
         now = Moment(
             self.time,
             self.before_dt or self.dt,

@@ -238,7 +238,7 @@ def _damping_lines(job: Job, model: Model, modes: Modes) -> list[str]:
     )
     if zeta:
         lines.append(
-            f"damping: damping = {zeta:g} 1/s also holds back what falls: it comes to no more than "
+            f"falling: damping = {zeta:g} 1/s holds back what falls too: it comes to no more than "
             f"g / damping = {GRAVITY / zeta:.4g} m/s"
         )
     if job.wind is None or not np.isfinite(modes.period).any():

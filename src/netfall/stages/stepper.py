@@ -13,7 +13,7 @@ from netfall.parallel.halo import Halo
 from netfall.stages.panels import Tearing
 from netfall.stages.scene import Desk, Scene
 from netfall.stages.step_limit import long_step_allowed
-from netfall.stages.varying import VaryingLoads
+from netfall.stages.varying import VaryingLoads, ground_of
 from netfall.step.loop import Interval
 from netfall.step.plan import Plan, halo_width
 
@@ -36,6 +36,7 @@ class Stepper:
         self.phases, self.stop = desk.phases, desk.stop
         self.loads = VaryingLoads(self.state, loads)
         self.zeta = job.dynamics.damping
+        self.ground = ground_of(scene.comm, self.model, self.state)
         self.after_fracture = job.wind.after_fracture if job.wind else "none"
         rules = FractureRules(
             particles=distribution.n,
@@ -58,7 +59,10 @@ class Stepper:
         if self.after_fracture == "panels":
             self.tearing = Tearing(scene.comm, distribution, self.model, self.log.broken, schedule.stable_dt)
         with self.phases.phase("time loop"):  # compiled, or loaded
-            self.plan.run(Interval(0, 0, 0.0, schedule.dt, self.zeta, 0.0, 1.0), self.phases.of_steps)
+            self.plan.run(
+                Interval(0, 0, 0.0, schedule.dt, self.zeta, 0.0, 1.0, ground=self.ground),
+                self.phases.of_steps,
+            )
 
     @property
     def time(self) -> float:
@@ -112,7 +116,8 @@ class Stepper:
         first, steps = self.n // self.stride, (stop - self.n) // self.stride
         sample = self.loads.time, self.loads.dt
         return Interval(
-            first, steps, self.before_dt, self.dt, self.zeta, *sample, self.stride, self.watched, trial
+            *(first, steps, self.before_dt, self.dt, self.zeta, *sample, self.stride, self.watched, trial),
+            self.ground,
         )
 
     def advance_to_first_fracture(self, stop: int) -> bool:

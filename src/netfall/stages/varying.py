@@ -19,6 +19,7 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.job.asks import grows, rests_in_wind
+from netfall.mechanics.ground import Ground
 from netfall.mechanics.state import State
 from netfall.model.handover import HandOver
 from netfall.parallel.subdomain import Distribution, rows_of
@@ -40,6 +41,17 @@ def varying_loads(scene: Scene) -> list:
     if grows(job):
         loads.append(GrowingLoad(distribution.particles(model and model.loading.growing), job.load.ramp))
     return loads
+
+
+def ground_of(comm: MPI.Comm, model, state: State) -> Ground | None:
+    """The ground below the particles of this rank; None: it stands still. Collective."""
+    if not state.features.motion:
+        return None
+    names = Ground._fields[: Ground._fields.index("held")]
+    shared = comm.bcast(model and [getattr(model.motion, name) for name in names])
+    held = (state.free[: state.first_split] == 0).any(1) & (state.course[: state.first_split] >= 0)
+    room = np.zeros((5, len(shared[-1]), 3))
+    return Ground(*shared, np.flatnonzero(held), *room)
 
 
 class VaryingLoads:

@@ -7,8 +7,9 @@ it. `Particles` come as the plan prepares them (`plan.stepped_particles`).
 import numpy as np
 
 from netfall.ground.compile import inner_kernel, part_of_kernel, vector_kernel
-from netfall.mechanics.air import damped_mass, with_air
+from netfall.mechanics.air import with_air
 from netfall.mechanics.fields import SLOTS
+from netfall.mechanics.ground import pull_of_ground, velocity_after, works_of_motion
 from netfall.mechanics.loads import external_force, squared_speed, wind_speed
 from netfall.mechanics.material import force_density
 from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
@@ -49,20 +50,20 @@ def four_forces(p, far, x, slots, law):
 def kick_axis(p, i, internal, external, total, kick, axis, f, particles):
     """Kick of particle p along one axis under its total force [N], which goes to f[i]; axis : `motion.Axis`
 
-    Returns the work [J] of the external, internal and damping forces
+    Returns the work [J] of the external, internal and damping forces, and of the ground
     """
     f[i] = total
     old = axis.v[p]
-    new = kicked(old, total * particles.per_mass[p], kick)  # v to n + 1/2
-    if axis.free is not None:
-        new = new if axis.free[p] else old
+    new = velocity_after(p, old, kicked(old, total * particles.per_mass[p], kick), axis)  # v to n + 1/2
     axis.v[p] = new
     if particles.work is None:
-        return external, external, external  # of no use
+        return external, external, external, external  # of no use
     mean = 0.5 * (old + new)
-    way = kick.dt * mean  # zero where held
-    damping = kick.zeta * damped_mass(p, particles) * mean
-    return way * external, way * internal, way * damping
+    way = kick.dt * mean  # zero where held, unless the ground moves
+    damping, ground = works_of_motion(
+        p, old, new, kick.dt, way, external + internal, mean, kick, axis, particles
+    )
+    return way * external, way * internal, damping, ground
 
 
 @part_of_kernel
@@ -82,12 +83,24 @@ def kick_particle(p, i, force, kick, particles, f):
         external_force(p, y, square, kick.share),
         external_force(p, z, square, kick.share),
     )
-    total, pull, along = with_air(p, (nx + ex, ny + ey, nz + ez), speed, kick, particles)
-    ax, bx, cx = kick_axis(p, i, nx, ex, total[0], kick, x, f[0], particles)
-    ay, by, cy = kick_axis(p, i, ny, ey, total[1], kick, y, f[1], particles)
-    az, bz, cz = kick_axis(p, i, nz, ez, total[2], kick, z, f[2], particles)
+    total = (nx + ex, ny + ey, nz + ez)
+    if particles.ground is not None:
+        gx, gy, gz = (
+            pull_of_ground(p, x, kick, particles),
+            pull_of_ground(p, y, kick, particles),
+            pull_of_ground(p, z, kick, particles),
+        )
+        total = (total[0] + gx, total[1] + gy, total[2] + gz)
+    total, pull, along = with_air(p, total, speed, kick, particles)
+    ax, bx, cx, dx = kick_axis(p, i, nx, ex, total[0], kick, x, f[0], particles)
+    ay, by, cy, dy = kick_axis(p, i, ny, ey, total[1], kick, y, f[1], particles)
+    az, bz, cz, dz = kick_axis(p, i, nz, ez, total[2], kick, z, f[2], particles)
     if particles.other_work is not None:
-        particles.other_work[0][p] = particles.other_work[0][p] + kick.dt * (pull * along)
+        air, _, support = particles.other_work
+        if particles.air is not None:
+            air[p] = air[p] + kick.dt * (pull * along)
+        if particles.ground is not None:
+            support[p] = support[p] + dx + dy + dz
     if particles.work is not None:
         external, internal, damping = particles.work
         external[p] = external[p] + ax + ay + az

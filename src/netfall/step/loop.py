@@ -17,6 +17,7 @@ import numpy as np
 
 from netfall.ground.compile import kernel, part_of_kernel, vector_kernel
 from netfall.mechanics.events import StepDone
+from netfall.mechanics.ground import Ground, move_ground, velocity_after
 from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
 from netfall.parallel.halo import receive_forces, send_forces, wait_for_neighbours
 from netfall.parallel.mpi_symbols import lap
@@ -36,6 +37,7 @@ class Interval(NamedTuple):
     before_dt : [s] length of the step before the first, 0 at the start
     zeta : [1/s] damping; sample_time : [s] of the sample before; sample_dt : [s] from it to the one after
     watched : whether extremes of the tensions are kept, in a scene that has them
+    ground : where supports move
     trial : whether nothing breaks yet: the steps are taken back if something reaches its fracture strain
     """
 
@@ -49,6 +51,7 @@ class Interval(NamedTuple):
     stride: int = 1
     watched: bool = False
     trial: bool = False
+    ground: Ground | None = None
 
 
 @kernel
@@ -82,9 +85,7 @@ def keep_forces(low, high, f_chunk, f):
 @part_of_kernel
 def move_axis(p, kick, axis, f, per_mass, dt):
     """Kick and drift of particle p along one axis, under the total force f."""
-    new = kicked(axis.v[p], f[p] * per_mass[p], kick)
-    if axis.free is not None:
-        new = new if axis.free[p] else axis.v[p]
+    new = velocity_after(p, axis.v[p], kicked(axis.v[p], f[p] * per_mass[p], kick), axis)
     axis.v[p] = new
     axis.x[p] += dt * new
 
@@ -122,6 +123,9 @@ def time_loop(
     tried = 0
     for s in range(interval.steps):
         kick_dt = 0.5 * (before_dt + dt)
+        if interval.ground is not None:
+            n = interval.first + s
+            move_ground(n * dt, before_dt, (n + 1) * dt, zeta, interval.ground, particles)
         before_dt = dt
         # of the step's number alone, wherever the loop was entered
         share = ((interval.first + s) * dt - interval.sample_time) / interval.sample_dt

@@ -81,7 +81,9 @@ def stepped_particles(state: State) -> Particles:
     vertical = not s.load[:, :2].any()
     return s.particles._replace(
         x_start=None,
-        free=axes(s.free) if s.features.part_held else None,  # else all axes move, or 1 / mass is 0
+        free=axes(s.free)
+        if s.features.part_held or s.features.motion
+        else None,  # else all axes move, or 1 / mass is 0
         load=(None, None, s.load[:, 2]) if vertical else axes(s.load),
         gid=None,
     )

@@ -1,0 +1,60 @@
+"""The keys of the entries of lists of tables: [[zone]], [[case]], [[combination]], [[motion]], [[remove]]."""
+
+from netfall.job.cases import CASE, COMBINATION
+from netfall.job.keys import ABSENT, REQUIRED, Key, between, flag, not_negative, positive
+
+LISTS: dict[str, tuple[Key, ...]] = {
+    "zone": (
+        Key("name", "name", REQUIRED, "", "name by which [wind.zone.NAME] and [load.zone.NAME] refer to it"),
+        Key(
+            "polygon",
+            "polygon",
+            ABSENT,
+            "m",
+            "corners in plan of the start geometry, in order around it",
+            low=-1e9,
+            high=1e9,
+        ),
+        Key("groups", "words", ABSENT, "", "groups of elements whose nodes belong to it"),
+        flag(
+            "cut",
+            False,
+            "whether a polygon takes of each node's area what lies inside; false: nodes inside whole",
+        ),
+    ),
+    "case": CASE,
+    "combination": COMBINATION,
+    "motion": (
+        Key("nodes", "integers", ABSENT, "", "ids of the supports that move; absent: all"),
+        Key("displacement", "path", ABSENT, "m", "path of a table time, x, y, z, linear between its rows"),
+        Key(
+            "acceleration",
+            "path",
+            ABSENT,
+            "m/s2",
+            "path of a record (.AT2, in g) or of a table time, x, y, z or time, acceleration, likewise",
+        ),
+        Key("direction", "vector", ABSENT, "", "of an acceleration of one component", low=-1e9, high=1e9),
+        between(-1e6, 1e6, "scale", "", 1.0, "by which it is multiplied"),
+        positive("speed", "m/s", ABSENT, "of a wave that travels; absent: all at once", high=1e6),
+        Key("travel", "vector", ABSENT, "", "direction in which it travels", low=-1e9, high=1e9),
+        flag("baseline", True, "baseline correction of a record (.AT2)"),
+    ),
+    "remove": (
+        Key("elements", "integers", ABSENT, "", "ids of the elements that are lost"),
+        Key("group", "text", ABSENT, "", "or the group of elements that is lost"),
+        Key("cables", "words", ABSENT, "", "or the names of the pieces of cable that are lost"),
+        not_negative(
+            "time",
+            "s",
+            REQUIRED,
+            "time in the dynamic stage at which the elements lose their stiffness",
+            high=1e9,
+        ),
+        not_negative(
+            "duration", "s", 0.0, "time over which their tension then falls to zero; 0: at once", high=1e9
+        ),
+    ),
+}
+
+LOST = ("elements", "group", "cables")  # keys of [[remove]] that say what is lost: one of them

@@ -1,0 +1,264 @@
+"""Supports that move, [[motion]]: records of displacements or accelerations, and which support follows which.
+
+A displacement is linear between the rows of its table and stays after the last. An acceleration is linear
+between its rows, integrated twice in closed form, zero after the last. A record of PEER's (.AT2) is corrected
+first: of its velocity the least-squares parabola through zero, c1 t + c2 t^2, is taken off.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from netfall.ground.errors import InputError
+from netfall.job.job import Job
+from netfall.job.table import Table
+from netfall.job.validate import is_record
+from netfall.job.values import listed
+from netfall.net.net import GRAVITY, Net
+from netfall.numerics.functions import lengths
+
+AXES = ("x", "y", "z")
+AT_ZERO = 1e-9  # m: what a displacement may be at the start
+NEAR = 256  # particles whose nearest support is looked for at once
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How supports move: what `mechanics.ground.Ground` holds of it, the course (n,) below each particle."""
+
+    time: np.ndarray
+    first: np.ndarray
+    place: np.ndarray
+    parts: np.ndarray
+    record: np.ndarray
+    delay: np.ndarray
+    start: np.ndarray
+    course: np.ndarray
+    notes: list[str]
+
+
+def motion_of(job: Job, net: Net, x: np.ndarray) -> Motion:
+    """The motion of the supports of a net at x (n, 3) [m]. Rank 0. Raises InputError, all at once."""
+    errors, notes, records, moved = [], [], [], {}
+    for number, entry in enumerate(job.motions, 1):
+        place = f"{job.path}: [[motion]] {number}:"
+        try:
+            time, rows, told = _record(job, entry)
+            records.append((time, rows))
+            notes += [f"[[motion]] {number}: {line}" for line in told]
+        except InputError as error:
+            errors += error.lines
+        nodes, wrong = _nodes(net, entry)
+        errors += [f"{place} {what}" for what in wrong]
+        for p, delay in zip(nodes.tolist(), _delays(x[nodes], entry).tolist()):
+            moved.setdefault(p, []).append((number - 1, delay))
+    if errors:
+        raise InputError(errors)
+    courses = sorted(set(map(tuple, moved.values())))
+    row = {course: k for k, course in enumerate(courses)}
+    course = np.full(net.n, -1, np.int32)
+    for p, parts in moved.items():
+        course[p] = row[tuple(parts)]
+    start = _start(net, course, courses, records)
+    if start.any():
+        speed = ", ".join(f"{v:.4g}" for v in start[0])
+        notes.append(f"[[motion]]: the ground moves at {speed} m/s at the start, and the net with it")
+    parts = [part for each in courses for part in each]
+    return Motion(
+        np.concatenate([time for time, _ in records]),
+        np.cumsum([0, *(len(time) for time, _ in records)]),
+        np.concatenate([rows for _, rows in records]),
+        np.cumsum([0, *map(len, courses)]),
+        np.array([record for record, _ in parts], np.int64),
+        np.array([delay for _, delay in parts], np.float64),
+        start,
+        _nearest(net, x, course),
+        notes,
+    )
+
+
+# --- which supports
+
+
+def _nodes(net: Net, entry) -> tuple[np.ndarray, list[str]]:
+    """Rows of the supports that an entry moves, and what is wrong with its nodes."""
+    held, wrong = net.fixed.any(1), []
+    rows = np.flatnonzero(held if entry.nodes is None else np.isin(net.node_id, entry.nodes))
+    unknown = sorted(set(entry.nodes or ()) - set(net.node_id.tolist()))
+    if unknown:
+        wrong.append(f"nodes: no node {listed(unknown)} in the net")
+    free = net.node_id[rows[~held[rows]]]
+    if len(free):
+        wrong.append(f"nodes: {listed(free)}: held on no axis; supports alone can be moved: hold it (fixed)")
+    sprung = net.node_id[net.spring.any(1) if entry.nodes is None else rows[net.spring[rows].any(1)]]
+    if len(sprung):
+        wrong.append(
+            f"nodes: {listed(sprung)}: on springs, whose feet cannot be moved; put an element with the "
+            "stiffness of the spring between the node and a support, and move that"
+        )
+    if not held.any():
+        wrong.append("the net has no supports that could be moved")
+    return rows, wrong
+
+
+def _delays(x: np.ndarray, entry) -> np.ndarray:
+    """Times (k,) [s] after which a wave comes to supports at x (k, 3) [m], from the first of them on."""
+    if entry.speed is None or entry.travel is None or not len(x):
+        return np.zeros(len(x))
+    along = x[:, 0] * entry.travel[0] + x[:, 1] * entry.travel[1] + x[:, 2] * entry.travel[2]
+    along /= lengths(np.array([entry.travel], float))[0]
+    return (along - along.min()) / entry.speed
+
+
+def _nearest(net: Net, x: np.ndarray, course: np.ndarray) -> np.ndarray:
+    """Course (n,) of the support that is nearest in plan to each particle."""
+    supports = np.flatnonzero(net.fixed.any(1))
+    found = course.copy()
+    others = np.setdiff1d(np.arange(net.n), supports)
+    for begin in range(0, len(others), NEAR):
+        here = others[begin : begin + NEAR]
+        apart = lengths(x[here, None, :2] - x[None, supports, :2])
+        found[here] = course[supports[np.argmin(apart, axis=1)]]
+    return found
+
+
+def _start(net: Net, course: np.ndarray, courses: list, records: list) -> np.ndarray:
+    """Velocity (courses, 3) [m/s] before the first step: that at its begin if all supports have the same."""
+    start = np.array(
+        [sum((records[r][1][0, 1] for r, delay in each if delay == 0.0), np.zeros(3)) for each in courses]
+    ).reshape(-1, 3)
+    all_move = (course[net.fixed.any(1)] >= 0).all()
+    return start if all_move and (start == start[:1]).all() else np.zeros_like(start)
+
+
+# --- records
+
+
+def _record(job: Job, entry) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Times (r,) [s] from 0 on, coefficients (r, 4, 3) from each on, and notes. Raises InputError."""
+    if entry.displacement:
+        table, time, x = _table(job.path.parent / entry.displacement, entry)
+        return *_polyline(table, time, entry.scale * x), table.notes
+    path = job.path.parent / entry.acceleration
+    if not is_record(entry):
+        table, time, a = _table(path, entry)
+        if time[0] > 0.0:
+            table.wrong(f"begins at {time[0]:g} s; expected a row at time 0 or before")
+            table.finish()
+        rows = _integrated(*_from_zero(time, entry.scale * a))
+        return *rows, table.notes + _drift(*rows)
+    time, a = read_at2(path)
+    a = entry.scale * GRAVITY * a[:, None] * _unit(entry.direction)
+    notes = []
+    if entry.baseline:
+        time, rows = _integrated(time, a)
+        slope = _parabola(time, rows[:, 1])
+        a = a - (slope[0] + 2.0 * time[:, None] * slope[1])
+        most = np.abs(slope[0] + 2.0 * time[:, None] * slope[1]).max()
+        notes.append(f"baseline correction: accelerations changed by at most {most:.3g} m/s2")
+    rows = _integrated(time, a)
+    return *rows, notes + _drift(*rows)
+
+
+def _unit(vector) -> np.ndarray:
+    vector = np.array(vector, float)
+    return vector / np.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
+
+
+def _table(path: Path, entry) -> tuple[Table, np.ndarray, np.ndarray]:
+    """A table, times (r,) [s] and values (r, 3). Raises InputError."""
+    known = ("time", *AXES) if entry.direction is None else ("time", "acceleration")
+    table = Table(path, known, known[:1] if entry.direction is None else known)
+    names = [name for name in known[1:] if name in table]
+    time = table.numbers("time", unit="s")
+    columns = {name: table.numbers(name) for name in names}
+    if not names:
+        table.wrong("no column of values; expected x, y, z (or some of them)")
+    table.finish()
+    table.ascending("time", time)
+    if np.isnan(time).any() or any(np.isnan(column).any() for column in columns.values()):
+        table.wrong("empty cells; expected a number in each")
+    table.finish()
+    if entry.direction is not None:
+        return table, time, columns["acceleration"][:, None] * _unit(entry.direction)
+    still = np.zeros(len(time))
+    return table, time, np.column_stack([columns.get(name, still) for name in AXES])
+
+
+def _from_zero(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The rows (r,), (r, 3) from time 0 on, with one there; what is before the first row is as in it."""
+    first = np.array([np.interp(0.0, time, column) for column in values.T])
+    later = time > 0.0
+    return np.append(0.0, time[later]), np.vstack([first, values[later]])
+
+
+def _polyline(table: Table, time: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients (r, 4, 3) of a displacement x (r, 3) [m] that is linear between times (r,) [s]."""
+    time, x = _from_zero(time, x)
+    if np.abs(x[0]).max() > AT_ZERO:
+        at = ", ".join(f"{value:g}" for value in x[0])
+        table.wrong(f"{at} m at time 0; expected 0: displacements count from the start of the dynamics")
+        table.finish()
+    place = np.zeros((len(time), 4, 3))
+    place[:, 0] = x - x[0]
+    place[:-1, 1] = np.diff(x, axis=0) / np.diff(time)[:, None]
+    return time, place
+
+
+def _integrated(time: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients (r, 4, 3) of the place under accelerations a (r, 3) [m/s2], linear between times (r,)."""
+    h = np.diff(time)[:, None]
+    place = np.zeros((len(time), 4, 3))
+    v = np.zeros_like(a)
+    v[1:] = np.cumsum(0.5 * h * (a[1:] + a[:-1]), axis=0)
+    place[1:, 0] = np.cumsum(h * v[:-1] + h * h * (2.0 * a[:-1] + a[1:]) / 6.0, axis=0)
+    place[:, 1] = v
+    place[:-1, 2] = 0.5 * a[:-1]
+    place[:-1, 3] = np.diff(a, axis=0) / h / 6.0
+    return time, place
+
+
+def _parabola(time: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """c1, c2 (2, 3) of c1 t + c2 t^2 nearest to velocities v (r, 3) [m/s] at times (r,) [s]."""
+    t = time / (time[-1] or 1.0)
+    sums = [float(np.sum(t**k)) for k in (2, 3, 4)]
+    right = np.array([np.sum(t[:, None] * v, axis=0), np.sum((t * t)[:, None] * v, axis=0)])
+    det = sums[0] * sums[2] - sums[1] * sums[1]
+    if det <= 0.0:
+        return np.zeros((2, 3))
+    c1 = (sums[2] * right[0] - sums[1] * right[1]) / det
+    c2 = (sums[0] * right[1] - sums[1] * right[0]) / det
+    return np.array([c1 / time[-1], c2 / time[-1] ** 2])
+
+
+def _drift(time: np.ndarray, place: np.ndarray) -> list[str]:
+    """What is left at the end of a record that was integrated."""
+    x, v = (np.abs(place[-1, k]).max() for k in (0, 1))
+    most = np.abs(place[:, 0]).max()
+    return [f"drift after {time[-1]:g} s: {x:.3g} m, going on at {v:.3g} m/s; {most:.3g} m at most"]
+
+
+def read_at2(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Times (r,) [s] and accelerations (r,) [g] of a record of PEER's: four lines of head, then numbers.
+
+    The fourth has "NPTS= 3000, DT= .0100 SEC". Raises InputError.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}; paths are relative to the job file") from None
+    head = lines[3] if len(lines) > 3 else ""
+    points, step = (re.search(rf"{name}\s*=\s*([0-9.Ee+-]+)", head, re.I) for name in ("NPTS", "DT"))
+    if not (points and step):
+        raise InputError(f'{path}: line 4: {head[:60]!r}: expected "NPTS= 3000, DT= .0100 SEC"')
+    try:
+        count, dt = int(float(points[1])), float(step[1])
+        a = np.array(" ".join(lines[4:]).split(), float)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}; expected numbers, in g, below four lines of head") from None
+    if len(a) != count or count < 2 or not dt > 0.0 or not np.isfinite(a).all():
+        what = f"{len(a)} finite numbers below the head, which says NPTS = {count}, DT = {dt:g}"
+        raise InputError(f"{path}: {what}; expected NPTS of them, 2 or more, and DT > 0")
+    return dt * np.arange(count), a

@@ -1,0 +1,189 @@
+"""Supports that move, against closed forms and direct integration; both audits close."""
+
+import itertools
+
+import numpy as np
+import pytest
+from conftest import STEEL
+
+BARE = STEEL.replace("prestress = 100e3\n", "")
+EA, HALF = 1.95e11 * 683.08e-6, 0.5 * 7850.0 * 683.08e-6  # N; kg for each metre
+BAR = '[cable]\nkind = "bar"\nmodulus = 1e9\narea = 1e-4\ndensity = 1e-3\n'
+
+
+def closes(f, balance=1e-5):
+    """Both audits; the balance once there is some energy that its error could be a share of."""
+    assert np.abs(f["history/identity_error"][:]).max() < 1e-10
+    balanced = f["history/balance_error"][:]
+    assert np.abs(balanced[len(balanced) // 4 :]).max() < balance
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.8])
+def test_all_supports_at_one_velocity_leave_the_tensions_as_at_rest(workshop, damping):
+    """Galilei: a net that moves with its supports feels nothing; to rounding."""
+    nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,1,0,0,20\n4,30,0,3,1,\n"
+    text = (
+        STEEL
+        + '[form_finding]\n[[motion]]\ndisplacement = "move.csv"\n'
+        + f"[dynamics]\nduration = 0.5\ntime_step = 1e-4\ndamping = {damping}\n[output]\nhistory = 0.01\n"
+    )
+    job = workshop.job(text, nodes, "start,end\n1,2\n2,3\n3,4\n")
+    (job.parent / "move.csv").write_text("time,x,y,z\n0,0,0,0\n1,2.0,-1.0,0.5\n")
+    f = workshop.run(job)
+    job.write_text(job.read_text().replace('[[motion]]\ndisplacement = "move.csv"\n', ""))
+    still = workshop.run(job, output="still.vtkhdf")
+    assert np.allclose(
+        f["final/tension"][:], still["final/tension"][:], rtol=1e-9
+    )  # rounding of the place, times EA / L
+    moved = f["final/position"][:] - still["final/position"][:]
+    assert np.allclose(moved, [1.0, -0.5, 0.25], atol=1e-11)
+    assert np.abs(f["history/identity_error"][:]).max() < 1e-10
+
+
+def oscillators(periods, extra, step, duration, mass=100.0):
+    """Masses that move along x alone, each on a bar of its own to a support."""
+    nodes, elements = "id,x,y,z,fixed_x,fixed_y,fixed_z,mass\n", "start,end,axial_stiffness\n"
+    elements = "start,end,modulus\n"
+    for k, period in enumerate(periods):
+        nodes += f"{2 * k},0,{5 * k},0,1,1,1,0\n{2 * k + 1},10,{5 * k},0,0,1,1,{mass}\n"
+        stiffness = (mass + 0.5e-6) * (2 * np.pi / period) ** 2
+        elements += f"{2 * k},{2 * k + 1},{stiffness * 10.0 / 1e-4!r}\n"
+    text = BAR + extra + f"[dynamics]\nduration = {duration}\ntime_step = {step}\n"
+    probes = [2 * k + 1 for k in range(len(periods))]
+    return text + f"[output]\nhistory = {max(step, 0.005)}\nprobes = {probes}\n", nodes, elements
+
+
+def test_an_oscillator_under_a_step_of_acceleration(workshop):
+    """Relative to the ground: -a / w^2 (1 - cos wt); second order in the step."""
+    extra = '[[motion]]\nacceleration = "a.csv"\n'
+    job = workshop.job(*oscillators([0.5], extra, 1e-4, 1.0))
+    (job.parent / "a.csv").write_text("time,x\n0,2.0\n5,2.0\n")
+    f = workshop.run(job)
+    t, w = f["history/time"][:], 2 * np.pi / 0.5
+    relative = f["history/probe_displacement"][:, 0, 0] - t**2  # the ground: a t^2 / 2
+    assert np.abs(relative + 2.0 / w**2 * (1 - np.cos(w * t))).max() < 2e-6 * 2.0 / w**2 * 2
+    closes(f)
+
+
+def made_record(count=1500, dt=0.01):
+    """Accelerations [g] of a made earthquake that ends at rest, nearly."""
+    t = dt * np.arange(count)
+    rng = np.random.default_rng(3)
+    a = sum(
+        rng.uniform(0.5, 1.0) * np.sin(2 * np.pi * f * t + p)
+        for f, p in zip(rng.uniform(0.5, 8.0, 30), rng.uniform(0, 6, 30))
+    )
+    return dt, 0.05 * a * np.sin(np.pi * t / t[-1]) ** 2
+
+
+def spectral_acceleration(a, dt, period, ratio, fine=40):
+    """Largest |w^2 u| of u'' + 2 ratio w u' + w^2 u = -a, exact for a linear in each of fine parts."""
+    from scipy.linalg import expm
+
+    w, h = 2 * np.pi / period, dt / fine
+    A = np.zeros((4, 4))
+    A[0, 1], A[1], A[2, 3] = 1.0, [-(w**2), -2 * ratio * w, -1.0, 0.0], 1.0
+    step, most = expm(A * h), 0.0
+    state = np.zeros(2)
+    for first, last in itertools.pairwise(a):
+        slope = (last - first) / dt
+        for k in range(fine):
+            state = (step @ [*state, first + slope * k * h, slope])[:2]
+            most = max(most, abs(w**2 * state[0]))
+    return most
+
+
+def test_the_spectrum_of_a_record_is_that_of_a_direct_integration(workshop):
+    """Five oscillators on the ground of a record (.AT2), damped against the ground: S_a(T) to 1e-4.
+
+    Their largest forces over mass, from the envelope of all rows, which come as often as the steps.
+    """
+    dt, a = made_record(400)
+    periods, zeta = [0.2, 0.3, 0.5, 0.8, 1.3], 0.4
+    extra = '[[motion]]\nacceleration = "quake.AT2"\ndirection = [1.0, 0.0, 0.0]\nbaseline = false\n'
+    text, nodes, elements = oscillators(periods, extra, 5e-4, 4.0)
+    text = text.replace("history = 0.005", "history = 5e-4").replace(
+        "[dynamics]", f"[dynamics]\ndamping = {zeta}"
+    )
+    job = workshop.job(text, nodes, elements)
+    head = "PEER NGA STRONG MOTION DATABASE RECORD\nmade\nACCELERATION TIME SERIES IN UNITS OF G\n"
+    lines = "\n".join(" ".join(f"{v:.10E}" for v in a[k : k + 5]) for k in range(0, len(a), 5))
+    (job.parent / "quake.AT2").write_text(f"{head}NPTS= {len(a)}, DT= .0100 SEC\n{lines}\n")
+    f = workshop.run(job)
+    most = np.maximum(f["envelope/tension_max"][:], -f["envelope/tension_min"][:]) / (100.0 + 0.5e-6)
+    for k, period in enumerate(periods):
+        expected = spectral_acceleration(9.81 * a, dt, period, zeta * period / (4 * np.pi))
+        assert most[k] == pytest.approx(expected, rel=1e-4), period
+    closes(f, 1e-4)
+
+
+def test_a_support_that_settles_ends_as_a_net_built_so(workshop):
+    """A damped net whose support sinks has the tensions of one that was built so."""
+    nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,0,{z},1,\n"
+    elements = "start,end,unstressed_length\n1,2,9.99\n2,3,9.99\n"
+    text = STEEL + "[dynamics]\nduration = 3.0\ntime_step = 1e-4\ndamping = 20.0\n[output]\nhistory = 0.05\n"
+    job = workshop.job(
+        text + '[[motion]]\nnodes = [3]\ndisplacement = "move.csv"\n', nodes.format(z=0), elements
+    )
+    (job.parent / "move.csv").write_text("time,z\n0,0\n0.5,-0.1\n")
+    f = workshop.run(job, output="moved.vtkhdf")
+    assert f["final/position"][2] == pytest.approx([20.0, 0.0, -0.1], abs=1e-12)
+    length = np.hypot(20.0, 0.1)
+    expected = EA * (length / 19.98 - 1.0)
+    assert f["final/tension"][:] == pytest.approx(expected, rel=1e-6)
+    closes(f, 1e-4)
+
+
+def test_a_pulse_travels_along_a_string_and_a_wave_over_its_supports(workshop):
+    """A taut string of 240 elements: what its end does comes to x after x / c, c = sqrt(N / mass per metre).
+
+    The other end does the same after its distance over the speed of the wave.
+    """
+    n, N, mass, span = 240, 100e3, 2 * HALF, 60.0
+    c = np.sqrt(N / mass)
+    nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{0.25 * k},0,0,{int(k in (0, n))}\n" for k in range(n + 1))
+    elements = "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(n))
+    text = (
+        STEEL
+        + f'[[motion]]\ndisplacement = "pulse.csv"\nspeed = {span / 0.35}\ntravel = [2.0, 0.0, 0.0]\n'
+        + "[dynamics]\nduration = 0.4\n[output]\nhistory = 0.002\nprobes = [0, 80, 240]\n"
+    )
+    job = workshop.job(text, nodes, elements)
+    t = np.linspace(0.0, 0.1, 201)
+    shape = lambda s: 0.001 * np.where((s > 0) & (s < 0.1), np.sin(np.pi * s / 0.1) ** 2, 0.0)
+    (job.parent / "pulse.csv").write_text(
+        "time,z\n" + "".join(f"{a!r},{b!r}\n" for a, b in zip(t.tolist(), shape(t).tolist()))
+    )
+    f = workshop.run(job)
+    t = f["history/time"][:]
+    z = f["history/probe_displacement"][:, :, 2]
+    assert np.abs(z[:, 0] - shape(t)).max() < 1e-6
+    assert np.abs(z[:, 2] - shape(t - 0.35)).max() < 1e-6
+    before = t < (20 + span) / c  # until the echo
+    assert np.abs(z[before, 1] - shape(t - 20 / c)[before]).max() < 1e-5  # dispersion of the lumped string
+    closes(f, 1e-4)
+
+
+@pytest.mark.parametrize(
+    "entry, message",
+    [
+        ("displacement = 'm.csv'\nacceleration = 'm.csv'\n", "exclude each other"),
+        ("nodes = [2]\ndisplacement = 'm.csv'\n", "held on no axis"),
+        ("nodes = [9]\ndisplacement = 'm.csv'\n", "no node 9"),
+        ("displacement = 'late.csv'\n", "expected 0: displacements count"),
+        ("displacement = 'm.csv'\nspeed = 100.0\n", "travel: missing"),
+        ("acceleration = 'bad.AT2'\n", "direction: missing"),
+        ("acceleration = 'bad.AT2'\ndirection = [1.0, 0.0, 0.0]\n", "NPTS = 3"),
+    ],
+)
+def test_wrong_motions_are_refused(workshop, entry, message):
+    """With exit code 2, a line that says what is expected, and no result."""
+    nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,0,0,1,\n"
+    job = workshop.job(
+        STEEL + f"[dynamics]\nduration = 0.1\n[[motion]]\n{entry}", nodes, "start,end\n1,2\n2,3\n"
+    )
+    (job.parent / "m.csv").write_text("time,x\n0,0\n1,1\n")
+    (job.parent / "late.csv").write_text("time,x\n0,0.5\n1,1\n")
+    (job.parent / "bad.AT2").write_text("a\nb\nc\nNPTS= 3, DT= .01 SEC\n0.1 0.2\n")
+    done = workshop.run(job, code=2)
+    assert message in done.stderr and "Traceback" not in done.stderr
