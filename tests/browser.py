@@ -69,8 +69,8 @@ class Browser:
 
 
 @contextmanager
-def browser():
-    """A browser with a profile of its own, which ends with the block."""
+def browser(*flags: str):
+    """A browser with a profile of its own, which ends with the block; flags : besides FLAGS"""
     with tempfile.TemporaryDirectory() as folder:
         driver = subprocess.Popen(
             ["chromedriver", "--port=0"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
@@ -79,7 +79,10 @@ def browser():
         try:
             started = next(line for line in driver.stdout if "successfully on port" in line)
             port = started.split("port ")[1].strip(".\n")
-            chromium = {"args": [*FLAGS, f"--user-data-dir={folder}"], "binary": shutil.which("chromium")}
+            chromium = {
+                "args": [*FLAGS, *flags, f"--user-data-dir={folder}"],
+                "binary": shutil.which("chromium"),
+            }
             wanted = {"goog:chromeOptions": chromium, "goog:loggingPrefs": {"browser": "ALL"}}
             page = Browser(f"http://127.0.0.1:{port}", {"capabilities": {"alwaysMatch": wanted}})
             yield page

@@ -169,6 +169,15 @@ def test_the_page_draws_and_plays(its_page, broken):
         assert seen.faults() == []
 
 
+@needs_k3d
+@needs_browser
+def test_a_browser_that_cannot_draw_says_so(its_page):
+    """Without WebGL: a line in the page."""
+    with browser.browser("--disable-3d-apis") as seen:
+        seen.open(its_page)
+        assert "WebGL is switched off" in seen.run("return document.getElementById('fault').textContent")
+
+
 def compare_lines(drawn: dict[str, list], f, step: int) -> None:
     """Each element is drawn once, as what it is, where it is; what is far away is not."""
     frames, x = Frames(f), start_position(f)

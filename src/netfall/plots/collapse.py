@@ -17,7 +17,7 @@ STYLES = (
     ("taut", "#30507a", 0.8),
     ("compressed", "#c77700", 0.9),
     ("slack", "#9ab8d8", 0.6),
-    ("broken; dashed: lost", BROKEN, 1.1),
+    ("broken; dashed: lost", BROKEN, 1.5),
 )
 
 

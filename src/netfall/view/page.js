@@ -19,7 +19,6 @@ const byId = (name) => document.getElementById(name);
 const short = (value) => String(Number(value.toPrecision(3)));
 
 function netfallPage(k3d) {
-  if (!k3d.getWorld().renderer) fault("This browser shows no WebGL; switch it on, or take another browser.");
   const page = readPage(k3d);
   const scene = { k3d, page, state: page.states[0], frame: 0, scale: 1, quantity: page.quantities[0], picked: -1 };
   byId("words").textContent = [page.net, ...page.left_out.map((words) => `shown: ${words}`)].join("; ");
@@ -34,6 +33,10 @@ function netfallPage(k3d) {
 
 function fault(words) {
   byId("fault").textContent = words;
+}
+
+if (!document.createElement("canvas").getContext("webgl2")) {
+  fault("This browser draws nothing in space: its WebGL is switched off. Switch it on, or take another browser.");
 }
 
 // --- the numbers
