@@ -45,7 +45,7 @@ MAY_IMPORT = {
     "view": ["write.locks", "results", "checks", "plots", "study.answers", "study.files"],
     "report": ["job.table", "roof", "write.locks", "results", "checks", "plots"],
     "study": ["job", "net", "write.locks", "results"],
-    "measure": ["job", "write.locks", "results", "study"],
+    "measure": ["job", "write.locks", "results", "study", "plots.canvas"],
     "api": ["job", "parallel.agree", "results", "program.run"],
     "exchange": ["job", "net.parts", "mechanics.material", "write.locks", "results", "plots"],
     "cli": [
@@ -75,7 +75,7 @@ PACKAGES = {
     "scipy": ["stages.modes", "multigrid.rows", "study.draws", "exchange.drawings"],
     "shapely": ["roof", "exchange.drawings"],
     "pymetis": ["parallel.partition", "stages.force_density"],
-    "matplotlib": ["plots", "view.quantities", "measure.tables"],
+    "matplotlib": ["plots", "view.quantities"],
     "mpl_toolkits": ["plots"],
     "PIL": ["plots.film"],
     "imageio_ffmpeg": ["plots.film"],

@@ -324,8 +324,8 @@ REFUSED_WITHOUT = {  # a dataset or group: what reads it
     "VTKHDF": ["info", "plot", "report", "export"],
     "final/tension": ["report"],
     "form_finding/residual_real_material": ["info"],
-    "net/unstressed_length": ["report", "export"],
-    "provenance/net/ring_face": ["export"],
+    "net/unstressed_length": ["plot", "report", "export"],
+    "provenance/net/ring_face": ["plot", "export"],
 }
 
 

@@ -132,7 +132,7 @@ def draw(title: str, rows: list[Row], exact: Outcome, tolerance: float, path: Pa
     )
     lines = "\n".join(f"{number:2d}  {row.setting}" for number, row in enumerate(finished, 1))
     lines = lines.replace(", ", ",\n      ")
-    with tables.two_panels(path, figsize=(11, 6), width_ratios=(3, 1.3)) as (_, axes, names):
+    with tables.two_panels(path, 11, 6, width_ratios=(3, 1.3)) as (_, axes, names):
         _points(axes, finished)
         names.axis("off")
         names.text(0.0, 1.0, lines, va="top", fontsize=8, transform=names.transAxes)

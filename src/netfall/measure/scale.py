@@ -146,7 +146,7 @@ def _cells(row: dict) -> list[str]:
 
 def draw(job: Job, rows: list[dict], path: Path) -> Path:
     """Speed-up over the ranks, and what a rank's time goes into."""
-    with tables.two_panels(path, figsize=(11, 4.4)) as (figure, left, right):
+    with tables.two_panels(path, 11, 4.4) as (figure, left, right):
         _draw_speed_up(left, rows)
         _draw_phases(right, rows)
         figure.suptitle(job.title or job.name)

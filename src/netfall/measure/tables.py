@@ -24,17 +24,13 @@ def write_csv(rows: list[dict], path: Path) -> Path:
 
 
 @contextmanager
-def two_panels(path: Path, **sizes) -> Iterator[tuple]:
-    """A figure and its two axes beside each other; at the end of the block it is written."""
-    import matplotlib
+def two_panels(path: Path, width: float, height: float, **more) -> Iterator[tuple]:
+    """A figure and its two axes beside each other; at the end of the block it is written.
 
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    width, height : inches; more : as of `charts`
+    """
+    from netfall.plots.canvas import charts, save  # here: it takes a second to load
 
-    figure, (left, right) = plt.subplots(1, 2, layout="constrained", **sizes)
-    try:
-        yield figure, left, right
-        with whole(path) as place:
-            figure.savefig(place, dpi=130)
-    finally:
-        plt.close(figure)
+    figure, ((left, right),) = charts(1, 2, width, height, **more)
+    yield figure, left, right
+    save(figure, path)

@@ -12,6 +12,10 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from netfall.write.locks import whole
 
 matplotlib.use("Agg")
+CYCLE = (  # of lines and groups, which the colour-blind tell apart too: Petroff 2021, arXiv 2107.02270
+    *("#3f90da", "#ffa90e", "#bd1f01", "#94a4a2", "#832db6"),
+    *("#a96b59", "#e76300", "#b9ac70", "#717581", "#92dadd"),
+)
 SMALL = 8  # points: legends, ticks, notes in a picture
 STYLE = {
     "savefig.dpi": 130,
@@ -23,6 +27,7 @@ STYLE = {
     "legend.fontsize": SMALL,
     "legend.frameon": False,
     "grid.alpha": 0.3,
+    "axes.prop_cycle": matplotlib.cycler(color=CYCLE),
 }
 plt.rcParams.update(STYLE)
 NOTHING = "#b8b8b8"  # what has no value
@@ -32,7 +37,7 @@ MOST_DRAWN = 60_000  # elements in a picture; of larger nets every k-th is drawn
 PANEL, ALONE = (5.5, 3.4), (9.0, 4.9)  # inches of a panel in space, of one that is alone
 PLAN_WIDTH = 6.0  # inches of a panel in plan
 SHORTEST, LONGEST = 1.6, 6.8  # inches of its height
-HEAD = 0.75  # inches for the title
+HEAD = 0.9  # inches for the title
 VIEWS = {"space": (28.0, -60.0), "plan": (90.0, -90.0), "front": (0.0, -90.0), "side": (0.0, 0.0)}  # degrees
 ZOOM = 1.1, 1.2  # of nets in space, and of those that are flat
 FLAT, THIN = 0.12, 0.04  # of the largest extent, up to which an axis has room for two ticks, and for none

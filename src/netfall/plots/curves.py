@@ -57,7 +57,9 @@ def load_displacement(f):
     for j, name in enumerate(names):
         mine = factor * T[:, groups == j]
         label = f"group {name or '(none)'}"
-        right.fill_between(share, mine.min(1), mine.max(1), alpha=0.35, color=f"C{j}", label=label)
+        right.fill_between(
+            share, mine.min(1), mine.max(1), alpha=0.5, color=f"C{j % 10}", lw=1.5, label=label
+        )
     right.set_xlabel("load factor [-]")
     right.set_ylabel(f"tension, least to largest [{unit}]")
     right.set_ylim(bottom=min(0.0, right.get_ylim()[0]))

@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from netfall.plots.canvas import BROKEN, add_lines, heading, save, space_panels
+from netfall.plots.canvas import BROKEN, CYCLE, add_lines, heading, save, space_panels
 
 MOST_READ = 20_000  # elements in the picture of a net that was read
 MOST_NAMED = 12  # groups in a legend
@@ -11,9 +11,9 @@ MOST_NAMED = 12  # groups in a legend
 
 def group_colours(count: int) -> list:
     """A colour for each of some groups; none is red, which means faults, loss and fracture."""
-    tab = plt.get_cmap("tab10" if count <= 9 else "tab20").colors
-    red = {plt.get_cmap("tab20").colors[k] for k in (6, 7)}
-    plain = [colour for colour in tab if colour not in red]
+    red = {CYCLE[2], plt.get_cmap("tab20").colors[6], plt.get_cmap("tab20").colors[7]}
+    many = CYCLE if count < len(CYCLE) else plt.get_cmap("tab20").colors
+    plain = [colour for colour in many if colour not in red]
     return [plain[k % len(plain)] for k in range(count)]
 
 

@@ -2,10 +2,10 @@
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.colors import to_rgba
+from matplotlib.colors import ListedColormap, to_rgba
 
 from netfall.checks.reactions import held_axes
-from netfall.plots.canvas import MOST_DRAWN, add_lines, heading, plan_panels, unit_of
+from netfall.plots.canvas import CYCLE, MOST_DRAWN, add_lines, heading, plan_panels, unit_of
 from netfall.plots.cells import has_faces, node_cells
 from netfall.results.file import title_of
 
@@ -47,7 +47,7 @@ def roof(f):
 def _draw_zones(f, axes) -> None:
     """The zones by colour, with their names and areas."""
     names, zone = f["net/zone_names"].asstr()[:], f["net/zone"][:]
-    palette = plt.get_cmap("tab10" if len(names) <= 10 else "tab20")
+    palette = ListedColormap(CYCLE) if len(names) <= len(CYCLE) else plt.get_cmap("tab20")
     colours = [OUTSIDE, *(palette(k % palette.N) for k in range(len(names)))]
     cells, rows = node_cells(f)
     cells.set_facecolor(np.array([to_rgba(colour) for colour in colours])[zone[rows] + 1])

@@ -1,7 +1,5 @@
 """Pictures of equilibria: the form that was found, the states under loads, and a page for one of them."""
 
-import re
-
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -10,7 +8,14 @@ from netfall.plots.canvas import NOTHING, add_coloured, add_lines, heading, line
 from netfall.plots.force import ForceScale, add_by_force, add_supports, force_bars
 from netfall.plots.labels import add_labels
 from netfall.results.file import title_of
-from netfall.results.states import ShownState, equilibria, start_position, state_groups
+from netfall.results.states import (
+    ShownState,
+    equilibria,
+    start_position,
+    state_groups,
+    state_words,
+    states_of,
+)
 
 MOST_PANELS = 6
 BELOW = 0.9  # inches under the panels, for the scales
@@ -75,15 +80,17 @@ def _loaded(f) -> tuple[list[ShownState], int]:
 
 
 def named_state(f, name: str) -> ShownState:
-    """The equilibrium of a name: of a case or stage, or as pictures name it; of a load path the last one.
-
-    Raises InputError for a name that none has.
+    """The equilibrium of a name: of a case, combination or stage, else rest, statics or form; of a load path
+    the last one. Raises InputError for a name that none has.
     """
-    found = list(equilibria(f))
-    for state in reversed(found):
-        if name in (state.name, re.sub(r"^(case|stage) ", "", state.name), state.name.split(",")[0]):
-            return state
-    names = ", ".join(dict.fromkeys(state.name.split(",")[0] for state in found))
+    first = next(equilibria(f))
+    if name == first.name:
+        return first
+    groups = state_groups(f)
+    for group in groups:
+        if name in (group, group.split("/", 1)[-1], state_words(group)):
+            return list(states_of(f, group))[-1]
+    names = ", ".join([first.name, *(group.split("/", 1)[-1] for group in groups)])
     raise InputError(f"--case {name}: no such state; this result has {names}")
 
 

@@ -29,7 +29,7 @@ from netfall.results.states import Envelope, start_position
 OVER = "#e000c0"  # what is used by more than its resistance
 LOST = OVER
 TICKS = 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0  # of a logarithmic scale
-COLOURS = "turbo"
+COLOURS = "viridis_r"
 MUCH = 10.0  # a factor from which on the scale is logarithmic
 
 

@@ -9,7 +9,7 @@ from netfall.plots.net import whole_cables
 from netfall.results.frames import Frames
 from netfall.results.states import ShownState, equilibria, start_position
 
-MOST_VALUES = 3_000_000  # elements times states of a page
+MOST_VALUES = 3_500_000  # elements times states of a page
 MOST_ELEMENTS = 100_000  # of larger nets some of the cables are shown
 AT_REST = 0.4  # of these values, that states at rest take at most if there are frames
 FEWEST = 12  # states at rest that are always shown

@@ -57,7 +57,7 @@ def _lines(study: Study, axes, courses: dict[int, np.ndarray], left: np.ndarray)
     """Steps of some of the members, evenly chosen, coloured by the wind's speed; what gives the colours."""
     speeds = study.members.get(SPEED)
     several = speeds is not None and len(np.unique(speeds)) > 1
-    colours = plt.cm.ScalarMappable(plt.Normalize(speeds.min(), speeds.max()), "turbo") if several else None
+    colours = plt.cm.ScalarMappable(plt.Normalize(speeds.min(), speeds.max()), "viridis") if several else None
     chosen = np.unique(np.linspace(0, len(courses) - 1, MOST_LINES).astype(int))
     rows = list(courses)
     for i in chosen:
