@@ -144,6 +144,50 @@ def test_a_killed_study_goes_on_to_the_same_bits(whole, tmp_path):
         assert f["provenance/attempts"][:].sum() >= 6
 
 
+STATIC = (
+    JOB.partition("[wind]")[0].replace("steps = 2", "steps = 0")
+    + """breaking = true
+[[case]]
+name = "snow"
+set = {"load.snow" = 100.0}
+[[case]]
+name = "uplift"
+set = {"load.pressure" = -600.0}
+"""
+)
+
+
+def test_a_study_of_equilibria_has_the_largest_of_all_cases(tmp_path):
+    """Without a dynamic stage: as in the files of the runs; a case without an equilibrium has failed."""
+    (tmp_path / "static.toml").write_text(STATIC)
+    study = tmp_path / "cases.toml"
+    study.write_text(
+        'job = "static.toml"\n[vary]\n"cable.prestress" = [8e4, 1e5]\n"cable.breaking_load" = [1.9e5, 4.9e5]\n'
+        '[[failure]]\nname = "moves"\nof = "displacement_max"\nabove = 0.3\n[run]\nkeep = "all"\n'
+    )
+    done = run_netfall("study", study, "--workers", 1, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "cases.study.h5") as f:
+        rows = {
+            name: f[f"members/{name}"][:] for name in ("tension_max", "displacement_max", "state", "reason")
+        }
+        used = f["members/utilisation_before_break"][:]
+        failed = int(f["failures/failed"][0])
+    state = [word.decode() for word in rows["state"]]
+    assert state == ["no_rest", "finished"] * 2 and b"cases/" in rows["reason"][0]
+    for number in (1, 3):
+        with h5py.File(tmp_path / f"cases.members/{number:06d}.vtkhdf") as f:
+            groups = [f["cases/snow"], f["cases/uplift"]]
+            tension = max(group["tension"][:].max() for group in groups)
+            moved = max(np.sqrt((group["displacement"][:] ** 2).sum(1)).max() for group in groups)
+        assert rows["tension_max"][number] == tension
+        assert rows["displacement_max"][number] == pytest.approx(moved, rel=1e-15)
+        assert used[number] == pytest.approx(tension / 4.9e5, rel=1e-12)  # elastic, all of one strength
+    assert failed == 2 + (rows["displacement_max"][[1, 3]] > 0.3).sum()
+    told = run_netfall("info", tmp_path / "cases.study.h5", cwd=tmp_path).stdout
+    assert "equilibria without a dynamic stage" in told and "no equilibrium under a load" in told
+
+
 def wait_for(there) -> None:
     """Until something is there; a failure after two minutes."""
     end = time.monotonic() + 120

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -18,11 +17,13 @@ from netfall.model.model import Model
 from netfall.net.net import Net
 from netfall.net.parts import parts_of
 from netfall.parallel.agree import on_root
+from netfall.program.extremes import Extremes, Watched, extremes_of_motion
 from netfall.program.run import desk_for, raise_failure, run_stages, scheduled
 from netfall.program.setup import prepare
 from netfall.results.loss_lines import MUCH, states_of_rest, worst_rest
 from netfall.results.outcomes import NOTHING
-from netfall.stages import dynamics
+from netfall.stages import dynamics, settle, statics
+from netfall.stages.scene import Scene
 from netfall.write.locks import check_place
 from netfall.write.result import Result
 from netfall.write.unwritten import Unwritten
@@ -47,7 +48,8 @@ def run_member(
     begin = time.perf_counter()
     try:
         outcome = _outcome(comm, read(), path, memory, Phases(profile), depth)
-        found = (outcome or {}) | {"state": "finished", "exit_code": 0}
+        found = (outcome or {}) | {"exit_code": 0}
+        found["state"] = found.get("state") or "finished"
     except NoRest as error:  # it fails before the first gust
         found = _ended("no_rest", error) | {"first_fracture": 0.0, "roof_lost": 1.0, "sunk_area": 1.0}
     except DivergedError as error:
@@ -76,90 +78,89 @@ def _outcome(
     scene = scheduled(prepare(comm, job, phases, memory=memory)[0])
     log, own = EventLog(scene.distribution.n), scene.model and scene.model.net
     result = Result(comm, path, scene.distribution, own, log) if path else Unwritten(comm)
+    if job.dynamics is None:
+        result = Watched(result, scene.distribution)
     desk = desk_for(scene, result, log, Progress(False), phases, memory=memory)
     try:
         outcomes = run_stages(scene, desk)
-        raise_failure(desk, outcomes)
-        simulation = outcomes[dynamics.NAME].result
+        if job.dynamics:
+            raise_failure(desk, outcomes)
     except (InputError, DivergedError):  # on every rank alike
         scene.halo.free()
         raise
     scene.halo.free()
-    spread, state = scene.distribution, simulation.state
-    mine, n = state.owned.astype(bool), state.n_owned
-    plastic = np.zeros(state.m) if state.eps_p is None else state.eps_p
-    extremes = Extremes(
-        spread.gather_elements(simulation.envelope.tension[0], mine),
-        spread.gather_elements(plastic, mine),
-        spread.gather_particles(simulation.envelope.displacement[0][:, None]),
-        spread.gather_particles((state.x_start[:n, 2] - state.x[:n, 2])[:, None]),
-    )
+    if job.dynamics is None:
+        found = _of_equilibria(scene, result.extremes(scene.state), outcomes[statics.NAME].result, depth)
+        return found and found | {"dynamic_seconds": phases.seconds[statics.NAME]}
+    simulation = outcomes[dynamics.NAME].result
+    extremes = extremes_of_motion(scene, simulation)
     if comm.rank > 0:
         return None
-    told = NOTHING | _told(scene.model, simulation, extremes, depth)
+    told = NOTHING | _of_motion(scene.model, simulation, extremes, depth)
     return told | {"dynamic_seconds": phases.seconds["dynamics"]}
 
 
-class Extremes(NamedTuple):
-    """Of a run, on rank 0, over the rows of the history and at the end.
+def _of_equilibria(scene: Scene, extremes: Extremes, path: statics.StaticPath, depth: float | None):
+    """What is told of a run without a dynamic stage, on rank 0; without a rest where a case has none."""
+    if scene.model is None:
+        return None
+    found = NOTHING | _of_net(scene.model.net, scene.model.area, extremes, depth)
+    groups = path.labels.items()
+    failed = [f"{group}: {each['reason']}" for group, each in groups if each["state"] == settle.NONE]
+    if failed or path.failed:
+        found |= {"state": "no_rest", "reason": path.failed or "; ".join(failed)}
+    return found | {"roof_lost": 0.0, "utilisation_before_break": utilisation(scene.model.net, extremes)}
 
-    tension : (m,) [N] the largest; plastic : (m,) plastic strain at the end
-    displacement : (n, 1) [m] the largest; sunk : (n, 1) [m] downwards, at the end
-    """
 
-    tension: np.ndarray
-    plastic: np.ndarray
-    displacement: np.ndarray
-    sunk: np.ndarray
+def _of_net(net: Net, area: np.ndarray, extremes: Extremes, depth: float | None) -> dict:
+    """Outcomes that any run has. area : (n,) [m2]; depth : [m] of `sunk_area`"""
+    strength = np.where(np.isfinite(net.breaking_load), net.breaking_load, net.yield_force)
+    known = np.isfinite(strength) & (strength > 0.0)
+    used = extremes.tension[known] / strength[known]
+    found = {
+        "displacement_max": float(extremes.displacement.max()),
+        "tension_max": float(extremes.tension.max()),
+        "utilisation_max": float(used.max()) if len(used) else np.nan,
+    }
+    if depth is not None and area.sum() > 0.0:
+        found["sunk_area"] = float(area[extremes.sunk[:, 0] > depth].sum() / area.sum())
+    return found
 
 
-def _told(model: Model, simulation, extremes: Extremes, depth: float | None) -> dict:
+def _of_motion(model: Model, simulation, extremes: Extremes, depth: float | None) -> dict:
     """What is told of a run that came to its end. depth : [m] of `sunk_area`. Rank 0."""
-    log, tension = simulation.log, extremes.tension
+    net, log, area = model.net, simulation.log, model.area
     removal = simulation.removal.columns() if simulation.removal else None
-    gone = np.zeros(model.net.m, bool)
+    gone = np.zeros(net.m, bool)
     gone[log.broken] = True
+    used = utilisation(net, extremes)
     found = {
         "times": log.time.tolist(),
         "elements": log.element.tolist(),
         "broken": len(log.broken),
-        "displacement_max": float(extremes.displacement.max()),
         "balance_error": simulation.history.largest("balance_error"),
     }
     if len(log):
+        used = float(log.strain[0] / net.fracture_strain[log.element[0]])
         found |= {"first_fracture": float(log.time[0]), "first_element": int(log.element[0])}
     if removal:
-        gone[removal["element"]] = True
-        tension = np.fmax(tension, np.fmax.reduce(removal["tension_highest"], 0))
+        gone[removal["element"]], area = True, simulation.removal.area
+        highest = np.fmax(extremes.tension, np.fmax.reduce(removal["tension_highest"], 0))
+        extremes = extremes._replace(tension=highest)
         found |= {} if len(log) else _largest_factor(removal)  # the rest is that of a net that holds
         found["rest_after_loss"] = worst_rest(states_of_rest(removal))
         found["gusts"] = int(model.wind_field is not None and model.wind_field.varies)
-    strength = np.where(np.isfinite(model.net.breaking_load), model.net.breaking_load, model.net.yield_force)
-    known = np.isfinite(strength) & (strength > 0.0)
-    used = tension[known] / strength[known]
-    area = simulation.removal.area if removal else model.area
-    if depth is not None and area.sum() > 0.0:
-        found["sunk_area"] = float(area[extremes.sunk[:, 0] > depth].sum() / area.sum())
-    return found | {
-        "roof_lost": roof_lost(model.net, area, gone),
-        "utilisation_before_break": utilisation_before_break(model.net, log, extremes),
-        "tension_max": float(tension.max()),
-        "utilisation_max": float(used.max()) if len(used) else np.nan,
-    }
+    found |= {"roof_lost": roof_lost(net, area, gone), "utilisation_before_break": used}
+    return found | _of_net(net, area, extremes, depth)
 
 
-def utilisation_before_break(net: Net, log: EventLog, extremes: Extremes) -> float:
+def utilisation(net: Net, extremes: Extremes) -> float:
     """Largest strain over that at which the element breaks; at a breaking load that is tension over it.
 
-    With a first fracture that of the element that breaks, which is above 1. Of a cable the largest strain is
-    what its largest tension and its plastic strain, which only grows, make. nan: nothing can break.
+    nan: nothing can break
     """
-    limit = net.fracture_strain
-    if len(log):
-        return float(log.strain[0] / limit[log.element[0]])
-    can = np.isfinite(limit)
-    strain = extremes.tension[can] / net.EA[can] + extremes.plastic[can]
-    return float(np.max(strain / limit[can])) if can.any() else np.nan
+    can = np.isfinite(net.fracture_strain)
+    return float(np.max(extremes.strain[can] / net.fracture_strain[can])) if can.any() else np.nan
 
 
 def net_of(comm: MPI.Comm, read: Callable[[], Job], memory: Memory) -> dict[str, np.ndarray] | None:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.ground.errors import InputError
+from netfall.job.asks import has_statics
 from netfall.job.job import PATHS, Job
 from netfall.job.read import read_job, read_toml
 from netfall.job.toml_text import toml_value
@@ -325,8 +326,14 @@ def _try(plan: Plan) -> list[Path]:
             errors += [f"{plan.path}: {name} = {shown(value)}: {line}" for line in error.lines]
         else:
             files |= dict.fromkeys(job.files())
-            if job.dynamics is None:
-                errors.append(f"{plan.job}: [dynamics] is missing: a study is of the dynamic stage")
+            if job.dynamics is None and not has_statics(job):
+                errors.append(
+                    f"{plan.job}: a study is of the dynamic stage, or of equilibria; expected [dynamics], "
+                    "[[case]], [[combination]], or [load] with steps"
+                )
+            elif job.dynamics is None and (plan.loss or plan.chains):
+                what = "[vary] remove" if plan.loss else "[rare]"
+                errors.append(f"{plan.path}: {what} takes a dynamic stage; expected [dynamics] in {plan.job}")
             elif name.startswith("net."):
                 nets.add(_net_key(job))
     if len(nets) > 1:

@@ -43,7 +43,8 @@ def print_study(path: Path, say: Callable[[str], None]) -> None:
 def _inputs(study: Study, say) -> None:
     names = inputs_of(study.members)
     n = len(study.members["state"])
-    say(f"study: {n} members of {len(study.net['elements'])} elements, exposure {study.exposure} each")
+    what = f"exposure {study.exposure} each" if study.moves else "equilibria without a dynamic stage"
+    say(f"study: {n} members of {len(study.net['elements'])} elements, {what}")
     for name in names:
         say(f"  {name}: {_values(study.members[name], unit_of_column(name))}")
     if SPEED in names and not any(is_seed(name) for name in names):
@@ -66,8 +67,9 @@ def _values(values: np.ndarray, unit: str) -> str:
 def _states(study: Study, say) -> None:
     state, reason = study.members["state"], study.members["reason"]
     known = ("finished", "no_rest", "diverged", "failed")
+    under = "the mean wind" if study.moves else "a load"
     what = {
-        "no_rest": " (no equilibrium under the mean wind: count as failed, with all of the roof)",
+        "no_rest": f" (no equilibrium under {under}: count as failed, with all of the roof)",
         "diverged": " (left out of the curves)",
         "failed": " (for technical reasons; left out of the curves)",
     }
@@ -104,6 +106,8 @@ def _time(study: Study, say) -> None:
 
 def _broken(study: Study, say) -> None:
     m, ran = study.members, study.finished
+    if not study.moves:
+        return
     broke = ran & (m["broken"] > 0)
     if not broke.any():
         say(f"fracture: none in the {ran.sum()} members that finished")

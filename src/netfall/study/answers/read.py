@@ -49,6 +49,11 @@ class Study:
         return self.members["state"] == "finished"
 
     @property
+    def moves(self) -> bool:
+        """Whether members have a dynamic stage."""
+        return bool(np.isfinite(self.members["duration"]).any())
+
+    @property
     def exposure(self) -> str:
         """How long the wind blows in each member, in words."""
         seconds = np.unique(self.members["duration"][np.isfinite(self.members["duration"])])

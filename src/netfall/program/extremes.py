@@ -1,0 +1,71 @@
+"""The largest values of a run that a study keeps: over the motion, or over the equilibria without one."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.parallel.subdomain import Distribution
+from netfall.stages.scene import Scene
+
+
+class Extremes(NamedTuple):
+    """Of a run, on rank 0: over the rows of the history and at its end, or over all equilibria.
+
+    tension : (m,) [N]; strain : (m,) the largest that the element bore, tension over EA and plastic strain
+    displacement : (n, 1) [m]; sunk : (n, 1) [m] downwards, at the end of a motion
+    """
+
+    tension: np.ndarray
+    strain: np.ndarray
+    displacement: np.ndarray
+    sunk: np.ndarray
+
+
+def extremes_of_motion(scene: Scene, simulation) -> Extremes:
+    """Of a dynamic stage. The plastic strain of a cable only grows, so its last one counts. Collective."""
+    spread, state, n = scene.distribution, simulation.state, simulation.state.n_owned
+    mine, tension = state.owned.astype(bool), simulation.envelope.tension[0]
+    plastic = 0.0 if state.eps_p is None else state.eps_p
+    strain = np.divide(tension, state.EA, out=np.zeros(state.m), where=state.EA > 0.0) + plastic
+    return Extremes(
+        spread.gather_elements(tension, mine),
+        spread.gather_elements(strain, mine),
+        spread.gather_particles(simulation.envelope.displacement[0][:, None]),
+        spread.gather_particles((state.x_start[:n, 2] - state.x[:n, 2])[:, None]),
+    )
+
+
+class Watched:
+    """A result to write to, that takes in each equilibrium on its way."""
+
+    def __init__(self, result, distribution: Distribution):
+        self._result, self._distribution = result, distribution
+        m, n = len(distribution.subdomain.element_gid), distribution.subdomain.n_owned
+        self._tension, self._strain = np.full((2, m), np.nan)  # nothing yet
+        self._moved, self._sunk = np.zeros((2, n, 1))
+
+    def __getattr__(self, name):
+        return getattr(self._result, name)
+
+    def write_equilibrium(self, group: str, state, snapshot, *rest) -> None:
+        """As of `Result`."""
+        self._take_in(state, snapshot)
+        self._result.write_equilibrium(group, state, snapshot, *rest)
+
+    def write_static_step(self, state, snapshot, *rest) -> None:
+        """As of `Result`."""
+        self._take_in(state, snapshot)
+        self._result.write_static_step(state, snapshot, *rest)
+
+    def _take_in(self, state, snapshot) -> None:
+        step = (state.x - state.x_start)[snapshot.rows]
+        np.fmax(self._tension, snapshot.N, out=self._tension)
+        np.fmax(self._strain, snapshot.N / state.EA + snapshot.eps_p, out=self._strain)
+        np.maximum(self._moved, np.sqrt((step * step).sum(1))[:, None], out=self._moved)
+        np.maximum(self._sunk, -step[:, 2:], out=self._sunk)
+
+    def extremes(self, state) -> Extremes:
+        """Of all equilibria so far. Collective."""
+        spread, mine = self._distribution, state.owned.astype(bool)
+        of_elements = (spread.gather_elements(rows, mine) for rows in (self._tension, self._strain))
+        return Extremes(*of_elements, *(spread.gather_particles(rows) for rows in (self._moved, self._sunk)))
