@@ -162,7 +162,8 @@ def test_a_study_of_equilibria_has_the_largest_of_all_cases(tmp_path):
     (tmp_path / "static.toml").write_text(STATIC)
     study = tmp_path / "cases.toml"
     study.write_text(
-        'job = "static.toml"\n[vary]\n"cable.prestress" = [8e4, 1e5]\n"cable.breaking_load" = [1.9e5, 4.9e5]\n'
+        'job = "static.toml"\n[vary]\n"cable.prestress" = [8e4, 1e5]\n'
+        '"cable.breaking_load" = [1.9e5, 4.9e5]\n'
         '[[failure]]\nname = "moves"\nof = "displacement_max"\nabove = 0.3\n[run]\nkeep = "all"\n'
     )
     done = run_netfall("study", study, "--workers", 1, cwd=tmp_path)
