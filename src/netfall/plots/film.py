@@ -31,6 +31,7 @@ MOST_LOOKS = 25  # frames from which the room is found
 FASTEST = 50  # frames a second that programs show of a GIF
 FARTHEST = 0.6  # of the largest extent of the net: how far beyond it the picture reaches at most
 ZOOM = 1.05
+ALONG = 0.98  # cosine between an axis and the eye, from which on it is seen as a point
 FORMATS = ("mp4", "gif")
 
 
@@ -181,6 +182,7 @@ def _stage(f, frames: Frames, window, scale: ForceScale, N, shot: Shot):
         np.ptp([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()], axis=1), zoom=ZOOM * shot.zoom
     )
     axes.view_init(*shot.view)
+    _hide_towards_eye(axes, shot.view)
     axes.computed_zorder = False  # supports and broken elements over the others
     add_supports(f, axes, frames.positions(0)[: len(f["net/fixed"])])
     figure.subplots_adjust(left=0.0, right=1.0, top=0.95, bottom=0.21)
@@ -192,6 +194,16 @@ def _stage(f, frames: Frames, window, scale: ForceScale, N, shot: Shot):
     handles = [*axes.get_legend_handles_labels()[0], *lines]
     figure.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.0, 0.92))
     return figure, axes
+
+
+def _hide_towards_eye(axes, view: tuple[float, float]) -> None:
+    """Leave out ticks and label of an axis that points to the eye. view : as of `Shot`"""
+    up, around = np.radians(view)
+    eye = np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)
+    for axis, along in zip((axes.xaxis, axes.yaxis, axes.zaxis), eye):
+        if abs(along) > ALONG:
+            axis.set_ticks([])
+            axis.set_label_text("")
 
 
 def _time_bar(f, figure, times: np.ndarray):

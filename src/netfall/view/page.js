@@ -16,15 +16,19 @@ let begin;
 const netfall = new Promise((resolve) => { begin = resolve; }); // gives the scene, once it is drawn
 
 const byId = (name) => document.getElementById(name);
-const short = (value) => String(Number(value.toPrecision(3)));
+const short = (value, digits = 3) => String(Number(value.toPrecision(digits)));
 
 function netfallPage(k3d) {
   const page = readPage(k3d);
-  const scene = { k3d, page, state: page.states[0], frame: 0, scale: 1, quantity: page.quantities[0], picked: -1 };
+  const [state, quantity] = [page.states[0], page.quantities[0]];
+  const scene = { k3d, page, state, quantity, frame: 0, scale: 1, picked: -1 };
   byId("words").textContent = [page.net, ...page.left_out.map((words) => `shown: ${words}`)].join("; ");
   setControls(scene);
   return loadObjects(scene).then(() => {
     k3d.on(k3d.events.TIME_CHANGE, (time) => showTime(scene, time));
+    k3d.on(k3d.events.AUTO_PLAY_CHANGE, (plays) => {
+      byId("play").textContent = plays ? "\u275a\u275a stop" : "\u25b6 play";
+    });
     lookFrom(scene, "space");
     choose(scene, 0);
     return scene;
@@ -36,7 +40,7 @@ function fault(words) {
 }
 
 if (!document.createElement("canvas").getContext("webgl2")) {
-  fault("This browser draws nothing in space: its WebGL is switched off. Switch it on, or take another browser.");
+  fault("This browser draws nothing in space: WebGL is switched off. Switch it on, or take another browser.");
 }
 
 // --- the numbers
@@ -166,11 +170,14 @@ function squares(scene) {
   const { supports, colours } = scene.page, n = supports.length / 3;
   const size = scene.extent * Math.min(0.008, 0.06 / Math.sqrt(n));
   return {
-    id: SUPPORTS, name: "supports", type: "Points", visible: true, shader: "flat", point_size: size, opacity: 1,
+    id: SUPPORTS, name: "supports", type: "Points", visible: true, shader: "flat", point_size: size,
+    opacity: 1,
     color: colours.support, positions: { data: supports, shape: [n, 3] },
     colors: { data: new Uint32Array(0), shape: [0] }, attribute: { data: new Float32Array(0), shape: [0] },
-    point_sizes: { data: new Float32Array(0), shape: [0] }, opacities: { data: new Float32Array(0), shape: [0] },
-    color_range: [], opacity_function: { data: new Float32Array(0), shape: [0] },
+    point_sizes: { data: new Float32Array(0), shape: [0] },
+    opacities: { data: new Float32Array(0), shape: [0] },
+    opacity_function: { data: new Float32Array(0), shape: [0] },
+    color_range: [],
     model_matrix: { data: new Float32Array([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]), shape: [4, 4] },
   };
 }
@@ -218,7 +225,6 @@ function play(scene) {
   k3d.timeSeriesStartTick = null;
   if (k3d.autoPlayed) k3d.stopAutoPlay();
   else k3d.startAutoPlay();
-  byId("play").textContent = k3d.autoPlayed ? "\u275a\u275a stop" : "\u25b6 play";
 }
 
 // --- words
@@ -238,7 +244,8 @@ function tellPicked(scene) {
   const told = page.quantities.map((quantity) => {
     const value = valueOf({ ...scene, quantity }, picked);
     const name = state.strain ? quantity.name : quantity.at_rest;
-    return `${name} ${Number.isNaN(value) ? "none" : `${short(quantity.factor * value)} ${quantity.unit}`}`;
+    if (Number.isNaN(value)) return `${name} none`;
+    return `${name} ${short(quantity.factor * value, 4)} ${quantity.unit}`;
   });
   const m = page.ends.length / 2, gone = state.tension.values[frame * m + picked] === NONE;
   const group = page.groups[page.group[picked]];
@@ -337,9 +344,10 @@ function press(scene, event) {
 function lookFrom(scene, name) {
   const { k3d, page } = scene, [low, high] = page.window;
   const middle = low.map((value, axis) => (value + high[axis]) / 2);
-  const towards = { space: [0.44, -0.76, 0.48], plan: [0, -1e-3, 1], front: [0, -1, 0], side: [1, 0, 0] }[name];
+  const views = { space: [0.44, -0.76, 0.48], plan: [0, -1e-3, 1], front: [0, -1, 0], side: [1, 0, 0] };
+  const towards = views[name];
   const radius = 0.5 * Math.hypot(...low.map((value, axis) => high[axis] - value));
-  const away = 0.8 * radius / Math.sin((Math.PI / 360) * k3d.parameters.cameraFov);
+  const away = 0.9 * radius / Math.sin((Math.PI / 360) * k3d.parameters.cameraFov);
   k3d.setCamera([...middle.map((value, axis) => value + away * towards[axis]), ...middle, 0, 0, 1]);
   k3d.render();
 }
