@@ -24,7 +24,18 @@ PACKAGE = ROOT / "src" / "netfall"
 WIDEST = 110  # characters of a line of a page
 ROOMS = (  # from the ground up: a room imports from those before it
     *("ground", "numerics", "job", "net", "net/generators", "roof", "wind", "mechanics", "parallel", "step"),
-    *("multigrid", "equilibrium", "prestress", "model", "record", "write", "stages", "messages", "program"),
+    *(
+        "multigrid",
+        "equilibrium",
+        "prestress",
+        "model",
+        "record",
+        "write",
+        "stages",
+        "erection",
+        "messages",
+        "program",
+    ),
     *("results", "checks", "plots", "view", "report", "study", "study/answers", "plots/study", "measure"),
     *("api", "exchange", "exchange/formats", "exchange/drawings", "cli"),
 )
@@ -71,6 +82,7 @@ NOUNS = {  # what a key takes, by its kind
     "polygon": "list of [x, y]",
     "words": "list of names",
     "integers": "list of integers",
+    "lengths": "table",
     "loads": 'table, `{"load.snow" = 750.0}`',
     "factors": "table, `{permanent = 1.35, NAME = 1.5}`",
     "shifts": "table, `{17 = [0.0, 0.0, -0.05]}`",

@@ -32,12 +32,15 @@ MAY_IMPORT = {
         *("job", "net", "roof", "wind", "mechanics", "parallel", "step", "multigrid", "equilibrium"),
         *("prestress", "model", "record", "write", "results.loss_lines", "results.notes"),
     ],
+    "erection": [
+        *("job", "net", "mechanics", "parallel.agree", "equilibrium", "model", "stages"),
+    ],
     "messages": [
         *("job", "net", "roof", "wind", "mechanics", "parallel", "model", "record", "results", "stages"),
     ],
     "program": [
         *("job", "net", "roof", "wind", "mechanics", "parallel", "equilibrium", "model", "record", "write"),
-        *("stages", "messages", "results", "plots.job", "__main__"),
+        *("stages", "erection", "messages", "results", "plots.job", "__main__"),
     ],
     "results": ["job", "mechanics.material", "record.columns"],
     "checks": ["job", "mechanics.material", "results"],
@@ -74,7 +77,7 @@ PACKAGES = {
     "llvmlite": ["ground.compile", "ground.passes", "numerics.arithmetic", "parallel.mpi_symbols"],
     "scipy": ["stages.modes", "multigrid.rows", "study.draws", "exchange.drawings"],
     "shapely": ["roof", "exchange.drawings"],
-    "pymetis": ["parallel.partition", "stages.force_density"],
+    "pymetis": ["parallel.partition", "prestress.force_density"],
     "matplotlib": ["plots", "view.quantities"],
     "mpl_toolkits": ["plots"],
     "PIL": ["plots.film"],

@@ -7,7 +7,7 @@ a spring is in it already; so those of a stage add up to all its loads.
 
 import numpy as np
 
-from netfall.results.states import ShownState, equilibria, final, start_position, start_tension
+from netfall.results.states import ShownState, equilibria, final, form_position, form_tension
 
 
 def held_axes(f) -> np.ndarray:
@@ -48,11 +48,11 @@ class Springs:
 
     def __init__(self, f, nodes: np.ndarray):
         """nodes : (k,) the supports"""
-        x = start_position(f)
+        x = form_position(f)
         self.stiffness, self.start = f["net/spring"][:][nodes], x[nodes]
         self.preload = np.zeros((len(nodes), 3))
         if "form_finding" in f:
-            self.preload = pull_at(x, f["net/elements"][:], start_tension(f))[nodes]
+            self.preload = pull_at(x, f["net/elements"][:], form_tension(f))[nodes]
 
     def force(self, x: np.ndarray) -> np.ndarray:
         """Forces (k, 3) [N] on the supports with their nodes at x (k, 3) [m]."""

@@ -17,6 +17,7 @@ from netfall.equilibrium.relaxation import Paused, Relaxation, net_of, not_begun
 from netfall.equilibrium.stable import unstable_shape
 from netfall.ground.errors import DivergedError
 from netfall.ground.stop import NEVER, StopRequest
+from netfall.mechanics.elements import add_tensions, axial_forces
 from netfall.mechanics.state import State
 from netfall.multigrid.cycle import Cycle
 from netfall.multigrid.tangent import Tangent, tangent_of
@@ -30,6 +31,7 @@ SMALLER = 0.5  # times: the residual of a guess, if it is to be taken
 TIGHTER = 10.0  # times: what the relaxation is asked more of, where its error is too large
 MOST_AGAIN = 6  # times
 ROUNDING = 1e-13  # of the largest force: residuals below that are rounding
+EXACT = 1e-10  # of the forces out of balance, that a response leaves
 STABLE, UNKNOWN = -1, -2
 
 
@@ -168,6 +170,28 @@ class Finder:
         found = newton.find(tolerance, start, stop, near, begun)
         total = before + found.gradients
         return Solution(total, found.residual, found.moved, found.tension, False, self._unstable_at(newton))
+
+    def response(self, load: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What changes (m,) [m] of unstressed lengths do where the net is: (n, 3) [m] of nodes, (m,) [N].
+
+        load : (n, 3) [N] that acts. Collective. Raises NoConvergence where the tangent is singular.
+        """
+        newton, state = self._newton(load), self.state
+        newton.begin()
+        K, fixed = newton.tangent(), self.at_fixed_nodes(change)
+        newton.f[:] = 0.0
+        add_tensions(state.x, state.ends, fixed, state.elements_now().L, newton.f)
+        r = np.where(newton.moves, newton.f[newton.owned], 0.0)
+        s, _ = newton.solve(K, self._approximate_inverse(newton, K), r, EXACT)
+        newton.spread_out(s)
+        axial = np.empty(len(change))
+        axial_forces(newton.spread, state.ends, K.direction, K.axial, axial)
+        return newton.spread, fixed + axial
+
+    def at_fixed_nodes(self, change: np.ndarray) -> np.ndarray:
+        """Changes of axial forces (m,) [N] with unstressed lengths, changed by (m,) [m], at fixed nodes."""
+        state = self.state
+        return -self._tangent().axial * (state.elements_now().L / state.L0) * change
 
     def _newton(self, load: np.ndarray) -> Newton:
         net = net_of(self.state, load)

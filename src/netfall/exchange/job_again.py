@@ -25,7 +25,8 @@ def job_again(result: Result, state: State, folder: Path, faces: bool) -> list[s
     """Write job.toml and the files that it reads; what is said of them. faces : whether there is faces.csv"""
     job = job_of(result.file)
     job["title"] = result.title
-    job.pop("form_finding", None)
+    for section in ("form_finding", "target", "stage"):  # the tables hold what came of them
+        job.pop(section, None)
     job["net"] = {"nodes": "nodes.csv", "elements": "elements.csv"}
     for table in [job["cable"], *job["cable"].values()]:
         if isinstance(table, dict):

@@ -79,17 +79,19 @@ def in_zone(name: str) -> tuple[str, str, str] | None:
     return (section, zone, key) if zone else None
 
 
-def values_of_set(case: SimpleNamespace, rows: dict[str, Key], put: Callable, wrong: Callable) -> dict:
-    """What a case sets, by names such as "load.snow" and "load.zone.NAME.snow".
+def values_of_set(
+    case: SimpleNamespace, rows: dict[str, Key], put: Callable, wrong: Callable, kind: str = "case"
+) -> dict:
+    """What a case, or a stage, sets, by names such as "load.snow" and "load.zone.NAME.snow".
 
     rows : of `rows_of_set`; put(place, name, row, value, values) takes what is right, wrong(place, what) not
     """
-    place, values = f"[[case]] {case.name}: set:", {}
+    place, values = f"[[{kind}]] {case.name}: set:", {}
     for name, value in _flat(case.set).items():
         zone = in_zone(name)
         row = rows.get(f"{zone[0]}.zone.NAME.{zone[2]}" if zone else name)
         if row is None:
-            wrong(place, f"{shown(name)[1:-1]}: not what a case can set; {nearest(name, rows)}")
+            wrong(place, f"{shown(name)[1:-1]}: not what a {kind} can set; {nearest(name, rows)}")
         else:
             put(place, name, row, value, values)
     if {"wind.shape_coefficient", "wind.sectors"} <= set(values):

@@ -1,4 +1,4 @@
-"""The keys of the entries of lists of tables: [[zone]], [[case]], [[combination]], [[motion]], [[remove]]."""
+"""The keys of the entries of lists of tables: zones, cases, combinations, motions, losses, targets, stages."""
 
 from netfall.job.cases import CASE, COMBINATION
 from netfall.job.keys import ABSENT, REQUIRED, Key, between, flag, not_negative, positive
@@ -53,6 +53,48 @@ LISTS: dict[str, tuple[Key, ...]] = {
         ),
         not_negative(
             "duration", "s", 0.0, "time over which their tension then falls to zero; 0: at once", high=1e9
+        ),
+    ),
+    "target": (
+        Key("group", "text", ABSENT, "", "group, or piece of cable, whose mean force is wanted"),
+        between(-1e12, 1e12, "force", "N", ABSENT, "that force, tension positive"),
+        Key(
+            "node",
+            "integer",
+            ABSENT,
+            "",
+            "or the id of a node whose height is wanted",
+            low=-(2**63),
+            high=2**63 - 1,
+        ),
+        between(-1e6, 1e6, "height", "m", ABSENT, "z of that node"),
+        Key(
+            "by",
+            "text",
+            REQUIRED,
+            "",
+            "group, or piece of cable, whose unstressed lengths are changed, each cable by one amount",
+        ),
+    ),
+    "stage": (
+        Key("name", "name", REQUIRED, "", "name of the stage of erection"),
+        Key(
+            "lengths",
+            "lengths",
+            ABSENT,
+            "",
+            "unstressed lengths of groups or pieces of cable: changed, set, or pulled to a force",
+        ),
+        Key("active", "words", ABSENT, "", "groups that are there from now on; absent: as before"),
+        Key("release", "integers", ABSENT, "", "ids of nodes that are no longer held"),
+        Key("hold", "integers", ABSENT, "", "ids of nodes that are held from now on, where they are"),
+        Key("move", "shifts", ABSENT, "m", "by how much held nodes are moved, from where they are, by ids"),
+        Key(
+            "set",
+            "loads",
+            {},
+            "",
+            "what it sets from now on: dead, snow, pressure, temperature, as in a case",
         ),
     ),
 }

@@ -39,6 +39,8 @@ class Job:
     combinations: list[SimpleNamespace]  # [[combination]]
     motions: list[SimpleNamespace]  # [[motion]]
     removes: list[SimpleNamespace]  # [[remove]]
+    targets: list[SimpleNamespace]  # [[target]]
+    stages: list[SimpleNamespace]  # [[stage]]
 
     @property
     def name(self) -> str:
@@ -92,7 +94,8 @@ class Job:
     def loads(self, key: str) -> list:
         """Every value of a key of [load]: its own, those of zones and cases."""
         own = [vars(self.load), *self.load.zone.values()] if self.load else []
-        of_cases = [v for case in self.cases for name, v in case.set.items() if name.endswith(f".{key}")]
+        sets = [each.set for each in [*self.cases, *self.stages]]
+        of_cases = [value for one in sets for name, value in one.items() if name.endswith(f".{key}")]
         return [values[key] for values in own if key in values] + of_cases
 
     def changes_net(self) -> bool:

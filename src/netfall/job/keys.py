@@ -8,6 +8,7 @@ from typing import NamedTuple
 REQUIRED = object()  # the key must stand in the job file if its section does
 ROUNDING = 1e-9  # of what adds to 1
 MOST_SHIFT = 1e6  # m
+LENGTHS = ("change", "length", "force")  # what may be said of a cable in a stage
 ABSENT = None  # the key may be missing: the thing that it describes is then not there
 
 
@@ -169,6 +170,24 @@ KINDS = {
     "shifts": Kind("a table of [x, y, z]{of} by ids of nodes, {{17 = [0.0, 0.0, -0.05]}}", _shifts),
     "loads": Kind('a table of loads, {{"load.snow" = 750.0, ...}}', lambda _, v: isinstance(v, dict)),
 }
+
+
+def _lengths(_, value) -> bool:
+    """A table of tables, of one number each."""
+    rows = {name: Key(name, "number", ABSENT, "", "", low=-1e12, high=1e12) for name in LENGTHS}
+    return isinstance(value, dict) and all(
+        isinstance(what, dict)
+        and len(what) == 1
+        and all(k in rows and rows[k].number(v) for k, v in what.items())
+        for what in value.values()
+    )
+
+
+KINDS["lengths"] = Kind(
+    'a table of lengths by groups or cables, {{"hoop" = {{change = -0.5}}, "e17" = {{force = 2e5}}}}, each '
+    "with one of change [m], length [m], force [N]",
+    _lengths,
+)
 
 
 def between(low, high, name, unit, default, meaning):

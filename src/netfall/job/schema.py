@@ -400,6 +400,7 @@ OVERRIDES: dict[str, tuple[str, tuple[Key, ...]]] = {
 }
 
 IN_CASES = rows_of_set(SECTIONS, OVERRIDES)  # what a case can set
+IN_STAGES = {name: row for name, row in IN_CASES.items() if name.startswith("load.")}  # what a stage can
 
 
 def defaults(section: str) -> SimpleNamespace:

@@ -5,7 +5,17 @@ from types import SimpleNamespace
 from netfall.job import cases
 from netfall.job.entries import LISTS, LOST
 from netfall.job.keys import REQUIRED, Key
-from netfall.job.schema import CABLE, EITHER, GENERATOR_KEYS, IN_CASES, NEEDED, OVERRIDES, SECTIONS, defaults
+from netfall.job.schema import (
+    CABLE,
+    EITHER,
+    GENERATOR_KEYS,
+    IN_CASES,
+    IN_STAGES,
+    NEEDED,
+    OVERRIDES,
+    SECTIONS,
+    defaults,
+)
 from netfall.job.values import nearest, shown
 
 
@@ -143,6 +153,10 @@ class Validation:
                 self.wrong(place, "polygon and groups exclude each other; keep one of the two")
             if zone.cut and zone.polygon is None:
                 self.wrong(f"[[zone]] {zone.name}:", "cut = true: only with polygon, which cuts; remove it")
+        for stage in lists["stages"]:
+            stage.set = cases.values_of_set(stage, IN_STAGES, self._value, self.wrong, "stage")
+        for number, target in enumerate(lists["targets"], 1):
+            self._target(f"[[target]] {number}:", target)
 
     def _losses(self, given: dict, found: dict, lists: dict) -> None:
         for number, entry in enumerate(lists["removes"], 1):
@@ -184,6 +198,12 @@ class Validation:
                     self.wrong(place, f"{name} = [0, 0, 0]: has no direction; expected another")
             if "dynamics" not in given:
                 self.wrong(place, f"{key}: there is no [dynamics] in which supports could move; add it")
+
+    def _target(self, place: str, target: SimpleNamespace) -> None:
+        """What is wanted: a force of a group, or a height of a node."""
+        given = [key for key in ("group", "force", "node", "height") if getattr(target, key) is not None]
+        if given not in (["group", "force"], ["node", "height"]):
+            self.wrong(place, "expected group and force, or node and height; give one of these pairs")
 
     def _source_of_the_net(self, net: dict) -> None:
         tables = "nodes" in net or "elements" in net

@@ -41,12 +41,14 @@ def before_run(scene: Scene, progress: Progress) -> None:
         progress.say(f"note: {note}")
     if scene.comm.size > 1:
         progress.say(partition_line(model, scene.comm.size))
-    N = model.N
+    N = scene.build_up.form.N if scene.build_up and scene.build_up.form else model.N
     if scene.form:
         progress.say(f"{form_line(scene)}; tensions {N.min():.4g} to {N.max():.4g} N")
         for line in moved_lines(scene):
             progress.say(line)
-    elif starts_moving(scene):
+    for line in scene.build_up.lines if scene.build_up else ():
+        progress.say(line)
+    if not scene.form and starts_moving(scene):
         progress.say(f"{start_note(scene)}, largest tension {scene.reference:.3g} N")
     if scene.schedule:
         for limit in scene.limits.values():
@@ -180,6 +182,10 @@ def stages(job: Job) -> list[str]:
     found = []
     if job.form_finding:
         found.append(f"form finding ({job.form_finding.method})")
+    if job.targets:
+        found.append(f"{len(job.targets)} targets")
+    if job.stages:
+        found.append(f"erection ({len(job.stages)} stages)")
     statics = [f"{job.load.steps} load steps"] if job.load and job.load.steps else []
     statics += [f"{len(job.cases)} cases"] if job.cases else []
     if statics:

@@ -100,7 +100,7 @@ def _idle_sections(job: Job, net: Net, given: set[str]) -> list[str]:
     for number, entry in enumerate(job.removes, 1):
         if entry.time >= job.dynamics.duration:
             notes.append(f"[[remove]] {number}: no effect: time = {entry.time:g} is not before the end")
-    if load and not has_statics(job) and not job.dynamics:
+    if load and not has_statics(job) and not job.dynamics and not job.stages and not carries_permanent(job):
         notes.append("[load]: no effect: steps = 0 and there is no [dynamics]")
     on_roof = loads_the_roof(job)
     loaded = on_roof or (load and (load.self_weight or load.temperature)) or net.load.any() or job.removes
@@ -171,7 +171,7 @@ def _idle_columns(job: Job, net: Net) -> list[str]:
         notes.append("prestress: no effect: every element has a force_density")
     if net.prestress.any() and np.isfinite(net.unstressed_length).all():
         notes.append("prestress: no effect: every element has an unstressed_length")
-    if net.load.any() and not job.dynamics and not has_statics(job):
+    if net.load.any() and not job.dynamics and not has_statics(job) and not job.stages:
         notes.append(
             "columns load_x, load_y, load_z: no effect: neither statics ([load] steps) nor [dynamics]"
         )

@@ -73,9 +73,11 @@ def _add_bars(figure, scale: ForceScale, N: np.ndarray) -> None:
 
 def _loaded(f) -> tuple[list[ShownState], int]:
     """The equilibria to draw, of a load path the first and the last, and how many were left out."""
-    found = list(equilibria(f))[1:]  # without the form, or the net as given
+    found = [one for one in equilibria(f) if one.name not in ("form", "as given")]
+    stages = [stage for stage in found if stage.name.startswith("stage ")]
+    found = found[len(stages) :]
     steps = len(f["statics/load_factor"]) if "statics" in f else 0
-    found = found[: min(steps, 1)] + found[max(steps - 1, 1) if steps else 0 :]
+    found = stages + found[: min(steps, 1)] + found[max(steps - 1, 1) if steps else 0 :]
     return found[:MOST_PANELS], max(0, len(found) - MOST_PANELS)
 
 

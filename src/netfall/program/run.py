@@ -21,13 +21,13 @@ from netfall.messages.run import after_run, before_run
 from netfall.model.loads import load_section
 from netfall.model.schedule import schedule_of
 from netfall.parallel.agree import on_root
-from netfall.program.form import FORM, INITIAL, initial_record
 from netfall.program.provenance import how_it_writes, provenance_of
 from netfall.program.restart import register_result, restore_state
 from netfall.program.setup import prepare
 from netfall.record.energy import take_snapshot
 from netfall.stages import dynamics, modes, rests, statics
-from netfall.stages.scene import Desk, Outcome, Scene, Stage
+from netfall.stages.initial import FORM, INITIAL, initial_record
+from netfall.stages.scene import BuildUp, Desk, Outcome, Scene, Stage
 from netfall.write.checkpoint import Checkpoint
 from netfall.write.locks import check_place, claim, release
 from netfall.write.result import Result, net_section
@@ -124,7 +124,7 @@ def run_stages(scene: Scene, desk: Desk) -> dict[str, Outcome]:
         sections = initial_sections(scene) | {
             group: datasets for outcome in outcomes.values() for group, datasets in outcome.sections.items()
         }
-        provenance, labels = provenance_of(scene), {}
+        provenance, labels = provenance_of(scene), dict(scene.build_up.labels if scene.build_up else {})
         for outcome in outcomes.values():
             provenance |= outcome.attributes
             labels |= outcome.labels
@@ -155,6 +155,8 @@ def take_up(scene: Scene, desk: Desk) -> None:
     if desk.saver.given:
         desk.progress.say(f"going on from {desk.saver.given}")
     desk.saver.register(INITIAL, lambda: initial_record(scene), lambda *_: None)  # `prepare` has taken it up
+    for name, record in (scene.build_up.records if scene.build_up else {}).items():
+        desk.saver.register(name, lambda record=record: record, lambda *_: None)
     register_result(scene.comm, desk.result, desk.saver)
     if desk.saver.stage not in (None, FORM):
         restore_state(scene.distribution, scene.state, desk.saver.checkpoint)
@@ -176,7 +178,9 @@ def initial_sections(scene: Scene) -> dict[str, dict]:
     sections["load"] = load_section(scene.job, model.zones)
     if "temperature" in sections["load"]:
         sections["net"]["unstressed_length_warm"] = model.L0
+    build_up = scene.build_up or BuildUp(model)
     if form:
+        model = build_up.form or model
         of_prestress = lambda force: np.float64(force / form.reference if form.reference else 0.0)
         sections["form_finding"] = {
             "iterations": np.int64(form.iterations),
@@ -188,4 +192,5 @@ def initial_sections(scene: Scene) -> dict[str, dict]:
         }
         if form.self_stress is not None:
             sections["form_finding"]["self_stress"] = form.self_stress
-    return sections
+        sections["form_finding"] |= build_up.form_sections
+    return sections | build_up.sections

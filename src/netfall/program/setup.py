@@ -1,6 +1,7 @@
 """A job made ready to step: model, form, state and limits, split over the ranks."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,16 +16,16 @@ from netfall.ground.timings import Phases
 from netfall.job.asks import carries_permanent
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
-from netfall.mechanics.fields import FIELDS, Features
 from netfall.mechanics.stability import Limit
-from netfall.mechanics.state import State
 from netfall.model.layout import features_of, layout_digest, make_layout
 from netfall.model.model import Model, make_model, warmed
 from netfall.model.schedule import step_limits
+from netfall.model.state import make_state
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution, cut_net
-from netfall.program.form import FORM, form_of, kept_form
+from netfall.program.build_up import built_up
+from netfall.stages.initial import FORM, form_of, kept_form
 from netfall.stages.scene import Scene
 from netfall.stages.step_limit import assembled_limit
 from netfall.write.checkpoint import Checkpoint
@@ -83,13 +84,16 @@ def prepare(
         reference = comm.bcast(_largest_tension(model) if model else None)
         if form is not None:
             _check_form(job, max(form.reference, reference), residual)
-        if job.load and job.load.temperature:
-            model = on_root(comm, lambda: warmed(job, model))
-            state.L0[:] = distribution.elements(model and model.L0)
-        limits = _limits(comm, job, model, features, state, distribution, halo)
     finder = Finder(comm, halo, distribution, state)
-    found = form, residual, reference, digest, limits
-    return Scene(comm, job, model, distribution, halo, state, finder, *found), checkpoint
+    scene = Scene(comm, job, model, distribution, halo, state, finder, form, residual, reference, digest)
+    if job.targets or job.stages:
+        with phases.phase("erection"):
+            scene = built_up(scene, result, restart, checkpoint, stop)
+    with phases.phase("state"):
+        if job.load and job.load.temperature:
+            scene = replace(scene, model=on_root(comm, lambda: warmed(job, scene.model)))
+            scene.state.L0[:] = distribution.elements(scene.model and scene.model.L0)
+        return replace(scene, limits=_limits(scene)), checkpoint
 
 
 def _largest_tension(model: Model) -> float:
@@ -107,26 +111,14 @@ def _check_form(job: Job, reference: float, residual: float) -> None:
         )
 
 
-def _limits(comm, job: Job, model: Model | None, features, state, distribution, halo) -> dict[str, Limit]:
+def _limits(scene: Scene) -> dict[str, Limit]:
     """Limits of the step by name. Collective."""
+    comm, job, model, distribution = scene.comm, scene.job, scene.model, scene.distribution
     share = job.dynamics.fragment_mass if job.dynamics else 0.0
-    limits = comm.bcast(step_limits(model, features, share) if model else None)
+    limits = comm.bcast(step_limits(model, features_of(job, model.net), share) if model else None)
     asked = job.dynamics.time_step if job.dynamics else "auto"
     sharp = distribution.m <= LARGEST_SHARP or (asked != "auto" and asked > limits["any_shape"].dt)
     if job.dynamics and sharp:
-        limits["assembled"] = assembled_limit(comm, state, distribution.subdomain.element_gid, halo)
+        element_gid = distribution.subdomain.element_gid
+        limits["assembled"] = assembled_limit(comm, scene.state, element_gid, scene.halo)
     return limits
-
-
-def make_state(distribution: Distribution, model: Model | None, features: Features) -> State:
-    """The state of one rank; fields that are `given` start with what the model has. Collective."""
-    subdomain = distribution.subdomain
-    width = int(np.bincount(subdomain.ends.ravel()).max(initial=0))
-    state = State(features, subdomain.n_owned, subdomain.n_halo, len(subdomain.element_gid), width)
-    state.gid[:], state.ends[:] = subdomain.particle_gid, subdomain.ends
-    state.owned[:] = subdomain.element_owned
-    for row in FIELDS:
-        if row.given and features.has(row):
-            spread = distribution.particles if row.entity == "particle" else distribution.elements
-            getattr(state, row.name)[:] = spread(None if model is None else model.column(row.name))
-    return state

@@ -16,7 +16,14 @@ from netfall.results.file import (
 )
 from netfall.results.loss_lines import loss_lines
 from netfall.results.notes import NOT_STABLE, balance_notes, displacement_notes_of
-from netfall.results.states import no_equilibrium, start_position, state_groups, state_words, states_of
+from netfall.results.states import (
+    form_position,
+    no_equilibrium,
+    start_position,
+    state_groups,
+    state_words,
+    states_of,
+)
 
 FIRST_EVENTS = 8
 ENERGIES = ("external_work", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work")
@@ -80,8 +87,9 @@ def _form(f):
 
 def _equilibria(f):
     """The last equilibrium of each group, and a note where one of them is not stable."""
-    x, node_id = start_position(f), f["net/node_id"][:]
+    start, node_id = start_position(f), f["net/node_id"][:]
     for place in state_groups(f):
+        x = form_position(f) if place.startswith("stages/") else start
         g, last = f[place], list(states_of(f, place))[-1]
         N, moved = last.tension(), lengths(last.position() - x)
         steps = f"{int((g['load_factor'][:] > 0).sum())} load steps; " if "load_factor" in g else ""

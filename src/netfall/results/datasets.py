@@ -100,6 +100,20 @@ GROUPS = (
                 NONE,
                 'with `method = "keep"`: axial forces of each state of self-stress, the largest is 1',
             ),
+            row("target_change", "k", "m", "with `[[target]]`: of each cable, a row for each target"),
+            row("target_influence", "k, k", "N/m", "of these (axis 1) on targets (axis 0); of heights m/m"),
+        ),
+    ),
+    Group(
+        "stages/*",
+        "the equilibria of stages of erection, each from the last one",
+        "[[stage]]",
+        (
+            row("displacement", "n, 3", "m", "in the equilibrium, from the form, or the net as given"),
+            row("tension", "m", "N", "in the equilibrium; 0 of what is not there"),
+            row("unstressed_length", "m", "m", "at the temperature of form finding"),
+            row("reaction", "n, 3", "N", "on the foundation: pull of the elements and load, on held axes"),
+            *equilibrium(),
         ),
     ),
     Group(

@@ -47,7 +47,7 @@ NOT_STABLE = "the tangent stiffness is not positive definite, compressed bars bu
 def displacement_notes_of(f) -> list[str]:
     """`displacement_notes` on the equilibria of a result."""
     x, node_id, found = start_position(f), f["net/node_id"][:], []
-    for each in list(equilibria(f))[1:]:
+    for each in [one for one in list(equilibria(f))[1:] if not one.name.startswith("stage ")]:
         moved = lengths(each.position() - x)
         found.append((each.name, float(moved.max()), node_id[moved.argmax()]))
     return displacement_notes(found, x)

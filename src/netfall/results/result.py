@@ -7,7 +7,7 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.results.columns import Columns, of_arrays, of_group
-from netfall.results.datasets import GROUPS, group_of
+from netfall.results.datasets import GROUPS, ORDER, group_of
 from netfall.results.file import open_result, provenance_text, title_of
 from netfall.results.frames import Frames
 from netfall.results.states import warm_lengths
@@ -132,8 +132,20 @@ class Result:
     @property
     def cases(self) -> dict[str, Columns]:
         """The static cases by name: displacement (n, 3) [m], tension (m,) [N], residual, slack."""
-        group = self._group("cases")
-        return {name: of_group(f"{self.path}: case {name}", group[name]) for name in group}
+        return self._named("cases", "case")
+
+    @property
+    def stages(self) -> dict[str, Columns]:
+        """The stages of erection by name, in order: displacement (n, 3) [m] from the form, tension (m,) [N],
+        unstressed_length (m,) [m], reaction (n, 3) [N] on the foundation, residual, slack.
+        """
+        return self._named("stages", "stage")
+
+    def _named(self, name: str, words: str) -> dict[str, Columns]:
+        """The equilibria of a group, in the order in which they were found."""
+        group = self._group(name)
+        order = sorted(group, key=lambda each: group[each].attrs.get(ORDER, 0))
+        return {each: of_group(f"{self.path}: {words} {each}", group[each]) for each in order}
 
     def _group(self, name: str):
         if name not in self.file:

@@ -33,9 +33,21 @@ class ShownState:
     unloaded: bool = False
 
 
-def start_position(f) -> np.ndarray:
+def form_position(f) -> np.ndarray:
     """Nodes (n, 3) [m] in the form that was found, or as given."""
     return f["form_finding/position"][:] if "form_finding" in f else f["net/particles"][:]
+
+
+def last_stage(f) -> str:
+    """The group of the last stage of erection, "": there was none."""
+    of_stages = [name for name in state_groups(f) if name.startswith("stages/")]
+    return of_stages[-1] if of_stages else ""
+
+
+def start_position(f) -> np.ndarray:
+    """Nodes (n, 3) [m] where displacements count from: in the form, or after the last stage of erection."""
+    last = last_stage(f)
+    return form_position(f) + (f[last]["displacement"][:] if last else 0.0)
 
 
 def strain_measure(f) -> str:
@@ -52,6 +64,12 @@ def warm_lengths(f) -> np.ndarray:
 
 
 def start_tension(f) -> np.ndarray:
+    """Tensions (m,) [N] where displacements count from, see `start_position`."""
+    last = last_stage(f)
+    return f[last]["tension"][:] if last else form_tension(f)
+
+
+def form_tension(f) -> np.ndarray:
     """Tensions (m,) [N] in the form that was found, or in the net as given, before any load."""
     if "form_finding" in f:
         return f["form_finding/tension"][:]
@@ -71,17 +89,19 @@ def state_groups(f) -> list[str]:
 
 def equilibria(f) -> Iterator[ShownState]:
     """The form, then what `state_groups` hold."""
-    x = start_position(f)
+    x = form_position(f)
     found = "form_finding" in f
-    name = "form" if found else "as given"
-    yield ShownState(name, lambda: start_tension(f), lambda: x, unloaded=True)
+    if found or not last_stage(f):  # lengths of a net that was erected as given are not kept
+        name = "form" if found else "as given"
+        yield ShownState(name, lambda: form_tension(f), lambda: x, unloaded=True)
     for name in state_groups(f):
         yield from states_of(f, name)
 
 
 def states_of(f, name: str) -> Iterator[ShownState]:
     """The equilibria of a group: of a load path one for each load increment."""
-    x, group, words = start_position(f), f[name], state_words(name)
+    x = form_position(f) if name.startswith("stages/") else start_position(f)
+    group, words = f[name], state_words(name)
     failed = no_equilibrium(group)
     if "load_factor" not in group:
         reached = f", load factor {group.attrs['load_factor']:.4g}, reached of 1" if failed else ""

@@ -259,7 +259,7 @@ def named_zones(job: Job) -> list[tuple[str, str]]:
     for section in ("load", "wind"):
         table = getattr(job, section)
         found += [(name, f"[{section}.zone.{name}]") for name in (table.zone if table else ())]
-    for case in job.cases:
+    for kind, case in [("case", case) for case in job.cases] + [("stage", stage) for stage in job.stages]:
         of_zones = [(in_zone(key), key) for key in case.set]
-        found += [(zone[1], f"[[case]] {case.name}: set: {key}") for zone, key in of_zones if zone]
+        found += [(zone[1], f"[[{kind}]] {case.name}: set: {key}") for zone, key in of_zones if zone]
     return found

@@ -30,8 +30,8 @@ from netfall.numerics.functions import lengths
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
+from netfall.prestress.force_density import Singular, solve_sparse
 from netfall.prestress.self_stress import self_stress
-from netfall.stages.force_density import Singular, solve_sparse
 from netfall.stages.scene import Form
 
 TOGETHER = 1e-6  # of the length at the start: an element so short is as good as gone

@@ -43,12 +43,31 @@ class Form:
 
 
 @dataclass(frozen=True)
+class BuildUp:
+    """How the initial state came from the form: by targets, by stages of erection. Arrays on rank 0.
+
+    base : the model in the form that was found; form : in which the erection began, None: there was none
+    form_sections : datasets of /form_finding; sections : of other groups of the file; labels : attributes
+    lines : to say; records : what checkpoints keep, by name
+    """
+
+    base: Model | None
+    form: Model | None = None
+    form_sections: Mapping[str, np.ndarray] = field(default_factory=dict)
+    sections: Mapping[str, dict[str, np.ndarray]] = field(default_factory=dict)
+    labels: Mapping[str, dict[str, Any]] = field(default_factory=dict)
+    lines: Sequence[str] = ()
+    records: Mapping[str, tuple[dict, dict[str, np.ndarray]]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Scene:
     """A job made ready to step, on one rank.
 
     model : on rank 0, None elsewhere; finder : of equilibria of the state; digest : of job and net
     residual : [N], of the prestressed net with the real material
     reference : [N], largest tension of what can move, in the initial state
+    build_up : how it came from the form, None: it is the form
     limits : of the step, by name; schedule : of the dynamic stage, None: the job has none
     """
 
@@ -65,6 +84,7 @@ class Scene:
     digest: str
     limits: dict[str, Limit] = field(default_factory=dict)
     schedule: Schedule | None = None
+    build_up: BuildUp | None = None
 
 
 @dataclass(frozen=True)

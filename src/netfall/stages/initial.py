@@ -122,7 +122,7 @@ def pause_form_finding(
 
 def initial_record(scene: Scene) -> tuple[dict, dict[str, np.ndarray]]:
     """What is kept of the initial state and of how its form was found."""
-    form, model = scene.form, scene.model
+    form, model = scene.form, scene.build_up.base if scene.build_up else scene.model
     names = ("iterations", "residual", "reference")
     small = {"form": {name: getattr(form, name) for name in names} if form else None}
     if model is None:

@@ -1,0 +1,190 @@
+"""Stages of erection: each an equilibrium from the last one, also where the net is a mechanism that hangs."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from netfall.equilibrium.find import STABLE
+from netfall.erection.lengths import rows_named
+from netfall.erection.settings import Setting, after, first_setting
+from netfall.erection.tension import tension_to
+from netfall.ground.errors import DivergedError
+from netfall.ground.stop import StopRequest
+from netfall.job.values import counted
+from netfall.mechanics.material import warm_length
+from netfall.numerics.functions import lengths
+from netfall.stages.scene import Scene
+from netfall.stages.settle import (
+    NONE,
+    StaticLoad,
+    StaticOutcome,
+    error_words,
+    reference_force,
+    settle,
+)
+
+
+@dataclass
+class Erection:
+    """How far an erection has come.
+
+    done : stages; x : (n, 3) [m] and setting after the last of them, on rank 0, None: there was none
+    sections : datasets by group of the file, on rank 0; labels : attributes of these; lines : what to say
+    """
+
+    done: int = 0
+    x: np.ndarray | None = None
+    setting: Setting | None = None
+    sections: dict[str, dict[str, np.ndarray]] = field(default_factory=dict)
+    labels: dict[str, dict] = field(default_factory=dict)
+    lines: list[str] = field(default_factory=list)
+
+    def record(self) -> tuple[dict, dict[str, np.ndarray]]:
+        """What a continuation needs, for `restored`; arrays on rank 0."""
+        small = {"done": self.done, "labels": self.labels, "lines": self.lines, "groups": list(self.sections)}
+        if self.x is None:
+            return small, {}
+        arrays = {name: getattr(self.setting, name) for name in ("L0", "fixed", "active")} | {"x": self.x}
+        for k, datasets in enumerate(self.sections.values()):
+            arrays |= {f"{k}:{name}": values for name, values in datasets.items()}
+        return small, arrays
+
+
+def restored(scene: Scene, small: dict, arrays: dict[str, np.ndarray] | None) -> Erection:
+    """The erection of a record; arrays : on rank 0."""
+    erection = Erection(small["done"], labels=small["labels"], lines=small["lines"])
+    if scene.model is None or not small["done"]:
+        return erection
+    setting = first_setting(scene.job, scene.model)
+    for stage in scene.job.stages[: small["done"]]:  # for the loads, which are not kept
+        setting = after(setting, stage, scene.model.net)
+    erection.setting = replace(setting, **{name: arrays[name] for name in ("L0", "fixed", "active")})
+    erection.x = arrays["x"]
+    for k, group in enumerate(small["groups"]):
+        own = {name.partition(":")[2]: values for name, values in arrays.items() if name.startswith(f"{k}:")}
+        erection.sections[group] = own
+    return erection
+
+
+def erect(scene: Scene, erection: Erection, stop: StopRequest) -> None:
+    """Go through the stages that are left; what comes of each stands in `erection`. Collective.
+
+    scene : in its initial state, without limits and schedule; it is left in the last equilibrium.
+
+    Raises DivergedError where a stage has no equilibrium, Paused if asked to stop: `erection` is then that
+    of the stages before.
+    """
+    model = scene.model
+    setting, x = erection.setting, erection.x
+    if model and setting is None:
+        setting, x = first_setting(scene.job, model), model.x
+    for stage in scene.job.stages[erection.done :]:
+        setting = model and after(setting, stage, model.net)
+        load = _set_up(scene, setting, x)
+        each = StaticLoad("stage", f"stage {stage.name}", load, 1.0, stage.name)
+        outcome, setting = _equilibrium(scene, each, setting, stop)
+        x = scene.distribution.gather_particles(scene.state.x)
+        _note(scene, erection, stage, setting, x, outcome)
+        erection.done, erection.x, erection.setting = erection.done + 1, x, setting
+
+
+def _set_up(scene: Scene, setting: Setting | None, x: np.ndarray | None) -> np.ndarray:
+    """Put the state where a stage begins; its loads (n, 3) [N] of this rank. Collective."""
+    state, spread, model = scene.state, scene.distribution, scene.model
+    on_root = lambda make: None if model is None else make()
+    state.x[:] = spread.particles(on_root(lambda: x + setting.moved))
+    if state.features.springs:
+        state.spring_rest -= state.x - state.x_start
+    state.x_start[:] = state.x
+    state.free[:] = spread.particles(on_root(lambda: 1 - setting.held(model.net).astype(np.uint8)))
+    state.EA[:] = spread.elements(on_root(lambda: np.where(setting.active, model.net.EA, 0.0)))
+    state.broken[:] = spread.elements(on_root(lambda: (~setting.active).astype(np.uint8)))
+    state.L0[:] = spread.elements(on_root(lambda: warm_of(scene, setting)(setting.L0)))
+    scene.finder.forget()
+    return spread.particles(on_root(lambda: setting.forces(model)))
+
+
+def warm_of(scene: Scene, setting: Setting | None):
+    """What gives unstressed lengths (m,) [m] at the temperature of a stage, from cold ones."""
+    return lambda L0: warm_length(L0, scene.model.net.expansion, setting.load.temperature)
+
+
+def _equilibrium(scene: Scene, each: StaticLoad, setting: Setting | None, stop) -> tuple:
+    """The equilibrium of a stage, forces pulled to where some are; and the setting with its lengths."""
+    if scene.comm.bcast(setting and len(setting.pulls) > 0):
+        of = lambda name: setting and list(getattr(setting, name))
+        warm = warm_of(scene, setting)
+        found = tension_to(scene, each, of("pulls"), of("jacks"), setting and setting.L0, warm, stop)
+        return found.outcome, setting and replace(setting, L0=found.L0, pulls=(), jacks=())
+    outcome = settle(scene, each, reference_force(scene, each), stop)
+    if outcome.state == NONE:
+        reason = f"{each.words}: there is no equilibrium in it: {outcome.reason}"
+        raise DivergedError(f"{reason}; change lengths in smaller stages, or hold more nodes")
+    return outcome, setting
+
+
+def _note(
+    scene: Scene, erection: Erection, stage, setting: Setting | None, x, outcome: StaticOutcome
+) -> None:
+    """Keep what came of a stage, and what is said of it. Collective."""
+    state, found, model = scene.state, outcome.equilibrium, scene.model
+    if state.features.plastic:
+        _check_elastic(scene, stage.name)
+    N = scene.distribution.gather_elements(found.snapshot.N, state.owned.astype(bool))
+    numbers = {name: np.array(value) for name, value in found.numbers().items()}
+    numbers["stable"] = numbers.pop("unstable_at") == STABLE
+    group = f"stages/{stage.name}"
+    ids = model.net.element_id[list(outcome.elements)].tolist() if model and outcome.elements else []
+    erection.labels[group] = scene.comm.bcast(model and outcome.labels() | {"elements": ids})
+    if model is None:
+        return
+    erection.sections[group] = numbers | {
+        "displacement": x - model.x,
+        "tension": N,
+        "unstressed_length": setting.L0,
+        "reaction": reactions(model, setting, x, N),
+    }
+    erection.lines += _lines(model, erection, stage, setting, x, N, outcome)
+
+
+def _check_elastic(scene: Scene, name: str) -> None:
+    """Raises DivergedError where elements yield: lengths of an erection are elastic. Collective."""
+    rows = scene.distribution.subdomain.element_gid[scene.state.eps_p != 0.0]
+    over = sorted(set().union(*scene.comm.allgather(rows.tolist())))
+    if over:
+        ids = scene.comm.bcast(scene.model and counted("element", scene.model.net.element_id[over]))
+        raise DivergedError(f"stage {name}: {ids} yield in it; an erection is computed elastically")
+
+
+def reactions(model, setting: Setting, x: np.ndarray, N: np.ndarray) -> np.ndarray:
+    """Forces (n, 3) [N] on the foundation: the pull of the elements and the load, on axes that are held.
+
+    x : (n, 3) [m]; N : (m,) [N]
+    """
+    net, force = model.net, setting.forces(model)
+    along = x[net.elements[:, 1]] - x[net.elements[:, 0]]
+    pull = (N / lengths(along))[:, None] * along
+    np.add.at(force, net.elements[:, 0], pull)
+    np.subtract.at(force, net.elements[:, 1], pull)
+    return np.where((setting.fixed | (net.spring > 0)) & setting.there(net)[:, None], force, 0.0)
+
+
+def _lines(model, erection: Erection, stage, setting: Setting, x, N, outcome: StaticOutcome) -> list[str]:
+    """What is said of a stage: its equilibrium, how far nodes went, forces at the jacks."""
+    net, solution = model.net, outcome.equilibrium.solution
+    before = erection.x if erection.x is not None else model.x
+    moved = lengths(x - before)
+    p = int(np.argmax(moved))
+    line = (
+        f"stage {stage.name}: in equilibrium {error_words(*solution[2:4])}"
+        f"{', by relaxation' if solution.relaxed else ''}, slack {outcome.equilibrium.slack} of "
+        f"{int(setting.active.sum())}; nodes went up to {moved[p]:.4g} m (node {net.node_id[p]})"
+    )
+    lines = [line + (f"; NOT STABLE: {outcome.reason}" if outcome.reason else "")]
+    for name in stage.lengths or {}:
+        rows = rows_named(net, name)
+        lines.append(
+            f"  {name}: {N[rows].min():.5g} to {N[rows].max():.5g} N, unstressed length "
+            f"{setting.L0[rows].sum():.6g} m in all"
+        )
+    return lines

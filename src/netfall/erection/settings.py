@@ -1,0 +1,149 @@
+"""What stages of erection set, stage after stage: lengths, supports, places, what is there, loads. Rank 0."""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+
+from netfall.erection.lengths import Jack, Wanted, jack_of, jacks_of, rows_named, unknown_name
+from netfall.ground.errors import InputError
+from netfall.job.job import Job
+from netfall.job.schema import defaults
+from netfall.job.values import counted, listed, nearest, shown
+from netfall.model.loads import live_load, of_case
+from netfall.model.model import Model
+from netfall.net.net import GRAVITY, Net
+from netfall.net.parts import parts_of
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What holds in a stage: everything that earlier ones set and it did not change.
+
+    L0 : (m,) [m], cold; fixed : (n, 3) bool; active : (m,) bool; moved : (n, 3) [m] from where nodes are
+    load : what [load] is in it; pulls : forces that are wanted, each at a jack of its own in `jacks`
+    """
+
+    L0: np.ndarray
+    fixed: np.ndarray
+    active: np.ndarray
+    moved: np.ndarray
+    load: SimpleNamespace
+    pulls: tuple[Wanted, ...] = ()
+    jacks: tuple[Jack, ...] = ()
+
+    def held(self, net: Net) -> np.ndarray:
+        """(n, 3) bool, axes that do not move: those of nodes where nothing is there as well."""
+        return self.fixed | ~self.there(net)[:, None]
+
+    def there(self, net: Net) -> np.ndarray:
+        """(n,) bool, nodes at which an element is there."""
+        return np.bincount(net.elements[self.active].ravel(), minlength=net.n) > 0
+
+    def forces(self, model: Model) -> np.ndarray:
+        """The loads (n, 3) [N]: self weight of the elements that are there, all else at their nodes."""
+        net, roof = model.net, model.roof
+        there = self.there(net)[:, None]
+        load = np.where(there, live_load(self.load, roof, net.load), 0.0)
+        load[:, 2] -= np.where(there[:, 0], roof.zones.spread(self.load, "dead") * roof.area, 0.0)
+        if self.load.self_weight:
+            half = np.where(self.active, 0.5 * GRAVITY * net.density * net.section * self.L0, 0.0)
+            for end in range(2):
+                load[:, 2] -= np.bincount(net.elements[:, end], half, net.n)
+        return load
+
+
+def first_setting(job: Job, model: Model) -> Setting:
+    """Before any stage: the net as it is, all of it there, under [load]."""
+    net = model.net
+    load = job.load or defaults("load")
+    everything = np.ones(net.m, bool)
+    return Setting(model.cut_length, net.fixed, everything, np.zeros_like(net.x), load)
+
+
+def after(before: Setting, stage: SimpleNamespace, net: Net) -> Setting:
+    """What holds in a stage that follows."""
+    groups = None if stage.active is None else [net.group_names.index(name) for name in stage.active]
+    active = before.active if groups is None else np.isin(net.group, groups)
+    fixed, moved = before.fixed.copy(), np.zeros_like(net.x)
+    fixed[_rows(net, stage.release)] = False
+    fixed[_rows(net, stage.hold)] = True
+    for name, by in (stage.move or {}).items():
+        moved[_rows(net, [int(name)])] = by
+    L0, pulls, jacks = before.L0, [], []
+    for name, what in (stage.lengths or {}).items():
+        if "force" in what:
+            own = jacks_of(net, name)
+            pulls += [
+                Wanted(f"force of {jack.name}", what["force"], jack.rows, own=len(jacks) + k)
+                for k, jack in enumerate(own)
+            ]
+            jacks += own
+        else:
+            L0 = _lengthened(net, name, what, L0)
+    return Setting(L0, fixed, active, moved, of_case(before.load, stage), tuple(pulls), tuple(jacks))
+
+
+def _lengthened(net: Net, name: str, what: dict, L0: np.ndarray) -> np.ndarray:
+    """Unstressed lengths (m,) [m] with cables changed by, or set to, a length."""
+    if "change" in what:
+        return jack_of(net, name).changed(L0, what["change"])
+    for jack in jacks_of(net, name):
+        L0 = jack.changed(L0, what["length"] - float(L0[jack.rows].sum()))
+    return L0
+
+
+def _rows(net: Net, ids: list[int] | None) -> np.ndarray:
+    return np.flatnonzero(np.isin(net.node_id, ids or []))
+
+
+def check_stages(job: Job, model: Model) -> None:
+    """Raises InputError for what is wrong in the stages of a job: names, ids, supports, lengths."""
+    net, errors, setting = model.net, [], first_setting(job, model)
+    for stage in job.stages:
+        wrong = _wrong_names(stage, net)
+        if not wrong:
+            setting = after(setting, stage, net)
+            wrong = _wrong_state(stage, setting, net)
+        errors += [f"{job.path}: [[stage]] {stage.name}: {line}" for line in wrong]
+        if errors:
+            break  # what follows stands on it
+    if errors:
+        raise InputError(errors)
+
+
+def _wrong_names(stage: SimpleNamespace, net: Net) -> list[str]:
+    """Names and ids that the net does not have."""
+    wrong = [f"lengths: {line}" for name in stage.lengths or {} if (line := unknown_name(net, name))]
+    known = [name for name in net.group_names if name]
+    for name in stage.active or []:
+        if name not in net.group_names:
+            wrong.append(f"active: no group {shown(name)}; {nearest(name, known) if known else 'none'}")
+    ids = {"hold": stage.hold, "release": stage.release, "move": map(int, stage.move or {})}
+    for key, named in ids.items():
+        unknown = sorted(set(named or []) - set(net.node_id.tolist()))
+        if unknown:
+            wrong.append(f"{key}: no node {listed(unknown)}")
+    return wrong
+
+
+def _wrong_state(stage: SimpleNamespace, setting: Setting, net: Net) -> list[str]:
+    """Moves of nodes that are free, cables without length, parts that hang on nothing."""
+    free = np.flatnonzero(((setting.moved != 0.0) & ~setting.fixed).any(1))
+    wrong = []
+    if len(free):
+        wrong.append(f"move: {counted('node', net.node_id[free])}: an axis that moves must be held")
+    short = np.flatnonzero(~(setting.L0 > 0.0))
+    if len(short):
+        wrong.append(f"lengths: {counted('element', net.element_id[short])}: no length is left")
+    for name in stage.lengths or {}:
+        away = rows_named(net, name)[~setting.active[rows_named(net, name)]]
+        if len(away):
+            wrong.append(f"lengths: {shown(name)}: not there in this stage; active says what is")
+    label = parts_of(net.elements[setting.active], net.n)
+    held = np.zeros(net.n, bool)
+    held[label[(setting.fixed | (net.spring > 0)).any(1)]] = True
+    loose = np.flatnonzero(setting.there(net) & ~held[label])
+    if len(loose):
+        wrong.append(f"{counted('node', net.node_id[loose])}: no support holds the part that they are in")
+    return wrong

@@ -1,0 +1,95 @@
+"""Targets of the form: forces of groups, or heights of nodes, that unstressed lengths are changed for."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.erection.lengths import Jack, Wanted, jack_of, rows_named, unknown_name
+from netfall.erection.tension import influences, tension_to
+from netfall.ground.errors import DivergedError, InputError
+from netfall.job.asks import carries_permanent
+from netfall.job.job import Job
+from netfall.job.values import shown
+from netfall.net.net import Net
+from netfall.parallel.agree import on_root
+from netfall.stages.scene import Scene
+from netfall.stages.settle import StaticLoad
+
+
+class Reached(NamedTuple):
+    """Targets that were reached, on rank 0: x (n, 3) [m], unstressed lengths L0 (m,) [m].
+
+    change : (k,) [m] of each cable; influence : (k, k) of these amounts where the targets are; lines : to say
+    """
+
+    x: np.ndarray
+    L0: np.ndarray
+    change: np.ndarray
+    influence: np.ndarray
+    lines: list[str]
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All but the lines, by name."""
+        return {name: getattr(self, name) for name in ("x", "L0", "change", "influence")}
+
+
+def reach_targets(scene: Scene) -> Reached | None:
+    """Change lengths until all targets are there, under the loads that the form carries. Collective.
+
+    On rank 0 what came of it, None elsewhere; the state is left in that equilibrium. Raises InputError for
+    names that are wrong, DivergedError for targets that are not reached.
+    """
+    job, model, comm = scene.job, scene.model, scene.comm
+    wanted, jacks = on_root(comm, lambda: named_targets(job, model.net)) or ([], [])
+    permanent = model and (model.loading.permanent if carries_permanent(job) else np.zeros_like(model.x))
+    each = StaticLoad("target", "the targets", scene.distribution.particles(permanent), 1.0)
+    try:
+        found = tension_to(scene, each, wanted, jacks, model and model.cut_length, lambda L0: L0)
+    except DivergedError as error:
+        more = "; what `by` names may not bear on it, or not so far"
+        raise DivergedError(f"{error}{more}") from None
+    influence = influences(scene, each.load, wanted, jacks, found.L0)
+    x = scene.distribution.gather_particles(scene.state.x)
+    if model is None:
+        return None
+    change = np.array([_change(jack, found.L0 - model.cut_length) for jack in jacks])
+    lines = [
+        f"target: {want.words} = {want.value:.6g} {'m' if want.node >= 0 else 'N'}: each cable of "
+        f"{jack.name} {amount:+.6g} m"
+        for want, jack, amount in zip(wanted, jacks, change)
+    ]
+    lines.append(f"targets: reached in {found.equilibria} equilibria")
+    return Reached(x, found.L0, change, influence, lines)
+
+
+def _change(jack: Jack, change: np.ndarray) -> float:
+    """The amount [m] of each cable of changes (m,) [m] of unstressed length."""
+    return float(change[jack.rows].sum()) / (1 + int(jack.cable.max()))
+
+
+def named_targets(job: Job, net: Net) -> tuple[list[Wanted], list[Jack]]:
+    """What is wanted and by which lengths. Raises InputError for names that the net does not have."""
+    wanted, jacks, errors = [], [], []
+    for number, target in enumerate(job.targets, 1):
+        wrong = [line for name in (target.group, target.by) if name and (line := unknown_name(net, name))]
+        if target.node is not None and target.node not in net.node_id:
+            wrong.append(f"node = {target.node}: no such node")
+        twice = [other for other in job.targets[: number - 1] if other.by == target.by]
+        if twice:
+            wrong.append(
+                f"by = {shown(target.by)}: stands in an earlier target; each needs lengths of its own"
+            )
+        errors += [f"{job.path}: [[target]] {number}: {line}" for line in wrong]
+        if not wrong:
+            wanted.append(_wanted(net, target))
+            jacks.append(jack_of(net, target.by))
+    if errors:
+        raise InputError(errors)
+    return wanted, jacks
+
+
+def _wanted(net: Net, target) -> Wanted:
+    if target.group:
+        return Wanted(f"force of {target.group}", target.force, rows_named(net, target.group))
+    node = int(np.flatnonzero(net.node_id == target.node)[0])
+    return Wanted(f"height of node {target.node}", target.height, np.zeros(0, int), node)

@@ -1,0 +1,161 @@
+"""Forces and heights that are reached by changes of unstressed length: Newton's method on the tangent.
+
+The influence of an amount a on what is wanted follows from one solution: at fixed nodes an element's force
+changes by dN/dL0 = -(dN/dL) L / L0, which holds for both measures of strain; the nodes answer the forces that
+are then out of balance by K^-1, and change all forces once more.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.equilibrium.newton import NoConvergence
+from netfall.erection.lengths import Jack, Wanted, amounts, missed, until_taut
+from netfall.ground.errors import DivergedError
+from netfall.ground.stop import NEVER, StopRequest
+from netfall.numerics.functions import lengths
+from netfall.stages.scene import Scene
+from netfall.stages.settle import (
+    NONE,
+    StaticLoad,
+    StaticOutcome,
+    committed,
+    put_back,
+    reference_force,
+    settle,
+)
+
+REACHED = 1e-6  # of the value that is wanted, or of the largest force
+MOST_EQUILIBRIA = 40
+WORSE = 2.0  # times what was missing before: the step was too long
+LONGEST = 0.2  # of a cable's length: what one step changes at most
+
+
+class Tensioned(NamedTuple):
+    """What came of it: L0 (m,) [m], cold, and influence (t, k) of the amounts, on rank 0.
+
+    outcome : of the last equilibrium; equilibria : how many were found
+    """
+
+    L0: np.ndarray | None
+    influence: np.ndarray | None
+    outcome: StaticOutcome
+    equilibria: int
+
+
+def tension_to(
+    scene: Scene,
+    each: StaticLoad,
+    wanted: list[Wanted],
+    jacks: list[Jack],
+    L0,
+    warm,
+    stop: StopRequest = NEVER,
+) -> Tensioned:
+    """Change unstressed lengths until everything wanted is there; the state is then in that equilibrium.
+
+    wanted, jacks, L0 (m,) [m], cold : on rank 0; warm(L0) : those of the state. Collective.
+
+    Raises DivergedError, with what was not reached; Paused where it is asked to stop.
+    """
+    comm, influence, best, before, tried = scene.comm, None, np.inf, None, np.zeros(0)
+    reference = reference_force(scene, each)
+    for count in range(1, MOST_EQUILIBRIA + 1):
+        scene.state.L0[:] = scene.distribution.elements(warm(L0) if scene.model else None)
+        outcome = settle(scene, each, reference, stop)
+        if outcome.state == NONE:
+            size = np.inf
+        else:
+            now = _measure(scene, wanted)
+            size = comm.bcast(now and now.size)
+        if size <= REACHED:
+            return Tensioned(L0, influence, outcome, count)
+        if size > WORSE * best or size == np.inf:
+            if before is None:
+                raise DivergedError(f"{each.words}: {outcome.reason or 'the forces are no numbers'}")
+            put_back(scene.state, before[0])
+            tried = 0.5 * tried
+            L0 = scene.model and _changed(jacks, before[1], tried)
+            continue
+        best, before = min(best, size), (committed(scene.state), L0)
+        influence = influences(scene, each.load, wanted, jacks, L0)
+        if scene.model:
+            tried = _step(scene, now, wanted, jacks, L0, influence)
+            L0 = _changed(jacks, L0, tried)
+        if comm.bcast(scene.model and not tried.any()):
+            break
+    lines = comm.bcast(scene.model and missed(wanted, now.values))
+    raise DivergedError(f"{each.words}: not reached in {count} equilibria: " + "; ".join(lines))
+
+
+class _Now(NamedTuple):
+    """Where the net is: x (n, 3), N (m,); of what is wanted values, misses, scale (t,), the largest miss."""
+
+    x: np.ndarray
+    N: np.ndarray
+    values: np.ndarray
+    misses: np.ndarray
+    scale: np.ndarray
+    size: float
+
+
+def _measure(scene: Scene, wanted: list[Wanted]) -> _Now | None:
+    """The net as it is, on rank 0. Collective."""
+    state, spread = scene.state, scene.distribution
+    x = spread.gather_particles(state.x)
+    N = spread.gather_elements(state.elements_now().N, state.owned.astype(bool))
+    if scene.model is None:
+        return None
+    values = np.array([each.now(x, N) for each in wanted])
+    largest, extent = np.abs(N).max(), float(np.ptp(x, axis=0).max())
+    scale = np.array([extent if each.node >= 0 else abs(each.value) or largest for each in wanted])
+    misses = values - [each.value for each in wanted]
+    return _Now(x, N, values, misses, scale, float(np.abs(misses / scale).max()))
+
+
+def influences(
+    scene: Scene, load: np.ndarray, wanted: list[Wanted], jacks: list[Jack], L0
+) -> np.ndarray | None:
+    """Influence (t, k) of each amount on each quantity wanted, [N/m] or [m/m], on rank 0. Collective."""
+    rows = []
+    count = scene.comm.bcast(scene.model and len(jacks))
+    for k in range(count):
+        change = np.zeros(scene.distribution.m)
+        if scene.model:
+            change[jacks[k].rows] = jacks[k].shares(L0)
+        x, N = response(scene, load, scene.distribution.elements(scene.model and change))
+        if scene.model:
+            rows.append([each.now(x, N) for each in wanted])
+    return np.array(rows).T if scene.model else None
+
+
+def response(scene: Scene, load: np.ndarray, change: np.ndarray) -> tuple:
+    """Changes of positions (n, 3) [m] and axial forces (m,) [N], on rank 0, as unstressed lengths change.
+
+    change : (m,) [m] of this rank's elements; load : (n, 3) [N] that acts. Collective.
+    Where the net is a mechanism nothing is known of the positions, and they count as fixed.
+    """
+    state, spread = scene.state, scene.distribution
+    try:
+        u, N = scene.finder.response(load, change)
+    except NoConvergence:
+        u, N = np.zeros_like(state.x), scene.finder.at_fixed_nodes(change)
+    return spread.gather_particles(u), spread.gather_elements(N, state.owned.astype(bool))
+
+
+def _step(scene: Scene, now: _Now, wanted, jacks: list[Jack], L0, influence: np.ndarray) -> np.ndarray:
+    """The amounts (k,) [m] of the next step. Rank 0."""
+    net = scene.model.net
+    L = lengths(now.x[net.elements[:, 1]] - now.x[net.elements[:, 0]])
+    tried = amounts(now.misses, influence, now.scale)
+    for each in wanted:
+        if each.own >= 0 and not influence[:, each.own].any():
+            tried[each.own] = until_taut(jacks[each.own], L, L0, net.EA, each.value)
+    longest = np.array([LONGEST * L0[jack.rows].sum() / (1 + jack.cable.max()) for jack in jacks])
+    return np.clip(tried, -longest, longest)
+
+
+def _changed(jacks: list[Jack], L0: np.ndarray, tried: np.ndarray) -> np.ndarray:
+    for jack, amount in zip(jacks, tried):
+        L0 = jack.changed(L0, amount)
+    return L0

@@ -1,0 +1,118 @@
+"""From the form to where statics begins: targets are reached, stages of erection gone through."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from netfall.equilibrium.find import Finder
+from netfall.equilibrium.relaxation import Paused
+from netfall.erection.erect import Erection, erect, restored
+from netfall.erection.settings import check_stages
+from netfall.erection.targets import reach_targets
+from netfall.ground.errors import interrupted
+from netfall.ground.stop import StopRequest
+from netfall.job.job import Job
+from netfall.model.layout import features_of
+from netfall.model.model import Model, make_model
+from netfall.model.state import make_state
+from netfall.numerics.functions import lengths
+from netfall.parallel.agree import on_root
+from netfall.stages.initial import FORM, INITIAL, initial_record
+from netfall.stages.scene import BuildUp, Scene
+from netfall.write.checkpoint import checkpoint_path, remove_older, write_checkpoint
+
+TARGETS, ERECTION = "targets", "erection"  # names in checkpoints
+BEHIND = 1_000_000  # steps of a form finding: checkpoints of its erection come after all of these
+
+
+def built_up(scene: Scene, result: Path, restart: Path | None, checkpoint, stop: StopRequest) -> Scene:
+    """The scene after its targets and stages, in the equilibrium of the last of them. Collective.
+
+    result, restart, checkpoint, stop : as in `prepare`. Raises InputError, DivergedError, Interrupted.
+    """
+    kept = lambda name: checkpoint.part(name) if checkpoint else (None, None)
+    parts = scene.comm.bcast(checkpoint and set(checkpoint.record["parts"])) or set()
+    build_up = BuildUp(base=scene.model)
+    if scene.job.targets:
+        scene, build_up = _targeted(scene, build_up, kept(TARGETS) if TARGETS in parts else None)
+    if not scene.job.stages:
+        return replace(scene, build_up=build_up)
+    on_root(scene.comm, lambda: check_stages(scene.job, scene.model))
+    erection = Erection()
+    if ERECTION in parts:
+        small, arrays = kept(ERECTION)
+        erection = restored(scene, scene.comm.bcast(small), arrays)
+    try:
+        erect(scene, erection, stop)
+    except Paused:
+        path = _pause(replace(scene, build_up=build_up), erection, result, restart)
+        words = f"in stage {scene.job.stages[erection.done].name}, from whose start it goes on"
+        raise interrupted(words, path) from None
+    return _erected(scene, build_up, erection)
+
+
+def _targeted(scene: Scene, build_up: BuildUp, kept: tuple | None) -> tuple[Scene, BuildUp]:
+    """The scene in the form that has its targets; kept : record of an earlier run, None: none. Collective."""
+    if kept is None:
+        reached = reach_targets(scene)
+        kept = ({"lines": reached.lines}, reached.arrays()) if reached else ({}, {})
+    small, arrays = kept
+    after = _rebuilt(scene, lambda: _with_lengths(scene.job, scene.model, arrays["x"], arrays["L0"]))
+    if scene.model:
+        form = {f"target_{name}": arrays[name] for name in ("change", "influence")}
+        build_up = replace(build_up, form_sections=form, lines=small["lines"])
+    return after, replace(build_up, records={TARGETS: (scene.comm.bcast(small), arrays or {})})
+
+
+def _erected(scene: Scene, build_up: BuildUp, erection: Erection) -> Scene:
+    """The scene that begins where the last stage ended. Collective."""
+    setting, x = erection.setting, erection.x
+    after = _rebuilt(scene, lambda: _as_erected(scene.job, scene.model, x, setting))
+    active = scene.distribution.elements(setting and setting.active)
+    after.state.EA[~active], after.state.broken[~active] = 0.0, 1
+    build_up = replace(
+        build_up,
+        form=scene.model,
+        sections=erection.sections,
+        labels=erection.labels,
+        lines=[*build_up.lines, *erection.lines],
+        records=build_up.records | {ERECTION: erection.record()},
+    )
+    return replace(after, build_up=build_up)
+
+
+def _rebuilt(scene: Scene, make) -> Scene:
+    """The scene with another model, which `make` gives on rank 0. Collective."""
+    model = on_root(scene.comm, make)
+    features = scene.comm.bcast(model and features_of(scene.job, model.net))
+    state = make_state(scene.distribution, model, features)
+    finder = Finder(scene.comm, scene.halo, scene.distribution, state)
+    return replace(scene, model=model, state=state, finder=finder)
+
+
+def _with_lengths(job: Job, model: Model, x: np.ndarray, L0: np.ndarray, **columns) -> Model:
+    """The model with nodes at x (n, 3) [m] and unstressed lengths L0 (m,) [m], cold; columns : of its net."""
+    net = replace(model.net, unstressed_length=L0, **columns)
+    made = make_model(job, replace(model.layout, net=net), x, None)
+    return replace(made, area_given=model.area_given, spring_rest=model.spring_rest - (x - model.x))
+
+
+def _as_erected(job: Job, model: Model, x: np.ndarray, setting) -> Model:
+    """The model of the last stage. What is not there has neither force nor weight, and its nodes are held."""
+    net, there = model.net, setting.active
+    L = lengths(x[net.elements[:, 1]] - x[net.elements[:, 0]])
+    held, density = setting.held(net), np.where(there, net.density, 0.0)
+    made = _with_lengths(job, model, x, np.where(there, setting.L0, L), fixed=held, density=density)
+    return replace(made, cut_length=setting.L0)
+
+
+def _pause(scene: Scene, erection: Erection, result: Path, given: Path | None) -> Path:
+    """Write a checkpoint of an erection between two stages; its path. Collective."""
+    path = checkpoint_path(result, 1, BEHIND + erection.done)
+    record = {"job": scene.digest, "name": scene.job.title or scene.job.name, "stage": FORM}
+    parts = scene.build_up.records | {INITIAL: initial_record(scene), ERECTION: erection.record()}
+    write_checkpoint(scene.comm, path, None, None, record, parts)
+    if scene.comm.rank == 0:
+        remove_older(path, result, scene.digest, given)
+    return path

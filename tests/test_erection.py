@@ -1,0 +1,226 @@
+"""Targets reached by lengths, stages of erection: by hand, backwards, on ranks, paused, and what is wrong."""
+
+import numpy as np
+import pytest
+from conftest import ROOT, StopAfter, assert_same_results, run_on_standing_ranks
+from mpi4py import MPI
+from scipy.optimize import fsolve
+
+from netfall.ground.errors import Interrupted
+from netfall.ground.progress import Progress
+from netfall.job.read import read_job
+from netfall.program.run import run_job
+
+EA, WEIGHT, SPAN = 1e6, 1000.0, 8.0  # N, N, m
+FOUND = (
+    1e-6  # of forces and displacements, of an equilibrium ([load] tolerance); Newton's last step is far below
+)
+CABLES = "[cable]\nmodulus = 1e9\narea = 1e-3\ndensity = 1000.0\n"
+NODES = f"id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,{SPAN},0,0,1,0\n3,4,0,-3,0,-{WEIGHT}\n"
+TWO = "id,start,end,group,unstressed_length\n1,1,3,left,5\n2,2,3,right,5\n"
+
+
+def stage(name, **keys):
+    """The text of a stage."""
+    return f'[[stage]]\nname = "{name}"\n' + "".join(f"{key} = {value}\n" for key, value in keys.items())
+
+
+def hanging(lengths=None, force=None, foot=SPAN, near=None):
+    """Node (x, z) [m] and forces of two cables with a weight; the right one has a length, or a force."""
+
+    def forces(at):
+        x, z = at
+        long = np.hypot(x, z), np.hypot(foot - x, z)
+        left = EA * (long[0] / lengths[0] - 1)
+        right = force if force is not None else EA * (long[1] / lengths[1] - 1)
+        return (left, right), long
+
+    def balance(at):
+        (left, right), long = forces(at)
+        x, z = at
+        return (
+            (right * (foot - x) / long[1] - left * x / long[0]) / WEIGHT,
+            -(left * z / long[0] + right * z / long[1]) / WEIGHT - 1,
+        )
+
+    at = fsolve(balance, near or (4.5, -2.0 if force is None else -0.4), xtol=1e-13)
+    return at, forces(at)[0]
+
+
+PULL = [
+    stage("hung", lengths="{left = {change = 1.0}}"),
+    stage("pulled", lengths="{right = {force = 5000.0}}"),
+    stage("moved", move="{2 = [0.05, 0.0, 0.0]}"),
+    stage("back", move="{2 = [-0.05, 0.0, 0.0]}"),
+    stage("loose", lengths="{right = {length = 5.0}}"),
+]
+
+
+def test_two_cables_that_hang_are_pulled_and_become_taut(workshop):
+    """By hand, each stage from the last; backwards it comes to where it was."""
+    with workshop.run(workshop.job(CABLES + "".join(PULL), NODES, TWO)) as f:
+        of = lambda name: (
+            f[f"stages/{name}/displacement"][2, [0, 2]] + [4, -3],
+            f[f"stages/{name}/tension"][:],
+        )
+        right = f["stages/pulled/unstressed_length"][1]
+        for name, (at, forces) in {
+            "hung": hanging((6.0, 5.0)),
+            "pulled": hanging((6.0, None), force=5000.0),
+            "moved": hanging((6.0, right), foot=SPAN + 0.05),
+            "back": hanging((6.0, None), force=5000.0),
+            "loose": hanging((6.0, 5.0)),
+        }.items():
+            x, N = of(name)
+            assert x == pytest.approx(at, abs=FOUND * 5) and N == pytest.approx(forces, rel=FOUND), name
+        order = [f[f"stages/{name}"].attrs["order"] for name in ("hung", "pulled", "moved", "back", "loose")]
+        assert order == sorted(order) and f["stages/hung"].attrs["state"] == "equilibrium"
+        pull = -f["stages/pulled/reaction"][:].sum(0)
+        assert pull == pytest.approx([0, 0, WEIGHT], abs=FOUND * 5000)  # on both feet
+
+
+def test_a_cable_that_is_slack_is_pulled_until_it_carries(workshop):
+    """From a length at which it hangs in an arc to a force; a stay that was not there begins to act."""
+    stages = stage("slack", active='["left", "right"]', lengths="{right = {length = 9.6}}")
+    stages += stage("pulled", lengths="{right = {force = 300.0}}")
+    with workshop.run(workshop.job(CABLES + stages, NODES, TWO)) as f:
+        assert f["stages/slack/tension"][:] == pytest.approx([WEIGHT, 0.0], rel=FOUND)  # upright on one cable
+        assert f["stages/pulled/tension"][1] == pytest.approx(300.0, rel=FOUND)
+        assert f["stages/pulled/tension"][0] == pytest.approx(
+            hanging((5.0, None), 300.0, near=(1.5, -4.7))[1][0], rel=FOUND
+        )
+
+
+def test_statics_go_on_from_the_last_stage(workshop):
+    """Geometry, lengths and supports are its own, and displacements count from it."""
+    text = CABLES + "[load]\nsteps = 1\n" + PULL[0] + stage("held", hold="[3]") + stage("free", release="[3]")
+    with workshop.run(workshop.job(text, NODES, TWO)) as f:
+        assert np.abs(f["statics/displacement"][-1]).max() < FOUND * 5  # under the weight, as in the stages
+        assert f["statics/tension"][-1] == pytest.approx(f["stages/free/tension"][:], rel=FOUND)
+        assert f["net/unstressed_length"][:].tolist() == [6.0, 5.0]
+
+
+def test_the_shipped_wheel_is_lifted_to_the_form_found_directly(shared_workshop):
+    """Ring forces grow from stage to stage; its last one has the forces of the wheel under its weight."""
+    job, path = ROOT / "jobs" / "wheel_erection.toml", shared_workshop.folder / "wheel.vtkhdf"
+    done = run_on_standing_ranks("run", job, "-o", path)
+    assert done.returncode == 0, done.stderr
+    text = job.read_text()
+    direct = text[: text.index("[[stage]]")] + '[[case]]\nname = "weight"\nset = {"load.snow" = 0.0}\n'
+    with shared_workshop.run(
+        shared_workshop.job(direct.replace("[cable]", "[cable]", 1)), output="d.vtkhdf"
+    ) as f:
+        expected, sunk = f["cases/weight/tension"][:], f["cases/weight/displacement"][:]
+    with shared_workshop.open("wheel.vtkhdf") as f:
+        names = f["net/group_names"].asstr()[:].tolist()
+        rows = {
+            name: f["net/group"][:] == names.index(name)
+            for name in ("ring_outer", "ring_lower", "ring_upper")
+        }
+        stages = [f[f"stages/lift {k}"] for k in range(1, 9)]
+        N, x = stages[-1]["tension"][:], stages[-1]["displacement"][:]
+        assert np.abs(N - expected).max() < FOUND * np.abs(expected).max()
+        assert np.abs(x - sunk).max() < FOUND
+        for name, sign in (("ring_outer", -1), ("ring_lower", 1), ("ring_upper", 1)):
+            forces = np.array([sign * each["tension"][:][rows[name]].mean() for each in stages])
+            assert (np.diff(forces) >= 0).all() and forces[-1] > 2 * forces[3]
+        assert not stages[0]["stable"][()] and stages[-1]["stable"][()]  # struts without bending tip over
+    assert "stage lift 1: in equilibrium" in done.stdout and "NOT STABLE" in done.stdout
+
+
+@pytest.mark.parametrize("name, ranks", [("dome_rings", 3), ("two_cables", 2)])
+def test_targets_and_stages_have_the_same_bits_on_ranks(shared_workshop, name, ranks):
+    """Every dataset of shipped jobs."""
+    results = []
+    for count in (1, ranks):
+        path = shared_workshop.folder / f"{name}-{count}.vtkhdf"
+        done = run_on_standing_ranks("run", ROOT / "jobs" / f"{name}.toml", "-o", path, ranks=count)
+        assert done.returncode == 0, done.stderr
+        results.append(shared_workshop.open(path.name))
+    assert assert_same_results(*results) > 20
+
+
+@pytest.mark.parametrize("looks", [1, 12, 25])
+def test_an_erection_that_is_paused_goes_on_from_its_stage(workshop, looks):
+    """With the bits of one that was not; statics follow."""
+    text = CABLES + "[load]\nsteps = 1\n" + "".join(PULL)
+    job = workshop.job(text, NODES, TWO)
+    whole = workshop.run(job, output="whole.vtkhdf")
+    path = workshop.folder / "paused.vtkhdf"
+    with pytest.raises(Interrupted, match=r"in stage .*, from whose start it goes on"):
+        run_job(MPI.COMM_SELF, read_job(job), path, Progress(False), stop=StopAfter(looks))
+    checkpoint = next(workshop.folder.glob("paused.checkpoint-*"))
+    run_job(MPI.COMM_SELF, read_job(job), path, Progress(False), restart=checkpoint)
+    with workshop.open("paused.vtkhdf") as resumed:
+        assert assert_same_results(whole, resumed) > 20
+
+
+def test_three_hoops_get_their_forces_by_three_diagonals(shared_workshop):
+    """In at most 15 equilibria; the influence of lengths is that of differences."""
+    h, pairs = 1e-4, ("diagonal2", "diagonal3", "diagonal4")  # m: errors of h^2 of the second derivative
+    text = (ROOT / "jobs" / "dome_rings.toml").read_text()
+    text = text[: text.index("[[case]]")]
+    for name in pairs:
+        text += stage(f"{name} +", lengths=f"{{{name} = {{change = {h}}}}}")
+        text += stage(f"{name} -", lengths=f"{{{name} = {{change = {-2 * h}}}}}")
+        text += stage(f"{name} 0", lengths=f"{{{name} = {{change = {h}}}}}")
+    text = text.replace("self_weight = true", "self_weight = true\ntolerance = 1e-10")
+    path = shared_workshop.folder / "targets.toml"
+    path.write_text(text)
+    done = run_on_standing_ranks("run", path, "-o", path.with_suffix(".vtkhdf"))
+    assert done.returncode == 0, done.stderr
+    line = next(line for line in done.stdout.splitlines() if line.startswith("targets: reached in"))
+    assert int(line.split()[3]) <= 15
+    with shared_workshop.open("targets.vtkhdf") as f:
+        names = f["net/group_names"].asstr()[:].tolist()
+        of = lambda N, name: N[f["net/group"][:] == names.index(name)].mean()
+        N = f["form_finding/tension"][:]
+        for name, force in (("hoop1", 7e5), ("hoop2", 1.6e6), ("hoop3", 3.2e6)):
+            assert of(N, name) == pytest.approx(force, rel=FOUND)
+        influence = f["form_finding/target_influence"][:]
+        for k, name in enumerate(pairs):
+            plus, minus = (f[f"stages/{name} {sign}/tension"][:] for sign in "+-")
+            differences = [
+                (of(plus, hoop) - of(minus, hoop)) / (2 * h) for hoop in ("hoop1", "hoop2", "hoop3")
+            ]
+            assert influence[:3, k] == pytest.approx(differences, abs=1e-4 * np.abs(influence[:3, :3]).max())
+
+
+def test_a_node_gets_its_height(workshop):
+    """By the length of one of two cables."""
+    text = CABLES + '[[target]]\nnode = 3\nheight = -2.5\nby = "right"\n'
+    elements = TWO.replace("unstressed_length", "prestress").replace(",5\n", ",0\n")
+    nodes = NODES.replace(f"4,0,-3,0,-{WEIGHT}", "4,0,-3,0,0")
+    loads = '[form_finding]\nmethod = "keep"\nloads = "permanent"\n[load]\nself_weight = true\n'
+    with workshop.run(workshop.job(text + loads, nodes, elements)) as f:
+        assert f["form_finding/position"][2, 2] == pytest.approx(-2.5, abs=FOUND * SPAN)
+
+
+@pytest.mark.parametrize(
+    "text, code, words",
+    [
+        (
+            '[[target]]\ngroup = "left"\nforce = 1e3\nby = "rigth"\n',
+            2,
+            'by = "rigth"|"rigth": neither a group',
+        ),
+        ('[[target]]\ngroup = "left"\nheight = 1e3\nby = "right"\n', 2, "expected group and force, or node"),
+        ('[[target]]\ngroup = "left"\nforce = -10.0\nby = "right"\n', 3, "not reached in"),
+        (stage("s", move="{3 = [0.0, 0.0, 1.0]}"), 2, "move: node 3: an axis that moves must be held"),
+        (stage("s", release="[1, 2]"), 2, "no support holds the part"),
+        (stage("s", hold="[9]"), 2, "hold: no node 9"),
+        (stage("s", active='["lift"]'), 2, 'active: no group "lift"; did you mean "left"?'),
+        (stage("s", lengths="{left = {change = -9.0}}"), 2, "element 1: no length is left"),
+        (stage("s", lengths="{left = {pull = 9.0}}"), 2, "one of change"),
+        (stage("s", lengths="{right = {force = 1.0}}", active='["left"]'), 2, "not there in this stage"),
+        (stage("s", set='{"load.steps" = 3}'), 2, "not what a stage can set"),
+        (stage("s") + stage("s"), 2, "names are unique"),
+    ],
+)
+def test_what_is_wrong_is_named(workshop, text, code, words):
+    """With the place in the job; a target that no length reaches ends the run."""
+    job = workshop.job(CABLES + text, NODES, TWO)
+    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf")
+    assert done.returncode == code, done.stderr
+    assert any(word in done.stderr for word in words.split("|")), done.stderr
+    assert not (workshop.folder / "result.vtkhdf").exists()
