@@ -1,4 +1,4 @@
-"""The keys of the entries of lists of tables: zones, cases, combinations, motions, losses, targets, stages."""
+"""The keys of lists of tables: zones, cases, combinations, motions, losses, targets, stages of erection."""
 
 from netfall.job.cases import CASE, COMBINATION
 from netfall.job.keys import ABSENT, REQUIRED, Key, between, flag, not_negative, positive
