@@ -205,3 +205,24 @@ def test_python_of_the_readme_files_runs(workshop):
             text=True,
         )
         assert done.returncode == 0 and done.stdout, done.stderr
+
+
+def test_the_dome_of_the_page_collapses_as_it_tells(tmp_path):
+    """Its commands, from the drawing to the page; the lines that it shows begin so."""
+    page = ROOT / "jobs" / "DOME.md"
+    run_on_standing_ranks(
+        "run", ROOT / "jobs" / "dome_rings.toml", "-o", tmp_path / "rings.vtkhdf", cwd=tmp_path
+    )
+    for words in ("export rings.vtkhdf -o dome.dxf", "import dome.dxf -o dome --supports supports"):
+        done = run_on_standing_ranks(*words.split(), cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+    (job,) = blocks(page, "toml")
+    (tmp_path / "dome" / "dome.toml").write_text(job)
+    done = run_on_standing_ranks("run", "dome/dome.toml", "-o", "dome.vtkhdf", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (shown,) = blocks(page, "text")
+    lines = shown.strip().splitlines()
+    assert len(lines) == 4
+    for line in lines:
+        pattern = ".*".join(re.escape(part) for part in line.split("..."))
+        assert re.search(f"^{pattern}", done.stdout, re.M), (line, done.stdout)

@@ -38,13 +38,18 @@ def words(text: str) -> list[str]:
 
 def length(text: str) -> float:
     """Metres > 0."""
+    return _positive(text, "a length > 0 in m")
+
+
+def _positive(text: str, what: str) -> float:
+    """A number > 0; what : it is, in words"""
     try:
-        metres = float(text)
+        value = float(text)
     except ValueError:
-        metres = 0.0
-    if not 0.0 < metres < 1e3:
-        raise argparse.ArgumentTypeError(f"{text}: expected a length > 0 in m")
-    return metres
+        value = 0.0
+    if not 0.0 < value < 1e3:
+        raise argparse.ArgumentTypeError(f"{text}: expected {what}")
+    return value
 
 
 def time(text: str) -> float:
@@ -81,13 +86,7 @@ def size(text: str) -> tuple[int, int]:
 
 def factor(text: str) -> float:
     """A number > 0."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0.0 < value < 1e3:
-        raise argparse.ArgumentTypeError(f"{text}: expected a number > 0")
-    return value
+    return _positive(text, "a number > 0")
 
 
 def duration(text: str) -> float:
