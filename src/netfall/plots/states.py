@@ -11,7 +11,9 @@ from netfall.results.file import title_of
 from netfall.results.states import (
     ShownState,
     equilibria,
+    shown_name,
     start_position,
+    start_words,
     state_groups,
     state_words,
     states_of,
@@ -55,7 +57,7 @@ def states(f):
         add_by_force(axes, x[f["net/elements"][:]], N, scale, line_width(len(N)))
         add_supports(f, axes, x)
         slack, factor = int(((N == 0.0) & ~bar).sum()), scale.factor
-        title = f"{stage.name}: {factor * N.min():.4g} to {factor * N.max():.4g} {scale.unit}"
+        title = f"{shown_name(f, stage)}: {factor * N.min():.4g} to {factor * N.max():.4g} {scale.unit}"
         axes.set_title(title + (f", {slack} slack (grey)" if slack else ""))
     _add_bars(figure, scale, everything)
     edge = len(axes.get_legend_handles_labels()[0]) > 1
@@ -85,19 +87,18 @@ def named_state(f, name: str) -> ShownState:
     """The equilibrium of a name: of a case, combination or stage, else rest, statics or form; of a load path
     the last one. Raises InputError for a name that none has.
     """
-    first = next(equilibria(f))
+    first, groups = next(equilibria(f)), state_groups(f)
     if name == first.name:
         return first
-    groups = state_groups(f)
     for group in groups:
         if name in (group, group.split("/", 1)[-1], state_words(group)):
             return list(states_of(f, group))[-1]
-    names = ", ".join([first.name, *(group.split("/", 1)[-1] for group in groups)])
+    names = ", ".join([first.name] * (not first.place) + [group.split("/", 1)[-1] for group in groups])
     raise InputError(f"--case {name}: no such state; this result has {names}")
 
 
 def one_state(f, state: ShownState):
-    """A state on one page: its axial forces with each group's extremes, its deflections from the form."""
+    """A state on one page: its axial forces with each group's extremes, and its deflections."""
     x0, x, N = start_position(f), state.position(), state.tension()
     elements, moved = f["net/elements"][:], x - start_position(f)
     figure, (left, right) = space_panels(np.concatenate([x0, x]), 2, BELOW)
@@ -115,13 +116,13 @@ def one_state(f, state: ShownState):
     _tell_deflection(f, right, x0 + times * moved, moved, size)
     slack = int(((N == 0.0) & ~f["net/bar"][:].astype(bool)).sum())
     left.set_title(f"axial forces, {slack} slack (grey)" if slack else "axial forces")
-    right.set_title(f"deflection from the form, drawn {times:g} times; grey: the form")
+    right.set_title(f"deflection from {start_words(f)} (grey), drawn {times:g} times")
     height = figure.get_figheight()
     force_bars(figure, scale, N, 0.6 * BELOW / height, 0.14 / height, 0.0, 0.5)
     place = figure.add_axes((0.6, 0.6 * BELOW / height, 0.3, 0.14 / height))
     bar = figure.colorbar(plt.cm.ScalarMappable(norm, "viridis"), cax=place, orientation="horizontal")
     bar.set_label("deflection [mm]")
-    heading(figure, title_of(f), f": {state.name}")
+    heading(figure, title_of(f), f": {shown_name(f, state)}")
     return figure
 
 

@@ -119,6 +119,23 @@ def no_equilibrium(group) -> bool:
     return group.attrs.get("state") == "no_equilibrium"
 
 
+def shown_name(f, state: ShownState) -> str:
+    """The name of a state as pictures show it, which says where it is not stable."""
+    unstable = state.place and f[state.place].attrs.get("state") == "unstable"
+    return f"{state.name} (not stable)" if unstable else state.name
+
+
+def start_words(f) -> str:
+    """What displacements count from, in words."""
+    return (
+        "the last stage of erection"
+        if last_stage(f)
+        else "the form"
+        if "form_finding" in f
+        else "the net as given"
+    )
+
+
 def state_words(name: str) -> str:
     """A group of equilibria in words: "case snow" of cases/snow."""
     return re.sub(r"^(case|stage)s/", r"\1 ", name)

@@ -9,7 +9,7 @@ from netfall.plots.collapse import view
 from netfall.results.file import title_of
 from netfall.results.frames import Frames
 from netfall.results.losses import broken_at, lost_at
-from netfall.results.states import start_position
+from netfall.results.states import start_position, start_words
 from netfall.view.numbers import Numbers
 from netfall.view.quantities import Quantity, palette, quantities, without_traces
 from netfall.view.states import Drawn, States, drawn_part, states_shown
@@ -45,6 +45,7 @@ def page_of(f) -> Page:
     data = net | {
         "net": f"{len(x)} nodes, {len(f['net/elements'])} elements",
         "left_out": left_out,
+        "from": start_words(f),
         "window": _window(f, shown, x).tolist(),
         "group": numbers.add(f["net/group"][:].astype(np.int16)[drawn.rows]),
         "groups": f["net/group_names"].asstr()[:].tolist(),

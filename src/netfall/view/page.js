@@ -23,6 +23,7 @@ function netfallPage(k3d) {
   const [state, quantity] = [page.states[0], page.quantities[0]];
   const scene = { k3d, page, state, quantity, frame: 0, scale: 1, picked: -1 };
   byId("words").textContent = [page.net, ...page.left_out.map((words) => `shown: ${words}`)].join("; ");
+  byId("told-start").textContent = `${page.from}, from which displacements count`;
   setControls(scene);
   return loadObjects(scene).then(() => {
     k3d.on(k3d.events.TIME_CHANGE, (time) => showTime(scene, time));

@@ -7,7 +7,7 @@ import numpy as np
 
 from netfall.plots.net import whole_cables
 from netfall.results.frames import Frames
-from netfall.results.states import ShownState, equilibria, start_position
+from netfall.results.states import ShownState, equilibria, shown_name, start_position
 
 MOST_VALUES = 3_500_000  # elements times states of a page
 MOST_ELEMENTS = 100_000  # of larger nets some of the cables are shown
@@ -92,7 +92,7 @@ def _at_rest(f, drawn: Drawn, state: ShownState) -> States:
     moved = state.position()[drawn.origin] - drawn.start
     slack = np.array([((N == 0.0) & ~bar).sum()])
     none = np.zeros(1, int)
-    return States(state.name, np.zeros(0), moved[None], N[drawn.rows][None], None, slack, none)
+    return States(shown_name(f, state), np.zeros(0), moved[None], N[drawn.rows][None], None, slack, none)
 
 
 def _motion(f, drawn: Drawn, every: int) -> States:

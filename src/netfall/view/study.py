@@ -77,6 +77,7 @@ def net_page(study: Study) -> Page:
     data = net_data(numbers, drawn, study.title, study.net["element_id"], x[study.net["fixed"].any(1)])
     data |= {
         "net": f"{len(x)} nodes, {len(elements)} elements; no member was kept",
+        "from": "the net as each member begins",
         "left_out": [f"one in {every} of the elements"] * (every > 1),
         "window": [x.min(0).tolist(), x.max(0).tolist()],
         "group": numbers.add(group.astype(np.int16)[rows]),
