@@ -28,6 +28,7 @@ FLAGS = (
     "losses",
     "fading",
     "motion",  # of supports that are not on springs
+    "band",  # damping over it
     "air",  # its damping, and what moves along
     "growing",
     "energy",
@@ -536,6 +537,8 @@ def draw_dynamics(draw, scene: dict, dt: float, duration: float) -> dict:
         "fragment_mass": draw(st.sampled_from((0.5, 0.05, 0.0))),
         "precision": "double",
     }
+    if scene["band"]:
+        keys |= {"damping_ratio": 0.005, "damping_band": [1.0 / duration, 30.0 / duration]}
     if chance(draw, 4):
         keys["safety"] = 0.6
     if not (scene["fragments"] and scene["fracture"]) and chance(draw, 3):

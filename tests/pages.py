@@ -76,6 +76,7 @@ NOUNS = {  # what a key takes, by its kind
     "path": "path",
     "name": "name",
     "vector": "three numbers",
+    "band": "two numbers, [low, high]",
     "pressure": "number, or three",
     "points": "list of [x, y]",
     "places": "list of [x, y], [x, y, z] or ids",

@@ -19,6 +19,7 @@ from netfall.study.runs import Queue
 # Two values of each kind that most keys allow; numbers, words and names are tried until two of them fit.
 TWO = {
     "flag": (False, True),
+    "band": ([1.0, 2.0], [1.0, 3.0]),
     "vector": ([1.0, 2.0, 3.0], [1.0, 2.0, 4.0]),
     "pressure": (-500.0, [0.0, 0.0, -500.0]),
     "points": ([[0.0, 0.0]], [[0.0, 1.0]]),

@@ -154,6 +154,10 @@ KINDS = {
     "name": Kind("a name in quotes, without / ({meaning})", _name),
     "choice": Kind("{choices}", lambda key, v: isinstance(v, str) and v in key.choices),
     "vector": Kind("three numbers{of}, [x, y, z]{within}", lambda key, v: key.numbers(v, 3)),
+    "band": Kind(
+        "two numbers{of}, [low, high], the second larger,{within}",
+        lambda key, v: key.numbers(v, 2) and v[0] < v[1],
+    ),
     "pressure": Kind(
         "three numbers{of}, [x, y, z], or one number along the normals,{within}",
         lambda key, v: key.number(v) or key.numbers(v, 3),

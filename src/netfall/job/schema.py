@@ -317,6 +317,8 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         ),
         positive("safety", "", 0.8, 'share of the stable step that time_step = "auto" takes', high=1.0),
         not_negative("damping", "1/s", 0.0, "mass-proportional damping zeta", high=1e9),
+        positive("damping_ratio", "", ABSENT, "damping of axial strain, share of the critical", high=0.2),
+        Key("damping_band", "band", ABSENT, "Hz", "over which it has that ratio", low=1e-6, high=1e6),
         not_negative(
             "fragment_mass",
             "",

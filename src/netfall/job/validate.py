@@ -145,6 +145,10 @@ class Validation:
         self._cases(found, lists)
         self._losses(given, found, lists)
         self._motions(given, lists["motions"])
+        moves = given.get("dynamics", {})
+        if ("damping_ratio" in moves) != ("damping_band" in moves):
+            missing = "damping_band" if "damping_ratio" in moves else "damping_ratio"
+            self.wrong("dynamics", f"{missing}: missing; a ratio and the band in which it holds go together")
 
     def _zones(self, lists: dict) -> None:
         for zone in lists["zones"]:

@@ -176,11 +176,17 @@ FIELDS = (
         given=True,
     ),
     _element("reach", np.float64, "", "L / L0 from which it is looked at for fracture", "strengths"),
+    *(
+        _element(
+            f"branch_{k}", np.float64, "N", "V of a branch of the damping over a band", "band", kept=True
+        )
+        for k in "abc"
+    ),
     _element("pending", np.int32, "", "elements that reached eps_u in a step", "fracture"),
     _element("breaks", np.uint8, "", "where those break, as `fracture.decide` has it", "fracture"),
     _slot("other", np.uint32, "", "local number of the far end; in an empty slot the particle's own"),
     _slot("inv_L0", np.float64, "1/m", "1 / unstressed length, 0 in an empty slot"),
-    _slot("slot_element", np.uint32, "", "local number of the element", "inelastic"),
+    _slot("slot_element", np.uint32, "", "local number of the element", "numbered"),
     _slot("slot_EA", np.float64, "N", "axial stiffness, unless it is the same everywhere", "sections", "EA"),
     _slot("slot_bar", np.uint8, "", "1 where compression is carried", "bars", "bar"),
     _slot(
@@ -199,6 +205,7 @@ FIELDS = (
         "plastic_sections",
         "yield_strain",
     ),
+    *(_slot(f"slot_branch_{k}", np.float64, "N", "V of a branch", "band", f"branch_{k}") for k in "abc"),
     _slot("slot_eps_p", np.float64, "", "plastic strain", "plastic", "eps_p"),
     _slot(
         "slot_reach",
@@ -236,6 +243,7 @@ class Features:
     wind: bool = False
     air: bool = False  # air damping
     air_mass: bool = False
+    band: tuple[float, ...] = ()  # `material.band_branches` of the damping over a band
     tapped: bool = False  # the wind is given as pressures in time, which are not squared
     varying: bool = False  # forces besides the wind that vary in time
     strain: str = "engineering"  # its measure
@@ -262,7 +270,12 @@ class Features:
     @property
     def other_works(self) -> bool:
         """Whether the audit has more than external, internal and damping work."""
-        return self.energy and (self.air or self.motion)
+        return self.energy and bool(self.air or self.band or self.motion)
+
+    @property
+    def numbered(self) -> bool:
+        """Whether the slots know their elements."""
+        return self.inelastic or bool(self.band)
 
     @property
     def plastic_sections(self) -> bool:

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.ground.compile import kernel, part_of_kernel
+from netfall.ground.compile import inner_kernel, kernel, part_of_kernel
 from netfall.numerics.arithmetic import (
     exponential,
     exponential_less_one,
@@ -42,6 +42,7 @@ class Law(NamedTuple):
         same
     reach : L / L0 from which an element is looked at for fracture (the least, where they differ), None:
         nothing breaks
+    branches : (13,) of `set_branches`, None: there are none
     """
 
     logarithmic: bool | None
@@ -50,6 +51,7 @@ class Law(NamedTuple):
     yield_force: float | None
     yield_strain: float | None
     reach: float | None
+    branches: np.ndarray | None = None
 
 
 def law_of(
@@ -150,6 +152,100 @@ def energies_at(elements, e, L, eps_p, law):
     if elements.yield_force is not None and now != eps_p:
         heat = yield_energy(elements, e, eps_p, now, law)
     return now, heat, stored_energy(elements, e, N, now, law)
+
+
+# --- damping over a band: Maxwell branches beside an element, each a spring and a dashpot
+#
+# Of the axial force N a branch holds V, which follows it: V' = (N - V) / tau. It adds alpha (N - V), so a
+# cable carries max(0, N + sum alpha (N - V)). In the step V lives at n - 1/2, as velocities do, and N(n)
+# holds from n - 1/2 to n + 1/2: second order, for steps of any length.
+
+
+def band_branches(ratio: float, low: float, high: float) -> tuple[float, ...]:
+    """alpha, tau [s] of three branches for a damping ratio over a band [Hz]: three of each.
+
+    At low, sqrt(low high), high: with the largest ratio e that a branch has alone, alpha = 8 e^2 + 4 e
+    sqrt(4 e^2 + 1), tau = 1 / (sqrt(1 + alpha) 2 pi f). e such that the ratio is that asked in the middle,
+    and in the mean of both ends.
+    """
+    at = np.array([low, np.sqrt(low * high), high])
+    beside, apart = 2.0 / (at[1] / low + low / at[1]), 2.0 / (high / low + low / high)
+    end = middle = 0.5 * ratio
+    for _ in range(40):
+        e = np.array([end, middle, end])
+        alpha = 8.0 * e * e + 4.0 * e * np.sqrt(4.0 * e * e + 1.0)
+        tau = 1.0 / (np.sqrt(1.0 + alpha) * 2.0 * np.pi * at)
+        phase = 2.0 * np.pi * at[:, None] * tau
+        share = alpha / (1.0 + phase * phase)
+        found = (share * phase).sum(1) / (2.0 * (1.0 + (share * phase * phase).sum(1)))
+        lack_end, lack_middle = ratio - 0.5 * (found[0] + found[2]), ratio - found[1]
+        det = (1.0 + apart) - 2.0 * beside * beside
+        end += (lack_end - beside * lack_middle) / det
+        middle += ((1.0 + apart) * lack_middle - 2.0 * beside * lack_end) / det
+    return (*alpha.tolist(), *tau.tolist())
+
+
+def stiffening(branches: tuple[float, ...]) -> float:
+    """By how much branches make an element stiffer at most: 1 + sum alpha."""
+    return 1.0 + sum(branches[:3])
+
+
+@inner_kernel
+def set_branches(before_dt, kick_dt, law):
+    """What branches do in a step: 1 + sum a, three a, three shares that stay of V in a kick, from place 6.
+
+    before_dt : [s] length of the step before; kick_dt : [s], from n - 1/2 to n + 1/2
+    """
+    b = law.branches
+    b[6] = 1.0
+    for k in range(3):
+        b[7 + k] = b[k] * exponential(-0.5 * before_dt / b[3 + k])
+        b[10 + k] = exponential(-kick_dt / b[3 + k])
+        b[6] += b[7 + k]
+
+
+@part_of_kernel
+def force_of_branches(N, a, b, c, bar, law):
+    """Axial force [N] that branches add to N [N] of an element; a, b, c : their V [N]"""
+    of = law.branches
+    total = of[6] * N - (of[7] * a + of[8] * b + of[9] * c)
+    return (total if bar or total > 0.0 else 0.0) - N
+
+
+@part_of_kernel
+def density_of_branches(q, d, s, p, slots, law):
+    """N / L [N/m] that branches add to q of the element in slot s of particle p; their V goes on to n + 1/2.
+
+    d : three [m], from the particle to the far end
+    """
+    square, of = squared_length(d), law.branches
+    per_length = inverse_root(square)
+    N = q * (square * per_length)
+    a, b, c = slots.branch_a[s, p], slots.branch_b[s, p], slots.branch_c[s, p]
+    bar = False if slots.bar is None else slots.bar[s, p] != 0
+    slots.branch_a[s, p] = fused(of[10], a - N, N)
+    slots.branch_b[s, p] = fused(of[11], b - N, N)
+    slots.branch_c[s, p] = fused(of[12], c - N, N)
+    return force_of_branches(N, a, b, c, bar, law) * per_length
+
+
+@kernel
+def add_branches(x, elements, now, law, f_int, f_band):
+    """Add the forces of the branches at x (n, 3) [m] to f_int (n, 3) [N]; alone to f_band (n, 3) [N]."""
+    for p in range(f_band.shape[0]):
+        f_band[p, 0] = f_band[p, 1] = f_band[p, 2] = 0.0
+    for e in range(elements.ends.shape[0]):
+        if elements.EA[e] == 0.0:
+            continue
+        V = elements.branch_a[e], elements.branch_b[e], elements.branch_c[e]
+        q = force_of_branches(now.N[e], V[0], V[1], V[2], elements.bar[e] != 0, law) / now.L[e]
+        start, end = elements.ends[e, 0], elements.ends[e, 1]
+        for k in range(3):
+            pull = q * (x[end, k] - x[start, k])
+            f_band[start, k] += pull
+            f_band[end, k] -= pull
+            f_int[start, k] += pull
+            f_int[end, k] -= pull
 
 
 # --- arrays of elements

@@ -35,6 +35,7 @@ class State:
         for field in FIELDS:
             rows = m if field.entity == "element" else self.n_local
             setattr(self, field.name, self._zeros(field, rows) if features.has(field) else None)
+        self.branches = np.append(features.band, np.zeros(7)) if features.band else None
         self._tuples: dict = {}
 
     @property
@@ -104,7 +105,7 @@ class State:
             alike(self.EA, self.slot_EA),
             alike(self.yield_force, self.slot_yield_force),
             least,
-        )
+        )._replace(branches=self.branches)
         return self._tuples["law"]
 
     def elements_now(self) -> ElementState:

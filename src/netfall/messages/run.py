@@ -212,6 +212,7 @@ def feature_words(job: Job, model: Model) -> str:
         ("temperature", bool(load and load.temperature)),
         ("elastic supports", features.springs),
         ("supports that move", features.motion),
+        ("damping over a band", bool(features.band)),
         ("air damping", features.air),
         ("air that moves along", features.air_mass),
         (f"{features.strain} strain", features.strain != Features.strain),

@@ -9,6 +9,7 @@ from netfall.job.asks import air_damps, air_moves, moves_supports, varies
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
 from netfall.mechanics.fields import Features
+from netfall.mechanics.material import band_branches
 from netfall.model.cases import Inputs, read_cases
 from netfall.model.idle import idle_zones, without_effect
 from netfall.model.loads import shape_coefficients
@@ -90,6 +91,12 @@ def layout_digest(job: Job, net: Net) -> str:
     return total.hexdigest()
 
 
+def band_of(job: Job) -> tuple[float, ...]:
+    """The branches of the damping over a band; none without it."""
+    moves = job.dynamics
+    return band_branches(moves.damping_ratio, *moves.damping_band) if moves and moves.damping_ratio else ()
+
+
 def features_of(job: Job, net: Net) -> Features:
     """What the scene has, as the job names it."""
     differ = lambda values: bool((values != values[:1]).any())
@@ -101,6 +108,7 @@ def features_of(job: Job, net: Net) -> Features:
         air=air_damps(job),
         motion=moves_supports(job),
         air_mass=air_moves(job),
+        band=band_of(job),
         tapped=job.wind is not None and job.wind.pressures is not None,
         varying=varies(job),
         springs=bool(net.spring.any()),

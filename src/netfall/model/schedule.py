@@ -7,6 +7,7 @@ import numpy as np
 from netfall.ground.errors import InputError
 from netfall.job.job import Job
 from netfall.mechanics.fields import Features
+from netfall.mechanics.material import stiffening
 from netfall.mechanics.stability import Limit, after_fracture_limit, any_shape_limits
 from netfall.model.model import Model
 
@@ -105,7 +106,8 @@ def stride_of(ratio: float) -> int:
 
 def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[str, Limit]:
     """Limits of the explicit step that hold whatever the net does, by name. Rank 0."""
-    elements, EA, L0, mass = model.net.elements, model.net.EA, model.L0, model.own_mass
+    elements, L0, mass = model.net.elements, model.L0, model.own_mass
+    EA = model.net.EA * stiffening(features.band) if features.band else model.net.EA
     limits = any_shape_limits(elements, EA, L0, mass, model.net.moves, model.net.bar, model.net.support)
     if features.fracture and features.fragments:
         limits.append(

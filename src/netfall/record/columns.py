@@ -58,7 +58,7 @@ def _identity(now: Moment) -> float:
 
 def _balance(now: Moment) -> float:
     e = now.energies
-    return e.kinetic + now.strain + now.plastic + e.damping + e.air - e.external - e.support
+    return e.kinetic + now.strain + now.plastic + e.damping + e.air + e.band - e.external - e.support
 
 
 SHARE = "share of the largest energy that took part so far"
@@ -75,6 +75,13 @@ HISTORY = (
     ),
     Column("damping_work", "J", "", lambda now: now.energies.damping),
     Column("air_work", "J", "taken by `[wind] air_damping`", lambda now: now.energies.air, needs="air"),
+    Column(
+        "band_damping_work",
+        "J",
+        "against the branches of `damping_ratio`: what they dissipated, and the little that they store",
+        lambda now: now.energies.band,
+        needs="band",
+    ),
     Column(
         "support_work",
         "J",

@@ -21,6 +21,7 @@ from netfall.mechanics.elements import ElementState, add_tensions, element_energ
 from netfall.mechanics.fields import OTHER_WORKS
 from netfall.mechanics.ground import pull_of_ground, velocity_after, works_of_motion
 from netfall.mechanics.loads import external_force, squared_speed, wind_speed
+from netfall.mechanics.material import add_branches, set_branches
 from netfall.mechanics.motion import along_x, along_y, along_z, inverse_mass, kicked, make_kick
 from netfall.mechanics.state import State
 from netfall.mechanics.supports import add_springs, spring_energy
@@ -32,7 +33,8 @@ from netfall.record.envelope import NO_ENVELOPE, widen
 class Energies:
     """Energies [J] at one time. `internal` is the work done against the elements' forces.
 
-    air : work of the air's damping; support : of the ground, on what it moves; 0 where there is none
+    air, band : work of the air's damping, and against branches; support : of the ground, on what it moves;
+    0 where there is none
     """
 
     kinetic: float
@@ -67,7 +69,7 @@ def energies_along(p, axis, internal, external, total, part, kick, particles):
 
 
 @inner_kernel
-def particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, velocity, terms):
+def particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, f_band, velocity, terms):
     """Velocity and energy terms of owned particles at the very time n, part of the way through the kick.
 
     rows : (r,) local numbers; part : share of the kick that comes before n, 1/2 between equal steps
@@ -107,8 +109,14 @@ def particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, veloci
             terms[3, i] = -(internal[p] + bx + by + bz)
         if particles.other_work is not None:
             air, band, support = particles.other_work
+            along_band = 0.0
+            if f_band is not None:
+                v = particles.v
+                along_band = (v[0][p] + vx) * f_band[p, 0]
+                along_band += (v[1][p] + vy) * f_band[p, 1] + (v[2][p] + vz) * f_band[p, 2]
             terms[4, i] = air[p] + air_work_before(p, part, pull, along, kick, particles)
-            terms[5, i], terms[6, i] = band[p], support[p] + dx + dy + dz
+            terms[5, i] = band[p] - 0.5 * part * kick_dt * along_band
+            terms[6, i] = support[p] + dx + dy + dz
 
 
 @kernel
@@ -119,14 +127,17 @@ def observe(rows, part, kick_dt, zeta, share, x, springs, particles, elements, l
     envelope : of `Envelope.at`, taken in
     The slack cables of this rank, and the largest size of a strain
     """
-    f_int, velocity, now, heat, terms, stored, sums = room
+    f_int, velocity, now, heat, terms, stored, sums, _ = room
     for p in range(f_int.shape[0]):
         f_int[p, 0] = f_int[p, 1] = f_int[p, 2] = 0.0
     element_state(x, elements, law, now)
     add_tensions(x, elements.ends, now.N, now.L, f_int)
+    if law.branches is not None:
+        set_branches(2.0 * part * kick_dt, kick_dt, law)
+        add_branches(x, elements, now, law, f_int, room.f_band)
     if springs is not None:
         add_springs(x, springs[0], springs[1], springs[2], f_int)
-    particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, velocity, terms)
+    particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, room.f_band, velocity, terms)
     element_energies(elements, now, law, stored, heat)
     slack, largest = 0, 0.0
     for e in range(now.N.shape[0]):
@@ -151,6 +162,7 @@ class Room(NamedTuple):
 
     terms : (4, r) or (7, r) [J], as of `particle_energies`; stored : (m,) [J]
     sums : (terms + 2, LIMBS), exact, of this rank: those, stored and heat
+    f_band : (n, 3) [N] of the branches alone, None: there are none
     """
 
     f_int: np.ndarray
@@ -160,6 +172,7 @@ class Room(NamedTuple):
     terms: np.ndarray
     stored: np.ndarray
     sums: np.ndarray
+    f_band: np.ndarray | None
 
 
 @dataclass
@@ -210,7 +223,8 @@ def make_room(state: State) -> Snapshot:
     terms, sums = np.empty((count, len(rows))), np.zeros((count + 2, LIMBS), np.int64)
     N, eps, eps_p, L, stored, heat = np.empty((6, m))
     arrays = np.empty_like(state.x), np.empty((len(rows), 3)), ElementState(N, eps, eps_p, L)
-    return Snapshot(rows, Room(*arrays, heat, terms, stored, sums))
+    f_band = np.empty_like(state.x) if state.features.band else None
+    return Snapshot(rows, Room(*arrays, heat, terms, stored, sums, f_band))
 
 
 def take_snapshot(

@@ -9,7 +9,7 @@ from netfall.model.probes import Probes
 from netfall.record.columns import HISTORY, Moment
 
 AT_REST = 1e-4  # of the energy stored at the start: what moves with less is at rest, and rounding counts
-DAMPING = ("damping_work", "air_work")
+DAMPING = ("damping_work", "air_work", "band_damping_work")
 MOST_STRAIN = 0.1  # that any cable bears; what is beyond it without a limit of its own is told
 
 

@@ -322,6 +322,7 @@ GROUPS = (
             row("shape", "k, n, 3", NONE, "the largest displacement is 1"),
             row("effective_mass", "k, 3", NONE, "share of the mass that moves along x, y, z"),
             row("damping_ratio", "k", NONE, "share of the critical damping that `dynamics.damping` has"),
+            row("band_damping_ratio", "k", NONE, "that of `dynamics.damping_ratio`"),
             row("air_damping_ratio", "k", NONE, "that of `wind.air_damping` at the mean wind"),
         ),
     ),

@@ -43,6 +43,8 @@ def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
     schedule = scene.schedule
     desk.progress.say(f"dynamics: {scene.job.dynamics.duration:g} s in {steps_line(schedule)}")
     start = start_energies(scene) if desk.saver.stage != NAME else None
+    if start and scene.state.features.band:
+        rest_branches(scene.state)
     simulation = Simulation(scene, desk, loads, removal)
     if start:
         simulation.begin(start)
@@ -60,6 +62,12 @@ def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
 def start_energies(scene: Scene) -> Energies:
     """The energies at the start. Collective."""
     return total_energies(scene.comm, scene.state, take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0))
+
+
+def rest_branches(state) -> None:
+    """The branches of all elements as they are where it has long been at rest: they add nothing."""
+    N = state.elements_now().N
+    state.branch_a[:], state.branch_b[:], state.branch_c[:] = N, N, N
 
 
 def sections(scene: Scene, simulation) -> dict[str, dict[str, np.ndarray]]:

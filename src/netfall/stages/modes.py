@@ -18,7 +18,7 @@ from netfall.job.asks import air_moves, has_statics, rests_at_loss
 from netfall.job.job import Job
 from netfall.job.values import listed
 from netfall.mechanics.air import rooted
-from netfall.mechanics.material import elastic_stiffness
+from netfall.mechanics.material import band_branches, elastic_stiffness
 from netfall.model.model import Model
 from netfall.multigrid.tangent import block_matrix, incidence_of
 from netfall.net.net import GRAVITY, Net
@@ -47,12 +47,14 @@ class Modes:
     shape : (k, n, 3), the largest displacement of a node is 1, its largest component positive
     effective_mass : (k, 3) share of the mass that moves along each axis: (u.M e)^2 / (u.M u) / (e.M e), u the
         shape, e the unit motion along the axis (Chopra, Dynamics of Structures, 13.2)
+    stretch : (k,) share of its stiffness that is that of elements along themselves, not of their prestress
     unstable : how many omega^2 of the net are below zero
     """
 
     period: np.ndarray
     shape: np.ndarray
     effective_mass: np.ndarray
+    stretch: np.ndarray
     unstable: int
 
     def damping_ratio(self, zeta: float) -> np.ndarray:
@@ -71,7 +73,7 @@ def modes_at(x, net: Net, N, L0, mass, count: int, strain: str = "engineering") 
 
     moves = np.flatnonzero((~net.fixed & (mass > 0.0)[:, None]).ravel())
     if not len(moves):
-        return Modes(np.zeros(0), np.zeros((0, net.n, 3)), np.zeros((0, 3)), 0)
+        return Modes(np.zeros(0), np.zeros((0, net.n, 3)), np.zeros((0, 3)), np.zeros(0), 0)
     along = x[net.elements[:, 1]] - x[net.elements[:, 0]]
     L = np.linalg.norm(along, axis=1)
     stiffness = elastic_stiffness(net.EA, L0, L, strain)
@@ -91,7 +93,11 @@ def modes_at(x, net: Net, N, L0, mass, count: int, strain: str = "engineering") 
         _periods(values, scaled.diagonal().max()),
         _effective_mass(vectors, 1.0 / root, moves % 3),
     )
-    return Modes(periods, _scaled(shape.reshape(-1, net.n, 3)), share, unstable)
+    shape, direction = _scaled(shape.reshape(-1, net.n, 3)), along / L[:, None]
+    longer = np.sum((shape[:, net.elements[:, 1]] - shape[:, net.elements[:, 0]]) * direction, axis=2)
+    stiff = np.maximum(values, STILL * scaled.diagonal().max()) * (np.sum(shape**2, axis=2) @ mass)
+    stretch = np.divide(longer**2 @ axial, stiff, out=np.zeros(len(values)), where=stiff > 0.0)
+    return Modes(periods, shape, share, stretch, unstable)
 
 
 def _effective_mass(vectors: np.ndarray, root: np.ndarray, axis: np.ndarray) -> np.ndarray:
@@ -178,6 +184,8 @@ def modes_section(job: Job, model: Model, modes: Modes) -> dict[str, np.ndarray]
     section = {"period": modes.period, "shape": modes.shape, "effective_mass": modes.effective_mass}
     if job.dynamics:
         section["damping_ratio"] = mass_damping(job, model, modes)
+    if job.dynamics and job.dynamics.damping_ratio:
+        section["band_damping_ratio"] = band_damping(job, modes)
     if model.air is not None:
         section["air_damping_ratio"] = air_damping(job, model, modes)
     return section
@@ -241,6 +249,11 @@ def _damping_lines(job: Job, model: Model, modes: Modes) -> list[str]:
             f"falling: damping = {zeta:g} 1/s holds back what falls too: it comes to no more than "
             f"g / damping = {GRAVITY / zeta:.4g} m/s"
         )
+    if job.dynamics.damping_ratio:
+        lines.append(
+            f"damping: damping_ratio is {_row(100.0 * band_damping(job, modes))} % in them: it acts on the "
+            f"stretch of elements, {_row(100.0 * modes.stretch)} % of their stiffness; the rest is prestress"
+        )
     if job.wind is None or not np.isfinite(modes.period).any():
         return lines
     if model.air is not None:
@@ -263,6 +276,13 @@ def mass_damping(job: Job, model: Model, modes: Modes) -> np.ndarray:
         return ratio
     square = np.sum(modes.shape**2, axis=2)
     return ratio * ((square @ model.own_mass) / (square @ model.mass))
+
+
+def band_damping(job: Job, modes: Modes) -> np.ndarray:
+    """Share (k,) of the critical damping that `damping_ratio` has: of the stretch of elements alone."""
+    alpha, tau = np.reshape(band_branches(job.dynamics.damping_ratio, *job.dynamics.damping_band), (2, 3))
+    phase = 2.0 * np.pi / modes.period[:, None] * tau
+    return 0.5 * modes.stretch * np.sum(alpha * phase / (1.0 + phase * phase), axis=1)
 
 
 def air_damping(job: Job, model: Model, modes: Modes, kappa: float | None = None) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.mechanics.elements import add_stiffness, geometric_stiffness
-from netfall.mechanics.material import largest_stiffness
+from netfall.mechanics.material import largest_stiffness, stiffening
 from netfall.mechanics.stability import Limit
 from netfall.mechanics.state import State
 from netfall.numerics.linear import top_of_tridiagonal
@@ -83,7 +83,8 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
     halo.update(shape)
     energy = axial * np.sum((shape[s.ends[:, 1]] - shape[s.ends[:, 0]]) * direction, axis=1) ** 2
     largest = (float(energy.max()), -int(element_gid[np.argmax(energy)])) if len(energy) else (-1.0, 1)
-    return Limit("assembled", 2.0 / float(np.sqrt(top + missing)), -max(comm.allgather(largest))[1])
+    top = (top + missing) * stiffening(s.features.band)
+    return Limit("assembled", 2.0 / float(np.sqrt(top)), -max(comm.allgather(largest))[1])
 
 
 def _top(diagonal: list[float], beside: list[float]) -> tuple[float, np.ndarray]:
@@ -100,6 +101,7 @@ def long_step_allowed(comm: MPI.Comm, state: State, halo: Halo, dt: float, margi
     halo : of any width
     """
     s, k = state, np.where(state.EA > 0.0, largest_stiffness(state.EA, state.L0), 0.0)
+    k = k * stiffening(s.features.band) if s.features.band else k
     stiffness = np.bincount(s.ends.ravel(), np.repeat(k, 2), s.n_local)
     if s.features.springs:
         stiffness += s.spring[: s.n_local].max(1)

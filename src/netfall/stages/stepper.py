@@ -7,6 +7,7 @@ from netfall.job.asks import carries_weight
 from netfall.mechanics.air import lose_all_wind
 from netfall.mechanics.events import COLUMNS
 from netfall.mechanics.fracture import FractureRules
+from netfall.mechanics.material import stiffening
 from netfall.mechanics.state import State
 from netfall.net.net import GRAVITY
 from netfall.parallel.halo import Halo
@@ -38,6 +39,9 @@ class Stepper:
         self.zeta = job.dynamics.damping
         self.ground = ground_of(scene.comm, self.model, self.state)
         self.after_fracture = job.wind.after_fracture if job.wind else "none"
+        stable_dt = schedule.stable_dt  # of branches, which make elements stiffer, a longer one
+        if self.state.features.band:
+            stable_dt *= float(np.sqrt(stiffening(self.state.features.band)))
         rules = FractureRules(
             particles=distribution.n,
             n_owned=self.state.n_owned,
@@ -47,7 +51,7 @@ class Stepper:
             own_weighs=bool(job.load and job.load.self_weight),
             carried_weighs=carries_weight(job),
             wind_stays=self.after_fracture != "particle",
-            stable_dt=schedule.stable_dt if self.state.features.fragments else None,
+            stable_dt=stable_dt if self.state.features.fragments else None,
         )
         self.subdomain = distribution.subdomain
         self.halo = Halo(scene.comm, self.subdomain, halo_width(self.state))
@@ -57,7 +61,7 @@ class Stepper:
         self.slack, self.stopping, self.watched = 0, False, False
         self.tearing = None
         if self.after_fracture == "panels":
-            self.tearing = Tearing(scene.comm, distribution, self.model, self.log.broken, schedule.stable_dt)
+            self.tearing = Tearing(scene.comm, distribution, self.model, self.log.broken, stable_dt)
         with self.phases.phase("time loop"):  # compiled, or loaded
             self.plan.run(
                 Interval(0, 0, 0.0, schedule.dt, self.zeta, 0.0, 1.0, ground=self.ground),

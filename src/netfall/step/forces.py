@@ -11,7 +11,7 @@ from netfall.mechanics.air import with_air
 from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.ground import pull_of_ground, velocity_after, works_of_motion
 from netfall.mechanics.loads import external_force, squared_speed, wind_speed
-from netfall.mechanics.material import force_density
+from netfall.mechanics.material import density_of_branches, force_density
 from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
 from netfall.mechanics.supports import spring_force
 from netfall.numerics.arithmetic import fused
@@ -24,14 +24,18 @@ def add_force(p, o, s, so_far, x, slots, law):
 
     Where the slots hold plastic strains, a cable's yield is kept.
 
-    o : its far end; so_far : the same without it; x : positions [m], three of (n,)
+    o : its far end; so_far : the same without it, and the forces of the branches alone, three; x : positions
+    [m], three of (n,)
     """
-    fx, fy, fz, near = so_far
+    fx, fy, fz, near, bx, by, bz = so_far
     dx, dy, dz = x[0][o] - x[0][p], x[1][o] - x[1][p], x[2][o] - x[2][p]
     q, found, yielded = force_density((dx, dy, dz), s, p, slots, law)
     if slots.eps_p is not None:
         slots.eps_p[s, p] = yielded
-    return fused(q, dx, fx), fused(q, dy, fy), fused(q, dz, fz), near | found
+    if slots.branch_a is not None:
+        more = density_of_branches(q, (dx, dy, dz), s, p, slots, law)
+        bx, by, bz, q = fused(more, dx, bx), fused(more, dy, by), fused(more, dz, bz), q + more
+    return fused(q, dx, fx), fused(q, dy, fy), fused(q, dz, fz), near | found, bx, by, bz
 
 
 @part_of_kernel
@@ -40,7 +44,8 @@ def four_forces(p, far, x, slots, law):
 
     far : their far ends. Numbers have one type each, or all would be compiled for each type that occurs.
     """
-    found = add_force(p, far[0], np.int64(0), (0.0, 0.0, 0.0, np.bool_(False)), x, slots, law)
+    so_far = (0.0, 0.0, 0.0, np.bool_(False), 0.0, 0.0, 0.0)
+    found = add_force(p, far[0], np.int64(0), so_far, x, slots, law)
     found = add_force(p, far[1], np.int64(1), found, x, slots, law)
     found = add_force(p, far[2], np.int64(2), found, x, slots, law)
     return add_force(p, far[3], np.int64(3), found, x, slots, law)
@@ -67,11 +72,12 @@ def kick_axis(p, i, internal, external, total, kick, axis, f, particles):
 
 
 @part_of_kernel
-def kick_particle(p, i, force, kick, particles, f):
+def kick_particle(p, i, force, branches, kick, particles, law, f):
     """Kick and work of particle p under its internal forces [N] and the external ones.
 
-    Totals to row i of f.
+    Totals to row i of f. branches : three [N], of the branches alone
     """
+    vx, vy, vz = particles.v[0][p], particles.v[1][p], particles.v[2][p]
     speed, square = 0.0, 0.0
     if particles.wind is not None:
         speed = wind_speed(p, particles, kick.share)
@@ -96,7 +102,11 @@ def kick_particle(p, i, force, kick, particles, f):
     ay, by, cy, dy = kick_axis(p, i, ny, ey, total[1], kick, y, f[1], particles)
     az, bz, cz, dz = kick_axis(p, i, nz, ez, total[2], kick, z, f[2], particles)
     if particles.other_work is not None:
-        air, _, support = particles.other_work
+        air, band, support = particles.other_work
+        if law.branches is not None:
+            v = particles.v
+            way = (vx + v[0][p]) * branches[0] + (vy + v[1][p]) * branches[1] + (vz + v[2][p]) * branches[2]
+            band[p] = band[p] - 0.5 * kick.dt * way
         if particles.air is not None:
             air[p] = air[p] + kick.dt * (pull * along)
         if particles.ground is not None:
@@ -136,11 +146,13 @@ def kick_splits(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
     origin, x, f, other = np.uint64(chunks.low[c]), particles.x, scratch.f, slots.other
     kick = make_kick(kick_dt, zeta, share)
     for p in range(origin, np.uint64(chunks.high[c])):
-        so_far, i = (0.0, 0.0, 0.0, np.bool_(False)), p - origin
-        fx, fy, fz, found = add_force(p, np.uint64(other[0, p]), np.int64(0), so_far, x, slots, law)
+        so_far, i = (0.0, 0.0, 0.0, np.bool_(False), 0.0, 0.0, 0.0), p - origin
+        fx, fy, fz, found, bx, by, bz = add_force(
+            p, np.uint64(other[0, p]), np.int64(0), so_far, x, slots, law
+        )
         if scratch.near is not None:
             scratch.near[i] = 1 if found else 0
-        kick_particle(p, i, (fx, fy, fz), kick, particles, f)
+        kick_particle(p, i, (fx, fy, fz), (bx, by, bz), kick, particles, law, f)
 
 
 @vector_kernel
@@ -151,21 +163,34 @@ def kick_gathered(c, kick_dt, zeta, share, chunks, particles, slots, law, scratc
     kick = make_kick(kick_dt, zeta, share)
     for p in range(origin, end):
         i = p - origin
-        f[0][i], f[1][i], f[2][i], found = four_forces(p, far_ends(p, other), x, slots, law)
+        f[0][i], f[1][i], f[2][i], found, bx, by, bz = four_forces(p, far_ends(p, other), x, slots, law)
         if scratch.near is not None:
             scratch.near[i] = 1 if found else 0
+        if scratch.band is not None:
+            scratch.band[0][i], scratch.band[1][i], scratch.band[2][i] = bx, by, bz
     for s in range(SLOTS, chunks.width[c]):
         for p in range(origin, end):
             i = p - origin
-            so_far = (f[0][i], f[1][i], f[2][i], np.bool_(False))
-            f[0][i], f[1][i], f[2][i], found = add_force(
+            bx, by, bz = row_of(scratch.band, i)
+            so_far = (f[0][i], f[1][i], f[2][i], np.bool_(False), bx, by, bz)
+            f[0][i], f[1][i], f[2][i], found, bx, by, bz = add_force(
                 p, np.uint64(other[s, p]), np.int64(s), so_far, x, slots, law
             )
+            if scratch.band is not None:
+                scratch.band[0][i], scratch.band[1][i], scratch.band[2][i] = bx, by, bz
             if scratch.near is not None:
                 scratch.near[i] |= 1 if found else 0
     for p in range(origin, end):
         i = p - origin
-        kick_particle(p, i, (f[0][i], f[1][i], f[2][i]), kick, particles, f)
+        kick_particle(p, i, row_of(f, i), row_of(scratch.band, i), kick, particles, law, f)
+
+
+@part_of_kernel
+def row_of(columns, i):
+    """Row i of three columns, zeros where there are none."""
+    if columns is None:
+        return 0.0, 0.0, 0.0
+    return columns[0][i], columns[1][i], columns[2][i]
 
 
 @part_of_kernel
@@ -180,6 +205,7 @@ def kick_runs(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
     origin = np.uint64(chunks.low[c])  # unsigned: no index then counts from the end
     _, spans, whole, rest, loose = chunks.runs
     x, f, f_rest, near_rest, other = particles.x, scratch.f, scratch.f_rest, scratch.near_rest, slots.other
+    band, band_rest = scratch.band, scratch.band_rest
     kick = make_kick(kick_dt, zeta, share)
     for r in range(spans[c, 0], spans[c, 1]):
         s0, s1, s2, s3 = (
@@ -190,22 +216,30 @@ def kick_runs(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
         )
         for p in range(np.uint64(whole[r, 0]), np.uint64(whole[r, 1])):
             i = p - origin
-            fx, fy, fz, found = four_forces(p, (p + s0, p + s1, p + s2, p + s3), x, slots, law)
+            fx, fy, fz, found, bx, by, bz = four_forces(p, (p + s0, p + s1, p + s2, p + s3), x, slots, law)
             if scratch.near is not None:
                 scratch.near[i] = 1 if found else 0
-            kick_particle(p, i, (fx, fy, fz), kick, particles, f)
+            kick_particle(p, i, (fx, fy, fz), (bx, by, bz), kick, particles, law, f)
     first, last = np.uint64(spans[c, 2]), np.uint64(spans[c, 3])
     filled_up = first + np.uint64((spans[c, 3] - spans[c, 2] + LANES - 1) // LANES * LANES)
+    if slots.branch_a is not None:  # whose state goes on once in a step
+        filled_up = last
     for i in range(first, filled_up):
         p, k = np.uint64(rest[i]), i - first
-        f_rest[0][k], f_rest[1][k], f_rest[2][k], found = four_forces(p, far_ends(p, other), x, slots, law)
+        f_rest[0][k], f_rest[1][k], f_rest[2][k], found, bx, by, bz = four_forces(
+            p, far_ends(p, other), x, slots, law
+        )
         near_rest[k] = 1 if found else 0
+        if scratch.band is not None:
+            band_rest[0][k], band_rest[1][k], band_rest[2][k] = bx, by, bz
     for i in range(first, last):
         k, row = i - first, rest[i] - origin
         f[0][row], f[1][row], f[2][row] = f_rest[0][k], f_rest[1][k], f_rest[2][k]
         if scratch.near is not None:
             scratch.near[row] = near_rest[k]
+        if scratch.band is not None:
+            band[0][row], band[1][row], band[2][row] = band_rest[0][k], band_rest[1][k], band_rest[2][k]
     for r in range(spans[c, 4], spans[c, 5]):
         for p in range(np.uint64(loose[r, 0]), np.uint64(loose[r, 1])):
             i = p - origin
-            kick_particle(p, i, (f[0][i], f[1][i], f[2][i]), kick, particles, f)
+            kick_particle(p, i, row_of(f, i), row_of(scratch.band, i), kick, particles, law, f)

@@ -18,6 +18,7 @@ import numpy as np
 from netfall.ground.compile import kernel, part_of_kernel, vector_kernel
 from netfall.mechanics.events import StepDone
 from netfall.mechanics.ground import Ground, move_ground, velocity_after
+from netfall.mechanics.material import set_branches
 from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
 from netfall.parallel.halo import receive_forces, send_forces, wait_for_neighbours
 from netfall.parallel.mpi_symbols import lap
@@ -126,6 +127,8 @@ def time_loop(
         if interval.ground is not None:
             n = interval.first + s
             move_ground(n * dt, before_dt, (n + 1) * dt, zeta, interval.ground, particles)
+        if law.branches is not None:
+            set_branches(before_dt, kick_dt, law)
         before_dt = dt
         # of the step's number alone, wherever the loop was entered
         share = ((interval.first + s) * dt - interval.sample_time) / interval.sample_dt

@@ -12,7 +12,7 @@ from netfall.mechanics.state import State, axes
 from netfall.parallel.halo import Halo, check
 from netfall.step.loop import Interval, step_done, time_loop
 from netfall.step.runs import LANES, Runs, find_runs, make_runs
-from netfall.step.slots import collect_yields, fill_slots
+from netfall.step.slots import collect_branches, collect_yields, fill_slots
 from netfall.step.tear import break_elements
 
 MOVING = (
@@ -25,6 +25,9 @@ MOVING = (
     "eps_p",
     "dissipated",
     "slot_eps_p",
+    "slot_branch_a",
+    "slot_branch_b",
+    "slot_branch_c",
 )  # where nothing breaks
 CHUNK = 2048  # particles, 300 KB; fewer end the runs too often, more leave the second cache
 
@@ -58,6 +61,7 @@ class Chunks(NamedTuple):
 class Scratch(NamedTuple):
     """What the loop writes for the chunk in hand: forces, and whose elements are near their limits.
 
+    band, band_rest : as f, f_rest, of the branches alone, None: there are none
     f, f_rest : three of (rows,) [N]; near : None where all is elastic; f_rest, near_rest : of particles
         in no run
     """
@@ -66,6 +70,8 @@ class Scratch(NamedTuple):
     near: np.ndarray | None
     f_rest: tuple
     near_rest: np.ndarray
+    band: tuple | None
+    band_rest: tuple | None
 
 
 def halo_width(state: State) -> int:
@@ -103,6 +109,8 @@ class Plan:
             np.zeros(CHUNK, np.int32) if state.features.inelastic else None,
             tuple(np.zeros((3, CHUNK + LANES))),
             np.zeros(CHUNK + LANES, np.int32),
+            tuple(np.zeros((3, CHUNK))) if state.features.band else None,
+            tuple(np.zeros((3, CHUNK + LANES))) if state.features.band else None,
         )
         valence = np.bincount(state.ends.ravel(), minlength=state.n_local)[: state.n_owned]
         self._width = np.full(len(self._low), SLOTS, np.int64)
@@ -163,6 +171,8 @@ class Plan:
         if self.chunks.has_yielded.any():
             arrays = state.elements, state.slots, state.law
             collect_yields(state.n_owned, state.first_split, *arrays)
+        if state.branch_a is not None:
+            collect_branches(state.n_owned, state.first_split, state.elements, state.slots)
 
     def run(self, interval: Interval, seconds: np.ndarray | None = None) -> int:
         """Advance the state by up to the steps of an interval; how many were done.

@@ -135,6 +135,25 @@ def collect_yields(n_owned, first_split, elements, slots, law):
 
 
 @inner_kernel
+def collect_branch(e, n_owned, first_split, elements, slots):
+    """Bring the branches of element e up to date with its slots."""
+    p = elements.ends[e, 0]
+    if n_owned <= p and p < first_split:
+        p = elements.ends[e, 1]
+    s = slot_of(e, p, slots)
+    elements.branch_a[e], elements.branch_b[e] = slots.branch_a[s, p], slots.branch_b[s, p]
+    elements.branch_c[e] = slots.branch_c[s, p]
+
+
+@kernel
+def collect_branches(n_owned, first_split, elements, slots):
+    """`collect_branch` of all elements that this rank steps."""
+    for e in range(elements.ends.shape[0]):
+        if elements.EA[e] != 0.0:
+            collect_branch(e, n_owned, first_split, elements, slots)
+
+
+@inner_kernel
 def empty_slot(s, p, slots):
     """Leave a slot of particle p empty: it adds nothing, and keeps its far end, so that runs go on."""
     slots.element[s, p], slots.inv_L0[s, p] = EMPTY, 0.0
@@ -158,3 +177,6 @@ def fill_slot(e, s, p, far, elements, slots):
         slots.eps_p[s, p] = elements.eps_p[e]
     if slots.reach is not None:
         slots.reach[s, p] = elements.reach[e]
+    if slots.branch_a is not None:
+        slots.branch_a[s, p], slots.branch_b[s, p] = elements.branch_a[e], elements.branch_b[e]
+        slots.branch_c[s, p] = elements.branch_c[e]

@@ -1,0 +1,110 @@
+"""Damping over a band by Maxwell branches: its ratio in free vibration, its step, slack cables, the audit."""
+
+import numpy as np
+import pytest
+from test_motion import BAR, oscillators
+
+from netfall.mechanics.material import band_branches, stiffening
+
+BAND = "damping_ratio = 0.01\ndamping_band = [0.3, 9.0]\n"
+
+
+def struck(workshop, frequencies, keys, duration, step=5e-4):
+    """Oscillators on bars that a load along x lets swing from t = 0 on."""
+    text, nodes, elements = oscillators([1.0 / f for f in frequencies], "", step, duration)
+    rows = nodes.splitlines()
+    rows = [rows[0] + ",load_x"] + [f"{row},{100.0 * (k % 2)}" for k, row in enumerate(rows[1:])]
+    return workshop.run(
+        workshop.job(text.replace("[dynamics]", "[dynamics]\n" + keys), "\n".join(rows), elements)
+    )
+
+
+def test_the_ratio_in_free_vibration_is_that_asked_over_the_band(workshop):
+    """1 % at 0.3, 1, 3, 9 Hz, by the decrement: within 8 %. What is dissipated is in the audit."""
+    frequencies = [0.3, 1.0, 3.0, 9.0]
+    f = struck(workshop, frequencies, BAND, 20.0)
+    for k, frequency in enumerate(frequencies):
+        x = f["history/probe_displacement"][:, k, 0]
+        rest = 100.0 / ((100.0 + 0.5e-6) * (2 * np.pi * frequency) ** 2)
+        x = np.abs(x - rest)
+        peaks = np.flatnonzero((x[1:-1] >= x[:-2]) & (x[1:-1] > x[2:]) & (x[1:-1] > 0.05 * rest)) + 1
+        top = [b + 0.125 * (a - c) ** 2 / (2 * b - a - c) for a, b, c in (x[j - 1 : j + 2] for j in peaks)]
+        half = np.log(top[0] / top[-1]) / (len(top) - 1)  # of half a period
+        assert half / np.pi == pytest.approx(0.01, rel=0.08), frequency
+    h = f["history"]
+    assert np.abs(h["identity_error"][:]).max() < 1e-10
+    assert np.abs(h["balance_error"][100:]).max() < 1e-3  # of a step of 0.03 / omega at 9 Hz
+    assert h["band_damping_work"][-1] > 0.0 and "damping_work" in h
+
+
+def test_the_branches_are_those_of_the_formula():
+    """alpha, tau for 1 % over 0.3 to 9 Hz; the ratio that they have at both ends in the mean, and between."""
+    alpha, tau = np.reshape(band_branches(0.01, 0.3, 9.0), (2, 3))
+    assert alpha == pytest.approx([0.0304, 0.0190, 0.0304], rel=0.1)  # by another fit
+    assert tau == pytest.approx([0.5226, 0.0960, 0.0174], rel=0.01)
+    at = 2 * np.pi * np.geomspace(0.3, 9.0, 30)[:, None] * tau
+    modulus = 1.0 + np.sum(alpha * 1j * at / (1.0 + 1j * at), axis=1)
+    assert modulus.imag / modulus.real / 2 == pytest.approx(0.01, rel=0.06)
+
+
+def test_the_step_is_shorter_by_the_stiffness_of_the_branches(workshop):
+    """The stable step is that of elements stiffer by 1 + sum alpha: times 0.96."""
+    text, nodes, elements = oscillators([0.1], "", 1e-4, 0.01)
+    limits = [
+        workshop.run(workshop.job(text.replace("[dynamics]", "[dynamics]\n" + keys), nodes, elements))[
+            "provenance"
+        ].attrs["limit_assembled"]
+        for keys in ("", BAND)
+    ]
+    assert limits[1] / limits[0] == pytest.approx(
+        1 / np.sqrt(stiffening(band_branches(0.01, 0.3, 9.0))), rel=1e-9
+    )
+    assert limits[1] / limits[0] == pytest.approx(0.96, abs=0.003)
+
+
+def test_a_cable_that_goes_slack_is_never_in_compression_and_balances(workshop):
+    """A mass thrown towards the support of its cable, and back into it: both audits hold."""
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,mass\n0,0,0,0,1,1,1,0\n1,0,0,-10,1,1,0,100\n2,0,0,-20,1,1,1,0\n"
+    text = (
+        BAR.replace('kind = "bar"\n', "")
+        + "prestress = 200.0\n[load]\nself_weight = false\n[[remove]]\nelements = [1]\ntime = 0.02\n"
+        + f"[dynamics]\nduration = 3.0\ntime_step = 2e-4\n{BAND}[output]\nhistory = 0.002\n"
+    )
+    f = workshop.run(workshop.job(text, nodes, "id,start,end\n0,0,1\n1,1,2\n"))
+    h = f["history"]
+    assert h["slack"][:].max() == 1
+    assert np.abs(h["identity_error"][:]).max() < 1e-10
+    assert np.abs(h["balance_error"][:]).max() < 1e-3
+    total = h["kinetic_energy"][:] + h["strain_energy"][:] + h["plastic_dissipation"][:]
+    assert total[-1] < total[20] and h["band_damping_work"][-1] > 0.0
+
+
+@pytest.mark.parametrize(
+    "keys, message",
+    [
+        ("damping_ratio = 0.01\n", "damping_band: missing"),
+        ("damping_ratio = 0.01\ndamping_band = [9.0, 0.3]\n", "the second larger"),
+    ],
+)
+def test_wrong_bands_are_refused(workshop, keys, message):
+    """With exit code 2 and what is expected."""
+    text, nodes, elements = oscillators([0.1], "", 1e-4, 0.01)
+    done = workshop.run(
+        workshop.job(text.replace("[dynamics]", "[dynamics]\n" + keys), nodes, elements), code=2
+    )
+    assert message in done.stderr
+
+
+def test_modes_tell_what_the_branches_damp(workshop):
+    """On bars all of the stiffness is stretch: the ratio that is asked; across a string it is prestress."""
+    text, nodes, elements = oscillators([1.0], "", 1e-4, 0.01)
+    text = text.replace("[dynamics]", "[dynamics]\n" + BAND).replace("[output]", "[output]\nmodes = 1")
+    f = workshop.run(workshop.job(text, nodes, elements))
+    assert f["modes/band_damping_ratio"][0] == pytest.approx(0.01, rel=0.08)
+    nodes = "id,x,y,z,fixed,mass\n0,0,0,0,1,0\n1,10,0,0,0,100\n2,20,0,0,1,0\n"
+    text = (
+        BAR.replace('kind = "bar"\n', "prestress = 500.0\n")
+        + f"[dynamics]\nduration = 0.01\n{BAND}[output]\nmodes = 1\n"
+    )
+    f = workshop.run(workshop.job(text, nodes, "start,end\n0,1\n1,2\n"), output="string.vtkhdf")
+    assert abs(f["modes/band_damping_ratio"][0]) < 1e-9
