@@ -8,8 +8,11 @@ from scipy.optimize import fsolve
 
 from netfall.ground.errors import Interrupted
 from netfall.ground.progress import Progress
+from netfall.ground.timings import Phases
 from netfall.job.read import read_job
+from netfall.net.build import build_net
 from netfall.program.run import run_job
+from netfall.program.setup import prepare
 
 EA, WEIGHT, SPAN = 1e6, 1000.0, 8.0  # N, N, m
 FOUND = (
@@ -224,3 +227,48 @@ def test_what_is_wrong_is_named(workshop, text, code, words):
     assert done.returncode == code, done.stderr
     assert any(word in done.stderr for word in words.split("|")), done.stderr
     assert not (workshop.folder / "result.vtkhdf").exists()
+
+
+def line_of_three(prestress=2e4):
+    """Three pieces of cable in a line between supports, 4, 5 and 6 m long: all have one tension."""
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,4,0,0,0\n3,9,0,0,0\n4,15,0,0,1\n"
+    rows = "".join(f"{k},{k + 1},c,{'abc'[k - 1]},{prestress}\n" for k in (1, 2, 3))
+    return nodes, "start,end,group,cable,prestress\n" + rows
+
+
+def test_scatter_of_tensions_by_hand_and_by_runs(workshop):
+    """EA s sqrt(3) / L for three errors s of pieces in a line; 1,000 draws have that scatter and no bias."""
+    s, count = 0.002, 1000
+    text = CABLES + f'length_deviation = {s}\n[form_finding]\nmethod = "keep"\n'
+    job = workshop.job(text, *line_of_three())
+    with workshop.run(job) as f:
+        L0 = 15.0 / (1 + 2e4 / EA)
+        by_hand = EA * 15.0 / L0**2 * s * np.sqrt(3)  # of the slope of EA (L / L0 - 1)
+        assert f["deviation/tension_deviation"][:] == pytest.approx([by_hand] * 3, rel=FOUND)
+        assert f["deviation/piece_effect"][:] == pytest.approx([by_hand / np.sqrt(3)] * 3, rel=FOUND)
+        error = f["net/unstressed_length"][:].sum() - L0
+        assert f["form_finding/tension"][:] == pytest.approx([EA * (15.0 / (L0 + error) - 1)] * 3, rel=FOUND)
+    net = lambda seed: build_net(read_job(job, [f"cable.length_seed={seed}"]))
+    errors = np.array([net(seed).length_error for seed in range(count)])
+    N = EA * (15.0 / (L0 + errors.sum(1)) - 1)
+    assert abs(N.mean() - 2e4) < 4 * by_hand / np.sqrt(count)  # four standard errors
+    assert N.std() == pytest.approx(by_hand, rel=4 / np.sqrt(2 * count))
+    assert np.abs(np.corrcoef(errors.T) - np.eye(3)).max() < 4 / np.sqrt(count)
+
+
+def test_scatter_of_the_levy_dome_against_runs(shared_workshop):
+    """Of 40 drawn roofs: what the tensions of each group scatter by is what linear influence says."""
+    changes, found = ["cable.length_deviation=0.001", "load.steps=0"], []
+    for seed in range(40):
+        scene = prepare(
+            MPI.COMM_SELF,
+            read_job(ROOT / "jobs" / "levy.toml", [*changes, f"cable.length_seed={seed}"]),
+            Phases(),
+        )[0]
+        found.append(scene.model.N)
+        scene.halo.free()
+    linear = scene.build_up.sections["deviation"]["tension_deviation"]
+    names, group = scene.model.net.group_names, scene.model.net.group
+    for k, name in enumerate(names):  # elements of a group are alike: 40 x 12 and more draws, some alike
+        mine = np.sqrt(np.mean(np.var(np.array(found)[:, group == k], axis=0, ddof=1)))
+        assert mine == pytest.approx(linear[group == k].mean(), rel=0.25), name

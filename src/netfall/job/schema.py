@@ -30,11 +30,15 @@ CABLE = (
     not_negative(
         "strength_deviation", "", 0.0, "scatter of strength from cable to cable, share of its mean", high=0.5
     ),
+    not_negative(
+        "length_deviation", "m", 0.0, "scatter of the unstressed length of each piece of cable", high=10.0
+    ),
+    seed("length_seed", "seed of the drawn errors of length: the same seed draws the same"),
     seed("strength_seed", "seed of the drawn strengths: the same seed draws the same strengths"),
     between(-1e-3, 1e-3, "expansion", "1/K", 12e-6, "coefficient of thermal expansion: strain for each K"),
     choice("strain", ("engineering", "logarithmic"), "engineering", "strain measure"),
 )
-OF_THE_WHOLE = ("strain", "catalogue", "strength_seed")  # no group has its own
+OF_THE_WHOLE = ("strain", "catalogue", "strength_seed", "length_seed")  # no group has its own
 EITHER = (("modulus", "axial_stiffness"), ("density", "mass_per_length"))  # one of the two
 NEEDED = {"modulus": ("modulus", "axial_stiffness"), "area": ("area", "axial_stiffness")} | {
     "density": ("density", "mass_per_length")

@@ -10,7 +10,13 @@ from netfall.net.cables import cables_of, same_names
 from netfall.net.generators import generate as generators
 from netfall.net.net import Net, nearest_group, subdivide
 from netfall.net.parts import parts_of
-from netfall.net.sections import set_sections, set_strengths, strength_errors, strength_notes
+from netfall.net.sections import (
+    set_length_errors,
+    set_sections,
+    set_strengths,
+    strength_errors,
+    strength_notes,
+)
 from netfall.net.tables import read_lines, read_tables
 
 STEEP = ("saddle", "stadium")  # generators whose start is level inside and steep along the boundary
@@ -33,6 +39,7 @@ def build_net(job: Job) -> Net:
     net = subdivide(net, job.net.subdivide)
     net.cable, net.cable_names = cables_of(net, job.net.generator in STEEP)
     set_strengths(job, net)
+    set_length_errors(job, net)
     errors = _whole_net_errors(job, net) + _cables_of_one_name(job, net) + strength_errors(job, net)
     if errors:
         raise InputError(errors)

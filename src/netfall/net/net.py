@@ -52,6 +52,7 @@ class Net:
     modulus, yield_stress : (m,) [Pa], inf: elastic; density : (m,) [kg/m3]; expansion : (m,) [1/K]
     fracture_strain : (m,), inf: never breaks; breaking_load : (m,) [N], inf: none
     strength_deviation : (m,) scatter; strength : (m,) what was drawn, a factor on all of the above, in them
+    length_deviation : (m,) [m] scatter of the length of its piece of cable; length_error : (m,) [m], drawn
     type : (m,) row of type_names, of the catalogue, -1: none; bar : (m,) bool, carries compression
     tier : (m,) ring of a generated net, from the middle, that the element of its group is in; else 0
     prestress : (m,) [N]; force_density : (m,) [N/m], nan: none; unstressed_length : (m,) [m], nan: none
@@ -91,6 +92,8 @@ class Net:
     breaking_load: np.ndarray = _element()
     strength_deviation: np.ndarray = _element(key="strength_deviation")
     strength: np.ndarray = _element(empty=1.0)
+    length_deviation: np.ndarray = _element(key="length_deviation")
+    length_error: np.ndarray = _element(empty=0.0)
     type: np.ndarray = _element(empty=-1)
     type_names: list[str] = field(default_factory=list)
     bar: np.ndarray = _element()

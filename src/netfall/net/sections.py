@@ -32,6 +32,7 @@ OF_ROW = ("prestress", "yield_stress", "fracture_strain", "expansion")
 STEEL = 7850.0  # kg/m3
 ROUNDING = 1e-9  # by which a breaking load may exceed the yield force that it is meant to equal
 DRAWN_DIGITS = 9  # of what is drawn: fewer than logarithms of different libraries agree in
+LENGTHS = 1 << 192  # where the sequence of errors of length begins, apart from that of strengths
 
 
 def set_sections(job: Job, net: Net, rows: dict | None = None) -> None:
@@ -200,11 +201,24 @@ def drawn_strength(net: Net, seed: int | list) -> np.ndarray:
 
     Number k of the Philox sequence of the seed belongs to cable k; of several seeds, weighted, their sum.
     """
-    drawn = [(w, np.random.Philox(key=s).random_raw(len(net.cable_names))) for w, s in weighted(seed)]
-    parts = (w * quantile(((raw >> np.uint64(12)) + 0.5) * 2.0**-52) for w, raw in drawn)
-    z = sum(parts, next(parts))[net.cable]
+    z = _drawn_normal(net, seed, 0)
     spread = np.sqrt(log1p(net.strength_deviation**2))
     return np.round(exp(spread * z - 0.5 * spread**2), DRAWN_DIGITS)
+
+
+def set_length_errors(job: Job, net: Net) -> None:
+    """Draw the error [m] of the unstressed length of each piece of cable, where lengths scatter."""
+    if net.length_deviation.any():
+        error = net.length_deviation * _drawn_normal(net, job.cable.length_seed, LENGTHS)
+        net.length_error = np.round(error, DRAWN_DIGITS)
+
+
+def _drawn_normal(net: Net, seed: int | list, first: int) -> np.ndarray:
+    """A standard normal number (m,) of the piece of cable of each element; first : of the sequence."""
+    raws = ((w, np.random.Philox(key=s, counter=first)) for w, s in weighted(seed))
+    drawn = [(w, philox.random_raw(len(net.cable_names))) for w, philox in raws]
+    parts = (w * quantile(((raw >> np.uint64(12)) + 0.5) * 2.0**-52) for w, raw in drawn)
+    return sum(parts, next(parts))[net.cable]
 
 
 def strength_errors(job: Job, net: Net) -> list[str]:

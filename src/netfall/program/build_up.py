@@ -7,6 +7,7 @@ import numpy as np
 
 from netfall.equilibrium.find import Finder
 from netfall.equilibrium.relaxation import Paused
+from netfall.erection.deviation import deviate
 from netfall.erection.erect import Erection, erect, restored
 from netfall.erection.settings import check_stages
 from netfall.erection.targets import reach_targets
@@ -22,7 +23,7 @@ from netfall.stages.initial import FORM, INITIAL, initial_record
 from netfall.stages.scene import BuildUp, Scene
 from netfall.write.checkpoint import checkpoint_path, remove_older, write_checkpoint
 
-TARGETS, ERECTION = "targets", "erection"  # names in checkpoints
+TARGETS, DEVIATION, ERECTION = "targets", "errors of length", "erection"  # names in checkpoints
 BEHIND = 1_000_000  # steps of a form finding: checkpoints of its erection come after all of these
 
 
@@ -36,6 +37,8 @@ def built_up(scene: Scene, result: Path, restart: Path | None, checkpoint, stop:
     build_up = BuildUp(base=scene.model)
     if scene.job.targets:
         scene, build_up = _targeted(scene, build_up, kept(TARGETS) if TARGETS in parts else None)
+    if scene.comm.bcast(scene.model and bool(scene.model.net.length_error.any())):
+        scene, build_up = _deviated(scene, build_up, kept(DEVIATION) if DEVIATION in parts else None)
     if not scene.job.stages:
         return replace(scene, build_up=build_up)
     on_root(scene.comm, lambda: check_stages(scene.job, scene.model))
@@ -65,6 +68,21 @@ def _targeted(scene: Scene, build_up: BuildUp, kept: tuple | None) -> tuple[Scen
     return after, replace(build_up, records={TARGETS: (scene.comm.bcast(small), arrays or {})})
 
 
+def _deviated(scene: Scene, build_up: BuildUp, kept: tuple | None) -> tuple[Scene, BuildUp]:
+    """The scene with errors of length; kept : as in `_targeted`. Collective."""
+    if kept is None:
+        found = deviate(scene)
+        kept = ({"lines": found.lines}, found.arrays()) if found else ({}, {})
+    small, arrays = kept
+    after = _rebuilt(scene, lambda: _with_lengths(scene.job, scene.model, arrays["x"], arrays["L0"]))
+    if scene.model:
+        scatter = {"tension_deviation": arrays["tension"], "piece_effect": arrays["effect"]}
+        lines = [*build_up.lines, *small["lines"]]
+        build_up = replace(build_up, sections={"deviation": scatter}, lines=lines)
+    records = build_up.records | {DEVIATION: (scene.comm.bcast(small), arrays or {})}
+    return after, replace(build_up, records=records)
+
+
 def _erected(scene: Scene, build_up: BuildUp, erection: Erection) -> Scene:
     """The scene that begins where the last stage ended. Collective."""
     setting, x = erection.setting, erection.x
@@ -73,8 +91,8 @@ def _erected(scene: Scene, build_up: BuildUp, erection: Erection) -> Scene:
     after.state.EA[~active], after.state.broken[~active] = 0.0, 1
     build_up = replace(
         build_up,
-        form=scene.model,
-        sections=erection.sections,
+        form=build_up.form or scene.model,
+        sections=build_up.sections | erection.sections,
         labels=erection.labels,
         lines=[*build_up.lines, *erection.lines],
         records=build_up.records | {ERECTION: erection.record()},

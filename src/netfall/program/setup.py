@@ -86,7 +86,7 @@ def prepare(
             _check_form(job, max(form.reference, reference), residual)
     finder = Finder(comm, halo, distribution, state)
     scene = Scene(comm, job, model, distribution, halo, state, finder, form, residual, reference, digest)
-    if job.targets or job.stages:
+    if job.targets or job.stages or comm.bcast(net is not None and bool(net.length_error.any())):
         with phases.phase("erection"):
             scene = built_up(scene, result, restart, checkpoint, stop)
     with phases.phase("state"):

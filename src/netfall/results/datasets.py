@@ -85,23 +85,24 @@ GROUPS = (
         (
             row("iterations", "", NONE, "of the relaxation"),
             row("residual", "", NONE, "largest residual force, as a share of the largest prestress"),
-            row(
-                "residual_real_material",
-                "",
-                NONE,
-                "the same with the real modulus and the unstressed lengths",
-            ),
+            row("residual_real_material", "", NONE, "the same with the real modulus and unstressed lengths"),
             row("position", "n, 3", "m", "of the form"),
             row("tension", "m", "N", "of the form"),
             row("unstressed_length", "m", "m", "at the temperature of form finding"),
             row(
-                "self_stress",
-                "k, m",
-                NONE,
-                'with `method = "keep"`: axial forces of each state of self-stress, the largest is 1',
+                "self_stress", "k, m", NONE, 'with `method = "keep"`: forces of each state, the largest is 1'
             ),
             row("target_change", "k", "m", "with `[[target]]`: of each cable, a row for each target"),
             row("target_influence", "k, k", "N/m", "of these (axis 1) on targets (axis 0); of heights m/m"),
+        ),
+    ),
+    Group(
+        "deviation",
+        "with `[cable] length_deviation`: scatter by linear influence, in the form",
+        "[cable] length_deviation",
+        (
+            row("tension_deviation", "m", "N", "standard deviation"),
+            row("piece_effect", "k", "N", "of a piece of cable_names: most that one deviation changes"),
         ),
     ),
     Group(
