@@ -9,6 +9,7 @@ from netfall.plots.canvas import add_coloured, in_space, line_width, plan_panels
 from netfall.plots.labels import add_labels
 from netfall.study.answers.read import Study
 
+TICKS = np.outer(10.0 ** np.arange(-3, 7), (1.0, 2.0, 5.0)).ravel()  # of a logarithmic scale
 SHORT = 0.015  # share of the picture, of an element that has a dot
 COLOURS = "viridis_r"
 MOST_NAMED = 5  # elements with their ids
@@ -52,6 +53,10 @@ def draw_values(
     _dot_short(plan, lines[rows][..., :2], colours.to_rgba(values[rows]))
     bar = plan.figure.colorbar(colours, ax=plan, orientation="horizontal", shrink=0.8, pad=0.02)
     bar.set_label(label)
+    if log:
+        ticks = TICKS[(TICKS >= norm.vmin) & (TICKS <= norm.vmax)]
+        bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+        bar.minorticks_off()
     if percent:
         bar.ax.xaxis.set_major_formatter(PercentFormatter(1.0, decimals=None))
     _, first = np.unique(names[rows[::-1]], return_index=True)  # of those that share a name, the largest
