@@ -2,8 +2,8 @@
 
     mpirun -n P python step.py N SCENE [--rounds R] [--no-order]
 
-SCENE: elastic, or one or more of plastic, fracture, wind, energy, sections, bars joined by + (all: the first
-four, and damping). Prints a line of JSON.
+SCENE: elastic, or one or more of plastic, fracture, wind, energy, sections, bars, air, air_mass, band joined
+by + (all: the first four, and damping; more may be added: all+air). Prints a line of JSON.
 """
 
 import argparse
@@ -36,6 +36,7 @@ if arguments.no_order:
 import net
 
 from netfall.mechanics.fields import FIELDS, Features
+from netfall.mechanics.material import band_branches
 from netfall.mechanics.state import State
 from netfall.parallel.halo import Halo
 from netfall.parallel.partition import metis_partition
@@ -44,14 +45,11 @@ from netfall.step.loop import Interval
 from netfall.step.plan import Plan, halo_width
 
 comm = MPI.COMM_WORLD
-words = (
-    {"plastic", "fracture", "wind", "energy"}
-    if arguments.scene == "all"
-    else set(arguments.scene.split("+")) - {"elastic"}
-)
+words = set(arguments.scene.replace("all", "plastic+fracture+wind+energy").split("+")) - {"elastic"}
 scene = Features(
-    **{word: True for word in words if word != "energy"},
+    **dict.fromkeys(words - {"energy", "band"}, True),
     energy="energy" in words,
+    band=band_branches(0.01, 0.3, 9.0) if "band" in words else (),
 )
 
 begin = time.perf_counter()
@@ -76,6 +74,10 @@ if scene.plastic:
 if scene.fracture:
     state.eps_u[:] = 1.0
 if scene.wind:
+    if scene.air:
+        state.air[:, 2] = 1.0
+    if scene.air_mass:
+        state.air_mass[:] = 0.3 * net.MASS
     state.wind[:, 2], state.speed_before[:], state.speed_after[:] = 1e-12, 1.0, 2.0
 halo = Halo(comm, subdomain, halo_width(state))
 plan = Plan(state, halo)
@@ -88,7 +90,7 @@ def advance(first: int, steps: int) -> float:
     """Seconds for some steps, the slowest rank's."""
     comm.Barrier()
     begin = time.perf_counter()
-    damping = 1.0 if arguments.scene == "all" else 0.0
+    damping = 1.0 if arguments.scene.startswith("all") else 0.0
     done = plan.run(Interval(first, steps, net.DT if first else 0.0, net.DT, damping, 0.0, 1e9))
     assert done == steps
     seconds = time.perf_counter() - begin
