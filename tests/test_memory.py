@@ -157,11 +157,14 @@ def test_what_stands_in_a_file_counts_for_both(whole_job, section, name):
     assert before[0] != key_of(after) and before[1] != after.digest()
 
 
-def test_all_paths_are_known():
-    """A key that names a file is of the kind that digests follow; only sections have such keys."""
+def test_all_paths_are_known(whole_job):
+    """A key that names a file is of the kind that digests follow, in entries of lists as well."""
     named = {(name, key.name) for name, keys in SECTIONS.items() for key in keys if "path of" in key.meaning}
     assert named == set(PATHS)
-    for keys in (*LISTS.values(), *(keys for _, keys in OVERRIDES.values())):
+    in_lists = {f"{name}s.{key.name}" for name, keys in LISTS.items() for key in keys if key.kind == "path"}
+    assert not in_lists & unnoticed(whole_job, Job.files)
+    assert all(key.kind == "path" for keys in LISTS.values() for key in keys if "path of" in key.meaning)
+    for _, keys in OVERRIDES.values():
         assert not [key.name for key in keys if key.kind == "path" or "path of" in key.meaning]
 
 

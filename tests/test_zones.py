@@ -305,7 +305,10 @@ def test_a_zone_of_the_column_has_no_polygon_too(workshop):
         ('[zone]\nname = "a"\n', "zone = {'name': 'a'}: expected entries, [[zone]], each with its keys"),
         ("[load]\nzone = 3\n", "[load] zone = 3: expected tables, [load.zone.NAME]"),
         ("[load.zone.a]\nsnow = -1\n", "[load.zone.a] snow = -1: expected a number of N/m2 >= 0"),
-        ("[load.zone.a]\nsteps = 1\n", "[load.zone.a] steps: unknown key; known: dead, pressure, snow"),
+        (
+            "[load.zone.a]\nsteps = 1\n",
+            "[load.zone.a] steps: unknown key; known: air_mass, dead, pressure, snow",
+        ),
         ('[[case]]\nname = "c"\n', "[[case]] c: set, pressure_table or settlement: missing; say what acts"),
         (
             '[[case]]\nname = "c"\nset = {"load.snaw" = 1}\n',

@@ -49,8 +49,16 @@ COMBINATION = (
     choice("kind", ("ultimate", "service"), "ultimate", "which checks apply"),
 )
 LIMITS = (
-    positive("displacement", "m", ABSENT, "of a node, in combinations for service; absent: no limit"),
-    count("slack", ABSENT, "cables that may be slack, in combinations for service; absent: no limit", low=0),
+    positive(
+        "displacement", "m", ABSENT, "of a node, in combinations for service; absent: no limit", high=1e6
+    ),
+    count(
+        "slack",
+        ABSENT,
+        "cables that may be slack, in combinations for service; absent: no limit",
+        low=0,
+        high=1_000_000_000,
+    ),
 )
 # What a case sets of [wind], as in its section; gusts do not act in it.
 PRESSURE_FACTOR = between(-1e3, 1e3, "pressure_factor", "", 1.0, "of the pressure of a static wind")
