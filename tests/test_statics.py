@@ -150,12 +150,9 @@ def test_dynamics_starts_from_the_static_equilibrium(workshop):
 
 
 def test_static_load_that_breaks_the_net_is_reported(workshop):
-    """No static equilibrium to start from: exit code 3 with element and load factor."""
-    job = workshop.job(
-        LOADED.replace("2000.0]", "9000.0]").replace(
-            "prestress", "yield_stress = 1.75e9\nfracture_strain = 0.0404\nprestress"
-        )
-    )
+    """With `breaking` there is no static equilibrium: exit code 3 with element and load factor."""
+    strong = LOADED.replace("prestress", "yield_stress = 1.75e9\nfracture_strain = 0.0404\nprestress")
+    job = workshop.job(strong.replace("2000.0]", "9000.0]").replace("[load]", "[load]\nbreaking = true"))
     assert re.search(r"under .* element \d+ breaks", workshop.run(job, code=3).stderr)
 
 
