@@ -13,7 +13,6 @@ yield_stress = 1e9
 fracture_strain = 0.04
 [load]
 breaking = true
-breaking = true
 steps = {steps}
 """
 SUPPORTS, SAG, EA, YIELD, FRACTURE = 10.0, 1.0, 2e8, 1e6, 0.04
