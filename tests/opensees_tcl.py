@@ -23,12 +23,14 @@ def number(word: str):
 
 
 model, answer = sys.argv[1:]
+elements = []  # the trusses
 for line in open(model).read().split("# --- the equilibrium")[0].splitlines():
     words = line.split("#")[0].split()
     if words and words[0] != "}":
+        elements += [int(words[2])] if words[:2] == ["element", "corotTruss"] else []
         getattr(ops, words[0])(*[number(word) for word in words[1:] if word != "{"])
 assert ops.analyze(10) == 0
-elements, nodes = ops.getEleTags(), ops.getNodeTags()
+nodes = ops.getNodeTags()
 np.savez(
     answer,
     element=elements,

@@ -13,7 +13,7 @@ from test_validation_opensees import needs_opensees, python_with_opensees, shipp
 
 import netfall
 from netfall.exchange.drawings.reading import Options, read_net
-from netfall.exchange.export import export
+from netfall.exchange.export import Wanted, export
 from netfall.ground.errors import InputError
 
 # Digits of a number that a text holds in full.
@@ -29,10 +29,10 @@ def broken(tmp_path_factory):
     return path
 
 
-def written(result, target, time=None):
+def written(result, target, time=None, case=None, unit="m"):
     """What `export` says; the file is at `target`."""
     lines = []
-    export(result, target, time, lines.append)
+    export(result, target, Wanted(time, case, unit), lines.append)
     return lines
 
 
@@ -237,7 +237,7 @@ def test_what_a_format_cannot_hold_is_named(tmp_path):
         "temperature; a .csv does"
     )
     assert told["r", "dxf"].startswith("note: a .dxf does not hold this net's ids, tensions, unstressed le")
-    assert "groups, mass per length, cables of several elements, strengths, springs, m" in told["r", "tcl"]
+    assert "groups, mass per length, cables of several elements, strengths, masses" in told["r", "tcl"]
     chain = "mass per length, cables of several elements; a .csv does"
     assert told["plain", "tcl"] == f"note: a .tcl does not hold this net's {chain}"
     assert told["plain", "json"].endswith(f"net's stiffness, {chain}")
@@ -483,6 +483,73 @@ def test_opensees_finds_the_same_tensions(stadium):
         ours = dict(zip(result.elements["id"].tolist(), result.statics["tension"][-1]))
     # both stop at a residual of 1e-10 of the prestress; 1.1e-10 was found
     assert max(abs(ours[e] - theirs[e]) for e in ours) < 1e-9 * max(ours.values())
+
+
+@pytest.fixture(scope="module")
+def on_springs(tmp_path_factory):
+    """The shipped wheel on springs in place of supports, some with a way, under its drift of snow."""
+    folder = tmp_path_factory.mktemp("springs")
+    (folder / "wheel.toml").write_text((ROOT / "jobs" / "wheel.toml").read_text().split("[wind]")[0])
+    netfall.run(folder / "wheel.toml", output=folder / "w.vtkhdf").close()
+    written(folder / "w.vtkhdf", folder / "tables.csv")
+    table = (folder / "tables.csv" / "nodes.csv").read_text().splitlines()
+    names = table[0].split(",")
+    more = [f"{of}_{k}" for of in ("spring", "spring_rest") for k in "xyz"]
+    rows = [",".join([*names, *more])]
+    for number, line in enumerate(table[1:]):
+        row = dict(zip(names, line.split(",")))
+        held = [k for k in "xyz" if row[f"fixed_{k}"] == "1"]
+        row |= dict.fromkeys(more, "0") | {f"fixed_{k}": "0" for k in held}
+        row |= {f"spring_{k}": "3e7" for k in held} | {
+            f"spring_rest_{k}": f"{1e-3 * (number % 3)}" for k in held
+        }
+        rows.append(",".join(row.values()))
+    (folder / "tables.csv" / "nodes.csv").write_text("\n".join(rows) + "\n")
+    job = (folder / "tables.csv" / "job.toml").read_text()
+    job = job.replace("[load]\n", "[load]\ntolerance = 1e-10\n")
+    (folder / "tables.csv" / "springs.toml").write_text(job)
+    netfall.run(folder / "tables.csv" / "springs.toml", output=folder / "s.vtkhdf").close()
+    return folder
+
+
+def test_opensees_finds_the_tensions_of_a_wheel_on_springs(on_springs):
+    """zeroLength elements that begin with the way of the springs; the state is that of a case."""
+    told = written(on_springs / "s.vtkhdf", on_springs / "s.tcl", case="drift")
+    springs = words_of(on_springs / "s.tcl", "element")
+    assert sum(words[0] == "zeroLength" for words in springs) == 72 and "case drift" in told[0]
+    assert told[0].endswith("72 on springs")
+    needs_opensees()
+    command = [python_with_opensees(), ROOT / "tests" / "opensees_tcl.py"]
+    command += [on_springs / "s.tcl", on_springs / "a.npz"]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    answer = np.load(on_springs / "a.npz")
+    theirs = dict(zip(answer["element"].tolist(), answer["tension"]))
+    with netfall.open(on_springs / "s.vtkhdf") as result:
+        ours = dict(zip(result.elements["id"].tolist(), result.file["cases/drift/tension"][:]))
+    assert sorted(theirs) == sorted(ours)
+    # of the largest; the case is found to 1e-10
+    assert max(abs(ours[e] - theirs[e]) for e in ours) < 1e-6 * max(ours.values())
+
+
+def test_a_drawing_has_layers_of_supports_and_springs_in_its_unit(on_springs, tmp_path):
+    """In mm, in the state of a case; a case that there is not is refused, and a unit where there is none."""
+    told = written(on_springs / "s.vtkhdf", tmp_path / "s.dxf", case="drift", unit="mm")
+    assert "lines in mm" in told[0] and "72 on layer springs" in told[0]
+    drawing = ezdxf.readfile(tmp_path / "s.dxf")
+    assert drawing.units == ezdxf.units.MM
+    with netfall.open(on_springs / "s.vtkhdf") as result:
+        sprung = result.file["net/spring"][:].any(1)
+        x = result.file["net/particles"][:] + result.file["cases/drift/displacement"][:]
+    points = [p.dxf.location for p in drawing.modelspace().query('POINT[layer=="springs"]')]
+    assert np.array([tuple(p) for p in points]) == pytest.approx(1e3 * x[sprung], abs=1e-9)
+    for more, words in (
+        ({"case": "drft"}, 'did you mean "drift"'),
+        ({"unit": "mm"}, "a .vtu is written in metres"),
+    ):
+        with pytest.raises(InputError, match=words):
+            written(on_springs / "s.vtkhdf", tmp_path / "s.vtu", **more)
+        assert not (tmp_path / "s.vtu").exists()
 
 
 def test_what_cannot_be_exported_is_told(broken, tmp_path):

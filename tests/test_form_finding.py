@@ -2,6 +2,7 @@
 Its forms: test_validation_statics.py.
 """
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -112,10 +113,17 @@ def test_nodes_that_run_together_at_constant_tension_are_told(workshop):
 
 
 def test_iterations_that_run_out_end_the_run(workshop):
-    """Not in equilibrium: exit code 3, a line that says how far it came, no file."""
+    """Not in equilibrium: exit code 3, a line that says how far it came and where least, no file."""
     job = workshop.job('[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\nmax_iterations = 20\n")
     done = workshop.run(job, code=3)
     assert "not in equilibrium after 20 iterations" in done.stderr
+    told = re.search(
+        r"largest residuals: ((?:node \d+: [\d.e+]+ N(?:, )?){5}); for struts and rings", done.stderr
+    )
+    sizes = [float(size) for size in re.findall(r": (\S+) N", told[1])]
+    assert sizes == sorted(sizes, reverse=True)
+    several = workshop.run(job, ranks=3, code=3)
+    assert told[0] in several.stderr  # the same nodes on any number of ranks
     assert {p.name for p in workshop.folder.iterdir()} == {"job.toml"}
 
 

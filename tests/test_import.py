@@ -1,11 +1,12 @@
 """Drawings and meshes become nets: what other libraries draw comes back, and what is wrong in it is told."""
 
+import csv
 import json
 import time
 
 import numpy as np
 import pytest
-from conftest import run_netfall
+from conftest import run_netfall, run_on_standing_ranks
 from drawings import FIELD, Sketch, places
 from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import vtkIdList, vtkPoints
@@ -287,6 +288,37 @@ def test_supports_come_from_a_layer_from_points_or_from_the_outline(tmp_path):
     edge.space.add_lwpolyline([(0, 0), (8, 0), (8, 4), (0, 4)], close=True, dxfattribs={"layer": "beam"})
     reading = read_net(edge.save(tmp_path / "edge.dxf"), Options(supports="beam"))
     assert reading.fixed.all() and len(reading.net.x) == 4 + 6 and len(reading.net.ends) == 3 + 10
+
+
+def test_springs_and_posts_come_from_layers(tmp_path):
+    """Points of a layer stand on springs, in place of the outline; a layer of upright lines alone
+    is guessed to be bars. The first job is valid, and has a line for a catalogue.
+    """
+    sketch = Sketch("m").net()
+    for i, j in ((0, 0), (4, 3)):
+        sketch.space.add_point(sketch.at(*sketch.corner(i, j)), dxfattribs={"layer": "elastic"})
+    top = np.array(sketch.corner(2, 2)) + (0.1, 0.0, 1.0)
+    sketch.line(sketch.corner(2, 2), top, "post")
+    sketch.line(top, sketch.corner(4, 2), "stay")
+    options = ["--springs", "elastic=1e6,2e6,0"]
+    done = run_on_standing_ranks(
+        "import", sketch.save(tmp_path / "s.dxf"), "-o", "roof", *options, cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    assert 'springs: 2 nodes of layer "elastic" stand on 1e+06 x 2e+06 x 0 N/m' in done.stdout
+    assert 'group "post": upright, taken as kind = "bar"' in done.stdout
+    with open(tmp_path / "roof" / "nodes.csv") as file:
+        rows = list(csv.DictReader(file))
+    sprung = [row for row in rows if float(row["spring_y"])]
+    assert [(row["spring_x"], row["fixed"]) for row in sprung] == [("1000000.0", "0")] * 2
+    places = sorted([float(row[k]) for k in "xyz"] for row in sprung)
+    assert np.array(places) == pytest.approx(np.array([sketch.corner(0, 0), sketch.corner(4, 3)]))
+    text = (tmp_path / "roof" / "roof.toml").read_text()
+    assert '[cable.post]\nkind = "bar"' in text and "# [cable.stay]" in text and '# catalogue = "' in text
+    check_job(read_job(tmp_path / "roof" / "roof.toml"), lambda line: None)
+    for wrong in ("elastic", "elastic=0", "elastic=1,2"):
+        done = run_on_standing_ranks("import", "s.dxf", "-o", "no", "--springs", wrong, cwd=tmp_path)
+        assert done.returncode == 2 and "expected LAYER=K or LAYER=KX,KY,KZ" in done.stderr
 
 
 def test_compas_files_of_both_versions_come_back(tmp_path):

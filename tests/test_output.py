@@ -17,7 +17,7 @@ from kill_runs import JOB
 from matplotlib.text import Text
 from PIL import Image
 
-from netfall.exchange.export import export
+from netfall.exchange.export import Wanted, export
 from netfall.ground.errors import InputError
 from netfall.plots.canvas import VIEWS, charts
 from netfall.plots.collapse import stage_steps
@@ -342,7 +342,7 @@ def test_a_file_of_another_version_is_refused_in_one_line(storm, tmp_path, lacki
         ("info", lambda: print_info(path, lambda line: None)),
         ("plot", lambda: plot_all(path, tmp_path)),
         ("report", lambda: write_report(path, tmp_path, Inputs())),
-        ("export", lambda: export(path, tmp_path / "tables", None, lambda line: None)),
+        ("export", lambda: export(path, tmp_path / "tables", Wanted(), lambda line: None)),
     ):
         try:
             read()

@@ -108,3 +108,18 @@ def shard(text: str) -> tuple[int, int]:
     ):
         raise argparse.ArgumentTypeError(f"{text}: expected I/N, the I-th of N parts, for example 2/8")
     return int(parts[0]), int(parts[1])
+
+
+def springs(text: str) -> tuple[str, tuple[float, ...]]:
+    """A layer and stiffnesses (3,) [N/m] of LAYER=K or LAYER=KX,KY,KZ."""
+    layer, _, values = text.rpartition("=")
+    try:
+        stiffness = tuple(float(value) for value in values.split(","))
+    except ValueError:
+        stiffness = ()
+    good = len(stiffness) in (1, 3) and all(0.0 <= k < 1e15 for k in stiffness) and any(stiffness)
+    if not layer or not good:
+        raise argparse.ArgumentTypeError(
+            f"{text}: expected LAYER=K or LAYER=KX,KY,KZ, with a stiffness > 0 in N/m"
+        )
+    return layer.strip(), stiffness * (3 // len(stiffness))

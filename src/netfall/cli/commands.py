@@ -233,9 +233,11 @@ def import_(arguments) -> None:
 
 def export(arguments) -> None:
     """netfall export RESULT -o FILE"""
+    from netfall.exchange.export import Wanted
     from netfall.exchange.export import export as write
 
-    write(arguments.result, arguments.output, arguments.time, print)
+    wanted = Wanted(arguments.time, arguments.case, arguments.unit)
+    write(arguments.result, arguments.output, wanted, print)
 
 
 def version() -> None:

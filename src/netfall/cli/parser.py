@@ -173,6 +173,8 @@ def _import(verb: Parser) -> None:
         "or points, of any layer; or outline (default: what the file says, else the outline)"
     )
     _value(verb, "--supports", str, "LAYER", text)
+    text = "layer that marks elastic supports, and their stiffness [N/m], along all axes or along each"
+    _value(verb, "--springs", take.springs, "LAYER=K[,K,K]", text)
     _value(verb, "--layers", take.words, "NAME,...", "layers to read, which become groups (default: all)")
     _flag(verb, "--split", "make a joint wherever elements cross, or an end lies on one")
 
@@ -182,6 +184,8 @@ def _export(verb: Parser) -> None:
     _value(verb, "-o", Path, "FILE", text, required=True, dest="output")
     text = "the state at this time [s], or end for the last (default: the form)"
     _value(verb, "--time", take.time, "T", text)
+    _value(verb, "--case", str, "NAME", "the equilibrium of a case or combination (default: the form)")
+    verb.add_argument("--unit", choices=("m", "cm", "mm"), default="m", help="of a drawing (default: m)")
 
 
 # --- kinds of options

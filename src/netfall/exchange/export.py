@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
+from typing import NamedTuple
 
 from netfall.exchange.formats import endings
 from netfall.exchange.lacking import lacking
@@ -12,10 +13,21 @@ from netfall.results.file import telling_what_lacks
 from netfall.results.result import Result
 
 
-def export(source: Path, target: Path, time: float | None, say: Callable[[str], None]) -> None:
-    """Write a result to a file, in the format of its ending. time : [s], None: the form; inf: the last frame
+class Wanted(NamedTuple):
+    """What of a result: the form; at a time [s], inf: the last frame; or in a case or combination.
 
-    Raises InputError for another ending, a time that there is not, or a file that is no result.
+    unit : of the coordinates of a drawing
+    """
+
+    time: float | None = None
+    case: str | None = None
+    unit: str = "m"
+
+
+def export(source: Path, target: Path, wanted: Wanted, say: Callable[[str], None]) -> None:
+    """Write a result to a file, in the format of its ending.
+
+    Raises InputError for another ending, a time or case that there is not, or a file that is no result.
     """
     ending = target.suffix.lower() or ".csv"
     if ending not in endings():
@@ -28,10 +40,14 @@ def export(source: Path, target: Path, time: float | None, say: Callable[[str], 
         raise InputError(f"-o {target}: is {kind} already; give another name")
     if target.is_file() and MARK.encode() not in target.read_bytes():
         raise InputError(f"-o {target}: exists, and is not what netfall exported; give another name")
-    if form.AT_REST and time is not None:
+    if form.AT_REST and wanted.time is not None:
         raise InputError(f"--time: a {ending} holds an equilibrium, not a state in motion; leave --time out")
+    if wanted.time is not None and wanted.case is not None:
+        raise InputError("--time and --case: each names a state; leave one of them out")
+    if wanted.unit != "m" and not form.UNITS:
+        raise InputError(f"--unit {wanted.unit}: a {ending} is written in metres; a .dxf takes units")
     with Result(source) as result, telling_what_lacks(source):
-        lines = form.write(result, state_of(result, time), target)
+        lines = form.write(result, state_of(result, wanted.time, wanted.case), target, wanted.unit)
         if form.HOLDS is not None:
             lines += lacking(result, ending, form.HOLDS)
     for line in lines:

@@ -4,6 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from netfall.ground.errors import InputError
+from netfall.job.values import nearest
+from netfall.results.cases import Case, cases_of
 from netfall.results.result import Result
 from netfall.results.states import start_position, start_tension
 
@@ -17,7 +20,7 @@ RECORD = "provenance/net"  # what the tables of a net need besides /net
 class State:
     """p points, the nodes of the net and those that split off; m elements.
 
-    name : what it is; time : [s], None: the form
+    name : what it is; time : [s], None: at rest; case : of the job, "": none; without either it is the form
     position, displacement : (p, 3) [m], from the form; fixed : (p, 3) bool
     node_id : (p,) unique, of points that split off above those of the net
     ends : (m, 2) rows of points; element_id : (m,) unique; cable : (m,) ids of the tables
@@ -27,6 +30,7 @@ class State:
 
     name: str
     time: float | None
+    case: str
     position: np.ndarray
     displacement: np.ndarray
     node_id: np.ndarray
@@ -39,6 +43,11 @@ class State:
     unstressed_length: np.ndarray
     unstressed_length_warm: np.ndarray
     broken: np.ndarray
+
+    @property
+    def is_form(self) -> bool:
+        """Whether it is the form, or the net as given."""
+        return self.time is None and not self.case
 
     def out(self) -> np.ndarray:
         """(m,) bool, elements that were taken out of the net, lost or broken without a fragment."""
@@ -57,15 +66,19 @@ class State:
         return found
 
 
-def state_of(result: Result, time: float | None) -> State:
-    """The form (time None), or the frame nearest to a time [s]; inf: the last one.
+def state_of(result: Result, time: float | None, case: str | None = None) -> State:
+    """The form, the frame nearest to a time [s] (inf: the last one), or the equilibrium of a case.
 
-    Raises InputError for a time that the run did not reach.
+    Raises InputError for a time that the run did not reach, a case that it does not have.
     """
     if time is None:
-        position, tension = form_of(result)
-        broken, ends, name = np.zeros(len(tension), bool), result.file["net/elements"][:], "form"
+        position, tension, name = form_of(result) + ("form",)
         moved = np.zeros_like(position)
+        if case is not None:
+            shown = case_named(result, case).shown
+            moved, tension, name = shown.position() - position, shown.tension(), shown.name
+            position = shown.position()
+        broken, ends = np.zeros(len(tension), bool), result.file["net/elements"][:]
     else:
         frame = result.frame(min(time, float(result.time[-1])) if np.isinf(time) else time)
         position, tension, broken, ends = frame.position, frame.tension, frame.broken, frame.ends
@@ -75,6 +88,7 @@ def state_of(result: Result, time: float | None) -> State:
     return State(
         name=name,
         time=time,
+        case=case or "",
         position=position,
         displacement=moved,
         node_id=_unique(result.nodes["id"], split),
@@ -88,6 +102,19 @@ def state_of(result: Result, time: float | None) -> State:
         unstressed_length_warm=result.elements["unstressed_length_warm"],
         broken=broken,
     )
+
+
+def case_named(result: Result, name: str) -> Case:
+    """A case or combination of a result. Raises InputError where there is none, or no equilibrium in it."""
+    cases = cases_of(result.file)
+    found = next((case for case in cases if case.name == name), None)
+    if found is None:
+        known = [case.name for case in cases]
+        advice = nearest(name, known) if known else "its job has no [[case]]"
+        raise InputError(f"--case {name}: no such case in {result.path}; {advice}")
+    if not found.carries:
+        raise InputError(f"--case {name}: has no equilibrium ({found.reason}); expected a case that has one")
+    return found
 
 
 def form_of(result: Result) -> tuple[np.ndarray, np.ndarray]:

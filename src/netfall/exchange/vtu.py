@@ -28,7 +28,7 @@ SUPPORTS, GROUPS, IDS = ("fixed", "is_anchor", "is_fixed"), ("group",), ("node_i
 APPENDED = re.compile(rb"<AppendedData[^>]*>\s*_", re.S)
 
 
-def read_vtu(path: Path, supports: str | None, wanted: list[str] | None) -> Drawing:
+def read_vtu(path: Path, supports: list[str], wanted: list[str] | None) -> Drawing:
     """The lines, polylines and sides of faces of a grid. supports, wanted : as of `read_dxf`, of groups
 
     Raises InputError for another file.
@@ -48,7 +48,7 @@ def read_vtu(path: Path, supports: str | None, wanted: list[str] | None) -> Draw
     names = [f"group {k}" if number is not None else "cables" for k in np.unique(group).tolist()]
     _, layer = np.unique(group, return_inverse=True)
     if wanted is not None:
-        kept = np.isin(layer, [k for k, name in enumerate(names) if is_among(name, (*wanted, supports))])
+        kept = np.isin(layer, [k for k, name in enumerate(names) if is_among(name, (*wanted, *supports))])
         ends, layer = ends[kept], layer[kept]
     held, keys = file.first("PointData", SUPPORTS), file.first("PointData", IDS)
     return Drawing(

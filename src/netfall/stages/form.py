@@ -116,6 +116,13 @@ def _held_alike(net: Net) -> list[list[int]]:
     return list(groups.values())
 
 
+WORST = 5  # nodes that a failed form names
+ADVICE = (
+    "for struts and rings set [form_finding] modulus_factor = 1, or begin with a state of self-stress, "
+    'method = "keep"; give prestresses or force densities that balance at these nodes'
+)
+
+
 class Elements:
     """The form-finding elements of one rank: tensions by `form_tensions` and the forces that follow."""
 
@@ -247,8 +254,26 @@ def find_form(
         most = settings.max_iterations
         if settings.modulus_factor == 0.0:
             report = Watch(comm, distribution, net, elements, report)
-        found = relax(comm, halo, moving, asked, most, "form finding", report, stop, resume)
+        try:
+            found = relax(comm, halo, moving, asked, most, "form finding", report, stop, resume)
+        except DivergedError as error:
+            raise DivergedError(
+                f"{error}; {worst_nodes(comm, net, distribution, moving)}; {ADVICE}"
+            ) from None
     return Form(x, elements.N, *found, reference)
+
+
+def worst_nodes(comm: MPI.Comm, net: Net | None, distribution: Distribution, moving: RelaxedNet) -> str:
+    """The nodes with the largest residuals, at most `WORST`, in words, the same on every rank. Collective."""
+    f, n = np.zeros_like(moving.x), distribution.subdomain.n_owned
+    moving.forces(moving.x, f)
+    size = lengths(np.where(moving.free[:n] != 0, f[:n], 0.0))
+    order = np.argsort(-np.nan_to_num(size, nan=np.inf), kind="stable")[:WORST]
+    gid = distribution.subdomain.particle_gid[:n][order]
+    every = [pair for mine in comm.allgather(list(zip(size[order].tolist(), gid.tolist()))) for pair in mine]
+    every.sort(key=lambda pair: (-np.nan_to_num(pair[0], nan=np.inf), pair[1]))
+    told = net and ", ".join(f"node {net.node_id[p]}: {N:.3g} N" for N, p in every[:WORST])
+    return f"largest residuals: {comm.bcast(told)}"
 
 
 def kept_form(comm: MPI.Comm, net: Net | None, distribution: Distribution, settings, x, free, load) -> Form:

@@ -17,7 +17,7 @@ HIDDEN = ("hidden", "is_hidden")
 FORCE_DENSITIES = ("force_density", "q")
 
 
-def read_json(path: Path, supports: str | None, wanted: list[str] | None) -> Drawing:
+def read_json(path: Path, supports: list[str], wanted: list[str] | None) -> Drawing:
     """The edges of a COMPAS file, in its unit. supports, wanted : as of `read_dxf`; here layers are groups
 
     Raises InputError for a file without edges.
@@ -34,7 +34,7 @@ def read_json(path: Path, supports: str | None, wanted: list[str] | None) -> Dra
         raise InputError(f"{path}: no edges; expected a Graph, Network or Mesh of COMPAS")
     hidden = sum(edge["hidden"] for edge in edges)
     edges = [edge for edge in edges if not edge["hidden"]]
-    edges = [edge for edge in edges if wanted is None or is_among(edge["group"], (*wanted, supports))]
+    edges = [edge for edge in edges if wanted is None or is_among(edge["group"], (*wanted, *supports))]
     names = sorted({edge["group"] for edge in edges})
     held = [place for data in objects for place in _held(data)]
     q = np.array([edge["q"] for edge in edges], float)

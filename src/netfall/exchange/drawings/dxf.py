@@ -18,10 +18,10 @@ LEAST_SEGMENTS = 4  # of a curve
 DEEPEST = 32  # blocks in blocks
 
 
-def read_dxf(path: Path, supports: str | None, wanted: list[str] | None) -> Drawing:
+def read_dxf(path: Path, supports: list[str], wanted: list[str] | None) -> Drawing:
     """The lines of a DXF file, in its own unit.
 
-    supports : name of a layer whose circles and blocks are points; wanted : layers to read, None: all
+    supports : names of layers whose circles and blocks are points; wanted : layers to read, None: all
 
     Raises InputError for a file that is no DXF.
     """
@@ -58,7 +58,7 @@ class _Reader:
     """What has been found so far, layer by layer."""
 
     def __init__(self, document, supports, wanted):
-        self.document, self.supports = document, supports.lower() if supports else None
+        self.document, self.supports = document, [name.lower() for name in supports]
         self.wanted = None if wanted is None else {name.lower() for name in wanted}
         self.lines, self.line_layers, self.points, self.point_layers = [], [], [], []
         self.plain = np.zeros((0, 2, 3))
@@ -75,8 +75,8 @@ class _Reader:
         return self.spelled.setdefault(layer.lower(), layer)
 
     def holds(self, layer: str) -> bool:
-        """Whether it is the layer of the supports."""
-        return layer.lower() == self.supports
+        """Whether it is a layer of supports."""
+        return layer.lower() in self.supports
 
     def shows(self, layer: str) -> bool:
         """Whether a layer is to be read; if not, that is counted."""

@@ -11,6 +11,8 @@ from netfall.ground.errors import InputError
 from netfall.job.table import write_table
 from netfall.write.locks import whole_folder
 
+UPRIGHT = 10.0  # degrees from the vertical
+
 
 def import_file(path: Path, folder: Path, options: Options, say: Callable[[str], None]) -> None:
     """Read a drawing, tell what it holds and what is wrong, and write tables, a picture and a first job.
@@ -43,6 +45,8 @@ def _write(reading: Reading, folder: Path, place: Path) -> list[str]:
     elements |= {"end": node_id[net.ends[:, 1]], "group": group}
     for name, values in drawing.columns.items():
         elements[name] = values[net.line]
+    if reading.spring is not None:
+        nodes |= {f"spring_{axis}": reading.spring[:, k] for k, axis in enumerate("xyz")}
     write_table(place / "nodes.csv", nodes)
     write_table(place / "elements.csv", elements)
     length = np.linalg.norm(x[net.ends[:, 1]] - x[net.ends[:, 0]], axis=1)
@@ -50,7 +54,9 @@ def _write(reading: Reading, folder: Path, place: Path) -> list[str]:
     job = folder / f"{folder.resolve().name}.toml"
     made = not job.exists()
     if made:
-        text = first_job(reading.path.stem, sorted(set(group)))
+        posts = upright_groups(group, x[net.ends[:, 1]] - x[net.ends[:, 0]])
+        text = first_job(reading.path.stem, sorted(set(group)), posts)
+        told += [f'    group "{name}": upright, taken as kind = "bar" in {job.name}' for name in posts]
         (place / job.name).write_text(text, encoding="utf-8")
     as_read(x[net.ends], group, x[reading.fixed], reading.marks, reading.path.name, place / "net.png")
     (place / "report.txt").write_text("\n".join([*reading.lines, *told, ""]), encoding="utf-8")
@@ -60,6 +66,16 @@ def _write(reading: Reading, folder: Path, place: Path) -> list[str]:
         f"{folder}: nodes.csv, elements.csv, net.png, report.txt, {job.name}{kept}",
         f"next: netfall check {job}",
     ]
+
+
+def upright_groups(group: list[str], along: np.ndarray) -> list[str]:
+    """The groups all of whose elements, along (m, 3) [m], are upright to UPRIGHT: posts, masts, struts.
+
+    Not where every group is, as of a net that hangs from one place.
+    """
+    upright = np.abs(along[:, 2]) >= np.cos(np.radians(UPRIGHT)) * np.linalg.norm(along, axis=1)
+    others = {name for name, is_so in zip(group, upright) if not is_so}
+    return sorted(set(group) - others) if others else []
 
 
 def _node_ids(reading: Reading) -> np.ndarray:

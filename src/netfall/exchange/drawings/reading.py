@@ -30,6 +30,7 @@ class Options:
     unit : None: what the file says; tolerance : [m]
     supports : a layer, "points" or "outline", None: what the file says, else the outline
     layers : to be read, None: all; split : a joint wherever elements cross or touch
+    springs : a layer that marks elastic supports and their stiffness (3,) [N/m], None: there are none
     """
 
     unit: str | None = None
@@ -37,6 +38,7 @@ class Options:
     supports: str | None = None
     layers: list[str] | None = None
     split: bool = False
+    springs: tuple[str, tuple[float, ...]] | None = None
 
 
 @dataclass
@@ -44,6 +46,7 @@ class Reading:
     """A drawing on its way to a net.
 
     fixed : (n,) bool; faults : words and place [m] of each that a picture shows
+    spring : (n, 3) [N/m] of elastic supports, None: none were asked for
     """
 
     path: Path
@@ -53,6 +56,12 @@ class Reading:
     fixed: np.ndarray
     lines: list[str]
     marks: list[np.ndarray]
+    spring: np.ndarray | None = None
+
+    @property
+    def held(self) -> np.ndarray:
+        """(n,) bool, nodes with a support, elastic or not."""
+        return self.fixed if self.spring is None else self.fixed | self.spring.any(1)
 
     def place(self, x: np.ndarray) -> str:
         """A place in metres, and as the drawing has it."""
@@ -86,6 +95,7 @@ def read_net(path: Path, options: Options) -> Reading:
     _tell_joining(reading)
     _split_where_asked(reading)
     reading.fixed = _supports(reading)
+    _set_springs(reading)
     _tell_near_misses(reading)
     _drop_loose_parts(reading)
     _tell_loose_ends(reading)
@@ -98,14 +108,15 @@ def _read(path: Path, options: Options) -> Drawing:
     if read is None:
         raise InputError(f"{path}: expected a file with one of the endings {', '.join(READERS)}")
     named = options.supports if options.supports not in (None, AT_POINTS, OUTLINE) else None
-    drawing = read(path, named, options.layers)
+    marking = [name for name in (named, options.springs and options.springs[0]) if name]
+    drawing = read(path, marking, options.layers)
     if not len(drawing.lines):
         left = f" ({'; '.join(drawing.left_out)})" if drawing.left_out else ""
         raise InputError(f"{path}: no lines of a net in it{left}")
-    for name in [*(options.layers or []), *([named] if named else [])]:
+    for name in [*(options.layers or []), *marking]:
         if not rows_called(name, drawing.layers):
             words = f"{AT_POINTS}, {OUTLINE}, or " if name == named else ""
-            option = "--supports" if name == named else "--layers"
+            option = "--supports" if name == named else "--springs" if name in marking else "--layers"
             raise InputError(
                 f"{option} {name}: expected {words}a layer with lines; {nearest(name, drawing.layers)}"
             )
@@ -199,10 +210,12 @@ def _split_where_asked(reading: Reading) -> None:
         reading.lines.append(f"split: joints at {int(cut.sum())} touches and {int(cross.sum())} crossings")
 
 
-def _on_support_layer(reading: Reading) -> np.ndarray:
-    """Elements (m,) that are drawn on the layer of the supports, or repeat a line that is."""
+def _on_support_layer(reading: Reading, layer: str | None = None) -> np.ndarray:
+    """Elements (m,) that are drawn on a layer, or repeat a line that is; None: on those of supports."""
     drawing, net = reading.drawing, reading.net
-    on = np.isin(drawing.layer, rows_called(reading.options.supports, drawing.layers))
+    options = reading.options
+    named = [options.supports, options.springs and options.springs[0]] if layer is None else [layer]
+    on = np.isin(drawing.layer, [row for name in named for row in rows_called(name, drawing.layers)])
     again = net.twice[on[net.twice[:, 0]], 1]  # left out, for another layer has the same line
     return on[net.line] | np.isin(net.line, again)
 
@@ -220,23 +233,41 @@ def _supports(reading: Reading) -> np.ndarray:
         marks = drawing.held if asked is None else drawing.points
         if asked not in (None, AT_POINTS):
             marks = marks[np.isin(drawing.point_layer, rows_called(asked, drawing.layers))]
-            fixed[net.ends[_on_support_layer(reading)]] = True
+            fixed[net.ends[_on_support_layer(reading, asked)]] = True
         why, advice = {None: "as the file says", AT_POINTS: "at points"}.get(asked, f'layer "{asked}"'), ""
-        if len(marks):
-            from scipy.spatial import cKDTree
-
-            apart, node = cKDTree(net.x).query(marks)
-            good = apart <= reading.options.tolerance
-            fixed[node[good]] = True
-            told = [
-                f"{1e3 * d:.4g} mm from the nearest node, at {reading.place(x)}"
-                for d, x in zip(apart[~good], marks[~good])
-            ]
-            reading.tell(
-                "support", int((~good).sum()), "points of supports are not at a node", told, marks[~good]
-            )
+        _mark(reading, marks, fixed)
     reading.lines.append(f"supports: {int(fixed.sum())} of {len(fixed)} nodes are held ({why}){advice}")
     return fixed
+
+
+def _mark(reading: Reading, marks: np.ndarray, held: np.ndarray) -> None:
+    """Set held (n,) bool where marks (k, 3) [m] of supports are at a node; the others are told."""
+    if not len(marks):
+        return
+    from scipy.spatial import cKDTree
+
+    apart, node = cKDTree(reading.net.x).query(marks)
+    good = apart <= reading.options.tolerance
+    held[node[good]] = True
+    told = [
+        f"{1e3 * d:.4g} mm from the nearest node, at {reading.place(x)}"
+        for d, x in zip(apart[~good], marks[~good])
+    ]
+    reading.tell("support", int((~good).sum()), "points of supports are not at a node", told, marks[~good])
+
+
+def _set_springs(reading: Reading) -> None:
+    """Elastic supports where their layer has points or lines; what they hold is held by nothing else."""
+    if reading.options.springs is None:
+        return
+    drawing, net, (layer, stiffness) = reading.drawing, reading.net, reading.options.springs
+    sprung = np.zeros(len(net.x), bool)
+    sprung[net.ends[_on_support_layer(reading, layer)]] = True
+    _mark(reading, drawing.points[np.isin(drawing.point_layer, rows_called(layer, drawing.layers))], sprung)
+    reading.spring = np.where(sprung[:, None], np.array(stiffness), 0.0)
+    reading.fixed &= ~sprung
+    words = " x ".join(f"{k:g}" for k in stiffness)
+    reading.lines.append(f'springs: {int(sprung.sum())} nodes of layer "{layer}" stand on {words} N/m')
 
 
 def _outline(net: Joined) -> tuple[np.ndarray, int]:
@@ -279,7 +310,7 @@ def _drop_loose_parts(reading: Reading) -> None:
     net, drawing = reading.net, reading.drawing
     part = parts_by_size(net.ends, len(net.x))
     held = np.zeros(part.max() + 1, bool)
-    held[part[reading.fixed]] = True
+    held[part[reading.held]] = True
     if not held.any():
         raise InputError(
             f"{reading.path}: no node is held; --supports takes a layer, points or outline; "
@@ -300,6 +331,8 @@ def _drop_loose_parts(reading: Reading) -> None:
     row = np.cumsum(nodes) - 1
     reading.net = Joined(net.x[nodes], row[net.ends[kept]], net.line[kept], net.moved, net.short, net.twice)
     reading.fixed = reading.fixed[nodes]
+    if reading.spring is not None:
+        reading.spring = reading.spring[nodes]
 
 
 def _where(reading: Reading, mine: np.ndarray) -> tuple[str, np.ndarray]:
@@ -328,6 +361,6 @@ def _tell_largest(reading: Reading, of_element: np.ndarray, held: bool) -> None:
 def _tell_loose_ends(reading: Reading) -> None:
     net = reading.net
     single = np.bincount(net.ends.ravel(), minlength=len(net.x)) == 1
-    loose = np.flatnonzero(single & ~reading.fixed)
+    loose = np.flatnonzero(single & ~reading.held)
     told = [f"at {reading.place(net.x[p])}" for p in loose.tolist()]
     reading.tell("loose end", len(loose), "nodes have one element and no support", told, net.x[loose])

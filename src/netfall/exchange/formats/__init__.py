@@ -3,6 +3,7 @@
 A format has
     HOLDS      what of `lacking.of_net` it holds, None: all
     FOLDER     whether it is a folder of files
+    UNITS      whether coordinates may be in another unit than metres
     AT_REST    whether it holds an equilibrium alone, not a state in motion
     write(result, state, path)   writes it, and returns what to say
 """

@@ -13,13 +13,13 @@ from netfall.results.result import Result
 from netfall.write.locks import whole_folder
 
 HOLDS = None
-FOLDER, AT_REST = True, False
+FOLDER, AT_REST, UNITS = True, False, False
 ABOUT = "README.txt"
 OWN = ("nodes.csv", "elements.csv", "faces.csv", "job.toml", "history.csv", "events.csv", ABOUT)
 DIGITS = 16  # of the digest
 
 
-def write(result: Result, state: State, folder: Path) -> list[str]:
+def write(result: Result, state: State, folder: Path, unit: str) -> list[str]:
     """nodes.csv, elements.csv and faces.csv, from which job.toml makes the same net; history and events.
 
     In motion the tables alone: where the points are then, and what elements carry.
@@ -37,18 +37,18 @@ def write(result: Result, state: State, folder: Path) -> list[str]:
 
 def _written(result: Result, state: State, folder: Path) -> list[str]:
     """Write the files; what is said of them."""
-    tables = _of_the_net(result, state) if state.time is None else _in_motion(state)
+    tables = _of_the_net(result, state) if state.is_form else _in_motion(state)
     told = [f"{folder}: {state.name}; coordinates in m, forces in N"]
     if hasattr(result, "history"):
         tables |= {"history": _history(result), "events": dict(result.events)}
     for name, columns in tables.items():
         write_table(folder / f"{name}.csv", columns)
         told.append(f"{folder / name}.csv: {len(next(iter(columns.values())))} rows")
-    if state.time is None:
+    if state.is_form:
         told += job_again(result, state, folder, "faces" in tables)
         told.append(f"digest of the net: {digest(folder)}, of the three tables; the same net has the same")
     else:
-        told.append("note: a state in motion, without loads, masses and sections: those are of the form")
+        told.append(f"note: {state.name}, without loads, masses and sections: those are of the form")
     return told
 
 

@@ -1,48 +1,59 @@
-"""A result as a drawing: lines in metres, a layer for each group, one for supports, one for what broke."""
+"""A result as a drawing: lines, a layer for each group, for supports, for springs, for what broke."""
 
 from pathlib import Path
 
+import numpy as np
+
+from netfall.exchange.springs import springs_of
 from netfall.exchange.state import MARK, State
 from netfall.results.result import Result
 from netfall.write.locks import whole
 
 HOLDS = ("groups",)
-FOLDER, AT_REST = False, False
+FOLDER, AT_REST, UNITS = False, False, True
 COLOURS = (5, 3, 30, 6, 4, 140, 40, 200)  # of AutoCAD's table, for groups in turn
 RED = 1
+PER_METRE = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 
 
-def write(result: Result, state: State, path: Path) -> list[str]:
+def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     """Write the drawing."""
     import ezdxf
 
-    drawing = ezdxf.new("R2010", units=ezdxf.units.M)
+    per = PER_METRE[unit]
+    drawing = ezdxf.new("R2010", units=getattr(ezdxf.units, unit.upper()))
     space = drawing.modelspace()
     layers = _layers(sorted(set(state.group.tolist())))
     for k, layer in enumerate(layers.values()):
         known = drawing.layers.get(layer) if layer in drawing.layers else drawing.layers.add(layer)
         known.color = COLOURS[k % len(COLOURS)]
     drawing.layers.add("supports", color=RED)
+    sprung = springs_of(result).nodes
+    if len(sprung):
+        drawing.layers.add("springs", color=RED)
     torn = int((state.broken & ~state.out()).sum())
     if torn:
         drawing.layers.add("broken", color=RED)
     there = ~state.out()
     for (a, b), group, broken in zip(
-        state.position[state.ends][there].tolist(),
+        (per * state.position)[state.ends][there].tolist(),
         state.group[there].tolist(),
         state.broken[there].tolist(),
         strict=True,
     ):
         space.add_line(a, b, dxfattribs={"layer": "broken" if broken else layers[group]})
-    for x in state.position[state.fixed.any(1)].tolist():
-        space.add_point(x, dxfattribs={"layer": "supports"})
+    held = np.flatnonzero(state.fixed.any(1))
+    for layer, nodes in (("supports", held), ("springs", sprung)):
+        for x in (per * state.position[nodes]).tolist():
+            space.add_point(x, dxfattribs={"layer": layer})
     drawing.header.custom_vars.append("made", MARK)
     with whole(path) as place:
         drawing.saveas(place)
     shown = ", ".join(layers.values())
     broken = f", {torn} on layer broken" if torn else ""
-    held = f"{int(state.fixed.any(1).sum())} points on layer supports"
-    told = [f"{path}: {state.name}, {there.sum()} lines in m on layers {shown}{broken}; {held}"]
+    points = f"{len(held)} points on layer supports"
+    points += f", {len(sprung)} on layer springs" if len(sprung) else ""
+    told = [f"{path}: {state.name}, {there.sum()} lines in {unit} on layers {shown}{broken}; {points}"]
     return told + state.told_out("lines")
 
 
@@ -52,7 +63,7 @@ def _layers(groups: list[str]) -> dict[str, str]:
     DXF makes no difference between upper and lower case.
     """
     found: dict[str, str] = {}
-    taken = {"supports", "broken", "defpoints"}  # the last one is never printed
+    taken = {"supports", "springs", "broken", "defpoints"}  # the last one is never printed
     for group in groups:
         plain = "".join("_" if letter in '<>/\\":;?*|=`' else letter for letter in group or "cables")
         layer, k = plain, 2

@@ -10,10 +10,10 @@ from netfall.results.result import Result
 from netfall.write.locks import whole
 
 HOLDS = ("groups", "ids", "tensions", "unstressed lengths", "axes of supports")
-FOLDER, AT_REST = False, False
+FOLDER, AT_REST, UNITS = False, False, False
 
 
-def write(result: Result, state: State, path: Path) -> list[str]:
+def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     """Write the Graph."""
     length, there = lengths(state.position, state.ends), ~state.out()
     force_density = np.divide(state.tension, length, out=np.zeros_like(length), where=length > 0)

@@ -1,9 +1,11 @@
 """A result as a model for OpenSees: the last equilibrium that the run found, to be found again."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from netfall.exchange.springs import Springs, springs_of
 from netfall.exchange.state import State, form_of, lengths
 from netfall.mechanics.material import elastic_forces, unstressed_length
 from netfall.results.result import Result
@@ -11,9 +13,9 @@ from netfall.write.locks import whole
 
 HOLDS = (
     *("ids", "tensions", "unstressed lengths", "axes of supports", "stiffness", "bars"),
-    *("loads of nodes", "temperature"),
+    *("loads of nodes", "temperature", "springs"),
 )
-FOLDER, AT_REST = False, True
+FOLDER, AT_REST, UNITS = False, True, False
 SAME = 1e-9  # of the largest force: what two ways to compute a force may differ by
 LOAD_STEPS = 10
 HEAD = """\
@@ -21,6 +23,7 @@ HEAD = """\
 # {what}, by netfall from {source}
 # Tags are ids of nodes and elements. Units: m, N. Corotational trusses with initial strain, cables without
 # stiffness when slack. Strains refer to the lengths in the form: modulus and initial strain follow from that.
+# Elastic supports are zeroLength elements to held nodes in the same place.
 #
 #   OpenSees {name}
 #
@@ -42,44 +45,59 @@ RESULTS = """
 # --- the equilibrium, and what it is
 if {{[analyze {steps}] != 0}} {{ puts stderr "{name}: no equilibrium found"; exit 1 }}
 set out [open "{stem}_tension.txt" w]
-foreach e [getEleTags] {{ puts $out "$e [lindex [basicForce $e] 0]" }}
+foreach e [getEleTags] {{ if {{$e < {foot}}} {{ puts $out "$e [lindex [basicForce $e] 0]" }} }}
 close $out
 set out [open "{stem}_displacement.txt" w]
-foreach p [getNodeTags] {{ puts $out "$p [nodeDisp $p]" }}
+foreach p [getNodeTags] {{ if {{$p < {foot}}} {{ puts $out "$p [nodeDisp $p]" }} }}
 close $out
 """
 
 
-def write(result: Result, state: State, path: Path) -> list[str]:
-    """Write the model. The state is the form, which the model starts from."""
-    what, x, tension, free = _equilibrium(result)
+def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
+    """Write the model, which starts from the form."""
+    what, x, tension, free = _equilibrium(result, state)
+    state = replace(state, position=form_of(result)[0])
+    moved = np.where(state.fixed, x - state.position, 0.0)  # supports that settle
     EA, bar, reached = result.elements["axial_stiffness"], result.elements["bar"], lengths(x, state.ends)
     linear = elastic_forces(reached, free, EA, bar.astype(bool), strain="engineering")
     other = np.abs(linear - tension) > SAME * np.abs(tension).max()
     free = np.where(other, unstressed_length(reached, tension, EA, strain="engineering"), free)
-    load = np.where(state.fixed, 0.0, -internal(x, state.ends, tension))
+    springs = springs_of(result)
+    load = np.where(state.fixed, 0.0, -internal(x, state.ends, tension) - springs.forces(x))
     load[np.abs(load) <= SAME * np.abs(tension).max()] = 0.0
     names = dict(name=path.name, stem=path.stem, steps=LOAD_STEPS, step=repr(1.0 / LOAD_STEPS))
+    names["foot"] = first_foot(state)
     head = HEAD.format(title=" ".join(result.title.split()), what=what, source=result.path.name, **names)
-    parts = [head, _nodes(state), _elements(result, state, free), _loads(state, load)]
+    parts = [head, _nodes(state, moved), _elements(result, state, free), _springs(state, springs)]
+    parts.append(_loads(state, load, moved))
     with whole(path) as place:
         place.write_text(
             "".join(parts) + ANALYSIS.format(**names) + RESULTS.format(**names), encoding="utf-8"
         )
-    told = [f"{path}: {what}; {len(x)} nodes, {len(free)} trusses, {int(load.any(1).sum())} nodes with loads"]
+    counts = f"{len(x)} nodes, {len(free)} trusses, {int(load.any(1).sum())} nodes with loads"
+    sprung = f", {len(springs.nodes)} on springs" if len(springs.nodes) else ""
+    told = [f"{path}: {what}; {counts}{sprung}"]
     if other.any():
         told.append(
-            f"note: {int(other.sum())} elements are not linear elastic there (they yielded, or the strain is "
-            "logarithmic): their unstressed lengths give the same force in this equilibrium alone; where "
+            f"note: {int(other.sum())} elements are not linear elastic there (they yielded, the strain is "
+            "logarithmic, or the case changes lengths): their unstressed lengths give the same force in "
+            "this equilibrium alone; where "
             "many have yielded, OpenSees may not get there from the form"
         )
     return told
 
 
-def _equilibrium(result: Result) -> tuple[str, np.ndarray, np.ndarray, np.ndarray]:
-    """The last one found: what it is, position (n, 3) [m], tension (m,) [N], unstressed lengths (m,) [m]."""
+def _equilibrium(result: Result, state: State) -> tuple[str, np.ndarray, np.ndarray, np.ndarray]:
+    """That of a case, else the last one found.
+
+    What it is, position (n, 3) [m], tension (m,) [N], unstressed lengths (m,) [m]
+    """
     x, tension = form_of(result)
     warm = result.elements["unstressed_length_warm"]
+    if state.case:
+        place = result.file[f"cases/{state.case}"]
+        length = place["unstressed_length"][:] if "unstressed_length" in place else warm
+        return state.name, x + place["displacement"][:], place["tension"][:], length
     if hasattr(result, "rest"):
         what = "rest under all constant loads and the mean wind"
         return what, result.rest["position"], result.rest["tension"], warm
@@ -99,11 +117,10 @@ def internal(x: np.ndarray, ends: np.ndarray, tension: np.ndarray) -> np.ndarray
     return total
 
 
-def _nodes(state: State) -> str:
-    lines = []
-    for tag, x, held in zip(
-        state.node_id.tolist(), state.position.tolist(), state.fixed.tolist(), strict=True
-    ):
+def _nodes(state: State, moved: np.ndarray) -> str:
+    """moved : (n, 3) [m], of supports; what moves is held by the loads"""
+    lines, fixed = [], state.fixed & (moved == 0.0)
+    for tag, x, held in zip(state.node_id.tolist(), state.position.tolist(), fixed.tolist(), strict=True):
         lines.append(f"node {tag} {x[0]!r} {x[1]!r} {x[2]!r}\n")
         if any(held):
             lines.append(f"fix {tag} {' '.join(str(int(axis)) for axis in held)}\n")
@@ -126,10 +143,36 @@ def _elements(result: Result, state: State, free: np.ndarray) -> str:
     return "".join(lines)
 
 
-def _loads(state: State, load: np.ndarray) -> str:
+def _springs(state: State, springs: Springs) -> str:
+    """A foot and a zeroLength for each node on springs, whose materials begin with the spring's strain."""
+    lines, material = [], 2 * len(state.element_id)
+    columns = (springs.nodes, springs.stiffness, springs.rest)
+    for tag, (p, k, rest) in enumerate(zip(*(c.tolist() for c in columns)), first_foot(state)):
+        x, kinds, axes = state.position[p].tolist(), [], []
+        lines.append(f"node {tag} {x[0]!r} {x[1]!r} {x[2]!r}\nfix {tag} 1 1 1\n")
+        for axis in [axis for axis in range(3) if k[axis] > 0.0]:
+            lines.append(f"uniaxialMaterial Elastic {material + 1} {k[axis]!r}\n")
+            initial = f"{material + 2} {material + 1} {-rest[axis]!r}"
+            lines.append(f"uniaxialMaterial InitStrainMaterial {initial}\n")
+            material += 2
+            kinds.append(str(material))
+            axes.append(str(axis + 1))
+        ends = f"{tag} {int(state.node_id[p])}"
+        lines.append(f"element zeroLength {tag} {ends} -mat {' '.join(kinds)} -dir {' '.join(axes)}\n")
+    return "".join(lines)
+
+
+def first_foot(state: State) -> int:
+    """The first number above all nodes and elements, for the feet of springs and their elements."""
+    return 1 + int(max(state.node_id.max(), state.element_id.max()))
+
+
+def _loads(state: State, load: np.ndarray, moved: np.ndarray) -> str:
     loaded = np.flatnonzero(load.any(1))
     lines = [
         f"    load {tag} {f[0]!r} {f[1]!r} {f[2]!r}\n"
         for tag, f in zip(state.node_id[loaded].tolist(), load[loaded].tolist(), strict=True)
     ]
+    for p, k in np.argwhere(moved != 0.0).tolist():
+        lines.append(f"    sp {int(state.node_id[p])} {k + 1} {float(moved[p, k])!r}\n")
     return "\ntimeSeries Linear 1\npattern Plain 1 1 {\n" + "".join(lines) + "}\n"

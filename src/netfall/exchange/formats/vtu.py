@@ -10,10 +10,10 @@ from netfall.results.result import Result
 from netfall.write.locks import whole
 
 HOLDS = ("groups", "ids", "tensions", "unstressed lengths")
-FOLDER, AT_REST = False, False
+FOLDER, AT_REST, UNITS = False, False, False
 
 
-def write(result: Result, state: State, path: Path) -> list[str]:
+def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     """Write the grid."""
     names = sorted(set(state.group.tolist()))
     points = {
