@@ -9,6 +9,7 @@ from netfall.study.answers.hazard import TARGETS
 from netfall.study.answers.read import Study
 
 LEAST = 1e-7  # of the left axis
+ROOM = 8.0  # by which the right axis is longer, for what stands at the marks
 
 
 def hazard(study: Study):
@@ -27,10 +28,10 @@ def _curves(axes, h, g, rows: np.ndarray) -> None:
     axes.semilogy(h["speed"], h["exceedance"], color="0.2", lw=2, label="annual maximum exceeds the speed")
     for j, k in enumerate(rows):
         z = (log(h["speed"]) - np.log(g["median"][k])) / g["dispersion"][k]
-        axes.semilogy(h["speed"], cdf(z), color=f"C{j}", lw=1.4, label=_name(h, k))
+        axes.semilogy(h["speed"], cdf(z), color=f"C{j}", lw=1.4)  # named beside
     axes.set_ylim(LEAST, 1.5)
     axes.set_xlabel("mean wind speed [m/s]")
-    axes.set_ylabel("probability [-]")
+    axes.set_ylabel("probability [-]; colours as on the right")
     axes.legend(fontsize=SMALL, loc="lower left")
     axes.set_title(f"hazard: {h['distribution']}")
 
@@ -57,6 +58,8 @@ def _probabilities(axes, h, rows: np.ndarray) -> None:
             color="0.4",
         )
     axes.set_xscale("log")
+    low, high = axes.get_xlim()
+    axes.set_xlim(low, ROOM * high)
     axes.set_yticks(place, [_name(h, k) for k in rows])
     axes.set_ylim(-0.7, len(rows) - 0.2)
     axes.set_xlabel("probability in a year [-]; bars: 95 % interval; dashed: targets of EN 1990, 1 year")
