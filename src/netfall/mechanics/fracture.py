@@ -265,6 +265,8 @@ def new_particle(p, number, mass, weight, particles, rows):
         particles.x_start[k][row] = particles.x_start[k][p]
     if particles.course is not None:
         particles.course[row] = particles.course[p]
+        for k in range(3):
+            particles.ground[k][row] = 0.0  # what moves is set anew in each step, in rows of no use too
     particles.gid[row], particles.mass[row], particles.load[2][row] = number, mass, -weight
     particles.per_mass[row] = inverse_mass(mass)
     return row
