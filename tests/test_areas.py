@@ -607,7 +607,7 @@ def test_random_drawings_have_the_areas_of_their_polygons(seed, columns, rows, h
     net = net_of(xy[place], number[elements[order]], group[order], z[place])
     net.group_names = [f"g{k}" for k in range(layers + 1)]
     layer = int(rng.integers(layers))
-    loads = {"dead": [1.0], "snow": [0.0], "pressure": [None]}
+    loads = {"dead": [1.0], "snow": [0.0], "pressure": [None], "air_mass": [0.0]}
     job = SimpleNamespace(
         path="job",
         net=SimpleNamespace(nodes="n", generator=None),

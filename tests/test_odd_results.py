@@ -3,6 +3,7 @@
 import inspect
 from pathlib import Path
 
+import h5py
 import pytest
 from conftest import ROOT, STEEL, run_on_standing_ranks
 
@@ -150,11 +151,16 @@ def test_what_is_no_result_is_refused_by_all(workshop):
     assert {*workshop.folder.rglob("*")} == there  # and nothing was written
 
 
-def test_a_run_without_an_equilibrium_leaves_nothing_to_read(workshop):
-    """Exit code 3, and no file beside the job's own."""
+def test_a_run_without_an_equilibrium_says_so_in_its_file(workshop):
+    """Exit code 3, and a file that has the load factor that was reached and where it gives way."""
     job = workshop.job(
-        HANGS.replace("density = 7850.0", "density = 7850.0\nbreaking_load = 10.0") + "steps = 1\n", *ROPE
+        HANGS.replace("density = 7850.0", "density = 7850.0\nbreaking_load = 10.0")
+        + "steps = 1\nbreaking = true\n",
+        *ROPE,
     )
     done = workshop.run(job, code=3)
     assert "element 1 breaks" in done.stderr
-    assert {path.suffix for path in workshop.folder.iterdir()} == {".toml", ".csv"}
+    (file,) = workshop.folder.glob("*.vtkhdf")
+    with h5py.File(file) as f:
+        attrs = f["statics"].attrs
+        assert attrs["state"] == "no_equilibrium" and attrs["elements"].tolist() == [1]

@@ -13,6 +13,7 @@ from netfall.model.losses import Loss, comes_loose, losses_of
 from netfall.results.loss_lines import SOMETHING_BREAKS
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import (
+    OF_PARTICLES,
     StaticLoad,
     committed,
     error_words,
@@ -71,7 +72,9 @@ class Search:
         """What a continuation needs, for `restore`; arrays by global numbers on rank 0. Collective."""
         spread, mine = scene.distribution, scene.state.owned.astype(bool)
         gathered = {
-            name: spread.gather_particles(rows) if name == "x" else spread.gather_elements(rows, mine)
+            name: (
+                spread.gather_particles(rows) if name in OF_PARTICLES else spread.gather_elements(rows, mine)
+            )
             for name, rows in self.best.items()
         }
         small = {"total": self.total, "rests": self.rests}
@@ -84,7 +87,7 @@ class Search:
         self.tension = list(arrays["tension"]) if scene.model else [None] * (1 + len(self.rests))
         spread = scene.distribution
         self.best = {
-            name: (spread.particles if name == "x" else spread.elements)(arrays and arrays[name])
+            name: (spread.particles if name in OF_PARTICLES else spread.elements)(arrays and arrays[name])
             for name in self.best
         }
 

@@ -28,6 +28,7 @@ from netfall.write.saver import Record, Saver
 ALL_LOADS = "all loads"
 RELAXATION = "relaxation"  # in checkpoints
 COMMITTED = ("x", "eps_p", "dissipated", "L0", "spring_rest")
+OF_PARTICLES = ("x", "spring_rest")  # of these; the others are of elements
 EQUILIBRIUM, NONE, UNSTABLE = "equilibrium", "no_equilibrium", "unstable"
 NOT_FOUND = Solution(0, np.nan, np.nan, np.nan, False, UNKNOWN)
 MOST_NAMED = 100  # elements where a net gives way
