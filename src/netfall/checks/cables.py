@@ -101,15 +101,22 @@ def only_compressed(f, envelope: Envelope) -> np.ndarray:
     return f["net/bar"][:].astype(bool) & (envelope.most <= 0.0)
 
 
-def element_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarray]:
-    """A row for each element."""
-    names, ends = np.array(envelope.names, object), f["net/node_id"][:][f["net/elements"][:]]
-    columns = {
+def names_of_elements(f) -> dict[str, np.ndarray]:
+    """Columns (m,) by which an element is known: ids of it and its nodes, its cable and its group."""
+    ends = f["net/node_id"][:][f["net/elements"][:]]
+    return {
         "element": f["net/element_id"][:],
         "start": ends[:, 0],
         "end": ends[:, 1],
         "cable": f["net/cable_names"].asstr()[:].astype(object)[f["net/cable"][:]],
         "group": groups_of(f),
+    }
+
+
+def element_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarray]:
+    """A row for each element."""
+    names = np.array(envelope.names, object)
+    columns = names_of_elements(f) | {
         "unstressed_length": f["net/unstressed_length"][:],
         "tension_max": envelope.most,
         "case_max": names[envelope.of_most],

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from netfall.checks.cables import groups_of
+from netfall.checks.cables import groups_of, names_of_elements
 from netfall.results.cases import Case
 from netfall.results.states import ShownState, equilibria, start_position
 
@@ -57,14 +57,7 @@ def slack_cables(f, cases: list[Case]) -> list[int]:
 
 def force_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
     """A row for each element, a column [N] for each state: the form, cases by their names, other stages."""
-    ends = f["net/node_id"][:][f["net/elements"][:]]
-    columns = {
-        "element": f["net/element_id"][:],
-        "start": ends[:, 0],
-        "end": ends[:, 1],
-        "cable": f["net/cable_names"].asstr()[:].astype(object)[f["net/cable"][:]],
-        "group": groups_of(f),
-    }
+    columns = names_of_elements(f)
     for stage in equilibria(f):
         columns[name_in(columns, cases, stage)] = stage.tension() * factor(cases, stage)
     return columns
