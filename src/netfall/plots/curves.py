@@ -18,6 +18,7 @@ LEAST_ROWS = 10  # of the history before the first fracture, for a picture of th
 BULK = 0.5, 99.5  # percentiles of values that a scale shows
 MUCH_MORE = 1.0  # times the range of the bulk: what is farther out is left out of the scale
 FLOOR = 1e-17  # of the errors that are drawn
+LEAST_SPAN = 1e-6  # of the largest displacement of a picture, over which each of its axes goes
 AUDITS = (("balance_error", "physical balance", "C4"), ("identity_error", "work identity", "C5"))
 ROOM = 0.14  # of the width, from one time that is told to the next
 
@@ -195,16 +196,17 @@ def _set_readable(axes, values: np.ndarray) -> None:
 
 def _tension_curves(f) -> list[tuple[np.ndarray, np.ndarray, int]]:
     """Times, tensions, element of each curve: named; or probes, then what breaks first; or the largest."""
-    h, frames, curves = f["history"], Frames(f), []
+    h, frames, curves, chosen = f["history"], Frames(f), [], []
     if "element_tension" in h:
         named = h["element"][:MOST_NAMED]
         return [(h["time"][:], h["element_tension"][:, k], e) for k, e in enumerate(named)]
     if "probe_tension" in h and h["probe_tension"].shape[1]:
-        chosen = h["probe_element"][:MOST_CURVES]
+        chosen = h["probe_element"][:MOST_CURVES].tolist()
         curves = [(h["time"][:], h["probe_tension"][:, k], e) for k, e in enumerate(chosen)]
     steps = range(len(frames.times))
     of_frames = lambda e: (frames.times, np.array([frames.cell("tension", s)[e] for s in steps]), e)
-    first = list(dict.fromkeys(f["events/element"][:].tolist()))[: max(2, MOST_CURVES - len(curves))]
+    broken = dict.fromkeys(e for e in f["events/element"][:].tolist() if e not in chosen)
+    first = list(broken)[: max(2, MOST_CURVES - len(curves))]
     if len(steps) > 1:
         curves += [of_frames(e) for e in first]
     if not curves:
@@ -226,12 +228,20 @@ def displacements(f):
             axis.plot(t[rows], d[rows, j, k], lw=1, label=name(p))
         if column == 0:
             axis.set_ylabel(f"displacement {'xyz'[k]} [m]")
+        _no_noise(axis, LEAST_SPAN * float(np.abs(d[rows]).max(initial=0.0)))
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
     _tell_events(f, axes[0], first)
     legend_below(figure, axes[0, 0], 3)
     heading(figure, title_of(f), ": displacements")
     return figure
+
+
+def _no_noise(axis, least: float) -> None:
+    """Let an axis span `least` at least: what is less is rounding, not motion."""
+    low, high = axis.get_ylim()
+    if high - low < least:
+        axis.set_ylim(0.5 * (low + high - least), 0.5 * (low + high + least))
 
 
 def early_end(f) -> float:
