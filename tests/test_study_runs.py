@@ -22,9 +22,10 @@ from netfall.ground.stop import NEVER
 from netfall.job.memory import Memory
 from netfall.job.read import read_job
 from netfall.net.net import Net
+from netfall.plots.study.study import plot_study
 from netfall.program.member import roof_lost, run_member
 from netfall.results.outcomes import NOTHING
-from netfall.study.answers.info import _audit
+from netfall.study.answers.info import _audit, print_study
 from netfall.study.draws import draw
 from netfall.study.file import read_plan
 from netfall.study.files import Watch
@@ -203,6 +204,31 @@ def workers_of(pid: int) -> list[int]:
     found = [int(word) for word in children.read_text().split()] if children.exists() else []
     command = lambda child: Path(f"/proc/{child}/cmdline")
     return [child for child in found if command(child).exists() and b"worker" in command(child).read_bytes()]
+
+
+def test_nets_may_differ_between_members(tmp_path):
+    """Each with its own elements: ids are its own, and nothing is counted by element."""
+    text = 'job = "roof.toml"\n[vary]\n"net.cells" = [4, 6]\n"wind.seed" = [1, 2]\n"wind.speed" = [30.0]\n'
+    done = run_on_standing_ranks("study", write(tmp_path, text), "--workers", 1, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    path = tmp_path / "storm.study.h5"
+    with h5py.File(path) as f:
+        assert f["members/state"].asstr()[:].tolist() == ["finished"] * 4 and "net" not in f
+        assert "first_breaks" not in f and f["members/broken"][0] > 0
+        first, ids = f["members/first_element"][:], f["members/first_element_id"][:]
+    for row, (cells, seed) in enumerate([(4, 1), (4, 2), (6, 1), (6, 2)]):
+        words = ["--set", f"net.cells={cells}", "--set", f"wind.seed={seed}", "--set", "wind.speed=30.0"]
+        own = tmp_path / "own.vtkhdf"
+        done = run_on_standing_ranks("run", tmp_path / "roof.toml", "-o", own, *words, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        with h5py.File(own) as run:
+            element = run["events/element"][:1].tolist()
+            assert first[row : row + 1].tolist() == (element or [-1])
+            assert ids[row] == (run["net/element_id"][element[0]] if element else -1)
+    plot_study(path, tmp_path)
+    said = []
+    print_study(path, said.append)
+    assert said[1].startswith("study: 4 members of nets that differ"), said
 
 
 def test_parts_are_joined_and_what_is_missing_is_run(whole, tmp_path):
@@ -581,7 +607,10 @@ WRONG = [
     ("[vary]\nremoved = [1]\n", "removed = 1: expected a key of the job, SECTION.KEY"),
     ("[vary]\nremove = {time = 1.0}\n", 'expected {{each = "element", ...}}'),
     ('[vary]\n"output.modes" = [2]\n', "members leave no checkpoints and find no modes"),
-    ('[vary]\n"net.cells" = [4, 6]\n', "make a study of each net"),
+    (
+        '[vary]\n"net.cells" = [4, 6]\nremove = {each = "element", time = 1.0}\n',
+        "make a study of each net",
+    ),
     (
         '[sample]\ncount = 1000000000000\n"wind.speed" = {distribution = "uniform", from = 1.0, to = 2.0}\n',
         "at most",

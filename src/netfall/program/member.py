@@ -142,12 +142,14 @@ def _of_motion(model: Model, simulation, extremes: Extremes, depth: float | None
     }
     if len(log):
         used = float(log.strain[0] / net.fracture_strain[log.element[0]])
-        found |= {"first_fracture": float(log.time[0]), "first_element": int(log.element[0])}
+        first = int(log.element[0])
+        found |= {"first_fracture": float(log.time[0]), "first_element": first}
+        found["first_element_id"] = int(net.element_id[first])
     if removal:
         gone[removal["element"]], area = True, simulation.removal.area
         highest = np.fmax(extremes.tension, np.fmax.reduce(removal["tension_highest"], 0))
         extremes = extremes._replace(tension=highest)
-        found |= {} if len(log) else _largest_factor(removal)  # the rest is that of a net that holds
+        found |= {} if len(log) else _largest_factor(net, removal)  # the rest is that of a net that holds
         found["rest_after_loss"] = worst_rest(states_of_rest(removal))
         found["gusts"] = int(model.wind_field is not None and model.wind_field.varies)
     found |= {"roof_lost": roof_lost(net, area, gone), "utilisation_before_break": used}
@@ -185,7 +187,7 @@ def net_of(comm: MPI.Comm, read: Callable[[], Job], memory: Memory) -> dict[str,
     }
 
 
-def _largest_factor(removal: dict[str, np.ndarray]) -> dict:
+def _largest_factor(net: Net, removal: dict[str, np.ndarray]) -> dict:
     """The largest dynamic factor among elements whose tension a loss changes by much, and its element."""
     change = np.abs(removal["tension_after"] - removal["tension_before"])
     largest = np.fmax.reduce(removal["tension_before"], axis=None, initial=0.0)
@@ -194,7 +196,11 @@ def _largest_factor(removal: dict[str, np.ndarray]) -> dict:
         return {}
     largest = np.nanargmax(factors)
     element = int(largest % factors.shape[1])
-    return {"dynamic_factor_max": float(factors.flat[largest]), "dynamic_factor_element": element}
+    return {
+        "dynamic_factor_max": float(factors.flat[largest]),
+        "dynamic_factor_element": element,
+        "dynamic_factor_element_id": int(net.element_id[element]),
+    }
 
 
 def roof_lost(net: Net, area: np.ndarray, gone: np.ndarray) -> float:

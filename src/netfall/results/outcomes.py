@@ -32,11 +32,14 @@ class MemberColumn(NamedTuple):
         return self.of_run and self.dtype in (int, float) and self.name not in NO_MEASURE
 
 
-NO_MEASURE = ("first_element", "dynamic_factor_element", "gusts", "seconds")
+NO_MEASURE = (
+    *("first_element", "first_element_id", "dynamic_factor_element", "dynamic_factor_element_id"),
+    *("gusts", "seconds"),
+)
 OUTCOMES = (
     MemberColumn("first_fracture", NAN, "s"),
     MemberColumn("first_element", -1),
-    MemberColumn("first_element_id", -1, of_run=False),
+    MemberColumn("first_element_id", -1),
     MemberColumn("broken", 0),
     MemberColumn("roof_lost", NAN),
     MemberColumn("displacement_max", NAN, "m"),
@@ -47,7 +50,7 @@ OUTCOMES = (
     MemberColumn("balance_error", NAN),
     MemberColumn("dynamic_factor_max", NAN, of_losses=True),
     MemberColumn("dynamic_factor_element", -1, of_losses=True),
-    MemberColumn("dynamic_factor_element_id", -1, of_losses=True, of_run=False),
+    MemberColumn("dynamic_factor_element_id", -1, of_losses=True),
     MemberColumn("rest_after_loss", "", of_losses=True),
     MemberColumn("gusts", 0, of_losses=True),
     MemberColumn("duration", NAN, "s", of_run=False),

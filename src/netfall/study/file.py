@@ -66,7 +66,8 @@ class Plan:
     draws : (count, k) of the keys `sampled`, None without [sample]; whole : those with whole numbers
     loss : what each loss has in common; exposure : [s], duration of the job's own dynamic stage
     chains : which members there are, where earlier ones decide, as for rare failures
-    files : that the members read; failures, hazard : what is asked of the runs when they are there
+    files : that the members read; nets_differ : members have other elements, or other ids of them
+    failures, hazard : what is asked of the runs when they are there
     """
 
     path: Path
@@ -87,6 +88,7 @@ class Plan:
     chains: Chains | None
     files: list[Path]
     notes: list[str]
+    nets_differ: bool = False
 
     def __len__(self) -> int:
         if self.chains:
@@ -200,7 +202,8 @@ def read_plan(path: Path) -> Plan:
         files=[job, *own.files()],
         notes=notes,
     )
-    return replace(plan, files=_try(plan))
+    files, nets = _try(plan)
+    return replace(plan, files=files, nets_differ=nets > 1)
 
 
 def _sections_of(path: Path, data: dict) -> Sections:
@@ -298,8 +301,11 @@ def _flat(table: dict, wrong, prefix: str = "") -> dict:
     return found
 
 
-def _try(plan: Plan) -> list[Path]:
-    """Try each value of each key in the job, and the ends of each draw; the files read. Raises InputError."""
+def _try(plan: Plan) -> tuple[list[Path], int]:
+    """Try each value of each key in the job, and the ends of each draw. Raises InputError.
+
+    The files read, and how many nets there are of those that were tried
+    """
     if len(plan) > MOST:
         raise InputError(f"{plan.path}: asks for {len(plan)} runs; at most {MOST} are possible")
     files, nets = dict.fromkeys(plan.files), set()
@@ -336,16 +342,16 @@ def _try(plan: Plan) -> list[Path]:
                 errors.append(f"{plan.path}: {what} takes a dynamic stage; expected [dynamics] in {plan.job}")
             elif name.startswith("net."):
                 nets.add(_net_key(job))
-    if len(nets) > 1:
+    if len(nets) > 1 and plan.loss:
         errors.append(
-            f"{plan.path}: keys of [net] that vary change its elements, which are the rows of the study's "
-            "counts; make a study of each net"
+            f"{plan.path}: [vary] remove: keys of [net] that vary change the elements, each of which "
+            "would be lost; make a study of each net"
         )
     if plan.loss and not tried:
         plan.read(plan.member(0))
     if errors:
         raise InputError(list(dict.fromkeys(errors)))
-    return list(files)
+    return list(files), len(nets)
 
 
 def _few(axis: Axis) -> list:

@@ -86,7 +86,7 @@ def _cores(launcher: str | None) -> int:
 
 def _what_there_is(plan: Plan, place: Place, digests: dict, shard, progress: Progress) -> Table:
     """The runs that were made: of this study, and of its parts if this is the whole."""
-    table = Table(len(plan))
+    table = Table(len(plan), plan.nets_differ)
     for each in [place, *(place.parts() if shard is None else [])]:
         known = int(table.there.sum())
         if each is not place:

@@ -22,13 +22,15 @@ TEXT = h5py.string_dtype()
 class Table:
     """Rows by the number of the member; `there` : which are known; `tries` : how often each was begun."""
 
-    def __init__(self, count: int):
+    def __init__(self, count: int, nets_differ: bool = False):
+        """nets_differ : between members, so that no element is that of another"""
         self.columns = {each.name: np.full(count, each.empty, each.dtype) for each in OF_RUN}
         self.there = np.zeros(count, bool)
         self.tries = np.zeros(count, np.int64)
         self.times: dict[int, np.ndarray] = {}  # of fractures, by member
         self.elements: dict[int, np.ndarray] = {}
-        self.net: dict[str, np.ndarray] | None = None  # None: not asked for yet; empty: it has no form
+        # None: not asked for yet; empty: it has no form, or is not one
+        self.net: dict[str, np.ndarray] | None = {} if nets_differ else None
         self.counts: Counter[str] = Counter()  # of states
 
     def add(self, record: dict) -> None:
@@ -122,10 +124,6 @@ class Table:
             of_losses = {each.name for each in OUTCOMES if each.of_losses}
             columns = {name: values for name, values in columns.items() if name not in of_losses}
         columns["duration"] = np.array([plan.duration(member) for member in found])
-        for name in ("first_element", "dynamic_factor_element"):
-            if name in columns and self.net:
-                ids, element = self.net["element_id"], columns[name]
-                columns[f"{name}_id"] = np.where(element >= 0, ids[np.maximum(element, 0)], -1)
         return columns
 
     def _write_events(self, f: h5py.File, rows: np.ndarray) -> None:

@@ -27,7 +27,9 @@ def write_study_page(path: Path, page: Path, member: int | None) -> str:
     need_k3d()
     study = read_study(path)
     if not len(study.net["elements"]):
-        raise InputError(f"{path}: no member had a net, so there is nothing to view")
+        raise InputError(
+            f"{path}: no net that is that of all members; view the result file of one that was kept"
+        )
     kept = place_of(path, path, None).members
     number = chosen(study, kept, member)
     return put(page, net_page(study) if number is None else member_page(study, kept, number))

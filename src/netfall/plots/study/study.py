@@ -28,7 +28,7 @@ def pictures_of(study: Study) -> dict[str, Callable]:
         ("fragility", fragility, bool(study.fragility)),
         ("hazard", hazard, bool(study.hazard) and np.isfinite(study.hazard["annual_probability"]).any()),
         ("breaks", breaks, broke),
-        ("spread", spread, broke),
+        ("spread", spread, bool(len(study.events["time"])) and study.finished[study.events["member"]].any()),
         ("loss_map", loss_map, losses is not None and (elements_lost(study, losses) >= 0).any()),
         ("losses", loss_chart, losses is not None),
         ("inputs", inputs, bool(drawn_inputs(study)) and bool(responses(study))),

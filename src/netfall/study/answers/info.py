@@ -44,7 +44,11 @@ def _inputs(study: Study, say) -> None:
     names = inputs_of(study.members)
     n = len(study.members["state"])
     what = f"exposure {study.exposure} each" if study.moves else "equilibria without a dynamic stage"
-    say(f"study: {n} members of {len(study.net['elements'])} elements, {what}")
+    elements = len(study.net["elements"])
+    nets = f" of {elements} elements" if elements else ""
+    if any(name.startswith("net.") for name in names) and not elements:
+        nets = " of nets that differ"
+    say(f"study: {n} members{nets}, {what}")
     for name in names:
         say(f"  {name}: {_values(study.members[name], unit_of_column(name))}")
     if SPEED in names and not any(is_seed(name) for name in names):
