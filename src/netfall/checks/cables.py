@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.checks.codes import STRENGTHS, Check
+from netfall.checks.buckling import bar_columns, strengths_of_bars
+from netfall.checks.codes import IN_TENSION, Check
 from netfall.mechanics.material import stretched_length, warm_length
 from netfall.results.cases import KINDS, cases_of
 from netfall.results.losses import broken_at, largest_factor, lost_at
@@ -25,21 +26,22 @@ class Checked:
 
     By the name of the check, (m,) each:
     resistance, utilisation : [N], share; nan: the element has no such strength
-    tension, of : the largest [N] in the stages that count for the check, and which of the envelope's it is
+    force, of : the largest tension, or compression, [N] in the stages that count for the check, and which of
+        the envelope's it is
     """
 
     checks: list[Check]
     resistance: dict[str, np.ndarray]
     utilisation: dict[str, np.ndarray]
-    tension: dict[str, np.ndarray]
+    force: dict[str, np.ndarray]
     of: dict[str, np.ndarray]
 
     def decisive(self, check: str) -> np.ndarray:
-        """By what elements (m,) are compared in a check: its utilisation, without it the tension.
+        """By what elements (m,) are compared in a check: its utilisation, without it the force.
 
         An element with a utilisation comes before all without.
         """
-        return _by(self.utilisation[check], self.tension[check])
+        return _by(self.utilisation[check], self.force[check])
 
 
 def groups_of(f) -> np.ndarray:
@@ -57,22 +59,33 @@ def types_of(f) -> np.ndarray:
 def strengths_of(f) -> dict[str, np.ndarray]:
     """Strengths (m,) [N] as given, inf: none."""
     none = np.full(len(f["net/elements"]), np.inf)
-    return {name: f["net"][name][:] if name in f["net"] else none for name in STRENGTHS}
+    return {name: f["net"][name][:] if name in f["net"] else none for name in IN_TENSION}
 
 
 def resistances_of(f, checks: list[Check]) -> dict[str, np.ndarray]:
     """Resistances (m,) [N] by the names of the checks."""
-    strengths, groups = strengths_of(f), groups_of(f)
+    strengths, groups = strengths_of(f) | strengths_of_bars(f), groups_of(f)
     return {check.name: check.resistance(strengths, groups) for check in checks}
 
 
+def applicable(checks: list[Check], resistance: dict) -> tuple[list[Check], dict]:
+    """The checks, and resistances by their names, without those of compression that no bar has."""
+    there = [each for each in checks if not each.compression or np.isfinite(resistance[each.name]).any()]
+    return there or checks, {each.name: resistance[each.name] for each in there or checks}
+
+
 def check_elements(f, checks: list[Check], resistance: dict, envelope: Envelope) -> Checked:
-    """The largest tension of what counts for each check over its resistance; of what is in tension at all."""
-    none, kinds = only_compressed(f, envelope), stage_kinds(f, envelope)
-    found = {check.name: envelope.largest(counted(kinds, check.kind)) for check in checks}
-    tension, of = ({name: pair[k] for name, pair in found.items()} for k in (0, 1))
-    used = {name: np.where(none, np.nan, tension[name] / R) for name, R in resistance.items()}
-    return Checked(checks, resistance, used, tension, of)
+    """The largest force of what counts for each check over its resistance; of bars, if they have any."""
+    kinds = stage_kinds(f, envelope)
+    largest = {False: envelope.largest, True: envelope.largest_compression}
+    found = {check.name: largest[check.compression](counted(kinds, check.kind)) for check in checks}
+    force, of = ({name: pair[k] for name, pair in found.items()} for k in (0, 1))
+    none = {False: only_compressed(f, envelope), True: ~(envelope.least < 0.0)}
+    used = {
+        each.name: np.where(none[each.compression], np.nan, force[each.name] / resistance[each.name])
+        for each in checks
+    }
+    return Checked(checks, resistance, used, force, of)
 
 
 def stage_kinds(f, envelope: Envelope) -> np.ndarray:
@@ -131,10 +144,11 @@ def element_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.nda
         columns["slack_time"] = envelope.slack_time
     if "removal" in f:
         columns["dynamic_factor"] = largest_factor(f)
+    columns |= bar_columns(f)
     for check in checked.checks:
         columns[f"resistance_{check.name}"] = checked.resistance[check.name]
         columns[f"utilisation_{check.name}"] = checked.utilisation[check.name]
-        columns[f"tension_{check.name}"] = checked.tension[check.name]
+        columns[f"{check.of}_{check.name}"] = checked.force[check.name]
         columns[f"case_{check.name}"] = names[checked.of[check.name]]
     return columns
 
@@ -171,7 +185,7 @@ def cable_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
         columns["dynamic_factor"] = -_least_of(-each["dynamic_factor"], cable, count)
     for check in checked.checks:
         governs = _first_by(checked.decisive(check.name), cable)
-        for what in ("resistance", "utilisation", "tension", "case"):
+        for what in ("resistance", "utilisation", check.of, "case"):
             columns[f"{what}_{check.name}"] = each[f"{what}_{check.name}"][governs]
     return columns
 

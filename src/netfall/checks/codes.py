@@ -11,7 +11,8 @@ from netfall.job.values import nearest, shown
 from netfall.results.cases import KINDS
 
 SHIPPED = Path(__file__).with_name("codes.toml")
-STRENGTHS = ("breaking_load", "yield_force")
+IN_TENSION, IN_COMPRESSION = ("breaking_load", "yield_force"), ("buckling", "euler_load")
+STRENGTHS = IN_TENSION + IN_COMPRESSION
 USES = ("multiply", "divide")
 KEYS = {  # of each kind of table in the file
     "the file": ("check",),
@@ -44,6 +45,16 @@ class Check:
     title: str
     kind: str
     resistances: list[tuple[str, list[Factor]]]
+
+    @property
+    def compression(self) -> bool:
+        """Whether it is of compression, not of tension."""
+        return self.resistances[0][0] in IN_COMPRESSION
+
+    @property
+    def of(self) -> str:
+        """What is compared with its resistance."""
+        return "compression" if self.compression else "tension"
 
     def resistance(self, strengths: dict[str, np.ndarray], groups: np.ndarray) -> np.ndarray:
         """Resistance (m,) [N], nan where the element has none of the strengths.
@@ -121,6 +132,11 @@ def _check(table: dict, place: str, errors: list[str]) -> Check:
         _know_keys(one, "[[check.resistance]]", place, errors)
         if one.get("of") not in STRENGTHS:
             errors.append(f"{place} of = {one.get('of')!r}: expected one of {', '.join(STRENGTHS)}")
+        elif (one["of"] in IN_COMPRESSION) != (given[0].get("of") in IN_COMPRESSION):
+            errors.append(
+                f"{place} of = {one['of']!r} beside {given[0].get('of')!r}: a check is of tension or of "
+                "compression; make two of it"
+            )
         factors = one.get("factor", [])
         listed = isinstance(factors, list) and all(isinstance(f, dict) for f in factors)
         if not listed:

@@ -45,7 +45,7 @@ def group_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
         "element": f["net/element_id"][:][each],
         "alike": np.array([alike for *_, alike in rows]),
         "case": np.array(envelope.names, object)[of(checked.of)],
-        "N_Ed": of(checked.tension),
+        "N_Ed": of(checked.force),
         "N_Rd": of(checked.resistance),
         "utilisation": used,
         "result": np.select([np.isnan(used), used <= 1.0], ["", "passes"], "FAILS").astype(object),
@@ -57,7 +57,7 @@ def members(f, checked: Checked, check: str) -> list[tuple[int, int]]:
 
     Those of one group, type and resistance whose forces are alike are one row, by the first of them.
     """
-    N, R, key = checked.tension[check], checked.resistance[check], checked.decisive(check)
+    N, R, key = checked.force[check], checked.resistance[check], checked.decisive(check)
     kind = _numbers(groups_of(f), types_of(f), np.nan_to_num(R, nan=-1.0))
     order = np.lexsort((np.arange(len(N)), -np.round(key, 9)))
     rows: list[list[int]] = []

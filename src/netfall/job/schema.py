@@ -10,6 +10,7 @@ from netfall.job.cases import LIMITS, rows_of_set
 from netfall.job.dimensions import DIMENSIONS, GENERATOR_KEYS
 from netfall.job.keys import ABSENT, REQUIRED, Key, between, choice, count, flag, not_negative, positive, seed
 
+CURVES = ("a0", "a", "b", "c", "d")  # buckling curves of EN 1993-1-1
 CABLE = (
     choice("kind", ("cable", "bar"), "cable", "cable: tension only; bar: tension and compression"),
     between(1.0, 1e15, "modulus", "Pa", ABSENT, "Young's modulus; with area, or axial_stiffness instead"),
@@ -35,6 +36,21 @@ CABLE = (
     ),
     seed("length_seed", "seed of the drawn errors of length: the same seed draws the same"),
     seed("strength_seed", "seed of the drawn strengths: the same seed draws the same strengths"),
+    positive(
+        "second_moment",
+        "m4",
+        ABSENT,
+        "of the area of a bar's section, about any axis: Euler's load",
+        high=1e4,
+    ),
+    positive(
+        "buckling_length",
+        "m",
+        ABSENT,
+        "of a bar between what holds it, for Euler's load; absent: the length of the table's element",
+        high=1e5,
+    ),
+    choice("buckling_curve", CURVES, "c", "of EN 1993-1-1, 6.3.1.2, for the check of a compressed bar"),
     between(-1e-3, 1e-3, "expansion", "1/K", 12e-6, "coefficient of thermal expansion: strain for each K"),
     choice("strain", ("engineering", "logarithmic"), "engineering", "strain measure"),
 )

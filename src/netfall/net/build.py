@@ -6,6 +6,7 @@ from netfall.ground.errors import InputError
 from netfall.job.asks import carries_permanent, roof_groups
 from netfall.job.job import Job
 from netfall.job.values import shown
+from netfall.net.bars import bar_errors, bar_notes, set_bars
 from netfall.net.cables import cables_of, same_names
 from netfall.net.generators import generate as generators
 from netfall.net.net import Net, nearest_group, subdivide
@@ -40,10 +41,11 @@ def build_net(job: Job) -> Net:
     net.cable, net.cable_names = cables_of(net, job.net.generator in STEEP)
     set_strengths(job, net)
     set_length_errors(job, net)
-    errors = _whole_net_errors(job, net) + _cables_of_one_name(job, net) + strength_errors(job, net)
+    errors = _whole_net_errors(job, net) + _cables_of_one_name(job, net)
+    errors += strength_errors(job, net) + bar_errors(job, net)
     if errors:
         raise InputError(errors)
-    net.notes += strength_notes(job, net)
+    net.notes += strength_notes(job, net) + bar_notes(job, net)
     return net
 
 
@@ -74,6 +76,7 @@ def _set_sections(job: Job, net: Net, columns: dict | None = None) -> None:
         raise InputError(wrong + error.lines) from None
     if wrong:
         raise InputError(wrong)
+    set_bars(job, net)
 
 
 def _wrong_groups(job: Job, net: Net) -> list[str]:

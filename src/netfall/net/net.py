@@ -54,6 +54,8 @@ class Net:
     strength_deviation : (m,) scatter; strength : (m,) what was drawn, a factor on all of the above, in them
     length_deviation : (m,) [m] scatter of the length of its piece of cable; length_error : (m,) [m], drawn
     type : (m,) row of type_names, of the catalogue, -1: none; bar : (m,) bool, carries compression
+    second_moment : (m,) [m4] of the area of bars, nan: none, None: of no element; for these as given
+    buckling_length : (m,) [m], nan: that of the element of the table; buckling_curve : (m,) row of CURVES
     tier : (m,) ring of a generated net, from the middle, that the element of its group is in; else 0
     prestress : (m,) [N]; force_density : (m,) [N/m], nan: none; unstressed_length : (m,) [m], nan: none
     outline : (s, 2) segments of the rigid boundary in plan, which close faces but are no elements; numbers
@@ -97,6 +99,9 @@ class Net:
     type: np.ndarray = _element(empty=-1)
     type_names: list[str] = field(default_factory=list)
     bar: np.ndarray = _element()
+    second_moment: np.ndarray | None = _element()
+    buckling_length: np.ndarray | None = _element()
+    buckling_curve: np.ndarray | None = _element()
     tier: np.ndarray = _element(empty=0)
     cable: np.ndarray = None
     cable_names: list[str] = field(default_factory=list)

@@ -4,6 +4,7 @@ import numpy as np
 
 from netfall.checks.cables import Checked
 from netfall.checks.cases import largest_displacements, slack_cables
+from netfall.checks.codes import Check
 from netfall.checks.groups import counted_names, limits_of, members
 from netfall.report.markdown import MOST_LISTED, as_table, force, more, picture, share
 from netfall.results.cases import EQUILIBRIUM, KINDS, Case
@@ -68,7 +69,7 @@ def checks(f, envelope: Envelope, checked: Checked, table: dict, failed: list[Ca
         mine = np.flatnonzero(
             (table["check"] == check.name) & np.isfinite(table["utilisation"].astype(float))
         )
-        lines += [f"### {check.title}", "", _counts(names, check.kind), ""]
+        lines += [f"### {check.title}", "", _counts(names, check), ""]
         lines += [f"**FAILS: {case.name} has no equilibrium.**" for case in failed if case.kind == check.kind]
         if not len(mine):
             lines += ["Empty: no group has a strength for it.", ""]
@@ -78,10 +79,10 @@ def checks(f, envelope: Envelope, checked: Checked, table: dict, failed: list[Ca
     return lines
 
 
-def _counts(names: list[str], kind: str) -> str:
-    of = f"Of kind {kind}. " if kind else ""
+def _counts(names: list[str], check: Check) -> str:
+    of = f"Of kind {check.kind}. " if check.kind else ""
     few = "; ".join(names[:WORST]) + (f"; and {len(names) - WORST} more" if len(names) > WORST else "")
-    return f"{of}The largest tension of each element in: {few}."
+    return f"{of}The largest {check.of} of each element in: {few}."
 
 
 def _group_row(table: dict, k: int) -> list:
@@ -101,7 +102,7 @@ def most_used(f, envelope: Envelope, checked: Checked) -> list[str]:
     names, groups = f["net/cable_names"].asstr()[:], f["net/group_names"].asstr()[:][f["net/group"][:]]
     found = [(e, alike) for e, alike in members(f, checked, check) if np.isfinite(used[e])][:WORST]
     lines = [
-        [names[cable[e]], groups[e], ids[e], alike, force(checked.tension[check][e])]
+        [names[cable[e]], groups[e], ids[e], alike, force(checked.force[check][e])]
         + [envelope.names[checked.of[check][e]], force(checked.resistance[check][e])]
         + [share(checked.utilisation[each.name][e]) for each in checked.checks]
         for e, alike in found

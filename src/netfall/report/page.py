@@ -22,7 +22,8 @@ COLUMNS = {
     "and element of the largest, stages in which it is slack, when the first of it was lost and broke [s], "
     "largest dynamic factor after a loss (where the rest changes by 2 % of the largest tension), "
     "resistance [N], utilisation",
-    "elements.csv": "the same for each element between its nodes; `unstressed_length` [m]",
+    "elements.csv": "the same for each element between its nodes; `unstressed_length` [m]; of bars with a "
+    "second moment `buckling_length` [m], `euler_load` [N], relative `slenderness`, `chi` of EN 1993-1-1",
     "cutting_list.csv": "a row for each cable: `unstressed_length` [m] at the temperature of form finding, "
     "`length_in_form` [m], `temperature` [K], `unstressed_length_at_temperature` [m], `measuring_load` [N], "
     "`length_at_measuring_load` [m] (at that temperature), `mass` [kg]",
@@ -102,9 +103,10 @@ def _worst_balance(f) -> str:
 
 def _utilisation(f, cables: dict, envelope: Envelope, checked: Checked) -> list[str]:
     lines = [
-        "Tensions are those of the loads in the job, without further factors. Utilisation: largest tension",
-        "over resistance; strengths are those given, not those drawn. Compression is not checked. Tension",
-        "never exceeds the yield force, also in what breaks: see lost and broken cables.",
+        "Forces are those of the loads in the job, without further factors. Utilisation: largest tension, or",
+        "compression, over resistance; strengths are those given, not those drawn. Compression is checked of",
+        "bars with a `second_moment` alone. Tension never exceeds the yield force, also in what breaks: see",
+        "lost and broken cables.",
         "",
     ]
     for check in checked.checks:
@@ -124,13 +126,23 @@ def _utilisation(f, cables: dict, envelope: Envelope, checked: Checked) -> list[
             f"- {int(without.sum())} cables have neither breaking_load nor yield_stress: "
             "their utilisation is empty"
         )
-    least = int(np.argmin(cables["tension_min"]))
-    if cables["tension_min"][least] < 0.0:
+    lines += _unchecked(cables, checked)
+    return lines + most_used(f, envelope, checked) + picture("how far elements are used", "utilisation.png")
+
+
+def _unchecked(cables: dict, checked: Checked) -> list[str]:
+    """The largest compression of what no check of compression has a resistance for."""
+    compressed, lines = cables["tension_min"].astype(float).copy(), []
+    for check in checked.checks:
+        if check.compression:
+            compressed[np.isfinite(cables[f"resistance_{check.name}"])] = 0.0
+    least = int(np.argmin(compressed))
+    if compressed[least] < 0.0:
         lines.append(
-            f"- compression, not checked: largest {force(-cables['tension_min'][least])} in cable "
+            f"- compression, not checked: largest {force(-compressed[least])} in cable "
             f"{cables['cable'][least]} ({cables['group'][least]}), {cables['case_min'][least]}"
         )
-    return lines + most_used(f, envelope, checked) + picture("how far elements are used", "utilisation.png")
+    return lines
 
 
 def _factors(checked: Checked) -> list[str]:

@@ -11,6 +11,7 @@ from pathlib import Path
 from netfall.checks.cables import (
     Checked,
     Cutting,
+    applicable,
     cable_columns,
     check_elements,
     cutting_columns,
@@ -60,7 +61,7 @@ def write_report(result: Path, folder: Path, inputs: Inputs) -> list[Path]:
     checks = read_codes(inputs.codes)
     with reading(result) as f:
         check_groups(inputs.codes, checks, f["net/group_names"].asstr()[:].tolist())
-        resistance = resistances_of(f, checks)
+        checks, resistance = applicable(checks, resistances_of(f, checks))
         envelope = envelope_of(f, resistance[checks[0].name])
         checked = check_elements(f, checks, resistance, envelope)
         tables = _tables(f, envelope, checked, inputs)

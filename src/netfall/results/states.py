@@ -169,7 +169,8 @@ class Envelope:
     of_most, of_least : (m,) numbers of the stages in `names`; time_most : (m,) [s], nan: not in dynamics
     slack, gone : (stages, m) bool, gone: lost or broken, and so not slack; slack_time : (m,) [s] or None
     most_used : for each stage the largest share of the resistances, and the element; -1: none has any
-    high : (stages, m) [N], the largest tension of each stage; places : their groups in the file, "": none
+    high, low : (stages, m) [N], the largest and least tension of each stage
+    places : their groups in the file, "": none
     """
 
     names: list[str]
@@ -183,13 +184,22 @@ class Envelope:
     slack_time: np.ndarray | None
     most_used: list[tuple[float, int]]
     high: np.ndarray
+    low: np.ndarray
     places: list[str]
 
     def largest(self, stages: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The largest tension (m,) [N] in some stages, (stages,) bool, and which of all has it first."""
-        counted = np.where(stages[:, None], self.high, np.nan)
-        most = np.fmax.reduce(counted)
-        return most, np.argmax(counted >= most - ALIKE * np.abs(most), axis=0)
+        return _largest(np.where(stages[:, None], self.high, np.nan))
+
+    def largest_compression(self, stages: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same of compression, which is positive here."""
+        return _largest(np.where(stages[:, None], -self.low, np.nan))
+
+
+def _largest(force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The largest of forces (stages, m) [N] over the stages, and the first that has it; nan: none."""
+    most = np.fmax.reduce(force)
+    return most, np.argmax(force >= most - ALIKE * np.abs(most), axis=0)
 
 
 def envelope_of(f, resistance: np.ndarray) -> Envelope:
@@ -222,9 +232,9 @@ def envelope_of(f, resistance: np.ndarray) -> Envelope:
     slack_time = f["envelope/slack_time"][:] if moves else None
     names, gone = [name for name, *_ in rows], np.array([gone for *_, gone in rows])
     used = [_most_used(high / resistance) for _, high, *_ in rows]
-    high = np.array([high for _, high, *_ in rows])
+    high, low = (np.array([row[k] for row in rows]) for k in (1, 2))
     numbers = most, least, of_most, of_least, time, slack, gone, slack_time, used
-    return Envelope(names, *numbers, high, places + [""] * (len(names) - len(places)))
+    return Envelope(names, *numbers, high, low, places + [""] * (len(names) - len(places)))
 
 
 def _most_used(share: np.ndarray) -> tuple[float, int]:

@@ -12,6 +12,7 @@ from mpi4py import MPI
 from netfall.ground.errors import OutputError
 from netfall.mechanics.events import EventLog
 from netfall.mechanics.state import State
+from netfall.net.bars import CURVES, buckling_lengths, euler_load
 from netfall.net.net import Net
 from netfall.parallel.agree import on_root
 from netfall.parallel.subdomain import Distribution
@@ -256,6 +257,7 @@ def net_section(net: Net, roof: Roof, cut_length: np.ndarray) -> dict[str, np.nd
     """The datasets of /net. cut_length : (m,) [m], unstressed, at the temperature of form finding"""
     zones = roof.zones
     shared = {} if zones.share is None else {"zone_share": zones.shares()}
+    shared |= {} if net.second_moment is None else _bar_section(net, cut_length)
     return (
         _strength_section(net)
         | shared
@@ -277,6 +279,17 @@ def net_section(net: Net, roof: Roof, cut_length: np.ndarray) -> dict[str, np.nd
             "zone_names": texts(zones.names),
         }
     )
+
+
+def _bar_section(net: Net, cut_length: np.ndarray) -> dict[str, np.ndarray]:
+    """How bars buckle; cut_length : as of `net_section`."""
+    return {
+        "second_moment": net.second_moment,
+        "buckling_length": buckling_lengths(net, cut_length),
+        "euler_load": euler_load(net, cut_length),
+        "buckling_curve": net.buckling_curve.astype(np.int32),
+        "buckling_curve_names": texts(list(CURVES)),
+    }
 
 
 def texts(words: list[str]) -> np.ndarray:

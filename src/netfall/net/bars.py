@@ -1,0 +1,80 @@
+"""What compressed bars have besides an area: second moment, buckling length and curve; Euler's load.
+
+N_cr = pi^2 E I / L_k^2. As given in [cable] for all bars, in [cable.GROUP] for those of a group.
+"""
+
+import numpy as np
+
+from netfall.job.job import Job
+from netfall.job.schema import CURVES
+from netfall.job.values import counted
+from netfall.net.net import Net
+
+OF_BARS = ("second_moment", "buckling_length")
+KEYS = (*OF_BARS, "buckling_curve")
+
+
+def set_bars(job: Job, net: Net) -> None:
+    """Second moments of the bars of a net, and how they buckle, where any has one."""
+    tables = [vars(job.cable) | job.groups.get(name, {}) for name in net.group_names]
+    of = {name: _of_bars(net, [table[name] for table in tables]) for name in OF_BARS}
+    if np.isfinite(of["second_moment"]).any():
+        net.second_moment, net.buckling_length = of.values()
+        net.buckling_curve = np.array([CURVES.index(t["buckling_curve"]) for t in tables])[net.group]
+
+
+def _of_bars(net: Net, values: list) -> np.ndarray:
+    """Values of the groups, None: none, for their bars (m,); nan elsewhere."""
+    each = np.array([np.nan if value is None else value for value in values], float)[net.group]
+    return np.where(net.bar, each, np.nan)
+
+
+def buckling_lengths(net: Net, L0: np.ndarray) -> np.ndarray:
+    """Buckling lengths (m,) [m]: as given, else the unstressed length of the table's element, all its parts.
+
+    L0 : (m,) [m]
+    """
+    whole = np.repeat(L0.reshape(-1, net.parts).sum(1), net.parts)
+    return np.where(np.isnan(net.buckling_length), whole, net.buckling_length)
+
+
+def euler_load(net: Net, L0: np.ndarray) -> np.ndarray:
+    """Euler's load (m,) [N] of bars of unstressed lengths L0 (m,) [m]; nan: without a second moment."""
+    return np.pi**2 * net.modulus * net.second_moment / buckling_lengths(net, L0) ** 2
+
+
+def bar_errors(job: Job, net: Net) -> list[str]:
+    """Keys of bars that groups of cables have; second moments of bars whose modulus is not known."""
+    lines = []
+    for g, name in enumerate(net.group_names):
+        mine = net.group == g
+        for key in (key for key in KEYS if job.groups.get(name, {}).get(key) is not None):
+            if not net.bar[mine].any():
+                lines.append(
+                    f"{job.path}: [cable.{name}] {key} = {job.groups[name][key]}: of bars alone, for a cable "
+                    'carries no compression; give the group kind = "bar", or remove the key'
+                )
+    if net.second_moment is not None:
+        for e in np.flatnonzero(np.isfinite(net.second_moment) & net.nominal)[:1]:
+            lines.append(
+                f"{job.path}: element {net.element_id[e]}: second_moment = {net.second_moment[e]:g}: needs "
+                "the modulus, which axial_stiffness alone does not tell; give modulus, or area beside it"
+            )
+    return lines
+
+
+def bar_notes(job: Job, net: Net) -> list[str]:
+    """Keys of buckling that change nothing; second moments that no section of its area has."""
+    if net.second_moment is None:
+        given = job.given() & {f"cable.{key}" for key in KEYS}
+        given |= {f"cable.{name}.{key}" for name, table in job.groups.items() for key in KEYS if key in table}
+        return [f"{key}: no effect: no bar has a second_moment" for key in sorted(given)]
+    radius = np.sqrt(net.second_moment / net.section)
+    stout = np.flatnonzero(radius > buckling_lengths(net, net.lengths()))
+    if not len(stout):
+        return []
+    e = stout[0]
+    return [
+        f"second_moment = {net.second_moment[e]:g} m4 of {counted('element', net.element_id[stout])}: the "
+        f"radius of gyration is {radius[e]:.4g} m, longer than the bar; was mm4 or cm4 meant?"
+    ]
