@@ -250,7 +250,7 @@ def draw_cables(draw, scene: dict, tables: dict) -> dict:
         "type": "B"
     }
     strut = {"kind": "bar"}
-    if chance(draw, 4) and kind != "stiffness":
+    if kind == "modulus":
         strut |= {"second_moment": 1e-8, "buckling_length": 2.0, "buckling_curve": "a"}
     if scene["plastic"]:
         own["yield_stress"] = YIELD / AREA
