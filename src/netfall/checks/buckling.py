@@ -7,6 +7,8 @@ chi = 1 / (phi + sqrt(phi^2 - lambda^2)), at most 1
 
 import numpy as np
 
+from netfall.results.states import equilibria
+
 IMPERFECTION = {"a0": 0.13, "a": 0.21, "b": 0.34, "c": 0.49, "d": 0.76}  # alpha, table 6.1
 
 
@@ -38,6 +40,17 @@ def bar_columns(f) -> dict[str, np.ndarray]:
         "slenderness": slender,
         "chi": reduction(slender, alpha),
     }
+
+
+def moment_columns(f) -> dict[str, np.ndarray]:
+    """The largest bending moment [N m] of each element (m,), nan: none, and its state; {}: nothing bends."""
+    states = [state for state in equilibria(f) if state.moment]
+    if not states:
+        return {}
+    each = np.array([state.moment().max(axis=1) for state in states])
+    most, names = np.fmax.reduce(each), np.array([state.name for state in states], object)
+    at = np.argmax(np.nan_to_num(each, nan=-1.0), axis=0)
+    return {"bending_moment_max": most, "case_moment": np.where(np.isnan(most), "", names[at])}
 
 
 def strengths_of_bars(f) -> dict[str, np.ndarray]:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.checks.buckling import bar_columns, strengths_of_bars
+from netfall.checks.buckling import bar_columns, moment_columns, strengths_of_bars
 from netfall.checks.codes import IN_TENSION, Check
 from netfall.mechanics.material import stretched_length, warm_length
 from netfall.results.cases import KINDS, cases_of
@@ -144,7 +144,7 @@ def element_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.nda
         columns["slack_time"] = envelope.slack_time
     if "removal" in f:
         columns["dynamic_factor"] = largest_factor(f)
-    columns |= bar_columns(f)
+    columns |= bar_columns(f) | moment_columns(f)
     for check in checked.checks:
         columns[f"resistance_{check.name}"] = checked.resistance[check.name]
         columns[f"utilisation_{check.name}"] = checked.utilisation[check.name]

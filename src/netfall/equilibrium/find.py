@@ -207,7 +207,8 @@ class Finder:
             least = [SLACKER * size for size in newton.largest(first.axial, first.across)]
             self._first = first, least, newton.cycle(first)
         first, least, cycle = self._first
-        unlike = not (_alike(K.axial, first.axial, least[0]) and _alike(K.across, first.across, least[1]))
+        unlike = K.joints is not None  # which turn with their chains
+        unlike |= not (_alike(K.axial, first.axial, least[0]) and _alike(K.across, first.across, least[1]))
         return newton.cycle(K) if newton.inertia or self.comm.allreduce(unlike, MPI.LOR) else cycle
 
     def _tangent_at_first(self) -> Tangent:

@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 from netfall.equilibrium.relaxation import largest_residual
 from netfall.ground.stop import NEVER, StopRequest
+from netfall.mechanics.bending import add_joint_stiffness
 from netfall.mechanics.elements import add_stiffness, axial_forces
 from netfall.multigrid.cycle import Cycle
 from netfall.multigrid.distributed import advance, dot_rows, turn
@@ -143,6 +144,8 @@ class Newton:
         self.spread_out(u)
         self.answer[:] = 0.0
         add_stiffness(self.spread, self.net.ends, K.direction, K.axial, K.across, self.answer)
+        if K.joints is not None:
+            add_joint_stiffness(self.spread, K.joints.particles, K.joints.stiffness, self.answer)
         if K.support is not None:
             self.answer += K.support * self.spread
         out = self.answer[self.owned]
@@ -226,7 +229,7 @@ class Newton:
             except NoConvergence as error:
                 if isinstance(error, SlowConvergence) and not near:
                     raise
-                if exact and self.comm.allreduce(K.across.min(initial=0.0), MPI.MIN) < 0.0:
+                if exact and self.comm.allreduce(K.softened, MPI.LOR):
                     K, exact = without_compression(K), False
                 else:
                     self._more_inertia()

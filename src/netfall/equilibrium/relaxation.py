@@ -16,6 +16,7 @@ from mpi4py import MPI
 from netfall.ground.compile import kernel
 from netfall.ground.errors import DivergedError
 from netfall.ground.stop import NEVER, StopRequest
+from netfall.mechanics.bending import add_bending_forces, add_joint_bounds
 from netfall.mechanics.elements import add_element_forces, geometric_stiffness, nodal_stiffness
 from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.state import State
@@ -25,6 +26,7 @@ from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import LIMBS, add_exactly, rounded
 
 MARGIN = 1.2  # on the virtual mass: the stiffness grows a little between two peaks
+OF_JOINTS = 1.5  # virtual mass for their size, of three particles, where elements of two have 1
 LOOK_EVERY = 10  # iterations between looks at the residual, which take a reduction
 
 
@@ -111,6 +113,7 @@ class Net(NamedTuple):
     forces(x, f) : writes the total force f (n, 3) [N] of the owned particles
     stiffness(x) : upper bound (m,) [N/m] of the elements' stiffness at x
     support : (n,) [N/m] of elastic supports, the stiffest axis, None: none
+    bound(x, out) : adds to out (n,) what joints that bend add to that of elements, None: there are none
     """
 
     x: np.ndarray
@@ -119,6 +122,7 @@ class Net(NamedTuple):
     forces: Callable[[np.ndarray, np.ndarray], None]
     stiffness: Callable[[np.ndarray], np.ndarray]
     support: np.ndarray | None = None
+    bound: Callable[[np.ndarray, np.ndarray], None] | None = None
 
 
 def relax(
@@ -167,6 +171,8 @@ def relax(
         if rested:
             total = np.zeros(len(x)) if net.support is None else net.support.copy()
             nodal_stiffness(net.ends, net.stiffness(x), total)
+            if net.bound is not None:
+                net.bound(x, total)
             mass[:] = np.where(total > 0.0, 0.5 * MARGIN * total, 1.0)[:, None]
             halo.update(mass)
         relax_step(x, v, f, mass, free, rested, n_owned, kinetic)
@@ -204,6 +210,8 @@ def net_of(state: State, load: np.ndarray) -> Net:
     def forces(x, f):
         f[:] = 0.0
         add_element_forces(x, state.elements, state.law, f)
+        if state.joints is not None:
+            add_bending_forces(x, state.joints, f)
         if state.features.springs:
             add_springs(x, state.x_start, state.spring, state.spring_rest, f)
         f += load
@@ -213,7 +221,8 @@ def net_of(state: State, load: np.ndarray) -> Net:
         return largest_stiffness(state.EA, state.L0) + geometric_stiffness(now.N, now.L)
 
     support = state.spring.max(1) if state.features.springs else None
-    return Net(state.x, state.free, state.ends, forces, stiffness, support)
+    bound = None if state.joints is None else lambda x, out: add_joint_bounds(x, state.joints, OF_JOINTS, out)
+    return Net(state.x, state.free, state.ends, forces, stiffness, support, bound)
 
 
 def state_residual(comm: MPI.Comm, state: State, load: np.ndarray) -> float:

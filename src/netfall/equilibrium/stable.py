@@ -13,10 +13,10 @@ def unstable_shape(newton: Newton) -> np.ndarray | None:
     """Displacements (n_owned, 3) against which the net has no stiffness; None if stable. Collective.
 
     Conjugate gradients that answer forces of every shape come upon such displacements if there are any. Only
-    compression makes them. Raises NoConvergence where that cannot be told.
+    compression, and moments, make them. Raises NoConvergence where that cannot be told.
     """
     K, newton.inertia = newton.tangent(), 0.0
-    if not newton.comm.allreduce(K.across.min(initial=0.0), MPI.MIN) < 0.0:
+    if not newton.comm.allreduce(K.softened, MPI.LOR):
         return None
     number = 3 * newton.distribution.subdomain.particle_gid[newton.owned, None] + np.arange(3)
     try:

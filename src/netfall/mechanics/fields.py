@@ -248,6 +248,7 @@ class Features:
     varying: bool = False  # forces besides the wind that vary in time
     strain: str = "engineering"  # its measure
     bars: bool = False
+    bending: bool = False  # chains of bars resist it
     sections: bool = False  # more than one stiffness or yield force
     strengths: bool = False  # more than one strain at fracture
     springs: bool = False  # elastic supports

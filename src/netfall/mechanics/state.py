@@ -6,6 +6,7 @@ latter and grow when these are used up. What a scene does not have is None.
 
 import numpy as np
 
+from netfall.mechanics.bending import Joints, joint_moments
 from netfall.mechanics.elements import ElementState, element_state
 from netfall.mechanics.fields import (
     FIELDS,
@@ -35,6 +36,10 @@ class State:
         for field in FIELDS:
             rows = m if field.entity == "element" else self.n_local
             setattr(self, field.name, self._zeros(field, rows) if features.has(field) else None)
+        self.joints: Joints | None = None  # of chains that bend
+        self.joint_at: np.ndarray | None = (
+            None  # (m, 2) rows of these at the ends of elements, see `net.chains`
+        )
         self.branches = np.append(features.band, np.zeros(7)) if features.band else None
         self._tuples: dict = {}
 
@@ -113,6 +118,13 @@ class State:
         now = ElementState(*(np.empty(self.m) for _ in range(4)))
         element_state(self.x, self.elements, self.law, now)
         return now
+
+    def bending_moments(self) -> np.ndarray:
+        """Moments (m, 2) [N m] at both ends of the elements, nan: without bending; of those that it owns."""
+        moment, hold = np.empty((2, len(self.joints.stiffness)))
+        joint_moments(self.x, self.joints, moment, hold)
+        at_joint = np.append(moment, [np.nan, 0.0])  # NO_BENDING, CHAIN_END
+        return at_joint[self.joint_at]
 
     # --- what follows from other fields
 

@@ -17,6 +17,7 @@ from netfall.model.losses import named_elements
 from netfall.model.probes import Probes, find_probes
 from netfall.model.start import far_notes, unit_notes
 from netfall.net.build import build_net
+from netfall.net.chains import Chains, chains_of
 from netfall.net.net import Net
 from netfall.parallel import partition
 from netfall.roof.areas import Roofing, roof_of
@@ -33,7 +34,7 @@ class Layout:
     lost : rows of the elements that each [[remove]] names
     shape_coefficient : (n,) of the wind, None: there is none
     measured : the wind of a file, None: it is generated, or there is none
-    cases : what each [[case]] reads, by name
+    cases : what each [[case]] reads, by name; chains : of bars that resist bending, None: there are none
     notes : what is plausible but odd in the net, its tables and its roof
     """
 
@@ -47,6 +48,7 @@ class Layout:
     shape_coefficient: np.ndarray | None
     measured: TableHistory | None
     cases: dict[str, Inputs]
+    chains: Chains | None
     notes: tuple[str, ...]
 
 
@@ -65,7 +67,20 @@ def make_layout(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Layout:
     measured = read_history(job)
     if measured:
         notes += measured.notes + far_notes(job, net, measured.places)
-    return Layout(net, roofing, zones, part, source, lost, probes, coefficient, measured, cases, tuple(notes))
+    return Layout(
+        net,
+        roofing,
+        zones,
+        part,
+        source,
+        lost,
+        probes,
+        coefficient,
+        measured,
+        cases,
+        chains_of(net),
+        tuple(notes),
+    )
 
 
 def _partitioned(job: Job, ranks: int) -> tuple:
@@ -115,6 +130,7 @@ def features_of(job: Job, net: Net) -> Features:
         losses=bool(job.removes),
         strain=job.cable.strain,
         bars=bool(net.bar.any()),
+        bending=net.bending is not None,
         part_held=bool((net.fixed.any(1) & ~net.fixed.all(1)).any()),
         sections=differ(net.EA) or differ(net.yield_force),
         strengths=differ(net.fracture_strain),

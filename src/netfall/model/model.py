@@ -19,6 +19,7 @@ from netfall.job.asks import (
 )
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, Memory, key_of
+from netfall.mechanics.bending import Joints, curvatures
 from netfall.mechanics.material import elastic_forces, unstressed_length, warm_length
 from netfall.mechanics.stability import scaled_mass
 from netfall.model.air import damping_air, kappa_area, moving_air
@@ -54,6 +55,7 @@ class Model:
     wind_field, history : of the wind, None: there is none
     motion : of supports, None: they stand still
     panels : of the cladding, None: they do not tear off
+    joints : of chains of bars that bend, without moment in the initial state; None: there are none
     start_notes : what is plausible but odd in the initial state
     """
 
@@ -75,6 +77,7 @@ class Model:
     history: GeneratedHistory | TableHistory | None
     motion: Motion | None
     panels: Panels | None
+    joints: Joints | None
     start_notes: tuple[str, ...]
 
     @property
@@ -210,8 +213,17 @@ def make_model(
         history=history,
         motion=motion,
         panels=_panels(job, layout, areas.shares, loading) if tears else None,
+        joints=_joints(layout, x, L0) if layout.chains else None,
         start_notes=tuple(notes),
     )
+
+
+def _joints(layout: Layout, x: np.ndarray, L0: np.ndarray) -> Joints:
+    """The joints of chains that bend: k = EI / l, of two unlike bars 2 / (l1 / EI1 + l2 / EI2)."""
+    net, chains = layout.net, layout.chains
+    gives = (L0 / (net.modulus * net.second_moment))[chains.elements]
+    particles = chains.particles
+    return Joints(particles, 2.0 / (gives[:, 0] + gives[:, 1]), curvatures(x, particles))
 
 
 def permanent_load(job: Job, layout: Layout, x: np.ndarray, N: np.ndarray) -> np.ndarray:

@@ -125,7 +125,8 @@ def far_notes(job: Job, net: Net, places: np.ndarray | None) -> list[str]:
 
 def _buckling(net: Net, N: np.ndarray) -> list[str]:
     """A note for bars in parts that are compressed by N (m,) [N]: nothing keeps their inner nodes in line."""
-    rows = np.flatnonzero((N < 0.0) & (net.parts > 1))[:: net.parts]
+    hinged = np.ones(net.m, bool) if net.bending is None else ~net.bending
+    rows = np.flatnonzero((N < 0.0) & hinged & (net.parts > 1))[:: net.parts]
     if not len(rows):
         return []
     return [

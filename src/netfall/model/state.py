@@ -2,10 +2,11 @@
 
 import numpy as np
 
+from netfall.mechanics.bending import Joints
 from netfall.mechanics.fields import FIELDS, Features
 from netfall.mechanics.state import State
 from netfall.model.model import Model
-from netfall.parallel.subdomain import Distribution
+from netfall.parallel.subdomain import Distribution, rows_of
 
 
 def make_state(distribution: Distribution, model: Model | None, features: Features) -> State:
@@ -19,4 +20,14 @@ def make_state(distribution: Distribution, model: Model | None, features: Featur
         if row.given and features.has(row):
             spread = distribution.particles if row.entity == "particle" else distribution.elements
             getattr(state, row.name)[:] = spread(None if model is None else model.column(row.name))
+    if features.bending:
+        _place_joints(distribution, model, state)
     return state
+
+
+def _place_joints(distribution: Distribution, model: Model | None, state: State) -> None:
+    """Give a state its joints, and which of them each of its elements has at its ends. Collective."""
+    d, of = distribution.subdomain, model and model.joints
+    state.joints = Joints(d.joints, *(distribution.joints(of and of[k]) for k in (1, 2)))
+    at = distribution.elements(model and model.layout.chains.at)
+    state.joint_at = np.where(at >= 0, rows_of(d.joint_gid, at.ravel()).reshape(at.shape), at)

@@ -16,7 +16,7 @@ from mpi4py import MPI
 
 from netfall.multigrid.distributed import DistributedMatrix, first_step
 from netfall.multigrid.finest import ElementMatrix
-from netfall.multigrid.levels import COARSEST, levels_of
+from netfall.multigrid.levels import COARSEST, TOP_OF_JOINTS, levels_of
 from netfall.multigrid.tangent import Tangent, incidence_of, tangent_rows
 from netfall.numerics.linear import factorised, solve_factorised
 from netfall.parallel.halo import Halo
@@ -42,7 +42,9 @@ class Cycle:
         at = incidence_of(net.ends, distribution.subdomain.particle_gid, halo.n_owned)
         self.levels, self.factor = [], None
         self.whole = 0  # the first level of which each rank has all rows; `rows` are those of its own ones
-        for level in levels_of(tangent_rows(distribution, net, K, at, inertia)):
+        rows = tangent_rows(distribution, net, K, at, inertia)
+        bends = K.joints is not None
+        for level in levels_of(rows, TOP_OF_JOINTS, DENSE) if bends else levels_of(rows):
             spread = level.matrix.comm is comm
             if spread:
                 self.rows = level.up.columns if level.up else level.matrix.rows
@@ -53,7 +55,9 @@ class Cycle:
             self.whole += spread
             inverse = level.inverse[:, *UPPER].astype(np.float32)
             matrix = (
-                DistributedMatrix(level.matrix) if self.levels else ElementMatrix(halo, net, K, at, inertia)
+                DistributedMatrix(level.matrix)
+                if self.levels or bends
+                else ElementMatrix(halo, net, K, at, inertia)
             )
             beside = (DistributedMatrix(level.down), DistributedMatrix(level.up)) if level.up else ()
             self.levels.append(_DistributedLevel(inverse, level.top, matrix, *beside))

@@ -19,6 +19,7 @@ MERGED = 0.7  # of a level's particles, in aggregates, at most: else it is the l
 POWERS = 15  # iterations for the largest eigenvalue of a coarse level
 SAFE = 1.1  # on that
 TOP_OF_NET = 2.0  # bounds the first level: an element's stiffness is at most twice its share of the diagonal
+TOP_OF_JOINTS = 3.0  # the same, of three particles
 TINY = 1e-9  # of a block's trace, added to it: what nothing holds would make it singular
 
 
@@ -37,16 +38,16 @@ class Level:
     up: BlockRows | None = None
 
 
-def levels_of(matrix: BlockRows) -> Iterator[Level]:
+def levels_of(matrix: BlockRows, top: float = TOP_OF_NET, coarsest: int = COARSEST) -> Iterator[Level]:
     """The levels of a tangent stiffness, one after the other. Collective.
 
     All axes of the matrix can move: held ones have a row and column of zeros but for the diagonal. Small
-    levels each rank makes for itself.
+    levels each rank makes for itself. top : bounds the first level; coarsest : rows at which the levels end
     """
     for k in range(MOST_LEVELS):
         inverse = inverse_diagonal(matrix)
-        level = Level(matrix, inverse, largest_eigenvalue(matrix, inverse) if k else TOP_OF_NET)
-        number, count = (None, 0) if matrix.rows.n <= COARSEST or k == MOST_LEVELS - 1 else aggregates(matrix)
+        level = Level(matrix, inverse, largest_eigenvalue(matrix, inverse) if k else top)
+        number, count = (None, 0) if matrix.rows.n <= coarsest or k == MOST_LEVELS - 1 else aggregates(matrix)
         if not 0 < count < MERGED * matrix.rows.n:
             yield level
             return

@@ -5,9 +5,11 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.ground.compile import kernel, part_of_kernel
+from netfall.mechanics.bending import JointTangent
 from netfall.mechanics.elements import element_tangents, nodal_stiffness
 from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.state import State
+from netfall.multigrid.joints import joint_tangent, with_joints
 from netfall.multigrid.rows import BlockRows, Owners, blocks_of
 from netfall.parallel.subdomain import Distribution
 
@@ -18,6 +20,7 @@ class Tangent(NamedTuple):
     N : (m,) [N]; direction : (m, 3) along the elements; axial, across : (m,) [N/m], of compression negative
     support : (n, 3) [N/m] or None
     nodal : (n,) [N/m], the elements' and supports' largest stiffness at each particle
+    joints : of chains that bend, None: there are none
     """
 
     N: np.ndarray
@@ -26,6 +29,12 @@ class Tangent(NamedTuple):
     across: np.ndarray
     support: np.ndarray | None
     nodal: np.ndarray
+    joints: JointTangent | None = None
+
+    @property
+    def softened(self) -> bool:
+        """Whether this rank has anything that takes from the stiffness: compression, moments."""
+        return self.joints is not None or bool(self.across.min(initial=0.0) < 0.0)
 
 
 def tangent_of(state: State) -> Tangent:
@@ -36,12 +45,14 @@ def tangent_of(state: State) -> Tangent:
     nodal = state.spring.max(1).astype(float) if state.features.springs else np.zeros(state.n_local)
     nodal_stiffness(state.ends, largest_stiffness(state.EA, state.L0) + np.abs(across), nodal)
     support = np.ascontiguousarray(state.spring, float) if state.features.springs else None
-    return Tangent(N, direction, axial, across, support, nodal)
+    joints = joint_tangent(state.x, state.joints, nodal) if state.joints is not None else None
+    return Tangent(N, direction, axial, across, support, nodal, joints)
 
 
 def without_compression(K: Tangent) -> Tangent:
-    """The tangent without what compression takes from it."""
-    return K._replace(across=np.maximum(K.across, 0.0))
+    """The tangent without what compression, and moments, take from it."""
+    joints = K.joints and K.joints._replace(stiffness=K.joints.positive)
+    return K._replace(across=np.maximum(K.across, 0.0), joints=joints)
 
 
 def scattered(number: np.ndarray) -> np.ndarray:
@@ -185,4 +196,6 @@ def tangent_rows(distribution: Distribution, net, K: Tangent, at: Incidence, ine
     elements = K.direction, K.axial, K.across
     nodal = inertia * K.nodal
     own = block_matrix(net.ends, *elements, net.free != 0, K.support, nodal, d.particle_gid, at, owners.n)
+    if K.joints is not None:
+        own = with_joints(own, K.joints, net.free != 0, d.particle_gid)
     return BlockRows(distribution.comm, own, owners, owners)

@@ -11,7 +11,7 @@ from netfall.job.values import counted
 from netfall.net.net import Net
 
 OF_BARS = ("second_moment", "buckling_length")
-KEYS = (*OF_BARS, "buckling_curve")
+KEYS = (*OF_BARS, "buckling_curve", "bending")
 
 
 def set_bars(job: Job, net: Net) -> None:
@@ -21,6 +21,9 @@ def set_bars(job: Job, net: Net) -> None:
     if np.isfinite(of["second_moment"]).any():
         net.second_moment, net.buckling_length = of.values()
         net.buckling_curve = np.array([CURVES.index(t["buckling_curve"]) for t in tables])[net.group]
+    bending = np.array([table["bending"] for table in tables])[net.group] & net.bar
+    if bending.any():
+        net.bending = bending
 
 
 def _of_bars(net: Net, values: list) -> np.ndarray:
@@ -60,6 +63,29 @@ def bar_errors(job: Job, net: Net) -> list[str]:
                 f"{job.path}: element {net.element_id[e]}: second_moment = {net.second_moment[e]:g}: needs "
                 "the modulus, which axial_stiffness alone does not tell; give modulus, or area beside it"
             )
+    return lines + (bending_errors(job, net) if net.bending is not None else [])
+
+
+def bending_errors(job: Job, net: Net) -> list[str]:
+    """Bars that bend without a second moment; what a job with such bars may not have, one line each."""
+    lines, moment = [], net.second_moment
+    without = net.bending & (True if moment is None else np.isnan(moment))
+    for e in np.flatnonzero(without)[:1]:
+        lines.append(
+            f"{job.path}: element {net.element_id[e]}: bending = true: needs the second moment of its "
+            "section; give second_moment [m4], or leave bending out"
+        )
+    for there, what in (
+        (
+            job.dynamics is not None,
+            "[dynamics]: chains that bend are computed at rest alone; remove the section",
+        ),
+        (bool(job.stages), "[[stage]]: an erection has no bars that bend; remove the stages"),
+        (bool(job.targets), "[[target]]: lengths are not changed where bars bend; remove the targets"),
+        (bool(net.length_error.any()), "[cable] length_deviation: not where bars bend; remove it"),
+    ):
+        if there:
+            lines.append(f"{job.path}: {what}, or bending = true")
     return lines
 
 

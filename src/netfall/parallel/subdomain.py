@@ -28,6 +28,7 @@ class Subdomain:
     element_owned : (m,) bool, each element on one rank: the owner of its start
     neighbours, send_counts, receive_counts : one entry for each neighbouring rank
     send_index : local rows of the boundary particles, neighbour by neighbour
+    joint_gid : (k,) ascending, the joints of chains at owned particles; joints : (k, 3) uint32 local rows
     """
 
     n_owned: int
@@ -39,6 +40,8 @@ class Subdomain:
     send_counts: tuple[int, ...]
     receive_counts: tuple[int, ...]
     send_index: np.ndarray
+    joint_gid: np.ndarray
+    joints: np.ndarray
 
     @property
     def n_halo(self) -> int:
@@ -46,8 +49,16 @@ class Subdomain:
         return len(self.particle_gid) - self.n_owned
 
 
-def cut_net(n: int, elements: np.ndarray, part: np.ndarray, ranks: int) -> list[Subdomain]:
-    """The subdomains of all ranks, for a part (n,) of each particle."""
+NO_JOINTS = np.zeros((0, 3), np.int64)
+
+
+def cut_net(
+    n: int, elements: np.ndarray, part: np.ndarray, ranks: int, joints: np.ndarray = NO_JOINTS
+) -> list[Subdomain]:
+    """The subdomains of all ranks, for a part (n,) of each particle.
+
+    joints : (k, 3) particles in a row, all of which whoever owns one of them holds
+    """
     owner = part[elements]  # (m, 2)
     crossing = np.flatnonzero(owner[:, 0] != owner[:, 1])
     holder = np.concatenate([owner[:, 0], owner[crossing, 1]])
@@ -58,8 +69,9 @@ def cut_net(n: int, elements: np.ndarray, part: np.ndarray, ranks: int) -> list[
     owned = np.split(particles, np.searchsorted(part[particles], np.arange(1, ranks)))
     local = np.full(n, -1, np.int64)  # scratch: local row of a particle on the rank in hand
     halos = []
+    jointed = [np.flatnonzero((part[joints] == rank).any(1)) for rank in range(ranks)]
     for rank in range(ranks):
-        ends = np.unique(elements[held[rank]])
+        ends = np.unique(np.concatenate([elements[held[rank]].ravel(), joints[jointed[rank]].ravel()]))
         halo = ends[part[ends] != rank]
         halos.append(halo[np.argsort(part[halo], kind="stable")])
     wanted = [
@@ -91,6 +103,8 @@ def cut_net(n: int, elements: np.ndarray, part: np.ndarray, ranks: int) -> list[
                 tuple(len(s) for s in sends),
                 tuple(int(counts[other]) for other in neighbours),
                 np.concatenate(sends + [np.zeros(0, np.int64)]).astype(np.uint32),
+                jointed[rank],
+                local[joints[jointed[rank]]].astype(np.uint32),
             )
         )
     return subdomains
@@ -192,6 +206,12 @@ class Distribution:
         """Rows of a global array (m, ...) that rank 0 gives, for the elements of each rank. Collective."""
         return self.comm.scatter(
             None if self._subdomains is None else [rows[p.element_gid] for p in self._subdomains]
+        )
+
+    def joints(self, rows: np.ndarray | None) -> np.ndarray:
+        """Rows of a global array (k, ...) that rank 0 gives, for the joints of each rank. Collective."""
+        return self.comm.scatter(
+            None if self._subdomains is None else [rows[p.joint_gid] for p in self._subdomains]
         )
 
     def owned(self) -> list[np.ndarray] | None:

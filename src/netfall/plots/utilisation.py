@@ -1,4 +1,4 @@
-"""Pictures of the roof, its elements coloured: by how far they are used, and by their dynamic factors."""
+"""Pictures of the roof, its elements coloured: by how far they are used, by dynamic factors, by moments."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,6 +74,16 @@ def dynamic_factors(f, factor: np.ndarray, path: Path) -> None:
     over = plt.get_cmap(COLOURS)(1.0)
     words = "dynamic factors after losses, the largest of each element"
     _draw(f, Shading(factor, scale, over, words, label), path)
+
+
+def moments(f, moment: np.ndarray, path: Path) -> None:
+    """Write the picture of the largest bending moments (m,) [N m] at rest, nan: no bending."""
+    factor, unit = unit_of(float(np.nanmax(moment)), "N m")
+    label, over = f"largest bending moment at rest [{unit}]; grey: no bending", plt.get_cmap(COLOURS)(1.0)
+    scale = Normalize(0.0, max(factor * float(np.nanmax(moment)), 1e-9))
+    _draw(
+        f, Shading(factor * moment, scale, over, "bending moments, the largest of each element", label), path
+    )
 
 
 def _draw(f, shading: Shading, path: Path) -> None:

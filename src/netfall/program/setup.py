@@ -17,7 +17,7 @@ from netfall.job.asks import carries_permanent
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
 from netfall.mechanics.stability import Limit
-from netfall.model.layout import features_of, layout_digest, make_layout
+from netfall.model.layout import Layout, features_of, layout_digest, make_layout
 from netfall.model.model import Model, make_model, warmed
 from netfall.model.schedule import step_limits
 from netfall.model.state import make_state
@@ -59,7 +59,7 @@ def prepare(
         layout = on_root(comm, lambda: make_layout(job, comm.size, memory))
         net = layout.net if layout else None
         n, m, features = comm.bcast((net.n, net.m, features_of(job, net)) if layout else None)
-        cut = on_root(comm, lambda: cut_net(n, net.elements, layout.part, comm.size))
+        cut = on_root(comm, lambda: cut_net(n, net.elements, layout.part, comm.size, *_joints(layout)))
         distribution = Distribution(comm, n, m, cut)
         halo = Halo(comm, distribution.subdomain, 3)
     digest = comm.bcast(layout_digest(job, net) if layout else None)
@@ -94,6 +94,11 @@ def prepare(
             scene = replace(scene, model=on_root(comm, lambda: warmed(job, scene.model)))
             scene.state.L0[:] = distribution.elements(scene.model and scene.model.L0)
         return replace(scene, limits=_limits(scene)), checkpoint
+
+
+def _joints(layout: Layout) -> list[np.ndarray]:
+    """Particles (k, 3) of the joints of chains that bend, if there are any."""
+    return [layout.chains.particles] if layout.chains else []
 
 
 def _largest_tension(model: Model) -> float:

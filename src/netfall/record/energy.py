@@ -17,6 +17,7 @@ from mpi4py import MPI
 
 from netfall.ground.compile import entry_for, inner_kernel, kernel, part_of_kernel
 from netfall.mechanics.air import air_work_before, with_air
+from netfall.mechanics.bending import add_bending_forces
 from netfall.mechanics.elements import ElementState, add_tensions, element_energies, element_state
 from netfall.mechanics.fields import OTHER_WORKS
 from netfall.mechanics.ground import pull_of_ground, velocity_after, works_of_motion
@@ -257,6 +258,8 @@ def take_snapshot(
     else:
         snapshot.slack, snapshot.largest = observe(*arguments)
         snapshot.enter = entry_for(observe, *arguments) if snapshot is before else None
+    if state.joints is not None:
+        add_bending_forces(state.x, state.joints, snapshot.room.f_int)
     if springs:
         snapshot.sprung = spring_energy(*(array[snapshot.rows] for array in (state.x, *springs)))
     return snapshot

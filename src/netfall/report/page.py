@@ -23,7 +23,8 @@ COLUMNS = {
     "largest dynamic factor after a loss (where the rest changes by 2 % of the largest tension), "
     "resistance [N], utilisation",
     "elements.csv": "the same for each element between its nodes; `unstressed_length` [m]; of bars with a "
-    "second moment `buckling_length` [m], `euler_load` [N], relative `slenderness`, `chi` of EN 1993-1-1",
+    "second moment `buckling_length` [m], `euler_load` [N], relative `slenderness`, `chi` of EN 1993-1-1; of "
+    "those that bend `bending_moment_max` [N m]",
     "cutting_list.csv": "a row for each cable: `unstressed_length` [m] at the temperature of form finding, "
     "`length_in_form` [m], `temperature` [K], `unstressed_length_at_temperature` [m], `measuring_load` [N], "
     "`length_at_measuring_load` [m] (at that temperature), `mass` [kg]",
@@ -51,6 +52,7 @@ def summary(f, result: Path, tables: dict, envelope: Envelope, checked: Checked,
         ["## Checks", "", *checks(f, envelope, checked, tables["checks.csv"], failed)],
         *([["## Limits in service", "", *limits(f, made)]] if made else []),
         ["## Utilisation", "", *_utilisation(f, cables, envelope, checked)],
+        *([["## Bending", "", *_bending(tables["elements.csv"])]] if _bends(tables) else []),
         ["## Factors", "", *_factors(checked)],
         ["## Tensions", "", *_tensions(f, envelope, checked.checks[0].name)],
         *([["## Losses", "", *_losses(f, checked)]] if "removal" in f else []),
@@ -143,6 +145,22 @@ def _unchecked(cables: dict, checked: Checked) -> list[str]:
             f"{cables['cable'][least]} ({cables['group'][least]}), {cables['case_min'][least]}"
         )
     return lines
+
+
+def _bends(tables: dict) -> bool:
+    return "bending_moment_max" in tables["elements.csv"]
+
+
+def _bending(elements: dict) -> list[str]:
+    """The largest bending moment of each group; elements : as of `element_columns`."""
+    moment, rows = elements["bending_moment_max"], []
+    for group in dict.fromkeys(elements["group"][np.isfinite(moment)]):
+        worst = int(np.nanargmax(np.where(elements["group"] == group, moment, np.nan)))
+        rows.append([group or "(none)", elements["element"][worst], f"{moment[worst] / 1e3:.5g} kN m"])
+        rows[-1].append(elements["case_moment"][worst])
+    told = "Bending is not part of the checks: add the stress of these moments to that of the axial forces."
+    table = as_table(["group", "element", "largest bending moment", "in"], rows)
+    return [told, "", *table, *picture("largest bending moments", "moments.png")]
 
 
 def _factors(checked: Checked) -> list[str]:

@@ -29,7 +29,7 @@ from netfall.ground.errors import InputError
 from netfall.job.table import write_table
 from netfall.plots.canvas import save
 from netfall.plots.states import form, has_states, states
-from netfall.plots.utilisation import dynamic_factors, utilisation
+from netfall.plots.utilisation import dynamic_factors, moments, utilisation
 from netfall.report.html import one_page
 from netfall.report.page import summary
 from netfall.results.cases import cases_of
@@ -104,6 +104,9 @@ def _pictures(f, envelope: Envelope, checked: Checked, tables: dict, folder: Pat
     for name, draw, there in (("form.png", form, "form_finding" in f), ("states.png", states, has_states(f))):
         if there:
             found.append(save(draw(f), folder / name).name)
+    if "bending_moment_max" in tables["elements.csv"]:
+        found.append("moments.png")
+        moments(f, tables["elements.csv"]["bending_moment_max"], folder / "moments.png")
     if "removal" in f:
         found.append("dynamic_factors.png")
         dynamic_factors(f, tables["elements.csv"]["dynamic_factor"], folder / "dynamic_factors.png")

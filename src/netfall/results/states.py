@@ -22,6 +22,7 @@ class ShownState:
     ends : (m, 2) rows of these, where elements have split off others than those of the net
     place : its group in the file; reaction : gives (n, 3) [N] on what holds the nodes, None: not in the file
     unloaded : whether no load acts
+    moment : gives (m, 2) [N m] of bending at the ends of elements, None: not in the file
     """
 
     name: str
@@ -31,6 +32,7 @@ class ShownState:
     place: str = ""
     reaction: Callable[[], np.ndarray] | None = None
     unloaded: bool = False
+    moment: Callable[[], np.ndarray] | None = None
 
 
 def form_position(f) -> np.ndarray:
@@ -145,7 +147,8 @@ def _state(g, words: str, name: str, x: np.ndarray, row) -> ShownState:
     """A state of a group, a row of its datasets or all of them."""
     position = (lambda: g["position"][row]) if "position" in g else (lambda: x + g["displacement"][row])
     reaction = (lambda: g["reaction"][row]) if "reaction" in g else None
-    return ShownState(words, lambda: g["tension"][row], position, None, name, reaction)
+    moment = (lambda: g["bending_moment"][row]) if "bending_moment" in g else None
+    return ShownState(words, lambda: g["tension"][row], position, None, name, reaction, moment=moment)
 
 
 def final(f) -> ShownState | None:

@@ -28,6 +28,7 @@ from netfall.job.values import counted
 from netfall.numerics.functions import lengths
 from netfall.record.reactions import forces_on_supports
 from netfall.results.notes import NOT_STABLE, displacement_notes
+from netfall.stages.bending import hold_notes, largest_hold
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import (
     APART,
@@ -51,6 +52,7 @@ from netfall.stages.wanted import Wanted, equilibria, loaded
 from netfall.write.result import texts
 
 HALVINGS = 6  # of the mean wind, where all of it has no equilibrium: what it bears is told to 2 %
+OF_LINES = ("moved", "held")  # of an equilibrium: for what is said of it
 FEWER = 20_000  # iterations for each of them
 
 
@@ -232,6 +234,7 @@ def keep(scene: Scene, desk: Desk, path: StaticPath, each: StaticLoad, outcome: 
     """Note what was found, and write it. Collective."""
     state, snapshot = scene.state, outcome.equilibrium.snapshot
     numbers = outcome.equilibrium.numbers() | {"moved": farthest(scene)}
+    numbers |= {"held": largest_hold(scene)} if state.joints is not None else {}
     group = f"cases/{each.name}" if each.kind in APART else "rest" if each.kind == "rest" else "statics"
     if group == "statics" and (each.kind == "at once" or not settings_of(scene.job).steps):
         return
@@ -318,6 +321,7 @@ def lines(path: StaticPath, scene: Scene) -> list[str]:
         for _, what, each in every
         if each["unstable_at"] != STABLE
     ]
+    lines += hold_notes([(what, each["held"]) for _, what, each in every if "held" in each], node_id)
     ids = scene.model.net.element_id
     over = [(what, path.labels[group].get("over_strength")) for group, what, _ in last]
     lines += [
@@ -362,8 +366,8 @@ def group_labels(path: StaticPath, scene: Scene) -> dict[str, dict]:
 
 
 def numbers_of(numbers: dict) -> dict[str, np.ndarray]:
-    """What is kept of equilibria as datasets: whether stable, and not which node says so."""
-    arrays = {name: np.array(value) for name, value in numbers.items() if name != "moved"}
+    """What is kept of equilibria as datasets: whether stable, and not which node says so, nor `OF_LINES`."""
+    arrays = {name: np.array(value) for name, value in numbers.items() if name not in OF_LINES}
     return arrays | {"stable": arrays.pop("unstable_at") == STABLE}
 
 

@@ -130,12 +130,15 @@ class Result:
             self.file.create("statics/displacement", np.float64, (n, 3))
             self.file.create("statics/tension", np.float64, (m,))
             self.file.create("statics/reaction", np.float64, (n, 3))
+            if state.joints is not None:
+                self.file.create("statics/bending_moment", np.float64, (m, 2))
         rows = snapshot.rows
         columns = {"displacement": state.x[rows] - state.x_start[rows]}
         columns["reaction"] = reaction
         for name, block in self._points(state, rows, columns).items():
             self.file.append_state(f"statics/{name}", block, n)
-        self.file.append_state("statics/tension", self._cells(state, {"N": snapshot.N})["N"], m)
+        for name, block in self._cells(state, _of_elements(state, snapshot)).items():
+            self.file.append_state(f"statics/{name}", block, m)
 
     def write_equilibrium(self, group: str, state: State, snapshot, place: str, reaction: np.ndarray) -> None:
         """One equilibrium, in a group of its own; place : "position" or "displacement" of its nodes.
@@ -147,7 +150,8 @@ class Result:
         columns["reaction"] = reaction
         for name, block in self._points(state, rows, columns).items():
             self.file.put(f"{group}/{name}", block, n)
-        self.file.put(f"{group}/tension", self._cells(state, {"N": snapshot.N})["N"], m)
+        for name, block in self._cells(state, _of_elements(state, snapshot)).items():
+            self.file.put(f"{group}/{name}", block, m)
 
     def write_whole(self, group: str, datasets: dict[str, np.ndarray] | None) -> None:
         """Datasets that rank 0 gives whole, None elsewhere, kept from now on."""
@@ -210,6 +214,12 @@ class Result:
             return
         self._end_segment()
         on_root(self.comm, lambda: join_segments(self.segments, self.file.temporary, self.path, finish))
+
+
+def _of_elements(state: State, snapshot) -> dict[str, np.ndarray]:
+    """What an equilibrium keeps of elements, by name."""
+    bends = {} if state.joints is None else {"bending_moment": state.bending_moments()}
+    return {"tension": snapshot.N} | bends
 
 
 def _values(fields: tuple[Field, ...], sight: Sight) -> dict[str, np.ndarray]:
@@ -289,6 +299,7 @@ def _bar_section(net: Net, cut_length: np.ndarray) -> dict[str, np.ndarray]:
         "euler_load": euler_load(net, cut_length),
         "buckling_curve": net.buckling_curve.astype(np.int32),
         "buckling_curve_names": texts(list(CURVES)),
+        **({} if net.bending is None else {"bending": net.bending.astype(np.uint8)}),
     }
 
 

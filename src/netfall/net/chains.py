@@ -1,0 +1,59 @@
+"""Chains of bars that resist bending: at which nodes they go on, from one bar to the next.
+
+At a node two bars with bending are joined if they are the only two of one piece that the column `cable`
+names, or else the only two of their group that meet there. Held or free, at any angle. A chain has no moment
+at its ends.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.net.net import Net
+
+CHAIN_END, NO_BENDING = -1, -2
+
+
+class Chains(NamedTuple):
+    """Joints (k,) of a net: particles (k, 3) in a row; elements (k, 2) between them.
+
+    at : (m, 2) the joint at start and end of each element; CHAIN_END: none; NO_BENDING: the element has none
+    """
+
+    particles: np.ndarray
+    elements: np.ndarray
+    at: np.ndarray
+
+
+def chains_of(net: Net) -> Chains | None:
+    """The joints of a net, by their middle particle; None if none of its bars resists bending."""
+    if net.bending is None:
+        return None
+    bars = np.flatnonzero(net.bending)
+    ends = 2 * np.repeat(bars, 2) + np.tile([0, 1], len(bars))  # the ends of element e are 2 e and 2 e + 1
+    names = np.repeat(np.array(net.cable_given), net.parts) if net.cable_given else np.full(net.m, "")
+    _, name = np.unique(names, return_inverse=True)
+    node = net.elements.ravel()
+    named = ends[names[ends // 2] != ""]
+    pairs = _pairs(named, node, name)
+    free = ~np.isin(ends, pairs)
+    by_group = _pairs(ends, node, net.group)
+    pairs = np.concatenate([pairs, by_group[np.isin(by_group, ends[free]).all(1)]])
+    pairs = pairs[np.lexsort((pairs[:, 0], node[pairs[:, 0]]))]
+    middle, first, second = node[pairs[:, 0]], node[pairs[:, 0] ^ 1], node[pairs[:, 1] ^ 1]
+    at = np.full(2 * net.m, NO_BENDING)
+    at[ends] = CHAIN_END
+    at[pairs.T] = np.arange(len(pairs))
+    return Chains(np.column_stack([first, middle, second]), pairs // 2, at.reshape(net.m, 2))
+
+
+def _pairs(ends: np.ndarray, node: np.ndarray, kind: np.ndarray) -> np.ndarray:
+    """Pairs (k, 2) of ends of elements that meet at one node where just two of one kind do.
+
+    node : (2 m,) of each end; kind : (m,) of each element
+    """
+    key = node[ends] * (int(kind.max(initial=0)) + 1) + kind[ends // 2]
+    order = np.argsort(key, kind="stable")
+    _, first, count = np.unique(key[order], return_index=True, return_counts=True)
+    two = first[count == 2]
+    return np.column_stack([ends[order[two]], ends[order[two + 1]]])

@@ -1,0 +1,413 @@
+"""Chains of bars that resist bending: forces, tangent, critical loads, elastica, toggle, in jobs at rest."""
+
+import csv
+
+import numpy as np
+import pytest
+from conftest import ROOT, STEEL, assert_same_results, run_on_standing_ranks
+from scipy.linalg import eigh
+
+from netfall.job.read import read_job
+from netfall.mechanics.bending import (
+    Joints,
+    add_bending_forces,
+    add_joint_bounds,
+    add_joint_stiffness,
+    curvatures,
+    joint_energies,
+    joint_moments,
+    joint_tangents,
+)
+from netfall.mechanics.elements import add_stiffness
+from netfall.net.build import build_net
+from netfall.net.chains import CHAIN_END, NO_BENDING, chains_of
+from netfall.report.report import Inputs, write_report
+
+# Critical pressure of rings of 12, 24, 36 bars, times r^3 / EI, r of the inscribed circle: pressure that
+# follows, that keeps its direction, that points to the centre. Limits 3, 4, 4.5.
+RINGS = {
+    12: (2.82843, 3.86370, 4.29530),
+    24: (2.95715, 3.96578, 4.44865),
+    36: (2.98096, 3.98467, 4.47717),
+}
+ELASTICA = {1.0: (0.301721, 0.056433), 2.0: (0.493457, 0.160642)}  # P L^2 / EI: w / L, u / L at the tip
+TOGGLE = 33.860  # lb at 0.23 in: Williams' frame
+EULER = {"one end free": 2.0, "hinged": 1.0, "one end hinged": 0.699, "clamped": 0.5}  # K
+BAR = 'kind = "bar"\nmodulus = {}\narea = {}\ndensity = 7850.0\nsecond_moment = {}\nbending = true\n'
+
+
+def row_of(count):
+    """Joints of so many particles in a row."""
+    return np.column_stack([np.arange(count - 2) + k for k in range(3)]).astype(np.uint32)
+
+
+@pytest.fixture
+def crooked():
+    """A crooked chain in space whose rest is crooked too: places and joints."""
+    rng = np.random.default_rng(1)
+    x = np.asfortranarray(np.cumsum(rng.normal(0.0, 1.0, (7, 3)) + [2.0, 0.0, 0.0], axis=0))
+    return x, Joints(row_of(7), rng.uniform(1.0, 3.0, 5), rng.normal(0.0, 0.3, (5, 3)))
+
+
+def forces(x, joints):
+    f = np.zeros((len(x), 3))
+    add_bending_forces(np.asfortranarray(x), joints, f)
+    return f
+
+
+def dense(joints, stiffness, n):
+    """The stiffness (3 n, 3 n) of joints."""
+    K = np.zeros((3 * n, 3 * n))
+    for c, u in enumerate(np.eye(3 * n)):
+        force = np.zeros((n, 3))
+        add_joint_stiffness(u.reshape(n, 3), joints.particles, stiffness, force)
+        K[:, c] = force.ravel()
+    return K
+
+
+def tangents(x, joints):
+    pair = np.empty((2, len(joints.stiffness), 6, 6))
+    joint_tangents(np.asfortranarray(x), joints, *pair)
+    return pair
+
+
+def differences(of, x, step=1e-5):
+    """Derivative of a function of places by each of them."""
+    found = []
+    for move in np.eye(x.size):
+        d = step * move.reshape(x.shape)
+        found.append((of(x + d) - of(x - d)) / (2 * step))
+    return np.array(found)
+
+
+def test_forces_are_the_slope_of_the_energy_and_balance(crooked):
+    """f = -dU/dx; their sum is zero, and that of their moments EI/l (kb x kb0), to rounding."""
+    x, joints = crooked
+
+    def energy(x):
+        each = np.empty(5)
+        joint_energies(np.asfortranarray(x), joints, each)
+        return each.sum()
+
+    f = forces(x, joints)
+    assert np.abs(f.ravel() + differences(energy, x)).max() < 1e-8 * np.abs(f).max()  # of the differences
+    assert np.abs(f.sum(0)).max() < 1e-14 * np.abs(f).sum()
+    held = joints.stiffness[:, None] * np.cross(curvatures(x, joints.particles), joints.rest)
+    assert np.abs(np.cross(x, f).sum(0) - held.sum(0)).max() < 1e-13 * np.abs(x).max() * np.abs(f).sum()
+    moment, hold = np.empty((2, 5))
+    joint_moments(x, joints, moment, hold)
+    assert hold == pytest.approx(np.linalg.norm(held, axis=1), rel=1e-12)
+
+
+def test_tangent_is_the_slope_of_the_forces(crooked):
+    """Symmetric; the part without moments is positive; the bound of each particle holds."""
+    x, joints = crooked
+    whole, positive = (dense(joints, K, 7) for K in tangents(x, joints))
+    found = -differences(lambda x: forces(x, joints).ravel(), x)
+    assert np.abs(whole - found).max() < 1e-9 * np.abs(whole).max()  # of the differences
+    assert np.abs(whole - whole.T).max() < 1e-14 * np.abs(whole).max()
+    assert np.linalg.eigvalsh(positive).min() > -1e-13 * np.abs(positive).max()
+    bound = np.zeros(7)
+    add_joint_bounds(x, joints, 1.0, bound)
+    root = np.sqrt(np.repeat(bound, 3))
+    assert np.linalg.eigvalsh(whole / root[:, None] / root).max() <= 3.0
+
+
+def critical(K, K_load, rigid):
+    """The least factor of a load at which K + factor K_load is singular but for rigid motions (d, r)."""
+    free = np.linalg.svd(rigid)[0][:, rigid.shape[1] :] if rigid.size else np.eye(len(K))
+    return 1.0 / eigh(-(free.T @ K_load @ free), free.T @ K @ free, eigvals_only=True).max()
+
+
+def elements_stiffness(x, ends, axial, N):
+    """The stiffness (3 n, 3 n) of bars with forces N; axial : [N/m]"""
+    along = x[ends[:, 1]] - x[ends[:, 0]]
+    L, n = np.linalg.norm(along, axis=1), len(x)
+    K = np.zeros((3 * n, 3 * n))
+    for c, u in enumerate(np.eye(3 * n)):
+        force = np.zeros((n, 3))
+        add_stiffness(u.reshape(n, 3), ends, along / L[:, None], np.full(len(L), axial), N / L, force)
+        K[:, c] = force.ravel()
+    return K
+
+
+@pytest.mark.parametrize("n", RINGS)
+def test_rings_buckle_at_their_critical_pressures(n):
+    """Rings of 12, 24, 36 bars under the three pressures, in their plane, by the tangent."""
+    turn, s = 2.0 * np.pi * np.arange(n) / n, np.sin(np.pi / n)
+    x = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(n)])
+    ends = np.column_stack([np.arange(n), np.roll(np.arange(n), -1)]).astype(np.uint32)
+    particles = np.column_stack([np.roll(ends[:, 0], 1), ends]).astype(np.uint32)
+    joints, stiff = (
+        Joints(particles, np.full(n, 0.5 / s), curvatures(x, particles)),
+        1e7,
+    )  # EI = 1, stiff along
+    K = dense(joints, tangents(x, joints)[0], n) + elements_stiffness(x, ends, stiff, np.zeros(n))
+    compressed = elements_stiffness(x, ends, 0.0, np.full(n, -0.5 / s))  # of unit forces to the centre
+    follows, central = np.zeros((2, 3 * n, 3 * n))
+    per_area = 0.5 / s / np.cos(np.pi / n)
+    for i, j in ends.astype(int):
+        for a, b, sign in ((3 * i, 3 * j + 1, 0.5), (3 * j, 3 * i + 1, -0.5)):
+            follows[a, b] += per_area * sign
+            follows[b, a] += per_area * sign
+        central[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = np.eye(3) - np.outer(x[i], x[i])
+    plane = np.flatnonzero(np.arange(3 * n) % 3 < 2)
+    rigid = np.zeros((n, 2, 3))
+    rigid[:, 0, 0] = rigid[:, 1, 1] = 1.0
+    rigid[:, 0, 2], rigid[:, 1, 2] = -x[:, 1], x[:, 0]
+    for load, expected in zip((follows, np.zeros_like(follows), central), RINGS[n]):
+        part = np.ix_(plane, plane)
+        P = critical(K[part], (compressed + load)[part], rigid.reshape(-1, 3))
+        assert P / (2.0 * s) * np.cos(np.pi / n) ** 3 == pytest.approx(
+            expected, rel=1e-4
+        )  # bars stretch a little
+
+
+def column(n, ends):
+    """A column of length 1 of n bars, EI = 1: places, with stubs at clamped ends; which axes are held."""
+    z, stub = np.linspace(0.0, 1.0, n + 1), 1e-7 / n
+    low, high = {"one end free": (1, 0), "hinged": (0, 0), "one end hinged": (1, 0), "clamped": (1, 1)}[ends]
+    z = np.concatenate([[-stub] * low, z, [1.0 + stub] * high])
+    held = np.zeros((len(z), 2), bool)  # across and along
+    held[: low + 1, 0] = held[: low + 1, 1] = True
+    if ends != "one end free":
+        held[len(z) - high - 1 :, 0] = True
+    return z, held
+
+
+def critical_column(n, ends):
+    """The critical load of that column, by the tangent in its plane."""
+    z, held = column(n, ends)
+    x = np.column_stack([np.zeros((len(z), 2)), z])
+    L, m = np.diff(z), len(z)
+    pairs = np.column_stack([np.arange(m - 1), np.arange(1, m)]).astype(np.uint32)
+    joints = Joints(row_of(m), 2.0 / (L[1:] + L[:-1]), np.zeros((m - 2, 3)))
+    compressed = elements_stiffness(x, pairs, 0.0, -np.ones(m - 1))
+    across = 3 * np.flatnonzero(~held[:, 0])
+    K = dense(joints, tangents(x, joints)[0], m)[np.ix_(across, across)]
+    return critical(K, compressed[np.ix_(across, across)], np.zeros((0, 0)))
+
+
+@pytest.mark.parametrize("ends", EULER)
+def test_columns_buckle_at_eulers_load(ends):
+    """With K 2, 1, 0.699 and 0.5: of 12 and 24 bars, which come nearer as the square of their length."""
+    coarse, fine = (critical_column(n, ends) for n in (12, 24))
+    exact = 20.19072856 if ends == "one end hinged" else (np.pi / EULER[ends]) ** 2
+    assert (4.0 * fine - coarse) / 3.0 == pytest.approx(exact, rel=1e-4)  # of the fourth order what is left
+    assert exact == pytest.approx((np.pi / EULER[ends]) ** 2, rel=1e-3)  # K has three digits
+    assert fine < exact
+
+
+def test_an_end_moment_rolls_up_a_bar():
+    """2 pi EI / L closes the circle: in a regular polygon each joint has that moment, and no node a force."""
+    n = 200
+    turn = 2.0 * np.pi * np.arange(n + 1) / n
+    side = 2.0 * np.sin(np.pi / n)
+    x = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(n + 1)]) / (n * side)  # bars of 1 / n
+    joints = Joints(row_of(n + 1), np.full(n - 1, float(n)), np.zeros((n - 1, 3)))  # EI = L = 1
+    f = forces(x, joints)
+    couple = np.linalg.norm(f[0]) / n
+    assert np.linalg.norm(f[2:-2], axis=1).max() < 1e-11 * np.linalg.norm(
+        f[0]
+    )  # sums of terms n times larger
+    tangent = np.tan(np.pi / n)  # r works by dkb/dphi = 1 + tangent^2
+    assert couple == pytest.approx(2.0 * n * tangent * (1.0 + tangent**2), rel=1e-10)
+    assert couple == pytest.approx(2.0 * np.pi, rel=5e-4)  # 4 / 3 (pi / n)^2
+
+
+def chain_job(workshop, places, held, load, section, more):
+    """A job of a chain in the plane y = 0, held across; held : (n, 2) x and z; load : (n,) down [N]"""
+    rows = [
+        f"{p},{x!r},0,{z!r},{int(a)},1,{int(b)},{-P!r}"
+        for p, ((x, z), (a, b), P) in enumerate(zip(places.tolist(), held, np.asarray(load).tolist()))
+    ]
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n" + "\n".join(rows) + "\n"
+    elements = "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(len(places) - 1))
+    return workshop.job("[cable]\n" + BAR.format(*section) + more, nodes, elements)
+
+
+STIFF = (1e6, 1.0, 1e-6)  # modulus, area, second moment: EI = 1, EA = 1e6
+
+
+def tip(workshop, n, P):
+    """How far the tip of a cantilever of length 1 sinks and comes in under P, n bars."""
+    places = np.array([[-1e-4 / n, 0.0], *[[k / n, 0.0] for k in range(n + 1)]])
+    held = np.arange(n + 2)[:, None] < [2, 2]
+    load = np.where(np.arange(n + 2) == n + 1, float(P), 0.0)
+    job = chain_job(workshop, places, held, load, STIFF, "[load]\nsteps = 2\ntolerance = 1e-9\n")
+    with workshop.run(job) as f:
+        d, moment = f["statics/displacement"][-1, -1], f["statics/bending_moment"][-1]
+        reaction = f["statics/reaction"][-1].sum(0)
+        assert reaction[2] == pytest.approx(-P, rel=1e-6)
+        at_support = moment[1, 0] * (1.0 + (0.5 * moment[1, 0] / n) ** 2 / 4.0)  # r works by 1 + kb^2 / 4
+        assert at_support == pytest.approx(P * (1.0 + d[0]), rel=1e-5)  # force times arm
+        assert moment[-1, 1] == 0.0
+    return np.array([-d[2], -d[0]])
+
+
+@pytest.mark.parametrize("P", ELASTICA)
+def test_a_cantilever_is_an_elastica(workshop, P):
+    """Tip of 10 and 20 bars, extrapolated, against elliptic integrals; moment and force at the support."""
+    coarse, fine = tip(workshop, 10, P), tip(workshop, 20, P)
+    assert (4.0 * fine - coarse) / 3.0 == pytest.approx(ELASTICA[P], rel=3e-4)  # of the fourth order
+
+
+def toggle(workshop, n):
+    """Forces [lb] at which the apex of Williams' frame has sunk by 0.22, 0.23, 0.24 in, n bars a leg."""
+    s = np.linspace(-1.0, 1.0, 2 * n + 1)
+    places = np.column_stack([12.943 * s, 0.386 * (1.0 - np.abs(s))])
+    stubs = 1e-5 * (places[[1, -2]] - places[[0, -1]])
+    places = np.concatenate([[places[0] - stubs[0]], places, [places[-1] - stubs[1]]])
+    clamped = np.isin(np.arange(2 * n + 3), (0, 1, 2 * n + 1, 2 * n + 2))
+    held = np.column_stack([clamped, clamped | (np.arange(2 * n + 3) == n + 1)])
+    more = "[load]\ntolerance = 1e-9\n"
+    sunk = (0.22, 0.23, 0.24)
+    for v in sunk:
+        more += f'[[case]]\nname = "{v}"\nsettlement = {{{n + 1} = [0.0, 0.0, {-v}]}}\n'
+    section = 1.885e8, 1e-2, 9.27e3 / 1.885e8
+    with workshop.run(chain_job(workshop, places, held, np.zeros(2 * n + 3), section, more)) as f:
+        return np.array([f[f"cases/{v}/reaction"][n + 1, 2] for v in sunk])
+
+
+def test_williams_toggle_has_its_limit(workshop):
+    """33.860 lb at 0.23 in, and less before and after; legs of 10 and 20 bars, extrapolated."""
+    before, at, after = (4.0 * toggle(workshop, 20) - toggle(workshop, 10)) / 3.0
+    assert at == pytest.approx(TOGGLE, rel=1e-4)
+    assert before < at and after < at
+
+
+def hinged(workshop, share):
+    """A column of 10 bars hinged at both ends under a share of its critical load, on rollers across."""
+    n = 10
+    places = np.column_stack([np.zeros(n + 1), np.arange(n + 1) / n])
+    held = np.zeros((n + 1, 2), bool)
+    held[0], held[-1, 0] = True, True
+    P = share * 4.0 * n * n * np.sin(np.pi / 2.0 / n) ** 2  # of hinges with springs EI / l
+    load = np.where(np.arange(n + 1) == n, P, 0.0)
+    return chain_job(workshop, places, held, load, STIFF, "[load]\nsteps = 1\n")
+
+
+def test_the_search_for_buckling_knows_of_bending(workshop):
+    """A column is stable at 0.99 of its critical load, and not at 1.01."""
+    with workshop.run(hinged(workshop, 0.99)) as f:
+        assert f["statics/stable"][:].all() and f["statics"].attrs["state"] == "equilibrium"
+    with workshop.run(hinged(workshop, 1.01)) as f:
+        assert not f["statics/stable"][-1] and f["statics"].attrs["state"] == "unstable"
+
+
+RING = (
+    STEEL
+    + "[cable.ring]\n"
+    + BAR.format(2.1e11, 1e-2, 1e-5)
+    + "[cable.other]\n"
+    + BAR.format(2e11, 1e-2, 1e-5)
+)
+
+
+def chains(workshop, elements, parts=1):
+    """The joints of a table of elements between nodes 1 to 6, by ids of nodes; and of each element's ends."""
+    nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{k},{k * k % 5},{k % 3},{int(k == 1)}\n" for k in range(1, 7))
+    text = RING if "other" in elements else RING.partition("[cable.other]")[0]
+    job = read_job(workshop.job(text, nodes, elements), [f"net.subdivide={parts}"])
+    net = build_net(job)
+    found = chains_of(net)
+    return {
+        tuple(sorted(net.node_id[[a, c]].tolist()) + [int(net.node_id[b])]) for a, b, c in found.particles
+    }, found
+
+
+def test_chains_go_on_where_two_bars_of_a_group_meet(workshop):
+    """Also at a support, at any angle; not from group to group, nor where cables meet."""
+    rows = "start,end,group\n2,1,ring\n2,3,ring\n4,3,ring\n4,5,other\n5,6,\n6,1,\n2,6,\n"
+    found, chains_found = chains(workshop, rows)
+    assert found == {(1, 3, 2), (2, 4, 3)}
+    at = chains_found.at
+    assert at[3].tolist() == [CHAIN_END, CHAIN_END] and (at[4:] == NO_BENDING).all()
+    assert at[0, 1] == CHAIN_END and at[0, 0] == at[1, 0] >= 0
+    parts, _ = chains(workshop, rows, parts=3)
+    assert len(parts) == 2 + 2 * 4  # two inner nodes of each bar
+
+
+def test_where_more_meet_the_column_cable_says_which_go_on(workshop):
+    """Four bars at a node: none goes on without names; by names the two of each."""
+    rows = "start,end,group,cable\n1,2,ring,{}\n2,3,ring,{}\n4,2,ring,{}\n2,5,ring,{}\n5,6,ring,\n"
+    assert chains(workshop, rows.format("", "", "", ""))[0] == {(2, 6, 5)}
+    assert chains(workshop, rows.format("a", "a", "b", "b"))[0] == {(1, 3, 2), (4, 5, 2), (2, 6, 5)}
+
+
+@pytest.fixture(scope="module")
+def bicycle(shared_workshop):
+    """The shipped ring in snow, on one rank."""
+    with shared_workshop.run(ROOT / "jobs" / "bicycle.toml") as f:
+        yield f
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_bits_do_not_depend_on_the_ranks(bicycle, workshop, ranks):
+    """The ring in snow on one half: every dataset; a chain cut between ranks has particles two bars away."""
+    with workshop.run(ROOT / "jobs" / "bicycle.toml", ranks=ranks) as several:
+        assert_same_results(bicycle, several)
+
+
+def test_moments_of_a_ring_balance_its_spokes(bicycle):
+    """Under snow on one half: both sides of a joint have one moment, and nodes are in equilibrium."""
+    g = bicycle["cases/snow east"]
+    moment, ends = g["bending_moment"][:], bicycle["net/elements"][:]
+    assert np.isnan(moment[24:]).all() and np.isfinite(moment[:24]).all()
+    assert np.array_equal(moment[:24, 1], np.roll(moment[:24, 0], -1))
+    x = bicycle["form_finding/position"][:] + g["displacement"][:]
+    joints = Joints(
+        np.column_stack([np.roll(ends[:24, 0], 1), ends[:24]]).astype(np.uint32),
+        np.full(24, 2.1e11 * 1.61e-3 / bicycle["net/unstressed_length"][0]),
+        curvatures(
+            bicycle["form_finding/position"][:], np.column_stack([np.roll(ends[:24, 0], 1), ends[:24]])
+        ),
+    )
+    along = x[ends[:, 1]] - x[ends[:, 0]]
+    pull = g["tension"][:][:, None] * along / np.linalg.norm(along, axis=1)[:, None]
+    f = forces(x, joints)
+    np.add.at(f, ends[:, 0], pull)
+    np.subtract.at(f, ends[:, 1], pull)
+    free = np.isin(np.arange(24) % 6, (1, 2, 3, 4, 5))
+    assert np.abs(f[:24][free, :2]).max() < 1e-5 * np.abs(g["tension"][:]).max()  # no load in plan
+    assert np.nanmax(moment) > 100.0 * np.nanmax(bicycle["cases/snow/bending_moment"][:])
+
+
+def test_the_report_has_moments(bicycle, shared_workshop):
+    """The largest of each element with its state, the page and its picture."""
+    write_report(shared_workshop.folder / "result.vtkhdf", shared_workshop.folder / "report", Inputs())
+    with open(shared_workshop.folder / "report" / "elements.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    most = np.max([bicycle[f"cases/{name}/bending_moment"][:].max(1) for name in bicycle["cases"]], axis=0)
+    assert [float(row["bending_moment_max"]) for row in rows[:24]] == pytest.approx(most[:24].tolist())
+    assert rows[30]["bending_moment_max"] == rows[30]["case_moment"] == ""
+    page = (shared_workshop.folder / "report" / "summary.md").read_text()
+    assert "## Bending" in page and (shared_workshop.folder / "report" / "moments.png").exists()
+
+
+def test_a_section_that_is_held_is_told(workshop):
+    """An arc loaded across its plane, where its joints lean on something that is not there."""
+    turn = np.linspace(0.0, np.pi / 2.0, 7)
+    rows = [
+        f"{k},{np.cos(t):.9f},{np.sin(t):.9f},0,{int(k < 2)},{0 if k != 6 else -0.05}\n"
+        for k, t in enumerate(turn)
+    ]
+    nodes = "id,x,y,z,fixed,load_z\n" + "".join(rows)
+    elements = "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(6))
+    job = workshop.job("[cable]\n" + BAR.format(*STIFF) + "[load]\nsteps = 1\n", nodes, elements)
+    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "arc.vtkhdf", cwd=workshop.folder)
+    assert done.returncode == 0 and "is held against tilting by" in done.stdout
+
+
+def test_what_bending_is_not_computed_in_is_refused(workshop):
+    """The dynamic stage, erection and targets; bars without a second moment: all at once, exit code 2."""
+    more = "[dynamics]\nduration = 1.0\n" + '[[stage]]\nname = "a"\nlengths = {ring = {change = 0.1}}\n'
+    nodes, elements = (
+        "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n",
+        "start,end,group\n1,2,ring\n2,3,ring\n",
+    )
+    ring = STEEL.replace("100e3", "0.0") + "[cable.ring]\n" + BAR.format(2.1e11, 1e-2, 1e-5)
+    lines = workshop.run(workshop.job(ring + more, nodes, elements), code=2).stderr
+    assert "[dynamics]: chains that bend" in lines and "[[stage]]: an erection has no bars that bend" in lines
+    bare = ring.replace("second_moment = 1e-05\n", "")
+    assert "needs the second moment" in workshop.run(workshop.job(bare, nodes, elements), code=2).stderr
