@@ -6,6 +6,7 @@ from netfall.numerics.functions import lengths
 from netfall.results.states import equilibria, start_position
 
 LARGEST_BALANCE = 0.01  # error of the physical balance above which a result is doubtful
+HELD = 0.05  # of the largest bending moment: a hold against tilting above that is told
 FAR = 0.2  # of a net's largest dimension in plan: a node that moves farther under static load is told
 
 
@@ -38,6 +39,17 @@ def displacement_notes(found: list[tuple[str, float, int]], x: np.ndarray) -> li
         f"note: {words}: node {node} moved by {moved:.4g} m, by more than a fifth of the net's largest "
         f"dimension in plan, {size:.4g} m{share}: the net snapped through, or was slack at the start; look "
         "at its shape, and at the units of loads, the prestress and the supports"
+    ]
+
+
+def hold_notes(found: list[tuple[str, tuple[float, int]]], node_id: np.ndarray) -> list[str]:
+    """Notes on equilibria in which sections are held by much; found : as of `largest_hold`."""
+    return [
+        f"note: {what}: the section at node {node_id[p]} is held against tilting by {share:.0%} of the "
+        "largest bending moment, which nothing in the model does: a chain that is curved without moment "
+        "bends truly in its plane alone; support it across, or take its moments there for a rough value"
+        for what, (share, p) in found
+        if share > HELD
     ]
 
 

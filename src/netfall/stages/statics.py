@@ -26,9 +26,9 @@ from netfall.job.job import Job
 from netfall.job.memory import key_of
 from netfall.job.values import counted
 from netfall.numerics.functions import lengths
+from netfall.record.bending import largest_hold
 from netfall.record.reactions import forces_on_supports
-from netfall.results.notes import NOT_STABLE, displacement_notes
-from netfall.stages.bending import hold_notes, largest_hold
+from netfall.results.notes import NOT_STABLE, displacement_notes, hold_notes
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import (
     APART,
@@ -234,7 +234,7 @@ def keep(scene: Scene, desk: Desk, path: StaticPath, each: StaticLoad, outcome: 
     """Note what was found, and write it. Collective."""
     state, snapshot = scene.state, outcome.equilibrium.snapshot
     numbers = outcome.equilibrium.numbers() | {"moved": farthest(scene)}
-    numbers |= {"held": largest_hold(scene)} if state.joints is not None else {}
+    numbers |= {"held": largest_hold(scene.comm, state)} if state.joints is not None else {}
     group = f"cases/{each.name}" if each.kind in APART else "rest" if each.kind == "rest" else "statics"
     if group == "statics" and (each.kind == "at once" or not settings_of(scene.job).steps):
         return
