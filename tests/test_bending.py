@@ -399,15 +399,101 @@ def test_a_section_that_is_held_is_told(workshop):
     assert done.returncode == 0 and "is held against tilting by" in done.stdout
 
 
+def test_a_beam_vibrates_about_its_sag(workshop):
+    """Under a load put on at once: twice the sag and the moment at rest, at the period of a hinged beam."""
+    n, span, EI, line, per_length = 12, 6.0, 2.1e11 * 2e-5, 4000.0, 0.005 * 7850.0
+    places = np.column_stack([np.linspace(0.0, span, n + 1), np.zeros(n + 1)])
+    held = np.zeros((n + 1, 2), bool)
+    held[0], held[-1, 1] = True, True
+    load = np.where(np.isin(np.arange(n + 1), (0, n)), 0.0, line * span / n)
+    more = "[dynamics]\nduration = 0.08\n[output]\nhistory = 0.001\nframes = 4\nmodes = 2\n"
+    more += "probes = [[3.0, 0.0]]\n"
+    with workshop.run(chain_job(workshop, places, held, load, (2.1e11, 0.005, 2e-5), more)) as f:
+        h, period = f["history"], 2.0 * span**2 / np.pi * np.sqrt(per_length / EI)
+        assert f["modes/period"][0] == pytest.approx(period, rel=0.01)  # (pi / n)^2 / 6 of a lumped chain
+        z = h["probe_displacement"][:, 0, 2]
+        assert h["time"][np.argmin(z)] == pytest.approx(0.5 * period, abs=0.001)  # a row
+        assert z.min() == pytest.approx(-2.0 * 5.0 * line * span**4 / (384.0 * EI), rel=0.03)  # higher modes
+        most = f["envelope/bending_moment_max"][n // 2]
+        assert most == pytest.approx(2.0 * line * span**2 / 8.0, rel=0.05)
+        assert np.abs(h["identity_error"][:]).max() < 1e-12 and np.abs(h["balance_error"][:]).max() < 1e-4
+        assert f["VTKHDF/CellData/bending_moment"].shape[1] == 2
+        assert f["final/bending_moment"][0, 0] == 0.0 and f["final/bending_moment"][3].min() > 0.0
+
+
+LOST = """
+[[remove]]
+elements = [103]
+time = 0.02
+[[remove]]
+elements = [206]
+time = 0.05
+duration = 0.01
+[dynamics]
+duration = 0.6
+damping = 0.2
+[output]
+frames = 3
+history = 0.005
+checkpoint = 0.1
+"""
+
+
+@pytest.fixture(scope="module")
+def torn(shared_workshop):
+    """The shipped ring loses two spokes, and others break then: its job, and the result on one rank."""
+    text = (ROOT / "jobs" / "bicycle.toml").read_text().partition("[[case]]")[0]
+    text = text.replace('"bicycle/', f'"{ROOT}/jobs/bicycle/').replace(
+        "= true\n\n[[zone", "= true\nsnow = 300.0\n\n[[zone"
+    )
+    limits = "".join(f"[cable.{name}]\nfracture_strain = 0.0022\n\n" for name in ("upper", "lower"))
+    job = shared_workshop.job(text.replace("[cable.ring] ", limits + "[cable.ring] ") + LOST, name="torn")
+    with shared_workshop.run(job, output="torn.vtkhdf") as f:
+        yield job, f
+
+
+def test_a_ring_bends_as_it_loses_spokes(torn):
+    """Spokes break, the ring stays, bent by more; both audits; moments at rest, in frames, at the end."""
+    f = torn[1]
+    assert len(f["events/element"]) >= 5 and np.abs(f["history/identity_error"][:]).max() < 1e-10
+    assert np.abs(f["history/balance_error"][:]).max() < 0.02
+    most = f["envelope/bending_moment_max"][:]
+    assert np.isfinite(most[:24]).all() and np.isnan(most[24:]).all()
+    assert (most[:24] >= f["final/bending_moment"][:24].max(1) * (1.0 - 1e-12)).all()
+    assert (
+        most[:24] >= f["VTKHDF/CellData/bending_moment"][: len(most)].max(1)[:24] * (1.0 - 1e-6)
+    ).all()  # single
+    assert np.nanmax(most) > 100.0 * np.nanmax(f["rest/bending_moment"][:])
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_bits_of_a_torn_ring(torn, shared_workshop, ranks):
+    """On two and three ranks; on these again from a checkpoint of one rank, after the losses."""
+    job, one = torn
+    with shared_workshop.run(job, ranks=ranks, output=f"torn{ranks}.vtkhdf") as several:
+        assert_same_results(one, several)
+    kept = sorted(shared_workshop.folder.glob("torn.checkpoint-*"))[0]
+    with shared_workshop.run(job, "--restart", kept, ranks=ranks, output=f"again{ranks}.vtkhdf") as again:
+        assert_same_results(one, again)
+
+
 def test_what_bending_is_not_computed_in_is_refused(workshop):
-    """The dynamic stage, erection and targets; bars without a second moment: all at once, exit code 2."""
-    more = "[dynamics]\nduration = 1.0\n" + '[[stage]]\nname = "a"\nlengths = {ring = {change = 0.1}}\n'
+    """Erection, targets, bars that can break, are lost, or lack a second moment: exit code 2."""
+    more = '[[stage]]\nname = "a"\nlengths = {ring = {change = 0.1}}\n[dynamics]\nduration = 1.0\n'
     nodes, elements = (
         "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n",
         "start,end,group\n1,2,ring\n2,3,ring\n",
     )
     ring = STEEL.replace("100e3", "0.0") + "[cable.ring]\n" + BAR.format(2.1e11, 1e-2, 1e-5)
-    lines = workshop.run(workshop.job(ring + more, nodes, elements), code=2).stderr
-    assert "[dynamics]: chains that bend" in lines and "[[stage]]: an erection has no bars that bend" in lines
+    lines = workshop.run(
+        workshop.job(ring + "fracture_strain = 0.1\n" + more, nodes, elements), code=2
+    ).stderr
+    assert (
+        "[[stage]]: an erection has no bars that bend" in lines
+        and "bending = true, and it can break" in lines
+    )
+    lost = '[[remove]]\ngroup = "ring"\ntime = 0.1\n[dynamics]\nduration = 1.0\n'
+    lines = workshop.run(workshop.job(ring + lost, nodes, elements), code=2).stderr
+    assert "bars of a chain that bends, whose loss is not computed" in lines
     bare = ring.replace("second_moment = 1e-05\n", "")
     assert "needs the second moment" in workshop.run(workshop.job(bare, nodes, elements), code=2).stderr

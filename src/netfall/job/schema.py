@@ -50,7 +50,7 @@ CABLE = (
         "of a bar between what holds it, for Euler's load; absent: the length of the table's element",
         high=1e5,
     ),
-    flag("bending", False, "chains of bars resist bending, by second_moment; not in the dynamic stage"),
+    flag("bending", False, "chains of bars resist bending, by second_moment"),
     choice("buckling_curve", CURVES, "c", "of EN 1993-1-1, 6.3.1.2, for the check of a compressed bar"),
     between(-1e-3, 1e-3, "expansion", "1/K", 12e-6, "coefficient of thermal expansion: strain for each K"),
     choice("strain", ("engineering", "logarithmic"), "engineering", "strain measure"),

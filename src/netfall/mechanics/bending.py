@@ -20,11 +20,23 @@ from netfall.numerics.functions import lengths
 
 
 class Joints(NamedTuple):
-    """Joints (k,), in ascending number: particles (k, 3) h, i, j; stiffness (k,) [N m]; rest (k, 3) kb0."""
+    """Joints (k,), in ascending number: particles (k, 3) h, i, j; stiffness (k,) [N m]; rest (k, 3) kb0.
+
+    owned : (k,) uint8, 1 on the one rank that counts its energy: the owner of i
+    """
 
     particles: np.ndarray
     stiffness: np.ndarray
     rest: np.ndarray
+    owned: np.ndarray | None = None
+
+
+class Bends(NamedTuple):
+    """Chains that bend in a step: x (n, 3) [m]; their joints; force (n, 3) [N] on particles, out."""
+
+    x: np.ndarray
+    joints: Joints
+    force: np.ndarray
 
 
 class JointTangent(NamedTuple):
@@ -80,6 +92,16 @@ def add_bending_forces(x, joints, f):
 
 
 @kernel
+def find_bending_forces(bends):
+    """Write the forces of joints at the present positions. bends : `Bends`"""
+    for k in range(bends.joints.stiffness.shape[0]):
+        for side in range(3):
+            for axis in range(3):
+                bends.force[bends.joints.particles[k, side], axis] = 0.0
+    add_bending_forces(bends.x, bends.joints, bends.force)
+
+
+@kernel
 def joint_moments(x, joints, moment, hold):
     """Sizes (k,) [N m] of the moments r of joints, and of what holds their sections, k (kb x kb0)."""
     for k in range(moment.shape[0]):
@@ -91,13 +113,19 @@ def joint_moments(x, joints, moment, hold):
         hold[k] = joints.stiffness[k] * math.sqrt(_dot(t, t))
 
 
+@part_of_kernel
+def joint_energy(x, joints, k):
+    """Energy [J] stored in joint k at x (n, 3) [m]."""
+    a, b, _, _, d = _sides(x, joints, k)
+    r = _moment(joints, k, _cross(a, b), d)
+    return 0.5 * _dot(r, r) / joints.stiffness[k]
+
+
 @kernel
 def joint_energies(x, joints, energy):
-    """Energy (k,) [J] stored in joints at x (n, 3) [m]."""
+    """Energies (k,) [J] stored in joints at x (n, 3) [m]."""
     for k in range(energy.shape[0]):
-        a, b, _, _, d = _sides(x, joints, k)
-        r = _moment(joints, k, _cross(a, b), d)
-        energy[k] = 0.5 * _dot(r, r) / joints.stiffness[k]
+        energy[k] = joint_energy(x, joints, k)
 
 
 @allocating_kernel

@@ -126,6 +126,7 @@ FIELDS = (
         "velocity of the ground below: of an axis that is held half a step on, else now",
         "motion",
     ),
+    _particle("bend", AXES, np.float64, "N", "force of chains that bend, at x(n)", "bending"),
     _particle(
         "course",
         ONE,

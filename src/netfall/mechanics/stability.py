@@ -29,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netfall.ground.compile import kernel
-from netfall.mechanics.material import largest_stiffness
+from netfall.mechanics.material import TINY, largest_stiffness
 
 CLOSE = 1e-6  # of a step, to which mass scaling finds it
 ROUNDING = 1e-9  # of a particle's mass: what it carries besides its elements, if more
@@ -44,11 +44,12 @@ class Limit:
     element: int
 
 
-def any_shape_limits(elements, EA, L0, mass, free, bar, support) -> list[Limit]:
+def any_shape_limits(elements, EA, L0, mass, free, bar, support, chains=None) -> list[Limit]:
     """`any_shape` and `slackening`, for the intact net.
 
     mass : (n,) [kg]; free : (n,) bool, whether any axis is free; bar : (m,) bool
-    support : (n,) [N/m] of elastic supports, the stiffest axis
+    support : (n,) [N/m] of elastic supports, the stiffest axis, and the size of joints of chains that bend
+    chains : particles (k, 3) of these, and an element (k,) of each; a joint alone has the sum over three
     """
     k = largest_stiffness(EA, L0)
     stiffness = np.bincount(elements[:, 0], k, len(mass)) + np.bincount(elements[:, 1], k, len(mass))
@@ -63,6 +64,11 @@ def any_shape_limits(elements, EA, L0, mass, free, bar, support) -> list[Limit]:
             if of[worst] > 0
             else Limit(name, np.inf, -1)
         )
+    if chains is not None and len(chains[1]):
+        of = square[chains[0]].sum(1)
+        worst = int(np.argmax(of))
+        own = Limit("any_shape", 2.0 / float(np.sqrt(max(of[worst], TINY))), int(chains[1][worst]))
+        limits[0] = min(limits[0], own, key=lambda limit: limit.dt)
     return limits
 
 

@@ -38,6 +38,8 @@ def named_elements(job: Job, net: Net) -> list[np.ndarray]:
     for number, entry in enumerate(job.removes, 1):
         key = next(key for key in LOST if getattr(entry, key) is not None)
         rows, wrong = {"elements": _of_ids, "group": _of_group, "cables": _of_cables}[key](net, entry)
+        if not wrong and net.bending is not None and net.bending[rows].any():
+            wrong = "bars of a chain that bends, whose loss is not computed; remove others, or bending = true"
         if wrong:
             errors.append(f"{job.path}: [[remove]] {number}: {key} = {shown(getattr(entry, key))}: {wrong}")
         found.append(rows)

@@ -6,6 +6,7 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.job.job import Job
+from netfall.mechanics.bending import add_joint_bounds
 from netfall.mechanics.fields import Features
 from netfall.mechanics.material import stiffening
 from netfall.mechanics.stability import Limit, after_fracture_limit, any_shape_limits
@@ -13,6 +14,7 @@ from netfall.model.model import Model
 
 ROUNDING = 1e-9  # of a step: a time this close to one counts as on it
 QUOTIENT = 4.0 * np.finfo(float).eps  # of a time divided by the step: its rounding, which counts in long runs
+TURNED = 1.5  # times the size of joints in the initial state: of those with larger angles
 MOST_STEPS = 1e12  # weeks for the smallest net
 
 
@@ -108,7 +110,12 @@ def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[
     """Limits of the explicit step that hold whatever the net does, by name. Rank 0."""
     elements, L0, mass = model.net.elements, model.L0, model.own_mass
     EA = model.net.EA * stiffening(features.band) if features.band else model.net.EA
-    limits = any_shape_limits(elements, EA, L0, mass, model.net.moves, model.net.bar, model.net.support)
+    support, of_net = model.net.support, (elements, EA, L0, mass, model.net.moves, model.net.bar)
+    chains = None
+    if model.joints is not None:
+        support = support + joint_sizes(model)
+        chains = model.joints.particles, model.layout.chains.elements[:, 0]
+    limits = any_shape_limits(*of_net, support, chains)
     if features.fracture and features.fragments:
         limits.append(
             after_fracture_limit(
@@ -119,11 +126,18 @@ def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[
                 mass,
                 ~model.net.moves,
                 model.eps_u,
-                model.net.support,
+                support,
                 fragment_mass,
             )
         )
     return {limit.name: limit for limit in limits}
+
+
+def joint_sizes(model: Model) -> np.ndarray:
+    """What the joints of chains that bend are at each particle (n,) [N/m], of angles that grow too."""
+    sizes = np.zeros(model.net.n)
+    add_joint_bounds(model.x, model.joints, TURNED, sizes)
+    return sizes
 
 
 def governing(limits: dict[str, Limit], automatic: bool, intact: bool = False) -> Limit:

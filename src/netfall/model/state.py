@@ -28,6 +28,7 @@ def make_state(distribution: Distribution, model: Model | None, features: Featur
 def _place_joints(distribution: Distribution, model: Model | None, state: State) -> None:
     """Give a state its joints, and which of them each of its elements has at its ends. Collective."""
     d, of = distribution.subdomain, model and model.joints
-    state.joints = Joints(d.joints, *(distribution.joints(of and of[k]) for k in (1, 2)))
+    owned = (d.joints[:, 1] < d.n_owned).astype(np.uint8)
+    state.joints = Joints(d.joints, *(distribution.joints(of and of[k]) for k in (1, 2)), owned)
     at = distribution.elements(model and model.layout.chains.at)
     state.joint_at = np.where(at >= 0, rows_of(d.joint_gid, at.ravel()).reshape(at.shape), at)

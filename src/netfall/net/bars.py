@@ -76,16 +76,19 @@ def bending_errors(job: Job, net: Net) -> list[str]:
             "section; give second_moment [m4], or leave bending out"
         )
     for there, what in (
-        (
-            job.dynamics is not None,
-            "[dynamics]: chains that bend are computed at rest alone; remove the section",
-        ),
         (bool(job.stages), "[[stage]]: an erection has no bars that bend; remove the stages"),
         (bool(job.targets), "[[target]]: lengths are not changed where bars bend; remove the targets"),
         (bool(net.length_error.any()), "[cable] length_deviation: not where bars bend; remove it"),
     ):
         if there:
             lines.append(f"{job.path}: {what}, or bending = true")
+    breaks = net.bending & np.isfinite(net.fracture_strain)
+    for e in np.flatnonzero(breaks if job.dynamics else [])[:1]:
+        lines.append(
+            f"{job.path}: element {net.element_id[e]}: bending = true, and it can break: a chain that breaks "
+            "is not computed in the dynamic stage; give fracture_strain and breaking_load in the groups of "
+            "cables alone, and yield_stress here"
+        )
     return lines
 
 

@@ -121,6 +121,7 @@ class Field(NamedTuple):
     unit: str
     meaning: str
     value: Callable[[Sight], np.ndarray]
+    needs: str = ""  # the feature of `mechanics.fields.Features` without which there is none
 
 
 def _moved(sight: Sight) -> np.ndarray:
@@ -137,6 +138,15 @@ CELL_FIELDS = (
     Field("plastic_strain", np.float32, (), NONE, "", lambda sight: sight.snapshot.eps_p),
     Field(
         "broken", np.uint8, (), NONE, "1 from the fracture, or the loss, on", lambda sight: sight.state.broken
+    ),
+    Field(
+        "bending_moment",
+        np.float32,
+        (2,),
+        "N m",
+        "at both ends, of chains that bend; nan: no bending. Where bars bend",
+        lambda sight: sight.state.bending_moments(),
+        "bending",
     ),
 )
 NUMBERS = "number, the same on any number of ranks"

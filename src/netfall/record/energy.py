@@ -17,7 +17,7 @@ from mpi4py import MPI
 
 from netfall.ground.compile import entry_for, inner_kernel, kernel, part_of_kernel
 from netfall.mechanics.air import air_work_before, with_air
-from netfall.mechanics.bending import add_bending_forces
+from netfall.mechanics.bending import Joints, add_bending_forces, joint_energy
 from netfall.mechanics.elements import ElementState, add_tensions, element_energies, element_state
 from netfall.mechanics.fields import OTHER_WORKS
 from netfall.mechanics.ground import pull_of_ground, velocity_after, works_of_motion
@@ -121,10 +121,10 @@ def particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, f_band
 
 
 @kernel
-def observe(rows, part, kick_dt, zeta, share, x, springs, particles, elements, law, room, envelope):
+def observe(rows, part, kick_dt, zeta, share, x, besides, particles, elements, law, room, envelope):
     """All of a snapshot at once, for a call takes as long as any of its parts.
 
-    springs : x_start, spring, spring_rest, None: no elastic supports; room : `Room`, out
+    besides : `Besides`; room : `Room`, out
     envelope : of `Envelope.at`, taken in
     The slack cables of this rank, and the largest size of a strain
     """
@@ -136,7 +136,10 @@ def observe(rows, part, kick_dt, zeta, share, x, springs, particles, elements, l
     if law.branches is not None:
         set_branches(2.0 * part * kick_dt, kick_dt, law)
         add_branches(x, elements, now, law, f_int, room.f_band)
-    if springs is not None:
+    if besides.joints is not None:
+        add_bending_forces(x, besides.joints, f_int)
+    if besides.springs is not None:
+        springs = besides.springs
         add_springs(x, springs[0], springs[1], springs[2], f_int)
     particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, room.f_band, velocity, terms)
     element_energies(elements, now, law, stored, heat)
@@ -154,8 +157,22 @@ def observe(rows, part, kick_dt, zeta, share, x, springs, particles, elements, l
         if elements.owned[e]:
             add_term(stored[e], in_store)
             add_term(heat[e], as_heat)
+    if besides.joints is not None:
+        for k in range(besides.joints.stiffness.shape[0]):
+            if besides.joints.owned[k]:
+                add_term(joint_energy(x, besides.joints, k), in_store)
     widen(envelope, now.N, elements, particles)
     return slack, largest
+
+
+class Besides(NamedTuple):
+    """What acts on particles besides elements, None: nothing does.
+
+    springs : x_start, spring, spring_rest of elastic supports; joints : of chains that bend
+    """
+
+    springs: tuple | None
+    joints: Joints | None
 
 
 class Room(NamedTuple):
@@ -252,14 +269,13 @@ def take_snapshot(
     part, kick_dt = before_dt / (before_dt + dt), 0.5 * (before_dt + dt)
     springs = (state.x_start, state.spring, state.spring_rest) if state.features.springs else None
     step = snapshot.rows, part, kick_dt, zeta, share
-    arguments = *step, state.x, springs, state.particles, state.elements, state.law, snapshot.room, envelope
+    besides = Besides(springs, state.joints)
+    arguments = *step, state.x, besides, state.particles, state.elements, state.law, snapshot.room, envelope
     if snapshot.enter:
         snapshot.slack, snapshot.largest = snapshot.enter(*arguments)
     else:
         snapshot.slack, snapshot.largest = observe(*arguments)
         snapshot.enter = entry_for(observe, *arguments) if snapshot is before else None
-    if state.joints is not None:
-        add_bending_forces(state.x, state.joints, snapshot.room.f_int)
     if springs:
         snapshot.sprung = spring_energy(*(array[snapshot.rows] for array in (state.x, *springs)))
     return snapshot

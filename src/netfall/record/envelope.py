@@ -13,6 +13,8 @@ from netfall.parallel.subdomain import Distribution
 TENSION = ("tension_max", "tension_max_time", "tension_min", "slack_time")  # (m,), of elements
 DISPLACEMENT = ("displacement_max", "displacement_max_time")  # (n,), of particles of the net
 
+MOMENT = "bending_moment_max"  # (m,), where chains bend
+
 
 @inner_kernel
 def widen(envelope, N, elements, particles):
@@ -39,15 +41,23 @@ NO_ENVELOPE = 0.0, 0.0, np.zeros((len(TENSION), 0)), np.zeros((len(DISPLACEMENT)
 
 
 class Envelope:
-    """Of one rank. tension : (4, m); displacement : (2, n_owned); rows as in TENSION and DISPLACEMENT."""
+    """Of one rank. tension : (4, m); displacement : (2, n_owned); rows as in TENSION and DISPLACEMENT.
 
-    def __init__(self, distribution: Distribution):
+    moment : (m,) [N m] the largest of bending, nan: no bending; None: nothing bends
+    """
+
+    def __init__(self, distribution: Distribution, bends: bool = False):
         self.distribution = distribution
         subdomain = distribution.subdomain
         self.tension = np.zeros((len(TENSION), len(subdomain.element_gid)))
         self.tension[0], self.tension[2] = -np.inf, np.inf
         self.displacement = np.zeros((len(DISPLACEMENT), subdomain.n_owned))
         self.displacement[0] = -1.0
+        self.moment = np.full(len(subdomain.element_gid), np.nan) if bends else None
+
+    def take_moments(self, moments: np.ndarray) -> None:
+        """Take in the bending moments (m, 2) [N m] of a row of the history."""
+        self.moment[:] = np.fmax(self.moment, moments.max(axis=1))
 
     def at(self, time: float, since: float) -> tuple:
         """To take in a row of the history, at a time [s], `since` [s] after the one before."""
@@ -55,14 +65,18 @@ class Envelope:
 
     def columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """Of elements (m,) and of particles (n_owned,), by name."""
-        return dict(zip(TENSION, self.tension)), dict(zip(DISPLACEMENT, self.displacement))
+        bends = {} if self.moment is None else {MOMENT: self.moment}
+        return dict(zip(TENSION, self.tension)) | bends, dict(zip(DISPLACEMENT, self.displacement))
 
     def record(self, state) -> tuple[dict, dict[str, np.ndarray]]:
         """What a continuation needs, by global numbers on rank 0, for `restore`. Collective."""
         mine = state.owned.astype(bool)
         tension = self.distribution.gather_elements(self.tension.T, mine)
         displacement = self.distribution.gather_particles(self.displacement.T)
-        return {}, {} if tension is None else {"tension": tension, "displacement": displacement}
+        bends = {}
+        if self.moment is not None:
+            bends = {MOMENT: self.distribution.gather_elements(self.moment, mine)}
+        return {}, {} if tension is None else {"tension": tension, "displacement": displacement} | bends
 
     def restore(self, _: dict, arrays: dict[str, np.ndarray] | None) -> None:
         """Take up the record of an earlier run. arrays : on rank 0. Collective."""
@@ -70,3 +84,5 @@ class Envelope:
         rows = lambda name: arrays and arrays[name]
         self.tension[:] = spread.elements(rows("tension")).T
         self.displacement[:] = spread.particles(rows("displacement"))[:n_owned].T
+        if self.moment is not None:
+            self.moment[:] = spread.elements(rows(MOMENT))

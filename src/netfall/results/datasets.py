@@ -61,6 +61,12 @@ def equilibrium(many: str = "") -> tuple[Dataset, ...]:
     )
 
 
+def moments(many: str = "") -> Dataset:
+    """Bending moments of equilibria, or of a state; many : the axis that counts equilibria."""
+    meaning = "at both ends of each element; nan: no bending. Where bars bend"
+    return row("bending_moment", f"{many}m, 2", "N m", meaning)
+
+
 GROUPS = (
     Group(
         "VTKHDF",
@@ -126,12 +132,7 @@ GROUPS = (
             row("load_factor", "s", NONE, "0: permanent loads alone; then the share of the rest"),
             row("displacement", "s, n, 3", "m", "in equilibrium"),
             row("tension", "s, m", "N", "in equilibrium"),
-            row(
-                "bending_moment",
-                "s, m, 2",
-                "N m",
-                "at both ends of each element; nan: no bending. Where bars bend",
-            ),
+            moments("s, "),
             row("reaction", "s, n, 3", "N", REACTION),
             *equilibrium("s"),
         ),
@@ -143,12 +144,7 @@ GROUPS = (
         (
             row("displacement", "n, 3", "m", "in the equilibrium"),
             row("tension", "m", "N", "in the equilibrium"),
-            row(
-                "bending_moment",
-                "m, 2",
-                "N m",
-                "at both ends of each element; nan: no bending. Where bars bend",
-            ),
+            moments(),
             row("reaction", "n, 3", "N", REACTION),
             *equilibrium(),
         ),
@@ -160,6 +156,7 @@ GROUPS = (
         (
             row("position", "n, 3", "m", "at rest"),
             row("tension", "m", "N", "at rest"),
+            moments(),
             row("reaction", "n, 3", "N", REACTION),
             *equilibrium(),
         ),
@@ -197,6 +194,7 @@ GROUPS = (
             row("tension_max", "m", "N", "0 once broken off or lost"),
             row("tension_max_time", "m", "s", "of the first row that has it"),
             row("tension_min", "m", "N", ""),
+            row("bending_moment_max", "m", "N m", "at either end; nan: no bending. Where bars bend"),
             row(
                 "slack_time",
                 "m",
@@ -350,6 +348,7 @@ GROUPS = (
             row("velocity", "p, 3", "m/s", ""),
             row("element_id", "m", NONE, "numbers, not ids of the tables"),
             row("tension", "m", "N", ""),
+            moments(),
             row("plastic_strain", "m", NONE, ""),
         ),
     ),

@@ -99,7 +99,7 @@ class Simulation(Stepper):
         self.removal = removal
         self.result, self.progress, self.saver = desk.result, desk.progress, desk.saver
         probes = scene.comm.bcast(scene.model and scene.model.layout.probes)
-        self.envelope = Envelope(scene.distribution)
+        self.envelope = Envelope(scene.distribution, scene.state.joints is not None)
         self.history = History(probes, scene.state.features)
         self.wind = next((load for load in loads if isinstance(load, WindLoad)), None)
         self.start_strain = self.start_plastic = 0.0  # J, from which energies count
@@ -180,6 +180,8 @@ class Simulation(Stepper):
             move_ground(*times, self.zeta, self.ground, self.state.particles)
         step = self.before_dt, self.dt, self.zeta, share
         self.room = take_snapshot(self.state, *step, self.room, envelope)
+        if row and self.state.joints is not None:
+            self.envelope.take_moments(self.state.bending_moments())
         return self.room
 
     def record(self) -> tuple[dict, dict]:

@@ -20,6 +20,7 @@ from netfall.job.values import listed
 from netfall.mechanics.air import rooted
 from netfall.mechanics.material import band_branches, elastic_stiffness
 from netfall.model.model import Model
+from netfall.multigrid.joints import joint_tangent, with_joints
 from netfall.multigrid.tangent import block_matrix, incidence_of
 from netfall.net.net import GRAVITY, Net
 from netfall.stages.scene import Desk, Outcome, Scene
@@ -64,10 +65,10 @@ class Modes:
         return zeta * self.period / (4.0 * np.pi)
 
 
-def modes_at(x, net: Net, N, L0, mass, count: int, strain: str = "engineering") -> Modes:
+def modes_at(x, net: Net, N, L0, mass, count: int, strain: str = "engineering", joints=None) -> Modes:
     """The lowest modes of a net at x (n, 3) [m] with axial forces N (m,) [N]; mass : (n,) [kg].
 
-    L0 : (m,) [m]; count : how many, at most; strain : its measure
+    L0 : (m,) [m]; count : how many, at most; strain : its measure; joints : `Joints` of chains that bend
     """
     from scipy.sparse import diags_array  # here: it takes 0.2 s to load
 
@@ -84,6 +85,8 @@ def modes_at(x, net: Net, N, L0, mass, count: int, strain: str = "engineering") 
         *(net.elements, along / L[:, None], axial, N / L, free, net.spring, np.zeros(net.n)),
         *(number, incidence_of(net.elements, number, net.n), net.n),
     )
+    if joints is not None:
+        K = with_joints(K, joint_tangent(x, joints, np.zeros(net.n)), free, number)
     root = 1.0 / np.sqrt(np.repeat(mass, 3)[moves])
     scaled = (diags_array(root) @ K.tocsr()[moves][:, moves] @ diags_array(root)).tocsc()
     values, vectors, unstable = _lowest(scaled, min(count, len(moves)))
@@ -176,7 +179,7 @@ def modes_now(scene: Scene, count: int) -> Modes | None:
     N = distribution.gather_elements(state.elements_now().N)
     if model is None:
         return None
-    return modes_at(x, model.net, N, model.L0, model.mass, count, state.features.strain)
+    return modes_at(x, model.net, N, model.L0, model.mass, count, state.features.strain, model.joints)
 
 
 def modes_section(job: Job, model: Model, modes: Modes) -> dict[str, np.ndarray]:

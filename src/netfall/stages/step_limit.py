@@ -9,10 +9,12 @@ same bits on any number of ranks.
 import numpy as np
 from mpi4py import MPI
 
+from netfall.mechanics.bending import add_joint_bounds, add_joint_stiffness
 from netfall.mechanics.elements import add_stiffness, geometric_stiffness
 from netfall.mechanics.material import largest_stiffness, stiffening
 from netfall.mechanics.stability import Limit
 from netfall.mechanics.state import State
+from netfall.multigrid.joints import joint_tangent
 from netfall.numerics.linear import top_of_tridiagonal
 from netfall.parallel.halo import Halo
 from netfall.parallel.sums import exact_sums
@@ -32,6 +34,7 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
     N, _, _, L = s.elements_now()
     direction = (s.x[s.ends[:, 1]] - s.x[s.ends[:, 0]]) / np.maximum(L, 1e-300)[:, None]
     axial, transverse = largest_stiffness(s.EA, s.L0), geometric_stiffness(np.maximum(N, 0.0), L)
+    joints = None if s.joints is None else joint_tangent(s.x, s.joints, np.zeros(len(s.x)))
     mass = s.mass if s.air_mass is None else s.mass - s.air_mass  # the air may be lost
     moves = (s.free != 0) & (mass > 0.0)[:, None]
     root = np.where(moves, 1.0 / np.sqrt(np.where(mass > 0.0, mass, 1.0))[:, None], 0.0)
@@ -42,6 +45,8 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
         halo.update(shape)
         force[:] = 0.0
         add_stiffness(shape, s.ends, direction, axial, transverse, force)
+        if joints is not None:
+            add_joint_stiffness(shape, joints.particles, joints.positive, force)
         if s.features.springs:
             force[:] += s.spring * shape
         return force[owned] * root[owned]
@@ -105,10 +110,16 @@ def long_step_allowed(comm: MPI.Comm, state: State, halo: Halo, dt: float, margi
     stiffness = np.bincount(s.ends.ravel(), np.repeat(k, 2), s.n_local)
     if s.features.springs:
         stiffness += s.spring[: s.n_local].max(1)
+    if s.joints is not None:
+        add_joint_bounds(s.x, s.joints, 1.0, stiffness)
     moves = s.per_mass[: s.n_local] > 0.0
     square = np.zeros((s.n_local, halo.width))
     square[:, 0] = np.where(moves, stiffness * s.per_mass[: s.n_local], 0.0)
     halo.update(square)
     largest = np.where(s.bar != 0, 2.0, 1.0) * margin
     omega2 = np.where(k > 0.0, square[s.ends, 0].sum(1), 0.0)
-    return comm.allreduce(bool((omega2 * dt * dt <= largest * largest).all()), MPI.LAND)
+    allowed = bool((omega2 * dt * dt <= largest * largest).all())
+    if s.joints is not None:
+        of_joints = square[s.joints.particles, 0].sum(1)
+        allowed &= bool((of_joints * dt * dt <= (2.0 * margin) ** 2).all())
+    return comm.allreduce(allowed, MPI.LAND)

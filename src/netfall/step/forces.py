@@ -78,6 +78,9 @@ def kick_particle(p, i, force, branches, kick, particles, law, f):
     Totals to row i of f. branches : three [N], of the branches alone
     """
     vx, vy, vz = particles.v[0][p], particles.v[1][p], particles.v[2][p]
+    if particles.bend is not None:
+        bend = particles.bend
+        force = (force[0] + bend[0][p], force[1] + bend[1][p], force[2] + bend[2][p])
     speed, square = 0.0, 0.0
     if particles.wind is not None:
         speed = wind_speed(p, particles, kick.share)

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.ground.compile import kernel, part_of_kernel, vector_kernel
+from netfall.mechanics.bending import find_bending_forces
 from netfall.mechanics.events import StepDone
 from netfall.mechanics.ground import Ground, move_ground, velocity_after
 from netfall.mechanics.material import set_branches
@@ -105,7 +106,7 @@ def move_halo(first, last, kick_dt, dt, zeta, particles):
 
 @kernel
 def time_loop(
-    interval, chunks, particles, elements, slots, unyielded, law, scratch, fractures, buffers, seconds
+    interval, chunks, particles, elements, slots, unyielded, law, scratch, fractures, bends, buffers, seconds
 ):
     """The steps of an interval; steps done, elements that are still to break, MPI error.
 
@@ -116,7 +117,7 @@ def time_loop(
     elements, slots, law : of `State`; unyielded : the slots without plastic strains, for chunks that
         have none
     fractures : `Fractures`; None: nothing breaks
-    buffers : `HaloBuffers`
+    bends : `bending.Bends`, None: no chain does; buffers : `HaloBuffers`
     seconds : (3,) [s], added to, time of FORCES, EXCHANGE, INTEGRATION; None: not measured
     """
     before_dt, dt, zeta, own = interval.before_dt, interval.dt, interval.zeta, chunks.splits + chunks.boundary
@@ -129,6 +130,8 @@ def time_loop(
             move_ground(n * dt, before_dt, (n + 1) * dt, zeta, interval.ground, particles)
         if law.branches is not None:
             set_branches(before_dt, kick_dt, law)
+        if bends is not None:
+            find_bending_forces(bends)
         before_dt = dt
         # of the step's number alone, wherever the loop was entered
         share = ((interval.first + s) * dt - interval.sample_time) / interval.sample_dt

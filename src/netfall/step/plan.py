@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.ground.compile import entry_for
+from netfall.mechanics.bending import Bends
 from netfall.mechanics.events import events_with_room
 from netfall.mechanics.fields import SLOTS, Particles
 from netfall.mechanics.fracture import FractureRules, Fractures
@@ -164,6 +165,7 @@ class Plan:
             state.law,
             self.scratch,
             fractures,
+            None if state.joints is None else Bends(state.x, state.joints, state.bend),
         )
 
     def collect_yield(self, state: State) -> None:
@@ -190,7 +192,7 @@ class Plan:
             if known + 2 * count > len(self.events.step):
                 self.events = events_with_room(2 * (known + 2 * count), self.events)
             self.attach(self.state)
-            chunks, _, elements, slots, _, law, _, fractures = self.arguments
+            chunks, _, elements, slots, _, law, _, fractures, _ = self.arguments
             break_elements(count, step_done(interval, done - 1), chunks, elements, slots, law, fractures)
         return done
 

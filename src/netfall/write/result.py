@@ -44,7 +44,8 @@ class Result:
         self.segments: list[Path] = []  # whole parts of the file so far, if there are checkpoints
         self.token = comm.bcast(secrets.token_hex(4))  # keeps this run's segments apart from another's
         try:
-            self.series = VtkSeries(self.file, distribution.n, distribution.m)
+            bends = comm.bcast(net is not None and net.bending is not None)
+            self.series = VtkSeries(self.file, distribution.n, distribution.m, bends)
         except OutputError as error:
             self.file.discard_after(error)
             raise
@@ -175,6 +176,8 @@ class Result:
         gid = self.distribution.subdomain.element_gid
         p = {"particle_id": state.gid[rows], "position": state.x[rows], "velocity": snapshot.velocity}
         c = {"element_id": gid, "tension": snapshot.N, "plastic_strain": snapshot.eps_p}
+        if state.joints is not None:
+            c["bending_moment"] = state.bending_moments()
         for name, block in self._points(state, rows, p).items():
             self.file.put(f"final/{name}", block, points, p[name].dtype)
         for name, block in self._cells(state, c).items():
@@ -223,7 +226,8 @@ def _of_elements(state: State, snapshot) -> dict[str, np.ndarray]:
 
 
 def _values(fields: tuple[Field, ...], sight: Sight) -> dict[str, np.ndarray]:
-    return {field.name: field.value(sight) for field in fields}
+    there = (field for field in fields if not field.needs or getattr(sight.state.features, field.needs))
+    return {field.name: field.value(sight) for field in there}
 
 
 def _stacked(columns: dict[str, np.ndarray]):

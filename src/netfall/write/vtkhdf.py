@@ -18,8 +18,10 @@ FIELDS = {"PointData": POINT_FIELDS + POINT_NUMBERS, "CellData": CELL_FIELDS + C
 class VtkSeries:
     """Appends steps to /VTKHDF. Methods are collective; offsets are kept and written by `finish`."""
 
-    def __init__(self, file: SharedFile, points: int, cells: int):
-        """points, cells : how many a step has at first, for the size of chunks"""
+    def __init__(self, file: SharedFile, points: int, cells: int, bends: bool = False):
+        """points, cells : how many a step has at first, for the size of chunks; bends : whether chains do"""
+        there = lambda fields: [each for each in fields if bends or not each.needs]
+        self.fields = {group: there(fields) for group, fields in FIELDS.items()}
         self.sizes = {"PointData": points, "CellData": cells}
         self.parts: list[tuple[int, int]] = []  # points and cells of each part
         self.steps: list[dict] = []
@@ -32,7 +34,7 @@ class VtkSeries:
         file.create("VTKHDF/Points", np.float64, (3,), self.sizes["PointData"])
         for name, dtype in (("Connectivity", np.int64), ("Offsets", np.int64), ("Types", np.uint8)):
             file.create(f"VTKHDF/{name}", dtype, (), self.sizes["CellData"])
-        for group, fields in FIELDS.items():
+        for group, fields in self.fields.items():
             for field in fields:
                 file.create(f"VTKHDF/{group}/{field.name}", field.dtype, field.tail, self.sizes[group])
 
@@ -114,7 +116,7 @@ class VtkSeries:
         _growing(steps, "PointOffsets", column("points"))
         _growing(steps, "CellOffsets", column("cells")[:, None])
         _growing(steps, "ConnectivityIdOffsets", column("connectivity")[:, None])
-        for data, fields in FIELDS.items():
+        for data, fields in self.fields.items():
             for field in fields:
                 _growing(steps, f"{data}Offsets/{field.name}", column(f"{data}/{field.name}"))
 
