@@ -158,6 +158,37 @@ def test_an_erection_that_is_paused_goes_on_from_its_stage(workshop, looks):
         assert assert_same_results(whole, resumed) > 20
 
 
+@pytest.mark.parametrize(
+    "cable, load, keys, words, factor, elements",
+    [
+        ("", "", {"lengths": "{right = {force = -10.0}}"}, "not reached in", np.nan, []),
+        ("yield_stress = 0.7e6\n", "", {}, "yield in it", np.nan, [1, 2]),
+        ("breaking_load = 700.0\n", "breaking = true\n", {}, "breaks", 700 / 833.8, [1, 2]),
+    ],
+)
+def test_a_stage_without_equilibrium_leaves_a_file(workshop, cable, load, keys, words, factor, elements):
+    """With the stages before it, the reason, the elements; exit code 3; nothing comes after it."""
+    text = CABLES + cable + f"[load]\nsteps = 1\n{load}" + stage("good", hold="[3]")
+    text += stage("bad", release="[3]", **keys) + stage("never")
+    path = workshop.folder / "result.vtkhdf"
+    done = run_on_standing_ranks("run", workshop.job(text, NODES, TWO), "-o", path, ranks=2)
+    assert done.returncode == 3 and "stage bad: there is no equilibrium in it" in done.stderr
+    with workshop.open() as f:
+        assert f["provenance"].attrs["exit_state"] == "no_equilibrium"
+        assert list(f["stages"]) == ["bad", "good"] and "statics" not in f
+        good, bad = f["stages/good"], f["stages/bad"]
+        assert good.attrs["state"] == "equilibrium"
+        assert good["reaction"][:].sum(0) == pytest.approx([0, 0, -WEIGHT]) and not good["tension"][:].any()
+        assert bad.attrs["state"] == "no_equilibrium" and words in bad.attrs["reason"]
+        assert set(bad.attrs["elements"]) <= set(elements) and np.isnan(bad["reaction"][:]).all()
+        assert bad.attrs["load_factor"] == pytest.approx(factor, rel=0.01, nan_ok=True)
+        assert not f["VTKHDF/PointData/displacement"][:].any()  # from the last stage
+    for verb in ("info", "report", "plot"):
+        told = run_on_standing_ranks(verb, path, *([] if verb == "info" else ["-o", workshop.folder / verb]))
+        assert told.returncode == 0, told.stderr
+        assert verb != "info" or "NO EQUILIBRIUM" in told.stdout
+
+
 def test_three_hoops_get_their_forces_by_three_diagonals(shared_workshop):
     """In at most 15 equilibria; the influence of lengths is that of differences."""
     h, pairs = 1e-4, ("diagonal2", "diagonal3", "diagonal4")  # m: errors of h^2 of the second derivative

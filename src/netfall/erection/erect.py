@@ -8,17 +8,18 @@ from netfall.equilibrium.find import STABLE
 from netfall.erection.lengths import rows_named
 from netfall.erection.settings import Setting, after, first_setting
 from netfall.erection.tension import tension_to
-from netfall.ground.errors import DivergedError
 from netfall.ground.stop import StopRequest
 from netfall.job.values import counted
 from netfall.mechanics.material import warm_length
 from netfall.numerics.functions import lengths
 from netfall.stages.scene import Scene
 from netfall.stages.settle import (
+    MOST_NAMED,
     NONE,
     StaticLoad,
     StaticOutcome,
     error_words,
+    over_strength_note,
     reference_force,
     settle,
 )
@@ -29,7 +30,8 @@ class Erection:
     """How far an erection has come.
 
     done : stages; x : (n, 3) [m] and setting after the last of them, on rank 0, None: there was none
-    sections : datasets by group of the file, on rank 0; labels : attributes of these; lines : what to say
+    sections : datasets by group of the file, on rank 0; labels : attributes of these, elements by global
+        numbers; lines : what to say; failed : why there are no stages after these, "": there are
     """
 
     done: int = 0
@@ -38,6 +40,7 @@ class Erection:
     sections: dict[str, dict[str, np.ndarray]] = field(default_factory=dict)
     labels: dict[str, dict] = field(default_factory=dict)
     lines: list[str] = field(default_factory=list)
+    failed: str = ""
 
     def record(self) -> tuple[dict, dict[str, np.ndarray]]:
         """What a continuation needs, for `restored`; arrays on rank 0."""
@@ -71,8 +74,8 @@ def erect(scene: Scene, erection: Erection, stop: StopRequest) -> None:
 
     scene : in its initial state, without limits and schedule; it is left in the last equilibrium.
 
-    Raises DivergedError where a stage has no equilibrium, Paused if asked to stop: `erection` is then that
-    of the stages before.
+    A stage without an equilibrium is the last one. Raises Paused if asked to stop: `erection` is then that of
+    the stages before.
     """
     model = scene.model
     setting, x = erection.setting, erection.x
@@ -86,6 +89,10 @@ def erect(scene: Scene, erection: Erection, stop: StopRequest) -> None:
         x = scene.distribution.gather_particles(scene.state.x)
         _note(scene, erection, stage, setting, x, outcome)
         erection.done, erection.x, erection.setting = erection.done + 1, x, setting
+        if not outcome.carries:
+            reason = f"{each.words}: there is no equilibrium in it: {outcome.reason}"
+            erection.failed = f"{reason}; change lengths in smaller stages, or hold more nodes"
+            break
 
 
 def _set_up(scene: Scene, setting: Setting | None, x: np.ndarray | None) -> np.ndarray:
@@ -115,12 +122,21 @@ def _equilibrium(scene: Scene, each: StaticLoad, setting: Setting | None, stop) 
         of = lambda name: setting and list(getattr(setting, name))
         warm = warm_of(scene, setting)
         found = tension_to(scene, each, of("pulls"), of("jacks"), setting and setting.L0, warm, stop)
-        return found.outcome, setting and replace(setting, L0=found.L0, pulls=(), jacks=())
-    outcome = settle(scene, each, reference_force(scene, each), stop)
-    if outcome.state == NONE:
-        reason = f"{each.words}: there is no equilibrium in it: {outcome.reason}"
-        raise DivergedError(f"{reason}; change lengths in smaller stages, or hold more nodes")
-    return outcome, setting
+        return _elastic(scene, found.outcome), setting and replace(setting, L0=found.L0, pulls=(), jacks=())
+    return _elastic(scene, settle(scene, each, reference_force(scene, each), stop)), setting
+
+
+def _elastic(scene: Scene, outcome: StaticOutcome) -> StaticOutcome:
+    """None where elements yield in it: lengths of an erection are elastic. Collective."""
+    if not scene.state.features.plastic:
+        return outcome
+    rows = scene.distribution.subdomain.element_gid[scene.state.eps_p != 0.0]
+    over = tuple(sorted(set().union(*scene.comm.allgather(rows.tolist()))))
+    if not over:
+        return outcome
+    ids = scene.comm.bcast(scene.model and counted("element", scene.model.net.element_id[list(over)]))
+    reason = f"{ids} yield in it; an erection is computed elastically"
+    return StaticOutcome(NONE, np.nan, reason, over[:MOST_NAMED], outcome.equilibrium)
 
 
 def _note(
@@ -128,32 +144,21 @@ def _note(
 ) -> None:
     """Keep what came of a stage, and what is said of it. Collective."""
     state, found, model = scene.state, outcome.equilibrium, scene.model
-    if state.features.plastic:
-        _check_elastic(scene, stage.name)
     N = scene.distribution.gather_elements(found.snapshot.N, state.owned.astype(bool))
     numbers = {name: np.array(value) for name, value in found.numbers().items()}
     numbers["stable"] = numbers.pop("unstable_at") == STABLE
     group = f"stages/{stage.name}"
-    ids = model.net.element_id[list(outcome.elements)].tolist() if model and outcome.elements else []
-    erection.labels[group] = scene.comm.bcast(model and outcome.labels() | {"elements": ids})
+    erection.labels[group] = outcome.labels()
     if model is None:
         return
+    reaction = reactions(model, setting, x, N) if outcome.carries else np.full_like(x, np.nan)
     erection.sections[group] = numbers | {
         "displacement": x - model.x,
         "tension": N,
         "unstressed_length": setting.L0,
-        "reaction": reactions(model, setting, x, N),
+        "reaction": reaction,
     }
     erection.lines += _lines(model, erection, stage, setting, x, N, outcome)
-
-
-def _check_elastic(scene: Scene, name: str) -> None:
-    """Raises DivergedError where elements yield: lengths of an erection are elastic. Collective."""
-    rows = scene.distribution.subdomain.element_gid[scene.state.eps_p != 0.0]
-    over = sorted(set().union(*scene.comm.allgather(rows.tolist())))
-    if over:
-        ids = scene.comm.bcast(scene.model and counted("element", scene.model.net.element_id[over]))
-        raise DivergedError(f"stage {name}: {ids} yield in it; an erection is computed elastically")
 
 
 def reactions(model, setting: Setting, x: np.ndarray, N: np.ndarray) -> np.ndarray:
@@ -171,6 +176,8 @@ def reactions(model, setting: Setting, x: np.ndarray, N: np.ndarray) -> np.ndarr
 
 def _lines(model, erection: Erection, stage, setting: Setting, x, N, outcome: StaticOutcome) -> list[str]:
     """What is said of a stage: its equilibrium, how far nodes went, forces at the jacks."""
+    if not outcome.carries:
+        return [f"stage {stage.name}: NO EQUILIBRIUM: {outcome.reason}"]
     net, solution = model.net, outcome.equilibrium.solution
     before = erection.x if erection.x is not None else model.x
     moved = lengths(x - before)
@@ -187,4 +194,4 @@ def _lines(model, erection: Erection, stage, setting: Setting, x, N, outcome: St
             f"  {name}: {N[rows].min():.5g} to {N[rows].max():.5g} N, unstressed length "
             f"{setting.L0[rows].sum():.6g} m in all"
         )
-    return lines
+    return lines + over_strength_note(f"stage {stage.name}", outcome.labels(), net.element_id)

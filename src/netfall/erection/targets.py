@@ -43,11 +43,10 @@ def reach_targets(scene: Scene) -> Reached | None:
     wanted, jacks = on_root(comm, lambda: named_targets(job, model.net)) or ([], [])
     permanent = model and (model.loading.permanent if carries_permanent(job) else np.zeros_like(model.x))
     each = StaticLoad("target", "the targets", scene.distribution.particles(permanent), 1.0)
-    try:
-        found = tension_to(scene, each, wanted, jacks, model and model.cut_length, lambda L0: L0)
-    except DivergedError as error:
-        more = "; what `by` names may not bear on it, or not so far"
-        raise DivergedError(f"{error}{more}") from None
+    found = tension_to(scene, each, wanted, jacks, model and model.cut_length, lambda L0: L0)
+    if not found.outcome.carries:
+        more = "what `by` names may not bear on it, or not so far"
+        raise DivergedError(f"{each.words}: {found.outcome.reason}; {more}")
     influence = influences(scene, each.load, wanted, jacks, found.L0)
     x = scene.distribution.gather_particles(scene.state.x)
     if model is None:

@@ -11,7 +11,6 @@ import numpy as np
 
 from netfall.equilibrium.newton import NoConvergence
 from netfall.erection.lengths import Jack, Wanted, amounts, missed, until_taut
-from netfall.ground.errors import DivergedError
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.numerics.functions import lengths
 from netfall.stages.scene import Scene
@@ -19,6 +18,7 @@ from netfall.stages.settle import (
     NONE,
     StaticLoad,
     StaticOutcome,
+    as_it_began,
     committed,
     put_back,
     reference_force,
@@ -34,7 +34,8 @@ LONGEST = 0.2  # of a cable's length: what one step changes at most
 class Tensioned(NamedTuple):
     """What came of it: L0 (m,) [m], cold, and influence (t, k) of the amounts, on rank 0.
 
-    outcome : of the last equilibrium; equilibria : how many were found
+    outcome : of the last equilibrium; no equilibrium, with the reason, where not everything is there
+    equilibria : how many were looked for
     """
 
     L0: np.ndarray | None
@@ -56,7 +57,7 @@ def tension_to(
 
     wanted, jacks, L0 (m,) [m], cold : on rank 0; warm(L0) : those of the state. Collective.
 
-    Raises DivergedError, with what was not reached; Paused where it is asked to stop.
+    Where that is not reached the state is in the last equilibrium on the way. Raises Paused if asked to stop.
     """
     comm, influence, best, before, tried = scene.comm, None, np.inf, None, np.zeros(0)
     reference = reference_force(scene, each)
@@ -72,7 +73,8 @@ def tension_to(
             return Tensioned(L0, influence, outcome, count)
         if size > WORSE * best or size == np.inf:
             if before is None:
-                raise DivergedError(f"{each.words}: {outcome.reason or 'the forces are no numbers'}")
+                reason = outcome.reason or "the forces are no numbers"
+                return Tensioned(L0, None, outcome._replace(state=NONE, reason=reason), count)
             put_back(scene.state, before[0])
             tried = 0.5 * tried
             L0 = scene.model and _changed(jacks, before[1], tried)
@@ -84,8 +86,12 @@ def tension_to(
             L0 = _changed(jacks, L0, tried)
         if comm.bcast(scene.model and not tried.any()):
             break
-    lines = comm.bcast(scene.model and missed(wanted, now.values))
-    raise DivergedError(f"{each.words}: not reached in {count} equilibria: " + "; ".join(lines))
+    put_back(scene.state, before[0])
+    now = _measure(scene, wanted)
+    lines = comm.bcast(now and missed(wanted, now.values))
+    reason = f"not reached in {count} equilibria: " + "; ".join(lines)
+    nothing = StaticOutcome(NONE, np.nan, reason, (), as_it_began(scene))
+    return Tensioned(before[1], influence, nothing, count)
 
 
 class _Now(NamedTuple):

@@ -9,9 +9,9 @@ from netfall.equilibrium.find import Finder
 from netfall.equilibrium.relaxation import Paused
 from netfall.erection.deviation import deviate
 from netfall.erection.erect import Erection, erect, restored
-from netfall.erection.settings import check_stages
+from netfall.erection.settings import Setting, check_stages
 from netfall.erection.targets import reach_targets
-from netfall.ground.errors import interrupted
+from netfall.ground.errors import DivergedError, interrupted
 from netfall.ground.stop import StopRequest
 from netfall.job.job import Job
 from netfall.model.layout import features_of
@@ -21,6 +21,7 @@ from netfall.numerics.functions import lengths
 from netfall.parallel.agree import on_root
 from netfall.stages.initial import FORM, INITIAL, initial_record
 from netfall.stages.scene import BuildUp, Scene
+from netfall.stages.settle import by_ids
 from netfall.write.checkpoint import checkpoint_path, remove_older, write_checkpoint
 
 TARGETS, DEVIATION, ERECTION = "targets", "errors of length", "erection"  # names in checkpoints
@@ -84,18 +85,24 @@ def _deviated(scene: Scene, build_up: BuildUp, kept: tuple | None) -> tuple[Scen
 
 
 def _erected(scene: Scene, build_up: BuildUp, erection: Erection) -> Scene:
-    """The scene that begins where the last stage ended. Collective."""
+    """The scene that begins where the last stage ended, or where one had no equilibrium. Collective."""
     setting, x = erection.setting, erection.x
-    after = _rebuilt(scene, lambda: _as_erected(scene.job, scene.model, x, setting))
-    active = scene.distribution.elements(setting and setting.active)
-    after.state.EA[~active], after.state.broken[~active] = 0.0, 1
+    if erection.failed:
+        after = replace(scene, model=scene.model and _as_it_failed(scene.model, x, setting))
+        after.state.x_start[:] = after.state.x
+    else:
+        after = _rebuilt(scene, lambda: _as_erected(scene.job, scene.model, x, setting))
+        active = scene.distribution.elements(setting and setting.active)
+        after.state.EA[~active], after.state.broken[~active] = 0.0, 1
     build_up = replace(
         build_up,
         form=build_up.form or scene.model,
         sections=build_up.sections | erection.sections,
-        labels=erection.labels,
+        labels=scene.model
+        and {group: by_ids(each, scene.model.net.element_id) for group, each in erection.labels.items()},
         lines=[*build_up.lines, *erection.lines],
         records=build_up.records | {ERECTION: erection.record()},
+        failure=DivergedError(erection.failed) if erection.failed else None,
     )
     return replace(after, build_up=build_up)
 
@@ -116,7 +123,13 @@ def _with_lengths(job: Job, model: Model, x: np.ndarray, L0: np.ndarray, **colum
     return replace(made, area_given=model.area_given, spring_rest=model.spring_rest - (x - model.x))
 
 
-def _as_erected(job: Job, model: Model, x: np.ndarray, setting) -> Model:
+def _as_it_failed(model: Model, x: np.ndarray, setting: Setting) -> Model:
+    """The model where a stage had no equilibrium, for the file of the run: nothing is computed with it."""
+    layout = replace(model.layout, net=replace(model.net, fixed=setting.held(model.net)))
+    return replace(model, layout=layout, x=x, cut_length=setting.L0)
+
+
+def _as_erected(job: Job, model: Model, x: np.ndarray, setting: Setting) -> Model:
     """The model of the last stage. What is not there has neither force nor weight, and its nodes are held."""
     net, there = model.net, setting.active
     L = lengths(x[net.elements[:, 1]] - x[net.elements[:, 0]])

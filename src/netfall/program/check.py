@@ -67,6 +67,8 @@ def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) 
     if folder:
         say(f"picture: {draw_check(job, make_layout(short, 1, memory), folder)}")
     scene = scheduled(prepare(MPI.COMM_SELF, short, Phases(), memory=memory)[0])
+    if scene.failure:
+        raise scene.failure
     say(f"{job.path}: {job.title or job.name}: valid")
     _describe_net(scene, say)
     if scene.form:

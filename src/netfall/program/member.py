@@ -83,7 +83,7 @@ def _outcome(
     desk = desk_for(scene, result, log, Progress(False), phases, memory=memory)
     try:
         outcomes = run_stages(scene, desk)
-        if job.dynamics:
+        if job.dynamics or scene.failure:
             raise_failure(desk, outcomes)
     except (InputError, DivergedError):  # on every rank alike
         scene.halo.free()

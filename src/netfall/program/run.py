@@ -28,6 +28,7 @@ from netfall.record.energy import take_snapshot
 from netfall.stages import dynamics, modes, rests, statics
 from netfall.stages.initial import FORM, INITIAL, initial_record
 from netfall.stages.scene import BuildUp, Desk, Outcome, Scene, Stage
+from netfall.stages.settle import NONE
 from netfall.write.checkpoint import Checkpoint
 from netfall.write.locks import check_place, claim, release
 from netfall.write.result import Result, net_section
@@ -78,7 +79,7 @@ def run_job(
 
 def scheduled(scene: Scene) -> Scene:
     """The scene with the steps of its dynamic stage. Raises InputError for wrong ones. Collective."""
-    if scene.job.dynamics is None:
+    if scene.job.dynamics is None or scene.failure:
         return scene
     found = on_root(scene.comm, lambda: schedule_of(scene.job, scene.limits, scene.model))
     return replace(scene, schedule=scene.comm.bcast(found))
@@ -109,11 +110,11 @@ def run_stages(scene: Scene, desk: Desk) -> dict[str, Outcome]:
 
     The last one may have a `failure`: the file then holds what was found until there.
     """
-    outcomes: dict[str, Outcome] = {}
+    outcomes = {FORM: of_form(scene)}
     try:
         take_up(scene, desk)
         for stage in STAGES:
-            if stage.required(scene.job):
+            if stage.required(scene.job) and not scene.failure:
                 outcomes[stage.NAME] = stage.run(scene, desk, outcomes)
                 for line in outcomes[stage.NAME].lines:
                     desk.progress.say(line)
@@ -121,11 +122,9 @@ def run_stages(scene: Scene, desk: Desk) -> dict[str, Outcome]:
                     break
         if dynamics.NAME not in outcomes:
             write_state(scene, desk)
-        sections = initial_sections(scene) | {
-            group: datasets for outcome in outcomes.values() for group, datasets in outcome.sections.items()
-        }
-        provenance, labels = provenance_of(scene), dict(scene.build_up.labels if scene.build_up else {})
+        sections, provenance, labels = {}, provenance_of(scene), {}
         for outcome in outcomes.values():
+            sections |= outcome.sections
             provenance |= outcome.attributes
             labels |= outcome.labels
         desk.result.close(sections, provenance, desk.phases.over_ranks(scene.comm), labels)
@@ -167,6 +166,13 @@ def write_state(scene: Scene, desk: Desk) -> None:
     snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
     desk.result.write_frame(0.0, scene.state, snapshot)
     desk.result.write_final(scene.state, snapshot)
+
+
+def of_form(scene: Scene) -> Outcome:
+    """What came of the form, of targets and stages of erection."""
+    built, sections = scene.build_up, initial_sections(scene)
+    ended = {"exit_state": NONE} if scene.failure else {}
+    return Outcome(None, (), sections, ended, built.labels if built and scene.model else {}, scene.failure)
 
 
 def initial_sections(scene: Scene) -> dict[str, dict]:

@@ -47,7 +47,8 @@ def prepare(
 ) -> tuple[Scene, Checkpoint | None]:
     """The job in its initial state: form found, prestressed, loaded; on rank 0 a checkpoint. Collective.
 
-    The schedule is still to come. result : path of the result file, beside which a form finding that is
+    The schedule is still to come. A stage of erection without an equilibrium ends it, see `Scene.failure`.
+    result : path of the result file, beside which a form finding that is
     stopped leaves a checkpoint; restart : the checkpoint to go on from; memory : of runs before
 
     Raises InputError for what is wrong in the job, DivergedError if form finding does not converge,
@@ -89,6 +90,8 @@ def prepare(
     if job.targets or job.stages or comm.bcast(net is not None and bool(net.length_error.any())):
         with phases.phase("erection"):
             scene = built_up(scene, result, restart, checkpoint, stop)
+    if scene.failure:
+        return scene, checkpoint
     with phases.phase("state"):
         if job.load and job.load.temperature:
             scene = replace(scene, model=on_root(comm, lambda: warmed(job, scene.model)))

@@ -92,18 +92,21 @@ def _equilibria(f):
         x = form_position(f) if place.startswith("stages/") else start
         g, last = f[place], list(states_of(f, place))[-1]
         N, moved = last.tension(), lengths(last.position() - x)
+        residual = np.fmax.reduce(np.ravel(g["residual"][()]))  # nan where nothing was found
         steps = f"{int((g['load_factor'][:] > 0).sum())} load steps; " if "load_factor" in g else ""
         yield (
             f"{state_words(place)}: {steps}largest displacement {moved.max():.4g} m "
             f"(node {node_id[moved.argmax()]}), tensions {N.min():.4g} to {N.max():.4g} N, "
-            f"slack {np.ravel(g['slack'][()])[-1]}, largest residual {np.nanmax(g['residual'][()]):.2g} N"
+            f"slack {np.ravel(g['slack'][()])[-1]}, largest residual {residual:.2g} N"
         )
         if no_equilibrium(g):
             names = ", ".join(str(name) for name in g.attrs["elements"][:FIRST_EVENTS])
             where = f" (elements {names})" if names else ""
+            factor = g.attrs["load_factor"]
+            reached = f"load factor reached {factor:.4g}, and the state there is " * int(factor == factor)
             yield (
-                f"note: {state_words(place)}: NO EQUILIBRIUM: {g.attrs['reason']}{where}; load factor "
-                f"reached {g.attrs['load_factor']:.4g}, and the state there is what is shown"
+                f"note: {state_words(place)}: NO EQUILIBRIUM: {g.attrs['reason']}{where}; "
+                f"{reached or 'the last state on the way is '}what is shown"
             )
         elif not np.all(g["stable"][()]):
             yield f"note: an equilibrium of /{place} is NOT STABLE: {NOT_STABLE}"

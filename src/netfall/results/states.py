@@ -106,7 +106,9 @@ def states_of(f, name: str) -> Iterator[ShownState]:
     group, words = f[name], state_words(name)
     failed = no_equilibrium(group)
     if "load_factor" not in group:
-        reached = f", load factor {group.attrs['load_factor']:.4g}, reached of 1" if failed else ""
+        factor = group.attrs["load_factor"] if failed else np.nan
+        reached = f", load factor {factor:.4g}, reached of 1" if factor == factor else ""
+        reached = reached or ", no equilibrium" * failed
         yield _state(group, words + reached, name, x, ...)
         return
     factors = group["load_factor"][:]

@@ -48,7 +48,7 @@ class BuildUp:
 
     base : the model in the form that was found; form : in which the erection began, None: there was none
     form_sections : datasets of /form_finding; sections : of other groups of the file; labels : attributes
-    lines : to say; records : what checkpoints keep, by name
+    lines : to say; records : what checkpoints keep, by name; failure : why it ends there, None: it does not
     """
 
     base: Model | None
@@ -58,6 +58,7 @@ class BuildUp:
     labels: Mapping[str, dict[str, Any]] = field(default_factory=dict)
     lines: Sequence[str] = ()
     records: Mapping[str, tuple[dict, dict[str, np.ndarray]]] = field(default_factory=dict)
+    failure: DivergedError | None = None
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,11 @@ class Scene:
     limits: dict[str, Limit] = field(default_factory=dict)
     schedule: Schedule | None = None
     build_up: BuildUp | None = None
+
+    @property
+    def failure(self) -> DivergedError | None:
+        """Why the run cannot go on from its initial state, None: it can."""
+        return self.build_up and self.build_up.failure
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from netfall.ground.stop import NEVER, StopRequest
 from netfall.job.asks import rests_at_loss, rests_in_wind
 from netfall.job.job import Job
 from netfall.job.schema import defaults
+from netfall.job.values import counted
 from netfall.mechanics.state import State
 from netfall.parallel.subdomain import Distribution
 from netfall.record.energy import Snapshot, take_snapshot
@@ -107,6 +108,19 @@ class StaticOutcome(NamedTuple):
         return {name: getattr(self, name) for name in names} | ({"over_strength": over} if over else {})
 
 
+def by_ids(labels: dict, element_id: np.ndarray) -> dict:
+    """Attributes of a group of the file, as of `StaticOutcome.labels`, with elements by their ids (m,)."""
+    names = [name for name in ("elements", "over_strength") if name in labels]
+    return labels | {name: element_id[list(labels[name])] for name in names}
+
+
+def over_strength_note(what: str, labels: dict, element_id: np.ndarray) -> list[str]:
+    """That a load passes strengths that break nothing in it; labels : as of `StaticOutcome.labels`."""
+    over = labels.get("over_strength", ())
+    ids = counted("element", element_id[list(over)]) if over else ""
+    return [f"note: {what}: {ids} beyond the strength, which breaks nothing here"] if over else []
+
+
 def taken_up(distribution: Distribution, saver: Saver) -> Relaxation | None:
     """The relaxation that an earlier run was interrupted in, None: in none. Collective."""
     kept = saver.taken_up(RELAXATION)
@@ -159,7 +173,7 @@ def settle(
     except DivergedError as error:
         put_back(scene.state, start)
         reason = str(error).removeprefix(f"{each.words}: ")
-        return StaticOutcome(NONE, each.reached(0.0), reason, (), _as_it_began(scene))
+        return StaticOutcome(NONE, each.reached(0.0), reason, (), as_it_began(scene))
     if found.breaking and tears(scene.job, each):
         return _up_to_fracture(scene, each, reference, start, found.breaking)
     _commit(scene.state, found.snapshot)
@@ -180,8 +194,8 @@ def _found(scene: Scene, each: StaticLoad, reference, stop=NEVER, resume=None, m
     return Equilibrium(snapshot, scene.comm.allreduce(snapshot.slack), solution, _breaking(scene, snapshot))
 
 
-def _as_it_began(scene: Scene) -> Equilibrium:
-    """The state from which no equilibrium was found. Collective."""
+def as_it_began(scene: Scene) -> Equilibrium:
+    """The state as it is, from which no equilibrium was found. Collective."""
     snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
     return Equilibrium(snapshot, scene.comm.allreduce(snapshot.slack), NOT_FOUND)
 
@@ -201,7 +215,7 @@ def _up_to_fracture(
     """
     state, low, high = scene.state, 0.0, 1.0
     put_back(state, start)
-    left, best, found = scene.finder.residual(each.load), committed(state), _as_it_began(scene)
+    left, best, found = scene.finder.residual(each.load), committed(state), as_it_began(scene)
     while high - low > SHARP * high and high > LEAST:
         middle = 0.5 * (low + high)
         try:

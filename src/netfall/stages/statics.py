@@ -24,7 +24,6 @@ from netfall.ground.stop import NEVER
 from netfall.job.asks import has_statics, rests_at_loss, rests_in_wind
 from netfall.job.job import Job
 from netfall.job.memory import key_of
-from netfall.job.values import counted
 from netfall.numerics.functions import lengths
 from netfall.record.bending import largest_hold
 from netfall.record.reactions import forces_on_supports
@@ -36,10 +35,12 @@ from netfall.stages.settle import (
     NONE,
     StaticLoad,
     StaticOutcome,
+    by_ids,
     carried_on,
     committed,
     error_words,
     no_equilibrium,
+    over_strength_note,
     paused,
     put_back,
     reference_force,
@@ -322,13 +323,8 @@ def lines(path: StaticPath, scene: Scene) -> list[str]:
         if each["unstable_at"] != STABLE
     ]
     lines += hold_notes([(what, each["held"]) for _, what, each in every if "held" in each], node_id)
-    ids = scene.model.net.element_id
-    over = [(what, path.labels[group].get("over_strength")) for group, what, _ in last]
-    lines += [
-        f"note: {what}: {counted('element', ids[list(which)])} beyond the strength, which breaks nothing here"
-        for what, which in over
-        if which
-    ]
+    for group, what, _ in last:
+        lines += over_strength_note(what, path.labels[group], scene.model.net.element_id)
     moved = [(what, each["moved"][0], node_id[each["moved"][1]]) for _, what, each in every]
     return lines + displacement_notes(moved, scene.model.x)
 
@@ -356,9 +352,7 @@ def group_labels(path: StaticPath, scene: Scene) -> dict[str, dict]:
     """Attributes of the groups of the file, on rank 0: elements by their ids."""
     if scene.model is None:
         return {}
-    ids = lambda elements: scene.model.net.element_id[list(elements)]
-    numbers = lambda each: {name: ids(each[name]) for name in ("elements", "over_strength") if name in each}
-    labels = {group: each | numbers(each) for group, each in path.labels.items()}
+    labels = {group: by_ids(each, scene.model.net.element_id) for group, each in path.labels.items()}
     for each in scene.job.combinations:
         if f"cases/{each.name}" in labels:
             labels[f"cases/{each.name}"] |= {"kind": each.kind, "factors": json.dumps(each.factors)}
