@@ -17,6 +17,7 @@ import pytest
 from conftest import BIN, ENVIRONMENT, ROOT, assert_same_results, run_netfall, run_on_standing_ranks
 from mpi4py import MPI
 
+from netfall.ground import room
 from netfall.ground.errors import InputError
 from netfall.ground.stop import NEVER
 from netfall.job.memory import Memory
@@ -464,6 +465,15 @@ def test_six_hundred_workers_need_no_more_open_files_than_there_may_be(monkeypat
     monkeypatch.setattr(resource, "getrlimit", lambda _: (1024, 1024))
     with pytest.raises(InputError, match=r"600 workers .* the limit is 1024 .* --workers of 320 at most"):
         Pool(STAND_IN, 600, 60.0, take, None, None).run(NEVER)
+
+
+def test_workers_that_memory_does_not_take_are_told_beforehand(monkeypatch):
+    monkeypatch.setattr(room, "memory_left", lambda: 1e9)
+    assert room.memory_line(4, 1, 0) == "memory: at most 1 GB for 4 workers, 1 GB are free"
+    assert "note: that is enough for 2; expected --workers 2" in room.memory_line(3, 2, 0)
+    assert "enough for 1" in room.memory_line(2, 1, 1_000_000)
+    monkeypatch.undo()
+    assert 1e7 < room.memory_left() < 1e14
 
 
 def test_the_start_of_a_worker_is_no_part_of_a_run():

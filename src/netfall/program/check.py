@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from netfall.ground.room import RANK_BYTES, SETUP_BYTES
 from netfall.ground.timings import Phases
 from netfall.job.asks import along_normals, has_statics
 from netfall.job.job import Job
@@ -47,7 +48,6 @@ SMALL = 5_000  # elements below which equilibria on several ranks are no faster
 LARGEST_FORM = 400_000  # elements up to which check also finds the form, in some ten seconds
 FRAME_BYTES = {"particle": 24 + 12 + 12, "element": 4 + 4 + 4 + 1}  # of the result file, for each state
 MUCH_LARGER = 4.0  # times the usual face of the roof: it may be an opening
-SETUP_BYTES = 2000  # per element on rank 0, at most: while the faces of the roof are found
 EQUILIBRIUM_BYTES = 700  # per element, on its own rank, for the tangent and its levels
 
 
@@ -177,8 +177,8 @@ def _describe_memory(job: Job, scene: Scene, say) -> None:
     more = f"{EQUILIBRIUM_BYTES * m / 1e6:.3g} MB for its equilibria, " if has_statics(job) else ""
     say(
         f"memory: {held / 1e6:.3g} MB for the state ({held / m:.0f} bytes an element), {more}and up to "
-        f"{SETUP_BYTES * m / 1e6:.3g} MB on rank 0 at set-up, beside some 250 MB for Python on each rank; "
-        f"result file about {max(file, 1e5) / 1e6:.3g} MB"
+        f"{SETUP_BYTES * m / 1e6:.3g} MB on rank 0 at set-up, beside some {RANK_BYTES / 1e6:.0f} MB for "
+        f"Python on each rank; result file about {max(file, 1e5) / 1e6:.3g} MB"
     )
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from netfall.ground.errors import InputError
 from netfall.ground.progress import Progress
+from netfall.ground.room import memory_line
 from netfall.ground.sources import TELLING, program_digest
 from netfall.net.build import build_net
 from netfall.study.file import Plan, read_plan
@@ -43,7 +44,7 @@ def study(
         raise InputError(
             f"{path}: [rare] runs in rounds that need each other; expected no --shard, more --workers"
         )
-    build_net(plan.read(plan.member(0)))  # what is wrong in the net is said here, once
+    net = build_net(plan.read(plan.member(0)))  # what is wrong in the net is said here, once
     for note in plan.notes:
         progress.say(note)
     place = place_of(path, output, shard)
@@ -63,6 +64,8 @@ def study(
             missing = [number for number in mine if not table.there[number]]
         header = {"format": FORMAT, "members": len(plan), **digests}
         workers = workers or _cores(launcher) // plan.ranks or 1
+        if missing and not launcher:
+            progress.say(memory_line(min(workers, len(missing)), plan.ranks, net.m))
         if missing or not place.result.exists() or place.journal.exists():
             Runs(plan, place, table, header, watch, progress).run(missing, workers, launcher, stop)
         elif text_of(place.result) != plan.text:  # other questions to the same runs
