@@ -102,16 +102,17 @@ def test_what_a_sample_without_a_curve_still_says():
         assert np.ravel(bounds) == pytest.approx([low, high], rel=1e-12), failed
 
 
-def test_the_interval_holds_the_truth():
-    """Forty studies of 50 seeds: 95 % of them would be 38; fewer than 31 come once in 10^3 at 90 %."""
+@pytest.mark.parametrize(("studies", "least"), [(8, 5), pytest.param(100, 83, marks=pytest.mark.long)])
+def test_the_interval_holds_the_truth(studies, least):
+    """Of studies of 50 seeds 95 %; fewer than the least come less than once in 10^2 at 90 %."""
     generator, truth = np.random.default_rng(8), one(GUMBEL.exceedance, 38.0, 0.1)
     held = 0
-    for _ in range(40):
+    for _ in range(studies):
         members = drawn_members(generator, 50, SPEEDS, 38.0, 0.1)
         row = curve_sections(members, hazard=GUMBEL)["hazard"]
         low, high = row["interval"][0]
         held += low <= truth <= high
-    assert held >= 31
+    assert held >= least
 
 
 def test_own_measures_of_failure_are_those_of_the_columns():
@@ -277,7 +278,7 @@ def test_a_study_of_a_rare_failure_goes_on_to_the_same_bits(tmp_path):
         folder = tmp_path / name
         folder.mkdir()
         folders.append(folder)
-        study = write(folder, STORM_RARE.replace("ABOVE", "0.309"))
+        study = write(folder, STORM_RARE.replace("ABOVE", "0.3085"))
         if name == "torn":
             command = [BIN / "netfall", "study", study, "--workers", "1"]
             driver = subprocess.Popen(command, cwd=folder, env=ENVIRONMENT, stdout=subprocess.DEVNULL)
@@ -288,7 +289,7 @@ def test_a_study_of_a_rare_failure_goes_on_to_the_same_bits(tmp_path):
         done = run_netfall("study", study, "--workers", workers, cwd=folder)
         assert done.returncode == 0, done.stderr
     told = run_netfall("info", folders[0] / "storm.study.h5", cwd=tmp_path).stdout
-    assert "rare: displacement_max above 0.309 has the probability" in told and "level 2:" in told
+    assert "rare: displacement_max above 0.3085 has the probability" in told and "level 2:" in told
     same_studies(*(folder / "storm.study.h5" for folder in folders))
     with h5py.File(folders[0] / "storm.study.h5") as f:
         seeds = f["members/wind.seed"].asstr()[:]
