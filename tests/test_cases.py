@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 from conftest import AREAS, ROOF, STEEL, run_netfall
 
+from netfall.checks.reactions import reaction_columns
+
 TOLERANCE = 1e-6  # of the largest tension: what the issue asks, with [load] tolerance = 1e-9 well above it
 SADDLE = (
     '[net]\ngenerator = "saddle"\nside = 40.0\nrise = 2.0\ncells = 4\n[cable]\nmodulus = 1e11\n'
@@ -101,6 +103,10 @@ def test_a_support_that_settles_by_hand(workshop, held):
         z = f[f"cases/{name}/displacement"][:, 2]
         assert z == pytest.approx([top - sags, top - sags - stretch], rel=1e-8)
         assert f[f"cases/{name}/tension"][0] == pytest.approx(5000.0, rel=1e-9)
+    told = reaction_columns(f)
+    mine = (told["node"] == 7) & (told["stage"] != "as given")
+    assert told["force_z"][mine] == pytest.approx(-5000.0, rel=1e-8)  # on a foot that settled as well
+    assert told["foundation_z"][mine] == pytest.approx(-5000.0, rel=1e-8)
 
 
 def test_a_settlement_of_two_cables_by_hand(workshop):

@@ -6,6 +6,7 @@ from conftest import ROOT, StopAfter, assert_same_results, run_on_standing_ranks
 from mpi4py import MPI
 from scipy.optimize import fsolve
 
+from netfall.checks.cases import slack_cables
 from netfall.ground.errors import Interrupted
 from netfall.ground.progress import Progress
 from netfall.ground.timings import Phases
@@ -13,6 +14,8 @@ from netfall.job.read import read_job
 from netfall.net.build import build_net
 from netfall.program.run import run_job
 from netfall.program.setup import prepare
+from netfall.results.cases import cases_of
+from netfall.results.states import envelope_of
 
 EA, WEIGHT, SPAN = 1e6, 1000.0, 8.0  # N, N, m
 FOUND = (
@@ -103,6 +106,22 @@ def test_statics_go_on_from_the_last_stage(workshop):
         assert f["net/unstressed_length"][:].tolist() == [6.0, 5.0]
 
 
+def test_what_is_taken_out_is_not_slack_and_a_released_support_does_not_settle(workshop):
+    """A stay of the erection is no slack cable in a case, nor in the report; an export tells of it."""
+    elements = TWO.rstrip() + "\n3,1,3,stay,5\n"
+    text = stage("stayed") + stage("free", active='["left", "right"]')
+    cases = '[[case]]\nname = "all"\nsettlement = {2 = [0.01, 0.0, 0.0]}\n'
+    path = workshop.folder / "result.vtkhdf"
+    with workshop.run(workshop.job(CABLES + text + cases, NODES, elements)) as f:
+        assert f["stages/free/active"][:].tolist() == [1, 1, 0]
+        assert slack_cables(f, cases_of(f)) == [0] and not envelope_of(f, np.ones(3)).slack[1:].any()
+    told = run_on_standing_ranks("export", path, "-o", workshop.folder / "net.json")
+    assert "note: element 3 not there after the last stage" in told.stdout
+    text += stage("loose", hold="[3]", release="[2]")
+    done = run_on_standing_ranks("run", workshop.job(CABLES + text + cases, NODES, elements), "-o", path)
+    assert done.returncode == 2 and "settlement: node 2: released in a [[stage]]" in done.stderr
+
+
 def test_the_shipped_wheel_is_lifted_to_the_form_found_directly(shared_workshop):
     """Ring forces grow from stage to stage; its last one has the forces of the wheel under its weight."""
     job, path = ROOT / "jobs" / "wheel_erection.toml", shared_workshop.folder / "wheel.vtkhdf"
@@ -187,6 +206,7 @@ def test_a_stage_without_equilibrium_leaves_a_file(workshop, cable, load, keys, 
         told = run_on_standing_ranks(verb, path, *([] if verb == "info" else ["-o", workshop.folder / verb]))
         assert told.returncode == 0, told.stderr
         assert verb != "info" or "NO EQUILIBRIUM" in told.stdout
+    assert "**stage bad has no equilibrium: " in (workshop.folder / "report" / "summary.md").read_text()
 
 
 def test_three_hoops_get_their_forces_by_three_diagonals(shared_workshop):

@@ -4,7 +4,7 @@ import numpy as np
 
 from netfall.checks.cables import groups_of, names_of_elements
 from netfall.results.cases import Case
-from netfall.results.states import ShownState, equilibria, start_position
+from netfall.results.states import ShownState, absent, equilibria, start_position
 
 NAN = np.nan
 
@@ -30,7 +30,7 @@ def _extremes(f, case: Case, of: dict[str, np.ndarray]) -> dict[str, list]:
     """The numbers of a row of `case_columns` by group; of : elements (k,) of each."""
     ids, nodes, ends = f["net/element_id"][:], f["net/node_id"][:], f["net/elements"][:]
     N, moved = case.shown.tension(), np.linalg.norm(case.shown.position() - start_position(f), axis=1)
-    slack, found = (N <= 0.0) & ~f["net/bar"][:].astype(bool), {}
+    slack, found = (N <= 0.0) & ~f["net/bar"][:].astype(bool) & ~absent(f), {}
     for name, mine in of.items():
         low, high, node = mine[np.argmin(N[mine])], mine[np.argmax(N[mine])], np.unique(ends[mine])
         far = node[np.argmax(moved[node])]
@@ -51,8 +51,8 @@ def largest_displacements(f, cases: list[Case]) -> list[tuple[float, int]]:
 
 def slack_cables(f, cases: list[Case]) -> list[int]:
     """Of each case how many pieces of cable have an element without tension."""
-    bar, cable = f["net/bar"][:].astype(bool), f["net/cable"][:]
-    return [len(np.unique(cable[(case.shown.tension() <= 0.0) & ~bar])) for case in cases]
+    carries, cable = ~f["net/bar"][:].astype(bool) & ~absent(f), f["net/cable"][:]
+    return [len(np.unique(cable[(case.shown.tension() <= 0.0) & carries])) for case in cases]
 
 
 def force_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:

@@ -7,7 +7,7 @@ a spring is in it already; so those of a stage add up to all its loads.
 
 import numpy as np
 
-from netfall.results.states import ShownState, equilibria, final, form_position, form_tension
+from netfall.results.states import ShownState, equilibria, final, start_position
 
 
 def held_axes(f) -> np.ndarray:
@@ -41,22 +41,17 @@ def reaction_columns(f) -> dict[str, np.ndarray]:
 
 
 class Springs:
-    """The springs of the supports: stiffness (k, 3) [N/m], place at the start (k, 3) [m], preload (k, 3) [N].
-
-    Form finding holds their nodes, and each begins with the reaction there; else with none.
-    """
+    """The springs of the supports: stiffness (k, 3) [N/m], places (k, 3) [m] at which they carry nothing."""
 
     def __init__(self, f, nodes: np.ndarray):
         """nodes : (k,) the supports"""
-        x = form_position(f)
-        self.stiffness, self.start = f["net/spring"][:][nodes], x[nodes]
-        self.preload = np.zeros((len(nodes), 3))
-        if "form_finding" in f:
-            self.preload = pull_at(x, f["net/elements"][:], form_tension(f))[nodes]
+        start = start_position(f)
+        self.stiffness = f["net/spring"][:][nodes]
+        self.idle = (start + f["provenance/net/spring_rest"][:])[nodes]
 
     def force(self, x: np.ndarray) -> np.ndarray:
         """Forces (k, 3) [N] on the supports with their nodes at x (k, 3) [m]."""
-        return self.preload + self.stiffness * (x - self.start)
+        return self.stiffness * (x - self.idle)
 
 
 def _of_stage(f, stage: ShownState, held, nodes, elements, springs: Springs | None) -> dict[str, np.ndarray]:
@@ -65,7 +60,8 @@ def _of_stage(f, stage: ShownState, held, nodes, elements, springs: Springs | No
     pull = pull_at(x, elements if stage.ends is None else stage.ends, stage.tension())
     force = np.where(held, pull[nodes], 0.0)
     if springs:
-        force = np.where(springs.stiffness > 0.0, springs.force(x[nodes]), force)
+        carried = stage.reaction()[nodes] if stage.reaction else springs.force(x[nodes])  # feet may settle
+        force = np.where(springs.stiffness > 0.0, carried, force)
     foundation = _on_foundation(stage, force, nodes)
     return {
         "node": f["net/node_id"][:][nodes],

@@ -156,6 +156,7 @@ def _note(
         "displacement": x - model.x,
         "tension": N,
         "unstressed_length": setting.L0,
+        "active": setting.active.astype(np.uint8),
         "reaction": reaction,
     }
     erection.lines += _lines(model, erection, stage, setting, x, N, outcome)

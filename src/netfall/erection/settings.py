@@ -108,6 +108,18 @@ def check_stages(job: Job, model: Model) -> None:
         errors += [f"{job.path}: [[stage]] {stage.name}: {line}" for line in wrong]
         if errors:
             break  # what follows stands on it
+    free = ~(setting.fixed | (net.spring > 0))
+    for name, inputs in model.layout.cases.items():
+        loose = (
+            np.flatnonzero(((inputs.settlement != 0.0) & free).any(1))
+            if inputs.settlement is not None
+            else []
+        )
+        if len(loose):
+            nodes = counted("node", net.node_id[loose])
+            errors.append(
+                f"{job.path}: [[case]] {name}: settlement: {nodes}: released in a [[stage]], and so free"
+            )
     if errors:
         raise InputError(errors)
 

@@ -9,7 +9,7 @@ from netfall.checks.groups import counted_names, limits_of, members
 from netfall.report.markdown import MOST_LISTED, as_table, force, more, picture, share
 from netfall.results.cases import EQUILIBRIUM, KINDS, Case
 from netfall.results.file import job_of
-from netfall.results.states import Envelope
+from netfall.results.states import Envelope, start_words
 
 WORST = 10
 
@@ -52,7 +52,8 @@ def cases(f, made: list[Case], table: dict) -> list[str]:
             *told,
         ]
     return [
-        "Each is an equilibrium of its own; displacements count from the form. By groups: cases.csv.",
+        f"Each is an equilibrium of its own; displacements count from {start_words(f)}. By groups:",
+        "cases.csv.",
         "",
         *as_table(header, lines),
         *([""] if told else []),

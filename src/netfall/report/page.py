@@ -12,7 +12,7 @@ from netfall.results.file import lines_of_form, overloads_of, provenance_text, t
 from netfall.results.loss_lines import loss_lines, rises, telling_factor
 from netfall.results.losses import worst_after
 from netfall.results.notes import displacement_notes_of
-from netfall.results.states import Envelope
+from netfall.results.states import Envelope, no_equilibrium, state_groups, state_words
 
 WORST = 10
 ROUNDING = 1e-10  # of the forces that a sum is of: what rests is not exactly at rest
@@ -73,10 +73,12 @@ def _what_ran(f, result: Path) -> list[str]:
         f"{len(f['net/particles'])} particles, {len(f['net/elements'])} elements in "
         f"{len(f['net/cable_names'])} cables. Ids are those of the tables; forces are positive in tension.",
     ]
+    failed = [place for place in state_groups(f) if no_equilibrium(f[place])]
     if overrides:
         lines.append("With " + ", ".join(f"`{line}`" for line in overrides.split("\n")) + ".")
     if "form_finding" in f:
         lines += _sentences(lines_of_form(f))
+    lines += [f"**{state_words(place)} has no equilibrium: {f[place].attrs['reason']}.**" for place in failed]
     lines += _sentences(displacement_notes_of(f))
     if "history" in f and len(f["events/element"]):
         broken = len(np.unique(f["events/element"][:]))

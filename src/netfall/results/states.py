@@ -81,6 +81,12 @@ def form_tension(f) -> np.ndarray:
     return elastic_forces(L, L0, EA, bar, strain_measure(f))
 
 
+def absent(f, place: str = "") -> np.ndarray:
+    """(m,) bool, elements that are not in the net: in a stage of erection, else after the last of them."""
+    group = place if place.startswith("stages/") else last_stage(f)
+    return f[f"{group}/active"][:] == 0 if group else np.zeros(len(f["net/elements"]), bool)
+
+
 def state_groups(f) -> list[str]:
     """The groups that hold equilibria besides the form, in the order in which the run found them."""
     found: dict[str, int] = {}
@@ -217,7 +223,7 @@ def envelope_of(f, resistance: np.ndarray) -> Envelope:
     rows, places = [], []
     for stage in equilibria(f):
         N = stage.tension()
-        rows.append((stage.name, N, N, nan, whole))
+        rows.append((stage.name, N, N, nan, absent(f, stage.place) if stage.place else whole))
         places.append(stage.place)
     rows += [(name, high, low, nan, gone) for name, high, low, gone in loss_rows(f)]
     if moves := "history" in f:
