@@ -2,8 +2,9 @@
 
     mpirun -n P python step.py N SCENE [--rounds R] [--no-order]
 
-SCENE: elastic, or one or more of plastic, fracture, wind, energy, sections, bars, air, air_mass, band joined
-by + (all: the first four, and damping; more may be added: all+air). Prints a line of JSON.
+SCENE: elastic, or one or more of plastic, fracture, wind, energy, sections, bars, bending (chains along x),
+air, air_mass, band joined by + (all: the first four, and damping; more may be added: all+air). Prints a line
+of JSON.
 """
 
 import argparse
@@ -35,6 +36,7 @@ if arguments.no_order:
 
 import net
 
+from netfall.mechanics.bending import Joints, curvatures
 from netfall.mechanics.fields import FIELDS, Features
 from netfall.mechanics.material import band_branches
 from netfall.mechanics.state import State
@@ -44,6 +46,7 @@ from netfall.parallel.subdomain import Distribution, cut_net
 from netfall.step.loop import Interval
 from netfall.step.plan import Plan, halo_width
 
+STIFFNESS = 1e3  # N m, of joints of chains that bend
 comm = MPI.COMM_WORLD
 words = set(arguments.scene.replace("all", "plastic+fracture+wind+energy").split("+")) - {"elastic"}
 scene = Features(
@@ -55,8 +58,10 @@ scene = Features(
 begin = time.perf_counter()
 whole = net.make_net(arguments.N)
 n, m = len(whole.x), len(whole.elements)
+number = np.arange(n).reshape(arguments.N, -1)
+joints = np.stack([number[:, :-2], number[:, 1:-1], number[:, 2:]], -1).reshape(-1, 3)[: n * scene.bending]
 subdomains = (
-    cut_net(n, whole.elements, metis_partition(n, whole.elements, comm.size), comm.size)
+    cut_net(n, whole.elements, metis_partition(n, whole.elements, comm.size), comm.size, joints)
     if comm.rank == 0
     else None
 )
@@ -79,6 +84,10 @@ if scene.wind:
     if scene.air_mass:
         state.air_mass[:] = 0.3 * net.MASS
     state.wind[:, 2], state.speed_before[:], state.speed_after[:] = 1e-12, 1.0, 2.0
+if scene.bending:
+    there = subdomain.joints
+    of_joints = np.full(len(there), STIFFNESS), curvatures(state.x, there)
+    state.joints = Joints(there, *of_joints, (there[:, 1] < subdomain.n_owned).astype(np.uint8))
 halo = Halo(comm, subdomain, halo_width(state))
 plan = Plan(state, halo)
 centre = whole.centre
