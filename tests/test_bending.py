@@ -466,6 +466,16 @@ def test_a_ring_bends_as_it_loses_spokes(torn):
     assert np.nanmax(most) > 100.0 * np.nanmax(f["rest/bending_moment"][:])
 
 
+def test_the_report_has_moments_of_the_dynamic_stage(torn, shared_workshop):
+    """Where they are larger than at rest: everywhere in the torn ring."""
+    write_report(shared_workshop.folder / "torn.vtkhdf", shared_workshop.folder / "of_torn", Inputs())
+    with open(shared_workshop.folder / "of_torn" / "elements.csv", newline="") as file:
+        rows = list(csv.DictReader(file))[:24]
+    most = torn[1]["envelope/bending_moment_max"][:24].tolist()
+    assert [float(row["bending_moment_max"]) for row in rows] == pytest.approx(most)
+    assert {row["case_moment"] for row in rows} == {"dynamics"}
+
+
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_bits_of_a_torn_ring(torn, shared_workshop, ranks):
     """On two and three ranks; on these again from a checkpoint of one rank, after the losses."""

@@ -44,11 +44,13 @@ def bar_columns(f) -> dict[str, np.ndarray]:
 
 def moment_columns(f) -> dict[str, np.ndarray]:
     """The largest bending moment [N m] of each element (m,), nan: none, and its state; {}: nothing bends."""
-    states = [state for state in equilibria(f) if state.moment]
-    if not states:
+    found = [(state.name, state.moment().max(axis=1)) for state in equilibria(f) if state.moment]
+    if "envelope/bending_moment_max" in f:
+        found.append(("dynamics", f["envelope/bending_moment_max"][:]))
+    if not found:
         return {}
-    each = np.array([state.moment().max(axis=1) for state in states])
-    most, names = np.fmax.reduce(each), np.array([state.name for state in states], object)
+    names, each = np.array([name for name, _ in found], object), np.array([moment for _, moment in found])
+    most = np.fmax.reduce(each)
     at = np.argmax(np.nan_to_num(each, nan=-1.0), axis=0)
     return {"bending_moment_max": most, "case_moment": np.where(np.isnan(most), "", names[at])}
 

@@ -77,9 +77,9 @@ def dynamic_factors(f, factor: np.ndarray, path: Path) -> None:
 
 
 def moments(f, moment: np.ndarray, path: Path) -> None:
-    """Write the picture of the largest bending moments (m,) [N m] at rest, nan: no bending."""
+    """Write the picture of the largest bending moments (m,) [N m], nan: no bending."""
     factor, unit = unit_of(float(np.nanmax(moment)), "N m")
-    label, over = f"largest bending moment at rest [{unit}]; grey: no bending", plt.get_cmap(COLOURS)(1.0)
+    label, over = f"largest bending moment [{unit}]; grey: no bending", plt.get_cmap(COLOURS)(1.0)
     scale = Normalize(0.0, max(factor * float(np.nanmax(moment)), 1e-9))
     _draw(
         f, Shading(factor * moment, scale, over, "bending moments, the largest of each element", label), path
