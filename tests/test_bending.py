@@ -335,6 +335,14 @@ def test_where_more_meet_the_column_cable_says_which_go_on(workshop):
     assert chains(workshop, rows.format("a", "a", "b", "b"))[0] == {(1, 3, 2), (4, 5, 2), (2, 6, 5)}
 
 
+def test_bars_that_meet_no_other_are_told(workshop):
+    """Bending has no effect in a single bar."""
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n"
+    job = workshop.job("[cable]\n" + BAR.format(*STIFF), nodes, "start,end\n1,2\n")
+    done = run_on_standing_ranks("check", job, cwd=workshop.folder)
+    assert "bending: no effect" in done.stdout + done.stderr
+
+
 @pytest.fixture(scope="module")
 def bicycle(shared_workshop):
     """The shipped ring in snow, on one rank."""

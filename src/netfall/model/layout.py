@@ -17,7 +17,7 @@ from netfall.model.losses import named_elements
 from netfall.model.probes import Probes, find_probes
 from netfall.model.start import far_notes, unit_notes
 from netfall.net.build import build_net
-from netfall.net.chains import Chains, chains_of
+from netfall.net.chains import Chains, chain_notes, chains_of
 from netfall.net.net import Net
 from netfall.parallel import partition
 from netfall.roof.areas import Roofing, roof_of
@@ -64,6 +64,8 @@ def make_layout(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Layout:
         job, zones, [sectors, *(c.sectors for c in cases.values())]
     )
     notes += of_cases + unit_notes(net)
+    chains = chains_of(net)
+    notes += chain_notes(chains) if chains else []
     measured = read_history(job)
     if measured:
         notes += measured.notes + far_notes(job, net, measured.places)
@@ -78,7 +80,7 @@ def make_layout(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Layout:
         coefficient,
         measured,
         cases,
-        chains_of(net),
+        chains,
         tuple(notes),
     )
 

@@ -47,6 +47,16 @@ def chains_of(net: Net) -> Chains | None:
     return Chains(np.column_stack([first, middle, second]), pairs // 2, at.reshape(net.m, 2))
 
 
+def chain_notes(chains: Chains) -> list[str]:
+    """A note where no bar goes on in another."""
+    if len(chains.particles):
+        return []
+    return [
+        "bending: no effect: nowhere do exactly two bars with bending of one group, or of one piece of the "
+        "column cable, meet; [net] subdivide, or nodes along a bar, make chains"
+    ]
+
+
 def _pairs(ends: np.ndarray, node: np.ndarray, kind: np.ndarray) -> np.ndarray:
     """Pairs (k, 2) of ends of elements that meet at one node where just two of one kind do.
 
