@@ -19,7 +19,7 @@ from netfall.numerics.linear import (
     top_of_tridiagonal,
 )
 from netfall.numerics.normal import quantile
-from netfall.prestress.force_density import Singular, solve_sparse
+from netfall.numerics.sparse import Singular, solve_sparse
 from netfall.wind.noise import standard_normal
 
 mpmath.mp.prec = 160

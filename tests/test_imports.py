@@ -77,7 +77,7 @@ PACKAGES = {
     "llvmlite": ["ground.compile", "ground.passes", "numerics.arithmetic", "parallel.mpi_symbols"],
     "scipy": ["stages.modes", "multigrid.rows", "study.draws", "exchange.drawings"],
     "shapely": ["roof", "exchange.drawings"],
-    "pymetis": ["parallel.partition", "prestress.force_density"],
+    "pymetis": ["parallel.partition", "numerics.sparse"],
     "matplotlib": ["plots", "view.quantities"],
     "mpl_toolkits": ["plots"],
     "PIL": ["plots.film"],

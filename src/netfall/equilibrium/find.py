@@ -20,6 +20,7 @@ from netfall.ground.stop import NEVER, StopRequest
 from netfall.mechanics.elements import add_tensions, axial_forces
 from netfall.mechanics.state import State
 from netfall.multigrid.cycle import Cycle
+from netfall.multigrid.factors import MOST_PRODUCTS, Factors, Pattern, factors_of_tangent
 from netfall.multigrid.tangent import Tangent, tangent_of
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
@@ -59,17 +60,34 @@ class Solution(NamedTuple):
 
 @dataclass
 class Finder:
-    """Finds equilibria of one state; keeps the approximate inverse of its first tangent."""
+    """Finds equilibria of one state; keeps the approximate inverse of its first tangent.
+
+    serving : the inverse, in factors, that serves instead; None: none
+    """
 
     comm: MPI.Comm
     halo: Halo
     distribution: Distribution
     state: State
+    serving: Factors | None = field(default=None, init=False)
     _first: tuple[Tangent, list[float], Cycle] | None = field(default=None, init=False)
+    _pattern: Pattern | None = field(default=None, init=False)
 
     def forget(self) -> None:
         """Of a net whose elements are others from now on."""
-        self._first = None
+        self._first = self._pattern = self.serving = None
+
+    def factors(self) -> Factors | None:
+        """The inverse where the net is, for `serving`; None: none, or a cycle is quicker. Collective."""
+        return self._factors(self._tangent(), 0.0)
+
+    def _factors(self, K: Tangent, inertia: float) -> Factors | None:
+        if self._pattern is None:
+            self._pattern = Pattern(self.distribution, self.state)
+        bends = self.comm.allreduce(K.joints is not None, MPI.LOR)  # what joints add has no place in them
+        if bends or self._pattern.products > MOST_PRODUCTS:
+            return None
+        return factors_of_tangent(self.distribution, self._pattern, K, inertia)
 
     def find(
         self,
@@ -195,13 +213,16 @@ class Finder:
 
     def _newton(self, load: np.ndarray) -> Newton:
         net = net_of(self.state, load)
-        return Newton(self.comm, self.halo, self.distribution, net, self._tangent, self._approximate_inverse)
+        inverses = self._approximate_inverse, self.serving and self._factors
+        return Newton(self.comm, self.halo, self.distribution, net, self._tangent, *inverses)
 
     def _tangent(self) -> Tangent:
         return tangent_of(self.state)
 
-    def _approximate_inverse(self, newton: Newton, K: Tangent) -> Cycle:
-        """That of the first tangent while K is like it, otherwise K's own. Collective."""
+    def _approximate_inverse(self, newton: Newton, K: Tangent) -> Cycle | Factors:
+        """That which serves, or that of the first tangent while K is like it, or else K's own. Collective."""
+        if self.serving is not None:
+            return newton.cycle(K) if newton.inertia else self.serving
         if self._first is None:
             first = self._tangent_at_first()
             least = [SLACKER * size for size in newton.largest(first.axial, first.across)]

@@ -17,6 +17,7 @@ from netfall.mechanics.bending import add_joint_stiffness
 from netfall.mechanics.elements import add_stiffness, axial_forces
 from netfall.multigrid.cycle import Cycle
 from netfall.multigrid.distributed import advance, dot_rows, turn
+from netfall.multigrid.factors import Factors
 from netfall.multigrid.tangent import Tangent, without_compression
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
@@ -32,6 +33,7 @@ FARTHEST = 0.1  # of the net's extent: what a correction may move
 FIRST_INERTIA = 1e-6  # of the nodes' stiffness, once the tangent is found singular
 MOST_INERTIA = 1e-3
 MANY_GRADIENTS = 25  # for one correction of a large net; another approximate inverse is then cheaper
+FEW_GRADIENTS = 8  # the same with factors
 CAUTION = 10.0  # times more is taken to be left of the tensions after so many
 LARGE = 10_000  # particles; below that relaxation takes no longer than what serves larger nets
 SHORT = 0.3  # of a correction: if no more than that can be gone, the next gets more inertia
@@ -92,12 +94,15 @@ def is_large(distribution: Distribution) -> bool:
 class Newton:
     """Newton's method for one net on these ranks."""
 
-    def __init__(self, comm: MPI.Comm, halo: Halo, distribution: Distribution, net, tangent, inverse):
+    def __init__(
+        self, comm: MPI.Comm, halo: Halo, distribution: Distribution, net, tangent, inverse, factors=None
+    ):
         """net : `relaxation.Net`; tangent() : the `Tangent` at its positions
         inverse(newton, tangent) : the approximate inverse to use. Collective.
+        factors(tangent, inertia) : one that is made in place of a cycle, or None. Collective. None: none is
         """
         self.comm, self.halo, self.distribution = comm, halo, distribution
-        self.net, self.tangent, self.inverse = net, tangent, inverse
+        self.net, self.tangent, self.inverse, self.factors = net, tangent, inverse, factors
         self.owned = slice(halo.n_owned)
         self.moves = np.ascontiguousarray(net.free[self.owned]) != 0
         self.stays = np.nonzero(~self.moves)
@@ -107,6 +112,8 @@ class Newton:
         self.f = np.zeros_like(net.x)
         self.inertia = self.extent = 0.0
         self.large = is_large(distribution)
+        self.many = FEW_GRADIENTS if factors else MANY_GRADIENTS if self.large else MOST_GRADIENTS
+        self.most_left = LEFT if factors else LEFT_LAST  # by factors more is cheap
 
     def begin(self) -> None:
         """Forget earlier inertia, and see how large the net is now. Collective."""
@@ -191,9 +198,10 @@ class Newton:
                 raise NoConvergence("the preconditioner is not positive")
         raise SlowConvergence(f"{most} iterations of conjugate gradients were not enough")
 
-    def cycle(self, K: Tangent) -> Cycle:
+    def cycle(self, K: Tangent) -> Cycle | Factors:
         """The approximate inverse of a tangent. Collective."""
-        return Cycle(self.comm, self.distribution, self.halo, self.net, K, self.inertia)
+        factors = self.factors and self.factors(K, self.inertia)
+        return factors or Cycle(self.comm, self.distribution, self.halo, self.net, K, self.inertia)
 
     def find(
         self,
@@ -221,13 +229,18 @@ class Newton:
         for _ in range(most):
             if self.comm.allreduce(int(stop.wanted), MPI.MAX):
                 raise Stopped
-            if cycle is None:
+            own = cycle is None
+            if own:
                 cycle = self.cycle(K)
-            share = min(max(LEFT, tolerance / (LEFT * max(before, tolerance))), LEFT_LAST)
+            share = min(max(LEFT, tolerance / (LEFT * max(before, tolerance))), self.most_left)
             try:
                 s, count = self.solve(K, cycle, r, share)
             except NoConvergence as error:
-                if isinstance(error, SlowConvergence) and not near:
+                slow = isinstance(error, SlowConvergence)
+                if slow and self.factors and not own:
+                    cycle = None
+                    continue
+                if slow and not near:
                     raise
                 if exact and self.comm.allreduce(K.softened, MPI.LOR):
                     K, exact = without_compression(K), False
@@ -244,7 +257,7 @@ class Newton:
             size, changed = max(moved, change), self.active_set_changes(old, K)
             if changed:  # slack or yield that came or went: the tangent did not know
                 before = np.inf
-            if self.large and (changed or count > MANY_GRADIENTS):
+            if (self.large and changed) or count > self.many:
                 cycle = None
             left = CAUTION * share if self.large and count > MANY_GRADIENTS else share
             missing = max(left, min(1.0, size / before)) if 0.0 < before < np.inf else 1.0

@@ -27,10 +27,10 @@ from netfall.mechanics.elements import add_tensions, geometric_stiffness, nodal_
 from netfall.multigrid.tangent import Tangent
 from netfall.net.net import Net
 from netfall.numerics.functions import lengths
+from netfall.numerics.sparse import Singular, solve_sparse
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
-from netfall.prestress.force_density import Singular, solve_sparse
 from netfall.prestress.self_stress import self_stress
 from netfall.stages.scene import Form
 

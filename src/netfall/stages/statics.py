@@ -162,7 +162,7 @@ def find_equilibria(
     A case without an equilibrium is noted; anything else without one ends it, see `path.failed`.
     Raises Paused where it is asked to stop.
     """
-    state, wanted, base = scene.state, equilibria(scene), None
+    state, wanted, base, factors = scene.state, equilibria(scene), None, None
     large = is_large(scene.distribution)
     if path.reference is None:
         path.reference = reference_force(scene, loaded(scene, wanted[-1]))
@@ -175,6 +175,9 @@ def find_equilibria(
         each = loaded(scene, want)
         if each.from_permanent and base:
             put_back(state, base)
+        apart = each.kind in APART
+        factors = factors or (scene.finder.factors() if apart else None)
+        scene.finder.serving = factors if apart else None
         set_net(state, each)
         before = committed(state) if each.kind == "rest" and rests_in_wind(scene.job) else None
         guess = None

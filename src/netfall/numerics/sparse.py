@@ -98,6 +98,21 @@ def substitute(lower, d, b):
 
 
 @kernel
+def substitute_one(lower, d, b):
+    """The same for one right-hand side, b (n,)."""
+    begin, row, factor = lower
+    for k in range(b.shape[0]):
+        part = b[k]
+        for entry in range(begin[k], begin[k + 1]):
+            b[row[entry]] -= factor[entry] * part
+    for k in range(b.shape[0] - 1, -1, -1):
+        part = b[k] / d[k]
+        for entry in range(begin[k], begin[k + 1]):
+            part -= factor[entry] * b[row[entry]]
+        b[k] = part
+
+
+@kernel
 def unheld(lower, filled, v):
     """Write what the rows before the last one do where that is displaced by 1, v (k + 1,), without a force.
 
@@ -122,7 +137,7 @@ def solve_sparse(
     A pivot of zero does not make a matrix singular that has both signs: its row is then eliminated last.
     """
     size = np.abs(diagonal) if size is None else size
-    order = _dissected(ends, len(diagonal))
+    order = dissected(ends, len(diagonal))
     for _ in range(MOST_DELAYED):
         number = np.argsort(order)
         lower, d, last, filled = _factors(number[ends], q, diagonal[order], size[order])
@@ -141,19 +156,33 @@ def solve_sparse(
 
 
 def _factors(ends, q, diagonal, size):
-    """L by columns, D, the row at which it ended, and how many entries of each column of L are there."""
+    """As `factors_of`, of pairs as in `solve_sparse`."""
     n = len(diagonal)
     high, low = np.sort(ends, axis=1).T[::-1]
     places, of_pair = np.unique(high * n + low, return_inverse=True)
     start = np.searchsorted(places, n * np.arange(n + 1))
-    matrix = (start, places % n, np.bincount(of_pair, q, len(places)), diagonal, size)
-    parent, count, seen = np.empty((3, n), np.int64)
-    count_columns(start, matrix[1], parent, count, seen)
+    return factors_of(start, places % n, np.bincount(of_pair, q, len(places)), diagonal, size)
+
+
+def factors_of(start, column, value, diagonal, size):
+    """L by columns, D, the row at which it ended, and how many entries of each column of L are there.
+
+    As `matrix` of `factorise`.
+    """
+    n = len(diagonal)
+    parent, count = tree_of(start, column)
     begin = np.concatenate([[0], np.cumsum(count)])
     lower = (begin, np.empty(begin[-1], np.int64), np.empty(begin[-1]))
     d, work = np.empty(n), (np.zeros(n), *np.empty((4, n), np.int64))
-    last = factorise(matrix, parent, lower, d, work)
+    last = factorise((start, column, value, diagonal, size), parent, lower, d, work)
     return lower, d, last, work[3]
+
+
+def tree_of(start: np.ndarray, column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The elimination tree (n,), and the entries (n,) below the diagonal of each column of L."""
+    parent, count, seen = np.empty((3, len(start) - 1), np.int64)
+    count_columns(start, column, parent, count, seen)
+    return parent, count
 
 
 def _without_force(ends, q, diagonal, size, v) -> bool:
@@ -164,7 +193,7 @@ def _without_force(ends, q, diagonal, size, v) -> bool:
     return np.abs(force).max() <= FORCELESS * (size * np.abs(v)).max()
 
 
-def _dissected(ends: np.ndarray, n: int) -> np.ndarray:
+def dissected(ends: np.ndarray, n: int) -> np.ndarray:
     """An order (n,) of the rows in which L has few entries."""
     import pymetis
 
