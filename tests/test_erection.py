@@ -162,6 +162,21 @@ def test_targets_and_stages_have_the_same_bits_on_ranks(shared_workshop, name, r
     assert assert_same_results(*results) > 20
 
 
+def test_the_wheel_is_let_down_as_it_was_lifted(workshop):
+    """From its last stage back to where its ring cables are slack; 1e-6 of the largest force."""
+    text = (ROOT / "jobs" / "wheel_erection.toml").read_text()
+    back = "{upper = {change = 0.05}, lower = {change = 0.05}}"
+    text = text[: text.index("[[case]]")] + "".join(stage(f"down {k}", lengths=back) for k in range(7, 3, -1))
+    path = workshop.folder / "back.toml"
+    path.write_text(text)
+    done = run_on_standing_ranks("run", path, "-o", path.with_suffix(".vtkhdf"))
+    assert done.returncode == 0, done.stderr
+    with workshop.open("back.vtkhdf") as f:
+        for k in range(7, 3, -1):
+            up, down = (f[f"stages/{way} {k}/tension"][:] for way in ("lift", "down"))
+            assert np.abs(down - up).max() < FOUND * np.abs(up).max(), k
+
+
 @pytest.mark.parametrize("looks", [1, 12, 25])
 def test_an_erection_that_is_paused_goes_on_from_its_stage(workshop, looks):
     """With the bits of one that was not; statics follow."""
