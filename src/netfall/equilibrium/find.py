@@ -14,6 +14,7 @@ from mpi4py import MPI
 from netfall.equilibrium.increments import approach
 from netfall.equilibrium.newton import AT_START, Newton, NoConvergence, Stopped
 from netfall.equilibrium.relaxation import Paused, Relaxation, net_of, not_begun, relax
+from netfall.equilibrium.slip import Slips
 from netfall.equilibrium.stable import unstable_shape
 from netfall.ground.errors import DivergedError
 from netfall.ground.stop import NEVER, StopRequest
@@ -63,12 +64,14 @@ class Finder:
     """Finds equilibria of one state; keeps the approximate inverse of its first tangent.
 
     serving : the inverse, in factors, that serves instead; None: none
+    slips : cables that slip over nodes, None: none do
     """
 
     comm: MPI.Comm
     halo: Halo
     distribution: Distribution
     state: State
+    slips: Slips | None = None
     serving: Factors | None = field(default=None, init=False)
     _first: tuple[Tangent, list[float], Cycle] | None = field(default=None, init=False)
     _pattern: Pattern | None = field(default=None, init=False)
@@ -212,12 +215,13 @@ class Finder:
         return -self._tangent().axial * (state.elements_now().L / state.L0) * change
 
     def _newton(self, load: np.ndarray) -> Newton:
-        net = net_of(self.state, load)
+        net = net_of(self.state, load, self.slips)
         inverses = self._approximate_inverse, self.serving and self._factors
         return Newton(self.comm, self.halo, self.distribution, net, self._tangent, *inverses)
 
     def _tangent(self) -> Tangent:
-        return tangent_of(self.state)
+        slip = None if self.slips is None else self.slips.tangent()  # first: lengths follow the positions
+        return tangent_of(self.state)._replace(slip=slip)
 
     def _approximate_inverse(self, newton: Newton, K: Tangent) -> Cycle | Factors:
         """That which serves, or that of the first tangent while K is like it, or else K's own. Collective."""
@@ -240,8 +244,11 @@ class Finder:
         state.x[:] = state.x_start
         if eps_p is not None:
             state.eps_p[:] = 0.0
-        first = self._tangent()
-        state.x[:] = x
+        L0 = state.L0.copy()
+        if state.strand is not None:
+            state.L0[:] = state.strand
+        first = tangent_of(state)
+        state.x[:], state.L0[:] = x, L0
         if eps_p is not None:
             state.eps_p[:] = eps_p
         return first

@@ -156,6 +156,8 @@ class Newton:
         if K.support is not None:
             self.answer += K.support * self.spread
         out = self.answer[self.owned]
+        if K.slip is not None:
+            K.slip.soften(self.spread, self.answer)
         if self.inertia:
             out += self.inertia * K.nodal[self.owned, None] * u
         return self._held(out)
@@ -305,6 +307,8 @@ class Newton:
         change = np.empty(len(K.axial))
         away = np.ascontiguousarray(self.net.x[self.owned] - start[self.owned])
         axial_forces(self.spread, self.net.ends, K.direction, K.axial, change)
+        if K.slip is not None:
+            K.slip.add_changes(self.spread, change)
         squares = np.empty((2, self.halo.n_owned))
         dot_rows(s, s, squares[0])
         away += s

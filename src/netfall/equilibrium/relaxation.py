@@ -203,12 +203,17 @@ def largest_force(comm: MPI.Comm, N: np.ndarray, ends: np.ndarray, free: np.ndar
     return float(comm.allreduce(mine, MPI.MAX))
 
 
-def net_of(state: State, load: np.ndarray) -> Net:
-    """The net of a state under a load (n, 3) [N] of owned and halo particles, plastic state unchanged."""
+def net_of(state: State, load: np.ndarray, slips=None) -> Net:
+    """The net of a state under a load (n, 3) [N] of owned and halo particles, plastic state unchanged.
+
+    slips : `slip.Slips`, None: nothing slips
+    """
     load = np.asfortranarray(load)  # as positions and forces are
 
     def forces(x, f):
         f[:] = 0.0
+        if slips is not None:
+            slips.forces(x, f)
         add_element_forces(x, state.elements, state.law, f)
         if state.joints is not None:
             add_bending_forces(x, state.joints, f)

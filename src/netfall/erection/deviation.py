@@ -13,6 +13,7 @@ from netfall.ground.errors import DivergedError
 from netfall.ground.stop import NEVER
 from netfall.job.asks import carries_permanent
 from netfall.job.values import shown
+from netfall.mechanics.slip import set_strands
 from netfall.net.net import Net
 from netfall.stages.scene import Scene
 from netfall.stages.settle import NONE, StaticLoad, reference_force, settle
@@ -54,7 +55,7 @@ def deviate(scene: Scene) -> Deviated | None:
     each = StaticLoad("deviation", "errors of length", spread.particles(loaded), 1.0)
     tension, effect = _influence(scene, each.load)
     L0 = model and model.cut_length + model.net.length_error * shares(model.net, model.cut_length)
-    scene.state.L0[:] = spread.elements(L0)
+    set_strands(scene.state, spread.elements(L0))
     if scene.form is not None:
         outcome = settle(scene, each, reference_force(scene, each), NEVER)
         if outcome.state == NONE:

@@ -11,6 +11,7 @@ from netfall.erection.tension import tension_to
 from netfall.ground.stop import StopRequest
 from netfall.job.values import counted
 from netfall.mechanics.material import warm_length
+from netfall.mechanics.slip import set_strands
 from netfall.numerics.functions import lengths
 from netfall.stages.scene import Scene
 from netfall.stages.settle import (
@@ -106,7 +107,7 @@ def _set_up(scene: Scene, setting: Setting | None, x: np.ndarray | None) -> np.n
     state.free[:] = spread.particles(on_root(lambda: 1 - setting.held(model.net).astype(np.uint8)))
     state.EA[:] = spread.elements(on_root(lambda: np.where(setting.active, model.net.EA, 0.0)))
     state.broken[:] = spread.elements(on_root(lambda: (~setting.active).astype(np.uint8)))
-    state.L0[:] = spread.elements(on_root(lambda: warm_of(scene, setting)(setting.L0)))
+    set_strands(state, spread.elements(on_root(lambda: warm_of(scene, setting)(setting.L0))))
     scene.finder.forget()
     return spread.particles(on_root(lambda: setting.forces(model)))
 

@@ -12,6 +12,7 @@ import numpy as np
 from netfall.equilibrium.newton import NoConvergence
 from netfall.erection.lengths import Jack, Wanted, amounts, missed, until_taut
 from netfall.ground.stop import NEVER, StopRequest
+from netfall.mechanics.slip import set_strands
 from netfall.numerics.functions import lengths
 from netfall.stages.scene import Scene
 from netfall.stages.settle import (
@@ -62,7 +63,7 @@ def tension_to(
     comm, influence, best, before, tried = scene.comm, None, np.inf, None, np.zeros(0)
     reference = reference_force(scene, each)
     for count in range(1, MOST_EQUILIBRIA + 1):
-        scene.state.L0[:] = scene.distribution.elements(warm(L0) if scene.model else None)
+        set_strands(scene.state, scene.distribution.elements(warm(L0) if scene.model else None))
         outcome = settle(scene, each, reference, stop)
         if outcome.state == NONE:
             size = np.inf

@@ -25,6 +25,11 @@ def has_statics(job: Job) -> bool:
     return bool(job.cases or job.combinations or (job.load and job.load.steps) or rests)
 
 
+def own_weight(job: Job) -> float:
+    """Factor of the elements' own weight in the permanent loads: 1, or 0 where it does not act."""
+    return float(bool(job.load and job.load.self_weight))
+
+
 def grows(job: Job) -> bool:
     """Whether the pressure of [load] grows in the dynamic stage."""
     load = job.load

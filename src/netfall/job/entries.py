@@ -1,4 +1,4 @@
-"""The keys of lists of tables: zones, cases, combinations, motions, losses, targets, stages of erection."""
+"""The keys of lists of tables: zones, cases, combinations, motions, slip, losses, targets, stages."""
 
 from netfall.job.cases import CASE, COMBINATION
 from netfall.job.keys import ABSENT, REQUIRED, Key, between, flag, not_negative, positive
@@ -39,6 +39,19 @@ LISTS: dict[str, tuple[Key, ...]] = {
         positive("speed", "m/s", ABSENT, "of a wave that travels; absent: all at once", high=1e6),
         Key("travel", "vector", ABSENT, "", "direction in which it travels", low=-1e9, high=1e9),
         flag("baseline", True, "baseline correction of a record (.AT2)"),
+    ),
+    "slide": (
+        Key("group", "text", ABSENT, "", "group whose cables may slip over nodes"),
+        Key("cables", "words", ABSENT, "", "or the names of the pieces of cable that may"),
+        Key(
+            "nodes",
+            "integers",
+            ABSENT,
+            "",
+            "ids of the nodes over which they slip; absent: every node inside these cables",
+        ),
+        not_negative("friction", "", 0.0, "coefficient of friction of a saddle", high=10.0),
+        not_negative("resistance", "N", 0.0, "resistance of a clamp to slip", high=1e12),
     ),
     "remove": (
         Key("elements", "integers", ABSENT, "", "ids of the elements that are lost"),

@@ -38,6 +38,7 @@ class Job:
     cases: list[SimpleNamespace]  # [[case]]
     combinations: list[SimpleNamespace]  # [[combination]]
     motions: list[SimpleNamespace]  # [[motion]]
+    slides: list[SimpleNamespace]  # [[slide]]
     removes: list[SimpleNamespace]  # [[remove]]
     targets: list[SimpleNamespace]  # [[target]]
     stages: list[SimpleNamespace]  # [[stage]]

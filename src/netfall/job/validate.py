@@ -159,6 +159,10 @@ class Validation:
                 self.wrong(f"[[zone]] {zone.name}:", "cut = true: only with polygon, which cuts; remove it")
         for stage in lists["stages"]:
             stage.set = cases.values_of_set(stage, IN_STAGES, self._value, self.wrong, "stage")
+        for number, entry in enumerate(lists["slides"], 1):
+            if (entry.group is None) == (entry.cables is None):
+                what = "missing; say what slips" if entry.group is None else "exclude each other"
+                self.wrong(f"[[slide]] {number}:", f"group or cables: {what}; expected one of the two")
         for number, target in enumerate(lists["targets"], 1):
             self._target(f"[[target]] {number}:", target)
 

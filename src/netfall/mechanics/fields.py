@@ -111,6 +111,17 @@ FIELDS = (
     _particle("tapped", ONE, np.uint8, "", "there where these are pressures [N/m2] instead", "tapped"),
     _particle("air", AXES, np.float64, "(kg/m)^1/2", "c of `mechanics.air`", "air", kept=True, given=True),
     _particle("air_mass", ONE, np.float64, "kg", "air that moves along", "air_mass", kept=True, given=True),
+    _particle(
+        "slip",
+        AXES,
+        np.float64,
+        "m",
+        "length that has passed, of each cable that slips here",
+        "slip",
+        kept=True,
+    ),
+    _particle("friction", AXES, np.float64, "", "coefficient of friction of each", "slip", given=True),
+    _particle("resistance", AXES, np.float64, "N", "resistance of the clamp of each", "slip", given=True),
     _particle("valence", ONE, np.int32, "", "elements attached", "fracture", kept=True, split=1, given=True),
     _particle(
         "work", AXES, np.float64, "J", "work of external, internal and damping forces", "energy", kept=True
@@ -149,6 +160,17 @@ FIELDS = (
     ),
     _element("bar", np.uint8, "", "1 where compression is carried", given=True),
     _element("half_mass", np.float64, "kg", "half of the element's own mass", given=True),
+    _element("strand", np.float64, "m", "unstressed length without slip", "slip", kept=True, given=True),
+    _element(
+        "slip_place",
+        np.int8,
+        "",
+        "which of the cables at each end it is of, -1: it does not slip there",
+        "slip",
+        tail=(2,),
+        given=True,
+    ),
+    _element("slip_along", np.int8, "", "1, -1: it runs along its cable, against it", "slip", given=True),
     _element("owned", np.uint8, "", "1 on the one rank that reports the element"),
     _element("broken", np.uint8, "", "1 once it has broken, or is lost", kept=True),
     _element("lost", np.uint8, "", "1 once it is lost", "losses", kept=True),
@@ -255,6 +277,7 @@ class Features:
     springs: bool = False  # elastic supports
     losses: bool = False  # elements leave the net at given times
     motion: bool = False  # supports move
+    slip: bool = False  # cables slip over nodes
     part_held: bool = False  # some particle is held on some axes and not on others
     energy: bool = True  # the audit of work
     fragments: bool = True  # a particle splits off where an element breaks

@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from netfall.ground.errors import InputError
 from netfall.job.asks import air_damps, air_moves, moves_supports, varies
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
@@ -19,6 +20,7 @@ from netfall.model.start import far_notes, unit_notes
 from netfall.net.build import build_net
 from netfall.net.chains import Chains, chain_notes, chains_of
 from netfall.net.net import Net
+from netfall.net.slides import Slides, slides_of
 from netfall.parallel import partition
 from netfall.roof.areas import Roofing, roof_of
 from netfall.roof.zones import Zones, zones_of
@@ -32,6 +34,7 @@ class Layout:
 
     part : (n,) rank of each particle; partition_source : where this comes from
     lost : rows of the elements that each [[remove]] names
+    slides : where cables slip over nodes, None: nowhere
     shape_coefficient : (n,) of the wind, None: there is none
     measured : the wind of a file, None: it is generated, or there is none
     cases : what each [[case]] reads, by name; chains : of bars that resist bending, None: there are none
@@ -45,6 +48,7 @@ class Layout:
     partition_source: str
     lost: list[np.ndarray]
     probes: Probes
+    slides: Slides | None
     shape_coefficient: np.ndarray | None
     measured: TableHistory | None
     cases: dict[str, Inputs]
@@ -57,6 +61,12 @@ def make_layout(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Layout:
     key = ranks, key_of(job, without=OF_SPEED)
     net, roofing, zones, part, source = memory.once("net", key, lambda: _partitioned(job, ranks))
     lost, probes = named_elements(job, net), find_probes(job, net)
+    slides, wrong = slides_of(job, net)
+    if job.slides and (job.dynamics or job.stages):
+        name = "dynamics" if job.dynamics else "[stage]"
+        wrong.append(f"{job.path}: [{name}]: not together with [[slide]] as yet; remove one of them")
+    if wrong:
+        raise InputError(wrong)
     coefficient, sectors = shape_coefficients(job, zones)
     cases, of_cases = read_cases(job, net, zones)
     notes = [*net.notes, *roofing.notes, *zones.notes, *without_effect(job, net)]
@@ -77,6 +87,7 @@ def make_layout(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Layout:
         source,
         lost,
         probes,
+        slides,
         coefficient,
         measured,
         cases,
@@ -124,6 +135,7 @@ def features_of(job: Job, net: Net) -> Features:
         wind=job.wind is not None,
         air=air_damps(job),
         motion=moves_supports(job),
+        slip=bool(job.slides),
         air_mass=air_moves(job),
         band=band_of(job),
         tapped=job.wind is not None and job.wind.pressures is not None,

@@ -141,6 +141,33 @@ class Model:
         return self.motion and self.motion.course
 
     @property
+    def strand(self) -> np.ndarray:
+        """(m,) [m], unstressed length without slip."""
+        return self.L0
+
+    @property
+    def slip_place(self) -> np.ndarray:
+        """(m, 2) of `net.slides.Slides`."""
+        return self.layout.slides.place
+
+    @property
+    def slip_along(self) -> np.ndarray:
+        """(m,) likewise."""
+        return self.layout.slides.along
+
+    @property
+    def friction(self) -> np.ndarray:
+        """(n, 3) of each cable that slips over a node."""
+        slides = self.layout.slides
+        return slides.at_nodes(slides.friction, self.net.n)
+
+    @property
+    def resistance(self) -> np.ndarray:
+        """(n, 3) [N] of the clamp of each."""
+        slides = self.layout.slides
+        return slides.at_nodes(slides.resistance, self.net.n)
+
+    @property
     def eps_u(self) -> np.ndarray:
         """(m,), strain at fracture; inf: never breaks."""
         return self.net.fracture_strain

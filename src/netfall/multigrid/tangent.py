@@ -21,6 +21,7 @@ class Tangent(NamedTuple):
     support : (n, 3) [N/m] or None
     nodal : (n,) [N/m], the elements' and supports' largest stiffness at each particle
     joints : of chains that bend, None: there are none
+    slip : what cables that slip take from all this (`equilibrium.slip.SlipTangent`), None: none does
     """
 
     N: np.ndarray
@@ -30,6 +31,7 @@ class Tangent(NamedTuple):
     support: np.ndarray | None
     nodal: np.ndarray
     joints: JointTangent | None = None
+    slip: object | None = None
 
     @property
     def softened(self) -> bool:

@@ -169,6 +169,11 @@ class Net:
         """(m,) [N], axial force at yield; inf: elastic."""
         return self.yield_stress * self.section
 
+    @property
+    def own_weight(self) -> np.ndarray:
+        """(m,) [N/m], weight of the elements themselves."""
+        return GRAVITY * self.density * self.section
+
     def undivided(self) -> np.ndarray:
         """(m / parts, 2) particles between which the elements were given, before subdivision."""
         return np.column_stack(

@@ -31,7 +31,7 @@ from netfall.stages.scene import BuildUp, Desk, Outcome, Scene, Stage
 from netfall.stages.settle import NONE
 from netfall.write.checkpoint import Checkpoint
 from netfall.write.locks import check_place, claim, release
-from netfall.write.result import Result, net_section
+from netfall.write.result import Result, net_section, slide_section
 from netfall.write.saver import Saver
 
 STAGES: tuple[Stage, ...] = (statics, rests, modes, dynamics)
@@ -184,6 +184,8 @@ def initial_sections(scene: Scene) -> dict[str, dict]:
     sections["load"] = load_section(scene.job, model.zones)
     if "temperature" in sections["load"]:
         sections["net"]["unstressed_length_warm"] = model.L0
+    if model.layout.slides:
+        sections["slide"] = slide_section(model.net, model.layout.slides)
     build_up = scene.build_up or BuildUp(model)
     if form:
         model = build_up.form or model

@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from netfall.equilibrium.find import Finder
 from netfall.equilibrium.relaxation import state_residual
+from netfall.equilibrium.slip import Slips, cable_chains_of
 from netfall.ground.compile import wake
 from netfall.ground.errors import InputError
 from netfall.ground.stop import NEVER, StopRequest
@@ -16,6 +17,7 @@ from netfall.ground.timings import Phases
 from netfall.job.asks import carries_permanent
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
+from netfall.mechanics.slip import set_strands
 from netfall.mechanics.stability import Limit
 from netfall.model.layout import Layout, features_of, layout_digest, make_layout
 from netfall.model.model import Model, make_model, warmed
@@ -93,9 +95,12 @@ def prepare(
     if scene.failure:
         return scene, checkpoint
     with phases.phase("state"):
+        if features.slip:
+            chains = comm.bcast(layout and cable_chains_of(layout.slides, layout.net.own_weight))
+            scene.finder.slips = Slips(distribution, scene.state, chains)
         if job.load and job.load.temperature:
             scene = replace(scene, model=on_root(comm, lambda: warmed(job, scene.model)))
-            scene.state.L0[:] = distribution.elements(scene.model and scene.model.L0)
+            set_strands(scene.state, distribution.elements(scene.model and scene.model.L0))
         return replace(scene, limits=_limits(scene)), checkpoint
 
 

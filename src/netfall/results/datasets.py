@@ -41,6 +41,7 @@ REACTION = "on what holds the nodes: of elements, and what acts on the node itse
 def equilibrium(many: str = "") -> tuple[Dataset, ...]:
     """What is kept of an equilibrium besides its state; many : the axis that counts equilibria."""
     return (
+        row("slip", f"{many}, k" if many else "k", "m", "with `[[slide]]`: of the places of /slide"),
         row("residual", many, "N", "largest residual force"),
         row("slack", many, NONE, "cables without tension"),
         row("iterations", many, NONE, "of conjugate gradients, and of the relaxation where there was one"),
@@ -160,6 +161,19 @@ GROUPS = (
             moments(),
             row("reaction", "n, 3", "N", REACTION),
             *equilibrium(),
+        ),
+    ),
+    Group(
+        "slide",
+        "places where a cable may slip over a node, in the order of cables",
+        "[[slide]]",
+        (
+            row("node", "k", NONE, "id in the tables"),
+            row("cable", "k", "", "name of its piece of cable, by its first element"),
+            row("before", "k", NONE, "number of the element from which it runs to the node"),
+            row("after", "k", NONE, "of the one into which it goes on"),
+            row("friction", "k", NONE, "coefficient of friction"),
+            row("resistance", "k", "N", "of the clamp"),
         ),
     ),
     Group(

@@ -7,6 +7,7 @@ import numpy as np
 
 from netfall.equilibrium.find import STABLE
 from netfall.equilibrium.relaxation import Paused, Relaxation
+from netfall.job.asks import own_weight
 from netfall.job.job import Job
 from netfall.job.values import counted, listed
 from netfall.model.losses import Loss, comes_loose, losses_of
@@ -140,7 +141,7 @@ def rests_after(scene: Scene, desk: Desk, losses: list[Loss]) -> RestsAfter:
         line = f"no rest: a part of {words} is connected to no support"
         if not no_rest:
             try:
-                each = StaticLoad("loss", words, load, 1.0)
+                each = StaticLoad("loss", words, load, 1.0, weights=own_weight(scene.job))
                 tension, rest, line, iterations = _rest_under(scene, each, reference, desk.stop, resume)
                 search.total += iterations
                 search.best = committed(state) if rest.state == "equilibrium" else search.best

@@ -13,12 +13,15 @@ from netfall.equilibrium.relaxation import (
     relaxation_record,
     restored_relaxation,
 )
+from netfall.equilibrium.slip import find_slipping
 from netfall.ground.errors import DivergedError, Interrupted, interrupted
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.job.asks import rests_at_loss, rests_in_wind
 from netfall.job.job import Job
 from netfall.job.schema import defaults
 from netfall.job.values import counted
+from netfall.mechanics import slip
+from netfall.mechanics.slip import set_strands
 from netfall.mechanics.state import State
 from netfall.parallel.subdomain import Distribution
 from netfall.record.energy import Snapshot, take_snapshot
@@ -28,8 +31,8 @@ from netfall.write.saver import Record, Saver
 
 ALL_LOADS = "all loads"
 RELAXATION = "relaxation"  # in checkpoints
-COMMITTED = ("x", "eps_p", "dissipated", "L0", "spring_rest")
-OF_PARTICLES = ("x", "spring_rest")  # of these; the others are of elements
+COMMITTED = ("x", "eps_p", "dissipated", "L0", "spring_rest", "strand", "slip")
+OF_PARTICLES = ("x", "spring_rest", "slip")  # of these; the others are of elements
 EQUILIBRIUM, NONE, UNSTABLE = "equilibrium", "no_equilibrium", "unstable"
 NOT_FOUND = Solution(0, np.nan, np.nan, np.nan, False, UNKNOWN)
 MOST_NAMED = 100  # elements where a net gives way
@@ -47,6 +50,7 @@ class StaticLoad(NamedTuple):
     load : (n, 3) [N], owned and halo; factor : of the load that is not permanent; name : of a case
     from_permanent : whether it starts from the equilibrium under the permanent loads, not from the last one
     begins : the factor of the equilibrium that it starts from
+    weights : factor of the self weight in it
     L0, spring_rest, settlement : as in `model.actions.Actions`, on this rank; None: as in the model
     """
 
@@ -60,6 +64,7 @@ class StaticLoad(NamedTuple):
     L0: np.ndarray | None = None
     spring_rest: np.ndarray | None = None
     settlement: np.ndarray | None = None
+    weights: float = 0.0
 
     def reached(self, share: float) -> float:
         """The load factor at a share of the way from its start; nan: permanent loads have none."""
@@ -70,16 +75,19 @@ class Equilibrium(NamedTuple):
     """An equilibrium, and the state in it; slack : cables of the net.
 
     breaking : elements, global numbers, that are beyond their fracture strain
+    slip : (k,) [m] of each place where a cable slips, None: none does
     """
 
     snapshot: Snapshot
     slack: int
     solution: Solution
     breaking: tuple[int, ...] = ()
+    slip: list[float] | None = None
 
     def numbers(self) -> dict:
         """What is kept of it besides the state."""
-        return {"slack": self.slack, **self.solution._asdict()}
+        slip = {} if self.slip is None else {"slip": self.slip}
+        return {"slack": self.slack, **self.solution._asdict(), **slip}
 
 
 class StaticOutcome(NamedTuple):
@@ -187,17 +195,37 @@ def _found(scene: Scene, each: StaticLoad, reference, stop=NEVER, resume=None, m
     """The `Equilibrium`, its plastic strains not kept yet. Collective. Raises DivergedError, Paused."""
     settings = settings_of(scene.job)
     most = most or settings.max_iterations
-    solution = scene.finder.find(
-        each.load, settings.tolerance, reference, most, each.words, stop, resume, guess
-    )
+    arguments = each.load, settings.tolerance, reference, most, each.words, stop, resume, guess
+    solution = _slipped(scene, each, arguments) if scene.finder.slips else scene.finder.find(*arguments)
     snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
-    return Equilibrium(snapshot, scene.comm.allreduce(snapshot.slack), solution, _breaking(scene, snapshot))
+    slack, breaking = scene.comm.allreduce(snapshot.slack), _breaking(scene, snapshot)
+    return Equilibrium(snapshot, slack, solution, breaking, _slips(scene))
+
+
+def _slips(scene: Scene) -> list[float] | None:
+    """Slips of all places, None: nothing slips."""
+    return scene.finder.slips and scene.finder.slips.s.tolist()
+
+
+def _slipped(scene: Scene, each: StaticLoad, arguments: tuple) -> Solution:
+    """The same of a net in which cables slip. Collective."""
+    slips = scene.finder.slips
+    slips.weights = each.weights
+    found = find_slipping(scene.finder, *arguments)
+    short = slips.used_up()
+    if len(short):
+        ids = scene.comm.bcast(scene.model and counted("element", scene.model.net.element_id[short]))
+        raise DivergedError(
+            f"{each.words}: cables slip until less than {slip.LEAST:.0%} of {ids} is left; raise the "
+            "resistance of clamps or the friction of saddles, or lower the load"
+        )
+    return found
 
 
 def as_it_began(scene: Scene) -> Equilibrium:
     """The state as it is, from which no equilibrium was found. Collective."""
     snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
-    return Equilibrium(snapshot, scene.comm.allreduce(snapshot.slack), NOT_FOUND)
+    return Equilibrium(snapshot, scene.comm.allreduce(snapshot.slack), NOT_FOUND, (), _slips(scene))
 
 
 def _commit(state: State, snapshot: Snapshot) -> None:
@@ -286,9 +314,10 @@ def _advice(job: Job, each: StaticLoad) -> str:
 
 def set_net(state: State, each: StaticLoad) -> None:
     """Give the net the unstressed lengths, springs and supports that a load has of its own."""
-    for name in ("L0", "spring_rest"):
-        if getattr(each, name) is not None:
-            getattr(state, name)[:] = getattr(each, name)
+    if each.L0 is not None:
+        set_strands(state, each.L0)
+    if each.spring_rest is not None:
+        state.spring_rest[:] = each.spring_rest
     if each.settlement is not None:
         held = state.free == 0
         state.x[held] = (state.x_start + each.settlement)[held]

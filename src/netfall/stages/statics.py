@@ -24,6 +24,7 @@ from netfall.ground.stop import NEVER
 from netfall.job.asks import has_statics, rests_at_loss, rests_in_wind
 from netfall.job.job import Job
 from netfall.job.memory import key_of
+from netfall.mechanics.slip import set_strands
 from netfall.numerics.functions import lengths
 from netfall.record.bending import largest_hold
 from netfall.record.reactions import forces_on_supports
@@ -227,7 +228,9 @@ def to_the_start(scene: Scene) -> None:
     """Put the state back to the initial one, from which nothing has moved or yielded. Collective."""
     state, model = scene.state, scene.model
     state.x[:] = scene.distribution.particles(model.x if model else None)
-    state.L0[:] = scene.distribution.elements(model.L0 if model else None)
+    if state.slip is not None:
+        state.slip[:] = 0.0
+    set_strands(state, scene.distribution.elements(model.L0 if model else None))
     if state.features.springs:
         state.spring_rest[:] = scene.distribution.particles(model.spring_rest if model else None)
     if state.features.plastic:

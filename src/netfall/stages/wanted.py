@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.job.asks import rests_at_loss, rests_in_wind
+from netfall.job.asks import own_weight, rests_at_loss, rests_in_wind
+from netfall.job.cases import factor_of
 from netfall.model.actions import Actions, of_case_alone, of_combination
 from netfall.model.model import Model
 from netfall.stages.scene import Scene
@@ -32,14 +33,19 @@ def equilibria(scene: Scene) -> list[Wanted]:
     ]
     wanted = []
 
+    weights = own_weight(job)
+
     def want(kind: str, words: str, acts: Callable[[Model], np.ndarray], **more) -> None:
-        wanted.append(Wanted(StaticLoad(kind, words, None, **more), lambda model: Actions(acts(model))))
+        wanted.append(
+            Wanted(StaticLoad(kind, words, None, weights=weights, **more), lambda model: Actions(acts(model)))
+        )
 
     if apart or steps:
         want("permanent", "the permanent loads", lambda model: model.loading.permanent)
     for entry, acts in apart:
         what = "case" if acts is of_case_alone else "combination"
-        each = StaticLoad(what, f"{what} {entry.name}", None, 1.0, entry.name, True)
+        share = weights * factor_of(entry, "permanent") if acts is of_combination else weights
+        each = StaticLoad(what, f"{what} {entry.name}", None, 1.0, entry.name, True, weights=share)
         wanted.append(Wanted(each, lambda model, entry=entry, acts=acts: acts(job, model, entry)))
     again = bool(apart)
     for step in range(1, steps + 1):

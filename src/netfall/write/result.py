@@ -14,6 +14,7 @@ from netfall.mechanics.events import EventLog
 from netfall.mechanics.state import State
 from netfall.net.bars import CURVES, buckling_lengths, euler_load
 from netfall.net.net import Net
+from netfall.net.slides import Slides
 from netfall.parallel.agree import on_root
 from netfall.parallel.subdomain import Distribution
 from netfall.record.columns import CELL_FIELDS, CELL_NUMBERS, POINT_FIELDS, POINT_NUMBERS, Field, Sight
@@ -310,6 +311,13 @@ def _bar_section(net: Net, cut_length: np.ndarray) -> dict[str, np.ndarray]:
 def texts(words: list[str]) -> np.ndarray:
     """Words as a dataset."""
     return np.array(words, h5py.string_dtype())
+
+
+def slide_section(net: Net, slides: Slides) -> dict[str, np.ndarray]:
+    """The places where cables may slip, /slide."""
+    names = ("before", "after", "friction", "resistance")
+    found = {"node": net.node_id[slides.node], "cable": texts([net.cable_names[k] for k in slides.cable])}
+    return found | {name: getattr(slides, name) for name in names}
 
 
 def _strength_section(net: Net) -> dict[str, np.ndarray]:

@@ -1,0 +1,83 @@
+"""Cables that slip over nodes: clamps, saddles, pulleys. The law of one place, in the step and at rest.
+
+A coordinate s for each node and cable that may slip: the length that has passed, positive in the direction of
+the cable. An element from a to b along its cable has L0 = L0(0) + s_a - s_b. The force on s is minus the
+derivative of the strain energy:
+
+    Q = q(T_after) - q(T_before),   q = T + T^2 / (2 EA),   or EA (exp(T / EA) - 1) in logarithmic strain
+
+A place sticks while |Q| is within its limit R, and slips at R. T : the larger tension, t : the smaller one
+
+    saddle:  R = q(T) - q(T exp(-mu theta))      theta: angle between both directions (Euler, Eytelwein)
+    clamp:   R = q(t + resistance) - q(t)        both: the sum
+
+What is broken or lost carries nothing, and its unstressed length stays.
+"""
+
+import math
+
+import numpy as np
+
+from netfall.ground.compile import kernel, part_of_kernel
+from netfall.mechanics.state import State
+from netfall.numerics.arithmetic import exponential
+
+LEAST = 0.2  # of its first unstressed length: a shorter strand is locked
+
+
+@part_of_kernel
+def slip_force(T, EA, law):
+    """q [N] of a tension T [N]: minus the derivative of the strain energy by the unstressed length."""
+    if law.logarithmic is not None:
+        return EA * (exponential(T / EA) - 1.0)
+    return T + T * T / (2.0 * EA)
+
+
+@part_of_kernel
+def slip_limit(before, after, EA_before, EA_after, friction, resistance, turn, law):
+    """R [N], up to which a place sticks. before, after : [N] tensions; turn : exp(-mu theta)"""
+    more, less, EA_more, EA_less = before, after, EA_before, EA_after
+    if after > before:
+        more, less, EA_more, EA_less = after, before, EA_after, EA_before
+    limit = 0.0
+    if friction > 0.0:
+        limit += slip_force(more, EA_more, law) - slip_force(more * turn, EA_more, law)
+    if resistance > 0.0:
+        limit += slip_force(less + resistance, EA_less, law) - slip_force(less, EA_less, law)
+    return limit
+
+
+@part_of_kernel
+def angle_between(ax, ay, az, bx, by, bz):
+    """Angle [rad] between two unit vectors: by sums, products and roots, the same bits on any processor.
+
+    The tangent of half of it is |a - b| / |a + b|; halved three times more, its arc is a short series.
+    """
+    y = math.sqrt((ax - bx) * (ax - bx) + (ay - by) * (ay - by) + (az - bz) * (az - bz))
+    x = math.sqrt((ax + bx) * (ax + bx) + (ay + by) * (ay + by) + (az + bz) * (az + bz))
+    t = y / (x + math.sqrt(x * x + y * y))
+    t = t / (1.0 + math.sqrt(1.0 + t * t))
+    t = t / (1.0 + math.sqrt(1.0 + t * t))
+    square, arc = t * t, 0.0
+    for k in range(10, -1, -1):
+        arc = 1.0 / (2 * k + 1) - square * arc
+    return 16.0 * t * arc
+
+
+def set_strands(state: State, L0: np.ndarray) -> None:
+    """Give the elements unstressed lengths (m,) [m]; what has slipped stays so."""
+    state.L0[:] = L0
+    if state.features.slip:
+        state.strand[:] = L0
+        slipped_lengths(state.slip, state.elements)
+
+
+@kernel
+def slipped_lengths(slip, elements):
+    """Bring unstressed lengths up to date with the slip (n, 3) [m]."""
+    for e in range(elements.ends.shape[0]):
+        i, j = elements.slip_place[e, 0], elements.slip_place[e, 1]
+        if (i >= 0 or j >= 0) and elements.broken[e] == 0:
+            into = slip[elements.ends[e, 0], i] if i >= 0 else 0.0
+            out = slip[elements.ends[e, 1], j] if j >= 0 else 0.0
+            elements.L0[e] = elements.strand[e] + elements.slip_along[e] * (into - out)

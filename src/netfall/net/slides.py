@@ -1,0 +1,236 @@
+"""Who slips over which node: places at which a cable runs through a node, of [[slide]]. Rank 0, global order.
+
+A cable runs through a node where exactly two elements of the group, or of the named pieces, meet there;
+where more meet, those go on that bear the same name in the column `cable`. Nodes that subdivision made are
+points of the cable itself, over which nothing slips.
+"""
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.job.job import Job
+from netfall.job.values import counted, listed, nearest, shown
+from netfall.net.net import Net, nearest_group
+from netfall.net.parts import parts_of
+
+PLACES = 3  # cables that may slip over one node
+
+
+@dataclass(frozen=True)
+class Slides:
+    """Places where a cable may slip over a node, in the order of cables, along each.
+
+    node : (k,) particle; column : (k,) 0, 1, 2: which of the cables over that node
+    before, after : (k,) the elements on both sides, in the direction of the cable
+    friction : (k,) of a saddle; resistance : (k,) [N] of a clamp
+    cable : (k,) row of `Net.cable_names`, of the first element of the chain
+    place : (m, 2) column at each end of an element, -1: nothing slips there
+    along : (m,) 1 where an element runs from start to end in the direction of its cable, -1: the other way
+    """
+
+    node: np.ndarray
+    column: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    friction: np.ndarray
+    resistance: np.ndarray
+    cable: np.ndarray
+    place: np.ndarray
+    along: np.ndarray
+
+    @property
+    def count(self) -> int:
+        """How many places there are."""
+        return len(self.node)
+
+    def at_nodes(self, values: np.ndarray, n: int) -> np.ndarray:
+        """Values (k,) of the places by particle and column, (n, 3); 0 where there is none."""
+        found = np.zeros((n, PLACES))
+        found[self.node, self.column] = values
+        return found
+
+
+class _Pair(NamedTuple):
+    """Two elements that go on through a node; first < second."""
+
+    node: int
+    first: int
+    second: int
+
+
+def slides_of(job: Job, net: Net) -> tuple[Slides | None, list[str]]:
+    """The places of all entries of [[slide]], and a line for each error; None without any."""
+    if not job.slides:
+        return None, []
+    errors, pairs, slips = [], {}, {}
+    for number, entry in enumerate(job.slides, 1):
+        where = f"{job.path}: [[slide]] {number}:"
+        rows, wrong = _rows(net, entry)
+        wrong = wrong or _unfit(net, entry, rows)
+        through = [] if wrong else _through_all(net, entry, rows)
+        wanted, loose = ([], []) if wrong else _wanted(net, entry, through)
+        pairs |= dict.fromkeys(through)
+        for pair in wanted:
+            if pair in slips:
+                loose.append(
+                    f"node {net.node_id[pair.node]}: entry {slips[pair][1]} says already how this cable "
+                    "slips there; keep one of the two"
+                )
+            slips.setdefault(pair, (entry, number))
+        errors += [f"{where} {line}" for line in wrong + loose]
+    errors += [f"{job.path}: [[slide]]: {line}" for line in _crowded(net, pairs, slips)]
+    return (None if errors else _along_cables(net, pairs, slips)), errors
+
+
+def _wanted(net: Net, entry, through: list[_Pair]) -> tuple[list[_Pair], list[str]]:
+    """Those of the pairs at which an entry lets a cable slip, and what is wrong with its nodes."""
+    given = _given_nodes(net)
+    inside = [pair for pair in through if pair.node < given]
+    if not inside:
+        return [], ["nothing slips: nowhere do exactly two of these elements meet"]
+    if entry.nodes is None:
+        return inside, []
+    asked, there = set(_numbers(net, entry.nodes)), {pair.node for pair in inside}
+    missing, wrong = sorted(asked - there), []
+    if missing:
+        wrong.append(
+            f"nodes: {counted('node', net.node_id[missing])}: no cable of these runs through there, for "
+            "which exactly two of its elements have to meet; where more do, the column cable of the elements "
+            "says which go on"
+        )
+    return [pair for pair in inside if pair.node in asked], wrong
+
+
+def _crowded(net: Net, pairs: dict, slips: dict) -> list[str]:
+    """Elements that would go on in two ways; nodes over which too many cables slip."""
+    ways = Counter((pair.node, e) for pair in pairs for e in pair[1:])
+    twice = sorted({net.element_id[e] for (_, e), count in ways.items() if count > 1})
+    lines = (
+        [f"element {listed(twice)}: two entries let it go on differently; name cables in both"]
+        if twice
+        else []
+    )
+    many = [p for p, count in Counter(pair.node for pair in slips).items() if count > PLACES]
+    if many:
+        ids = counted("node", net.node_id[many])
+        lines.append(f"{ids}: more than {PLACES} cables slip there; name fewer in nodes or cables")
+    return lines
+
+
+def _rows(net: Net, entry) -> tuple[np.ndarray, list[str]]:
+    """The elements that an entry names, and what is wrong with the names."""
+    if entry.group is not None:
+        if entry.group not in net.group_names:
+            what = nearest_group(net, entry.group)
+            return np.zeros(0, int), [f"group = {shown(entry.group)}: no such group of elements; {what}"]
+        return np.flatnonzero(net.group == net.group_names.index(entry.group)), []
+    unknown = sorted(set(entry.cables) - set(net.cable_names))
+    wrong = [f"cables: no cable {shown(name)}; {nearest(name, net.cable_names)}" for name in unknown]
+    numbers = [net.cable_names.index(name) for name in entry.cables if name in net.cable_names]
+    return np.flatnonzero(np.isin(net.cable, numbers)), wrong
+
+
+def _unfit(net: Net, entry, rows: np.ndarray) -> list[str]:
+    """Elements that cannot slip: bars, and what yields; nodes that there are not."""
+    ids, what = net.element_id, f"group {shown(entry.group)}" if entry.group is not None else "cables"
+    bars, soft = rows[net.bar[rows]], rows[np.isfinite(net.yield_stress[rows])]
+    unknown = sorted(set(entry.nodes or []) - set(net.node_id[: _given_nodes(net)].tolist()))
+    wrong = [f"nodes: no node {listed(unknown)}"] if unknown else []
+    if len(bars):
+        wrong.append(f'{what}: {counted("element", ids[bars])}: bars do not slip; expected kind = "cable"')
+    if len(soft):
+        wrong.append(
+            f"{what}: {counted('element', ids[soft])}: what slips may not yield; remove yield_stress of this "
+            "group (its strength may stand as fracture_strain or breaking_load)"
+        )
+    return wrong
+
+
+def _given_nodes(net: Net) -> int:
+    """Particles that are nodes of the tables; those of subdivision follow."""
+    return net.n - (net.inner_particles().size if net.parts > 1 else 0)
+
+
+def _numbers(net: Net, ids) -> list[int]:
+    return np.flatnonzero(np.isin(net.node_id, ids)).tolist()
+
+
+def _through_all(net: Net, entry, rows: np.ndarray) -> list[_Pair]:
+    """Wherever two elements of an entry go on through a node: of its group, or of each of its cables."""
+    if entry.group is not None:
+        return _through(net, rows)
+    return [
+        pair for cable in np.unique(net.cable[rows]) for pair in _through(net, rows[net.cable[rows] == cable])
+    ]
+
+
+def _through(net: Net, rows: np.ndarray) -> list[_Pair]:
+    """Wherever two of the elements, ascending, go on through a node."""
+    ends, own = net.elements[rows].ravel(), np.repeat(rows, 2)
+    order = np.argsort(ends, kind="stable")
+    ends, own = ends[order], own[order]
+    pairs = []
+    for there in np.split(np.arange(len(ends)), np.flatnonzero(np.diff(ends)) + 1):
+        node, meet = int(ends[there[0]]), own[there].tolist()
+        if len(meet) == 2:
+            pairs.append(_Pair(node, *meet))
+        elif len(meet) > 2 and net.cable_given:
+            named = {}
+            for e in meet:
+                named.setdefault(net.cable_given[e // net.parts], []).append(e)
+            pairs += [_Pair(node, *two) for name, two in named.items() if name and len(two) == 2]
+    return pairs
+
+
+def _along_cables(net: Net, pairs: dict, slips: dict) -> Slides:
+    """The places that slip, in the order in which cables go through them."""
+    label = parts_of(np.array([pair[1:] for pair in pairs], np.int64), net.m)
+    at: dict[tuple[int, int], int] = {}  # the element that an element goes on in, through a node
+    for node, e, f in pairs:
+        at[node, e], at[node, f] = f, e
+    along, found = np.ones(net.m, np.int8), []
+    for first in sorted({int(label[pair.first]) for pair in pairs}):  # the lowest row of its chain
+        for before, node, after in _walk(net, first, at, along):
+            pair = _Pair(node, min(before, after), max(before, after))
+            if pair in slips:
+                entry = slips[pair][0]
+                found.append((node, before, after, entry.friction, entry.resistance, net.cable[first]))
+    return _as_arrays(net, found, along)
+
+
+def _walk(net: Net, first: int, at: dict, along: np.ndarray) -> list[tuple[int, int, int]]:
+    """(element before, node, element after) along a chain, in the direction of its first element."""
+
+    def go(way: int) -> list[tuple[int, int, int]]:
+        e, found = first, []
+        p = int(net.elements[e, 1 if way > 0 else 0])
+        while (p, e) in at:
+            f = at[p, e]
+            found.append((e, p, f) if way > 0 else (f, p, e))
+            if f == first:
+                break
+            leads = int(net.elements[f, 0]) == p  # from its start on
+            along[f] = 1 if leads == (way > 0) else -1
+            e, p = f, int(net.elements[f, 1] if leads else net.elements[f, 0])
+        return found
+
+    ahead = go(1)
+    closed = bool(ahead) and ahead[-1][2] == first
+    return ahead if closed else go(-1)[::-1] + ahead
+
+
+def _as_arrays(net: Net, found: list[tuple], along: np.ndarray) -> Slides:
+    """The places with their columns at the nodes."""
+    node, before, after, friction, resistance, cable = map(np.array, zip(*found))
+    order = np.argsort(node, kind="stable")
+    column = np.empty(len(node), np.int64)
+    column[order] = np.arange(len(node)) - np.searchsorted(node[order], node[order])
+    place = np.full((net.m, 2), -1, np.int8)
+    for k in range(len(node)):
+        for e in (before[k], after[k]):
+            place[e, 0 if net.elements[e, 0] == node[k] else 1] = column[k]
+    friction, resistance = friction.astype(float), resistance.astype(float)
+    return Slides(node, column, before, after, friction, resistance, cable, place, along)

@@ -1,0 +1,146 @@
+"""Cables that slip over nodes: equilibria against closed forms and published cases, refusals."""
+
+import numpy as np
+import pytest
+
+ROPE = "[cable]\nmodulus = 1e11\narea = {area}\ndensity = {density}\n"
+MU = 0.1
+
+
+def rope(area=1e-3, density=1e-3):
+    """A section of 1e11 Pa."""
+    return ROPE.format(area=area, density=density)
+
+
+def table(*rows):
+    """Rows of a table as text."""
+    return "\n".join(",".join(str(value) for value in row) for row in rows) + "\n"
+
+
+def weight_on_a_ring(slide):
+    """1200 N on a ring that runs on a weightless cable of 10 m between (0, 0) and (8, -2)."""
+    nodes = table(
+        ("id", "x", "y", "z", "fixed_x", "fixed_y", "fixed_z", "load_z"),
+        (1, 0, 0, 0, 1, 1, 1, 0),
+        (2, 4, 0, -3, 0, 1, 0, -1200),
+        (3, 8, 0, -2, 1, 1, 1, 0),
+    )
+    elements = "start,end,group,unstressed_length\n2,1,rope,5\n2,3,rope,5\n"
+    return rope(area=1e-2) + f"[load]\nsteps = 2\n[[slide]]\n{slide}", nodes, elements
+
+
+def test_a_ring_with_a_weight_finds_its_place(workshop, compare):
+    """Both parts have one tension: 1000 N, and the ring is at x = 5.3333 m, z = -4 m; elastic to 2e-6."""
+    f = workshop.run(workshop.job(*weight_on_a_ring('group = "rope"\n')))
+    assert np.allclose(f["statics/tension"][-1], 1000.0, rtol=1e-5)
+    x = f["net/particles"][1] + f["statics/displacement"][-1, 1]
+    assert np.allclose(x, [16.0 / 3.0, 0.0, -4.0], atol=2e-5)
+    slip = f["statics/slip"][-1]
+    # the first element runs from the ring to node 1: what passes the ring towards it is positive
+    assert f["slide/node"][()].tolist() == [2] and slip == pytest.approx([5.0 / 3.0], abs=2e-5)
+
+
+def test_a_clamp_that_holds_is_as_without_slip(workshop):
+    """To the bit, up to its resistance: nothing passes."""
+    held = workshop.run(workshop.job(*weight_on_a_ring('group = "rope"\nresistance = 1e6\n')))
+    text, nodes, elements = weight_on_a_ring('group = "rope"\n')
+    fixed = workshop.run(workshop.job(text.partition("[[slide]]")[0], nodes, elements), output="fixed.vtkhdf")
+    assert not held["statics/slip"][:].any()
+    assert np.array_equal(held["statics/tension"][:], fixed["statics/tension"][:])
+
+
+def half_circle(n, slide, steps=4, force=1000.0):
+    """A cable over n fixed nodes of half a circle, held at one end and pulled at the other."""
+    angle = np.pi * np.arange(n + 2) / (n + 1)
+    x, z = -np.cos(angle), np.sin(angle)
+    pull = force * np.array([x[-1] - x[-2], z[-1] - z[-2]]) / np.hypot(x[-1] - x[-2], z[-1] - z[-2])
+    rows = [("id", "x", "y", "z", "fixed_x", "fixed_y", "fixed_z", "load_x", "load_z")]
+    for k in range(n + 2):
+        last = k == n + 1
+        rows.append((k, x[k], 0, z[k], *((0, 1, 0) if last else (1, 1, 1)), *(pull if last else (0, 0))))
+    elements = table(("start", "end", "group"), *((k, k + 1, "rope") for k in range(n + 1)))
+    text = rope() + f'[load]\nsteps = {steps}\n[[slide]]\ngroup = "rope"\n{slide}'
+    return text, table(*rows), elements
+
+
+@pytest.mark.parametrize("n, published", [(1, 1.170089), (5, 1.299266)])
+def test_friction_over_saddles_is_that_of_a_capstan(workshop, compare, n, published):
+    """Euler and Eytelwein, over n nodes that each turn it by pi / (n + 1); elasticity is in it to T / EA."""
+    f = workshop.run(workshop.job(*half_circle(n, f"friction = {MU}\n")), ranks=1)
+    N = f["statics/tension"][-1]
+    assert N[-1] == pytest.approx(1000.0, rel=1e-6)
+    assert np.allclose(N[1:] / N[:-1], np.exp(MU * np.pi / (n + 1)), rtol=1e-5)
+    assert N[-1] / N[0] == pytest.approx(published, rel=1e-4)
+    assert (f["statics/slip"][-1] > 0.0).all()
+
+
+def test_clamps_take_the_tension_one_after_the_other(workshop):
+    """1000 N against clamps of 300 N: 1000, 700, 400, 100, and what lies behind stays slack and sticks."""
+    f = workshop.run(workshop.job(*half_circle(5, "resistance = 300.0\n")))
+    assert np.allclose(f["statics/tension"][-1], [0, 0, 100, 400, 700, 1000], atol=1e-2)
+    slip = f["statics/slip"][-1]
+    assert not slip[:1].any() and (np.diff(slip) >= 0.0).all()
+
+
+def catenary(a, c, count):
+    """Points (count + 1, 2) of a catenary of half span a and parameter c, equally far apart on it."""
+    half = c * np.sinh(a / c)
+    s = np.linspace(-half, half, count + 1)
+    x = c * np.arcsinh(s / c)
+    return np.column_stack([x + a, c * (np.cosh(x / c) - np.cosh(a / c))])
+
+
+def spans(points, tail, fixed, others=()):
+    """Tables of a cable through points (k, 2), elements of unstressed lengths as they are but the last.
+
+    others : (group, node, x, z, held) of elements that hang on a node of it
+    """
+    rows = [("id", "x", "y", "z", "fixed_x", "fixed_y", "fixed_z")]
+    for k, (x, z) in enumerate(points):
+        rows.append((k, x, 0, z, *((1, 1, 1) if k in fixed else (0, 1, 0))))
+    length = np.hypot(*np.diff(points, axis=0).T)
+    length[-1] = tail
+    lines = [("start", "end", "group", "cable", "unstressed_length")]
+    lines += [(k, k + 1, "rope", "c", length[k]) for k in range(len(length))]
+    for group, node, x, z, held in others:
+        rows.append((len(rows) - 1, x, 0, z, held, 1, held))
+        lines.append((node, len(rows) - 2, group, group, abs(z - points[node][1])))
+    return table(*rows), table(*lines)
+
+
+LINE = (
+    "[cable]\nmodulus = 5e11\narea = 1e-4\ndensity = 30581.0398\n"  # EA 5e7 N, 30 N/m
+    '[load]\nself_weight = true\nsteps = 1\n[[slide]]\ncables = ["c"]\n'
+)
+
+
+def test_a_line_over_two_pulleys_with_a_weight(workshop, compare):
+    """Code_Aster R3.08.05: sag 7.941 m published; 7.940537 inextensible, 7.939679 elastic."""
+    count = 40
+    arc = catenary(50.0, 158.725, count)
+    points = np.concatenate([arc, arc[1:] + [100.0, 0.0], [[200.0, -10.0]]])
+    end = len(points) - 1
+    # a metre below the last strand weighs 4700 N, that strand itself 300 N
+    others = [("stay", count, 100.0, 10.0, 1), ("weight", end, 200.0, -11.0, 0)]
+    nodes, elements = spans(points, 10.0, {0, 2 * count}, others)
+    sections = f"[cable.stay]\ndensity = 1.0\n[cable.weight]\narea = 1e-2\ndensity = {4700 / 9.81e-2}\n"
+    f = workshop.run(workshop.job(sections + LINE + f"nodes = [{count}, {2 * count}]\n", nodes, elements))
+    z = f["net/particles"][:, 2] + f["statics/displacement"][-1, :, 2]
+    sag = f["statics/displacement"][-1, count, 2] - z[: 2 * count].min()
+    assert sag == pytest.approx(7.939679, rel=1e-3)
+
+
+def test_a_line_whose_end_moves_in(workshop, compare):
+    """Code_Aster SSNL100: 220 m over two spans of 100 m, the end at 210 m: H 2757.02 N, T 3175.19 N."""
+    count = 40
+    arc = catenary(50.0, 91.9, count)
+    length = 2.0 * 91.9 * np.sinh(50.0 / 91.9)
+    points = np.concatenate([arc, arc[1:] + [100.0, 0.0], [[210.0, 0.0]]])
+    nodes, elements = spans(points, 220.0 - 2.0 * length, {0, count, 2 * count, 2 * count + 1})
+    f = workshop.run(workshop.job(LINE + f"nodes = [{count}, {2 * count}]\n", nodes, elements))
+    x = f["net/particles"][:] + f["statics/displacement"][-1]
+    N = f["statics/tension"][-1]
+    print(N[-1])
+    assert N[-1] == pytest.approx(3175.186, rel=1e-3)
+    low = np.interp(48.5, x[: count + 1, 0], x[: count + 1, 2])
+    assert low == pytest.approx(-13.9274, rel=1e-3)
