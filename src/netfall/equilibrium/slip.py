@@ -1,7 +1,7 @@
 """Equilibria in which cables slip over nodes.
 
 For positions x the slips s make W(x, s) = strain energy + potential of the self weight + sum R |s - s_old|
-smallest: each place sticks while |Q| <= R, else |Q| = R (`mechanics.slip`). W is convex in s, so that
+smallest: each place sticks while |Q| <= R, else |Q| = R (`slip_law`). W is convex in s, so that
 Newton's method on the set that slips finds them, with steps that end where one would turn round. The forces
 on the nodes are the gradient of that smallest W; its tangent is the net's, less what slips: K_xx - K_xs
 K_ss^-1 K_sx. So an equilibrium is found as without slip, the slips of every trial included.
@@ -18,240 +18,23 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.equilibrium.relaxation import Paused, not_begun
-from netfall.ground.compile import kernel, part_of_kernel
+from netfall.equilibrium.slip_law import LEAST, slipped_lengths
+from netfall.equilibrium.strands import (
+    CableChains,
+    Strands,
+    limits_of,
+    make_work,
+    slips_at,
+    solve_chains,
+    strand_forces,
+)
 from netfall.ground.errors import DivergedError
-from netfall.mechanics.slip import LEAST, angle_between, slip_force, slip_limit, slipped_lengths
 from netfall.mechanics.state import State
-from netfall.numerics.arithmetic import exponential, logarithm
 from netfall.parallel.subdomain import Distribution, rows_of
 
-MOST_STEPS = 200  # of Newton's method on the slips at given positions
-NEAR_ZERO = 1e-12  # of the largest force on them: what is left of it
-ROUNDING = 4e-3  # of EA: what counts as such a force, whose rounding is that of lengths
-FLOOR = 1e-9  # of EA / L0: what a slack strand counts as, so that its slip is defined
-HALVINGS = 30
+INEXACT = 1e-8  # of the largest tension: what may be left of the forces on slips at the end
 SETTLED = 0.1  # of the tolerance: what limits may still change
 MOST_ROUNDS = 100  # of limits brought up to date with tensions
-
-
-class CableChains(NamedTuple):
-    """Places where cables may slip, along each cable, and the elements beside them; the same on every rank.
-
-    node, column : (k,) global particle, and which of its cables; before, after : (k,) rows of elements here
-    friction : (k,); resistance : (k,) [N]; start : (c + 1,) where the chains begin
-    element : (q,) global numbers; into, out : (q,) place at its begin and its end along the cable, -1: none
-    along : (q,) 1, -1; weight : (q,) [N/m] of their own
-    """
-
-    node: np.ndarray
-    column: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-    friction: np.ndarray
-    resistance: np.ndarray
-    start: np.ndarray
-    element: np.ndarray
-    into: np.ndarray
-    out: np.ndarray
-    along: np.ndarray
-    weight: np.ndarray
-
-
-def cable_chains_of(slides, weight: np.ndarray) -> CableChains:
-    """The chains of `net.slides.Slides`. weight : (m,) [N/m] of each element"""
-    element, rows = np.unique(np.concatenate([slides.before, slides.after]), return_inverse=True)
-    before, after = rows[: slides.count], rows[slides.count :]
-    into, out = np.full((2, len(element)), -1)
-    into[after], out[before] = np.arange(slides.count), np.arange(slides.count)
-    start = np.flatnonzero(np.append(True, before[1:] != after[:-1]))  # else it goes on from the one before
-    return CableChains(
-        *(slides.node, slides.column, before, after, slides.friction, slides.resistance, start, element),
-        *(into, out, slides.along[element].astype(np.int64), weight[element]),
-    )
-
-
-class Strands(NamedTuple):
-    """The elements of `CableChains` at some positions (q,), [N] and [m].
-
-    EA : 0 where it carries nothing; strand : [m] unstressed length without slip; L : [m] length
-    height : [m] of its middle; direction : (q, 3) from begin to end along the cable
-    """
-
-    EA: np.ndarray
-    strand: np.ndarray
-    L: np.ndarray
-    height: np.ndarray
-    direction: np.ndarray
-
-
-@part_of_kernel
-def _force_of(e, L0, strands, law):
-    """Tension [N], q [N], -dT/dL0, -dq/dL0 [N/m] of element e at the unstressed length L0 [m]."""
-    EA, L = strands.EA[e], strands.L[e]
-    if EA == 0.0 or L <= L0:
-        return 0.0, 0.0, 0.0, FLOOR * EA / L0
-    if law.logarithmic is not None:
-        T = EA * logarithm(L / L0)
-        return T, slip_force(T, EA, law), EA / L0, EA * L / (L0 * L0)
-    T = EA * ((L - L0) / L0)
-    return T, slip_force(T, EA, law), EA * L / (L0 * L0), EA * L * L / (L0 * L0 * L0)
-
-
-@kernel
-def strand_forces(s, chains, strands, weights, law, L0, T, q, coupling, stiffness):
-    """Forces of the strands at slips s (k,) [m]: of `_force_of`, the weight's in q. All (q,), out."""
-    for e in range(L0.shape[0]):
-        L0[e] = strands.strand[e]
-        if chains.into[e] >= 0:
-            L0[e] += s[chains.into[e]]
-        if chains.out[e] >= 0:
-            L0[e] -= s[chains.out[e]]
-        T[e], q[e], coupling[e], stiffness[e] = _force_of(e, L0[e], strands, law)
-        q[e] -= weights * chains.weight[e] * strands.height[e]
-        if strands.EA[e] == 0.0:
-            q[e] = 0.0
-
-
-@kernel
-def limits_of(chains, strands, T, law, limit):
-    """R (k,) [N] of the places at tensions T (q,) [N]."""
-    for i in range(limit.shape[0]):
-        b, a = chains.before[i], chains.after[i]
-        turn, d = 1.0, strands.direction
-        if chains.friction[i] > 0.0:
-            theta = angle_between(d[b, 0], d[b, 1], d[b, 2], d[a, 0], d[a, 1], d[a, 2])
-            turn = exponential(-chains.friction[i] * theta)
-        EA = max(strands.EA[b], strands.EA[a])
-        limit[i] = 0.0
-        if EA > 0.0:
-            EA_b, EA_a = (
-                strands.EA[b] if strands.EA[b] > 0.0 else EA,
-                strands.EA[a] if strands.EA[a] > 0.0 else EA,
-            )
-            limit[i] = slip_limit(T[b], T[a], EA_b, EA_a, chains.friction[i], chains.resistance[i], turn, law)
-
-
-@kernel
-def residuals(s, old, limit, chains, q, r, way):
-    """What drives each place (k,) [N], 0 where it sticks, and its way: 1, -1, 0 sticks; the largest."""
-    worst = 0.0
-    for i in range(s.shape[0]):
-        Q = q[chains.after[i]] - q[chains.before[i]]
-        moved = s[i] - old[i]
-        way[i] = (
-            1 if moved > 0.0 else -1 if moved < 0.0 else 1 if Q > limit[i] else -1 if Q < -limit[i] else 0
-        )
-        r[i] = Q - way[i] * limit[i] if way[i] != 0 else 0.0
-        worst = max(worst, abs(r[i]))
-    return worst
-
-
-@kernel
-def solve_chains(chains, way, stiffness, b, pivot, beside, border, out):
-    """Slips (k,) [m] that answer forces b (k,) [N] of the places that slip: K_ss^-1 b, chain by chain.
-
-    The last place of a chain is a border, for chains that are closed. pivot, beside, border : (k,), scratch
-    """
-    for c in range(chains.start.shape[0]):
-        first = chains.start[c]
-        last = (chains.start[c + 1] if c + 1 < chains.start.shape[0] else way.shape[0]) - 1
-        for i in range(first, last + 1):
-            pivot[i], beside[i], border[i], out[i] = 1.0, 0.0, 0.0, 0.0
-            if way[i] != 0:
-                pivot[i] = stiffness[chains.before[i]] + stiffness[chains.after[i]]
-                out[i] = b[i]
-        for i in range(first, last + 1):
-            e = chains.after[i]
-            j = chains.out[e]
-            if j >= 0 and j != i and way[i] != 0 and way[j] != 0:
-                if j == last or i == last:
-                    border[min(i, j)] -= stiffness[e]
-                else:
-                    beside[i] -= stiffness[e]
-        whole = pivot[last]
-        for i in range(first, last):
-            pivot[i] = max(pivot[i], FLOOR)
-            share = border[i] / pivot[i]
-            if i + 1 < last:
-                along = beside[i] / pivot[i]
-                pivot[i + 1] -= along * beside[i]
-                border[i + 1] -= along * border[i]
-                out[i + 1] -= along * out[i]
-            pivot[last] -= share * border[i]
-            out[last] -= share * out[i]
-        pivot[last] = max(pivot[last], FLOOR * whole, FLOOR * FLOOR)
-        out[last] /= pivot[last]
-        for i in range(last - 1, first - 1, -1):
-            out[i] -= border[i] * out[last]
-            if i + 1 < last:
-                out[i] -= beside[i] * out[i + 1]
-            out[i] /= pivot[i]
-
-
-@kernel
-def slips_at(old, limit, chains, strands, weights, law, work, s):
-    """The slips s (k,) [m] at given positions, from those of `old` (k,); what is left of forces, relative.
-
-    work : `Work`; its strands are then those at s
-    """
-    for i in range(s.shape[0]):
-        s[i] = old[i]
-    scale, worst = 0.0, 0.0
-    w = work
-    for _ in range(MOST_STEPS):
-        strand_forces(s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness)
-        worst = residuals(s, old, limit, chains, w.q, w.r, w.way)
-        for e in range(w.q.shape[0]):
-            scale = max(scale, abs(w.T[e]), ROUNDING * strands.EA[e])
-        if worst <= NEAR_ZERO * scale:
-            return 0.0
-        solve_chains(chains, w.way, w.stiffness, w.r, w.pivot, w.beside, w.border, w.step)
-        share = 1.0
-        for e in range(w.L0.shape[0]):
-            into = w.step[chains.into[e]] if chains.into[e] >= 0 else 0.0
-            out = w.step[chains.out[e]] if chains.out[e] >= 0 else 0.0
-            if strands.EA[e] > 0.0 and share * (into - out) < -0.5 * w.L0[e]:
-                share = -0.5 * w.L0[e] / (into - out)
-        for i in range(s.shape[0]):
-            w.start[i], w.way_before[i], w.r_before[i] = s[i], w.way[i], w.r[i]
-        for _ in range(HALVINGS):
-            before, after = 0.0, 0.0
-            for i in range(s.shape[0]):
-                s[i] = w.start[i] + share * w.step[i]
-                if limit[i] > 0.0 and (s[i] - old[i]) * w.way_before[i] < 0.0:
-                    s[i] = old[i]
-            strand_forces(s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness)
-            residuals(s, old, limit, chains, w.q, w.r, w.way)
-            for i in range(s.shape[0]):
-                before += w.r_before[i] * (s[i] - w.start[i])
-                after += w.r[i] * (s[i] - w.start[i])
-            if after >= -0.5 * before:
-                break
-            share *= 0.5
-    return worst / scale
-
-
-class Work(NamedTuple):
-    """What `slips_at` fills: of the elements (q,) L0 to stiffness; of the places (k,) the rest."""
-
-    L0: np.ndarray
-    T: np.ndarray
-    q: np.ndarray
-    coupling: np.ndarray
-    stiffness: np.ndarray
-    r: np.ndarray
-    r_before: np.ndarray
-    pivot: np.ndarray
-    beside: np.ndarray
-    border: np.ndarray
-    step: np.ndarray
-    start: np.ndarray
-    way: np.ndarray
-    way_before: np.ndarray
-
-
-def _work(q: int, k: int) -> Work:
-    return Work(*np.zeros((5, q)), *np.zeros((7, k)), *np.zeros((2, k), np.int64))
 
 
 class SlipTangent(NamedTuple):
@@ -302,11 +85,13 @@ class Slips:
     """The slips of a net, known to every rank.
 
     weights : factor of the self weight that follows the unstressed lengths, 0: none acts
+    held : whether everything sticks; left : of the forces on slips, a share of the largest tension
     """
 
     def __init__(self, distribution: Distribution, state: State, chains: CableChains):
         self.distribution, self.state, self.chains = distribution, state, chains
-        self.comm, self.weights = distribution.comm, 0.0
+        self.comm, self.weights, self.left = distribution.comm, 0.0, 0.0
+        self.held = False
         d = distribution.subdomain
         row = rows_of(d.element_gid, chains.element)
         self.mine = np.flatnonzero((row >= 0) & state.owned.astype(bool)[row])
@@ -316,7 +101,7 @@ class Slips:
         ]  # begin and end on the cable
         self.here = [(e, int(row[e]), along(e)) for e in np.flatnonzero(row >= 0).tolist()]
         self.my_ends = np.array([along(e) for e in self.mine.tolist()], int).reshape(-1, 2)
-        self.work = _work(len(chains.element), len(chains.node))
+        self.work = make_work(len(chains.element), len(chains.node))
         self.old, self.s, self.limit = np.zeros((3, len(chains.node)))
         at = rows_of(d.particle_gid, chains.node)
         self.places = np.flatnonzero(at >= 0)
@@ -364,8 +149,9 @@ class Slips:
     def follow(self) -> Strands:
         """Bring slips and unstressed lengths to the present positions. Collective."""
         strands = self._strands()
-        slips_at(
-            *(self.old, self.limit, self.chains, strands, self.weights, self.state.law, self.work, self.s)
+        limit = self.limit + np.inf if self.held else self.limit
+        self.left = slips_at(
+            *(self.old, limit, self.chains, strands, self.weights, self.state.law, self.work, self.s)
         )
         self.state.slip[self.at] = self.s[self.places]
         slipped_lengths(self.state.slip, self.state.elements)
@@ -392,6 +178,19 @@ class Slips:
         return self.chains.element[self.work.L0 < LEAST * self.sections[:, 1]]
 
 
+def _near(slips: Slips, finder, arguments: tuple, more: dict) -> None:
+    """Bring the net to the equilibrium in which everything sticks, from where friction is easier to find.
+
+    Where there is none, or a stop is asked for, it stays where it is. Collective.
+    """
+    before, slips.held = finder.state.x.copy(order="K"), True
+    try:
+        finder.find(*arguments, **more)
+    except (DivergedError, Paused):
+        finder.state.x[:] = before
+    slips.held = False
+
+
 def find_slipping(finder, *arguments, **more):
     """`Finder.find` of a net with slips, limits brought up to date until they are those of its tensions.
 
@@ -402,6 +201,8 @@ def find_slipping(finder, *arguments, **more):
     start, slip = state.x.copy(order="K"), state.slip.copy(order="K")
     _, tolerance, _, _, what, *_ = arguments
     slips.begin()
+    if slips.limit.any():
+        _near(slips, finder, arguments, more)
     for _ in range(MOST_ROUNDS):
         try:
             found = finder.find(*arguments, **more)
@@ -410,6 +211,8 @@ def find_slipping(finder, *arguments, **more):
             slipped_lengths(state.slip, state.elements)
             raise Paused(not_begun(start)) from None
         slips.follow()
+        if not slips.left <= INEXACT:
+            raise DivergedError(f"{what}: the slips of cables over nodes were not found")
         passed = slips.s.copy()
         if slips.renew_limits() <= SETTLED * tolerance:
             return found

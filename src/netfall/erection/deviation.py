@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.equilibrium.slip_law import set_strands
 from netfall.erection.tension import response
 from netfall.ground.errors import DivergedError
 from netfall.ground.stop import NEVER
 from netfall.job.asks import carries_permanent
 from netfall.job.values import shown
-from netfall.mechanics.slip import set_strands
 from netfall.net.net import Net
 from netfall.stages.scene import Scene
 from netfall.stages.settle import NONE, StaticLoad, reference_force, settle

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.equilibrium.newton import NoConvergence
+from netfall.equilibrium.slip_law import set_strands
 from netfall.erection.lengths import Jack, Wanted, amounts, missed, until_taut
 from netfall.ground.stop import NEVER, StopRequest
-from netfall.mechanics.slip import set_strands
 from netfall.numerics.functions import lengths
 from netfall.stages.scene import Scene
 from netfall.stages.settle import (

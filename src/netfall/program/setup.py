@@ -9,7 +9,9 @@ from mpi4py import MPI
 
 from netfall.equilibrium.find import Finder
 from netfall.equilibrium.relaxation import state_residual
-from netfall.equilibrium.slip import Slips, cable_chains_of
+from netfall.equilibrium.slip import Slips
+from netfall.equilibrium.slip_law import set_strands
+from netfall.equilibrium.strands import cable_chains_of
 from netfall.ground.compile import wake
 from netfall.ground.errors import InputError
 from netfall.ground.stop import NEVER, StopRequest
@@ -17,7 +19,6 @@ from netfall.ground.timings import Phases
 from netfall.job.asks import carries_permanent
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
-from netfall.mechanics.slip import set_strands
 from netfall.mechanics.stability import Limit
 from netfall.model.layout import Layout, features_of, layout_digest, make_layout
 from netfall.model.model import Model, make_model, warmed

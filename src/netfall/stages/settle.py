@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.equilibrium import slip_law
 from netfall.equilibrium.find import UNKNOWN, Solution
 from netfall.equilibrium.relaxation import (
     Paused,
@@ -14,14 +15,13 @@ from netfall.equilibrium.relaxation import (
     restored_relaxation,
 )
 from netfall.equilibrium.slip import find_slipping
+from netfall.equilibrium.slip_law import set_strands
 from netfall.ground.errors import DivergedError, Interrupted, interrupted
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.job.asks import rests_at_loss, rests_in_wind
 from netfall.job.job import Job
 from netfall.job.schema import defaults
 from netfall.job.values import counted
-from netfall.mechanics import slip
-from netfall.mechanics.slip import set_strands
 from netfall.mechanics.state import State
 from netfall.parallel.subdomain import Distribution
 from netfall.record.energy import Snapshot, take_snapshot
@@ -216,7 +216,7 @@ def _slipped(scene: Scene, each: StaticLoad, arguments: tuple) -> Solution:
     if len(short):
         ids = scene.comm.bcast(scene.model and counted("element", scene.model.net.element_id[short]))
         raise DivergedError(
-            f"{each.words}: cables slip until less than {slip.LEAST:.0%} of {ids} is left; raise the "
+            f"{each.words}: cables slip until less than {slip_law.LEAST:.0%} of {ids} is left; raise the "
             "resistance of clamps or the friction of saddles, or lower the load"
         )
     return found

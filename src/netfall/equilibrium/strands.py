@@ -1,0 +1,254 @@
+"""The slips of cables over nodes at given positions: the convex problem that `slip` solves for each trial."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.equilibrium.slip_law import angle_between, slip_force, slip_limit
+from netfall.ground.compile import kernel, part_of_kernel
+from netfall.numerics.arithmetic import exponential, logarithm
+
+MOST_STEPS = 200  # of Newton's method on the slips at given positions
+NEAR_ZERO = 1e-12  # of the largest force on them: what is left of it
+ROUNDING = 4e-3  # of EA: what counts as such a force, whose rounding is that of lengths
+FLOOR = 1e-6  # of EA / L0: what a slack strand counts as, so that its slip is defined
+HALVINGS = 40
+SHORTEST = 0.02  # of a strand: what slips in trials never leave less of
+
+
+class CableChains(NamedTuple):
+    """Places where cables may slip, along each cable, and the elements beside them; the same on every rank.
+
+    node, column : (k,) global particle, and which of its cables; before, after : (k,) rows of elements here
+    friction : (k,); resistance : (k,) [N]; start : (c + 1,) where the chains begin
+    element : (q,) global numbers; into, out : (q,) place at its begin and its end along the cable, -1: none
+    along : (q,) 1, -1; weight : (q,) [N/m] of their own
+    """
+
+    node: np.ndarray
+    column: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    friction: np.ndarray
+    resistance: np.ndarray
+    start: np.ndarray
+    element: np.ndarray
+    into: np.ndarray
+    out: np.ndarray
+    along: np.ndarray
+    weight: np.ndarray
+
+
+def cable_chains_of(slides, weight: np.ndarray) -> CableChains:
+    """The chains of `net.slides.Slides`. weight : (m,) [N/m] of each element"""
+    element, rows = np.unique(np.concatenate([slides.before, slides.after]), return_inverse=True)
+    before, after = rows[: slides.count], rows[slides.count :]
+    into, out = np.full((2, len(element)), -1)
+    into[after], out[before] = np.arange(slides.count), np.arange(slides.count)
+    start = np.flatnonzero(np.append(True, before[1:] != after[:-1]))  # else it goes on from the one before
+    return CableChains(
+        *(slides.node, slides.column, before, after, slides.friction, slides.resistance, start, element),
+        *(into, out, slides.along[element].astype(np.int64), weight[element]),
+    )
+
+
+class Strands(NamedTuple):
+    """The elements of `CableChains` at some positions (q,), [N] and [m].
+
+    EA : 0 where it carries nothing; strand : [m] unstressed length without slip; L : [m] length
+    height : [m] of its middle; direction : (q, 3) from begin to end along the cable
+    """
+
+    EA: np.ndarray
+    strand: np.ndarray
+    L: np.ndarray
+    height: np.ndarray
+    direction: np.ndarray
+
+
+@part_of_kernel
+def _force_of(e, L0, strands, law):
+    """Tension [N], q [N], -dT/dL0, -dq/dL0 [N/m] of element e at the unstressed length L0 [m]."""
+    EA, L = strands.EA[e], strands.L[e]
+    if EA == 0.0 or L <= L0:
+        return 0.0, 0.0, 0.0, FLOOR * EA / L0
+    if law.logarithmic is not None:
+        T = EA * logarithm(L / L0)
+        return T, slip_force(T, EA, law), EA / L0, EA * L / (L0 * L0)
+    T = EA * ((L - L0) / L0)
+    return T, slip_force(T, EA, law), EA * L / (L0 * L0), EA * L * L / (L0 * L0 * L0)
+
+
+@kernel
+def strand_forces(s, chains, strands, weights, law, L0, T, q, coupling, stiffness):
+    """Forces of the strands at slips s (k,) [m]: of `_force_of`, the weight's in q. All (q,), out."""
+    for e in range(L0.shape[0]):
+        L0[e] = strands.strand[e]
+        if chains.into[e] >= 0:
+            L0[e] += s[chains.into[e]]
+        if chains.out[e] >= 0:
+            L0[e] -= s[chains.out[e]]
+        T[e], q[e], coupling[e], stiffness[e] = _force_of(e, L0[e], strands, law)
+        q[e] -= weights * chains.weight[e] * strands.height[e]
+        if strands.EA[e] == 0.0:
+            q[e] = 0.0
+
+
+@kernel
+def potential(s, old, limit, chains, strands, weights, law, L0):
+    """W [J] at slips s (k,) [m], with unstressed lengths L0 (q,) [m] there; inf where too little is left."""
+    W = 0.0
+    for e in range(L0.shape[0]):
+        EA, L = strands.EA[e], strands.L[e]
+        if EA == 0.0:
+            continue
+        if L0[e] < SHORTEST * strands.strand[e]:
+            return math.inf
+        W += weights * chains.weight[e] * strands.height[e] * (L0[e] - strands.strand[e])
+        if L > L0[e] and law.logarithmic is not None:
+            W += EA * (L * logarithm(L / L0[e]) - L + L0[e])
+        elif L > L0[e]:
+            W += 0.5 * EA * (L - L0[e]) * ((L - L0[e]) / L0[e])
+    for i in range(s.shape[0]):
+        if s[i] != old[i]:
+            W += limit[i] * abs(s[i] - old[i])
+    return W
+
+
+@kernel
+def limits_of(chains, strands, T, law, limit):
+    """R (k,) [N] of the places at tensions T (q,) [N]."""
+    for i in range(limit.shape[0]):
+        b, a = chains.before[i], chains.after[i]
+        turn, d = 1.0, strands.direction
+        if chains.friction[i] > 0.0:
+            theta = angle_between(d[b, 0], d[b, 1], d[b, 2], d[a, 0], d[a, 1], d[a, 2])
+            turn = exponential(-chains.friction[i] * theta)
+        EA = max(strands.EA[b], strands.EA[a])
+        limit[i] = 0.0
+        if EA > 0.0:
+            EA_b, EA_a = (
+                strands.EA[b] if strands.EA[b] > 0.0 else EA,
+                strands.EA[a] if strands.EA[a] > 0.0 else EA,
+            )
+            limit[i] = slip_limit(T[b], T[a], EA_b, EA_a, chains.friction[i], chains.resistance[i], turn, law)
+
+
+@kernel
+def residuals(s, old, limit, chains, q, r, way):
+    """What drives each place (k,) [N], 0 where it sticks, and its way: 1, -1, 0 sticks; the largest."""
+    worst = 0.0
+    for i in range(s.shape[0]):
+        Q = q[chains.after[i]] - q[chains.before[i]]
+        moved = s[i] - old[i]
+        way[i] = (
+            1 if moved > 0.0 else -1 if moved < 0.0 else 1 if Q > limit[i] else -1 if Q < -limit[i] else 0
+        )
+        r[i] = Q - way[i] * limit[i] if way[i] != 0 else 0.0
+        worst = max(worst, abs(r[i]))
+    return worst
+
+
+@kernel
+def solve_chains(chains, way, stiffness, b, pivot, beside, border, out):
+    """Slips (k,) [m] that answer forces b (k,) [N] of the places that slip: K_ss^-1 b, chain by chain.
+
+    The last place of a chain is a border, for chains that are closed. pivot, beside, border : (k,), scratch
+    """
+    for c in range(chains.start.shape[0]):
+        first = chains.start[c]
+        last = (chains.start[c + 1] if c + 1 < chains.start.shape[0] else way.shape[0]) - 1
+        for i in range(first, last + 1):
+            pivot[i], beside[i], border[i], out[i] = 1.0, 0.0, 0.0, 0.0
+            if way[i] != 0:
+                pivot[i] = stiffness[chains.before[i]] + stiffness[chains.after[i]]
+                out[i] = b[i]
+        for i in range(first, last + 1):
+            e = chains.after[i]
+            j = chains.out[e]
+            if j >= 0 and j != i and way[i] != 0 and way[j] != 0:
+                if j == last or i == last:
+                    border[min(i, j)] -= stiffness[e]
+                else:
+                    beside[i] -= stiffness[e]
+        whole = pivot[last]
+        for i in range(first, last):
+            pivot[i] = max(pivot[i], FLOOR)
+            share = border[i] / pivot[i]
+            if i + 1 < last:
+                along = beside[i] / pivot[i]
+                pivot[i + 1] -= along * beside[i]
+                border[i + 1] -= along * border[i]
+                out[i + 1] -= along * out[i]
+            pivot[last] -= share * border[i]
+            out[last] -= share * out[i]
+        pivot[last] = max(pivot[last], FLOOR * whole, FLOOR * FLOOR)
+        out[last] /= pivot[last]
+        for i in range(last - 1, first - 1, -1):
+            out[i] -= border[i] * out[last]
+            if i + 1 < last:
+                out[i] -= beside[i] * out[i + 1]
+            out[i] /= pivot[i]
+
+
+@kernel
+def slips_at(old, limit, chains, strands, weights, law, work, s):
+    """The slips s (k,) [m] at given positions, from those of `old` (k,); what is left of forces, relative.
+
+    work : `Work`; its strands are then those at s
+    """
+    for i in range(s.shape[0]):
+        s[i] = old[i]
+    w, worst, scale = work, 0.0, 0.0
+    strand_forces(s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness)
+    before = potential(s, old, limit, chains, strands, weights, law, w.L0)
+    for _ in range(MOST_STEPS):
+        worst = residuals(s, old, limit, chains, w.q, w.r, w.way)
+        for e in range(w.q.shape[0]):
+            scale = max(scale, abs(w.T[e]), ROUNDING * strands.EA[e])
+        if worst <= NEAR_ZERO * scale:
+            return 0.0
+        solve_chains(chains, w.way, w.stiffness, w.r, w.pivot, w.beside, w.border, w.step)
+        for i in range(s.shape[0]):
+            w.start[i], w.way_before[i] = s[i], w.way[i]
+        share, after = 1.0, 0.0
+        for _ in range(HALVINGS):
+            for i in range(s.shape[0]):
+                s[i] = w.start[i] + share * w.step[i]
+                if limit[i] > 0.0 and (s[i] - old[i]) * w.way_before[i] < 0.0:
+                    s[i] = old[i]
+            strand_forces(s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness)
+            after = potential(s, old, limit, chains, strands, weights, law, w.L0)
+            if after <= before + NEAR_ZERO * abs(before):
+                break
+            share *= 0.5
+        if not after <= before + NEAR_ZERO * abs(before):  # rounding, or positions that are no numbers
+            for i in range(s.shape[0]):
+                s[i] = w.start[i]
+            strand_forces(s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness)
+            return worst / scale
+        before = after
+    return worst / scale
+
+
+class Work(NamedTuple):
+    """What `slips_at` fills: of the elements (q,) L0 to stiffness; of the places (k,) the rest."""
+
+    L0: np.ndarray
+    T: np.ndarray
+    q: np.ndarray
+    coupling: np.ndarray
+    stiffness: np.ndarray
+    r: np.ndarray
+    pivot: np.ndarray
+    beside: np.ndarray
+    border: np.ndarray
+    step: np.ndarray
+    start: np.ndarray
+    way: np.ndarray
+    way_before: np.ndarray
+
+
+def make_work(q: int, k: int) -> Work:
+    return Work(*np.zeros((5, q)), *np.zeros((6, k)), *np.zeros((2, k), np.int64))
