@@ -107,4 +107,5 @@ def test_whatever_reads_a_result_reads_what_was_found(workshop):
         done = run_on_standing_ranks(command, result, "-o", workshop.folder / command)
         assert done.returncode == 0, done.stderr
     page = (workshop.folder / "report" / "summary.md").read_text()
-    assert "reached of 1" in page
+    assert "reached of 1" in page and "**FAILS: statics has no equilibrium.**" in page
+    assert "passes" not in (workshop.folder / "report" / "checks.csv").read_text()

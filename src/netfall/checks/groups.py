@@ -6,7 +6,7 @@ import numpy as np
 
 from netfall.checks.cables import Checked, counted, groups_of, stage_kinds, types_of
 from netfall.results.cases import EQUILIBRIUM, KINDS, Case
-from netfall.results.states import Envelope
+from netfall.results.states import Envelope, no_equilibrium
 
 ALIKE = 1e-3  # of the force: members of a group and type with forces as near are one row, by symmetry
 
@@ -27,6 +27,7 @@ def group_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
     """A row for each check and group, those of a check worst first: its member with the largest utilisation.
 
     alike : how many elements of the group and type have the same force, this one included
+    result : passes, FAILS; no equilibrium: what was found passes, but something that counts was not borne
     """
     rows = [
         (check, e, alike)
@@ -36,6 +37,9 @@ def group_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
     each = np.array([e for _, e, _ in rows])
     of = lambda table: np.array([table[check.name][e] for check, e, _ in rows])
     used = of(checked.utilisation)
+    fallen = {check.kind: bool(without_equilibrium(f, envelope, check.kind)) for check in checked.checks}
+    fell = np.array([fallen[check.kind] for check, *_ in rows], bool)
+    results = [np.isnan(used), used > 1.0, fell], ["", "FAILS", "no equilibrium"]
     return {
         "check": np.array([check.name for check, *_ in rows], object),
         "kind": np.array([check.kind for check, *_ in rows], object),
@@ -48,7 +52,7 @@ def group_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
         "N_Ed": of(checked.force),
         "N_Rd": of(checked.resistance),
         "utilisation": used,
-        "result": np.select([np.isnan(used), used <= 1.0], ["", "passes"], "FAILS").astype(object),
+        "result": np.select(*results, "passes").astype(object),
     }
 
 
@@ -89,6 +93,13 @@ def counted_names(f, envelope: Envelope, kind: str) -> list[str]:
     """The stages that count for checks of some kind."""
     which = counted(stage_kinds(f, envelope), kind)
     return [name for name, counts in zip(envelope.names, which) if counts]
+
+
+def without_equilibrium(f, envelope: Envelope, kind: str) -> list[str]:
+    """The groups of the result that count for checks of some kind and have no equilibrium."""
+    which = counted(stage_kinds(f, envelope), kind)
+    places = dict.fromkeys(place for place, counts in zip(envelope.places, which) if counts and place)
+    return [place for place in places if no_equilibrium(f[place])]
 
 
 def limits_of(job: dict, cases: list[Case], moved: list[tuple[float, int]], slack: list[int]) -> list[Limit]:

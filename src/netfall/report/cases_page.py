@@ -5,11 +5,11 @@ import numpy as np
 from netfall.checks.cables import Checked
 from netfall.checks.cases import largest_displacements, slack_cables
 from netfall.checks.codes import Check
-from netfall.checks.groups import counted_names, limits_of, members
+from netfall.checks.groups import counted_names, limits_of, members, without_equilibrium
 from netfall.report.markdown import MOST_LISTED, as_table, force, more, picture, share
 from netfall.results.cases import EQUILIBRIUM, KINDS, Case
 from netfall.results.file import job_of
-from netfall.results.states import Envelope, start_words
+from netfall.results.states import Envelope, start_words, state_words
 
 WORST = 10
 
@@ -62,7 +62,7 @@ def cases(f, made: list[Case], table: dict) -> list[str]:
     ]
 
 
-def checks(f, envelope: Envelope, checked: Checked, table: dict, failed: list[Case]) -> list[str]:
+def checks(f, envelope: Envelope, checked: Checked, table: dict) -> list[str]:
     """For each check the worst of each group, and what counts for it; table : as of `group_columns`."""
     lines = []
     for check in checked.checks:
@@ -71,7 +71,8 @@ def checks(f, envelope: Envelope, checked: Checked, table: dict, failed: list[Ca
             (table["check"] == check.name) & np.isfinite(table["utilisation"].astype(float))
         )
         lines += [f"### {check.title}", "", _counts(names, check), ""]
-        lines += [f"**FAILS: {case.name} has no equilibrium.**" for case in failed if case.kind == check.kind]
+        failed = without_equilibrium(f, envelope, check.kind)
+        lines += [f"**FAILS: {state_words(place)} has no equilibrium.**" for place in failed]
         if not len(mine):
             lines += ["Empty: no group has a strength for it.", ""]
             continue

@@ -45,11 +45,10 @@ COLUMNS = {
 def summary(f, result: Path, tables: dict, envelope: Envelope, checked: Checked, cutting: Cutting) -> str:
     """The page."""
     cables, made = tables["cables.csv"], cases_of(f)
-    failed = [case for case in made if not case.carries]
     parts = [
         [f"# {title_of(f) or result.stem}", "", *_what_ran(f, result), *_form_picture(f)],
         *([["## Cases and combinations", "", *cases(f, made, tables["cases.csv"])]] if made else []),
-        ["## Checks", "", *checks(f, envelope, checked, tables["checks.csv"], failed)],
+        ["## Checks", "", *checks(f, envelope, checked, tables["checks.csv"])],
         *([["## Limits in service", "", *limits(f, made)]] if made else []),
         ["## Utilisation", "", *_utilisation(f, cables, envelope, checked)],
         *([["## Bending", "", *_bending(tables["elements.csv"])]] if _bends(tables) else []),
