@@ -284,6 +284,12 @@ def test_a_node_gets_its_height(workshop):
         (stage("s", lengths="{right = {force = 1.0}}", active='["left"]'), 2, "not there in this stage"),
         (stage("s", set='{"load.steps" = 3}'), 2, "not what a stage can set"),
         (stage("s") + stage("s"), 2, "names are unique"),
+        (
+            stage("s", set='{"load.temperature" = 20.0}')
+            + '[[combination]]\nname = "c"\nfactors = {prestress = 0.9}\n',
+            2,
+            "the last [[stage]] ends at 20 K",
+        ),
     ],
 )
 def test_what_is_wrong_is_named(workshop, text, code, words):

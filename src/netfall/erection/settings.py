@@ -7,6 +7,7 @@ import numpy as np
 
 from netfall.erection.lengths import Jack, Wanted, jack_of, jacks_of, rows_named, unknown_name
 from netfall.ground.errors import InputError
+from netfall.job.cases import factor_of
 from netfall.job.job import Job
 from netfall.job.schema import defaults
 from netfall.job.values import counted, listed, nearest, shown
@@ -108,6 +109,14 @@ def check_stages(job: Job, model: Model) -> None:
         errors += [f"{job.path}: [[stage]] {stage.name}: {line}" for line in wrong]
         if errors:
             break  # what follows stands on it
+    warm = setting.load.temperature
+    stressed = [each for each in job.combinations if warm and factor_of(each, "prestress") != 1.0]
+    errors += [
+        f"{job.path}: [[combination]] {each.name}: prestress {factor_of(each, 'prestress'):g} is of forces "
+        f"at the temperature of form finding, and the last [[stage]] ends at {warm:g} K; expected "
+        '"load.temperature" = 0.0 in its set, or a factor of 1'
+        for each in stressed
+    ]
     free = ~(setting.fixed | (net.spring > 0))
     for name, inputs in model.layout.cases.items():
         loose = (

@@ -91,7 +91,7 @@ def named_state(f, name: str) -> ShownState:
     if name == first.name:
         return first
     for group in groups:
-        if name in (group, group.split("/", 1)[-1], state_words(group)):
+        if name in (group, group.split("/", 1)[-1], state_words(f, group)):
             return list(states_of(f, group))[-1]
     names = ", ".join([first.name] * (not first.place) + [group.split("/", 1)[-1] for group in groups])
     raise InputError(f"--case {name}: no such state; this result has {names}")

@@ -72,7 +72,7 @@ def checks(f, envelope: Envelope, checked: Checked, table: dict) -> list[str]:
         )
         lines += [f"### {check.title}", "", _counts(names, check), ""]
         failed = without_equilibrium(f, envelope, check.kind)
-        lines += [f"**FAILS: {state_words(place)} has no equilibrium.**" for place in failed]
+        lines += [f"**FAILS: {state_words(f, place)} has no equilibrium.**" for place in failed]
         if not len(mine):
             lines += ["Empty: no group has a strength for it.", ""]
             continue

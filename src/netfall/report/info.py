@@ -95,7 +95,7 @@ def _equilibria(f):
         residual = np.fmax.reduce(np.ravel(g["residual"][()]))  # nan where nothing was found
         steps = f"{int((g['load_factor'][:] > 0).sum())} load steps; " if "load_factor" in g else ""
         yield (
-            f"{state_words(place)}: {steps}largest displacement {moved.max():.4g} m "
+            f"{state_words(f, place)}: {steps}largest displacement {moved.max():.4g} m "
             f"(node {node_id[moved.argmax()]}), tensions {N.min():.4g} to {N.max():.4g} N, "
             f"slack {np.ravel(g['slack'][()])[-1]}, largest residual {residual:.2g} N"
         )
@@ -105,7 +105,7 @@ def _equilibria(f):
             factor = g.attrs["load_factor"]
             reached = f"load factor reached {factor:.4g}, and the state there is " * int(factor == factor)
             yield (
-                f"note: {state_words(place)}: NO EQUILIBRIUM: {g.attrs['reason']}{where}; "
+                f"note: {state_words(f, place)}: NO EQUILIBRIUM: {g.attrs['reason']}{where}; "
                 f"{reached or 'the last state on the way is '}what is shown"
             )
         elif not np.all(g["stable"][()]):

@@ -77,7 +77,9 @@ def _what_ran(f, result: Path) -> list[str]:
         lines.append("With " + ", ".join(f"`{line}`" for line in overrides.split("\n")) + ".")
     if "form_finding" in f:
         lines += _sentences(lines_of_form(f))
-    lines += [f"**{state_words(place)} has no equilibrium: {f[place].attrs['reason']}.**" for place in failed]
+    lines += [
+        f"**{state_words(f, place)} has no equilibrium: {f[place].attrs['reason']}.**" for place in failed
+    ]
     lines += _sentences(displacement_notes_of(f))
     if "history" in f and len(f["events/element"]):
         broken = len(np.unique(f["events/element"][:]))

@@ -109,7 +109,7 @@ def equilibria(f) -> Iterator[ShownState]:
 def states_of(f, name: str) -> Iterator[ShownState]:
     """The equilibria of a group: of a load path one for each load increment."""
     x = form_position(f) if name.startswith("stages/") else start_position(f)
-    group, words = f[name], state_words(name)
+    group, words = f[name], state_words(f, name)
     failed = no_equilibrium(group)
     if "load_factor" not in group:
         factor = group.attrs["load_factor"] if failed else np.nan
@@ -146,9 +146,10 @@ def start_words(f) -> str:
     )
 
 
-def state_words(name: str) -> str:
+def state_words(f, name: str) -> str:
     """A group of equilibria in words: "case snow" of cases/snow."""
-    return re.sub(r"^(case|stage)s/", r"\1 ", name)
+    case = "combination" if "factors" in f[name].attrs else "case"
+    return re.sub("^stages/", "stage ", re.sub("^cases/", f"{case} ", name))
 
 
 def _state(g, words: str, name: str, x: np.ndarray, row) -> ShownState:
