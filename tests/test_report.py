@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 from conftest import ROOT, STEEL, run_netfall, run_on_standing_ranks
+from scipy.optimize import brentq
 
 import netfall
 from netfall.checks.cables import Cutting, cutting_columns
@@ -259,6 +260,56 @@ def test_forces_on_the_foundation_add_up_to_all_loads(snowed):
     assert foundation.sum(0) == pytest.approx([0, 0, -48e3], abs=1e-9 * 48e3)
 
 
+# Snow of 200 kN on node 5, by factors; [limits] count for what is of kind service alone.
+SERVICE = {"light": (0.25, "service"), "heavy": (0.75, "service"), "lift": (-0.5, "service")}
+KINDS_OF = SERVICE | {"more": (1.0, "ultimate"), "most": (1.5, "ultimate")}
+LIMITED = CASES.split("[[case]]")[0] + "[limits]\ndisplacement = 0.002\n"
+LIMITED += '[[case]]\nname = "snow"\nset = {"load.snow" = 20e3}\n' + "".join(
+    f'[[combination]]\nname = "{name}"\nfactors = {{snow = {factor}}}\nkind = "{kind}"\n'
+    for name, (factor, kind) in KINDS_OF.items()
+)
+
+
+def three_cables(load: float) -> tuple[float, float, float]:
+    """Node 5 under a load [N]: how far it sinks [m], the tension of an upper cable and of the lower [N]."""
+    upper = lambda w: EA * max(0.0, np.hypot(3, 4 + w) / 5 * (1 + 50e3 / EA) - 1)
+    lower = lambda w: EA * max(0.0, (4 - w) / 4 * (1 + 80e3 / EA) - 1)
+    rest = lambda w: 2 * upper(w) * (4 + w) / np.hypot(3, 4 + w) - lower(w) - load
+    w = brentq(rest, -0.1, 0.1, xtol=1e-15)
+    return w, upper(w), lower(w)
+
+
+def test_service_has_limits_and_each_kind_its_own_checks(workshop):
+    """200 kN by factors. Ultimate: 300 kN on two cables alone, 188 kN of 160 kN. Service: of 150 kN 97 kN of
+    108 kN, but 2.2 mm of 2 mm; lifted by 100 kN the lower cable has 129 kN, which no ultimate check sees.
+    """
+    job = workshop.job(LIMITED, ROOFED, ELEMENTS.format(ROWS))
+    workshop.run(job).close()
+    folder = report_of(workshop.folder)
+    hand = {name: three_cables(200e3 * factor) for name, (factor, _) in KINDS_OF.items()}
+    found = {(row["check"], row["group"]): row for row in rows_of(folder / "checks.csv")}
+    for check, group, case, N, result in (
+        ("en1993", "upper", "combination most", hand["most"][1], "FAILS"),
+        ("en1993", "lower", "as given", 80e3, ""),
+        ("en1993_service", "upper", "combination heavy", hand["heavy"][1], "passes"),
+        ("en1993_service", "lower", "combination lift", hand["lift"][2], ""),
+    ):
+        row = found[check, group]
+        assert (row["case"], row["result"]) == (case, result)
+        assert float(row["N_Ed"]) == pytest.approx(N, rel=1e-8)
+    assert hand["heavy"][1] < 0.45 * 240e3 < hand["more"][1] < 160e3 < hand["most"][1]
+    page = (folder / "summary.md").read_text().split("## Limits in service")[1].split("\n## ")[0]
+    told = re.findall(r"^\| (\w+) \| displacement \| (.+) m \| node 5 \| 0.002 m \| \W*(\w+)", page, re.M)
+    results = {"heavy": "FAILS", "light": "passes", "lift": "passes"}
+    assert told == [(name, f"{abs(hand[name][0]):.4g}", result) for name, result in results.items()]
+    reactions = rows_of(folder / "reactions.csv")
+    for name, (factor, _) in KINDS_OF.items():
+        mine = [row for row in reactions if row["stage"] == f"combination {name}"]
+        sums = [sum(column(mine, f"foundation_{axis}")) for axis in "xyz"]
+        total = 12 * 20e3 * factor  # 10 m2 at node 5, 2 m2 on a support
+        assert sums == pytest.approx([0, 0, -total], rel=0, abs=1e-9 * abs(total))
+
+
 def test_each_check_names_the_worst_of_each_group_and_how_many_are_alike(snowed):
     """Both upper cables in one row; their force in the heavier case over F_uk / 1.5 = 160 kN."""
     states, folder = snowed
@@ -310,6 +361,7 @@ def test_the_page_holds_all_that_it_shows(snowed):
     sources = re.findall(r'(?:src|href|url)\s*[=(]\s*"?([^">)]{0,30})', page)
     assert len(sources) == 2 and all(source.startswith("data:image/png;base64,") for source in sources)
     assert "http" not in re.sub(r"base64,[A-Za-z0-9+/=]+", "", page)
+    assert page.count("<table") == page.count('width="100%"') > 5  # as a word processor wants it
     for title in re.findall(r"^## (.+)$", text, re.M):
         assert f"<h2>{title}</h2>" in page
     pictures = {

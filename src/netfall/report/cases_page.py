@@ -103,14 +103,16 @@ def most_used(f, envelope: Envelope, checked: Checked) -> list[str]:
     used, ids, cable = checked.utilisation[check], f["net/element_id"][:], f["net/cable"][:]
     names, groups = f["net/cable_names"].asstr()[:], f["net/group_names"].asstr()[:][f["net/group"][:]]
     found = [(e, alike) for e, alike in members(f, checked, check) if np.isfinite(used[e])][:WORST]
+    every = {each.name: checked.utilisation[each.name] for each in checked.checks}
+    shown = [name for name, shares in every.items() if any(np.isfinite(shares[e]) for e, _ in found)]
     lines = [
         [names[cable[e]], groups[e], ids[e], alike, force(checked.force[check][e])]
         + [envelope.names[checked.of[check][e]], force(checked.resistance[check][e])]
-        + [share(checked.utilisation[each.name][e]) for each in checked.checks]
+        + [share(every[name][e]) for name in shown]
         for e, alike in found
     ]
     header = ["cable", "group", "element", "alike", "largest tension", "in", "resistance"]
-    header += [each.name for each in checked.checks]
+    header += shown
     return ["", f"The {len(lines)} most used by {check}:", "", *as_table(header, lines)] if lines else []
 
 
