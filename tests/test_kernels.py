@@ -68,7 +68,7 @@ def forces_of(state: State, in_runs: bool = True) -> tuple[np.ndarray, np.ndarra
     and whether a particle has elements near their limits.
     """
     plan, s = Plan(state, NoHalo()), state
-    chunks, particles, _, slots, unyielded, law, scratch, _ = plan.arguments
+    chunks, particles, _, slots, unyielded, law, scratch, *_ = plan.arguments
     runs = chunks.runs
     in_some = [runs.rest[slice(*span)] for span in runs.spans[:, 2:4]]
     in_some += [np.arange(*run[:2]) for span in runs.spans for run in runs.whole[slice(*span[:2])]]

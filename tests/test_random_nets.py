@@ -75,7 +75,7 @@ def tried(drawn, run, seen: Counter) -> None:
 
 # What other tests have: combinations and cases (test_cases.py), erection, targets and lengths
 # (test_erection.py), the form under permanent loads (test_validation_prestress.py).
-SECTIONS_OF_THEIR_OWN = {"combination", "limits", "stage", "target"}
+SECTIONS_OF_THEIR_OWN = {"combination", "limits", "slide", "stage", "target"}
 KEYS_OF_THEIR_OWN = {
     "cable.bending",
     *("cable.length_deviation", "cable.length_seed", "case.factor", "case.pressure_table"),
