@@ -22,6 +22,7 @@ from netfall.job.asks import rests_at_loss, rests_in_wind
 from netfall.job.job import Job
 from netfall.job.schema import defaults
 from netfall.job.values import counted
+from netfall.mechanics.fields import FIELDS
 from netfall.mechanics.state import State
 from netfall.parallel.subdomain import Distribution
 from netfall.record.energy import Snapshot, take_snapshot
@@ -32,7 +33,7 @@ from netfall.write.saver import Record, Saver
 ALL_LOADS = "all loads"
 RELAXATION = "relaxation"  # in checkpoints
 COMMITTED = ("x", "eps_p", "dissipated", "L0", "spring_rest", "strand", "slip")
-OF_PARTICLES = ("x", "spring_rest", "slip")  # of these; the others are of elements
+OF_PARTICLES = {each.name for each in FIELDS if each.entity == "particle"}  # other ones are of elements
 EQUILIBRIUM, NONE, UNSTABLE = "equilibrium", "no_equilibrium", "unstable"
 NOT_FOUND = Solution(0, np.nan, np.nan, np.nan, False, UNKNOWN)
 MOST_NAMED = 100  # elements where a net gives way
