@@ -12,7 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.equilibrium.increments import approach
-from netfall.equilibrium.newton import AT_START, Newton, NoConvergence, Stopped
+from netfall.equilibrium.newton import AT_START, Newton, NoConvergence, Stopped, is_large
 from netfall.equilibrium.relaxation import Paused, Relaxation, net_of, not_begun, relax
 from netfall.equilibrium.slip import Slips
 from netfall.equilibrium.stable import unstable_shape
@@ -82,14 +82,13 @@ class Finder:
 
     def factors(self) -> Factors | None:
         """The inverse where the net is, for `serving`; None: none, or a cycle is quicker. Collective."""
-        return self._factors(self._tangent(), 0.0)
+        if is_large(self.distribution) or self.state.features.bending:  # what joints add has no place in them
+            return None
+        self._pattern = self._pattern or Pattern(self.distribution, self.state)
+        few = self._pattern.products <= MOST_PRODUCTS
+        return self._factors(self._tangent(), 0.0) if few else None
 
     def _factors(self, K: Tangent, inertia: float) -> Factors | None:
-        if self._pattern is None:
-            self._pattern = Pattern(self.distribution, self.state)
-        bends = self.comm.allreduce(K.joints is not None, MPI.LOR)  # what joints add has no place in them
-        if bends or self._pattern.products > MOST_PRODUCTS:
-            return None
         return factors_of_tangent(self.distribution, self._pattern, K, inertia)
 
     def find(
