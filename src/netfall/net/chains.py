@@ -31,13 +31,10 @@ def chains_of(net: Net) -> Chains | None:
         return None
     bars = np.flatnonzero(net.bending)
     ends = 2 * np.repeat(bars, 2) + np.tile([0, 1], len(bars))  # the ends of element e are 2 e and 2 e + 1
-    names = np.repeat(np.array(net.cable_given), net.parts) if net.cable_given else np.full(net.m, "")
-    _, name = np.unique(names, return_inverse=True)
-    node = net.elements.ravel()
-    named = ends[names[ends // 2] != ""]
-    pairs = _pairs(named, node, name)
+    name, node = pieces_named(net), net.elements.ravel()
+    pairs = pairs_meeting(ends[name[ends // 2] >= 0], node, name)
     free = ~np.isin(ends, pairs)
-    by_group = _pairs(ends, node, net.group)
+    by_group = pairs_meeting(ends, node, net.group)
     pairs = np.concatenate([pairs, by_group[np.isin(by_group, ends[free]).all(1)]])
     pairs = pairs[np.lexsort((pairs[:, 0], node[pairs[:, 0]]))]
     middle, first, second = node[pairs[:, 0]], node[pairs[:, 0] ^ 1], node[pairs[:, 1] ^ 1]
@@ -57,10 +54,18 @@ def chain_notes(chains: Chains) -> list[str]:
     ]
 
 
-def _pairs(ends: np.ndarray, node: np.ndarray, kind: np.ndarray) -> np.ndarray:
+def pieces_named(net: Net) -> np.ndarray:
+    """Which name (m,) the column `cable` gives each element, as a number; -1: none."""
+    if not net.cable_given:
+        return np.full(net.m, -1)
+    names, number = np.unique(np.array(net.cable_given), return_inverse=True)
+    return np.repeat(np.where(names[number] == "", -1, number), net.parts)
+
+
+def pairs_meeting(ends: np.ndarray, node: np.ndarray, kind: np.ndarray) -> np.ndarray:
     """Pairs (k, 2) of ends of elements that meet at one node where just two of one kind do.
 
-    node : (2 m,) of each end; kind : (m,) of each element
+    ends : (e,) ascending, 2 e and 2 e + 1 of element e; node : (2 m,) of each end; kind : (m,) of elements
     """
     key = node[ends] * (int(kind.max(initial=0)) + 1) + kind[ends // 2]
     order = np.argsort(key, kind="stable")

@@ -13,6 +13,7 @@ import numpy as np
 
 from netfall.job.job import Job
 from netfall.job.values import counted, listed, nearest, shown
+from netfall.net.chains import pairs_meeting, pieces_named
 from netfall.net.net import Net, nearest_group
 from netfall.net.parts import parts_of
 
@@ -169,20 +170,12 @@ def _through_all(net: Net, entry, rows: np.ndarray) -> list[_Pair]:
 
 def _through(net: Net, rows: np.ndarray) -> list[_Pair]:
     """Wherever two of the elements, ascending, go on through a node."""
-    ends, own = net.elements[rows].ravel(), np.repeat(rows, 2)
-    order = np.argsort(ends, kind="stable")
-    ends, own = ends[order], own[order]
-    pairs = []
-    for there in np.split(np.arange(len(ends)), np.flatnonzero(np.diff(ends)) + 1):
-        node, meet = int(ends[there[0]]), own[there].tolist()
-        if len(meet) == 2:
-            pairs.append(_Pair(node, *meet))
-        elif len(meet) > 2 and net.cable_given:
-            named = {}
-            for e in meet:
-                named.setdefault(net.cable_given[e // net.parts], []).append(e)
-            pairs += [_Pair(node, *two) for name, two in named.items() if name and len(two) == 2]
-    return pairs
+    node, name = net.elements.ravel(), pieces_named(net)
+    ends = 2 * np.repeat(rows, 2) + np.tile([0, 1], len(rows))
+    crowded = np.bincount(node[ends], minlength=net.n)[node[ends]] > 2
+    named = ends[crowded & (name[ends // 2] >= 0)]
+    pairs = [*pairs_meeting(ends, node, np.zeros(net.m, int)), *pairs_meeting(named, node, name)]
+    return sorted(_Pair(int(node[a]), int(a) // 2, int(b) // 2) for a, b in pairs)
 
 
 def _along_cables(net: Net, pairs: dict, slips: dict) -> Slides:
