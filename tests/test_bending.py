@@ -7,6 +7,7 @@ import pytest
 from conftest import ROOT, STEEL, assert_same_results, run_on_standing_ranks
 from scipy.linalg import eigh
 
+from netfall.ground.compile import kernel
 from netfall.job.read import read_job
 from netfall.mechanics.bending import (
     Joints,
@@ -14,7 +15,7 @@ from netfall.mechanics.bending import (
     add_joint_bounds,
     add_joint_stiffness,
     curvatures,
-    joint_energies,
+    joint_energy,
     joint_moments,
     joint_tangents,
 )
@@ -69,6 +70,12 @@ def tangents(x, joints):
     pair = np.empty((2, len(joints.stiffness), 6, 6))
     joint_tangents(np.asfortranarray(x), joints, *pair)
     return pair
+
+
+@kernel
+def joint_energies(x, joints, energy):
+    for k in range(energy.shape[0]):
+        energy[k] = joint_energy(x, joints, k)
 
 
 def differences(of, x, step=1e-5):

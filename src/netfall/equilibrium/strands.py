@@ -251,4 +251,5 @@ class Work(NamedTuple):
 
 
 def make_work(q: int, k: int) -> Work:
+    """Room for q elements and k places."""
     return Work(*np.zeros((5, q)), *np.zeros((6, k)), *np.zeros((2, k), np.int64))

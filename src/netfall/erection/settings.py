@@ -13,7 +13,7 @@ from netfall.job.schema import defaults
 from netfall.job.values import counted, listed, nearest, shown
 from netfall.model.loads import live_load, of_case
 from netfall.model.model import Model
-from netfall.net.net import GRAVITY, Net
+from netfall.net.net import Net
 from netfall.net.parts import parts_of
 
 
@@ -48,7 +48,7 @@ class Setting:
         load = np.where(there, live_load(self.load, roof, net.load), 0.0)
         load[:, 2] -= np.where(there[:, 0], roof.zones.spread(self.load, "dead") * roof.area, 0.0)
         if self.load.self_weight:
-            half = np.where(self.active, 0.5 * GRAVITY * net.density * net.section * self.L0, 0.0)
+            half = np.where(self.active, 0.5 * net.own_weight * self.L0, 0.0)
             for end in range(2):
                 load[:, 2] -= np.bincount(net.elements[:, end], half, net.n)
         return load
@@ -119,11 +119,9 @@ def check_stages(job: Job, model: Model) -> None:
     ]
     free = ~(setting.fixed | (net.spring > 0))
     for name, inputs in model.layout.cases.items():
-        loose = (
-            np.flatnonzero(((inputs.settlement != 0.0) & free).any(1))
-            if inputs.settlement is not None
-            else []
-        )
+        if inputs.settlement is None:
+            continue
+        loose = np.flatnonzero(((inputs.settlement != 0.0) & free).any(1))
         if len(loose):
             nodes = counted("node", net.node_id[loose])
             errors.append(

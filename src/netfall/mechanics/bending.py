@@ -121,13 +121,6 @@ def joint_energy(x, joints, k):
     return 0.5 * _dot(r, r) / joints.stiffness[k]
 
 
-@kernel
-def joint_energies(x, joints, energy):
-    """Energies (k,) [J] stored in joints at x (n, 3) [m]."""
-    for k in range(energy.shape[0]):
-        energy[k] = joint_energy(x, joints, k)
-
-
 @allocating_kernel
 def joint_tangents(x, joints, stiffness, positive):
     """Fill the (k, 6, 6) of `JointTangent`: the second derivatives of U by (a, b).

@@ -36,10 +36,9 @@ class State:
         for field in FIELDS:
             rows = m if field.entity == "element" else self.n_local
             setattr(self, field.name, self._zeros(field, rows) if features.has(field) else None)
-        self.joints: Joints | None = None  # of chains that bend
-        self.joint_at: np.ndarray | None = (
-            None  # (m, 2) rows of these at the ends of elements, see `net.chains`
-        )
+        # of chains that bend; (m, 2) rows of these at the ends of elements, see `net.chains`
+        self.joints: Joints | None = None
+        self.joint_at: np.ndarray | None = None
         self.branches = np.append(features.band, np.zeros(7)) if features.band else None
         self._tuples: dict = {}
 
