@@ -139,7 +139,7 @@ AGAIN = {
         "load": {"self_weight": True},
         "dynamics": {"duration": 0.05, "fragments": False},
         "output": {"probes": [[0.0, 0.0], 6], "elements": [13], "frames": 2},
-        "remove": [{"elements": [2], "time": 0.01}],
+        "remove": [{"elements": [2], "time": 0.01}, {"cables": ["B"], "time": 0.02}],
     },
 }
 

@@ -100,7 +100,7 @@ def _files(table, source: Path, folder: Path, taken: set[str]) -> list[str]:
     for key, value in list(items):
         if isinstance(value, dict | list):
             told += _files(value, source, folder, taken)
-        elif isinstance(value, str) and key.rpartition(".")[2] in FILES:
+        elif isinstance(value, str) and str(key).rpartition(".")[2] in FILES:
             name = Path(value).name
             while name in taken:
                 name = f"other_{name}"
