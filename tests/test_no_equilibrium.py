@@ -2,7 +2,13 @@
 
 import numpy as np
 import pytest
-from conftest import run_on_standing_ranks
+from conftest import StopAfter, assert_same_results, run_on_standing_ranks
+from mpi4py import MPI
+
+from netfall.ground.errors import Interrupted
+from netfall.ground.progress import Progress
+from netfall.job.read import read_job
+from netfall.program.run import run_job
 
 CABLES = """
 [cable]
@@ -24,9 +30,9 @@ def nodes(load: float) -> str:
     return f"id,x,y,z,fixed,load_z\n1,-10,0,0,1,0\n2,10,0,0,1,0\n3,0,0,-1,0,{-load}\n"
 
 
-def borne() -> float:
-    """What two cables bear that yield until they break, by hand: 2 N_y sin(slope) at L0 (1 + fracture)."""
-    L = np.hypot(SUPPORTS, SAG) * (1.0 + FRACTURE)
+def borne(strain: float = FRACTURE) -> float:
+    """What two cables bear that yield up to a strain, by hand: 2 N_y sin(slope) at L0 (1 + strain)."""
+    L = np.hypot(SUPPORTS, SAG) * (1.0 + strain)
     return 2.0 * YIELD * np.sqrt(L * L - SUPPORTS * SUPPORTS) / L
 
 
@@ -56,6 +62,79 @@ def test_nearly_all_of_what_they_bear_is_an_equilibrium(workshop):
         label = dict(f["statics"].attrs)
         assert label["state"] == "equilibrium" and label["load_factor"] == 1.0
         assert label["reason"] == "" and len(label["elements"]) == 0
+
+
+PLASTIC = CABLES.replace("fracture_strain = 0.04\n", "").replace("breaking = true\n", "")
+
+
+@pytest.mark.parametrize("times", [1.02, 1.5, 20.0])
+def test_what_yields_without_end_is_told_by_hand(workshop, times):
+    """Without a fracture strain cables give way at twice their length: load factor, ids and state."""
+    job = workshop.job(PLASTIC.format(steps=1), nodes(times * borne(1.0)), ENDS)
+    done = workshop.run(job, code=3)
+    with workshop.open() as f:
+        label = dict(f["statics"].attrs)
+        assert label["state"] == "no_equilibrium" and label["load_factor"] == pytest.approx(
+            1 / times, rel=0.01
+        )
+        assert label["elements"].tolist() == [1, 2]
+        assert label["reason"] == "element 1 yields beyond a strain of 100%"
+        sank = SAG - f["statics/displacement"][-1, 2, 2]
+        slope = sank / np.hypot(SUPPORTS, sank)
+        assert 2.0 * YIELD * slope == pytest.approx(label["load_factor"] * times * borne(1.0), rel=1e-6)
+        assert f["provenance"].attrs["exit_state"] == "no_equilibrium"
+    assert f"(load factor reached {label['load_factor']:.4g})" in done.stderr
+
+
+FAN = """id,x,y,z,fixed,load_z
+1,-0.5,0,0,1,0
+2,0,0,0,1,0
+3,0.5,0,0,1,0
+4,0,0,-10,0,0
+5,0,0,-12,0,{load}
+"""
+HANGERS = "id,start,end,area\n11,1,4,1e-3\n12,2,4,1e-3\n13,3,4,1e-3\n14,4,5,4e-3\n"
+
+
+@pytest.mark.parametrize("load", [3.03e6, 6e6])
+def test_a_fan_bears_its_plastic_limit_load(workshop, load):
+    """N_y (1 + 2 cos) of three hangers, steep from the first and steeper as they stretch; not the fourth."""
+    cosine = 10.0 / np.hypot(10.0, 0.5), 20.0 / np.hypot(20.0, 0.5)
+    limit = YIELD * (1.0 + 2.0 * np.mean(cosine))  # to 1e-3
+    job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-load), HANGERS)
+    workshop.run(job, code=3)
+    with workshop.open() as f:
+        label, tension = dict(f["statics"].attrs), f["statics/tension"][-1]
+    assert label["load_factor"] == pytest.approx(limit / load, rel=0.01)
+    assert sorted(label["elements"].tolist()) == [11, 12, 13]
+    assert tension[:3] == pytest.approx(YIELD, rel=0.01)
+    assert tension[3] == pytest.approx(label["load_factor"] * load, rel=1e-6)
+
+
+@pytest.mark.parametrize("looks, ranks", [(10, 2), (100, 3), (300, 1)])
+def test_a_pause_in_the_search_changes_no_bit(workshop, looks, ranks):
+    """Stopped after some looks, in the whole load and in the search, and taken up on other ranks."""
+    job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS)
+    workshop.run(job, output="whole.vtkhdf", code=3)
+    result, quiet = workshop.folder / "result.vtkhdf", Progress(False, False)
+    with pytest.raises(Interrupted) as raised:
+        run_job(MPI.COMM_WORLD, read_job(job), result, quiet, stop=StopAfter(looks))
+    assert "in statics" in str(raised.value)
+    (checkpoint,) = workshop.folder.glob("result.checkpoint*")
+    workshop.run(job, "--restart", checkpoint, ranks=ranks, code=3)
+    with workshop.open("whole.vtkhdf") as whole, workshop.open() as again:
+        assert_same_results(whole, again)
+
+
+def test_permanent_loads_that_are_not_borne_say_how_much_is(workshop):
+    """They have no load factor: cables whose yield force is a fifth of a kN under their own weight."""
+    text = PLASTIC.replace("1e9", "2e5").replace("[load]", "[load]\nself_weight = true")
+    done = workshop.run(workshop.job(text.format(steps=1), nodes(0.0), ENDS), code=3)
+    weight = 7850.0 * 1e-3 * np.hypot(SUPPORTS, SAG) * 9.80665  # half of each cable at the node
+    share = float(done.stderr.split("of 100% at ")[1].split(" of them")[0])
+    assert share == pytest.approx(borne(1.0) * 2e5 / 1e9 / weight, rel=0.01)
+    with workshop.open() as f:
+        assert f["statics"].attrs["elements"].tolist() == [1, 2] and np.isnan(f["statics/load_factor"][-1])
 
 
 CASES = """

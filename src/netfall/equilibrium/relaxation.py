@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
+from netfall.equilibrium.overload import stretch_of
 from netfall.ground.compile import kernel
 from netfall.ground.errors import DivergedError
 from netfall.ground.stop import NEVER, StopRequest
@@ -28,6 +29,8 @@ from netfall.parallel.sums import LIMBS, add_exactly, rounded
 MARGIN = 1.2  # on the virtual mass: the stiffness grows a little between two peaks
 OF_JOINTS = 1.5  # virtual mass for their size, of three particles, where elements of two have 1
 LOOK_EVERY = 10  # iterations between looks at the residual, which take a reduction
+LOOK_FAR_EVERY = 100  # between looks at whether the net runs away
+FAR = 4.0  # times the strain at which what yields has given way: the net then runs away
 
 
 @dataclass
@@ -47,6 +50,10 @@ class Relaxation:
     stage: int = 0
     total: int = 0
     start: np.ndarray | None = None
+
+
+class RunsAway(DivergedError):
+    """What yields stretches without end."""
 
 
 class Paused(Exception):
@@ -114,6 +121,7 @@ class Net(NamedTuple):
     stiffness(x) : upper bound (m,) [N/m] of the elements' stiffness at x
     support : (n,) [N/m] of elastic supports, the stiffest axis, None: none
     bound(x, out) : adds to out (n,) what joints that bend add to that of elements, None: there are none
+    stretch() : largest strain of what yields, a share of that at which it has given way; None: nothing yields
     """
 
     x: np.ndarray
@@ -123,6 +131,7 @@ class Net(NamedTuple):
     stiffness: Callable[[np.ndarray], np.ndarray]
     support: np.ndarray | None = None
     bound: Callable[[np.ndarray, np.ndarray], None] | None = None
+    stretch: Callable[[], float] | None = None
 
 
 def relax(
@@ -141,7 +150,8 @@ def relax(
     tolerance : [N] of the largest residual; stop : a wish to pause; resume : where an earlier relaxation
         was paused
 
-    Raises DivergedError when the iterations run out or the residual is no number, Paused if asked to stop.
+    Raises DivergedError when the iterations run out or the residual is no number, RunsAway, Paused if asked
+    to stop.
     """
     x, free, n_owned = net.x, net.free, halo.n_owned
     f, v = np.zeros_like(x), np.zeros_like(x)
@@ -167,6 +177,9 @@ def relax(
             report(iteration, residual)
             if stopping:
                 raise Paused(Relaxation(iteration, previous, rested, x, v, mass))
+        looks_far = net.stretch is not None and iteration % LOOK_FAR_EVERY == 0
+        if looks_far and comm.allreduce(net.stretch(), MPI.MAX) > FAR:
+            raise RunsAway(f"{what}: what yields stretches without end")
         halo.update(f)
         if rested:
             total = np.zeros(len(x)) if net.support is None else net.support.copy()
@@ -227,7 +240,8 @@ def net_of(state: State, load: np.ndarray, slips=None) -> Net:
 
     support = state.spring.max(1) if state.features.springs else None
     bound = None if state.joints is None else lambda x, out: add_joint_bounds(x, state.joints, OF_JOINTS, out)
-    return Net(state.x, state.free, state.ends, forces, stiffness, support, bound)
+    stretch = stretch_of(state) if state.features.plastic else None
+    return Net(state.x, state.free, state.ends, forces, stiffness, support, bound, stretch)
 
 
 def state_residual(comm: MPI.Comm, state: State, load: np.ndarray) -> float:

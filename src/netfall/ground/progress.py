@@ -65,6 +65,18 @@ class Progress:
             self._print(f"{100 * share:3.0f} %  {done}  {rate}  left {_duration(left)}  {note}")
             self._last, self._percent = now, 100 * share
 
+    def doing(self, text: str) -> None:
+        """Show what is being done, of which nobody knows how long it takes."""
+        if not self.shown:
+            return
+        now = time.perf_counter()
+        if self._terminal:
+            with self._while_read():
+                self._draw(now, self._bar.n / 100.0 if self._bar else 0.0, text)
+        elif now - self._last >= LINE_EVERY:
+            self._print(text)
+            self._last = now
+
     def end(self) -> None:
         """Close the bar, if there is one."""
         if self._bar is not None:

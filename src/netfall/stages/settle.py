@@ -1,5 +1,6 @@
 """One equilibrium of a scene: how it is found, taken from the state and put back, interrupted."""
 
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -7,17 +8,20 @@ import numpy as np
 
 from netfall.equilibrium import slip_law
 from netfall.equilibrium.find import UNKNOWN, Solution
+from netfall.equilibrium.overload import BREAKS, UNSTRAINED, Strained, largest_share, strained
 from netfall.equilibrium.relaxation import (
     Paused,
     Relaxation,
+    RunsAway,
     largest_force,
+    not_begun,
     relaxation_record,
     restored_relaxation,
 )
 from netfall.equilibrium.slip import find_slipping
 from netfall.equilibrium.slip_law import set_strands
 from netfall.ground.errors import DivergedError, Interrupted, interrupted
-from netfall.ground.stop import NEVER, StopRequest
+from netfall.ground.stop import StopRequest
 from netfall.job.asks import rests_at_loss, rests_in_wind
 from netfall.job.job import Job
 from netfall.job.schema import defaults
@@ -37,8 +41,8 @@ OF_PARTICLES = {each.name for each in FIELDS if each.entity == "particle"}  # ot
 EQUILIBRIUM, NONE, UNSTABLE = "equilibrium", "no_equilibrium", "unstable"
 NOT_FOUND = Solution(0, np.nan, np.nan, np.nan, False, UNKNOWN)
 MOST_NAMED = 100  # elements where a net gives way
-SHARP = 0.004  # of the load factor at which something breaks: how closely it is found
-LEAST = 1e-3  # of a load: less is none
+ROUGH, FEW = 1e-4, 20_000  # of the error, of iterations of a relaxation, in search of how much is borne
+SEARCHED = ("permanent", "case", "combination", "step", "at once", "rest")  # how much of them is borne
 APART = ("case", "combination")  # kinds that are beside the run: what follows starts as without them
 
 
@@ -163,28 +167,44 @@ def reference_force(scene: Scene, last: StaticLoad) -> float:
 
 
 def settle(
-    scene: Scene, each: StaticLoad, reference: float, stop: StopRequest, resume=None, most=None, guess=None
+    scene: Scene,
+    each: StaticLoad,
+    reference: float,
+    stop: StopRequest,
+    resume=None,
+    most=None,
+    guess=None,
+    report: Callable[[str], None] = lambda line: None,
 ) -> StaticOutcome:
     """Bring the state to one equilibrium, what yields on the way included. Collective.
 
     reference : [N], which the tolerance refers to; stop, resume : as in `relax`; most : iterations
-    guess : positions (n, 3) [m] that may be nearer to it
+    guess : positions (n, 3) [m] that may be nearer to it; report(words) : of a search for what is borne
 
-    Where there is none the state comes to the last equilibrium on the way that was found: that of the share
-    of the load at which something breaks, else where it began. An equilibrium has no fractures, but after a
-    loss it is reported with what breaks in it. Raises Paused if asked to stop.
+    Where there is none the state comes to that of the largest share of the load that is borne, of `SEARCHED`
+    and of what breaks, else to where it began. An equilibrium has no fractures, but after a loss it is
+    reported with what breaks in it. Raises Paused if asked to stop.
     """
     start = committed(scene.state)
     if resume is not None and resume.start is not None:
         start["x"][:] = resume.start
     try:
         found = _found(scene, each, reference, stop, resume, most, guess)
+        whole = UNSTRAINED if each.kind == "loss" else _strained(scene, each)
     except DivergedError as error:
+        whole, found = _where(scene, each, error), None
+    if whole.reason and (each.kind in SEARCHED or whole.reason == BREAKS):
+        return _largest_share(scene, each, reference, start, whole, stop, report)
+    if whole.reason:
         put_back(scene.state, start)
-        reason = str(error).removeprefix(f"{each.words}: ")
-        return StaticOutcome(NONE, each.reached(0.0), reason, (), as_it_began(scene))
-    if found.breaking and tears(scene.job, each):
-        return _up_to_fracture(scene, each, reference, start, found.breaking)
+        return StaticOutcome(
+            NONE, each.reached(0.0), _named(scene, whole), whole.elements[:MOST_NAMED], as_it_began(scene)
+        )
+    return _borne_whole(scene, each, found)
+
+
+def _borne_whole(scene: Scene, each: StaticLoad, found: Equilibrium) -> StaticOutcome:
+    """An equilibrium under the whole load. Collective."""
     _commit(scene.state, found.snapshot)
     state, elements = EQUILIBRIUM, ()
     if found.solution.unstable_at >= 0:
@@ -192,11 +212,36 @@ def settle(
     return StaticOutcome(state, each.factor, NOT_STABLE if elements else "", elements, found)
 
 
-def _found(scene: Scene, each: StaticLoad, reference, stop=NEVER, resume=None, most=None, guess=None):
-    """The `Equilibrium`, its plastic strains not kept yet. Collective. Raises DivergedError, Paused."""
+def _strained(scene: Scene, each: StaticLoad) -> Strained:
+    """How near the state is to giving way under a load. Collective."""
+    return strained(scene.comm, scene.distribution, scene.state, tears(scene.job, each))
+
+
+def _where(scene: Scene, each: StaticLoad, error: DivergedError) -> Strained:
+    """Where a net that came to no equilibrium gives way; of what does not run away that is not known."""
+    if isinstance(error, RunsAway):
+        return strained(scene.comm, scene.distribution, scene.state, False)._replace(most=np.inf)
+    return Strained(np.inf, (), str(error).removeprefix(f"{each.words}: "))
+
+
+def _named(scene: Scene, there: Strained) -> str:
+    """Why there is no equilibrium, elements by their names. Collective."""
+    if not there.elements:
+        return there.reason
+    name = scene.comm.bcast(scene.model and scene.model.id_of(there.elements[0]))
+    return f"element {name} {there.reason}"
+
+
+def _found(
+    scene: Scene, each: StaticLoad, reference, stop, resume=None, most=None, guess=None, rough=0.0
+) -> Equilibrium:
+    """The equilibrium, its plastic strains not kept yet. Collective. Raises DivergedError, Paused.
+
+    most : iterations; rough : the least tolerance
+    """
     settings = settings_of(scene.job)
-    most = most or settings.max_iterations
-    arguments = each.load, settings.tolerance, reference, most, each.words, stop, resume, guess
+    most, tolerance = min(most or np.inf, settings.max_iterations), max(settings.tolerance, rough)
+    arguments = each.load, tolerance, reference, most, each.words, stop, resume, guess
     solution = _slipped(scene, each, arguments) if scene.finder.slips else scene.finder.find(*arguments)
     snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
     slack, breaking = scene.comm.allreduce(snapshot.slack), _breaking(scene, snapshot)
@@ -235,31 +280,54 @@ def _commit(state: State, snapshot: Snapshot) -> None:
         state.eps_p[:] = snapshot.eps_p
 
 
-def _up_to_fracture(
-    scene: Scene, each: StaticLoad, reference: float, start: dict, breaking: tuple[int, ...]
+def _largest_share(
+    scene: Scene, each: StaticLoad, reference: float, start: dict, whole: Strained, stop, report
 ) -> StaticOutcome:
-    """The largest share of a load under which nothing breaks, found by halving, and the state there.
+    """The outcome of a load that is not borne whole: how much of it is, and the state there. Collective.
 
-    start : the state without the load, as of `committed`; breaking : under all of it. Collective.
+    start : the state without the load, as of `committed`; whole : under all of it. Raises Paused.
     """
-    state, low, high = scene.state, 0.0, 1.0
+    state = scene.state
     put_back(state, start)
     left, best, found = scene.finder.residual(each.load), committed(state), as_it_began(scene)
-    while high - low > SHARP * high and high > LEAST:
-        middle = 0.5 * (low + high)
+    part = lambda share: each._replace(load=each.load - (1.0 - share) * left)
+
+    def trial(share: float) -> Strained:
+        nonlocal best, found
+        put_back(state, best)
         try:
-            there = _found(scene, each._replace(load=each.load - (1.0 - middle) * left), reference)
-        except DivergedError:
-            there = None
-        if there and not there.breaking:
-            low, best, found = middle, committed(state), there
-        else:
-            high, breaking = middle, there.breaking if there else breaking
-            put_back(state, best)
-    put_back(state, best)
+            there = _found(scene, part(share), reference, stop, most=FEW, rough=ROUGH)
+        except DivergedError as error:
+            return _where(scene, each, error)
+        now = _strained(scene, each)
+        if not now.reason:
+            best, found = committed(state), there
+        return now
+
+    say = lambda low, high: report(f"{each.words}: not borne whole, searching {low:.3g} to {high:.3g} of it")
+    try:
+        share, there = largest_share(trial, whole, say)
+        put_back(state, best)
+        if share > 0.0:
+            found = _exact(scene, part(share), reference, stop) or found
+    except Paused:
+        put_back(state, start)
+        raise Paused(not_begun(start["x"])) from None
+    if share == 1.0:
+        return _borne_whole(scene, each, found)
     _commit(state, found.snapshot)
-    name = scene.comm.bcast(scene.model and scene.model.id_of(breaking[0]))
-    return StaticOutcome(NONE, each.reached(low), f"element {name} breaks", breaking[:MOST_NAMED], found)
+    reason = _named(scene, there) + f" at {share:.4g} of them" * (each.kind == "permanent")
+    return StaticOutcome(NONE, each.reached(share), reason, there.elements[:MOST_NAMED], found)
+
+
+def _exact(scene: Scene, each: StaticLoad, reference: float, stop) -> Equilibrium | None:
+    """The equilibrium near where the state is; None, and the state as it was: none is found. Collective."""
+    near = committed(scene.state)
+    try:
+        return _found(scene, each, reference, stop)
+    except DivergedError:
+        put_back(scene.state, near)
+        return None
 
 
 def _compressed_at(scene: Scene, particle: int) -> tuple[int, ...]:

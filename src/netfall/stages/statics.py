@@ -50,12 +50,10 @@ from netfall.stages.settle import (
     settle,
     taken_up,
 )
-from netfall.stages.wanted import Wanted, equilibria, loaded
+from netfall.stages.wanted import equilibria, loaded
 from netfall.write.result import texts
 
-HALVINGS = 6  # of the mean wind, where all of it has no equilibrium: what it bears is told to 2 %
 OF_LINES = ("moved", "held")  # of an equilibrium: for what is said of it
-FEWER = 20_000  # iterations for each of them
 
 
 @dataclass
@@ -180,19 +178,17 @@ def find_equilibria(
         factors = factors or (scene.finder.factors() if apart else None)
         scene.finder.serving = factors if apart else None
         set_net(state, each)
-        before = committed(state) if each.kind == "rest" and rests_in_wind(scene.job) else None
         guess = None
         if large and each.kind == "step" and path.steps[-1]["load_factor"] > 0.0:
             guess = carried_on(state, base, each.factor / path.steps[-1]["load_factor"])
-        outcome = settle(scene, each, path.reference, desk.stop, resume, guess=guess)
+        outcome = settle(
+            scene, each, path.reference, desk.stop, resume, guess=guess, report=desk.progress.doing
+        )
         resume = None
         if not outcome.carries and each.kind not in APART:
             path.failed = no_equilibrium(scene, each, outcome)
-            if before is not None:
-                share = (
-                    outcome.load_factor if outcome.elements else borne(scene, wanted, before, path.reference)
-                )
-                path.failed += f"; {_borne(scene.job, share)}"
+            if each.kind == "rest" and rests_in_wind(scene.job):
+                path.failed += f"; {_borne(scene.job, outcome.load_factor)}"
         if each.kind == "permanent":
             base = committed(state)
         if seen is not None:
@@ -268,23 +264,6 @@ def farthest(scene: Scene) -> tuple[float, int]:
     p = int(np.argmax(moved)) if len(moved) else -1
     here = (float(moved[p]), int(gid[p])) if p >= 0 else (0.0, 0)
     return max(scene.comm.allgather(here), key=lambda one: (one[0], -one[1]))
-
-
-def borne(scene: Scene, wanted: list[Wanted], before: dict, reference: float) -> float:
-    """The largest share of the mean wind with an equilibrium, found by halving. Collective.
-
-    before : the state without the wind, as of `committed`
-    """
-    rest, still, there = loaded(scene, wanted[-1]), loaded(scene, wanted[-2]).load, committed(scene.state)
-    low, high, most = 0.0, 1.0, min(FEWER, settings_of(scene.job).max_iterations)
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        put_back(scene.state, before)
-        share = rest._replace(load=still + middle * (rest.load - still), factor=middle)
-        stays = settle(scene, share, reference, NEVER, most=most).state == EQUILIBRIUM
-        low, high = (middle, high) if stays else (low, middle)
-    put_back(scene.state, there)
-    return low
 
 
 def _borne(job: Job, share: float) -> str:
