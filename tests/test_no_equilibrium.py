@@ -188,3 +188,27 @@ def test_whatever_reads_a_result_reads_what_was_found(workshop):
     page = (workshop.folder / "report" / "summary.md").read_text()
     assert "reached of 1" in page and "**FAILS: statics has no equilibrium.**" in page
     assert "passes" not in (workshop.folder / "report" / "checks.csv").read_text()
+
+
+def test_cases_that_cannot_begin_are_rows_with_that_reason(workshop):
+    """Permanent loads above what the cables bear: exit code 3, and each case a row of file and report."""
+    table = "id,x,y,z,fixed,area\n1,-10,0,0,1,0\n2,10,0,0,1,0\n3,0,0,-1,0,10\n"
+    heavy = f"steps = {{steps}}\ndead = {1.5 * borne() / 10.0}\n"
+    text = CABLES.replace("steps = {steps}\n", heavy).format(steps=0) + CASES.format(heavy=200.0, light=100.0)
+    text += '[[combination]]\nname = "less"\nfactors = {permanent = 0.5}\n'
+    done = workshop.run(workshop.job(text, table, ENDS), code=3)
+    assert "3 of 3 cases have no equilibrium" in done.stdout
+    with workshop.open() as f:
+        assert f["cases"].attrs["order"].tolist() == ["heavy", "light", "less"]
+        for name in f["cases"]:
+            label = f[f"cases/{name}"].attrs
+            assert label["state"] == "no_equilibrium" and np.isnan(label["load_factor"])
+            assert label["reason"].startswith("the permanent loads, with which it begins, have no equ")
+            assert np.isnan(f[f"cases/{name}/reaction"][:]).all()
+    result = workshop.folder / "result.vtkhdf"
+    assert "the permanent loads, with which it begins" in run_on_standing_ranks("info", result).stdout
+    for command in ("report", "plot"):
+        done = run_on_standing_ranks(command, result, "-o", workshop.folder / command)
+        assert done.returncode == 0, done.stderr
+    page = (workshop.folder / "report" / "summary.md").read_text()
+    assert page.count("the permanent loads, with which it begins, have no equilibrium") >= 3

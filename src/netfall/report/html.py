@@ -1,11 +1,13 @@
 """report.html: the page of a report with its pictures in one file, for a browser and a word processor."""
 
 import html
+import re
 from base64 import b64encode
 from pathlib import Path
 
 from markdown_it import MarkdownIt
 
+CELL = re.compile(r"<t[dh]\b.*?</t[dh]>")  # names in it may go on in the next line after a _
 WIDE = 660  # pixels of a picture: a word processor goes by it, a browser fits it to the window
 STYLE = """
 body { font-family: Arial, Helvetica, sans-serif; font-size: 10pt; line-height: 1.35; color: #202020;
@@ -18,6 +20,7 @@ th, td { border: 1px solid #b0b0b0; padding: 2px 6px; text-align: left; vertical
 th { background: #ececec; }
 /* of a word processor, which makes paragraphs of cells: without, each has a line of space below */
 th p, td p { margin-top: 0cm; margin-bottom: 0cm; font-size: 7.5pt; line-height: 1.1; }
+tr, img { page-break-inside: avoid; }
 img { max-width: 100%; height: auto; }
 @page { size: A4; margin: 18mm; }
 """
@@ -45,4 +48,5 @@ def one_page(text: str, title: str, folder: Path) -> str:
             data = b64encode((folder / image.attrs["src"]).read_bytes()).decode()
             image.attrs |= {"src": f"data:image/png;base64,{data}", "width": WIDE}
     body = reader.renderer.render(tokens, reader.options, {})
+    body = CELL.sub(lambda cell: cell[0].replace("_", "_\u200b"), body)
     return PAGE.format(title=html.escape(title), style=STYLE, body=body)

@@ -146,6 +146,8 @@ def _again(scene: Scene, desk: Desk, path: StaticPath, known: list[tuple[StaticO
         put_back(scene.state, there)
         note(scene, desk, path, each, outcome)
         path.failed = failed
+    if path.failed:
+        _not_begun(scene, desk, path, outcome)
     if each.kind in APART:
         to_the_start(scene)
 
@@ -195,11 +197,24 @@ def find_equilibria(
             seen.append((outcome, committed(state), path.failed))
         note(scene, desk, path, each, outcome)
         if path.failed:
+            _not_begun(scene, desk, path, outcome)
             return
         share, slack = path.done / len(wanted), f"slack {outcome.equilibrium.slack}"
         desk.progress.at(share, each.words, path.total, "iterations", slack)
     if wanted[-1].each.kind in APART:  # cases are beside the run: what follows starts where it would without
         to_the_start(scene)
+
+
+def _not_begun(scene: Scene, desk: Desk, path: StaticPath, last: StaticOutcome) -> None:
+    """Cases that have nowhere to begin, where the permanent loads have no equilibrium: with that as reason.
+
+    last : what was found before the run had to end, whose state stands for theirs. Collective.
+    """
+    reason = f"the permanent loads, with which it begins, have no equilibrium: {last.reason}"
+    outcome = last._replace(state=NONE, load_factor=math.nan, reason=reason)
+    for want in equilibria(scene)[path.done :]:
+        if want.each.kind in APART:
+            keep(scene, desk, path, loaded(scene, want), outcome)
 
 
 def note(scene: Scene, desk: Desk, path: StaticPath, each: StaticLoad, outcome: StaticOutcome) -> None:
