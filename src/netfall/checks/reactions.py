@@ -7,13 +7,19 @@ a spring is in it already; so those of a stage add up to all its loads.
 
 import numpy as np
 
+from netfall.numerics.rotation import from_own, to_own
 from netfall.results.states import ShownState, equilibria, final, start_position
 
 
 def held_axes(f) -> np.ndarray:
-    """(n, 3) bool, axes with a support of either kind."""
+    """(n, 3) bool, axes with a support of either kind, in the axes of the support."""
     held = f["net/fixed"][:].astype(bool)
     return held | (f["net/spring"][:] > 0) if "spring" in f["net"] else held
+
+
+def angles(f, nodes: np.ndarray) -> np.ndarray | None:
+    """Of the axes of supports (k,) [degrees], those of nodes (k,); None: all stand along x, y and z."""
+    return f["net/angle"][:][nodes] if "angle" in f["net"] else None
 
 
 def pull_at(x: np.ndarray, ends: np.ndarray, N: np.ndarray) -> np.ndarray:
@@ -45,23 +51,25 @@ class Springs:
 
     def __init__(self, f, nodes: np.ndarray):
         """nodes : (k,) the supports"""
-        start = start_position(f)
+        start, self.angle = start_position(f), angles(f, nodes)
         self.stiffness = f["net/spring"][:][nodes]
         self.idle = (start + f["provenance/net/spring_rest"][:])[nodes]
 
     def force(self, x: np.ndarray) -> np.ndarray:
         """Forces (k, 3) [N] on the supports with their nodes at x (k, 3) [m]."""
-        return self.stiffness * (x - self.idle)
+        return from_own(self.stiffness * to_own(x - self.idle, self.angle), self.angle)
 
 
 def _of_stage(f, stage: ShownState, held, nodes, elements, springs: Springs | None) -> dict[str, np.ndarray]:
-    """held : (k, 3) bool, axes of the supports, rows (k,) of the net"""
+    """held : (k, 3) bool, own axes of the supports, rows (k,) of the net"""
     x = stage.position()
     pull = pull_at(x, elements if stage.ends is None else stage.ends, stage.tension())
-    force = np.where(held, pull[nodes], 0.0)
+    angle = angles(f, nodes)
+    force = np.where(held, to_own(pull[nodes], angle), 0.0)
     if springs:
         carried = stage.reaction()[nodes] if stage.reaction else springs.force(x[nodes])  # feet may settle
-        force = np.where(springs.stiffness > 0.0, carried, force)
+        force = np.where(springs.stiffness > 0.0, to_own(carried, angle), force)
+    force = from_own(force, angle)
     foundation = _on_foundation(stage, force, nodes)
     return {
         "node": f["net/node_id"][:][nodes],

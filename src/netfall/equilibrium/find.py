@@ -201,7 +201,7 @@ class Finder:
         K, fixed = newton.tangent(), self.at_fixed_nodes(change)
         newton.f[:] = 0.0
         add_tensions(state.x, state.ends, fixed, state.elements_now().L, newton.f)
-        r = np.where(newton.moves, newton.f[newton.owned], 0.0)
+        r = newton.not_held(newton.f[newton.owned])
         s, _ = newton.solve(K, self._approximate_inverse(newton, K), r, EXACT)
         newton.spread_out(s)
         axial = np.empty(len(change))

@@ -15,6 +15,7 @@ from netfall.equilibrium.relaxation import largest_residual
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.mechanics.bending import add_joint_stiffness
 from netfall.mechanics.elements import add_stiffness, axial_forces
+from netfall.mechanics.supports import keep_on_guides
 from netfall.multigrid.cycle import Cycle
 from netfall.multigrid.distributed import advance, dot_rows, turn
 from netfall.multigrid.factors import Factors
@@ -139,7 +140,7 @@ class Newton:
     def residual(self) -> np.ndarray:
         """Residual forces (n_owned, 3) [N] on the free axes."""
         self.net.forces(self.net.x, self.f)
-        return np.where(self.moves, self.f[self.owned], 0.0)
+        return self.not_held(self.f[self.owned])
 
     def spread_out(self, u: np.ndarray) -> None:
         """Put displacements u (n_owned, 3) [m] in `spread` (n, 3), halo particles too. Collective."""
@@ -155,6 +156,8 @@ class Newton:
             add_joint_stiffness(self.spread, K.joints.particles, K.joints.stiffness, self.answer)
         if K.support is not None:
             self.answer += K.support * self.spread
+        if K.between is not None:
+            self.answer[:, :2] += K.between[:, None] * self.spread[:, 1::-1]
         out = self.answer[self.owned]
         if K.slip is not None:
             K.slip.soften(self.spread, self.answer)
@@ -162,9 +165,15 @@ class Newton:
             out += self.inertia * K.nodal[self.owned, None] * u
         return self._held(out)
 
+    def not_held(self, rows: np.ndarray) -> np.ndarray:
+        """A copy of rows (n_owned, 3) with nothing along what is held."""
+        return self._held(np.where(self.moves, rows, 0.0))
+
     def _held(self, rows: np.ndarray) -> np.ndarray:
-        """The same rows (n_owned, 3), with 0 on held axes."""
+        """The same rows (n_owned, 3), with 0 on held axes, and along lines on which supports hold."""
         rows[self.stays] = 0.0
+        if self.net.turned is not None:
+            keep_on_guides(self.net.turned, rows)
         return rows
 
     def solve(

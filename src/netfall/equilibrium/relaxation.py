@@ -21,7 +21,7 @@ from netfall.mechanics.bending import add_bending_forces, add_joint_bounds
 from netfall.mechanics.elements import add_element_forces, geometric_stiffness, nodal_stiffness
 from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.state import State
-from netfall.mechanics.supports import add_springs
+from netfall.mechanics.supports import add_between, add_springs, keep_on_guides, largest_springs
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import LIMBS, add_exactly, rounded
@@ -122,6 +122,8 @@ class Net(NamedTuple):
     support : (n,) [N/m] of elastic supports, the stiffest axis, None: none
     bound(x, out) : adds to out (n,) what joints that bend add to that of elements, None: there are none
     stretch() : largest strain of what yields, a share of that at which it has given way; None: nothing yields
+    turned : (n, 3) of supports in axes of their own, None: there are none; `forces` has nothing along lines
+        on which they hold
     """
 
     x: np.ndarray
@@ -132,6 +134,7 @@ class Net(NamedTuple):
     support: np.ndarray | None = None
     bound: Callable[[np.ndarray, np.ndarray], None] | None = None
     stretch: Callable[[], float] | None = None
+    turned: np.ndarray | None = None
 
 
 def relax(
@@ -232,16 +235,21 @@ def net_of(state: State, load: np.ndarray, slips=None) -> Net:
             add_bending_forces(x, state.joints, f)
         if state.features.springs:
             add_springs(x, state.x_start, state.spring, state.spring_rest, f)
+            if state.turned is not None:
+                add_between(state.turned, state.spring_rest - (x - state.x_start), f)
         f += load
+        if state.turned is not None:
+            keep_on_guides(state.turned, f)
 
     def stiffness(x):
         now = state.elements_now()
         return largest_stiffness(state.EA, state.L0) + geometric_stiffness(now.N, now.L)
 
-    support = state.spring.max(1) if state.features.springs else None
+    support = largest_springs(state.spring, state.turned) if state.features.springs else None
     bound = None if state.joints is None else lambda x, out: add_joint_bounds(x, state.joints, OF_JOINTS, out)
     stretch = stretch_of(state) if state.features.plastic else None
-    return Net(state.x, state.free, state.ends, forces, stiffness, support, bound, stretch)
+    beside = support, bound, stretch, state.turned
+    return Net(state.x, state.free, state.ends, forces, stiffness, *beside)
 
 
 def state_residual(comm: MPI.Comm, state: State, load: np.ndarray) -> float:

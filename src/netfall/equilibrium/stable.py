@@ -21,7 +21,8 @@ def unstable_shape(newton: Newton) -> np.ndarray | None:
     number = 3 * newton.distribution.subdomain.particle_gid[newton.owned, None] + np.arange(3)
     try:
         held = newton.moves & (K.nodal[newton.owned, None] > 0.0)  # not what has left the net
-        newton.solve(K, newton.inverse(newton, K), np.where(held, scattered(number), 0.0), LEFT)
+        r = newton.not_held(np.where(held, scattered(number), 0.0))
+        newton.solve(K, newton.inverse(newton, K), r, LEFT)
     except NotPositiveDefinite as error:
         return error.shape
     return None

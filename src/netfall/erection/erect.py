@@ -12,6 +12,7 @@ from netfall.erection.tension import tension_to
 from netfall.ground.stop import StopRequest
 from netfall.job.values import counted
 from netfall.mechanics.material import warm_length
+from netfall.net.turned import held_along, on_held, turned_column
 from netfall.numerics.functions import lengths
 from netfall.stages.scene import Scene
 from netfall.stages.settle import (
@@ -104,7 +105,10 @@ def _set_up(scene: Scene, setting: Setting | None, x: np.ndarray | None) -> np.n
     if state.features.springs:
         state.spring_rest -= state.x - state.x_start
     state.x_start[:] = state.x
-    state.free[:] = spread.particles(on_root(lambda: 1 - setting.held(model.net).astype(np.uint8)))
+    held = on_root(lambda: setting.held(model.net))
+    state.free[:] = spread.particles(on_root(lambda: 1 - held_along(model.net, held).astype(np.uint8)))
+    if state.turned is not None:
+        state.turned[:] = spread.particles(on_root(lambda: turned_column(model.net, held)))
     state.EA[:] = spread.elements(on_root(lambda: np.where(setting.active, model.net.EA, 0.0)))
     state.broken[:] = spread.elements(on_root(lambda: (~setting.active).astype(np.uint8)))
     set_strands(state, spread.elements(on_root(lambda: warm_of(scene, setting)(setting.L0))))
@@ -173,7 +177,7 @@ def reactions(model, setting: Setting, x: np.ndarray, N: np.ndarray) -> np.ndarr
     pull = (N / lengths(along))[:, None] * along
     np.add.at(force, net.elements[:, 0], pull)
     np.subtract.at(force, net.elements[:, 1], pull)
-    return np.where((setting.fixed | (net.spring > 0)) & setting.there(net)[:, None], force, 0.0)
+    return on_held(net, (setting.fixed | (net.spring > 0)) & setting.there(net)[:, None], force)
 
 
 def _lines(model, erection: Erection, stage, setting: Setting, x, N, outcome: StaticOutcome) -> list[str]:

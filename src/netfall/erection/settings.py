@@ -15,6 +15,7 @@ from netfall.model.loads import live_load, of_case
 from netfall.model.model import Model
 from netfall.net.net import Net
 from netfall.net.parts import parts_of
+from netfall.net.turned import held_along, settles_along
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ def check_stages(job: Job, model: Model) -> None:
         '"load.temperature" = 0.0 in its set, or a factor of 1'
         for each in stressed
     ]
-    free = ~(setting.fixed | (net.spring > 0))
+    free = ~settles_along(net, setting.fixed)
     for name, inputs in model.layout.cases.items():
         if inputs.settlement is None:
             continue
@@ -148,7 +149,7 @@ def _wrong_names(stage: SimpleNamespace, net: Net) -> list[str]:
 
 def _wrong_state(stage: SimpleNamespace, setting: Setting, net: Net) -> list[str]:
     """Moves of nodes that are free, cables without length, parts that hang on nothing."""
-    free = np.flatnonzero(((setting.moved != 0.0) & ~setting.fixed).any(1))
+    free = np.flatnonzero(((setting.moved != 0.0) & ~held_along(net, setting.fixed)).any(1))
     wrong = []
     if len(free):
         wrong.append(f"move: {counted('node', net.node_id[free])}: an axis that moves must be held")

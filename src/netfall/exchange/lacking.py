@@ -36,6 +36,7 @@ def of_net(result: Result) -> dict[str, bool]:
         "strengths": any(name in net for name in ("breaking_load", "yield_force", "fracture_strain")),
         "types": "type" in net,
         "axes of supports": bool(part_held.any()),
+        "angles of supports": "angle" in net,
         "springs": "spring" in net,
         "loads of nodes": bool(known("load").any()),
         "masses of nodes": bool(known("mass").any()),

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.exchange.state import RECORD
+from netfall.numerics.rotation import from_own, to_own
 from netfall.results.result import Result
 from netfall.results.states import start_position
 
@@ -12,18 +13,21 @@ from netfall.results.states import start_position
 class Springs(NamedTuple):
     """Elastic supports of nodes (k,), rows of the net, out of start (n, 3) [m], where displacements begin.
 
-    stiffness : (k, 3) [N/m]; rest : (k, 3) [m], displacement at which they carry nothing
+    stiffness : (k, 3) [N/m]; rest : (k, 3) [m], displacement at which they carry nothing; both in axes at
+        angles (k,) [degrees] about z, None: along x, y and z
     """
 
     nodes: np.ndarray
     stiffness: np.ndarray
     rest: np.ndarray
     start: np.ndarray
+    angle: np.ndarray | None = None
 
     def forces(self, x: np.ndarray) -> np.ndarray:
         """Forces (n, 3) [N] on the nodes, which are at x (n, 3) [m]."""
         force = np.zeros_like(x)
-        force[self.nodes] = self.stiffness * (self.rest - (x - self.start)[self.nodes])
+        moved = to_own((x - self.start)[self.nodes], self.angle)
+        force[self.nodes] = from_own(self.stiffness * (self.rest - moved), self.angle)
         return force
 
 
@@ -34,4 +38,5 @@ def springs_of(result: Result) -> Springs:
         return Springs(np.zeros(0, int), none, none, start)
     nodes = np.flatnonzero(f["net/spring"][:].any(1))
     k, rest = f["net/spring"][:][nodes], np.broadcast_to(f[f"{RECORD}/spring_rest"][:], start.shape)[nodes]
-    return Springs(nodes, k, rest, start)
+    angle = f["net/angle"][:][nodes] if "angle" in f["net"] else None
+    return Springs(nodes, k, to_own(rest, angle), start, angle)

@@ -102,6 +102,16 @@ FIELDS = (
         "springs",
         given=True,
     ),
+    _particle(
+        "turned",
+        AXES,
+        np.float64,
+        "",
+        "of supports in axes of their own: unit vector in plan along which it is held, 0: none; and the "
+        "stiffness [N/m] of its springs between x and y",
+        "turned",
+        given=True,
+    ),
     _particle("spring_zero", AXES, np.float64, "m", "position at which it carries nothing", "springs"),
     _particle("load_before", AXES, np.float64, "N", "forces that vary, at the last sample", "varying"),
     _particle("load_after", AXES, np.float64, "N", "forces that vary, at the next sample", "varying"),
@@ -275,6 +285,7 @@ class Features:
     sections: bool = False  # more than one stiffness or yield force
     strengths: bool = False  # more than one strain at fracture
     springs: bool = False  # elastic supports
+    turned: bool = False  # supports in axes of their own
     losses: bool = False  # elements leave the net at given times
     motion: bool = False  # supports move
     slip: bool = False  # cables slip over nodes

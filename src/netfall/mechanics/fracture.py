@@ -111,6 +111,8 @@ def is_loose(p, e, elements, particles):
             return False
         if particles.spring is not None and particles.spring[k][p] != 0.0:
             return False
+    if particles.turned is not None and (particles.turned[0][p] != 0.0 or particles.turned[1][p] != 0.0):
+        return False
     mass = damped_mass(p, particles)
     return particles.valence[p] == 1 and mass - elements.half_mass[e] <= ROUNDING * mass
 

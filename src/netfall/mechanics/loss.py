@@ -17,6 +17,7 @@ import numpy as np
 from netfall.mechanics.air import rooted, squared
 from netfall.mechanics.fracture import dissipate
 from netfall.mechanics.state import State
+from netfall.mechanics.supports import keep_on_guides
 
 
 def lose_elements(state: State, elements: np.ndarray, dt: float) -> None:
@@ -85,6 +86,8 @@ def join(state: State, particles: np.ndarray, source: np.ndarray, share: np.ndar
             state.v[p] = np.where(
                 state.free[p], momentum / state.mass[p], state.v[p]
             )  # a support takes the rest
+            if state.turned is not None:
+                keep_on_guides(state.turned[p : p + 1], state.v[p : p + 1])
         if state.work is not None and state.own(p):
             state.work[p, 0] += _motion(state, p) - before
 

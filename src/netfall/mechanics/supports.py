@@ -1,7 +1,11 @@
-"""Elastic supports: a spring for each axis of a particle, which acts both ways.
+"""Supports: a spring for each axis of a particle, which acts both ways; and axes that are not x and y.
 
 f = k (d0 - d), with the displacement d and d0 where the spring carries nothing: its reaction in the form that
 was found, over k; 0 without form finding. Its energy is k (d - d0)^2 / 2.
+
+A support in axes of its own, turned about z, has a term of stiffness between x and y (`net.turned`). Where it
+is held along a unit vector n in plan, forces lose their part along n, so that n.v stays 0. Both stand in
+`turned` of the particles, (n, 3): n_x, n_y, and the term between.
 """
 
 import numpy as np
@@ -25,12 +29,32 @@ def add_springs(x, x_start, spring, rest, f_int):
             f_int[p, k] += spring[p, k] * (rest[p, k] - (x[p, k] - x_start[p, k]))
 
 
-def spring_forces(x, x_start, spring, rest) -> np.ndarray:
+def spring_forces(x, x_start, spring, rest, turned=None) -> np.ndarray:
     """Forces (n, 3) [N] of the springs on their particles, arguments as in `add_springs`."""
-    return spring * (rest - (x - x_start))
+    off = rest - (x - x_start)
+    force = spring * off
+    if turned is not None:
+        add_between(turned, off, force)
+    return force
 
 
 def spring_energy(x, x_start, spring, rest) -> np.ndarray:
     """Energy (n,) [J] of the springs of each particle, arguments as in `add_springs`."""
     off = (x - x_start) - rest
     return 0.5 * np.sum(spring * off * off, axis=1)
+
+
+def add_between(turned, u, force) -> None:
+    """Add to forces (n, 3) [N] what stiffness between x and y makes of displacements u (n, 3) [m]."""
+    force[:, :2] += turned[:, 2:] * u[:, 1::-1]
+
+
+def keep_on_guides(turned, rows) -> None:
+    """Take from vectors (k, 3) their parts along the lines on which the first k particles are held."""
+    n = turned[: len(rows), :2]
+    rows[:, :2] -= (n[:, 0] * rows[:, 0] + n[:, 1] * rows[:, 1])[:, None] * n
+
+
+def largest_springs(spring, turned) -> np.ndarray:
+    """Upper bound (n,) [N/m] of the stiffness of springs (n, 3) in any direction; turned : or None."""
+    return spring.max(1) if turned is None else spring.max(1) + np.abs(turned[:, 2])

@@ -12,6 +12,7 @@ from netfall.job.schema import defaults
 from netfall.job.table import Table
 from netfall.model.loads import shape_coefficients
 from netfall.net.net import Net
+from netfall.net.turned import is_turned, settles_along
 from netfall.roof.zones import Zones
 from netfall.wind.sectors import Sectors, origin
 
@@ -95,17 +96,21 @@ def _settlement_of(job: Job, case: SimpleNamespace, net: Net) -> tuple[np.ndarra
         return (None,)
     place = f"{job.path}: [[case]] {case.name}: settlement"
     row = {number: p for p, number in enumerate(net.node_id.tolist())}
-    found, errors = np.zeros((net.n, 3)), []
+    found, errors, can_settle = np.zeros((net.n, 3)), [], settles_along(net, net.fixed)
     for name, shift in case.settlement.items():
         p = row.get(int(name))
         if p is None:
             errors.append(f"{place}: there is no node {int(name)}; expected ids of nodes.csv")
             continue
         found[p] = shift
-        loose = ~(net.fixed[p].astype(bool) | (net.spring[p] > 0.0)) & (found[p] != 0.0)
+        loose = ~can_settle[p] & (found[p] != 0.0)
         if loose.any():
             axes = ", ".join(axis for axis, free in zip("xyz", loose) if free)
             why = "neither held nor on a spring; expected 0.0 there, or a support"
+            if is_turned(net)[p]:
+                why = (
+                    "a support with an angle that can move in plan settles along z alone; expected 0.0 there"
+                )
             errors.append(f"{place}: node {int(name)}: {axes}: {why}")
     if errors:
         raise InputError(errors)

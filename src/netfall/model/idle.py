@@ -8,6 +8,7 @@ from netfall.job.asks import air_damps, air_moves, carries_permanent, grows, has
 from netfall.job.job import Job
 from netfall.job.values import shown
 from netfall.net.net import Net
+from netfall.net.turned import is_turned
 from netfall.roof.zones import Zones, named_zones
 from netfall.wind.sectors import Sectors, origin
 from netfall.wind.spectra import intensity
@@ -177,6 +178,9 @@ def _idle_columns(job: Job, net: Net) -> list[str]:
         )
     if net.mass.any() and not job.dynamics:
         notes.append("column mass: no effect: it is inertia without weight, and there is no [dynamics]")
+    alike = 0 if net.angle is None else np.count_nonzero((net.angle != 0.0) & ~is_turned(net))
+    if alike:
+        notes.append(f"column angle of {alike} nodes: no effect: they are held alike along all axes in plan")
     brittle = (
         ~net.bar & np.isfinite(net.yield_stress) & (net.yield_stress >= net.fracture_strain * net.modulus)
     )

@@ -21,6 +21,7 @@ from netfall.net.build import build_net
 from netfall.net.chains import Chains, chain_notes, chains_of
 from netfall.net.net import Net
 from netfall.net.slides import Slides, slides_of
+from netfall.net.turned import held_along, is_turned
 from netfall.parallel import partition
 from netfall.roof.areas import Roofing, roof_of
 from netfall.roof.zones import Zones, zones_of
@@ -127,7 +128,7 @@ def band_of(job: Job) -> tuple[float, ...]:
 
 def features_of(job: Job, net: Net) -> Features:
     """What the scene has, as the job names it."""
-    differ = lambda values: bool((values != values[:1]).any())
+    differ, held = lambda values: bool((values != values[:1]).any()), held_along(net, net.fixed)
     return Features(
         fragments=not job.dynamics or job.dynamics.fragments,
         plastic=bool(np.isfinite(net.yield_stress).any()),
@@ -141,11 +142,12 @@ def features_of(job: Job, net: Net) -> Features:
         tapped=job.wind is not None and job.wind.pressures is not None,
         varying=varies(job),
         springs=bool(net.spring.any()),
+        turned=bool(is_turned(net).any()),
         losses=bool(job.removes),
         strain=job.cable.strain,
         bars=bool(net.bar.any()),
         bending=net.bending is not None,
-        part_held=bool((net.fixed.any(1) & ~net.fixed.all(1)).any()),
+        part_held=bool((held.any(1) & ~held.all(1)).any()),
         sections=differ(net.EA) or differ(net.yield_force),
         strengths=differ(net.fracture_strain),
         energy=job.output.energy,

@@ -13,6 +13,7 @@ from netfall.job.asks import grows
 from netfall.job.cases import in_zone
 from netfall.job.job import Job
 from netfall.net.net import GRAVITY, Net
+from netfall.numerics.rotation import from_own, to_own
 from netfall.roof.zones import Roof, Zones
 from netfall.wind.field import WindField
 from netfall.wind.sectors import Sectors, read_sectors
@@ -101,7 +102,9 @@ def preload(net: Net, x: np.ndarray, N: np.ndarray, L: np.ndarray, load=None) ->
     along = (N / L)[:, None] * (x[net.elements[:, 1]] - x[net.elements[:, 0]])
     np.add.at(pull, net.elements[:, 0], along)
     np.subtract.at(pull, net.elements[:, 1], along)
-    return np.divide(-pull, net.spring, out=np.zeros((net.n, 3)), where=net.spring > 0)
+    pull = to_own(pull, net.angle)
+    rest = np.divide(-pull, net.spring, out=np.zeros((net.n, 3)), where=net.spring > 0)
+    return from_own(rest, net.angle)
 
 
 def shape_coefficients(job: Job, zones: Zones) -> tuple[np.ndarray | None, Sectors | None]:

@@ -29,6 +29,7 @@ from netfall.model.loads import Loading, by_node, carried_mass, loading_of, prel
 from netfall.model.motion import Motion, motion_of
 from netfall.model.start import check_start, check_tensions, element_words, low_notes
 from netfall.net.net import Net
+from netfall.net.turned import held_along, springs_along, turned_column
 from netfall.numerics.functions import lengths
 from netfall.roof.areas import Areas, tributary_areas
 from netfall.roof.panels import Panels, panels_of
@@ -123,7 +124,17 @@ class Model:
     @property
     def free(self) -> np.ndarray:
         """(n, 3), 1 where the axis can move."""
-        return 1 - self.net.fixed.astype(np.uint8)
+        return 1 - held_along(self.net, self.net.fixed).astype(np.uint8)
+
+    @property
+    def spring(self) -> np.ndarray:
+        """(n, 3) [N/m], along x, y and z."""
+        return springs_along(self.net)
+
+    @property
+    def turned(self) -> np.ndarray:
+        """(n, 3) of supports in axes of their own."""
+        return turned_column(self.net, self.net.fixed)
 
     @property
     def wind(self) -> np.ndarray | None:

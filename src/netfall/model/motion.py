@@ -17,6 +17,7 @@ from netfall.job.table import Table
 from netfall.job.validate import is_record
 from netfall.job.values import listed
 from netfall.net.net import GRAVITY, Net
+from netfall.net.turned import is_turned
 from netfall.numerics.functions import lengths
 
 AXES = ("x", "y", "z")
@@ -98,6 +99,9 @@ def _nodes(net: Net, entry) -> tuple[np.ndarray, list[str]]:
             f"nodes: {listed(sprung)}: on springs, whose feet cannot be moved; put an element with the "
             "stiffness of the spring between the node and a support, and move that"
         )
+    turned = net.node_id[rows[is_turned(net)[rows]]]
+    if len(turned):
+        wrong.append(f"nodes: {listed(turned)}: with an angle, whose supports cannot be moved; expected 0")
     if not held.any():
         wrong.append("the net has no supports that could be moved")
     return rows, wrong

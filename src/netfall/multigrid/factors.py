@@ -62,22 +62,24 @@ def factors_of_tangent(
     comm, order = distribution.comm, pattern.order
     elements = np.column_stack([K.direction, K.axial, K.across])
     elements = comm.bcast(distribution.gather_elements(elements))
-    support = None
+    support = between = None
+    if K.between is not None:
+        between = comm.bcast(distribution.gather_particles(K.between))[order]
     if K.support is not None or inertia:
         beside = inertia * K.nodal[:, None] + (np.zeros(3) if K.support is None else K.support)
         support = comm.bcast(distribution.gather_particles(beside))[order]
     direction, axial, across = np.ascontiguousarray(elements[:, :3]), *elements[:, 3:].T.copy()
     for part in (across, np.maximum(across, 0.0)):
-        lower, d, last, _ = factors_of(*_rows(pattern, direction, axial, part, support))
+        lower, d, last, _ = factors_of(*_rows(pattern, direction, axial, part, support, between))
         if last == len(d) and (d > 0.0).all():
             return Factors(distribution, pattern, lower, d)
     return None
 
 
-def _rows(pattern: Pattern, direction, axial, across, support):
+def _rows(pattern: Pattern, direction, axial, across, support, between):
     """The matrix as of `factors_of`, left of the diagonal alone."""
     n, none = len(pattern.order), np.zeros(len(pattern.order))
-    of_net = pattern.free, support, none, np.arange(n), pattern.at, n
+    of_net = pattern.free, support, none, np.arange(n), pattern.at, n, between
     matrix = block_matrix(pattern.ends, direction, axial, across, *of_net).tocsr()
     row = np.repeat(np.arange(3 * n), np.diff(matrix.indptr))
     left, diagonal = matrix.indices < row, matrix.diagonal()

@@ -21,6 +21,7 @@ class Rows(NamedTuple):
 
     start : (n + 1,) where the elements of each begin; other : (k,) far ends; element : (k, 5) direction,
     axial stiffness less that across, that across [N/m]; support : (n, 3) [N/m] or None; free : (n, 3)
+    between : (n,) [N/m] of the support, between x and y, or None
     """
 
     start: np.ndarray
@@ -28,6 +29,7 @@ class Rows(NamedTuple):
     element: np.ndarray
     support: np.ndarray | None
     free: np.ndarray
+    between: np.ndarray | None
 
 
 @part_of_kernel
@@ -36,6 +38,8 @@ def _answer(i, rows, x):
     a = b = c = np.float32(0.0)
     if rows.support is not None:
         a, b, c = rows.support[i, 0] * x[i, 0], rows.support[i, 1] * x[i, 1], rows.support[i, 2] * x[i, 2]
+    if rows.between is not None:
+        a, b = a + rows.between[i] * x[i, 1], b + rows.between[i] * x[i, 0]
     element = rows.element
     for k in range(np.uint64(rows.start[i]), np.uint64(rows.start[i + 1])):  # unsigned: none is negative
         j = np.uint64(rows.other[k])
@@ -125,7 +129,8 @@ class ElementMatrix:
         element = np.empty((len(at.far), 5), np.float32)
         fill_elements(at, K.direction, K.axial, K.across, start, other, element)
         free = (net.free[:n] != 0).astype(np.uint8)
-        self.rows = Rows(start, other[: start[-1]], element[: start[-1]], support, free)
+        between = None if K.between is None else K.between[:n].astype(np.float32)
+        self.rows = Rows(start, other[: start[-1]], element[: start[-1]], support, free, between)
         self.halo = halo
         self.x = np.zeros((len(net.x), 3), np.float32)
         self.own, self.y = self.x[:n], np.empty((n, 3), np.float32)

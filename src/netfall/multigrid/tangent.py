@@ -9,16 +9,19 @@ from netfall.mechanics.bending import JointTangent
 from netfall.mechanics.elements import element_tangents, nodal_stiffness
 from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.state import State
+from netfall.mechanics.supports import largest_springs
 from netfall.multigrid.joints import joint_tangent, with_joints
 from netfall.multigrid.rows import BlockRows, Owners, blocks_of
 from netfall.parallel.subdomain import Distribution
+
+STIFF = 1e4  # times a node's stiffness: of a line on which it is held; single precision bears that
 
 
 class Tangent(NamedTuple):
     """Stiffness of a net at its positions.
 
     N : (m,) [N]; direction : (m, 3) along the elements; axial, across : (m,) [N/m], of compression negative
-    support : (n, 3) [N/m] or None
+    support : (n, 3) [N/m] or None; between : (n,) [N/m] of it, between x and y, or None
     nodal : (n,) [N/m], the elements' and supports' largest stiffness at each particle
     joints : of chains that bend, None: there are none
     slip : what cables that slip take from all this (`equilibrium.slip.SlipTangent`), None: none does
@@ -32,6 +35,7 @@ class Tangent(NamedTuple):
     nodal: np.ndarray
     joints: JointTangent | None = None
     slip: object | None = None
+    between: np.ndarray | None = None
 
     @property
     def softened(self) -> bool:
@@ -44,11 +48,26 @@ def tangent_of(state: State) -> Tangent:
     N, axial, across = np.empty((3, state.m))
     direction = np.empty((state.m, 3))
     element_tangents(state.x, state.elements, state.law, N, direction, axial, across)
-    nodal = state.spring.max(1).astype(float) if state.features.springs else np.zeros(state.n_local)
+    springs = state.features.springs
+    nodal = largest_springs(state.spring, state.turned).astype(float) if springs else np.zeros(state.n_local)
     nodal_stiffness(state.ends, largest_stiffness(state.EA, state.L0) + np.abs(across), nodal)
-    support = np.ascontiguousarray(state.spring, float) if state.features.springs else None
+    support = np.ascontiguousarray(state.spring, float) if springs else None
+    between = None
+    if state.turned is not None:
+        support, between = _with_guides(support, state.turned[: len(nodal)], nodal)
     joints = joint_tangent(state.x, state.joints, nodal) if state.joints is not None else None
-    return Tangent(N, direction, axial, across, support, nodal, joints)
+    return Tangent(N, direction, axial, across, support, nodal, joints, between=between)
+
+
+def _with_guides(support: np.ndarray | None, turned: np.ndarray, nodal: np.ndarray) -> tuple:
+    """`support` and `between` of a tangent with stiff springs along lines on which supports hold.
+
+    Nothing moves along these lines: the springs keep matrices positive, and approximate inverses near.
+    """
+    stiff, n = STIFF * nodal, turned[:, :2]
+    support = np.zeros((len(turned), 3)) if support is None else support
+    support[:, :2] += stiff[:, None] * n**2
+    return support, turned[:, 2] + stiff * (n[:, 0] * n[:, 1])
 
 
 def without_compression(K: Tangent) -> Tangent:
@@ -167,18 +186,22 @@ def fill_blocks(at, ends, number, free, direction, axial, across, diagonal, star
     start[-1] = k
 
 
-def block_matrix(ends, direction, axial, across, free, support, inertia, number, at: Incidence, columns: int):
+def block_matrix(
+    ends, direction, axial, across, free, support, inertia, number, at: Incidence, columns: int, between=None
+):
     """The tangent stiffness as a scipy BSR matrix of 3 x 3 blocks, without held axes.
 
     ends : (m, 2); direction : (m, 3); axial, across : (m,) [N/m]; free : (n, 3) bool; support : (n, 3) or
     None; inertia : (n,) [N/m]; number : (n,) of a particle's column; columns : how many
-    at : the rows that are made, of the first particles
+    between : (n,) or None, of supports between x and y; at : the rows that are made, of the first particles
     """
     rows, axis, ends = len(at.start) - 1, np.arange(3), ends.astype(np.uint32, copy=False)
     diagonal = np.zeros((len(free), 3, 3))
     add_diagonal(ends, direction, axial, across, diagonal)
     diagonal = diagonal[:rows]
     diagonal[:, axis, axis] += inertia[:rows, None] + (0.0 if support is None else support[:rows])
+    if between is not None:
+        diagonal[:, [0, 1], [1, 0]] += between[:rows, None]
     diagonal *= free[:rows, :, None] & free[:rows, None, :]
     diagonal[:, axis, axis] += ~free[:rows]
     start, most = np.empty(rows + 1, np.int64), rows + len(at.far)
@@ -196,8 +219,8 @@ def tangent_rows(distribution: Distribution, net, K: Tangent, at: Incidence, ine
     d, K = distribution.subdomain, without_compression(K)
     owners = Owners(distribution.comm, d.particle_gid[: d.n_owned])
     elements = K.direction, K.axial, K.across
-    nodal = inertia * K.nodal
-    own = block_matrix(net.ends, *elements, net.free != 0, K.support, nodal, d.particle_gid, at, owners.n)
+    supports = net.free != 0, K.support, inertia * K.nodal
+    own = block_matrix(net.ends, *elements, *supports, d.particle_gid, at, owners.n, K.between)
     if K.joints is not None:
         own = with_joints(own, K.joints, net.free != 0, d.particle_gid)
     return BlockRows(distribution.comm, own, owners, owners)

@@ -3,9 +3,9 @@
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.asks import carries_permanent, roof_groups
+from netfall.job.asks import air_damps, carries_permanent, roof_groups
 from netfall.job.job import Job
-from netfall.job.values import shown
+from netfall.job.values import counted, shown
 from netfall.net.bars import bar_errors, bar_notes, set_bars
 from netfall.net.cables import cables_of, same_names
 from netfall.net.generators import generate as generators
@@ -19,6 +19,7 @@ from netfall.net.sections import (
     strength_notes,
 )
 from netfall.net.tables import read_lines, read_tables
+from netfall.net.turned import is_turned
 
 STEEP = ("saddle", "stadium")  # generators whose start is level inside and steep along the boundary
 MOST_ELEMENTS = 50_000_000  # some 2000 bytes each on rank 0 at set-up
@@ -143,7 +144,7 @@ def _whole_net_errors(job: Job, net: Net) -> list[str]:
             f"{job.path}: spring_rest_x, y, z in {job.net.nodes} and [form_finding] exclude each other: "
             "springs begin with the reaction of the form"
         )
-    return errors + _springs_on_supports(job, net) + _without_tension(job, net)
+    return errors + _springs_on_supports(job, net) + _without_tension(job, net) + _not_turned(job, net)
 
 
 def _cables_of_one_name(job: Job, net: Net) -> list[str]:
@@ -162,6 +163,27 @@ def _springs_on_supports(job: Job, net: Net) -> list[str]:
         f"{job.path.parent / job.net.nodes}: node {net.node_id[p]}: spring_{'xyz'[k]} = "
         f"{net.spring[p, k]:g}: the axis is fixed too; keep one of the two"
         for p, k in both[:5]
+    ]
+
+
+def _not_turned(job: Job, net: Net) -> list[str]:
+    """What cannot be computed with supports in axes of their own, as far as the job asks for it."""
+    nodes, form, place = net.node_id[is_turned(net)], job.form_finding, job.path.parent / str(job.net.nodes)
+    if not len(nodes):
+        return []
+    refused = {
+        '[form_finding] method = "force_density"': form and form.method == "force_density",
+        '[form_finding] start = "force_density"': form and form.start == "force_density",
+        '[form_finding] method = "keep"': form and form.method == "keep",
+        "[dynamics]": job.dynamics is not None,
+        "[[slide]]": bool(job.slides),
+        "[wind] air_damping": air_damps(job),
+    }
+    return [
+        f"{place}: angle: {counted('node', nodes)}: {what} does not know supports in axes of their own; "
+        "expected angle = 0 there, supports alike along both axes in plan, or a job without it"
+        for what, asked in refused.items()
+        if asked
     ]
 
 

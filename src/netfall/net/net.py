@@ -45,6 +45,7 @@ class Net:
     normal : (n, 3) upward unit normal of the surface, nan: from the faces
     spring : (n, 3) [N/m] of an elastic support, 0: none; spring_rest : (n, 3) [m], displacement at which it
         carries nothing, of a net without form finding
+    angle : (n,) [degrees] about z, of the axes in which `fixed` and `spring` stand; None: x and y
     zone : (n,) row of zone_names that the table gives, -1: none; of a node in several one of them
     zone_share : (n, z) of each node's area in each of zone_names, where the table gives shares; None: whole
     elements : (m, 2) particle numbers; group : (m,) row of group_names
@@ -79,6 +80,7 @@ class Net:
     normal: np.ndarray = _node(UNKNOWN, UNKNOWN)
     spring: np.ndarray = _node(NOTHING, NOTHING)
     spring_rest: np.ndarray = _node(NOTHING, NOTHING)
+    angle: np.ndarray | None = _node(inner=0.0)
     zone: np.ndarray = _node(-1)
     zone_share: np.ndarray = _node()
     zone_names: list[str] = field(default_factory=list)

@@ -8,6 +8,7 @@ from netfall.job.table import SEVERAL, Table
 from netfall.job.values import MOST_NAMED, more_of
 from netfall.net.net import Net, pair_key
 from netfall.net.parts import unjoined_pairs
+from netfall.numerics.rotation import from_own
 
 AXES = ("x", "y", "z")
 NODE_COLUMNS = (
@@ -21,6 +22,7 @@ NODE_COLUMNS = (
     *(f"normal_{k}" for k in AXES),
     *(f"spring_{k}" for k in AXES),
     *(f"spring_rest_{k}" for k in AXES),
+    "angle",
     "zone",
     "zone_share",
 )
@@ -100,6 +102,8 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, np.ndarray]:
                 f"{nodes.at(row)}: id = {number}: stands on {nodes.at(first[number])} already; ids are unique"
             )
         first.setdefault(number, row)
+    angle = nodes.numbers("angle", 0.0, unit="degrees") if "angle" in nodes else None
+    rest = np.column_stack([nodes.numbers(f"spring_rest_{k}", 0.0, unit="m") for k in AXES])
     return dict(
         x=x,
         fixed=_fixed(nodes),
@@ -109,7 +113,8 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, np.ndarray]:
         area=nodes.numbers("area", low=0.0, unit="m2"),
         normal=_normals(nodes),
         spring=np.column_stack([nodes.numbers(f"spring_{k}", 0.0, low=0.0, unit="N/m") for k in AXES]),
-        spring_rest=np.column_stack([nodes.numbers(f"spring_rest_{k}", 0.0, unit="m") for k in AXES]),
+        spring_rest=from_own(rest, angle),
+        angle=angle,
         **_zone_column(nodes),
     )
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from netfall.mechanics.state import State
-from netfall.mechanics.supports import spring_forces
+from netfall.mechanics.supports import keep_on_guides, spring_forces
 from netfall.record.energy import Snapshot
 
 
@@ -14,10 +14,17 @@ def forces_on_supports(state: State, snapshot: Snapshot, load: np.ndarray) -> np
     0 along an axis that nothing holds.
     """
     rows = snapshot.rows
-    held = state.free[rows] == 0
-    force = np.where(held, snapshot.room.f_int[rows] + load[rows], 0.0)
+    total = snapshot.room.f_int[rows] + load[rows]
+    force = np.where(state.free[rows] == 0, total, 0.0)
+    turned = None if state.turned is None else state.turned[rows]
     if state.features.springs:
-        force -= spring_forces(
-            *(array[rows] for array in (state.x, state.x_start, state.spring, state.spring_rest))
-        )
+        springs = [array[rows] for array in (state.x, state.x_start, state.spring, state.spring_rest)]
+        carried = spring_forces(*springs, turned)
+        force -= carried
+        if turned is not None:
+            total += carried - spring_forces(*springs)
+    if turned is not None:
+        left = total.copy()
+        keep_on_guides(turned, left)
+        force[:, :2] += (total - left)[:, :2]
     return force

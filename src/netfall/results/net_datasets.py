@@ -6,6 +6,7 @@ NET = (
     ("particles", "n, 3", "m", "nodes as given"),
     ("elements", "m, 2", NONE, "numbers of the nodes at their ends"),
     ("fixed", "n, 3", NONE, "1: held along this axis"),
+    ("angle", "n", "degrees", "about z, of the axes of `fixed` and `spring`; where the tables give it"),
     ("node_id", "n", NONE, "ids of the tables"),
     ("element_id", "m", NONE, "ids of the tables"),
     ("group", "m", NONE, "row of `group_names`"),

@@ -24,8 +24,10 @@ from netfall.ground.errors import DivergedError, InputError
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.job.values import counted
 from netfall.mechanics.elements import add_tensions, geometric_stiffness, nodal_stiffness
+from netfall.mechanics.supports import keep_on_guides
 from netfall.multigrid.tangent import Tangent
 from netfall.net.net import Net
+from netfall.net.turned import held_along, is_guided, turned_column
 from netfall.numerics.functions import lengths
 from netfall.numerics.sparse import Singular, solve_sparse
 from netfall.parallel.agree import on_root
@@ -217,7 +219,9 @@ def find_form(
         load = load[: net.n]
     carried = distribution.particles(load) if comm.bcast(load is not None) else None
     x = distribution.particles(None if net is None else net.x)
-    free = 1 - distribution.particles(None if net is None else net.held).astype(np.uint8)
+    free = 1 - distribution.particles(None if net is None else held_along(net, net.held)).astype(np.uint8)
+    guided = comm.bcast(net is not None and bool(is_guided(net, net.held).any()))
+    turned = distribution.particles(net and turned_column(net, net.held)) if guided else None
     if settings.method == "keep":
         return kept_form(comm, net, distribution, settings, x, free, load)
     given = Elements(distribution, net, x, settings.modulus_factor, carried)
@@ -242,10 +246,9 @@ def find_form(
     reference = largest(elements.T0)
     if start is not None:
         x[:] = start
-    moving, asked = (
-        RelaxedNet(x, free, elements.ends, elements.forces, elements.bound),
-        settings.tolerance * reference,
-    )
+    forces = elements.forces if turned is None else lambda x, f: _on_guides(elements, turned, x, f)
+    moving = RelaxedNet(x, free, elements.ends, forces, elements.bound, turned=turned)
+    asked = settings.tolerance * reference
     found = None
     if resume is None or resume.iteration == 0:
         found = large_form(comm, distribution, halo, moving, elements, settings, asked, stop)
@@ -261,6 +264,12 @@ def find_form(
                 f"{error}; {worst_nodes(comm, net, distribution, moving)}; {ADVICE}"
             ) from None
     return Form(x, elements.N, *found, reference)
+
+
+def _on_guides(elements: Elements, turned: np.ndarray, x: np.ndarray, f: np.ndarray) -> None:
+    """Write the forces f (n, 3) [N] of the elements at x, with nothing along lines on which supports hold."""
+    elements.forces(x, f)
+    keep_on_guides(turned, f)
 
 
 def worst_nodes(comm: MPI.Comm, net: Net | None, distribution: Distribution, moving: RelaxedNet) -> str:
@@ -293,7 +302,7 @@ def large_form(comm, distribution, halo, net, elements, settings, asked: float, 
 
     None where Newton's method is not tried or does not find it; net.x is then as before. Raises Paused.
     """
-    if not is_large(distribution) or settings.modulus_factor == 0.0:
+    if not is_large(distribution) or settings.modulus_factor == 0.0 or net.turned is not None:
         return None
     if comm.allreduce(bool((elements.T0 < 0.0).any()), MPI.LOR):  # compressed struts
         return None
@@ -346,7 +355,7 @@ def _towards_force_density(newton: Newton, elements) -> int:
     N = q * elements.L
     newton.f[:] = elements.load
     add_tensions(x, elements.ends, N, elements.L, newton.f)
-    r = np.where(newton.moves, newton.f[newton.owned], 0.0)
+    r = newton.not_held(newton.f[newton.owned])
     K = _tangent(elements, x, N, q, q)
     s, count = newton.solve(K, newton.cycle(K), r, NEAR)
     newton.spread_out(s)

@@ -23,6 +23,8 @@ from netfall.model.model import Model
 from netfall.multigrid.joints import joint_tangent, with_joints
 from netfall.multigrid.tangent import block_matrix, incidence_of
 from netfall.net.net import GRAVITY, Net
+from netfall.net.turned import springs_along, turned_column
+from netfall.numerics.rotation import from_own, to_own
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import committed, put_back, reference_force, settle
 from netfall.stages.wanted import equilibria, loaded
@@ -82,11 +84,13 @@ def modes_at(x, net: Net, N, L0, mass, count: int, strain: str = "engineering", 
     free = np.ones((net.n, 3), bool)  # held axes are left out below
     number = np.arange(net.n)
     K = block_matrix(
-        *(net.elements, along / L[:, None], axial, N / L, free, net.spring, np.zeros(net.n)),
+        *(net.elements, along / L[:, None], axial, N / L, free, springs_along(net), np.zeros(net.n)),
         *(number, incidence_of(net.elements, number, net.n), net.n),
+        between=None if net.angle is None else turned_column(net, net.fixed)[:, 2],
     )
     if joints is not None:
         K = with_joints(K, joint_tangent(x, joints, np.zeros(net.n)), free, number)
+    unit, K = _in_own_axes(net, K)
     root = 1.0 / np.sqrt(np.repeat(mass, 3)[moves])
     scaled = (diags_array(root) @ K.tocsr()[moves][:, moves] @ diags_array(root)).tocsc()
     values, vectors, unstable = _lowest(scaled, min(count, len(moves)))
@@ -94,18 +98,34 @@ def modes_at(x, net: Net, N, L0, mass, count: int, strain: str = "engineering", 
     shape[:, moves] = (vectors * root[:, None]).T
     periods, share = (
         _periods(values, scaled.diagonal().max()),
-        _effective_mass(vectors, 1.0 / root, moves % 3),
+        _effective_mass(vectors, 1.0 / root, unit[moves]),
     )
-    shape, direction = _scaled(shape.reshape(-1, net.n, 3)), along / L[:, None]
+    shape = np.array([from_own(each, net.angle) for each in shape.reshape(-1, net.n, 3)])
+    shape, direction = _scaled(shape), along / L[:, None]
     longer = np.sum((shape[:, net.elements[:, 1]] - shape[:, net.elements[:, 0]]) * direction, axis=2)
     stiff = np.maximum(values, STILL * scaled.diagonal().max()) * (np.sum(shape**2, axis=2) @ mass)
     stretch = np.divide(longer**2 @ axial, stiff, out=np.zeros(len(values)), where=stiff > 0.0)
     return Modes(periods, shape, share, stretch, unstable)
 
 
-def _effective_mass(vectors: np.ndarray, root: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Shares (k, 3) as in `Modes`. vectors : (d, k) M^1/2 u, of length 1; root : (d,) M^1/2; axis : (d,)"""
-    along = root[:, None] * (axis[:, None] == np.arange(3))
+def _in_own_axes(net: Net, K):
+    """The unit motions (3 n, 3) along x, y and z, and the stiffness K, in the axes of the supports."""
+    along = [to_own(np.tile(unit, (net.n, 1)), net.angle) for unit in np.eye(3)]
+    turn = np.stack(along, axis=-1)  # (n, 3, 3), of each node
+    if net.angle is not None:
+        from scipy.sparse import bsr_array  # here: it takes 0.2 s to load
+
+        whole = bsr_array((turn, np.arange(net.n), np.arange(net.n + 1)))
+        K = whole @ K @ whole.T
+    return turn.reshape(-1, 3), K
+
+
+def _effective_mass(vectors: np.ndarray, root: np.ndarray, unit: np.ndarray) -> np.ndarray:
+    """Shares (k, 3) as in `Modes`.
+
+    vectors : (d, k) M^1/2 u, of length 1; root : (d,) M^1/2; unit : (d, 3) unit motions along the axes
+    """
+    along = root[:, None] * unit
     return (vectors.T @ along) ** 2 / np.maximum((along**2).sum(0), np.finfo(float).tiny)
 
 

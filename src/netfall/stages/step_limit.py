@@ -14,6 +14,7 @@ from netfall.mechanics.elements import add_stiffness, geometric_stiffness
 from netfall.mechanics.material import largest_stiffness, stiffening
 from netfall.mechanics.stability import Limit
 from netfall.mechanics.state import State
+from netfall.mechanics.supports import add_between, keep_on_guides, largest_springs
 from netfall.multigrid.joints import joint_tangent
 from netfall.numerics.linear import top_of_tridiagonal
 from netfall.parallel.halo import Halo
@@ -49,12 +50,17 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
             add_joint_stiffness(shape, joints.particles, joints.positive, force)
         if s.features.springs:
             force[:] += s.spring * shape
+        if s.turned is not None:
+            add_between(s.turned, shape, force)
+            keep_on_guides(s.turned, force)
         return force[owned] * root[owned]
 
     number = 3 * s.gid[owned, None] + np.arange(3)
     start = np.where(
         moves[owned], ((number * 2654435761) % 2**32) / 2.0**32 - 0.5, 0.0
     )  # any vector that depends on the number alone
+    if s.turned is not None:
+        keep_on_guides(s.turned, start)
     (size,) = exact_sums(comm, start * start)
     if not size > 0.0:
         return Limit("assembled", np.inf, -1)
@@ -109,7 +115,7 @@ def long_step_allowed(comm: MPI.Comm, state: State, halo: Halo, dt: float, margi
     k = k * stiffening(s.features.band) if s.features.band else k
     stiffness = np.bincount(s.ends.ravel(), np.repeat(k, 2), s.n_local)
     if s.features.springs:
-        stiffness += s.spring[: s.n_local].max(1)
+        stiffness += largest_springs(s.spring, s.turned)[: s.n_local]
     if s.joints is not None:
         add_joint_bounds(s.x, s.joints, 1.0, stiffness)
     moves = s.per_mass[: s.n_local] > 0.0

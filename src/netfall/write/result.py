@@ -338,6 +338,8 @@ def _strength_section(net: Net) -> dict[str, np.ndarray]:
         section["strength"] = net.strength
     if net.spring.any():
         section["spring"] = net.spring
+    if net.angle is not None:
+        section["angle"] = net.angle
     if net.type_names:
         section |= {"type": net.type.astype(np.int32), "type_names": texts(net.type_names)}
     return section

@@ -9,6 +9,7 @@ from netfall.exchange.job_again import job_again
 from netfall.exchange.state import AXES, MARK, RECORD, State
 from netfall.ground.errors import InputError
 from netfall.job.table import SEVERAL, write_table
+from netfall.numerics.rotation import to_own
 from netfall.results.result import Result
 from netfall.write.locks import whole_folder
 
@@ -118,6 +119,7 @@ def _node_columns(result: Result) -> dict[str, np.ndarray]:
     """Loads, masses, areas, normals, springs and zones, those of them that the net has."""
     net, n = result.file["net"], len(result.nodes["id"])
     of = lambda name: _recorded(result, name, n)
+    angle = net["angle"][:] if "angle" in net else None
     found: dict[str, np.ndarray] = {}
     for name, values in (("load", of("load")), ("normal", of("normal"))):
         if (values[np.isfinite(values)] != 0.0).any():
@@ -127,8 +129,11 @@ def _node_columns(result: Result) -> dict[str, np.ndarray]:
     if np.isfinite(of("area")).any():
         found["area"] = of("area")
     if "spring" in net:
-        for name, values in (("spring", net["spring"][:]), ("spring_rest", of("spring_rest"))):
+        rest = to_own(of("spring_rest"), angle)
+        for name, values in (("spring", net["spring"][:]), ("spring_rest", rest)):
             found |= {f"{name}_{k}": values[:, i] for i, k in enumerate(AXES)}
+    if angle is not None:
+        found["angle"] = angle
     if (net["zone"][:] >= 0).any():
         found |= _zone_columns(result)
     return found

@@ -7,13 +7,16 @@ import numpy as np
 
 from netfall.exchange.springs import Springs, springs_of
 from netfall.exchange.state import State, form_of, lengths
+from netfall.ground.errors import InputError
+from netfall.job.values import counted
 from netfall.mechanics.material import elastic_forces, unstressed_length
+from netfall.numerics.rotation import directions
 from netfall.results.result import Result
 from netfall.write.locks import whole
 
 HOLDS = (
     *("ids", "tensions", "unstressed lengths", "axes of supports", "stiffness", "bars"),
-    *("loads of nodes", "temperature", "springs"),
+    *("loads of nodes", "temperature", "springs", "angles of supports"),
 )
 FOLDER, AT_REST, UNITS = False, True, False
 SAME = 1e-9  # of the largest force: what two ways to compute a force may differ by
@@ -54,7 +57,8 @@ close $out
 
 
 def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
-    """Write the model, which starts from the form."""
+    """Write the model, which starts from the form. Raises InputError for supports that it cannot hold."""
+    _check_guides(result, state, path)
     what, x, tension, free = _equilibrium(result, state)
     state = replace(state, position=form_of(result)[0])
     moved = np.where(state.fixed, x - state.position, 0.0)  # supports that settle
@@ -85,6 +89,19 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
             "many have yielded, OpenSees may not get there from the form"
         )
     return told
+
+
+def _check_guides(result: Result, state: State, path: Path) -> None:
+    """Raises InputError for nodes that move along lines which are neither x nor y."""
+    if "angle" not in result.file["net"]:
+        return
+    guided = (state.fixed[:, 0] != state.fixed[:, 1]) & (result.file["net/angle"][:] != 0.0)
+    if guided.any():
+        nodes = counted("node", state.node_id[guided])
+        raise InputError(
+            f"{path}: {nodes}: held along one axis at an angle, for which OpenSees has no fix; expected a "
+            "stiff spring in place of fixed_x or fixed_y there, which zeroLength holds"
+        )
 
 
 def _equilibrium(result: Result, state: State) -> tuple[str, np.ndarray, np.ndarray, np.ndarray]:
@@ -158,7 +175,12 @@ def _springs(state: State, springs: Springs) -> str:
             kinds.append(str(material))
             axes.append(str(axis + 1))
         ends = f"{tag} {int(state.node_id[p])}"
-        lines.append(f"element zeroLength {tag} {ends} -mat {' '.join(kinds)} -dir {' '.join(axes)}\n")
+        orient = ""
+        if springs.angle is not None:
+            c, s = directions(springs.angle[tag - first_foot(state)][None])[0].tolist()
+            orient = f" -orient {c!r} {s!r} 0 {-s!r} {c!r} 0"
+        mats, along = " ".join(kinds), " ".join(axes)
+        lines.append(f"element zeroLength {tag} {ends} -mat {mats} -dir {along}{orient}\n")
     return "".join(lines)
 
 

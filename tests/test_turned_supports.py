@@ -1,0 +1,228 @@
+"""Supports in axes of their own: the column `angle` of nodes.csv."""
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ENVIRONMENT, ROOT, Workshop, assert_same_results, run_on_standing_ranks
+from test_validation_opensees import needs_opensees, python_with_opensees
+
+from netfall.checks.reactions import reaction_columns
+from netfall.exchange.export import Wanted, export
+from netfall.ground.errors import InputError
+from netfall.job.read import read_job
+from netfall.job.table import write_table
+from netfall.net.build import build_net
+from netfall.numerics.functions import lengths
+from netfall.numerics.rotation import from_own
+from netfall.stages.modes import modes_at
+
+ANGLE = 37.0  # degrees
+SAME = 1e-9  # of the largest: each equilibrium is found to 1e-11
+SAME_FORM = 1e-8  # of forms that are found to 3e-11
+BARS = ("ring_outer", "ring_truss", "strut")
+JOB = (
+    '[net]\nnodes = "nodes.csv"\nelements = "elements.csv"\n'
+    "[cable]\ndensity = 7850.0\n"
+    + "".join(f'[cable.{group}]\nkind = "bar"\n' for group in BARS)
+    + '[roof]\ngroups = ["ring_outer", "ring_upper", "upper", "hoop"]\n'
+    "openings = [[0.0, 0.0]]\n[load]\ntolerance = 1e-11\nself_weight = true\ndead = 250.0\nsteps = 2\n"
+    '[[case]]\nname = "snow"\nset = {"load.snow" = 400.0}\n'
+    '[[combination]]\nname = "all"\nfactors = {permanent = 1.35, snow = 1.5, load = 1.2, prestress = 1.1}\n'
+)
+
+
+def wheel(folder, angle: float, more: str = "", tighter: float = 1.0, guides: bool = True):
+    """A wheel of twelve spokes as tables, turned about z with all its supports; its job.
+
+    tighter : times the prestress of three elements, which the supports then take part in
+    guides : whether any is held along a line; else a stiff spring stands for it
+
+    Of the supports at the ring one is held along a line and has a spring across, two have springs.
+    """
+    place = ROOT / "jobs" / "wheel.toml"
+    net = build_net(read_job(place, ["net.spokes=12", "net.hoops=1", "net.ring_groups=false"]))
+    supports = np.flatnonzero(net.fixed.any(1))
+    fixed, spring = net.fixed.astype(int), np.zeros((net.n, 3))
+    spring[supports[1], :2], spring[supports[2], :2] = (2e7, 0.0), (3e7, 5e6)
+    fixed[supports[4], 0], spring[supports[4], 1] = 1, 4e6
+    if not guides:
+        held = fixed[:, :2] > 0
+        spring[:, :2], fixed[:, :2] = np.where(held, 1e9, spring[:, :2]), 0
+    load = np.random.default_rng(1).normal(0.0, 2e3, (net.n, 3))
+    turned = np.full(net.n, angle)
+    x, load = from_own(net.x, turned), from_own(load, turned)
+    columns = {"id": net.node_id} | {k: x[:, i] for i, k in enumerate("xyz")}
+    for name, rows in (("fixed", fixed), ("spring", spring), ("load", load)):
+        columns |= {f"{name}_{k}": rows[:, i] for i, k in enumerate("xyz")}
+    folder.mkdir()
+    write_table(folder / "nodes.csv", columns | ({"angle": turned} if angle else {}))
+    start, end = net.node_id[net.elements].T
+    names = np.array(net.group_names)[net.group]
+    prestress = net.prestress.copy()
+    prestress[np.flatnonzero(prestress > 0.0)[:3]] *= tighter
+    elements = {"start": start, "end": end, "group": names, "prestress": prestress}
+    write_table(folder / "elements.csv", elements | {"area": net.section, "modulus": net.modulus})
+    (folder / "job.toml").write_text(JOB + more)
+    return folder / "job.toml"
+
+
+@pytest.fixture(scope="module")
+def wheels(tmp_path_factory):
+    """The results of a wheel, and of the same one turned."""
+    place = tmp_path_factory.mktemp("wheels")
+    shop = Workshop(place, True)
+    return [
+        shop.run(wheel(place / name, angle), output=f"{name}.vtkhdf")
+        for name, angle in (("straight", 0.0), ("turned", ANGLE))
+    ]
+
+
+def apart(one: np.ndarray, other: np.ndarray) -> float:
+    """Largest difference, a share of the largest value."""
+    return np.abs(one - other).max() / np.abs(one).max()
+
+
+def turned_rows(rows: np.ndarray) -> np.ndarray:
+    """Vectors (n, 3) turned by ANGLE."""
+    return from_own(rows, np.full(len(rows), ANGLE))
+
+
+@pytest.mark.parametrize("place", ["statics", "cases/snow", "cases/all"])
+def test_a_net_turned_with_its_supports_is_the_same_net(wheels, place):
+    """Tensions are the same; displacements and reactions turn with the net, and balance all loads."""
+    one, other = (f[place] for f in wheels)
+    last = -1 if place == "statics" else ...
+    assert apart(one["tension"][last], other["tension"][last]) < SAME
+    assert apart(turned_rows(one["displacement"][last]), other["displacement"][last]) < SAME
+    if place != "statics":
+        assert apart(turned_rows(one["reaction"][:]), other["reaction"][:]) < SAME
+
+
+def test_the_reactions_of_the_report_turn_with_the_net(wheels):
+    """`force_*` and `foundation_*` of reactions.csv; those on the foundation balance all loads."""
+    one, other = map(reaction_columns, wheels)
+    for kind in ("force", "foundation"):
+        rows, turned = (np.column_stack([f[f"{kind}_{k}"] for k in "xyz"]) for f in (one, other))
+        assert apart(turned_rows(rows), turned) < SAME, kind
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_ranks_leave_no_trace_in_turned_supports(wheels, ranks):
+    """Every dataset has the same bits."""
+    folder = Path(wheels[1].filename).parent
+    with Workshop(folder, True).run(folder / "turned" / "job.toml", ranks=ranks) as several:
+        assert_same_results(wheels[1], several)
+
+
+def test_the_tables_of_a_turned_net_are_the_net(wheels, tmp_path):
+    """Exported and run again, it has the same forces: lengths stand for the prestress, to rounding."""
+    folder = Path(wheels[1].filename).parent
+    export(folder / "turned.vtkhdf", tmp_path / "again", Wanted(None, None, "m"), print)
+    f = Workshop(tmp_path, True).run(tmp_path / "again" / "job.toml")
+    assert apart(f["cases/all/tension"][:], wheels[1]["cases/all/tension"][:]) < SAME
+    with pytest.raises(InputError, match="held along one axis at an angle, for which OpenSees has no fix"):
+        export(folder / "turned.vtkhdf", tmp_path / "w.tcl", Wanted(None, None, "m"), print)
+
+
+def test_a_bar_at_a_guide_with_a_spring_by_hand(workshop):
+    """A load and a bar along x, a guide at 30 degrees with a spring along it: d = F c / (k + c^2 EA / L).
+
+    The spring carries k d along the guide, the guide the rest of load and bar across it.
+    """
+    (workshop.folder / "nodes.csv").write_text(
+        "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_x,angle,load_x\n"
+        "1,0,0,0,0,1,1,2e6,30,1000\n2,-4,0,0,1,1,1,0,0,0\n"
+    )
+    (workshop.folder / "elements.csv").write_text("start,end\n2,1\n")
+    text = '[net]\nnodes = "nodes.csv"\nelements = "elements.csv"\n[cable]\nkind = "bar"\nmodulus = 1e10\n'
+    text += 'area = 4e-4\ndensity = 1.0\n[load]\ntolerance = 1e-12\n[[case]]\nname = "a"\n'
+    text += 'set = {"load.snow" = 0.0}\n'
+    f = workshop.run(workshop.job(text))
+    c, s, k, bar = np.sqrt(0.75), 0.5, 2e6, 1e6
+    d = 1000.0 * c / (k + c * c * bar)
+    along, across = np.array([c, s, 0.0]), np.array([-s, c, 0.0])
+    by_hand = k * d * along + (1000.0 - bar * c * d) * -s * across
+    # the bar turns by d s / L = 2.7e-5, which is left out by hand
+    assert f["cases/a/displacement"][0] == pytest.approx(d * along, rel=1e-4, abs=1e-12)
+    assert f["cases/a/tension"][0] == pytest.approx(bar * c * d, rel=1e-4)
+    assert f["cases/a/reaction"][0] == pytest.approx(by_hand, rel=1e-4, abs=0.02)
+    assert f["cases/a/reaction"][:].sum(0) == pytest.approx([1000.0, 0.0, 0.0], abs=1e-6)
+
+
+def test_opensees_finds_the_tensions_of_a_wheel_on_turned_springs(tmp_path):
+    """zeroLength elements with the axes of the springs."""
+    f = Workshop(tmp_path, True).run(wheel(tmp_path / "w", ANGLE, guides=False))
+    export(tmp_path / "result.vtkhdf", tmp_path / "s.tcl", Wanted(None, "snow", "m"), print)
+    assert (tmp_path / "s.tcl").read_text().count("-orient") == 7
+    needs_opensees()
+    command = [python_with_opensees(), ROOT / "tests" / "opensees_tcl.py"]
+    command += [tmp_path / "s.tcl", tmp_path / "a.npz"]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    answer = np.load(tmp_path / "a.npz")
+    assert answer["element"].tolist() == f["net/element_id"][:].tolist()
+    # of the largest; the case is found to 1e-11, OpenSees stops at ways of 1e-12 m
+    assert apart(f["cases/snow/tension"][:], answer["tension"]) < 1e-8
+
+
+FORM = "[form_finding]\ntolerance = 3e-11\nmodulus_factor = 1.0\n"
+
+
+def test_forms_and_springs_that_begin_with_their_reactions_turn(tmp_path):
+    """Form finding holds own axes with springs too; these then carry what stands there, so nothing moves."""
+    found = []
+    for name, angle in (("straight", 0.0), ("turned", ANGLE)):
+        job = wheel(tmp_path / name, angle, FORM, tighter=1.05)
+        found.append(Workshop(tmp_path, True).run(job, output=f"{name}.vtkhdf"))
+    one, other = (f["cases/all"] for f in found)
+    assert apart(one["tension"][:], other["tension"][:]) < SAME_FORM
+    assert apart(turned_rows(one["displacement"][:]), other["displacement"][:]) < SAME_FORM
+    assert apart(turned_rows(one["reaction"][:]), other["reaction"][:]) < SAME_FORM
+    assert np.abs(found[1]["provenance/net/spring_rest"][:]).max() > 1e-6
+
+
+def test_modes_turn_with_the_supports(tmp_path):
+    """The same periods and share of the mass along z; shapes turn."""
+    modes = []
+    for name, angle in (("straight", 0.0), ("turned", ANGLE)):
+        place = wheel(tmp_path / name, angle)
+        net = build_net(read_job(place))
+        x = net.x
+        L = lengths(x[net.elements[:, 1]] - x[net.elements[:, 0]])
+        L0 = L / (1.0 + net.prestress / net.EA)
+        modes.append(modes_at(x, net, net.prestress, L0, np.full(net.n, 1e3), 4))
+    one, other = modes
+    assert other.period == pytest.approx(one.period, rel=1e-8)
+    assert other.effective_mass[:, 2] == pytest.approx(one.effective_mass[:, 2], rel=1e-6, abs=1e-12)
+    shape = turned_rows(one.shape[0])
+    assert min(np.abs(shape - other.shape[0]).max(), np.abs(shape + other.shape[0]).max()) < 1e-6
+
+
+@pytest.mark.parametrize(
+    "more, words",
+    [
+        ("[dynamics]\nduration = 1.0\n", "[dynamics] does not know supports in axes of their own"),
+        ('[form_finding]\nmethod = "keep"\n', 'method = "keep" does not know supports'),
+        ('[form_finding]\nmethod = "force_density"\n', 'method = "force_density" does not know supports'),
+    ],
+)
+def test_what_turned_supports_cannot_do_is_refused(tmp_path, more, words):
+    """Exit code 2, with the nodes and what to do."""
+    job = wheel(tmp_path / "w", ANGLE, more)
+    done = Workshop(tmp_path, True).run(job, code=2)
+    assert words in done.stdout + done.stderr and "7 nodes" in done.stdout + done.stderr
+
+
+def test_a_guided_support_settles_along_z_alone(tmp_path):
+    """Along x or y exit code 2; an angle where nothing is held apart is noted."""
+    job = wheel(tmp_path / "w", ANGLE)
+    nodes = (tmp_path / "w" / "nodes.csv").read_text().splitlines()
+    guided = next(line for line in nodes[1:] if line.split(",")[4:6] == ["0", "1"]).split(",")[0]
+    job.write_text(JOB + f'[[case]]\nname = "way"\nsettlement = {{{guided} = [0.01, 0.0, -0.02]}}\n')
+    done = Workshop(tmp_path, True).run(job, code=2)
+    assert "settles along z alone" in done.stdout + done.stderr
+    (tmp_path / "w" / "nodes.csv").write_text("\n".join(nodes))
+    job.write_text(JOB)
+    assert "column angle of" in run_on_standing_ranks("check", job).stdout
