@@ -84,9 +84,9 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     if other.any():
         told.append(
             f"note: {int(other.sum())} elements are not linear elastic there (they yielded or slipped, the "
-            "strain is logarithmic, or the case changes lengths): their unstressed lengths give the same force in "
-            "this equilibrium alone; where "
-            "many have yielded, OpenSees may not get there from the form"
+            "strain is logarithmic, or the case changes lengths): their unstressed lengths give the same "
+            "force in this equilibrium alone; where many have yielded, OpenSees may not get there from the "
+            "form"
         )
     return told
 
