@@ -18,6 +18,7 @@ from netfall.job.values import counted
 from netfall.net.net import Net
 from netfall.numerics.functions import lengths
 from netfall.numerics.least_squares import least_squares, times
+from netfall.numerics.rotation import from_own, to_own
 
 LARGEST = 2e8  # entries of the matrix, 8 bytes each
 SHOWN = 5  # nodes out of equilibrium
@@ -58,7 +59,7 @@ def self_stress(net: Net, load: np.ndarray | None, tolerance: float) -> SelfStre
     """
     equations = equations_of(net)
     free = ~net.held
-    side = np.zeros(free.sum()) if load is None else -load[free]
+    side = np.zeros(free.sum()) if load is None else -to_own(load, net.angle)[free]
     fit = least_squares(equations.matrix, side, tolerance)
     asked = (equations.of >= 0) & (net.prestress != 0.0)
     if load is None:
@@ -87,7 +88,9 @@ def equations_of(net: Net) -> Equations:
     matrix = np.zeros((net.n, 3, len(count)))
     unit = _directions(net)[movable] / np.sqrt(count)[column, None]
     for end, sign in ((0, 1.0), (1, -1.0)):
-        np.add.at(matrix, (net.elements[movable, end], slice(None), column), sign * unit)
+        nodes = net.elements[movable, end]
+        along = to_own(unit, None if net.angle is None else net.angle[nodes])
+        np.add.at(matrix, (nodes, slice(None), column), sign * along)
     return Equations(matrix[~net.held], of, count)
 
 
@@ -115,7 +118,7 @@ def _residual(net: Net, N: np.ndarray, load: np.ndarray | None) -> np.ndarray:
     pull = N[:, None] * _directions(net)
     np.add.at(force, net.elements[:, 0], pull)
     np.subtract.at(force, net.elements[:, 1], pull)
-    return np.where(net.held, 0.0, force)
+    return from_own(np.where(net.held, 0.0, to_own(force, net.angle)), net.angle)
 
 
 def _states(equations: Equations, null: np.ndarray) -> np.ndarray:
