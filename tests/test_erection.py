@@ -1,21 +1,29 @@
 """Targets reached by lengths, stages of erection: by hand, backwards, on ranks, paused, and what is wrong."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from conftest import ROOT, StopAfter, assert_same_results, run_on_standing_ranks
 from mpi4py import MPI
+from PIL import Image
 from scipy.optimize import fsolve
 
 from netfall.checks.cases import slack_cables
+from netfall.checks.reactions import reaction_columns
 from netfall.ground.errors import Interrupted
 from netfall.ground.progress import Progress
 from netfall.ground.timings import Phases
 from netfall.job.read import read_job
 from netfall.net.build import build_net
+from netfall.plots.film import animate
+from netfall.plots.states import stages as stages_picture
 from netfall.program.run import run_job
 from netfall.program.setup import prepare
 from netfall.results.cases import cases_of
+from netfall.results.frames import Frames, StageFrames
 from netfall.results.states import envelope_of
+from netfall.view.states import drawn_part, states_shown
 
 EA, WEIGHT, SPAN = 1e6, 1000.0, 8.0  # N, N, m
 FOUND = (
@@ -120,6 +128,32 @@ def test_what_is_taken_out_is_not_slack_and_a_released_support_does_not_settle(w
     text += stage("loose", hold="[3]", release="[2]")
     done = run_on_standing_ranks("run", workshop.job(CABLES + text + cases, NODES, elements), "-o", path)
     assert done.returncode == 2 and "settlement: node 2: released in a [[stage]]" in done.stderr
+
+
+def test_what_is_there_for_a_while_is_shown_so(workshop):
+    """A weight held while a stay is in: a reaction, a square; later the stay is neither slack nor broken."""
+    nodes, elements = NODES.replace("load_z", "load_z,mass").replace("1,0\n", "1,0,0\n"), TWO
+    nodes = nodes.replace(f"0,-{WEIGHT}", f"0,-{WEIGHT},100")
+    text = stage("stayed", hold="[3]") + stage("free", release="[3]", active='["left", "right"]')
+    text += "[dynamics]\nduration = 0.1\n"
+    with workshop.run(workshop.job(CABLES + text, nodes, elements.rstrip() + "\n3,1,3,stay,5\n")) as f:
+        of = reaction_columns(f)
+        rows = [k for k, name in enumerate(of["stage"]) if name == "stage stayed"]
+        assert of["node"][rows].tolist() == [1, 2, 3]
+        assert of["foundation_z"][rows] == pytest.approx([0, 0, -WEIGHT])
+        assert [3 not in of["node"][of["stage"] == name] for name in of["stage"]].count(False) == 3
+        frames, stages = Frames(f), StageFrames(f)
+        assert f["VTKHDF/CellData/broken"][2] == 1 and not frames.broken(0).any()  # as the step sees it
+        assert frames.present(0).tolist() == [True, True, False]
+        assert [stages.present(k).all() for k in (0, 1)] == [True, False]
+        assert not envelope_of(f, np.ones(3)).slack[-1].any()
+        assert [state.slack.sum() for state in states_shown(f, drawn_part(f))[0]] == [0, 3, 0]
+        figure = stages_picture(f)
+        assert [len(axes.lines[0].get_xdata()) for axes in figure.axes[:2]] == [3, 2]  # squares
+        ((film, told), (motion, _)) = animate(Path(f.filename), workshop.folder, "gif")
+        assert told.startswith("2 frames at 1 a second: 2 s for 2 stages of erection")
+        with Image.open(film) as shown:
+            assert motion.exists() and shown.n_frames == 2
 
 
 def test_the_shipped_wheel_is_lifted_to_the_form_found_directly(shared_workshop):

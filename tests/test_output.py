@@ -482,7 +482,7 @@ def test_a_place_that_is_taken_is_refused(workshop):
 
 def test_animation_has_a_picture_for_each_frame(storm, tmp_path):
     """All 17 at 15 a second on average, each unlike the one before; elements turn red as they break."""
-    path, told = animate(Path(storm.filename), tmp_path, "gif", 15)
+    ((path, told),) = animate(Path(storm.filename), tmp_path, "gif", 15)
     assert path.name == "storm_collapse.gif" and told.startswith("17 frames at 15 a second: 1.13 s for 0.8 s")
     with Image.open(path) as film:
         assert film.n_frames == 17
@@ -510,7 +510,7 @@ def test_animation_from_another_side_of_another_size_to_another_end(storm, tmp_p
     """As MP4 where imageio's ffmpeg is: read back by it. What ends before the second frame is an error."""
     imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
     shot = Shot(VIEWS["plan"], (640, 480), 1.3, 0.41)
-    path, told = animate(Path(storm.filename), tmp_path, "mp4", 10, shot)
+    ((path, told),) = animate(Path(storm.filename), tmp_path, "mp4", 10, shot)
     assert told.startswith("9 frames at 10 a second: 0.9 s for 0.4 s")  # of every 0.05 s
     reader = imageio_ffmpeg.read_frames(str(path))
     try:

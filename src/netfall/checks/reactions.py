@@ -11,9 +11,9 @@ from netfall.numerics.rotation import from_own, to_own
 from netfall.results.states import ShownState, equilibria, final, start_position
 
 
-def held_axes(f) -> np.ndarray:
-    """(n, 3) bool, axes with a support of either kind, in the axes of the support."""
-    held = f["net/fixed"][:].astype(bool)
+def held_axes(f, place: str = "") -> np.ndarray:
+    """(n, 3) bool, own axes with a support of either kind; place : of a state: a stage has its own."""
+    held = f[f"{place}/held" if place.startswith("stages/") else "net/fixed"][:].astype(bool)
     return held | (f["net/spring"][:] > 0) if "spring" in f["net"] else held
 
 
@@ -38,11 +38,13 @@ def pull_at(x: np.ndarray, ends: np.ndarray, N: np.ndarray) -> np.ndarray:
 
 def reaction_columns(f) -> dict[str, np.ndarray]:
     """A row for each support and stage: the force [N] on it along the axes that it holds."""
-    held, elements = held_axes(f), f["net/elements"][:]
-    nodes = np.flatnonzero(held.any(1))
-    springs = Springs(f, nodes) if "spring" in f["net"] else None
+    elements, springs = f["net/elements"][:], "spring" in f["net"]
     stages = [*equilibria(f), *([last] if (last := final(f)) else [])]
-    blocks = [_of_stage(f, stage, held[nodes], nodes, elements, springs) for stage in stages]
+    blocks = []
+    for stage in stages:
+        held = held_axes(f, stage.place)
+        nodes = np.flatnonzero(held.any(1))
+        blocks.append(_of_stage(f, stage, held[nodes], nodes, elements, springs and Springs(f, nodes)))
     return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
 
 
@@ -60,7 +62,7 @@ class Springs:
         return from_own(self.stiffness * to_own(x - self.idle, self.angle), self.angle)
 
 
-def _of_stage(f, stage: ShownState, held, nodes, elements, springs: Springs | None) -> dict[str, np.ndarray]:
+def _of_stage(f, stage: ShownState, held, nodes, elements, springs: Springs | bool) -> dict[str, np.ndarray]:
     """held : (k, 3) bool, own axes of the supports, rows (k,) of the net"""
     x = stage.position()
     pull = pull_at(x, elements if stage.ends is None else stage.ends, stage.tension())

@@ -119,8 +119,8 @@ def _animate(arguments) -> None:
     if isinstance(a.view, str):
         asked["view"] = VIEWS[a.view]
     folder = _folder(a.folder or a.result.parent)
-    path, words = animate(a.result, folder, a.format, a.fps or 15, Shot(**asked))
-    print(f"{path}: {words}")
+    for path, words in animate(a.result, folder, a.format, a.fps, Shot(**asked)):
+        print(f"{path}: {words}")
 
 
 def view(arguments) -> None:

@@ -97,15 +97,15 @@ def _plot(verb: Parser) -> None:
     _folder(verb, None, "folder of the pictures (default: beside the result file)")
     text = "one state at rest on a page of its own: a case, a stage, rest, statics, form"
     _value(verb, "--case", str, "NAME", text)
-    _flag(verb, "--animate", "an animation of the dynamic stage in place of the pictures")
+    _flag(verb, "--animate", "animations of the dynamic stage and of the erection in place of the pictures")
     text = "of the animation (default: mp4 where there is ffmpeg, else gif)"
     verb.add_argument("--format", choices=("mp4", "gif"), help=text)
-    _value(verb, "--fps", take.count, "N", "frames of the animation in a second (default: 15)")
+    _value(verb, "--fps", take.count, "N", "frames of the animation in a second (default: 15; of stages 1)")
     text = "from where it is seen: space, plan, front, side, or elevation and azimuth in degrees: 28,-60"
     _value(verb, "--view", take.view, "VIEW", text)
     _value(verb, "--size", take.size, "WxH", "pixels of the animation (default: 720x600)")
     _value(verb, "--zoom", take.factor, "Z", "how much larger than what fits (default: 1)")
-    _value(verb, "--until", take.time, "T", "where the animation ends [s]")
+    _value(verb, "--until", take.time, "T", "where the animation of the dynamic stage ends [s]")
 
 
 def _view(verb: Parser) -> None:

@@ -162,6 +162,7 @@ def _note(
         "tension": N,
         "unstressed_length": setting.L0,
         "active": setting.active.astype(np.uint8),
+        "held": (setting.fixed & setting.there(model.net)[:, None]).astype(np.uint8),
         "reaction": reaction,
     }
     erection.lines += _lines(model, erection, stage, setting, x, N, outcome)

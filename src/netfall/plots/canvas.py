@@ -34,10 +34,15 @@ NOTHING = "#b8b8b8"  # what has no value
 BROKEN = "#d62728"  # what is broken, lost or at fault; no group has this red
 LONGEST_TITLE = 90  # characters
 MOST_DRAWN = 60_000  # elements in a picture; of larger nets every k-th is drawn
-PANEL, ALONE = (5.5, 3.4), (9.0, 4.9)  # inches of a panel in space, of one that is alone
+ALONE, PANEL, NARROW = (
+    (9.0, 4.9),
+    (5.5, 3.4),
+    (4.2, 2.9),
+)  # inches of a panel in space: alone, of two, of more
+IN_TWOS, IN_THREES = 6, 12  # panels in space, up to which two or three stand in a row, else four
 PLAN_WIDTH = 6.0  # inches of a panel in plan
 SHORTEST, LONGEST = 1.6, 6.8  # inches of its height
-HEAD = 0.9  # inches for the title
+HEAD, SECOND_LINE = 0.9, 0.2  # inches for the title, and for titles of two lines of panels
 VIEWS = {"space": (28.0, -60.0), "plan": (90.0, -90.0), "front": (0.0, -90.0), "side": (0.0, 0.0)}  # degrees
 ZOOM = 1.1, 1.2  # of nets in space, and of those that are flat
 FLAT, THIN = 0.12, 0.04  # of the largest extent, up to which an axis has room for two ticks, and for none
@@ -109,17 +114,18 @@ def in_space(figure, place, points):
 
 
 def space_panels(points, count: int, below: float):
-    """A figure with panels in space, two beside each other, around the same points (n, 3) [m]; the panels.
+    """A figure with panels in space, at most four in a row, around the same points (n, 3) [m]; the panels.
 
     below : inches that are left below them, for scales and legends
     """
-    columns, rows = min(2, count), -(-count // 2)
-    width, height = ALONE if count == 1 else PANEL
-    figure = plt.figure(figsize=(columns * width, rows * height + HEAD + below))
+    columns = min(2, count) if count <= IN_TWOS else 3 if count <= IN_THREES else 4
+    rows, (width, height) = -(-count // columns), {1: ALONE, 2: PANEL}.get(columns, NARROW)
+    head = HEAD + SECOND_LINE * (columns > 2)
+    figure = plt.figure(figsize=(columns * width, rows * height + head + below))
     high = figure.get_figheight()
     panels = [in_space(figure, (rows, columns, k + 1), points) for k in range(count)]
-    margins = {"top": 1.0 - HEAD / high, "bottom": below / high, "hspace": 0.14, "wspace": 0.02}
-    figure.subplots_adjust(left=0.02, right=0.98, **margins)
+    margins = {"top": 1.0 - head / high, "bottom": below / high, "hspace": 0.14, "wspace": 0.02}
+    figure.subplots_adjust(left=0.02, right=0.98 - 0.02 * (columns > 2), **margins)
     return figure, panels
 
 

@@ -65,14 +65,15 @@ def within(window: np.ndarray, lines: np.ndarray) -> np.ndarray:
 def _draw_stage(axes, frames: Frames, step: int, window: np.ndarray, trace: float) -> None:
     """The elements at a step that are within the window (2, 3); trace : compression [N] that is none"""
     every = max(1, frames.cells // MOST_DRAWN)
-    lines, N = frames.lines(step)[::every], frames.cell("tension", step)[::every]
-    broken = frames.cell("broken", step)[::every].astype(bool)
+    there = frames.present(step)[::every]
+    lines, N = frames.lines(step)[::every][there], frames.tension(step)[::every][there]
+    broken = frames.broken(step)[::every][there]
     inside = within(window, lines)
     idle = (N <= 0) & (N >= -trace)
     which = (~broken & (N > 0), ~broken & (N < -trace), ~broken & idle, broken)
     for (_, colour, width), rows in zip(STYLES, which):
         add_lines(axes, lines[rows & inside], colors=colour, linewidths=width)
-    gone, away = int(frames.cell("broken", step).sum()), int((~inside).sum()) * every
+    gone, away = int(frames.broken(step).sum()), int((~inside).sum()) * every
     out_of_view = f", {away} out of view" if away else ""
     slack = int(which[2].sum()) * every
     axes.set_title(f"t = {frames.times[step]:.4g} s: {gone} broken or lost, {slack} slack{out_of_view}")

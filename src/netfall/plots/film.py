@@ -1,10 +1,11 @@
-"""The dynamic stage as a film: MP4 where there is ffmpeg, the system's or imageio's, else GIF by Pillow.
+"""The dynamic stage as a film, and the stages of erection: MP4 where there is ffmpeg, else GIF by Pillow.
 
 The axes stay: around the roof where it began, with room for nearly all of what moves out of it. So does the
 scale of the colours. Elements that broke or were lost are red.
 """
 
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,12 +20,14 @@ from netfall.ground.errors import InputError
 from netfall.plots.canvas import BROKEN, VIEWS, add_lines, heading, in_space, line_width
 from netfall.plots.collapse import view, within
 from netfall.plots.force import SLACK, ForceScale, add_by_force, add_supports, force_bars
+from netfall.plots.states import force_words
 from netfall.results.file import reading, title_of
-from netfall.results.frames import Frames
+from netfall.results.frames import Frames, StageFrames
 from netfall.results.losses import lost_at
 from netfall.write.locks import whole
 
 DPI = 100  # pixels of an inch
+FPS, STAGE_FPS = 15, 1  # frames in a second, of a motion and of stages
 MOST_FRAMES = 600  # in a film; of more every k-th is shown
 MOST_LINES = 20_000  # elements in a frame; of larger nets every k-th is drawn
 MOST_LOOKS = 25  # frames from which the room is found
@@ -50,24 +53,27 @@ class Shot:
 
 
 def animate(
-    result: Path, folder: Path, form: str | None, fps: int, shot: Shot | None = None
-) -> tuple[Path, str]:
-    """Write RESULT_collapse.mp4 or .gif; its path, and a line that says what it is.
+    result: Path, folder: Path, form: str | None, fps: int | None = None, shot: Shot | None = None
+) -> list[tuple[Path, str]]:
+    """Write RESULT_erection.mp4 or .gif and RESULT_collapse; their paths, and lines that say what they are.
 
-    form : of FORMATS, None: MP4 where there is ffmpeg; fps : frames shown in a second
+    form : of FORMATS, None: MP4 where there is ffmpeg; fps : frames shown in a second, None: as FPS
     Raises InputError for a wrong file, for one without frames, and where ffmpeg is asked for and missing.
     """
     form, why = format_of(form, ffmpeg())
-    if form == "gif" and fps > FASTEST:
+    if form == "gif" and (fps or 0) > FASTEST:
         raise InputError(f"--fps {fps}: a GIF shows at most {FASTEST} frames a second; lower it, or take MP4")
+    written = []
     with reading(result) as f:
-        film = Film.of(f, result, shot or Shot())
-        folder.mkdir(parents=True, exist_ok=True)
-        path = folder / f"{result.stem}_collapse.{form}"
-        with whole(path) as place:
-            (_write_mp4 if form == "mp4" else _write_gif)(film, place, fps)
-    plt.close(film.figure)
-    return path, f"{film.told(fps)}, {path.stat().st_size / 1e6:.2g} MB; {why}"
+        for reel in _reels(f, result):
+            film = Film.of(f, reel, shot or Shot())
+            folder.mkdir(parents=True, exist_ok=True)
+            path = folder / f"{result.stem}_{reel.name}.{form}"
+            with whole(path) as place:
+                (_write_mp4 if form == "mp4" else _write_gif)(film, place, fps or reel.fps)
+            plt.close(film.figure)
+            written.append((path, f"{film.told(fps)}, {path.stat().st_size / 1e6:.2g} MB; {why}"))
+    return written
 
 
 def ffmpeg() -> str | None:
@@ -94,6 +100,30 @@ def format_of(asked: str | None, ffmpeg: str | None) -> tuple[str, str]:
     return "gif", "GIF, since ffmpeg, which MP4 needs, is not there (pip install 'netfall[view]')"
 
 
+@dataclass(frozen=True)
+class Reel:
+    """What a film is of: a motion, or stages, which have no times.
+
+    name : of its file; fps : frames in a second; bar : label of the bar below; strokes : red ones in it
+    supports(axes, step) : draws them; span(step) : what has passed until then
+    words(step, away) : what is said of a frame of which `away` elements are out of view
+    """
+
+    frames: Frames | StageFrames
+    name: str
+    fps: int
+    bar: str
+    strokes: np.ndarray
+    supports: Callable[[plt.Axes, int], None]
+    words: Callable[[int, int], str]
+    span: Callable[[int], str]
+
+    @property
+    def timed(self) -> bool:
+        """Whether it is of a motion."""
+        return isinstance(self.frames, Frames)
+
+
 @dataclass
 class Film:
     """What stays from frame to frame, and how one is drawn; `shown` is what goes with the next one.
@@ -102,7 +132,7 @@ class Film:
     window : (2, 3) [m]; moving : the artists of the frame; done : the part of the time bar that has passed
     """
 
-    frames: Frames
+    reel: Reel
     title: str
     steps: np.ndarray
     every: int
@@ -111,15 +141,14 @@ class Film:
     figure: plt.Figure
     axes: plt.Axes
     done: plt.Rectangle
-    word: str
     moving: list
 
     @staticmethod
-    def of(f: h5py.File, result: Path, shot: Shot) -> "Film":
-        """The film of a result file with frames, before its first frame."""
-        frames = _frames(f, result)
-        count = int(np.searchsorted(frames.times, shot.until, side="right"))
-        if count < 2:
+    def of(f: h5py.File, reel: Reel, shot: Shot) -> "Film":
+        """The film of a reel, before its first frame."""
+        frames = reel.frames
+        count = int(np.searchsorted(frames.times, shot.until if reel.timed else np.inf, side="right"))
+        if reel.timed and count < 2:
             raise InputError(f"--until {shot.until:g}: the second frame is at {frames.times[1]:.4g} s")
         steps = np.arange(0, count, -(-count // MOST_FRAMES))
         every = max(1, frames.cells // MOST_LINES)
@@ -127,54 +156,84 @@ class Film:
         window = view(frames, looks, FARTHEST)
         N = np.concatenate([_whole_forces(frames, step)[::every] for step in steps])
         scale = ForceScale.of(N)
-        figure, axes = _stage(f, frames, window, scale, N, shot)
-        done = _time_bar(f, figure, frames.times[:count])
-        word = "broken or lost" if np.isfinite(lost_at(f)).any() else "broken"
-        return Film(frames, title_of(f), steps, every, window, scale, figure, axes, done, word, [])
+        figure, axes = _stage(f, reel, window, scale, N, shot)
+        done = _bar(reel, figure, frames.times[:count])
+        return Film(reel, title_of(f), steps, every, window, scale, figure, axes, done, [])
 
     def show(self, step: int) -> None:
         """Draw a frame of the file in place of the one before."""
         for artist in self.moving:
             artist.remove()
-        before = set(self.axes.collections)
-        lines, N = self.frames.lines(step)[:: self.every], self.frames.cell("tension", step)[:: self.every]
-        broken = self.frames.cell("broken", step).astype(bool)
-        gone, inside = broken[:: self.every], within(self.window, lines)
+        frames, before = self.reel.frames, {*self.axes.collections, *self.axes.lines}
+        rows = np.flatnonzero(frames.present(step))
+        rows = rows[rows % self.every == 0]
+        lines, N = frames.lines(step)[rows], frames.tension(step)[rows]
+        gone, inside = frames.broken(step)[rows], within(self.window, lines)
         whole, torn = inside & ~gone, inside & gone
         width = line_width(len(lines))
+        self.reel.supports(self.axes, step)
         add_by_force(self.axes, lines[whole], N[whole], self.scale, width)
         add_lines(self.axes, lines[torn], colors=BROKEN, linewidths=1.4 * width)
-        self.moving = [artist for artist in self.axes.collections if artist not in before]
-        t, away = self.frames.times[step], int((~inside).sum()) * self.every
-        told = f"{int(broken.sum())} of {len(broken)} {self.word}" + (f", {away} out of view" if away else "")
-        heading(self.figure, self.title, f"\nt = {t:.3f} s: {told}")
-        self.done.set_width(t - self.frames.times[0])
+        self.moving = [each for each in (*self.axes.collections, *self.axes.lines) if each not in before]
+        away = int((~inside).sum()) * self.every
+        heading(self.figure, self.title, f"\n{self.reel.words(step, away)}")
+        self.done.set_width(frames.times[step] - self.done.get_x())
 
-    def told(self, fps: int) -> str:
-        """What the film is, in words."""
-        count, every = len(self.steps), int(self.steps[1] - self.steps[0])
-        span = self.frames.times[self.steps[-1]] - self.frames.times[0]
-        more = f" (every {every}-th of the file)" if every > 1 else ""
-        return f"{count} frames{more} at {fps} a second: {count / fps:.3g} s for {span:.4g} s of the roof"
+    def told(self, fps: int | None) -> str:
+        """What the film is, in words; fps : as asked for"""
+        count, every = len(self.steps), int(np.diff(self.steps).min(initial=MOST_FRAMES))
+        fps, more = fps or self.reel.fps, f" (every {every}-th of the file)" * (1 < every < MOST_FRAMES)
+        span = self.reel.span(self.steps[-1])
+        return f"{count} frames{more} at {fps} a second: {count / fps:.3g} s for {span}"
 
 
-def _frames(f: h5py.File, result: Path) -> Frames:
-    """The frames of a file that has at least two."""
+def _reels(f: h5py.File, result: Path) -> list[Reel]:
+    """What there is to show in a file, at least one. Raises InputError where there is nothing."""
+    reels = [_erection(f)] if "stages" in f else []
     if "VTKHDF/Steps/Values" in f and "history" in f and len(f["VTKHDF/Steps/Values"]) > 1:
-        return Frames(f)
+        reels.append(_motion(f))
+    if reels:
+        return reels
     raise InputError(
-        f"{result}: no frames to animate: the job had no dynamic stage; give it [dynamics] duration "
-        "(and [output] frames, the states that are written), run it again, or draw its pictures without "
-        "--animate"
+        f"{result}: no frames to animate: the job had neither a dynamic stage nor stages of erection; give "
+        "it [dynamics] duration (and [output] frames, the states that are written), run it again, or draw "
+        "its pictures without --animate"
     )
 
 
-def _whole_forces(frames: Frames, step: int) -> np.ndarray:
+def _motion(f: h5py.File) -> Reel:
+    """The dynamic stage."""
+    frames, lost = Frames(f), lost_at(f)
+    lost = lost[np.isfinite(lost)]
+    word = "broken or lost" if len(lost) else "broken"
+
+    def words(step: int, away: int) -> str:
+        gone, out = int(frames.broken(step).sum()), f", {away} out of view" if away else ""
+        return f"t = {frames.times[step]:.3f} s: {gone} of {frames.present(step).sum()} {word}{out}"
+
+    supports = lambda axes, step: add_supports(f, axes, frames.positions(step)[: len(f["net/fixed"])])
+    strokes = np.unique(np.concatenate([f["events/time"][:], lost]))
+    span = lambda step: f"{frames.times[step] - frames.times[0]:.4g} s of the roof"
+    return Reel(
+        frames, "collapse", FPS, "time [s]; red: fractures and losses", strokes, supports, words, span
+    )
+
+
+def _erection(f: h5py.File) -> Reel:
+    """The stages of erection, each of which stands for a while."""
+    frames = StageFrames(f)
+    supports = lambda axes, step: add_supports(f, axes, frames.positions(step), frames.states[step].place)
+    words = lambda step, away: force_words(f, frames.states[step])
+    span = lambda step: f"{step + 1} stages of erection"
+    return Reel(frames, "erection", STAGE_FPS, "stage of erection", np.zeros(0), supports, words, span)
+
+
+def _whole_forces(frames: Frames | StageFrames, step: int) -> np.ndarray:
     """Axial forces (m,) [N] at a step, 0 in what is broken."""
-    return np.where(frames.cell("broken", step).astype(bool), 0.0, frames.cell("tension", step))
+    return np.where(frames.broken(step), 0.0, frames.tension(step))
 
 
-def _stage(f, frames: Frames, window, scale: ForceScale, N, shot: Shot):
+def _stage(f, reel: Reel, window, scale: ForceScale, N, shot: Shot):
     """The figure and its axes with what does not move: supports, scales, legend."""
     figure = plt.figure(figsize=(shot.size[0] / DPI, shot.size[1] / DPI), dpi=DPI)
     axes = in_space(figure, (1, 1, 1), window)
@@ -184,15 +243,16 @@ def _stage(f, frames: Frames, window, scale: ForceScale, N, shot: Shot):
     axes.view_init(*shot.view)
     _hide_towards_eye(axes, shot.view)
     axes.computed_zorder = False  # supports and broken elements over the others
-    add_supports(f, axes, frames.positions(0)[: len(f["net/fixed"])])
+    reel.supports(axes, 0)
     figure.subplots_adjust(left=0.0, right=1.0, top=0.95, bottom=0.21)
     if N.any():
         force_bars(figure, scale, N, 0.17, 0.018)
-    lines = [
-        plt.Line2D([], [], color=c, lw=2, label=name) for c, name in ((SLACK, "slack"), (BROKEN, "broken"))
-    ]
+    kinds = [(SLACK, "slack"), (BROKEN, "broken")][: 2 if reel.timed else 1]
+    lines = [plt.Line2D([], [], color=colour, lw=2, label=name) for colour, name in kinds]
     handles = [*axes.get_legend_handles_labels()[0], *lines]
     figure.legend(handles=handles, loc="upper left", bbox_to_anchor=(0.0, 0.92))
+    for line in [*axes.lines]:  # they come anew with each frame
+        line.remove()
     return figure, axes
 
 
@@ -206,19 +266,16 @@ def _hide_towards_eye(axes, view: tuple[float, float]) -> None:
             axis.set_label_text("")
 
 
-def _time_bar(f, figure, times: np.ndarray):
-    """A bar of the time below the picture, with a stroke at each fracture and loss; the part that grows."""
-    axes = figure.add_axes((0.1, 0.068, 0.8, 0.018))
-    axes.set_xlim(times[0], times[-1])
+def _bar(reel: Reel, figure, times: np.ndarray):
+    """A bar of the time, or of the stages, below the picture, with strokes; the part of it that grows."""
+    axes, begin = figure.add_axes((0.1, 0.068, 0.8, 0.018)), times[0] - float(not reel.timed)
+    axes.set_xlim(begin, times[-1])
     axes.set_yticks([])
     axes.tick_params(labelsize=7, pad=1)
-    axes.set_xlabel("time [s]; red: fractures and losses", labelpad=1)
-    done = plt.Rectangle((times[0], 0.0), 0.0, 1.0, color="0.75", lw=0)
+    axes.set_xlabel(reel.bar, labelpad=1)
+    done = plt.Rectangle((begin, 0.0), 0.0, 1.0, color="0.75", lw=0)
     axes.add_patch(done)
-    lost = lost_at(f)
-    axes.vlines(
-        np.unique(np.concatenate([f["events/time"][:], lost[np.isfinite(lost)]])), 0, 1, BROKEN, lw=0.7
-    )
+    axes.vlines(reel.strokes, 0, 1, BROKEN, lw=0.7)
     return done
 
 

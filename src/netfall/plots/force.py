@@ -104,10 +104,10 @@ def beyond(values: np.ndarray, low: float, high: float) -> str:
     return {(True, True): "both", (True, False): "min", (False, True): "max"}.get(ends, "neither")
 
 
-def add_supports(f, axes, x: np.ndarray) -> None:
-    """Mark the supports at x (n, 3) [m], and the edge that they make, if they do."""
-    rows = np.flatnonzero(held_axes(f).any(1))
-    edge = edge_of(x, rows)
+def add_supports(f, axes, x: np.ndarray, place: str = "") -> None:
+    """Mark the supports at x (n, 3) [m], and the edge that they make, if they do; place : of a state."""
+    rows = np.flatnonzero(held_axes(f, place).any(1))
+    edge = edge_of(x, rows) if not place.startswith("stages/") else ()  # what is held there for a while
     if len(edge):
         dashed = {"color": SUPPORT, "lw": 0.8, "ls": (0, (3, 2)), "clip_on": False}
         axes.plot(*x[edge].T, label="edge through the supports", **dashed)

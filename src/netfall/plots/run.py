@@ -1,8 +1,8 @@
 """Pictures from a result file (matplotlib, no display needed). Reads the file alone, never the solver.
 
-Which pictures come depends on what the file holds: the form (paper Fig. 6, 10), states at rest, the roof in
-plan, the load-displacement curve (Fig. 6), stages of the collapse (Fig. 7, 11), energies (Fig. 8, 15),
-tensions and displacements of the probes (Fig. 13, 14), wind.
+Which pictures come depends on what the file holds: the form (paper Fig. 6, 10), stages of erection, states at
+rest, the roof in plan, the load-displacement curve (Fig. 6), stages of the collapse (Fig. 7, 11), energies
+(Fig. 8, 15), tensions and displacements of the probes (Fig. 13, 14), wind.
 """
 
 import re
@@ -21,7 +21,7 @@ from netfall.plots.curves import (
 )
 from netfall.plots.modes import modes
 from netfall.plots.roof import has_roof, roof
-from netfall.plots.states import form, has_states, named_state, one_state, states
+from netfall.plots.states import form, has_stages, has_states, named_state, one_state, stages, states
 from netfall.results.file import reading
 
 
@@ -51,6 +51,7 @@ def plot_all(result: Path, folder: Path) -> list[Path]:
         moves = "history" in f
         pictures = [
             ("form", form, "form_finding" in f),
+            ("stages", stages, has_stages(f)),
             ("states", states, has_states(f)),
             ("roof", roof, has_roof(f)),
             ("load_displacement", load_displacement, has_load_path(f)),

@@ -4,12 +4,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.plots.canvas import NOTHING, add_coloured, add_lines, heading, line_width, space_panels
+from netfall.plots.canvas import NOTHING, add_coloured, add_lines, heading, line_width, space_panels, unit_of
 from netfall.plots.force import ForceScale, add_by_force, add_supports, force_bars
 from netfall.plots.labels import add_labels
 from netfall.results.file import title_of
 from netfall.results.states import (
     ShownState,
+    absent,
     equilibria,
     shown_name,
     start_position,
@@ -20,6 +21,7 @@ from netfall.results.states import (
 )
 
 MOST_PANELS = 6
+MOST_STAGES = 24  # in a picture; of more every k-th, and the last
 BELOW = 0.9  # inches under the panels, for the scales
 SEEN = 0.06  # of the largest extent of the net: about how large the largest deflection is drawn
 STEPS = np.outer(10.0 ** np.arange(-3, 7), (1.0, 2.0, 5.0)).ravel()  # scales of deflections
@@ -41,30 +43,67 @@ def form(f):
 
 
 def has_states(f) -> bool:
-    """Whether there is an equilibrium under loads."""
-    return bool(state_groups(f))
+    """Whether there is an equilibrium under loads, after all stages of erection."""
+    return any(not _is_stage(name) for name in state_groups(f))
+
+
+def has_stages(f) -> bool:
+    """Whether there are stages of erection."""
+    return "stages" in f
+
+
+def _is_stage(place: str) -> bool:
+    return place.startswith("stages/")
 
 
 def states(f):
     """The equilibria under loads in space, all on one scale: permanent, at full load, cases, rest."""
     chosen, left_out = _loaded(f)
-    forces = [stage.tension() for stage in chosen]
-    everything = np.concatenate(forces)
-    scale, places = ForceScale.of(everything), [stage.position() for stage in chosen]
-    figure, panels = space_panels(np.concatenate(places), len(chosen), BELOW)
-    bar = f["net/bar"][:].astype(bool)
-    for axes, stage, x, N in zip(panels, chosen, places, forces):
-        add_by_force(axes, x[f["net/elements"][:]], N, scale, line_width(len(N)))
-        add_supports(f, axes, x)
-        slack, factor = int(((N == 0.0) & ~bar).sum()), scale.factor
-        title = f"{shown_name(f, stage)}: {factor * N.min():.4g} to {factor * N.max():.4g} {scale.unit}"
-        axes.set_title(title + (f", {slack} slack (grey)" if slack else ""))
-    _add_bars(figure, scale, everything)
-    edge = len(axes.get_legend_handles_labels()[0]) > 1
-    marks = "squares: supports" + ", dashed: their edge" * edge
     more = f" ({left_out} more: --case NAME)" if left_out else ""
-    heading(figure, title_of(f), f": axial forces at rest{more}\n{marks}")
+    return _panels(f, chosen, f"axial forces at rest{more}")
+
+
+def stages(f):
+    """The stages of erection in space, all on one scale."""
+    found = [one for one in equilibria(f) if _is_stage(one.place)]
+    every = -(-len(found) // MOST_STAGES)
+    chosen = found[::-every][::-1]
+    more = f" (one in {every} of {len(found)}; others: --case NAME)" if every > 1 else ""
+    return _panels(f, chosen, f"axial forces in the stages of erection{more}")
+
+
+def _panels(f, chosen: list[ShownState], words: str):
+    """Equilibria in space, all on one scale."""
+    forces, places = [state.tension() for state in chosen], [state.position() for state in chosen]
+    everything = np.concatenate(forces)
+    scale, elements = ForceScale.of(everything), f["net/elements"][:]
+    figure, panels = space_panels(np.concatenate(places), len(chosen), BELOW)
+    for axes, state, x, N in zip(panels, chosen, places, forces):
+        there = ~absent(f, state.place)
+        add_by_force(axes, x[elements[there]], N[there], scale, line_width(len(N)))
+        add_supports(f, axes, x, state.place)
+        axes.set_title(force_words(f, state, "\n" if len(chosen) > MOST_PANELS else ": "))
+    _add_bars(figure, scale, everything)
+    edge = any(len(axes.get_legend_handles_labels()[0]) > 1 for axes in panels)
+    marks = "squares: supports" + ", dashed: their edge" * edge
+    heading(figure, title_of(f), f": {words}\n{marks}")
     return figure
+
+
+def force_words(f, state: ShownState, then: str = ": ") -> str:
+    """A state in words, `then` its smallest and largest force, and how many cables are slack."""
+    N, there = state.tension(), ~absent(f, state.place)
+    factor, unit = unit_of(np.abs(N).max(), "N")
+    slack = _slack(f, state)
+    words = (
+        f"{shown_name(f, state)}{then}{factor * N[there].min():.4g} to {factor * N[there].max():.4g} {unit}"
+    )
+    return words + (f", {slack} slack (grey)" if slack else "")
+
+
+def _slack(f, state: ShownState) -> int:
+    """How many cables are slack in a state."""
+    return int(((state.tension() == 0.0) & ~f["net/bar"][:].astype(bool) & ~absent(f, state.place)).sum())
 
 
 def _add_bars(figure, scale: ForceScale, N: np.ndarray) -> None:
@@ -75,11 +114,11 @@ def _add_bars(figure, scale: ForceScale, N: np.ndarray) -> None:
 
 def _loaded(f) -> tuple[list[ShownState], int]:
     """The equilibria to draw, of a load path the first and the last, and how many were left out."""
-    found = [one for one in equilibria(f) if one.name not in ("form", "as given")]
-    stages = [stage for stage in found if stage.name.startswith("stage ")]
-    found = found[len(stages) :]
+    found = [
+        one for one in equilibria(f) if one.name not in ("form", "as given") and not _is_stage(one.place)
+    ]
     steps = len(f["statics/load_factor"]) if "statics" in f else 0
-    found = stages + found[: min(steps, 1)] + found[max(steps - 1, 1) if steps else 0 :]
+    found = found[: min(steps, 1)] + found[max(steps - 1, 1) if steps else 0 :]
     return found[:MOST_PANELS], max(0, len(found) - MOST_PANELS)
 
 
@@ -100,21 +139,22 @@ def named_state(f, name: str) -> ShownState:
 def one_state(f, state: ShownState):
     """A state on one page: its axial forces with each group's extremes, and its deflections."""
     x0, x, N = start_position(f), state.position(), state.tension()
-    elements, moved = f["net/elements"][:], x - start_position(f)
+    there, moved = ~absent(f, state.place), x - x0
+    elements = f["net/elements"][:][there]
     figure, (left, right) = space_panels(np.concatenate([x0, x]), 2, BELOW)
     scale = ForceScale.of(N)
     for axes in (left, right):
-        add_supports(f, axes, x)
-    add_by_force(left, x[elements], N, scale, line_width(len(N)))
+        add_supports(f, axes, x, state.place)
+    add_by_force(left, x[elements], N[there], scale, line_width(len(N)))
     size = np.linalg.norm(moved, axis=1)
     largest = float(np.nanmax(size, initial=0.0))
     times = deflection_scale(largest, float(np.ptp(x0, axis=0).max()))
     add_lines(right, x0[elements], colors=NOTHING, linewidths=0.5)
     norm, of_element = plt.Normalize(0.0, 1e3 * largest or 1.0), 1e3 * size[elements].mean(1)
     add_coloured(right, (x0 + times * moved)[elements], of_element, norm, "viridis", line_width(len(N)))
-    _tell_forces(f, left, x, N, scale)
+    _tell_forces(f, left, x, N, there, scale)
     _tell_deflection(f, right, x0 + times * moved, moved, size)
-    slack = int(((N == 0.0) & ~f["net/bar"][:].astype(bool)).sum())
+    slack = _slack(f, state)
     left.set_title(f"axial forces, {slack} slack (grey)" if slack else "axial forces")
     right.set_title(f"deflection from {start_words(f)} (grey), drawn {times:g} times")
     height = figure.get_figheight()
@@ -133,12 +173,14 @@ def deflection_scale(largest: float, extent: float) -> float:
     return float(STEPS[np.searchsorted(STEPS, max(SEEN * extent / largest, STEPS[0]), side="right") - 1])
 
 
-def _tell_forces(f, axes, x: np.ndarray, N: np.ndarray, scale: ForceScale) -> None:
+def _tell_forces(f, axes, x: np.ndarray, N: np.ndarray, there: np.ndarray, scale: ForceScale) -> None:
     """The largest and the smallest force of each group, at the elements that have them."""
     group, names = f["net/group"][:], f["net/group_names"].asstr()[:]
     middle, texts, rows = x[f["net/elements"][:]].mean(1), [], []
     for g in np.unique(group)[:MOST_TOLD]:
-        mine = np.flatnonzero(group == g)
+        mine = np.flatnonzero((group == g) & there)
+        if not len(mine):
+            continue
         for e in (mine[np.nanargmax(N[mine])], mine[np.nanargmin(N[mine])]):
             text = f"{names[g]} {scale.factor * N[e]:.4g} {scale.unit}".strip()
             if text not in texts:  # a group may carry the same throughout

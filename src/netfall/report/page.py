@@ -46,7 +46,7 @@ def summary(f, result: Path, tables: dict, envelope: Envelope, checked: Checked,
     """The page."""
     cables, made = tables["cables.csv"], cases_of(f)
     parts = [
-        [f"# {title_of(f) or result.stem}", "", *_what_ran(f, result), *_form_picture(f)],
+        [f"# {title_of(f) or result.stem}", "", *_what_ran(f, result), *_first_pictures(f)],
         *([["## Cases and combinations", "", *cases(f, made, tables["cases.csv"])]] if made else []),
         ["## Checks", "", *checks(f, envelope, checked, tables["checks.csv"])],
         *([["## Limits in service", "", *limits(f, made)]] if made else []),
@@ -91,8 +91,9 @@ def _what_ran(f, result: Path) -> list[str]:
     return lines
 
 
-def _form_picture(f) -> list[str]:
-    return picture("the form, by axial force", "form.png") if "form_finding" in f else []
+def _first_pictures(f) -> list[str]:
+    form = picture("the form, by axial force", "form.png") if "form_finding" in f else []
+    return form + (picture("the stages of erection, by axial force", "stages.png") if "stages" in f else [])
 
 
 def _sentences(lines: list[str]) -> list[str]:

@@ -28,7 +28,7 @@ from netfall.checks.shop import read_deductions, shop_columns
 from netfall.ground.errors import InputError
 from netfall.job.table import write_table
 from netfall.plots.canvas import save
-from netfall.plots.states import form, has_states, states
+from netfall.plots.states import form, has_stages, has_states, stages, states
 from netfall.plots.utilisation import dynamic_factors, moments, utilisation
 from netfall.report.html import one_page
 from netfall.report.page import summary
@@ -101,7 +101,12 @@ def _pictures(f, envelope: Envelope, checked: Checked, tables: dict, folder: Pat
     """Draw what the page shows; the names."""
     found = ["utilisation.png"]
     utilisation(f, envelope, checked, folder / "utilisation.png")
-    for name, draw, there in (("form.png", form, "form_finding" in f), ("states.png", states, has_states(f))):
+    at_rest = (
+        ("form.png", form, "form_finding" in f),
+        ("stages.png", stages, has_stages(f)),
+        ("states.png", states, has_states(f)),
+    )
+    for name, draw, there in at_rest:
         if there:
             found.append(save(draw(f), folder / name).name)
     if "bending_moment_max" in tables["elements.csv"]:

@@ -1,5 +1,9 @@
 """The states in a result file, one at a time: a file may be larger than the memory."""
 
+import numpy as np
+
+from netfall.results.states import absent, state_groups, states_of
+
 
 class Frames:
     """Steps of /VTKHDF: positions, connectivity and cell fields."""
@@ -8,11 +12,24 @@ class Frames:
         self.g = f["VTKHDF"]
         self.times = self.g["Steps/Values"][:]
         self.cells = len(f["net/elements"])
+        self.there = ~absent(f)
 
     def cell(self, name, step, low=0, high=None):
         """A cell field (m,) at a step, or its rows low to high."""
         start, high = int(self.g[f"Steps/CellDataOffsets/{name}"][step]), high or self.cells
         return self.g[f"CellData/{name}"][start + low : start + high]
+
+    def tension(self, step):
+        """Tensions (m,) [N] at a step."""
+        return self.cell("tension", step)
+
+    def present(self, step):
+        """(m,) bool, elements that the erection has left in the net."""
+        return self.there
+
+    def broken(self, step):
+        """(m,) bool, elements that are broken or lost at a step."""
+        return self.cell("broken", step).astype(bool) & self.there
 
     def point(self, name, step, low=0, high=None):
         """A point field (points, ...) at a step, or its rows low to high; the nodes of the net come first."""
@@ -35,3 +52,35 @@ class Frames:
     def lines(self, step):
         """End points (m, 2, 3) [m] of the elements at a step."""
         return self.positions(step)[self.ends(step)]
+
+
+class StageFrames:
+    """The stages of erection, seen as frames: `times` are their numbers, from 1."""
+
+    def __init__(self, f):
+        self.states = [
+            state for name in state_groups(f) if name.startswith("stages/") for state in states_of(f, name)
+        ]
+        self.times = np.arange(1.0, len(self.states) + 1.0)
+        self.elements, self.absent = f["net/elements"][:], [absent(f, state.place) for state in self.states]
+        self.cells = len(self.elements)
+
+    def tension(self, step):
+        """Tensions (m,) [N] in a stage."""
+        return self.states[step].tension()
+
+    def present(self, step):
+        """(m,) bool, elements that are there in a stage."""
+        return ~self.absent[step]
+
+    def broken(self, step):
+        """(m,) bool: nothing breaks in a stage."""
+        return np.zeros(self.cells, bool)
+
+    def positions(self, step):
+        """Positions (n, 3) [m] in a stage."""
+        return self.states[step].position()
+
+    def lines(self, step):
+        """End points (m, 2, 3) [m] of the elements in a stage."""
+        return self.positions(step)[self.elements]

@@ -226,10 +226,11 @@ def envelope_of(f, resistance: np.ndarray) -> Envelope:
         N = stage.tension()
         rows.append((stage.name, N, N, nan, absent(f, stage.place) if stage.place else whole))
         places.append(stage.place)
-    rows += [(name, high, low, nan, gone) for name, high, low, gone in loss_rows(f)]
+    out = absent(f)
+    rows += [(name, high, low, nan, gone | out) for name, high, low, gone in loss_rows(f)]
     if moves := "history" in f:
         high, low, when = (f[f"envelope/tension_{name}"][:] for name in ("max", "min", "max_time"))
-        gone = ~np.isnan(lost_at(f)) | ~np.isnan(broken_at(f))
+        gone = ~np.isnan(lost_at(f)) | ~np.isnan(broken_at(f)) | out
         rows.append(("dynamics", high, np.where(gone & (low == 0.0), np.nan, low), when, gone))
     most, least = rows[0][1], rows[0][2]
     of_most, of_least, time = np.zeros(m, int), np.zeros(m, int), nan.copy()

@@ -113,6 +113,8 @@ def states_data(numbers: Numbers, states: States, N: np.ndarray, extent: float) 
         "slack": states.slack.tolist(),
         "broken": states.broken.tolist(),
     }
+    if states.away.any():
+        page["away"] = numbers.add(states.away.astype(np.int16))
     if states.strain is not None:
         eps = np.where(np.isnan(N), np.nan, states.strain)
         page["strain"] = numbers.add_in_time(eps, largest(eps))

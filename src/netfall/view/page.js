@@ -71,6 +71,7 @@ function readPage(k3d) {
     for (const name of ["displacement", "tension", "strain"]) {
       if (state[name]) state[name] = whole(state[name], state.slack.length);
     }
+    state.away = state.away && read(state.away);
   }
   return page;
 }
@@ -110,6 +111,7 @@ function draw(scene) {
   place(scene, points);
   for (const kind of Object.values(kinds)) kind.vertices.fill(NaN);
   for (let e = 0; e < m; e++) {
+    if (state.away && state.away[e]) continue;
     const N = state.tension.values[frame * m + e];
     const kind = kinds[N === NONE ? BROKEN : N === 0 ? SLACK : TAUT];
     for (const end of [0, 1]) {
@@ -249,9 +251,9 @@ function tellPicked(scene) {
     return `${name} ${short(quantity.factor * value, 4)} ${quantity.unit}`;
   });
   const m = page.ends.length / 2, gone = state.tension.values[frame * m + picked] === NONE;
-  const group = page.groups[page.group[picked]];
+  const group = page.groups[page.group[picked]], away = state.away && state.away[picked];
   byId("picked").textContent = `element ${page.element[picked]}${group ? `, ${group}` : ""}: ` +
-    (gone ? "broken or lost" : told.join("; "));
+    (away ? "not there" : gone ? "broken or lost" : told.join("; "));
 }
 
 function legend(scene) {

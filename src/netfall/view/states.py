@@ -7,7 +7,7 @@ import numpy as np
 
 from netfall.plots.net import whole_cables
 from netfall.results.frames import Frames
-from netfall.results.states import ShownState, equilibria, shown_name, start_position
+from netfall.results.states import ShownState, absent, equilibria, shown_name, start_position
 
 MOST_VALUES = 3_500_000  # elements times states of a page
 MOST_ELEMENTS = 100_000  # of larger nets some of the cables are shown
@@ -38,6 +38,7 @@ class States:
 
     time : (k,) [s], empty at rest; displacement : (k, p, 3) [m] from the form
     tension : (k, m) [N], nan: broken or lost; strain : (k, m), or None; slack, broken : (k,) of the whole net
+    away : (m,) bool, what the erection has not in the net
     """
 
     name: str
@@ -47,6 +48,7 @@ class States:
     strain: np.ndarray | None
     slack: np.ndarray
     broken: np.ndarray
+    away: np.ndarray
 
 
 def drawn_part(f) -> Drawn:
@@ -88,11 +90,12 @@ def states_shown(f, drawn: Drawn) -> tuple[list[States], list[str]]:
 
 def _at_rest(f, drawn: Drawn, state: ShownState) -> States:
     """An equilibrium."""
-    N, bar = state.tension(), f["net/bar"][:].astype(bool)
+    N, bar, away = state.tension(), f["net/bar"][:].astype(bool), absent(f, state.place)
     moved = state.position()[drawn.origin] - drawn.start
-    slack = np.array([((N == 0.0) & ~bar).sum()])
+    slack = np.array([((N == 0.0) & ~bar & ~away).sum()])
     none = np.zeros(1, int)
-    return States(shown_name(f, state), np.zeros(0), moved[None], N[drawn.rows][None], None, slack, none)
+    name, N, away = shown_name(f, state), N[drawn.rows], away[drawn.rows]
+    return States(name, np.zeros(0), moved[None], N[None], None, slack, none, away)
 
 
 def _motion(f, drawn: Drawn, every: int) -> States:
@@ -104,9 +107,10 @@ def _motion(f, drawn: Drawn, every: int) -> States:
     slack, broken = (np.empty(len(steps), int) for _ in range(2))
     for k, (points, N, eps, gone) in enumerate(_read(frames, drawn, steps)):
         moved[k] = points - drawn.start
-        slack[k], broken[k] = ((N == 0.0) & ~bar & ~gone).sum(), gone.sum()
+        slack[k], broken[k] = ((N == 0.0) & ~bar & ~gone & frames.there).sum(), gone.sum()
         tension[k], strain[k] = np.where(gone, np.nan, N)[drawn.rows], eps[drawn.rows]
-    return States("motion", frames.times[steps], moved, tension, strain, slack, broken)
+    away = ~frames.there[drawn.rows]
+    return States("motion", frames.times[steps], moved, tension, strain, slack, broken, away)
 
 
 def _read(frames: Frames, drawn: Drawn, steps: np.ndarray) -> Iterator[tuple[np.ndarray, ...]]:
@@ -115,5 +119,5 @@ def _read(frames: Frames, drawn: Drawn, steps: np.ndarray) -> Iterator[tuple[np.
     for step in steps:
         x = frames.positions(step)
         split = frames.ends(step)[drawn.rows][tuple(drawn.loose.T)]
-        fields = [frames.cell(name, step) for name in ("tension", "strain", "broken")]
-        yield x[np.concatenate([whole, split])], fields[0], fields[1], fields[2].astype(bool)
+        fields = [frames.cell(name, step) for name in ("tension", "strain")]
+        yield x[np.concatenate([whole, split])], *fields, frames.broken(step)

@@ -73,9 +73,8 @@ def net_page(study: Study) -> Page:
     drawn = Drawn(rows, every, x[nodes], nodes, ends.reshape(-1, 2), np.zeros((0, 2), int))
     numbers, none = Numbers(), np.zeros(1, int)
     taut = np.ones((1, len(rows)))
-    still = States(
-        "as each member begins", np.zeros(0), np.zeros((1, *drawn.start.shape)), taut, None, none, none
-    )
+    moved, away = np.zeros((1, *drawn.start.shape)), np.zeros(len(rows), bool)
+    still = States("as each member begins", np.zeros(0), moved, taut, None, none, none, away)
     data = net_data(numbers, drawn, study.title, study.net["element_id"], x[study.net["fixed"].any(1)])
     data |= {
         "net": f"{len(x)} nodes, {len(elements)} elements; no member was kept",
