@@ -21,7 +21,7 @@ from netfall.mechanics.bending import add_bending_forces, add_joint_bounds
 from netfall.mechanics.elements import add_element_forces, geometric_stiffness, nodal_stiffness
 from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.state import State
-from netfall.mechanics.supports import add_between, add_springs, keep_on_guides, largest_springs
+from netfall.mechanics.supports import add_springs, keep_on_guides, largest_springs
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import LIMBS, add_exactly, rounded
@@ -234,9 +234,7 @@ def net_of(state: State, load: np.ndarray, slips=None) -> Net:
         if state.joints is not None:
             add_bending_forces(x, state.joints, f)
         if state.features.springs:
-            add_springs(x, state.x_start, state.spring, state.spring_rest, f)
-            if state.turned is not None:
-                add_between(state.turned, state.spring_rest - (x - state.x_start), f)
+            add_springs(x, state.x_start, state.spring, state.spring_rest, state.turned, f)
         f += load
         if state.turned is not None:
             keep_on_guides(state.turned, f)

@@ -174,7 +174,6 @@ def _not_turned(job: Job, net: Net) -> list[str]:
     refused = {
         '[form_finding] method = "force_density"': form and form.method == "force_density",
         '[form_finding] start = "force_density"': form and form.start == "force_density",
-        "[dynamics]": job.dynamics is not None,
         "[[slide]]": bool(job.slides),
         "[wind] air_damping": air_damps(job),
     }

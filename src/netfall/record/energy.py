@@ -25,7 +25,7 @@ from netfall.mechanics.loads import external_force, squared_speed, wind_speed
 from netfall.mechanics.material import add_branches, set_branches
 from netfall.mechanics.motion import along_x, along_y, along_z, inverse_mass, kicked, make_kick
 from netfall.mechanics.state import State
-from netfall.mechanics.supports import add_springs, spring_energy
+from netfall.mechanics.supports import add_springs, on_guide, spring_energy
 from netfall.parallel.sums import LIMBS, add_exactly, add_term, exact_sums, sums_of_all
 from netfall.record.envelope import NO_ENVELOPE, widen
 
@@ -97,6 +97,7 @@ def particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, f_band
             gz = pull_of_ground(p, z, kick, particles)
             total = (total[0] + gx, total[1] + gy, total[2] + gz)
         total, pull, along = with_air(p, total, speed, kick, particles)
+        total = on_guide(p, total, particles)
         vx, ax, bx, cx, dx = energies_along(p, x, nx, ex, total[0], part, kick, particles)
         vy, ay, by, cy, dy = energies_along(p, y, ny, ey, total[1], part, kick, particles)
         vz, az, bz, cz, dz = energies_along(p, z, nz, ez, total[2], part, kick, particles)
@@ -140,7 +141,7 @@ def observe(rows, part, kick_dt, zeta, share, x, besides, particles, elements, l
         add_bending_forces(x, besides.joints, f_int)
     if besides.springs is not None:
         springs = besides.springs
-        add_springs(x, springs[0], springs[1], springs[2], f_int)
+        add_springs(x, springs[0], springs[1], springs[2], springs[3], f_int)
     particle_energies(rows, part, kick_dt, zeta, share, particles, f_int, room.f_band, velocity, terms)
     element_energies(elements, now, law, stored, heat)
     slack, largest = 0, 0.0
@@ -168,7 +169,7 @@ def observe(rows, part, kick_dt, zeta, share, x, besides, particles, elements, l
 class Besides(NamedTuple):
     """What acts on particles besides elements, None: nothing does.
 
-    springs : x_start, spring, spring_rest of elastic supports; joints : of chains that bend
+    springs : x_start, spring, spring_rest, turned of elastic supports; joints : of chains that bend
     """
 
     springs: tuple | None
@@ -268,6 +269,7 @@ def take_snapshot(
         snapshot = make_room(state)
     part, kick_dt = before_dt / (before_dt + dt), 0.5 * (before_dt + dt)
     springs = (state.x_start, state.spring, state.spring_rest) if state.features.springs else None
+    springs = springs and (*springs, state.turned)
     step = snapshot.rows, part, kick_dt, zeta, share
     besides = Besides(springs, state.joints)
     arguments = *step, state.x, besides, state.particles, state.elements, state.law, snapshot.room, envelope
@@ -277,7 +279,8 @@ def take_snapshot(
         snapshot.slack, snapshot.largest = observe(*arguments)
         snapshot.enter = entry_for(observe, *arguments) if snapshot is before else None
     if springs:
-        snapshot.sprung = spring_energy(*(array[snapshot.rows] for array in (state.x, *springs)))
+        of = lambda array: None if array is None else array[snapshot.rows]
+        snapshot.sprung = spring_energy(*map(of, (state.x, *springs)))
     return snapshot
 
 

@@ -18,11 +18,8 @@ def forces_on_supports(state: State, snapshot: Snapshot, load: np.ndarray) -> np
     force = np.where(state.free[rows] == 0, total, 0.0)
     turned = None if state.turned is None else state.turned[rows]
     if state.features.springs:
-        springs = [array[rows] for array in (state.x, state.x_start, state.spring, state.spring_rest)]
-        carried = spring_forces(*springs, turned)
-        force -= carried
-        if turned is not None:
-            total += carried - spring_forces(*springs)
+        springs = state.x, state.x_start, state.spring, state.spring_rest
+        force -= spring_forces(*(array[rows] for array in springs), turned)
     if turned is not None:
         left = total.copy()
         keep_on_guides(turned, left)

@@ -13,7 +13,7 @@ from netfall.mechanics.ground import pull_of_ground, velocity_after, works_of_mo
 from netfall.mechanics.loads import external_force, squared_speed, wind_speed
 from netfall.mechanics.material import density_of_branches, force_density
 from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
-from netfall.mechanics.supports import spring_force
+from netfall.mechanics.supports import on_guide, spring_force, turned_springs
 from netfall.numerics.arithmetic import fused
 from netfall.step.runs import LANES
 
@@ -52,12 +52,11 @@ def four_forces(p, far, x, slots, law):
 
 
 @part_of_kernel
-def kick_axis(p, i, internal, external, total, kick, axis, f, particles):
-    """Kick of particle p along one axis under its total force [N], which goes to f[i]; axis : `motion.Axis`
+def kick_axis(p, internal, external, total, kick, axis, particles):
+    """Kick of particle p along one axis under its total force [N]; axis : `motion.Axis`
 
     Returns the work [J] of the external, internal and damping forces, and of the ground
     """
-    f[i] = total
     old = axis.v[p]
     new = velocity_after(p, old, kicked(old, total * particles.per_mass[p], kick), axis)  # v to n + 1/2
     axis.v[p] = new
@@ -87,6 +86,7 @@ def kick_particle(p, i, force, branches, kick, particles, law, f):
         square = squared_speed(speed, particles)
     x, y, z = along_x(particles), along_y(particles), along_z(particles)
     nx, ny, nz = spring_force(p, force[0], x), spring_force(p, force[1], y), spring_force(p, force[2], z)
+    nx, ny = turned_springs(p, nx, ny, particles)
     ex, ey, ez = (
         external_force(p, x, square, kick.share),
         external_force(p, y, square, kick.share),
@@ -101,9 +101,11 @@ def kick_particle(p, i, force, branches, kick, particles, law, f):
         )
         total = (total[0] + gx, total[1] + gy, total[2] + gz)
     total, pull, along = with_air(p, total, speed, kick, particles)
-    ax, bx, cx, dx = kick_axis(p, i, nx, ex, total[0], kick, x, f[0], particles)
-    ay, by, cy, dy = kick_axis(p, i, ny, ey, total[1], kick, y, f[1], particles)
-    az, bz, cz, dz = kick_axis(p, i, nz, ez, total[2], kick, z, f[2], particles)
+    f[0][i], f[1][i], f[2][i] = total
+    total = on_guide(p, total, particles)
+    ax, bx, cx, dx = kick_axis(p, nx, ex, total[0], kick, x, particles)
+    ay, by, cy, dy = kick_axis(p, ny, ey, total[1], kick, y, particles)
+    az, bz, cz, dz = kick_axis(p, nz, ez, total[2], kick, z, particles)
     if particles.other_work is not None:
         air, band, support = particles.other_work
         if law.branches is not None:

@@ -21,6 +21,7 @@ from netfall.mechanics.events import StepDone
 from netfall.mechanics.ground import Ground, move_ground, velocity_after
 from netfall.mechanics.material import set_branches
 from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
+from netfall.mechanics.supports import on_guide
 from netfall.parallel.halo import receive_forces, send_forces, wait_for_neighbours
 from netfall.parallel.mpi_symbols import lap
 from netfall.step.forces import kick_chunk
@@ -86,8 +87,8 @@ def keep_forces(low, high, f_chunk, f):
 
 @part_of_kernel
 def move_axis(p, kick, axis, f, per_mass, dt):
-    """Kick and drift of particle p along one axis, under the total force f."""
-    new = velocity_after(p, axis.v[p], kicked(axis.v[p], f[p] * per_mass[p], kick), axis)
+    """Kick and drift of particle p along one axis, under the total force f [N]."""
+    new = velocity_after(p, axis.v[p], kicked(axis.v[p], f * per_mass[p], kick), axis)
     axis.v[p] = new
     axis.x[p] += dt * new
 
@@ -99,9 +100,10 @@ def move_halo(first, last, kick_dt, dt, zeta, particles):
     f, per_mass = particles.f, particles.per_mass
     kick = make_kick(kick_dt, zeta, 0.0)
     for p in range(first, last):
-        move_axis(p, kick, along_x(particles), f[0], per_mass, dt)
-        move_axis(p, kick, along_y(particles), f[1], per_mass, dt)
-        move_axis(p, kick, along_z(particles), f[2], per_mass, dt)
+        fx, fy, fz = on_guide(p, (f[0][p], f[1][p], f[2][p]), particles)
+        move_axis(p, kick, along_x(particles), fx, per_mass, dt)
+        move_axis(p, kick, along_y(particles), fy, per_mass, dt)
+        move_axis(p, kick, along_z(particles), fz, per_mass, dt)
 
 
 @kernel
