@@ -10,7 +10,7 @@ from PIL import Image
 from scipy.optimize import fsolve
 
 from netfall.checks.cases import slack_cables
-from netfall.checks.reactions import reaction_columns
+from netfall.checks.reactions import pull_at, reaction_columns
 from netfall.ground.errors import Interrupted
 from netfall.ground.progress import Progress
 from netfall.ground.timings import Phases
@@ -22,7 +22,7 @@ from netfall.program.run import run_job
 from netfall.program.setup import prepare
 from netfall.results.cases import cases_of
 from netfall.results.frames import Frames, StageFrames
-from netfall.results.states import envelope_of
+from netfall.results.states import envelope_of, start_position
 from netfall.view.states import drawn_part, states_shown
 
 EA, WEIGHT, SPAN = 1e6, 1000.0, 8.0  # N, N, m
@@ -299,6 +299,39 @@ def test_a_node_gets_its_height(workshop):
         assert f["form_finding/position"][2, 2] == pytest.approx(-2.5, abs=FOUND * SPAN)
 
 
+STAYED = (  # a V of two cables, a stay below it, no load
+    NODES.replace(f"-{WEIGHT}", "0") + "4,4,0,-8,1,0\n",
+    "start,end,group,prestress\n1,3,left,1e4\n2,3,right,1e4\n3,4,stay,12e3\n",
+)
+
+
+def test_a_net_as_given_has_a_form_once_it_has_its_targets(workshop):
+    """In balance where the file says that it is; displacements count from there."""
+    text = CABLES + '[[target]]\ngroup = "stay"\nforce = 2e4\nby = "right"\n[load]\nsteps = 1\n'
+    with workshop.run(workshop.job(text, *STAYED)) as f:
+        x, N = start_position(f), f["form_finding/tension"][:]
+        assert N[2] == pytest.approx(2e4, rel=FOUND)
+        assert np.abs(pull_at(x, f["net/elements"][:], N)[2]).max() < FOUND * 2e4
+        assert np.abs(x[2] - [4, 0, -3]).max() > 0.05
+        there = x + f["statics/displacement"][-1]
+        assert np.abs(there - f["VTKHDF/Points"][-len(x) :]).max() < 1e-6  # single precision
+
+
+def test_targets_that_are_not_reached_leave_a_file(workshop):
+    """With the nearest form, the reason; exit code 3; nothing comes after it."""
+    text = CABLES + '[[target]]\ngroup = "stay"\nforce = -10.0\nby = "right"\n[load]\nsteps = 1\n'
+    path = workshop.folder / "result.vtkhdf"
+    done = run_on_standing_ranks("run", workshop.job(text + stage("s"), *STAYED), "-o", path, ranks=2)
+    assert done.returncode == 3 and "not reached in" in done.stderr
+    with workshop.open() as f:
+        assert "statics" not in f and "stages" not in f
+        assert f["provenance"].attrs["exit_state"] == "no_equilibrium"
+        assert "force of stay = -10 N: came to 0 N" in f["form_finding"].attrs["reason"]
+        pull = pull_at(start_position(f), f["net/elements"][:], f["form_finding/tension"][:])
+        assert np.abs(pull[2]).max() < FOUND * 1e4
+    assert "NOT REACHED: the targets" in run_on_standing_ranks("info", path).stdout
+
+
 @pytest.mark.parametrize(
     "text, code, words",
     [
@@ -308,7 +341,6 @@ def test_a_node_gets_its_height(workshop):
             'by = "rigth"|"rigth": neither a group',
         ),
         ('[[target]]\ngroup = "left"\nheight = 1e3\nby = "right"\n', 2, "expected group and force, or node"),
-        ('[[target]]\ngroup = "left"\nforce = -10.0\nby = "right"\n', 3, "not reached in"),
         (stage("s", move="{3 = [0.0, 0.0, 1.0]}"), 2, "move: node 3: an axis that moves must be held"),
         (stage("s", release="[1, 2]"), 2, "no support holds the part"),
         (stage("s", hold="[9]"), 2, "hold: no node 9"),
@@ -327,7 +359,7 @@ def test_a_node_gets_its_height(workshop):
     ],
 )
 def test_what_is_wrong_is_named(workshop, text, code, words):
-    """With the place in the job; a target that no length reaches ends the run."""
+    """With the place in the job."""
     job = workshop.job(CABLES + text, NODES, TWO)
     done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf")
     assert done.returncode == code, done.stderr

@@ -9,14 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.equilibrium.slip_law import set_strands
-from netfall.erection.tension import response
+from netfall.erection.tension import of_form, response
 from netfall.ground.errors import DivergedError
 from netfall.ground.stop import NEVER
-from netfall.job.asks import carries_permanent
 from netfall.job.values import shown
 from netfall.net.net import Net
 from netfall.stages.scene import Scene
-from netfall.stages.settle import NONE, StaticLoad, reference_force, settle
+from netfall.stages.settle import NONE, reference_force, settle
 
 NAMED = 3  # pieces that matter most
 
@@ -51,8 +50,7 @@ def deviate(scene: Scene) -> Deviated | None:
     what came of it, None elsewhere. Raises DivergedError where there is no equilibrium.
     """
     model, spread = scene.model, scene.distribution
-    loaded = model and (model.loading.permanent if carries_permanent(scene.job) else np.zeros_like(model.x))
-    each = StaticLoad("deviation", "errors of length", spread.particles(loaded), 1.0)
+    each = of_form(scene, "deviation", "errors of length")
     tension, effect = _influence(scene, each.load)
     L0 = model and model.cut_length + model.net.length_error * shares(model.net, model.cut_length)
     set_strands(scene.state, spread.elements(L0))

@@ -5,21 +5,20 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.erection.lengths import Jack, Wanted, jack_of, rows_named, unknown_name
-from netfall.erection.tension import influences, tension_to
-from netfall.ground.errors import DivergedError, InputError
-from netfall.job.asks import carries_permanent
+from netfall.erection.tension import influences, of_form, tension_to
+from netfall.ground.errors import InputError
 from netfall.job.job import Job
 from netfall.job.values import shown
 from netfall.net.net import Net
 from netfall.parallel.agree import on_root
 from netfall.stages.scene import Scene
-from netfall.stages.settle import StaticLoad
 
 
 class Reached(NamedTuple):
     """Targets that were reached, on rank 0: x (n, 3) [m], unstressed lengths L0 (m,) [m].
 
     change : (k,) [m] of each cable; influence : (k, k) of these amounts where the targets are; lines : to say
+    failed : why not all of them are reached, "": they are; x and L0 are then how far it came
     """
 
     x: np.ndarray
@@ -27,9 +26,10 @@ class Reached(NamedTuple):
     change: np.ndarray
     influence: np.ndarray
     lines: list[str]
+    failed: str = ""
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """All but the lines, by name."""
+        """The arrays, by name."""
         return {name: getattr(self, name) for name in ("x", "L0", "change", "influence")}
 
 
@@ -37,21 +37,21 @@ def reach_targets(scene: Scene) -> Reached | None:
     """Change lengths until all targets are there, under the loads that the form carries. Collective.
 
     On rank 0 what came of it, None elsewhere; the state is left in that equilibrium. Raises InputError for
-    names that are wrong, DivergedError for targets that are not reached.
+    names that are wrong.
     """
     job, model, comm = scene.job, scene.model, scene.comm
     wanted, jacks = on_root(comm, lambda: named_targets(job, model.net)) or ([], [])
-    permanent = model and (model.loading.permanent if carries_permanent(job) else np.zeros_like(model.x))
-    each = StaticLoad("target", "the targets", scene.distribution.particles(permanent), 1.0)
+    each = of_form(scene, "target", "the targets")
     found = tension_to(scene, each, wanted, jacks, model and model.cut_length, lambda L0: L0)
-    if not found.outcome.carries:
-        more = "what `by` names may not bear on it, or not so far"
-        raise DivergedError(f"{each.words}: {found.outcome.reason}; {more}")
     influence = influences(scene, each.load, wanted, jacks, found.L0)
     x = scene.distribution.gather_particles(scene.state.x)
     if model is None:
         return None
     change = np.array([_change(jack, found.L0 - model.cut_length) for jack in jacks])
+    if not found.outcome.carries:
+        more = "what `by` names may not bear on it, or not so far"
+        failed = f"{each.words}: {found.outcome.reason}; {more}"
+        return Reached(x, found.L0, change, influence, [], failed)
     lines = [
         f"target: {want.words} = {want.value:.6g} {'m' if want.node >= 0 else 'N'}: each cable of "
         f"{jack.name} {amount:+.6g} m"

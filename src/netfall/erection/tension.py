@@ -13,6 +13,7 @@ from netfall.equilibrium.newton import NoConvergence
 from netfall.equilibrium.slip_law import set_strands
 from netfall.erection.lengths import Jack, Wanted, amounts, missed, until_taut
 from netfall.ground.stop import NEVER, StopRequest
+from netfall.job.asks import carries_permanent
 from netfall.numerics.functions import lengths
 from netfall.stages.scene import Scene
 from netfall.stages.settle import (
@@ -43,6 +44,13 @@ class Tensioned(NamedTuple):
     influence: np.ndarray | None
     outcome: StaticOutcome
     equilibria: int
+
+
+def of_form(scene: Scene, kind: str, words: str) -> StaticLoad:
+    """What the form carries: the permanent load, or nothing; words : for messages."""
+    model = scene.model
+    load = model and (model.loading.permanent if carries_permanent(scene.job) else np.zeros_like(model.x))
+    return StaticLoad(kind, words, scene.distribution.particles(load), 1.0)
 
 
 def tension_to(

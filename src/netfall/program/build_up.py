@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from netfall.equilibrium.find import Finder
-from netfall.equilibrium.relaxation import Paused
+from netfall.equilibrium.relaxation import Paused, state_residual
 from netfall.erection.deviation import deviate
 from netfall.erection.erect import Erection, erect, restored
 from netfall.erection.settings import Setting, check_stages
 from netfall.erection.targets import reach_targets
+from netfall.erection.tension import of_form
 from netfall.ground.errors import DivergedError, interrupted
 from netfall.ground.stop import StopRequest
 from netfall.job.job import Job
@@ -20,8 +21,8 @@ from netfall.model.state import make_state
 from netfall.numerics.functions import lengths
 from netfall.parallel.agree import on_root
 from netfall.stages.initial import FORM, INITIAL, initial_record
-from netfall.stages.scene import BuildUp, Scene
-from netfall.stages.settle import by_ids
+from netfall.stages.scene import BuildUp, Form, Scene
+from netfall.stages.settle import NONE, by_ids
 from netfall.write.checkpoint import checkpoint_path, remove_older, write_checkpoint
 
 TARGETS, DEVIATION, ERECTION = "targets", "errors of length", "erection"  # names in checkpoints
@@ -38,6 +39,8 @@ def built_up(scene: Scene, result: Path, restart: Path | None, checkpoint, stop:
     build_up = BuildUp(base=scene.model)
     if scene.job.targets:
         scene, build_up = _targeted(scene, build_up, kept(TARGETS) if TARGETS in parts else None)
+    if build_up.failure:
+        return replace(scene, build_up=build_up)
     if scene.comm.bcast(scene.model and bool(scene.model.net.length_error.any())):
         scene, build_up = _deviated(scene, build_up, kept(DEVIATION) if DEVIATION in parts else None)
     if not scene.job.stages:
@@ -57,16 +60,28 @@ def built_up(scene: Scene, result: Path, restart: Path | None, checkpoint, stop:
 
 
 def _targeted(scene: Scene, build_up: BuildUp, kept: tuple | None) -> tuple[Scene, BuildUp]:
-    """The scene in the form that has its targets; kept : record of an earlier run, None: none. Collective."""
+    """The scene in the form that has its targets, or in that which came nearest to them. Collective.
+
+    kept : record of an earlier run, None: none
+    """
+    failed, comm = "", scene.comm
     if kept is None:
         reached = reach_targets(scene)
+        failed = comm.bcast(reached and reached.failed)
         kept = ({"lines": reached.lines}, reached.arrays()) if reached else ({}, {})
     small, arrays = kept
     after = _rebuilt(scene, lambda: _with_lengths(scene.job, scene.model, arrays["x"], arrays["L0"]))
+    load = of_form(after, "target", "the targets").load
+    residual = state_residual(comm, after.state, load)
+    form = scene.form or Form(None, None, 0, residual, scene.reference)  # a net as given has one now
+    after = replace(after, form=form, residual=residual)
     if scene.model:
         form = {f"target_{name}": arrays[name] for name in ("change", "influence")}
-        build_up = replace(build_up, form_sections=form, lines=small["lines"])
-    return after, replace(build_up, records={TARGETS: (scene.comm.bcast(small), arrays or {})})
+        labels = {"form_finding": {"state": NONE, "reason": failed}} if failed else {}
+        build_up = replace(build_up, form_sections=form, lines=small["lines"], labels=labels)
+    failure = DivergedError(failed) if failed else None
+    records = {TARGETS: (comm.bcast(small), arrays or {})}
+    return after, replace(build_up, records=records, failure=failure)
 
 
 def _deviated(scene: Scene, build_up: BuildUp, kept: tuple | None) -> tuple[Scene, BuildUp]:

@@ -50,9 +50,10 @@ def prepare(
 ) -> tuple[Scene, Checkpoint | None]:
     """The job in its initial state: form found, prestressed, loaded; on rank 0 a checkpoint. Collective.
 
-    The schedule is still to come. A stage of erection without an equilibrium ends it, see `Scene.failure`.
-    result : path of the result file, beside which a form finding that is
-    stopped leaves a checkpoint; restart : the checkpoint to go on from; memory : of runs before
+    The schedule is still to come. Targets that are not reached end it, so does a stage of erection without an
+    equilibrium, see `Scene.failure`.
+    result : path of the result file, beside which a form finding that is stopped leaves a checkpoint
+    restart : the checkpoint to go on from; memory : of runs before
 
     Raises InputError for what is wrong in the job, DivergedError if form finding does not converge,
     Interrupted if `stop` asks for it.
@@ -86,7 +87,7 @@ def prepare(
         carried = distribution.particles(load) if carries_permanent(job) else np.zeros_like(state.x)
         residual = state_residual(comm, state, carried)
         reference = comm.bcast(_largest_tension(model) if model else None)
-        if form is not None:
+        if form is not None and job.form_finding:
             _check_form(job, max(form.reference, reference), residual)
     finder = Finder(comm, halo, distribution, state)
     scene = Scene(comm, job, model, distribution, halo, state, finder, form, residual, reference, digest)

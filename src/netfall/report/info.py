@@ -83,6 +83,8 @@ def _form(f):
         f"tensions {N.min():.4g} to {N.max():.4g} N"
     )
     yield from lines_of_form(f)
+    if no_equilibrium(g):
+        yield f"note: NOT REACHED: {g.attrs['reason']}; the form shown is the nearest that was found"
 
 
 def _equilibria(f):

@@ -77,6 +77,8 @@ def _what_ran(f, result: Path) -> list[str]:
         lines.append("With " + ", ".join(f"`{line}`" for line in overrides.split("\n")) + ".")
     if "form_finding" in f:
         lines += _sentences(lines_of_form(f))
+        if no_equilibrium(f["form_finding"]):
+            lines.append(f"**Not reached: {f['form_finding'].attrs['reason']}.**")
     lines += [
         f"**{state_words(f, place)} has no equilibrium: {f[place].attrs['reason']}.**" for place in failed
     ]

@@ -89,7 +89,7 @@ GROUPS = (
     Group(
         "form_finding",
         "the form, its tensions and unstressed lengths",
-        "[form_finding]",
+        "[form_finding], [[target]]",
         (
             row("iterations", "", NONE, "of the relaxation"),
             row("residual", "", NONE, "largest residual force, as a share of the largest prestress"),
