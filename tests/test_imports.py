@@ -21,12 +21,12 @@ MAY_IMPORT = {
     "wind": ["job"],
     "mechanics": ["net.net"],  # GRAVITY
     "parallel": ["mechanics.motion"],  # what is done with a force that was received
-    "step": ["mechanics", "parallel.halo", "parallel.mpi_symbols"],
+    "step": ["mechanics", "parallel.halo", "parallel.mpi_symbols", "parallel.sums"],
     "multigrid": ["mechanics", "parallel"],
     "equilibrium": ["mechanics", "parallel", "multigrid"],
     "prestress": ["job", "net"],
     "model": ["job", "net", "roof", "wind", "mechanics", "parallel"],
-    "record": ["job", "wind", "mechanics", "parallel", "model"],
+    "record": ["job", "wind", "mechanics", "parallel", "model", "step"],
     "write": ["net", "roof", "mechanics", "parallel", "record.columns", "results.datasets"],
     "stages": [
         *("job", "net", "roof", "wind", "mechanics", "parallel", "step", "multigrid", "equilibrium"),

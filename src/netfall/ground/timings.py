@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-STEP_PHASES = ("dynamics: forces and kick", "dynamics: exchange", "dynamics: drift")
+STEP_PHASES = ("dynamics: forces and kick", "dynamics: exchange", "dynamics: drift", "dynamics: rows")
 
 
 class Phases:
@@ -14,7 +14,7 @@ class Phases:
     def __init__(self, steps: bool = False):
         """steps : whether the parts of a step are timed too, which takes some 0.2 microseconds a step"""
         self.seconds: dict[str, float] = {}
-        self.of_steps = np.zeros(3) if steps else None  # of `step.loop.time_loop`
+        self.of_steps = np.zeros(len(STEP_PHASES)) if steps else None  # of `step.loop.time_loop`
 
     @contextmanager
     def phase(self, name: str):

@@ -28,6 +28,7 @@ PHASES = {
     "forces": "dynamics: forces and kick",
     "exchange": "dynamics: exchange",
     "drift": "dynamics: drift",
+    "rows": "dynamics: rows",
     "output": "dynamics: output",
 }
 OF_RANKS = ("min", "mean", "max")  # what is told of the seconds of all ranks

@@ -114,6 +114,14 @@ def joint_moments(x, joints, moment, hold):
 
 
 @part_of_kernel
+def joint_moment(x, joints, k):
+    """The moment |r| [N m] of joint k at x (n, 3) [m]."""
+    a, b, _, _, d = _sides(x, joints, k)
+    r = _moment(joints, k, _cross(a, b), d)
+    return math.sqrt(_dot(r, r))
+
+
+@part_of_kernel
 def joint_energy(x, joints, k):
     """Energy [J] stored in joint k at x (n, 3) [m]."""
     a, b, _, _, d = _sides(x, joints, k)

@@ -63,7 +63,8 @@ class EventLog:
     """All fractures of a run so far, the same on every rank, in the order of step, element and particle.
 
     time, step, element, particle, new_particle, strain, mass [kg] : (k,) as in `Events`
-    broken : elements, ascending; split_gid : numbers of the particles that have split off, ascending
+    broken : elements, ascending; breaking : the steps in which these broke, ascending
+    split_gid : numbers of the particles that have split off, ascending
     """
 
     def __init__(self, particles: int):
@@ -71,7 +72,7 @@ class EventLog:
         self.particles = particles
         for name, dtype in COLUMNS.items():
             setattr(self, name, np.zeros(0, dtype))
-        self.broken = self.split_gid = np.zeros(0, np.int64)
+        self.broken = self.breaking = self.split_gid = np.zeros(0, np.int64)
 
     def __len__(self) -> int:
         return len(self.step)
@@ -81,9 +82,16 @@ class EventLog:
         order = np.lexsort((found["particle"], found["element"], found["step"]))
         for name in COLUMNS:
             setattr(self, name, np.concatenate([getattr(self, name), found[name][order]]))
-        self.broken = np.union1d(self.broken, found["element"])
+        element, first = np.unique(found["element"][order], return_index=True)
+        steps = found["step"][order][first][~np.isin(element, self.broken)]
+        self.breaking = np.sort(np.concatenate([self.breaking, steps]))
+        self.broken = np.union1d(self.broken, element)
         new = found["new_particle"]
         self.split_gid = np.sort(np.concatenate([self.split_gid, new[new >= 0]]))
+
+    def broken_before(self, steps: np.ndarray) -> np.ndarray:
+        """Elements (k,) that broke before each of some steps (k,)."""
+        return np.searchsorted(self.breaking, steps)
 
     @property
     def points(self) -> int:

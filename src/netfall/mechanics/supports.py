@@ -63,13 +63,6 @@ def spring_forces(x, x_start, spring, rest, turned=None) -> np.ndarray:
     return force
 
 
-def spring_energy(x, x_start, spring, rest, turned=None) -> np.ndarray:
-    """Energy (n,) [J] of the springs of each particle, arguments as in `add_springs`."""
-    off = (x - x_start) - rest
-    energy = 0.5 * np.sum(spring * off * off, axis=1)
-    return energy if turned is None else energy + turned[:, 2] * off[:, 0] * off[:, 1]
-
-
 def add_between(turned, u, force) -> None:
     """Add to forces (n, 3) [N] what stiffness between x and y makes of displacements u (n, 3) [m]."""
     force[:, :2] += turned[:, 2:] * u[:, 1::-1]

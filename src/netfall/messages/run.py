@@ -93,7 +93,8 @@ def _dynamics_lines(model: Model, simulation) -> list[str]:
             f"energy: work identity to {identity:.1e}, physical balance to {balance:.1e} of the energy "
             "that took part"
         )
-        lines += balance_notes(*(np.array(history.rows[k]) for k in ("time", "balance_error", "broken")))
+        columns = history.columns()
+        lines += balance_notes(*(columns[name] for name in ("time", "balance_error", "broken")))
     return lines
 
 

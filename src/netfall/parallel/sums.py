@@ -10,12 +10,21 @@ import math
 import numpy as np
 from mpi4py import MPI
 
-from netfall.ground.compile import allocating_kernel, inner_kernel, kernel
-from netfall.numerics.arithmetic import bits_of
+from netfall.ground.compile import (
+    allocating_kernel,
+    inner_kernel,
+    kernel,
+    part_of_kernel,
+    vector_kernel,
+)
+from netfall.numerics.arithmetic import bits_of, number_of
 
 LIMBS = 67  # 66 of 32 bits cover 2^-1074 to 2^1024; the last one counts what is not finite
 LOWEST = 1074  # the first limb's unit is 2^-1074
 MASK = np.int64(0xFFFFFFFF)
+SIZE = np.int64(0x7FFFFFFFFFFFFFFF)  # all bits of a number but the sign
+BLOCK = 2048  # values whose multiples of a unit add up to less than 2^62
+LEAST, MOST = 103, 2044  # exponents, as bits have them, of a largest value whose pieces have units
 
 
 @inner_kernel
@@ -41,11 +50,97 @@ def add_term(value, limbs):
     limbs[k + 2] += sign * (high >> 32)
 
 
+@inner_kernel
+def add_multiple(count, place, limbs):
+    """Add count 2^(place - LOWEST), an integer below 2^62 in size, to the fixed-point number in limbs."""
+    sign = np.int64(1) if count >= 0 else np.int64(-1)
+    size, k, off = sign * count, place >> 5, place & 31
+    low, high = (size & MASK) << off, (size >> 32) << off
+    limbs[k] += sign * (low & MASK)
+    limbs[k + 1] += sign * ((low >> 32) + (high & MASK))
+    limbs[k + 2] += sign * (high >> 32)
+
+
+@vector_kernel
+def largest_bits(first, last, values, there):
+    """The largest of values first to last in size, as bits; there : as of `add_where`"""
+    top = np.int64(0)
+    for i in range(np.uint64(first), np.uint64(last)):
+        bits = bits_of(values[i]) & SIZE
+        if there is not None:
+            bits = bits if there[i] else np.int64(0)
+        top = max(top, bits)
+    return top
+
+
+@part_of_kernel
+def unit_number(exponent):
+    """1.5 times the power of two with this exponent, as the bits have it."""
+    return number_of((exponent << 52) | np.int64(0x8000000000000))
+
+
+@vector_kernel
+def cut_in_three(first, last, values, there, large):
+    """Sums of values first to last in units of three large numbers, and whether bits are left.
+
+    x + (large - large) leaves of x what is a multiple of the unit of `large` (its last bit), and takes the
+    rest exactly (Rump, Ogita, Oishi 2008); in the bits of x + large that multiple is an integer.
+    """
+    a, b, c = np.int64(0), np.int64(0), np.int64(0)
+    left = np.int64(0)
+    one, two, three = large
+    for i in range(np.uint64(first), np.uint64(last)):
+        x = values[i]
+        if there is not None:
+            x = x if there[i] else 0.0
+        y = x + one
+        a += bits_of(y) - bits_of(one)
+        x -= y - one
+        y = x + two
+        b += bits_of(y) - bits_of(two)
+        x -= y - two
+        y = x + three
+        c += bits_of(y) - bits_of(three)
+        left |= bits_of(x - (y - three))
+    return a, b, c, left != 0
+
+
+@kernel
+def add_where(values, there, limbs):
+    """Add the values (n,) that are there, (n,) not 0, to the fixed-point number in limbs; None: all. Exactly.
+
+    In blocks, cut in three pieces of 52 bits below the largest, whose sums are integers: in vector registers.
+    What has more bits, or does not fit, is added one by one.
+    """
+    for first in range(0, values.shape[0], BLOCK):
+        last = min(first + BLOCK, values.shape[0])
+        top = largest_bits(first, last, values, there)
+        if top == 0:
+            continue
+        exponent, left = top >> 52, True
+        if LEAST <= exponent and exponent <= MOST:
+            large = unit_number(exponent + 2), unit_number(exponent - 50), unit_number(exponent - 102)
+            a, b, c, left = cut_in_three(first, last, values, there, large)
+        if left:
+            add_terms(first, last, values, there, limbs)
+        else:
+            add_multiple(a, exponent + 1, limbs)
+            add_multiple(b, exponent - 51, limbs)
+            add_multiple(c, exponent - 103, limbs)
+
+
+@inner_kernel
+def add_terms(first, last, values, there, limbs):
+    """`add_term` of values first to last; there : as of `add_where`"""
+    for i in range(first, last):
+        if there is None or there[i]:
+            add_term(values[i], limbs)
+
+
 @kernel
 def add_exactly(values, limbs):
     """`add_term` of all values (n,)."""
-    for i in range(values.shape[0]):
-        add_term(values[i], limbs)
+    add_where(values, None, limbs)
 
 
 @allocating_kernel
@@ -109,10 +204,10 @@ def exact_sums(comm: MPI.Comm, *terms: np.ndarray) -> list[float]:
     """Sums over all ranks of several arrays of terms, correctly rounded. Collective."""
     limbs = np.zeros((len(terms), LIMBS), np.int64)
     add_each(tuple(np.ascontiguousarray(values, np.float64).ravel() for values in terms), limbs)
-    return sums_of_all(comm, limbs)
+    return rounded_of_all(comm, limbs).tolist()
 
 
-def sums_of_all(comm: MPI.Comm, limbs: np.ndarray) -> list[float]:
-    """Sums over all ranks of what each has in its limbs (numbers, LIMBS), which are used up. Collective."""
+def rounded_of_all(comm: MPI.Comm, limbs: np.ndarray) -> np.ndarray:
+    """Sums (k,) over all ranks of what each has in its limbs (k, LIMBS), which are used up. Collective."""
     comm.Allreduce(MPI.IN_PLACE, limbs, MPI.SUM)
-    return round_each(limbs).tolist()
+    return round_each(limbs)

@@ -12,26 +12,26 @@ NONE = "1"  # the unit of what has no dimension
 
 
 class Moment(NamedTuple):
-    """What a row of the history is taken from: energies [J] as of `energy.Energies`, those at the start.
+    """What rows (k,) of the history are taken from: energies [J] as of `energy.Energies`, those at the start.
 
-    time, time_step : [s]; slack : cables; broken : elements
+    time, time_step : (k,) [s]; slack : (k,) cables; broken : (k,) elements
     """
 
-    time: float
-    time_step: float
+    time: np.ndarray
+    time_step: np.ndarray
     energies: object
     start_strain: float
     start_plastic: float
-    slack: int
-    broken: int
+    slack: np.ndarray
+    broken: np.ndarray
 
     @property
-    def strain(self) -> float:
+    def strain(self) -> np.ndarray:
         """Strain energy [J] since the start."""
         return self.energies.strain - self.start_strain
 
     @property
-    def plastic(self) -> float:
+    def plastic(self) -> np.ndarray:
         """Dissipated [J] since the start."""
         return self.energies.plastic - self.start_plastic
 
@@ -45,18 +45,18 @@ class Column(NamedTuple):
     name: str
     unit: str
     meaning: str
-    value: Callable[[Moment], float]
+    value: Callable[[Moment], np.ndarray]
     dtype: type = np.float64
     share: bool = False
     needs: str = ""
 
 
-def _identity(now: Moment) -> float:
+def _identity(now: Moment) -> np.ndarray:
     e = now.energies
     return e.kinetic + e.internal + e.damping + e.air - e.external - e.support
 
 
-def _balance(now: Moment) -> float:
+def _balance(now: Moment) -> np.ndarray:
     e = now.energies
     return e.kinetic + now.strain + now.plastic + e.damping + e.air + e.band - e.external - e.support
 

@@ -1,43 +1,17 @@
 """The envelope of a dynamic stage: largest and smallest values over all rows of the history, and when.
 
-Each rank keeps those of its own particles and elements, from what the audit of a row computes anyway.
+Each rank keeps those of its own particles and elements, from what the audit of a row computes anyway
+(`step.rows.widen`).
 """
-
-import math
 
 import numpy as np
 
-from netfall.ground.compile import inner_kernel
 from netfall.parallel.subdomain import Distribution
 
 TENSION = ("tension_max", "tension_max_time", "tension_min", "slack_time")  # (m,), of elements
 DISPLACEMENT = ("displacement_max", "displacement_max_time")  # (n,), of particles of the net
 
 MOMENT = "bending_moment_max"  # (m,), where chains bend
-
-
-@inner_kernel
-def widen(envelope, N, elements, particles):
-    """Take in the axial forces N (m,) [N] and the positions of a row of the history.
-
-    envelope : of `Envelope.at`
-    """
-    time, since, tension, displacement = envelope
-    for e in range(tension.shape[1]):
-        if N[e] > tension[0, e]:
-            tension[0, e], tension[1, e] = N[e], time
-        tension[2, e] = min(tension[2, e], N[e])
-        if N[e] == 0.0 and elements.bar[e] == 0 and elements.broken[e] == 0:
-            tension[3, e] += since
-    x, start = particles.x, particles.x_start
-    for p in range(displacement.shape[1]):
-        dx, dy, dz = x[0][p] - start[0][p], x[1][p] - start[1][p], x[2][p] - start[2][p]
-        u = math.sqrt(dx * dx + dy * dy + dz * dz)
-        if u > displacement[0, p]:
-            displacement[0, p], displacement[1, p] = u, time
-
-
-NO_ENVELOPE = 0.0, 0.0, np.zeros((len(TENSION), 0)), np.zeros((len(DISPLACEMENT), 0))  # nothing is kept
 
 
 class Envelope:
@@ -54,14 +28,6 @@ class Envelope:
         self.displacement = np.zeros((len(DISPLACEMENT), subdomain.n_owned))
         self.displacement[0] = -1.0
         self.moment = np.full(len(subdomain.element_gid), np.nan) if bends else None
-
-    def take_moments(self, moments: np.ndarray) -> None:
-        """Take in the bending moments (m, 2) [N m] of a row of the history."""
-        self.moment[:] = np.fmax(self.moment, moments.max(axis=1))
-
-    def at(self, time: float, since: float) -> tuple:
-        """To take in a row of the history, at a time [s], `since` [s] after the one before."""
-        return time, since, self.tension, self.displacement
 
     def columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """Of elements (m,) and of particles (n_owned,), by name."""

@@ -7,21 +7,23 @@ from netfall.mechanics.fields import Features
 from netfall.mechanics.state import State
 from netfall.model.probes import Probes
 from netfall.record.columns import HISTORY, Moment
+from netfall.step.rows import MOST_STRAIN
 
 AT_REST = 1e-4  # of the energy stored at the start: what moves with less is at rest, and rounding counts
 DAMPING = ("damping_work", "air_work", "band_damping_work")
-MOST_STRAIN = 0.1  # that any cable bears; what is beyond it without a limit of its own is told
+PROBE_ROWS = "probe_rows"
 
 
-def energy_in_play(row: dict[str, float]) -> float:
-    """The energy [J] that takes part at one time: external work, or where energy has gone if that is more.
+def energy_in_play(rows: dict[str, np.ndarray]) -> np.ndarray:
+    """The energy [J] that takes part at each row: external work, or where energy has gone if that is more.
 
     It goes into motion, strain, yield and damping; else it comes from the strain at the start.
     """
-    gone = row["kinetic_energy"] + max(row["strain_energy"], 0.0) + row["plastic_dissipation"]
-    damped = sum(row.get(name, 0.0) for name in DAMPING)
-    energy = max(abs(row["external_work"]), abs(row.get("support_work", 0.0)), gone + damped)
-    return energy if energy == energy else 0.0  # nan without the audit
+    gone = rows["kinetic_energy"] + np.maximum(rows["strain_energy"], 0.0) + rows["plastic_dissipation"]
+    damped = sum(rows[name] for name in DAMPING if name in rows)
+    given = np.maximum(np.abs(rows["external_work"]), np.abs(rows.get("support_work", 0.0)))
+    energy = np.maximum(given, gone + damped)
+    return np.where(np.isnan(energy), 0.0, energy)  # nan without the audit
 
 
 NOT_STRAINED = (0.0, 0.0, -1)
@@ -55,8 +57,7 @@ class History:
     def __init__(self, probes: Probes, features: Features):
         self.probes, self.scale = probes, 0.0
         self.table = [column for column in HISTORY if not column.needs or getattr(features, column.needs)]
-        self.rows: dict[str, list] = {column.name: [] for column in self.table}
-        self.probe_rows: list[np.ndarray] = []
+        self.blocks: list[dict[str, np.ndarray]] = []  # of rows, with what was kept of the probes
         self.most_strained = NOT_STRAINED  # of this rank, and of all before a checkpoint
 
     def begin(self, stored: float) -> None:
@@ -64,30 +65,35 @@ class History:
         self.scale = AT_REST * stored
 
     def __len__(self) -> int:
-        return len(self.rows["time"])
+        return sum(len(block["time"]) for block in self.blocks)
 
-    def add(self, probe_row: np.ndarray, now: Moment) -> None:
-        """The row of a moment. probe_row : as `LocalProbes.values` gives it"""
-        values = {column.name: column.value(now) for column in self.table}
-        self.scale = max(self.scale, energy_in_play(values))
+    def add(self, probe_rows: np.ndarray, now: Moment) -> None:
+        """The rows (k,) of some moments. probe_rows : (k, p), as `step.rows.Table` has them"""
+        block = {column.name: np.asarray(column.value(now), column.dtype) for column in self.table}
+        scales = np.maximum.accumulate(np.append(self.scale, energy_in_play(block)))
         for column in self.table:
-            value = values[column.name]
-            self.rows[column.name].append(value / (self.scale or 1.0) if column.share else value)
-        self.probe_rows.append(probe_row)
+            if column.share:
+                block[column.name] = block[column.name] / np.where(scales[1:] > 0.0, scales[1:], 1.0)
+        self.scale = float(scales[-1])
+        self.blocks.append(block | {PROBE_ROWS: probe_rows})
 
     def largest(self, name: str) -> float:
         """Largest absolute value of a column; nan if any is."""
-        return float(np.abs(self.rows[name]).max())
+        return float(np.abs(self.columns()[name]).max())
 
     def columns(self) -> dict[str, np.ndarray]:
         """The rows as columns, for the result file and for checkpoints."""
-        return {column.name: np.array(self.rows[column.name], column.dtype) for column in self.table}
+        return {column.name: self._whole(column.name, column.dtype) for column in self.table}
+
+    def _whole(self, name: str, dtype=np.float64) -> np.ndarray:
+        """What was kept under a name, of all rows."""
+        return np.concatenate([block[name] for block in self.blocks]) if self.blocks else np.zeros(0, dtype)
 
     def probe_columns(self) -> dict[str, np.ndarray]:
         """What was kept of nodes and elements by name, as datasets of /history."""
         probes, rows = self.probes, len(self)
         at_nodes, met = 3 * len(probes.particles), len(probes.elements)
-        values = np.array(self.probe_rows).reshape(rows, at_nodes + met + len(probes.named))
+        values = self._whole(PROBE_ROWS).reshape(rows, at_nodes + met + len(probes.named))
         columns = {"probe_displacement": values[:, :at_nodes].reshape(rows, len(probes.particles), 3)}
         if at_nodes:
             columns |= {
@@ -102,39 +108,9 @@ class History:
 
     def record(self) -> tuple[dict, dict[str, np.ndarray]]:
         """What a continuation needs, for `restore`."""
-        return {"scale": self.scale}, self.columns() | {"probe_rows": np.array(self.probe_rows)}
+        return {"scale": self.scale}, self.columns() | {PROBE_ROWS: self._whole(PROBE_ROWS)}
 
     def restore(self, small: dict, arrays: dict[str, np.ndarray]) -> None:
         """Take up the rows of an earlier run."""
         self.scale = small["scale"]
-        self.rows = {column.name: arrays[column.name].tolist() for column in self.table}
-        self.probe_rows = list(arrays["probe_rows"])
-
-
-class LocalProbes:
-    """Local rows of the probes that this rank has, each with its place among all."""
-
-    def __init__(self, subdomain, probes: Probes):
-        rows = lambda numbers, sought: [
-            (k, int(row)) for k, gid in enumerate(sought) for row in np.flatnonzero(numbers == gid)
-        ]
-        elements = np.concatenate([probes.elements, probes.named])
-        self.count = len(probes.particles), len(elements)
-        self.particles = rows(subdomain.particle_gid[: subdomain.n_owned], probes.particles)
-        self.elements = rows(subdomain.element_gid, elements)
-
-    def values(self, comm: MPI.Comm, state: State, snapshot) -> np.ndarray:
-        """Displacements (p, 3) [m], tensions [N] of what meets there and of what is named, in one row.
-
-        The same on every rank. Collective.
-        """
-        particles, elements = self.count
-        values = np.zeros(3 * particles + elements)
-        for k, row in self.particles:
-            values[3 * k : 3 * k + 3] = state.x[row] - state.x_start[row]
-        for k, row in self.elements:
-            if state.owned[row]:
-                values[3 * particles + k] = snapshot.N[row]
-        values += 0.0  # no negative zeros
-        comm.Allreduce(MPI.IN_PLACE, values, MPI.SUM)  # one term each but for zeros, so exact
-        return values
+        self.blocks = [{name: arrays[name] for name in (*(column.name for column in self.table), PROBE_ROWS)}]

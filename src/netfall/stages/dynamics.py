@@ -3,16 +3,16 @@
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.ground.errors import DivergedError, interrupted
 from netfall.job.job import Job
 from netfall.mechanics.ground import begin_with_ground, move_ground
 from netfall.model.schedule import steps_line
 from netfall.record.columns import Moment
-from netfall.record.energy import Energies, most_extreme, take_snapshot, total_energies
-from netfall.record.envelope import NO_ENVELOPE, Envelope
-from netfall.record.history import MOST_STRAIN, History, LocalProbes, most_strained, most_strained_of_all
+from netfall.record.energy import Energies, energies_of, most_extreme, take_snapshot, total_energies
+from netfall.record.envelope import Envelope
+from netfall.record.history import History, most_strained, most_strained_of_all
+from netfall.record.rows import RowTable
 from netfall.record.wind import wind_section
 from netfall.stages import rests
 from netfall.stages.removal import Removal
@@ -90,23 +90,26 @@ class Simulation(Stepper):
 
     Order of events at a step n: the loads move on to the samples around t(n); the history row; the frame;
     what is lost; then the steps to the next target, in which elements break as they reach their fracture
-    strain. In a long way to a target all ranks look at the same steps whether one has been asked to stop.
+    strain. Rows on the way to a target are made in the time loop, and taken up by all ranks together when
+    there is no room for more, at a look, and before anything that comes after them. In a long way to a target
+    all ranks look at the same steps whether one has been asked to stop.
     """
 
     def __init__(self, scene: Scene, desk: Desk, loads: list, removal: Removal | None):
         """Collective. loads : that vary, as `varying` has them; removal : what is lost"""
-        super().__init__(scene, desk, loads)
-        self.removal = removal
-        self.result, self.progress, self.saver = desk.result, desk.progress, desk.saver
         probes = scene.comm.bcast(scene.model and scene.model.layout.probes)
         self.envelope = Envelope(scene.distribution, scene.state.joints is not None)
         self.history = History(probes, scene.state.features)
+        s = scene.schedule
+        rows = RowTable(scene.state, s.history, s.dt, scene.distribution.subdomain, probes, self.envelope)
+        super().__init__(scene, desk, loads, rows)
+        self.removal = removal
+        self.result, self.progress, self.saver = desk.result, desk.progress, desk.saver
         self.wind = next((load for load in loads if isinstance(load, WindLoad)), None)
         self.start_strain = self.start_plastic = 0.0  # J, from which energies count
-        self.largest_work, self.room = 0.0, None
-        looks = min(LOOK_STEPS, LOOK_WORK // max(1, scene.distribution.m)) // self.schedule.stride
-        self.look_every = max(1, looks) * self.schedule.stride  # steps
-        self.probes = LocalProbes(self.subdomain, probes)
+        self.largest_work = 0.0
+        looks = min(LOOK_STEPS, LOOK_WORK // max(1, scene.distribution.m)) // s.stride
+        self.look_every = max(1, looks) * s.stride  # steps
 
     def begin(self, energies: Energies) -> None:
         """At the first step: what is stored and dissipated from there on counts."""
@@ -124,38 +127,22 @@ class Simulation(Stepper):
             restore = lambda small, arrays: self.removal.restore(small, arrays, self)
             saver.register("removal", self.removal.record, restore)
         saver.register("simulation", self.record, self.restore)
-        saver.register("history", self.history.record, self.history.restore, everywhere=True)
+        saver.register("history", self.history.record, self.restore_history, everywhere=True)
         envelope = self.envelope
         saver.register("envelope", lambda: envelope.record(self.state), envelope.restore)
 
     def run(self) -> None:
         """From the present step to the last. Raises Interrupted, with a checkpoint, if that is asked for."""
-        history, frames, saves = (
-            set(steps.tolist())
-            for steps in (self.schedule.history, self.schedule.frames, self.schedule.checkpoints)
-        )
+        frames, saves = (set(steps.tolist()) for steps in (self.schedule.frames, self.schedule.checkpoints))
+        losses = {loss.step for loss in self.removal.losses} if self.removal else set()
+        targets = frames | saves | losses | {0, self.schedule.steps}
         self.progress.start(self.n / self.schedule.steps, self.n)
-        for target in sorted(
-            step
-            for step in history | frames | saves
-            if step > self.n or (self.n == 0 and not len(self.history))
-        ):
+        for target in sorted(targets):
+            if target < self.n or (target == self.n and len(self.history)):
+                continue
             self.advance_to(target)
             with self.phases.phase("dynamics: output"):
-                snapshot = self.snapshot(row=target in history)
-                self.watch_strains(snapshot)
-                self.share_events(snapshot.slack)
-                if target in history or target in saves:
-                    energies = self.check_energies(snapshot)
-                if target in history:
-                    self.write_history(snapshot, energies)
-                if target in frames:
-                    self.result.write_frame(self.time, self.state, snapshot)
-                self.report()
-                if self.stopping and target < self.schedule.steps:
-                    self.leave()
-                if target in saves:
-                    self.save()
+                self.at_target(target in frames, target in saves)
         snapshot = self.snapshot()
         if self.removal:
             self.removal.close(self.state, snapshot.N)
@@ -163,26 +150,38 @@ class Simulation(Stepper):
         self.result.write_final(self.state, snapshot)
         self.halo.free()
 
-    def snapshot(self, row: bool = False):
-        """Snapshot of the present step, with the loads at its time, in place of the one before.
+    def at_target(self, framed: bool, saved: bool) -> None:
+        """What is due at the present step: a row, a frame, a checkpoint. Collective."""
+        snapshot = self.snapshot()
+        if framed or saved:
+            self.watch_strains(snapshot)
+        if self.rows.full:
+            self.take_up_rows()
+        if self.rows.is_due(self.n):
+            self.rows.add(self.n, self.before_dt, self.dt, snapshot.slack)
+        elif saved:
+            self.check_energies(snapshot)
+        self.take_up_rows()
+        if framed:
+            self.result.write_frame(self.time, self.state, snapshot)
+        self.report()
+        if self.stopping and self.n < self.schedule.steps:
+            self.leave()
+        if saved:
+            self.save()
 
-        row : whether it becomes a row of the history, which the envelope is of
-        """
+    def snapshot(self):
+        """Snapshot of the present step, with the loads at its time, in place of the one before."""
         self.loads.advance(self.state, self.n, self.schedule.step_at)
         share = (self.time - self.loads.time) / self.loads.dt
         self.plan.collect_yield(self.state)
-        rows, envelope = self.history.rows["time"], NO_ENVELOPE
-        if row:
-            envelope = self.envelope.at(self.time, self.time - rows[-1] if rows else 0.0)
         if self.ground:
             number = self.n // self.stride
             times = number * self.dt, self.before_dt, (number + 1) * self.dt
             move_ground(*times, self.zeta, self.ground, self.state.particles)
         step = self.before_dt, self.dt, self.zeta, share
-        self.room = take_snapshot(self.state, *step, self.room, envelope)
-        if row and self.state.joints is not None:
-            self.envelope.take_moments(self.state.bending_moments())
-        return self.room
+        self.rows.snapshot = take_snapshot(self.state, *step, self.rows.snapshot)
+        return self.rows.snapshot
 
     def record(self) -> tuple[dict, dict]:
         """Where the run stands, for `restore`. Collective."""
@@ -210,13 +209,18 @@ class Simulation(Stepper):
         self.watched = self.result.losses > 0
         self.loads.restart(self.state, self.n, self.schedule.step_at)
 
+    def restore_history(self, small: dict, arrays: dict[str, np.ndarray]) -> None:
+        """Take up the rows of an earlier run."""
+        self.history.restore(small, arrays)
+        self.rows.restore(arrays["time"])
+
     def advance_to(self, target: int) -> None:
-        """Step to number `target`, with the wind moving on where it is due.
+        """Step to number `target`, with the wind moving on where it is due, and rows on the way.
 
         Raises Interrupted if asked to.
         """
         while self.n < target:
-            stop = min(target, self.n - self.n % self.look_every + self.look_every)
+            stop = min(target, self.n - self.n % self.look_every + self.look_every, self.rows.full_at)
             if self.removal:
                 if self.n == self.removal.next_step:
                     self.removal.happen(self)
@@ -225,11 +229,12 @@ class Simulation(Stepper):
             stop = min(stop, self.loads.due(self.schedule.step_at))
             while self.n < stop:
                 self.advance_in_stride(stop)
-            if self.n < target and self.n % self.look_every == 0:
-                self.report()
-                if self.comm.allreduce(self.stop.wanted, MPI.LOR):
-                    self.share_events()
-                    self.leave()
+            if self.n < target and (self.n % self.look_every == 0 or self.rows.full):
+                with self.phases.phase("dynamics: output"):
+                    self.take_up_rows()
+                    self.report()
+                    if self.stopping:
+                        self.leave()
 
     def leave(self) -> None:
         """End here, with a checkpoint, because that is asked for. Raises Interrupted. Collective."""
@@ -240,35 +245,39 @@ class Simulation(Stepper):
         """Write a checkpoint of the present step; its path. Collective."""
         return self.saver.save(NAME, self.n, self.state)
 
-    def check_energies(self, snapshot) -> Energies:
-        """The energies, before they are reported or the state is kept; stops a run that has diverged."""
+    def check_energies(self, snapshot) -> None:
+        """Before the state is kept; stops a run that has diverged. Collective."""
         e = total_energies(self.comm, self.state, snapshot)
-        # nan without the audit: then only what is not finite is seen
-        known = np.maximum(self.largest_work, abs(e.external) + abs(e.support)) + self.start_strain
-        if not np.isfinite(e.kinetic) or e.kinetic > 2 * known + 1e-9:
-            raise divergence(self, snapshot, e.kinetic)
-        return e
+        if diverges(e, self.largest_work, self.start_strain):
+            extreme = most_extreme(self.state, self.subdomain.element_gid, snapshot)
+            raise divergence(self, self.n, e.kinetic, extreme)
 
-    def write_history(self, snapshot, e: Energies) -> None:
-        """One row of /history, and the probes'."""
-        self.largest_work = np.fmax(self.largest_work, abs(e.external) + abs(e.support))
-        now = Moment(
-            self.time,
-            self.before_dt or self.dt,
-            e,
-            self.start_strain,
-            self.start_plastic,
-            self.slack,
-            len(self.log.broken),
-        )
-        self.history.add(self.probes.values(self.comm, self.state, snapshot), now)
+    def take_up_rows(self) -> None:
+        """The rows so far become those of /history; stops a run that has diverged. Collective."""
+        found = self.rows.take_up(self.comm)
+        self.share_events()
+        if not len(found.number):
+            return
+        energies = energies_of(self.state, found.sums)
+        work = np.fmax.accumulate(np.append(self.largest_work, energies.given))
+        wrong = np.flatnonzero(diverges(energies, work[:-1], self.start_strain))
+        for k in wrong[:1].tolist():
+            extreme = (found.size[k, 0], int(found.who[k, 0]), found.size[k, 1], int(found.who[k, 1]))
+            raise divergence(self, int(found.number[k]), float(energies.kinetic[k]), extreme)
+        self.largest_work = work[-1]
+        self.slack = int(found.slack[-1])
+        time = found.number * self.schedule.dt
+        for k in np.flatnonzero(found.who[:, 2] >= 0).tolist():
+            strained = float(found.size[k, 2]), float(time[k]), int(found.who[k, 2])
+            self.history.most_strained = max(self.history.most_strained, strained)
+        start = self.start_strain, self.start_plastic
+        count = self.log.broken_before(found.number)
+        self.history.add(found.probes, Moment(time, found.time_step, energies, *start, found.slack, count))
 
     def watch_strains(self, snapshot) -> None:
         """Keep the largest strain so far, for the end of the run."""
-        if snapshot.largest > MOST_STRAIN:
-            gid = self.subdomain.element_gid
-            now = most_strained(self.state, self.time, snapshot.eps, snapshot.N, gid)
-            self.history.most_strained = max(self.history.most_strained, now)
+        now = most_strained(self.state, self.time, snapshot.eps, snapshot.N, self.subdomain.element_gid)
+        self.history.most_strained = max(self.history.most_strained, now)
 
     def report(self) -> None:
         """Progress on rank 0."""
@@ -283,16 +292,27 @@ class Simulation(Stepper):
         )
 
 
-def divergence(simulation, snapshot, kinetic: float) -> DivergedError:
+def diverges(energies: Energies, work, stored: float):
+    """Whether there is more motion than work could give.
+
+    work : [J] the largest that was given before; stored : [J] in the elements at the start
+    """
+    # nan without the audit: then only what is not finite is seen
+    known = np.maximum(work, energies.given) + stored
+    return ~np.isfinite(energies.kinetic) | (energies.kinetic > 2 * known + 1e-9)
+
+
+def divergence(simulation, number: int, kinetic: float, extreme: tuple) -> DivergedError:
     """Names the fastest particle and the element with the largest strain, on every rank. Collective.
 
-    kinetic : [J]
+    number : of the step; kinetic : [J]; extreme : of this rank, as of `energy.most_extreme`
     """
     s = simulation
-    particle, element = most_extreme(s.comm, s.state, s.subdomain.element_gid, snapshot)
+    every = s.comm.allgather(extreme)
+    particle, element = max(every, key=lambda h: h[0])[1], max(every, key=lambda h: h[2])[3]
     node, element = s.comm.bcast(s.model and (s.model.node_name(particle), s.model.id_of(element)))
     return DivergedError(
-        f"diverged at t = {s.time:.6g} s (step {s.n}): kinetic energy {kinetic:.3g} J is "
+        f"diverged at t = {number * s.schedule.dt:.6g} s (step {number}): kinetic energy {kinetic:.3g} J is "
         f"out of all proportion to the external work; fastest: {node}, most strained: element {element}; "
         "take a smaller time_step or safety"
     )

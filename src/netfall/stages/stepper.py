@@ -11,6 +11,7 @@ from netfall.mechanics.material import stiffening
 from netfall.mechanics.state import State
 from netfall.net.net import GRAVITY
 from netfall.parallel.halo import Halo
+from netfall.record.rows import RowTable
 from netfall.stages.panels import Tearing
 from netfall.stages.scene import Desk, Scene
 from netfall.stages.step_limit import long_step_allowed
@@ -29,8 +30,8 @@ class Stepper:
     watched : whether extremes of the tensions are kept
     """
 
-    def __init__(self, scene: Scene, desk: Desk, loads: list):
-        """Collective. loads : that vary, as `varying` has them"""
+    def __init__(self, scene: Scene, desk: Desk, loads: list, rows: RowTable):
+        """Collective. loads : that vary, as `varying` has them; rows : of the history"""
         job, schedule, distribution = scene.job, scene.schedule, scene.distribution
         self.comm, self.state, self.schedule = scene.comm, scene.state, schedule
         self.log, self.model = desk.log, scene.model
@@ -55,7 +56,8 @@ class Stepper:
         )
         self.subdomain = distribution.subdomain
         self.halo = Halo(scene.comm, self.subdomain, halo_width(self.state))
-        self.plan = Plan(self.state, self.halo, rules if self.state.features.fracture else None)
+        self.rows = rows
+        self.plan = Plan(self.state, self.halo, rules if self.state.features.fracture else None, rows)
         self.n, self.made, self.before_dt = 0, 0, 0.0
         self.stride, self.calm = schedule.stride, 0
         self.slack, self.stopping, self.watched = 0, False, False
@@ -180,7 +182,7 @@ class Stepper:
         """A block up to `stop`: the step of the first fracture in it, and how it began, for `take_back`."""
         self.plan.collect_yield(self.state)
         count = int(self.plan.events.count[0])
-        begin, kept = (self.n, self.made, self.before_dt, count), self.state.copy()
+        begin, kept = (self.n, self.made, self.before_dt, count, self.rows.keep()), self.state.copy()
         self.advance_block(stop)
         events = self.plan.events
         mine = int(events.step[: events.count[0]].min(initial=stop))
@@ -188,19 +190,20 @@ class Stepper:
 
     def take_back(self, begin: tuple, kept: State) -> None:
         """To where a block began."""
-        self.n, self.made, self.before_dt, self.plan.events.count[0] = begin
+        self.n, self.made, self.before_dt, self.plan.events.count[0], rows = begin
+        self.rows.put_back(rows)
         self.state = kept
         self.plan.attach(kept)
 
-    def share_events(self, slack_here: int = 0) -> None:
+    def share_events(self) -> None:
         """Broadcast the fractures since the last time, so that every rank knows all of them.
 
-        Count slack cables; hear of a wish to stop.
+        Hear of a wish to stop.
         """
         mine = self.plan.events
-        counts = np.array([mine.count[0], slack_here, self.stop.wanted], np.int64)
+        counts = np.array([mine.count[0], self.stop.wanted], np.int64)
         self.comm.Allreduce(MPI.IN_PLACE, counts, MPI.SUM)
-        events, self.slack, stopping = counts.tolist()
+        events, stopping = counts.tolist()
         self.stopping = stopping > 0
         if events:
             parts = self.comm.allgather([column[: mine.count[0]] for column in mine[1:]])

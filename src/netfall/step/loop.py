@@ -1,6 +1,7 @@
 """The time loop: central difference in half-step velocities, compiled, the exchange included.
 
-A step n takes x(n) and v(n-1/2). Particles go through it in chunks that stay in the cache:
+A step n takes x(n) and v(n-1/2); first the row of the history is made of them where one is due (`rows.py`).
+Particles go through it in chunks that stay in the cache:
     1. internal forces f_int(x(n)) of a chunk; where elements come near their limits, yield and fracture
        strain
     2. external force, kick to v(n+1/2), work
@@ -15,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.ground.compile import kernel, part_of_kernel, vector_kernel
-from netfall.mechanics.bending import find_bending_forces
+from netfall.ground.compile import inner_kernel, kernel, part_of_kernel, vector_kernel
+from netfall.mechanics.bending import Bends, find_bending_forces
 from netfall.mechanics.events import StepDone
 from netfall.mechanics.ground import Ground, move_ground, velocity_after
 from netfall.mechanics.material import set_branches
@@ -26,10 +27,11 @@ from netfall.parallel.halo import receive_forces, send_forces, wait_for_neighbou
 from netfall.parallel.mpi_symbols import lap
 from netfall.step.forces import kick_chunk
 from netfall.step.limits import anything_over, count_near, keep_extremes, yield_and_break
-from netfall.step.slots import collect_yields
+from netfall.step.rows import Rows, is_due, make_row
+from netfall.step.slots import collect_branches, collect_yields
 from netfall.step.tear import break_elements, has_room
 
-FORCES, EXCHANGE, INTEGRATION = 0, 1, 2  # what a step's time goes into; the kick counts with the forces
+FORCES, EXCHANGE, INTEGRATION, ROWS = range(4)  # what time goes into; the kick counts with the forces
 
 
 class Interval(NamedTuple):
@@ -55,6 +57,16 @@ class Interval(NamedTuple):
     watched: bool = False
     trial: bool = False
     ground: Ground | None = None
+
+
+class Beside(NamedTuple):
+    """What is done beside forces, kick and drift; None: it is not.
+
+    rows : of which those are made that are due before the last step; bends : forces of chains that bend
+    """
+
+    rows: Rows | None
+    bends: Bends | None
 
 
 @kernel
@@ -106,9 +118,19 @@ def move_halo(first, last, kick_dt, dt, zeta, particles):
         move_axis(p, kick, along_z(particles), fz, per_mass, dt)
 
 
+@inner_kernel
+def collect_slots(chunks, elements, slots, law):
+    """Bring the elements up to date with what their slots have of their own."""
+    n_owned, first_split = chunks.n_owned, chunks.n_owned + chunks.n_halo
+    if slots.eps_p is not None and chunks.has_yielded.any():
+        collect_yields(n_owned, first_split, elements, slots, law)
+    if slots.branch_a is not None:
+        collect_branches(n_owned, first_split, elements, slots)
+
+
 @kernel
 def time_loop(
-    interval, chunks, particles, elements, slots, unyielded, law, scratch, fractures, bends, buffers, seconds
+    interval, chunks, particles, elements, slots, unyielded, law, scratch, fractures, beside, buffers, seconds
 ):
     """The steps of an interval; steps done, elements that are still to break, MPI error.
 
@@ -119,8 +141,8 @@ def time_loop(
     elements, slots, law : of `State`; unyielded : the slots without plastic strains, for chunks that
         have none
     fractures : `Fractures`; None: nothing breaks
-    bends : `bending.Bends`, None: no chain does; buffers : `HaloBuffers`
-    seconds : (3,) [s], added to, time of FORCES, EXCHANGE, INTEGRATION; None: not measured
+    beside : `Beside`; buffers : `HaloBuffers`
+    seconds : (4,) [s], added to, time of FORCES, EXCHANGE, INTEGRATION, ROWS; None: not measured
     """
     before_dt, dt, zeta, own = interval.before_dt, interval.dt, interval.zeta, chunks.splits + chunks.boundary
     n_owned, n_halo = chunks.n_owned, chunks.n_halo
@@ -130,10 +152,17 @@ def time_loop(
         if interval.ground is not None:
             n = interval.first + s
             move_ground(n * dt, before_dt, (n + 1) * dt, zeta, interval.ground, particles)
+        if beside.rows is not None:
+            number = (interval.first + s) * interval.stride
+            if is_due(number, beside.rows):
+                mark = lap(seconds, -1, 0.0)
+                collect_slots(chunks, elements, slots, law)
+                make_row(number, before_dt, dt, zeta, interval.sample_time, interval.sample_dt, beside.rows)
+                mark = lap(seconds, ROWS, mark)
         if law.branches is not None:
             set_branches(before_dt, kick_dt, law)
-        if bends is not None:
-            find_bending_forces(bends)
+        if beside.bends is not None:
+            find_bending_forces(beside.bends)
         before_dt = dt
         # of the step's number alone, wherever the loop was entered
         share = ((interval.first + s) * dt - interval.sample_time) / interval.sample_dt

@@ -11,7 +11,7 @@ from netfall.mechanics.fields import SLOTS, Particles
 from netfall.mechanics.fracture import FractureRules, Fractures
 from netfall.mechanics.state import State, axes
 from netfall.parallel.halo import Halo, check
-from netfall.step.loop import Interval, step_done, time_loop
+from netfall.step.loop import Beside, Interval, step_done, time_loop
 from netfall.step.runs import LANES, Runs, find_runs, make_runs
 from netfall.step.slots import collect_branches, collect_yields, fill_slots
 from netfall.step.tear import break_elements
@@ -99,10 +99,10 @@ def stepped_particles(state: State) -> Particles:
 class Plan:
     """The arguments of the time loop for a state, brought up to date when something else changes it."""
 
-    def __init__(self, state: State, halo: Halo, rules: FractureRules | None = None):
-        """rules : of fractures; None: nothing breaks"""
+    def __init__(self, state: State, halo: Halo, rules: FractureRules | None = None, rows=None):
+        """rules : of fractures; None: nothing breaks; rows : as `record.rows.RowTable`, None: no history"""
         before, after = np.arange(0, halo.boundary, CHUNK), np.arange(halo.boundary, state.n_owned, CHUNK)
-        self.halo, self.boundary, self.rules = halo, len(before), rules
+        self.halo, self.boundary, self.rules, self.rows = halo, len(before), rules, rows
         self._low = np.concatenate([before, after])
         self._high = np.append(self._low[1:], state.n_owned)[: len(self._low)]
         self.scratch = Scratch(
@@ -155,6 +155,7 @@ class Plan:
         )
         find_runs(len(new), low, high, self.chunks.width, state.other, self.chunks.runs)
         fractures = self.rules and Fractures(self.rules, state.particles, state.rows, self.events)
+        bends = None if state.joints is None else Bends(state.x, state.joints, state.bend)
         self._entries: dict = {}  # what is None may have changed
         self.arguments = (
             self.chunks,
@@ -165,7 +166,7 @@ class Plan:
             state.law,
             self.scratch,
             fractures,
-            None if state.joints is None else Bends(state.x, state.joints, state.bend),
+            Beside(self.rows and self.rows.of(state), bends),
         )
 
     def collect_yield(self, state: State) -> None:
@@ -200,9 +201,10 @@ class Plan:
         """Steps of a trial before that in which an element passes its fracture strain; all, if none does."""
         kept = {name: getattr(self.state, name) for name in MOVING}
         kept = {name: array.copy(order="K") for name, array in kept.items() if array is not None}
+        rows = self.rows and self.rows.keep()
         done, tried, error = self._steps(interval, seconds)
         check(error)
-        self.before = kept
+        self.before = kept, rows
         return max(0, tried - 2) if tried else done  # it had passed it in the step before
 
     def _steps(self, interval: Interval, seconds: np.ndarray | None) -> tuple[int, int, int]:
@@ -216,5 +218,8 @@ class Plan:
 
     def take_back(self) -> None:
         """The state is as it was before the last trial."""
-        for name, array in self.before.items():
+        moving, rows = self.before
+        for name, array in moving.items():
             getattr(self.state, name)[:] = array
+        if self.rows:
+            self.rows.put_back(rows)

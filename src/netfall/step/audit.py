@@ -1,0 +1,224 @@
+"""The state at a step n as it is reported: forces, velocities, and both energy audits (paper Eq. 8 to 11).
+
+Nothing of the state is changed. With v at the very time n, part of the way through the kick, works are those
+until then. All of it is one compiled call, for a call takes as long as any of its parts.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.ground.compile import inner_kernel, kernel, part_of_kernel, vector_kernel
+from netfall.mechanics.air import air_work_before, with_air
+from netfall.mechanics.bending import Joints, add_bending_forces, joint_energy
+from netfall.mechanics.elements import ElementState, add_tensions, element_energies, element_state
+from netfall.mechanics.fields import Elements, Particles
+from netfall.mechanics.ground import pull_of_ground, velocity_after, works_of_motion
+from netfall.mechanics.loads import external_force, squared_speed, wind_speed
+from netfall.mechanics.material import Law, add_branches, set_branches
+from netfall.mechanics.motion import along_x, along_y, along_z, inverse_mass, kicked, make_kick
+from netfall.mechanics.supports import add_springs, on_guide
+from netfall.parallel.sums import add_exactly, add_term, add_where
+
+
+class Subject(NamedTuple):
+    """What is looked at, on one rank.
+
+    n_owned, first_split : particles; rows : (1,) of them in use; x : (n, 3) [m]
+    springs : x_start, spring, spring_rest, turned; None: no elastic supports; joints : None: no chain bends
+    """
+
+    n_owned: int
+    first_split: int
+    rows: np.ndarray
+    x: np.ndarray
+    springs: tuple | None
+    joints: Joints | None
+    particles: Particles
+    elements: Elements
+    law: Law
+
+
+class Room(NamedTuple):
+    """What is filled; owned particles stand in order, those that split off after the others.
+
+    f_int : (n, 3) [N]; velocity : three of (n,) [m/s]; now : `ElementState`; heat : (m,) dissipated [J]
+    terms : (4 or 7, n) [J] kinetic, damping, external, internal, and OTHER_WORKS; stored : (m,) [J]
+    sprung : (n,) [J] in elastic supports; None: there are none
+    sums : (k, LIMBS), exact, of this rank: terms, stored, heat, sprung
+    f_band : (n, 3) [N] of the branches alone; None: there are none
+    """
+
+    f_int: np.ndarray
+    velocity: tuple
+    now: ElementState
+    heat: np.ndarray
+    terms: np.ndarray
+    stored: np.ndarray
+    sprung: np.ndarray | None
+    sums: np.ndarray
+    f_band: np.ndarray | None
+
+
+@part_of_kernel
+def energies_along(p, axis, internal, external, total, part, kick, particles):
+    """Velocity [m/s] of particle p along an axis at the very time n, and works [J] on the way there.
+
+    part : share of the kick that comes before n; internal, external, total : forces [N]
+    Works: external, internal, damping, of the ground
+    """
+    old, moves = axis.v[p], True
+    if axis.ground is None:
+        moves = axis.free[p] != 0
+    new = velocity_after(p, old, kicked(old, total * inverse_mass(particles.mass[p]), kick), axis)
+    now = old + part * (new - old)
+    duration = part * kick.dt
+    way = duration * (0.5 * (old + now))
+    damping, ground = works_of_motion(
+        p, old, now, duration, way, external + internal, 0.5 * (old + new), kick, axis, particles
+    )
+    return (
+        now,
+        (way * external if moves else 0.0),
+        (way * internal if moves else 0.0),
+        (damping if moves else 0.0),
+        ground,
+    )
+
+
+@vector_kernel
+def particle_energies(
+    first, last, before, part, kick_dt, zeta, share, particles, f_int, f_band, velocity, terms
+):
+    """Velocity and energy terms of particles first to last, which are owned, in rows less by `before`.
+
+    part : share of the kick that comes before n, 1/2 between equal steps
+    kick_dt, zeta, share : of `motion.Kick`; f_int, f_band : (n, 3) [N]; velocity, terms : of `Room`, out
+    """
+    kick = make_kick(kick_dt, zeta, share)
+    x, y, z = along_x(particles), along_y(particles), along_z(particles)
+    first, last, before = np.uint64(first), np.uint64(last), np.uint64(before)
+    for p in range(first, last):
+        i = p - before
+        mass, speed, square = particles.mass[p], 0.0, 0.0
+        if particles.wind is not None:
+            speed = wind_speed(p, particles, share)
+            square = squared_speed(speed, particles)
+        nx, ny, nz = f_int[p, 0], f_int[p, 1], f_int[p, 2]
+        ex = external_force(p, x, square, share)
+        ey = external_force(p, y, square, share)
+        ez = external_force(p, z, square, share)
+        total = (nx + ex, ny + ey, nz + ez)
+        if particles.ground is not None:
+            gx = pull_of_ground(p, x, kick, particles)
+            gy = pull_of_ground(p, y, kick, particles)
+            gz = pull_of_ground(p, z, kick, particles)
+            total = (total[0] + gx, total[1] + gy, total[2] + gz)
+        total, pull, along = with_air(p, total, speed, kick, particles)
+        total = on_guide(p, total, particles)
+        vx, ax, bx, cx, dx = energies_along(p, x, nx, ex, total[0], part, kick, particles)
+        vy, ay, by, cy, dy = energies_along(p, y, ny, ey, total[1], part, kick, particles)
+        vz, az, bz, cz, dz = energies_along(p, z, nz, ez, total[2], part, kick, particles)
+        velocity[0][i], velocity[1][i], velocity[2][i] = vx, vy, vz
+        terms[0, i] = 0.5 * mass * (vx * vx) + 0.5 * mass * (vy * vy) + 0.5 * mass * (vz * vz)
+        if particles.work is not None:
+            external, internal, damping = particles.work
+            terms[1, i] = damping[p] + cx + cy + cz
+            terms[2, i] = external[p] + ax + ay + az
+            terms[3, i] = -(internal[p] + bx + by + bz)
+        else:
+            terms[1, i] = terms[2, i] = terms[3, i] = math.nan
+        if particles.other_work is not None:
+            air, band, support = particles.other_work
+            along_band = 0.0
+            if f_band is not None:
+                v = particles.v
+                along_band = (v[0][p] + vx) * f_band[p, 0]
+                along_band += (v[1][p] + vy) * f_band[p, 1] + (v[2][p] + vz) * f_band[p, 2]
+            terms[4, i] = air[p] + air_work_before(p, part, pull, along, kick, particles)
+            terms[5, i] = band[p] - 0.5 * part * kick_dt * along_band
+            terms[6, i] = support[p] + dx + dy + dz
+
+
+@inner_kernel
+def spring_energies(first, last, before, x, start, spring, rest, turned, energy):
+    """Energy [J] in elastic supports of particles first to last, in rows less by `before`.
+
+    start, spring, rest, turned : as in `add_springs`; energy : out
+    """
+    for p in range(first, last):
+        total = 0.0
+        for k in range(3):
+            off = (x[p, k] - start[p, k]) - rest[p, k]
+            total += spring[p, k] * off * off
+        energy[p - before] = 0.5 * total
+        if turned is not None:
+            off, across = (x[p, 0] - start[p, 0]) - rest[p, 0], (x[p, 1] - start[p, 1]) - rest[p, 1]
+            energy[p - before] += turned[p, 2] * off * across
+
+
+@inner_kernel
+def add_joint_energies(x, joints, limbs):
+    """Add the energies [J] of the joints that this rank counts to the fixed-point number in limbs."""
+    for k in range(joints.stiffness.shape[0]):
+        if joints.owned[k]:
+            add_term(joint_energy(x, joints, k), limbs)
+
+
+@vector_kernel
+def clear(f):
+    """Set f (n, 3) to zero."""
+    for k in range(3):
+        for p in range(np.uint64(f.shape[0])):
+            f[p, k] = 0.0
+
+
+@vector_kernel
+def count_slack(now, elements):
+    """Cables of this rank that are whole and slack."""
+    slack = 0
+    for e in range(np.uint64(now.N.shape[0])):
+        whole = (elements.bar[e] == 0) & (elements.broken[e] == 0) & (elements.owned[e] == 1)
+        slack += np.int64((now.N[e] == 0.0) & whole)
+    return slack
+
+
+@kernel
+def observe(before_dt, dt, zeta, share, subject, room):
+    """Fill the room; the slack cables of this rank.
+
+    before_dt, dt : [s] the steps before and after; zeta, share : of `motion.Kick`
+    """
+    f_int, velocity, now, heat, terms, stored, _, sums, f_band = room
+    n_owned, first_split, n_local = subject.n_owned, subject.first_split, subject.rows[0]
+    halo, owned = first_split - n_owned, n_owned + n_local - first_split
+    part, kick_dt = before_dt / (before_dt + dt), 0.5 * (before_dt + dt)
+    clear(f_int)
+    element_state(subject.x, subject.elements, subject.law, now)
+    add_tensions(subject.x, subject.elements.ends, now.N, now.L, f_int)
+    if subject.law.branches is not None:
+        set_branches(before_dt, kick_dt, subject.law)
+        add_branches(subject.x, subject.elements, now, subject.law, f_int, f_band)
+    if subject.joints is not None:
+        add_bending_forces(subject.x, subject.joints, f_int)
+    if subject.springs is not None:
+        start, spring, rest, turned = subject.springs
+        add_springs(subject.x, start, spring, rest, turned, f_int)
+        spring_energies(0, n_owned, 0, subject.x, start, spring, rest, turned, room.sprung)
+        spring_energies(first_split, n_local, halo, subject.x, start, spring, rest, turned, room.sprung)
+    of = subject.particles, f_int, f_band, velocity, terms
+    particle_energies(0, n_owned, 0, part, kick_dt, zeta, share, *of)
+    particle_energies(first_split, n_local, halo, part, kick_dt, zeta, share, *of)
+    element_energies(subject.elements, now, subject.law, stored, heat)
+    sums[:] = 0
+    last = terms.shape[0]
+    for k in range(last):
+        add_exactly(terms[k, :owned], sums[k])
+    add_where(stored, subject.elements.owned, sums[last])
+    if subject.joints is not None:
+        add_joint_energies(subject.x, subject.joints, sums[last])
+    add_where(heat, subject.elements.owned, sums[last + 1])
+    if room.sprung is not None:
+        add_exactly(room.sprung[:owned], sums[last + 2])
+    return count_slack(now, subject.elements)

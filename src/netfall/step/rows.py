@@ -1,0 +1,210 @@
+"""Rows of the history, made within the time loop: several of them, before Python takes them up.
+
+A row has all that is known of its step: what must come from all ranks, and that is left in exact parts (sums
+as limbs), until the rows are taken up (`record.rows`). So its bits do not depend on when that is.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.ground.compile import inner_kernel, kernel, part_of_kernel
+from netfall.mechanics.bending import joint_moment
+from netfall.numerics.arithmetic import bits_of, number_of
+from netfall.step.audit import Room, Subject, observe
+
+MOST_STRAIN = 0.1  # that any cable bears; what is beyond it without a limit of its own is told
+NO_BENDING = -2  # in place of a joint, as `net.chains` has it
+INFINITE = np.int64(0x7FF) << 52  # the bits of infinity; those of nan are more
+SIZE = np.int64(0x7FFFFFFFFFFFFFFF)  # all bits but the sign
+
+
+class Table(NamedTuple):
+    """Rows that are made and not yet taken up, (k, ...) each, of this rank.
+
+    number : of the step; time_step : [s] the one before; slack : cables; sums : (k, s, LIMBS)
+    probes : (k, p) displacements [m] and tensions [N], 0 where another rank has them
+    size, who : (k, 3) largest speed [m/s], strain, and strain beyond MOST_STRAIN where nothing ever breaks,
+        with the global numbers of the particle and the elements; -1: none
+    """
+
+    number: np.ndarray
+    time_step: np.ndarray
+    slack: np.ndarray
+    sums: np.ndarray
+    probes: np.ndarray
+    size: np.ndarray
+    who: np.ndarray
+
+
+class Local(NamedTuple):
+    """The probes that this rank has: rows of particles and of elements, and the places of their values."""
+
+    particle: np.ndarray
+    particle_place: np.ndarray
+    element: np.ndarray
+    element_place: np.ndarray
+
+
+class Rows(NamedTuple):
+    """What rows are made of, and where they go.
+
+    due : (rows,) numbers of the steps of all rows of the stage; dt : [s] length of the steps as counted
+    made : (2,) rows made so far, those of them in the table; last : (1,) [s] time of the last one
+    tension : (4, m), displacement : (2, n_owned), moment : (m,), as `record.envelope` has them
+    joint_at : (m, 2) joints at both ends of elements, as `State` has them; None, as moment: no chain bends
+    element_gid : (m,)
+    """
+
+    due: np.ndarray
+    dt: float
+    made: np.ndarray
+    last: np.ndarray
+    subject: Subject
+    room: Room
+    tension: np.ndarray
+    displacement: np.ndarray
+    moment: np.ndarray | None
+    joint_at: np.ndarray | None
+    element_gid: np.ndarray
+    local: Local
+    table: Table
+
+
+@part_of_kernel
+def is_due(number, rows):
+    """Whether a row is due at a step that is not made yet."""
+    k = rows.made[0]
+    return k < rows.due.shape[0] and rows.due[k] == number
+
+
+@inner_kernel
+def make_row(number, before_dt, dt, zeta, sample_time, sample_dt, rows):
+    """The row of a step, within the time loop; its arguments as of `loop.Interval`."""
+    share = (number * rows.dt - sample_time) / sample_dt
+    slack = observe(before_dt, dt, zeta, share, rows.subject, rows.room)
+    add_row(number, before_dt, dt, slack, rows)
+
+
+@kernel
+def add_row(number, before_dt, dt, slack, rows):
+    """The row of a step that has been observed: into the table, and taken in by the envelope."""
+    made, table, k = rows.made, rows.table, rows.made[1]
+    time = number * rows.dt
+    widen(time, time - rows.last[0] if made[0] > 0 else 0.0, rows)
+    if rows.moment is not None:
+        widen_moments(rows.subject.x, rows.subject.joints, rows.joint_at, rows.moment)
+    table.number[k], table.slack[k] = number, slack
+    table.time_step[k] = before_dt if before_dt > 0.0 else dt
+    for i in range(rows.room.sums.shape[0]):
+        for j in range(rows.room.sums.shape[1]):
+            table.sums[k, i, j] = rows.room.sums[i, j]
+    read_probes(rows, table.probes[k])
+    find_fastest(rows, table.size[k], table.who[k])
+    find_most_strained(rows, table.size[k], table.who[k])
+    rows.last[0] = time
+    made[0] += 1
+    made[1] += 1
+
+
+@inner_kernel
+def widen(time, since, rows):
+    """Take in the axial forces and the positions of a row at a time [s], `since` [s] after the one before."""
+    tension, displacement, N = rows.tension, rows.displacement, rows.room.now.N
+    elements, particles = rows.subject.elements, rows.subject.particles
+    for e in range(tension.shape[1]):
+        if N[e] > tension[0, e]:
+            tension[0, e], tension[1, e] = N[e], time
+        tension[2, e] = min(tension[2, e], N[e])
+        if N[e] == 0.0 and elements.bar[e] == 0 and elements.broken[e] == 0:
+            tension[3, e] += since
+    x, start = particles.x, particles.x_start
+    for p in range(displacement.shape[1]):
+        dx, dy, dz = x[0][p] - start[0][p], x[1][p] - start[1][p], x[2][p] - start[2][p]
+        u = math.sqrt(dx * dx + dy * dy + dz * dz)
+        if u > displacement[0, p]:
+            displacement[0, p], displacement[1, p] = u, time
+
+
+@inner_kernel
+def widen_moments(x, joints, joint_at, moment):
+    """Take in the bending moments [N m] at both ends of each element, 0 at the end of a chain."""
+    for e in range(moment.shape[0]):
+        for end in range(2):
+            k = joint_at[e, end]
+            if k != NO_BENDING:
+                size = 0.0 if k < 0 else joint_moment(x, joints, k)
+                if size > moment[e] or math.isnan(moment[e]):
+                    moment[e] = size
+
+
+@inner_kernel
+def read_probes(rows, values):
+    """Displacements (p, 3) [m], tensions [N] of what meets there and of what is named, in one row."""
+    local, x, start = rows.local, rows.subject.particles.x, rows.subject.particles.x_start
+    for i in range(local.particle.shape[0]):
+        p, place = local.particle[i], local.particle_place[i]
+        for k in range(3):
+            values[place + k] = x[k][p] - start[k][p] + 0.0  # no negative zeros
+    for i in range(local.element.shape[0]):
+        e = local.element[i]
+        N = rows.room.now.N[e] + 0.0
+        values[local.element_place[i]] = N if rows.subject.elements.owned[e] else 0.0
+
+
+@inner_kernel
+def size_of(bits):
+    """The number of these bits without the sign; infinite where it is none."""
+    return math.inf if bits >= INFINITE else number_of(bits)
+
+
+@inner_kernel
+def find_fastest(rows, size, who):
+    """The largest speed along an axis of the particles that can move, and its particle, into place 0."""
+    subject, velocity = rows.subject, rows.room.velocity
+    halo, best, at = subject.first_split - subject.n_owned, np.int64(-1), np.int64(-1)
+    x, y, z = velocity
+    free = subject.particles.free
+    for i in range(subject.rows[0] - halo):
+        p = i if i < subject.n_owned else i + halo
+        bits = max(bits_of(x[i]) & SIZE, max(bits_of(y[i]) & SIZE, bits_of(z[i]) & SIZE))
+        if bits > best and (free[0][p] or free[1][p] or free[2][p]):
+            best, at = bits, p
+    size[0], who[0] = -1.0, -1
+    if at >= 0:
+        size[0], who[0] = size_of(best), subject.particles.gid[at]
+
+
+@inner_kernel
+def find_most_strained(rows, size, who):
+    """The largest strain and its element into place 1; that where nothing ever breaks into place 2."""
+    eps, best, at = rows.room.now.eps, np.int64(-1), np.int64(-1)
+    for e in range(eps.shape[0]):
+        bits = bits_of(eps[e]) & SIZE
+        if bits > best:
+            best, at = bits, e
+    size[1], size[2], who[1], who[2] = -1.0, 0.0, -1, -1
+    if at >= 0:
+        size[1], who[1] = size_of(best), rows.element_gid[at]
+    if size[1] > MOST_STRAIN:
+        at = endless_strain(rows.subject.elements, rows.room.now)
+        if at >= 0:
+            size[2], who[2] = abs(eps[at]), rows.element_gid[at]
+
+
+@inner_kernel
+def endless_strain(elements, now):
+    """The element with the largest strain beyond MOST_STRAIN of those that nothing ever breaks; -1: none.
+
+    A slack cable may hang as it likes; what hangs on after a fracture has no limit any more.
+    """
+    largest, at = MOST_STRAIN, -1
+    for e in range(now.N.shape[0]):
+        limit = math.inf
+        if elements.eps_u is not None:
+            limit = elements.eps_u[e]
+        endless = limit == math.inf and elements.broken[e] == 0 and now.N[e] != 0.0
+        if endless and abs(now.eps[e]) > largest:
+            largest, at = abs(now.eps[e]), e
+    return at

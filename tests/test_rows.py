@@ -1,0 +1,73 @@
+"""Rows of the history that wait in a table: none is lost, doubled or taken for another."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import assert_same_results
+from mpi4py import MPI
+from test_dynamics import ELASTIC
+from test_restart import SLOW
+
+from netfall.ground.errors import DivergedError, Interrupted
+from netfall.ground.progress import Progress
+from netfall.job.read import read_job
+from netfall.parallel.sums import BLOCK, LIMBS, add_where, rounded
+from netfall.program.run import run_job
+from netfall.record import rows
+from netfall.stages import dynamics
+
+
+@pytest.mark.parametrize("lowest", [-155, -156, -157, -400])
+def test_sums_in_blocks_are_exact_beyond_what_three_pieces_hold(lowest):
+    """Bits down to 2^-155 of the largest are cut in three pieces, those below are added one by one."""
+    rng = np.random.default_rng(3)
+    values = rng.standard_normal(2 * BLOCK + 7) * 2.0 ** rng.integers(lowest + 60, 0, 2 * BLOCK + 7)
+    values[[5, BLOCK, -1]] = 1.5, -(2.0**lowest), 2.0**lowest + 2.0 ** (lowest + 40)
+    there = (rng.random(len(values)) < 0.5).astype(np.uint8)
+    there[[5, BLOCK, -1]] = 1
+    limbs = np.zeros((2, LIMBS), np.int64)
+    add_where(values, None, limbs[0])
+    add_where(values, there, limbs[1])
+    assert rounded(limbs[0]) == math.fsum(values)
+    assert rounded(limbs[1]) == math.fsum(values[there == 1])
+
+
+def test_a_stop_between_two_rows_of_a_table_changes_no_bit(workshop, monkeypatch):
+    """Rows every 5 steps, 32 in a table, a look every 233: stopped at step 2097, where 14 rows wait."""
+    text = SLOW.replace("duration = 0.4", "duration = 0.3").replace("checkpoint = 0.1", "checkpoint = 0")
+    job = workshop.job(text.replace("history = 0.005", "history = 5e-4").replace("frames = 80", "frames = 1"))
+    whole = workshop.run(job, output="whole.vtkhdf")
+    assert len(whole["history/time"]) == 601 and len(whole["events/step"]) > 3
+    stop, report = SimpleNamespace(wanted=False), dynamics.Simulation.report
+
+    def ask(simulation):
+        stop.wanted = simulation.n > 2000
+        report(simulation)
+
+    monkeypatch.setattr(dynamics, "LOOK_STEPS", 233)
+    monkeypatch.setattr(dynamics.Simulation, "report", ask)
+    path = workshop.folder / "result.vtkhdf"
+    with pytest.raises(Interrupted) as raised:
+        run_job(MPI.COMM_SELF, read_job(job), path, Progress(False, False), stop=stop)
+    assert "(step 2097)" in str(raised.value)
+    (checkpoint,) = workshop.folder.glob("result.checkpoint*")
+    assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))
+
+
+def test_divergence_within_a_table_is_told_of_its_first_row(workshop, monkeypatch):
+    """The same words where each row is taken up at once; the rows after it were made by then.
+
+    So the table is also full where the row at the end is due.
+    """
+    nodes = "id,x,y,z,fixed,area\n1,0,0,0,1,0\n2,0,0,-10,0,1\n3,5,5,-10,1,0\n"
+    text = "[load]\npressure = [0.0, 0.0, -1e9]\n[dynamics]\nduration = 0.1\ntime_step = 3.1e-3\n"
+    text += "[output]\nframes = 1\nhistory = 1e-4\n"
+    job, told = workshop.job(ELASTIC + text, nodes, "start,end\n1,2\n2,3\n"), []
+    for room in (32, 1):
+        monkeypatch.setattr(rows, "MOST_ROWS", room)
+        with pytest.raises(DivergedError) as raised:
+            run_job(MPI.COMM_SELF, read_job(job), workshop.folder / "r.vtkhdf", Progress(False, False))
+        told.append(str(raised.value))
+    assert told[0] == told[1] and "diverged at t = 0.0" in told[0]
