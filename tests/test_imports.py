@@ -33,7 +33,7 @@ MAY_IMPORT = {
         *("prestress", "model", "record", "write", "results.loss_lines", "results.notes"),
     ],
     "erection": [
-        *("job", "net", "mechanics", "parallel.agree", "equilibrium", "model", "stages"),
+        *("job", "net", "mechanics", "parallel.agree", "equilibrium", "model", "stages", "results.notes"),
     ],
     "messages": [
         *("job", "net", "roof", "wind", "mechanics", "parallel", "model", "record", "results", "stages"),

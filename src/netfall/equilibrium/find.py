@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from netfall.equilibrium.increments import approach
+from netfall.equilibrium.increments import Watch, approach
 from netfall.equilibrium.newton import AT_START, Newton, NoConvergence, Stopped, is_large
+from netfall.equilibrium.overload import GivesWay
 from netfall.equilibrium.relaxation import Paused, Relaxation, net_of, not_begun, relax
 from netfall.equilibrium.slip import Slips
 from netfall.equilibrium.stable import unstable_shape
@@ -65,6 +66,7 @@ class Finder:
 
     serving : the inverse, in factors, that serves instead; None: none
     slips : cables that slip over nodes, None: none do
+    goal : which of the residuals the last equilibrium was relaxed to before Newton's method went on; 0: none
     """
 
     comm: MPI.Comm
@@ -73,6 +75,7 @@ class Finder:
     state: State
     slips: Slips | None = None
     serving: Factors | None = field(default=None, init=False)
+    goal: int = field(default=0, init=False)
     _first: tuple[Tangent, list[float], Cycle] | None = field(default=None, init=False)
     _pattern: Pattern | None = field(default=None, init=False)
 
@@ -101,13 +104,16 @@ class Finder:
         stop: StopRequest = NEVER,
         resume: Relaxation | None = None,
         guess: np.ndarray | None = None,
+        watch: Watch | None = None,
+        goal: int | None = None,
     ) -> Solution:
         """Bring the state to equilibrium under a load (n, 3) [N] of owned and halo particles. Collective.
 
         tolerance : of the estimated errors; reference : [N], the largest force that acts; max_iterations : of
         the relaxation; stop, resume : as in `relax`; guess : positions (n, 3) [m] that may be nearer
+        watch : as of `approach`; goal : in a search near by, to relax to at once, as of `Finder`
 
-        Raises DivergedError if neither finds one, Paused if asked to stop.
+        Raises DivergedError if neither finds one, Paused if asked to stop, GivesWay.
         """
         newton, state = self._newton(load), self.state
         first, total = 0, 0
@@ -116,19 +122,28 @@ class Finder:
         else:
             resume = None
             start = before = state.x.copy(order="K")
-            if guess is not None:
-                self._begin_at(guess, newton)
+            first = max((goal or 0) - 1, 0)
+            guessed = guess is not None and self._begin_at(guess, newton)
+            self.goal = 0
             try:
-                return self._corrected(newton, tolerance, total, stop)
+                if goal:
+                    raise NoConvergence("it would not be found")
+                return self._corrected(newton, tolerance, total, stop, watch=watch)
             except Stopped:
                 state.x[:] = before
                 raise Paused(not_begun(before)) from None
+            except GivesWay:
+                if not guessed:  # from where shares are of what is missing, not of the load
+                    raise
+                state.x[:] = before
+                return self.find(load, tolerance, reference, max_iterations, what, stop, watch=watch)
             except NoConvergence:
                 state.x[:] = before
         asked, found = tolerance * reference, None
         goals = [*(share * reference for share in NEARER if share > tolerance), asked]
         goals += [max(asked / TIGHTER**k, ROUNDING * reference) for k in range(1, MOST_AGAIN)]
         for stage in range(first, len(goals)):
+            self.goal = stage + 1
             try:
                 iterations, residual = relax(
                     self.comm,
@@ -150,7 +165,9 @@ class Finder:
                 return found
             total, resume, before = total + iterations, None, state.x.copy(order="K")
             try:
-                return self._corrected(newton, tolerance, total, NEVER, True)
+                if goal is not None and iterations == 0 and goals[stage] > asked:
+                    raise NoConvergence("it was not from here")
+                return self._corrected(newton, tolerance, total, NEVER, True, patient=goal is None)
             except NoConvergence:
                 state.x[:] = before
             if goals[stage] <= asked:
@@ -165,14 +182,16 @@ class Finder:
         r[: self.state.n_owned] = self._newton(load).residual()
         return r
 
-    def _begin_at(self, guess: np.ndarray, newton: Newton) -> None:
-        """Begin there if the residual is so much smaller there. Collective."""
+    def _begin_at(self, guess: np.ndarray, newton: Newton) -> bool:
+        """Begin there if the residual is so much smaller there; whether it is. Collective."""
         state, before, residuals = self.state, self.state.x.copy(order="K"), []
         for x in (before, guess):
             state.x[:] = x
             residuals += newton.largest(newton.residual())
-        if not residuals[1] < SMALLER * residuals[0]:
+        nearer = residuals[1] < SMALLER * residuals[0]
+        if not nearer:
             state.x[:] = before
+        return nearer
 
     def _relaxed(self, newton: Newton, total: int, residual: float) -> Solution:
         """What relaxation alone has reached. Collective."""
@@ -182,12 +201,25 @@ class Finder:
             errors = np.nan, np.nan
         return Solution(total, residual, *errors, True, self._unstable_at(newton))
 
-    def _corrected(self, newton: Newton, tolerance, before: int, stop, near: bool = False) -> Solution:
-        """By Newton's method; before : iterations until now. Raises NoConvergence, Stopped."""
+    def _corrected(
+        self,
+        newton: Newton,
+        tolerance: float,
+        before: int,
+        stop: StopRequest,
+        near: bool = False,
+        watch: Watch | None = None,
+        patient: bool = True,
+    ) -> Solution:
+        """By Newton's method. Raises NoConvergence, Stopped, GivesWay.
+
+        before : iterations until now; near : whether that has brought the net near, in which no correction is
+        too dear if it is patient
+        """
         start, begun = self.state.x_start, AT_START
         if newton.large and not near:
-            begun = approach(newton, start, stop)
-        found = newton.find(tolerance, start, stop, near, begun)
+            begun = approach(newton, start, stop, watch)
+        found = newton.find(tolerance, start, stop, near and patient, begun)
         total = before + found.gradients
         return Solution(total, found.residual, found.moved, found.tension, False, self._unstable_at(newton))
 

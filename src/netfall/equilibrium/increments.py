@@ -6,6 +6,8 @@ increment follows. Each is a few corrections near to where the last one was, so 
 with the net; that of a relaxation does.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from mpi4py import MPI
 
@@ -19,8 +21,11 @@ from netfall.equilibrium.newton import (
     StartPoint,
     Stopped,
 )
+from netfall.equilibrium.overload import SURELY, UNSTRAINED, GivesWay, Strained
 from netfall.ground.stop import StopRequest
 from netfall.multigrid.tangent import without_compression
+
+Watch = Callable[[], Strained]
 
 UNFORESEEN = 0.3  # of the largest tension: the most that an increment may change tensions unforeseen
 MOST_CHANGED = 0.05  # of all elements: the most that may become slack, taut or yield in an increment
@@ -38,14 +43,14 @@ MOST_ROUGH = 80
 NEAR = 2e-2  # of the largest displacement and tension: what the last of them may move
 
 
-def approach(newton: Newton, start: np.ndarray, stop: StopRequest) -> StartPoint:
+def approach(newton: Newton, start: np.ndarray, stop: StopRequest, watch: Watch | None = None) -> StartPoint:
     """Move the net near to equilibrium, for `Newton.find` to go on. Collective.
 
-    start : (n, 3), as of `Newton.find`
+    start : (n, 3), as of `Newton.find`; watch() : how near it is to giving way, None: it may
 
-    Raises NoConvergence, Stopped. A tangent that is singular at the start is left to `Newton.find`.
+    Raises NoConvergence, Stopped, GivesWay. A tangent that is singular at the start is left to `Newton.find`.
     """
-    increments = _Increments(newton, start, stop)
+    increments, left = _Increments(newton, start, stop), 1.0
     for number in range(MOST_INCREMENTS):
         r, K = newton.residual(), increments.tangent()
         try:
@@ -54,10 +59,15 @@ def approach(newton: Newton, start: np.ndarray, stop: StopRequest) -> StartPoint
             if number == 0:
                 return AT_START
             raise
-        before = increments.gradients
+        before, x = increments.gradients, newton.net.x.copy(order="K")
         share, size = increments.add_increment(K, s, r)
         if share == 1.0:
             return StartPoint(increments.gradients, size, increments.cycle)
+        there = watch() if watch else UNSTRAINED
+        if there.most > SURELY:
+            newton.net.x[:] = x
+            raise GivesWay(1.0 - left, 1.0 - (1.0 - share) * left, there)
+        left *= 1.0 - share
         if increments.gradients - before > SLOW * share:
             raise NoConvergence("there are too many load increments")
     raise NoConvergence(f"{MOST_INCREMENTS} load increments were not enough")

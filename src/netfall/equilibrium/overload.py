@@ -1,7 +1,8 @@
 """How much of a load a net bears: what gives way in a state, and the largest share without that.
 
-An element that breaks gives way at its fracture strain. One that yields and has none gives way where it is
-`GIVEN_WAY` longer than it was: no cable stretches so far, and a net that runs away passes any strain.
+An element that breaks gives way at its fracture strain. What yields runs away: it has given way where it is
+twice as long and nodes have moved by as much as the net is wide. Strain alone does not tell, since ideal
+plastic strain gathers in few elements, the finer the net the more.
 """
 
 from collections.abc import Callable
@@ -11,16 +12,19 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.mechanics.state import State
+from netfall.numerics.functions import lengths
 from netfall.parallel.subdomain import Distribution
 
-GIVEN_WAY = 1.0  # strain of what yields without a fracture strain
+GIVEN_WAY = 1.0  # strain of what yields, if its fracture strain is not larger
 WITH_IT = 0.5  # of the largest strain of what yields so far: elements strained more give way together
 SHARP = 0.004  # of the share that is borne: how closely it is found
 LEAST = 1e-3  # of a load: less is none
 BREAKS = "breaks"
+RUNS_AWAY = "yields without end, nodes move farther than the net is wide"
 INSIDE = 0.45, 0.05  # of `SHARP`, of the interval that is searched: no nearer to its ends
 HALF = 0.5  # times: a distance whose end stays, so that the search comes from both sides (Illinois rule)
-NEARLY = 2.0  # times `SHARP`: what gave way was then tried from near
+NEARLY = 2.0  # times `SHARP`: what ran away was then tried from near
+SURELY = 1.05  # times the strain at which something gives way: near to equilibrium
 
 
 class Strained(NamedTuple):
@@ -38,17 +42,36 @@ class Strained(NamedTuple):
 UNSTRAINED = Strained()
 
 
-def limits_of_yield(state: State) -> np.ndarray:
-    """Strain (m,) at which what yields has given way, the fracture strain if that is more; inf: elastic."""
-    yields = np.isfinite(state.yield_force) & (state.broken == 0)
+class GivesWay(Exception):
+    """Something gives way on the way to an equilibrium, to judge by states near to equilibrium.
+
+    low, high : shares of what was missing; at low, where the net now is, it does not; at_high : `Strained`
+    """
+
+    def __init__(self, low: float, high: float, at_high: Strained):
+        super().__init__(f"something {at_high.reason} at {high:.3g} of the load")
+        self.low, self.high, self.at_high = low, high, at_high
+
+
+def yield_strains(state: State) -> np.ndarray:
+    """Strain (m,) of what yields as a share of that at which it may have given way; 0: elastic, or broken."""
+    if not state.features.plastic:
+        return np.zeros(state.m)
     fracture = np.where(np.isfinite(state.eps_u), state.eps_u, 0.0) if state.features.fracture else 0.0
-    return np.where(yields, np.maximum(GIVEN_WAY, fracture), np.inf)
+    yields = np.isfinite(state.yield_force) & (state.broken == 0)
+    return np.where(yields, state.elements_now().eps / np.maximum(GIVEN_WAY, fracture), 0.0)
 
 
-def stretch_of(state: State) -> Callable[[], float]:
-    """What gives the largest strain of what yields on this rank, as a share of `limits_of_yield`."""
-    limits = limits_of_yield(state)
-    return lambda: float((state.elements_now().eps / limits).max(initial=0.0))
+def run_away(comm: MPI.Comm, state: State) -> float:
+    """How far what yields has run away: from 1.0 on it has given way, see above. Collective."""
+    if not state.features.plastic:
+        return 0.0
+    start = state.x_start
+    moved = lengths(state.x - start)
+    mine = [*start.max(0, initial=-np.inf), *(-start).max(0, initial=-np.inf)]
+    most = np.array([*mine, moved.max(initial=0.0), yield_strains(state).max(initial=0.0)])
+    comm.Allreduce(MPI.IN_PLACE, most, MPI.MAX)
+    return float(min(most[7], most[6] / (most[:3] + most[3:6]).max()))
 
 
 def strained(comm: MPI.Comm, distribution: Distribution, state: State, breaks: bool) -> Strained:
@@ -56,57 +79,91 @@ def strained(comm: MPI.Comm, distribution: Distribution, state: State, breaks: b
 
     breaks : whether an element gives way at its fracture strain
     """
-    eps, there = state.elements_now().eps, state.broken == 0
-    torn = eps / state.eps_u if breaks and state.features.fracture else np.zeros(state.m)
-    long = eps / limits_of_yield(state) if state.features.plastic else np.zeros(state.m)
-    torn, long = np.where(there, torn, 0.0), np.where(there, long, 0.0)
-    most = np.array([torn.max(initial=0.0), long.max(initial=0.0)])
-    comm.Allreduce(MPI.IN_PLACE, most, MPI.MAX)
-    breaking, stretched = most > 1.0
-    over = torn > 1.0 if breaking else long > (WITH_IT * most[1] if stretched else np.inf)
-    share = np.round(np.maximum(torn, long)[over], 3)  # alike: by number
-    gid = distribution.subdomain.element_gid[over]
-    found = sorted(set().union(*comm.allgather(list(zip((-share).tolist(), gid.tolist())))))
-    reason = BREAKS if breaking else f"yields beyond a strain of {GIVEN_WAY:.0%}" if stretched else ""
-    return Strained(float(most.max()), tuple(element for _, element in found), reason)
+    away, strain, least = run_away(comm, state), np.zeros(state.m), 1.0
+    if breaks and state.features.fracture:
+        strain = np.where(state.broken == 0, state.elements_now().eps / state.eps_u, 0.0)
+    most = comm.allreduce(float(strain.max(initial=0.0)), MPI.MAX)
+    reason = BREAKS if most > 1.0 else RUNS_AWAY if away > 1.0 else ""
+    if reason == RUNS_AWAY:
+        strain = yield_strains(state)
+        least = WITH_IT * comm.allreduce(float(strain.max(initial=0.0)), MPI.MAX)
+    over = strain > (least if reason else np.inf)
+    pairs = zip((-np.round(strain[over], 3)).tolist(), distribution.subdomain.element_gid[over].tolist())
+    found = sorted(set().union(*comm.allgather(list(pairs))))  # what is strained alike: by number
+    return Strained(max(most, away), tuple(element for _, element in found), reason)
 
 
 def largest_share(
-    trial: Callable[[float], Strained], whole: Strained, report: Callable[[float, float], None]
+    trial: Callable[[float], Strained],
+    whole: Strained,
+    report: Callable[[float, float], None],
+    first: tuple[float, ...] = (),
 ) -> tuple[float, Strained]:
     """The largest share of a load that is borne, to `SHARP`, and what gives way beyond it.
 
     trial(share) : that share on the net where the largest share borne so far has brought it
-    whole : what came of the whole load; report(low, high) : before each trial
+    whole : what came of the whole load; report(low, high) : before each trial; first : shares to begin with
 
-    What gave way far from equilibrium is tried again from near: 1.0 if all of the load is borne after all.
+    What ran away far from equilibrium is tried again from near: 1.0 if all of the load is borne after all.
     """
-    low, high, at_high, near = 0.0, 1.0, whole, False
-    below, above, moved = 1.0, whole.most - 1.0, ""  # how far from giving way, less where an end has stayed
-    while high > LEAST and low < 1.0:
-        again = high - low <= SHARP * high
+    ends = _Ends(0.0, 1.0, UNSTRAINED, whole, 1.0, whole.most - 1.0)
+    near = whole.most < np.inf
+    while ends.high > LEAST and ends.low < 1.0:
+        first = tuple(share for share in first if ends.low < share < ends.high)
+        again = ends.high - ends.low <= SHARP * ends.high
         if again and near:
             break
-        share = high if again else _between(low, high, below, above)
-        report(low, high)
+        share = first[0] if first else ends.high if again else _between(ends)
+        report(ends.low, ends.high)
         there = trial(share)
-        side = "high" if there.reason else "low"
-        stayed, moved = HALF if side == moved else 1.0, side
         if there.reason:
-            near = share - low <= NEARLY * SHARP * share
-            high, at_high, below, above = share, there, stayed * below, there.most - 1.0
-            continue
-        low, below, above = share, 1.0 - there.most, stayed * above
-        if again:
-            high, at_high, above, near = 1.0, whole, whole.most - 1.0, False
-    return low, at_high
+            near = there.most < np.inf or share - ends.low <= NEARLY * SHARP * share
+        elif share == ends.high:
+            ends, near = ends._replace(high=1.0, at_high=whole, moved=""), whole.most < np.inf
+        ends = _moved(ends, share, there)
+    return ends.low, ends.at_high
 
 
-def _between(low: float, high: float, below: float, above: float) -> float:
+class _Ends(NamedTuple):
+    """Shares between which something begins to give way, and what came of these.
+
+    below, above : how far these are from giving way, less where an end has stayed; slope : of that at the low
+    end, from the one before; moved : which of them was found last
+    """
+
+    low: float
+    high: float
+    at_low: Strained
+    at_high: Strained
+    below: float
+    above: float
+    slope: float = 0.0
+    moved: str = ""
+
+
+def _moved(ends: _Ends, share: float, there: Strained) -> _Ends:
+    """The ends with what came of a share between them."""
+    if there.reason:
+        stayed = HALF if ends.moved == "high" and ends.above < np.inf else 1.0
+        below = stayed * ends.below
+        return ends._replace(high=share, at_high=there, below=below, above=there.most - 1.0, moved="high")
+    above = (HALF if ends.moved == "low" else 1.0) * ends.above
+    slope, below = (there.most - ends.at_low.most) / (share - ends.low), 1.0 - there.most
+    return ends._replace(low=share, at_low=there, below=below, above=above, slope=slope, moved="low")
+
+
+def _between(ends: _Ends) -> float:
     """Where something begins to give way between two loads, well within these.
 
-    By regula falsi; of what ran away no more is known than that.
+    By regula falsi. Where the net ran away at the high end no more is known of it than that: as the low end
+    foresees, or the nearer that is to giving way the shorter the step.
     """
-    share = below / (below + above) if above < np.inf else 0.5
-    off = max(INSIDE[0] * SHARP * high, INSIDE[1] * (high - low))
-    return min(max(low + share * (high - low), low + off), high - off)
+    low, high, below, above, wide = *ends[:2], ends.below, ends.above, ends.high - ends.low
+    if above < np.inf:
+        step = wide * below / (below + above)
+    elif ends.moved == "low" and ends.slope > 0.0:
+        step = min(below / ends.slope, HALF * wide)
+    else:
+        step = min(below, HALF) * wide
+    off = max(INSIDE[0] * SHARP * high, INSIDE[1] * wide)
+    return min(max(low + step, low + off), high - off)

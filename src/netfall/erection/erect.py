@@ -14,14 +14,13 @@ from netfall.job.values import counted
 from netfall.mechanics.material import warm_length
 from netfall.net.turned import held_along, on_held, turned_column
 from netfall.numerics.functions import lengths
+from netfall.results.notes import error_words, over_strength_note
 from netfall.stages.scene import Scene
 from netfall.stages.settle import (
     MOST_NAMED,
     NONE,
     StaticLoad,
     StaticOutcome,
-    error_words,
-    over_strength_note,
     reference_force,
     settle,
 )

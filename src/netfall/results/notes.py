@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from netfall.job.values import counted
 from netfall.numerics.functions import lengths
 from netfall.results.states import equilibria, start_position
 
@@ -63,3 +64,19 @@ def displacement_notes_of(f) -> list[str]:
         moved = lengths(each.position() - x)
         found.append((each.name, float(moved.max()), node_id[moved.argmax()]))
     return displacement_notes(found, x)
+
+
+def over_strength_note(what: str, labels: dict, element_id: np.ndarray) -> list[str]:
+    """That a load passes strengths that break nothing in it; labels : as of `StaticOutcome.labels`."""
+    over = labels.get("over_strength", ())
+    ids = counted("element", element_id[list(over)]) if over else ""
+    return [f"note: {what}: {ids} beyond the strength, which breaks nothing here"] if over else []
+
+
+def error_words(moved: float, tension: float) -> str:
+    """Estimated errors in words, nan: not known."""
+    return (
+        f"to {moved:.0e} of displacements, {tension:.0e} of tensions"
+        if moved == moved
+        else "(error not known)"
+    )

@@ -12,12 +12,12 @@ from netfall.job.job import Job
 from netfall.job.values import counted, listed
 from netfall.model.losses import Loss, comes_loose, losses_of
 from netfall.results.loss_lines import SOMETHING_BREAKS
+from netfall.results.notes import error_words
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import (
     OF_PARTICLES,
     StaticLoad,
     committed,
-    error_words,
     paused,
     put_back,
     reference_force,

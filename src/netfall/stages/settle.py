@@ -8,7 +8,16 @@ import numpy as np
 
 from netfall.equilibrium import slip_law
 from netfall.equilibrium.find import UNKNOWN, Solution
-from netfall.equilibrium.overload import BREAKS, UNSTRAINED, Strained, largest_share, strained
+from netfall.equilibrium.newton import is_large
+from netfall.equilibrium.overload import (
+    BREAKS,
+    SHARP,
+    UNSTRAINED,
+    GivesWay,
+    Strained,
+    largest_share,
+    strained,
+)
 from netfall.equilibrium.relaxation import (
     Paused,
     Relaxation,
@@ -40,8 +49,10 @@ COMMITTED = ("x", "eps_p", "dissipated", "L0", "spring_rest", "strand", "slip")
 OF_PARTICLES = {each.name for each in FIELDS if each.entity == "particle"}  # other ones are of elements
 EQUILIBRIUM, NONE, UNSTABLE = "equilibrium", "no_equilibrium", "unstable"
 NOT_FOUND = Solution(0, np.nan, np.nan, np.nan, False, UNKNOWN)
+SMALL = 0.008  # of a load: by so much more the ways of large nets are shorter than relaxation
+BACK = 4  # shares of a load, each less by `SHARP`, that are tried for an exact equilibrium
 MOST_NAMED = 100  # elements where a net gives way
-ROUGH, FEW = 1e-4, 20_000  # of the error, of iterations of a relaxation, in search of how much is borne
+ROUGH, FEW = 1e-3, 20_000  # of the error, of iterations of a relaxation, in search of how much is borne
 SEARCHED = ("permanent", "case", "combination", "step", "at once", "rest")  # how much of them is borne
 APART = ("case", "combination")  # kinds that are beside the run: what follows starts as without them
 
@@ -127,13 +138,6 @@ def by_ids(labels: dict, element_id: np.ndarray) -> dict:
     return labels | {name: element_id[list(labels[name])] for name in names}
 
 
-def over_strength_note(what: str, labels: dict, element_id: np.ndarray) -> list[str]:
-    """That a load passes strengths that break nothing in it; labels : as of `StaticOutcome.labels`."""
-    over = labels.get("over_strength", ())
-    ids = counted("element", element_id[list(over)]) if over else ""
-    return [f"note: {what}: {ids} beyond the strength, which breaks nothing here"] if over else []
-
-
 def taken_up(distribution: Distribution, saver: Saver) -> Relaxation | None:
     """The relaxation that an earlier run was interrupted in, None: in none. Collective."""
     kept = saver.taken_up(RELAXATION)
@@ -188,19 +192,38 @@ def settle(
     start = committed(scene.state)
     if resume is not None and resume.start is not None:
         start["x"][:] = resume.start
+    tried = _tried(scene, each, reference, stop, resume, most, guess)
+    if not tried.whole.reason:
+        return _borne_whole(scene, each, tried.found)
+    if each.kind in SEARCHED or tried.whole.reason == BREAKS:
+        return _largest_share(scene, each, reference, start, tried, stop, report)
+    put_back(scene.state, start)
+    reason, elements = _named(scene, tried.whole), tried.whole.elements[:MOST_NAMED]
+    return StaticOutcome(NONE, each.reached(0.0), reason, elements, as_it_began(scene))
+
+
+class _Tried(NamedTuple):
+    """What came of a whole load: how near it is to giving way, and its equilibrium, None: none was found.
+
+    first : shares of the load between which something gives way on the way there, (): not known
+    """
+
+    whole: Strained
+    found: Equilibrium | None = None
+    first: tuple[float, ...] = ()
+
+
+def _tried(scene: Scene, each: StaticLoad, reference, stop, resume, most, guess) -> _Tried:
+    """Try the whole load; the state is then where that led. Collective. Raises Paused."""
+    limits = scene.state.features.plastic or scene.state.features.fracture
+    watch = (lambda: _strained(scene, each)) if limits and each.kind in SEARCHED else None
     try:
-        found = _found(scene, each, reference, stop, resume, most, guess)
-        whole = UNSTRAINED if each.kind == "loss" else _strained(scene, each)
+        found = _found(scene, each, reference, stop, resume, most, guess, watch=watch)
+    except GivesWay as way:
+        return _Tried(way.at_high._replace(most=np.inf), None, (way.low, way.high))
     except DivergedError as error:
-        whole, found = _where(scene, each, error), None
-    if whole.reason and (each.kind in SEARCHED or whole.reason == BREAKS):
-        return _largest_share(scene, each, reference, start, whole, stop, report)
-    if whole.reason:
-        put_back(scene.state, start)
-        return StaticOutcome(
-            NONE, each.reached(0.0), _named(scene, whole), whole.elements[:MOST_NAMED], as_it_began(scene)
-        )
-    return _borne_whole(scene, each, found)
+        return _Tried(_where(scene, each, error))
+    return _Tried(UNSTRAINED if each.kind == "loss" else _strained(scene, each), found)
 
 
 def _borne_whole(scene: Scene, each: StaticLoad, found: Equilibrium) -> StaticOutcome:
@@ -233,16 +256,28 @@ def _named(scene: Scene, there: Strained) -> str:
 
 
 def _found(
-    scene: Scene, each: StaticLoad, reference, stop, resume=None, most=None, guess=None, rough=0.0
+    scene: Scene,
+    each: StaticLoad,
+    reference,
+    stop,
+    resume=None,
+    most=None,
+    guess=None,
+    watch=None,
+    rough=0.0,
+    goal=None,
 ) -> Equilibrium:
-    """The equilibrium, its plastic strains not kept yet. Collective. Raises DivergedError, Paused.
+    """The equilibrium, its plastic strains not kept yet. Collective.
 
-    most : iterations; rough : the least tolerance
+    most : iterations; watch : as of `approach`; rough : the least tolerance
+
+    Raises DivergedError, Paused, GivesWay.
     """
     settings = settings_of(scene.job)
     most, tolerance = min(most or np.inf, settings.max_iterations), max(settings.tolerance, rough)
     arguments = each.load, tolerance, reference, most, each.words, stop, resume, guess
-    solution = _slipped(scene, each, arguments) if scene.finder.slips else scene.finder.find(*arguments)
+    slips = scene.finder.slips is not None
+    solution = _slipped(scene, each, arguments) if slips else scene.finder.find(*arguments, watch, goal)
     snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
     slack, breaking = scene.comm.allreduce(snapshot.slack), _breaking(scene, snapshot)
     return Equilibrium(snapshot, slack, solution, breaking, _slips(scene))
@@ -281,35 +316,38 @@ def _commit(state: State, snapshot: Snapshot) -> None:
 
 
 def _largest_share(
-    scene: Scene, each: StaticLoad, reference: float, start: dict, whole: Strained, stop, report
+    scene: Scene, each: StaticLoad, reference: float, start: dict, tried: _Tried, stop, report
 ) -> StaticOutcome:
     """The outcome of a load that is not borne whole: how much of it is, and the state there. Collective.
 
-    start : the state without the load, as of `committed`; whole : under all of it. Raises Paused.
+    start : the state without the load, as of `committed`. Raises Paused.
     """
-    state = scene.state
+    state, near = scene.state, committed(scene.state) if tried.first else start
     put_back(state, start)
-    left, best, found = scene.finder.residual(each.load), committed(state), as_it_began(scene)
+    left, best, found, borne = scene.finder.residual(each.load), start, as_it_began(scene), 0.0
     part = lambda share: each._replace(load=each.load - (1.0 - share) * left)
 
     def trial(share: float) -> Strained:
-        nonlocal best, found
-        put_back(state, best)
+        nonlocal best, found, borne
+        put_back(state, near if (share,) == tried.first[:1] else best)
+        short = is_large(scene.distribution) and share - borne <= SMALL * share
+        goal = 0 if short or (share,) == tried.first[:1] else scene.finder.goal
         try:
-            there = _found(scene, part(share), reference, stop, most=FEW, rough=ROUGH)
+            there = _found(scene, part(share), reference, stop, most=FEW, rough=ROUGH, goal=goal)
         except DivergedError as error:
             return _where(scene, each, error)
         now = _strained(scene, each)
         if not now.reason:
-            best, found = committed(state), there
+            best, found, borne = committed(state), there, share
         return now
 
     say = lambda low, high: report(f"{each.words}: not borne whole, searching {low:.3g} to {high:.3g} of it")
     try:
-        share, there = largest_share(trial, whole, say)
+        share, there = largest_share(trial, tried.whole, say, tried.first)
         put_back(state, best)
         if share > 0.0:
-            found = _exact(scene, part(share), reference, stop) or found
+            share, exact = _exact(scene, part, share, reference, stop)
+            found = exact or found
     except Paused:
         put_back(state, start)
         raise Paused(not_begun(start["x"])) from None
@@ -320,14 +358,22 @@ def _largest_share(
     return StaticOutcome(NONE, each.reached(share), reason, there.elements[:MOST_NAMED], found)
 
 
-def _exact(scene: Scene, each: StaticLoad, reference: float, stop) -> Equilibrium | None:
-    """The equilibrium near where the state is; None, and the state as it was: none is found. Collective."""
+def _exact(scene: Scene, part, share: float, reference: float, stop) -> tuple[float, Equilibrium | None]:
+    """The equilibrium near where the state is, under a share of a load or hardly less; the share. Collective.
+
+    part(share) : that load. None, and the state as it was: none is found.
+    """
     near = committed(scene.state)
-    try:
-        return _found(scene, each, reference, stop)
-    except DivergedError:
-        put_back(scene.state, near)
-        return None
+    for back in range(BACK):
+        try:
+            less = share * (1.0 - back * SHARP)
+            return less, _found(scene, part(less), reference, stop)
+        except RunsAway:  # within the error of the search it seemed to be at rest
+            put_back(scene.state, near)
+        except DivergedError:
+            put_back(scene.state, near)
+            break
+    return share, None
 
 
 def _compressed_at(scene: Scene, particle: int) -> tuple[int, ...]:
@@ -402,17 +448,3 @@ def put_back(state: State, kept: dict[str, np.ndarray]) -> None:
     """The state as it was when `committed` was called."""
     for name, array in kept.items():
         getattr(state, name)[:] = array
-
-
-def carried_on(state: State, base: dict[str, np.ndarray], times: float) -> np.ndarray:
-    """Positions (n, 3) [m] as many times as far from those of `base`, as of `committed`, as now."""
-    return base["x"] + times * (state.x - base["x"])
-
-
-def error_words(moved: float, tension: float) -> str:
-    """Estimated errors in words, nan: not known."""
-    return (
-        f"to {moved:.0e} of displacements, {tension:.0e} of tensions"
-        if moved == moved
-        else "(error not known)"
-    )

@@ -25,10 +25,11 @@ from netfall.ground.stop import NEVER
 from netfall.job.asks import has_statics, rests_at_loss, rests_in_wind
 from netfall.job.job import Job
 from netfall.job.memory import key_of
+from netfall.mechanics.state import State
 from netfall.numerics.functions import lengths
 from netfall.record.bending import largest_hold
 from netfall.record.reactions import forces_on_supports
-from netfall.results.notes import NOT_STABLE, displacement_notes, hold_notes
+from netfall.results.notes import NOT_STABLE, displacement_notes, error_words, hold_notes, over_strength_note
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import (
     APART,
@@ -37,11 +38,8 @@ from netfall.stages.settle import (
     StaticLoad,
     StaticOutcome,
     by_ids,
-    carried_on,
     committed,
-    error_words,
     no_equilibrium,
-    over_strength_note,
     paused,
     put_back,
     reference_force,
@@ -233,6 +231,11 @@ def permanent_again(scene: Scene, permanent: StaticLoad, reference: float) -> di
     base = committed(state)
     put_back(state, now)
     return base
+
+
+def carried_on(state: State, base: dict[str, np.ndarray], times: float) -> np.ndarray:
+    """Positions (n, 3) [m] as many times as far from those of `base`, as of `committed`, as now."""
+    return base["x"] + times * (state.x - base["x"])
 
 
 def to_the_start(scene: Scene) -> None:
