@@ -176,6 +176,9 @@ def node_columns(draw, scene: dict, net: DrawnNet, rng) -> dict:
         columns |= {f"fixed_{k}": map(str, c.astype(int)) for k, c in zip("xyz", fixed.T)}
     else:
         columns["fixed"] = map(str, held.astype(int))
+    unlike = scene["part_held"] or scene["springs"]
+    if unlike and not (scene["air"] or scene["motion"]) and chance(draw):
+        columns["angle"] = map(number, rng.uniform(-180.0, 180.0, n))
     load = rng.uniform(-200.0, 200.0, (n, 3))
     columns |= each("load", load if scene["lateral"] else load * [0.0, 0.0, 1.0])
     columns["mass"] = map(number, rng.uniform(8.0, 25.0, n))
