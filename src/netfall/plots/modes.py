@@ -74,7 +74,9 @@ def _panels(x: np.ndarray, swing: float, count: int):
             in_space(figure, (grid[row, column],), window),
             figure.add_subplot(grid[row + 1, column]),
         )
-        set_plan(plan, x[:, :2])
+        set_plan(plan, x[:, :2], swing)
+        if k + columns < count:  # the one below has a title there
+            plan.set_xlabel("")
         panels.append((space, plan))
     return figure, panels
 

@@ -4,7 +4,16 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.plots.canvas import NOTHING, add_coloured, add_lines, heading, line_width, space_panels, unit_of
+from netfall.plots.canvas import (
+    IN_TWOS,
+    NOTHING,
+    add_coloured,
+    add_lines,
+    heading,
+    line_width,
+    space_panels,
+    unit_of,
+)
 from netfall.plots.force import ForceScale, add_by_force, add_supports, force_bars
 from netfall.plots.labels import add_labels
 from netfall.results.file import title_of
@@ -20,8 +29,7 @@ from netfall.results.states import (
     states_of,
 )
 
-MOST_PANELS = 6
-MOST_STAGES = 24  # in a picture; of more every k-th, and the last
+MOST_PANELS = 24  # of states; of more stages every k-th, and the last
 BELOW = 0.9  # inches under the panels, for the scales
 SEEN = 0.06  # of the largest extent of the net: about how large the largest deflection is drawn
 STEPS = np.outer(10.0 ** np.arange(-3, 7), (1.0, 2.0, 5.0)).ravel()  # scales of deflections
@@ -66,7 +74,7 @@ def states(f):
 def stages(f):
     """The stages of erection in space, all on one scale."""
     found = [one for one in equilibria(f) if _is_stage(one.place)]
-    every = -(-len(found) // MOST_STAGES)
+    every = -(-len(found) // MOST_PANELS)
     chosen = found[::-every][::-1]
     more = f" (one in {every} of {len(found)}; others: --case NAME)" if every > 1 else ""
     return _panels(f, chosen, f"axial forces in the stages of erection{more}")
@@ -82,7 +90,7 @@ def _panels(f, chosen: list[ShownState], words: str):
         there = ~absent(f, state.place)
         add_by_force(axes, x[elements[there]], N[there], scale, line_width(len(N)))
         add_supports(f, axes, x, state.place)
-        axes.set_title(force_words(f, state, "\n" if len(chosen) > MOST_PANELS else ": "))
+        axes.set_title(force_words(f, state, "\n" if len(chosen) > IN_TWOS else ": "))
     _add_bars(figure, scale, everything)
     edge = any(len(axes.get_legend_handles_labels()[0]) > 1 for axes in panels)
     marks = "squares: supports" + ", dashed: their edge" * edge

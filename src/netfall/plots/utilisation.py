@@ -48,11 +48,14 @@ class Shading:
 
 
 def utilisation(f, envelope: Envelope, checked: Checked, path: Path) -> None:
-    """Write the picture: by the utilisation of the first check; by the tension where nothing has one."""
-    name, over = checked.checks[0].name, OVER
-    values, high = checked.utilisation[name], 1.0
+    """Write the picture: by the utilisation of the first check, and of the first one of compressed bars; by
+    the tension where nothing has one.
+    """
+    names, over = [checked.checks[0].name], OVER
+    names += [check.name for check in checked.checks[1:] if check.compression][:1]
+    values, high = np.fmax.reduce([checked.utilisation[name] for name in names]), 1.0
     if np.isfinite(values).any():
-        label = f"utilisation, {name}; grey: none; magenta: above 1"
+        label = f"utilisation, {', '.join(names)}; grey: none; magenta: above 1"
     else:
         factor, unit = unit_of(np.abs(envelope.most).max(), "N")
         values = factor * np.where(only_compressed(f, envelope), np.nan, envelope.most)
@@ -96,7 +99,8 @@ def _draw(f, shading: Shading, path: Path) -> None:
     add_supports(f, space, x)
     dot_supports(plan, x[:, :2], held_axes(f).any(1))
     set_plan(plan, x[:, :2])
-    figure.subplots_adjust(left=0.02, right=0.97, top=0.94, bottom=0.2, wspace=0.22)
+    space.set_position((0.0, 0.2, 0.44, 0.74))
+    plan.set_position((0.55, 0.2, 0.42, 0.74))
     most = float(np.nanmax(values)) if np.isfinite(values).any() else np.nan
     bar = figure.colorbar(
         plt.cm.ScalarMappable(shading.scale, _palette(shading)),
