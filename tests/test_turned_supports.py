@@ -215,6 +215,36 @@ def test_modes_turn_with_the_supports(tmp_path):
     assert min(np.abs(shape - other.shape[0]).max(), np.abs(shape + other.shape[0]).max()) < 1e-6
 
 
+STAGES = """[[stage]]
+name = "tight"
+hold = [{guided}]
+lengths = {{"hoop" = {{change = -0.002}}}}
+[[stage]]
+name = "let go"
+release = [{guided}]
+set = {{"load.snow" = 200.0}}
+"""
+
+
+def test_stages_of_erection_turn_with_the_supports(tmp_path):
+    """A support on a line is held, then released altogether; loads, lengths and reactions."""
+    found = []
+    for name, angle in (("straight", 0.0), ("turned", ANGLE)):
+        job = wheel(tmp_path / name, angle)
+        lines = (tmp_path / name / "nodes.csv").read_text().splitlines()[1:]
+        guided = next(line.split(",")[0] for line in lines if line.split(",")[4:8] == ["1", "0", "1", "0.0"])
+        job.write_text(
+            JOB.split("[[case]]")[0].replace("steps = 2", "steps = 0") + STAGES.format(guided=guided)
+        )
+        found.append(Workshop(tmp_path, True).run(job, output=f"{name}.vtkhdf"))
+    for stage in ("tight", "let go"):
+        one, other = (f[f"stages/{stage}"] for f in found)
+        assert one.attrs["state"] == other.attrs["state"] == "equilibrium"
+        assert apart(one["tension"][:], other["tension"][:]) < SAME
+        for rows in ("displacement", "reaction"):
+            assert apart(turned_rows(one[rows][:]), other[rows][:]) < SAME, rows
+
+
 MOVES = "[[remove]]\nelements = [{lost}]\ntime = 0.1\n[dynamics]\n"
 MOVES += "duration = 0.3\ndamping = 0.5\n[output]\nframes = 3\nhistory = 0.05\n"
 
