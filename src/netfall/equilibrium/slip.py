@@ -1,7 +1,7 @@
 """Equilibria in which cables slip over nodes.
 
 For positions x the slips s make W(x, s) = strain energy + potential of the self weight + sum R |s - s_old|
-smallest: each place sticks while |Q| <= R, else |Q| = R (`slip_law`). W is convex in s, so that
+smallest: each place sticks while |Q| <= R, else |Q| = R (`mechanics.slip.law`). W is convex in s, so that
 Newton's method on the set that slips finds them, with steps that end where one would turn round. The forces
 on the nodes are the gradient of that smallest W; its tangent is the net's, less what slips: K_xx - K_xs
 K_ss^-1 K_sx. So an equilibrium is found as without slip, the slips of every trial included.
@@ -18,7 +18,6 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.equilibrium.relaxation import Paused, not_begun
-from netfall.equilibrium.slip_law import LEAST, slipped_lengths
 from netfall.equilibrium.strands import (
     CableChains,
     Strands,
@@ -29,6 +28,7 @@ from netfall.equilibrium.strands import (
     strand_forces,
 )
 from netfall.ground.errors import DivergedError
+from netfall.mechanics.slip.law import LEAST, slipped_lengths
 from netfall.mechanics.state import State
 from netfall.parallel.subdomain import Distribution, rows_of
 
@@ -94,7 +94,7 @@ class Slips:
         self.held = False
         d = distribution.subdomain
         row = rows_of(d.element_gid, chains.element)
-        self.mine = np.flatnonzero((row >= 0) & state.owned.astype(bool)[row])
+        self.mine = np.flatnonzero(np.isin(row, np.flatnonzero(state.owned)))
         self.my_rows = row[self.mine]
         along = lambda e: state.ends[row[e]].astype(int)[
             :: int(chains.along[e])
@@ -121,14 +121,37 @@ class Slips:
     def begin(self) -> None:
         """An equilibrium begins: slips count from here, with limits of the present tensions. Collective."""
         state = self.state
-        row = rows_of(self.distribution.subdomain.particle_gid[: state.n_owned], self.chains.node)
-        old = np.where(row >= 0, state.slip[row, self.chains.column], 0.0) + 0.0
+        row, column = self.at
+        old, own = np.zeros(len(self.s)), row < state.n_owned
+        old[self.places[own]] = state.slip[row[own], column[own]] + 0.0
         self.comm.Allreduce(MPI.IN_PLACE, old, MPI.SUM)
         carries = (state.broken[self.my_rows] == 0) & (state.EA[self.my_rows] > 0.0)
         values = np.column_stack([np.where(carries, state.EA[self.my_rows], 0.0), state.strand[self.my_rows]])
         self.sections = self._shared(values)
         self.old[:] = self.s[:] = old
         self.renew_limits()
+
+    def numbers(self) -> tuple[np.ndarray, int]:
+        """Which of all places each of `State.places` is, (places,); how many there are."""
+        row, column = self.at
+        order = np.lexsort((column, row))
+        return self.places[order][row[order] < self.state.n_owned], len(self.s)
+
+    def weigh(self, factor: float) -> None:
+        """Leave to particles and slips, as constant loads, what weighs at present, and its pull at slips.
+
+        factor : of the self weight. For the dynamic stage, in which weights follow slips no more. Collective.
+        """
+        self.begin()
+        state, ends = self.state, self.at_ends(self.state.x)
+        there = self.sections[:, 0] > 0.0
+        weight = np.where(there, factor * self.chains.weight, 0.0)
+        pull = weight * 0.5 * (ends[:, 2] + ends[:, 5])
+        state.slip_load[self.at] = (pull[self.chains.before] - pull[self.chains.after])[self.places]
+        s = np.append(self.s, 0.0)
+        moved = -0.5 * weight * (s[self.chains.into] - s[self.chains.out])
+        for e, _, both in self.here:
+            state.load[both, 2] += moved[e]
 
     def _strands(self) -> Strands:
         ends = self.at_ends(self.state.x)
@@ -154,7 +177,7 @@ class Slips:
             *(self.old, limit, self.chains, strands, self.weights, self.state.law, self.work, self.s)
         )
         self.state.slip[self.at] = self.s[self.places]
-        slipped_lengths(self.state.slip, self.state.elements)
+        slipped_lengths(self.state.particles.slip, self.state.elements)
         return strands
 
     def forces(self, x: np.ndarray, f: np.ndarray) -> None:
@@ -208,7 +231,7 @@ def find_slipping(finder, *arguments, **more):
             found = finder.find(*arguments, **more)
         except Paused:
             state.x[:], state.slip[:] = start, slip
-            slipped_lengths(state.slip, state.elements)
+            slipped_lengths(state.particles.slip, state.elements)
             raise Paused(not_begun(start)) from None
         slips.follow()
         if not slips.left <= INEXACT:

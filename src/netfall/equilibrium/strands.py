@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.equilibrium.slip_law import angle_between, slip_force, slip_limit
 from netfall.ground.compile import kernel, part_of_kernel
+from netfall.mechanics.slip.law import angle_between, slip_force, slip_limit
 from netfall.numerics.arithmetic import exponential, logarithm
 
 MOST_STEPS = 200  # of Newton's method on the slips at given positions

@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.equilibrium.slip_law import set_strands
 from netfall.erection.tension import of_form, response
 from netfall.ground.errors import DivergedError
 from netfall.ground.stop import NEVER
 from netfall.job.values import shown
+from netfall.mechanics.slip.law import set_strands
 from netfall.net.net import Net
 from netfall.stages.scene import Scene
 from netfall.stages.settle import NONE, reference_force, settle

@@ -5,13 +5,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from netfall.equilibrium.find import STABLE
-from netfall.equilibrium.slip_law import set_strands
 from netfall.erection.lengths import rows_named
 from netfall.erection.settings import Setting, after, first_setting
 from netfall.erection.tension import tension_to
 from netfall.ground.stop import StopRequest
 from netfall.job.values import counted
 from netfall.mechanics.material import warm_length
+from netfall.mechanics.slip.law import set_strands
 from netfall.net.turned import held_along, on_held, turned_column
 from netfall.numerics.functions import lengths
 from netfall.results.notes import error_words, over_strength_note

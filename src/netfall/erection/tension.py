@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.equilibrium.newton import NoConvergence
-from netfall.equilibrium.slip_law import set_strands
 from netfall.erection.lengths import Jack, Wanted, amounts, missed, until_taut
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.job.asks import carries_permanent
+from netfall.mechanics.slip.law import set_strands
 from netfall.numerics.functions import lengths
 from netfall.stages.scene import Scene
 from netfall.stages.settle import (

@@ -130,6 +130,31 @@ FIELDS = (
         "slip",
         kept=True,
     ),
+    _particle("slip_v", AXES, np.float64, "m/s", "its velocity, half a step behind", "sliding", kept=True),
+    _particle(
+        "slip_mass", AXES, np.float64, "kg", "inertia of each, for steps of any length", "sliding", kept=True
+    ),
+    _particle(
+        "slip_load", AXES, np.float64, "N", "constant force on each: of own weight", "sliding", kept=True
+    ),
+    _particle(
+        "slip_locked",
+        AXES,
+        np.float64,
+        "s",
+        "time at which a strand was used up there; 0: none was",
+        "sliding",
+        kept=True,
+    ),
+    _particle(
+        "slip_work",
+        AXES,
+        np.float64,
+        "J",
+        "of external and internal forces on slips, and heat of their friction",
+        "slip_works",
+        kept=True,
+    ),
     _particle("friction", AXES, np.float64, "", "coefficient of friction of each", "slip", given=True),
     _particle("resistance", AXES, np.float64, "N", "resistance of the clamp of each", "slip", given=True),
     _particle("valence", ONE, np.int32, "", "elements attached", "fracture", kept=True, split=1, given=True),
@@ -181,6 +206,10 @@ FIELDS = (
         given=True,
     ),
     _element("slip_along", np.int8, "", "1, -1: it runs along its cable, against it", "slip", given=True),
+    _element(
+        "hold_before", np.float64, "N", "what is left of a lost tension, at the last sample", "slip_fades"
+    ),
+    _element("hold_after", np.float64, "N", "the same at the next sample", "slip_fades"),
     _element("owned", np.uint8, "", "1 on the one rank that reports the element"),
     _element("broken", np.uint8, "", "1 once it has broken, or is lost", kept=True),
     _element("lost", np.uint8, "", "1 once it is lost", "losses", kept=True),
@@ -289,6 +318,7 @@ class Features:
     losses: bool = False  # elements leave the net at given times
     motion: bool = False  # supports move
     slip: bool = False  # cables slip over nodes
+    sliding: int = 0  # how many over one node at most, in the dynamic stage
     part_held: bool = False  # some particle is held on some axes and not on others
     energy: bool = True  # the audit of work
     fragments: bool = True  # a particle splits off where an element breaks
@@ -311,7 +341,17 @@ class Features:
     @property
     def numbered(self) -> bool:
         """Whether the slots know their elements."""
-        return self.inelastic or bool(self.band)
+        return self.inelastic or bool(self.sliding or self.band)
+
+    @property
+    def slip_works(self) -> bool:
+        """Whether the audit has the work of slips."""
+        return self.energy and bool(self.sliding)
+
+    @property
+    def slip_fades(self) -> bool:
+        """Whether what is lost beside a slip may pull for a while."""
+        return bool(self.sliding) and self.losses and self.varying
 
     @property
     def plastic_sections(self) -> bool:

@@ -39,6 +39,7 @@ class State:
         # of chains that bend; (m, 2) rows of these at the ends of elements, see `net.chains`
         self.joints: Joints | None = None
         self.joint_at: np.ndarray | None = None
+        self.places = None  # where cables slip in the step, `slip.motion.Places`
         self.branches = np.append(features.band, np.zeros(7)) if features.band else None
         self._tuples: dict = {}
 

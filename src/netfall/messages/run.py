@@ -12,6 +12,7 @@ from netfall.mechanics.events import EventLog
 from netfall.mechanics.fields import Features
 from netfall.mechanics.material import strength_of
 from netfall.mechanics.stability import Limit
+from netfall.messages.slip import inertia_line, slip_lines
 from netfall.messages.wind import wind_notes
 from netfall.model.layout import features_of
 from netfall.model.model import Model
@@ -95,6 +96,8 @@ def _dynamics_lines(model: Model, simulation) -> list[str]:
         )
         columns = history.columns()
         lines += balance_notes(*(columns[name] for name in ("time", "balance_error", "broken")))
+    if model.layout.slides:
+        lines += slip_lines(model, history.columns()["time"], history.slip_columns()["slip"])
     return lines
 
 
@@ -200,7 +203,7 @@ def stages(job: Job) -> list[str]:
 
 def feature_words(job: Job, model: Model) -> str:
     """What the scene has, in words."""
-    features, load = features_of(job, model.net), job.load
+    features, load = features_of(job, model.layout), job.load
     words = (
         ("yield", features.plastic),
         ("fracture", features.fracture),
@@ -275,6 +278,8 @@ def step_remarks(scene: Scene) -> list[str]:
     job, dt, remarks = scene.job, scene.schedule.long_dt, []
     if scene.model.added is not None:
         remarks.append(_added_mass(scene.model))
+    if job.slides:
+        remarks.append(inertia_line(scene.model, dt))
     end = step_at(job.dynamics.duration, dt) * dt
     if end > (1.0 + MUCH_LONGER) * job.dynamics.duration:
         remarks.append(

@@ -63,9 +63,12 @@ def make_layout(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Layout:
     net, roofing, zones, part, source = memory.once("net", key, lambda: _partitioned(job, ranks))
     lost, probes = named_elements(job, net), find_probes(job, net)
     slides, wrong = slides_of(job, net)
-    if job.slides and (job.dynamics or job.stages):
-        name = "dynamics" if job.dynamics else "[stage]"
-        wrong.append(f"{job.path}: [{name}]: not together with [[slide]] as yet; remove one of them")
+    if job.slides and job.stages:
+        wrong.append(f"{job.path}: [[stage]]: not together with [[slide]] as yet; remove one of them")
+    if job.slides and job.dynamics and job.dynamics.damping_ratio:
+        wrong.append(
+            f"{job.path}: [dynamics] damping_ratio: not together with [[slide]]; remove it, or take damping"
+        )
     if wrong:
         raise InputError(wrong)
     coefficient, sectors = shape_coefficients(job, zones)
@@ -126,9 +129,10 @@ def band_of(job: Job) -> tuple[float, ...]:
     return band_branches(moves.damping_ratio, *moves.damping_band) if moves and moves.damping_ratio else ()
 
 
-def features_of(job: Job, net: Net) -> Features:
+def features_of(job: Job, layout: Layout) -> Features:
     """What the scene has, as the job names it."""
-    differ, held = lambda values: bool((values != values[:1]).any()), held_along(net, net.fixed)
+    net, differ = layout.net, lambda values: bool((values != values[:1]).any())
+    held = held_along(net, net.fixed)
     return Features(
         fragments=not job.dynamics or job.dynamics.fragments,
         plastic=bool(np.isfinite(net.yield_stress).any()),
@@ -137,6 +141,7 @@ def features_of(job: Job, net: Net) -> Features:
         air=air_damps(job),
         motion=moves_supports(job),
         slip=bool(job.slides),
+        sliding=int(layout.slides.column.max()) + 1 if job.slides and job.dynamics else 0,
         air_mass=air_moves(job),
         band=band_of(job),
         tapped=job.wind is not None and job.wind.pressures is not None,

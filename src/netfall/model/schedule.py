@@ -1,6 +1,6 @@
 """The step of the dynamic stage, its limits, and the numbers of the steps at which something is due."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from netfall.job.job import Job
 from netfall.mechanics.bending import add_joint_bounds
 from netfall.mechanics.fields import Features
 from netfall.mechanics.material import stiffening
+from netfall.mechanics.slip.motion import STEP
 from netfall.mechanics.stability import Limit, after_fracture_limit, any_shape_limits
 from netfall.model.model import Model
 
@@ -131,6 +132,14 @@ def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[
             )
         )
     return {limit.name: limit for limit in limits}
+
+
+def with_slips(limits: dict[str, Limit]) -> dict[str, Limit]:
+    """Limits of a net in which cables slip; that for slack cables, of half the step, has room for it."""
+    return {
+        name: limit if name == "slackening" else replace(limit, dt=STEP * limit.dt)
+        for name, limit in limits.items()
+    }
 
 
 def joint_sizes(model: Model) -> np.ndarray:

@@ -4,6 +4,7 @@ import numpy as np
 
 from netfall.mechanics.bending import Joints
 from netfall.mechanics.fields import FIELDS, Features
+from netfall.mechanics.slip.motion import places_of
 from netfall.mechanics.state import State
 from netfall.model.model import Model
 from netfall.parallel.subdomain import Distribution, rows_of
@@ -22,6 +23,8 @@ def make_state(distribution: Distribution, model: Model | None, features: Featur
             getattr(state, row.name)[:] = spread(None if model is None else model.column(row.name))
     if features.bending:
         _place_joints(distribution, model, state)
+    if features.sliding:
+        state.places = places_of(state.ends, state.slip_place, state.slip_along, state.n_owned)
     return state
 
 

@@ -101,7 +101,7 @@ def wait_for_neighbours(buffers):
     return 0
 
 
-# --- the forces of a step: total force, and with fracture mass and valence, which the halo cannot know of
+# --- the forces of a step: total force; with fracture mass and valence, which the halo cannot know of; slips
 
 
 @inner_kernel
@@ -110,6 +110,9 @@ def send_forces(particles, buffers):
     place, width = buffer_in_use(buffers), 3 if particles.valence is None else 5
     if particles.valence is not None and particles.air_mass is not None:
         width = 6
+    slips = width  # where the velocities of slips stand, if cables slip
+    if particles.slip_v is not None:
+        width += len(particles.slip_v)
     for i in range(buffers.send_index.shape[0]):
         p, row = buffers.send_index[i], buffers.send_at + place + i * width
         buffers.numbers[row] = particles.f[0][p]
@@ -120,12 +123,18 @@ def send_forces(particles, buffers):
             buffers.numbers[row + 4] = particles.valence[p]
             if particles.air_mass is not None:
                 buffers.numbers[row + 5] = particles.air_mass[p]
+        if particles.slip_v is not None:
+            for k in range(len(particles.slip_v)):
+                buffers.numbers[row + slips + k] = particles.slip_v[k][p]
     return send_buffer(buffers), place
 
 
 @inner_kernel
 def receive_forces(n_owned, particles, place, buffers):
     """Unpack the total forces of the halo particles, which have arrived. place : of `send_forces`"""
+    slips = 3 if particles.valence is None else 5
+    if particles.valence is not None and particles.air_mass is not None:
+        slips = 6
     for i in range(buffers.receive_at.shape[0]):
         p, row = n_owned + i, buffers.receive_at[i] + place
         particles.f[0][p] = buffers.numbers[row]
@@ -138,6 +147,9 @@ def receive_forces(n_owned, particles, place, buffers):
             particles.valence[p] = int(buffers.numbers[row + 4])
             if particles.air_mass is not None:
                 particles.air_mass[p] = buffers.numbers[row + 5]
+        if particles.slip_v is not None:
+            for k in range(len(particles.slip_v)):
+                particles.slip_v[k][p] = buffers.numbers[row + slips + k]
 
 
 # --- rows of any kind

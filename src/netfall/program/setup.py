@@ -10,7 +10,6 @@ from mpi4py import MPI
 from netfall.equilibrium.find import Finder
 from netfall.equilibrium.relaxation import state_residual
 from netfall.equilibrium.slip import Slips
-from netfall.equilibrium.slip_law import set_strands
 from netfall.equilibrium.strands import cable_chains_of
 from netfall.ground.compile import wake
 from netfall.ground.errors import InputError
@@ -19,10 +18,11 @@ from netfall.ground.timings import Phases
 from netfall.job.asks import carries_permanent
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
+from netfall.mechanics.slip.law import set_strands
 from netfall.mechanics.stability import Limit
 from netfall.model.layout import Layout, features_of, layout_digest, make_layout
 from netfall.model.model import Model, make_model, warmed
-from netfall.model.schedule import step_limits
+from netfall.model.schedule import step_limits, with_slips
 from netfall.model.state import make_state
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
@@ -63,7 +63,7 @@ def prepare(
             wake()  # while rank 0 reads the net
         layout = on_root(comm, lambda: make_layout(job, comm.size, memory))
         net = layout.net if layout else None
-        n, m, features = comm.bcast((net.n, net.m, features_of(job, net)) if layout else None)
+        n, m, features = comm.bcast((net.n, net.m, features_of(job, layout)) if layout else None)
         cut = on_root(comm, lambda: cut_net(n, net.elements, layout.part, comm.size, *_joints(layout)))
         distribution = Distribution(comm, n, m, cut)
         halo = Halo(comm, distribution.subdomain, 3)
@@ -130,10 +130,10 @@ def _limits(scene: Scene) -> dict[str, Limit]:
     """Limits of the step by name. Collective."""
     comm, job, model, distribution = scene.comm, scene.job, scene.model, scene.distribution
     share = job.dynamics.fragment_mass if job.dynamics else 0.0
-    limits = comm.bcast(step_limits(model, features_of(job, model.net), share) if model else None)
+    limits = comm.bcast(step_limits(model, features_of(job, model.layout), share) if model else None)
     asked = job.dynamics.time_step if job.dynamics else "auto"
     sharp = distribution.m <= LARGEST_SHARP or (asked != "auto" and asked > limits["any_shape"].dt)
     if job.dynamics and sharp:
         element_gid = distribution.subdomain.element_gid
         limits["assembled"] = assembled_limit(comm, scene.state, element_gid, scene.halo)
-    return limits
+    return with_slips(limits) if scene.state.features.sliding else limits

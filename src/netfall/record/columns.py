@@ -53,12 +53,13 @@ class Column(NamedTuple):
 
 def _identity(now: Moment) -> np.ndarray:
     e = now.energies
-    return e.kinetic + e.internal + e.damping + e.air - e.external - e.support
+    return e.kinetic + e.internal + e.damping + e.air + e.slip - e.external - e.support
 
 
 def _balance(now: Moment) -> np.ndarray:
     e = now.energies
-    return e.kinetic + now.strain + now.plastic + e.damping + e.air + e.band - e.external - e.support
+    taken = e.damping + e.air + e.band + e.slip
+    return e.kinetic + now.strain + now.plastic + taken - e.external - e.support
 
 
 SHARE = "share of the largest energy that took part so far"
@@ -81,6 +82,13 @@ HISTORY = (
         "against the branches of `damping_ratio`: what they dissipated, and the little that they store",
         lambda now: now.energies.band,
         needs="band",
+    ),
+    Column(
+        "slip_dissipation",
+        "J",
+        "heat of clamps and saddles over which cables slip, [[slide]]",
+        lambda now: now.energies.slip,
+        needs="sliding",
     ),
     Column(
         "support_work",

@@ -26,6 +26,7 @@ class Energies:
     """Energies [J] at one time, or at several. `internal` is the work done against the elements' forces.
 
     air, band : work of the air's damping, and against branches; support : of the ground, on what it moves;
+    slip : heat of friction where cables slip, whose motion and forces are in kinetic, external and internal;
     0 where there is none
     """
 
@@ -38,6 +39,7 @@ class Energies:
     air: float = 0.0
     band: float = 0.0
     support: float = 0.0
+    slip: float = 0.0
 
     @property
     def given(self) -> float:
@@ -95,7 +97,8 @@ def make_room(state: State) -> Snapshot:
     N, eps, eps_p, L, stored, heat = np.empty((6, m))
     arrays = np.empty_like(state.x), tuple(np.empty((3, n))), ElementState(N, eps, eps_p, L), heat
     terms = np.empty((4 if state.other_work is None else 4 + len(OTHER_WORKS), n))
-    sums = np.zeros((len(terms) + 2 + bool(state.features.springs), LIMBS), np.int64)
+    more = bool(state.features.springs) + bool(state.features.sliding)
+    sums = np.zeros((len(terms) + 2 + more, LIMBS), np.int64)
     f_band = np.empty_like(state.x) if state.features.band else None
     return Snapshot(np.zeros(0, np.int64), Room(*arrays, terms, stored, sprung, sums, f_band))
 
@@ -104,7 +107,7 @@ def subject_of(state: State) -> Subject:
     """What is looked at, as long as the arrays of the state stay."""
     s = state
     springs = (s.x_start, s.spring, s.spring_rest, s.turned) if s.features.springs else None
-    besides = springs, s.joints
+    besides = springs, s.joints, s.places
     return Subject(s.n_owned, s.first_split, s.rows, s.x, *besides, s.particles, s.elements, s.law)
 
 
@@ -129,12 +132,15 @@ def take_snapshot(
 def energies_of(state: State, sums: np.ndarray) -> Energies:
     """Energies of sums (..., k) [J], as `step.audit.Room` orders them."""
     kinetic, damping, external, internal, *others = np.moveaxis(sums, -1, 0)
+    slip = others.pop() if state.features.sliding else 0.0
     sprung = others.pop() if state.features.springs else None
     *others, stored, heat = others
     stored = stored if sprung is None else stored + sprung
     if not others and not state.features.energy:
         others = [np.full_like(kinetic, np.nan)] * len(OTHER_WORKS)
-    return Energies(kinetic, stored, heat, damping, external, internal, *others)
+    others = dict(zip(OTHER_WORKS, others))
+    slip = slip if state.features.energy else np.nan * slip
+    return Energies(kinetic, stored, heat, damping, external, internal, slip=slip, **others)
 
 
 def total_energies(comm: MPI.Comm, state: State, snapshot: Snapshot) -> Energies:

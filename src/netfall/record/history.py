@@ -93,7 +93,7 @@ class History:
         """What was kept of nodes and elements by name, as datasets of /history."""
         probes, rows = self.probes, len(self)
         at_nodes, met = 3 * len(probes.particles), len(probes.elements)
-        values = self._whole(PROBE_ROWS).reshape(rows, at_nodes + met + len(probes.named))
+        values = self._whole(PROBE_ROWS).reshape(rows, -1)[:, : at_nodes + met + len(probes.named)]
         columns = {"probe_displacement": values[:, :at_nodes].reshape(rows, len(probes.particles), 3)}
         if at_nodes:
             columns |= {
@@ -105,6 +105,13 @@ class History:
             named = {"element": probes.named, "element_id": probes.named_id}
             columns |= {"element_tension": values[:, at_nodes + met :], **named}
         return columns
+
+    def slip_columns(self) -> dict[str, np.ndarray]:
+        """Of all places where cables slip, (t, k) as datasets of /slide."""
+        probes = self.probes
+        first = 3 * len(probes.particles) + len(probes.elements) + len(probes.named)
+        slip, difference = np.hsplit(self._whole(PROBE_ROWS).reshape(len(self), -1)[:, first:], 2)
+        return {"slip": slip, "difference": difference}
 
     def record(self) -> tuple[dict, dict[str, np.ndarray]]:
         """What a continuation needs, for `restore`."""

@@ -36,13 +36,27 @@ class RowTable:
     """The rows of one rank that are made and not yet taken up; what the envelope has of them."""
 
     def __init__(
-        self, state: State, due: np.ndarray, dt: float, subdomain, probes: Probes, envelope: Envelope
+        self,
+        state: State,
+        due: np.ndarray,
+        dt: float,
+        subdomain,
+        probes: Probes,
+        envelope: Envelope,
+        slips: tuple | None = None,
     ):
-        """due : (rows,) numbers of the steps of all rows; dt : [s] length of the steps as they are counted"""
+        """due : (rows,) numbers of the steps of all rows; dt : [s] length of the steps as they are counted
+
+        slips : which of all places each of `State.places` is, and how many there are; None: nothing slips
+        """
         self.due, self.dt, self.gid, self.envelope = due, dt, subdomain.element_gid, envelope
         self.made, self.last = np.zeros(2, np.int64), np.zeros(1)
-        self.local = local_probes(subdomain, probes)
         k, values = MOST_ROWS, 3 * len(probes.particles) + len(probes.elements) + len(probes.named)
+        self.local = local_probes(subdomain, probes)
+        if slips:
+            number, count = slips
+            self.local = self.local._replace(slip=values + number, difference=values + count + number)
+            values += 2 * count
         self.snapshot = make_room(state)
         whole, sums = lambda *shape: np.zeros(shape, np.int64), len(self.snapshot.room.sums)
         self.table = Table(
@@ -140,4 +154,4 @@ def local_probes(subdomain: Subdomain, probes: Probes) -> Local:
         pairs = [(row, k) for k, gid in enumerate(sought) for row in np.flatnonzero(numbers == gid)]
         found.append(np.array(pairs, np.int64).reshape(-1, 2).T)
     (particle, of_particle), (element, of_element) = found
-    return Local(particle, 3 * of_particle, element, 3 * len(probes.particles) + of_element)
+    return Local(particle, 3 * of_particle, element, 3 * len(probes.particles) + of_element, None, None)

@@ -175,6 +175,8 @@ GROUPS = (
             row("after", "k", NONE, "of the one into which it goes on"),
             row("friction", "k", NONE, "coefficient of friction"),
             row("resistance", "k", "N", "of the clamp"),
+            row("slip", "t, k", "m", "with `[dynamics]`: at the rows of /history"),
+            row("difference", "t, k", "N", "likewise: of the tensions after and before the place"),
         ),
     ),
     Group(

@@ -5,8 +5,11 @@ from pathlib import Path
 import numpy as np
 
 from netfall.ground.errors import DivergedError, interrupted
+from netfall.job.asks import own_weight
 from netfall.job.job import Job
 from netfall.mechanics.ground import begin_with_ground, move_ground
+from netfall.mechanics.slip.law import LEAST
+from netfall.mechanics.slip.motion import slip_inertia
 from netfall.model.schedule import steps_line
 from netfall.record.columns import Moment
 from netfall.record.energy import Energies, energies_of, most_extreme, take_snapshot, total_energies
@@ -21,6 +24,7 @@ from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.stepper import Stepper
 from netfall.stages.varying import WindLoad, varying_loads
 from netfall.write.ids import event_ids
+from netfall.write.result import slide_section
 
 LOOK_STEPS = 100_000  # at most, between looks at the wish to stop: a tenth of a second on the smallest net
 LOOK_WORK = 200_000_000  # steps of an element, at most, between them: two seconds on one rank
@@ -42,6 +46,8 @@ def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
         loads = varying_loads(scene) + (list(removal.fades.values()) if removal else [])
     schedule = scene.schedule
     desk.progress.say(f"dynamics: {scene.job.dynamics.duration:g} s in {steps_line(schedule)}")
+    if desk.saver.stage != NAME and scene.state.features.sliding:
+        begin_slipping(scene)
     start = start_energies(scene) if desk.saver.stage != NAME else None
     if start and scene.state.features.band:
         rest_branches(scene.state)
@@ -64,6 +70,30 @@ def start_energies(scene: Scene) -> Energies:
     return total_energies(scene.comm, scene.state, take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0))
 
 
+def begin_slipping(scene: Scene) -> None:
+    """Slips get their inertia, and the weight that goes with them, which stays as it is here. Collective."""
+    state, places = scene.state, scene.state.places
+    scene.finder.slips.weigh(own_weight(scene.job))
+    inertia = slip_inertia(places, state.EA, state.L0, state.half_mass, scene.schedule.long_dt)
+    state.slip_mass[places.node, places.column] = inertia
+
+
+def check_slips(simulation) -> None:
+    """Nothing was used up where cables slip. Raises DivergedError that names the nodes. Collective."""
+    s, state = simulation, simulation.state
+    at, column = np.nonzero(state.slip_locked[: state.n_owned])
+    mine = list(zip(state.slip_locked[at, column].tolist(), state.gid[at].tolist()))
+    first = min((each for found in s.comm.allgather(mine) for each in found), default=None)
+    if first is None:
+        return
+    time, node = first[0], s.comm.bcast(s.model and s.model.node_name(first[1]))
+    raise DivergedError(
+        f"at t = {time:.6g} s a cable has run over {node} until less than {LEAST:.0%} of the strand beside "
+        "it is left; what becomes of a cable that runs out of its clamps is not modelled: raise resistance "
+        "or friction of [[slide]] there, or end before with a shorter [dynamics] duration"
+    )
+
+
 def rest_branches(state) -> None:
     """The branches of all elements as they are where it has long been at rest: they add nothing."""
     N = state.elements_now().N
@@ -78,6 +108,8 @@ def sections(scene: Scene, simulation) -> dict[str, dict[str, np.ndarray]]:
     history, events = simulation.history, simulation.log.columns()
     found = {"history": history.columns() | history.probe_columns()}
     found["events"] = events | event_ids(model.net, events)
+    if model.layout.slides:
+        found["slide"] = slide_section(model.net, model.layout.slides) | history.slip_columns()
     if simulation.removal:
         found["removal"] = simulation.removal.columns()
     if simulation.wind:
@@ -101,7 +133,9 @@ class Simulation(Stepper):
         self.envelope = Envelope(scene.distribution, scene.state.joints is not None)
         self.history = History(probes, scene.state.features)
         s = scene.schedule
-        rows = RowTable(scene.state, s.history, s.dt, scene.distribution.subdomain, probes, self.envelope)
+        slips = scene.finder.slips.numbers() if scene.state.features.sliding else None
+        of_net = scene.distribution.subdomain, probes, self.envelope, slips
+        rows = RowTable(scene.state, s.history, s.dt, *of_net)
         super().__init__(scene, desk, loads, rows)
         self.removal = removal
         self.result, self.progress, self.saver = desk.result, desk.progress, desk.saver
@@ -256,6 +290,8 @@ class Simulation(Stepper):
         """The rows so far become those of /history; stops a run that has diverged. Collective."""
         found = self.rows.take_up(self.comm)
         self.share_events()
+        if self.state.features.sliding:
+            check_slips(self)
         if not len(found.number):
             return
         energies = energies_of(self.state, found.sums)

@@ -113,7 +113,8 @@ class Removal:
         """The tensions that fade from a loss on; force : (k, 3) [N] of the elements of each entry."""
         for entry in sorted(set(loss.entry.tolist()) & set(self.fades)):
             mine = loss.entry == entry
-            self.fades[entry].begin(loss.step * self.dt, loss.ends[mine], force[entry])
+            rows = rows_of(self.distribution.subdomain.element_gid, loss.elements[mine])
+            self.fades[entry].begin(loss.step * self.dt, loss.ends[mine], force[entry], rows)
 
     def _hand_over(self, simulation, handed: HandOver) -> None:
         """All that particles have to hand over and that is not in the state. Collective."""

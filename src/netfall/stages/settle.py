@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.equilibrium import slip_law
 from netfall.equilibrium.find import UNKNOWN, Solution
 from netfall.equilibrium.newton import is_large
 from netfall.equilibrium.overload import (
@@ -28,7 +27,6 @@ from netfall.equilibrium.relaxation import (
     restored_relaxation,
 )
 from netfall.equilibrium.slip import find_slipping
-from netfall.equilibrium.slip_law import set_strands
 from netfall.ground.errors import DivergedError, Interrupted, interrupted
 from netfall.ground.stop import StopRequest
 from netfall.job.asks import rests_at_loss, rests_in_wind
@@ -36,6 +34,8 @@ from netfall.job.job import Job
 from netfall.job.schema import defaults
 from netfall.job.values import counted
 from netfall.mechanics.fields import FIELDS
+from netfall.mechanics.slip import law as slip_law
+from netfall.mechanics.slip.law import set_strands
 from netfall.mechanics.state import State
 from netfall.parallel.subdomain import Distribution
 from netfall.record.energy import Snapshot, take_snapshot

@@ -19,12 +19,12 @@ from netfall.equilibrium.relaxation import (
     Paused,
     Relaxation,
 )
-from netfall.equilibrium.slip_law import set_strands
 from netfall.ground.errors import DivergedError, NoRest
 from netfall.ground.stop import NEVER
 from netfall.job.asks import has_statics, rests_at_loss, rests_in_wind
 from netfall.job.job import Job
 from netfall.job.memory import key_of
+from netfall.mechanics.slip.law import set_strands
 from netfall.mechanics.state import State
 from netfall.numerics.functions import lengths
 from netfall.record.bending import largest_hold

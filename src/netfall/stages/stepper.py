@@ -8,6 +8,7 @@ from netfall.mechanics.air import lose_all_wind
 from netfall.mechanics.events import COLUMNS
 from netfall.mechanics.fracture import FractureRules
 from netfall.mechanics.material import stiffening
+from netfall.mechanics.slip.motion import STEP
 from netfall.mechanics.state import State
 from netfall.net.net import GRAVITY
 from netfall.parallel.halo import Halo
@@ -43,6 +44,8 @@ class Stepper:
         stable_dt = schedule.stable_dt  # of branches, which make elements stiffer, a longer one
         if self.state.features.band:
             stable_dt *= float(np.sqrt(stiffening(self.state.features.band)))
+        if self.state.features.sliding:  # to which slips add their share
+            stable_dt /= STEP
         rules = FractureRules(
             particles=distribution.n,
             n_owned=self.state.n_owned,

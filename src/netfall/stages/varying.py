@@ -22,6 +22,7 @@ from netfall.job.asks import grows, rests_in_wind
 from netfall.mechanics.ground import Ground
 from netfall.mechanics.state import State
 from netfall.model.handover import HandOver
+from netfall.numerics.functions import lengths
 from netfall.parallel.subdomain import Distribution, rows_of
 from netfall.stages.scene import Scene
 from netfall.wind.field import WindField, particle_speeds
@@ -67,6 +68,8 @@ class VaryingLoads:
         self.dt = end - self.time
         if state.load_before is not None:
             state.load_before[:] = state.load_after[:] = 0.0
+        if state.hold_before is not None:
+            state.hold_before[:] = state.hold_after[:] = 0.0
         for load in self.loads:
             load.write(state, self.time, end)
 
@@ -137,11 +140,13 @@ class FadingLoad:
         self.particle_gid, self.duration = particle_gid, duration
         self.before, self.after, self.zero = 0.0, math.inf, math.inf
 
-    def begin(self, time: float, ends: np.ndarray, force: np.ndarray) -> None:
+    def begin(self, time: float, ends: np.ndarray, force: np.ndarray, elements: np.ndarray) -> None:
         """Elements are lost at a time [s].
 
         ends : (k, 2) particles; force : (k, 3) [N] on the start of each, against its end
+        elements : (k,) local rows, -1: not here, for cables that slip beside them
         """
+        self.elements, self.tension = elements[elements >= 0], lengths(force[elements >= 0])
         self.before = time
         self.after = self.zero = time + self.duration  # when nothing is left
         self.all_forces = force
@@ -176,9 +181,15 @@ class FadingLoad:
         if self.zero == math.inf:
             return
         for time, load in ((start, state.load_before), (end, state.load_after)):
-            share = min(1.0, max(0.0, (self.zero - time) / self.duration))
-            force = (share * self.force).astype(load.dtype)
+            force = (self._left(time) * self.force).astype(load.dtype)
             np.add.at(load, self.rows, force)
+        if state.hold_before is not None:
+            for time, hold in ((start, state.hold_before), (end, state.hold_after)):
+                hold[self.elements] = self._left(time) * self.tension
+
+    def _left(self, time: float) -> float:
+        """Share that is left at a time [s]."""
+        return min(1.0, max(0.0, (self.zero - time) / self.duration))
 
 
 class WindLoad:

@@ -18,6 +18,7 @@ from netfall.mechanics.ground import pull_of_ground, velocity_after, works_of_mo
 from netfall.mechanics.loads import external_force, squared_speed, wind_speed
 from netfall.mechanics.material import Law, add_branches, set_branches
 from netfall.mechanics.motion import along_x, along_y, along_z, inverse_mass, kicked, make_kick
+from netfall.mechanics.slip.motion import Places, slip_energies
 from netfall.mechanics.supports import add_springs, on_guide
 from netfall.parallel.sums import add_exactly, add_term, add_where
 
@@ -27,6 +28,7 @@ class Subject(NamedTuple):
 
     n_owned, first_split : particles; rows : (1,) of them in use; x : (n, 3) [m]
     springs : x_start, spring, spring_rest, turned; None: no elastic supports; joints : None: no chain bends
+    places : at which cables slip; None: nowhere
     """
 
     n_owned: int
@@ -35,6 +37,7 @@ class Subject(NamedTuple):
     x: np.ndarray
     springs: tuple | None
     joints: Joints | None
+    places: Places | None
     particles: Particles
     elements: Elements
     law: Law
@@ -46,7 +49,7 @@ class Room(NamedTuple):
     f_int : (n, 3) [N]; velocity : three of (n,) [m/s]; now : `ElementState`; heat : (m,) dissipated [J]
     terms : (4 or 7, n) [J] kinetic, damping, external, internal, and OTHER_WORKS; stored : (m,) [J]
     sprung : (n,) [J] in elastic supports; None: there are none
-    sums : (k, LIMBS), exact, of this rank: terms, stored, heat, sprung
+    sums : (k, LIMBS), exact, of this rank: terms, stored, heat, sprung, friction of slips
     f_band : (n, 3) [N] of the branches alone; None: there are none
     """
 
@@ -166,6 +169,27 @@ def add_joint_energies(x, joints, limbs):
             add_term(joint_energy(x, joints, k), limbs)
 
 
+@inner_kernel
+def add_slip_energies(part, kick_dt, share, subject, sums):
+    """Add the energies of the slips of this rank to sums, their heat to the last of these."""
+    places, particles, before = subject.places, subject.particles, np.int64(-1)
+    for i in range(places.node.shape[0]):
+        kinetic, external, internal, heat = slip_energies(
+            i, part, kick_dt, share, places, particles, subject.elements, subject.law
+        )
+        add_term(kinetic, sums[0])
+        if particles.slip_work is not None:
+            p = places.node[i]
+            if p != before:  # of all cables there
+                add_term(particles.slip_work[0][p], sums[2])
+                add_term(-particles.slip_work[1][p], sums[3])
+                add_term(particles.slip_work[2][p], sums[-1])
+            before = p
+            add_term(external, sums[2])
+            add_term(-internal, sums[3])
+            add_term(heat, sums[-1])
+
+
 @vector_kernel
 def clear(f):
     """Set f (n, 3) to zero."""
@@ -221,4 +245,6 @@ def observe(before_dt, dt, zeta, share, subject, room):
     add_where(heat, subject.elements.owned, sums[last + 1])
     if room.sprung is not None:
         add_exactly(room.sprung[:owned], sums[last + 2])
+    if subject.places is not None:
+        add_slip_energies(part, kick_dt, share, subject, sums)
     return count_slack(now, subject.elements)

@@ -1,13 +1,14 @@
 """The time loop: central difference in half-step velocities, compiled, the exchange included.
 
 A step n takes x(n) and v(n-1/2); first the row of the history is made of them where one is due (`rows.py`).
-Particles go through it in chunks that stay in the cache:
+Cables that slip over nodes get their kick. Particles go through it in chunks that stay in the cache:
     1. internal forces f_int(x(n)) of a chunk; where elements come near their limits, yield and fracture
        strain
     2. external force, kick to v(n+1/2), work
     3. after the chunks with boundary particles, which come first: their total forces are sent
     4. drift to x(n+1) of the chunks whose x(n) no later chunk needs; at the end, of all
-    5. the halo's total forces arrive; halo particles: the same kick and drift
+    5. the halo's total forces arrive; halo particles: the same kick and drift; drift of slips, and unstressed
+       lengths that follow
     6. elements that reached their fracture strain break at x(n+1) (`tear.py`); the loop returns if there is
        no room for what they leave
 """
@@ -22,13 +23,14 @@ from netfall.mechanics.events import StepDone
 from netfall.mechanics.ground import Ground, move_ground, velocity_after
 from netfall.mechanics.material import set_branches
 from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
+from netfall.mechanics.slip.motion import Places, drift_slips, kick_slips
 from netfall.mechanics.supports import on_guide
 from netfall.parallel.halo import receive_forces, send_forces, wait_for_neighbours
 from netfall.parallel.mpi_symbols import lap
 from netfall.step.forces import kick_chunk
 from netfall.step.limits import anything_over, count_near, keep_extremes, yield_and_break
 from netfall.step.rows import Rows, is_due, make_row
-from netfall.step.slots import collect_branches, collect_yields
+from netfall.step.slots import collect_branches, collect_yields, follow_slips
 from netfall.step.tear import break_elements, has_room
 
 FORCES, EXCHANGE, INTEGRATION, ROWS = range(4)  # what time goes into; the kick counts with the forces
@@ -63,10 +65,12 @@ class Beside(NamedTuple):
     """What is done beside forces, kick and drift; None: it is not.
 
     rows : of which those are made that are due before the last step; bends : forces of chains that bend
+    places : at which cables slip
     """
 
     rows: Rows | None
     bends: Bends | None
+    places: Places | None
 
 
 @kernel
@@ -166,6 +170,9 @@ def time_loop(
         before_dt = dt
         # of the step's number alone, wherever the loop was entered
         share = ((interval.first + s) * dt - interval.sample_time) / interval.sample_dt
+        if beside.places is not None:
+            time = (interval.first + s) * dt
+            kick_slips(time, kick_dt, share, beside.places, particles, elements, law)
         count, place = np.int64(0), np.int64(0)
         error, drifted = 0, chunks.splits
         mark = lap(seconds, -1, 0.0)
@@ -205,6 +212,9 @@ def time_loop(
             return s, 0, error
         receive_forces(n_owned, particles, place, buffers)
         move_halo(n_owned, n_owned + n_halo, kick_dt, dt, zeta, particles)
+        if beside.places is not None:
+            drift_slips(dt, beside.places, particles)
+            follow_slips(beside.places, n_owned, n_owned + n_halo, particles, elements, slots)
         mark = lap(seconds, INTEGRATION, mark)
         if fractures is not None and count > 0:
             if interval.trial:

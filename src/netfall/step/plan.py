@@ -30,6 +30,7 @@ MOVING = (
     "slot_branch_b",
     "slot_branch_c",
 )  # where nothing breaks
+SLIPPING = ("slip", "slip_v", "slip_locked", "slip_work", "L0", "inv_L0")  # where cables slip, besides
 CHUNK = 2048  # particles, 300 KB; fewer end the runs too often, more leave the second cache
 
 
@@ -78,8 +79,8 @@ class Scratch(NamedTuple):
 def halo_width(state: State) -> int:
     """Numbers sent for each boundary particle, as `halo.send_forces` packs them."""
     if not state.features.fracture:
-        return 3
-    return 6 if state.features.air_mass else 5
+        return 3 + state.features.sliding
+    return (6 if state.features.air_mass else 5) + state.features.sliding
 
 
 def stepped_particles(state: State) -> Particles:
@@ -92,6 +93,7 @@ def stepped_particles(state: State) -> Particles:
         if s.features.part_held or s.features.motion
         else None,  # else all axes move, or 1 / mass is 0
         load=(None, None, s.load[:, 2]) if vertical else axes(s.load),
+        slip_v=axes(s.slip_v) and axes(s.slip_v)[: s.features.sliding],
         gid=None,
     )
 
@@ -166,7 +168,7 @@ class Plan:
             state.law,
             self.scratch,
             fractures,
-            Beside(self.rows and self.rows.of(state), bends),
+            Beside(self.rows and self.rows.of(state), bends, state.places),
         )
 
     def collect_yield(self, state: State) -> None:
@@ -199,7 +201,8 @@ class Plan:
 
     def try_out(self, interval: Interval, seconds: np.ndarray | None = None) -> int:
         """Steps of a trial before that in which an element passes its fracture strain; all, if none does."""
-        kept = {name: getattr(self.state, name) for name in MOVING}
+        moving = MOVING + SLIPPING if self.state.features.sliding else MOVING
+        kept = {name: getattr(self.state, name) for name in moving}
         kept = {name: array.copy(order="K") for name, array in kept.items() if array is not None}
         rows = self.rows and self.rows.keep()
         done, tried, error = self._steps(interval, seconds)

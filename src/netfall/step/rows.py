@@ -24,7 +24,7 @@ class Table(NamedTuple):
     """Rows that are made and not yet taken up, (k, ...) each, of this rank.
 
     number : of the step; time_step : [s] the one before; slack : cables; sums : (k, s, LIMBS)
-    probes : (k, p) displacements [m] and tensions [N], 0 where another rank has them
+    probes : (k, p) displacements [m] and tensions [N], 0 where another rank has them; then what slips
     size, who : (k, 3) largest speed [m/s], strain, and strain beyond MOST_STRAIN where nothing ever breaks,
         with the global numbers of the particle and the elements; -1: none
     """
@@ -39,12 +39,17 @@ class Table(NamedTuple):
 
 
 class Local(NamedTuple):
-    """The probes that this rank has: rows of particles and of elements, and the places of their values."""
+    """The probes that this rank has: rows of particles and of elements, and the places of their values.
+
+    slip, difference : (places,) where slips, and differences of the tensions beside them, stand; None: none
+    """
 
     particle: np.ndarray
     particle_place: np.ndarray
     element: np.ndarray
     element_place: np.ndarray
+    slip: np.ndarray | None
+    difference: np.ndarray | None
 
 
 class Rows(NamedTuple):
@@ -151,6 +156,21 @@ def read_probes(rows, values):
         e = local.element[i]
         N = rows.room.now.N[e] + 0.0
         values[local.element_place[i]] = N if rows.subject.elements.owned[e] else 0.0
+    if local.slip is not None:
+        read_slips(rows, values)
+
+
+@inner_kernel
+def read_slips(rows, values):
+    """Slips [m], and tensions after less those before their places [N], none of what has broken."""
+    places, particles, broken = rows.subject.places, rows.subject.particles, rows.subject.elements.broken
+    N = rows.room.now.N
+    for i in range(places.node.shape[0]):
+        before, after = places.before[i], places.after[i]
+        T_before = N[before] if broken[before] == 0 else 0.0
+        T_after = N[after] if broken[after] == 0 else 0.0
+        values[rows.local.slip[i]] = particles.slip[places.column[i]][places.node[i]] + 0.0
+        values[rows.local.difference[i]] = T_after - T_before + 0.0
 
 
 @inner_kernel

@@ -10,6 +10,7 @@ import numpy as np
 from netfall.ground.compile import allocating_kernel, inner_kernel, kernel
 from netfall.mechanics.fields import EMPTY, SLOTS, fields_of
 from netfall.mechanics.material import yield_energy
+from netfall.mechanics.slip.law import slipped_length
 from netfall.mechanics.state import State
 
 
@@ -101,6 +102,24 @@ def copy_to_slots(n_local, slot_element, values, slot):
                 slot[s, p] = 0
             else:
                 slot[s, p] = values[e]
+
+
+@kernel
+def follow_slips(places, n_owned, first_split, particles, elements, slots):
+    """Bring unstressed lengths, in slots too, to slips that have moved. places : `slip.motion.Places`"""
+    for j in range(places.element.shape[0]):
+        e = places.element[j]
+        moves = False
+        for end in range(2):
+            c = elements.slip_place[e, end]
+            moves |= c >= 0 and elements.broken[e] == 0 and particles.slip_v[c][elements.ends[e, end]] != 0.0
+        if not moves:
+            continue
+        elements.L0[e] = slipped_length(e, particles.slip, elements)
+        for end in range(2):
+            p = np.int64(elements.ends[e, end])
+            if p < n_owned or p >= first_split:
+                slots.inv_L0[slot_of(e, p, slots), p] = 1.0 / elements.L0[e]
 
 
 @inner_kernel

@@ -1,4 +1,4 @@
-"""Cables that slip over nodes: clamps, saddles, pulleys. The law of one place, in the step and at rest.
+"""The law of a place at which a cable slips over a node: clamp, saddle, pulley; in the step and at rest.
 
 A coordinate s for each node and cable that may slip: the length that has passed, positive in the direction of
 the cable. An element from a to b along its cable has L0 = L0(0) + s_a - s_b. The force on s is minus the
@@ -69,15 +69,22 @@ def set_strands(state: State, L0: np.ndarray) -> None:
     state.L0[:] = L0
     if state.features.slip:
         state.strand[:] = L0
-        slipped_lengths(state.slip, state.elements)
+        slipped_lengths(state.particles.slip, state.elements)
+
+
+@part_of_kernel
+def slipped_length(e, slip, elements):
+    """Unstressed length [m] of element e with the slip, three of (n,) [m]."""
+    i, j = elements.slip_place[e, 0], elements.slip_place[e, 1]
+    into = slip[i][elements.ends[e, 0]] if i >= 0 else 0.0
+    out = slip[j][elements.ends[e, 1]] if j >= 0 else 0.0
+    return elements.strand[e] + elements.slip_along[e] * (into - out)
 
 
 @kernel
 def slipped_lengths(slip, elements):
-    """Bring unstressed lengths up to date with the slip (n, 3) [m]."""
+    """Bring unstressed lengths up to date with the slip, three of (n,) [m]."""
     for e in range(elements.ends.shape[0]):
-        i, j = elements.slip_place[e, 0], elements.slip_place[e, 1]
-        if (i >= 0 or j >= 0) and elements.broken[e] == 0:
-            into = slip[elements.ends[e, 0], i] if i >= 0 else 0.0
-            out = slip[elements.ends[e, 1], j] if j >= 0 else 0.0
-            elements.L0[e] = elements.strand[e] + elements.slip_along[e] * (into - out)
+        moves = elements.slip_place[e, 0] >= 0 or elements.slip_place[e, 1] >= 0
+        if moves and elements.broken[e] == 0:
+            elements.L0[e] = slipped_length(e, slip, elements)
