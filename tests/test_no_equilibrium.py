@@ -1,11 +1,13 @@
 """Loads that a net cannot carry: how far it was borne, where it gives way, what is kept and said."""
 
+import io
+
 import numpy as np
 import pytest
 from conftest import StopAfter, assert_same_results, run_on_standing_ranks
 from mpi4py import MPI
 
-from netfall.ground.errors import Interrupted
+from netfall.ground.errors import DivergedError, Interrupted
 from netfall.ground.progress import Progress
 from netfall.job.read import read_job
 from netfall.program.run import run_job
@@ -90,6 +92,54 @@ def test_what_yields_without_end_is_told_by_hand(workshop, times):
         assert 2.0 * YIELD * slope == pytest.approx(label["load_factor"] * times * borne_at_last(), rel=1e-6)
         assert f["provenance"].attrs["exit_state"] == "no_equilibrium"
     assert f"(load factor reached {label['load_factor']:.4g})" in done.stderr
+
+
+SADDLE = """
+[net]
+generator = "saddle"
+side = 73.2
+rise = 3.66
+cells = 8
+[cable]
+modulus = 1.95e11
+area = 3600e-6
+density = 7900.0
+prestress = 1800e3
+yield_stress = 0.75e9
+fracture_strain = 0.04
+[form_finding]
+modulus_factor = 0
+start = "force_density"
+[load]
+self_weight = true
+pressure = [0.0, 0.0, 9000.0]
+breaking = true
+steps = {steps}
+"""
+
+
+def test_a_net_bears_what_it_bears_in_small_load_steps(workshop):
+    """A saddle that yields before it breaks, in one load step and in 50: to 1 %, and the same elements."""
+    labels = []
+    for steps in (1, 50):
+        workshop.run(workshop.job(SADDLE.format(steps=steps)), code=3)
+        with workshop.open() as f:
+            labels.append(dict(f["statics"].attrs))
+    one, many = labels
+    assert 0.02 < many["load_factor"] < 0.98
+    assert one["load_factor"] == pytest.approx(many["load_factor"], rel=0.01)
+    assert one["reason"] == many["reason"] and set(one["elements"]) & set(many["elements"])
+
+
+def test_progress_tells_of_the_search_and_of_no_time_left(workshop, monkeypatch):
+    """What is searched and relaxed, each line that there is; how long that takes nobody knows."""
+    monkeypatch.setattr("netfall.ground.progress.LINE_EVERY", 0.0)
+    job, told = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS), io.StringIO()
+    with pytest.raises(DivergedError):
+        run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(True, stream=told))
+    text = told.getvalue()
+    assert "static load step 1 of 1: not borne whole, searching 0 to 1 of it" in text
+    assert "static load step 1 of 1: relaxing, residual" in text and "left" not in text, text
 
 
 FAN = """id,x,y,z,fixed,load_z

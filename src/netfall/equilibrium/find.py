@@ -5,6 +5,7 @@ move, as a share of the largest displacement, and what it would change of tensio
 So `tolerance` means the same for any net and any refinement.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -67,6 +68,7 @@ class Finder:
     serving : the inverse, in factors, that serves instead; None: none
     slips : cables that slip over nodes, None: none do
     goal : which of the residuals the last equilibrium was relaxed to before Newton's method went on; 0: none
+    report(words) : of what is being done
     """
 
     comm: MPI.Comm
@@ -76,6 +78,7 @@ class Finder:
     slips: Slips | None = None
     serving: Factors | None = field(default=None, init=False)
     goal: int = field(default=0, init=False)
+    report: Callable[[str], None] = field(default=lambda words: None, init=False)
     _first: tuple[Tangent, list[float], Cycle] | None = field(default=None, init=False)
     _pattern: Pattern | None = field(default=None, init=False)
 
@@ -152,6 +155,9 @@ class Finder:
                     goals[stage],
                     max_iterations,
                     what,
+                    lambda i, r, g=goals[stage]: self.report(
+                        f"{what}: relaxing, residual {r:.2g} N of {g:.2g} N"
+                    ),
                     stop=stop,
                     resume=resume,
                 )

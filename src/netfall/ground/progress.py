@@ -45,11 +45,11 @@ class Progress:
         self._started = self._last = time.perf_counter()
         self._percent = -100.0
 
-    def at(self, share: float, done: str, count: int, unit: str, note: str) -> None:
+    def at(self, share: float, done: str, count: int, unit: str, note: str, even: bool = True) -> None:
         """Show how far a stage is.
 
         share : of the stage, 0 to 1; done : "t = 1.2 s"; count : of `unit` so far, for the rate
-        note : slack and broken
+        note : slack and broken; even : whether what is left takes as long as what is done, share by share
         """
         if not self.shown:
             return
@@ -58,11 +58,12 @@ class Progress:
         done_share, done_count = share - self._begun[0], count - self._begun[1]
         left = passed * (1 - share) / done_share if done_share > 0 else float("nan")
         rate = f"{done_count / max(passed, 1e-9):.3g} {unit}/s"
+        text = f"{done}  {rate}  {f'left {_duration(left)}  ' if even else ''}{note}"
         if self._terminal:
             with self._while_read():
-                self._draw(now, share, f"{done}  {rate}  left {_duration(left)}  {note}")
+                self._draw(now, share, text)
         elif (now - self._last >= LINE_EVERY and 100 * share - self._percent >= 5) or share >= 1.0:
-            self._print(f"{100 * share:3.0f} %  {done}  {rate}  left {_duration(left)}  {note}")
+            self._print(f"{100 * share:3.0f} %  {text}")
             self._last, self._percent = now, 100 * share
 
     def doing(self, text: str) -> None:

@@ -1,6 +1,5 @@
 """One equilibrium of a scene: how it is found, taken from the state and put back, interrupted."""
 
-from collections.abc import Callable
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -178,12 +177,11 @@ def settle(
     resume=None,
     most=None,
     guess=None,
-    report: Callable[[str], None] = lambda line: None,
 ) -> StaticOutcome:
     """Bring the state to one equilibrium, what yields on the way included. Collective.
 
     reference : [N], which the tolerance refers to; stop, resume : as in `relax`; most : iterations
-    guess : positions (n, 3) [m] that may be nearer to it; report(words) : of a search for what is borne
+    guess : positions (n, 3) [m] that may be nearer to it
 
     Where there is none the state comes to that of the largest share of the load that is borne, of `SEARCHED`
     and of what breaks, else to where it began. An equilibrium has no fractures, but after a loss it is
@@ -196,7 +194,7 @@ def settle(
     if not tried.whole.reason:
         return _borne_whole(scene, each, tried.found)
     if each.kind in SEARCHED or tried.whole.reason == BREAKS:
-        return _largest_share(scene, each, reference, start, tried, stop, report)
+        return _largest_share(scene, each, reference, start, tried, stop)
     put_back(scene.state, start)
     reason, elements = _named(scene, tried.whole), tried.whole.elements[:MOST_NAMED]
     return StaticOutcome(NONE, each.reached(0.0), reason, elements, as_it_began(scene))
@@ -316,7 +314,7 @@ def _commit(state: State, snapshot: Snapshot) -> None:
 
 
 def _largest_share(
-    scene: Scene, each: StaticLoad, reference: float, start: dict, tried: _Tried, stop, report
+    scene: Scene, each: StaticLoad, reference: float, start: dict, tried: _Tried, stop
 ) -> StaticOutcome:
     """The outcome of a load that is not borne whole: how much of it is, and the state there. Collective.
 
@@ -341,7 +339,8 @@ def _largest_share(
             best, found, borne = committed(state), there, share
         return now
 
-    say = lambda low, high: report(f"{each.words}: not borne whole, searching {low:.3g} to {high:.3g} of it")
+    words = f"{each.words}: not borne whole, searching"
+    say = lambda low, high: scene.finder.report(f"{words} {low:.3g} to {high:.3g} of it")
     try:
         share, there = largest_share(trial, tried.whole, say, tried.first)
         put_back(state, best)

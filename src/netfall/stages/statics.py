@@ -170,6 +170,7 @@ def find_equilibria(
     ):
         base = permanent_again(scene, loaded(scene, wanted[0]), path.reference)
     desk.progress.start()
+    scene.finder.report = desk.progress.doing
     for want in wanted[path.done :]:
         each = loaded(scene, want)
         if each.from_permanent and base:
@@ -181,9 +182,7 @@ def find_equilibria(
         guess = None
         if large and each.kind == "step" and path.steps[-1]["load_factor"] > 0.0:
             guess = carried_on(state, base, each.factor / path.steps[-1]["load_factor"])
-        outcome = settle(
-            scene, each, path.reference, desk.stop, resume, guess=guess, report=desk.progress.doing
-        )
+        outcome = settle(scene, each, path.reference, desk.stop, resume, guess=guess)
         resume = None
         if not outcome.carries and each.kind not in APART:
             path.failed = no_equilibrium(scene, each, outcome)
@@ -198,7 +197,7 @@ def find_equilibria(
             _not_begun(scene, desk, path, outcome)
             return
         share, slack = path.done / len(wanted), f"slack {outcome.equilibrium.slack}"
-        desk.progress.at(share, each.words, path.total, "iterations", slack)
+        desk.progress.at(share, each.words, path.total, "iterations", slack, even=False)
     if wanted[-1].each.kind in APART:  # cases are beside the run: what follows starts where it would without
         to_the_start(scene)
 
