@@ -4,6 +4,7 @@
     mpirun -n 2 python jobs/bench/equilibrium.py 400 --alone without the direct solver
     python jobs/bench/equilibrium.py 400 --save net.npz    then equilibrium_petsc.py net.npz
     python jobs/bench/equilibrium.py 400 --until slack     or yielding: more than 2 kN/m2, see `CARRIES`
+    python jobs/bench/equilibrium.py 50 100 --overload breaking    in place of these: see `OVERLOADS`
 
 Self weight, then 2 kN/m2 upward in two steps. Times are of the equilibria, set-up of the net left out.
 """
@@ -32,10 +33,21 @@ CARRIES = {  # pressure of each cell of 8 x 8 [N/m2], of more cells so much that
     "yielding": (12e3, ["cable.yield_stress=0.75e9"]),
 }
 
+OVERLOADS = {  # the same, of what they do not carry
+    "breaking": (60e3, ["cable.fracture_strain=0.01", "load.breaking=true"]),
+    "yielding and breaking": (
+        12e3,
+        ["cable.yield_stress=0.75e9", "cable.fracture_strain=0.04", "load.breaking=true"],
+    ),
+    "yielding": (60e3, ["cable.yield_stress=0.75e9"]),
+}
+CARRIED = 0.8  # of what is borne: an equilibrium to compare with
+
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("cells", type=int, nargs="+")
 parser.add_argument("--alone", action="store_true", help="without the direct solver")
 parser.add_argument("--until", choices=CARRIES, help="under so much load that cables go slack or yield")
+parser.add_argument("--overload", choices=OVERLOADS, help="the time until it is told what is borne")
 parser.add_argument("--save", help="file for the net, its loads and equilibria, for equilibrium_petsc.py")
 arguments = parser.parse_args()
 
@@ -131,8 +143,25 @@ def save(model, found, tension, loads) -> None:
     )
 
 
-measure(MPI.COMM_WORLD, 24)  # compiles
+def overload(comm: MPI.Comm, cells: int) -> str:
+    """A row: elements; seconds until it is told what is borne, and for `CARRIED` of that. Collective."""
+    pressure, more = OVERLOADS[arguments.overload]
+    pressure, seconds = pressure * cells / 8, []
+    for _ in range(2):
+        keys = [f"net.cells={cells}", "load.steps=1", f"load.pressure=[0, 0, {pressure}]", *more]
+        scene, _ = prepare(comm, read_job(JOB, keys), Phases())
+        path, began = StaticPath(), time.perf_counter()
+        find_equilibria(scene, Mock(stop=NEVER), path)
+        seconds.append(time.perf_counter() - began)
+        factor = path.steps[-1]["load_factor"]
+        pressure *= CARRIED * factor
+    told, carried = seconds
+    return f"{scene.distribution.m:9d} {told:8.2f} s {carried:8.2f} s, {told / carried:.1f} times as long"
+
+
+row_of = overload if arguments.overload else measure
+row_of(MPI.COMM_WORLD, 24)  # compiles
 for count in arguments.cells:
-    line = measure(MPI.COMM_WORLD, count)
+    line = row_of(MPI.COMM_WORLD, count)
     if MPI.COMM_WORLD.rank == 0:
         print(line, flush=True)
