@@ -299,6 +299,33 @@ def test_a_node_gets_its_height(workshop):
         assert f["form_finding/position"][2, 2] == pytest.approx(-2.5, abs=FOUND * SPAN)
 
 
+CROSS = "id,x,y,z,fixed\n1,-10,0,2,1\n2,10,0,2,1\n3,0,-10,0,1\n4,0,10,0,1\n5,0,0,1,0\n"
+ERRORS = np.array([0.004, 0.0, -0.003, 0.0])  # m
+RECOVERED = 2e-6  # m: FOUND of the forces, over EA / L of four cables that give way together
+
+
+def four(column, values):
+    """Elements of the cross, each a piece of cable."""
+    rows = (f"{k + 1},5,c,c{k + 1},{value:.12g}\n" for k, value in enumerate(values))
+    return f"start,end,group,cable,{column}\n" + "".join(rows)
+
+
+def test_a_roof_that_was_erected_with_errors(workshop):
+    """As the recipe says: from measured lengths its forces, and from these forces the errors again."""
+    text = CABLES.replace("1e9", "80e9") + "[load]\nself_weight = true\nsteps = 1\n"
+    with workshop.run(workshop.job(text, CROSS, four("prestress", [1e5] * 4)), output="plan.vtkhdf") as f:
+        planned = f["net/unstressed_length"][:]
+    job = workshop.job(text, CROSS, four("unstressed_length", planned + ERRORS))
+    with workshop.run(job, output="lengths.vtkhdf") as f:
+        N, moved = f["statics/tension"][0], f["statics/displacement"][0]
+    pulls = ", ".join(f"c{k + 1} = {{force = {force:.12g}}}" for k, force in enumerate(N))
+    text += stage("planned") + stage("measured", lengths=f"{{{pulls}}}")
+    with workshop.run(workshop.job(text, CROSS, four("prestress", [1e5] * 4)), output="forces.vtkhdf") as f:
+        before, after = (f[f"stages/{name}/unstressed_length"][:] for name in ("planned", "measured"))
+        assert after - before == pytest.approx(ERRORS, abs=RECOVERED)
+        assert f["stages/measured/displacement"][:] == pytest.approx(moved, abs=RECOVERED)
+
+
 STAYED = (  # a V of two cables, a stay below it, no load
     NODES.replace(f"-{WEIGHT}", "0") + "4,4,0,-8,1,0\n",
     "start,end,group,prestress\n1,3,left,1e4\n2,3,right,1e4\n3,4,stay,12e3\n",
