@@ -217,6 +217,7 @@ def feature_words(job: Job, model: Model) -> str:
         ("elastic supports", features.springs),
         ("supports that move", features.motion),
         ("damping over a band", bool(features.band)),
+        ("slip over nodes", features.slip),
         ("air damping", features.air),
         ("air that moves along", features.air_mass),
         (f"{features.strain} strain", features.strain != Features.strain),

@@ -81,6 +81,7 @@ def energies(f):
         ("damping_work", "damping", "C2", "-"),
         ("air_work", "damping by the air", "C8", "-"),
         ("band_damping_work", "damping over the band", "C5", "-"),
+        ("slip_dissipation", "friction of slips", "C6", "-"),
     )
     names = tuple(row for row in names if row[0] in h)
     total = sum(h[name][:] for name, *_ in names[1:])
