@@ -6,7 +6,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+from conftest import ROOT
+
+import netfall
 from netfall.ground.compile import FileForEach, turn
+from netfall.program import setup
+from netfall.program.ahead import ahead_of, state_with, types_of
+from netfall.step.loop import time_loop
 
 
 def keep(folder: Path, start, mine: str, repeats: int) -> None:
@@ -69,3 +76,15 @@ def test_a_turn_is_one_process_at_a_time_and_no_reason_to_hang(tmp_path):
     assert again is not None
     again.close()
     assert turn(tmp_path / "no folder" / "lock") is None
+
+
+@pytest.mark.parametrize("name", ["stadium", "saddle", "taps", "trusses"])
+def test_the_time_loop_is_compiled_ahead_for_what_the_run_calls_it_with(monkeypatch, name):
+    """Types that are known before there is a state: those with which the run then steps."""
+    if not hasattr(time_loop, "overloads"):
+        pytest.skip("kernels run as plain Python")
+    known = []
+    monkeypatch.setattr(setup, "compile_ahead", lambda *scene: known.append(ahead_of(*scene)))
+    netfall.run(ROOT / "jobs" / f"{name}.toml", {"dynamics.duration": 0.02}, quiet=True).close()
+    [ahead] = known
+    assert types_of(ahead, state_with(ahead)) in time_loop.overloads

@@ -40,7 +40,7 @@ MAY_IMPORT = {
     ],
     "program": [
         *("job", "net", "roof", "wind", "mechanics", "parallel", "equilibrium", "model", "record", "write"),
-        *("stages", "erection", "messages", "results", "plots.job", "__main__"),
+        *("step", "stages", "erection", "messages", "results", "plots.job", "__main__"),
     ],
     "results": ["job", "mechanics.material", "record.columns"],
     "checks": ["job", "mechanics.material", "results"],
@@ -69,6 +69,7 @@ PACKAGES = {
         *(
             "ground.compile",
             "ground.passes",
+            "program.ahead",
             "numerics.arithmetic",
             "parallel.mpi_symbols",
             "program.provenance",

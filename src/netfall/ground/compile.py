@@ -15,6 +15,7 @@ from pathlib import Path
 
 import llvmlite.binding
 import numba
+from numba.core import registry
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.cpu import CPUTargetOptions
 from numba.core.options import TargetOptions
@@ -210,6 +211,13 @@ inner_kernel = _compiled(**FLAGS, **INNER, _nrt=False)
 part_of_kernel = _compiled(**FLAGS, **INNER, _nrt=False, forceinline=True)
 # No two array arguments may overlap if either is written.
 vector_kernel = _compiled(**FLAGS, **INNER, _nrt=False, noalias=True)
+
+
+def once_for(what) -> Path:
+    """The file that says that all is compiled for something, by these sources for such a processor."""
+    processor = registry.cpu_target.target_context.codegen().magic_tuple()
+    name = hashlib.sha256(repr((what, processor)).encode()).hexdigest()[:24]
+    return Path(numba.config.CACHE_DIR, f"{name}.done")
 
 
 def entry_for(function, *arguments):

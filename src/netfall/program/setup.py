@@ -27,6 +27,7 @@ from netfall.model.state import make_state
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution, cut_net
+from netfall.program.ahead import compile_ahead
 from netfall.program.build_up import built_up
 from netfall.stages.initial import FORM, form_of, kept_form
 from netfall.stages.scene import Scene
@@ -67,6 +68,8 @@ def prepare(
         cut = on_root(comm, lambda: cut_net(n, net.elements, layout.part, comm.size, *_joints(layout)))
         distribution = Distribution(comm, n, m, cut)
         halo = Halo(comm, distribution.subdomain, 3)
+        if layout and memory is FORGETFUL:  # a run of its own, not one of many
+            compile_ahead(job, net, features, halo.buffers, phases.of_steps is not None)
     digest = comm.bcast(layout_digest(job, net) if layout else None)
     checkpoint = on_root(comm, lambda: Checkpoint(restart, digest)) if restart else None
     stage = comm.bcast(checkpoint and checkpoint.record["stage"])

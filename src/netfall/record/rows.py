@@ -152,6 +152,6 @@ def local_probes(subdomain: Subdomain, probes: Probes) -> Local:
         (subdomain.element_gid, elements),
     ):
         pairs = [(row, k) for k, gid in enumerate(sought) for row in np.flatnonzero(numbers == gid)]
-        found.append(np.array(pairs, np.int64).reshape(-1, 2).T)
+        found.append(np.array(pairs, np.int64).reshape(-1, 2).T.copy())  # contiguous however many
     (particle, of_particle), (element, of_element) = found
     return Local(particle, 3 * of_particle, element, 3 * len(probes.particles) + of_element, None, None)

@@ -1,0 +1,122 @@
+"""Compiling the time loop in a process of its own, while the run finds its form and its equilibria.
+
+It is half of what the first run of a scene compiles, and what it is compiled for follows from what the scene
+has, long before there is a state to step. The process makes a net of one element with the same features and
+compiles what steps it, into the cache in which the run will look. Where it is late, or was wrong about the
+scene, the run compiles for itself.
+"""
+
+import os
+import pickle
+import subprocess
+import sys
+import threading
+import time
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from netfall.ground.compile import once_for
+from netfall.job.job import Job
+from netfall.mechanics.fields import Features
+from netfall.mechanics.fracture import FractureRules
+from netfall.mechanics.state import State
+from netfall.model.probes import Probes
+from netfall.net.net import Net
+from netfall.parallel.halo import HaloBuffers
+from netfall.record.energy import take_snapshot
+from netfall.record.envelope import Envelope
+from netfall.record.rows import RowTable
+from netfall.step.loop import Interval, time_loop
+from netfall.step.plan import Plan
+
+# Without MPI: importing mpi4py would else start it, once more in the place of a rank.
+START = "import mpi4py; mpi4py.rc.initialize = False; from netfall.program.ahead import main; main()"
+IDLE = 0.5  # processors without work, by the load of the last minute: without one it would hold up the run
+NONE = np.zeros(0, np.int64)
+
+
+class Ahead(NamedTuple):
+    """What the types of the time loop's arguments follow from.
+
+    sideways : whether loads along x or y are to be expected; timed : whether its parts are
+    buffers : the type of `HaloBuffers`
+    """
+
+    features: Features
+    sideways: bool
+    timed: bool
+    buffers: numba.types.Type
+
+
+def compile_ahead(job: Job, net: Net, features: Features, buffers: HaloBuffers, timed: bool) -> None:
+    """Start the process if the time loop of such a scene has yet to be compiled. Rank 0."""
+    if job.dynamics is None or not hasattr(time_loop, "overloads"):  # where kernels run as plain Python
+        return
+    if features.bending or features.motion or features.slip:  # their types follow from where they are
+        return
+    ahead = ahead_of(job, net, features, buffers, timed)
+    if once_for(ahead).exists() or os.getloadavg()[0] > os.cpu_count() - IDLE:
+        return
+    process = subprocess.Popen(
+        [sys.executable, "-c", START],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,  # a Ctrl-C is for the run
+    )
+    process.stdin.write(pickle.dumps((os.getpid(), ahead)))
+    process.stdin.close()
+    threading.Thread(target=process.wait, daemon=True).start()
+
+
+def ahead_of(job: Job, net: Net, features: Features, buffers: HaloBuffers, timed: bool) -> Ahead:
+    """What is known of a scene before it has a state."""
+    loads = [vars(job.load), *job.load.zone.values()] if job.load else []
+    pressures = [load.get("pressure") for load in loads]
+    pressed = any(np.any(p[:2] if np.ndim(p) else p) for p in pressures if p is not None)
+    return Ahead(features, pressed or bool(net.load[:, :2].any()), timed, numba.typeof(buffers))
+
+
+def main() -> None:
+    """The process: what it compiles, from standard input. It ends with the run that started it."""
+    run, ahead = pickle.load(sys.stdin.buffer)
+    threading.Thread(target=_end_with, args=(run,), daemon=True).start()
+    os.sched_setaffinity(0, range(os.cpu_count()))  # ranks may be bound to one processor each
+    done, state = once_for(ahead), state_with(ahead)
+    time_loop.compile(types_of(ahead, state))
+    take_snapshot(state, 0.0, 1.0, 0.0, 0.0)
+    done.touch()
+
+
+def _end_with(run: int) -> None:
+    """End this process when the run is no more."""
+    while os.getppid() == run:
+        time.sleep(0.2)
+    os._exit(1)
+
+
+def state_with(ahead: Ahead) -> State:
+    """A state of one element with the features of the scene."""
+    state = State(ahead.features, 2, 0, 1)
+    state.ends[0], state.owned[:], state.free[:], state.mass[:] = (0, 1), 1, 1, 1.0
+    state.EA[:], state.L0[:], state.x[1, 0] = 1.0, 1.0, 1.0
+    state.load[:, 0] = 1.0 if ahead.sideways else 0.0
+    return state
+
+
+def types_of(ahead: Ahead, state: State) -> tuple:
+    """The types of the arguments with which a run calls the time loop."""
+    features = ahead.features
+    stable_dt = 1.0 if features.fragments else None
+    rules = FractureRules(2, 2, 2, np.zeros(1, np.int64), 1.0, True, True, True, stable_dt)
+    subdomain = SimpleNamespace(n_owned=2, particle_gid=np.arange(2), element_gid=np.arange(1))
+    envelope, probes = Envelope(SimpleNamespace(subdomain=subdomain)), Probes(*[NONE] * 4)
+    rows = RowTable(state, np.zeros(1, np.int64), 1.0, subdomain, probes, envelope)
+    alone = SimpleNamespace(boundary=0, buffers=None)  # the exchange of one rank
+    plan = Plan(state, alone, rules if features.fracture else None, rows)
+    arguments = Interval(0, 0, 0.0, 1.0, 0.0, 0.0, 1.0), *plan.arguments
+    seconds = np.zeros(4) if ahead.timed else None
+    return (*map(numba.typeof, arguments), ahead.buffers, numba.typeof(seconds))
