@@ -61,6 +61,10 @@ class Solution(NamedTuple):
         return max(self.displacement_error, self.tension_error)
 
 
+def _silent(words: str) -> None:
+    """Report nothing."""
+
+
 @dataclass
 class Finder:
     """Finds equilibria of one state; keeps the approximate inverse of its first tangent.
@@ -78,7 +82,7 @@ class Finder:
     slips: Slips | None = None
     serving: Factors | None = field(default=None, init=False)
     goal: int = field(default=0, init=False)
-    report: Callable[[str], None] = field(default=lambda words: None, init=False)
+    report: Callable[[str], None] = field(default_factory=lambda: _silent, init=False)
     _first: tuple[Tangent, list[float], Cycle] | None = field(default=None, init=False)
     _pattern: Pattern | None = field(default=None, init=False)
 
