@@ -23,9 +23,10 @@ class Envelope:
     def __init__(self, distribution: Distribution, bends: bool = False):
         self.distribution = distribution
         subdomain = distribution.subdomain
-        self.tension = np.zeros((len(TENSION), len(subdomain.element_gid)))
+        # written, not np.zeros: on pages never written a store that a mask leaves out takes a hundred cycles
+        self.tension = np.full((len(TENSION), len(subdomain.element_gid)), 0.0)
         self.tension[0], self.tension[2] = -np.inf, np.inf
-        self.displacement = np.zeros((len(DISPLACEMENT), subdomain.n_owned))
+        self.displacement = np.full((len(DISPLACEMENT), subdomain.n_owned), 0.0)
         self.displacement[0] = -1.0
         self.moment = np.full(len(subdomain.element_gid), np.nan) if bends else None
 
