@@ -58,8 +58,8 @@ def _identity(now: Moment) -> np.ndarray:
 
 def _balance(now: Moment) -> np.ndarray:
     e = now.energies
-    taken = e.damping + e.air + e.band + e.slip
-    return e.kinetic + now.strain + now.plastic + taken - e.external - e.support
+    gone = e.kinetic + now.strain + now.plastic + e.damping + e.air + e.band + e.slip
+    return gone - e.external - e.support
 
 
 SHARE = "share of the largest energy that took part so far"
