@@ -219,6 +219,17 @@ def test_what_the_way_by_parts_does_not_find_is_relaxed(workshop, monkeypatch):
     assert found.path.steps[1]["iterations"] > 300 and max(found.off()) < 1e-6
 
 
+def test_a_rough_search_goes_on_where_a_finer_one_was(workshop):
+    """A finer search may have relaxed to more residuals than a rough one has: that takes its last."""
+    job = read_job(workshop.job(SADDLE.format(cells=8, cable="", pressure=[0.0, 0.0, AREA_LOAD])))
+    scene, _ = prepare(MPI.COMM_SELF, job, Phases())
+    load = scene.model.loading.permanent + scene.model.loading.live
+    for goal in (2, 7, 10):
+        scene.state.x[:] = scene.state.x_start
+        found = scene.finder.find(load, 1e-3, 1.8e6, 20_000, "load", goal=goal)
+        assert found.iterations > 0 and found.error <= 1e-3
+
+
 @pytest.mark.parametrize("corrections", [2, 5, 8])
 def test_a_large_net_can_be_interrupted_in_its_equilibria(workshop, monkeypatch, corrections):
     """Asked to stop between two corrections, in one of three load steps; taken up, to the same bits."""

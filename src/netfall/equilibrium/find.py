@@ -129,7 +129,6 @@ class Finder:
         else:
             resume = None
             start = before = state.x.copy(order="K")
-            first = max((goal or 0) - 1, 0)
             guessed = guess is not None and self._begin_at(guess, newton)
             self.goal = 0
             try:
@@ -149,6 +148,8 @@ class Finder:
         asked, found = tolerance * reference, None
         goals = [*(share * reference for share in NEARER if share > tolerance), asked]
         goals += [max(asked / TIGHTER**k, ROUNDING * reference) for k in range(1, MOST_AGAIN)]
+        if goal and resume is None:  # of a finer search there may be more
+            first = min(goal, len(goals)) - 1
         for stage in range(first, len(goals)):
             self.goal = stage + 1
             try:
