@@ -6,6 +6,7 @@ compiles what steps it, into the cache in which the run will look. Where it is l
 scene, the run compiles for itself.
 """
 
+import contextlib
 import os
 import pickle
 import subprocess
@@ -34,7 +35,7 @@ from netfall.step.plan import Plan
 
 # Without MPI: importing mpi4py would else start it, once more in the place of a rank.
 START = "import mpi4py; mpi4py.rc.initialize = False; from netfall.program.ahead import main; main()"
-IDLE = 0.5  # processors without work, by the load of the last minute: without one it would hold up the run
+CROWDED = 1.5  # times as many processes at work as processors, in the last minute: it would hold up the run
 NONE = np.zeros(0, np.int64)
 
 
@@ -58,18 +59,19 @@ def compile_ahead(job: Job, net: Net, features: Features, buffers: HaloBuffers, 
     if features.bending or features.motion or features.slip:  # their types follow from where they are
         return
     ahead = ahead_of(job, net, features, buffers, timed)
-    if once_for(ahead).exists() or os.getloadavg()[0] > os.cpu_count() - IDLE:
+    if once_for(ahead).exists() or os.getloadavg()[0] > CROWDED * os.cpu_count():
         return
-    process = subprocess.Popen(
-        [sys.executable, "-c", START],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,  # a Ctrl-C is for the run
-    )
-    process.stdin.write(pickle.dumps((os.getpid(), ahead)))
-    process.stdin.close()
-    threading.Thread(target=process.wait, daemon=True).start()
+    with contextlib.suppress(OSError):  # where no more processes are allowed, or it was ended at once
+        process = subprocess.Popen(
+            [sys.executable, "-c", START],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,  # a Ctrl-C is for the run
+        )
+        threading.Thread(target=process.wait, daemon=True).start()
+        with process.stdin:
+            process.stdin.write(pickle.dumps((os.getpid(), ahead)))
 
 
 def ahead_of(job: Job, net: Net, features: Features, buffers: HaloBuffers, timed: bool) -> Ahead:
