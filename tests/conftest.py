@@ -221,6 +221,15 @@ def shared_workshop(tmp_path_factory, request):
     return Workshop(tmp_path_factory.mktemp("shared"), may_stand(request))
 
 
+def assert_same_bits_on(ranks: int, job: Path, one: h5py.File, workshop, name: str) -> None:
+    """On so many ranks, and on these again from the first checkpoint of one rank's run, name.vtkhdf."""
+    with workshop.run(job, ranks=ranks, output=f"{name}{ranks}.vtkhdf") as several:
+        assert_same_results(one, several)
+    kept = sorted(workshop.folder.glob(f"{name}.checkpoint-*"))[0]
+    with workshop.run(job, "--restart", kept, ranks=ranks, output=f"again{ranks}.vtkhdf") as again:
+        assert_same_results(one, again)
+
+
 def assert_same_results(one: h5py.File, other: h5py.File) -> int:
     """Every dataset but those of /provenance is equal to the last bit; how many there were."""
     names = lambda f: {name for name in _datasets(f) if not name.startswith("provenance")}

@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 import pytest
-from conftest import ROOT, STEEL, assert_same_results, run_on_standing_ranks
+from conftest import ROOT, STEEL, assert_same_bits_on, assert_same_results, run_on_standing_ranks
 from scipy.linalg import eigh
 
 from netfall.ground.compile import kernel
@@ -494,12 +494,7 @@ def test_the_report_has_moments_of_the_dynamic_stage(torn, shared_workshop):
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_bits_of_a_torn_ring(torn, shared_workshop, ranks):
     """On two and three ranks; on these again from a checkpoint of one rank, after the losses."""
-    job, one = torn
-    with shared_workshop.run(job, ranks=ranks, output=f"torn{ranks}.vtkhdf") as several:
-        assert_same_results(one, several)
-    kept = sorted(shared_workshop.folder.glob("torn.checkpoint-*"))[0]
-    with shared_workshop.run(job, "--restart", kept, ranks=ranks, output=f"again{ranks}.vtkhdf") as again:
-        assert_same_results(one, again)
+    assert_same_bits_on(ranks, *torn, shared_workshop, "torn")
 
 
 def test_what_bending_is_not_computed_in_is_refused(workshop):

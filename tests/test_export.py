@@ -2,14 +2,13 @@
 
 import csv
 import json
-import subprocess
 
 import ezdxf
 import numpy as np
 import pytest
-from conftest import ENVIRONMENT, ROOT, run_netfall
+from conftest import ROOT, run_netfall
 from test_python import cross
-from test_validation_opensees import needs_opensees, python_with_opensees, shipped
+from test_validation_opensees import shipped, tensions_in_opensees
 
 import netfall
 from netfall.exchange.drawings.reading import Options, read_net
@@ -468,17 +467,7 @@ def test_the_model_for_opensees_is_in_the_same_equilibrium(stadium):
 
 def test_opensees_finds_the_same_tensions(stadium):
     """The exported model, run by OpenSees from the form on."""
-    needs_opensees()
-    command = [
-        python_with_opensees(),
-        ROOT / "tests" / "opensees_tcl.py",
-        stadium / "s.tcl",
-        stadium / "a.npz",
-    ]
-    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
-    answer = np.load(stadium / "a.npz")
-    theirs = dict(zip(answer["element"].tolist(), answer["tension"]))
+    theirs = tensions_in_opensees(stadium / "s.tcl")
     with netfall.open(stadium / "s.vtkhdf") as result:
         ours = dict(zip(result.elements["id"].tolist(), result.statics["tension"][-1]))
     # both stop at a residual of 1e-10 of the prestress; 1.1e-10 was found
@@ -518,13 +507,7 @@ def test_opensees_finds_the_tensions_of_a_wheel_on_springs(on_springs):
     springs = words_of(on_springs / "s.tcl", "element")
     assert sum(words[0] == "zeroLength" for words in springs) == 72 and "case drift" in told[0]
     assert told[0].endswith("72 on springs")
-    needs_opensees()
-    command = [python_with_opensees(), ROOT / "tests" / "opensees_tcl.py"]
-    command += [on_springs / "s.tcl", on_springs / "a.npz"]
-    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
-    answer = np.load(on_springs / "a.npz")
-    theirs = dict(zip(answer["element"].tolist(), answer["tension"]))
+    theirs = tensions_in_opensees(on_springs / "s.tcl")
     with netfall.open(on_springs / "s.vtkhdf") as result:
         ours = dict(zip(result.elements["id"].tolist(), result.file["cases/drift/tension"][:]))
     assert sorted(theirs) == sorted(ours)

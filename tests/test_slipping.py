@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import assert_same_results
+from conftest import assert_same_bits_on
 
 ROPE = "[cable]\nmodulus = 1e11\narea = {area}\ndensity = {density}\n"
 AUDIT = 1e-10  # of the work identity
@@ -152,9 +152,4 @@ def test_energies_of_a_torn_ring(torn):
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_bits_of_a_torn_ring(torn, shared_workshop, ranks):
     """On two and three ranks; on these again from a checkpoint of one rank, after the losses."""
-    job, one = torn
-    with shared_workshop.run(job, ranks=ranks, output=f"torn{ranks}.vtkhdf") as several:
-        assert_same_results(one, several)
-    kept = sorted(shared_workshop.folder.glob("torn.checkpoint-*"))[0]
-    with shared_workshop.run(job, "--restart", kept, ranks=ranks, output=f"again{ranks}.vtkhdf") as again:
-        assert_same_results(one, again)
+    assert_same_bits_on(ranks, *torn, shared_workshop, "torn")

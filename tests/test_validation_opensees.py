@@ -11,6 +11,7 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -275,6 +276,17 @@ def needs_opensees() -> None:
             "stored answers only: no Python has openseespy; `bash jobs/bench/run.sh` "
             "makes .venv-bench with it, or pip install .[validation]"
         )
+
+
+def tensions_in_opensees(model: Path) -> dict[int, float]:
+    """Tensions [N] by element of an exported model, which OpenSees runs. Skips where there is none."""
+    needs_opensees()
+    answer = model.with_name("a.npz")
+    command = [python_with_opensees(), ROOT / "tests" / "opensees_tcl.py", model, answer]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    found = np.load(answer)
+    return dict(zip(found["element"].tolist(), found["tension"]))
 
 
 @pytest.mark.parametrize("stretch", [-1e-3, 1e-3, 5e-2])

@@ -8,18 +8,13 @@ a spring is in it already; so those of a stage add up to all its loads.
 import numpy as np
 
 from netfall.numerics.rotation import from_own, to_own
-from netfall.results.states import ShownState, equilibria, final, start_position
+from netfall.results.states import ShownState, equilibria, final, start_position, support_angles
 
 
 def held_axes(f, place: str = "") -> np.ndarray:
     """(n, 3) bool, own axes with a support of either kind; place : of a state: a stage has its own."""
     held = f[f"{place}/held" if place.startswith("stages/") else "net/fixed"][:].astype(bool)
     return held | (f["net/spring"][:] > 0) if "spring" in f["net"] else held
-
-
-def angles(f, nodes: np.ndarray) -> np.ndarray | None:
-    """Of the axes of supports (k,) [degrees], those of nodes (k,); None: all stand along x, y and z."""
-    return f["net/angle"][:][nodes] if "angle" in f["net"] else None
 
 
 def pull_at(x: np.ndarray, ends: np.ndarray, N: np.ndarray) -> np.ndarray:
@@ -48,12 +43,17 @@ def reaction_columns(f) -> dict[str, np.ndarray]:
     return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
 
 
+def _angles(f, nodes: np.ndarray) -> np.ndarray | None:
+    angle = support_angles(f)
+    return None if angle is None else angle[nodes]
+
+
 class Springs:
     """The springs of the supports: stiffness (k, 3) [N/m], places (k, 3) [m] at which they carry nothing."""
 
     def __init__(self, f, nodes: np.ndarray):
         """nodes : (k,) the supports"""
-        start, self.angle = start_position(f), angles(f, nodes)
+        start, self.angle = start_position(f), _angles(f, nodes)
         self.stiffness = f["net/spring"][:][nodes]
         self.idle = (start + f["provenance/net/spring_rest"][:])[nodes]
 
@@ -66,7 +66,7 @@ def _of_stage(f, stage: ShownState, held, nodes, elements, springs: Springs | bo
     """held : (k, 3) bool, own axes of the supports, rows (k,) of the net"""
     x = stage.position()
     pull = pull_at(x, elements if stage.ends is None else stage.ends, stage.tension())
-    angle = angles(f, nodes)
+    angle = _angles(f, nodes)
     force = np.where(held, to_own(pull[nodes], angle), 0.0)
     if springs:
         carried = stage.reaction()[nodes] if stage.reaction else springs.force(x[nodes])  # feet may settle

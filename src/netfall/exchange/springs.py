@@ -7,7 +7,7 @@ import numpy as np
 from netfall.exchange.state import RECORD
 from netfall.numerics.rotation import from_own, to_own
 from netfall.results.result import Result
-from netfall.results.states import start_position
+from netfall.results.states import start_position, support_angles
 
 
 class Springs(NamedTuple):
@@ -38,5 +38,6 @@ def springs_of(result: Result) -> Springs:
         return Springs(np.zeros(0, int), none, none, start)
     nodes = np.flatnonzero(f["net/spring"][:].any(1))
     k, rest = f["net/spring"][:][nodes], np.broadcast_to(f[f"{RECORD}/spring_rest"][:], start.shape)[nodes]
-    angle = f["net/angle"][:][nodes] if "angle" in f["net"] else None
+    angle = support_angles(f)
+    angle = None if angle is None else angle[nodes]
     return Springs(nodes, k, to_own(rest, angle), start, angle)

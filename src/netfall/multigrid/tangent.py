@@ -51,7 +51,7 @@ def tangent_of(state: State) -> Tangent:
     springs = state.features.springs
     nodal = largest_springs(state.spring, state.turned).astype(float) if springs else np.zeros(state.n_local)
     nodal_stiffness(state.ends, largest_stiffness(state.EA, state.L0) + np.abs(across), nodal)
-    support = np.ascontiguousarray(state.spring, float) if springs else None
+    support = np.array(state.spring, float, order="C") if springs else None  # its own: guides add to it
     between = None
     if state.turned is not None:
         support, between = _with_guides(support, state.turned[: len(nodal)], nodal)

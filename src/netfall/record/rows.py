@@ -1,7 +1,5 @@
 """The rows of the history on their way from the time loop of each rank to the history, the same on all."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from mpi4py import MPI
 
@@ -14,22 +12,6 @@ from netfall.record.envelope import Envelope
 from netfall.step.rows import Local, Rows, Table, add_row
 
 MOST_ROWS = 32  # in the table, 100 KB
-
-
-@dataclass
-class Found:
-    """Rows that were taken up, (k, ...) each; the same on every rank but for size and who: `step.rows.Table`.
-
-    number : of the step; sums : (k, s) [J], as `step.audit.Room` orders them
-    """
-
-    number: np.ndarray
-    time_step: np.ndarray
-    slack: np.ndarray
-    sums: np.ndarray
-    probes: np.ndarray
-    size: np.ndarray
-    who: np.ndarray
 
 
 class RowTable:
@@ -111,8 +93,11 @@ class RowTable:
         """The row of the present step, of which the snapshot is."""
         add_row(number, before_dt, dt, slack, self.rows)
 
-    def take_up(self, comm: MPI.Comm) -> Found:
-        """The rows so far, which are no longer in the table. Collective."""
+    def take_up(self, comm: MPI.Comm) -> Table:
+        """The rows so far, which are no longer in the table; the same on every rank but for size and who.
+
+        Their sums are (k, s) [J], as `step.audit.Room` orders them. Collective.
+        """
         k = int(self.made[1])
         number, time_step, slack, sums, probes, size, who = (column[:k] for column in self.table)
         self.made[1] = 0
@@ -120,7 +105,7 @@ class RowTable:
         probes = probes.copy()
         comm.Allreduce(MPI.IN_PLACE, probes, MPI.SUM)  # one term each but for zeros, so exact
         total = rounded_of_all(comm, sums.reshape(-1, LIMBS)).reshape(sums.shape[:2])
-        return Found(number.copy(), time_step.copy(), slack.copy(), total, probes, size, who)
+        return Table(number.copy(), time_step.copy(), slack.copy(), total, probes, size, who)
 
     def keep(self) -> tuple:
         """What `put_back` needs, if the steps from here on are taken back."""

@@ -52,6 +52,11 @@ def start_position(f) -> np.ndarray:
     return form_position(f) + (f[last]["displacement"][:] if last else 0.0)
 
 
+def support_angles(f) -> np.ndarray | None:
+    """Angles (n,) [degrees] about z of the axes of supports; None: all stand along x, y and z."""
+    return f["net/angle"][:] if "angle" in f["net"] else None
+
+
 def strain_measure(f) -> str:
     """The run's measure of strain."""
     return f["provenance"].attrs["strain"]

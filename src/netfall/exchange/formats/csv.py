@@ -11,6 +11,7 @@ from netfall.ground.errors import InputError
 from netfall.job.table import SEVERAL, write_table
 from netfall.numerics.rotation import to_own
 from netfall.results.result import Result
+from netfall.results.states import support_angles
 from netfall.write.locks import whole_folder
 
 HOLDS = None
@@ -119,7 +120,7 @@ def _node_columns(result: Result) -> dict[str, np.ndarray]:
     """Loads, masses, areas, normals, springs and zones, those of them that the net has."""
     net, n = result.file["net"], len(result.nodes["id"])
     of = lambda name: _recorded(result, name, n)
-    angle = net["angle"][:] if "angle" in net else None
+    angle = support_angles(result.file)
     found: dict[str, np.ndarray] = {}
     for name, values in (("load", of("load")), ("normal", of("normal"))):
         if (values[np.isfinite(values)] != 0.0).any():

@@ -12,6 +12,7 @@ from netfall.job.values import counted
 from netfall.mechanics.material import elastic_forces, unstressed_length
 from netfall.numerics.rotation import directions
 from netfall.results.result import Result
+from netfall.results.states import support_angles
 from netfall.write.locks import whole
 
 HOLDS = (
@@ -93,9 +94,10 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
 
 def _check_guides(result: Result, state: State, path: Path) -> None:
     """Raises InputError for nodes that move along lines which are neither x nor y."""
-    if "angle" not in result.file["net"]:
+    angle = support_angles(result.file)
+    if angle is None:
         return
-    guided = (state.fixed[:, 0] != state.fixed[:, 1]) & (result.file["net/angle"][:] != 0.0)
+    guided = (state.fixed[:, 0] != state.fixed[:, 1]) & (angle != 0.0)
     if guided.any():
         nodes = counted("node", state.node_id[guided])
         raise InputError(
