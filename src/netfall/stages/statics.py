@@ -140,13 +140,13 @@ def find_or_recall(scene: Scene, desk: Desk, path: StaticPath) -> None:
 
 def _again(scene: Scene, desk: Desk, path: StaticPath, known: list[tuple[StaticOutcome, dict, str]]) -> None:
     """The outcomes of an earlier run, with all that `find_equilibria` does about them. Collective."""
-    for (each, _), (outcome, there, failed) in zip(equilibria(scene), known):
+    for want, (outcome, there, failed) in zip(equilibria(scene), known):
         put_back(scene.state, there)
-        note(scene, desk, path, each, outcome)
+        note(scene, desk, path, loaded(scene, want), outcome)
         path.failed = failed
     if path.failed:
         _not_begun(scene, desk, path, outcome)
-    if each.kind in APART:
+    if want.each.kind in APART:
         to_the_start(scene)
 
 
