@@ -99,6 +99,7 @@ def test_members_are_the_runs_of_the_job(whole, tmp_path):
     with h5py.File(whole) as f:
         members = f["members"]
         state = members["state"].asstr()[:].tolist()
+        assert f["provenance/attempts"][:].tolist() == [1] * 6  # no worker has died
         assert members["wind.speed"][:].tolist() == [20.0, 20.0, 30.0, 30.0, 180.0, 180.0]
         assert members["wind.seed"][:].tolist() == [1, 2] * 3
         assert state[:2] == ["finished"] * 2 and state[4:] == ["no_rest"] * 2
@@ -122,6 +123,18 @@ def test_members_are_the_runs_of_the_job(whole, tmp_path):
             assert (
                 broken == run["history/broken"][-1] and f["net/particles"].shape == run["net/particles"].shape
             )
+
+
+def test_what_a_worker_remembers_has_the_bits_of_what_it_finds(tmp_path):
+    """Load steps, cases and the rest of a second run, reactions included."""
+    job, memory = tmp_path / "roof.toml", Memory(4)
+    job.write_text(JOB + '[[case]]\nname = "snow"\nset = {"load.snow" = 100.0}\n')
+    paths = tmp_path / "first.vtkhdf", tmp_path / "second.vtkhdf"
+    for path in paths:
+        run_member(MPI.COMM_WORLD, lambda: read_job(job), path, memory)
+    with h5py.File(paths[0]) as first, h5py.File(paths[1]) as second:
+        assert np.abs(second["cases/snow/reaction"][:]).max() > 1e4
+        assert assert_same_results(first, second) > 50
 
 
 def test_a_killed_study_goes_on_to_the_same_bits(whole, tmp_path):

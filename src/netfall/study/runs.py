@@ -133,8 +133,10 @@ class Runs:
         if not again:
             failed = NOTHING | {"state": "failed", "reason": why}
             self.finish(number, {"net": {}} if number == NET else failed)
-        elif number != NET:
-            self._note({"try": number})
+        else:
+            self.progress.say(f"note: {'the net' if number == NET else f'run {number}'} once more: {why}")
+            if number != NET:
+                self._note({"try": number})
 
     def _note(self, record: dict) -> None:
         self.journal.add(record)
