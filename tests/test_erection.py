@@ -211,11 +211,60 @@ def test_the_wheel_is_let_down_as_it_was_lifted(workshop):
             assert np.abs(down - up).max() < FOUND * np.abs(up).max(), k
 
 
-@pytest.mark.parametrize("looks", [1, 12, 25])
-def test_an_erection_that_is_paused_goes_on_from_its_stage(workshop, looks):
+def drawn_in():
+    """Two strands of 1 m through a clamp, in stages; a weight hangs at it, or nothing would move."""
+    nodes = "id,x,y,z,fixed,load_z\n0,0,0,0,1,0\n1,1,0,0,1,0\n2,2,0,0,1,0\n3,1,0,-2,0,-100\n"
+    elements = "start,end,group,cable,unstressed_length\n0,1,rope,c,1\n1,2,rope,c,1\n1,3,line,l,2\n"
+    stages = [
+        stage("moved", move=f"{{2 = [{MOVED}, 0.0, 0.0]}}"),
+        stage("opened", clamps='"open"'),
+        stage("back", clamps='"closed"', move=f"{{2 = [{-MOVED}, 0.0, 0.0]}}"),
+        stage("pulled", clamps='"open"', lengths=f"{{c = {{force = {PULLED}}}}}"),
+        stage("shut", clamps='"closed"'),
+    ]
+    text = (
+        "[cable]\nmodulus = 1e11\narea = 1e-3\ndensity = 1.0\n"
+        + '[load]\nsteps = 1\n[[slide]]\ngroup = "rope"\nresistance = 3e5\n'
+    )
+    return text + "".join(stages), nodes, elements
+
+
+MOVED, PULLED, STIFF = 1e-3, 5e4, 1e8  # m, N, N
+
+
+def test_clamps_are_open_and_closed_in_stages(workshop):
+    """By hand: what closed clamps hold, what passes open ones, a jack that pulls through them."""
+    job = workshop.job(*drawn_in())
+    f = workshop.run(job)
+    passed = -MOVED / (2.0 + MOVED)  # 1 - s over 1 + s is 1 + d
+    less = 1.0 / (1.0 + PULLED / STIFF)
+    held = STIFF * (1.0 / (1.0 + passed) - 1.0)
+    by_hand = {  # tensions of both strands, unstressed length of the first one, what has passed
+        "moved": (0.0, STIFF * MOVED, 1.0, 0.0),
+        "opened": (held, held, 1.0 + passed, -passed),
+        "back": (held, 0.0, 1.0 + passed, -passed),
+        "pulled": (PULLED, PULLED, less, -passed * (1.0 - less)),
+        "shut": (PULLED, PULLED, less, -passed * (1.0 - less)),
+    }
+    for name, (first, second, length, slip) in by_hand.items():
+        of = f[f"stages/{name}"]
+        assert of["tension"][:2] == pytest.approx([first, second], rel=1e-6, abs=0.01), name
+        assert of["unstressed_length"][0] == pytest.approx(length, rel=1e-9), name
+        assert of["slip"][:] == pytest.approx([slip], abs=1e-10), name
+    assert [f[f"stages/{name}"].attrs["clamps"] for name in ("moved", "opened")] == ["closed", "open"]
+    assert f["statics/tension"][-1, :2] == pytest.approx(PULLED, rel=1e-6)
+    assert f["statics/slip"][-1] == pytest.approx([0.0], abs=1e-10)  # it counts from the last stage
+    for ranks in (2, 3):
+        assert_same_results(f, workshop.run(job, ranks=ranks, output=f"on{ranks}.vtkhdf"))
+
+
+TWO_CABLES = CABLES + "[load]\nsteps = 1\n" + "".join(PULL), NODES, TWO
+
+
+@pytest.mark.parametrize("net, looks", [(TWO_CABLES, 1), (TWO_CABLES, 12), (TWO_CABLES, 25), (drawn_in(), 6)])
+def test_an_erection_that_is_paused_goes_on_from_its_stage(workshop, net, looks):
     """With the bits of one that was not; statics follow."""
-    text = CABLES + "[load]\nsteps = 1\n" + "".join(PULL)
-    job = workshop.job(text, NODES, TWO)
+    job = workshop.job(*net)
     whole = workshop.run(job, output="whole.vtkhdf")
     path = workshop.folder / "paused.vtkhdf"
     with pytest.raises(Interrupted, match=r"in stage .*, from whose start it goes on"):

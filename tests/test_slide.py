@@ -159,7 +159,7 @@ def test_a_line_whose_end_moves_in(workshop):
         ('group = "rope"\n[[slide]]\ngroup = "rope"\n', "entry 1 says already how this cable slips there"),
         ('group = "rope"\n[cable.rope]\nyield_stress = 1e9\n', "what slips may not yield"),
         ('group = "rope"\n[cable.rope]\nkind = "bar"\n', "bars do not slip"),
-        ('group = "rope"\n[[stage]]\nname = "a"\n', "[[stage]]: not together with [[slide]] as yet"),
+        ('group = "rope"\n[[stage]]\nname = "a"\nclamps = "shut"\n', 'expected one of "open", "closed"'),
         (
             'group = "rope"\n[dynamics]\nduration = 0.1\ndamping_ratio = 0.01\ndamping_band = [1.0, 9.0]\n',
             "[dynamics] damping_ratio: not together with [[slide]]",

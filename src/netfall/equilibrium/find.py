@@ -249,12 +249,16 @@ class Finder:
         newton.spread_out(s)
         axial = np.empty(len(change))
         axial_forces(newton.spread, state.ends, K.direction, K.axial, axial)
+        if K.slip is not None:
+            K.slip.add_changes(newton.spread, axial)
         return newton.spread, fixed + axial
 
     def at_fixed_nodes(self, change: np.ndarray) -> np.ndarray:
         """Changes of axial forces (m,) [N] with unstressed lengths, changed by (m,) [m], at fixed nodes."""
-        state = self.state
-        return -self._tangent().axial * (state.elements_now().L / state.L0) * change
+        state, K = self.state, self._tangent()
+        if K.slip is not None:
+            change = K.slip.of_strands(change)
+        return -K.axial * (state.elements_now().L / state.L0) * change
 
     def _newton(self, load: np.ndarray) -> Newton:
         net = net_of(self.state, load, self.slips)

@@ -54,7 +54,21 @@ class SlipTangent(NamedTuple):
         slips, chains = self.slips, self.slips.chains
         ends = slips.at_ends(u)
         longer = ((ends[:, 3:] - ends[:, :3]) * self.direction).sum(1)
-        q = self.coupling * longer - slips.weights * chains.weight * 0.5 * (ends[:, 2] + ends[:, 5])
+        return self._answer(
+            self.coupling * longer - slips.weights * chains.weight * 0.5 * (ends[:, 2] + ends[:, 5])
+        )
+
+    def of_strands(self, change: np.ndarray) -> np.ndarray:
+        """Changes (m,) [m] of unstressed lengths, at fixed nodes: `change`, and what slips. Collective."""
+        slips, found = self.slips, change.copy()
+        answer = self._answer(-self.stiffness * slips.shared(change[slips.my_rows]))
+        for e, row, _ in slips.here:
+            found[row] += answer[e]
+        return found
+
+    def _answer(self, q: np.ndarray) -> np.ndarray:
+        """Changes (q,) [m] of unstressed lengths that answer changes (q,) [N] of what drives slips."""
+        chains = self.slips.chains
         forces = q[chains.after] - q[chains.before]
         s, (pivot, beside, border) = np.empty(len(self.way)), np.empty((3, len(self.way)))
         solve_chains(chains, self.way, self.stiffness, forces, pivot, beside, border, s)
@@ -91,7 +105,7 @@ class Slips:
     def __init__(self, distribution: Distribution, state: State, chains: CableChains):
         self.distribution, self.state, self.chains = distribution, state, chains
         self.comm, self.weights, self.left = distribution.comm, 0.0, 0.0
-        self.held = False
+        self.held, self.resistance = False, chains.resistance
         d = distribution.subdomain
         row = rows_of(d.element_gid, chains.element)
         self.mine = np.flatnonzero(np.isin(row, np.flatnonzero(state.owned)))
@@ -107,7 +121,7 @@ class Slips:
         self.places = np.flatnonzero(at >= 0)
         self.at = at[self.places], chains.column[self.places]
 
-    def _shared(self, values: np.ndarray) -> np.ndarray:
+    def shared(self, values: np.ndarray) -> np.ndarray:
         """Rows (q, ...) on every rank from those of this rank's own elements. Collective."""
         found = np.zeros((len(self.chains.element), *values.shape[1:]))
         found[self.mine] = values + 0.0
@@ -116,7 +130,11 @@ class Slips:
 
     def at_ends(self, rows: np.ndarray) -> np.ndarray:
         """Rows (n, 3) of particles at both ends of the elements, (q, 6). Collective."""
-        return self._shared(rows[self.my_ends].reshape(-1, 6))
+        return self.shared(rows[self.my_ends].reshape(-1, 6))
+
+    def open_clamps(self, opened: bool) -> None:
+        """Leave clamps of the net without resistance, or close them."""
+        self.chains = self.chains._replace(resistance=self.resistance * (not opened))
 
     def begin(self) -> None:
         """An equilibrium begins: slips count from here, with limits of the present tensions. Collective."""
@@ -127,7 +145,7 @@ class Slips:
         self.comm.Allreduce(MPI.IN_PLACE, old, MPI.SUM)
         carries = (state.broken[self.my_rows] == 0) & (state.EA[self.my_rows] > 0.0)
         values = np.column_stack([np.where(carries, state.EA[self.my_rows], 0.0), state.strand[self.my_rows]])
-        self.sections = self._shared(values)
+        self.sections = self.shared(values)
         self.old[:] = self.s[:] = old
         self.renew_limits()
 

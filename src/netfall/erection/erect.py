@@ -9,13 +9,14 @@ from netfall.erection.lengths import rows_named
 from netfall.erection.settings import Setting, after, first_setting
 from netfall.erection.tension import tension_to
 from netfall.ground.stop import StopRequest
+from netfall.job.asks import own_weight
 from netfall.job.values import counted
 from netfall.mechanics.material import warm_length
 from netfall.mechanics.slip.law import set_strands
 from netfall.net.turned import held_along, on_held, turned_column
 from netfall.numerics.functions import lengths
 from netfall.results.notes import error_words, over_strength_note
-from netfall.stages.scene import Scene
+from netfall.stages.scene import Scene, let_slip
 from netfall.stages.settle import (
     MOST_NAMED,
     NONE,
@@ -79,13 +80,15 @@ def erect(scene: Scene, erection: Erection, stop: StopRequest) -> None:
     the stages before.
     """
     model = scene.model
+    let_slip(scene)
     setting, x = erection.setting, erection.x
     if model and setting is None:
         setting, x = first_setting(scene.job, model), model.x
     for stage in scene.job.stages[erection.done :]:
         setting = model and after(setting, stage, model.net)
         load = _set_up(scene, setting, x)
-        each = StaticLoad("stage", f"stage {stage.name}", load, 1.0, stage.name)
+        words, weights = f"stage {stage.name}", own_weight(scene.job)
+        each = StaticLoad("stage", words, load, 1.0, stage.name, weights=weights)
         outcome, setting = _equilibrium(scene, each, setting, stop)
         x = scene.distribution.gather_particles(scene.state.x)
         _note(scene, erection, stage, setting, x, outcome)
@@ -110,6 +113,9 @@ def _set_up(scene: Scene, setting: Setting | None, x: np.ndarray | None) -> np.n
         state.turned[:] = spread.particles(on_root(lambda: turned_column(model.net, held)))
     state.EA[:] = spread.elements(on_root(lambda: np.where(setting.active, model.net.EA, 0.0)))
     state.broken[:] = spread.elements(on_root(lambda: (~setting.active).astype(np.uint8)))
+    if scene.finder.slips:
+        state.slip[:] = 0.0  # what passed in stages before is in the lengths
+        scene.finder.slips.open_clamps(scene.comm.bcast(setting and setting.clamps) == "open")
     set_strands(state, spread.elements(on_root(lambda: warm_of(scene, setting)(setting.L0))))
     scene.finder.forget()
     return spread.particles(on_root(lambda: setting.forces(model)))
@@ -126,8 +132,19 @@ def _equilibrium(scene: Scene, each: StaticLoad, setting: Setting | None, stop) 
         of = lambda name: setting and list(getattr(setting, name))
         warm = warm_of(scene, setting)
         found = tension_to(scene, each, of("pulls"), of("jacks"), setting and setting.L0, warm, stop)
-        return _elastic(scene, found.outcome), setting and replace(setting, L0=found.L0, pulls=(), jacks=())
-    return _elastic(scene, settle(scene, each, reference_force(scene, each), stop)), setting
+        outcome, setting = found.outcome, setting and replace(setting, L0=found.L0, pulls=(), jacks=())
+    else:
+        outcome = settle(scene, each, reference_force(scene, each), stop)
+    return _elastic(scene, outcome), _slipped(scene, setting)
+
+
+def _slipped(scene: Scene, setting: Setting | None) -> Setting | None:
+    """The setting with the lengths that slip has left. Collective."""
+    state, spread = scene.state, scene.distribution
+    if not scene.finder.slips:
+        return setting
+    passed = spread.gather_elements(state.L0 - state.strand, state.owned.astype(bool))
+    return setting and replace(setting, L0=setting.L0 + passed / warm_of(scene, setting)(1.0))
 
 
 def _elastic(scene: Scene, outcome: StaticOutcome) -> StaticOutcome:
@@ -155,6 +172,10 @@ def _note(
     erection.labels[group] = outcome.labels()
     if model is None:
         return
+    if "slip" in numbers:
+        last = list(erection.sections.values())[-1:]
+        numbers["slip"] = numbers["slip"] + (last[0]["slip"] if last else 0.0)
+        erection.labels[group]["clamps"] = setting.clamps
     reaction = reactions(model, setting, x, N) if outcome.carries else np.full_like(x, np.nan)
     erection.sections[group] = numbers | {
         "displacement": x - model.x,

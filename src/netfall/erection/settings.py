@@ -24,6 +24,7 @@ class Setting:
 
     L0 : (m,) [m], cold; fixed : (n, 3) bool; active : (m,) bool; moved : (n, 3) [m] from where nodes are
     load : what [load] is in it; pulls : forces that are wanted, each at a jack of its own in `jacks`
+    clamps : "open" or "closed"
     """
 
     L0: np.ndarray
@@ -33,6 +34,7 @@ class Setting:
     load: SimpleNamespace
     pulls: tuple[Wanted, ...] = ()
     jacks: tuple[Jack, ...] = ()
+    clamps: str = "closed"
 
     def held(self, net: Net) -> np.ndarray:
         """(n, 3) bool, axes that do not move: those of nodes where nothing is there as well."""
@@ -83,7 +85,8 @@ def after(before: Setting, stage: SimpleNamespace, net: Net) -> Setting:
             jacks += own
         else:
             L0 = _lengthened(net, name, what, L0)
-    return Setting(L0, fixed, active, moved, of_case(before.load, stage), tuple(pulls), tuple(jacks))
+    load, clamps = of_case(before.load, stage), stage.clamps or before.clamps
+    return Setting(L0, fixed, active, moved, load, tuple(pulls), tuple(jacks), clamps)
 
 
 def _lengthened(net: Net, name: str, what: dict, L0: np.ndarray) -> np.ndarray:

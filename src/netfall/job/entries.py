@@ -1,7 +1,7 @@
 """The keys of lists of tables: zones, cases, combinations, motions, slip, losses, targets, stages."""
 
 from netfall.job.cases import CASE, COMBINATION
-from netfall.job.keys import ABSENT, REQUIRED, Key, between, flag, not_negative, positive
+from netfall.job.keys import ABSENT, REQUIRED, Key, between, choice, flag, not_negative, positive
 
 LISTS: dict[str, tuple[Key, ...]] = {
     "zone": (
@@ -102,6 +102,12 @@ LISTS: dict[str, tuple[Key, ...]] = {
         Key("release", "integers", ABSENT, "", "ids of nodes that are no longer held"),
         Key("hold", "integers", ABSENT, "", "ids of nodes that are held from now on, where they are"),
         Key("move", "shifts", ABSENT, "m", "by how much held nodes are moved, from where they are, by ids"),
+        choice(
+            "clamps",
+            ("open", "closed"),
+            ABSENT,
+            "clamps of [[slide]] from now on: open, without resistance, or closed; absent: as before",
+        ),
         Key(
             "set",
             "loads",

@@ -159,6 +159,8 @@ class Validation:
                 self.wrong(f"[[zone]] {zone.name}:", "cut = true: only with polygon, which cuts; remove it")
         for stage in lists["stages"]:
             stage.set = cases.values_of_set(stage, IN_STAGES, self._value, self.wrong, "stage")
+            if stage.clamps and not lists["slides"]:
+                self.wrong(f"[[stage]] {stage.name}:", "clamps: nothing slips; add [[slide]], or remove it")
         for number, entry in enumerate(lists["slides"], 1):
             if (entry.group is None) == (entry.cables is None):
                 what = "missing; say what slips" if entry.group is None else "exclude each other"

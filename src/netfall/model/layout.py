@@ -63,8 +63,6 @@ def make_layout(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Layout:
     net, roofing, zones, part, source = memory.once("net", key, lambda: _partitioned(job, ranks))
     lost, probes = named_elements(job, net), find_probes(job, net)
     slides, wrong = slides_of(job, net)
-    if job.slides and job.stages:
-        wrong.append(f"{job.path}: [[stage]]: not together with [[slide]] as yet; remove one of them")
     if job.slides and job.dynamics and job.dynamics.damping_ratio:
         wrong.append(
             f"{job.path}: [dynamics] damping_ratio: not together with [[slide]]; remove it, or take damping"

@@ -9,8 +9,6 @@ from mpi4py import MPI
 
 from netfall.equilibrium.find import Finder
 from netfall.equilibrium.relaxation import state_residual
-from netfall.equilibrium.slip import Slips
-from netfall.equilibrium.strands import cable_chains_of
 from netfall.ground.compile import wake
 from netfall.ground.errors import InputError
 from netfall.ground.stop import NEVER, StopRequest
@@ -30,7 +28,7 @@ from netfall.parallel.subdomain import Distribution, cut_net
 from netfall.program.ahead import compile_ahead
 from netfall.program.build_up import built_up
 from netfall.stages.initial import FORM, form_of, kept_form
-from netfall.stages.scene import Scene
+from netfall.stages.scene import Scene, let_slip
 from netfall.stages.step_limit import assembled_limit
 from netfall.write.checkpoint import Checkpoint
 
@@ -100,9 +98,7 @@ def prepare(
     if scene.failure:
         return scene, checkpoint
     with phases.phase("state"):
-        if features.slip:
-            chains = comm.bcast(layout and cable_chains_of(layout.slides, layout.net.own_weight))
-            scene.finder.slips = Slips(distribution, scene.state, chains)
+        let_slip(scene)
         if job.load and job.load.temperature:
             scene = replace(scene, model=on_root(comm, lambda: warmed(job, scene.model)))
             set_strands(scene.state, distribution.elements(scene.model and scene.model.L0))

@@ -8,6 +8,8 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.equilibrium.find import Finder
+from netfall.equilibrium.slip import Slips
+from netfall.equilibrium.strands import cable_chains_of
 from netfall.ground.errors import DivergedError
 from netfall.ground.progress import Progress
 from netfall.ground.stop import NEVER, StopRequest
@@ -91,6 +93,14 @@ class Scene:
     def failure(self) -> DivergedError | None:
         """Why the run cannot go on from its initial state, None: it can."""
         return self.build_up and self.build_up.failure
+
+
+def let_slip(scene: Scene) -> None:
+    """Let cables slip over nodes in equilibria of the scene, if any do. Collective."""
+    if scene.state.features.slip:
+        layout = scene.model and scene.model.layout
+        chains = scene.comm.bcast(layout and cable_chains_of(layout.slides, layout.net.own_weight))
+        scene.finder.slips = Slips(scene.distribution, scene.state, chains)
 
 
 @dataclass(frozen=True)
