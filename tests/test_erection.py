@@ -11,6 +11,7 @@ from scipy.optimize import fsolve
 
 from netfall.checks.cases import slack_cables
 from netfall.checks.reactions import pull_at, reaction_columns
+from netfall.checks.slides import slide_columns
 from netfall.ground.errors import Interrupted
 from netfall.ground.progress import Progress
 from netfall.ground.timings import Phases
@@ -252,6 +253,9 @@ def test_clamps_are_open_and_closed_in_stages(workshop):
         assert of["unstressed_length"][0] == pytest.approx(length, rel=1e-9), name
         assert of["slip"][:] == pytest.approx([slip], abs=1e-10), name
     assert [f[f"stages/{name}"].attrs["clamps"] for name in ("moved", "opened")] == ["closed", "open"]
+    held = slide_columns(f)
+    assert held["holds"][held["stage"] == "stage moved"] == pytest.approx([3e5])
+    assert not held["holds"][held["stage"] == "stage opened"].any()
     assert f["statics/tension"][-1, :2] == pytest.approx(PULLED, rel=1e-6)
     assert f["statics/slip"][-1] == pytest.approx([0.0], abs=1e-10)  # it counts from the last stage
     for ranks in (2, 3):

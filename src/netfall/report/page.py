@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from netfall.checks.cables import Checked, Cutting
+from netfall.checks.slides import SAFETY
 from netfall.report.cases_page import cases, checks, limits, most_used
-from netfall.report.markdown import MOST_LISTED, as_table, force, more, picture
+from netfall.report.markdown import MOST_LISTED, as_table, force, more, picture, share
 from netfall.results.cases import cases_of
 from netfall.results.file import lines_of_form, overloads_of, provenance_text, title_of
 from netfall.results.loss_lines import loss_lines, rises, telling_factor
@@ -37,6 +38,8 @@ COLUMNS = {
     "reactions.csv": "a row for each support and stage: place [m], force [N] along the axes that it holds, "
     "with which the elements pull at it, at an elastic support the force on its spring; `foundation` [N]: "
     "that and what acts on the node itself",
+    "slides.csv": "with `[[slide]]`, a row for each clamp or saddle and stage: tensions on both sides and "
+    "their difference, what holds it [N], utilisation, what has slipped [m]; of `dynamics` the largest",
     "shop_list.csv": "a row for each sort of piece, equal ones together: lengths and marks of clamps [mm] "
     "under the measuring load [N] at the temperature [K], deductions at both ends together, mass [kg] of one",
 }
@@ -52,6 +55,7 @@ def summary(f, result: Path, tables: dict, envelope: Envelope, checked: Checked,
         *([["## Limits in service", "", *limits(f, made)]] if made else []),
         ["## Utilisation", "", *_utilisation(f, cables, envelope, checked)],
         *([["## Bending", "", *_bending(tables["elements.csv"])]] if _bends(tables) else []),
+        *([["## Clamps and saddles", "", *_slides(tables["slides.csv"])]] if "slides.csv" in tables else []),
         ["## Factors", "", *_factors(checked)],
         ["## Tensions", "", *_tensions(f, envelope, checked.checks[0].name)],
         *([["## Losses", "", *_losses(f, checked)]] if "removal" in f else []),
@@ -167,6 +171,29 @@ def _bending(elements: dict) -> list[str]:
     told = "Bending is not part of the checks: add the stress of these moments to that of the axial forces."
     table = as_table(["group", "element", "largest bending moment", "in"], rows)
     return [told, "", *table, *picture("largest bending moments", "moments.png")]
+
+
+def _slides(table: dict) -> list[str]:
+    """Of each stage the clamp or saddle that is most used, and what slips; table : as of `slide_columns`."""
+    rows = []
+    for stage in dict.fromkeys(table["stage"]):
+        of = np.flatnonzero(table["stage"] == stage)
+        worst = of[np.argmax(np.nan_to_num(table["utilisation"][of], nan=-1.0))]
+        slip = np.abs(np.nan_to_num(table["slip"][of]))
+        place = f"node {table['node'][worst]}, cable {table['cable'][worst]}"
+        numbers = [force(abs(table["difference"][worst])), force(table["holds"][worst])]
+        rows.append([stage, place, *numbers, share(table["utilisation"][worst])])
+        rows[-1].append(
+            f"{int((slip > 0.0).sum())}, by up to {1e3 * slip.max():.4g} mm" if slip.any() else "none"
+        )
+    told = [
+        "The difference of the tensions on both sides over what holds it: the resistance of the clamp as",
+        f"given, and the friction of the saddle over {SAFETY:g} (EN 1993-1-11, 6.3), so that a saddle slips",
+        "above 1. A clamp slips at 1, in motion with the inertia of its cable above.",
+        "",
+    ]
+    header = ["stage", "most used", "difference", "held", "utilisation", "slipped"]
+    return told + as_table(header, rows)
 
 
 def _factors(checked: Checked) -> list[str]:

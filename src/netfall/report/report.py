@@ -25,6 +25,7 @@ from netfall.checks.codes import check_groups, read_codes
 from netfall.checks.groups import group_columns
 from netfall.checks.reactions import reaction_columns
 from netfall.checks.shop import read_deductions, shop_columns
+from netfall.checks.slides import slide_columns
 from netfall.ground.errors import InputError
 from netfall.job.table import write_table
 from netfall.plots.canvas import save
@@ -92,6 +93,7 @@ def _tables(f, envelope: Envelope, checked: Checked, inputs: Inputs) -> dict[str
         "forces.csv": force_columns(f, cases),
         "displacements.csv": displacement_columns(f, cases),
         "reactions.csv": reaction_columns(f),
+        **({"slides.csv": slide_columns(f)} if "slide" in f else {}),
         "cutting_list.csv": cutting_columns(f, inputs.cutting),
         "shop_list.csv": shop_columns(f, inputs.cutting, deductions),
     }

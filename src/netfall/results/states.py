@@ -23,6 +23,7 @@ class ShownState:
     place : its group in the file; reaction : gives (n, 3) [N] on what holds the nodes, None: not in the file
     unloaded : whether no load acts
     moment : gives (m, 2) [N m] of bending at the ends of elements, None: not in the file
+    slip : gives (k,) [m] at the places of /slide, likewise
     """
 
     name: str
@@ -33,6 +34,7 @@ class ShownState:
     reaction: Callable[[], np.ndarray] | None = None
     unloaded: bool = False
     moment: Callable[[], np.ndarray] | None = None
+    slip: Callable[[], np.ndarray] | None = None
 
 
 def form_position(f) -> np.ndarray:
@@ -161,8 +163,9 @@ def _state(g, words: str, name: str, x: np.ndarray, row) -> ShownState:
     """A state of a group, a row of its datasets or all of them."""
     position = (lambda: g["position"][row]) if "position" in g else (lambda: x + g["displacement"][row])
     reaction = (lambda: g["reaction"][row]) if "reaction" in g else None
-    moment = (lambda: g["bending_moment"][row]) if "bending_moment" in g else None
-    return ShownState(words, lambda: g["tension"][row], position, None, name, reaction, moment=moment)
+    others = {"moment": "bending_moment", "slip": "slip"}
+    more = {key: (lambda of=of: g[of][row]) for key, of in others.items() if of in g}
+    return ShownState(words, lambda: g["tension"][row], position, None, name, reaction, **more)
 
 
 def final(f) -> ShownState | None:
