@@ -10,8 +10,8 @@ from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 
+from netfall.equilibrium import find, interior, newton
 from netfall.equilibrium import increments as path
-from netfall.equilibrium import newton
 from netfall.equilibrium.increments import _Increments
 from netfall.equilibrium.relaxation import Paused
 from netfall.ground.stop import NEVER
@@ -183,11 +183,11 @@ class Statics:
         statics.find_equilibria(self.scene, Mock(stop=stop), self.path, resume, self.seen)
         return self.scene.state.x.copy()
 
-    def off(self) -> tuple[float, float]:
+    def off(self, yield_force=np.inf) -> tuple[float, float]:
         """Of the last: displacement and tension off the exact ones, shares of the largest."""
         model = self.scene.model
         net, load = model.net, model.loading.permanent + model.loading.live
-        exact = Exact(self.scene.state.x, net.elements, ~net.fixed, model.L0, load)
+        exact = Exact(self.scene.state.x, net.elements, ~net.fixed, model.L0, load, yield_force)
         N, tension = exact.lengths()[2], self.seen[-1][0].equilibrium.snapshot.N
         moved = np.linalg.norm(exact.x - self.scene.state.x, axis=1).max()
         far = np.linalg.norm(exact.x - model.x, axis=1).max()
@@ -217,6 +217,58 @@ def test_what_the_way_by_parts_does_not_find_is_relaxed(workshop, monkeypatch):
     found = Statics(job, 0, monkeypatch)
     found.find()
     assert found.path.steps[1]["iterations"] > 300 and max(found.off()) < 1e-6
+
+
+HUNG = """
+[cable]
+modulus = 2e11
+area = 1e-3
+density = 7850.0
+strain = "{strain}"
+{yields}
+[load]
+steps = 1
+"""
+SUPPORTS, SIDE, EA_HUNG, YIELD = 10.0, 12.0, 2e8, 1e6
+
+
+@pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
+@pytest.mark.parametrize("yields", [False, True])
+def test_slack_cables_are_found_by_way_of_the_interior(workshop, monkeypatch, strain, yields):
+    """Two of 12 m, slack at first between supports 20 m apart, with 1.2 MN where they meet, and a slack one.
+
+    By hand: 2 N sin(slope) = P, at N = N_y if they yield; else with the L that carries N. The gap leaves 1e-9
+    of the energy, which is least at rest: its root, 3e-5, of lengths at most.
+    """
+    P = 1.2e6
+    nodes = f"id,x,y,z,fixed,load_z\n1,-10,0,0,1,0\n2,10,0,0,1,0\n3,1,0,-1,0,{-P}\n4,0,0,-40,1,0\n"
+    elements = "start,end,unstressed_length\n1,3,12\n2,3,12\n3,4,60\n"
+    text = HUNG.format(strain=strain, yields="yield_stress = 1e9" if yields else "")
+    job = workshop.job(text, nodes, elements)
+    scene, _ = prepare(MPI.COMM_SELF, read_job(job), Phases())
+    state, load = scene.state, scene.model.loading.permanent + scene.model.loading.live
+    monkeypatch.setattr(interior, "FEWEST", 0)
+    interior.move_inside(scene.finder._newton(load), state, NEVER)
+    low, high = SIDE, 4 * SIDE
+    for _ in range(100):
+        L = 0.5 * (low + high)
+        strain_of = np.log(L / SIDE) if strain == "logarithmic" else L / SIDE - 1.0
+        N = EA_HUNG * strain_of if not yields else min(EA_HUNG * strain_of, YIELD)
+        carried = 2.0 * N * np.sqrt(L * L - SUPPORTS**2) / L
+        low, high = (L, high) if carried < P else (low, L)
+    assert state.x[2] == pytest.approx([0.0, 0.0, -np.sqrt(L * L - SUPPORTS**2)], rel=1e-6, abs=1e-5)
+    assert (N == YIELD) == yields
+
+
+@pytest.mark.parametrize("large", [0, 10**9])
+def test_what_yields_is_not_relaxed(workshop, monkeypatch, large):
+    """Cables that flow until the saddle bulges by a third of its span: right, at any size."""
+    text = SADDLE.format(cells=12, cable="yield_stress = 0.75e9\n", pressure=[0.0, 0.0, 9 * AREA_LOAD])
+    found = Statics(workshop.job(text), large, monkeypatch)
+    monkeypatch.setattr(find, "relax", None)
+    monkeypatch.setattr(interior, "FEWEST", 0)
+    found.find()
+    assert max(found.off(0.75e9 * 3600e-6)) < 1e-6 and np.abs(found.scene.state.eps_p).max() > 0.1
 
 
 def test_a_rough_search_goes_on_where_a_finer_one_was(workshop):

@@ -13,6 +13,7 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.equilibrium.increments import Watch, approach
+from netfall.equilibrium.interior import move_inside
 from netfall.equilibrium.newton import AT_START, Newton, NoConvergence, Stopped, is_large
 from netfall.equilibrium.overload import GivesWay
 from netfall.equilibrium.relaxation import Paused, Relaxation, net_of, not_begun, relax
@@ -134,7 +135,7 @@ class Finder:
             try:
                 if goal:
                     raise NoConvergence("it would not be found")
-                return self._corrected(newton, tolerance, total, stop, watch=watch)
+                return self._by_newton(newton, tolerance, stop, watch, before)
             except Stopped:
                 state.x[:] = before
                 raise Paused(not_begun(before)) from None
@@ -211,6 +212,21 @@ class Finder:
         except NoConvergence:
             errors = np.nan, np.nan
         return Solution(total, residual, *errors, True, self._unstable_at(newton))
+
+    def _by_newton(
+        self, newton: Newton, tolerance: float, stop: StopRequest, watch: Watch | None, before: np.ndarray
+    ) -> Solution:
+        """By Newton's method, from where the net is, or by way of the interior of its cables. Collective.
+
+        before : positions (n, 3) [m] from which these begin. Raises NoConvergence, Stopped, GivesWay.
+        """
+        try:
+            return self._corrected(newton, tolerance, 0, stop, watch=watch)
+        except NoConvergence:
+            self.state.x[:] = before
+        if self.slips is not None or self.state.joints is not None:
+            raise NoConvergence("there is more than cables")
+        return self._corrected(newton, tolerance, move_inside(newton, self.state, stop), stop, True)
 
     def _corrected(
         self,

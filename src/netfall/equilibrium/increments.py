@@ -53,6 +53,8 @@ def approach(newton: Newton, start: np.ndarray, stop: StopRequest, watch: Watch 
     increments, left = _Increments(newton, start, stop), 1.0
     for number in range(MOST_INCREMENTS):
         r, K = newton.residual(), increments.tangent()
+        if number > 0 and newton.comm.allreduce(bool(((K.axial == 0.0) & (K.N > 0.0)).any()), MPI.LOR):
+            raise NoConvergence("cables yield: which of them is open until the end")
         try:
             s = increments.solve(K, r, rough=number > 0)
         except NoConvergence:
