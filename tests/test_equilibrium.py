@@ -1,5 +1,6 @@
 """Equilibria against a sparse direct solver in Newton's method, at any refinement, taut, slack, yielding."""
 
+import re
 from unittest.mock import Mock
 
 import h5py
@@ -18,6 +19,7 @@ from netfall.ground.stop import NEVER
 from netfall.ground.timings import Phases
 from netfall.job.read import read_job
 from netfall.net.net import GRAVITY
+from netfall.program.check import check_job
 from netfall.program.setup import prepare
 from netfall.stages import statics
 from netfall.stages.settle import committed, put_back
@@ -280,6 +282,21 @@ def test_a_rough_search_goes_on_where_a_finer_one_was(workshop):
         scene.state.x[:] = scene.state.x_start
         found = scene.finder.find(load, 1e-3, 1.8e6, 20_000, "load", goal=goal)
         assert found.iterations > 0 and found.error <= 1e-3
+
+
+def test_check_tells_near_equilibria_of_large_nets_from_far_ones(workshop, monkeypatch):
+    """By one correction: what it takes, ten times as much where cables go slack, and what nobody knows."""
+    monkeypatch.setattr(newton, "LARGE", 0)
+    told = {}
+    for times, cable in ((1, ""), (12, ""), (12, "yield_stress = 0.75e9\n")):
+        text = SADDLE.format(cells=24, cable=cable, pressure=[0.0, 0.0, 3 * times * AREA_LOAD])
+        lines = []
+        check_job(read_job(workshop.job(text)), lines.append)
+        line = told[times, cable] = next(line for line in lines if "expected run time" in line)
+        seconds = float(re.search(r"equilibria ([0-9.]+) s", line)[1])
+        # 1,104 elements: three that are near, or the permanent loads' and two that are far; two digits told
+        assert seconds == pytest.approx(1104 * 1e-5 * (3 if times == 1 else 21), rel=0.05)
+    assert ["not borne" in line for line in told.values()] == [False, False, True]
 
 
 @pytest.mark.parametrize("corrections", [2, 5, 8])

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from netfall.equilibrium.increments import Watch, approach
+from netfall.equilibrium.increments import Watch, approach, is_foreseen
 from netfall.equilibrium.interior import move_inside
 from netfall.equilibrium.newton import AT_START, Newton, NoConvergence, Stopped, is_large
 from netfall.equilibrium.overload import GivesWay
@@ -193,6 +193,13 @@ class Finder:
         r = np.zeros_like(self.state.x)
         r[: self.state.n_owned] = self._newton(load).residual()
         return r
+
+    def foresees(self, load: np.ndarray) -> bool:
+        """Whether the tangent tells nearly what a load (n, 3) [N] does, so that rest is near. Collective."""
+        x = self.state.x.copy(order="K")
+        foreseen = is_foreseen(self._newton(load), self.state.x_start)
+        self.state.x[:] = x
+        return foreseen
 
     def _begin_at(self, guess: np.ndarray, newton: Newton) -> bool:
         """Begin there if the residual is so much smaller there; whether it is. Collective."""

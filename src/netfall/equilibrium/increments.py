@@ -22,7 +22,7 @@ from netfall.equilibrium.newton import (
     Stopped,
 )
 from netfall.equilibrium.overload import SURELY, UNSTRAINED, GivesWay, Strained
-from netfall.ground.stop import StopRequest
+from netfall.ground.stop import NEVER, StopRequest
 from netfall.multigrid.tangent import without_compression
 
 Watch = Callable[[], Strained]
@@ -73,6 +73,19 @@ def approach(newton: Newton, start: np.ndarray, stop: StopRequest, watch: Watch 
         if increments.gradients - before > SLOW * share:
             raise NoConvergence("there are too many load increments")
     raise NoConvergence(f"{MOST_INCREMENTS} load increments were not enough")
+
+
+def is_foreseen(newton: Newton, start: np.ndarray) -> bool:
+    """Whether one correction answers all of the residual nearly as its tangent foresees. Collective.
+
+    start : as of `approach`; the net is moved.
+    """
+    increments = _Increments(newton, start, NEVER)
+    K = increments.tangent()
+    try:
+        return increments._move(K, increments.solve(K, newton.residual()), 1.0)[0] == 1.0
+    except NoConvergence:
+        return False
 
 
 class _Increments:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from netfall.equilibrium.newton import is_large
 from netfall.ground.room import RANK_BYTES, SETUP_BYTES
 from netfall.ground.timings import Phases
 from netfall.job.asks import along_normals, has_statics
@@ -35,7 +36,7 @@ from netfall.program.setup import prepare
 from netfall.roof.areas import MUCH, largest_face, moved_areas, normals
 from netfall.stages.modes import mode_lines
 from netfall.stages.scene import Scene
-from netfall.stages.statics import rest_words
+from netfall.stages.wanted import equilibria, loaded
 from netfall.wind.sectors import bearing
 from netfall.write.locks import writing
 
@@ -43,6 +44,8 @@ from netfall.write.locks import writing
 STEP_NS, STEP_US = 8.0, 2.0
 ROW_S = 5e-4  # of a row of the history, and of a frame
 EQUILIBRIUM_S = 2e-4  # for each element of a net of some thousand: slack and compression take more or less
+NEAR_S, FAR_S = 1e-5, 1e-4  # the same of a large net, whose tangent foresees it, or does not (jobs/bench)
+NOT_BORNE = 5  # times as long, until it is told how much of a load is borne
 START_S, NET_S = 0.8, 3e-4  # until Python, MPI and what they load stand; of net and form, for each element
 SMALL = 5_000  # elements below which equilibria on several ranks are no faster
 LARGEST_FORM = 400_000  # elements up to which check also finds the form, in some ten seconds
@@ -151,20 +154,36 @@ def _describe_steps(scene: Scene, say) -> None:
 def _describe_time(scene: Scene, say) -> None:
     """What a run takes on one core, by its parts."""
     job, schedule, m = scene.job, scene.schedule, scene.model.net.m
-    parts = {"start, net and form": START_S + NET_S * m}
+    parts, more = {"start, net and form": START_S + NET_S * m}, ""
     if has_statics(job):
-        count = len(job.cases) + (job.load.steps if job.load else 0) + 1
-        parts["equilibria"] = EQUILIBRIUM_S * m * (count + bool(rest_words(job)))
+        parts["equilibria"], more = equilibria_time(scene)
     if schedule:
         parts["steps"] = schedule.steps // schedule.stride * (m * STEP_NS * 1e-9 + STEP_US * 1e-6)
         parts["output"] = ROW_S * (len(schedule.history) + len(schedule.frames))
     say(
         f"expected run time about {sum(parts.values()):.2g} s on one core ("
         + ", ".join(f"{name} {seconds:.2g} s" for name, seconds in parts.items())
-        + "); modes, and compiling at the first run of its kind, come on top"
+        + f"); modes, and compiling at the first run of its kind, come on top{more}"
     )
     if has_statics(job) and m < SMALL:
         say(f"ranks: equilibria of fewer than {SMALL} elements are no faster on several ranks, mostly slower")
+
+
+def equilibria_time(scene: Scene) -> tuple[float, str]:
+    """What equilibria take on one core [s], and what of that is not known. Collective.
+
+    Of a large net by whether the tangent foresees the last of them, from where the net is.
+    """
+    job, m, wanted = scene.job, scene.distribution.m, equilibria(scene)
+    if not is_large(scene.distribution):
+        return EQUILIBRIUM_S * m * len(wanted), ""
+    if job.form_finding and scene.form is None:
+        return NEAR_S * m * len(wanted), "; what goes slack or yields takes up to ten times as long at rest"
+    far = not scene.finder.foresees(loaded(scene, wanted[-1]).load)
+    limits = scene.state.features.plastic or scene.state.features.fracture
+    more = f"; where a load is not borne, up to {NOT_BORNE} times its equilibrium" if far and limits else ""
+    near = sum(each.kind == "permanent" for each, _ in wanted) if far else len(wanted)
+    return m * (NEAR_S * near + FAR_S * (len(wanted) - near)), more
 
 
 def _describe_memory(job: Job, scene: Scene, say) -> None:
