@@ -117,11 +117,13 @@ def _broken(study: Study, say) -> None:
         say(f"fracture: none in the {ran.sum()} members that finished")
         return
     first, lost = m["first_fracture"][broke], m["roof_lost"][broke]
+    much = f" and {np.median(lost):.1%} of the roof is lost (median; at most {lost.max():.1%})"
+    much = "" if np.isnan(lost).all() else much  # a net without a roof
     say(
         f"fracture: in {broke.sum()} of the {ran.sum()} members that finished, first at "
         f"{np.median(first):.3g} s (median; {first.min():.3g} to {first.max():.3g}); there "
-        f"{np.median(m['broken'][broke]):.0f} elements break (median; at most {m['broken'][broke].max()}) "
-        f"and {np.median(lost):.1%} of the roof is lost (median; at most {lost.max():.1%})"
+        f"{np.median(m['broken'][broke]):.0f} elements break (median; at most {m['broken'][broke].max()})"
+        f"{much}"
     )
 
 
