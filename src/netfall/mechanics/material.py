@@ -42,6 +42,7 @@ class Law(NamedTuple):
         same
     reach : L / L0 from which an element is looked at for fracture (the least, where they differ), None:
         nothing breaks
+    near : [N] elastic axial force from which one is looked at for either, None: differs, or nothing happens
     branches : (13,) of `set_branches`, None: there are none
     """
 
@@ -51,16 +52,26 @@ class Law(NamedTuple):
     yield_force: float | None
     yield_strain: float | None
     reach: float | None
+    near: float | None
     branches: np.ndarray | None = None
 
 
 def law_of(
-    measure: str, plastic: bool, EA: float | None, yield_force: float | None, least: float | None
+    measure: str, plastic: bool, EA: float | None, yield_force: float | None, least: float | None, alike: bool
 ) -> Law:
-    """The law of a rank. measure : a key of MEASURES; least : fracture strain of all, None: nothing breaks"""
+    """The law of a rank. measure : a key of MEASURES; least : fracture strain of all, None: nothing breaks
+
+    alike : whether all have that fracture strain
+    """
     reach = None if least is None else float(reaches(least, measure))
     yield_strain = None if EA is None or yield_force is None else yield_force / EA if EA > 0.0 else np.inf
-    return Law(measure == "logarithmic" or None, plastic or None, EA, yield_force, yield_strain, reach)
+    near = None
+    if alike and EA is not None and (plastic or least is not None):
+        near = min(
+            np.inf if reach is None else EA * float(strains(reach, 1.0, measure)),
+            NEARLY * yield_force if plastic else np.inf,
+        )
+    return Law(measure == "logarithmic" or None, plastic or None, EA, yield_force, yield_strain, reach, near)
 
 
 def reaches(eps_u: np.ndarray, measure: str) -> np.ndarray:
@@ -334,10 +345,10 @@ def strength_of(EA, fracture_strain, yield_force) -> np.ndarray:
 
 @part_of_kernel
 def force_density(d, s, p, slots, law):
-    """N / L [N/m] of the element in slot s of particle p, whether it is near its limits, its plastic strain.
+    """N / L [N/m] of the element in slot s of particle p, how far it is past its limits, its plastic strain.
 
-    Where the slots hold plastic strains, cables yield here. A bar is only pointed at as near, since its heat
-    does not follow from its plastic strain.
+    Where the slots hold plastic strains, cables yield here. A bar is only pointed at, by more than 0 past its
+    limits, since its heat does not follow from its plastic strain.
 
     `axial_force` over the length, arranged for one inverse root:
     EA (L / L0 - 1 - eps_p) / L = EA (1 / L0 - (1 + eps_p) / L).
@@ -355,30 +366,36 @@ def force_density(d, s, p, slots, law):
         q = stiffness * (logarithm(stretch) - eps_p) * per_length
     else:
         q = stiffness * fused(-1.0 - eps_p, per_length, per_L0)
-    near = False
+    force = q
+    past = 0.0  # more where it is near its limits; of no unit
     lowest = 0.0  # slack
     yielded = 0.0
     if slots.eps_p is not None:
         yielded = plastic_strain(square * per_length * per_L0, eps_p, s, p, slots, law)
         if slots.bar is not None:
-            near = (yielded != eps_p) & (slots.bar[s, p] != 0)
+            past = 1.0 if (yielded != eps_p) & (slots.bar[s, p] != 0) else 0.0
             yielded = eps_p if slots.bar[s, p] else yielded
     if slots.bar is not None:
         lowest = -np.inf if slots.bar[s, p] else 0.0
     if law.plastic is not None:
         limit = law.yield_force if slots.yield_force is None else slots.yield_force[s, p]
         highest = limit * per_length
-        if slots.eps_p is None:
-            near = q > highest * NEARLY
-        q = highest if q > highest else q
+        if slots.eps_p is None and law.near is None:
+            past = fused(-NEARLY, highest, q)
         if slots.bar is not None:
             lowest = -highest if slots.bar[s, p] else 0.0
             if slots.eps_p is None:
-                near |= (q < lowest * NEARLY) & (lowest < 0.0)
-    if law.reach is not None:
+                pushed = fused(NEARLY, lowest, -q) if slots.bar[s, p] else 0.0
+                past = pushed if pushed > past else past
+        force = highest if q > highest else q
+    if slots.eps_p is None and law.near is not None:
+        over = fused(-law.near, per_length, q)
+        past = over if over > past else past
+    elif law.reach is not None:
         reach = law.reach if slots.reach is None else slots.reach[s, p]
-        near |= per_L0 > reach * per_length
-    return q if q > lowest else lowest, near, yielded
+        over = fused(-reach, per_length, per_L0)
+        past = over if over > past else past
+    return force if force > lowest else lowest, past, yielded
 
 
 @part_of_kernel

@@ -110,6 +110,7 @@ class State:
             alike(self.EA, self.slot_EA),
             alike(self.yield_force, self.slot_yield_force),
             least,
+            self.slot_reach is None,
         )._replace(branches=self.branches)
         return self._tuples["law"]
 

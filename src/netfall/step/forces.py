@@ -20,14 +20,14 @@ from netfall.step.runs import LANES
 
 @part_of_kernel
 def add_force(p, o, s, so_far, x, slots, law):
-    """Forces [N] on particle p and whether an element is near its limits, with the element in its slot s.
+    """Forces [N] on particle p and how far past its limits an element is, with the element in its slot s.
 
     Where the slots hold plastic strains, a cable's yield is kept.
 
     o : its far end; so_far : the same without it, and the forces of the branches alone, three; x : positions
     [m], three of (n,)
     """
-    fx, fy, fz, near, bx, by, bz = so_far
+    fx, fy, fz, past, bx, by, bz = so_far
     dx, dy, dz = x[0][o] - x[0][p], x[1][o] - x[1][p], x[2][o] - x[2][p]
     q, found, yielded = force_density((dx, dy, dz), s, p, slots, law)
     if slots.eps_p is not None:
@@ -35,16 +35,17 @@ def add_force(p, o, s, so_far, x, slots, law):
     if slots.branch_a is not None:
         more = density_of_branches(q, (dx, dy, dz), s, p, slots, law)
         bx, by, bz, q = fused(more, dx, bx), fused(more, dy, by), fused(more, dz, bz), q + more
-    return fused(q, dx, fx), fused(q, dy, fy), fused(q, dz, fz), near | found, bx, by, bz
+    past = found if found > past else past
+    return fused(q, dx, fx), fused(q, dy, fy), fused(q, dz, fz), past, bx, by, bz
 
 
 @part_of_kernel
 def four_forces(p, far, x, slots, law):
-    """Sum of the forces [N] of the first four slots of particle p, in this order, and whether one is near.
+    """Sum of the forces [N] of the first four slots of particle p, in this order; as `add_force`.
 
     far : their far ends. Numbers have one type each, or all would be compiled for each type that occurs.
     """
-    so_far = (0.0, 0.0, 0.0, np.bool_(False), 0.0, 0.0, 0.0)
+    so_far = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     found = add_force(p, far[0], np.int64(0), so_far, x, slots, law)
     found = add_force(p, far[1], np.int64(1), found, x, slots, law)
     found = add_force(p, far[2], np.int64(2), found, x, slots, law)
@@ -133,14 +134,16 @@ def kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, unyielded, law
     scratch.near : the same, out, 1 where an element of the particle is near its limits; None: all are elastic
     """
     if c < chunks.splits:
-        if chunks.has_yielded[c]:
-            kick_splits(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
-        else:
-            kick_splits(c, kick_dt, zeta, share, chunks, particles, unyielded, law, scratch)
-    elif chunks.has_yielded[c]:
-        kick_gathered(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
+        if slots.eps_p is not None:
+            chunks.has_yielded[c] = 1  # yield is kept in the loop from now on
+        kick_splits(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
     elif chunks.runs.gathered[c]:
-        kick_gathered(c, kick_dt, zeta, share, chunks, particles, unyielded, law, scratch)
+        if chunks.has_yielded[c]:
+            kick_gathered(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
+        else:
+            kick_gathered(c, kick_dt, zeta, share, chunks, particles, unyielded, law, scratch)
+    elif chunks.has_yielded[c]:
+        kick_runs(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
     else:
         kick_runs(c, kick_dt, zeta, share, chunks, particles, unyielded, law, scratch)
 
@@ -151,12 +154,12 @@ def kick_splits(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
     origin, x, f, other = np.uint64(chunks.low[c]), particles.x, scratch.f, slots.other
     kick = make_kick(kick_dt, zeta, share)
     for p in range(origin, np.uint64(chunks.high[c])):
-        so_far, i = (0.0, 0.0, 0.0, np.bool_(False), 0.0, 0.0, 0.0), p - origin
+        so_far, i = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), p - origin
         fx, fy, fz, found, bx, by, bz = add_force(
             p, np.uint64(other[0, p]), np.int64(0), so_far, x, slots, law
         )
         if scratch.near is not None:
-            scratch.near[i] = 1 if found else 0
+            scratch.near[i] = 1 if found > 0.0 else 0
         kick_particle(p, i, (fx, fy, fz), (bx, by, bz), kick, particles, law, f)
 
 
@@ -170,21 +173,21 @@ def kick_gathered(c, kick_dt, zeta, share, chunks, particles, slots, law, scratc
         i = p - origin
         f[0][i], f[1][i], f[2][i], found, bx, by, bz = four_forces(p, far_ends(p, other), x, slots, law)
         if scratch.near is not None:
-            scratch.near[i] = 1 if found else 0
+            scratch.near[i] = 1 if found > 0.0 else 0
         if scratch.band is not None:
             scratch.band[0][i], scratch.band[1][i], scratch.band[2][i] = bx, by, bz
     for s in range(SLOTS, chunks.width[c]):
         for p in range(origin, end):
             i = p - origin
             bx, by, bz = row_of(scratch.band, i)
-            so_far = (f[0][i], f[1][i], f[2][i], np.bool_(False), bx, by, bz)
+            so_far = (f[0][i], f[1][i], f[2][i], 0.0, bx, by, bz)
             f[0][i], f[1][i], f[2][i], found, bx, by, bz = add_force(
                 p, np.uint64(other[s, p]), np.int64(s), so_far, x, slots, law
             )
             if scratch.band is not None:
                 scratch.band[0][i], scratch.band[1][i], scratch.band[2][i] = bx, by, bz
             if scratch.near is not None:
-                scratch.near[i] |= 1 if found else 0
+                scratch.near[i] |= 1 if found > 0.0 else 0
     for p in range(origin, end):
         i = p - origin
         kick_particle(p, i, row_of(f, i), row_of(scratch.band, i), kick, particles, law, f)
@@ -223,7 +226,7 @@ def kick_runs(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
             i = p - origin
             fx, fy, fz, found, bx, by, bz = four_forces(p, (p + s0, p + s1, p + s2, p + s3), x, slots, law)
             if scratch.near is not None:
-                scratch.near[i] = 1 if found else 0
+                scratch.near[i] = 1 if found > 0.0 else 0
             kick_particle(p, i, (fx, fy, fz), (bx, by, bz), kick, particles, law, f)
     first, last = np.uint64(spans[c, 2]), np.uint64(spans[c, 3])
     filled_up = first + np.uint64((spans[c, 3] - spans[c, 2] + LANES - 1) // LANES * LANES)
@@ -234,7 +237,7 @@ def kick_runs(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
         f_rest[0][k], f_rest[1][k], f_rest[2][k], found, bx, by, bz = four_forces(
             p, far_ends(p, other), x, slots, law
         )
-        near_rest[k] = 1 if found else 0
+        near_rest[k] = 1 if found > 0.0 else 0
         if scratch.band is not None:
             band_rest[0][k], band_rest[1][k], band_rest[2][k] = bx, by, bz
     for i in range(first, last):

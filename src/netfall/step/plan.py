@@ -98,6 +98,13 @@ def stepped_particles(state: State) -> Particles:
     )
 
 
+def kinds(arguments):
+    """What tells the types of a plan's arguments apart when its state has changed: they take much longer."""
+    if isinstance(arguments, tuple):
+        return tuple(map(kinds, arguments))
+    return arguments.flags.c_contiguous if isinstance(arguments, np.ndarray) else type(arguments)
+
+
 class Plan:
     """The arguments of the time loop for a state, brought up to date when something else changes it."""
 
@@ -124,6 +131,7 @@ class Plan:
         np.maximum.at(self._last_use, chunk[:, 0], chunk[:, 1])
         np.maximum.at(self._last_use, chunk[:, 1], chunk[:, 0])
         self.events, self.state = events_with_room(0), None
+        self._entries: dict = {}
         self.attach(state)
 
     def attach(self, state: State) -> None:
@@ -158,7 +166,6 @@ class Plan:
         find_runs(len(new), low, high, self.chunks.width, state.other, self.chunks.runs)
         fractures = self.rules and Fractures(self.rules, state.particles, state.rows, self.events)
         bends = None if state.joints is None else Bends(state.x, state.joints, state.bend)
-        self._entries: dict = {}  # what is None may have changed
         self.arguments = (
             self.chunks,
             stepped_particles(state),
@@ -170,6 +177,7 @@ class Plan:
             fractures,
             Beside(self.rows and self.rows.of(state), bends, state.places),
         )
+        self._kinds = kinds(self.arguments)
 
     def collect_yield(self, state: State) -> None:
         """Bring plastic strains and heat of the elements up to date: in most steps the slots alone change."""
@@ -193,7 +201,8 @@ class Plan:
                 self.state.reserve(2 * count)
             known = int(self.events.count[0])
             if known + 2 * count > len(self.events.step):
-                self.events = events_with_room(2 * (known + 2 * count), self.events)
+                room = 2 * (known + 2 * count) + self.state.m // 16
+                self.events = events_with_room(room, self.events)
             self.attach(self.state)
             chunks, _, elements, slots, _, law, _, fractures, _ = self.arguments
             break_elements(count, step_done(interval, done - 1), chunks, elements, slots, law, fractures)
@@ -213,10 +222,11 @@ class Plan:
     def _steps(self, interval: Interval, seconds: np.ndarray | None) -> tuple[int, int, int]:
         """`time_loop` with these arguments."""
         arguments, timed = (interval, *self.arguments, self.halo.buffers, seconds), seconds is not None
-        if timed in self._entries:
-            return self._entries[timed](*arguments)
+        version = self._kinds, timed
+        if version in self._entries:
+            return self._entries[version](*arguments)
         found = time_loop(*arguments)
-        self._entries[timed] = entry_for(time_loop, *arguments)
+        self._entries[version] = entry_for(time_loop, *arguments)
         return found
 
     def take_back(self) -> None:
