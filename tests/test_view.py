@@ -171,6 +171,35 @@ def test_the_page_draws_and_plays(its_page, broken):
 
 @needs_k3d
 @needs_browser
+def test_from_each_side_all_is_in_sight_and_a_click_marks_an_element(its_page):
+    """Points and the grid's numbers after each button; what is picked is what the words are about."""
+    numbers = "[...document.querySelectorAll('#canvasTarget div[style*=\"0.75em\"]')]"
+    shown = f"return {numbers}.filter(n => n.style.display === 'block').map(n => n.style.transform)"
+    points = (
+        "return netfall.then(s => { const { camera } = s.k3d.getWorld(), n = s.points.length / 3;"
+        "const place = (k) => s.points.subarray(3 * k, 3 * k + 3);"
+        "const at = (k) => camera.position.clone().set(...place(k)).project(camera);"
+        "return [...Array(n).keys()].map(k => at(k).toArray()); })"
+    )
+    with browser.browser() as seen:
+        seen.open(its_page)
+        for side in ("plan", "front", "side", "space"):
+            seen.run(f"return netfall.then(() => document.querySelector('[data-view={side}]').click())")
+            time.sleep(0.5)
+            assert np.abs(np.array(seen.run(points))).max() < 1.0
+            told = seen.run(shown)
+            assert len(told) > 8 and not any(
+                "1000px" in each for each in told
+            )  # where k3d puts what is hidden
+        seen.run("return netfall.then(s => { s.picked = 3; draw(s); })")
+        marked, drawn = (f"return netfall.then(s => [...s.kinds[{k}].vertices])" for k in ("PICKED", "TAUT"))
+        assert seen.run(marked) == seen.run(drawn)[18:24]
+        assert seen.run("return document.getElementById('picked').textContent").startswith("element 3")
+        assert seen.faults() == []
+
+
+@needs_k3d
+@needs_browser
 def test_a_browser_that_cannot_draw_says_so(its_page):
     """Without WebGL: a line in the page."""
     with browser.browser("--disable-3d-apis") as seen:

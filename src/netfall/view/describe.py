@@ -46,7 +46,7 @@ def page_of(f) -> Page:
         "net": f"{len(x)} nodes, {len(f['net/elements'])} elements",
         "left_out": left_out,
         "from": start_words(f),
-        "window": _window(f, shown, x).tolist(),
+        "window": to_ticks(_window(f, shown, x)).tolist(),
         "group": numbers.add(f["net/group"][:].astype(np.int16)[drawn.rows]),
         "groups": f["net/group_names"].asstr()[:].tolist(),
         "strokes": _strokes(f),
@@ -72,6 +72,17 @@ def _window(f, shown: list[States], x: np.ndarray) -> np.ndarray:
         return np.array([x.min(0), x.max(0)])
     frames = Frames(f)
     return view(frames, np.unique(np.linspace(0, len(frames.times) - 1, MOST_LOOKS).astype(int)).tolist())
+
+
+def to_ticks(window: np.ndarray) -> np.ndarray:
+    """A room (2, 3) [m] grown to where k3d's grid has round numbers.
+
+    It has them every tenth of the next power of ten, and every fifth of that where the room is small.
+    """
+    size = np.ptp(window, axis=0)
+    tenth = 10.0 ** np.ceil(np.log10(size.max())) / 10.0
+    step = np.where(size > 2.0 * tenth, tenth, tenth / 5.0)
+    return np.array([np.floor(window[0] / step) * step, np.ceil(window[1] / step) * step])
 
 
 def _ids(numbers: Numbers, ids: np.ndarray) -> dict | list[str]:

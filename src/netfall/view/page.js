@@ -5,7 +5,7 @@
 // bytes. NONE is no value. Elements are m pairs of points; each is drawn with two points of its own.
 
 const NONE = -32768;
-const TAUT = 2, SLACK = 3, BROKEN = 4, SUPPORTS = 5; // objects of k3d, beside the form, which has times
+const TAUT = 2, SLACK = 3, BROKEN = 4, SUPPORTS = 5, PICKED = 6; // objects of k3d, beside the form, with times
 const MOST_THICK = 20000; // elements that are drawn as bands; more as lines of one pixel
 const NEAR = 12; // pixels from a click to an element
 const SCALES = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
@@ -88,6 +88,14 @@ function valueOf(scene, e) {
 
 // --- what is drawn
 
+// The object that draws an element; undefined: it is not there.
+function kindOf(scene, e) {
+  const { state, frame } = scene;
+  if (state.away && state.away[e]) return undefined;
+  const N = state.tension.values[frame * state.tension.size + e];
+  return N === NONE ? BROKEN : N === 0 ? SLACK : TAUT;
+}
+
 function place(scene, points) {
   const { page, state, frame, scale } = scene;
   const { values, size, unit } = state.displacement;
@@ -107,22 +115,26 @@ function colourOf(scene, e) {
 }
 
 function draw(scene) {
-  const { k3d, page, state, frame, points, kinds } = scene, m = page.ends.length / 2;
+  const { k3d, page, points, kinds, picked } = scene, m = page.ends.length / 2;
   place(scene, points);
   for (const kind of Object.values(kinds)) kind.vertices.fill(NaN);
   for (let e = 0; e < m; e++) {
-    if (state.away && state.away[e]) continue;
-    const N = state.tension.values[frame * m + e];
-    const kind = kinds[N === NONE ? BROKEN : N === 0 ? SLACK : TAUT];
-    for (const end of [0, 1]) {
-      const p = 3 * page.ends[2 * e + end], v = 6 * e + 3 * end;
-      for (const axis of [0, 1, 2]) kind.vertices[v + axis] = points[p + axis];
-    }
+    const kind = kinds[kindOf(scene, e)];
+    if (!kind) continue;
+    putEnds(page, points, e, kind.vertices, 6 * e);
     if (kind === kinds[TAUT]) kind.colours[2 * e] = kind.colours[2 * e + 1] = colourOf(scene, e);
   }
+  if (picked >= 0 && kindOf(scene, picked)) putEnds(page, points, picked, kinds[PICKED].vertices, 0);
   for (const [id, kind] of Object.entries(kinds)) redraw(k3d, Number(id), kind);
   k3d.render();
   tell(scene);
+}
+
+function putEnds(page, points, e, vertices, v) {
+  for (const end of [0, 1]) {
+    const p = 3 * page.ends[2 * e + end];
+    for (const axis of [0, 1, 2]) vertices[v + 3 * end + axis] = points[p + axis];
+  }
 }
 
 function redraw(k3d, id, kind) {
@@ -155,11 +167,13 @@ function loadObjects(scene) {
   scene.points = new Float32Array(start.length);
   scene.kinds = {};
   for (const id of [TAUT, SLACK, BROKEN]) scene.kinds[id] = { vertices: new Float32Array(6 * m).fill(NaN) };
+  scene.kinds[PICKED] = { vertices: new Float32Array(6).fill(NaN) };
   scene.kinds[TAUT].colours = new Uint32Array(2 * m).fill(colours.none);
   const objects = [
     lines(scene, TAUT, "taut", colours.none, 0.0022, scene.kinds[TAUT].vertices.slice()),
     lines(scene, SLACK, "slack", colours.slack, 0.0018, scene.kinds[SLACK].vertices.slice()),
     lines(scene, BROKEN, "broken", colours.broken, 0.0032, scene.kinds[BROKEN].vertices.slice()),
+    lines(scene, PICKED, "picked", colours.support, 0.006, scene.kinds[PICKED].vertices.slice()),
   ];
   if (supports.length) objects.push(squares(scene));
   return k3d.load({ objects }).then(() => show(scene, page.form, false));
@@ -242,18 +256,18 @@ function tell(scene) {
 }
 
 function tellPicked(scene) {
-  const { page, state, frame, picked } = scene;
+  const { page, state, picked } = scene;
   if (picked < 0) return;
   const told = page.quantities.map((quantity) => {
     const value = valueOf({ ...scene, quantity }, picked);
     const name = state.strain ? quantity.name : quantity.at_rest;
     if (Number.isNaN(value)) return `${name} none`;
-    return `${name} ${short(quantity.factor * value, 4)} ${quantity.unit}`;
+    const unit = quantity.unit === "-" ? "" : ` ${quantity.unit}`;
+    return `${name} ${short(quantity.factor * value, 4)}${unit}`;
   });
-  const m = page.ends.length / 2, gone = state.tension.values[frame * m + picked] === NONE;
-  const group = page.groups[page.group[picked]], away = state.away && state.away[picked];
+  const group = page.groups[page.group[picked]], kind = kindOf(scene, picked);
   byId("picked").textContent = `element ${page.element[picked]}${group ? `, ${group}` : ""}: ` +
-    (away ? "not there" : gone ? "broken or lost" : told.join("; "));
+    (!kind ? "not there" : kind === BROKEN ? "broken or lost" : told.join("; "));
 }
 
 function legend(scene) {
@@ -322,6 +336,9 @@ function listen(scene) {
   for (const button of document.querySelectorAll("#views button")) {
     button.addEventListener("click", () => lookFrom(scene, button.dataset.view));
   }
+  for (const control of document.querySelectorAll("button, #head input")) { // so that keys lead the time again
+    control.addEventListener("click", () => control.blur());
+  }
   document.addEventListener("keydown", (event) => press(scene, event));
   const canvas = k3d.getWorld().targetDOMNode;
   let from = null;
@@ -345,14 +362,30 @@ function press(scene, event) {
 // --- where it is seen from
 
 function lookFrom(scene, name) {
-  const { k3d, page } = scene, [low, high] = page.window;
+  const { k3d, page } = scene, [low, high] = page.window, world = k3d.getWorld();
   const middle = low.map((value, axis) => (value + high[axis]) / 2);
   const views = { space: [0.44, -0.76, 0.48], plan: [0, -1e-3, 1], front: [0, -1, 0], side: [1, 0, 0] };
-  const towards = views[name];
-  const radius = 0.5 * Math.hypot(...low.map((value, axis) => high[axis] - value));
-  const away = 0.9 * radius / Math.sin((Math.PI / 360) * k3d.parameters.cameraFov);
-  k3d.setCamera([...middle.map((value, axis) => value + away * towards[axis]), ...middle, 0, 0, 1]);
-  k3d.render();
+  const away = farEnough(low.map((value, axis) => (high[axis] - value) / 2), views[name], k3d, world);
+  k3d.setCamera([...middle.map((value, axis) => value + away * views[name][axis]), ...middle, 0, 0, 1]);
+  world.camera.updateMatrixWorld();
+  world.controls.dispatchEvent({ type: "change" }); // or k3d takes the grid's numbers for out of sight
+  k3d.render(true); // once more, where it is drawing just now
+}
+
+// Distance from which all corners of a box are seen, with room for the grid's numbers.
+// half : its half sizes; towards : unit vector to where it is seen from
+function farEnough(half, towards, k3d, world) {
+  const [x, y, z] = towards, level = Math.hypot(x, y), right = [-y / level, x / level, 0];
+  const up = [-z * right[1], z * right[0], x * right[1] - y * right[0]];
+  const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+  const slope = Math.tan((Math.PI / 360) * k3d.parameters.cameraFov), wide = slope * (world.width / world.height);
+  let away = 0;
+  for (let k = 0; k < 8; k++) {
+    const corner = half.map((value, axis) => (k & (1 << axis) ? value : -value));
+    const aside = Math.max(Math.abs(dot(corner, right)) / wide, Math.abs(dot(corner, up)) / slope);
+    away = Math.max(away, dot(corner, towards) + 1.1 * aside);
+  }
+  return away;
 }
 
 // The element nearest to a click, and what it carries.

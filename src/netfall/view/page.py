@@ -42,7 +42,7 @@ def put(path: Path, page: Page) -> str:
         camera_auto_fit=False,
         grid_auto_fit=False,
         grid=[*data["window"][0], *data["window"][1]],
-        axes=["x [m]", "y [m]", "z [m]"],
+        axes=["x [m]", "y [m]", r"z [m]\phantom{mmmmm}"],  # z : beside its numbers
         camera_fov=30.0,
         camera_up_axis="z",
         grid_color=0xF0F0F0,

@@ -11,7 +11,7 @@ from netfall.results.file import reading
 from netfall.study.answers.losses import elements_lost, losses_of
 from netfall.study.answers.read import Study, read_study
 from netfall.study.files import place_of
-from netfall.view.describe import Page, choice, net_data, page_of, states_data
+from netfall.view.describe import Page, choice, net_data, page_of, states_data, to_ticks
 from netfall.view.numbers import Numbers
 from netfall.view.page import need_k3d, put
 from netfall.view.quantities import Quantity
@@ -80,7 +80,7 @@ def net_page(study: Study) -> Page:
         "net": f"{len(x)} nodes, {len(elements)} elements; no member was kept",
         "from": "the net as each member begins",
         "left_out": [f"one in {every} of the elements"] * (every > 1),
-        "window": [x.min(0).tolist(), x.max(0).tolist()],
+        "window": to_ticks(np.array([x.min(0), x.max(0)])).tolist(),
         "group": numbers.add(group.astype(np.int16)[rows]),
         "groups": [""],
         "strokes": [],
