@@ -82,9 +82,10 @@ def charts(rows: int, columns: int, width: float, height: float, **more):
     return figure, axes
 
 
-def legend_below(figure, axes, ncols: int = 4) -> None:
-    """What the lines of a chart are, below all charts."""
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=ncols)
+def legend_below(figure, *axes, ncols: int = 4) -> None:
+    """What the lines of some charts are, below all charts."""
+    handles = [handle for each in axes for handle in each.get_legend_handles_labels()[0]]
+    figure.legend(handles=handles, loc="outside lower center", ncols=ncols)
 
 
 def line_width(elements: int, most: float = 1.4) -> float:
@@ -92,23 +93,30 @@ def line_width(elements: int, most: float = 1.4) -> float:
     return float(np.clip(60.0 / np.sqrt(max(elements, 1)), 0.4, most))
 
 
-def in_space(figure, place, points):
-    """Axes in space with equal scales around the points (n, 3), labelled in metres."""
+def in_space(figure, place, points, zoom: float | None = None):
+    """Axes in space with equal scales around the points (n, 3), labelled in metres; zoom : default ZOOM
+
+    A net in an upright plane along x is seen from the front.
+    """
     axes = figure.add_subplot(*place, projection="3d")
     low, high = points.min(0), points.max(0)
     extent = np.maximum(high - low, 0.02 * (high - low).max() + 1e-9)
     middle = 0.5 * (low + high)
     for k, limits in enumerate((axes.set_xlim, axes.set_ylim, axes.set_zlim)):
         limits(middle[k] - 0.5 * extent[k], middle[k] + 0.5 * extent[k])
-    axes.set_box_aspect(extent, zoom=ZOOM[0 if extent[2] > 3 * FLAT * extent.max() else 1])
-    axes.view_init(*VIEWS["space"])
+    axes.set_box_aspect(extent, zoom=zoom or ZOOM[0 if extent[2] > 3 * FLAT * extent.max() else 1])
+    upright = extent[1] <= THIN * extent.max() < extent[2]
+    axes.view_init(*VIEWS["front" if upright else "space"])
     for k, (axis, ticks, pad) in enumerate(((axes.xaxis, 5, 6), (axes.yaxis, 4, 6), (axes.zaxis, 3, 0))):
         share = extent[k] / extent.max()
+        ticks = min(ticks, round(8 * share)) if k == 1 else ticks
         axis.set_major_locator(
             plt.MaxNLocator(ticks if share > FLAT else 1) if share > THIN else NullLocator()
         )
         axis.set_label_text(f"{'xyz'[k]} [m]" if share > THIN else "")
         axis.labelpad = pad
+    if upright:  # matplotlib measures the distance of names by the height of the axes
+        axes.xaxis.labelpad = 6.0 * extent.max() / extent[2] - 21.0
     axes.tick_params(labelsize=7, pad=1)
     return axes
 

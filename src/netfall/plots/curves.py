@@ -19,7 +19,7 @@ BULK = 0.5, 99.5  # percentiles of values that a scale shows
 MUCH_MORE = 1.0  # times the range of the bulk: what is farther out is left out of the scale
 FLOOR = 1e-17  # of the errors that are drawn
 LEAST_SPAN = 1e-6  # of the largest displacement of a picture, over which each of its axes goes
-AUDITS = (("balance_error", "physical balance", "C4"), ("identity_error", "work identity", "C5"))
+AUDITS = (("balance_error", "physical balance", "C4"), ("identity_error", "work identity", "C7"))
 ROOM = 0.14  # of the width, from one time that is told to the next
 
 
@@ -101,10 +101,9 @@ def energies(f):
         both = dict(color="0.6", ls="--", lw=2.2, zorder=0, label="sum of these")
         panel.plot(t[rows], scale * total[rows], **both)
         panel.set_ylabel(f"energy [{named}]")
-    legend_below(figure, panels[0, 0], 6)
+    legend_below(figure, *panels[:, 0], ncols=6)
     _tell_events(f, panels[0], first)
     panels[1, 0].set_ylabel("share of the energy [-]")
-    panels[1, -1].legend(loc="lower right", ncols=2)
     heading(figure, title_of(f), ": energy")
     return figure
 
@@ -159,8 +158,7 @@ def tensions(f):
         _draw_tensions(f, axes, part, colour)
     panels[-1, 0].set_xlabel("time [s]")
     mark_events(panels[0, 0], f)
-    handles = [handle for axes in panels[:, 0] for handle in axes.get_legend_handles_labels()[0]]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    legend_below(figure, *panels[:, 0], ncols=3)
     heading(figure, title_of(f), ": tensions")
     return figure
 
@@ -233,7 +231,7 @@ def displacements(f):
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
     _tell_events(f, axes[0], first)
-    legend_below(figure, axes[0, 0], 3)
+    legend_below(figure, axes[0, 0], ncols=3)
     heading(figure, title_of(f), ": displacements")
     return figure
 

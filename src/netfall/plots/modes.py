@@ -62,7 +62,7 @@ def _panels(x: np.ndarray, swing: float, count: int):
     heights = [3.0, high] * rows
     figure = plt.figure(figsize=(columns * WIDTH, sum(heights) + 0.5 * (2 * rows - 1) + BELOW + HEAD))
     whole = figure.get_figheight()
-    place = {"top": 1.0 - HEAD / whole, "bottom": BELOW / whole, "left": 0.06, "right": 0.98}
+    place = {"top": 1.0 - HEAD / whole, "bottom": BELOW / whole, "left": 0.06, "right": 0.94}
     grid = figure.add_gridspec(
         2 * rows, columns, height_ratios=heights, hspace=0.5 * 2 * rows / sum(heights), wspace=0.2, **place
     )
@@ -74,7 +74,7 @@ def _panels(x: np.ndarray, swing: float, count: int):
             in_space(figure, (grid[row, column],), window),
             figure.add_subplot(grid[row + 1, column]),
         )
-        set_plan(plan, x[:, :2], swing)
+        set_plan(plan, x[:, :2], 1.1 * swing)
         if k + columns < count:  # the one below has a title there
             plan.set_xlabel("")
         panels.append((space, plan))

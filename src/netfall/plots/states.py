@@ -46,7 +46,9 @@ def form(f):
     _add_bars(figure, scale, N)
     figure.legend(*axes.get_legend_handles_labels(), loc="upper left", bbox_to_anchor=(0.0, 0.95))
     iterations, residual = f["form_finding/iterations"][()], f["form_finding/residual"][()]
-    heading(figure, title_of(f), f": form, {iterations} iterations, residual {residual:.1e} of the prestress")
+    heading(
+        figure, title_of(f), f": form, iterations: {iterations}, residual {residual:.1e} of the prestress"
+    )
     return figure
 
 

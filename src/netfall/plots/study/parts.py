@@ -12,6 +12,7 @@ from netfall.study.answers.read import Study
 TICKS = np.outer(10.0 ** np.arange(-3, 7), (1.0, 2.0, 5.0)).ravel()  # of a logarithmic scale
 SHORT = 0.015  # share of the picture, of an element that has a dot
 COLOURS = "viridis_r"
+IN_MAPS = 1.0  # zoom of the maps in space, which stand close to the picture's edges
 MOST_NAMED = 5  # elements with their ids
 UPRIGHT = 0.1  # run over rise, up to which an element is a strut between layers
 
@@ -23,9 +24,10 @@ def roof_panels(study: Study):
         figure, panels = plan_panels(x[:, :2], held, 2)
         return figure, [(plan,) for plan in panels]
     figure, panels = plan_panels(x[:, :2], held, 4)
+    figure.get_layout_engine().set(rect=(0.0, 0.0, 0.97, 1.0))  # it does not see the names of axes in space
     for unused in panels[2:]:
         unused.remove()
-    return figure, [(panels[k], in_space(figure, (2, 2, 3 + k), x)) for k in range(2)]
+    return figure, [(panels[k], in_space(figure, (2, 2, 3 + k), x, IN_MAPS)) for k in range(2)]
 
 
 def layered(x: np.ndarray, elements: np.ndarray) -> bool:

@@ -36,7 +36,7 @@ def spread(study: Study):
     axes.set_ylabel("elements broken")
     if lines is not None:
         figure.colorbar(lines, ax=axes, label="mean wind speed [m/s]")
-    legend_below(figure, axes, 2)
+    legend_below(figure, axes, ncols=2)
     heading(figure, study.title, f": spread of the collapse in {len(courses)} members that broke")
     return figure
 
