@@ -8,7 +8,7 @@ from netfall.results.states import equilibria, start_position
 
 LARGEST_BALANCE = 0.01  # error of the physical balance above which a result is doubtful
 HELD = 0.05  # of the largest bending moment: a hold against tilting above that is told
-FAR = 0.2  # of a net's largest dimension in plan: a node that moves farther under static load is told
+FAR = 0.2  # of a net's largest dimension: a node that moves farther under static load is told
 
 
 def balance_notes(time: np.ndarray, balance: np.ndarray, broken: np.ndarray) -> list[str]:
@@ -30,7 +30,7 @@ def displacement_notes(found: list[tuple[str, float, int]], x: np.ndarray) -> li
     found : what each equilibrium is, the largest displacement in it [m], the id of its node
     x : (n, 3) [m], from which displacements count
     """
-    size = float(np.ptp(x[:, :2], axis=0).max())
+    size = float(np.ptp(x, axis=0).max())
     far = [each for each in found if each[1] > FAR * size]
     if not far:
         return []
@@ -38,7 +38,7 @@ def displacement_notes(found: list[tuple[str, float, int]], x: np.ndarray) -> li
     share = f" (and so in {len(far)} of {len(found)} equilibria)" if len(found) > 1 else ""
     return [
         f"note: {words}: node {node} moved by {moved:.4g} m, by more than a fifth of the net's largest "
-        f"dimension in plan, {size:.4g} m{share}: the net snapped through, or was slack at the start; look "
+        f"dimension, {size:.4g} m{share}: the net snapped through, or was slack at the start; look "
         "at its shape, and at the units of loads, the prestress and the supports"
     ]
 
