@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from netfall.equilibrium.increments import Watch, approach, is_foreseen
+from netfall.equilibrium.increments import Watch, approach, at_once
 from netfall.equilibrium.interior import move_inside
 from netfall.equilibrium.newton import AT_START, Newton, NoConvergence, Stopped, is_large
 from netfall.equilibrium.overload import GivesWay
@@ -38,6 +38,7 @@ MOST_AGAIN = 6  # times
 ROUNDING = 1e-13  # of the largest force: residuals below that are rounding
 EXACT = 1e-10  # of the forces out of balance, that a response leaves
 STABLE, UNKNOWN = -1, -2
+INSIDE = -1
 
 
 class Solution(NamedTuple):
@@ -72,7 +73,8 @@ class Finder:
 
     serving : the inverse, in factors, that serves instead; None: none
     slips : cables that slip over nodes, None: none do
-    goal : which of the residuals the last equilibrium was relaxed to before Newton's method went on; 0: none
+    goal : which of the residuals the last equilibrium was relaxed to before Newton's method went on; 0: none;
+        `INSIDE`: it was brought near by `interior`
     report(words) : of what is being done
     """
 
@@ -119,7 +121,7 @@ class Finder:
 
         tolerance : of the estimated errors; reference : [N], the largest force that acts; max_iterations : of
         the relaxation; stop, resume : as in `relax`; guess : positions (n, 3) [m] that may be nearer
-        watch : as of `approach`; goal : in a search near by, to relax to at once, as of `Finder`
+        watch : as of `approach`; goal : in a search near by, to begin with, as of `Finder`
 
         Raises DivergedError if neither finds one, Paused if asked to stop, GivesWay.
         """
@@ -133,9 +135,9 @@ class Finder:
             guessed = guess is not None and self._begin_at(guess, newton)
             self.goal = 0
             try:
-                if goal:
+                if goal and goal != INSIDE:
                     raise NoConvergence("it would not be found")
-                return self._by_newton(newton, tolerance, stop, watch, before)
+                return self._by_newton(newton, tolerance, stop, watch, before, goal == INSIDE)
             except Stopped:
                 state.x[:] = before
                 raise Paused(not_begun(before)) from None
@@ -149,7 +151,7 @@ class Finder:
         asked, found = tolerance * reference, None
         goals = [*(share * reference for share in NEARER if share > tolerance), asked]
         goals += [max(asked / TIGHTER**k, ROUNDING * reference) for k in range(1, MOST_AGAIN)]
-        if goal and resume is None:  # of a finer search there may be more
+        if goal and goal != INSIDE and resume is None:  # of a finer search there may be more
             first = min(goal, len(goals)) - 1
         for stage in range(first, len(goals)):
             self.goal = stage + 1
@@ -197,9 +199,12 @@ class Finder:
     def foresees(self, load: np.ndarray) -> bool:
         """Whether the tangent tells nearly what a load (n, 3) [N] does, so that rest is near. Collective."""
         x = self.state.x.copy(order="K")
-        foreseen = is_foreseen(self._newton(load), self.state.x_start)
-        self.state.x[:] = x
-        return foreseen
+        try:
+            return at_once(self._newton(load), self.state.x_start, NEVER) is not AT_START
+        except NoConvergence:
+            return False
+        finally:
+            self.state.x[:] = x
 
     def _begin_at(self, guess: np.ndarray, newton: Newton) -> bool:
         """Begin there if the residual is so much smaller there; whether it is. Collective."""
@@ -221,19 +226,34 @@ class Finder:
         return Solution(total, residual, *errors, True, self._unstable_at(newton))
 
     def _by_newton(
-        self, newton: Newton, tolerance: float, stop: StopRequest, watch: Watch | None, before: np.ndarray
+        self,
+        newton: Newton,
+        tolerance: float,
+        stop: StopRequest,
+        watch: Watch | None,
+        before: np.ndarray,
+        inside: bool,
     ) -> Solution:
         """By Newton's method, from where the net is, or by way of the interior of its cables. Collective.
 
-        before : positions (n, 3) [m] from which these begin. Raises NoConvergence, Stopped, GivesWay.
+        before : positions (n, 3) [m] from which these begin; inside : whether they do so at once
+
+        Raises NoConvergence, Stopped, GivesWay, RunsAway.
         """
         try:
+            if inside:
+                raise NoConvergence("it would not be found")
             return self._corrected(newton, tolerance, 0, stop, watch=watch)
         except NoConvergence:
             self.state.x[:] = before
-        if self.slips is not None or self.state.joints is not None:
+        if not self._has_interior():
             raise NoConvergence("there is more than cables")
-        return self._corrected(newton, tolerance, move_inside(newton, self.state, stop), stop, True)
+        self.goal = INSIDE
+        gradients = move_inside(newton, self.state, tolerance, stop)
+        return self._corrected(newton, tolerance, gradients, stop, True)
+
+    def _has_interior(self) -> bool:
+        return self.slips is None and self.state.joints is None
 
     def _corrected(
         self,
@@ -252,7 +272,8 @@ class Finder:
         """
         start, begun = self.state.x_start, AT_START
         if newton.large and not near:
-            begun = approach(newton, start, stop, watch)
+            direct = watch is None and self._has_interior()
+            begun = at_once(newton, start, stop) if direct else approach(newton, start, stop, watch)
         found = newton.find(tolerance, start, stop, near and patient, begun)
         total = before + found.gradients
         return Solution(total, found.residual, found.moved, found.tension, False, self._unstable_at(newton))

@@ -22,7 +22,7 @@ from netfall.equilibrium.newton import (
     Stopped,
 )
 from netfall.equilibrium.overload import SURELY, UNSTRAINED, GivesWay, Strained
-from netfall.ground.stop import NEVER, StopRequest
+from netfall.ground.stop import StopRequest
 from netfall.multigrid.tangent import without_compression
 
 Watch = Callable[[], Strained]
@@ -75,17 +75,18 @@ def approach(newton: Newton, start: np.ndarray, stop: StopRequest, watch: Watch 
     raise NoConvergence(f"{MOST_INCREMENTS} load increments were not enough")
 
 
-def is_foreseen(newton: Newton, start: np.ndarray) -> bool:
-    """Whether one correction answers all of the residual nearly as its tangent foresees. Collective.
-
-    start : as of `approach`; the net is moved.
-    """
-    increments = _Increments(newton, start, NEVER)
+def at_once(newton: Newton, start: np.ndarray, stop: StopRequest) -> StartPoint:
+    """Answer all of the residual, where the tangent foresees what that does; as `approach`. Collective."""
+    increments = _Increments(newton, start, stop)
     K = increments.tangent()
     try:
-        return increments._move(K, increments.solve(K, newton.residual()), 1.0)[0] == 1.0
+        s = increments.solve(K, newton.residual(), rough=False)
     except NoConvergence:
-        return False
+        return AT_START
+    share, size = increments._move(K, s, 1.0)
+    if share < 1.0:
+        raise NoConvergence("it is far")
+    return StartPoint(increments.gradients, size, increments.cycle)
 
 
 class _Increments:

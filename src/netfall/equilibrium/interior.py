@@ -27,7 +27,7 @@ from netfall.parallel.sums import exact_sums
 
 FEWEST = 2000  # particles; below that relaxation takes hardly longer
 MOST_STEPS = 60
-NARROW = 1e-9  # of the energy of an element: a gap that leaves hardly a correction of Newton's
+NARROW = 1e-3  # of the tolerance, and of the energy of an element: a gap that leaves hardly a correction
 STRETCHED = 1e-4  # strain to begin with, at least, in choosing the gap
 WIDE = 2.0  # times less than the work of the first step: a gap that is too narrow to begin with
 MOST_BEGINNINGS = 4
@@ -39,8 +39,10 @@ LOST = 1e3  # times as far as `overload.run_away` has it: there is no equilibriu
 WHOLE = 0.5  # of a step: enough of it has been gone to be near to equilibrium
 
 
-def move_inside(newton: Newton, state: State, stop: StopRequest) -> int:
-    """Move the net very near to equilibrium, for `Newton.find` to go on; the iterations. Collective.
+def move_inside(newton: Newton, state: State, tolerance: float, stop: StopRequest) -> int:
+    """Move the net so near to equilibrium that `Newton.find` reaches it; the iterations. Collective.
+
+    tolerance : of `Newton.find`
 
     Raises NoConvergence, Stopped, RunsAway.
     """
@@ -50,7 +52,7 @@ def move_inside(newton: Newton, state: State, stop: StopRequest) -> int:
     inside = _Inside(newton, state, stop)
     inside.begin()
     for _ in range(MOST_STEPS):
-        if inside.step() and inside.gap <= NARROW * inside.energy():
+        if inside.step() and inside.gap <= NARROW * tolerance * inside.energy():
             return inside.gradients
     raise NoConvergence(f"{MOST_STEPS} steps were not enough")
 
