@@ -300,7 +300,7 @@ def test_check_tells_near_equilibria_of_large_nets_from_far_ones(workshop, monke
         line = told[times, cable] = next(line for line in lines if "expected run time" in line)
         seconds = float(re.search(r"equilibria ([0-9.]+) s", line)[1])
         # 1,104 elements: three that are near, or the permanent loads' and two that are far; two digits told
-        assert seconds == pytest.approx(1104 * 1e-5 * (3 if times == 1 else 21), rel=0.05)
+        assert seconds == pytest.approx(1104 * (3 * 7e-6 if times == 1 else 7e-6 + 2e-4), rel=0.05)
     assert ["not borne" in line for line in told.values()] == [False, False, True]
 
 

@@ -44,7 +44,7 @@ from netfall.write.locks import writing
 STEP_NS, STEP_US = 8.0, 2.0
 ROW_S = 5e-4  # of a row of the history, and of a frame
 EQUILIBRIUM_S = 2e-4  # for each element of a net of some thousand: slack and compression take more or less
-NEAR_S, FAR_S = 1e-5, 1e-4  # the same of a large net, whose tangent foresees it, or does not (jobs/bench)
+NEAR_S, FAR_S = 7e-6, 1e-4  # the same of a large net, whose tangent foresees it, or does not (jobs/bench)
 NOT_BORNE = 5  # times as long, until it is told how much of a load is borne
 START_S, NET_S = 0.8, 3e-4  # until Python, MPI and what they load stand; of net and form, for each element
 SMALL = 5_000  # elements below which equilibria on several ranks are no faster
