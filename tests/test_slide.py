@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from netfall.checks.slides import slide_columns
+from netfall.plots.utilisation import slips
 
 ROPE = "[cable]\nmodulus = 1e11\narea = {area}\ndensity = {density}\n"
 MU = 0.1
@@ -86,10 +87,15 @@ def test_clamps_take_the_tension_one_after_the_other(both_ways):
 
 def test_how_far_saddles_and_clamps_are_used(workshop):
     """As above: clamps at 1 but the last, 100 of 300 N; a saddle that slips, its friction over 1.65."""
-    used = slide_columns(workshop.run(workshop.job(*half_circle(5, "resistance = 300.0\n"))))
+    f = workshop.run(workshop.job(*half_circle(5, "resistance = 300.0\n")))
+    used = slide_columns(f)
+    passed, of_clamps = (panel.lines[5].get_ydata() for panel in slips(f).axes)  # of the last load step
     last = used["stage"] == "statics, load factor 1"
     assert used["node"][last].tolist() == [1, 2, 3, 4, 5]
     assert used["utilisation"][last] == pytest.approx([0.0, 1.0 / 3.0, 1.0, 1.0, 1.0], abs=1e-4)
+    assert passed == pytest.approx(1e3 * f["statics/slip"][-1]) and of_clamps[-1] == pytest.approx(
+        1.0, abs=1e-4
+    )
     used = slide_columns(workshop.run(workshop.job(*half_circle(1, f"friction = {MU}\n"))))
     turn = MU * np.pi / 2.0
     assert used["utilisation"][-1] == pytest.approx(np.expm1(turn) / np.expm1(turn / 1.65), rel=1e-4)

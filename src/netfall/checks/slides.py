@@ -19,7 +19,8 @@ def slide_columns(f) -> dict[str, np.ndarray]:
     difference : [N], after less before; slip : [m] that has passed; utilisation : in motion of clamps alone
     """
     last = final(f)
-    blocks = [_of_state(f, state) for state in (*equilibria(f), *([last] if last else []))]
+    blocks = [_of_state(f, state, state.slip and state.slip()) for state in equilibria(f)]
+    blocks += [_of_state(f, last, f["slide/slip"][-1])] if last else []
     if "difference" in f["slide"]:
         blocks.append(_in_motion(f["slide"]))
     places = {"node": f["slide/node"][:], "cable": f["slide/cable"].asstr()[:].astype(object)}
@@ -27,14 +28,14 @@ def slide_columns(f) -> dict[str, np.ndarray]:
     return columns | {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
 
 
-def _of_state(f, state: ShownState) -> dict[str, np.ndarray]:
+def _of_state(f, state: ShownState, slip: np.ndarray | None) -> dict[str, np.ndarray]:
     g, N = f["slide"], state.tension()
     before, after = N[g["before"][:]], N[g["after"][:]]
     opened = state.place and f[state.place].attrs.get("clamps") == "open"
     less = np.maximum(np.minimum(before, after), 0.0)
     holds = less * np.expm1(g["friction"][:] * _turn(f, state) / SAFETY)
     holds = holds + (0.0 if opened else g["resistance"][:])
-    slip = state.slip() if state.slip else np.full(len(N[g["before"][:]]), np.nan)
+    slip = np.full(len(holds), np.nan) if slip is None else slip
     return _block(state.name, before, after, after - before, holds, slip)
 
 

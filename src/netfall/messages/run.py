@@ -66,7 +66,7 @@ def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path
     if scene.model is None:
         return
     if simulation:
-        for line in _dynamics_lines(scene.model, simulation):
+        for line in _dynamics_lines(scene.model, outcomes[dynamics.NAME]):
             desk.progress.say(line)
     if envelope:
         for note in _overloads(scene.model, desk.log, envelope["tension"]):
@@ -78,8 +78,9 @@ def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path
     desk.progress.say(f"written: {path}")
 
 
-def _dynamics_lines(model: Model, simulation) -> list[str]:
-    """What the dynamic stage gave: losses, fractures, energies."""
+def _dynamics_lines(model: Model, outcome: Outcome) -> list[str]:
+    """What the dynamic stage gave: losses, fractures, energies, slip."""
+    simulation = outcome.result
     log, history, lines = simulation.log, simulation.history, []
     if simulation.removal:
         lines += loss_lines(simulation.removal.columns(), log.columns(), model.net.element_id)
@@ -97,7 +98,7 @@ def _dynamics_lines(model: Model, simulation) -> list[str]:
         columns = history.columns()
         lines += balance_notes(*(columns[name] for name in ("time", "balance_error", "broken")))
     if model.layout.slides:
-        lines += slip_lines(model, history.columns()["time"], history.slip_columns()["slip"])
+        lines += slip_lines(model, history.columns()["time"], outcome.sections["slide"])
     return lines
 
 

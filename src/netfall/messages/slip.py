@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from netfall.mechanics.slip.law import LEAST
 from netfall.mechanics.slip.motion import slip_inertia
 from netfall.model.model import Model
 
@@ -24,13 +25,13 @@ def inertia_line(model: Model, dt: float) -> str:
     )
 
 
-def slip_lines(model: Model, time: np.ndarray, slip: np.ndarray) -> list[str]:
-    """What has slipped in the dynamic stage, and strands that it changed much.
+def slip_lines(model: Model, time: np.ndarray, slide: dict[str, np.ndarray]) -> list[str]:
+    """What has slipped in the dynamic stage, strands that it changed much, where a cable ran out.
 
-    time : (t,) [s]; slip : (t, k) [m] of the places
+    time : (t,) [s]; slide : datasets of /slide
     """
     slides, net = model.layout.slides, model.net
-    passed = slip - slip[0]
+    passed, stopped = slide["slip"] - slide["slip"][0], slide["stopped"]
     row, place = np.unravel_index(np.argmax(np.abs(passed)), passed.shape)
     if passed[row, place] == 0.0:
         return ["slip: none"]
@@ -49,5 +50,13 @@ def slip_lines(model: Model, time: np.ndarray, slip: np.ndarray) -> list[str]:
         lines.append(
             f"note: slip changed the length of element {name} by {share[worst]:.0%}: "
             "masses, weights and the limit of the step are those of the lengths at the start"
+        )
+    if not np.isnan(stopped).all():
+        first = int(np.nanargmin(stopped))
+        node = net.node_id[slides.node[first]]
+        lines.append(
+            f"note: at t = {stopped[first]:.6g} s a cable had run over node {node} "
+            f"until {LEAST:.0%} of a strand was left, where its end stops it; so at "
+            f"{int((~np.isnan(stopped)).sum())} places in all"
         )
     return lines

@@ -2,7 +2,7 @@
 
 Which pictures come depends on what the file holds: the form (paper Fig. 6, 10), stages of erection, states at
 rest, the roof in plan, the load-displacement curve (Fig. 6), stages of the collapse (Fig. 7, 11), energies
-(Fig. 8, 15), tensions and displacements of the probes (Fig. 13, 14), wind.
+(Fig. 8, 15), tensions and displacements of the probes (Fig. 13, 14), slip along cables, wind.
 """
 
 import re
@@ -22,6 +22,7 @@ from netfall.plots.curves import (
 from netfall.plots.modes import modes
 from netfall.plots.roof import has_roof, roof
 from netfall.plots.states import form, has_stages, has_states, named_state, one_state, stages, states
+from netfall.plots.utilisation import slips
 from netfall.results.file import reading
 
 
@@ -57,6 +58,7 @@ def plot_all(result: Path, folder: Path) -> list[Path]:
             ("load_displacement", load_displacement, has_load_path(f)),
             ("collapse", collapse, moves),
             ("modes", modes, "modes" in f and len(f["modes/period"])),
+            ("slip", slips, "slide" in f),
             ("energies", energies, moves and has_energies(f)),
             ("tensions", tensions, moves),
             ("displacements", displacements, moves and _has_probes(f["history"])),

@@ -1,4 +1,4 @@
-"""Pictures of the roof, its elements coloured: by how far they are used, by dynamic factors, by moments."""
+"""Pictures of the roof coloured by use, dynamic factors, moments; slip along cables, and use of clamps."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,12 +9,15 @@ from matplotlib.colors import LogNorm, Normalize
 
 from netfall.checks.cables import Checked, only_compressed
 from netfall.checks.reactions import held_axes
+from netfall.checks.slides import slide_columns
 from netfall.plots.canvas import (
     add_coloured,
     add_lines,
+    charts,
     dot_supports,
     heading,
     in_space,
+    legend_below,
     line_width,
     save,
     set_plan,
@@ -31,6 +34,9 @@ LOST = OVER
 TICKS = 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0  # of a logarithmic scale
 COLOURS = "viridis_r"
 MUCH = 10.0  # a factor from which on the scale is logarithmic
+MOST_CABLES = 2  # those of which most passes
+MOST_STATES = 6  # in which most does
+USED = 1.0  # from where on a clamp slips
 
 
 @dataclass(frozen=True)
@@ -128,3 +134,35 @@ def _add_elements(f, axes, x: np.ndarray, shading: Shading) -> None:
 
 def _palette(shading: Shading):
     return plt.get_cmap(COLOURS).with_extremes(over=shading.over)
+
+
+def slips(f):
+    """What has passed at each place along a cable, and the utilisation there; a ring goes once around."""
+    table, cable = slide_columns(f), f["slide/cable"].asstr()[:]
+    stages = list(dict.fromkeys(table["stage"]))
+    of = lambda name: np.abs(np.nan_to_num(table[name].reshape(len(stages), -1)))
+    passed, used = of("slip"), of("utilisation")
+    cables = sorted(set(cable), key=lambda name: (-passed[:, cable == name].max(), name))[:MOST_CABLES]
+    shown = sorted(np.lexsort((-used.max(1), -passed.max(1)))[:MOST_STATES])
+    figure, panels = charts(2, len(cables), 5.5 * len(cables) + 2.0, 6.4, sharex="col", sharey="row")
+    for column, name in enumerate(cables):
+        places = np.flatnonzero(cable == name)
+        along = _along(f, places)
+        for k in shown:
+            rows = k * len(cable) + places
+            for axes, values in zip(panels[:, column], (1e3 * table["slip"], table["utilisation"])):
+                axes.plot(along, values[rows], ".-", lw=1.2, label=stages[k])
+        panels[0, column].set_title(f"cable {name}")
+        panels[1, column].axhline(USED, color="0.5", lw=0.8, ls="--")
+        panels[1, column].set_xlabel(f"along it from node {f['slide/node'][places[0]]} [m]")
+    panels[0, 0].set_ylabel("slip along the cable [mm]")
+    panels[1, 0].set_ylabel("utilisation of what holds [-]")
+    legend_below(figure, panels[0, 0], ncols=3)
+    heading(figure, title_of(f), ": slip over nodes")
+    return figure
+
+
+def _along(f, places: np.ndarray) -> np.ndarray:
+    """How far (k,) [m] the places of a cable are from the first of them, along it."""
+    L0 = f["net/unstressed_length"][:][f["slide/before"][:][places]]
+    return np.append(0.0, np.cumsum(L0[1:]))

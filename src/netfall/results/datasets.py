@@ -177,6 +177,7 @@ GROUPS = (
             row("resistance", "k", "N", "of the clamp"),
             row("slip", "t, k", "m", "with `[dynamics]`: at the rows of /history"),
             row("difference", "t, k", "N", "likewise: of the tensions after and before the place"),
+            row("stopped", "k", "s", "likewise: when a strand was used up there; nan: not"),
         ),
     ),
     Group(

@@ -8,7 +8,6 @@ from netfall.ground.errors import DivergedError, interrupted
 from netfall.job.asks import own_weight
 from netfall.job.job import Job
 from netfall.mechanics.ground import begin_with_ground, move_ground
-from netfall.mechanics.slip.law import LEAST
 from netfall.mechanics.slip.motion import slip_inertia
 from netfall.model.schedule import steps_line
 from netfall.record.columns import Moment
@@ -78,20 +77,14 @@ def begin_slipping(scene: Scene) -> None:
     state.slip_mass[places.node, places.column] = inertia
 
 
-def check_slips(simulation) -> None:
-    """Nothing was used up where cables slip. Raises DivergedError that names the nodes. Collective."""
-    s, state = simulation, simulation.state
-    at, column = np.nonzero(state.slip_locked[: state.n_owned])
-    mine = list(zip(state.slip_locked[at, column].tolist(), state.gid[at].tolist()))
-    first = min((each for found in s.comm.allgather(mine) for each in found), default=None)
-    if first is None:
-        return
-    time, node = first[0], s.comm.bcast(s.model and s.model.node_name(first[1]))
-    raise DivergedError(
-        f"at t = {time:.6g} s a cable has run over {node} until less than {LEAST:.0%} of the strand beside "
-        "it is left; what becomes of a cable that runs out of its clamps is not modelled: raise resistance "
-        "or friction of [[slide]] there, or end before with a shorter [dynamics] duration"
-    )
+def stopped_slips(scene: Scene) -> np.ndarray | None:
+    """When too little of a strand was left at each place, (k,) [s], nan: not; on rank 0. Collective."""
+    time = scene.distribution.gather_particles(scene.state.slip_locked)
+    if time is None:
+        return None
+    places = scene.model.layout.slides
+    found = time[places.node, places.column]
+    return np.where(found > 0.0, found, np.nan)
 
 
 def rest_branches(state) -> None:
@@ -103,6 +96,7 @@ def rest_branches(state) -> None:
 def sections(scene: Scene, simulation) -> dict[str, dict[str, np.ndarray]]:
     """History, events, losses and wind, on rank 0."""
     model = scene.model
+    stopped = stopped_slips(scene) if scene.state.features.sliding else None
     if model is None:
         return {}
     history, events = simulation.history, simulation.log.columns()
@@ -110,6 +104,7 @@ def sections(scene: Scene, simulation) -> dict[str, dict[str, np.ndarray]]:
     found["events"] = events | event_ids(model.net, events)
     if model.layout.slides:
         found["slide"] = slide_section(model.net, model.layout.slides) | history.slip_columns()
+        found["slide"]["stopped"] = stopped
     if simulation.removal:
         found["removal"] = simulation.removal.columns()
     if simulation.wind:
@@ -290,8 +285,6 @@ class Simulation(Stepper):
         """The rows so far become those of /history; stops a run that has diverged. Collective."""
         found = self.rows.take_up(self.comm)
         self.share_events()
-        if self.state.features.sliding:
-            check_slips(self)
         if not len(found.number):
             return
         energies = energies_of(self.state, found.sums)

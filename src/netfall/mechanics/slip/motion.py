@@ -12,7 +12,8 @@ k_after) adds 1/2 to (omega dt)^2 of an element at each of its ends.
 The owner of a node decides; s' goes with the forces to the ranks that have the node as halo. All compute
 unstressed lengths from the same slips. A broken strand has no tension and keeps its length. A lost one pulls
 with what has not faded yet (`varying.FadingLoad`). The weight that goes with slip stays as at the start:
-`slip_load` is its pull. Where too little of a strand is left (LEAST) nothing goes on, and the run is to end.
+`slip_load` is its pull. Where too little of a strand is left (LEAST) an end on the cable stops it there, and
+what was in motion turns to heat; it may run back.
 """
 
 import math
