@@ -3,8 +3,8 @@
     mpirun -n P python step.py N SCENE [--rounds R] [--no-order]
 
 SCENE: elastic, or one or more of plastic, fracture, wind, energy, sections, bars, bending (chains along x),
-air, air_mass, band joined by + (all: the first four, and damping; more may be added: all+air). Prints a line
-of JSON.
+slip (clamps along x, which hold; loose: without resistance), air, air_mass, band joined by + (all: the
+first four, and damping; more may be added: all+air). Prints a line of JSON.
 """
 
 import argparse
@@ -39,6 +39,7 @@ import net
 from netfall.mechanics.bending import Joints, curvatures
 from netfall.mechanics.fields import FIELDS, Features
 from netfall.mechanics.material import band_branches
+from netfall.mechanics.slip.motion import places_of, slip_inertia
 from netfall.mechanics.state import State
 from netfall.parallel.halo import Halo
 from netfall.parallel.partition import metis_partition
@@ -50,7 +51,8 @@ STIFFNESS = 1e3  # N m, of joints of chains that bend
 comm = MPI.COMM_WORLD
 words = set(arguments.scene.replace("all", "plastic+fracture+wind+energy").split("+")) - {"elastic"}
 scene = Features(
-    **dict.fromkeys(words - {"energy", "band"}, True),
+    **dict.fromkeys(words - {"energy", "band", "loose"}, True),
+    sliding=int("slip" in words),
     energy="energy" in words,
     band=band_branches(0.01, 0.3, 9.0) if "band" in words else (),
 )
@@ -88,6 +90,15 @@ if scene.bending:
     there = subdomain.joints
     of_joints = np.full(len(there), STIFFNESS), curvatures(state.x, there)
     state.joints = Joints(there, *of_joints, (there[:, 1] < subdomain.n_owned).astype(np.uint8))
+if scene.slip:
+    along = whole.elements[subdomain.element_gid]
+    through = (along[:, 1] - along[:, 0] == 1)[:, None] & ~whole.fixed[along]
+    state.strand[:], state.slip_along[:], state.slip_place[:] = state.L0, 1, np.where(through, 0, -1)
+    state.resistance[:, 0] = 0.0 if "loose" in words else 1e12
+    state.places = places_of(state.ends, state.slip_place, state.slip_along, subdomain.n_owned)
+    state.slip_mass[state.places.node, 0] = slip_inertia(
+        state.places, state.EA, state.L0, state.half_mass, net.DT
+    )
 halo = Halo(comm, subdomain, halo_width(state))
 plan = Plan(state, halo)
 centre = whole.centre
