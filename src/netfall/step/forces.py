@@ -7,7 +7,7 @@ it. `Particles` come as the plan prepares them (`plan.stepped_particles`).
 import numpy as np
 
 from netfall.ground.compile import inner_kernel, part_of_kernel, vector_kernel
-from netfall.mechanics.air import with_air
+from netfall.mechanics.air import damped_mass, with_air
 from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.ground import pull_of_ground, velocity_after, works_of_motion
 from netfall.mechanics.loads import external_force, squared_speed, wind_speed
@@ -53,22 +53,48 @@ def four_forces(p, far, x, slots, law):
 
 
 @part_of_kernel
-def kick_axis(p, internal, external, total, kick, axis, particles):
-    """Kick of particle p along one axis under its total force [N]; axis : `motion.Axis`
+def kick_axis(p, total, kick, axis, particles):
+    """Kick of particle p along one axis under its total force [N]; its velocity [m/s] before.
 
-    Returns the work [J] of the external, internal and damping forces, and of the ground
+    axis : `motion.Axis`
     """
     old = axis.v[p]
-    new = velocity_after(p, old, kicked(old, total * particles.per_mass[p], kick), axis)  # v to n + 1/2
-    axis.v[p] = new
-    if particles.work is None:
-        return external, external, external, external  # of no use
-    mean = 0.5 * (old + new)
-    way = kick.dt * mean  # zero where held, unless the ground moves
+    axis.v[p] = velocity_after(p, old, kicked(old, total * particles.per_mass[p], kick), axis)  # v to n + 1/2
+    return old
+
+
+@part_of_kernel
+def dot(a, b):
+    """Product of two vectors, three each."""
+    return fused(a[2], b[2], fused(a[1], b[1], a[0] * b[0]))
+
+
+@part_of_kernel
+def add_works(p, twice, internal, external, kick, particles):
+    """Add the works [J] of a kick of particle p: v.f dt of its mean velocity; supports do not move.
+
+    twice : of the mean velocity [m/s], zero where held; internal, external : forces [N]; three each
+    """
+    of_external, of_internal, of_damping = particles.work
+    half, pull = 0.5 * kick.dt, 0.25 * kick.dt * kick.zeta
+    of_external[p] = fused(half, dot(twice, external), of_external[p])
+    of_internal[p] = fused(half, dot(twice, internal), of_internal[p])
+    of_damping[p] = fused(pull * damped_mass(p, particles), dot(twice, twice), of_damping[p])
+
+
+@part_of_kernel
+def add_works_along(p, old, internal, external, kick, axis, particles):
+    """As `add_works`, along one axis, where supports may move; old : [m/s], the velocity before."""
+    of_external, of_internal, of_damping = particles.work
+    mean = 0.5 * (old + axis.v[p])
+    way = kick.dt * mean
     damping, ground = works_of_motion(
-        p, old, new, kick.dt, way, external + internal, mean, kick, axis, particles
+        p, old, axis.v[p], kick.dt, way, external + internal, mean, kick, axis, particles
     )
-    return way * external, way * internal, damping, ground
+    of_external[p] += way * external
+    of_internal[p] += way * internal
+    of_damping[p] += damping
+    particles.other_work[2][p] += ground
 
 
 @part_of_kernel
@@ -77,7 +103,6 @@ def kick_particle(p, i, force, branches, kick, particles, law, f):
 
     Totals to row i of f. branches : three [N], of the branches alone
     """
-    vx, vy, vz = particles.v[0][p], particles.v[1][p], particles.v[2][p]
     if particles.bend is not None:
         bend = particles.bend
         force = (force[0] + bend[0][p], force[1] + bend[1][p], force[2] + bend[2][p])
@@ -104,24 +129,24 @@ def kick_particle(p, i, force, branches, kick, particles, law, f):
     total, pull, along = with_air(p, total, speed, kick, particles)
     f[0][i], f[1][i], f[2][i] = total
     total = on_guide(p, total, particles)
-    ax, bx, cx, dx = kick_axis(p, nx, ex, total[0], kick, x, particles)
-    ay, by, cy, dy = kick_axis(p, ny, ey, total[1], kick, y, particles)
-    az, bz, cz, dz = kick_axis(p, nz, ez, total[2], kick, z, particles)
+    vx = kick_axis(p, total[0], kick, x, particles)
+    vy = kick_axis(p, total[1], kick, y, particles)
+    vz = kick_axis(p, total[2], kick, z, particles)
+    v = particles.v
+    twice = (vx + v[0][p], vy + v[1][p], vz + v[2][p])
     if particles.other_work is not None:
-        air, band, support = particles.other_work
+        air, band, _ = particles.other_work
         if law.branches is not None:
-            v = particles.v
-            way = (vx + v[0][p]) * branches[0] + (vy + v[1][p]) * branches[1] + (vz + v[2][p]) * branches[2]
-            band[p] = band[p] - 0.5 * kick.dt * way
+            band[p] = fused(-0.5 * kick.dt, dot(twice, branches), band[p])
         if particles.air is not None:
-            air[p] = air[p] + kick.dt * (pull * along)
-        if particles.ground is not None:
-            support[p] = support[p] + dx + dy + dz
+            air[p] = fused(kick.dt * pull, along, air[p])
     if particles.work is not None:
-        external, internal, damping = particles.work
-        external[p] = external[p] + ax + ay + az
-        internal[p] = internal[p] + bx + by + bz
-        damping[p] = damping[p] + cx + cy + cz
+        if particles.ground is None:
+            add_works(p, twice, (nx, ny, nz), (ex, ey, ez), kick, particles)
+        else:
+            add_works_along(p, vx, nx, ex, kick, x, particles)
+            add_works_along(p, vy, ny, ey, kick, y, particles)
+            add_works_along(p, vz, nz, ez, kick, z, particles)
 
 
 @inner_kernel
