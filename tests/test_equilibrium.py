@@ -1,12 +1,13 @@
 """Equilibria against a sparse direct solver in Newton's method, at any refinement, taut, slack, yielding."""
 
 import re
+from dataclasses import replace
 from unittest.mock import Mock
 
 import h5py
 import numpy as np
 import pytest
-from conftest import StopAfter
+from conftest import ROOT, StopAfter
 from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
@@ -15,9 +16,11 @@ from netfall.equilibrium import find, interior, newton
 from netfall.equilibrium import increments as path
 from netfall.equilibrium.increments import _Increments
 from netfall.equilibrium.relaxation import Paused
+from netfall.erection.lengths import jack_of
 from netfall.ground.stop import NEVER
 from netfall.ground.timings import Phases
 from netfall.job.read import read_job
+from netfall.mechanics.slip.law import set_strands
 from netfall.net.net import GRAVITY
 from netfall.program.check import check_job
 from netfall.program.setup import prepare
@@ -302,6 +305,57 @@ def test_check_tells_near_equilibria_of_large_nets_from_far_ones(workshop, monke
         # 1,104 elements: three that are near, or the permanent loads' and two that are far; two digits told
         assert seconds == pytest.approx(1104 * (3 * 7e-6 if times == 1 else 7e-6 + 2e-4), rel=0.05)
     assert ["not borne" in line for line in told.values()] == [False, False, True]
+
+
+class Looks:
+    """A wish to stop that never comes; how often it was looked for."""
+
+    count = 0
+
+    @property
+    def wanted(self):
+        self.count += 1
+        return False
+
+
+def hung_wheel():
+    """The finder of a wheel that hangs in radials that are too long, and what finds its equilibrium.
+
+    Struts that would tip over stand in it: no tangent tells an error.
+    """
+    changes = ["net.spokes=8", "net.hoops=1"]
+    job = replace(read_job(ROOT / "jobs" / "wheel_erection.toml", changes), stages=(), cases=())
+    scene, _ = prepare(MPI.COMM_SELF, job, Phases())
+    L0 = scene.model.cut_length
+    for name in ("upper", "lower"):
+        L0 = jack_of(scene.model.net, name).changed(L0, 0.35)
+    set_strands(scene.state, L0)
+    load = scene.distribution.particles(scene.model.loading.permanent)
+    return scene.state, lambda tolerance, *stop: scene.finder.find(
+        load, tolerance, 3e6, 500_000, "hung", *stop
+    )
+
+
+def test_an_error_that_no_tangent_tells_is_within_the_tolerance():
+    """Relaxed to tenths of the residual until these change no more: beside what a tighter tolerance gives."""
+    state, find = hung_wheel()
+    found = find(1e-6)
+    assert found.relaxed and found.unstable_at >= 0 and found.error <= 1e-6
+    x = state.x.copy()
+    find(1e-9)
+    assert np.abs(state.x - x).max() < 1e-6 * np.abs(state.x - state.x_start).max()
+
+
+def test_a_pause_while_an_error_is_told_changes_no_bit():
+    """Asked to stop in the last of the relaxations, and taken up."""
+    looks, (state, find) = Looks(), hung_wheel()
+    whole = find(1e-6, looks)
+    x = state.x.copy()
+    state, find = hung_wheel()
+    with pytest.raises(Paused) as pause:
+        find(1e-6, StopAfter(looks.count - 2))
+    again = find(1e-6, NEVER, pause.value.at)
+    assert again == whole and np.array_equal(state.x, x)
 
 
 @pytest.mark.parametrize("corrections", [2, 5, 8])

@@ -2,11 +2,13 @@
 
 Whichever finds it, the estimated error decides when it is found: what one more correction of Newton's would
 move, as a share of the largest displacement, and what it would change of tensions, as a share of the largest.
-So `tolerance` means the same for any net and any refinement.
+So `tolerance` means the same for any net and any refinement. Where the tangent gives no estimate (compressed
+bars buckle, a mechanism hangs) the net is relaxed to a tenth of the residual, and again, until that changes
+no more.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +37,7 @@ NEARER = (1e-2, 1e-3, 1e-4, 1e-5)  # of the largest force: residuals after which
 SMALLER = 0.5  # times: the residual of a guess, if it is to be taken
 TIGHTER = 10.0  # times: what the relaxation is asked more of, where its error is too large
 MOST_AGAIN = 6  # times
+AGAIN = 1000  # iterations and as many as it has taken so far: what each of these may take
 ROUNDING = 1e-13  # of the largest force: residuals below that are rounding
 EXACT = 1e-10  # of the forces out of balance, that a response leaves
 STABLE, UNKNOWN = -1, -2
@@ -45,7 +48,8 @@ class Solution(NamedTuple):
     """An equilibrium that was found.
 
     iterations : of conjugate gradients, or of the relaxation; residual : largest [N]
-    displacement_error, tension_error : estimates, shares of the largest; nan where none could be made
+    displacement_error, tension_error : estimates, shares of the largest: of what is left, or, where the
+        tangent tells nothing, of what the last tenth of the residual changed; nan where none could be made
     relaxed : whether by dynamic relaxation; unstable_at : where the equilibrium is not stable, the global
         number of the particle that moves most, else `STABLE`, or `UNKNOWN` where that could not be decided
     """
@@ -148,7 +152,7 @@ class Finder:
                 return self.find(load, tolerance, reference, max_iterations, what, stop, watch=watch)
             except NoConvergence:
                 state.x[:] = before
-        asked, found = tolerance * reference, None
+        asked, found, last, enough = tolerance * reference, None, None, None
         goals = [*(share * reference for share in NEARER if share > tolerance), asked]
         goals += [max(asked / TIGHTER**k, ROUNDING * reference) for k in range(1, MOST_AGAIN)]
         if goal and goal != INSIDE and resume is None:  # of a finer search there may be more
@@ -161,7 +165,7 @@ class Finder:
                     self.halo,
                     newton.net,
                     goals[stage],
-                    max_iterations,
+                    min(max_iterations, AGAIN + total) if found else max_iterations,
                     what,
                     lambda i, r, g=goals[stage]: self.report(
                         f"{what}: relaxing, residual {r:.2g} N of {g:.2g} N"
@@ -170,13 +174,17 @@ class Finder:
                     resume=resume,
                 )
             except Paused as pause:
-                pause.at.stage, pause.at.total, pause.at.start = stage, total, start
+                pause.at.stage, pause.at.total = stage, total
+                pause.at = enough or pause.at  # from where the same follows
+                pause.at.start = start
                 raise
             except DivergedError:
                 if found is None:
                     raise
                 state.x[:] = before
                 return found
+            if found and not iterations:  # nothing has changed
+                continue
             total, resume, before = total + iterations, None, state.x.copy(order="K")
             try:
                 if goal is not None and iterations == 0 and goals[stage] > asked:
@@ -185,9 +193,10 @@ class Finder:
             except NoConvergence:
                 state.x[:] = before
             if goals[stage] <= asked:
-                found = self._relaxed(newton, total, residual)
-                if not found.error > tolerance:
+                found, last = self._relaxed(newton, total, residual, last), (before, state.elements_now().N)
+                if found.error <= tolerance or (goal is not None and np.isnan(found.error)):
                     break
+                enough = enough or replace(not_begun(before), stage=stage, total=total)
         return found
 
     def residual(self, load: np.ndarray) -> np.ndarray:
@@ -217,12 +226,15 @@ class Finder:
             state.x[:] = before
         return nearer
 
-    def _relaxed(self, newton: Newton, total: int, residual: float) -> Solution:
-        """What relaxation alone has reached. Collective."""
+    def _relaxed(self, newton: Newton, total: int, residual: float, last: tuple | None) -> Solution:
+        """What relaxation alone has reached. Collective.
+
+        last : positions (n, 3) [m] and axial forces (m,) [N] of ten times the residual, None: not known
+        """
         try:
             errors = newton.errors(self.state.x_start)
         except NoConvergence:
-            errors = np.nan, np.nan
+            errors = newton.changes(*last, self.state) if last else (np.nan, np.nan)
         return Solution(total, residual, *errors, True, self._unstable_at(newton))
 
     def _by_newton(

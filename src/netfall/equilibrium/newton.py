@@ -20,6 +20,7 @@ from netfall.multigrid.cycle import Cycle
 from netfall.multigrid.distributed import advance, dot_rows, turn
 from netfall.multigrid.factors import Factors
 from netfall.multigrid.tangent import Tangent, without_compression
+from netfall.numerics.functions import lengths
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import exact_sums
@@ -292,6 +293,16 @@ class Newton:
         K = self.tangent()
         s, _ = self.solve(K, self.inverse(self, K), self.residual())
         return self.sizes(K, s, start)[:2]
+
+    def changes(self, x: np.ndarray, N: np.ndarray, state) -> tuple[float, float]:
+        """What has changed since x (n, 3) [m], N (m,) [N]: shares of displacement and tension as of `errors`.
+
+        Collective, after `begin`.
+        """
+        own, now, counts = self.owned, state.elements_now().N, self.moved_elements
+        parts = (state.x - x)[own], (state.x - state.x_start)[own], (now - N)[counts], now[counts]
+        step, far, most, tension = self.largest(*(lengths(each) if each.ndim > 1 else each for each in parts))
+        return step / max(far, NIL * self.extent), most / tension if tension > 0.0 else 0.0
 
     def _more_inertia(self) -> None:
         self.inertia = FIRST_INERTIA if not self.inertia else 10.0 * self.inertia

@@ -95,7 +95,8 @@ class Cycle:
     def _solved(self, b: np.ndarray) -> np.ndarray:
         flat = b.astype(float).ravel()
         solve_factorised(self.factor, flat)
-        return flat.reshape(-1, 3).astype(np.float32)
+        with np.errstate(over="ignore"):  # of a singular tangent, which conjugate gradients find out
+            return flat.reshape(-1, 3).astype(np.float32)
 
 
 @dataclass
