@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.erection.tension import of_form, response
-from netfall.ground.errors import DivergedError
+from netfall.erection.tension import elastic, of_form, response
 from netfall.ground.stop import NEVER
 from netfall.job.values import shown
 from netfall.mechanics.slip.law import set_strands
@@ -25,6 +24,7 @@ class Deviated(NamedTuple):
 
     tension : (m,) [N] standard deviation by linear influence; effect : (k,) [N] of each piece of cable, the
         largest change of a tension by one standard deviation of its length; lines : to say
+    failed : why there is no equilibrium with them, "": there is; x is then how far it came
     """
 
     x: np.ndarray
@@ -32,9 +32,10 @@ class Deviated(NamedTuple):
     tension: np.ndarray
     effect: np.ndarray
     lines: list[str]
+    failed: str = ""
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """All but the lines, by name."""
+        """The arrays, by name."""
         return {name: getattr(self, name) for name in ("x", "L0", "tension", "effect")}
 
 
@@ -47,17 +48,17 @@ def deviate(scene: Scene) -> Deviated | None:
     """Draw the errors of length and go to the equilibrium with them. Collective.
 
     Without a form, what is given is no equilibrium without load, and nodes stay where they are. On rank 0
-    what came of it, None elsewhere. Raises DivergedError where there is no equilibrium.
+    what came of it, None elsewhere.
     """
-    model, spread = scene.model, scene.distribution
+    model, spread, failed = scene.model, scene.distribution, ""
     each = of_form(scene, "deviation", "errors of length")
     tension, effect = _influence(scene, each.load)
     L0 = model and model.cut_length + model.net.length_error * shares(model.net, model.cut_length)
     set_strands(scene.state, spread.elements(L0))
     if scene.form is not None:
-        outcome = settle(scene, each, reference_force(scene, each), NEVER)
+        outcome = elastic(scene, settle(scene, each, reference_force(scene, each), NEVER))
         if outcome.state == NONE:
-            raise DivergedError(f"{each.words}: {outcome.reason}")
+            failed = f"{each.words}: there is no equilibrium with them: {outcome.reason}"
     x = spread.gather_particles(scene.state.x)
     if model is None:
         return None
@@ -67,7 +68,7 @@ def deviate(scene: Scene) -> Deviated | None:
         f"errors of length: tensions scatter by up to {tension.max():.4g} N (standard deviation, linear); "
         f"the pieces that matter most, by one deviation of each: {names}"
     ]
-    return Deviated(x, L0, tension, effect, lines)
+    return Deviated(x, L0, tension, effect, lines, failed)
 
 
 def _influence(scene: Scene, load: np.ndarray) -> tuple:

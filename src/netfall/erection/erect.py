@@ -7,10 +7,10 @@ import numpy as np
 from netfall.equilibrium.find import STABLE
 from netfall.erection.lengths import rows_named
 from netfall.erection.settings import Setting, after, first_setting
-from netfall.erection.tension import tension_to
+from netfall.erection.tension import elastic, tension_to
 from netfall.ground.stop import StopRequest
 from netfall.job.asks import own_weight
-from netfall.job.values import counted
+from netfall.mechanics.fields import TAKEN_OUT
 from netfall.mechanics.material import warm_length
 from netfall.mechanics.slip.law import set_strands
 from netfall.net.turned import held_along, on_held, turned_column
@@ -18,13 +18,14 @@ from netfall.numerics.functions import lengths
 from netfall.results.notes import error_words, over_strength_note
 from netfall.stages.scene import Scene, let_slip
 from netfall.stages.settle import (
-    MOST_NAMED,
-    NONE,
     StaticLoad,
     StaticOutcome,
     reference_force,
+    settings_of,
     settle,
 )
+
+MOST_TURNS = 10  # of forces at jacks
 
 
 @dataclass
@@ -112,7 +113,9 @@ def _set_up(scene: Scene, setting: Setting | None, x: np.ndarray | None) -> np.n
     if state.turned is not None:
         state.turned[:] = spread.particles(on_root(lambda: turned_column(model.net, held)))
     state.EA[:] = spread.elements(on_root(lambda: np.where(setting.active, model.net.EA, 0.0)))
-    state.broken[:] = spread.elements(on_root(lambda: (~setting.active).astype(np.uint8)))
+    state.broken[:] = spread.elements(
+        on_root(lambda: np.where(setting.active, 0, TAKEN_OUT).astype(np.uint8))
+    )
     if scene.finder.slips:
         state.slip[:] = 0.0  # what passed in stages before is in the lengths
         scene.finder.slips.open_clamps(scene.comm.bcast(setting and setting.clamps) == "open")
@@ -129,13 +132,32 @@ def warm_of(scene: Scene, setting: Setting | None):
 def _equilibrium(scene: Scene, each: StaticLoad, setting: Setting | None, stop) -> tuple:
     """The equilibrium of a stage, forces pulled to where some are; and the setting with its lengths."""
     if scene.comm.bcast(setting and len(setting.pulls) > 0):
-        of = lambda name: setting and list(getattr(setting, name))
-        warm = warm_of(scene, setting)
-        found = tension_to(scene, each, of("pulls"), of("jacks"), setting and setting.L0, warm, stop)
-        outcome, setting = found.outcome, setting and replace(setting, L0=found.L0, pulls=(), jacks=())
+        outcome, setting = _pulled(scene, each, setting, stop)
     else:
         outcome = settle(scene, each, reference_force(scene, each), stop)
-    return _elastic(scene, outcome), _slipped(scene, setting)
+    return elastic(scene, outcome), _slipped(scene, setting)
+
+
+def _pulled(scene: Scene, each: StaticLoad, setting: Setting | None, stop) -> tuple:
+    """The equilibrium with the forces of the jacks, and the setting with the lengths there. Collective.
+
+    Weight goes with the lengths, so they are found in turns, until it changes by less than the tolerance.
+    """
+    of = lambda name: setting and list(getattr(setting, name))
+    wanted, warm, asked = (
+        (of("pulls"), of("jacks")),
+        warm_of(scene, setting),
+        settings_of(scene.job).tolerance,
+    )
+    for _ in range(MOST_TURNS):
+        found = tension_to(scene, each, *wanted, setting and setting.L0, warm, stop)
+        setting = setting and replace(setting, L0=found.L0, pulls=(), jacks=())
+        load = scene.distribution.particles(setting and setting.forces(scene.model))
+        change = max(scene.comm.allgather(np.abs(load - each.load).max(initial=0.0)))
+        if not found.outcome.carries or change <= asked * reference_force(scene, each):
+            break
+        each = each._replace(load=load)
+    return found.outcome, setting
 
 
 def _slipped(scene: Scene, setting: Setting | None) -> Setting | None:
@@ -145,19 +167,6 @@ def _slipped(scene: Scene, setting: Setting | None) -> Setting | None:
         return setting
     passed = spread.gather_elements(state.L0 - state.strand, state.owned.astype(bool))
     return setting and replace(setting, L0=setting.L0 + passed / warm_of(scene, setting)(1.0))
-
-
-def _elastic(scene: Scene, outcome: StaticOutcome) -> StaticOutcome:
-    """None where elements yield in it: lengths of an erection are elastic. Collective."""
-    if not scene.state.features.plastic:
-        return outcome
-    rows = scene.distribution.subdomain.element_gid[scene.state.eps_p != 0.0]
-    over = tuple(sorted(set().union(*scene.comm.allgather(rows.tolist()))))
-    if not over:
-        return outcome
-    ids = scene.comm.bcast(scene.model and counted("element", scene.model.net.element_id[list(over)]))
-    reason = f"{ids} yield in it; an erection is computed elastically"
-    return StaticOutcome(NONE, np.nan, reason, over[:MOST_NAMED], outcome.equilibrium)
 
 
 def _note(

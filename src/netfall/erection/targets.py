@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.erection.lengths import Jack, Wanted, jack_of, rows_named, unknown_name
-from netfall.erection.tension import influences, of_form, tension_to
+from netfall.erection.tension import elastic, influences, of_form, tension_to
 from netfall.ground.errors import InputError
 from netfall.job.job import Job
 from netfall.job.values import shown
@@ -17,7 +17,8 @@ from netfall.stages.scene import Scene
 class Reached(NamedTuple):
     """Targets that were reached, on rank 0: x (n, 3) [m], unstressed lengths L0 (m,) [m].
 
-    change : (k,) [m] of each cable; influence : (k, k) of these amounts where the targets are; lines : to say
+    change : (k,) [m] of each cable; influence : (k, k) of these amounts where the targets are
+    equilibria : how many were looked for; lines : to say
     failed : why not all of them are reached, "": they are; x and L0 are then how far it came
     """
 
@@ -25,6 +26,7 @@ class Reached(NamedTuple):
     L0: np.ndarray
     change: np.ndarray
     influence: np.ndarray
+    equilibria: int
     lines: list[str]
     failed: str = ""
 
@@ -33,8 +35,10 @@ class Reached(NamedTuple):
         return {name: getattr(self, name) for name in ("x", "L0", "change", "influence")}
 
 
-def reach_targets(scene: Scene) -> Reached | None:
+def reach_targets(scene: Scene, planned: np.ndarray | None, before: Reached | None) -> Reached | None:
     """Change lengths until all targets are there, under the loads that the form carries. Collective.
+
+    planned : (m,) [m] from which changes count, on rank 0; before : the turn before it, None: it is the first
 
     On rank 0 what came of it, None elsewhere; the state is left in that equilibrium. Raises InputError for
     names that are wrong.
@@ -43,22 +47,24 @@ def reach_targets(scene: Scene) -> Reached | None:
     wanted, jacks = on_root(comm, lambda: named_targets(job, model.net)) or ([], [])
     each = of_form(scene, "target", "the targets")
     found = tension_to(scene, each, wanted, jacks, model and model.cut_length, lambda L0: L0)
+    found = found._replace(outcome=elastic(scene, found.outcome))
     influence = influences(scene, each.load, wanted, jacks, found.L0)
     x = scene.distribution.gather_particles(scene.state.x)
     if model is None:
         return None
-    change = np.array([_change(jack, found.L0 - model.cut_length) for jack in jacks])
+    change = np.array([_change(jack, found.L0 - planned) for jack in jacks])
+    equilibria = found.equilibria + (before.equilibria if before else 0)
     if not found.outcome.carries:
         more = "what `by` names may not bear on it, or not so far"
         failed = f"{each.words}: {found.outcome.reason}; {more}"
-        return Reached(x, found.L0, change, influence, [], failed)
+        return Reached(x, found.L0, change, influence, equilibria, [], failed)
     lines = [
         f"target: {want.words} = {want.value:.6g} {'m' if want.node >= 0 else 'N'}: each cable of "
         f"{jack.name} {amount:+.6g} m"
         for want, jack, amount in zip(wanted, jacks, change)
     ]
-    lines.append(f"targets: reached in {found.equilibria} equilibria")
-    return Reached(x, found.L0, change, influence, lines)
+    lines.append(f"targets: reached in {equilibria} equilibria")
+    return Reached(x, found.L0, change, influence, equilibria, lines)
 
 
 def _change(jack: Jack, change: np.ndarray) -> float:

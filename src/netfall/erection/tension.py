@@ -13,10 +13,12 @@ from netfall.equilibrium.newton import NoConvergence
 from netfall.erection.lengths import Jack, Wanted, amounts, missed, until_taut
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.job.asks import carries_permanent
+from netfall.job.values import counted
 from netfall.mechanics.slip.law import set_strands
 from netfall.numerics.functions import lengths
 from netfall.stages.scene import Scene
 from netfall.stages.settle import (
+    MOST_NAMED,
     NONE,
     StaticLoad,
     StaticOutcome,
@@ -101,6 +103,19 @@ def tension_to(
     reason = f"not reached in {count} equilibria: " + "; ".join(lines)
     nothing = StaticOutcome(NONE, np.nan, reason, (), as_it_began(scene))
     return Tensioned(before[1], influence, nothing, count)
+
+
+def elastic(scene: Scene, outcome: StaticOutcome) -> StaticOutcome:
+    """What came of it; no equilibrium where elements yield in it: what is built is elastic. Collective."""
+    if not scene.state.features.plastic:
+        return outcome
+    rows = scene.distribution.subdomain.element_gid[scene.state.eps_p != 0.0]
+    over = tuple(sorted(set().union(*scene.comm.allgather(rows.tolist()))))
+    if not over:
+        return outcome
+    ids = scene.comm.bcast(scene.model and counted("element", scene.model.net.element_id[list(over)]))
+    reason = f"{ids} yield in it; an erection is computed elastically"
+    return StaticOutcome(NONE, np.nan, reason, over[:MOST_NAMED], outcome.equilibrium)
 
 
 class _Now(NamedTuple):

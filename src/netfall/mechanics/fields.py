@@ -13,6 +13,7 @@ import numpy as np
 SLOTS = 4  # elements of a particle in the vector loop; particles with more have layers of their own
 EMPTY = np.uint32(0xFFFFFFFF)  # in place of an element's number
 LIKE_PARENT = "as the particle that it splits off"
+TAKEN_OUT = 2  # in `broken`, of what an erection has taken out of the net
 OTHER_WORKS = ("air", "band", "support")  # beside external, internal and damping: of few scenes
 
 
@@ -211,7 +212,7 @@ FIELDS = (
     ),
     _element("hold_after", np.float64, "N", "the same at the next sample", "slip_fades"),
     _element("owned", np.uint8, "", "1 on the one rank that reports the element"),
-    _element("broken", np.uint8, "", "1 once it has broken, or is lost", kept=True),
+    _element("broken", np.uint8, "", "1 once it has broken, or is lost; `TAKEN_OUT`", kept=True),
     _element("lost", np.uint8, "", "1 once it is lost", "losses", kept=True),
     _element(
         "highest", np.float64, "N", "largest tension of a step since the last loss", "losses", kept=True

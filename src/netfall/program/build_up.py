@@ -7,14 +7,16 @@ import numpy as np
 
 from netfall.equilibrium.find import Finder
 from netfall.equilibrium.relaxation import Paused, state_residual
-from netfall.erection.deviation import deviate
+from netfall.erection.deviation import Deviated, deviate
 from netfall.erection.erect import Erection, erect, restored
 from netfall.erection.settings import Setting, check_stages
-from netfall.erection.targets import reach_targets
+from netfall.erection.targets import Reached, reach_targets
 from netfall.erection.tension import of_form
 from netfall.ground.errors import DivergedError, interrupted
 from netfall.ground.stop import StopRequest
+from netfall.job.asks import carries_permanent
 from netfall.job.job import Job
+from netfall.mechanics.fields import TAKEN_OUT
 from netfall.model.layout import features_of
 from netfall.model.model import Model, make_model
 from netfall.model.state import make_state
@@ -26,6 +28,7 @@ from netfall.stages.settle import NONE, by_ids
 from netfall.write.checkpoint import checkpoint_path, remove_older, write_checkpoint
 
 TARGETS, DEVIATION, ERECTION = "targets", "errors of length", "erection"  # names in checkpoints
+MOST_TURNS = 10  # of targets under the permanent load
 BEHIND = 1_000_000  # steps of a form finding: checkpoints of its erection come after all of these
 
 
@@ -43,7 +46,7 @@ def built_up(scene: Scene, result: Path, restart: Path | None, checkpoint, stop:
         return replace(scene, build_up=build_up)
     if scene.comm.bcast(scene.model and bool(scene.model.net.length_error.any())):
         scene, build_up = _deviated(scene, build_up, kept(DEVIATION) if DEVIATION in parts else None)
-    if not scene.job.stages:
+    if build_up.failure or not scene.job.stages:
         return replace(scene, build_up=build_up)
     on_root(scene.comm, lambda: check_stages(scene.job, scene.model))
     erection = Erection()
@@ -66,13 +69,13 @@ def _targeted(scene: Scene, build_up: BuildUp, kept: tuple | None) -> tuple[Scen
     """
     failed, comm = "", scene.comm
     if kept is None:
-        reached = reach_targets(scene)
+        after, reached = _reached(scene)
         failed = comm.bcast(reached and reached.failed)
         kept = ({"lines": reached.lines}, reached.arrays()) if reached else ({}, {})
+    else:
+        after = _in_form(scene, kept[1])
     small, arrays = kept
-    after = _rebuilt(scene, lambda: _with_lengths(scene.job, scene.model, arrays["x"], arrays["L0"]))
-    load = of_form(after, "target", "the targets").load
-    residual = state_residual(comm, after.state, load)
+    residual = _residual(after)
     form = scene.form or Form(None, None, 0, residual, scene.reference)  # a net as given has one now
     after = replace(after, form=form, residual=residual)
     if scene.model:
@@ -84,19 +87,59 @@ def _targeted(scene: Scene, build_up: BuildUp, kept: tuple | None) -> tuple[Scen
     return after, replace(build_up, records=records, failure=failure)
 
 
+def _reached(scene: Scene) -> tuple[Scene, Reached | None]:
+    """The scene with lengths with which the targets are there, and these. Collective.
+
+    The permanent load depends on them, so they are found in turns, until it leaves the form in balance.
+    """
+    there, reached, asked = scene, None, np.inf
+    if carries_permanent(scene.job):
+        asked = scene.job.form_finding.tolerance * scene.form.reference
+    for _ in range(MOST_TURNS):
+        reached = reach_targets(there, scene.model and scene.model.cut_length, reached)
+        if scene.comm.bcast(reached and reached.failed):
+            there.state.x_start[:] = there.state.x
+            return _ended(there, reached), reached
+        there = _in_form(scene, reached and reached.arrays())
+        if not _residual(there) > asked:
+            break
+    return there, reached
+
+
+def _in_form(scene: Scene, arrays: dict | None) -> Scene:
+    """The scene with nodes and lengths of a record of `Reached`, or `Deviated`. Collective."""
+    return _rebuilt(scene, lambda: _with_lengths(scene.job, scene.model, arrays["x"], arrays["L0"]))
+
+
+def _ended(scene: Scene, found: Reached | Deviated | None) -> Scene:
+    """The scene where its state is, for the file of the run: nothing is computed with it. Collective."""
+    N = scene.distribution.gather_elements(scene.state.elements_now().N, scene.state.owned.astype(bool))
+    return replace(scene, model=scene.model and replace(scene.model, x=found.x, N=N, cut_length=found.L0))
+
+
+def _residual(scene: Scene) -> float:
+    """Largest residual [N] of the form under what it carries. Collective."""
+    return state_residual(scene.comm, scene.state, of_form(scene, "target", "the targets").load)
+
+
 def _deviated(scene: Scene, build_up: BuildUp, kept: tuple | None) -> tuple[Scene, BuildUp]:
     """The scene with errors of length; kept : as in `_targeted`. Collective."""
+    failed, found = "", None
     if kept is None:
         found = deviate(scene)
+        failed = scene.comm.bcast(found and found.failed)
         kept = ({"lines": found.lines}, found.arrays()) if found else ({}, {})
     small, arrays = kept
-    after = _rebuilt(scene, lambda: _with_lengths(scene.job, scene.model, arrays["x"], arrays["L0"]))
+    after = _ended(scene, found) if failed else _in_form(scene, arrays)
+    if failed:
+        build_up = replace(build_up, form=scene.model)
     if scene.model:
         scatter = {"tension_deviation": arrays["tension"], "piece_effect": arrays["effect"]}
         lines = [*build_up.lines, *small["lines"]]
-        build_up = replace(build_up, sections={"deviation": scatter}, lines=lines)
+        labels = {"deviation": {"state": NONE, "reason": failed}} if failed else {}
+        build_up = replace(build_up, sections={"deviation": scatter}, lines=lines, labels=labels)
     records = build_up.records | {DEVIATION: (scene.comm.bcast(small), arrays or {})}
-    return after, replace(build_up, records=records)
+    return after, replace(build_up, records=records, failure=DivergedError(failed) if failed else None)
 
 
 def _erected(scene: Scene, build_up: BuildUp, erection: Erection) -> Scene:
@@ -108,7 +151,7 @@ def _erected(scene: Scene, build_up: BuildUp, erection: Erection) -> Scene:
     else:
         after = _rebuilt(scene, lambda: _as_erected(scene.job, scene.model, x, setting))
         active = scene.distribution.elements(setting and setting.active)
-        after.state.EA[~active], after.state.broken[~active] = 0.0, 1
+        after.state.EA[~active], after.state.broken[~active] = 0.0, TAKEN_OUT
     build_up = replace(
         build_up,
         form=build_up.form or scene.model,

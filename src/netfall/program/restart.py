@@ -31,7 +31,7 @@ def restore_state(distribution: Distribution, state: State, checkpoint: Checkpoi
             checkpoint.elements[field.name] if checkpoint else None
         )
     if not state.features.fragments:
-        state.EA[state.broken == 1] = 0.0
+        state.EA[state.broken != 0] = 0.0
     if state.lost is not None:
         state.EA[state.lost == 1] = 0.0
     ends = distribution.elements(checkpoint.elements["ends"] if checkpoint else None)

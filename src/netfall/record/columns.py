@@ -145,7 +145,12 @@ CELL_FIELDS = (
     Field("strain", np.float32, (), NONE, "", lambda sight: sight.snapshot.eps),
     Field("plastic_strain", np.float32, (), NONE, "", lambda sight: sight.snapshot.eps_p),
     Field(
-        "broken", np.uint8, (), NONE, "1 from the fracture, or the loss, on", lambda sight: sight.state.broken
+        "broken",
+        np.uint8,
+        (),
+        NONE,
+        "1 from the fracture, or the loss, on; 2: taken out by the erection",
+        lambda sight: sight.state.broken,
     ),
     Field(
         "bending_moment",

@@ -90,6 +90,8 @@ def _form(f):
     yield from lines_of_form(f)
     if no_equilibrium(g):
         yield f"note: NOT REACHED: {g.attrs['reason']}; the form shown is the nearest that was found"
+    if "deviation" in f and no_equilibrium(f["deviation"]):
+        yield f"note: NO EQUILIBRIUM: {f['deviation'].attrs['reason']}"
 
 
 def _equilibria(f):

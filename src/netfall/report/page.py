@@ -83,6 +83,8 @@ def _what_ran(f, result: Path) -> list[str]:
         lines += _sentences(lines_of_form(f))
         if no_equilibrium(f["form_finding"]):
             lines.append(f"**Not reached: {f['form_finding'].attrs['reason']}.**")
+        if "deviation" in f and no_equilibrium(f["deviation"]):
+            lines.append(f"**No equilibrium: {f['deviation'].attrs['reason']}.**")
     lines += [
         f"**{state_words(f, place)} has no equilibrium: {f[place].attrs['reason']}.**" for place in failed
     ]

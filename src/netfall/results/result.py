@@ -214,7 +214,7 @@ class Result:
             node=frames.point("node_id", step),
             ends=frames.ends(step),
             element=frames.cell("element_id", step),
-            broken=frames.cell("broken", step).astype(bool),
+            broken=frames.broken(step),
             **{name: frames.point(name, step) for name in ("displacement", "velocity")},
             **{name: frames.cell(name, step) for name in ("tension", "strain", "plastic_strain")},
         )
