@@ -6,8 +6,8 @@ from mpl_toolkits.mplot3d import proj3d
 from netfall.plots.canvas import SMALL
 
 DIRECTIONS = ((1, 1), (-1, 1), (1, -1), (-1, -1), (0, 1), (0, -1), (1, 0), (-1, 0))
-REACHES = (6, 16, 30, 48, 70)  # points from the place to the nearest corner of its label
-WIDE, HIGH = 0.64, 1.5  # of the size of the font: a character, a line
+REACHES = (6, 16, 30, 48, 70, 100, 140, 190)  # points from the place to the nearest corner of its label
+WIDE, HIGH = 0.66, 1.7  # of the size of the font: a character, a line
 BOX = {"boxstyle": "round,pad=0.05", "fc": "white", "ec": "none", "alpha": 0.8}
 LEADER = {"arrowstyle": "-", "lw": 0.5, "color": "0.4", "shrinkA": 0, "shrinkB": 0}
 
@@ -15,12 +15,13 @@ LEADER = {"arrowstyle": "-", "lw": 0.5, "color": "0.4", "shrinkA": 0, "shrinkB":
 def add_labels(axes, places: np.ndarray, texts: list[str]) -> list[str]:
     """Add texts at places (k, 2 or 3) [m], the first ones first; those for which there was room.
 
-    Each goes where it covers no other label, near its place and within the axes, with a line to the place.
+    Each goes where it covers no other label, nor numbers and names of the axes, near its place and within the
+    axes, with a line to the place.
     """
     axes.figure.canvas.draw()  # places on the page are known from now on
     if places.shape[1] == 3:
         places = np.stack(proj3d.proj_transform(*places.T, axes.get_proj())[:2], 1)
-    points, taken, added = axes.figure.dpi / 72.0, [], []
+    points, taken, added = axes.figure.dpi / 72.0, _of_axes(axes), []
     frame = axes.get_window_extent()
     for place, text in zip(places, texts):
         at = axes.transData.transform(place)
@@ -45,6 +46,13 @@ def add_labels(axes, places: np.ndarray, texts: list[str]) -> list[str]:
                 )
                 break
     return added
+
+
+def _of_axes(axes) -> list[np.ndarray]:
+    """Where numbers and names of the axes are on the page [pixels]."""
+    each = [getattr(axes, f"{name}axis", None) for name in "xyz"]
+    texts = [text for axis in each if axis for text in (axis.label, *axis.get_ticklabels())]
+    return [text.get_window_extent().get_points() for text in texts if text.get_text()]
 
 
 def _offsets(points: float):
