@@ -52,7 +52,7 @@ class Law(NamedTuple):
     yield_force: float | None
     yield_strain: float | None
     reach: float | None
-    near: float | None
+    near: float | None = None
     branches: np.ndarray | None = None
 
 
@@ -68,7 +68,7 @@ def law_of(
     near = None
     if alike and EA is not None and (plastic or least is not None):
         near = min(
-            np.inf if reach is None else EA * float(strains(reach, 1.0, measure)),
+            EA * float(strains(reach, 1.0, measure)) if reach and reach < np.inf else np.inf,
             NEARLY * yield_force if plastic else np.inf,
         )
     return Law(measure == "logarithmic" or None, plastic or None, EA, yield_force, yield_strain, reach, near)
