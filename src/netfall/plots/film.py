@@ -242,6 +242,8 @@ def _stage(f, reel: Reel, window, scale: ForceScale, N, shot: Shot):
     )
     axes.view_init(*shot.view)
     _hide_towards_eye(axes, shot.view)
+    if shot.zoom > 1.0:  # what is larger than the picture has its axes below the scales
+        axes.set_axis_off()
     axes.computed_zorder = False  # supports and broken elements over the others
     reel.supports(axes, 0)
     figure.subplots_adjust(left=0.0, right=1.0, top=0.95, bottom=0.21)
