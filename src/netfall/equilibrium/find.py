@@ -252,12 +252,11 @@ class Finder:
 
         Raises NoConvergence, Stopped, GivesWay, RunsAway.
         """
-        try:
-            if inside:
-                raise NoConvergence("it would not be found")
-            return self._corrected(newton, tolerance, 0, stop, watch=watch)
-        except NoConvergence:
-            self.state.x[:] = before
+        if not inside:
+            try:
+                return self._corrected(newton, tolerance, 0, stop, watch=watch)
+            except NoConvergence:
+                self.state.x[:] = before
         if not self._has_interior():
             raise NoConvergence("there is more than cables")
         self.goal = INSIDE

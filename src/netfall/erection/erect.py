@@ -144,13 +144,10 @@ def _pulled(scene: Scene, each: StaticLoad, setting: Setting | None, stop) -> tu
     Weight goes with the lengths, so they are found in turns, until it changes by less than the tolerance.
     """
     of = lambda name: setting and list(getattr(setting, name))
-    wanted, warm, asked = (
-        (of("pulls"), of("jacks")),
-        warm_of(scene, setting),
-        settings_of(scene.job).tolerance,
-    )
+    pulls, jacks, warm = of("pulls"), of("jacks"), warm_of(scene, setting)
+    asked = settings_of(scene.job).tolerance
     for _ in range(MOST_TURNS):
-        found = tension_to(scene, each, *wanted, setting and setting.L0, warm, stop)
+        found = tension_to(scene, each, pulls, jacks, setting and setting.L0, warm, stop)
         setting = setting and replace(setting, L0=found.L0, pulls=(), jacks=())
         load = scene.distribution.particles(setting and setting.forces(scene.model))
         change = max(scene.comm.allgather(np.abs(load - each.load).max(initial=0.0)))
