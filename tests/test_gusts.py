@@ -236,10 +236,11 @@ def test_noise_is_a_function_of_seed_and_step():
     """The same numbers whatever was drawn before, also before time 0; others for another seed or step."""
     model = model_of(0.05, POINTS[:3])[1]
     a, b = GustRecursion(model, 1), GustRecursion(model, 2)
-    later = a.noise(5).copy()
-    early = a.noise(-70).copy()
-    assert (a.noise(5) == later).all() and (GustRecursion(model, 1).noise(-70) == early).all()
-    drawn = [later, early, b.noise(5), a.noise(6), a.noise(64 + 5)]
+    later = a.noise(5)[0].copy()
+    early = a.noise(-70)[0].copy()
+    assert (a.noise(5)[0] == later).all() and (GustRecursion(model, 1).noise(-70)[0] == early).all()
+    assert (a.noise(4)[1] == later).all() and len(a.noise(-70)) == 6  # of a block of 64
+    drawn = [later, early, b.noise(5)[0], a.noise(6)[0], a.noise(64 + 5)[0]]
     assert len({row.tobytes() for row in drawn}) == 5
     assert a.step == 0
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from netfall.ground.compile import kernel
 from netfall.ground.errors import InputError
 from netfall.job.values import weighted
 from netfall.numerics.functions import cos, geometric, log, sin
@@ -201,8 +202,31 @@ def _farthest_half_octave(n, ratio, gust: Gust) -> tuple[float, float]:
     return float(n[-bands * per :][worst * per]), float(off[worst])
 
 
+@kernel
+def step_gusts(noise, noise_root, lags, psi, first, past, terms):
+    """Speeds of as many steps from `first` on as noise (s, c) has rows, into the ring of past ones.
+
+    noise_root, lags, psi : as in `GustModel`
+    past : (r, c) [m/s], out, row s % r has the speeds of step s; terms : (2, c), overwritten
+    """
+    ring, c = past.shape
+    for s in range(noise.shape[0]):
+        for j in range(c):
+            terms[0, j] = terms[1, j] = 0.0
+        for k in range(c):
+            for j in range(c):
+                terms[0, j] += noise[s, k] * noise_root[k, j]
+        for i in range(lags.shape[0]):
+            row = (first + s - lags[i]) % ring
+            for k in range(c):
+                for j in range(c):
+                    terms[1, j] += past[row, k] * psi[i * c + k, j]
+        for j in range(c):
+            past[(first + s) % ring, j] = terms[0, j] + terms[1, j]
+
+
 class GustRecursion:
-    """The AR recursion, one time step a call. Its state is the ring of past speeds and the step count.
+    """The AR recursion. Its state is the ring of past speeds and the step count.
 
     Steps count from time 0, those of the burn-in are negative. The noise of step s is a function of
     (seed, s) alone (counter-based Philox), however long the burn-in is and whatever was drawn before.
@@ -216,10 +240,10 @@ class GustRecursion:
         parts = weighted(seed)
         self._weights, self._bits = [w for w, _ in parts], [np.random.Philox(key=s) for _, s in parts]
         self._starts = [bits.state for bits in self._bits]  # with nothing drawn
-        self._block, self._noise = None, None
+        self._block, self._noise, self._terms = None, None, np.empty((2, self.past.shape[1]))
         self.step = -model.burn_in
         while self.step < 0:
-            self.advance()
+            self._take(self.noise(self.step)[: -self.step])
 
     def record(self) -> dict:
         """The state that a continuation needs, for `restore`."""
@@ -230,13 +254,13 @@ class GustRecursion:
         self.past[:], self.step = record["past"], int(record["step"])
 
     def noise(self, step: int) -> np.ndarray:
-        """Independent standard normal numbers (c,) of one step."""
+        """Independent standard normal numbers (s, c) of a step and of those after it in its block."""
         block, row = divmod(step, BLOCK)
         if block != self._block:
             c = self.past.shape[1]
             parts = (w * z for w, z in zip(self._weights, self._drawn(block, BLOCK * c)))
             self._block, self._noise = block, sum(parts, next(parts)).reshape(BLOCK, c)
-        return self._noise[row]
+        return self._noise[row:]
 
     def _drawn(self, block: int, count: int) -> Iterator[np.ndarray]:
         """Independent standard normal numbers (count,) of a block of steps, of each seed."""
@@ -246,14 +270,13 @@ class GustRecursion:
             bits.state = start
             yield standard_normal(bits, count)
 
+    def _take(self, noise: np.ndarray) -> None:
+        """As many steps as there are rows of noise."""
+        model = self.model
+        step_gusts(noise, model.noise_root, model.lags, model.psi, self.step, self.past, self._terms)
+        self.step += len(noise)
+
     def advance(self) -> np.ndarray:
         """Gust speeds (c,) [m/s] of the next step."""
-        model, ring = self.model, len(self.past)
-        before = self.past[(self.step - model.lags) % ring]
-        both = np.empty((2, before.shape[1]))
-        product(self.noise(self.step)[None], model.noise_root, both[:1])
-        product(before.reshape(1, -1), model.psi, both[1:])
-        u = both[0] + both[1]
-        self.past[self.step % ring] = u
-        self.step += 1
-        return u
+        self._take(self.noise(self.step)[:1])
+        return self.past[(self.step - 1) % len(self.past)].copy()
