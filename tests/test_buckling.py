@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 import pytest
-from conftest import STEEL
+from conftest import STEEL, assert_same_bits_on
 
 from netfall.checks.buckling import IMPERFECTION, reduction, slenderness
 from netfall.checks.codes import read_codes
@@ -106,3 +106,106 @@ def test_a_check_is_of_tension_or_of_compression(tmp_path):
     )
     with pytest.raises(InputError, match="of = 'buckling' beside 'breaking_load'"):
         read_codes(tmp_path / "own.toml")
+
+
+EA, EULER, M = 3e-3 * 2.1e11, np.pi**2 * 2.1e11 * 5e-6 / 16.0, 5e4  # N, N, kg
+STIFF, LOAD = EA / 4.0, 0.75 * EULER  # N/m, N
+FREE = NODES.replace("load_z", "mass,load_z").replace("1,0\n", "1,0,0\n").partition("2,0,0,4")[0]
+DROP = (
+    STEEL.replace("100e3", "0.0")
+    + "[dynamics]\nduration = 0.2\ndamping = 0.0\nsafety = 0.1\n"
+    + "[output]\nframes = 2\nhistory = 0.0005\ncheckpoint = 0.02\n"
+    + POST.replace("yield_stress = 355e6\n", "buckling = true\n")
+)
+
+
+def dropped(workshop, more="", parts=1, **how):
+    """A mass that is let go on the post alone, at once; its result."""
+    nodes = FREE + f"2,0,0,4,1,1,0,{M},{-LOAD}\n"
+    job = workshop.job(f"subdivide = {parts}\n{DROP}{more}", nodes, "id,start,end,group\n7,1,2,post\n")
+    return job, workshop.run(job, **how)
+
+
+def test_a_post_that_buckles_carries_eulers_load(both_ways):
+    """From there on with one force: P x = N_E x - N_E^2 / 2 k where the mass comes to rest."""
+    _, f = dropped(both_ways)
+    assert f["envelope/tension_min"][0] == pytest.approx(-EULER, rel=1e-12)
+    assert f["envelope/displacement_max"][1] == pytest.approx(
+        EULER**2 / (2 * STIFF * (EULER - LOAD)), rel=1e-4
+    )
+    assert abs(f["history/identity_error"][:]).max() < 1e-10
+    assert abs(f["history/balance_error"][:]).max() < 1e-3
+    assert not len(f["events/time"]) and not f["history/plastic_dissipation"][-1]
+
+
+def test_at_rest_a_cable_has_what_is_beyond_eulers_load(both_ways):
+    """P = 1.5 N_E on a post below a cable of 6 m: it holds P - N_E and is as much longer."""
+    nodes = FREE + f"2,0,0,4,1,1,0,0,{-1.5 * EULER}\n"
+    post = POST.replace("yield_stress = 355e6\n", "buckling = true\n")
+    hung = nodes + "3,0,0,10,1,1,1,0,0\n", "id,start,end,group\n7,1,2,post\n8,2,3,\n"
+    f = both_ways.run(both_ways.job(STATICS + post, *hung))
+    assert f["net/buckling"][:].tolist() == [1, 0]
+    assert f["statics/tension"][-1] == pytest.approx([-EULER, 0.5 * EULER], rel=1e-6)
+    sunk = 0.5 * EULER * 6.0 / (1.95e11 * 683.08e-6)
+    assert f["statics/displacement"][-1][1] == pytest.approx([0.0, 0.0, -sunk], rel=1e-6)
+
+
+def test_a_post_that_starts_beyond_eulers_load_is_refused(workshop):
+    """Exit code 2, in words."""
+    post = POST.replace("prestress = 0.0", f"prestress = {-1.01 * EULER}\nbuckling = true")
+    done = workshop.run(workshop.job(STATICS + post, NODES, ELEMENTS), code=2)
+    assert "beyond Euler's load 6.477e+05 N" in done.stderr
+
+
+def falls(limit, strain):
+    """Time [s] at which a post has a strain: elastic to the force `limit` [N], then with that alone."""
+    w, first, x = np.sqrt(STIFF / (M + 47.1)), limit / STIFF, 4.0 * strain
+    sunk = LOAD / STIFF
+    if x <= first:
+        return np.arccos(1.0 - x / sunk) / w
+    turned = np.arccos(1.0 - first / sunk)
+    v, a = sunk * w * np.sin(turned), (LOAD - limit) / (M + 47.1)
+    return turned / w + (-v + np.sqrt(v * v + 2.0 * a * (x - first))) / a
+
+
+@pytest.mark.parametrize(
+    "keys, limit, strain, heat",
+    [
+        ("fracture_strain = 1.5e-3\n", EULER, 1.5e-3, 0.0),
+        ("fracture_strain = 5e-3\nyield_stress = 150e6\n", 450e3, 5e-3, 450e3 * (0.02 - 450e3 / STIFF)),
+        ("breaking_load = 400e3\nyield_stress = 355e6\n", EULER, 400e3 / EA, 0.0),
+    ],
+)
+def test_a_post_breaks_in_compression(workshop, keys, limit, strain, heat):
+    """By its strain after it buckled, or yielded; by its force before: when, and what yield took."""
+    _, f = dropped(workshop, keys)
+    assert f["events/time"][0] == pytest.approx(falls(limit, strain), rel=2e-3)
+    assert f["events/strain"][0] == pytest.approx(-strain, rel=5e-3)
+    until = f["history/time"][:] < f["events/time"][0]
+    assert f["history/plastic_dissipation"][until][-1] == pytest.approx(heat, rel=3e-2)
+    assert abs(f["history/identity_error"][:]).max() < 1e-10
+
+
+def test_above_eulers_load_it_does_not_break_by_a_breaking_load_beyond(workshop):
+    """A force that it never has: it buckles, and comes back."""
+    _, f = dropped(workshop, f"breaking_load = {1.5 * EULER}\n")
+    assert not len(f["events/time"])
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_bits_of_a_post_that_buckles_and_breaks(workshop, ranks):
+    """In four parts, on ranks and from a checkpoint."""
+    job, one = dropped(workshop, "fracture_strain = 1.5e-3\n", 4, output="one.vtkhdf")
+    assert len(one["events/time"])
+    assert_same_bits_on(ranks, job, one, workshop, "one")
+
+
+def test_a_bar_that_bends_does_not_buckle_besides(workshop):
+    """Exit code 2, in words; nor does one without a second moment."""
+    for more, words in (
+        ("bending = true\n", "exclude each other"),
+        ("second_moment", "needs the second moment"),
+    ):
+        text = DROP.replace("second_moment = 5e-6\n", "") if more == "second_moment" else DROP + more
+        done = workshop.run(workshop.job(text, NODES, ELEMENTS), code=2)
+        assert words in done.stderr

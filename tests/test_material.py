@@ -14,11 +14,12 @@ from netfall.mechanics.material import Law, axial_force, stored_energy, strain, 
 EA, YIELD = 1000.0, 10.0  # N; yield strain 0.01
 
 
-def element(bar=0, L0=1.0) -> Elements:
-    """A single element that yields, without what the law does not read."""
+def element(bar=0, L0=1.0, euler=None) -> Elements:
+    """A single element that yields, or buckles, without what the law does not read."""
     values = {"EA": EA, "yield_force": YIELD, "L0": L0}
     columns = {name: np.array([value]) for name, value in values.items()} | {"bar": np.array([bar], np.uint8)}
-    return Elements(**dict.fromkeys(Elements._fields) | columns)
+    buckles = {} if euler is None else {"euler": np.array([euler])}
+    return Elements(**dict.fromkeys(Elements._fields) | columns | buckles)
 
 
 def law_of(logarithmic: bool) -> Law:
@@ -26,10 +27,10 @@ def law_of(logarithmic: bool) -> Law:
     return Law(logarithmic or None, True, EA, YIELD, YIELD / EA, None)
 
 
-def follow(lengths, L0=1.0, bar=0, logarithmic=False):
+def follow(lengths, L0=1.0, bar=0, logarithmic=False, euler=None):
     """Forces, plastic strains and dissipation along a path of lengths."""
     eps_p, heat, path = 0.0, 0.0, []
-    cable, law = element(bar, L0), law_of(logarithmic)
+    cable, law = element(bar, L0, euler), law_of(logarithmic)
     for L in lengths:
         N, new = axial_force(cable, 0, strain(L, L0, law), eps_p)
         if new != eps_p:
@@ -60,18 +61,26 @@ def test_bar_yields_both_ways():
     assert math.isclose(path[-1][2], YIELD * 0.05, rel_tol=1e-12)
 
 
+def test_a_bar_buckles_before_it_yields():
+    """With one force from there on, and back the same way; in tension as ever."""
+    path = follow([0.997, 0.98, 0.997, 1.02, 0.995], bar=1, euler=0.6 * YIELD)
+    assert np.allclose([N for N, _, _ in path], [-3.0, -6.0, -3.0, 10.0, -6.0])
+    assert np.allclose([p for _, p, _ in path], [0.0, 0.0, 0.0, 0.01, 0.01])
+
+
 @pytest.mark.parametrize("logarithmic", [False, True])
-@pytest.mark.parametrize("bar", [0, 1])
-def test_work_is_stored_or_dissipated(logarithmic, bar):
-    """Along a cycle with yield and slack the integral of N dL is stored energy plus dissipation, for both
-    measures.
+@pytest.mark.parametrize("bar, euler, last", [(0, None, 1.08), (1, None, 1.08), (1, 0.6 * YIELD, 0.99)])
+def test_work_is_stored_or_dissipated(logarithmic, bar, euler, last):
+    """Along a cycle with yield, slack, buckling the integral of N dL is stored energy plus dissipation, for
+    both measures.
     """
-    turning = [1.0, 1.05, 1.0, 1.06, 0.97, 1.08]
+    turning = [1.0, 1.05, 1.0, 1.06, 0.97, last]
     lengths = np.concatenate([np.linspace(a, b, 4001)[1:] for a, b in itertools.pairwise(turning)])
-    path = follow(lengths, bar=bar, logarithmic=logarithmic)
+    path = follow(lengths, bar=bar, logarithmic=logarithmic, euler=euler)
     N = np.array([0.0] + [p[0] for p in path])
     work = np.sum(0.5 * (N[1:] + N[:-1]) * np.diff(np.concatenate([[1.0], lengths])))
-    held = stored_energy(element(bar), 0, N[-1], path[-1][1], law_of(logarithmic)) + path[-1][2]
+    bar, law = element(bar, euler=euler), law_of(logarithmic)
+    held = stored_energy(bar, 0, N[-1], last, path[-1][1], law) + path[-1][2]
     assert math.isclose(work, held, rel_tol=2e-5)  # the kinks of the path, at 4000 points a branch
 
 

@@ -81,7 +81,10 @@ def strained(comm: MPI.Comm, distribution: Distribution, state: State, breaks: b
     """
     away, strain, least = run_away(comm, state), np.zeros(state.m), 1.0
     if breaks and state.features.fracture:
-        strain = np.where(state.broken == 0, state.elements_now().eps / state.eps_u, 0.0)
+        eps = state.elements_now().eps
+        strain = np.where(state.broken == 0, eps / state.eps_u, 0.0)
+        if state.features.crushing:
+            strain = np.where(state.broken == 0, np.maximum(strain, eps / state.eps_c), strain)
     most = comm.allreduce(float(strain.max(initial=0.0)), MPI.MAX)
     reason = BREAKS if most > 1.0 else RUNS_AWAY if away > 1.0 else ""
     if reason == RUNS_AWAY:

@@ -31,6 +31,7 @@ def of_net(result: Result) -> dict[str, bool]:
         "mass per length": True,
         "bars": bool(net["bar"][:].any()),
         "bending": "bending" in net,
+        "bars that buckle": "buckling" in net,
         "cables that slip": "slide" in f,
         "cables of several elements": len(np.unique(pieces)) < len(np.unique(ids)),
         "strengths": any(name in net for name in ("breaking_load", "yield_force", "fracture_strain")),

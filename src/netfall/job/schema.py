@@ -51,6 +51,11 @@ CABLE = (
         high=1e5,
     ),
     flag("bending", False, "chains of bars resist bending, by second_moment"),
+    flag(
+        "buckling",
+        False,
+        "bars carry at most Euler's load in compression, and break by their strength both ways",
+    ),
     choice("buckling_curve", CURVES, "c", "of EN 1993-1-1, 6.3.1.2, for the check of a compressed bar"),
     between(-1e-3, 1e-3, "expansion", "1/K", 12e-6, "coefficient of thermal expansion: strain for each K"),
     choice("strain", ("engineering", "logarithmic"), "engineering", "strain measure"),

@@ -124,7 +124,7 @@ def axial_forces(u, ends, direction, axial, force):
 def element_energies(elements, now, law, stored, heat):
     """Stored and dissipated energy (m,) [J] of each element, for the state of `element_state`."""
     for e in range(now.N.shape[0]):
-        stored[e] = stored_energy(elements, e, now.N[e], now.eps_p[e], law)
+        stored[e] = stored_energy(elements, e, now.N[e], now.L[e], now.eps_p[e], law)
         heat[e] = 0.0
         if elements.dissipated is not None:
             heat[e] = elements.dissipated[e]

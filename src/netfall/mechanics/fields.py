@@ -195,6 +195,7 @@ FIELDS = (
         "EA", np.float64, "N", "axial stiffness; 0: out of the net, or kept by another rank", given=True
     ),
     _element("bar", np.uint8, "", "1 where compression is carried", given=True),
+    _element("euler", np.float64, "N", "compression at which it buckles; inf: never", "buckling", given=True),
     _element("half_mass", np.float64, "kg", "half of the element's own mass", given=True),
     _element("strand", np.float64, "m", "unstressed length without slip", "slip", kept=True, given=True),
     _element(
@@ -238,6 +239,15 @@ FIELDS = (
         kept=True,
         given=True,
     ),
+    _element(
+        "eps_c",
+        np.float64,
+        "",
+        "strain at fracture in compression; -inf: never",
+        "crushing",
+        kept=True,
+        given=True,
+    ),
     _element("reach", np.float64, "", "L / L0 from which it is looked at for fracture", "strengths"),
     *(
         _element(
@@ -252,6 +262,7 @@ FIELDS = (
     _slot("slot_element", np.uint32, "", "local number of the element", "numbered"),
     _slot("slot_EA", np.float64, "N", "axial stiffness, unless it is the same everywhere", "sections", "EA"),
     _slot("slot_bar", np.uint8, "", "1 where compression is carried", "bars", "bar"),
+    _slot("slot_euler", np.float64, "N", "compression at which it buckles", "buckling", "euler"),
     _slot(
         "slot_yield_force",
         np.float64,
@@ -312,6 +323,7 @@ class Features:
     strain: str = "engineering"  # its measure
     bars: bool = False
     bending: bool = False  # chains of bars resist it
+    buckling: bool = False  # bars do it, and break both ways
     sections: bool = False  # more than one stiffness or yield force
     strengths: bool = False  # more than one strain at fracture
     springs: bool = False  # elastic supports
@@ -353,6 +365,11 @@ class Features:
     def slip_fades(self) -> bool:
         """Whether what is lost beside a slip may pull for a while."""
         return bool(self.sliding) and self.losses and self.varying
+
+    @property
+    def crushing(self) -> bool:
+        """Whether elements may break in compression."""
+        return self.buckling and self.fracture
 
     @property
     def plastic_sections(self) -> bool:

@@ -1,10 +1,10 @@
 """Fracture by splitting particles (paper 2.4).
 
 An element whose strain passes eps_u at step n breaks, at x(n+1), at the end with the larger resultant force;
-at both if they are equal. A new particle takes the place and velocity of the end, half of the element's mass
-and, if the step is too long for that alone, some of what the end carried, with its weight
-(`stability.fragment_mass`); so mass, momentum and energy stay as they are. It belongs to the rank that owns
-the element's other end, so a fracture never adds to the halo.
+at both if they are equal. So does a bar that may buckle whose strain passes eps_c < 0. A new particle takes
+the place and velocity of the end, half of the element's mass and, if the step is too long for that alone,
+some of what the end carried, with its weight (`stability.fragment_mass`); so mass, momentum and energy stay
+as they are. It belongs to the rank that owns the element's other end, so a fracture never adds to the halo.
 
 What is left of an element that cannot yield has the same strength: where its strain passes eps_u again, it
 grows longer until it is eps_u, as one that yields does, and what that releases counts as dissipated. So no
@@ -140,6 +140,8 @@ def split_particles(e, when, elements, law, fractures):
     a, b = np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1])
     before = strain(length_before(e, when.dt, elements, particles), elements.L0[e], law)
     elements.broken[e] = 1
+    if elements.eps_c is not None:
+        elements.eps_c[e] = -np.inf
     if elements.yield_force is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
         if elements.yield_force[e] < np.inf:
             never_again(e, elements)
@@ -200,6 +202,8 @@ def take_out(e, when, elements, law, fractures):
     before = strain(length_before(e, when.dt, elements, particles), elements.L0[e], law)
     dissipate(e, when.dt, elements, particles, law)
     elements.broken[e], elements.eps_u[e], elements.EA[e] = 1, np.inf, 0.0
+    if elements.eps_c is not None:
+        elements.eps_c[e] = -np.inf
     for end in range(2):
         p = np.int64(elements.ends[e, end])
         if not owns(p, rules):

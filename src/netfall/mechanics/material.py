@@ -6,6 +6,7 @@ With the trial force s = EA (eps - eps_p):
 
     s > N_y             yields: eps_p grows until s = N_y
     s < 0, cable        slack: s = 0, whatever the length; a bar takes compression, down to -N_y
+    s < -N_E, a bar     buckles, where its Euler's load N_E is less than N_y: s = -N_E, elastic
 
 The paper writes increments, whose sum is the logarithmic strain; both measures are offered. Another one is a
 row of MEASURES, a branch where `law.logarithmic` has one, and a choice of [cable] strain.
@@ -102,6 +103,9 @@ def length_at(L, eps, law):
 def axial_force(elements, e, eps, eps_p):
     """Axial force [N] and plastic strain of element e at strain eps after plastic strain eps_p."""
     N = elements.EA[e] * (eps - eps_p)
+    if elements.euler is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
+        if N < -elements.euler[e]:
+            return -elements.euler[e], eps_p
     if elements.yield_force is not None:
         if N > elements.yield_force[e]:
             return elements.yield_force[e], eps_p + (N - elements.yield_force[e]) / elements.EA[e]
@@ -114,7 +118,7 @@ def axial_force(elements, e, eps, eps_p):
 
 @part_of_kernel
 def tangent_stiffness(elements, e, N, eps, L, law):
-    """Axial stiffness dN/dL [N/m] of element e, of length L [m], at strain eps; none if slack or yielding.
+    """Axial stiffness dN/dL [N/m] of element e, of length L [m], at strain eps; 0: slack, yields, buckled.
 
     N : [N] there, on the yield plateau at its limit
     """
@@ -125,21 +129,27 @@ def tangent_stiffness(elements, e, N, eps, L, law):
         return 0.0
     if elements.yield_force is not None and not abs(N) < elements.yield_force[e]:
         return 0.0
+    if elements.euler is not None and not N > -elements.euler[e]:
+        return 0.0
     if law.logarithmic is not None:
         return elements.EA[e] / L
     return elements.EA[e] / elements.L0[e]
 
 
 @kernel
-def stored_energy(elements, e, N, eps_p, law):
-    """Elastic energy [J] of element e at axial force N [N]: the integral of N dL from L0 on."""
+def stored_energy(elements, e, N, L, eps_p, law):
+    """Elastic energy [J] of element e at axial force N [N], length L [m]: the integral of N dL from L0 on."""
     EA, L0 = elements.EA[e], elements.L0[e]
     if EA == 0.0:
         return 0.0
-    u = N / EA
+    u, further = N / EA, 0.0
+    if elements.euler is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
+        if N <= -elements.euler[e]:  # on from the length at which it buckled
+            stretch = exponential(eps_p + u) if law.logarithmic is not None else 1.0 + (eps_p + u)
+            further = N * (L - L0 * stretch)
     if law.logarithmic is not None:
-        return EA * L0 * exponential(eps_p) * (exponential(u) * u - exponential_less_one(u))
-    return 0.5 * N * u * L0
+        return EA * L0 * exponential(eps_p) * (exponential(u) * u - exponential_less_one(u)) + further
+    return 0.5 * N * u * L0 + further
 
 
 @kernel
@@ -162,7 +172,7 @@ def energies_at(elements, e, L, eps_p, law):
     heat = 0.0
     if elements.yield_force is not None and now != eps_p:
         heat = yield_energy(elements, e, eps_p, now, law)
-    return now, heat, stored_energy(elements, e, N, now, law)
+    return now, heat, stored_energy(elements, e, N, L, now, law)
 
 
 # --- damping over a band: Maxwell branches beside an element, each a spring and a dashpot
@@ -395,6 +405,13 @@ def force_density(d, s, p, slots, law):
         reach = law.reach if slots.reach is None else slots.reach[s, p]
         over = fused(-reach, per_length, per_L0)
         past = over if over > past else past
+    if slots.euler is not None:
+        buckled = -slots.euler[s, p] * per_length
+        lowest = buckled if buckled > lowest else lowest
+        if law.reach is not None:
+            reach = law.reach if slots.reach is None else slots.reach[s, p]
+            short = fused(-reach, per_L0, per_length) if slots.bar[s, p] else 0.0
+            past = short if short > past else past
     return force if force > lowest else lowest, past, yielded
 
 
@@ -410,7 +427,10 @@ def plastic_strain(stretch, eps_p, s, p, slots, law):
         eps = logarithm(max(stretch, TINY))
     new = max(eps_p, eps - limit)
     if slots.bar is not None:
-        new = min(new, eps + limit) if slots.bar[s, p] else new
+        yields = slots.bar[s, p] != 0
+        if slots.euler is not None:
+            yields &= slots.euler[s, p] == np.inf
+        new = min(new, eps + limit) if yields else new
     return new
 
 

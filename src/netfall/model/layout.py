@@ -150,6 +150,7 @@ def features_of(job: Job, layout: Layout) -> Features:
         strain=job.cable.strain,
         bars=bool(net.bar.any()),
         bending=net.bending is not None,
+        buckling=net.buckling is not None,
         part_held=bool((held.any(1) & ~held.all(1)).any()),
         sections=differ(net.EA) or differ(net.yield_force),
         strengths=differ(net.fracture_strain),

@@ -28,7 +28,9 @@ from netfall.model.layout import Layout
 from netfall.model.loads import Loading, by_node, carried_mass, loading_of, preload, pressure_load
 from netfall.model.motion import Motion, motion_of
 from netfall.model.start import check_start, check_tensions, element_words, low_notes
+from netfall.net.bars import euler_load
 from netfall.net.net import Net
+from netfall.net.sections import ROUNDING
 from netfall.net.turned import held_along, springs_along, turned_column
 from netfall.numerics.functions import lengths
 from netfall.roof.areas import Areas, tributary_areas
@@ -182,6 +184,19 @@ class Model:
     def eps_u(self) -> np.ndarray:
         """(m,), strain at fracture; inf: never breaks."""
         return self.net.fracture_strain
+
+    @property
+    def euler(self) -> np.ndarray:
+        """(m,) [N], compression at which bars buckle, less than their yield force; inf: they do not."""
+        load = np.where(self.net.buckling, euler_load(self.net, self.cut_length), np.inf)
+        return np.where(load < self.net.yield_force, load, np.inf)
+
+    @property
+    def eps_c(self) -> np.ndarray:
+        """(m,), strain at fracture in compression; -inf: never, so where its breaking load is not reached."""
+        net, strain = self.net, self.net.fracture_strain
+        by_load = np.isfinite(net.breaking_load) & (net.breaking_load <= net.EA * strain * (1.0 + ROUNDING))
+        return np.where(net.buckling & ~(by_load & (self.euler < net.breaking_load)), -strain, -np.inf)
 
     @property
     def notes(self) -> tuple[str, ...]:

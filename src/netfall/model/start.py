@@ -6,6 +6,7 @@ from netfall.ground.errors import InputError
 from netfall.job.job import Job
 from netfall.job.values import counted
 from netfall.mechanics.material import exceeds_stiffness, strains
+from netfall.net.bars import euler_load
 from netfall.net.net import Net
 from netfall.numerics.functions import lengths
 from netfall.wind.coherence import LOWEST_HEIGHT
@@ -138,6 +139,7 @@ def _buckling(net: Net, N: np.ndarray) -> list[str]:
 def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
     """Axial forces N (m,) [N] at lengths L (m,) [m] that no element can have. Raises InputError."""
     yield_force, EA = net.yield_force, net.EA
+    euler = np.inf if net.buckling is None else np.where(net.buckling, euler_load(net, L), np.inf)
     at_start = lambda e: f"its axial force is {N[e]:.4g} N in the initial state"
     checks = (
         (
@@ -150,6 +152,10 @@ def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
                 f"{at_start(e)}, above the yield force {yield_force[e]:.4g} N; "
                 "lower the prestress or choose a larger area"
             ),
+        ),
+        (
+            N < -euler,
+            lambda e: f"{at_start(e)}, beyond Euler's load {euler[e]:.4g} N; choose a stiffer section",
         ),
         (
             N > net.breaking_load,

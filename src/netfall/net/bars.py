@@ -11,7 +11,8 @@ from netfall.job.values import counted
 from netfall.net.net import Net
 
 OF_BARS = ("second_moment", "buckling_length")
-KEYS = (*OF_BARS, "buckling_curve", "bending")
+FLAGS = ("bending", "buckling")
+KEYS = (*OF_BARS, "buckling_curve", *FLAGS)
 
 
 def set_bars(job: Job, net: Net) -> None:
@@ -21,9 +22,10 @@ def set_bars(job: Job, net: Net) -> None:
     if np.isfinite(of["second_moment"]).any():
         net.second_moment, net.buckling_length = of.values()
         net.buckling_curve = np.array([CURVES.index(t["buckling_curve"]) for t in tables])[net.group]
-    bending = np.array([table["bending"] for table in tables])[net.group] & net.bar
-    if bending.any():
-        net.bending = bending
+    for name in FLAGS:
+        flags = np.array([table[name] for table in tables])[net.group] & net.bar
+        if flags.any():
+            setattr(net, name, flags)
 
 
 def _of_bars(net: Net, values: list) -> np.ndarray:
@@ -63,17 +65,23 @@ def bar_errors(job: Job, net: Net) -> list[str]:
                 f"{job.path}: element {net.element_id[e]}: second_moment = {net.second_moment[e]:g}: needs "
                 "the modulus, which axial_stiffness alone does not tell; give modulus, or area beside it"
             )
+    for name in (name for name in FLAGS if getattr(net, name) is not None):
+        without = getattr(net, name) & (True if net.second_moment is None else np.isnan(net.second_moment))
+        for e in np.flatnonzero(without)[:1]:
+            lines.append(
+                f"{job.path}: element {net.element_id[e]}: {name} = true: needs the second moment of its "
+                f"section; give second_moment [m4], or leave {name} out"
+            )
     return lines + (bending_errors(job, net) if net.bending is not None else [])
 
 
 def bending_errors(job: Job, net: Net) -> list[str]:
-    """Bars that bend without a second moment; what a job with such bars may not have, one line each."""
-    lines, moment = [], net.second_moment
-    without = net.bending & (True if moment is None else np.isnan(moment))
-    for e in np.flatnonzero(without)[:1]:
+    """What a job with bars that bend may not have, one line each."""
+    lines = []
+    for e in np.flatnonzero(net.bending & (False if net.buckling is None else net.buckling))[:1]:
         lines.append(
-            f"{job.path}: element {net.element_id[e]}: bending = true: needs the second moment of its "
-            "section; give second_moment [m4], or leave bending out"
+            f"{job.path}: element {net.element_id[e]}: bending and buckling exclude each other: a chain of "
+            "bars that bend buckles by itself; keep one of them"
         )
     for there, what in (
         (bool(job.stages), "[[stage]]: an erection has no bars that bend; remove the stages"),

@@ -57,7 +57,7 @@ class Net:
     type : (m,) row of type_names, of the catalogue, -1: none; bar : (m,) bool, carries compression
     second_moment : (m,) [m4] of the area of bars, nan: none, None: of no element; for these as given
     buckling_length : (m,) [m], nan: that of the element of the table; buckling_curve : (m,) row of CURVES
-    bending : (m,) bool, bars of chains that resist bending; None: none does
+    bending, buckling : (m,) bool, bars of chains that resist bending, that buckle; None: none does
     tier : (m,) ring of a generated net, from the middle, that the element of its group is in; else 0
     prestress : (m,) [N]; force_density : (m,) [N/m], nan: none; unstressed_length : (m,) [m], nan: none
     outline : (s, 2) segments of the rigid boundary in plan, which close faces but are no elements; numbers
@@ -106,6 +106,7 @@ class Net:
     buckling_length: np.ndarray | None = _element()
     buckling_curve: np.ndarray | None = _element()
     bending: np.ndarray | None = _element()
+    buckling: np.ndarray | None = _element()
     tier: np.ndarray = _element(empty=0)
     cable: np.ndarray = None
     cable_names: list[str] = field(default_factory=list)

@@ -242,10 +242,12 @@ def strength_errors(job: Job, net: Net) -> list[str]:
             "at most that, or fracture_strain beside it, at which it breaks as it yields"
         )
     brittle = net.bar & np.isfinite(limit) & (net.breaking_load < limit * (1.0 - ROUNDING))
+    brittle &= True if net.buckling is None else ~net.buckling  # which breaks both ways
     for e in np.flatnonzero(brittle)[:1]:
         lines.append(
             f"{where(e)}: below the yield force {limit[e]:g} N of a bar, which may yield in compression; "
-            "that is not computed: leave out yield_stress, or give a breaking_load of at least that"
+            "that is not computed: leave out yield_stress, give a breaking_load of at least that, or "
+            "buckling = true, with which it breaks both ways"
         )
     moves = job.dynamics
     breaks = np.isfinite(net.fracture_strain).any()

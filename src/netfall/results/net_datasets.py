@@ -41,6 +41,7 @@ NET = (
     ("buckling_curve", "m", NONE, "row of `buckling_curve_names`, of EN 1993-1-1"),
     ("buckling_curve_names", "k", "", ""),
     ("bending", "m", NONE, "1: part of a chain that resists bending. Where elements are"),
+    ("buckling", "m", NONE, "1: carries at most its Euler's load. Where elements do"),
     ("type", "m", NONE, "row of `type_names`; -1: none. Where elements have one"),
     ("type_names", "k", "", ""),
 )

@@ -410,7 +410,8 @@ def _breaking(scene: Scene, snapshot: Snapshot) -> tuple[int, ...]:
     if not scene.state.features.fracture:
         return ()
     state = scene.state
-    beyond = (snapshot.eps > state.eps_u) & (state.broken == 0)
+    crushed = state.features.crushing and snapshot.eps < state.eps_c
+    beyond = ((snapshot.eps > state.eps_u) | crushed) & (state.broken == 0)
     over = scene.distribution.subdomain.element_gid[beyond].tolist()
     return tuple(sorted(set().union(*scene.comm.allgather(over))))
 

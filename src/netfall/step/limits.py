@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from netfall.ground.compile import inner_kernel, vector_kernel
+from netfall.ground.compile import inner_kernel, part_of_kernel, vector_kernel
 from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.material import axial_force, plastic_strain, squared_length, strain, yield_energy
 from netfall.numerics.arithmetic import inverse_root
@@ -67,10 +67,19 @@ def yield_and_break(c, count, chunks, particles, elements, slots, law, near, f):
                         if reports and elements.bar[e]:
                             elements.dissipated[e] += yield_energy(elements, e, before, eps_p, law)
                         slots.eps_p[s, p] = eps_p
-                if elements.eps_u is not None and reports and eps > elements.eps_u[e]:
+                if elements.eps_u is not None and reports and is_over(e, eps, elements):
                     elements.pending[count] = e
                     count += 1
     return count, any_yield
+
+
+@part_of_kernel
+def is_over(e, eps, elements):
+    """Whether element e breaks at strain eps."""
+    if elements.eps_c is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
+        if eps < elements.eps_c[e]:
+            return True
+    return eps > elements.eps_u[e]
 
 
 @inner_kernel
@@ -78,7 +87,7 @@ def anything_over(particles, elements, law):
     """Whether an element has passed its fracture strain at the present positions."""
     for e in range(elements.ends.shape[0]):
         L = length_of(elements.ends[e, 0], elements.ends[e, 1], particles)
-        if elements.EA[e] != 0.0 and strain(L, elements.L0[e], law) > elements.eps_u[e]:
+        if elements.EA[e] != 0.0 and is_over(e, strain(L, elements.L0[e], law), elements):
             return True
     return False
 

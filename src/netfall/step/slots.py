@@ -188,6 +188,8 @@ def fill_slot(e, s, p, far, elements, slots):
         slots.EA[s, p] = elements.EA[e]
     if slots.bar is not None:
         slots.bar[s, p] = elements.bar[e]
+    if slots.euler is not None:
+        slots.euler[s, p] = elements.euler[e]
     if slots.yield_force is not None:
         slots.yield_force[s, p] = elements.yield_force[e]
     if slots.yield_strain is not None:

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from netfall.ground.errors import OutputError
 from netfall.mechanics.events import EventLog
 from netfall.mechanics.state import State
-from netfall.net.bars import CURVES, buckling_lengths, euler_load
+from netfall.net.bars import CURVES, FLAGS, buckling_lengths, euler_load
 from netfall.net.net import Net
 from netfall.net.slides import Slides
 from netfall.parallel.agree import on_root
@@ -304,7 +304,7 @@ def _bar_section(net: Net, cut_length: np.ndarray) -> dict[str, np.ndarray]:
         "euler_load": euler_load(net, cut_length),
         "buckling_curve": net.buckling_curve.astype(np.int32),
         "buckling_curve_names": texts(list(CURVES)),
-        **({} if net.bending is None else {"bending": net.bending.astype(np.uint8)}),
+        **{name: flags.astype(np.uint8) for name in FLAGS if (flags := getattr(net, name)) is not None},
     }
 
 
