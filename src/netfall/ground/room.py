@@ -1,7 +1,8 @@
 """Memory: what a rank takes at most, and what this machine has left."""
 
 RANK_BYTES = 250e6  # of Python and of what is compiled, some of it shared by all ranks of a machine
-SETUP_BYTES = 2000  # per element on rank 0, at most: while the faces of the roof are found
+SETUP_BYTES = 1400  # per element on rank 0: while the faces of the roof are found
+WORKER_BYTES = 2100  # per element, at most: of set-up, state and equilibria
 
 
 def memory_left() -> float | None:
@@ -16,7 +17,7 @@ def memory_left() -> float | None:
 
 def memory_line(workers: int, ranks: int, elements: int) -> str:
     """What workers of a net take on this machine, and how many there may be where that is too much."""
-    each = ranks * RANK_BYTES + SETUP_BYTES * elements
+    each = ranks * RANK_BYTES + WORKER_BYTES * elements
     left = memory_left()
     words = f"memory: at most {workers * each / 1e9:.2g} GB for {workers} worker{'s' * (workers > 1)}"
     if left is None:

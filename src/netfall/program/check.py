@@ -195,7 +195,7 @@ def _describe_memory(job: Job, scene: Scene, say) -> None:
     file += job.load.steps * (24 * n + 8 * m) if job.load else 0
     more = f"{EQUILIBRIUM_BYTES * m / 1e6:.3g} MB for its equilibria, " if has_statics(job) else ""
     say(
-        f"memory: {held / 1e6:.3g} MB for the state ({held / m:.0f} bytes an element), {more}and up to "
+        f"memory: {held / 1e6:.3g} MB for the state ({held / m:.0f} bytes an element), {more}and some "
         f"{SETUP_BYTES * m / 1e6:.3g} MB on rank 0 at set-up, beside some {RANK_BYTES / 1e6:.0f} MB for "
         f"Python on each rank; result file about {max(file, 1e5) / 1e6:.3g} MB"
     )
