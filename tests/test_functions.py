@@ -19,6 +19,7 @@ from netfall.numerics.linear import (
     top_of_tridiagonal,
 )
 from netfall.numerics.normal import quantile
+from netfall.numerics.sets import among, distinct
 from netfall.numerics.sparse import Singular, solve_sparse
 from netfall.wind.noise import standard_normal
 
@@ -192,3 +193,15 @@ def test_a_pivot_of_zero_is_no_singular_matrix():
     whole = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 3.0], [0.0, 3.0, 1.0]])
     b = np.array([[1.0], [2.0], [4.0]])
     assert np.abs(whole @ solve_sparse(ends, q, diagonal, b) - b).max() < 1e-14
+
+
+def test_sets_of_whole_numbers_are_numpys():
+    """Ascending and each once, in whatever shape; which are among others, those beyond all of them too."""
+    rng = np.random.default_rng(1)
+    for size, most in ((0, 5), (1, 1), (1000, 50), (1000, 10**11)):
+        values, others = rng.integers(0, most, (2, size, 2))
+        assert (distinct(values) == np.unique(values)).all() and len(distinct(values)) == len(
+            np.unique(values)
+        )
+        assert (among(values, others[: size // 2].ravel()) == np.isin(values, others[: size // 2])).all()
+        assert among(values, values.ravel()).all() and not among(values + most, values.ravel()).any()

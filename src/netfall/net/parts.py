@@ -4,6 +4,7 @@ import numpy as np
 
 from netfall.ground.compile import kernel
 from netfall.net.net import pair_key
+from netfall.numerics.sets import among
 
 
 def parts_of(pairs: np.ndarray, count: int) -> np.ndarray:
@@ -39,7 +40,7 @@ def label_parts(elements, label):
 def unjoined_pairs(x: np.ndarray, elements: np.ndarray, distance: float) -> np.ndarray:
     """The pairs of `close_pairs` that no element of elements (m, 2) joins."""
     pairs = close_pairs(x, distance)
-    return pairs[~np.isin(pair_key(pairs, len(x)), pair_key(elements, len(x)))]
+    return pairs[~among(pair_key(pairs, len(x)), pair_key(elements, len(x)))]
 
 
 def close_pairs(x: np.ndarray, distance: float) -> np.ndarray:

@@ -13,6 +13,7 @@ import numpy as np
 import pymetis
 
 from netfall.ground.errors import InputError
+from netfall.numerics.sets import distinct
 
 SEED = 1
 CUTS = 4  # that METIS tries, to keep the best
@@ -27,7 +28,7 @@ def graph_of(n: int, elements: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
     The weight of a vertex is its number of elements.
     """
     both = np.concatenate([elements, elements[:, ::-1]])
-    key = np.unique(both[:, 0] * np.int64(n) + both[:, 1])  # elements side by side are one edge
+    key = distinct(both[:, 0] * np.int64(n) + both[:, 1])  # elements side by side are one edge
     xadj = np.zeros(n + 1, np.int64)
     start, end = key // n, key % n
     np.cumsum(np.bincount(start, minlength=n), out=xadj[1:])

@@ -14,6 +14,7 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.ground.compile import allocating_kernel
+from netfall.numerics.sets import among, distinct
 
 FAR = 4.0  # times farther apart in number than need be: then the given order of the particles is given up
 
@@ -71,7 +72,7 @@ def cut_net(
     halos = []
     jointed = [np.flatnonzero((part[joints] == rank).any(1)) for rank in range(ranks)]
     for rank in range(ranks):
-        ends = np.unique(np.concatenate([elements[held[rank]].ravel(), joints[jointed[rank]].ravel()]))
+        ends = distinct(np.concatenate([elements[held[rank]].ravel(), joints[jointed[rank]].ravel()]))
         halo = ends[part[ends] != rank]
         halos.append(halo[np.argsort(part[halo], kind="stable")])
     wanted = [
@@ -81,7 +82,7 @@ def cut_net(
     subdomains = []
     for rank in range(ranks):
         boundary = (
-            np.isin(owned[rank], np.concatenate([rows for _, rows in wanted[rank]]))
+            among(owned[rank], np.concatenate([rows for _, rows in wanted[rank]]))
             if wanted[rank]
             else np.zeros(len(owned[rank]), bool)
         )

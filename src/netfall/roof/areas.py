@@ -13,6 +13,7 @@ from netfall.job.values import listed
 from netfall.net.net import Net, pair_key
 from netfall.net.parts import parts_of
 from netfall.numerics.functions import lengths
+from netfall.numerics.sets import among, distinct
 from netfall.roof.faces import Faces, double_area, find_faces, no_faces, turned_triangles
 from netfall.roof.given_faces import faces_are_given, given_faces
 from netfall.roof.plan import Plan, draw_plan
@@ -178,7 +179,7 @@ def _idle_lines(net: Net, plan: Plan, faces: Faces) -> list[str]:
     """A note on edges without an element that bound no face."""
     rings, points = faces.rings, len(plan.points)
     lines = plan.segment[plan.element < 0]
-    loose = lines[~np.isin(pair_key(lines, points), pair_key(rings.sides(), points))]
+    loose = lines[~among(pair_key(lines, points), pair_key(rings.sides(), points))]
     loose = loose[(loose < net.n).all(1)]
     if not len(loose):
         return []
@@ -190,7 +191,7 @@ def _covered(plan: Plan, faces: Faces) -> float:
     """Area of the faces over that of the convex outline of the plan."""
     if not len(faces):
         return 0.0
-    outline = shapely.convex_hull(shapely.multipoints(plan.points[np.unique(plan.segment)]))
+    outline = shapely.convex_hull(shapely.multipoints(plan.points[distinct(plan.segment)]))
     return float(0.5 * turned_triangles(plan.points, faces, double_area).sum() / outline.area)
 
 

@@ -7,6 +7,7 @@ import shapely
 
 from netfall.net.net import Net, pair_key
 from netfall.numerics.functions import lengths
+from netfall.numerics.sets import among, distinct
 from netfall.roof.plan import Plan, draw_plan
 
 FLAT = 1e-12  # of a face's area: a triangle about its centroid that is turned by less is rounding
@@ -96,7 +97,7 @@ def find_faces(net: Net, plan: Plan | None = None, openings=()) -> Faces:
         return no_faces()
     lines = shapely.linestrings(plan.points[plan.segment])
     polygons = shapely.get_parts(shapely.polygonize(lines))
-    used = np.unique(plan.segment)
+    used = distinct(plan.segment)
     rings, polygon = _rings(polygons, plan.points, used)
     open_rim = _open_rim(rings, plan)
     rings, polygon = _without(rings, polygon, _open_faces(polygons, openings))
@@ -182,7 +183,7 @@ def _open_rim(rings: Faces, plan: Plan) -> np.ndarray:
     sides = rings.sides()
     key, bounded = pair_key(sides, len(plan.points)), pair_key(plan.segment, len(plan.points))
     values, row, times = np.unique(key, return_inverse=True, return_counts=True)
-    rim, loose = sides[times[row.ravel()] == 1], plan.segment[~np.isin(bounded, values)]
+    rim, loose = sides[times[row.ravel()] == 1], plan.segment[~among(bounded, values)]
     return np.intersect1d(rim, loose)
 
 

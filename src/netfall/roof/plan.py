@@ -8,6 +8,7 @@ import shapely
 from netfall.job.values import MOST_NAMED, listed, more_of
 from netfall.net.net import Net, pair_key
 from netfall.numerics.functions import lengths
+from netfall.numerics.sets import distinct
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ def _near(points, others, distance):
 
 def _stacked(net, points, segment, element) -> list[str]:
     """Nodes above one another in plan that both have elements in the roof: which carries it is not known."""
-    used = np.unique(segment)
+    used = distinct(segment)
     places = shapely.points(points[used])
     pairs = used[_near(places, places, net.tolerance)]
     pairs = pairs[:, pairs[0] < pairs[1]].T
@@ -86,7 +87,7 @@ def _stacked(net, points, segment, element) -> list[str]:
 
 def _cut_at_nodes(net, points, segment, element, span):
     """Segments cut where a node of the roof lies within them, the uncut ones first; a note with the ids."""
-    used = np.unique(segment)
+    used = distinct(segment)
     near, row = _near(shapely.points(points[used]), shapely.linestrings(points[segment]), net.tolerance)
     node = used[near]
     inner = (node[:, None] != segment[row]).all(1)
