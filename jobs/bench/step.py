@@ -2,9 +2,9 @@
 
     mpirun -n P python step.py N SCENE [--rounds R] [--no-order]
 
-SCENE: elastic, or one or more of plastic, fracture, wind, energy, sections, bars, bending (chains along x),
-slip (clamps along x, which hold; loose: without resistance), air, air_mass, band joined by + (all: the
-first four, and damping; more may be added: all+air). Prints a line of JSON.
+SCENE: elastic, or one or more of plastic, fracture, wind, energy, sections, bars, buckling, bending (chains
+along x), slip (clamps along x, which hold; loose: without resistance), air, air_mass, band joined by + (all:
+the first four, and damping; more may be added: all+air). Prints a line of JSON.
 """
 
 import argparse
@@ -90,6 +90,8 @@ if scene.bending:
     there = subdomain.joints
     of_joints = np.full(len(there), STIFFNESS), curvatures(state.x, there)
     state.joints = Joints(there, *of_joints, (there[:, 1] < subdomain.n_owned).astype(np.uint8))
+if scene.buckling:
+    state.euler[:] = np.inf
 if scene.slip:
     along = whole.elements[subdomain.element_gid]
     through = (along[:, 1] - along[:, 0] == 1)[:, None] & ~whole.fixed[along]
