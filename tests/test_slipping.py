@@ -72,6 +72,24 @@ def test_a_rope_that_runs_out_stops(both_ways):
     assert 0.0 < history["slip_dissipation"][-1] < 20.0  # J, what the inertia of the slip had
 
 
+def test_a_rope_that_has_run_out_comes_to_rest(both_ways):
+    """The same two weights at rest: the light one hangs by a fifth of its strand, which the pulley stops.
+
+    Each part has the weight at it; of the end of the rope, a hundred times as stiff, the rest is little.
+    """
+    text, nodes, elements, _, T = atwood(0.0)
+    text = text[: text.index("[dynamics]")] + '[load]\nsteps = 1\n[[slide]]\ngroup = "rope"\n'
+    f = both_ways.run(both_ways.job(text, nodes, elements))
+    assert f["statics/tension"][-1] == pytest.approx([LIGHT * G, HEAVY * G], rel=1e-6)
+    strand, EA = LOW / (1.0 + T["light"] / 1e8), 1e8
+    left = 0.2 * strand - (HEAVY - LIGHT) * G * strand / (100.0 * EA)
+    z = f["net/particles"][:, 2] + f["statics/displacement"][-1][:, 2]
+    assert z[2] == pytest.approx(-left * (1.0 + LIGHT * G / EA), rel=1e-6)
+    assert f["statics/slip"][-1][0] == pytest.approx(strand - left, rel=1e-8)
+    passed = HIGH / (1.0 + T["heavy"] / EA) + strand - left
+    assert z[1] == pytest.approx(-passed * (1.0 + HEAVY * G / EA), rel=1e-6)
+
+
 CLAMPS, T0 = 36, 1e5  # around a ring; N
 
 

@@ -1,10 +1,11 @@
 """Equilibria in which cables slip over nodes.
 
 For positions x the slips s make W(x, s) = strain energy + potential of the self weight + sum R |s - s_old|
-smallest: each place sticks while |Q| <= R, else |Q| = R (`mechanics.slip.law`). W is convex in s, so that
-Newton's method on the set that slips finds them, with steps that end where one would turn round. The forces
-on the nodes are the gradient of that smallest W; its tangent is the net's, less what slips: K_xx - K_xs
-K_ss^-1 K_sx. So an equilibrium is found as without slip, the slips of every trial included.
+smallest: each place sticks while |Q| <= R, else |Q| = R (`mechanics.slip.law`), and where a fifth of a strand
+is left an end on the cable stops it (a stiff spring, `strands.STOP`). W is convex in s, so that Newton's
+method on the set that slips finds them, with steps that end where one would turn round. The forces on the
+nodes are the gradient of that smallest W; its tangent is the net's, less what slips: K_xx - K_xs K_ss^-1
+K_sx. So an equilibrium is found as without slip, the slips of every trial included.
 
 Within an equilibrium R is constant; it is brought up to date with the tensions, from the same start, until it
 does not change. What comes of friction depends on the path: s_old is that of the last equilibrium.
@@ -19,6 +20,7 @@ from mpi4py import MPI
 
 from netfall.equilibrium.relaxation import Paused, not_begun
 from netfall.equilibrium.strands import (
+    STOP,
     CableChains,
     Strands,
     limits_of,
@@ -146,6 +148,7 @@ class Slips:
         carries = (state.broken[self.my_rows] == 0) & (state.EA[self.my_rows] > 0.0)
         values = np.column_stack([np.where(carries, state.EA[self.my_rows], 0.0), state.strand[self.my_rows]])
         self.sections = self.shared(values)
+        self.stop = STOP * self.sections[:, 0].max(initial=0.0) / self.sections[:, 1]
         self.old[:] = self.s[:] = old
         self.renew_limits()
 
@@ -176,7 +179,9 @@ class Slips:
         along = ends[:, 3:] - ends[:, :3]
         L = np.sqrt(along[:, 0] ** 2 + along[:, 1] ** 2 + along[:, 2] ** 2)
         EA, strand = np.ascontiguousarray(self.sections.T)
-        return Strands(EA, strand, L, 0.5 * (ends[:, 2] + ends[:, 5]), along / np.maximum(L, 1e-300)[:, None])
+        return Strands(
+            EA, strand, self.stop, L, 0.5 * (ends[:, 2] + ends[:, 5]), along / np.maximum(L, 1e-300)[:, None]
+        )
 
     def renew_limits(self) -> float:
         """Bring limits up to date with tensions; the largest change, a share of the largest tension."""
@@ -214,9 +219,9 @@ class Slips:
             self, w.way.copy(), np.where(taut, w.coupling, 0.0), w.stiffness.copy(), strands.direction
         )
 
-    def used_up(self) -> np.ndarray:
-        """Global numbers of elements of which less than `LEAST` is left, after an equilibrium."""
-        return self.chains.element[self.work.L0 < LEAST * self.sections[:, 1]]
+    def stopped(self) -> tuple[int, ...]:
+        """Global numbers of elements that their end stops, after an equilibrium."""
+        return tuple(self.chains.element[self.work.L0 < LEAST * self.sections[:, 1]].tolist())
 
 
 def _near(slips: Slips, finder, arguments: tuple, more: dict) -> None:
@@ -235,8 +240,8 @@ def _near(slips: Slips, finder, arguments: tuple, more: dict) -> None:
 def find_slipping(finder, *arguments, **more):
     """`Finder.find` of a net with slips, limits brought up to date until they are those of its tensions.
 
-    Collective. Raises as that, and DivergedError where a strand is used up or friction comes to no end; where
-    it is asked to stop, the equilibrium begins anew.
+    Collective. Raises as that, and DivergedError where friction comes to no end; where it is asked to stop,
+    the equilibrium begins anew.
     """
     slips, state = finder.slips, finder.state
     start, slip = state.x.copy(order="K"), state.slip.copy(order="K")

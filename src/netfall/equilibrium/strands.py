@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.ground.compile import kernel, part_of_kernel
-from netfall.mechanics.slip.law import angle_between, slip_force, slip_limit
+from netfall.mechanics.slip.law import LEAST, angle_between, slip_force, slip_limit
 from netfall.numerics.arithmetic import exponential, logarithm
 
 MOST_STEPS = 200  # of Newton's method on the slips at given positions
@@ -15,6 +15,7 @@ ROUNDING = 4e-3  # of EA: what counts as such a force, whose rounding is that of
 FLOOR = 1e-6  # of EA / L0: what a slack strand counts as, so that its slip is defined
 HALVINGS = 40
 SHORTEST = 0.02  # of a strand: what slips in trials never leave less of
+STOP = 100.0  # times the stiffness of a strand: that of the end on a cable, which stops where LEAST is left
 
 
 class CableChains(NamedTuple):
@@ -57,11 +58,13 @@ class Strands(NamedTuple):
     """The elements of `CableChains` at some positions (q,), [N] and [m].
 
     EA : 0 where it carries nothing; strand : [m] unstressed length without slip; L : [m] length
-    height : [m] of its middle; direction : (q, 3) from begin to end along the cable
+    stop : [N/m] stiffness of the end on it; height : [m] of its middle
+    direction : (q, 3) from begin to end along the cable
     """
 
     EA: np.ndarray
     strand: np.ndarray
+    stop: np.ndarray
     L: np.ndarray
     height: np.ndarray
     direction: np.ndarray
@@ -80,6 +83,12 @@ def _force_of(e, L0, strands, law):
     return T, slip_force(T, EA, law), EA * L / (L0 * L0), EA * L * L / (L0 * L0 * L0)
 
 
+@part_of_kernel
+def _short(e, L0, strands):
+    """By how much element e is shorter than where its end stops it [m], at unstressed lengths L0 (q,) [m]."""
+    return LEAST * strands.strand[e] - L0[e]
+
+
 @kernel
 def strand_forces(s, chains, strands, weights, law, L0, T, q, coupling, stiffness):
     """Forces of the strands at slips s (k,) [m]: of `_force_of`, the weight's in q. All (q,), out."""
@@ -93,6 +102,10 @@ def strand_forces(s, chains, strands, weights, law, L0, T, q, coupling, stiffnes
         q[e] -= weights * chains.weight[e] * strands.height[e]
         if strands.EA[e] == 0.0:
             q[e] = 0.0
+        short = _short(e, L0, strands)
+        if short > 0.0:
+            q[e] += strands.stop[e] * short
+            stiffness[e] += strands.stop[e]
 
 
 @kernel
@@ -100,7 +113,9 @@ def potential(s, old, limit, chains, strands, weights, law, L0):
     """W [J] at slips s (k,) [m], with unstressed lengths L0 (q,) [m] there; inf where too little is left."""
     W = 0.0
     for e in range(L0.shape[0]):
-        EA, L = strands.EA[e], strands.L[e]
+        EA, L, short = strands.EA[e], strands.L[e], _short(e, L0, strands)
+        if short > 0.0:
+            W += 0.5 * strands.stop[e] * short * short
         if EA == 0.0:
             continue
         if L0[e] < SHORTEST * strands.strand[e]:
@@ -207,6 +222,8 @@ def slips_at(old, limit, chains, strands, weights, law, work, s):
         worst = residuals(s, old, limit, chains, w.q, w.r, w.way)
         for e in range(w.q.shape[0]):
             scale = max(scale, abs(w.T[e]), ROUNDING * strands.EA[e])
+            if _short(e, w.L0, strands) > 0.0:
+                scale = max(scale, ROUNDING * strands.stop[e] * strands.strand[e])
         if worst <= NEAR_ZERO * scale:
             return 0.0
         solve_chains(chains, w.way, w.stiffness, w.r, w.pivot, w.beside, w.border, w.step)

@@ -15,7 +15,7 @@ from netfall.mechanics.material import warm_length
 from netfall.mechanics.slip.law import set_strands
 from netfall.net.turned import held_along, on_held, turned_column
 from netfall.numerics.functions import lengths
-from netfall.results.notes import error_words, over_strength_note
+from netfall.results.notes import error_words, over_strength_note, stop_notes
 from netfall.stages.scene import Scene, let_slip
 from netfall.stages.settle import (
     StaticLoad,
@@ -227,4 +227,5 @@ def _lines(model, erection: Erection, stage, setting: Setting, x, N, outcome: St
             f"  {name}: {N[rows].min():.5g} to {N[rows].max():.5g} N, unstressed length "
             f"{setting.L0[rows].sum():.6g} m in all"
         )
+    lines += stop_notes([(f"stage {stage.name}", outcome.equilibrium.stopped)], net.element_id)
     return lines + over_strength_note(f"stage {stage.name}", outcome.labels(), net.element_id)

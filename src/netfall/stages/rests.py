@@ -191,11 +191,14 @@ def _rest_under(
     line = f"rest of {each.words}: {error_words(rest.displacement_error, rest.tension_error)}"
     known = "" if rest.unstable_at == STABLE else ", whether it is stable could not be told"
     line += f", residual {rest.residual:.3g} N, slack {settled.slack}{known}"
+    named = lambda rows: scene.comm.bcast(
+        scene.model and counted("element", scene.model.net.element_id[list(rows)])
+    )
+    if settled.stopped:
+        line += f"; ends of cables stop in {named(settled.stopped)}"
     if not settled.breaking:
         return N, Rest("equilibrium"), line, rest.iterations
-    ids = scene.model and scene.model.net.element_id[list(settled.breaking)]
-    torn = scene.comm.bcast(scene.model and counted("element", ids))
-    line += f"; {SOMETHING_BREAKS}: {torn}"
+    line += f"; {SOMETHING_BREAKS}: {named(settled.breaking)}"
     return N, Rest("breaks", settled.breaking), line, rest.iterations
 
 

@@ -31,9 +31,7 @@ from netfall.ground.stop import StopRequest
 from netfall.job.asks import rests_at_loss, rests_in_wind
 from netfall.job.job import Job
 from netfall.job.schema import defaults
-from netfall.job.values import counted
 from netfall.mechanics.fields import FIELDS
-from netfall.mechanics.slip import law as slip_law
 from netfall.mechanics.slip.law import set_strands
 from netfall.mechanics.state import State
 from netfall.parallel.subdomain import Distribution
@@ -91,6 +89,7 @@ class Equilibrium(NamedTuple):
 
     breaking : elements, global numbers, that are beyond their fracture strain
     slip : (k,) [m] of each place where a cable slips, None: none does
+    stopped : elements of such cables that their end stops, global numbers
     """
 
     snapshot: Snapshot
@@ -98,6 +97,7 @@ class Equilibrium(NamedTuple):
     solution: Solution
     breaking: tuple[int, ...] = ()
     slip: list[float] | None = None
+    stopped: tuple[int, ...] = ()
 
     def numbers(self) -> dict:
         """What is kept of it besides the state."""
@@ -278,7 +278,8 @@ def _found(
     solution = _slipped(scene, each, arguments) if slips else scene.finder.find(*arguments, watch, goal)
     snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
     slack, breaking = scene.comm.allreduce(snapshot.slack), _breaking(scene, snapshot)
-    return Equilibrium(snapshot, slack, solution, breaking, _slips(scene))
+    stopped = scene.finder.slips.stopped() if slips else ()
+    return Equilibrium(snapshot, slack, solution, breaking, _slips(scene), stopped)
 
 
 def _slips(scene: Scene) -> list[float] | None:
@@ -290,15 +291,7 @@ def _slipped(scene: Scene, each: StaticLoad, arguments: tuple) -> Solution:
     """The same of a net in which cables slip. Collective."""
     slips = scene.finder.slips
     slips.weights = each.weights
-    found = find_slipping(scene.finder, *arguments)
-    short = slips.used_up()
-    if len(short):
-        ids = scene.comm.bcast(scene.model and counted("element", scene.model.net.element_id[short]))
-        raise DivergedError(
-            f"{each.words}: cables slip until less than {slip_law.LEAST:.0%} of {ids} is left; raise the "
-            "resistance of clamps or the friction of saddles, or lower the load"
-        )
-    return found
+    return find_slipping(scene.finder, *arguments)
 
 
 def as_it_began(scene: Scene) -> Equilibrium:

@@ -29,7 +29,14 @@ from netfall.mechanics.state import State
 from netfall.numerics.functions import lengths
 from netfall.record.bending import largest_hold
 from netfall.record.reactions import forces_on_supports
-from netfall.results.notes import NOT_STABLE, displacement_notes, error_words, hold_notes, over_strength_note
+from netfall.results.notes import (
+    NOT_STABLE,
+    displacement_notes,
+    error_words,
+    hold_notes,
+    over_strength_note,
+    stop_notes,
+)
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import (
     APART,
@@ -51,7 +58,7 @@ from netfall.stages.settle import (
 from netfall.stages.wanted import equilibria, loaded
 from netfall.write.result import texts
 
-OF_LINES = ("moved", "held")  # of an equilibrium: for what is said of it
+OF_LINES = ("moved", "held", "stopped")  # of an equilibrium: for what is said of it
 
 
 @dataclass
@@ -255,6 +262,7 @@ def keep(scene: Scene, desk: Desk, path: StaticPath, each: StaticLoad, outcome: 
     state, snapshot = scene.state, outcome.equilibrium.snapshot
     numbers = outcome.equilibrium.numbers() | {"moved": farthest(scene)}
     numbers |= {"held": largest_hold(scene.comm, state)} if state.joints is not None else {}
+    numbers |= {"stopped": outcome.equilibrium.stopped} if state.slip is not None else {}
     group = f"cases/{each.name}" if each.kind in APART else "rest" if each.kind == "rest" else "statics"
     if group == "statics" and (each.kind == "at once" or not settings_of(scene.job).steps):
         return
@@ -325,6 +333,9 @@ def lines(path: StaticPath, scene: Scene) -> list[str]:
         if each["unstable_at"] != STABLE
     ]
     lines += hold_notes([(what, each["held"]) for _, what, each in every if "held" in each], node_id)
+    lines += stop_notes(
+        [(what, each["stopped"]) for _, what, each in every if "stopped" in each], scene.model.net.element_id
+    )
     for group, what, _ in last:
         lines += over_strength_note(what, path.labels[group], scene.model.net.element_id)
     moved = [(what, each["moved"][0], node_id[each["moved"][1]]) for _, what, each in every]
