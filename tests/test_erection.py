@@ -12,7 +12,8 @@ from scipy.optimize import fsolve
 from netfall.checks.cases import slack_cables
 from netfall.checks.reactions import pull_at, reaction_columns
 from netfall.checks.slides import slide_columns
-from netfall.ground.errors import Interrupted
+from netfall.erection import erect
+from netfall.ground.errors import DivergedError, Interrupted
 from netfall.ground.progress import Progress
 from netfall.ground.timings import Phases
 from netfall.job.read import read_job
@@ -20,6 +21,7 @@ from netfall.net.build import build_net
 from netfall.net.net import GRAVITY
 from netfall.plots.film import animate
 from netfall.plots.states import stages as stages_picture
+from netfall.program import build_up
 from netfall.program.run import run_job
 from netfall.program.setup import prepare
 from netfall.results.cases import cases_of
@@ -118,6 +120,24 @@ def test_a_cable_that_is_pulled_weighs_as_much_as_is_left_of_it(workshop):
         pull = pull_at(x + g["displacement"][:], f["net/elements"][:], N)[2]
         assert pull == pytest.approx([0, 0, WEIGHT + 0.5 * GRAVITY * L0.sum()], abs=FOUND * WEIGHT)
         assert g["reaction"][:, 2].sum() == pytest.approx(-WEIGHT - GRAVITY * L0.sum(), rel=FOUND)
+
+
+def run_here(workshop, job):
+    run_job(MPI.COMM_SELF, read_job(job), workshop.folder / "turns.vtkhdf", Progress(True))
+
+
+def test_turns_that_are_used_up_are_told(workshop, monkeypatch, capsys):
+    """Weights that change with lengths, in one turn: no forces at jacks, targets with what they leave."""
+    monkeypatch.setattr(erect, "MOST_TURNS", 1)
+    monkeypatch.setattr(build_up, "MOST_TURNS", 1)
+    text = CABLES + "[load]\nself_weight = true\n" + stage("slack", lengths="{right = {length = 9.6}}")
+    text += stage("pulled", lengths="{right = {force = 300.0}}")
+    with pytest.raises(DivergedError, match=r"pulled.*not reached in 1 turns: the weight still changes"):
+        run_here(workshop, workshop.job(text, NODES, TWO))
+    text = CABLES + '[[target]]\ngroup = "stay"\nforce = 2e4\nby = "right"\n[load]\nself_weight = true\n'
+    text += '[form_finding]\nmethod = "keep"\nloads = "permanent"\ntolerance = 1e-9\n'
+    run_here(workshop, workshop.job(text, *STAYED))
+    assert "the permanent load changes with lengths:" in capsys.readouterr().out
 
 
 def test_statics_go_on_from_the_last_stage(workshop):

@@ -15,8 +15,8 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.equilibrium.increments import Watch, approach, at_once
-from netfall.equilibrium.interior import move_inside
-from netfall.equilibrium.newton import AT_START, Newton, NoConvergence, Stopped, is_large
+from netfall.equilibrium.interior import Interior
+from netfall.equilibrium.newton import AT_START, Newton, NoConvergence, StartPoint, Stopped, is_large
 from netfall.equilibrium.overload import GivesWay
 from netfall.equilibrium.relaxation import Paused, Relaxation, net_of, not_begun, relax
 from netfall.equilibrium.slip import Slips
@@ -42,6 +42,7 @@ ROUNDING = 1e-13  # of the largest force: residuals below that are rounding
 EXACT = 1e-10  # of the forces out of balance, that a response leaves
 STABLE, UNKNOWN = -1, -2
 INSIDE = -1
+NARROW = 1e-6, 1e-10, 0.0  # of the mean energy: gaps in the interior from which Newton's is tried
 
 
 class Solution(NamedTuple):
@@ -189,7 +190,8 @@ class Finder:
             try:
                 if goal is not None and iterations == 0 and goals[stage] > asked:
                     raise NoConvergence("it was not from here")
-                return self._corrected(newton, tolerance, total, NEVER, True, patient=goal is None)
+                relaxed = StartPoint(total)
+                return self._corrected(newton, tolerance, relaxed, NEVER, True, patient=goal is None)
             except NoConvergence:
                 state.x[:] = before
             if goals[stage] <= asked:
@@ -254,14 +256,23 @@ class Finder:
         """
         if not inside:
             try:
-                return self._corrected(newton, tolerance, 0, stop, watch=watch)
+                return self._corrected(newton, tolerance, AT_START, stop, watch=watch)
             except NoConvergence:
                 self.state.x[:] = before
         if not self._has_interior():
             raise NoConvergence("there is more than cables")
         self.goal = INSIDE
-        gradients = move_inside(newton, self.state, tolerance, stop)
-        return self._corrected(newton, tolerance, gradients, stop, True)
+        interior = Interior(newton, self.state, stop)
+        for gap in NARROW:
+            near, before = interior.narrow(gap, tolerance), self.state.x.copy(order="K")
+            if gap == 0.0 or max(interior.missing) <= tolerance:
+                break
+            try:
+                return self._corrected(newton, tolerance, near, stop, True)
+            except NoConvergence:
+                self.state.x[:] = before
+        residual, unstable_at = newton.largest(newton.residual()), self._unstable_at(newton)
+        return Solution(near.gradients, *residual, *interior.errors(), False, unstable_at)
 
     def _has_interior(self) -> bool:
         return self.slips is None and self.state.joints is None
@@ -270,7 +281,7 @@ class Finder:
         self,
         newton: Newton,
         tolerance: float,
-        before: int,
+        begun: StartPoint,
         stop: StopRequest,
         near: bool = False,
         watch: Watch | None = None,
@@ -278,16 +289,16 @@ class Finder:
     ) -> Solution:
         """By Newton's method. Raises NoConvergence, Stopped, GivesWay.
 
-        before : iterations until now; near : whether that has brought the net near, in which no correction is
-        too dear if it is patient
+        begun : how far the net has come; near : whether that is near, so that no correction is too dear if it
+        is patient
         """
-        start, begun = self.state.x_start, AT_START
+        start = self.state.x_start
         if newton.large and not near:
             direct = watch is None and self._has_interior()
             begun = at_once(newton, start, stop) if direct else approach(newton, start, stop, watch)
         found = newton.find(tolerance, start, stop, near and patient, begun)
-        total = before + found.gradients
-        return Solution(total, found.residual, found.moved, found.tension, False, self._unstable_at(newton))
+        unstable_at = self._unstable_at(newton)
+        return Solution(found.gradients, found.residual, found.moved, found.tension, False, unstable_at)
 
     def response(self, load: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What changes (m,) [m] of unstressed lengths do where the net is: (n, 3) [m] of nodes, (m,) [N].

@@ -19,48 +19,36 @@ from netfall.equilibrium.cones import (
     gaps_of_cones,
     scale_cones,
 )
-from netfall.equilibrium.newton import Newton, NoConvergence, Stopped
+from netfall.equilibrium.newton import Newton, NoConvergence, StartPoint, Stopped
 from netfall.equilibrium.relaxation import RunsAway
 from netfall.ground.stop import StopRequest
 from netfall.mechanics.state import State
 from netfall.parallel.sums import exact_sums
 
 FEWEST = 2000  # particles; below that relaxation takes hardly longer
-MOST_STEPS = 60
-NARROW = 1e-3  # of the tolerance, and of the energy of an element: a gap that leaves hardly a correction
+MOST_STEPS = 100
 STRETCHED = 1e-4  # strain to begin with, at least, in choosing the gap
-WIDE = 2.0  # times less than the work of the first step: a gap that is too narrow to begin with
-MOST_BEGINNINGS = 4
-LEFT = 0.1  # of the residual, that each of both solutions of a step leaves
+WIDE = 100.0  # times the energy of an element: the gap to begin with; too narrow a one takes more steps
+FORESEEN, LEFT = 0.3, 0.1  # of the residual, that the first and the second solution of a step leave
 MANY = 8  # iterations for that; another approximate inverse is then cheaper
 LEAST_SHARE = 1e-4  # of the gap: aimed at
-NEARLY = 0.95  # of the way until an inequality no longer holds
+NEARLY = 0.95, 0.999  # of the way until an inequality no longer holds: at least, at most
 LOST = 1e3  # times as far as `overload.run_away` has it: there is no equilibrium
+FASTEST, SLOWEST = 0.5, 0.99  # of the size of the last step, that the next ones are taken to have
 WHOLE = 0.5  # of a step: enough of it has been gone to be near to equilibrium
 
 
-def move_inside(newton: Newton, state: State, tolerance: float, stop: StopRequest) -> int:
-    """Move the net so near to equilibrium that `Newton.find` reaches it; the iterations. Collective.
+class Interior:
+    """The elements on the way; gap : mean of all products [J]; gradients : iterations until now.
 
-    tolerance : of `Newton.find`
-
-    Raises NoConvergence, Stopped, RunsAway.
+    size : of the last step, the larger share as of `NewtonResult`; missing : estimated errors after it, as of
+        that, since steps become smaller at a rate that stays
     """
-    if newton.distribution.n < FEWEST:
-        raise NoConvergence("the net is small")
-    newton.begin()
-    inside = _Inside(newton, state, stop)
-    inside.begin()
-    for _ in range(MOST_STEPS):
-        if inside.step() and inside.gap <= NARROW * tolerance * inside.energy():
-            return inside.gradients
-    raise NoConvergence(f"{MOST_STEPS} steps were not enough")
-
-
-class _Inside:
-    """The elements on the way; gap : mean of all products [J]."""
 
     def __init__(self, newton: Newton, state: State, stop: StopRequest):
+        """Begin where the net is. Collective. Raises NoConvergence where this is no way for the net."""
+        if newton.distribution.n < FEWEST:
+            raise NoConvergence("the net is small")
         self.newton, self.state, self.stop = newton, state, stop
         self.cables = cables_of(state)
         owned, m = newton.distribution.subdomain.element_owned, state.m
@@ -71,21 +59,28 @@ class _Inside:
             raise NoConvergence("there are no cables")
         self.now, self.at, self.more, self.aimed = (np.zeros((m, k)) for k in (6, 5, 5, 5))
         self.change, self.products = np.zeros((m, 9)), np.zeros((m, 2))
-        self.gradients, self.cycle, self.gap = 0, None, 0.0
-
-    def begin(self) -> None:
-        """Begin with a gap about as wide as the work that the first step does. Collective."""
-        newton, state = self.newton, self.state
+        self.gradients, self.steps, self.cycle = 0, 0, None
+        self.size, self.missing = np.inf, (np.inf, np.inf)
         self.now[:, 1] = np.maximum(state.elements_now().N, STRETCHED * state.EA)
-        self.gap = self.energy()
-        for _ in range(MOST_BEGINNINGS):
-            begin_cones(state.x, self.cables, self.gap, self.now)
-            K, law = self._tangent()
-            r = self._residual(law, 0.0)
-            work = newton.dots((self._solve(K, r), r))[0] / self.count
-            if work <= WIDE * self.gap:
-                return
-            self.gap = float(np.sqrt(self.gap * work))  # not wider than that of the last one
+        self.gap = WIDE * self.energy()
+        begin_cones(state.x, self.cables, self.gap, self.now)
+
+    def narrow(self, gap: float, tolerance: float) -> StartPoint:
+        """Move the net until the gap, a share of the mean energy, or what is missing is so small. Collective.
+
+        Raises NoConvergence, Stopped, RunsAway.
+        """
+        self.newton.begin()
+        while not self.step() or (self.gap > gap * self.energy() and max(self.missing) > tolerance):
+            if self.steps >= MOST_STEPS:
+                raise NoConvergence(f"{MOST_STEPS} steps were not enough")
+        return StartPoint(self.gradients, self.size)
+
+    def errors(self) -> tuple[float, float]:
+        """`missing`, and that tensions are not yet those of the law at the positions. Collective."""
+        N, own = self.state.elements_now().N, self.owned
+        off, most = self.newton.largest(N[own] - self.now[own, 1], N[own])
+        return self.missing[0], max(self.missing[1], off / most if most > 0.0 else 0.0)
 
     def energy(self) -> float:
         """Mean energy [J] of an element at its tension. Collective."""
@@ -93,24 +88,28 @@ class _Inside:
         return exact_sums(self.newton.comm, 0.5 * N * N / EA * L0)[0] / self.count
 
     def step(self) -> bool:
-        """One step; whether most of it has been gone. Collective. Raises as `move_inside`."""
+        """One step; whether most of it has been gone. Collective. Raises as `narrow`."""
         newton, x, cables = self.newton, self.state.x, self.cables
         if newton.comm.allreduce(int(self.stop.wanted), MPI.MAX):
             raise Stopped
         K, law = self._tangent()
         self.more[:] = 0.0
-        s = self._solve(K, self._residual(law, 0.0))
-        far = min(1.0, self._changes(K, s, 0.0))
-        gap = max((1.0 - far) ** 3, LEAST_SHARE) * self.gap
+        s = self._solve(K, self._residual(law, 0.0), FORESEEN)
+        left = (1.0 - min(1.0, self._changes(K, s, 0.0))) ** 2
+        gap = max(left, LEAST_SHARE) * self.gap
         correct_cones(cables, self.now, self.at, self.change, self.more)
-        s += self._solve(K, self._residual(law, gap) - newton.stiffness_times(K, s))
-        far = min(1.0, NEARLY * self._changes(K, s, gap))
+        s += self._solve(K, self._residual(law, gap) - newton.stiffness_times(K, s), LEFT)
+        sizes = newton.sizes(K, s, self.state.x_start)[:2]
+        far = min(1.0, min(max(NEARLY[0], 1.0 - left), NEARLY[1]) * self._changes(K, s, gap))
         x += far * newton.spread
         self.now += far * self.change[:, :6]
         gaps_of_cones(x, cables, self.now, self.products)
         if newton.net.away is not None and newton.net.away(newton.comm) > LOST:
             raise RunsAway("what yields stretches without end")
         self.gap = sum(exact_sums(newton.comm, *self.products[self.owned].T.copy())) / self.count
+        rate = min(max(max(sizes) / self.size, FASTEST), SLOWEST)
+        self.missing = tuple(size * (1.0 - far + rate / (1.0 - rate)) for size in sizes)
+        self.size, self.steps = max(sizes), self.steps + 1
         return far > WHOLE
 
     def _tangent(self):
@@ -138,17 +137,17 @@ class _Inside:
         far = change_cones(x, newton.spread, self.cables, *beside)
         return newton.comm.allreduce(float(far), MPI.MIN)
 
-    def _solve(self, K, r: np.ndarray) -> np.ndarray:
+    def _solve(self, K, r: np.ndarray, left: float) -> np.ndarray:
         newton, own = self.newton, self.cycle is None
         if own:
             self.cycle = newton.cycle(K)
         try:
-            s, count = newton.solve(K, self.cycle, r, LEFT)
+            s, count = newton.solve(K, self.cycle, r, left)
         except NoConvergence:
             if own:
                 raise
             self.cycle = None
-            return self._solve(K, r)
+            return self._solve(K, r, left)
         self.gradients += count
         if count > MANY:
             self.cycle = None

@@ -18,6 +18,7 @@ from netfall.numerics.functions import lengths
 from netfall.results.notes import error_words, over_strength_note, stop_notes
 from netfall.stages.scene import Scene, let_slip
 from netfall.stages.settle import (
+    NONE,
     StaticLoad,
     StaticOutcome,
     reference_force,
@@ -152,9 +153,10 @@ def _pulled(scene: Scene, each: StaticLoad, setting: Setting | None, stop) -> tu
         load = scene.distribution.particles(setting and setting.forces(scene.model))
         change = max(scene.comm.allgather(np.abs(load - each.load).max(initial=0.0)))
         if not found.outcome.carries or change <= asked * reference_force(scene, each):
-            break
+            return found.outcome, setting
         each = each._replace(load=load)
-    return found.outcome, setting
+    reason = f"not reached in {MOST_TURNS} turns: the weight still changes with lengths, by {change:.3g} N"
+    return found.outcome._replace(state=NONE, reason=reason), setting
 
 
 def _slipped(scene: Scene, setting: Setting | None) -> Setting | None:

@@ -101,9 +101,12 @@ def _reached(scene: Scene) -> tuple[Scene, Reached | None]:
             there.state.x_start[:] = there.state.x
             return _ended(there, reached), reached
         there = _in_form(scene, reached and reached.arrays())
-        if not _residual(there) > asked:
-            break
-    return there, reached
+        left = _residual(there)
+        if not left > asked:
+            return there, reached
+    return there, reached and reached._replace(
+        lines=[*reached.lines, f"targets: the permanent load changes with lengths: {left:.3g} N are left"]
+    )
 
 
 def _in_form(scene: Scene, arrays: dict | None) -> Scene:
