@@ -1,4 +1,4 @@
-"""Faces of the net in plan: the smallest closed rings (by shapely), cut where they are not plain."""
+"""Faces of the net in plan: the smallest closed rings, cut where they are not plain (holes: by shapely)."""
 
 from dataclasses import dataclass, field, replace
 
@@ -9,6 +9,7 @@ from netfall.net.net import Net, pair_key
 from netfall.numerics.functions import lengths
 from netfall.numerics.sets import among, distinct
 from netfall.roof.plan import Plan, draw_plan
+from netfall.roof.rings import traced_rings
 
 FLAT = 1e-12  # of a face's area: a triangle about its centroid that is turned by less is rounding
 COCIRCULAR = 1e-6  # sum of two cotangents below which four corners lie on one circle
@@ -95,12 +96,15 @@ def find_faces(net: Net, plan: Plan | None = None, openings=()) -> Faces:
     plan = plan or draw_plan(net)
     if not len(plan.segment):
         return no_faces()
-    lines = shapely.linestrings(plan.points[plan.segment])
-    polygons = shapely.get_parts(shapely.polygonize(lines))
     used = distinct(plan.segment)
-    rings, polygon = _rings(polygons, plan.points, used)
-    open_rim = _open_rim(rings, plan)
-    rings, polygon = _without(rings, polygon, _open_faces(polygons, openings))
+    rings = None if len(openings) else _traced(plan, used)
+    if rings is not None:
+        polygon, open_rim = np.arange(len(rings)), _open_rim(rings, plan)
+    else:
+        polygons = shapely.get_parts(shapely.polygonize(shapely.linestrings(plan.points[plan.segment])))
+        rings, polygon = _rings(polygons, plan.points, used)
+        open_rim = _open_rim(rings, plan)
+        rings, polygon = _without(rings, polygon, _open_faces(polygons, openings))
     return replace(
         faces_of_rings(corners_on_sides(rings, plan, net), polygon, plan.points), open_rim=open_rim
     )
@@ -138,6 +142,13 @@ def _joined(plain: Faces, others: list[Faces]) -> Faces:
     )
     start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
     return Faces(start, np.concatenate([part.corner for part in parts]), face=face.astype(np.int64))
+
+
+def _traced(plan: Plan, used: np.ndarray) -> Faces | None:
+    """The rings of the faces where each has one and no two points, of those `used`, are in one place."""
+    places = plan.points[used, 0] + 1j * plan.points[used, 1]
+    found = traced_rings(plan.points, plan.segment) if len(distinct(places)) == len(used) else None
+    return found and Faces(*found)
 
 
 def _rings(polygons, points, used) -> tuple[Faces, np.ndarray]:

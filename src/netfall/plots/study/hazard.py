@@ -9,6 +9,7 @@ from netfall.study.answers.hazard import TARGETS
 from netfall.study.answers.read import Study
 
 LEAST = 1e-7  # of the left axis
+FLOOR = 1e-2  # of the least probability: where the bar of an interval ends that goes on to zero, or nearly so
 ROOM = 8.0  # by which the right axis is longer, for what stands at the marks
 
 
@@ -42,7 +43,7 @@ def _probabilities(axes, h, rows: np.ndarray) -> None:
     annual, interval = h["annual_probability"][rows], h["interval"][rows]
     for j, (y, p, (low, high)) in enumerate(zip(place, annual, interval)):
         if np.isfinite(low):
-            axes.plot([max(low, 1e-300), high], [y, y], color=f"C{j}", lw=2)
+            axes.plot([max(low, FLOOR * annual.min()), high], [y, y], color=f"C{j}", lw=2)
         axes.plot(p, y, "o", color=f"C{j}", ms=6)
         text = f"{p:.2g}, beta {h['beta'][rows[j]]:.2f}, tail {h['tail_share'][rows[j]]:.0%}"
         axes.annotate(text, (p, y), (0, 7), textcoords="offset points", fontsize=SMALL, ha="center")
@@ -62,7 +63,7 @@ def _probabilities(axes, h, rows: np.ndarray) -> None:
     axes.set_xlim(low, ROOM * high)
     axes.set_yticks(place, [_name(h, k) for k in rows])
     axes.set_ylim(-0.7, len(rows) - 0.2)
-    axes.set_xlabel("probability in a year [-]; bars: 95 % interval; dashed: targets of EN 1990, 1 year")
+    axes.set_xlabel("probability in a year [-]; bars: 95 %; dashed: targets of EN 1990, 1 year")
 
 
 def _name(h, k: int) -> str:

@@ -24,6 +24,7 @@ DISTRIBUTIONS = {
     "weibull": {"shape": None, "scale": None},  # scale in m/s
     "en1991": {"basic_speed": None, "K": 0.2, "n": 0.5},  # EN 1991-1-4:2005, eq. 4.2
 }
+FASTEST = 1e4  # m/s, that no wind exceeds
 YEARS = 50
 TARGETS = {"RC1": (4.2, 3.3), "RC2": (4.7, 3.8), "RC3": (5.2, 4.3)}  # EN 1990:2002, table B2: 1, 50 years
 Z = np.linspace(-9.0, 9.0, 1801)  # of the normal variable; the trapezoidal rule is exact to rounding here
@@ -97,7 +98,7 @@ def annual_bounds(exceedance, fits: Fits) -> tuple[np.ndarray, np.ndarray]:
     apart = ~fitted & ~np.isin(fits.verdict, (probit.FALLING, probit.NOT_FOUND))
     above = np.where(np.isfinite(fits.above), fits.above, 1e300)
     mixed, share = (np.where(np.isnan(v), w, v) for v, w in ((fits.mixed, above), (fits.share, 1.0)))
-    beyond = lambda speed: exceedance(np.maximum(speed, 1e-300))
+    beyond = lambda speed: np.where(speed < FASTEST, exceedance(np.clip(speed, 1e-300, FASTEST)), 0.0)
     least = share * (beyond(mixed) - beyond(above)) + beyond(above)
     mixed, share = (np.where(np.isnan(v), w, v) for v, w in ((fits.mixed, fits.below), (fits.share, 0.0)))
     most = share * (beyond(fits.below) - beyond(mixed)) + beyond(mixed)
