@@ -497,9 +497,47 @@ def test_bits_of_a_torn_ring(torn, shared_workshop, ranks):
     assert_same_bits_on(ranks, *torn, shared_workshop, "torn")
 
 
+BEAM = STEEL.replace("100e3", "0.0") + "[cable.beam]\n" + BAR.format(2.1e11, 1e-2, 1e-5)
+
+
+def beam_on_a_hanger(workshop, stages):
+    """A beam of ten bars of 1 m, hinged at both ends, one of them on rollers; a hanger above its middle."""
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z\n20,5,0,4,1,1,1\n"
+    nodes += "".join(f"{k},{k},0,0,{int(k == 0)},1,{int(k in (0, 10))}\n" for k in range(11))
+    elements = "id,start,end,group\n" + "".join(f"{k},{k},{k + 1},beam\n" for k in range(10))
+    return workshop.job(BEAM + stages, nodes, elements + "10,5,20,hanger\n")
+
+
+def test_a_beam_bends_as_its_hanger_is_pulled_in_a_stage(both_ways):
+    """P = 1 kN lifts its middle: M = P L / 4, by the sum of P x^2 l / 4 EI of its joints; P / 2 at its ends.
+
+    It bends nowhere while the hanger is not there, and stays bent in the dynamic stage.
+    """
+    stages = '[[stage]]\nname = "alone"\nactive = ["beam"]\n'
+    stages += '[[stage]]\nname = "lifted"\nactive = ["beam", "hanger"]\nlengths = {hanger = {force = 1e3}}\n'
+    f = both_ways.run(beam_on_a_hanger(both_ways, stages + "[dynamics]\nduration = 0.02\ndamping = 0.0\n"))
+    alone, lifted = f["stages/alone"], f["stages/lifted"]
+    assert np.abs(alone["bending_moment"][:10]).max() < 1e-6
+    M = 0.5e3 * np.minimum(np.arange(11), 10 - np.arange(11))
+    by_hand = np.append(np.column_stack([M[:-1], M[1:]]), [[np.nan, np.nan]], 0)
+    assert np.allclose(lifted["bending_moment"][:], by_hand, rtol=1e-5, atol=1e-3, equal_nan=True)
+    z = lifted["displacement"][:][np.flatnonzero(f["net/node_id"][:] == 5), 2]
+    assert z == pytest.approx(1e3 * (2 * (1 + 4 + 9 + 16) + 25) / 4.0 / 2.1e6, rel=1e-4)
+    at = [np.flatnonzero(f["net/node_id"][:] == k)[0] for k in (0, 10, 20)]
+    assert np.allclose(lifted["reaction"][:][at, 2], [500.0, 500.0, -1e3], rtol=1e-5)
+    assert f["envelope/bending_moment_max"][:10].max() == pytest.approx(2500.0, rel=1e-5)
+    assert abs(f["history/identity_error"][:]).max() < 1e-10
+
+
+def test_bars_that_bend_are_there_in_each_stage(workshop):
+    """Exit code 2, and the stage's name."""
+    job = beam_on_a_hanger(workshop, '[[stage]]\nname = "hung"\nactive = ["hanger"]\n')
+    assert "[[stage]] hung: bars that bend are not there" in workshop.run(job, code=2).stderr
+
+
 def test_what_bending_is_not_computed_in_is_refused(workshop):
-    """Erection, targets, bars that can break, are lost, or lack a second moment: exit code 2."""
-    more = '[[stage]]\nname = "a"\nlengths = {ring = {change = 0.1}}\n[dynamics]\nduration = 1.0\n'
+    """Targets, bars that can break, are lost, or lack a second moment: exit code 2."""
+    more = '[[target]]\ngroup = "ring"\nforce = 1e3\nby = "ring"\n[dynamics]\nduration = 1.0\n'
     nodes, elements = (
         "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n",
         "start,end,group\n1,2,ring\n2,3,ring\n",
@@ -509,7 +547,7 @@ def test_what_bending_is_not_computed_in_is_refused(workshop):
         workshop.job(ring + "fracture_strain = 0.1\n" + more, nodes, elements), code=2
     ).stderr
     assert (
-        "[[stage]]: an erection has no bars that bend" in lines
+        "[[target]]: lengths are not changed where bars bend" in lines
         and "bending = true, and it can break" in lines
     )
     lost = '[[remove]]\ngroup = "ring"\ntime = 0.1\n[dynamics]\nduration = 1.0\n'

@@ -10,6 +10,7 @@ from netfall.erection.settings import Setting, after, first_setting
 from netfall.erection.tension import elastic, tension_to
 from netfall.ground.stop import StopRequest
 from netfall.job.asks import own_weight
+from netfall.mechanics.bending import add_bending_forces
 from netfall.mechanics.fields import TAKEN_OUT
 from netfall.mechanics.material import warm_length
 from netfall.mechanics.slip.law import set_strands
@@ -173,7 +174,10 @@ def _note(
 ) -> None:
     """Keep what came of a stage, and what is said of it. Collective."""
     state, found, model = scene.state, outcome.equilibrium, scene.model
-    N = scene.distribution.gather_elements(found.snapshot.N, state.owned.astype(bool))
+    mine = state.owned.astype(bool)
+    N = scene.distribution.gather_elements(found.snapshot.N, mine)
+    moments = None if state.joints is None else state.bending_moments()
+    bends = {} if moments is None else {"bending_moment": scene.distribution.gather_elements(moments, mine)}
     numbers = {name: np.array(value) for name, value in found.numbers().items()}
     numbers["stable"] = numbers.pop("unstable_at") == STABLE
     group = f"stages/{stage.name}"
@@ -185,19 +189,23 @@ def _note(
         numbers["slip"] = numbers["slip"] + (last[0]["slip"] if last else 0.0)
         erection.labels[group]["clamps"] = setting.clamps
     reaction = reactions(model, setting, x, N) if outcome.carries else np.full_like(x, np.nan)
-    erection.sections[group] = numbers | {
-        "displacement": x - model.x,
-        "tension": N,
-        "unstressed_length": setting.L0,
-        "active": setting.active.astype(np.uint8),
-        "held": (setting.fixed & setting.there(model.net)[:, None]).astype(np.uint8),
-        "reaction": reaction,
-    }
+    erection.sections[group] = (
+        numbers
+        | bends
+        | {
+            "displacement": x - model.x,
+            "tension": N,
+            "unstressed_length": setting.L0,
+            "active": setting.active.astype(np.uint8),
+            "held": (setting.fixed & setting.there(model.net)[:, None]).astype(np.uint8),
+            "reaction": reaction,
+        }
+    )
     erection.lines += _lines(model, erection, stage, setting, x, N, outcome)
 
 
 def reactions(model, setting: Setting, x: np.ndarray, N: np.ndarray) -> np.ndarray:
-    """Forces (n, 3) [N] on the foundation: the pull of the elements and the load, on axes that are held.
+    """Forces (n, 3) [N] on the foundation: of the elements, what bends, and the load, on axes that are held.
 
     x : (n, 3) [m]; N : (m,) [N]
     """
@@ -206,6 +214,8 @@ def reactions(model, setting: Setting, x: np.ndarray, N: np.ndarray) -> np.ndarr
     pull = (N / lengths(along))[:, None] * along
     np.add.at(force, net.elements[:, 0], pull)
     np.subtract.at(force, net.elements[:, 1], pull)
+    if model.joints is not None:
+        add_bending_forces(x, model.joints, force)
     return on_held(net, (setting.fixed | (net.spring > 0)) & setting.there(net)[:, None], force)
 
 

@@ -83,8 +83,10 @@ def bending_errors(job: Job, net: Net) -> list[str]:
             f"{job.path}: element {net.element_id[e]}: bending and buckling exclude each other: a chain of "
             "bars that bend buckles by itself; keep one of them"
         )
+    bent = {net.group_names[g] for g in np.unique(net.group[net.bending])}
+    missing = [stage.name for stage in job.stages if stage.active is not None and bent - set(stage.active)]
     for there, what in (
-        (bool(job.stages), "[[stage]]: an erection has no bars that bend; remove the stages"),
+        (bool(missing), f"[[stage]] {', '.join(missing)}: bars that bend are not there; name them in active"),
         (bool(job.targets), "[[target]]: lengths are not changed where bars bend; remove the targets"),
         (bool(net.length_error.any()), "[cable] length_deviation: not where bars bend; remove it"),
     ):

@@ -178,10 +178,14 @@ def _rebuilt(scene: Scene, make) -> Scene:
 
 
 def _with_lengths(job: Job, model: Model, x: np.ndarray, L0: np.ndarray, **columns) -> Model:
-    """The model with nodes at x (n, 3) [m] and unstressed lengths L0 (m,) [m], cold; columns : of its net."""
+    """The model with nodes at x (n, 3) [m] and unstressed lengths L0 (m,) [m], cold; columns : of its net.
+
+    What bends has its moments there: it has none in the state before.
+    """
     net = replace(model.net, unstressed_length=L0, **columns)
     made = make_model(job, replace(model.layout, net=net), x, None)
-    return replace(made, area_given=model.area_given, spring_rest=model.spring_rest - (x - model.x))
+    rest = model.spring_rest - (x - model.x)
+    return replace(made, area_given=model.area_given, spring_rest=rest, joints=model.joints)
 
 
 def _as_it_failed(model: Model, x: np.ndarray, setting: Setting) -> Model:

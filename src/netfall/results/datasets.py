@@ -120,6 +120,7 @@ GROUPS = (
         (
             row("displacement", "n, 3", "m", "in the equilibrium, from the form, or the net as given"),
             row("tension", "m", "N", "in the equilibrium; 0 of what is not there"),
+            moments(),
             row("active", "m", NONE, "1: there, 0: not"),
             row("held", "n, 3", NONE, "1: an axis that is held in it, 0: free, or no element is there"),
             row("unstressed_length", "m", "m", "at the temperature of form finding"),
