@@ -1,8 +1,8 @@
 """Memory: what a rank takes at most, and what this machine has left."""
 
 RANK_BYTES = 250e6  # of Python and of what is compiled, some of it shared by all ranks of a machine
-SETUP_BYTES = 1400  # per element on rank 0: while the faces of the roof are found
-WORKER_BYTES = 2100  # per element, at most: of set-up, state and equilibria
+SETUP_BYTES = 900  # per element on rank 0: while the faces of the roof are found
+WORKER_BYTES = 2200  # per element, at most: of set-up, state and equilibria
 
 
 def memory_left() -> float | None:

@@ -22,7 +22,7 @@ from netfall.net.tables import read_lines, read_tables
 from netfall.net.turned import is_turned
 
 STEEP = ("saddle", "stadium")  # generators whose start is level inside and steep along the boundary
-MOST_ELEMENTS = 50_000_000  # some 2000 bytes each on rank 0 at set-up
+MOST_ELEMENTS = 50_000_000  # some 900 bytes each on rank 0 at set-up
 
 
 def build_net(job: Job) -> Net:

@@ -51,7 +51,7 @@ SMALL = 5_000  # elements below which equilibria on several ranks are no faster
 LARGEST_FORM = 400_000  # elements up to which check also finds the form, in some ten seconds
 FRAME_BYTES = {"particle": 24 + 12 + 12, "element": 4 + 4 + 4 + 1}  # of the result file, for each state
 MUCH_LARGER = 4.0  # times the usual face of the roof: it may be an opening
-EQUILIBRIUM_BYTES = 700  # per element, on its own rank, for the tangent and its levels
+EQUILIBRIUM_BYTES = 950  # per element: the tangent and its levels on its own rank, what is written on rank 0
 
 
 def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) -> None:

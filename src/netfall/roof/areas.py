@@ -191,7 +191,7 @@ def _covered(plan: Plan, faces: Faces) -> float:
     """Area of the faces over that of the convex outline of the plan."""
     if not len(faces):
         return 0.0
-    outline = shapely.convex_hull(shapely.multipoints(plan.points[distinct(plan.segment)]))
+    outline = shapely.convex_hull(shapely.linestrings(plan.points[distinct(plan.segment)]))
     return float(0.5 * turned_triangles(plan.points, faces, double_area).sum() / outline.area)
 
 
