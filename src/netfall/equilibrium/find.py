@@ -42,7 +42,8 @@ ROUNDING = 1e-13  # of the largest force: residuals below that are rounding
 EXACT = 1e-10  # of the forces out of balance, that a response leaves
 STABLE, UNKNOWN = -1, -2
 INSIDE = -1
-NARROW = 1e-6, 1e-10, 0.0  # of the mean energy: gaps in the interior from which Newton's is tried
+ROUNDED = 10.0  # times the tolerance: what is then missing is told, where rounding ends the interior's steps
+NARROW = 1e-6, 1e-9, 0.0  # of the mean energy: gaps in the interior from which Newton's is tried
 
 
 class Solution(NamedTuple):
@@ -264,7 +265,12 @@ class Finder:
         self.goal = INSIDE
         interior = Interior(newton, self.state, stop)
         for gap in NARROW:
-            near, before = interior.narrow(gap, tolerance), self.state.x.copy(order="K")
+            try:
+                near, before = interior.narrow(gap, tolerance), self.state.x.copy(order="K")
+            except NoConvergence:
+                if max(interior.missing) > ROUNDED * tolerance:
+                    raise
+                break
             if gap == 0.0 or max(interior.missing) <= tolerance:
                 break
             try:
@@ -272,7 +278,7 @@ class Finder:
             except NoConvergence:
                 self.state.x[:] = before
         residual, unstable_at = newton.largest(newton.residual()), self._unstable_at(newton)
-        return Solution(near.gradients, *residual, *interior.errors(), False, unstable_at)
+        return Solution(interior.gradients, *residual, *interior.errors(), False, unstable_at)
 
     def _has_interior(self) -> bool:
         return self.slips is None and self.state.joints is None
