@@ -5,12 +5,14 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
 import pytest
 from conftest import ROOT
 
 import netfall
-from netfall.ground.compile import FileForEach, turn
+from netfall.ground.compile import FileForEach, allocating_kernel, kernel, turn
 from netfall.program import setup
 from netfall.program.ahead import ahead_of, state_with, types_of
 from netfall.step.loop import time_loop
@@ -88,3 +90,39 @@ def test_the_time_loop_is_compiled_ahead_for_what_the_run_calls_it_with(monkeypa
     netfall.run(ROOT / "jobs" / f"{name}.toml", {"dynamics.duration": 0.02}, quiet=True).close()
     [ahead] = known
     assert types_of(ahead, state_with(ahead)) in time_loop.overloads
+
+
+class Pair(NamedTuple):
+    a: np.ndarray
+    b: np.ndarray
+
+
+class Nested(NamedTuple):
+    pair: Pair
+    absent: None
+    factor: float
+
+
+@kernel
+def add_pair(pair, sums):
+    for i in range(len(sums)):
+        sums[i] += pair.a[i] + pair.b[i]
+
+
+@allocating_kernel
+def sum_of(nested):
+    if nested.absent is not None:
+        return nested.absent
+    sums = np.zeros_like(nested.pair.a)
+    for _ in range(3):
+        add_pair(nested.pair, sums)
+    return nested.factor * sums
+
+
+def test_arrays_of_a_tuple_that_is_handed_on_have_as_many_owners_afterwards():
+    """A kernel that counts them reads a tuple within a tuple by its address; by hand 2 x 3 x (1 + 10)."""
+    nested = Nested(Pair(np.ones(4), np.full(4, 10.0)), None, 2.0)
+    before = sys.getrefcount(nested.pair.a), sys.getrefcount(nested.pair.b)
+    for _ in range(100):
+        assert sum_of(nested).tolist() == [66.0] * 4
+    assert (sys.getrefcount(nested.pair.a), sys.getrefcount(nested.pair.b)) == before

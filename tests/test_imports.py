@@ -69,6 +69,7 @@ PACKAGES = {
         *(
             "ground.compile",
             "ground.passes",
+            "ground.handed",
             "program.ahead",
             "numerics.arithmetic",
             "parallel.mpi_symbols",

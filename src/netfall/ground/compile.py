@@ -21,6 +21,7 @@ from numba.core.cpu import CPUTargetOptions
 from numba.core.options import TargetOptions
 from numba.core.registry import CPUDispatcher
 
+from netfall.ground.handed import handed, whole
 from netfall.ground.passes import Pipeline, remember_answers
 
 KEPT_DAYS = 30  # of compiled code that these sources did not make; a run of theirs may still be going on
@@ -150,7 +151,14 @@ def turn(path: Path, longest: float = 300.0):
 
 
 class _Kernel(CPUDispatcher):
-    """A function that Python calls: compiled at its first call with arguments of these types, or loaded."""
+    """A function that Python calls: compiled at its first call with arguments of these types, or loaded.
+
+    Kernels that call it are given its `part` instead, which takes less than half the time to compile.
+    """
+
+    @property
+    def _numba_type_(self):
+        return self.part._numba_type_
 
     def compile(self, sig):
         """Without looks for garbage meanwhile, in all that numba has in memory: a tenth of the time."""
@@ -169,6 +177,13 @@ class _Part(CPUDispatcher):
     def __call__(self, *args, **kwargs):
         raise TypeError(f"{self.py_func.__qualname__} can be called by kernels alone")
 
+    def get_call_template(self, args, kws):
+        """For a call with named tuples by their address, but whole where no two arrays may overlap."""
+        taken = whole if self.targetoptions.get("noalias") else handed
+        return super().get_call_template(
+            tuple(map(taken, args)), {name: taken(kind) for name, kind in kws.items()}
+        )
+
 
 def _compiled(**flags):
     """Decorator that makes a function a kernel, or a part of kernels where the flags say so."""
@@ -180,6 +195,7 @@ def _compiled(**flags):
         else:
             dispatcher.__class__ = _Kernel
             dispatcher._cache = _Cache(function)
+            dispatcher.part = _compiled(**flags, **INNER)(function)
         return dispatcher
 
     return decorate

@@ -8,14 +8,17 @@ of the time. Here they are lowered alone, and optimised within the kernels that 
 import operator
 
 from numba import _dynfunc
-from numba.core import base, ir, types
+from numba.core import base, ir, postproc, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import FunctionPass, register_pass
 from numba.core.environment import lookup_environment
-from numba.core.ir_utils import get_definition, guard
+from numba.core.ir_utils import build_definitions, get_definition, guard
+from numba.core.targetconfig import TargetConfig
 from numba.core.typed_passes import NativeLowering
 from numba.core.untyped_passes import IRProcessing
+
+from netfall.ground.handed import hand, whole
 
 
 @register_pass(mutates_CFG=False, analysis_only=False)
@@ -73,10 +76,43 @@ class AbsentFields(FunctionPass):
         """Type of a field of an argument; None if the expression is something else."""
         if not (isinstance(value, ir.Expr) and value.op == "getattr"):
             return None
-        owner = self._type_of(state, value.value)
+        owner = whole(self._type_of(state, value.value))
         if not isinstance(owner, types.BaseNamedTuple) or value.attr not in owner.fields:
             return None
         return owner.types[owner.fields.index(value.attr)]
+
+
+@register_pass(mutates_CFG=False, analysis_only=False)
+class HandedArguments(FunctionPass):
+    """Named tuples that a function is given whole are handed on by their address from its begin."""
+
+    _name = "handed_arguments"
+
+    def __init__(self):
+        FunctionPass.__init__(self)
+
+    def run_pass(self, state):
+        """Rewrite the function in hand; whether anything was."""
+        if not any(isinstance(kind, types.BaseNamedTuple) for kind in state.args):
+            return False
+        first = state.func_ir.blocks[min(state.func_ir.blocks)]
+        body = []
+        for assign in first.body:
+            given = isinstance(assign, ir.Assign) and isinstance(assign.value, ir.Arg)
+            if given and isinstance(state.args[assign.value.index], types.BaseNamedTuple):
+                loc, scope = assign.loc, first.scope
+                tuple_, function = scope.redefine("whole", loc), scope.redefine("hand", loc)
+                body += [
+                    ir.Assign(assign.value, tuple_, loc),
+                    ir.Assign(ir.Global("hand", hand, loc), function, loc),
+                    ir.Assign(ir.Expr.call(function, [tuple_], (), loc), assign.target, loc),
+                ]
+            else:
+                body.append(assign)
+        first.body = body
+        state.func_ir._definitions = build_definitions(state.func_ir.blocks)
+        postproc.PostProcessor(state.func_ir).run()
+        return True
 
 
 class PartLibrary(JITCodeLibrary):
@@ -131,6 +167,7 @@ class Pipeline(CompilerBase):
     def define_pipelines(self):
         """The passes in their order."""
         passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.add_pass_after(HandedArguments, IRProcessing)
         passes.add_pass_after(AbsentFields, IRProcessing)
         part = self.state.flags.no_cpython_wrapper
         lowering = PartLowering if part else KernelLowering
@@ -167,5 +204,12 @@ def remember_answers() -> None:
             signatures[key] = resolve(function, context, arguments, named)
         return signatures[key]
 
+    TargetConfig.__hash__ = lambda flags: hash(tuple(sorted(flags.options)))  # numba's own, without values
+    equal = TargetConfig.__eq__
+
+    def quickly_equal(flags, others):
+        return flags is others or flags._values == getattr(others, "_values", None) or equal(flags, others)
+
+    TargetConfig.__eq__ = quickly_equal
     base.BaseContext.get_abi_sizeof = remembered_size
     types.BaseFunction.get_call_type = remembered_signature

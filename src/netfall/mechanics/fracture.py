@@ -135,7 +135,8 @@ def break_element(e, when, elements, law, fractures):
 @inner_kernel
 def split_particles(e, when, elements, law, fractures):
     """Element e leaves the particles at which it breaks, but the loose ones; new particles take its ends."""
-    rules, particles, rows, events = fractures
+    rules, particles = fractures.rules, fractures.particles
+    rows, events = fractures.rows, fractures.events
     breaks, gid = np.int64(elements.breaks[e]), rules.element_gid[e]
     a, b = np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1])
     before = strain(length_before(e, when.dt, elements, particles), elements.L0[e], law)
@@ -198,7 +199,7 @@ def lengthen(e, dt, elements, particles, law):
 @inner_kernel
 def take_out(e, when, elements, law, fractures):
     """Element e leaves the net; what is stored in it counts as dissipated."""
-    rules, particles, _, events = fractures
+    rules, particles, events = fractures.rules, fractures.particles, fractures.events
     before = strain(length_before(e, when.dt, elements, particles), elements.L0[e], law)
     dissipate(e, when.dt, elements, particles, law)
     elements.broken[e], elements.eps_u[e], elements.EA[e] = 1, np.inf, 0.0

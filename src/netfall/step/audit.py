@@ -214,7 +214,8 @@ def observe(before_dt, dt, zeta, share, subject, room):
 
     before_dt, dt : [s] the steps before and after; zeta, share : of `motion.Kick`
     """
-    f_int, velocity, now, heat, terms, stored, _, sums, f_band = room
+    f_int, velocity, now, heat, f_band = room.f_int, room.velocity, room.now, room.heat, room.f_band
+    terms, stored, sums = room.terms, room.stored, room.sums
     n_owned, first_split, n_local = subject.n_owned, subject.first_split, subject.rows[0]
     halo, owned = first_split - n_owned, n_owned + n_local - first_split
     part, kick_dt = before_dt / (before_dt + dt), 0.5 * (before_dt + dt)

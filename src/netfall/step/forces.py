@@ -6,7 +6,7 @@ it. `Particles` come as the plan prepares them (`plan.stepped_particles`).
 
 import numpy as np
 
-from netfall.ground.compile import inner_kernel, part_of_kernel, vector_kernel
+from netfall.ground.compile import part_of_kernel, vector_kernel
 from netfall.mechanics.air import damped_mass, with_air
 from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.ground import pull_of_ground, velocity_after, works_of_motion
@@ -149,7 +149,7 @@ def kick_particle(p, i, force, branches, kick, particles, law, f):
             add_works_along(p, vz, nz, ez, kick, z, particles)
 
 
-@inner_kernel
+@vector_kernel
 def kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, unyielded, law, scratch):
     """Forces, kick and work of the particles of chunk c; where plastic strains are, yield of cables.
 
@@ -162,18 +162,22 @@ def kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, unyielded, law
         if slots.eps_p is not None:
             chunks.has_yielded[c] = 1  # yield is kept in the loop from now on
         kick_splits(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
-    elif chunks.runs.gathered[c]:
-        if chunks.has_yielded[c]:
-            kick_gathered(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
-        else:
-            kick_gathered(c, kick_dt, zeta, share, chunks, particles, unyielded, law, scratch)
-    elif chunks.has_yielded[c]:
-        kick_runs(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
+    elif slots.eps_p is None or chunks.has_yielded[c]:
+        kick_owned(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
     else:
-        kick_runs(c, kick_dt, zeta, share, chunks, particles, unyielded, law, scratch)
+        kick_owned(c, kick_dt, zeta, share, chunks, particles, unyielded, law, scratch)
 
 
-@vector_kernel
+@part_of_kernel
+def kick_owned(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
+    """`kick_chunk` of particles of the net, in runs or one after the other."""
+    if chunks.runs.gathered[c]:
+        kick_gathered(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
+    else:
+        kick_runs(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
+
+
+@part_of_kernel
 def kick_splits(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
     """`kick_chunk` of particles that have split off: each has one element, in slot 0."""
     origin, x, f, other = np.uint64(chunks.low[c]), particles.x, scratch.f, slots.other
@@ -188,7 +192,7 @@ def kick_splits(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
         kick_particle(p, i, (fx, fy, fz), (bx, by, bz), kick, particles, law, f)
 
 
-@vector_kernel
+@part_of_kernel
 def kick_gathered(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
     """`kick_chunk` one particle after the other, wherever the far ends are."""
     origin, end = np.uint64(chunks.low[c]), np.uint64(chunks.high[c])  # unsigned: nothing counts from the end
@@ -232,11 +236,12 @@ def far_ends(p, other):
     return np.uint64(other[0, p]), np.uint64(other[1, p]), np.uint64(other[2, p]), np.uint64(other[3, p])
 
 
-@vector_kernel
+@part_of_kernel
 def kick_runs(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
     """`kick_chunk` in runs; `Runs`."""
     origin = np.uint64(chunks.low[c])  # unsigned: no index then counts from the end
-    _, spans, whole, rest, loose = chunks.runs
+    runs = chunks.runs
+    spans, whole, rest, loose = runs.spans, runs.whole, runs.rest, runs.loose
     x, f, f_rest, near_rest, other = particles.x, scratch.f, scratch.f_rest, scratch.near_rest, slots.other
     band, band_rest = scratch.band, scratch.band_rest
     kick = make_kick(kick_dt, zeta, share)

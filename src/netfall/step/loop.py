@@ -81,10 +81,9 @@ def step_done(interval, s):
 
 
 @vector_kernel
-def drift_rows(first, last, dt, particles):
-    """x to n + 1 of particles first to last; where held, v = 0."""
+def drift_rows(first, last, dt, x, v):
+    """x [m] to n + 1 of particles first to last; x, v : three of (n,), v = 0 where held."""
     first, last = np.uint64(first), np.uint64(last)  # unsigned: no index then counts from the end
-    x, v = particles.x, particles.v
     for p in range(first, last):
         x[0][p] += dt * v[0][p]
         x[1][p] += dt * v[1][p]
@@ -200,18 +199,19 @@ def time_loop(
                     return s, 0, error
                 mark = lap(seconds, EXCHANGE, mark)
             while drifted <= c and chunks.last_use[drifted] <= c:
-                drift_rows(chunks.low[drifted], chunks.high[drifted], dt, particles)
+                drift_rows(chunks.low[drifted], chunks.high[drifted], dt, particles.x, particles.v)
                 drifted += 1
             mark = lap(seconds, INTEGRATION, mark)
         for c in range(chunks.splits):  # any chunk may need them
-            drift_rows(chunks.low[c], chunks.high[c], dt, particles)
+            drift_rows(chunks.low[c], chunks.high[c], dt, particles.x, particles.v)
         mark = lap(seconds, INTEGRATION, mark)
         error = wait_for_neighbours(buffers)
         mark = lap(seconds, EXCHANGE, mark)
         if error != 0:
             return s, 0, error
         receive_forces(n_owned, particles, place, buffers)
-        move_halo(n_owned, n_owned + n_halo, kick_dt, dt, zeta, particles)
+        if n_halo > 0:
+            move_halo(n_owned, n_owned + n_halo, kick_dt, dt, zeta, particles)
         if beside.places is not None:
             drift_slips(dt, beside.places, particles)
             follow_slips(beside.places, n_owned, n_owned + n_halo, particles, elements, slots)

@@ -71,7 +71,7 @@ def find_runs(first, low_of, high_of, width_of, other, runs):
 
     low_of, high_of, width_of : (chunks,) of `plan.Chunks`; other : (slots, n) local number of the far end
     """
-    gathered, spans, whole, rest, loose = runs
+    gathered, spans, whole, rest, loose = runs.gathered, runs.spans, runs.whole, runs.rest, runs.loose
     wholes = rests = stretches = 0
     for c in range(first, width_of.shape[0]):
         low, high = low_of[c], high_of[c]
