@@ -263,16 +263,24 @@ class Finder:
         if not self._has_interior():
             raise NoConvergence("there is more than cables")
         self.goal = INSIDE
+        return self._inside(newton, tolerance, stop)
+
+    def _inside(self, newton: Newton, tolerance: float, stop: StopRequest) -> Solution:
+        """By way of the interior; from there by Newton's method, as soon as that gets on. Collective.
+
+        Raises as `_by_newton`.
+        """
         interior = Interior(newton, self.state, stop)
         for gap in NARROW:
             try:
-                near, before = interior.narrow(gap, tolerance), self.state.x.copy(order="K")
+                near = interior.narrow(gap, tolerance)
             except NoConvergence:
                 if max(interior.missing) > ROUNDED * tolerance:
                     raise
                 break
             if gap == 0.0 or max(interior.missing) <= tolerance:
                 break
+            before = self.state.x.copy(order="K")
             try:
                 return self._corrected(newton, tolerance, near, stop, True)
             except NoConvergence:

@@ -95,6 +95,4 @@ def _read_field(context, builder, kind, value, name):
     place = cgutils.gep_inbounds(builder, value, 0, index)
     if isinstance(field, types.BaseNamedTuple):
         return place
-    return impl_ret_borrowed(
-        context, builder, field, builder.load(place)
-    )  # the tuple's owner keeps the arrays
+    return impl_ret_borrowed(context, builder, field, builder.load(place))  # whoever has the tuple keeps it

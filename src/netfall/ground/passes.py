@@ -181,8 +181,9 @@ class Pipeline(CompilerBase):
 def remember_answers() -> None:
     """Have numba keep what it finds out again and again: a tenth of the time.
 
-    The sizes of types, each of which it asks LLVM for in a module of text; and what an operation on plain
-    numbers gives, for which it tries a dozen rules on strings, lists and sets first.
+    The sizes of types, each of which it asks LLVM for in a module of text; what an operation on plain numbers
+    gives, for which it tries a dozen rules on strings, lists and sets first; and whether flags are equal, for
+    which it makes a dictionary of all of them each time.
     """
     sizes: dict = {}
     size_of = base.BaseContext.get_abi_sizeof

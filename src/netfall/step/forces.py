@@ -154,7 +154,7 @@ def kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, unyielded, law
     """Forces, kick and work of the particles of chunk c; where plastic strains are, yield of cables.
 
     kick_dt, zeta, share : of `motion.Kick`; chunks, scratch : `plan.Chunks`, `plan.Scratch`
-    unyielded : the slots without plastic strains
+    unyielded : the slots without plastic strains, the same arrays else; of both a call uses one
     scratch.f : (rows,) counted from the chunk's first particle, out, total force [N]
     scratch.near : the same, out, 1 where an element of the particle is near its limits; None: all are elastic
     """
