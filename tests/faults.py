@@ -158,13 +158,16 @@ def rows_so_far() -> dict[str, dict]:
     return {row["key"]: row for row in map(json.loads, lines)}
 
 
-def write_table(faults: list[Fault], rows: dict[str, dict]) -> str:
-    """faults.md from the rows; a line on the totals."""
+def known_of(faults: list[Fault], rows: dict[str, dict]) -> tuple[list[tuple[Fault, dict]], str]:
+    """The faults that rows tell of, with these, and a line on the totals."""
     known = [(fault, rows[fault.key(ROOT)]) for fault in faults if fault.key(ROOT) in rows]
-    found = sum(bool(row["found"]) for _, row in known)
-    total = (
-        f"{found} of {len(known)} faults are found by their quick sets; {len(faults) - len(known)} not run."
-    )
+    found, left = sum(bool(row["found"]) for _, row in known), len(faults) - len(known)
+    return known, f"{found} of {len(known)} faults are found by their quick sets; {left} not run."
+
+
+def write_table(faults: list[Fault], rows: dict[str, dict]) -> None:
+    """faults.md from the rows."""
+    known, total = known_of(faults, rows)
     lines = [
         "# Faults made by hand, and what finds them",
         "",
@@ -179,7 +182,6 @@ def write_table(faults: list[Fault], rows: dict[str, dict]) -> str:
         by = f"`{row['found']}`" if row["found"] else f"**not found** {fault.explained}"
         lines.append(f"| {fault.part} | {fault.file} | {fault.means} | {by} | {row['cpu']:.0f} |")
     (ROOT / "tests" / "faults.md").write_text("\n".join(lines) + "\n")
-    return total
 
 
 def options() -> argparse.Namespace:
@@ -195,7 +197,7 @@ def options() -> argparse.Namespace:
 
 
 def main() -> None:
-    """Try what has not been tried; then the table."""
+    """Try what has not been tried, or write the table."""
     global TREE, JOURNAL, PLACE
     asked, faults = options(), read_faults()
     PLACE = asked.place
@@ -203,7 +205,7 @@ def main() -> None:
     for fault in faults:
         fault.edited(ROOT / "src")
     if asked.table:
-        print(write_table(faults, rows_so_far()))
+        write_table(faults, rows_so_far())
         return
     if asked.fresh:
         JOURNAL.unlink(missing_ok=True)
@@ -228,7 +230,7 @@ def main() -> None:
                 file.write(json.dumps(row) + "\n")
             late = "  LONGER THAN THE LIMIT" if row["cpu"] > LIMIT else ""
             print(f"{fault.name}: {row['found'] or 'NOT FOUND'} ({row['cpu']:.0f} CPU s){late}", flush=True)
-    print(write_table(faults, rows))
+    print(known_of(faults, rows)[1])
 
 
 if __name__ == "__main__":

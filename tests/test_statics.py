@@ -156,6 +156,37 @@ def test_static_load_that_breaks_the_net_is_reported(workshop):
     assert re.search(r"under .* element \d+ breaks", workshop.run(job, code=3).stderr)
 
 
+def test_buckling_is_looked_for_where_the_net_has_moved_far(workshop):
+    """A net that hangs between two masts is blown up from below: that the masts hold, as their tops are
+    stayed, is found by the tangent there, though that of the form is no help any more.
+    """
+    n, corners = 8, ((0, -17, 2), (17, 0, 11), (0, 17, 2), (-17, 0, 11))
+    nodes, elements = ["id,x,y,z,fixed"], ["start,end,group"]
+    for i, j in np.ndindex(n + 1, n + 1):
+        u, v = i / n, j / n
+        x, y, z = np.array([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v]) @ corners
+        k, low = (n + 1) * i + j + 1, i == j and i in (0, n)
+        nodes.append(f"{k},{x},{y},{z},{int(low)}")
+        elements += [f"{k},{k + n + 1},{'edge' if j in (0, n) else 'net'}"] * (i < n)
+        elements += [f"{k},{k + 1},{'edge' if i in (0, n) else 'net'}"] * (j < n)
+    for side, top, first in ((1, (n + 1) * n + 1, 101), (-1, n + 1, 201)):
+        nodes += [f"{first + k},{side * x},{y},0,1" for k, (x, y) in enumerate(((19, 0), (28, -9), (28, 9)))]
+        elements += [f"{first},{top},mast", f"{first + 1},{top},stay", f"{first + 2},{top},stay"]
+    job = workshop.job(
+        "[cable]\nmodulus = 1.6e11\narea = 120e-6\ndensity = 7850.0\nprestress = 15e3\n"
+        "[cable.edge]\narea = 600e-6\nprestress = 110e3\n[cable.stay]\narea = 900e-6\nprestress = 100e3\n"
+        '[cable.mast]\nkind = "bar"\narea = 6e-3\nprestress = -160e3\n'
+        '[form_finding]\nmethod = "force_density"\n[load]\nself_weight = true\ndead = 50.0\n'
+        '[[case]]\nname = "uplift"\nset = {"load.pressure" = -2400.0}\n',
+        "\n".join(nodes),
+        "\n".join(elements),
+    )
+    with workshop.run(job) as f:
+        assert f["cases/uplift"].attrs["state"] == "equilibrium"
+    run = run_on_standing_ranks("run", job, "-o", workshop.folder / "again.vtkhdf").stdout
+    assert "could not be decided" not in run
+
+
 @pytest.mark.parametrize("top, noted", [(5.0, True), (-5.0, False)])
 def test_a_net_that_snaps_through_is_noted(workshop, top, noted):
     """A weight pushes the top of four cables 5 m below a square of 10 m, where they carry it by symmetry:

@@ -3,7 +3,7 @@
 import numpy as np
 from mpi4py import MPI
 
-from netfall.equilibrium.newton import Newton, NotPositiveDefinite
+from netfall.equilibrium.newton import Newton, NotPositiveDefinite, SlowConvergence
 from netfall.multigrid.tangent import scattered
 
 LEFT = 1e-4  # of the residual, in search of displacements without stiffness
@@ -22,7 +22,10 @@ def unstable_shape(newton: Newton) -> np.ndarray | None:
     try:
         held = newton.moves & (K.nodal[newton.owned, None] > 0.0)  # not what has left the net
         r = newton.not_held(np.where(held, scattered(number), 0.0))
-        newton.solve(K, newton.inverse(newton, K), r, LEFT)
+        try:
+            newton.solve(K, newton.inverse(newton, K), r, LEFT)
+        except SlowConvergence:  # what moved far has another tangent than the one that inverse is of
+            newton.solve(K, newton.cycle(K), r, LEFT)
     except NotPositiveDefinite as error:
         return error.shape
     return None
