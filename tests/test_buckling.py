@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 import pytest
-from conftest import STEEL, assert_same_bits_on
+from conftest import STEEL, assert_same_bits_on, run_on_standing_ranks
 
 from netfall.checks.buckling import IMPERFECTION, reduction, slenderness
 from netfall.checks.codes import read_codes
@@ -136,6 +136,8 @@ def test_a_post_that_buckles_carries_eulers_load(both_ways):
     assert abs(f["history/identity_error"][:]).max() < 1e-10
     assert abs(f["history/balance_error"][:]).max() < 1e-3
     assert not len(f["events/time"]) and not f["history/plastic_dissipation"][-1]
+    told = run_on_standing_ranks("info", both_ways.folder / "result.vtkhdf").stdout
+    assert "note: dynamics: element 7 at Euler's load: buckled" in told
 
 
 def test_at_rest_a_cable_has_what_is_beyond_eulers_load(both_ways):
@@ -148,6 +150,37 @@ def test_at_rest_a_cable_has_what_is_beyond_eulers_load(both_ways):
     assert f["statics/tension"][-1] == pytest.approx([-EULER, 0.5 * EULER], rel=1e-6)
     sunk = 0.5 * EULER * 6.0 / (1.95e11 * 683.08e-6)
     assert f["statics/displacement"][-1][1] == pytest.approx([0.0, 0.0, -sunk], rel=1e-6)
+
+
+def test_what_buckles_and_yields_at_rest_is_named(both_ways):
+    """P = 1.5 N_E on a post that buckles below a cable that yields and one that holds what is left of P: by
+    hand; the run, `info`, the report and the file name both, and nothing where P is a half.
+    """
+    nodes = FREE + f"2,0,0,4,1,1,0,0,{-1.5 * EULER}\n3,0,0,10,1,1,1,0,0\n4,0,0,12,1,1,1,0,0\n"
+    post = POST.replace("yield_stress = 355e6\n", "buckling = true\n")
+    soft = f"[cable.soft]\nyield_stress = {0.2 * EULER / 683.08e-6}\n"
+    hung = nodes, "id,start,end,group\n7,1,2,post\n8,2,3,\n9,2,4,soft\n"
+    job = both_ways.job(STATICS.replace("[load]", f"{post}{soft}[load]"), *hung)
+    with both_ways.run(job) as f:
+        assert f["statics/tension"][-1] == pytest.approx([-EULER, 0.3 * EULER, 0.2 * EULER], rel=1e-6)
+        named = {name: f["statics"].attrs[name].tolist() for name in ("buckled", "yielding")}
+        assert named == {"buckled": [7], "yielding": [9]} and "over_strength" not in f["statics"].attrs
+    result, report = both_ways.folder / "again.vtkhdf", both_ways.folder / "report"
+    told = [run_on_standing_ranks("run", job, "-o", result).stdout]
+    told.append(run_on_standing_ranks("info", result).stdout)
+    run_on_standing_ranks("report", result, "-o", report)
+    told.append((report / "summary.md").read_text())
+    for text in told:
+        assert "ote: statics: element 7 at Euler's load: buckled, and a bar that is not quite" in text
+        assert "ote: statics: element 9 at the yield force" in text
+    less = [f"{name}={value}" for name, value in (("load.steps", 2), ("cable.soft.yield_stress", 1e12))]
+    job = both_ways.job(
+        STATICS.replace("[load]", f"{post}{soft}[load]"),
+        nodes.replace(f"{-1.5 * EULER}", f"{-0.5 * EULER}"),
+        hung[1],
+    )
+    with both_ways.run(job, "--set", less[0], "--set", less[1]) as f:
+        assert not {"buckled", "yielding"} & set(f["statics"].attrs)
 
 
 def test_a_post_that_starts_beyond_eulers_load_is_refused(workshop):

@@ -16,12 +16,13 @@ from netfall.mechanics.material import warm_length
 from netfall.mechanics.slip.law import set_strands
 from netfall.net.turned import held_along, on_held, turned_column
 from netfall.numerics.functions import lengths
-from netfall.results.notes import error_words, over_strength_note, stop_notes
+from netfall.results.notes import error_words, limit_notes, stop_notes
 from netfall.stages.scene import Scene, let_slip
 from netfall.stages.settle import (
     NONE,
     StaticLoad,
     StaticOutcome,
+    by_ids,
     reference_force,
     settings_of,
     settle,
@@ -240,4 +241,4 @@ def _lines(model, erection: Erection, stage, setting: Setting, x, N, outcome: St
             f"{setting.L0[rows].sum():.6g} m in all"
         )
     lines += stop_notes([(f"stage {stage.name}", outcome.equilibrium.stopped)], net.element_id)
-    return lines + over_strength_note(f"stage {stage.name}", outcome.labels(), net.element_id)
+    return lines + limit_notes(f"stage {stage.name}", by_ids(outcome.labels(), net.element_id))

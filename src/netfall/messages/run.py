@@ -22,7 +22,7 @@ from netfall.parallel import partition
 from netfall.record.history import MOST_STRAIN, History, most_strained, most_strained_of_all
 from netfall.results.form_lines import form_lines, self_stress_lines
 from netfall.results.loss_lines import loss_lines
-from netfall.results.notes import balance_notes
+from netfall.results.notes import balance_notes, motion_notes
 from netfall.results.overload_lines import Carried, overload_lines
 from netfall.stages import dynamics
 from netfall.stages.scene import Desk, Outcome, Scene
@@ -62,14 +62,17 @@ def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path
     """The last lines of a run, on rank 0. Collective."""
     simulation = outcomes[dynamics.NAME].result if dynamics.NAME in outcomes else None
     strained = _most_strained(scene, simulation and simulation.history)
-    envelope = simulation.envelope.record(simulation.state)[1] if len(desk.log) else {}
+    told = simulation and (len(desk.log) or simulation.state.features.buckling)
+    envelope = simulation.envelope.record(simulation.state)[1] if told else {}
     if scene.model is None:
         return
     if simulation:
         for line in _dynamics_lines(scene.model, outcomes[dynamics.NAME]):
             desk.progress.say(line)
     if envelope:
-        for note in _overloads(scene.model, desk.log, envelope["tension"]):
+        model, tension = scene.model, envelope["tension"]
+        notes = _overloads(model, desk.log, tension)
+        for note in notes + motion_notes(tension[:, 2], model.euler, model.net.element_id):
             desk.progress.say(note)
     for note in _strain_notes(scene.model, *strained):
         desk.progress.say(note)

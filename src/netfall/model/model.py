@@ -188,6 +188,8 @@ class Model:
     @property
     def euler(self) -> np.ndarray:
         """(m,) [N], compression at which bars buckle, less than their yield force; inf: they do not."""
+        if self.net.buckling is None:
+            return np.full(self.net.m, np.inf)
         load = np.where(self.net.buckling, euler_load(self.net, self.cut_length), np.inf)
         return np.where(load < self.net.yield_force, load, np.inf)
 

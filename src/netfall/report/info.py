@@ -15,7 +15,13 @@ from netfall.results.file import (
     title_of,
 )
 from netfall.results.loss_lines import loss_lines
-from netfall.results.notes import NOT_STABLE, balance_notes, displacement_notes_of
+from netfall.results.notes import (
+    NOT_STABLE,
+    balance_notes,
+    displacement_notes_of,
+    limit_notes,
+    motion_notes_of,
+)
 from netfall.results.states import (
     form_position,
     no_equilibrium,
@@ -54,6 +60,7 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
             (_energies, moves),
             (_fractures, moves),
             (overloads_of, moves),
+            (motion_notes_of, moves),
             (_seconds, True),
         ):
             for line in tell(f) if there else ():
@@ -119,6 +126,7 @@ def _equilibria(f):
             )
         elif not np.all(g["stable"][()]):
             yield f"note: an equilibrium of /{place} is NOT STABLE: {NOT_STABLE}"
+        yield from limit_notes(state_words(f, place), g.attrs)
 
 
 def _dynamics(f):

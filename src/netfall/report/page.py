@@ -12,7 +12,7 @@ from netfall.results.cases import cases_of
 from netfall.results.file import lines_of_form, overloads_of, provenance_text, title_of
 from netfall.results.loss_lines import loss_lines, rises, telling_factor
 from netfall.results.losses import worst_after
-from netfall.results.notes import displacement_notes_of
+from netfall.results.notes import displacement_notes_of, limit_notes_of
 from netfall.results.states import Envelope, no_equilibrium, state_groups, state_words
 
 WORST = 10
@@ -88,7 +88,7 @@ def _what_ran(f, result: Path) -> list[str]:
     lines += [
         f"**{state_words(f, place)} has no equilibrium: {f[place].attrs['reason']}.**" for place in failed
     ]
-    lines += _sentences(displacement_notes_of(f))
+    lines += _sentences(displacement_notes_of(f) + limit_notes_of(f))
     if "history" in f and len(f["events/element"]):
         broken = len(np.unique(f["events/element"][:]))
         lines.append(f"{broken} elements broke, the first at t = {f['events/time'][0]:.4g} s.")

@@ -4,10 +4,12 @@ import numpy as np
 
 from netfall.job.values import counted
 from netfall.numerics.functions import lengths
-from netfall.results.states import equilibria, start_position
+from netfall.results.states import equilibria, start_position, state_groups, state_words
 
 LARGEST_BALANCE = 0.01  # error of the physical balance above which a result is doubtful
 HELD = 0.05  # of the largest bending moment: a hold against tilting above that is told
+AT = 1.0 - 1e-12  # of a force: as good as it
+MOST_MARKED = 4096  # elements of an equilibrium by each attribute of it, which may have 64 kB
 FAR = 0.2  # of a net's largest dimension: a node that moves farther under static load is told
 
 
@@ -77,11 +79,42 @@ def displacement_notes_of(f) -> list[str]:
     return displacement_notes(found, x)
 
 
-def over_strength_note(what: str, labels: dict, element_id: np.ndarray) -> list[str]:
-    """That a load passes strengths that break nothing in it; labels : as of `StaticOutcome.labels`."""
-    over = labels.get("over_strength", ())
-    ids = counted("element", element_id[list(over)]) if over else ""
-    return [f"note: {what}: {ids} beyond the strength, which breaks nothing here"] if over else []
+AT_LIMIT = {  # attributes of an equilibrium: what it means for the elements that they name
+    "over_strength": "beyond the strength, which breaks nothing here",
+    "buckled": "at Euler's load: buckled, and a bar that is not quite straight carries less",
+    "yielding": "at the yield force",
+}
+
+
+def limit_notes(what: str, labels) -> list[str]:
+    """Notes on elements at a limit of theirs in an equilibrium; labels : its attributes, elements by ids."""
+    found = [(np.asarray(labels[name]), words) for name, words in AT_LIMIT.items() if name in labels]
+    return [
+        f"note: {what}: {'at least ' * (len(ids) == MOST_MARKED)}{counted('element', ids)} {words}"
+        for ids, words in found
+    ]
+
+
+def limit_notes_of(f) -> list[str]:
+    """`limit_notes` on the equilibria of a result, and on what buckled in motion."""
+    notes = [note for place in state_groups(f) for note in limit_notes(state_words(f, place), f[place].attrs)]
+    return notes + motion_notes_of(f)
+
+
+def motion_notes(tension_min: np.ndarray, euler: np.ndarray, element_id: np.ndarray) -> list[str]:
+    """A note on bars that buckled in motion; all (m,), euler : [N] at which they do, inf: never."""
+    ids = element_id[-tension_min >= AT * euler][:MOST_MARKED]
+    return limit_notes("dynamics", {"buckled": ids}) if len(ids) else []
+
+
+def motion_notes_of(f) -> list[str]:
+    """`motion_notes` on a result."""
+    net = f["net"]
+    if "envelope" not in f or "buckling" not in net:
+        return []
+    strong = net["euler_load"][:] < (net["yield_force"][:] if "yield_force" in net else np.inf)
+    euler = np.where(strong & (net["buckling"][:] == 1), net["euler_load"][:], np.inf)
+    return motion_notes(f["envelope/tension_min"][:], euler, net["element_id"][:])
 
 
 def error_words(moved: float, tension: float) -> str:

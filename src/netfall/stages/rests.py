@@ -196,10 +196,14 @@ def _rest_under(
     )
     if settled.stopped:
         line += f"; ends of cables stop in {named(settled.stopped)}"
-    if not settled.breaking:
+    for limit in ("buckled", "yielding"):
+        if limit in settled.at_limit:
+            line += f"; {limit}: {named(settled.at_limit[limit])}"
+    over = settled.at_limit.get("over_strength", ())
+    if not over:
         return N, Rest("equilibrium"), line, rest.iterations
-    line += f"; {SOMETHING_BREAKS}: {named(settled.breaking)}"
-    return N, Rest("breaks", settled.breaking), line, rest.iterations
+    line += f"; {SOMETHING_BREAKS}: {named(over)}"
+    return N, Rest("breaks", over), line, rest.iterations
 
 
 def loads_after(model, losses: list[Loss]) -> list[np.ndarray]:

@@ -36,7 +36,8 @@ from netfall.mechanics.slip.law import set_strands
 from netfall.mechanics.state import State
 from netfall.parallel.subdomain import Distribution
 from netfall.record.energy import Snapshot, take_snapshot
-from netfall.results.notes import NOT_STABLE
+from netfall.record.limits import at_limit_in
+from netfall.results.notes import AT_LIMIT, MOST_MARKED, NOT_STABLE
 from netfall.stages.scene import Desk, Scene
 from netfall.write.saver import Record, Saver
 
@@ -46,9 +47,9 @@ COMMITTED = ("x", "eps_p", "dissipated", "L0", "spring_rest", "strand", "slip")
 OF_PARTICLES = {each.name for each in FIELDS if each.entity == "particle"}  # other ones are of elements
 EQUILIBRIUM, NONE, UNSTABLE = "equilibrium", "no_equilibrium", "unstable"
 NOT_FOUND = Solution(0, np.nan, np.nan, np.nan, False, UNKNOWN)
+MOST_NAMED = 100  # elements where a net gives way
 SMALL = 0.008  # of a load: by so much more the ways of large nets are shorter than relaxation
 BACK = 4  # shares of a load, each less by `SHARP`, that are tried for an exact equilibrium
-MOST_NAMED = 100  # elements where a net gives way
 ROUGH, FEW = 1e-3, 20_000  # of the error, of iterations of a relaxation, in search of how much is borne
 SEARCHED = ("permanent", "case", "combination", "step", "at once", "rest")  # how much of them is borne
 APART = ("case", "combination")  # kinds that are beside the run: what follows starts as without them
@@ -87,7 +88,7 @@ class StaticLoad(NamedTuple):
 class Equilibrium(NamedTuple):
     """An equilibrium, and the state in it; slack : cables of the net.
 
-    breaking : elements, global numbers, that are beyond their fracture strain
+    at_limit : elements, global numbers, of each of `AT_LIMIT` that there is: beyond a fracture strain, ...
     slip : (k,) [m] of each place where a cable slips, None: none does
     stopped : elements of such cables that their end stops, global numbers
     """
@@ -95,7 +96,7 @@ class Equilibrium(NamedTuple):
     snapshot: Snapshot
     slack: int
     solution: Solution
-    breaking: tuple[int, ...] = ()
+    at_limit: dict[str, tuple[int, ...]]
     slip: list[float] | None = None
     stopped: tuple[int, ...] = ()
 
@@ -127,13 +128,16 @@ class StaticOutcome(NamedTuple):
 
     def labels(self) -> dict:
         """Attributes of its group of the file, elements by their global numbers."""
-        names, over = ("state", "load_factor", "reason", "elements"), self.equilibrium.breaking[:MOST_NAMED]
-        return {name: getattr(self, name) for name in names} | ({"over_strength": over} if over else {})
+        names = ("state", "load_factor", "reason", "elements")
+        at_limit = self.equilibrium.at_limit
+        return {name: getattr(self, name) for name in names} | {
+            k: at_limit[k][:MOST_MARKED] for k in at_limit
+        }
 
 
 def by_ids(labels: dict, element_id: np.ndarray) -> dict:
     """Attributes of a group of the file, as of `StaticOutcome.labels`, with elements by their ids (m,)."""
-    names = [name for name in ("elements", "over_strength") if name in labels]
+    names = [name for name in ("elements", *AT_LIMIT) if name in labels]
     return labels | {name: element_id[list(labels[name])] for name in names}
 
 
@@ -277,9 +281,12 @@ def _found(
     slips = scene.finder.slips is not None
     solution = _slipped(scene, each, arguments) if slips else scene.finder.find(*arguments, watch, goal)
     snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
-    slack, breaking = scene.comm.allreduce(snapshot.slack), _breaking(scene, snapshot)
+    slack, at_limit = (
+        scene.comm.allreduce(snapshot.slack),
+        at_limit_in(scene.comm, scene.distribution, scene.state, snapshot, MOST_MARKED),
+    )
     stopped = scene.finder.slips.stopped() if slips else ()
-    return Equilibrium(snapshot, slack, solution, breaking, _slips(scene), stopped)
+    return Equilibrium(snapshot, slack, solution, at_limit, _slips(scene), stopped)
 
 
 def _slips(scene: Scene) -> list[float] | None:
@@ -297,7 +304,7 @@ def _slipped(scene: Scene, each: StaticLoad, arguments: tuple) -> Solution:
 def as_it_began(scene: Scene) -> Equilibrium:
     """The state as it is, from which no equilibrium was found. Collective."""
     snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
-    return Equilibrium(snapshot, scene.comm.allreduce(snapshot.slack), NOT_FOUND, (), _slips(scene))
+    return Equilibrium(snapshot, scene.comm.allreduce(snapshot.slack), NOT_FOUND, {}, _slips(scene))
 
 
 def _commit(state: State, snapshot: Snapshot) -> None:
@@ -396,17 +403,6 @@ def tears(job: Job, each: StaticLoad) -> bool:
 def settings_of(job: Job) -> SimpleNamespace:
     """The keys of [load] that say how an equilibrium is found; their defaults without [load]."""
     return job.load or defaults("load")
-
-
-def _breaking(scene: Scene, snapshot: Snapshot) -> tuple[int, ...]:
-    """Elements, global numbers, that are beyond their fracture strain, the same on every rank. Collective."""
-    if not scene.state.features.fracture:
-        return ()
-    state = scene.state
-    crushed = state.features.crushing and snapshot.eps < state.eps_c
-    beyond = ((snapshot.eps > state.eps_u) | crushed) & (state.broken == 0)
-    over = scene.distribution.subdomain.element_gid[beyond].tolist()
-    return tuple(sorted(set().union(*scene.comm.allgather(over))))
 
 
 def _advice(job: Job, each: StaticLoad) -> str:

@@ -34,7 +34,7 @@ from netfall.results.notes import (
     displacement_notes,
     error_words,
     hold_notes,
-    over_strength_note,
+    limit_notes,
     stop_notes,
 )
 from netfall.stages.scene import Desk, Outcome, Scene
@@ -337,7 +337,7 @@ def lines(path: StaticPath, scene: Scene) -> list[str]:
         [(what, each["stopped"]) for _, what, each in every if "stopped" in each], scene.model.net.element_id
     )
     for group, what, _ in last:
-        lines += over_strength_note(what, path.labels[group], scene.model.net.element_id)
+        lines += limit_notes(what, by_ids(path.labels[group], scene.model.net.element_id))
     moved = [(what, each["moved"][0], node_id[each["moved"][1]]) for _, what, each in every]
     return lines + displacement_notes(moved, scene.model.x)
 
