@@ -10,6 +10,7 @@ from test_python import cross
 import netfall
 from netfall.mechanics.fields import Elements
 from netfall.mechanics.material import Law, axial_force, stored_energy, strain, yield_energy
+from netfall.results.notes import motion_notes_of
 
 EA, YIELD = 1000.0, 10.0  # N; yield strain 0.01
 
@@ -97,7 +98,7 @@ def test_logarithmic_strain_is_the_sum_of_increments():
 @pytest.mark.parametrize("measure", ["engineering", "logarithmic"])
 def test_what_never_yields_beside_what_does_dissipates_nothing(measure, tmp_path):
     """Two cables of the tutorial yield, two have no yield stress: the heat is that of the former, with the
-    engineering strain N_y L0 eps_p in all, and the audits are there.
+    engineering strain N_y L0 eps_p in all, and the audits are there; those two are named.
     """
     job = cross(cable=cross()["cable"] | {"strain": measure, "hanging": {"yield_stress": 2.3e8}})
     with netfall.run(job, {"dynamics.safety": 0.02}, output=tmp_path / "r.vtkhdf", quiet=True) as result:
@@ -108,3 +109,4 @@ def test_what_never_yields_beside_what_does_dissipates_nothing(measure, tmp_path
             2.3e8 * 500e-6 * (L0 * eps_p).sum(), rel=1e-12 if measure[0] == "e" else 1e-2
         )
         assert heat[0] == 0.0 and np.abs(result.history["balance_error"]).max() < 1e-3
+        assert motion_notes_of(result.file) == ["note: dynamics: 2 elements (1, 2) at the yield force"]

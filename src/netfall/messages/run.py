@@ -62,7 +62,8 @@ def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path
     """The last lines of a run, on rank 0. Collective."""
     simulation = outcomes[dynamics.NAME].result if dynamics.NAME in outcomes else None
     strained = _most_strained(scene, simulation and simulation.history)
-    told = simulation and (len(desk.log) or simulation.state.features.buckling)
+    features = simulation and simulation.state.features
+    told = features and (len(desk.log) or features.buckling or features.plastic)
     envelope = simulation.envelope.record(simulation.state)[1] if told else {}
     if scene.model is None:
         return
@@ -70,9 +71,9 @@ def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path
         for line in _dynamics_lines(scene.model, outcomes[dynamics.NAME]):
             desk.progress.say(line)
     if envelope:
-        model, tension = scene.model, envelope["tension"]
-        notes = _overloads(model, desk.log, tension)
-        for note in notes + motion_notes(tension[:, 2], model.euler, model.net.element_id):
+        model, (highest, _, lowest, _) = scene.model, envelope["tension"].T
+        notes = motion_notes(lowest, highest, model.euler, model.net.yield_force, model.net.element_id)
+        for note in notes + _overloads(model, desk.log, envelope["tension"]):
             desk.progress.say(note)
     for note in _strain_notes(scene.model, *strained):
         desk.progress.say(note)

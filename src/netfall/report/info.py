@@ -59,8 +59,8 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
             (_losses, "removal" in f),
             (_energies, moves),
             (_fractures, moves),
-            (overloads_of, moves),
             (motion_notes_of, moves),
+            (overloads_of, moves),
             (_seconds, True),
         ):
             for line in tell(f) if there else ():

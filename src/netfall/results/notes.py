@@ -96,25 +96,38 @@ def limit_notes(what: str, labels) -> list[str]:
 
 
 def limit_notes_of(f) -> list[str]:
-    """`limit_notes` on the equilibria of a result, and on what buckled in motion."""
+    """`limit_notes` on the equilibria of a result, and on its motion."""
     notes = [note for place in state_groups(f) for note in limit_notes(state_words(f, place), f[place].attrs)]
     return notes + motion_notes_of(f)
 
 
-def motion_notes(tension_min: np.ndarray, euler: np.ndarray, element_id: np.ndarray) -> list[str]:
-    """A note on bars that buckled in motion; all (m,), euler : [N] at which they do, inf: never."""
-    ids = element_id[-tension_min >= AT * euler][:MOST_MARKED]
-    return limit_notes("dynamics", {"buckled": ids}) if len(ids) else []
+def motion_notes(lowest, highest, euler, strong, element_id) -> list[str]:
+    """Notes on elements that buckled or yielded in motion, broken ones too.
+
+    lowest, highest : (m,) [N] of axial forces; euler, strong : (m,) [N], at which they buckle and yield, inf:
+    never
+    """
+    at_limit = {
+        "buckled": -lowest >= AT * euler,
+        "yielding": np.maximum(highest, -lowest) >= AT * strong,
+    }
+    labels = {name: element_id[there][:MOST_MARKED] for name, there in at_limit.items() if there.any()}
+    return limit_notes("dynamics", labels)
 
 
 def motion_notes_of(f) -> list[str]:
     """`motion_notes` on a result."""
     net = f["net"]
-    if "envelope" not in f or "buckling" not in net:
+    if "envelope" not in f:
         return []
-    strong = net["euler_load"][:] < (net["yield_force"][:] if "yield_force" in net else np.inf)
-    euler = np.where(strong & (net["buckling"][:] == 1), net["euler_load"][:], np.inf)
-    return motion_notes(f["envelope/tension_min"][:], euler, net["element_id"][:])
+    euler = strong = np.full(len(net["elements"]), np.inf)
+    if "yield_force" in net:
+        strong = net["yield_force"][:]
+    if "buckling" in net:
+        buckles = (net["buckling"][:] == 1) & (net["euler_load"][:] < strong)
+        euler = np.where(buckles, net["euler_load"][:], np.inf)
+    found = f["envelope/tension_min"][:], f["envelope/tension_max"][:]
+    return motion_notes(*found, euler, strong, net["element_id"][:])
 
 
 def error_words(moved: float, tension: float) -> str:
