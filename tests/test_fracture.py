@@ -226,7 +226,7 @@ def test_slots_mended_where_elements_break_are_those_filled_anew(fragments):
     state.gid[:], state.v[:] = np.arange(n), 10.0 * np.random.default_rng(3).normal(size=(n, 3))
     (subdomain,) = cut_net(n, elements, np.zeros(n, np.int32), 1)
     ranks = n, n, np.arange(len(elements))  # all particles are owned
-    rules = FractureRules(n, *ranks, 9.81, True, True, True, 2e-5 if fragments else None)
+    rules = FractureRules(n, *ranks, 9.81, True, True, True, 2e-5 if fragments else np.nan)
     plan = Plan(state, Halo(MPI.COMM_SELF, subdomain, 5), rules)
     step = 0
     while step < 400:
@@ -258,7 +258,11 @@ def test_what_is_left_of_an_element_that_cannot_yield_has_its_strength(strain):
     state.broken[:], state.valence[:], state.gid[:] = 1, 1, [0, 3]
     state.v[1, 0] = np.sqrt(4.0 * strength * eps_u / mass)
     (subdomain,) = cut_net(2, state.ends.astype(np.int64), np.zeros(2, np.int32), 1)
-    plan = Plan(state, Halo(MPI.COMM_SELF, subdomain, 5), FractureRules(2, 2, 2, np.zeros(1), 0, 0, 0, 0, dt))
+    plan = Plan(
+        state,
+        Halo(MPI.COMM_SELF, subdomain, 5),
+        FractureRules(2, 2, 2, np.zeros(1, int), 0.0, False, False, False, dt),
+    )
     energy, adds = 0.5 * mass * state.v[1, 0] ** 2, EA * state.v[1, 0] * dt
     most, step = 0.0, 0
     while state.v[1, 0] > 0.0:

@@ -92,7 +92,7 @@ def test_random_nets_are_valid_and_have_what_was_chosen(tmp_path):
         for name, text in ({"job.toml": job.text} | job.tables).items():
             (folder / name).write_text(text)
         read = read_job(folder / "job.toml")
-        scene = features_of(read, make_layout(read, 1))
+        scene = features_of(read, (layout := make_layout(read, 1)).net, layout.slides)
         for name in ("wind", "bars", "sections", "part_held", "energy", "fragments"):
             assert getattr(scene, name) == job.choice[name], (job.name, name)
         assert scene.fracture == (job.choice["material"] in ("ductile", "brittle"))

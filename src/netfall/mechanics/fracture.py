@@ -47,7 +47,7 @@ class FractureRules(NamedTuple):
     gravity : [m/s2]; own_weighs, carried_weighs : whether it acts on the elements' own mass, on what is
         carried
     wind_stays : whether a particle keeps its wind when an element leaves it
-    stable_dt : [s] for which fragments are stable; None: without fragments
+    stable_dt : [s] for which fragments are stable; nan: without fragments
     """
 
     particles: int
@@ -58,7 +58,7 @@ class FractureRules(NamedTuple):
     own_weighs: bool
     carried_weighs: bool
     wind_stays: bool
-    stable_dt: float | None
+    stable_dt: float
 
 
 class Fractures(NamedTuple):
@@ -126,7 +126,7 @@ def break_element(e, when, elements, law, fractures):
     The particle that splits off at end 0 or 1 has the global number particles + 2 element + end. Slots are
     not touched: these follow from what became of the element's ends and its EA (`step/tear.py`).
     """
-    if fractures.rules.stable_dt is not None:
+    if fractures.rules.stable_dt > 0.0:
         split_particles(e, when, elements, law, fractures)
     else:
         take_out(e, when, elements, law, fractures)

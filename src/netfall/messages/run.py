@@ -208,7 +208,7 @@ def stages(job: Job) -> list[str]:
 
 def feature_words(job: Job, model: Model) -> str:
     """What the scene has, in words."""
-    features, load = features_of(job, model.layout), job.load
+    features, load = features_of(job, model.layout.net, model.layout.slides), job.load
     words = (
         ("yield", features.plastic),
         ("fracture", features.fracture),

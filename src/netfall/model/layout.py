@@ -1,6 +1,7 @@
 """The layout of a job: its net as it is given, on rank 0, in global order, before its form is found."""
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -57,10 +58,15 @@ class Layout:
     notes: tuple[str, ...]
 
 
-def make_layout(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Layout:
-    """Net, roof, zones and partition of a job. Raises InputError."""
+def make_layout(
+    job: Job, ranks: int, memory: Memory = FORGETFUL, known: Callable = lambda net: None
+) -> Layout:
+    """Net, roof, zones and partition of a job; `known` is told the net as soon as it is.
+
+    Raises InputError.
+    """
     key = ranks, key_of(job, without=OF_SPEED)
-    net, roofing, zones, part, source = memory.once("net", key, lambda: _partitioned(job, ranks))
+    net, roofing, zones, part, source = memory.once("net", key, lambda: _partitioned(job, ranks, known))
     lost, probes = named_elements(job, net), find_probes(job, net)
     slides, wrong = slides_of(job, net)
     if job.slides and job.dynamics and job.dynamics.damping_ratio:
@@ -98,9 +104,10 @@ def make_layout(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Layout:
     )
 
 
-def _partitioned(job: Job, ranks: int) -> tuple:
+def _partitioned(job: Job, ranks: int, known: Callable) -> tuple:
     """Net, roofing, zones, partition and where this comes from."""
     net = build_net(job)
+    known(net)
     roofing = roof_of(job, net)
     zones = zones_of(job, net, roofing)
     if not job.changes_net():
@@ -127,9 +134,9 @@ def band_of(job: Job) -> tuple[float, ...]:
     return band_branches(moves.damping_ratio, *moves.damping_band) if moves and moves.damping_ratio else ()
 
 
-def features_of(job: Job, layout: Layout) -> Features:
+def features_of(job: Job, net: Net, slides: Slides | None) -> Features:
     """What the scene has, as the job names it."""
-    net, differ = layout.net, lambda values: bool((values != values[:1]).any())
+    differ = lambda values: bool((values != values[:1]).any())
     held = held_along(net, net.fixed)
     return Features(
         fragments=not job.dynamics or job.dynamics.fragments,
@@ -139,7 +146,7 @@ def features_of(job: Job, layout: Layout) -> Features:
         air=air_damps(job),
         motion=moves_supports(job),
         slip=bool(job.slides),
-        sliding=int(layout.slides.column.max()) + 1 if job.slides and job.dynamics else 0,
+        sliding=int(slides.column.max()) + 1 if slides and job.dynamics else 0,
         air_mass=air_moves(job),
         band=band_of(job),
         tapped=job.wind is not None and job.wind.pressures is not None,

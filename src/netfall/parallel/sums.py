@@ -184,30 +184,15 @@ def rounded(limbs):
     return -amount if negative else amount
 
 
-@allocating_kernel
-def add_each(terms, limbs):
-    """Add each of several arrays (n,) to a fixed-point number of its own, limbs (arrays, LIMBS)."""
-    for k in range(len(terms)):
-        add_exactly(terms[k], limbs[k])
-
-
-@allocating_kernel
-def round_each(limbs):
-    """The doubles (k,) nearest to fixed-point numbers (k, LIMBS), which are used up."""
-    amounts = np.empty(limbs.shape[0])
-    for k in range(limbs.shape[0]):
-        amounts[k] = rounded(limbs[k])
-    return amounts
-
-
 def exact_sums(comm: MPI.Comm, *terms: np.ndarray) -> list[float]:
     """Sums over all ranks of several arrays of terms, correctly rounded. Collective."""
     limbs = np.zeros((len(terms), LIMBS), np.int64)
-    add_each(tuple(np.ascontiguousarray(values, np.float64).ravel() for values in terms), limbs)
+    for values, own in zip(terms, limbs):
+        add_exactly(np.ascontiguousarray(values, np.float64).ravel(), own)
     return rounded_of_all(comm, limbs).tolist()
 
 
 def rounded_of_all(comm: MPI.Comm, limbs: np.ndarray) -> np.ndarray:
     """Sums (k,) over all ranks of what each has in its limbs (k, LIMBS), which are used up. Collective."""
     comm.Allreduce(MPI.IN_PLACE, limbs, MPI.SUM)
-    return round_each(limbs)
+    return np.array([rounded(own) for own in limbs])

@@ -24,9 +24,10 @@ from netfall.job.job import Job
 from netfall.mechanics.fields import Features
 from netfall.mechanics.fracture import FractureRules
 from netfall.mechanics.state import State
+from netfall.model.layout import features_of
 from netfall.model.probes import Probes
 from netfall.net.net import Net
-from netfall.parallel.halo import HaloBuffers
+from netfall.parallel.halo import buffers_alone
 from netfall.record.energy import take_snapshot
 from netfall.record.envelope import Envelope
 from netfall.record.rows import RowTable
@@ -43,22 +44,20 @@ class Ahead(NamedTuple):
     """What the types of the time loop's arguments follow from.
 
     sideways : whether loads along x or y are to be expected; timed : whether its parts are
-    buffers : the type of `HaloBuffers`
     """
 
     features: Features
     sideways: bool
     timed: bool
-    buffers: numba.types.Type
 
 
-def compile_ahead(job: Job, net: Net, features: Features, buffers: HaloBuffers, timed: bool) -> None:
+def compile_ahead(job: Job, net: Net, timed: bool) -> None:
     """Start the process if the time loop of such a scene has yet to be compiled. Rank 0."""
     if job.dynamics is None or not hasattr(time_loop, "overloads"):  # where kernels run as plain Python
         return
-    if features.bending or features.motion or features.slip:  # their types follow from where they are
+    if net.bending is not None or job.motions or job.slides:  # their types follow from where they are
         return
-    ahead = ahead_of(job, net, features, buffers, timed)
+    ahead = ahead_of(job, net, timed)
     if once_for(ahead).exists() or os.getloadavg()[0] > CROWDED * os.cpu_count():
         return
     with contextlib.suppress(OSError):  # where no more processes are allowed, or it was ended at once
@@ -74,12 +73,12 @@ def compile_ahead(job: Job, net: Net, features: Features, buffers: HaloBuffers, 
             process.stdin.write(pickle.dumps((os.getpid(), ahead)))
 
 
-def ahead_of(job: Job, net: Net, features: Features, buffers: HaloBuffers, timed: bool) -> Ahead:
+def ahead_of(job: Job, net: Net, timed: bool) -> Ahead:
     """What is known of a scene before it has a state."""
     loads = [vars(job.load), *job.load.zone.values()] if job.load else []
     pressures = [load.get("pressure") for load in loads]
     pressed = any(np.any(p[:2] if np.ndim(p) else p) for p in pressures if p is not None)
-    return Ahead(features, pressed or bool(net.load[:, :2].any()), timed, numba.typeof(buffers))
+    return Ahead(features_of(job, net, None), pressed or bool(net.load[:, :2].any()), timed)
 
 
 def main() -> None:
@@ -112,8 +111,7 @@ def state_with(ahead: Ahead) -> State:
 def types_of(ahead: Ahead, state: State) -> tuple:
     """The types of the arguments with which a run calls the time loop."""
     features = ahead.features
-    stable_dt = 1.0 if features.fragments else None
-    rules = FractureRules(2, 2, 2, np.zeros(1, np.int64), 1.0, True, True, True, stable_dt)
+    rules = FractureRules(2, 2, 2, np.zeros(1, np.int64), 1.0, True, True, True, 1.0)
     subdomain = SimpleNamespace(n_owned=2, particle_gid=np.arange(2), element_gid=np.arange(1))
     envelope, probes = Envelope(SimpleNamespace(subdomain=subdomain)), Probes(*[NONE] * 4)
     rows = RowTable(state, np.zeros(1, np.int64), 1.0, subdomain, probes, envelope)
@@ -121,4 +119,4 @@ def types_of(ahead: Ahead, state: State) -> tuple:
     plan = Plan(state, alone, rules if features.fracture else None, rows)
     arguments = Interval(0, 0, 0.0, 1.0, 0.0, 0.0, 1.0), *plan.arguments
     seconds = np.zeros(4) if ahead.timed else None
-    return (*map(numba.typeof, arguments), ahead.buffers, numba.typeof(seconds))
+    return tuple(map(numba.typeof, (*arguments, buffers_alone(), seconds)))

@@ -171,7 +171,7 @@ def _erected(scene: Scene, build_up: BuildUp, erection: Erection) -> Scene:
 def _rebuilt(scene: Scene, make) -> Scene:
     """The scene with another model, which `make` gives on rank 0. Collective."""
     model = on_root(scene.comm, make)
-    features = scene.comm.bcast(model and features_of(scene.job, model.layout))
+    features = scene.comm.bcast(model and features_of(scene.job, model.layout.net, model.layout.slides))
     state = make_state(scene.distribution, model, features)
     finder = Finder(scene.comm, scene.halo, scene.distribution, state)
     return replace(scene, model=model, state=state, finder=finder)

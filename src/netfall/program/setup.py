@@ -60,14 +60,14 @@ def prepare(
     with phases.phase("net and partition"):
         if comm.rank > 0:
             wake()  # while rank 0 reads the net
-        layout = on_root(comm, lambda: make_layout(job, comm.size, memory))
+        timed, own = phases.of_steps is not None, memory is FORGETFUL  # of one run: not one of many
+        known = (lambda net: compile_ahead(job, net, timed)) if own else (lambda net: None)
+        layout = on_root(comm, lambda: make_layout(job, comm.size, memory, known))
         net = layout.net if layout else None
-        n, m, features = comm.bcast((net.n, net.m, features_of(job, layout)) if layout else None)
+        n, m, features = comm.bcast((net.n, net.m, features_of(job, net, layout.slides)) if layout else None)
         cut = on_root(comm, lambda: cut_net(n, net.elements, layout.part, comm.size, *_joints(layout)))
         distribution = Distribution(comm, n, m, cut)
         halo = Halo(comm, distribution.subdomain, 3)
-        if layout and memory is FORGETFUL:  # a run of its own, not one of many
-            compile_ahead(job, net, features, halo.buffers, phases.of_steps is not None)
     digest = comm.bcast(layout_digest(job, net) if layout else None)
     checkpoint = on_root(comm, lambda: Checkpoint(restart, digest)) if restart else None
     stage = comm.bcast(checkpoint and checkpoint.record["stage"])
@@ -129,7 +129,7 @@ def _limits(scene: Scene) -> dict[str, Limit]:
     """Limits of the step by name. Collective."""
     comm, job, model, distribution = scene.comm, scene.job, scene.model, scene.distribution
     share = job.dynamics.fragment_mass if job.dynamics else 0.0
-    limits = comm.bcast(step_limits(model, features_of(job, model.layout), share) if model else None)
+    limits = comm.bcast(step_limits(model, scene.state.features, share) if model else None)
     asked = job.dynamics.time_step if job.dynamics else "auto"
     sharp = distribution.m <= LARGEST_SHARP or (asked != "auto" and asked > limits["any_shape"].dt)
     if job.dynamics and sharp:

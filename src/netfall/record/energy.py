@@ -86,7 +86,15 @@ class Snapshot:
 
     def fits(self, state: State) -> bool:
         """Whether a state has as many rows as this has room for."""
-        return len(self.room.f_int) == len(state.x)
+        return self.room.terms.shape[1] == len(state.x)
+
+
+def with_rows(array: np.ndarray | None) -> np.ndarray | None:
+    """An array (n, 3) of a state, or two rows in its order where it has none.
+
+    What has no rows has no order either: numba would compile all for it once more.
+    """
+    return array if array is None or len(array) else np.zeros((2, 3), order="F")
 
 
 def make_room(state: State) -> Snapshot:
@@ -95,20 +103,22 @@ def make_room(state: State) -> Snapshot:
     if state.features.springs:
         sprung = np.empty(n)
     N, eps, eps_p, L, stored, heat = np.empty((6, m))
-    arrays = np.empty_like(state.x), tuple(np.empty((3, n))), ElementState(N, eps, eps_p, L), heat
+    x = with_rows(state.x)
+    arrays = np.empty_like(x), tuple(np.empty((3, n))), ElementState(N, eps, eps_p, L), heat
     terms = np.empty((4 if state.other_work is None else 4 + len(OTHER_WORKS), n))
     more = bool(state.features.springs) + bool(state.features.sliding)
     sums = np.zeros((len(terms) + 2 + more, LIMBS), np.int64)
-    f_band = np.empty_like(state.x) if state.features.band else None
+    f_band = np.empty_like(x) if state.features.band else None
     return Snapshot(np.zeros(0, np.int64), Room(*arrays, terms, stored, sprung, sums, f_band))
 
 
 def subject_of(state: State) -> Subject:
     """What is looked at, as long as the arrays of the state stay."""
     s = state
-    springs = (s.x_start, s.spring, s.spring_rest, s.turned) if s.features.springs else None
+    springs = tuple(map(with_rows, (s.x_start, s.spring, s.spring_rest, s.turned)))
+    springs = springs if s.features.springs else None
     besides = springs, s.joints, s.places
-    return Subject(s.n_owned, s.first_split, s.rows, s.x, *besides, s.particles, s.elements, s.law)
+    return Subject(s.n_owned, s.first_split, s.rows, with_rows(s.x), *besides, s.particles, s.elements, s.law)
 
 
 def take_snapshot(

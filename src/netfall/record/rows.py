@@ -9,7 +9,7 @@ from netfall.parallel.subdomain import Subdomain
 from netfall.parallel.sums import LIMBS, rounded_of_all
 from netfall.record.energy import make_room, subject_of
 from netfall.record.envelope import Envelope
-from netfall.step.rows import Local, Rows, Table, add_row
+from netfall.step.rows import Local, Rows, Table
 
 MOST_ROWS = 32  # in the table, 100 KB
 
@@ -55,7 +55,7 @@ class RowTable:
         """What the time loop takes, as long as the arrays of the state stay."""
         if not self.snapshot.fits(state):
             self.snapshot = make_room(state)
-        self.rows = Rows(
+        return Rows(
             self.due,
             self.dt,
             self.made,
@@ -70,7 +70,6 @@ class RowTable:
             self.local,
             self.table,
         )
-        return self.rows
 
     def is_due(self, number: int) -> bool:
         """Whether a row is due at a step that is not made yet."""
@@ -88,10 +87,6 @@ class RowTable:
     def full(self) -> bool:
         """Whether there is no room for another row."""
         return self.made[1] == MOST_ROWS
-
-    def add(self, number: int, before_dt: float, dt: float, slack: int) -> None:
-        """The row of the present step, of which the snapshot is."""
-        add_row(number, before_dt, dt, slack, self.rows)
 
     def take_up(self, comm: MPI.Comm) -> Table:
         """The rows so far, which are no longer in the table; the same on every rank but for size and who.

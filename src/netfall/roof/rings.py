@@ -115,7 +115,10 @@ def trace_rings(points, tail, begin, around, valence, place, corner, size):
         elif twice:
             return -1
         else:
-            corner[rows + 1 : end] = corner[rows + 1 : end][::-1].copy()
+            low, high = rows + 1, end - 1
+            while low < high:  # a slice would have numba compile what tells of wrong shapes, for a second
+                corner[low], corner[high] = corner[high], corner[low]
+                low, high = low + 1, high - 1
             size[count] = end - rows
             count, rows = count + 1, end
     return count if outer == 1 else -1

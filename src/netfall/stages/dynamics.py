@@ -187,7 +187,7 @@ class Simulation(Stepper):
         if self.rows.full:
             self.take_up_rows()
         if self.rows.is_due(self.n):
-            self.rows.add(self.n, self.before_dt, self.dt, snapshot.slack)
+            self.plan.run(self.interval(self.n)._replace(row=True), self.phases.of_steps)
         elif saved:
             self.check_energies(snapshot)
         self.take_up_rows()

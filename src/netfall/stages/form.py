@@ -218,17 +218,19 @@ def find_form(
     if net is not None and load is not None:
         load = load[: net.n]
     carried = distribution.particles(load) if comm.bcast(load is not None) else None
-    x = distribution.particles(None if net is None else net.x)
-    free = 1 - distribution.particles(None if net is None else held_along(net, net.held)).astype(np.uint8)
+    # columns stand apart, as in a state: what is compiled for the form then serves for equilibria too
+    particles = lambda rows: np.asfortranarray(distribution.particles(rows))
+    x = particles(None if net is None else net.x)
+    free = 1 - particles(None if net is None else held_along(net, net.held)).astype(np.uint8)
     guided = comm.bcast(net is not None and bool(is_guided(net, net.held).any()))
-    turned = distribution.particles(net and turned_column(net, net.held)) if guided else None
+    turned = particles(net and turned_column(net, net.held)) if guided else None
     if settings.method == "keep":
         return kept_form(comm, net, distribution, settings, x, free, load)
     given = Elements(distribution, net, x, settings.modulus_factor, carried)
     mine = None if carried is None else carried[: halo.n_owned]
     largest = lambda N: largest_force(comm, N, given.ends, free, mine)
     if settings.method == "force_density" or settings.start == "force_density":
-        x = distribution.particles(on_root(comm, lambda: force_density_form(net, load)))
+        x = particles(on_root(comm, lambda: force_density_form(net, load)))
         elements = Elements(distribution, net, x, settings.modulus_factor, carried)
     else:
         elements = given

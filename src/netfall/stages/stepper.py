@@ -55,7 +55,7 @@ class Stepper:
             own_weighs=bool(job.load and job.load.self_weight),
             carried_weighs=carries_weight(job),
             wind_stays=self.after_fracture != "particle",
-            stable_dt=stable_dt if self.state.features.fragments else None,
+            stable_dt=stable_dt if self.state.features.fragments else np.nan,
         )
         self.subdomain = distribution.subdomain
         self.halo = Halo(scene.comm, self.subdomain, halo_width(self.state))

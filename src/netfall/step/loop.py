@@ -46,6 +46,8 @@ class Interval(NamedTuple):
     watched : whether extremes of the tensions are kept, in a scene that has them
     ground : where supports move
     trial : whether nothing breaks yet: the steps are taken back if something reaches its fracture strain
+    pending : elements that are still to break in the step before the first, where there are no steps
+    row : whether the row of the first step is made, if it is due, and nothing else
     """
 
     first: int
@@ -59,6 +61,8 @@ class Interval(NamedTuple):
     watched: bool = False
     trial: bool = False
     ground: Ground | None = None
+    pending: int = 0
+    row: bool = False
 
 
 class Beside(NamedTuple):
@@ -73,7 +77,7 @@ class Beside(NamedTuple):
     places: Places | None
 
 
-@kernel
+@inner_kernel
 def step_done(interval, s):
     """Step number s of an interval."""
     number = interval.first + s
@@ -150,7 +154,9 @@ def time_loop(
     before_dt, dt, zeta, own = interval.before_dt, interval.dt, interval.zeta, chunks.splits + chunks.boundary
     n_owned, n_halo = chunks.n_owned, chunks.n_halo
     tried = 0
-    for s in range(interval.steps):
+    if fractures is not None and interval.pending > 0:
+        break_elements(interval.pending, step_done(interval, -1), chunks, elements, slots, law, fractures)
+    for s in range(max(interval.steps, int(interval.row))):
         kick_dt = 0.5 * (before_dt + dt)
         if interval.ground is not None:
             n = interval.first + s
@@ -162,6 +168,8 @@ def time_loop(
                 collect_slots(chunks, elements, slots, law)
                 make_row(number, before_dt, dt, zeta, interval.sample_time, interval.sample_dt, beside.rows)
                 mark = lap(seconds, ROWS, mark)
+        if interval.row:
+            break
         if law.branches is not None:
             set_branches(before_dt, kick_dt, law)
         if beside.bends is not None:

@@ -11,10 +11,9 @@ from netfall.mechanics.fields import SLOTS, Particles
 from netfall.mechanics.fracture import FractureRules, Fractures
 from netfall.mechanics.state import State, axes
 from netfall.parallel.halo import Halo, check
-from netfall.step.loop import Beside, Interval, step_done, time_loop
+from netfall.step.loop import Beside, Interval, time_loop
 from netfall.step.runs import LANES, Runs, find_runs, make_runs
 from netfall.step.slots import collect_branches, collect_yields, fill_slots
-from netfall.step.tear import break_elements
 
 MOVING = (
     "x",
@@ -204,8 +203,8 @@ class Plan:
                 room = 2 * (known + 2 * count) + self.state.m // 16
                 self.events = events_with_room(room, self.events)
             self.attach(self.state)
-            chunks, _, elements, slots, _, law, _, fractures, _ = self.arguments
-            break_elements(count, step_done(interval, done - 1), chunks, elements, slots, law, fractures)
+            rest = interval._replace(first=interval.first + done, steps=0, pending=count)
+            check(self._steps(rest, seconds)[2])
         return done
 
     def try_out(self, interval: Interval, seconds: np.ndarray | None = None) -> int:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.ground.compile import inner_kernel, kernel, part_of_kernel
+from netfall.ground.compile import inner_kernel, part_of_kernel
 from netfall.mechanics.bending import joint_moment
 from netfall.numerics.arithmetic import bits_of, number_of
 from netfall.step.audit import Room, Subject, observe
@@ -86,15 +86,12 @@ def is_due(number, rows):
 
 @inner_kernel
 def make_row(number, before_dt, dt, zeta, sample_time, sample_dt, rows):
-    """The row of a step, within the time loop; its arguments as of `loop.Interval`."""
+    """The row of a step, within the time loop: into the table, and taken in by the envelope.
+
+    Its arguments as of `loop.Interval`.
+    """
     share = (number * rows.dt - sample_time) / sample_dt
     slack = observe(before_dt, dt, zeta, share, rows.subject, rows.room)
-    add_row(number, before_dt, dt, slack, rows)
-
-
-@kernel
-def add_row(number, before_dt, dt, slack, rows):
-    """The row of a step that has been observed: into the table, and taken in by the envelope."""
     made, table, k = rows.made, rows.table, rows.made[1]
     time = number * rows.dt
     widen(time, time - rows.last[0] if made[0] > 0 else 0.0, rows)

@@ -7,7 +7,7 @@ which far ends have changed is gone through without runs from then on.
 
 import numpy as np
 
-from netfall.ground.compile import inner_kernel, kernel
+from netfall.ground.compile import inner_kernel
 from netfall.mechanics.fracture import break_element, decide, lengthen, owns
 from netfall.step.slots import collect_branch, collect_yield, empty_slot, fill_slot, slot_of
 
@@ -15,13 +15,12 @@ from netfall.step.slots import collect_branch, collect_yield, empty_slot, fill_s
 @inner_kernel
 def has_room(count, fractures):
     """Whether there is room for what `count` elements can leave: two particles and two events each."""
-    if fractures.rules.stable_dt is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
-        if fractures.rows[0] + 2 * count > fractures.particles.gid.shape[0]:
-            return False
+    if fractures.rules.stable_dt > 0.0 and fractures.rows[0] + 2 * count > fractures.particles.gid.shape[0]:
+        return False
     return fractures.events.count[0] + 2 * count <= fractures.events.step.shape[0]
 
 
-@kernel
+@inner_kernel
 def break_elements(count, when, chunks, elements, slots, law, fractures):
     """Break the `count` elements in elements.pending; what is left of a broken one grows longer.
 
