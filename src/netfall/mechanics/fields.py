@@ -60,6 +60,7 @@ def _slot(name, dtype, unit, meaning, needs="", of=""):
 
 
 AXES, ONE = (3,), ()
+BRANCHES = (("a", "band"), ("b", "band"), ("c", "third_branch"))  # of the damping over a band
 FIELDS = (
     _particle("x", AXES, np.float64, "m", "position", kept=True, split=LIKE_PARENT, given=True),
     _particle(
@@ -250,10 +251,8 @@ FIELDS = (
     ),
     _element("reach", np.float64, "", "L / L0 from which it is looked at for fracture", "strengths"),
     *(
-        _element(
-            f"branch_{k}", np.float64, "N", "V of a branch of the damping over a band", "band", kept=True
-        )
-        for k in "abc"
+        _element(f"branch_{k}", np.float64, "N", "H of a branch of the damping over a band", needs, kept=True)
+        for k, needs in BRANCHES
     ),
     _element("pending", np.int32, "", "elements that reached eps_u in a step", "fracture"),
     _element("breaks", np.uint8, "", "where those break, as `fracture.decide` has it", "fracture"),
@@ -279,7 +278,10 @@ FIELDS = (
         "plastic_sections",
         "yield_strain",
     ),
-    *(_slot(f"slot_branch_{k}", np.float64, "N", "V of a branch", "band", f"branch_{k}") for k in "abc"),
+    *(
+        _slot(f"slot_branch_{k}", np.float64, "N", "H of a branch", needs, f"branch_{k}")
+        for k, needs in BRANCHES
+    ),
     _slot("slot_eps_p", np.float64, "", "plastic strain", "plastic", "eps_p"),
     _slot(
         "slot_reach",
@@ -350,6 +352,11 @@ class Features:
     def other_works(self) -> bool:
         """Whether the audit has more than external, internal and damping work."""
         return self.energy and bool(self.air or self.band or self.motion)
+
+    @property
+    def third_branch(self) -> bool:
+        """Whether the damping over a band has three branches, not two."""
+        return len(self.band) == 6
 
     @property
     def numbered(self) -> bool:

@@ -40,7 +40,10 @@ class State:
         self.joints: Joints | None = None
         self.joint_at: np.ndarray | None = None
         self.places = None  # where cables slip in the step, `slip.motion.Places`
-        self.branches = np.append(features.band, np.zeros(7)) if features.band else None
+        self.branches = None
+        if features.band:
+            alpha_tau = np.reshape(features.band, (2, -1))
+            self.branches = np.vstack([alpha_tau, np.zeros((3, alpha_tau.shape[1]))])
         self._tuples: dict = {}
 
     @property

@@ -90,7 +90,8 @@ def stopped_slips(scene: Scene) -> np.ndarray | None:
 def rest_branches(state) -> None:
     """The branches of all elements as they are where it has long been at rest: they add nothing."""
     N = state.elements_now().N
-    state.branch_a[:], state.branch_b[:], state.branch_c[:] = N, N, N
+    for branch, alpha in zip((state.branch_a, state.branch_b, state.branch_c), state.branches[0]):
+        branch[:] = alpha * N
 
 
 def sections(scene: Scene, simulation) -> dict[str, dict[str, np.ndarray]]:

@@ -303,7 +303,7 @@ def mass_damping(job: Job, model: Model, modes: Modes) -> np.ndarray:
 
 def band_damping(job: Job, modes: Modes) -> np.ndarray:
     """Share (k,) of the critical damping that `damping_ratio` has: of the stretch of elements alone."""
-    alpha, tau = np.reshape(band_branches(job.dynamics.damping_ratio, *job.dynamics.damping_band), (2, 3))
+    alpha, tau = np.reshape(band_branches(job.dynamics.damping_ratio, *job.dynamics.damping_band), (2, -1))
     phase = 2.0 * np.pi / modes.period[:, None] * tau
     return 0.5 * modes.stretch * np.sum(alpha * phase / (1.0 + phase * phase), axis=1)
 

@@ -223,7 +223,7 @@ def observe(before_dt, dt, zeta, share, subject, room):
     element_state(subject.x, subject.elements, subject.law, now)
     add_tensions(subject.x, subject.elements.ends, now.N, now.L, f_int)
     if subject.law.branches is not None:
-        set_branches(before_dt, kick_dt, subject.law)
+        set_branches(before_dt, dt, subject.law)
         add_branches(subject.x, subject.elements, now, subject.law, f_int, f_band)
     if subject.joints is not None:
         add_bending_forces(subject.x, subject.joints, f_int)

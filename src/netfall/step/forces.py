@@ -11,7 +11,7 @@ from netfall.mechanics.air import damped_mass, with_air
 from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.ground import pull_of_ground, velocity_after, works_of_motion
 from netfall.mechanics.loads import external_force, squared_speed, wind_speed
-from netfall.mechanics.material import density_of_branches, force_density
+from netfall.mechanics.material import density_with_branches, force_density
 from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
 from netfall.mechanics.supports import on_guide, spring_force, turned_springs
 from netfall.numerics.arithmetic import fused
@@ -33,8 +33,9 @@ def add_force(p, o, s, so_far, x, slots, law):
     if slots.eps_p is not None:
         slots.eps_p[s, p] = yielded
     if slots.branch_a is not None:
-        more = density_of_branches(q, (dx, dy, dz), s, p, slots, law)
-        bx, by, bz, q = fused(more, dx, bx), fused(more, dy, by), fused(more, dz, bz), q + more
+        total = density_with_branches(q, (dx, dy, dz), s, p, slots, law)
+        more, q = total - q, total
+        bx, by, bz = fused(more, dx, bx), fused(more, dy, by), fused(more, dz, bz)
     past = found if found > past else past
     return fused(q, dx, fx), fused(q, dy, fy), fused(q, dz, fz), past, bx, by, bz
 

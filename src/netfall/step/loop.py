@@ -171,7 +171,7 @@ def time_loop(
         if interval.row:
             break
         if law.branches is not None:
-            set_branches(before_dt, kick_dt, law)
+            set_branches(before_dt, dt, law)
         if beside.bends is not None:
             find_bending_forces(beside.bends)
         before_dt = dt

@@ -161,7 +161,8 @@ def collect_branch(e, n_owned, first_split, elements, slots):
         p = elements.ends[e, 1]
     s = slot_of(e, p, slots)
     elements.branch_a[e], elements.branch_b[e] = slots.branch_a[s, p], slots.branch_b[s, p]
-    elements.branch_c[e] = slots.branch_c[s, p]
+    if elements.branch_c is not None:
+        elements.branch_c[e] = slots.branch_c[s, p]
 
 
 @kernel
@@ -200,4 +201,5 @@ def fill_slot(e, s, p, far, elements, slots):
         slots.reach[s, p] = elements.reach[e]
     if slots.branch_a is not None:
         slots.branch_a[s, p], slots.branch_b[s, p] = elements.branch_a[e], elements.branch_b[e]
+    if slots.branch_c is not None:
         slots.branch_c[s, p] = elements.branch_c[e]
