@@ -7,10 +7,15 @@ import pytest
 from conftest import StopAfter, assert_same_results, run_on_standing_ranks
 from mpi4py import MPI
 
+from netfall.equilibrium import interior
+from netfall.equilibrium.find import INSIDE
+from netfall.equilibrium.overload import GivesWay, strained
 from netfall.ground.errors import DivergedError, Interrupted
 from netfall.ground.progress import Progress
+from netfall.ground.timings import Phases
 from netfall.job.read import read_job
 from netfall.program.run import run_job
+from netfall.program.setup import prepare
 
 CABLES = """
 [cable]
@@ -129,6 +134,23 @@ def test_a_net_bears_what_it_bears_in_small_load_steps(workshop):
     assert 0.02 < many["load_factor"] < 0.98
     assert one["load_factor"] == pytest.approx(many["load_factor"], rel=0.01)
     assert one["reason"] == many["reason"] and set(one["elements"]) & set(many["elements"])
+
+
+def test_what_surely_breaks_on_the_way_through_the_interior_is_not_sought_to_the_end(workshop, monkeypatch):
+    """Nearly at rest elements are strained beyond what breaks them: of the whole load; else it is found."""
+    monkeypatch.setattr(interior, "FEWEST", 0)
+    scene, _ = prepare(MPI.COMM_SELF, read_job(workshop.job(SADDLE.format(steps=1))), Phases())
+    load = scene.model.loading.permanent + scene.model.loading.live
+    find = lambda watch: scene.finder.find(load, 1e-6, 1e7, 20_000, "load", watch=watch, goal=INSIDE)
+    watch = lambda: strained(scene.comm, scene.distribution, scene.state, True)
+    assert watch().most < 1.0
+    with pytest.raises(GivesWay) as way:
+        find(watch)
+    assert (way.value.low, way.value.high) == (0.0, 1.0) and way.value.at_high == watch()
+    near = scene.state.x.copy()
+    assert find(None).error <= 1e-6
+    assert np.abs(near - scene.state.x).max() < 1e-2 * np.abs(near - scene.state.x_start).max()
+    assert watch().most == pytest.approx(way.value.at_high.most, rel=1e-2) and watch().most > 1.0
 
 
 def test_progress_tells_of_the_search_and_of_no_time_left(workshop, monkeypatch):

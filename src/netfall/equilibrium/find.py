@@ -17,7 +17,7 @@ from mpi4py import MPI
 from netfall.equilibrium.increments import Watch, approach, at_once
 from netfall.equilibrium.interior import Interior
 from netfall.equilibrium.newton import AT_START, Newton, NoConvergence, StartPoint, Stopped, is_large
-from netfall.equilibrium.overload import GivesWay
+from netfall.equilibrium.overload import SURELY, UNSTRAINED, GivesWay
 from netfall.equilibrium.relaxation import Paused, Relaxation, net_of, not_begun, relax
 from netfall.equilibrium.slip import Slips
 from netfall.equilibrium.stable import unstable_shape
@@ -263,9 +263,9 @@ class Finder:
         if not self._has_interior():
             raise NoConvergence("there is more than cables")
         self.goal = INSIDE
-        return self._inside(newton, tolerance, stop)
+        return self._inside(newton, tolerance, stop, watch)
 
-    def _inside(self, newton: Newton, tolerance: float, stop: StopRequest) -> Solution:
+    def _inside(self, newton: Newton, tolerance: float, stop: StopRequest, watch: Watch | None) -> Solution:
         """By way of the interior; from there by Newton's method, as soon as that gets on. Collective.
 
         Raises as `_by_newton`.
@@ -274,6 +274,9 @@ class Finder:
         for gap in NARROW:
             try:
                 near = interior.narrow(gap, tolerance)
+                there = watch() if watch else UNSTRAINED
+                if there.most > SURELY:  # no more is to be known of it
+                    raise GivesWay(0.0, 1.0, there)
             except NoConvergence:
                 if max(interior.missing) > ROUNDED * tolerance:
                     raise

@@ -44,7 +44,8 @@ from netfall.write.locks import writing
 STEP_NS, STEP_US = 8.0, 2.0
 ROW_S = 5e-4  # of a row of the history, and of a frame
 EQUILIBRIUM_S = 2e-4  # for each element of a net of some thousand: slack and compression take more or less
-NEAR_S, FAR_S = 7e-6, 1e-4  # the same of a large net, whose tangent foresees it, or does not (jobs/bench)
+NEAR_S, FAR_S = 7e-6, 5e-5  # the same of a large net, whose tangent foresees it, or does not (jobs/bench)
+UNFORESEEN = "; what the tangent does not foresee takes from a third to five times as long, more if relaxed"
 NOT_BORNE = 5  # times as long, until it is told how much of a load is borne
 START_S, NET_S = 0.8, 3e-4  # until Python, MPI and what they load stand; of net and form, for each element
 SMALL = 5_000  # elements below which equilibria on several ranks are no faster
@@ -172,18 +173,20 @@ def _describe_time(scene: Scene, say) -> None:
 def equilibria_time(scene: Scene) -> tuple[float, str]:
     """What equilibria take on one core [s], and what of that is not known. Collective.
 
-    Of a large net by whether the tangent foresees the last of them, from where the net is.
+    Of a large net by whether the tangent foresees the last of them, from where the net is, and the first.
     """
     job, m, wanted = scene.job, scene.distribution.m, equilibria(scene)
     if not is_large(scene.distribution):
         return EQUILIBRIUM_S * m * len(wanted), ""
     if job.form_finding and scene.form is None:
         return NEAR_S * m * len(wanted), "; what goes slack or yields takes up to ten times as long at rest"
-    far = not scene.finder.foresees(loaded(scene, wanted[-1]).load)
+    foreseen = lambda want: scene.finder.foresees(loaded(scene, want).load)
+    if foreseen(wanted[-1]):
+        return NEAR_S * m * len(wanted), ""
+    near = sum(each.kind == "permanent" for each, _ in wanted) if foreseen(wanted[0]) else 0
     limits = scene.state.features.plastic or scene.state.features.fracture
-    more = f"; where a load is not borne, up to {NOT_BORNE} times its equilibrium" if far and limits else ""
-    near = sum(each.kind == "permanent" for each, _ in wanted) if far else len(wanted)
-    return m * (NEAR_S * near + FAR_S * (len(wanted) - near)), more
+    more = f"; where a load is not borne, up to {NOT_BORNE} times its equilibrium" if limits else ""
+    return m * (NEAR_S * near + FAR_S * (len(wanted) - near)), UNFORESEEN + more
 
 
 def _describe_memory(job: Job, scene: Scene, say) -> None:

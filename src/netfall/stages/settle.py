@@ -222,6 +222,8 @@ def _tried(scene: Scene, each: StaticLoad, reference, stop, resume, most, guess)
     try:
         found = _found(scene, each, reference, stop, resume, most, guess, watch=watch)
     except GivesWay as way:
+        if way.high == 1.0:
+            return _Tried(way.at_high)
         return _Tried(way.at_high._replace(most=np.inf), None, (way.low, way.high))
     except DivergedError as error:
         return _Tried(_where(scene, each, error))
