@@ -115,7 +115,18 @@ class HandedArguments(FunctionPass):
         return True
 
 
-class PartLibrary(JITCodeLibrary):
+class KernelLibrary(JITCodeLibrary):
+    """The code of a kernel, optimised once: numba does so for each function alone, and twice for all."""
+
+    def _optimize_functions(self, ll_module):
+        ll_module.data_layout = self._codegen._data_layout
+
+    def _optimize_final_module(self):
+        passes, builder = self._codegen._module_pass_manager()
+        passes.run(self._final_module, builder)
+
+
+class PartLibrary(KernelLibrary):
     """The code of a function that only kernels call: joined with them as it is, and never run by itself."""
 
     def _optimize_final_module(self):
@@ -153,6 +164,8 @@ class KernelLowering(NativeLowering):
 
     def run_pass(self, state):
         """Lower the function in hand: true, it has changed."""
+        state.library = KernelLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
         super().run_pass(state)
         for variable in state.library._final_module.global_variables:
             environment = lookup_environment(variable.name)
