@@ -16,6 +16,7 @@ from netfall.equilibrium.newton import (
     LEFT,
     MANY_GRADIENTS,
     MOST_GRADIENTS,
+    ROUGH,
     Newton,
     NoConvergence,
     StartPoint,
@@ -28,6 +29,7 @@ from netfall.multigrid.tangent import without_compression
 Watch = Callable[[], Strained]
 
 UNFORESEEN = 0.3  # of the largest tension: the most that an increment may change tensions unforeseen
+FAR = 0.6  # of that: if a rough correction changes so much, a better one does too much
 MOST_CHANGED = 0.05  # of all elements: the most that may become slack, taut or yield in an increment
 SMALLEST = 1e-3  # of what is missing: an increment below that is none
 SHORTER = 0.1, 0.9  # times, within which an increment is shortened until it is foreseen
@@ -37,7 +39,6 @@ SLOW = 5000  # iterations for all that is missing, as the last increment tells; 
 FAILURES = 3  # of increments that are then tried again, shorter
 AGAIN = 0.25  # times
 CORRECTIONS = 15  # for each increment
-ROUGH = 0.1  # of the residual, what each of these leaves, and increments but the first
 MANY_ROUGH = 12  # iterations for that; another approximate inverse is then cheaper
 MOST_ROUGH = 80
 NEAR = 2e-2  # of the largest displacement and tension: what the last of them may move
@@ -79,14 +80,25 @@ def at_once(newton: Newton, start: np.ndarray, stop: StopRequest) -> StartPoint:
     """Answer all of the residual, where the tangent foresees what that does; as `approach`. Collective."""
     increments = _Increments(newton, start, stop)
     K = increments.tangent()
+
+    def glance(s: np.ndarray) -> None:
+        if increments.unforeseen(K, s) > FAR:
+            raise FarOff("it is far")
+
     try:
-        s = increments.solve(K, newton.residual(), rough=False)
+        s = increments.solve(K, newton.residual(), rough=False, glance=glance)
+    except FarOff:
+        raise
     except NoConvergence:
         return AT_START
     share, size = increments._move(K, s, 1.0)
     if share < 1.0:
         raise NoConvergence("it is far")
     return StartPoint(increments.gradients, size, increments.cycle)
+
+
+class FarOff(NoConvergence):
+    """A tangent does not foresee what answers the residual."""
 
 
 class _Increments:
@@ -101,8 +113,8 @@ class _Increments:
         """Where the net is, without compression."""
         return without_compression(self.newton.tangent())
 
-    def solve(self, K, r: np.ndarray, rough: bool = True) -> np.ndarray:
-        """The correction of a residual. Raises NoConvergence, Stopped."""
+    def solve(self, K, r: np.ndarray, rough: bool = True, glance=None) -> np.ndarray:
+        """The correction of a residual; glance(it) : when rough. Raises NoConvergence, Stopped."""
         share, many, most = (
             (ROUGH, MANY_ROUGH, MOST_ROUGH) if rough else (LEFT, MANY_GRADIENTS, MOST_GRADIENTS)
         )
@@ -111,7 +123,7 @@ class _Increments:
             raise Stopped
         if self.cycle is None:
             self.cycle = newton.inverse(newton, K)
-        s, count = newton.solve(K, self.cycle, r, share, most)
+        s, count = newton.solve(K, self.cycle, r, share, most, glance)
         self.gradients += count
         if count > many:
             self.cycle = None
@@ -137,6 +149,17 @@ class _Increments:
                     raise
                 newton.net.x[:] = before
                 self.cycle, most = None, AGAIN * share
+
+    def unforeseen(self, K, s: np.ndarray) -> float:
+        """Largest change of tension by a correction, beyond what K foresees, a share. Collective."""
+        newton = self.newton
+        predicted, share = newton.sizes(K, s, self.start)[2], newton.most_of(s)
+        before = newton.net.x.copy()
+        newton.spread_out(s)
+        newton.net.x[:] = before + share * newton.spread
+        unforeseen = newton.unforeseen(K, self.tangent(), share * predicted)
+        newton.net.x[:] = before
+        return unforeseen
 
     def _move(self, K, s: np.ndarray, most: float) -> tuple[float, float]:
         """Move by the part of a correction that its tangent foresees, at most so much; it, and its size."""

@@ -6,6 +6,7 @@ not positive, what compression takes from it is left out; where it is singular a
 slack) inertia is added until it is not.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +30,7 @@ MOST_CORRECTIONS = 25
 FEW_CORRECTIONS = 8  # near the equilibrium
 MOST_GRADIENTS = 200  # iterations of conjugate gradients for one correction; a relaxation is then cheaper
 LEFT = 3e-3  # of the residual, that these leave: two corrections then nearly reach the default tolerance
+ROUGH = 0.1  # of the residual: a correction that leaves so much is rough
 LEFT_LAST = 0.1  # the same, where no more is needed to be within the tolerance
 HALVINGS = 10  # of a correction that goes too far
 FARTHEST = 0.1  # of the net's extent: what a correction may move
@@ -178,9 +180,17 @@ class Newton:
         return rows
 
     def solve(
-        self, K: Tangent, cycle, r: np.ndarray, share: float = LEFT, most: int = MOST_GRADIENTS
+        self,
+        K: Tangent,
+        cycle,
+        r: np.ndarray,
+        share: float = LEFT,
+        most: int = MOST_GRADIENTS,
+        rough: Callable[[np.ndarray], None] | None = None,
     ) -> tuple[np.ndarray, int]:
         """The correction (n_owned, 3) [m] of a residual, and the iterations, at most so many. Collective.
+
+        rough(correction) : called once, as soon as that leaves no more than `ROUGH` of the residual
 
         Raises NoConvergence where the tangent is singular in its direction.
         """
@@ -204,6 +214,9 @@ class Newton:
             size, new, old = self.dots((left, left), (left, z), (before, z))
             if size <= share * share * rr and new <= share * share * first:
                 return s, iteration
+            if rough and size <= ROUGH * ROUGH * rr:
+                rough(s)
+                rough = None
             turn((new - old) / rz, z, p)
             rz = new
             if not 0.0 < rz < np.inf:
@@ -279,6 +292,8 @@ class Newton:
                 return NewtonResult(total, worst, missing * moved, missing * change)
             before, exact = size if whole else np.inf, True
             if part < SHORT:
+                if near and begun.size < np.inf:
+                    raise NoConvergence("it is not near")
                 self._more_inertia()
             elif part == 1.0:
                 self.inertia = 0.0 if self.inertia <= FIRST_INERTIA else 0.1 * self.inertia
