@@ -154,7 +154,8 @@ def test_at_rest_a_cable_has_what_is_beyond_eulers_load(both_ways):
 
 def test_what_buckles_and_yields_at_rest_is_named(both_ways):
     """P = 1.5 N_E on a post that buckles below a cable that yields and one that holds what is left of P: by
-    hand; the run, `info`, the report and the file name both, and nothing where P is a half.
+    hand; the run, `info`, the report and the file name both, the check by Euler's load fails; nothing is
+    named where P is a half.
     """
     nodes = FREE + f"2,0,0,4,1,1,0,0,{-1.5 * EULER}\n3,0,0,10,1,1,1,0,0\n4,0,0,12,1,1,1,0,0\n"
     post = POST.replace("yield_stress = 355e6\n", "buckling = true\n")
@@ -170,6 +171,9 @@ def test_what_buckles_and_yields_at_rest_is_named(both_ways):
     told.append(run_on_standing_ranks("info", result).stdout)
     run_on_standing_ranks("report", result, "-o", report)
     told.append((report / "summary.md").read_text())
+    with open(report / "checks.csv", newline="") as file:
+        at_euler = [row for row in csv.DictReader(file) if row["check"] == "euler" and row["group"] == "post"]
+    assert [row["result"] for row in at_euler] == ["FAILS"]  # used by 1.000
     for text in told:
         assert "ote: statics: element 7 at Euler's load: buckled, and a bar that is not quite" in text
         assert "ote: statics: element 9 at the yield force" in text

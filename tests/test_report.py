@@ -447,3 +447,37 @@ def test_a_piece_of_several_sections_names_them_all(tmp_path):
     lengths = 4.0 / (1 + 1e5 / 4e7), 6.0 / (1 + 1e5 / 8e7)
     assert found["unstressed_length"] == pytest.approx(sum(lengths), rel=1e-12)
     assert found["mass"] == pytest.approx(3.0 * lengths[0] + 5.0 * lengths[1], rel=1e-12)
+
+
+def test_what_yields_fails_whatever_its_utilisation(workshop):
+    """A cable that yields carries its yield force, here its resistance: 1.000 FAILS. Let go, 6 t at its end
+    pull with twice their weight; below the yield force it passes.
+    """
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,mass,load_z\n1,0,0,9,1,1,1,0,0\n2,0,0,0,1,1,0,6000,{load}\n"
+    cable = "[cable]\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\nprestress = 0.0\n"
+    cable += "yield_stress = 1e9\nfracture_strain = 0.5\n"
+    at_rest, falls = "[load]\nsteps = 1\n", "[load]\nsteps = 0\n[dynamics]\nduration = 0.3\n"
+    results = {}
+    seldom = falls + "[output]\nhistory = 0.3\n"  # a row at the start, another after the peak
+    stages = (
+        ("rest", at_rest, 99e3),
+        ("falls", falls, 60e3),
+        ("seldom", seldom, 60e3),
+        ("swings", falls, 45e3),
+    )
+    for what, stage, load in stages:
+        job = workshop.job(cable + stage, nodes.format(load=-load), "id,start,end\n7,1,2\n")
+        workshop.run(job).close()
+        write_report(workshop.folder / "result.vtkhdf", workshop.folder / what, Inputs())
+        with open(workshop.folder / what / "elements.csv", newline="") as file:
+            row = next(csv.DictReader(file))
+        with open(workshop.folder / what / "checks.csv", newline="") as file:
+            of_group = next(csv.DictReader(file))
+        assert of_group["result"] == row["result_en1993"]
+        assert of_group["utilisation"] == row["utilisation_en1993"]
+        results[what] = float(row["utilisation_en1993"]), row["result_en1993"]
+    assert results["rest"] == (pytest.approx(0.99, rel=1e-6), "passes")
+    assert results["swings"] == (pytest.approx(0.9, rel=1e-2), "passes")  # the mass of the cable, rows
+    assert results["falls"] == (pytest.approx(1.0, rel=1e-12), "FAILS")
+    assert results["seldom"][0] < 0.99 and results["seldom"][1] == "FAILS"
+    assert "1 cables fail" in (workshop.folder / "falls" / "summary.md").read_text()

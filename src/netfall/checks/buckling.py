@@ -7,7 +7,7 @@ chi = 1 / (phi + sqrt(phi^2 - lambda^2)), at most 1
 
 import numpy as np
 
-from netfall.results.states import equilibria
+from netfall.results.states import MOTION, equilibria
 
 IMPERFECTION = {"a0": 0.13, "a": 0.21, "b": 0.34, "c": 0.49, "d": 0.76}  # alpha, table 6.1
 
@@ -46,7 +46,7 @@ def moment_columns(f) -> dict[str, np.ndarray]:
     """The largest bending moment [N m] of each element (m,), nan: none, and its state; {}: nothing bends."""
     found = [(state.name, state.moment().max(axis=1)) for state in equilibria(f) if state.moment]
     if "envelope/bending_moment_max" in f:
-        found.append(("dynamics", f["envelope/bending_moment_max"][:]))
+        found.append((MOTION, f["envelope/bending_moment_max"][:]))
     if not found:
         return {}
     names, each = np.array([name for name, _ in found], object), np.array([moment for _, moment in found])

@@ -9,7 +9,18 @@ from netfall.checks.codes import IN_TENSION, Check
 from netfall.mechanics.material import stretched_length, warm_length
 from netfall.results.cases import KINDS, cases_of
 from netfall.results.losses import broken_at, largest_factor, lost_at
-from netfall.results.states import Envelope, start_position, start_tension, strain_measure
+from netfall.results.notes import AT
+from netfall.results.states import (
+    MOTION,
+    Envelope,
+    caps_of,
+    start_position,
+    start_tension,
+    strain_measure,
+    yielded_in,
+)
+
+ABOVE = 1.0 + 1e-6  # a utilisation of what fails, in comparing
 
 
 @dataclass(frozen=True)
@@ -28,6 +39,8 @@ class Checked:
     resistance, utilisation : [N], share; nan: the element has no such strength
     force, of : the largest tension, or compression, [N] in the stages that count for the check, and which of
         the envelope's it is
+    fails : used above 1, or yields, has buckled or broke in these stages: what had been asked of it is not
+        known then, since it carries no more
     """
 
     checks: list[Check]
@@ -35,13 +48,15 @@ class Checked:
     utilisation: dict[str, np.ndarray]
     force: dict[str, np.ndarray]
     of: dict[str, np.ndarray]
+    fails: dict[str, np.ndarray]
 
     def decisive(self, check: str) -> np.ndarray:
         """By what elements (m,) are compared in a check: its utilisation, without it the force.
 
-        An element with a utilisation comes before all without.
+        An element with a utilisation comes before all without, one that fails before all that do not.
         """
-        return _by(self.utilisation[check], self.force[check])
+        used = np.where(self.fails[check], np.fmax(self.utilisation[check], ABOVE), self.utilisation[check])
+        return _by(used, self.force[check])
 
 
 def groups_of(f) -> np.ndarray:
@@ -85,7 +100,22 @@ def check_elements(f, checks: list[Check], resistance: dict, envelope: Envelope)
         each.name: np.where(none[each.compression], np.nan, force[each.name] / resistance[each.name])
         for each in checks
     }
-    return Checked(checks, resistance, used, force, of)
+    fails = {each.name: _fails(f, envelope, each, used[each.name], force[each.name]) for each in checks}
+    return Checked(checks, resistance, used, force, of, fails)
+
+
+def _fails(f, envelope: Envelope, check: Check, used: np.ndarray, force: np.ndarray) -> np.ndarray:
+    strong, euler = caps_of(f)
+    fails = (used > 1.0) | (force >= AT * (np.minimum(strong, euler) if check.compression else strong))
+    if MOTION in np.array(envelope.names, object)[counted(stage_kinds(f, envelope), check.kind)]:
+        fails |= ~np.isnan(broken_at(f)) | yielded_in(f)  # between rows of the history too
+    return np.isfinite(used) & fails
+
+
+def results_of(checked: Checked, check: str) -> np.ndarray:
+    """Of each element (m,) in a check: passes, FAILS, "": it has no utilisation."""
+    results = np.isnan(checked.utilisation[check]), checked.fails[check]
+    return np.select(results, ["", "FAILS"], "passes").astype(object)
 
 
 def stage_kinds(f, envelope: Envelope) -> np.ndarray:
@@ -148,6 +178,7 @@ def element_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.nda
     for check in checked.checks:
         columns[f"resistance_{check.name}"] = checked.resistance[check.name]
         columns[f"utilisation_{check.name}"] = checked.utilisation[check.name]
+        columns[f"result_{check.name}"] = results_of(checked, check.name)
         columns[f"{check.of}_{check.name}"] = checked.force[check.name]
         columns[f"case_{check.name}"] = names[checked.of[check.name]]
     return columns
@@ -185,7 +216,7 @@ def cable_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
         columns["dynamic_factor"] = -_least_of(-each["dynamic_factor"], cable, count)
     for check in checked.checks:
         governs = _first_by(checked.decisive(check.name), cable)
-        for what in ("resistance", "utilisation", check.of, "case"):
+        for what in ("resistance", "utilisation", "result", check.of, "case"):
             columns[f"{what}_{check.name}"] = each[f"{what}_{check.name}"][governs]
     return columns
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.checks.cables import Checked, counted, groups_of, stage_kinds, types_of
+from netfall.checks.cables import Checked, counted, groups_of, results_of, stage_kinds, types_of
 from netfall.results.cases import EQUILIBRIUM, KINDS, Case
 from netfall.results.states import Envelope, no_equilibrium
 
@@ -39,7 +39,7 @@ def group_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
     used = of(checked.utilisation)
     fallen = {check.kind: bool(without_equilibrium(f, envelope, check.kind)) for check in checked.checks}
     fell = np.array([fallen[check.kind] for check, *_ in rows], bool)
-    results = [np.isnan(used), used > 1.0, fell], ["", "FAILS", "no equilibrium"]
+    results = np.array([results_of(checked, check.name)[e] for check, e, _ in rows], object)
     return {
         "check": np.array([check.name for check, *_ in rows], object),
         "kind": np.array([check.kind for check, *_ in rows], object),
@@ -52,7 +52,7 @@ def group_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
         "N_Ed": of(checked.force),
         "N_Rd": of(checked.resistance),
         "utilisation": used,
-        "result": np.select(*results, "passes").astype(object),
+        "result": np.where(fell & (results == "passes"), "no equilibrium", results),
     }
 
 

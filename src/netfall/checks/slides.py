@@ -7,10 +7,9 @@ The partial factor is on friction alone (EN 1993-1-11, 6.3); the resistance of a
 
 import numpy as np
 
-from netfall.results.states import ShownState, equilibria, final
+from netfall.results.states import MOTION, ShownState, equilibria, final
 
 SAFETY = 1.65  # gamma_M,fr
-MOTION = "dynamics"
 
 
 def slide_columns(f) -> dict[str, np.ndarray]:

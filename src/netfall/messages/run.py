@@ -22,7 +22,7 @@ from netfall.parallel import partition
 from netfall.record.history import MOST_STRAIN, History, most_strained, most_strained_of_all
 from netfall.results.form_lines import form_lines, self_stress_lines
 from netfall.results.loss_lines import loss_lines
-from netfall.results.notes import balance_notes, motion_notes
+from netfall.results.notes import AT, balance_notes, motion_notes
 from netfall.results.overload_lines import Carried, overload_lines
 from netfall.stages import dynamics
 from netfall.stages.scene import Desk, Outcome, Scene
@@ -62,19 +62,20 @@ def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path
     """The last lines of a run, on rank 0. Collective."""
     simulation = outcomes[dynamics.NAME].result if dynamics.NAME in outcomes else None
     strained = _most_strained(scene, simulation and simulation.history)
-    features = simulation and simulation.state.features
-    told = features and (len(desk.log) or features.buckling or features.plastic)
+    told = simulation and (len(desk.log) or simulation.state.features.buckling)
     envelope = simulation.envelope.record(simulation.state)[1] if told else {}
+    yielded = _yielded(scene) if simulation else []
     if scene.model is None:
         return
     if simulation:
         for line in _dynamics_lines(scene.model, outcomes[dynamics.NAME]):
             desk.progress.say(line)
+    model, notes, buckled = scene.model, [], np.zeros(0, int)
     if envelope:
-        model, (highest, _, lowest, _) = scene.model, envelope["tension"].T
-        notes = motion_notes(lowest, highest, model.euler, model.net.yield_force, model.net.element_id)
-        for note in notes + _overloads(model, desk.log, envelope["tension"]):
-            desk.progress.say(note)
+        notes = _overloads(model, desk.log, envelope["tension"])
+        buckled = model.net.element_id[-envelope["tension"][:, 2] >= AT * model.euler]
+    for note in motion_notes(buckled, model.net.element_id[yielded]) + notes:
+        desk.progress.say(note)
     for note in _strain_notes(scene.model, *strained):
         desk.progress.say(note)
     seconds = desk.phases.seconds.items()
@@ -115,6 +116,14 @@ def _overloads(model: Model, log: EventLog, tension: np.ndarray) -> list[str]:
     carried = Carried(ends, along / lengths(along)[:, None], strength, tension[:, 0], tension[:, 1], broke)
     name = lambda e: f"{model.id_of(e)} ({'-'.join(str(model.net.node_id[p]) for p in ends[e])})"
     return overload_lines(carried, name)
+
+
+def _yielded(scene: Scene) -> list[int]:
+    """Elements, global numbers, that have yielded. Collective."""
+    if not scene.state.features.plastic:
+        return []
+    gid, yields = scene.distribution.subdomain.element_gid, scene.state.eps_p != 0.0
+    return sorted(set().union(*scene.comm.allgather(gid[yields[: len(gid)]].tolist())))
 
 
 def _most_strained(scene: Scene, history: History | None) -> tuple[float, float, int]:

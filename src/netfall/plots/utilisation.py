@@ -7,7 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 
-from netfall.checks.cables import Checked, only_compressed
+from netfall.checks.cables import ABOVE, Checked, only_compressed
 from netfall.checks.reactions import held_axes
 from netfall.checks.slides import slide_columns
 from netfall.plots.canvas import (
@@ -60,8 +60,10 @@ def utilisation(f, envelope: Envelope, checked: Checked, path: Path) -> None:
     names, over = [checked.checks[0].name], OVER
     names += [check.name for check in checked.checks[1:] if check.compression][:1]
     values, high = np.fmax.reduce([checked.utilisation[name] for name in names]), 1.0
+    fails = np.logical_or.reduce([checked.fails[name] for name in names])
+    values = np.where(fails, np.fmax(values, ABOVE), values)
     if np.isfinite(values).any():
-        label = f"utilisation, {', '.join(names)}; grey: none; magenta: above 1"
+        label = f"utilisation, {', '.join(names)}; grey: none; magenta: fails"
     else:
         factor, unit = unit_of(np.abs(envelope.most).max(), "N")
         values = factor * np.where(only_compressed(f, envelope), np.nan, envelope.most)

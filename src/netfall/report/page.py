@@ -119,8 +119,8 @@ def _utilisation(f, cables: dict, envelope: Envelope, checked: Checked) -> list[
     lines = [
         "Forces are those of the loads in the job, without further factors. Utilisation: largest tension, or",
         "compression, over resistance; strengths are those given, not those drawn. Compression is checked of",
-        "bars with a `second_moment` alone. Tension never exceeds the yield force, also in what breaks: see",
-        "lost and broken cables.",
+        "bars with a `second_moment` alone. A force never exceeds what an element yields or buckles at: one",
+        "that does, or broke in motion, fails, whatever its utilisation.",
         "",
     ]
     for check in checked.checks:
@@ -130,7 +130,8 @@ def _utilisation(f, cables: dict, envelope: Envelope, checked: Checked) -> list[
             worst = known[np.argmax(values[known])]
             lines.append(
                 f"- {check.title}: largest {values[worst]:.4g} in cable {cables['cable'][worst]}, "
-                f"{int((values > 1.0).sum())} cables above 1, {len(values) - len(known)} without"
+                f"{int((cables[f'result_{check.name}'] == 'FAILS').sum())} cables fail, "
+                f"{len(values) - len(known)} without"
             )
         else:
             lines.append(f"- {check.title}: empty, no cable has a strength for it")

@@ -4,7 +4,15 @@ import numpy as np
 
 from netfall.job.values import counted
 from netfall.numerics.functions import lengths
-from netfall.results.states import equilibria, start_position, state_groups, state_words
+from netfall.results.states import (
+    MOTION,
+    caps_of,
+    equilibria,
+    start_position,
+    state_groups,
+    state_words,
+    yielded_in,
+)
 
 LARGEST_BALANCE = 0.01  # error of the physical balance above which a result is doubtful
 HELD = 0.05  # of the largest bending moment: a hold against tilting above that is told
@@ -83,6 +91,7 @@ AT_LIMIT = {  # attributes of an equilibrium: what it means for the elements tha
     "over_strength": "beyond the strength, which breaks nothing here",
     "buckled": "at Euler's load: buckled, and a bar that is not quite straight carries less",
     "yielding": "at the yield force",
+    "yielded": "have yielded by its end",
 }
 
 
@@ -98,36 +107,19 @@ def limit_notes(what: str, labels) -> list[str]:
 def limit_notes_of(f) -> list[str]:
     """`limit_notes` on the equilibria of a result, and on its motion."""
     notes = [note for place in state_groups(f) for note in limit_notes(state_words(f, place), f[place].attrs)]
-    return notes + motion_notes_of(f)
+    return notes + (motion_notes_of(f) if "history" in f else [])
 
 
-def motion_notes(lowest, highest, euler, strong, element_id) -> list[str]:
-    """Notes on elements that buckled or yielded in motion, broken ones too.
-
-    lowest, highest : (m,) [N] of axial forces; euler, strong : (m,) [N], at which they buckle and yield, inf:
-    never
-    """
-    at_limit = {
-        "buckled": -lowest >= AT * euler,
-        "yielding": np.maximum(highest, -lowest) >= AT * strong,
-    }
-    labels = {name: element_id[there][:MOST_MARKED] for name, there in at_limit.items() if there.any()}
-    return limit_notes("dynamics", labels)
+def motion_notes(buckled: np.ndarray, yielded: np.ndarray) -> list[str]:
+    """Notes on elements, by ids, that buckled in motion, and that have yielded by its end."""
+    labels = {"buckled": buckled[:MOST_MARKED], "yielded": yielded[:MOST_MARKED]}
+    return limit_notes(MOTION, {name: ids for name, ids in labels.items() if len(ids)})
 
 
 def motion_notes_of(f) -> list[str]:
-    """`motion_notes` on a result."""
-    net = f["net"]
-    if "envelope" not in f:
-        return []
-    euler = strong = np.full(len(net["elements"]), np.inf)
-    if "yield_force" in net:
-        strong = net["yield_force"][:]
-    if "buckling" in net:
-        buckles = (net["buckling"][:] == 1) & (net["euler_load"][:] < strong)
-        euler = np.where(buckles, net["euler_load"][:], np.inf)
-    found = f["envelope/tension_min"][:], f["envelope/tension_max"][:]
-    return motion_notes(*found, euler, strong, net["element_id"][:])
+    """`motion_notes` on a result with a motion."""
+    ids, lowest = f["net/element_id"][:], f["envelope/tension_min"][:]
+    return motion_notes(ids[-lowest >= AT * caps_of(f)[1]], ids[yielded_in(f)])
 
 
 def error_words(moved: float, tension: float) -> str:

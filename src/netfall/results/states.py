@@ -11,6 +11,7 @@ from netfall.numerics.functions import lengths
 from netfall.results.datasets import ORDER
 from netfall.results.losses import broken_at, loss_rows, lost_at
 
+MOTION = "dynamics"  # the stage of an envelope
 ALIKE = 1e-6  # of a tension: frames are in single precision, and the earlier stage governs
 
 
@@ -131,6 +132,24 @@ def states_of(f, name: str) -> Iterator[ShownState]:
         yield _state(group, f"{words}, {more}{reached}", name, x, row)
 
 
+def caps_of(f) -> tuple[np.ndarray, np.ndarray]:
+    """Forces (m,) [N] at which elements yield, and at which bars buckle, as drawn; inf: never."""
+    net, never = f["net"], np.full(len(f["net/elements"]), np.inf)
+    drawn = net["strength"][:] if "strength" in net else 1.0
+    strong = drawn * net["yield_force"][:] if "yield_force" in net else never
+    if "buckling" not in net:
+        return strong, never
+    buckles = (net["buckling"][:] == 1) & (net["euler_load"][:] < strong)
+    return strong, np.where(buckles, net["euler_load"][:], np.inf)
+
+
+def yielded_in(f) -> np.ndarray:
+    """Which elements (m,) have yielded by the end of the motion."""
+    if "final/plastic_strain" not in f:
+        return np.zeros(len(f["net/elements"]), bool)
+    return f["final/plastic_strain"][:] != 0.0
+
+
 def no_equilibrium(group) -> bool:
     """Whether a group holds, at its end, what a load reached that has no equilibrium."""
     return group.attrs.get("state") == "no_equilibrium"
@@ -239,7 +258,7 @@ def envelope_of(f, resistance: np.ndarray) -> Envelope:
     if moves := "history" in f:
         high, low, when = (f[f"envelope/tension_{name}"][:] for name in ("max", "min", "max_time"))
         gone = ~np.isnan(lost_at(f)) | ~np.isnan(broken_at(f)) | out
-        rows.append(("dynamics", high, np.where(gone & (low == 0.0), np.nan, low), when, gone))
+        rows.append((MOTION, high, np.where(gone & (low == 0.0), np.nan, low), when, gone))
     most, least = rows[0][1], rows[0][2]
     of_most, of_least, time = np.zeros(m, int), np.zeros(m, int), nan.copy()
     for k, (_, high, low, when, _) in enumerate(rows):
