@@ -6,10 +6,9 @@ import numpy as np
 
 from netfall.checks.buckling import bar_columns, moment_columns, strengths_of_bars
 from netfall.checks.codes import IN_TENSION, Check
-from netfall.mechanics.material import stretched_length, warm_length
+from netfall.mechanics.material import REACHED, stretched_length, warm_length
 from netfall.results.cases import KINDS, cases_of
 from netfall.results.losses import broken_at, largest_factor, lost_at
-from netfall.results.notes import AT
 from netfall.results.states import (
     MOTION,
     Envelope,
@@ -92,24 +91,25 @@ def applicable(checks: list[Check], resistance: dict) -> tuple[list[Check], dict
 def check_elements(f, checks: list[Check], resistance: dict, envelope: Envelope) -> Checked:
     """The largest force of what counts for each check over its resistance; of bars, if they have any."""
     kinds = stage_kinds(f, envelope)
+    stages = {check.name: counted(kinds, check.kind) for check in checks}
     largest = {False: envelope.largest, True: envelope.largest_compression}
-    found = {check.name: largest[check.compression](counted(kinds, check.kind)) for check in checks}
+    found = {check.name: largest[check.compression](stages[check.name]) for check in checks}
     force, of = ({name: pair[k] for name, pair in found.items()} for k in (0, 1))
     none = {False: only_compressed(f, envelope), True: ~(envelope.least < 0.0)}
     used = {
         each.name: np.where(none[each.compression], np.nan, force[each.name] / resistance[each.name])
         for each in checks
     }
-    fails = {each.name: _fails(f, envelope, each, used[each.name], force[each.name]) for each in checks}
-    return Checked(checks, resistance, used, force, of, fails)
-
-
-def _fails(f, envelope: Envelope, check: Check, used: np.ndarray, force: np.ndarray) -> np.ndarray:
     strong, euler = caps_of(f)
-    fails = (used > 1.0) | (force >= AT * (np.minimum(strong, euler) if check.compression else strong))
-    if MOTION in np.array(envelope.names, object)[counted(stage_kinds(f, envelope), check.kind)]:
-        fails |= ~np.isnan(broken_at(f)) | yielded_in(f)  # between rows of the history too
-    return np.isfinite(used) & fails
+    most = {False: strong, True: np.minimum(strong, euler)}
+    moving = np.array([name == MOTION for name in envelope.names])
+    moved = ~np.isnan(broken_at(f)) | yielded_in(f)  # between rows of the history too
+    fails = {}
+    for each in checks:
+        at_most = force[each.name] >= REACHED * most[each.compression]
+        beyond = (used[each.name] > 1.0) | at_most | (moved & (stages[each.name] & moving).any())
+        fails[each.name] = np.isfinite(used[each.name]) & beyond
+    return Checked(checks, resistance, used, force, of, fails)
 
 
 def results_of(checked: Checked, check: str) -> np.ndarray:

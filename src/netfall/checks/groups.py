@@ -39,7 +39,7 @@ def group_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
     used = of(checked.utilisation)
     fallen = {check.kind: bool(without_equilibrium(f, envelope, check.kind)) for check in checked.checks}
     fell = np.array([fallen[check.kind] for check, *_ in rows], bool)
-    results = np.array([results_of(checked, check.name)[e] for check, e, _ in rows], object)
+    results = of({check.name: results_of(checked, check.name) for check in checked.checks})
     return {
         "check": np.array([check.name for check, *_ in rows], object),
         "kind": np.array([check.kind for check, *_ in rows], object),

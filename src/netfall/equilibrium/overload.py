@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 from netfall.mechanics.state import State
 from netfall.numerics.functions import lengths
+from netfall.parallel.agree import all_of
 from netfall.parallel.subdomain import Distribution
 
 GIVEN_WAY = 1.0  # strain of what yields, if its fracture strain is not larger
@@ -92,7 +93,7 @@ def strained(comm: MPI.Comm, distribution: Distribution, state: State, breaks: b
         least = WITH_IT * comm.allreduce(float(strain.max(initial=0.0)), MPI.MAX)
     over = strain > (least if reason else np.inf)
     pairs = zip((-np.round(strain[over], 3)).tolist(), distribution.subdomain.element_gid[over].tolist())
-    found = sorted(set().union(*comm.allgather(list(pairs))))  # what is strained alike: by number
+    found = all_of(comm, list(pairs))  # what is strained alike: by number
     return Strained(max(most, away), tuple(element for _, element in found), reason)
 
 

@@ -27,6 +27,7 @@ from netfall.stages.settle import (
     put_back,
     reference_force,
     settle,
+    yielded,
 )
 
 REACHED = 1e-6  # of the value that is wanted, or of the largest force
@@ -107,10 +108,7 @@ def tension_to(
 
 def elastic(scene: Scene, outcome: StaticOutcome) -> StaticOutcome:
     """What came of it; no equilibrium where elements yield in it: what is built is elastic. Collective."""
-    if not scene.state.features.plastic:
-        return outcome
-    rows = scene.distribution.subdomain.element_gid[scene.state.eps_p != 0.0]
-    over = tuple(sorted(set().union(*scene.comm.allgather(rows.tolist()))))
+    over = yielded(scene)
     if not over:
         return outcome
     ids = scene.comm.bcast(scene.model and counted("element", scene.model.net.element_id[list(over)]))

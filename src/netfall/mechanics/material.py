@@ -30,7 +30,7 @@ from netfall.numerics.arithmetic import (
 )
 from netfall.numerics.functions import exp, log
 
-NEARLY = 1.0 - 1e-9  # a force or a strain this close to its limit is looked at again, exactly
+NEARLY, REACHED = 1.0 - 1e-9, 1.0 - 1e-12  # of a limit: looked at again, exactly; as good as it
 TINY = 1e-300  # keeps an element without length from dividing zero by zero
 
 

@@ -10,7 +10,7 @@ from netfall.job.job import Job
 from netfall.job.values import listed
 from netfall.mechanics.events import EventLog
 from netfall.mechanics.fields import Features
-from netfall.mechanics.material import strength_of
+from netfall.mechanics.material import REACHED, strength_of
 from netfall.mechanics.stability import Limit
 from netfall.messages.slip import inertia_line, slip_lines
 from netfall.messages.wind import wind_notes
@@ -22,10 +22,11 @@ from netfall.parallel import partition
 from netfall.record.history import MOST_STRAIN, History, most_strained, most_strained_of_all
 from netfall.results.form_lines import form_lines, self_stress_lines
 from netfall.results.loss_lines import loss_lines
-from netfall.results.notes import AT, balance_notes, motion_notes
+from netfall.results.notes import balance_notes, motion_notes
 from netfall.results.overload_lines import Carried, overload_lines
 from netfall.stages import dynamics
 from netfall.stages.scene import Desk, Outcome, Scene
+from netfall.stages.settle import yielded
 from netfall.stages.statics import rest_words
 
 MUCH_LONGER = 0.01  # of the duration: a last step that ends later is reported
@@ -64,7 +65,7 @@ def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path
     strained = _most_strained(scene, simulation and simulation.history)
     told = simulation and (len(desk.log) or simulation.state.features.buckling)
     envelope = simulation.envelope.record(simulation.state)[1] if told else {}
-    yielded = _yielded(scene) if simulation else []
+    plastic = list(yielded(scene)) if simulation else []
     if scene.model is None:
         return
     if simulation:
@@ -73,8 +74,8 @@ def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path
     model, notes, buckled = scene.model, [], np.zeros(0, int)
     if envelope:
         notes = _overloads(model, desk.log, envelope["tension"])
-        buckled = model.net.element_id[-envelope["tension"][:, 2] >= AT * model.euler]
-    for note in motion_notes(buckled, model.net.element_id[yielded]) + notes:
+        buckled = model.net.element_id[-envelope["tension"][:, 2] >= REACHED * model.euler]
+    for note in motion_notes(buckled, model.net.element_id[plastic]) + notes:
         desk.progress.say(note)
     for note in _strain_notes(scene.model, *strained):
         desk.progress.say(note)
@@ -116,14 +117,6 @@ def _overloads(model: Model, log: EventLog, tension: np.ndarray) -> list[str]:
     carried = Carried(ends, along / lengths(along)[:, None], strength, tension[:, 0], tension[:, 1], broke)
     name = lambda e: f"{model.id_of(e)} ({'-'.join(str(model.net.node_id[p]) for p in ends[e])})"
     return overload_lines(carried, name)
-
-
-def _yielded(scene: Scene) -> list[int]:
-    """Elements, global numbers, that have yielded. Collective."""
-    if not scene.state.features.plastic:
-        return []
-    gid, yields = scene.distribution.subdomain.element_gid, scene.state.eps_p != 0.0
-    return sorted(set().union(*scene.comm.allgather(gid[yields[: len(gid)]].tolist())))
 
 
 def _most_strained(scene: Scene, history: History | None) -> tuple[float, float, int]:

@@ -20,6 +20,11 @@ def wait_asleep(comm: MPI.Comm) -> None:
             time.sleep(min(SLEEP * waited, LONGEST))
 
 
+def all_of(comm: MPI.Comm, own) -> tuple:
+    """What any rank has, each once, in ascending order. Collective."""
+    return tuple(sorted(set().union(*comm.allgather(own))))
+
+
 def on_root(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
     """Result of `work()` on rank 0, None elsewhere. What it raises is raised on every rank. Collective."""
     result = error = None

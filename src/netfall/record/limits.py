@@ -3,28 +3,28 @@
 import numpy as np
 from mpi4py import MPI
 
+from netfall.mechanics.material import REACHED
 from netfall.mechanics.state import State
+from netfall.parallel.agree import all_of
 from netfall.parallel.subdomain import Distribution
 from netfall.record.energy import Snapshot
 
-NEAR = 1.0 - 1e-12  # of a force: at it
-
 
 def at_limit_in(
-    comm: MPI.Comm, distribution: Distribution, state: State, snapshot: Snapshot, most: int
+    comm: MPI.Comm, distribution: Distribution, state: State, snapshot: Snapshot
 ) -> dict[str, tuple[int, ...]]:
     """Elements, global numbers, by limit; of a limit at which none is nothing. Collective.
 
-    over_strength : all that are beyond their fracture strain
-    buckled, yielding : at Euler's load, at the yield force; the first of them, so many at most
+    over_strength : beyond their fracture strain; buckled, yielding : at Euler's load, at the yield force
     """
-    gid, N, whole, found = distribution.subdomain.element_gid, snapshot.N, state.broken == 0, {}
+    gid, N, there = distribution.subdomain.element_gid, snapshot.N, {}
     if state.features.fracture:
         crushed = state.features.crushing and snapshot.eps < state.eps_c
-        found["over_strength"] = gid[((snapshot.eps > state.eps_u) | crushed) & whole]
+        there["over_strength"] = (snapshot.eps > state.eps_u) | crushed
     if state.features.buckling:
-        found["buckled"] = np.sort(gid[(-N >= NEAR * state.euler) & whole])[:most]
+        there["buckled"] = -N >= REACHED * state.euler
     if state.features.plastic:
-        found["yielding"] = np.sort(gid[(np.abs(N) >= NEAR * state.yield_force) & whole])[:most]
-    all_of = {name: set().union(*comm.allgather(ids.tolist())) for name, ids in found.items()}
-    return {name: tuple(sorted(ids)) for name, ids in all_of.items() if ids}
+        there["yielding"] = np.abs(N) >= REACHED * state.yield_force
+    whole = state.broken == 0
+    found = {name: all_of(comm, gid[at & whole].tolist()) for name, at in there.items()}
+    return {name: ids for name, ids in found.items() if ids}

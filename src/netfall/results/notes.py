@@ -3,6 +3,7 @@
 import numpy as np
 
 from netfall.job.values import counted
+from netfall.mechanics.material import REACHED
 from netfall.numerics.functions import lengths
 from netfall.results.states import (
     MOTION,
@@ -16,7 +17,6 @@ from netfall.results.states import (
 
 LARGEST_BALANCE = 0.01  # error of the physical balance above which a result is doubtful
 HELD = 0.05  # of the largest bending moment: a hold against tilting above that is told
-AT = 1.0 - 1e-12  # of a force: as good as it
 MOST_MARKED = 4096  # elements of an equilibrium by each attribute of it, which may have 64 kB
 FAR = 0.2  # of a net's largest dimension: a node that moves farther under static load is told
 
@@ -119,7 +119,7 @@ def motion_notes(buckled: np.ndarray, yielded: np.ndarray) -> list[str]:
 def motion_notes_of(f) -> list[str]:
     """`motion_notes` on a result with a motion."""
     ids, lowest = f["net/element_id"][:], f["envelope/tension_min"][:]
-    return motion_notes(ids[-lowest >= AT * caps_of(f)[1]], ids[yielded_in(f)])
+    return motion_notes(ids[-lowest >= REACHED * caps_of(f)[1]], ids[yielded_in(f)])
 
 
 def error_words(moved: float, tension: float) -> str:

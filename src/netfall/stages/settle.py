@@ -34,6 +34,7 @@ from netfall.job.schema import defaults
 from netfall.mechanics.fields import FIELDS
 from netfall.mechanics.slip.law import set_strands
 from netfall.mechanics.state import State
+from netfall.parallel.agree import all_of
 from netfall.parallel.subdomain import Distribution
 from netfall.record.energy import Snapshot, take_snapshot
 from netfall.record.limits import at_limit_in
@@ -129,10 +130,8 @@ class StaticOutcome(NamedTuple):
     def labels(self) -> dict:
         """Attributes of its group of the file, elements by their global numbers."""
         names = ("state", "load_factor", "reason", "elements")
-        at_limit = self.equilibrium.at_limit
-        return {name: getattr(self, name) for name in names} | {
-            k: at_limit[k][:MOST_MARKED] for k in at_limit
-        }
+        at_limit = {name: ids[:MOST_MARKED] for name, ids in self.equilibrium.at_limit.items()}
+        return {name: getattr(self, name) for name in names} | at_limit
 
 
 def by_ids(labels: dict, element_id: np.ndarray) -> dict:
@@ -222,7 +221,7 @@ def _tried(scene: Scene, each: StaticLoad, reference, stop, resume, most, guess)
     try:
         found = _found(scene, each, reference, stop, resume, most, guess, watch=watch)
     except GivesWay as way:
-        if way.high == 1.0:
+        if (way.low, way.high) == (0.0, 1.0):  # nothing is known of the way there
             return _Tried(way.at_high)
         return _Tried(way.at_high._replace(most=np.inf), None, (way.low, way.high))
     except DivergedError as error:
@@ -283,10 +282,8 @@ def _found(
     slips = scene.finder.slips is not None
     solution = _slipped(scene, each, arguments) if slips else scene.finder.find(*arguments, watch, goal)
     snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
-    slack, at_limit = (
-        scene.comm.allreduce(snapshot.slack),
-        at_limit_in(scene.comm, scene.distribution, scene.state, snapshot, MOST_MARKED),
-    )
+    slack = scene.comm.allreduce(snapshot.slack)
+    at_limit = at_limit_in(scene.comm, scene.distribution, scene.state, snapshot)
     stopped = scene.finder.slips.stopped() if slips else ()
     return Equilibrium(snapshot, slack, solution, at_limit, _slips(scene), stopped)
 
@@ -381,8 +378,14 @@ def _compressed_at(scene: Scene, particle: int) -> tuple[int, ...]:
     """Compressed elements, global numbers, at the particle that moves most as they buckle. Collective."""
     d, state = scene.distribution.subdomain, scene.state
     there = (d.particle_gid[state.ends] == particle).any(1) & (state.elements_now().N < 0.0)
-    found = scene.comm.allgather(d.element_gid[there].tolist())
-    return tuple(sorted(set().union(*found)))[:MOST_NAMED]
+    return all_of(scene.comm, d.element_gid[there].tolist())[:MOST_NAMED]
+
+
+def yielded(scene: Scene) -> tuple[int, ...]:
+    """Elements, global numbers, that have yielded so far. Collective."""
+    if not scene.state.features.plastic:
+        return ()
+    return all_of(scene.comm, scene.distribution.subdomain.element_gid[scene.state.eps_p != 0.0].tolist())
 
 
 def no_equilibrium(scene: Scene, each: StaticLoad, outcome: StaticOutcome) -> str:
