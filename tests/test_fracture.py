@@ -239,8 +239,12 @@ def test_slots_mended_where_elements_break_are_those_filled_anew(fragments):
 
 
 def slots_of(state: State) -> list:
-    """Of each particle the elements in its slots, in order, with all that the slots hold of them."""
-    there = [column[:, : state.n_local] for column in state.slots if column is not None]
+    """Of each particle the elements in its slots, in order, with all that the slots hold of them.
+
+    But for extremes, which begin anew where slots are filled.
+    """
+    fields = state.slots._replace(highest=None, lowest=None)
+    there = [column[:, : state.n_local] for column in fields if column is not None]
     full = there[Slots._fields.index("inv_L0")] > 0.0
     return [[tuple(c[s, p] for c in there) for s in np.flatnonzero(full[:, p])] for p in range(state.n_local)]
 

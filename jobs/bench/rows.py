@@ -3,7 +3,7 @@
     python rows.py N [N ...] [losses]
 
 Prints a line of JSON for each N x N particles: CPU seconds of a step, of a row and of the audit alone, as for
-a frame; with losses also of a step in which the extremes of the tensions are kept.
+a frame. With losses the extremes of the forces are kept in each step.
 """
 
 import json
@@ -63,8 +63,8 @@ def measure(N: int) -> dict:
     plan, observed = Plan(state, halo), Plan(state, halo, rows=rows)
     steps = min(MOST_ROWS, max(1, 200_000 // m))
 
-    def step(plan=plan, watched=False):
-        plan.run(Interval(at.first, steps, net.DT, net.DT, 0.5, 0.0, 1e9, watched=watched))
+    def step(plan=plan):
+        plan.run(Interval(at.first, steps, net.DT, net.DT, 0.5, 0.0, 1e9))
         at.first += steps
 
     def step_with_rows():
@@ -78,8 +78,6 @@ def measure(N: int) -> dict:
     )
     found = {"N": N, "elements": m, "step": best(step) / steps, "audit": best(audit)}
     found["row"] = best(step_with_rows) / steps - found["step"]
-    if state.features.losses:
-        found["watched step"] = best(lambda: step(watched=True)) / steps
     return found
 
 

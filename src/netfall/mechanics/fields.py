@@ -217,9 +217,9 @@ FIELDS = (
     _element("broken", np.uint8, "", "1 once it has broken, or is lost; `TAKEN_OUT`", kept=True),
     _element("lost", np.uint8, "", "1 once it is lost", "losses", kept=True),
     _element(
-        "highest", np.float64, "N", "largest tension of a step since the last loss", "losses", kept=True
+        "highest", np.float64, "N", "largest axial force of a step since the last loss", "peaks", kept=True
     ),
-    _element("lowest", np.float64, "N", "smallest tension of a step since then", "losses", kept=True),
+    _element("lowest", np.float64, "N", "smallest axial force of a step since then", "dips", kept=True),
     _element("yield_force", np.float64, "N", "axial force at yield", "plastic", given=True),
     _element("yield_strain", np.float64, "", "strain at yield before any", "plastic_sections"),
     _element("eps_p", np.float64, "", "plastic strain", "plastic", kept=True),
@@ -278,6 +278,8 @@ FIELDS = (
         "plastic_sections",
         "yield_strain",
     ),
+    _slot("slot_highest", np.float64, "N", "largest axial force of a step since it was filled", "peaks"),
+    _slot("slot_lowest", np.float64, "N", "smallest axial force of a step since then", "dips"),
     *(
         _slot(f"slot_branch_{k}", np.float64, "N", "H of a branch", needs, f"branch_{k}")
         for k, needs in BRANCHES
@@ -344,6 +346,16 @@ class Features:
         return self.plastic or self.fracture
 
     @property
+    def peaks(self) -> bool:
+        """Whether the largest forces of all steps are kept: what breaks lets short waves loose."""
+        return self.fracture or self.losses
+
+    @property
+    def dips(self) -> bool:
+        """Whether the smallest are kept too."""
+        return self.losses or (self.fracture and self.bars)
+
+    @property
     def dissipating(self) -> bool:
         """Whether elements turn energy into heat."""
         return self.plastic or self.losses or self.fracture
@@ -361,7 +373,7 @@ class Features:
     @property
     def numbered(self) -> bool:
         """Whether the slots know their elements."""
-        return self.inelastic or bool(self.sliding or self.band)
+        return self.inelastic or self.peaks or bool(self.sliding or self.band)
 
     @property
     def slip_works(self) -> bool:

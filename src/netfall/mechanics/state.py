@@ -130,6 +130,13 @@ class State:
         at_joint = np.append(moment, [np.nan, 0.0])  # NO_BENDING, CHAIN_END
         return at_joint[self.joint_at]
 
+    def begin_extremes(self, N: np.ndarray) -> None:
+        """The extremes of axial forces count from here on. N : (m,) [N], now; the slots are new."""
+        now = np.where(self.broken != 0, 0.0, N)  # what is left of a broken one has no strength
+        self.highest[:] = now
+        if self.lowest is not None:
+            self.lowest[:] = now
+
     # --- what follows from other fields
 
     def invert_masses(self) -> None:

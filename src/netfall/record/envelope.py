@@ -1,12 +1,14 @@
 """The envelope of a dynamic stage: largest and smallest values over all rows of the history, and when.
 
 Each rank keeps those of its own particles and elements, from what the audit of a row computes anyway
-(`step.rows.widen`).
+(`step.rows.widen`). Where something can break or is lost, forces are those of all steps: what breaks lets
+waves loose that are shorter than the time between two rows.
 """
 
 import numpy as np
 
 from netfall.parallel.subdomain import Distribution
+from netfall.step.rows import widen_to_extremes
 
 TENSION = ("tension_max", "tension_max_time", "tension_min", "slack_time")  # (m,), of elements
 DISPLACEMENT = ("displacement_max", "displacement_max_time")  # (n,), of particles of the net
@@ -29,6 +31,11 @@ class Envelope:
         self.displacement = np.full((len(DISPLACEMENT), subdomain.n_owned), 0.0)
         self.displacement[0] = -1.0
         self.moment = np.full(len(subdomain.element_gid), np.nan) if bends else None
+
+    def take_in(self, time: float, state) -> None:
+        """The extremes of all steps so far, at a time [s], where the scene has them."""
+        if state.highest is not None:
+            widen_to_extremes(time, state.elements, self.tension)
 
     def columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """Of elements (m,) and of particles (n_owned,), by name."""

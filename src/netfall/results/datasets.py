@@ -208,12 +208,17 @@ GROUPS = (
     ),
     Group(
         "envelope",
-        "largest and smallest values over all rows of the history",
+        "extremes over all rows of the history; of forces over all steps, where something breaks or is lost",
         "[dynamics]",
         (
             row("tension_max", "m", "N", "0 once broken off or lost"),
-            row("tension_max_time", "m", "s", "of the first row that has it"),
-            row("tension_min", "m", "N", ""),
+            row("tension_max_time", "m", "s", "of the first row that has it, or after the step that has it"),
+            row(
+                "tension_min",
+                "m",
+                "N",
+                "of all steps where members are lost, or bars stand in what may break",
+            ),
             row("bending_moment_max", "m", "N m", "at either end; nan: no bending. Where bars bend"),
             row(
                 "slack_time",

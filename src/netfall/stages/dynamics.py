@@ -145,6 +145,8 @@ class Simulation(Stepper):
         """At the first step: what is stored and dissipated from there on counts."""
         self.start_strain, self.start_plastic = energies.strain, energies.plastic
         self.history.begin(energies.strain)
+        if self.state.highest is not None:
+            self.state.begin_extremes(self.state.elements_now().N)
         if self.ground:
             begin_with_ground(self.state, self.ground)
 
@@ -176,6 +178,7 @@ class Simulation(Stepper):
         snapshot = self.snapshot()
         if self.removal:
             self.removal.close(self.state, snapshot.N)
+        self.envelope.take_in(self.time, self.state)
         self.result.write_envelope(self.state, *self.envelope.columns())
         self.result.write_final(self.state, snapshot)
         self.halo.free()
@@ -236,7 +239,6 @@ class Simulation(Stepper):
         self.history.most_strained = tuple(small["most_strained"])
         self.start_strain, self.start_plastic = small["start_strain"], small["start_plastic"]
         self.result.losses = self.removal.done if self.removal else 0
-        self.watched = self.result.losses > 0
         self.loads.restart(self.state, self.n, self.schedule.step_at)
 
     def restore_history(self, small: dict, arrays: dict[str, np.ndarray]) -> None:

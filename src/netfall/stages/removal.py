@@ -1,7 +1,7 @@
 """Loss of members in the dynamic stage, [[remove]]: when it happens, and what becomes of the tensions.
 
 At its step the elements leave the net (`mechanics.loss`). Their tensions stay as forces on their ends that
-fade (`loads.FadingLoad`), and from then on the extremes of every element's tension are kept in each step.
+fade (`loads.FadingLoad`), and the extremes of every element's tension in all steps are counted anew.
 What hung inside a lost cable goes to its ends (`handover`), in the motion and in the rest after it.
 """
 
@@ -60,6 +60,7 @@ class Removal:
         simulation.plan.collect_yield(state)
         now = state.elements_now()
         self.close(state, now.N)
+        simulation.envelope.take_in(simulation.time, state)
         self._keep("before", self.done, state, now.N)
         subdomain = self.distribution.subdomain
         rows = local_rows(subdomain.element_gid, loss.elements)
@@ -73,9 +74,8 @@ class Removal:
         self._begin_fades(loss, {k: force[loss.entry == k] for k in self.fades})
         self._hand_over(simulation, handed)
         simulation.loads.renew(state)
-        state.highest[:] = state.lowest[:] = np.where(state.broken != 0, 0.0, now.N)
+        state.begin_extremes(now.N)
         self.done += 1
-        simulation.watched = True
         simulation.result.losses = self.done
 
     def _forces(self, state, loss: Loss, rows: np.ndarray, now) -> np.ndarray:

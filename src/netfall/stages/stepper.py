@@ -28,7 +28,6 @@ class Stepper:
 
     A step is a long one, of `stride` steps as they are counted, as long as nothing breaks (`Schedule`).
     made : steps so far, long or short; calm : number from which on a step may be a long one again
-    watched : whether extremes of the tensions are kept
     """
 
     def __init__(self, scene: Scene, desk: Desk, loads: list, rows: RowTable):
@@ -63,7 +62,7 @@ class Stepper:
         self.plan = Plan(self.state, self.halo, rules if self.state.features.fracture else None, rows)
         self.n, self.made, self.before_dt = 0, 0, 0.0
         self.stride, self.calm = schedule.stride, 0
-        self.slack, self.stopping, self.watched = 0, False, False
+        self.slack, self.stopping = 0, False
         self.tearing = None
         if self.after_fracture == "panels":
             self.tearing = Tearing(scene.comm, distribution, self.model, self.log.broken, stable_dt)
@@ -125,7 +124,7 @@ class Stepper:
         first, steps = self.n // self.stride, (stop - self.n) // self.stride
         sample = self.loads.time, self.loads.dt
         return Interval(
-            *(first, steps, self.before_dt, self.dt, self.zeta, *sample, self.stride, self.watched, trial),
+            *(first, steps, self.before_dt, self.dt, self.zeta, *sample, self.stride, trial),
             self.ground,
         )
 

@@ -16,6 +16,7 @@ from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kic
 from netfall.mechanics.supports import on_guide, spring_force, turned_springs
 from netfall.numerics.arithmetic import fused
 from netfall.step.runs import LANES
+from netfall.step.slots import keep_force
 
 
 @part_of_kernel
@@ -30,6 +31,8 @@ def add_force(p, o, s, so_far, x, slots, law):
     fx, fy, fz, past, bx, by, bz = so_far
     dx, dy, dz = x[0][o] - x[0][p], x[1][o] - x[1][p], x[2][o] - x[2][p]
     q, found, yielded = force_density((dx, dy, dz), s, p, slots, law)
+    if slots.highest is not None:
+        keep_force(q, (dx, dy, dz), s, p, slots)
     if slots.eps_p is not None:
         slots.eps_p[s, p] = yielded
     if slots.branch_a is not None:

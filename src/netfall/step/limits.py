@@ -9,7 +9,7 @@ import numpy as np
 
 from netfall.ground.compile import inner_kernel, part_of_kernel, vector_kernel
 from netfall.mechanics.fields import SLOTS
-from netfall.mechanics.material import axial_force, plastic_strain, squared_length, strain, yield_energy
+from netfall.mechanics.material import plastic_strain, squared_length, strain, yield_energy
 from netfall.numerics.arithmetic import inverse_root
 
 BLOCK = 64  # particles that are passed over at once
@@ -99,22 +99,3 @@ def yielded(p, o, s, particles, slots, law):
     square = squared_length((x[0][o] - x[0][p], x[1][o] - x[1][p], x[2][o] - x[2][p]))
     stretch = square * inverse_root(square) * slots.inv_L0[s, p]
     return plastic_strain(stretch, slots.eps_p[s, p], s, p, slots, law)
-
-
-@inner_kernel
-def keep_extremes(particles, elements, law):
-    """Largest and smallest axial force [N] of each element so far, the present one included.
-
-    Until it breaks: what is left of it then has no strength, and rings on a light end.
-    particles : as the time loop takes them
-    """
-    for e in range(elements.ends.shape[0]):
-        if elements.EA[e] == 0.0 or elements.broken[e] != 0:
-            continue
-        L = length_of(elements.ends[e, 0], elements.ends[e, 1], particles)
-        eps_p = 0.0
-        if elements.eps_p is not None:
-            eps_p = elements.eps_p[e]
-        N, _ = axial_force(elements, e, strain(L, elements.L0[e], law), eps_p)
-        elements.highest[e] = max(elements.highest[e], N)
-        elements.lowest[e] = min(elements.lowest[e], N)

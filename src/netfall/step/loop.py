@@ -28,9 +28,9 @@ from netfall.mechanics.supports import on_guide
 from netfall.parallel.halo import receive_forces, send_forces, wait_for_neighbours
 from netfall.parallel.mpi_symbols import lap
 from netfall.step.forces import kick_chunk
-from netfall.step.limits import anything_over, count_near, keep_extremes, yield_and_break
+from netfall.step.limits import anything_over, count_near, yield_and_break
 from netfall.step.rows import Rows, is_due, make_row
-from netfall.step.slots import collect_branches, collect_yields, follow_slips
+from netfall.step.slots import collect_branches, collect_extremes, collect_yields, follow_slips
 from netfall.step.tear import break_elements, has_room
 
 FORCES, EXCHANGE, INTEGRATION, ROWS = range(4)  # what time goes into; the kick counts with the forces
@@ -43,7 +43,6 @@ class Interval(NamedTuple):
     stride : how many of the steps that are counted each of them is
     before_dt : [s] length of the step before the first, 0 at the start
     zeta : [1/s] damping; sample_time : [s] of the sample before; sample_dt : [s] from it to the one after
-    watched : whether extremes of the tensions are kept, in a scene that has them
     ground : where supports move
     trial : whether nothing breaks yet: the steps are taken back if something reaches its fracture strain
     pending : elements that are still to break in the step before the first, where there are no steps
@@ -58,7 +57,6 @@ class Interval(NamedTuple):
     sample_time: float
     sample_dt: float
     stride: int = 1
-    watched: bool = False
     trial: bool = False
     ground: Ground | None = None
     pending: int = 0
@@ -131,6 +129,8 @@ def collect_slots(chunks, elements, slots, law):
     n_owned, first_split = chunks.n_owned, chunks.n_owned + chunks.n_halo
     if slots.eps_p is not None and chunks.has_yielded.any():
         collect_yields(n_owned, first_split, elements, slots, law)
+    if slots.highest is not None:
+        collect_extremes(n_owned, first_split, elements, slots)
     if slots.branch_a is not None:
         collect_branches(n_owned, first_split, elements, slots)
 
@@ -183,10 +183,6 @@ def time_loop(
         count, place = np.int64(0), np.int64(0)
         error, drifted = 0, chunks.splits
         mark = lap(seconds, -1, 0.0)
-        if elements.highest is not None and interval.watched:
-            if slots.eps_p is not None:
-                collect_yields(n_owned, n_owned + n_halo, elements, slots, law)
-            keep_extremes(particles, elements, law)
         for c in range(chunks.low.shape[0]):
             low, high = chunks.low[c], chunks.high[c]
             kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, unyielded, law, scratch)

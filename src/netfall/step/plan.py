@@ -13,7 +13,7 @@ from netfall.mechanics.state import State, axes
 from netfall.parallel.halo import Halo, check
 from netfall.step.loop import Beside, Interval, time_loop
 from netfall.step.runs import LANES, Runs, find_runs, make_runs
-from netfall.step.slots import collect_branches, collect_yields, fill_slots
+from netfall.step.slots import collect_branches, collect_extremes, collect_yields, fill_slots
 
 MOVING = (
     "x",
@@ -25,6 +25,8 @@ MOVING = (
     "eps_p",
     "dissipated",
     "slot_eps_p",
+    "slot_highest",
+    "slot_lowest",
     "slot_branch_a",
     "slot_branch_b",
     "slot_branch_c",
@@ -179,10 +181,12 @@ class Plan:
         self._kinds = kinds(self.arguments)
 
     def collect_yield(self, state: State) -> None:
-        """Bring plastic strains and heat of the elements up to date: in most steps the slots alone change."""
+        """Bring plastic strains, heat and extremes of the elements up to date: else slots alone change."""
         if self.chunks.has_yielded.any():
             arrays = state.elements, state.slots, state.law
             collect_yields(state.n_owned, state.first_split, *arrays)
+        if state.highest is not None:
+            collect_extremes(state.n_owned, state.first_split, state.elements, state.slots)
         if state.branch_a is not None:
             collect_branches(state.n_owned, state.first_split, state.elements, state.slots)
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.ground.compile import inner_kernel, part_of_kernel
+from netfall.ground.compile import inner_kernel, kernel, part_of_kernel
 from netfall.mechanics.bending import joint_moment
 from netfall.numerics.arithmetic import bits_of, number_of
 from netfall.step.audit import Room, Subject, observe
@@ -95,6 +95,8 @@ def make_row(number, before_dt, dt, zeta, sample_time, sample_dt, rows):
     made, table, k = rows.made, rows.table, rows.made[1]
     time = number * rows.dt
     widen(time, time - rows.last[0] if made[0] > 0 else 0.0, rows)
+    if rows.subject.elements.highest is not None:
+        widen_to_extremes(time, rows.subject.elements, rows.tension)
     if rows.moment is not None:
         widen_moments(rows.subject.x, rows.subject.joints, rows.joint_at, rows.moment)
     table.number[k], table.slack[k] = number, slack
@@ -127,6 +129,16 @@ def widen(time, since, rows):
         u = math.sqrt(dx * dx + dy * dy + dz * dz)
         if u > displacement[0, p]:
             displacement[0, p], displacement[1, p] = u, time
+
+
+@kernel
+def widen_to_extremes(time, elements, tension):
+    """Take in the extremes of all steps up to a time [s]. tension : (4, m), as `Rows` has it"""
+    for e in range(tension.shape[1]):
+        if elements.highest[e] > tension[0, e]:
+            tension[0, e], tension[1, e] = elements.highest[e], time
+        if elements.lowest is not None:
+            tension[2, e] = min(tension[2, e], elements.lowest[e])
 
 
 @inner_kernel

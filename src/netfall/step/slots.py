@@ -5,13 +5,16 @@ ranks. Every element is computed at both ends, from the same bits: twice the ari
 scattered, and the loop over particles runs in vector registers.
 """
 
+import math
+
 import numpy as np
 
-from netfall.ground.compile import allocating_kernel, inner_kernel, kernel
+from netfall.ground.compile import allocating_kernel, inner_kernel, kernel, part_of_kernel
 from netfall.mechanics.fields import EMPTY, SLOTS, fields_of
-from netfall.mechanics.material import yield_energy
+from netfall.mechanics.material import squared_length, yield_energy
 from netfall.mechanics.slip.law import slipped_length
 from netfall.mechanics.state import State
+from netfall.numerics.arithmetic import inverse_root
 
 
 def fill_slots(state: State, chunks) -> None:
@@ -27,6 +30,10 @@ def fill_slots(state: State, chunks) -> None:
         align_slots(low + 1, high, 1, s.n_local, s.other, element, filled)
         align_slots(high - 2, low - 1, -1, s.n_local, s.other, element, filled)
     fill_lengths(s.n_local, element, s.L0, s.inv_L0)
+    if s.slot_highest is not None:
+        s.slot_highest[:] = -np.inf
+    if s.slot_lowest is not None:
+        s.slot_lowest[:] = np.inf
     for field in fields_of("slot"):
         slot = getattr(s, field.name)
         if field.slot_of and slot is not None:
@@ -153,6 +160,42 @@ def collect_yields(n_owned, first_split, elements, slots, law):
             collect_yield(e, n_owned, first_split, elements, slots, law)
 
 
+@part_of_kernel
+def keep_force(q, d, s, p, slots):
+    """Take in the axial force of the element in slot s of particle p. q : N / L [N/m]; d : three [m]"""
+    square = squared_length(d)
+    N, most = q * (square * inverse_root(square)), slots.highest[s, p]
+    slots.highest[s, p] = N if N > most else most
+    if slots.lowest is not None:
+        least = slots.lowest[s, p]
+        slots.lowest[s, p] = N if N < least else least
+
+
+@inner_kernel
+def collect_extreme(e, n_owned, first_split, elements, slots):
+    """Bring the extremes of the axial force of element e up to date with its slots, until it breaks.
+
+    What is left of it then has no strength, and rings on a light end.
+    """
+    if elements.broken[e] != 0:
+        return
+    p = elements.ends[e, 0]
+    if n_owned <= p and p < first_split:
+        p = elements.ends[e, 1]
+    s = slot_of(e, p, slots)
+    elements.highest[e] = max(elements.highest[e], slots.highest[s, p])
+    if elements.lowest is not None:
+        elements.lowest[e] = min(elements.lowest[e], slots.lowest[s, p])
+
+
+@kernel
+def collect_extremes(n_owned, first_split, elements, slots):
+    """`collect_extreme` of all elements that this rank steps."""
+    for e in range(elements.ends.shape[0]):
+        if elements.EA[e] != 0.0:
+            collect_extreme(e, n_owned, first_split, elements, slots)
+
+
 @inner_kernel
 def collect_branch(e, n_owned, first_split, elements, slots):
     """Bring the branches of element e up to date with its slots."""
@@ -199,6 +242,10 @@ def fill_slot(e, s, p, far, elements, slots):
         slots.eps_p[s, p] = elements.eps_p[e]
     if slots.reach is not None:
         slots.reach[s, p] = elements.reach[e]
+    if slots.highest is not None:
+        slots.highest[s, p] = -math.inf
+    if slots.lowest is not None:
+        slots.lowest[s, p] = math.inf
     if slots.branch_a is not None:
         slots.branch_a[s, p], slots.branch_b[s, p] = elements.branch_a[e], elements.branch_b[e]
     if slots.branch_c is not None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from netfall.ground.compile import inner_kernel
 from netfall.mechanics.fracture import break_element, decide, lengthen, owns
-from netfall.step.slots import collect_branch, collect_yield, empty_slot, fill_slot, slot_of
+from netfall.step.slots import collect_branch, collect_extreme, collect_yield, empty_slot, fill_slot, slot_of
 
 
 @inner_kernel
@@ -41,6 +41,8 @@ def break_elements(count, when, chunks, elements, slots, law, fractures):
             continue
         if slots.eps_p is not None:
             collect_yield(e, chunks.n_owned, chunks.n_owned + chunks.n_halo, elements, slots, law)
+        if slots.highest is not None:
+            collect_extreme(e, chunks.n_owned, chunks.n_owned + chunks.n_halo, elements, slots)
         if slots.branch_a is not None:
             collect_branch(e, chunks.n_owned, chunks.n_owned + chunks.n_halo, elements, slots)
         a, b = np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1])
