@@ -313,6 +313,34 @@ def test_what_is_far_from_rest_and_slack_at_last_is_not_relaxed(workshop, monkey
     assert max(errors_told[0]) < 1e-6
 
 
+def given(workshop):
+    """Newton's method for the saddle as given, which is far from rest, and the state."""
+    scene, _ = prepare(MPI.COMM_SELF, read_job(workshop.job(GIVEN)), Phases())
+    return scene.finder._newton(scene.model.loading.permanent), scene.state
+
+
+def test_a_rough_correction_tells_that_a_net_is_far(workshop, monkeypatch):
+    """That takes at most half of the iterations of the correction, which it spares."""
+    method, state = given(workshop)
+    method.begin()
+    K, tried, times = method.tangent(), [], method.stiffness_times
+    _, whole = method.solve(K, method.cycle(K), method.residual())
+    monkeypatch.setattr(method, "stiffness_times", lambda *to: tried.append(1) or times(*to))
+    with pytest.raises(path.NoConvergence):
+        path.at_once(method, state.x_start, NEVER)
+    assert 0 < len(tried) <= whole / 2
+
+
+def test_newtons_method_leaves_a_net_that_is_not_near_to_the_interior(workshop, monkeypatch):
+    """The first correction of which little can be gone is the last one."""
+    method, state = given(workshop)
+    gone, go = [], method.go
+    monkeypatch.setattr(method, "go", lambda *to: gone.append(go(*to)) or gone[-1])
+    with pytest.raises(path.NoConvergence):
+        method.find(1e-6, state.x_start, near=True, begun=newton.StartPoint(size=1e-3))
+    assert [part < newton.SHORT for part in gone] == [False] * (len(gone) - 1) + [True]
+
+
 @pytest.mark.parametrize("large", [0, 10**9])
 def test_what_yields_is_not_relaxed(workshop, monkeypatch, large):
     """Cables that flow until the saddle bulges by a third of its span: right, at any size."""
