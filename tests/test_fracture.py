@@ -215,9 +215,8 @@ def test_a_part_that_is_held_along_other_axes_only_is_loose():
     assert not comes_loose(net, np.array([False]), load[:, [0, 2, 1]], gone)
 
 
-@pytest.mark.parametrize("fragments", [True, False])
-def test_slots_mended_where_elements_break_are_those_filled_anew(fragments):
-    """A lattice of all kinds of elements tears: its particles have theirs in order, with all fields."""
+def torn_lattice(fragments: bool) -> tuple[State, Plan]:
+    """A lattice of 1,600 particles and elements of all kinds after 400 steps in which hundreds break."""
     n = 1600
     x = np.column_stack([np.arange(n) % 40, np.arange(n) // 40, np.zeros(n)])
     elements = lattice(40)
@@ -228,14 +227,40 @@ def test_slots_mended_where_elements_break_are_those_filled_anew(fragments):
     ranks = n, n, np.arange(len(elements))  # all particles are owned
     rules = FractureRules(n, *ranks, 9.81, True, True, True, 2e-5 if fragments else np.nan)
     plan = Plan(state, Halo(MPI.COMM_SELF, subdomain, 5), rules)
-    step = 0
-    while step < 400:
-        step += plan.run(Interval(step, 400 - step, 2e-5, 2e-5, 0.0, 0.0, 1e9))
+    advance(plan, 0, 400)
     assert (state.broken == 1).sum() > 200
-    assert (state.n_local > n) == fragments
+    return state, plan
+
+
+def advance(plan: Plan, step: int, last: int) -> None:
+    """From one step to another, with all that breaks."""
+    while step < last:
+        step += plan.run(Interval(step, last - step, 2e-5, 2e-5, 0.0, 0.0, 1e9))
+
+
+@pytest.mark.parametrize("fragments", [True, False])
+def test_slots_mended_where_elements_break_are_those_filled_anew(fragments):
+    """A lattice of all kinds of elements tears: its particles have theirs in order, with all fields."""
+    state, plan = torn_lattice(fragments)
+    assert (state.n_local > state.n_owned) == fragments
     mended = slots_of(state)
     plan.attach(state)
     assert mended == slots_of(state)
+
+
+def test_where_fragments_are_stepped_changes_no_bit(monkeypatch):
+    """They are stepped and drift among the others in small chunks, and apart in large ones."""
+    found = []
+    for size, among in ((64, True), (2048, False)):
+        monkeypatch.setattr("netfall.step.plan.CHUNK", size)
+        state, plan = torn_lattice(fragments=True)
+        state.sort_splits()
+        plan.attach(state, filled=True)
+        advance(plan, 400, 600)
+        assert (plan.chunks.front < plan.chunks.splits) == among
+        by_number = np.argsort(state.gid[: state.n_local])
+        found.append([a[by_number].tobytes() for a in (state.gid, state.x, state.v, state.work)])
+    assert found[0] == found[1]
 
 
 def slots_of(state: State) -> list:

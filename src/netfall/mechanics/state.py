@@ -169,7 +169,7 @@ class State:
         capacity = len(self.x)
         if self.n_local + particles <= capacity:
             return
-        spare = max(FEWEST_SPARE, 2 * particles, capacity // 16)
+        spare = max(FEWEST_SPARE, 2 * particles, capacity // 8)
         for field in FIELDS:
             array = getattr(self, field.name)
             if field.entity != "element" and array is not None:
@@ -182,10 +182,7 @@ class State:
         self._tuples = {}
 
     def sort_splits(self) -> None:
-        """Order the rows of the particles that split off by their far ends, so that these are near in memory.
-
-        `other` is to be filled anew after it.
-        """
+        """Order the rows of the particles that split off by their far ends: these are near in memory then."""
         first, rows = self.first_split, slice(self.first_split, self.n_local)
         order = np.argsort(self.other[0, rows], kind="stable")
         for field in FIELDS:
@@ -195,8 +192,9 @@ class State:
                 array[at] = array[:, first + order] if field.entity == "slot" else array[first + order]
         new = np.empty_like(order)
         new[order] = np.arange(len(order))
-        split = self.ends >= first
-        self.ends[split] = first + new[self.ends[split] - first]
+        for rows in (self.ends, self.other[:, : self.n_local]):
+            split = rows >= first
+            rows[split] = first + new[rows[split] - first]
 
     def copy(self) -> "State":
         """A copy of all arrays."""

@@ -162,7 +162,7 @@ def kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, unyielded, law
     scratch.f : (rows,) counted from the chunk's first particle, out, total force [N]
     scratch.near : the same, out, 1 where an element of the particle is near its limits; None: all are elastic
     """
-    if c < chunks.splits:
+    if chunks.is_split[c]:
         if slots.eps_p is not None:
             chunks.has_yielded[c] = 1  # yield is kept in the loop from now on
         kick_splits(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)

@@ -56,9 +56,15 @@ def yield_and_break(c, count, chunks, particles, elements, slots, law, near, f):
                 if slots.inv_L0[s, p] == 0.0:
                     continue
                 e, o = slots.element[s, p], slots.other[s, p]
+                L = length_of(p, o, particles)
+                if elements.yield_force is None:  # noqa: SIM102 (the compiler drops a branch on this alone)
+                    if elements.eps_c is None:
+                        reach = law.reach if slots.reach is None else slots.reach[s, p]
+                        if L * slots.inv_L0[s, p] < reach:
+                            continue  # far from fracture, which is all that is looked for
                 start = elements.ends[e, 0]
                 reports = start == p or (chunks.n_owned <= start and start < first_split)
-                eps = strain(length_of(p, o, particles), elements.L0[e], law)
+                eps = strain(L, elements.L0[e], law)
                 if elements.yield_force is not None:
                     before = slots.eps_p[s, p]
                     eps_p = yielded(p, o, s, particles, slots, law)

@@ -151,7 +151,7 @@ def time_loop(
     beside : `Beside`; buffers : `HaloBuffers`
     seconds : (4,) [s], added to, time of FORCES, EXCHANGE, INTEGRATION, ROWS; None: not measured
     """
-    before_dt, dt, zeta, own = interval.before_dt, interval.dt, interval.zeta, chunks.splits + chunks.boundary
+    before_dt, dt, zeta = interval.before_dt, interval.dt, interval.zeta
     n_owned, n_halo = chunks.n_owned, chunks.n_halo
     tried = 0
     if fractures is not None and interval.pending > 0:
@@ -181,7 +181,7 @@ def time_loop(
             time = (interval.first + s) * dt
             kick_slips(time, kick_dt, share, beside.places, particles, elements, law)
         count, place = np.int64(0), np.int64(0)
-        error, drifted = 0, chunks.splits
+        error, drifted = 0, chunks.front
         mark = lap(seconds, -1, 0.0)
         for c in range(chunks.low.shape[0]):
             low, high = chunks.low[c], chunks.high[c]
@@ -194,10 +194,12 @@ def time_loop(
                         c, count, chunks, particles, elements, slots, law, scratch.near, scratch.f
                     )
                     chunks.has_yielded[c] |= yielded
-            if c < own:  # forces are kept where they are sent, and by `yield_and_break` where they count
+            if (
+                c < chunks.own and not chunks.is_split[c]
+            ):  # forces are kept where they are sent, and by `yield_and_break` where they count
                 keep_forces(low, high, scratch.f, particles.f)
             mark = lap(seconds, FORCES, mark)
-            if c == own - 1:
+            if c == chunks.own - 1:
                 error, place = send_forces(particles, buffers)
                 if error != 0:
                     return s, 0, error
@@ -206,7 +208,7 @@ def time_loop(
                 drift_rows(chunks.low[drifted], chunks.high[drifted], dt, particles.x, particles.v)
                 drifted += 1
             mark = lap(seconds, INTEGRATION, mark)
-        for c in range(chunks.splits):  # any chunk may need them
+        for c in range(chunks.front):  # any chunk may need them
             drift_rows(chunks.low[c], chunks.high[c], dt, particles.x, particles.v)
         mark = lap(seconds, INTEGRATION, mark)
         error = wait_for_neighbours(buffers)

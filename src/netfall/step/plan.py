@@ -33,14 +33,19 @@ MOVING = (
 )  # where nothing breaks
 SLIPPING = ("slip", "slip_v", "slip_locked", "slip_work", "L0", "inv_L0")  # where cables slip, besides
 CHUNK = 2048  # particles, 300 KB; fewer end the runs too often, more leave the second cache
+FAR = 16  # chunks: what is farther away in number leaves the third cache before it is needed
 
 
 class Chunks(NamedTuple):
     """Stretches of particles, each small enough for the cache, in the order in which they are stepped.
 
-    First those of the particles that split off, `splits` of them, with one element each; some are empty as
-    yet. Then those of the owned ones, of which the first `boundary` hold the boundary particles.
+    By number they are first those of the particles that split off, `splits` of them, with one element each;
+    some are empty as yet; then those of the owned ones, of which the first `boundary` hold the boundary
+    particles. Stepped are first those split off, `front` of them, of which any chunk may need the positions;
+    then the owned ones, each behind the split ones whose far ends begin there: these are in the cache.
     n_owned, n_halo : particles; inner : the first one after the boundary chunks; size : of a whole chunk
+    own : chunks up to and with the last boundary one; place : (chunks,) of each number
+    is_split : (chunks,) 1 for particles that split off
     low, high : (chunks,) particles of each chunk
     width : (chunks,) most elements at one of them
     last_use : (chunks,) the last chunk that reads positions of the chunk, itself if none comes after it
@@ -53,6 +58,10 @@ class Chunks(NamedTuple):
     size: int
     splits: int
     boundary: int
+    front: int
+    own: int
+    place: np.ndarray
+    is_split: np.ndarray
     low: np.ndarray
     high: np.ndarray
     width: np.ndarray
@@ -135,36 +144,21 @@ class Plan:
         self._entries: dict = {}
         self.attach(state)
 
-    def attach(self, state: State) -> None:
-        """Bring chunks, slots, masses and runs up to date with what is attached to what."""
+    def attach(self, state: State, filled: bool = False) -> None:
+        """Bring chunks, slots, masses and runs up to date with what is attached to what.
+
+        filled : whether the slots are so already
+        """
         if self.state is not None:
             self.collect_yield(state)
         self.state = state
         state.renew_law()
-        new = np.arange(state.first_split, len(state.x), CHUNK)
-        low = np.concatenate([new, self._low])
-        high = np.concatenate([np.clip(state.n_local, new, new + CHUNK), self._high])
-        fill_slots(state, zip(self._low.tolist(), self._high.tolist()))
+        if not filled:
+            fill_slots(state, zip(self._low.tolist(), self._high.tolist()))
         state.invert_masses()
         state.place_springs()
-        has_yielded = np.zeros(len(low), np.uint8)
-        if state.slot_eps_p is not None:
-            has_yielded[:] = [state.slot_eps_p[:, a:b].any() for a, b in zip(low, high)]
-        self.chunks = Chunks(
-            state.n_owned,
-            state.n_halo,
-            self._low[self.boundary] if self.boundary < len(self._low) else state.n_owned,
-            CHUNK,
-            len(new),
-            self.boundary,
-            low,
-            high,
-            np.concatenate([np.full(len(new), SLOTS), self._width]),
-            np.concatenate([np.zeros(len(new), np.int64), self._last_use + len(new)]),
-            has_yielded,
-            make_runs(len(low), state.n_owned),
-        )
-        find_runs(len(new), low, high, self.chunks.width, state.other, self.chunks.runs)
+        self.chunks = self._chunks_of(state)
+        find_runs(self.chunks, state.other)
         fractures = self.rules and Fractures(self.rules, state.particles, state.rows, self.events)
         bends = None if state.joints is None else Bends(state.x, state.joints, state.bend)
         self.arguments = (
@@ -179,6 +173,45 @@ class Plan:
             Beside(self.rows and self.rows.of(state), bends, state.places),
         )
         self._kinds = kinds(self.arguments)
+
+    def _chunks_of(self, state: State) -> Chunks:
+        """The chunks, of which those split off come where most of their far ends are."""
+        new = np.arange(state.first_split, len(state.x), CHUNK)
+        low = np.concatenate([new, self._low])
+        high = np.concatenate([np.clip(state.n_local, new, new + CHUNK), self._high])
+        splits, last_use = len(new), np.concatenate([np.arange(len(new)), self._last_use + len(new)])
+        before = np.arange(-splits, len(self._low)) + 0.5  # the chunk of the owned ones that it comes before
+        before[:splits] = -1.0
+        for k in np.flatnonzero(high[:splits] - new == CHUNK):  # nothing joins them
+            far = state.other[0, low[k] : high[k]]
+            first, last = np.searchsorted(self._low, (far.min(), far.max()), side="right") - 1
+            if far.max() < state.n_owned and last - first < FAR:
+                before[k], last_use[k] = first, splits + last
+        order = np.argsort(before, kind="stable")
+        place = np.empty_like(order)
+        place[order] = np.arange(len(order))
+        low, high = low[order], high[order]
+        has_yielded = np.zeros(len(low), np.uint8)
+        if state.slot_eps_p is not None:
+            has_yielded[:] = [state.slot_eps_p[:, a:b].any() for a, b in zip(low, high)]
+        return Chunks(
+            state.n_owned,
+            state.n_halo,
+            self._low[self.boundary] if self.boundary < len(self._low) else state.n_owned,
+            CHUNK,
+            splits,
+            self.boundary,
+            int(np.count_nonzero(before < 0.0)),
+            int(place[splits + self.boundary - 1]) + 1 if self.boundary else 0,
+            place,
+            (order < splits).astype(np.uint8),
+            low,
+            high,
+            np.concatenate([np.full(splits, SLOTS), self._width])[order],
+            place[last_use][order],
+            has_yielded,
+            make_runs(len(low), state.n_owned),
+        )
 
     def collect_yield(self, state: State) -> None:
         """Bring plastic strains, heat and extremes of the elements up to date: else slots alone change."""
@@ -202,11 +235,10 @@ class Plan:
             if self.state.features.fragments:
                 self.state.sort_splits()
                 self.state.reserve(2 * count)
-            known = int(self.events.count[0])
-            if known + 2 * count > len(self.events.step):
-                room = 2 * (known + 2 * count) + self.state.m // 16
-                self.events = events_with_room(room, self.events)
-            self.attach(self.state)
+            needed = int(self.events.count[0]) + 2 * max(count, len(self.state.x) - self.state.n_local)
+            if needed > len(self.events.step):
+                self.events = events_with_room(2 * needed, self.events)
+            self.attach(self.state, filled=True)
             rest = interval._replace(first=interval.first + done, steps=0, pending=count)
             check(self._steps(rest, seconds)[2])
         return done

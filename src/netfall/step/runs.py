@@ -66,16 +66,19 @@ def is_torn(low, high, width, other):
 
 
 @kernel
-def find_runs(first, low_of, high_of, width_of, other, runs):
-    """Write the `Runs` of the chunks from number `first` on.
+def find_runs(chunks, other):
+    """Write `chunks.runs` of particles that the rank has owned from the start.
 
-    low_of, high_of, width_of : (chunks,) of `plan.Chunks`; other : (slots, n) local number of the far end
+    chunks : `plan.Chunks`; other : (slots, n) local number of the far end
     """
+    runs = chunks.runs
     gathered, spans, whole, rest, loose = runs.gathered, runs.spans, runs.whole, runs.rest, runs.loose
     wholes = rests = stretches = 0
-    for c in range(first, width_of.shape[0]):
-        low, high = low_of[c], high_of[c]
-        gathered[c] = is_torn(low, high, width_of[c], other)
+    for c in range(chunks.low.shape[0]):
+        if chunks.is_split[c]:
+            continue
+        low, high = chunks.low[c], chunks.high[c]
+        gathered[c] = is_torn(low, high, chunks.width[c], other)
         if gathered[c]:
             continue
         spans[c, 0], spans[c, 2], spans[c, 4] = wholes, rests, stretches

@@ -88,7 +88,7 @@ def follow_end(e, end, before, chunks, elements, slots, fractures):
             slots.other[s, there] = there
             empty_slot(s, there, slots)
         fill_slot(e, 0, there, far, elements, slots)
-        c = (there - rules.first_split) // chunks.size
+        c = chunks.place[(there - rules.first_split) // chunks.size]
         chunks.high[c] = max(chunks.high[c], there + 1)
         if slots.eps_p is not None:
             chunks.has_yielded[c] |= slots.eps_p[0, there] != 0.0
@@ -97,6 +97,7 @@ def follow_end(e, end, before, chunks, elements, slots, fractures):
 @inner_kernel
 def chunk_of(p, chunks):
     """The chunk of a particle that this rank has owned from the start."""
-    if p < chunks.inner:
-        return chunks.splits + p // chunks.size
-    return chunks.splits + chunks.boundary + (p - chunks.inner) // chunks.size
+    number = chunks.splits + p // chunks.size
+    if p >= chunks.inner:
+        number = chunks.splits + chunks.boundary + (p - chunks.inner) // chunks.size
+    return chunks.place[number]
