@@ -29,11 +29,19 @@ def external_force(p, axis, square, share):
     axis : `motion.Axis`; square : of the wind speed [m2/s2]
     share : of the way between two samples
     """
-    force = 0.0
+    force = None  # no zero that costs an addition
     if axis.load is not None:
-        force += axis.load[p]
+        force = axis.load[p]
     if axis.load_before is not None:
-        force += axis.load_before[p] + share * (axis.load_after[p] - axis.load_before[p])
+        force = plus(force, axis.load_before[p] + share * (axis.load_after[p] - axis.load_before[p]))
     if axis.wind is not None:
-        force += axis.wind[p] * square
-    return force
+        force = plus(force, axis.wind[p] * square)
+    return plus(force, None)
+
+
+@part_of_kernel
+def plus(force, more):
+    """The sum of two forces [N], of which one may be None; of none, 0."""
+    if more is None:
+        return 0.0 if force is None else force
+    return more if force is None else force + more

@@ -364,8 +364,8 @@ def strength_of(EA, fracture_strain, yield_force) -> np.ndarray:
 
 
 @part_of_kernel
-def force_density(d, s, p, slots, law):
-    """N / L [N/m] of the element in slot s of particle p, how far it is past its limits, its plastic strain.
+def force_density(d, s, p, past, slots, law):
+    """N / L [N/m] of the element in slot s of particle p, how far any is past its limits, its plastic strain.
 
     Where the slots hold plastic strains, cables yield here. A bar is only pointed at, by more than 0 past its
     limits, since its heat does not follow from its plastic strain.
@@ -373,7 +373,7 @@ def force_density(d, s, p, slots, law):
     `axial_force` over the length, arranged for one inverse root:
     EA (L / L0 - 1 - eps_p) / L = EA (1 / L0 - (1 + eps_p) / L).
 
-    d : three [m], from the particle to the far end
+    d : three [m], from the particle to the far end; past : 0, or more of elements in other slots
     slots : `Slots`. An empty slot, 1 / L0 = 0, gives zero.
     """
     per_L0 = slots.inv_L0[s, p]
@@ -387,13 +387,12 @@ def force_density(d, s, p, slots, law):
     else:
         q = stiffness * fused(-1.0 - eps_p, per_length, per_L0)
     force = q
-    past = 0.0  # more where it is near its limits; of no unit
     lowest = 0.0  # slack
     yielded = 0.0
     if slots.eps_p is not None:
         yielded = plastic_strain(square * per_length * per_L0, eps_p, s, p, slots, law)
         if slots.bar is not None:
-            past = 1.0 if (yielded != eps_p) & (slots.bar[s, p] != 0) else 0.0
+            past = 1.0 if (yielded != eps_p) & (slots.bar[s, p] != 0) else past
             yielded = eps_p if slots.bar[s, p] else yielded
     if slots.bar is not None:
         lowest = -np.inf if slots.bar[s, p] else 0.0
@@ -401,7 +400,8 @@ def force_density(d, s, p, slots, law):
         limit = law.yield_force if slots.yield_force is None else slots.yield_force[s, p]
         highest = limit * per_length
         if slots.eps_p is None and law.near is None:
-            past = fused(-NEARLY, highest, q)
+            over = fused(-NEARLY, highest, q)
+            past = over if over > past else past
         if slots.bar is not None:
             lowest = -highest if slots.bar[s, p] else 0.0
             if slots.eps_p is None:

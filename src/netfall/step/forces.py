@@ -30,7 +30,7 @@ def add_force(p, o, s, so_far, x, slots, law):
     """
     fx, fy, fz, past, bx, by, bz = so_far
     dx, dy, dz = x[0][o] - x[0][p], x[1][o] - x[1][p], x[2][o] - x[2][p]
-    q, found, yielded = force_density((dx, dy, dz), s, p, slots, law)
+    q, past, yielded = force_density((dx, dy, dz), s, p, past, slots, law)
     if slots.highest is not None:
         keep_force(q, (dx, dy, dz), s, p, slots)
     if slots.eps_p is not None:
@@ -39,7 +39,6 @@ def add_force(p, o, s, so_far, x, slots, law):
         total = density_with_branches(q, (dx, dy, dz), s, p, slots, law)
         more, q = total - q, total
         bx, by, bz = fused(more, dx, bx), fused(more, dy, by), fused(more, dz, bz)
-    past = found if found > past else past
     return fused(q, dx, fx), fused(q, dy, fy), fused(q, dz, fz), past, bx, by, bz
 
 

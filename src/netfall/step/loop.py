@@ -194,9 +194,7 @@ def time_loop(
                         c, count, chunks, particles, elements, slots, law, scratch.near, scratch.f
                     )
                     chunks.has_yielded[c] |= yielded
-            if (
-                c < chunks.own and not chunks.is_split[c]
-            ):  # forces are kept where they are sent, and by `yield_and_break` where they count
+            if c < chunks.own and not chunks.is_split[c]:  # sent; `yield_and_break` keeps those that count
                 keep_forces(low, high, scratch.f, particles.f)
             mark = lap(seconds, FORCES, mark)
             if c == chunks.own - 1:
