@@ -57,6 +57,39 @@ def test_a_free_plate_in_steady_wind_decays_as_the_scheme_does(workshop, damping
     assert np.allclose(h["air_work"][:], work, rtol=1e-4, atol=1e-4 * work[-1])
 
 
+def test_between_samples_of_the_wind_the_factor_of_the_air_is_linear(workshop):
+    """v(n+1/2) = v + dt (F - C (v + dt F / 2M)) / M, C = g / (1 + b), g = kappa rho U A, b = g dt / 2M.
+
+    C at the samples and linear between them. With C of the very speed, which is linear too, C is off by
+    b (dU / U)^2 / 4 at most, b of U half-way: 2.5e-4 here.
+    """
+    kappa, step = 0.7, 2e-3
+    text, nodes, elements = free_plate(kappa, step)
+    (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n0.4,40\n1,10\n")
+    text = text.replace("speed = 20.0", 'file = "wind.csv"').replace("roughness = 0.0\n", "")
+    f = workshop.run(workshop.job(text, nodes, elements))
+    z, M = f["history/probe_displacement"][:, 0, 2], 100.0 + HALF_CABLE
+    factor = lambda U, dt: kappa * RHO * 4.0 * U / (1 + 0.5 * dt / M * kappa * RHO * 4.0 * U)
+    samples, speeds = [0.0, 0.4, 1.0], np.array([20.0, 40.0, 10.0])
+    expected = flight(lambda t, dt: np.interp(t, samples, factor(speeds, dt)), step, M)
+    assert len(z) == 501 and np.abs(z - expected).max() < 1e-12 * abs(z).max()
+    exact = flight(lambda t, dt: factor(np.interp(t, samples, speeds), dt), step, M)
+    off = np.abs(expected - exact).max() / abs(z).max()
+    assert 1e-7 < off < 2.5e-4
+    assert np.abs(f["history/identity_error"][:]).max() < 1e-12
+
+
+def flight(C, step, M):
+    """Positions of the free plate at 501 steps; C : [kg/s] of a time [s] and the length of the kick [s]."""
+    x, v, found = 0.0, 0.0, []
+    for n in range(501):
+        dt = step if n else 0.5 * step
+        found.append(x)
+        v += dt / M * (500.0 - C(n * step, dt) * (v + 0.5 * dt / M * 500.0))
+        x += step * v
+    return np.array(found)
+
+
 def hanging_plate(extra, damping=0.0):
     """A plate of 8 m2 and 1000 kg on a 10 m cable, let go 1 mm below its rest; the load keeps it taut."""
     L = 10.0 * (1 + 20e3 / (1.95e11 * 683.08e-6)) + 1e-3

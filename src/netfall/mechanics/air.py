@@ -15,52 +15,65 @@ Both are parts of the total force on a particle, which its owner sends; so halo 
 
 import numpy as np
 
-from netfall.ground.compile import inner_kernel, part_of_kernel
+from netfall.ground.compile import inner_kernel, part_of_kernel, vector_kernel
 from netfall.mechanics.motion import inverse_mass
+from netfall.numerics.arithmetic import dot, fused
+
+
+@vector_kernel
+def set_air(kick_dt, zeta, particles):
+    """Write |U| / (1 + h + a) of `with_air`, signed as U, at both samples of the wind; kick_dt : [s].
+
+    Between them it is linear in time, as U is: that is the implicit damping of a speed between theirs, and so
+    stable too. How far it is off stands in jobs/METHOD.md.
+    """
+    before, after = particles.air_pull
+    for p in range(np.uint64(particles.per_mass.shape[0])):
+        half = 0.5 * kick_dt * particles.per_mass[p]
+        damped = 1.0 + half * zeta * damped_mass(p, particles)
+        cx, cy, cz = particles.air[0][p], particles.air[1][p], particles.air[2][p]
+        square, first, last = half * (cx * cx + cy * cy + cz * cz), 1.0, 1.0
+        if particles.tapped is None:  # else it is in c
+            first, last = particles.speed_before[p], particles.speed_after[p]
+        before[p] = first / (damped + square * abs(first))
+        after[p] = last / (damped + square * abs(last))
 
 
 @part_of_kernel
-def with_air(p, force, speed, kick, particles):
-    """Total force [N] on particle p with that of the air, three; |U| c.v and c.v of the mean velocity v.
+def with_air(p, force, kick, particles):
+    """Total force [N] on particle p with that of the air, three; and that of the air over -c.
 
-    force : three [N], all others; speed : [m/s] of the wind; kick : `motion.Kick`
+    force : three [N], all others; kick : `motion.Kick`
 
     With u = v(n-1/2) + dt f / 2M, h = zeta dt / 2 of the mass without air and a = |U| c^2 dt / 2M the mean
     velocity is u / (1 + h) across c and u / (1 + h + a) along it.
     """
     fx, fy, fz = force
-    pull, along = 0.0, 0.0
+    pull = 0.0
     if particles.air is None and particles.air_mass is None:
-        return (fx, fy, fz), pull, along
-    half = 0.5 * kick.dt * particles.per_mass[p]
-    v = particles.v
-    ux, uy, uz = v[0][p] + half * fx, v[1][p] + half * fy, v[2][p] + half * fz
-    damped = 1.0 + 0.5 * kick.zeta * kick.dt
+        return (fx, fy, fz), pull
+    half, v = 0.5 * kick.dt * particles.per_mass[p], particles.v
+    if particles.air is not None:
+        c = particles.air[0][p], particles.air[1][p], particles.air[2][p]
+        before, after = particles.air_pull
+        size = abs(fused(kick.share, after[p] - before[p], before[p]))
+        pull = size * fused(half, dot(c, force), dot(c, (v[0][p], v[1][p], v[2][p])))
+        fx, fy, fz = fused(-pull, c[0], fx), fused(-pull, c[1], fy), fused(-pull, c[2], fz)
     if particles.air_mass is not None:
         damped = 1.0 + half * kick.zeta * (particles.mass[p] - particles.air_mass[p])
-    if particles.air is not None:
-        size = 1.0
-        if particles.tapped is None:  # else it is in c
-            size = abs(speed)
-        cx, cy, cz = particles.air[0][p], particles.air[1][p], particles.air[2][p]
-        along = (cx * ux + cy * uy + cz * uz) / (damped + half * size * (cx * cx + cy * cy + cz * cz))
-        pull = size * along
-        fx, fy, fz = fx - pull * cx, fy - pull * cy, fz - pull * cz
-        ux, uy, uz = ux - half * pull * cx, uy - half * pull * cy, uz - half * pull * cz
-    if particles.air_mass is not None:
         spared = kick.zeta * particles.air_mass[p] / damped
+        ux, uy, uz = v[0][p] + half * fx, v[1][p] + half * fy, v[2][p] + half * fz
         fx, fy, fz = fx + spared * ux, fy + spared * uy, fz + spared * uz
-    return (fx, fy, fz), pull, along
+    return (fx, fy, fz), pull
 
 
 @part_of_kernel
-def air_work_before(p, part, pull, along, kick, particles):
-    """Work [J] of the air's damping in the share `part` of a kick, its begin; pull, along : of `with_air`."""
+def air_work(p, duration, pull, twice, particles):
+    """Work [J] of the air's damping in some time [s] of a kick; twice : its mean velocity there, three."""
     if particles.air is None:
         return 0.0
-    v, c = particles.v, particles.air
-    old = c[0][p] * v[0][p] + c[1][p] * v[1][p] + c[2][p] * v[2][p]
-    return part * kick.dt * pull * (old + part * (along - old))
+    c = particles.air[0][p], particles.air[1][p], particles.air[2][p]
+    return (0.5 * duration * pull) * dot(c, twice)
 
 
 @part_of_kernel

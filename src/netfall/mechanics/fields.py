@@ -122,6 +122,7 @@ FIELDS = (
     _particle("speed_after", ONE, np.float64, "m/s", "wind speed at the next sample", "wind"),
     _particle("tapped", ONE, np.uint8, "", "there where these are pressures [N/m2] instead", "tapped"),
     _particle("air", AXES, np.float64, "(kg/m)^1/2", "c of `mechanics.air`", "air", kept=True, given=True),
+    _particle("air_pull", (2,), np.float64, "m/s", "of `air.set_air`, at both samples", "air"),
     _particle("air_mass", ONE, np.float64, "kg", "air that moves along", "air_mass", kept=True, given=True),
     _particle(
         "slip",

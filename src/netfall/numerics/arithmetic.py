@@ -27,6 +27,12 @@ def fused(typing, a, b, c):
     return number(number, number, number), lambda context, builder, signature, values: builder.fma(*values)
 
 
+@part_of_kernel
+def dot(a, b):
+    """Product of two vectors, three each."""
+    return fused(a[2], b[2], fused(a[1], b[1], a[0] * b[0]))
+
+
 @intrinsic
 def bits_of(typing, a):
     """The 64 bits of a number."""

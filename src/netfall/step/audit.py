@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.ground.compile import inner_kernel, kernel, part_of_kernel, vector_kernel
-from netfall.mechanics.air import air_work_before, with_air
+from netfall.mechanics.air import air_work, set_air, with_air
 from netfall.mechanics.bending import Joints, add_bending_forces, joint_energy
 from netfall.mechanics.elements import ElementState, add_tensions, element_energies, element_state
 from netfall.mechanics.fields import Elements, Particles
@@ -104,10 +104,9 @@ def particle_energies(
     first, last, before = np.uint64(first), np.uint64(last), np.uint64(before)
     for p in range(first, last):
         i = p - before
-        mass, speed, square = particles.mass[p], 0.0, 0.0
+        mass, square = particles.mass[p], 0.0
         if particles.wind is not None:
-            speed = wind_speed(p, particles, share)
-            square = squared_speed(speed, particles)
+            square = squared_speed(wind_speed(p, particles, share), particles)
         nx, ny, nz = f_int[p, 0], f_int[p, 1], f_int[p, 2]
         ex = external_force(p, x, square, share)
         ey = external_force(p, y, square, share)
@@ -118,7 +117,7 @@ def particle_energies(
             gy = pull_of_ground(p, y, kick, particles)
             gz = pull_of_ground(p, z, kick, particles)
             total = (total[0] + gx, total[1] + gy, total[2] + gz)
-        total, pull, along = with_air(p, total, speed, kick, particles)
+        total, pull = with_air(p, total, kick, particles)
         total = on_guide(p, total, particles)
         vx, ax, bx, cx, dx = energies_along(p, x, nx, ex, total[0], part, kick, particles)
         vy, ay, by, cy, dy = energies_along(p, y, ny, ey, total[1], part, kick, particles)
@@ -139,7 +138,9 @@ def particle_energies(
                 v = particles.v
                 along_band = (v[0][p] + vx) * f_band[p, 0]
                 along_band += (v[1][p] + vy) * f_band[p, 1] + (v[2][p] + vz) * f_band[p, 2]
-            terms[4, i] = air[p] + air_work_before(p, part, pull, along, kick, particles)
+            v = particles.v
+            twice = (v[0][p] + vx, v[1][p] + vy, v[2][p] + vz)
+            terms[4, i] = air[p] + air_work(p, part * kick_dt, pull, twice, particles)
             terms[5, i] = band[p] - 0.5 * part * kick_dt * along_band
             terms[6, i] = support[p] + dx + dy + dz
 
@@ -232,6 +233,8 @@ def observe(before_dt, dt, zeta, share, subject, room):
         add_springs(subject.x, start, spring, rest, turned, f_int)
         spring_energies(0, n_owned, 0, subject.x, start, spring, rest, turned, room.sprung)
         spring_energies(first_split, n_local, halo, subject.x, start, spring, rest, turned, room.sprung)
+    if subject.particles.air is not None:
+        set_air(kick_dt, zeta, subject.particles)
     of = subject.particles, f_int, f_band, velocity, terms
     particle_energies(0, n_owned, 0, part, kick_dt, zeta, share, *of)
     particle_energies(first_split, n_local, halo, part, kick_dt, zeta, share, *of)

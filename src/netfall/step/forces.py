@@ -7,14 +7,14 @@ it. `Particles` come as the plan prepares them (`plan.stepped_particles`).
 import numpy as np
 
 from netfall.ground.compile import part_of_kernel, vector_kernel
-from netfall.mechanics.air import damped_mass, with_air
+from netfall.mechanics.air import air_work, damped_mass, with_air
 from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.ground import pull_of_ground, velocity_after, works_of_motion
 from netfall.mechanics.loads import external_force, squared_speed, wind_speed
 from netfall.mechanics.material import density_with_branches, force_density
 from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
 from netfall.mechanics.supports import on_guide, spring_force, turned_springs
-from netfall.numerics.arithmetic import fused
+from netfall.numerics.arithmetic import dot, fused
 from netfall.step.runs import LANES
 from netfall.step.slots import keep_force
 
@@ -67,12 +67,6 @@ def kick_axis(p, total, kick, axis, particles):
 
 
 @part_of_kernel
-def dot(a, b):
-    """Product of two vectors, three each."""
-    return fused(a[2], b[2], fused(a[1], b[1], a[0] * b[0]))
-
-
-@part_of_kernel
 def add_works(p, twice, internal, external, kick, particles):
     """Add the works [J] of a kick of particle p: v.f dt of its mean velocity; supports do not move.
 
@@ -109,10 +103,9 @@ def kick_particle(p, i, force, branches, kick, particles, law, f):
     if particles.bend is not None:
         bend = particles.bend
         force = (force[0] + bend[0][p], force[1] + bend[1][p], force[2] + bend[2][p])
-    speed, square = 0.0, 0.0
+    square = 0.0
     if particles.wind is not None:
-        speed = wind_speed(p, particles, kick.share)
-        square = squared_speed(speed, particles)
+        square = squared_speed(wind_speed(p, particles, kick.share), particles)
     x, y, z = along_x(particles), along_y(particles), along_z(particles)
     nx, ny, nz = spring_force(p, force[0], x), spring_force(p, force[1], y), spring_force(p, force[2], z)
     nx, ny = turned_springs(p, nx, ny, particles)
@@ -129,7 +122,7 @@ def kick_particle(p, i, force, branches, kick, particles, law, f):
             pull_of_ground(p, z, kick, particles),
         )
         total = (total[0] + gx, total[1] + gy, total[2] + gz)
-    total, pull, along = with_air(p, total, speed, kick, particles)
+    total, pull = with_air(p, total, kick, particles)
     f[0][i], f[1][i], f[2][i] = total
     total = on_guide(p, total, particles)
     vx = kick_axis(p, total[0], kick, x, particles)
@@ -142,7 +135,7 @@ def kick_particle(p, i, force, branches, kick, particles, law, f):
         if law.branches is not None:
             band[p] = fused(-0.5 * kick.dt, dot(twice, branches), band[p])
         if particles.air is not None:
-            air[p] = fused(kick.dt * pull, along, air[p])
+            air[p] += air_work(p, kick.dt, pull, twice, particles)
     if particles.work is not None:
         if particles.ground is None:
             add_works(p, twice, (nx, ny, nz), (ex, ey, ez), kick, particles)

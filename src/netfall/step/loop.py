@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.ground.compile import inner_kernel, kernel, part_of_kernel, vector_kernel
+from netfall.mechanics.air import set_air
 from netfall.mechanics.bending import Bends, find_bending_forces
 from netfall.mechanics.events import StepDone
 from netfall.mechanics.ground import Ground, move_ground, velocity_after
@@ -153,7 +154,7 @@ def time_loop(
     """
     before_dt, dt, zeta = interval.before_dt, interval.dt, interval.zeta
     n_owned, n_halo = chunks.n_owned, chunks.n_halo
-    tried = 0
+    tried, air_dt = 0, -1.0  # of the kick for which the air is set
     if fractures is not None and interval.pending > 0:
         break_elements(interval.pending, step_done(interval, -1), chunks, elements, slots, law, fractures)
     for s in range(max(interval.steps, int(interval.row))):
@@ -172,6 +173,9 @@ def time_loop(
             break
         if law.branches is not None:
             set_branches(before_dt, dt, law)
+        if particles.air is not None and kick_dt != air_dt:
+            set_air(kick_dt, zeta, particles)
+            air_dt = kick_dt
         if beside.bends is not None:
             find_bending_forces(beside.bends)
         before_dt = dt
@@ -226,6 +230,7 @@ def time_loop(
             elif has_room(count, fractures):
                 when = step_done(interval, s)
                 break_elements(count, when, chunks, elements, slots, law, fractures)
+                air_dt = -1.0  # masses have changed
             else:
                 return s + 1, count, 0
     if fractures is not None and interval.trial and tried == 0:
