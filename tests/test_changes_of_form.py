@@ -29,13 +29,16 @@ from test_manufactured import (
 from netfall.checks.reactions import reaction_columns
 from netfall.ground.progress import Progress
 from netfall.job.read import read_job
+from netfall.mechanics.fields import Features
 from netfall.mechanics.stability import any_shape_limits
+from netfall.mechanics.state import State
 from netfall.net.build import build_net
 from netfall.net.net import Net, subdivide
 from netfall.parallel.halo import HaloBuffers, exchange_rows
 from netfall.parallel.mpi_symbols import HANDLE
 from netfall.program.run import run_job
 from netfall.results.states import envelope_of
+from netfall.stages.step_limit import long_step_allowed
 from netfall.study.answers.info import _losses
 from netfall.study.answers.losses import losses_of, one_draw
 from netfall.study.runs import Queue
@@ -348,6 +351,21 @@ def test_limits_of_two_masses_on_one_cable():
     assert {limit.name: limit.dt for limit in found} == pytest.approx(
         {"any_shape": 2 / omega, "slackening": 1 / omega}, rel=1e-14
     )
+
+
+@pytest.mark.parametrize("bar, most", [(0, 1.0), (1, 2.0)])
+def test_the_long_step_is_allowed_up_to_what_the_net_as_it_is_stands(bar, most):
+    """0.9 of 1 / omega of a cable, 2 / omega of a bar; omega^2 = k (1 / M + 1 / m), half of m split off."""
+    state = State(Features(bars=True), 2, 0, 1)
+    state.ends[:], state.EA[:], state.L0[:], state.bar[:] = [[0, 1]], 1e6, 5.0, bar
+    state.free[:] = 1
+    nobody = SimpleNamespace(width=1, update=lambda rows: None)
+    for mass, shorter in ((20.0, 1.0), (10.0, np.sqrt(2.0 / 3.0))):
+        state.mass[:] = mass, 20.0
+        state.invert_masses()
+        longest = 0.9 * most / np.sqrt(2e5 * 2.0 / 20.0) * shorter
+        for dt, allowed in ((longest * (1 - 1e-9), True), (longest * (1 + 1e-9), False)):
+            assert long_step_allowed(MPI.COMM_SELF, state, nobody, dt, 0.9) is allowed
 
 
 @of_own_scene
