@@ -259,6 +259,26 @@ def test_two_ranks_and_a_restart_give_its_bits(torn, shared_workshop):
     assert 3 < one["history/broken"][int(MIDDLE / (10 * DT))] < one["history/broken"][-1]
 
 
+def test_air_and_two_branches_have_the_same_bits_on_three_ranks_and_through_a_restart(shared_workshop):
+    """The same net in air, with damping over a band, through its fractures. The identity holds."""
+    text = JOB.format(after="particle")
+    for section, keys in {
+        "load": "air_mass = 2.0",
+        "wind": "air_damping = 0.8",
+        "dynamics": "damping_ratio = 0.01\ndamping_band = [1.0, 20.0]",
+    }.items():
+        text = text.replace(f"[{section}]\n", f"[{section}]\n{keys}\n")
+    job, one = run_here(shared_workshop, text, make_tables(), name="air")
+    assert one["history/broken"][-1] > 3 and np.abs(one["history/identity_error"][:]).max() < 1e-10
+    assert one["history/air_work"][-1] > 0.0 and one["history/band_damping_work"][-1] > 0.0
+    more = "--set", f"output.checkpoint={MIDDLE}"
+    with shared_workshop.run(job, *more, ranks=3, output="three.vtkhdf") as three:
+        assert_same_results(one, three)
+    (checkpoint,) = shared_workshop.folder.glob("three.checkpoint*")
+    again = shared_workshop.run(job, *more, "--restart", checkpoint, ranks=3, output="again.vtkhdf")
+    assert_same_results(one, again)
+
+
 @pytest.mark.skipif(IN_PLAIN_PYTHON, reason="nothing is compiled")
 def test_compiled_code_gives_the_bits_of_plain_python(torn, shared_workshop):
     """The same functions without the compiler, by Python's own arithmetic and the C library's fma."""
