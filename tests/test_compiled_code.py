@@ -12,9 +12,11 @@ import pytest
 from conftest import ROOT
 
 import netfall
-from netfall.ground.compile import FileForEach, allocating_kernel, kernel, turn
+from netfall.ground.apart import Entry, call
+from netfall.ground.compile import FileForEach, allocating_kernel, kernel, kernel_apart, turn
+from netfall.ground.handed import laid
 from netfall.program import setup
-from netfall.program.ahead import ahead_of, state_with, types_of
+from netfall.program.ahead import ahead_of, plan_of, state_with, types_of
 from netfall.step.loop import time_loop
 
 
@@ -89,7 +91,7 @@ def test_the_time_loop_is_compiled_ahead_for_what_the_run_calls_it_with(monkeypa
     monkeypatch.setattr(setup, "compile_ahead", lambda *scene: known.append(ahead_of(*scene)))
     netfall.run(ROOT / "jobs" / f"{name}.toml", {"dynamics.duration": 0.02}, quiet=True).close()
     [ahead] = known
-    assert types_of(ahead, state_with(ahead)) in time_loop.overloads
+    assert types_of(ahead, plan_of(ahead, state_with(ahead))) in time_loop.overloads
 
 
 class Pair(NamedTuple):
@@ -126,3 +128,46 @@ def test_arrays_of_a_tuple_that_is_handed_on_have_as_many_owners_afterwards():
     for _ in range(100):
         assert sum_of(nested).tolist() == [66.0] * 4
     assert (sys.getrefcount(nested.pair.a), sys.getrefcount(nested.pair.b)) == before
+
+
+class Rules(NamedTuple):
+    first: bool
+    second: bool
+    factor: float
+    last: bool
+
+
+class Whole(NamedTuple):
+    nothing: None
+    rules: Rules
+    columns: tuple
+    pair: Pair
+    number: int
+
+
+@kernel_apart
+def write_sums(k, whole, sums):
+    scale = whole.rules.factor if whole.rules.second and not whole.rules.first else 0.0
+    sums[k] = scale * (whole.pair.a[1, 2] + whole.pair.b[k]) + whole.number + whole.columns[1][0]
+    sums[k] += 1000.0 if whole.rules.last else 0.0
+
+
+@kernel
+def write_both(entry, whole, sums):
+    if whole.nothing is None:
+        for k in range(2):
+            call(entry, k, whole, sums)
+
+
+def test_a_kernel_called_by_its_address_reads_what_is_laid_down():
+    """Numbers, truths, none, arrays in any order of memory: 3 (6 + 10) + 7 + 0.5 + 1000, and 11 for 10."""
+    a = np.asfortranarray(np.arange(1.0, 7.0).reshape(2, 3))
+    columns = np.array([0.25]), np.array([0.5])
+    pair = Pair(a, np.array([10.0, 99.0, 11.0])[::2])
+    whole, sums = Whole(None, Rules(False, True, 3.0, True), columns, pair, 7), np.zeros(2)
+    entry = Entry(write_sums, 0, whole, sums)
+    write_both(entry, laid(whole), sums)
+    assert sums.tolist() == [1055.5, 1058.5]
+    sums[:] = 0.0
+    write_both(entry, whole, sums)  # as Python has it
+    assert sums.tolist() == [1055.5, 1058.5]

@@ -67,6 +67,7 @@ PACKAGES = {
     "h5py": ["write", "results", "report", "checks", "plots", "study", "measure", "program", "wind.taps"],
     "numba": [  # besides compile: intrinsics, and the version for /provenance
         *(
+            "ground.apart",
             "ground.compile",
             "ground.passes",
             "ground.handed",
@@ -76,7 +77,13 @@ PACKAGES = {
             "program.provenance",
         ),
     ],
-    "llvmlite": ["ground.compile", "ground.passes", "numerics.arithmetic", "parallel.mpi_symbols"],
+    "llvmlite": [
+        "ground.apart",
+        "ground.compile",
+        "ground.passes",
+        "numerics.arithmetic",
+        "parallel.mpi_symbols",
+    ],
     "scipy": ["stages.modes", "multigrid.rows", "study.draws", "exchange.drawings"],
     "shapely": ["roof", "exchange.drawings"],
     "pymetis": ["parallel.partition", "numerics.sparse"],

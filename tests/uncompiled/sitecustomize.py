@@ -13,6 +13,8 @@ import sys
 import time
 import warnings
 
+KERNELS = "kernel", "allocating_kernel", "kernel_apart", "inner_kernel", "part_of_kernel", "vector_kernel"
+
 
 def fused_of(np):
     """a b + c rounded once, by the C library."""
@@ -36,9 +38,14 @@ def plain_compile(module):
         function.py_func = function
         return function
 
-    for name in ("kernel", "allocating_kernel", "inner_kernel", "part_of_kernel", "vector_kernel"):
+    for name in KERNELS:
         setattr(module, name, plain)
     module.wake = lambda: None
+
+
+def plain_tuples(module):
+    """Named tuples as Python has them."""
+    module.laid = lambda value, kind=None: value
 
 
 def plain_arithmetic(module):
@@ -98,6 +105,7 @@ def rows_at_once(module):
 
 PLAIN = {
     "netfall.ground.compile": plain_compile,
+    "netfall.ground.handed": plain_tuples,
     "netfall.numerics.arithmetic": plain_arithmetic,
     "netfall.numerics.linear": rows_at_once,
     "netfall.parallel.mpi_symbols": plain_symbols,

@@ -22,7 +22,7 @@ from numba.core.options import TargetOptions
 from numba.core.registry import CPUDispatcher
 
 from netfall.ground.handed import handed, whole
-from netfall.ground.passes import Pipeline, remember_answers
+from netfall.ground.passes import ApartPipeline, Pipeline, remember_answers
 
 KEPT_DAYS = 30  # of compiled code that these sources did not make; a run of theirs may still be going on
 PACKAGE = Path(__file__).parents[1]
@@ -171,6 +171,16 @@ class _Kernel(CPUDispatcher):
                 gc.enable()
 
 
+class _Apart(_Kernel):
+    """A function that kernels call by its address (`apart.call`)."""
+
+    def address_for(self, kinds: tuple) -> int:
+        """Where it begins, for arguments of these types, named tuples `handed` on; compiled or loaded."""
+        self.compile(kinds)
+        made = self.overloads[kinds]
+        return made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
+
+
 class _Part(CPUDispatcher):
     """A function that only kernels call: a part of them, and kept with them alone."""
 
@@ -190,12 +200,13 @@ def _compiled(**flags):
 
     def decorate(function):
         dispatcher = numba.njit(**flags)(function)
-        if flags.get("no_cpython_wrapper"):
+        apart = flags["pipeline_class"] is ApartPipeline
+        if flags.get("no_cpython_wrapper") and not apart:
             dispatcher.__class__ = _Part
         else:
-            dispatcher.__class__ = _Kernel
+            dispatcher.__class__ = _Apart if apart else _Kernel
             dispatcher._cache = _Cache(function)
-            dispatcher.part = _compiled(**flags, **INNER)(function)
+            dispatcher.part = None if apart else _compiled(**flags, **INNER)(function)
         return dispatcher
 
     return decorate
@@ -221,6 +232,8 @@ CPUTargetOptions.noalias = TargetOptions.Mapping("noalias")
 allocating_kernel = _compiled(**FLAGS)
 # What makes no arrays needs no count of their owners, which would take a microsecond of every step.
 kernel = _compiled(**FLAGS, _nrt=False)
+# What kernels call by its address, once in many steps.
+kernel_apart = _compiled(**FLAGS | {"pipeline_class": ApartPipeline}, **INNER, _nrt=False)
 # The other three are for kernels to call.
 inner_kernel = _compiled(**FLAGS, **INNER, _nrt=False)
 # A call within a loop would keep it from being vectorised.

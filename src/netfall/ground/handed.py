@@ -3,15 +3,22 @@
 numba takes a named tuple apart at each call, and puts it together again behind it: some hundred arrays of
 seven numbers each, for a function that reads two of them. That was more than half of what a time loop was
 compiled from. Here a kernel keeps what it is given in its frame, and functions that it calls get the address.
+
+Python too can hand one on by its address, when it is `laid` down in memory as kernels have it.
 """
 
 import hashlib
+import struct
+from functools import cached_property
 
+import numba
+import numpy as np
 from numba import types
 from numba.core import cgutils
 from numba.core.imputils import impl_ret_borrowed
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
+    NativeValue,
     infer_getattr,
     lower_builtin,
     lower_cast,
@@ -19,6 +26,8 @@ from numba.extending import (
     models,
     register_model,
     type_callable,
+    typeof_impl,
+    unbox,
 )
 
 
@@ -96,3 +105,87 @@ def _read_field(context, builder, kind, value, name):
     if isinstance(field, types.BaseNamedTuple):
         return place
     return impl_ret_borrowed(context, builder, field, builder.load(place))  # whoever has the tuple keeps it
+
+
+class Laid:
+    """A named tuple that kernels are given by its address. Arrays are the same, numbers those of the begin.
+
+    kind : its type, where that is known
+    """
+
+    def __init__(self, value, kind=None):
+        self.value, self.kind = value, Handed(kind or numba.typeof(value))
+
+    @cached_property
+    def memory(self) -> np.ndarray:
+        """What stands there."""
+        layout, numbers = [], []
+        lay(self.value, layout, numbers)
+        return np.frombuffer(struct.pack("".join(layout), *numbers), np.uint8)
+
+    @cached_property
+    def address(self) -> int:
+        """Where it stands."""
+        return self.memory.ctypes.data
+
+
+def types_of(values) -> list:
+    """The type of each of some values."""
+    return list(map(numba.typeof, values))
+
+
+def laid(value, kind=None):
+    """A named tuple as `Laid`, anything else as it is."""
+    return Laid(value, kind) if isinstance(value, tuple) else value
+
+
+def lay(value, layout: list, numbers: list) -> None:
+    """Add what stands in memory for a value: its layout in the letters of `struct`, and the numbers.
+
+    Of an array: its owner and Python object, which only those look at that count owners; size, size of an
+    item, where it begins, shape and strides.
+    """
+    if isinstance(value, np.ndarray):
+        layout.append(f"PPqqP{2 * value.ndim}q")
+        begin = value.__array_interface__["data"][0]
+        numbers += 0, 0, value.size, value.itemsize, begin, *value.shape, *value.strides
+    elif isinstance(value, tuple):
+        layout.append("0q")  # it begins and ends where numbers of eight bytes may
+        for part in value:
+            lay(part, layout, numbers)
+        layout.append("0q")
+    elif value is None:
+        layout.append("P")
+        numbers.append(0)
+    elif isinstance(value, float):
+        layout.append("d")
+        numbers.append(value)
+    elif isinstance(value, bool):
+        layout.append("?")
+        numbers.append(value)
+    elif isinstance(value, int | np.int64):
+        layout.append("q")
+        numbers.append(value)
+    else:  # an entry
+        layout.append("P")
+        numbers.append(value.address)
+
+
+@typeof_impl.register(Laid)
+def _type_of_laid(laid, context):
+    return laid.kind
+
+
+def address_of(thing, c) -> NativeValue:
+    """The `address` of a Python object, for `unbox`."""
+    address = c.pyapi.object_getattr_string(thing, "address")
+    number = c.pyapi.long_as_ulonglong(address)
+    c.pyapi.decref(address)
+    return NativeValue(number, is_error=cgutils.is_not_null(c.builder, c.pyapi.err_occurred()))
+
+
+@unbox(Handed)
+def _unbox(kind, laid, c):
+    address = address_of(laid, c)
+    pointer = c.builder.inttoptr(address.value, c.context.get_value_type(kind))
+    return NativeValue(pointer, is_error=address.is_error)

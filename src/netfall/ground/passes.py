@@ -177,18 +177,29 @@ class KernelLowering(NativeLowering):
 class Pipeline(CompilerBase):
     """numba's own, with `AbsentFields` before branches are dropped, and the lowering that fits."""
 
+    def is_part(self):
+        """Whether it is a function that only kernels call, joined with them."""
+        return self.state.flags.no_cpython_wrapper
+
     def define_pipelines(self):
         """The passes in their order."""
         passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
         passes.add_pass_after(HandedArguments, IRProcessing)
         passes.add_pass_after(AbsentFields, IRProcessing)
-        part = self.state.flags.no_cpython_wrapper
-        lowering = PartLowering if part else KernelLowering
+        lowering = PartLowering if self.is_part() else KernelLowering
         passes.passes = [
             (lowering, text) if one is NativeLowering else (one, text) for one, text in passes.passes
         ]
         passes.finalize()
         return [passes]
+
+
+class ApartPipeline(Pipeline):
+    """For a kernel that others call by its address."""
+
+    def is_part(self):
+        """It has code of its own."""
+        return False
 
 
 def remember_answers() -> None:
@@ -218,12 +229,16 @@ def remember_answers() -> None:
             signatures[key] = resolve(function, context, arguments, named)
         return signatures[key]
 
-    TargetConfig.__hash__ = lambda flags: hash(tuple(sorted(flags.options)))  # numba's own, without values
-    equal = TargetConfig.__eq__
+    def all_values(flags):
+        return {name: option.default for name, option in flags.options.items()} | flags._values
 
-    def quickly_equal(flags, others):
-        return flags is others or flags._values == getattr(others, "_values", None) or equal(flags, others)
+    def equal(flags, others):
+        return flags is others or (
+            type(flags) is type(others)
+            and (flags._values == others._values or all_values(flags) == all_values(others))
+        )
 
-    TargetConfig.__eq__ = quickly_equal
+    TargetConfig.__hash__ = lambda flags: hash((flags.no_cpython_wrapper, flags.noalias, flags.forceinline))
+    TargetConfig.__eq__ = equal
     base.BaseContext.get_abi_sizeof = remembered_size
     types.BaseFunction.get_call_type = remembered_signature

@@ -2,8 +2,8 @@
 
 It is half of what the first run of a scene compiles, and what it is compiled for follows from what the scene
 has, long before there is a state to step. The process makes a net of one element with the same features and
-compiles what steps it, into the cache in which the run will look. Where it is late, or was wrong about the
-scene, the run compiles for itself.
+compiles what steps it, into the cache in which the run will look; a second one, its child, compiles what the
+loop calls by its address. Where they are late, or were wrong about the scene, the run compiles for itself.
 """
 
 import contextlib
@@ -13,6 +13,7 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -36,7 +37,7 @@ from netfall.step.plan import Plan
 
 # Without MPI: importing mpi4py would else start it, once more in the place of a rank.
 START = "import mpi4py; mpi4py.rc.initialize = False; from netfall.program.ahead import main; main()"
-CROWDED = 1.5  # times as many processes at work as processors, in the last minute: it would hold up the run
+CROWDED = 2.0  # times as many threads at work as processors: it would hold up the run
 NONE = np.zeros(0, np.int64)
 
 
@@ -58,7 +59,7 @@ def compile_ahead(job: Job, net: Net, timed: bool) -> None:
     if net.bending is not None or job.motions or job.slides:  # their types follow from where they are
         return
     ahead = ahead_of(job, net, timed)
-    if once_for(ahead).exists() or os.getloadavg()[0] > CROWDED * os.cpu_count():
+    if once_for(ahead).exists() or at_work() > CROWDED * os.cpu_count():
         return
     with contextlib.suppress(OSError):  # where no more processes are allowed, or it was ended at once
         process = subprocess.Popen(
@@ -73,6 +74,11 @@ def compile_ahead(job: Job, net: Net, timed: bool) -> None:
             process.stdin.write(pickle.dumps((os.getpid(), ahead)))
 
 
+def at_work() -> int:
+    """Threads at work on this machine right now; of those of the last minute many are no more."""
+    return int(Path("/proc/loadavg").read_text().split()[3].split("/")[0])
+
+
 def ahead_of(job: Job, net: Net, timed: bool) -> Ahead:
     """What is known of a scene before it has a state."""
     loads = [vars(job.load), *job.load.zone.values()] if job.load else []
@@ -84,16 +90,24 @@ def ahead_of(job: Job, net: Net, timed: bool) -> Ahead:
 def main() -> None:
     """The process: what it compiles, from standard input. It ends with the run that started it."""
     run, ahead = pickle.load(sys.stdin.buffer)
-    threading.Thread(target=_end_with, args=(run,), daemon=True).start()
     os.sched_setaffinity(0, range(os.cpu_count()))  # ranks may be bound to one processor each
     done, state = once_for(ahead), state_with(ahead)
-    time_loop.compile(types_of(ahead, state))
-    take_snapshot(state, 0.0, 1.0, 0.0, 0.0)
+    plan = plan_of(ahead, state)
+    me, second = os.getpid(), os.fork()
+    threading.Thread(target=_end_with, args=(run if second else me,), daemon=True).start()
+    if not second:
+        take_snapshot(state, 0.0, 1.0, 0.0, 0.0)
+        plan.compile_apart()
+        plan.chunks.has_yielded[:] = state.slot_eps_p is not None
+        plan.collect_yield(state)
+        os._exit(0)
+    time_loop.compile(types_of(ahead, plan))
+    os.waitpid(second, 0)
     done.touch()
 
 
 def _end_with(run: int) -> None:
-    """End this process when the run is no more."""
+    """End this process when that which started it is no more."""
     while os.getppid() == run:
         time.sleep(0.2)
     os._exit(1)
@@ -108,15 +122,19 @@ def state_with(ahead: Ahead) -> State:
     return state
 
 
-def types_of(ahead: Ahead, state: State) -> tuple:
-    """The types of the arguments with which a run calls the time loop."""
+def plan_of(ahead: Ahead, state: State) -> Plan:
+    """A plan as that of the scene."""
     features = ahead.features
     rules = FractureRules(2, 2, 2, np.zeros(1, np.int64), 1.0, True, True, True, 1.0)
     subdomain = SimpleNamespace(n_owned=2, particle_gid=np.arange(2), element_gid=np.arange(1))
     envelope, probes = Envelope(SimpleNamespace(subdomain=subdomain)), Probes(*[NONE] * 4)
     rows = RowTable(state, np.zeros(1, np.int64), 1.0, subdomain, probes, envelope)
     alone = SimpleNamespace(boundary=0, buffers=None)  # the exchange of one rank
-    plan = Plan(state, alone, rules if features.fracture else None, rows)
-    arguments = Interval(0, 0, 0.0, 1.0, 0.0, 0.0, 1.0), *plan.arguments
+    return Plan(state, alone, rules if features.fracture else None, rows)
+
+
+def types_of(ahead: Ahead, plan: Plan) -> tuple:
+    """The types of the arguments with which a run calls the time loop."""
+    arguments = Interval(0, 0, 0.0, 1.0, 0.0, 0.0, 1.0), *plan.laid
     seconds = np.zeros(4) if ahead.timed else None
     return tuple(map(numba.typeof, (*arguments, buffers_alone(), seconds)))

@@ -13,12 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
+from netfall.ground.apart import Entry
 from netfall.ground.compile import entry_for
+from netfall.ground.handed import laid
 from netfall.mechanics.elements import ElementState
 from netfall.mechanics.fields import OTHER_WORKS
 from netfall.mechanics.state import State
 from netfall.parallel.sums import LIMBS, rounded_of_all
-from netfall.step.audit import Room, Subject, observe
+from netfall.step.audit import Room, Subject, observe, observe_once
 
 
 @dataclass(frozen=True)
@@ -51,12 +53,12 @@ class Energies:
 class Snapshot:
     """The state at a step n as it is reported: owned particles (rows) and all elements of a rank.
 
-    slack : cables of this rank that are whole and slack; enter : `observe`, once its types are known
+    observe : what fills the room; enter : the way to it, once its types are known
     """
 
     rows: np.ndarray
     room: Room
-    slack: int = 0
+    observe: Entry
     enter: Callable | None = None
 
     @property
@@ -84,6 +86,11 @@ class Snapshot:
         """Dissipated (m,) [J]"""
         return self.room.heat
 
+    @property
+    def slack(self) -> int:
+        """Cables of this rank that are whole and slack."""
+        return int(self.room.slack[0])
+
     def fits(self, state: State) -> bool:
         """Whether a state has as many rows as this has room for."""
         return self.room.terms.shape[1] == len(state.x)
@@ -109,7 +116,8 @@ def make_room(state: State) -> Snapshot:
     more = bool(state.features.springs) + bool(state.features.sliding)
     sums = np.zeros((len(terms) + 2 + more, LIMBS), np.int64)
     f_band = np.empty_like(x) if state.features.band else None
-    return Snapshot(np.zeros(0, np.int64), Room(*arrays, terms, stored, sprung, sums, f_band))
+    room = Room(*arrays, terms, stored, sprung, sums, np.zeros(1, np.int64), f_band)
+    return Snapshot(np.zeros(0, np.int64), room, Entry(observe, *[0.0] * 4, subject_of(state), room))
 
 
 def subject_of(state: State) -> Subject:
@@ -132,10 +140,11 @@ def take_snapshot(
     snapshot = before if before is not None and before.fits(state) else make_room(state)
     if len(snapshot.rows) != state.n_local - state.n_halo:
         snapshot.rows = state.owned_rows()
-    arguments = before_dt, dt, zeta, share, subject_of(state), snapshot.room
-    snapshot.slack = (snapshot.enter or observe)(*arguments)
+    of = laid(subject_of(state)), laid(snapshot.room)
+    arguments = snapshot.observe, before_dt, dt, zeta, share, *of
+    (snapshot.enter or observe_once)(*arguments)
     if snapshot is before and snapshot.enter is None:
-        snapshot.enter = entry_for(observe, *arguments)
+        snapshot.enter = entry_for(observe_once, *arguments)
     return snapshot
 
 

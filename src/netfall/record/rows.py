@@ -69,6 +69,7 @@ class RowTable:
             self.gid,
             self.local,
             self.table,
+            self.snapshot.observe,
         )
 
     def is_due(self, number: int) -> bool:

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.ground.compile import inner_kernel, kernel, part_of_kernel, vector_kernel
+from netfall.ground.apart import call
+from netfall.ground.compile import inner_kernel, kernel, kernel_apart, part_of_kernel, vector_kernel
 from netfall.mechanics.air import air_work, set_air, with_air
 from netfall.mechanics.bending import Joints, add_bending_forces, joint_energy
 from netfall.mechanics.elements import ElementState, add_tensions, element_energies, element_state
@@ -50,6 +51,7 @@ class Room(NamedTuple):
     terms : (4 or 7, n) [J] kinetic, damping, external, internal, and OTHER_WORKS; stored : (m,) [J]
     sprung : (n,) [J] in elastic supports; None: there are none
     sums : (k, LIMBS), exact, of this rank: terms, stored, heat, sprung, friction of slips
+    slack : (1,) cables of this rank that are whole and slack
     f_band : (n, 3) [N] of the branches alone; None: there are none
     """
 
@@ -61,6 +63,7 @@ class Room(NamedTuple):
     stored: np.ndarray
     sprung: np.ndarray | None
     sums: np.ndarray
+    slack: np.ndarray
     f_band: np.ndarray | None
 
 
@@ -210,8 +213,14 @@ def count_slack(now, elements):
 
 
 @kernel
+def observe_once(entry, before_dt, dt, zeta, share, subject, room):
+    """`observe` from Python. entry : where it begins"""
+    call(entry, before_dt, dt, zeta, share, subject, room)
+
+
+@kernel_apart
 def observe(before_dt, dt, zeta, share, subject, room):
-    """Fill the room; the slack cables of this rank.
+    """Fill the room.
 
     before_dt, dt : [s] the steps before and after; zeta, share : of `motion.Kick`
     """
@@ -251,4 +260,4 @@ def observe(before_dt, dt, zeta, share, subject, room):
         add_exactly(room.sprung[:owned], sums[last + 2])
     if subject.places is not None:
         add_slip_energies(part, kick_dt, share, subject, sums)
-    return count_slack(now, subject.elements)
+    room.slack[0] = count_slack(now, subject.elements)

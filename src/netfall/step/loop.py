@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.ground.apart import Entry, call
 from netfall.ground.compile import inner_kernel, kernel, part_of_kernel, vector_kernel
 from netfall.mechanics.air import set_air
 from netfall.mechanics.bending import Bends, find_bending_forces
@@ -30,9 +31,9 @@ from netfall.parallel.halo import receive_forces, send_forces, wait_for_neighbou
 from netfall.parallel.mpi_symbols import lap
 from netfall.step.forces import kick_chunk
 from netfall.step.limits import anything_over, count_near, yield_and_break
-from netfall.step.rows import Rows, is_due, make_row
+from netfall.step.rows import Rows, is_due
 from netfall.step.slots import collect_branches, collect_extremes, collect_yields, follow_slips
-from netfall.step.tear import break_elements, has_room
+from netfall.step.tear import has_room
 
 FORCES, EXCHANGE, INTEGRATION, ROWS = range(4)  # what time goes into; the kick counts with the forces
 
@@ -68,12 +69,14 @@ class Beside(NamedTuple):
     """What is done beside forces, kick and drift; None: it is not.
 
     rows : of which those are made that are due before the last step; bends : forces of chains that bend
-    places : at which cables slip
+    places : at which cables slip; make_row, break_elements : of `rows` and `tear`
     """
 
     rows: Rows | None
     bends: Bends | None
     places: Places | None
+    make_row: Entry | None = None
+    break_elements: Entry | None = None
 
 
 @inner_kernel
@@ -156,7 +159,8 @@ def time_loop(
     n_owned, n_halo = chunks.n_owned, chunks.n_halo
     tried, air_dt = 0, -1.0  # of the kick for which the air is set
     if fractures is not None and interval.pending > 0:
-        break_elements(interval.pending, step_done(interval, -1), chunks, elements, slots, law, fractures)
+        when = step_done(interval, -1)
+        call(beside.break_elements, interval.pending, when, chunks, elements, slots, law, fractures)
     for s in range(max(interval.steps, int(interval.row))):
         kick_dt = 0.5 * (before_dt + dt)
         if interval.ground is not None:
@@ -167,7 +171,8 @@ def time_loop(
             if is_due(number, beside.rows):
                 mark = lap(seconds, -1, 0.0)
                 collect_slots(chunks, elements, slots, law)
-                make_row(number, before_dt, dt, zeta, interval.sample_time, interval.sample_dt, beside.rows)
+                sample = interval.sample_time, interval.sample_dt
+                call(beside.make_row, number, before_dt, dt, zeta, sample[0], sample[1], beside.rows)
                 mark = lap(seconds, ROWS, mark)
         if interval.row:
             break
@@ -229,7 +234,7 @@ def time_loop(
                 tried = s + 1 if tried == 0 else tried
             elif has_room(count, fractures):
                 when = step_done(interval, s)
-                break_elements(count, when, chunks, elements, slots, law, fractures)
+                call(beside.break_elements, count, when, chunks, elements, slots, law, fractures)
                 air_dt = -1.0  # masses have changed
             else:
                 return s + 1, count, 0

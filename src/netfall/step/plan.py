@@ -4,16 +4,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.ground.apart import Entry
 from netfall.ground.compile import entry_for
+from netfall.ground.handed import laid, types_of
 from netfall.mechanics.bending import Bends
-from netfall.mechanics.events import events_with_room
+from netfall.mechanics.events import StepDone, events_with_room
 from netfall.mechanics.fields import SLOTS, Particles
 from netfall.mechanics.fracture import FractureRules, Fractures
 from netfall.mechanics.state import State, axes
 from netfall.parallel.halo import Halo, check
 from netfall.step.loop import Beside, Interval, time_loop
+from netfall.step.rows import make_row
 from netfall.step.runs import LANES, Runs, find_runs, make_runs
 from netfall.step.slots import collect_branches, collect_extremes, collect_yields, fill_slots
+from netfall.step.tear import break_elements
 
 MOVING = (
     "x",
@@ -142,6 +146,8 @@ class Plan:
         np.maximum.at(self._last_use, chunk[:, 1], chunk[:, 0])
         self.events, self.state = events_with_room(0), None
         self._entries: dict = {}
+        self._apart: dict = {}
+        self._types: dict = {}
         self.attach(state)
 
     def attach(self, state: State, filled: bool = False) -> None:
@@ -161,7 +167,8 @@ class Plan:
         find_runs(self.chunks, state.other)
         fractures = self.rules and Fractures(self.rules, state.particles, state.rows, self.events)
         bends = None if state.joints is None else Bends(state.x, state.joints, state.bend)
-        self.arguments = (
+        rows = self.rows and self.rows.of(state)
+        arguments = (
             self.chunks,
             stepped_particles(state),
             state.elements,
@@ -170,9 +177,28 @@ class Plan:
             state.law,
             self.scratch,
             fractures,
-            Beside(self.rows and self.rows.of(state), bends, state.places),
         )
-        self._kinds = kinds(self.arguments)
+        self._kinds = kinds((arguments, rows, bends, state.places))
+        if self._kinds not in self._apart:
+            self._apart[self._kinds] = self._parts_apart(rows, fractures)
+        self.arguments = *arguments, Beside(rows, bends, state.places, *self._apart[self._kinds])
+        if self._kinds not in self._types:
+            self._types[self._kinds] = types_of(self.arguments)
+        self.laid = tuple(map(laid, self.arguments, self._types[self._kinds]))
+
+    def _parts_apart(self, rows, fractures: Fractures | None) -> tuple:
+        """What the time loop calls by its address; None: nothing is due, or breaks."""
+        s, numbers, when = self.state, [0.0] * 5, StepDone(0.0, 0, 0.0)
+        return (
+            rows and Entry(make_row, 0, *numbers, rows),
+            fractures and Entry(break_elements, 0, when, self.chunks, s.elements, s.slots, s.law, fractures),
+        )
+
+    def compile_apart(self) -> None:
+        """Have all compiled that the time loop calls by its address."""
+        for entry in self._apart[self._kinds]:
+            if entry:
+                entry.prepare()
 
     def _chunks_of(self, state: State) -> Chunks:
         """The chunks, of which those split off come where most of their far ends are."""
@@ -216,12 +242,12 @@ class Plan:
     def collect_yield(self, state: State) -> None:
         """Bring plastic strains, heat and extremes of the elements up to date: else slots alone change."""
         if self.chunks.has_yielded.any():
-            arrays = state.elements, state.slots, state.law
+            arrays = laid(state.elements), laid(state.slots), laid(state.law)
             collect_yields(state.n_owned, state.first_split, *arrays)
         if state.highest is not None:
-            collect_extremes(state.n_owned, state.first_split, state.elements, state.slots)
+            collect_extremes(state.n_owned, state.first_split, laid(state.elements), laid(state.slots))
         if state.branch_a is not None:
-            collect_branches(state.n_owned, state.first_split, state.elements, state.slots)
+            collect_branches(state.n_owned, state.first_split, laid(state.elements), laid(state.slots))
 
     def run(self, interval: Interval, seconds: np.ndarray | None = None) -> int:
         """Advance the state by up to the steps of an interval; how many were done.
@@ -256,7 +282,7 @@ class Plan:
 
     def _steps(self, interval: Interval, seconds: np.ndarray | None) -> tuple[int, int, int]:
         """`time_loop` with these arguments."""
-        arguments, timed = (interval, *self.arguments, self.halo.buffers, seconds), seconds is not None
+        arguments, timed = (interval, *self.laid, self.halo.buffers, seconds), seconds is not None
         version = self._kinds, timed
         if version in self._entries:
             return self._entries[version](*arguments)

@@ -9,10 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.ground.compile import inner_kernel, kernel, part_of_kernel
+from netfall.ground.apart import Entry, call
+from netfall.ground.compile import inner_kernel, kernel, kernel_apart, part_of_kernel
 from netfall.mechanics.bending import joint_moment
 from netfall.numerics.arithmetic import bits_of, number_of
-from netfall.step.audit import Room, Subject, observe
+from netfall.step.audit import Room, Subject
 
 MOST_STRAIN = 0.1  # that any cable bears; what is beyond it without a limit of its own is told
 NO_BENDING = -2  # in place of a joint, as `net.chains` has it
@@ -59,7 +60,7 @@ class Rows(NamedTuple):
     made : (2,) rows made so far, those of them in the table; last : (1,) [s] time of the last one
     tension : (4, m), displacement : (2, n_owned), moment : (m,), as `record.envelope` has them
     joint_at : (m, 2) joints at both ends of elements, as `State` has them; None, as moment: no chain bends
-    element_gid : (m,)
+    element_gid : (m,); observe : of `audit`
     """
 
     due: np.ndarray
@@ -75,6 +76,7 @@ class Rows(NamedTuple):
     element_gid: np.ndarray
     local: Local
     table: Table
+    observe: Entry
 
 
 @part_of_kernel
@@ -84,14 +86,14 @@ def is_due(number, rows):
     return k < rows.due.shape[0] and rows.due[k] == number
 
 
-@inner_kernel
+@kernel_apart
 def make_row(number, before_dt, dt, zeta, sample_time, sample_dt, rows):
     """The row of a step, within the time loop: into the table, and taken in by the envelope.
 
     Its arguments as of `loop.Interval`.
     """
     share = (number * rows.dt - sample_time) / sample_dt
-    slack = observe(before_dt, dt, zeta, share, rows.subject, rows.room)
+    call(rows.observe, before_dt, dt, zeta, share, rows.subject, rows.room)
     made, table, k = rows.made, rows.table, rows.made[1]
     time = number * rows.dt
     widen(time, time - rows.last[0] if made[0] > 0 else 0.0, rows)
@@ -99,7 +101,7 @@ def make_row(number, before_dt, dt, zeta, sample_time, sample_dt, rows):
         widen_to_extremes(time, rows.subject.elements, rows.tension)
     if rows.moment is not None:
         widen_moments(rows.subject.x, rows.subject.joints, rows.joint_at, rows.moment)
-    table.number[k], table.slack[k] = number, slack
+    table.number[k], table.slack[k] = number, rows.room.slack[0]
     table.time_step[k] = before_dt if before_dt > 0.0 else dt
     for i in range(rows.room.sums.shape[0]):
         for j in range(rows.room.sums.shape[1]):

@@ -7,7 +7,7 @@ which far ends have changed is gone through without runs from then on.
 
 import numpy as np
 
-from netfall.ground.compile import inner_kernel
+from netfall.ground.compile import inner_kernel, kernel_apart
 from netfall.mechanics.fracture import break_element, decide, lengthen, owns
 from netfall.step.slots import collect_branch, collect_extreme, collect_yield, empty_slot, fill_slot, slot_of
 
@@ -20,7 +20,7 @@ def has_room(count, fractures):
     return fractures.events.count[0] + 2 * count <= fractures.events.step.shape[0]
 
 
-@inner_kernel
+@kernel_apart
 def break_elements(count, when, chunks, elements, slots, law, fractures):
     """Break the `count` elements in elements.pending; what is left of a broken one grows longer.
 
