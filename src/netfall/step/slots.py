@@ -139,15 +139,22 @@ def slot_of(e, p, slots):
 
 
 @inner_kernel
+def own_slot(e, n_owned, first_split, elements, slots):
+    """A slot of element e that this rank steps, and its particle: at the start, if that is not the halo's."""
+    p = elements.ends[e, 0]
+    if n_owned <= p and p < first_split:
+        p = elements.ends[e, 1]
+    return slot_of(e, p, slots), p
+
+
+@inner_kernel
 def collect_yield(e, n_owned, first_split, elements, slots, law):
     """Bring plastic strain and heat of element e up to date with its slots; of a bar they always are.
 
     The heat of a cable, whose plastic strain only grows, follows from that.
     """
-    p = elements.ends[e, 0]
-    if n_owned <= p and p < first_split:
-        p = elements.ends[e, 1]
-    elements.eps_p[e] = slots.eps_p[slot_of(e, p, slots), p]
+    s, p = own_slot(e, n_owned, first_split, elements, slots)
+    elements.eps_p[e] = slots.eps_p[s, p]
     if not elements.bar[e] and elements.eps_p[e] != 0.0:  # else its heat stands already
         elements.dissipated[e] = yield_energy(elements, e, 0.0, elements.eps_p[e], law)
 
@@ -179,10 +186,7 @@ def collect_extreme(e, n_owned, first_split, elements, slots):
     """
     if elements.broken[e] != 0:
         return
-    p = elements.ends[e, 0]
-    if n_owned <= p and p < first_split:
-        p = elements.ends[e, 1]
-    s = slot_of(e, p, slots)
+    s, p = own_slot(e, n_owned, first_split, elements, slots)
     elements.highest[e] = max(elements.highest[e], slots.highest[s, p])
     if elements.lowest is not None:
         elements.lowest[e] = min(elements.lowest[e], slots.lowest[s, p])
@@ -199,10 +203,7 @@ def collect_extremes(n_owned, first_split, elements, slots):
 @inner_kernel
 def collect_branch(e, n_owned, first_split, elements, slots):
     """Bring the branches of element e up to date with its slots."""
-    p = elements.ends[e, 0]
-    if n_owned <= p and p < first_split:
-        p = elements.ends[e, 1]
-    s = slot_of(e, p, slots)
+    s, p = own_slot(e, n_owned, first_split, elements, slots)
     elements.branch_a[e], elements.branch_b[e] = slots.branch_a[s, p], slots.branch_b[s, p]
     if elements.branch_c is not None:
         elements.branch_c[e] = slots.branch_c[s, p]
