@@ -276,7 +276,7 @@ GIVEN = """
 generator = "saddle"
 side = 200.0
 rise = 20.0
-cells = 24
+cells = {cells}
 [cable]
 modulus = 1.6e11
 area = 400e-6
@@ -293,10 +293,10 @@ def test_what_is_far_from_rest_and_slack_at_last_is_not_relaxed(workshop, monkey
     Its tangent is nearly singular there, so that Newton's method does not end: steps of the interior do, as
     near as they say, by a relaxation that leaves a thousandth of that.
     """
-    states, errors_told = [], []
+    states, errors_told, text = [], [], GIVEN.format(cells=24)
     for few, tolerance in ((0, 1e-6), (10**9, 1e-9)):
         monkeypatch.setattr(interior, "FEWEST", few)
-        job = read_job(workshop.job(GIVEN + f"tolerance = {tolerance}\nmax_iterations = 1000000\n"))
+        job = read_job(workshop.job(text + f"tolerance = {tolerance}\nmax_iterations = 1000000\n"))
         scene, _ = prepare(MPI.COMM_SELF, job, Phases())
         load = scene.model.loading.permanent
         with monkeypatch.context() as only:
@@ -313,15 +313,15 @@ def test_what_is_far_from_rest_and_slack_at_last_is_not_relaxed(workshop, monkey
     assert max(errors_told[0]) < 1e-6
 
 
-def given(workshop):
+def given(workshop, cells):
     """Newton's method for the saddle as given, which is far from rest, and the state."""
-    scene, _ = prepare(MPI.COMM_SELF, read_job(workshop.job(GIVEN)), Phases())
+    scene, _ = prepare(MPI.COMM_SELF, read_job(workshop.job(GIVEN.format(cells=cells))), Phases())
     return scene.finder._newton(scene.model.loading.permanent), scene.state
 
 
 def test_a_rough_correction_tells_that_a_net_is_far(workshop, monkeypatch):
     """That takes at most half of the iterations of the correction, which it spares."""
-    method, state = given(workshop)
+    method, state = given(workshop, 24)
     method.begin()
     K, tried, times = method.tangent(), [], method.stiffness_times
     _, whole = method.solve(K, method.cycle(K), method.residual())
@@ -333,7 +333,7 @@ def test_a_rough_correction_tells_that_a_net_is_far(workshop, monkeypatch):
 
 def test_newtons_method_leaves_a_net_that_is_not_near_to_the_interior(workshop, monkeypatch):
     """The first correction of which little can be gone is the last one."""
-    method, state = given(workshop)
+    method, state = given(workshop, 8)
     gone, go = [], method.go
     monkeypatch.setattr(method, "go", lambda *to: gone.append(go(*to)) or gone[-1])
     with pytest.raises(path.NoConvergence):
