@@ -12,6 +12,7 @@ from netfall.ground.errors import Interrupted
 from netfall.ground.progress import Progress
 from netfall.ground.timings import Phases
 from netfall.job.read import read_job
+from netfall.model.layout import make_layout
 from netfall.program.run import run_job
 from netfall.program.setup import prepare
 
@@ -72,6 +73,29 @@ def test_a_case_enters_less_what_load_has_of_it(workshop):
     f = workshop.run(workshop.job(text))
     assert apart(f["cases/both"], f["cases/deep"]) <= TOLERANCE
     assert apart(f["cases/rise"], f["cases/250"]) <= TOLERANCE
+
+
+def test_what_a_combination_takes_of_load_and_case_is_told(workshop):
+    """Snow of 250 in [load] and 900 in a case, 1.05 and 1.5 times: 1237.5, where 1350 may be expected.
+
+    With one factor for both, or with none in [load], nothing is told; nor of an action whose factor is 0.
+    """
+    snow, lift = case("deep", 'set = {"load.snow" = 900.0}'), case("lift", 'set = {"load.pressure" = -9.0}')
+    sums = combination("U", "load = 1.05, deep = 1.5, lift = 1.5, temperature = 0")
+    sums += combination("V", "load = 1.5, deep = 1.5, temperature = 0") + combination("W", "lift = 1.0")
+
+    def told(load: str) -> list[str]:
+        notes = make_layout(read_job(workshop.job(SADDLE + LOAD + load + snow + lift + sums)), 1).notes
+        return [note for note in notes if note.startswith(("[[case]]", "[[combination]]"))]
+
+    assert told("") == []
+    many, left_out, warm = told("snow = 250.0\ntemperature = 9.0\n")
+    assert many.startswith("[[case]] deep: load.snow = 900, where [load] has 250: ")
+    assert '("U": 1.5 x (900 - 250) + 1.05 x 250 = 1237.5)' in many
+    assert left_out.startswith(
+        '[[combination]] "W": load is not among the factors, so snow and pressure of ['
+    )
+    assert warm.startswith('[[combination]] "W": temperature is not among the factors, ')
 
 
 def test_permanent_and_prestress_take_factors(workshop):

@@ -449,6 +449,17 @@ def test_a_piece_of_several_sections_names_them_all(tmp_path):
     assert found["mass"] == pytest.approx(3.0 * lengths[0] + 5.0 * lengths[1], rel=1e-12)
 
 
+def test_what_the_run_noted_is_in_its_result_and_report(workshop):
+    """80 kN from above against 60 kN from below: as given 20 kN are left over; with 80 kN none."""
+    off = "the net as given is not in equilibrium with its prestress: largest residual 2e+04 N, largest "
+    for lower, told in (("60e3", True), ("80e3", False)):
+        rows = ELEMENTS.format(ROWS.replace("80e3", lower))
+        workshop.run(workshop.job(STATICS, NODES, rows)).close()
+        said = run_netfall("info", workshop.folder / "result.vtkhdf").stdout
+        page = (report_of(workshop.folder) / "summary.md").read_text()
+        assert (f"note: {off}" in said, f"- Note: {off}" in page) == (told, told)
+
+
 def test_what_yields_fails_whatever_its_utilisation(workshop):
     """A cable that yields carries its yield force, here its resistance: 1.000 FAILS. Let go, 6 t at its end
     pull with twice their weight; below the yield force it passes.

@@ -30,6 +30,7 @@ from netfall.stages.settle import yielded
 from netfall.stages.statics import rest_words
 
 MUCH_LONGER = 0.01  # of the duration: a last step that ends later is reported
+FAR_OFF = 0.01  # of it: a larger one of a net as given is reported where its equilibrium is sought
 AT_REST = 1e-6  # of the largest tension: a larger residual of the start is reported
 
 
@@ -50,8 +51,8 @@ def before_run(scene: Scene, progress: Progress) -> None:
             progress.say(line)
     for line in scene.build_up.lines if scene.build_up else ():
         progress.say(line)
-    if not scene.form and starts_moving(scene):
-        progress.say(f"{start_note(scene)}, largest tension {scene.reference:.3g} N")
+    for line in start_notes(scene):
+        progress.say(line)
     if scene.schedule:
         for limit in scene.limits.values():
             progress.detail(limit_line(limit, model))
@@ -174,18 +175,19 @@ def moved_lines(scene: Scene) -> list[str]:
     return form_lines(model.net.x, model.x, model.net.moves, model.net.node_id, model.area_given, area)
 
 
-def starts_moving(scene: Scene) -> bool:
-    """Whether the start is not in equilibrium, and nothing is done about it before it moves."""
-    if has_statics(scene.job):
-        return False
-    if scene.job.load and scene.job.load.temperature:
-        return True
-    return scene.residual > AT_REST * max(scene.reference, 1e-300) and scene.residual > 0
-
-
-def start_note(scene: Scene) -> str:
-    """That the start is not in equilibrium."""
-    return f"note: the start is not in equilibrium: largest residual {scene.residual:.3g} N"
+def start_notes(scene: Scene) -> list[str]:
+    """That a net as given is not in equilibrium, where nothing is done about it before it is loaded."""
+    there, force = has_statics(scene.job), max(scene.reference, 1e-300)
+    warm = scene.job.load is not None and scene.job.load.temperature and not there
+    if scene.form or not (warm or scene.residual > (FAR_OFF if there else AT_REST) * force):
+        return []
+    told = f"largest residual {scene.residual:.3g} N, largest tension {scene.reference:.3g} N"
+    if not there:
+        return [f"note: the start is not in equilibrium: {told}"]
+    return [
+        f"note: the net as given is not in equilibrium with its prestress: {told}; displacements count from "
+        "there, and forces change before a load acts; [form_finding] finds an equilibrium"
+    ]
 
 
 def stages(job: Job) -> list[str]:
@@ -244,6 +246,12 @@ def limit_line(limit: Limit, model: Model) -> str:
     if limit.element < 0:
         return f"{meaning}: no limit"
     return f"{meaning}: {limit.dt:.4g} s, set by element {model.element_name(limit.element)}"
+
+
+def notes_of(scene: Scene) -> list[str]:
+    """What is plausible but odd in a job, for its result; rank 0 has it."""
+    remarks = start_notes(scene) + (remarks_of(scene) if scene.schedule else [])
+    return [f"note: {note}" for note in scene.model.notes] + [line for line in remarks if line[:5] == "note:"]
 
 
 def remarks_of(scene: Scene) -> list[str]:

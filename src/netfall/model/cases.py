@@ -6,15 +6,19 @@ from types import SimpleNamespace
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.cases import blows, static_wind
+from netfall.job.cases import blows, factor_of, in_zone, static_wind
 from netfall.job.job import Job
 from netfall.job.schema import defaults
 from netfall.job.table import Table
+from netfall.job.values import listed, shown
 from netfall.model.loads import shape_coefficients
 from netfall.net.net import Net
 from netfall.net.turned import is_turned, settles_along
 from netfall.roof.zones import Zones
 from netfall.wind.sectors import Sectors, origin
+
+LIVE = ("snow", "pressure")  # keys of [load] that are the action load
+ACTION = {"dead": "permanent", "temperature": "temperature"} | dict.fromkeys(LIVE, "load")
 
 
 @dataclass(frozen=True)
@@ -50,7 +54,69 @@ def read_cases(job: Job, net: Net, zones: Zones) -> tuple[dict[str, Inputs], lis
         notes += about + more
     if errors:
         raise InputError(list(dict.fromkeys(errors)))
-    return found, list(dict.fromkeys(notes))
+    return found, list(dict.fromkeys(notes + _differences(job) + _left_out(job, net)))
+
+
+def _differences(job: Job) -> list[str]:
+    """A note for each load of a case that a combination multiplies by another factor than that of [load].
+
+    Such a combination has factor x (value of the case - value of [load]) + factor of [load] x its value.
+    """
+    notes = []
+    for case in job.cases:
+        for name, value in case.set.items():
+            has = _of_load(job, name)
+            if has is None or not np.any(has):
+                continue
+            action = ACTION[name.rpartition(".")[2]]
+            pairs = [(each, factor_of(each, case.name), factor_of(each, action)) for each in job.combinations]
+            sums = [f"{shown(each.name)}: {_sum(f, value, g, has)}" for each, f, g in pairs if f and f != g]
+            if sums:
+                notes.append(
+                    f"[[case]] {case.name}: {name} = {_number(value)}, where [load] has {_number(has)}: in a "
+                    f"combination the case's factor is that of the difference, on top of {action} "
+                    f"({listed(sums)}); with one factor for both, or nothing in [load], the case counts whole"
+                )
+    return notes
+
+
+def _sum(f: float, value, g: float, has) -> str:
+    """What a combination makes of a load of a case and of [load], in a note."""
+    text = f"{f:g} x ({_number(value)} - {_number(has)}) + {g:g} x {_number(has)}"
+    alike = np.shape(value) == np.shape(has)  # a pressure along the normal and one along the axes are not
+    return text + (f" = {_number(f * np.subtract(value, has) + g * np.array(has))}" if alike else "")
+
+
+def _of_load(job: Job, name: str):
+    """The value of [load] that a case sets anew, by its name as in `set`; None: it has none."""
+    if job.load is None or not name.startswith("load."):
+        return None
+    _, zone, key = in_zone(name) or ("", "", name.rpartition(".")[2])
+    return job.load.zone.get(zone, {}).get(key, getattr(job.load, key))
+
+
+def _number(value) -> str:
+    """A load, or its components, in a note."""
+    return "[" + ", ".join(f"{each:g}" for each in value) + "]" if np.ndim(value) else f"{value:g}"
+
+
+def _left_out(job: Job, net: Net) -> list[str]:
+    """A note for each action of [load] that combinations do not name, which then does not act in them."""
+    load, there = job.load, {}
+    if load is not None:
+        on_roof = [load.snow, load.pressure, *(zone.get(key) for zone in load.zone.values() for key in LIVE)]
+        there["load"] = any(value is not None and np.any(value) for value in on_roof) or net.load.any()
+        there["temperature"] = load.temperature != 0.0
+    what = {
+        "load": "snow and pressure of [load], and loads of nodes,",
+        "temperature": "changes of temperature of [load]",
+    }
+    return [
+        f"[[combination]] {listed([shown(each) for each in without])}: {name} is not among the factors, so "
+        f"{what[name]} are left out; {name} = 0.0 says that this is meant"
+        for name, acts in there.items()
+        if acts and (without := [each.name for each in job.combinations if name not in each.factors])
+    ]
 
 
 def _wind_of(job: Job, case: SimpleNamespace, zones: Zones) -> tuple:

@@ -23,8 +23,7 @@ from netfall.messages.run import (
     net_line,
     remarks_of,
     stages,
-    start_note,
-    starts_moving,
+    start_notes,
 )
 from netfall.messages.wind import wind_lines
 from netfall.model.layout import Layout, make_layout
@@ -79,8 +78,8 @@ def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) 
         say(form_line(scene))
         for line in moved_lines(scene):
             say(line)
-    elif starts_moving(scene):
-        say(start_note(scene))
+    for line in start_notes(scene):
+        say(line)
     say("stages: " + ", ".join(stages(job)))
     say(f"the scene has: {feature_words(job, scene.model)}")
     for line in wind_lines(job, scene.model):

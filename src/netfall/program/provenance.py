@@ -9,6 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 import netfall
+from netfall.messages.run import notes_of
 from netfall.model.model import Model
 from netfall.parallel import partition
 from netfall.stages.scene import Scene
@@ -73,6 +74,7 @@ def provenance_of(scene: Scene) -> dict:
         "edge_cut": partition.edge_cut(model.net.elements, model.layout.part),
     }
     values["net"] = net_record(model)
+    values["notes"] = "\n".join(notes_of(scene))
     if scene.form:
         values["roof_area_given"] = model.area_given
     if model.added is not None:

@@ -9,6 +9,7 @@ from netfall.numerics.functions import lengths
 from netfall.results.file import (
     element_name,
     lines_of_form,
+    notes_of_run,
     overloads_of,
     provenance_text,
     reading,
@@ -51,6 +52,7 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
         moves = "history" in f
         for tell, there in (
             (_run, True),
+            (notes_of_run, True),
             (_form, "form_finding" in f),
             (_equilibria, True),
             (displacement_notes_of, True),

@@ -9,7 +9,7 @@ from netfall.checks.slides import SAFETY
 from netfall.report.cases_page import cases, checks, limits, most_used
 from netfall.report.markdown import MOST_LISTED, as_table, force, more, picture, share
 from netfall.results.cases import cases_of
-from netfall.results.file import lines_of_form, overloads_of, provenance_text, title_of
+from netfall.results.file import lines_of_form, notes_of_run, overloads_of, provenance_text, title_of
 from netfall.results.loss_lines import loss_lines, rises, telling_factor
 from netfall.results.losses import worst_after
 from netfall.results.notes import displacement_notes_of, limit_notes_of
@@ -96,7 +96,8 @@ def _what_ran(f, result: Path) -> list[str]:
         lines.append(f"Largest error of the physical balance: {_worst_balance(f)}.")
     if "history" in f:
         lines += _sentences(overloads_of(f))
-    return lines
+    notes = [f"- {line}" for line in _sentences(notes_of_run(f))]
+    return lines + (["", *notes] if notes else [])
 
 
 def _first_pictures(f) -> list[str]:

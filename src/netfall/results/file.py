@@ -57,6 +57,11 @@ def job_of(file: h5py.File) -> dict:
     return tables_of(provenance_text(file, "job"), provenance_text(file, "overrides").splitlines())
 
 
+def notes_of_run(file: h5py.File) -> list[str]:
+    """What the run told to be odd in its job before it began."""
+    return provenance_text(file, "notes").splitlines()
+
+
 def title_of(file: h5py.File) -> str:
     """The job's title, else its name."""
     return provenance_text(file, "title") or provenance_text(file, "job_name")

@@ -259,7 +259,7 @@ def _write_provenance(group, values, phases):
         if isinstance(value, dict):
             for column, array in value.items():
                 group.create_dataset(f"{name}/{column}", data=array)
-        elif (isinstance(value, str) and len(value) > 200) or name in ("job", "overrides"):
+        elif (isinstance(value, str) and len(value) > 200) or name in ("job", "overrides", "notes"):
             group.create_dataset(name, data=value, dtype=h5py.string_dtype())
         else:
             group.attrs[name] = value
