@@ -1,6 +1,7 @@
 """Rows of the history that wait in a table: none is lost, doubled or taken for another."""
 
 import math
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -54,6 +55,41 @@ def test_a_stop_between_two_rows_of_a_table_changes_no_bit(workshop, monkeypatch
     assert "(step 2097)" in str(raised.value)
     (checkpoint,) = workshop.folder.glob("result.checkpoint*")
     assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))
+
+
+PERIOD = 2 * math.pi / math.sqrt(1e6 / 1000.0)  # s, of 1000 kg on 1e6 N/m
+
+
+def let_go(workshop, **output) -> Path:
+    """The job of a weight on a cable, let go 1 mm above its rest, with rows at 0 and at 0.9 of a period."""
+    nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,{-10 - 10e-3 + 1e-3!r},0,1000,-10000\n"
+    text = "[cable]\naxial_stiffness = 1e7\nmass_per_length = 1e-3\n"
+    text += f"[dynamics]\nduration = {0.9 * PERIOD!r}\ntime_step = {PERIOD / (4 * dynamics.WIDEN_STEPS)!r}\n"
+    text += f"[output]\nhistory = {PERIOD!r}\nframes = 1\n"
+    text += "".join(f"{key} = {value!r}\n" for key, value in output.items())
+    return workshop.job(text, nodes, "start,end,unstressed_length\n1,2,10\n")
+
+
+def test_the_envelope_sees_what_moves_between_two_rows(workshop):
+    """It comes down 2 mm, and 1 mm of stretch more than at rest, half a period after the start."""
+    f = workshop.run(let_go(workshop))
+    assert len(f["history/time"]) == 2
+    envelope = {name: f[f"envelope/{name}"][-1] for name in f["envelope"]}
+    assert envelope["displacement_max"] == pytest.approx(2e-3, rel=1e-3)
+    assert envelope["tension_max"] == pytest.approx(10e3 + 1e-3 * 1e6, rel=1e-4)
+    assert envelope["displacement_max_time"] == pytest.approx(0.5 * PERIOD, rel=1e-9)
+    assert envelope["tension_max_time"] == pytest.approx(0.5 * PERIOD, rel=1e-9)
+
+
+def test_the_envelope_is_widened_at_the_same_steps_after_a_restart(workshop):
+    """At half a period, a quarter after the time before it, wherever a checkpoint falls."""
+    job = let_go(workshop, checkpoint=0.37 * PERIOD)
+    whole = workshop.run(job, output="whole.vtkhdf")
+    checkpoints = sorted(workshop.folder.glob("whole.checkpoint*"))
+    assert len(checkpoints) == 2
+    for checkpoint in checkpoints:
+        again = workshop.run(job, "--restart", checkpoint, ranks=2, output="again.vtkhdf")
+        assert_same_results(whole, again)
 
 
 def test_divergence_within_a_table_is_told_of_its_first_row(workshop, monkeypatch):

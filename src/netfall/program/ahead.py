@@ -128,7 +128,7 @@ def plan_of(ahead: Ahead, state: State) -> Plan:
     rules = FractureRules(2, 2, 2, np.zeros(1, np.int64), 1.0, True, True, True, 1.0)
     subdomain = SimpleNamespace(n_owned=2, particle_gid=np.arange(2), element_gid=np.arange(1))
     envelope, probes = Envelope(SimpleNamespace(subdomain=subdomain)), Probes(*[NONE] * 4)
-    rows = RowTable(state, np.zeros(1, np.int64), 1.0, subdomain, probes, envelope)
+    rows = RowTable(state, np.zeros(1, np.int64), 1.0, 1, subdomain, probes, envelope)
     alone = SimpleNamespace(boundary=0, buffers=None)  # the exchange of one rank
     return Plan(state, alone, rules if features.fracture else None, rows)
 

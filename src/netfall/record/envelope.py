@@ -1,8 +1,8 @@
-"""The envelope of a dynamic stage: largest and smallest values over all rows of the history, and when.
+"""The envelope of a dynamic stage: largest and smallest values, and when; of rows and of steps between them.
 
-Each rank keeps those of its own particles and elements, from what the audit of a row computes anyway
-(`step.rows.widen`). Where something can break or is lost, forces are those of all steps: what breaks lets
-waves loose that are shorter than the time between two rows.
+Each rank keeps those of its own particles and elements, from what the audit of a row computes anyway, and
+where rows are far apart between them too (`step.rows.widen`). Where something can break or is lost, forces
+are those of all steps: what breaks lets waves loose that are shorter than the time between two rows.
 """
 
 import numpy as np

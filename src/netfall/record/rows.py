@@ -22,6 +22,7 @@ class RowTable:
         state: State,
         due: np.ndarray,
         dt: float,
+        every: int,
         subdomain,
         probes: Probes,
         envelope: Envelope,
@@ -29,10 +30,11 @@ class RowTable:
     ):
         """due : (rows,) numbers of the steps of all rows; dt : [s] length of the steps as they are counted
 
+        every : so many of them after a row, or after the last time, the envelope is widened without one
         slips : which of all places each of `State.places` is, and how many there are; None: nothing slips
         """
         self.due, self.dt, self.gid, self.envelope = due, dt, subdomain.element_gid, envelope
-        self.made, self.last = np.zeros(2, np.int64), np.zeros(1)
+        self.made, self.last, self.every = np.zeros(2, np.int64), np.zeros(1, np.int64), every
         k, values = MOST_ROWS, 3 * len(probes.particles) + len(probes.elements) + len(probes.named)
         self.local = local_probes(subdomain, probes)
         if slips:
@@ -59,6 +61,7 @@ class RowTable:
             self.due,
             self.dt,
             self.made,
+            self.every,
             self.last,
             subject_of(state),
             self.snapshot.room,
@@ -117,11 +120,6 @@ class RowTable:
         envelope = self.envelope
         arrays = self.made, self.last, envelope.tension, envelope.displacement, envelope.moment
         return [array for array in arrays if array is not None]
-
-    def restore(self, times: np.ndarray) -> None:
-        """As many rows are made as there are times [s], of an earlier run."""
-        self.made[:] = len(times), 0
-        self.last[:] = times[-1:] if len(times) else 0.0
 
 
 def local_probes(subdomain: Subdomain, probes: Probes) -> Local:

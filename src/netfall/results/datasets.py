@@ -208,7 +208,8 @@ GROUPS = (
     ),
     Group(
         "envelope",
-        "extremes over all rows of the history; of forces over all steps, where something breaks or is lost",
+        "extremes over the rows of the history and at least every 50 steps; of forces over all steps, where "
+        "something breaks or is lost",
         "[dynamics]",
         (
             row("tension_max", "m", "N", "0 once broken off or lost"),

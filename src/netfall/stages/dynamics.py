@@ -25,6 +25,7 @@ from netfall.stages.varying import WindLoad, varying_loads
 from netfall.write.ids import event_ids
 from netfall.write.result import slide_section
 
+WIDEN_STEPS = 50  # at most, that are a long one each, between times at which the envelope is widened
 LOOK_STEPS = 100_000  # at most, between looks at the wish to stop: a tenth of a second on the smallest net
 LOOK_WORK = 200_000_000  # steps of an element, at most, between them: two seconds on one rank
 
@@ -131,7 +132,7 @@ class Simulation(Stepper):
         s = scene.schedule
         slips = scene.finder.slips.numbers() if scene.state.features.sliding else None
         of_net = scene.distribution.subdomain, probes, self.envelope, slips
-        rows = RowTable(scene.state, s.history, s.dt, *of_net)
+        rows = RowTable(scene.state, s.history, s.dt, WIDEN_STEPS * s.stride, *of_net)
         super().__init__(scene, desk, loads, rows)
         self.removal = removal
         self.result, self.progress, self.saver = desk.result, desk.progress, desk.saver
@@ -227,6 +228,7 @@ class Simulation(Stepper):
             "largest_work": self.largest_work,
             "start_strain": self.start_strain,
             "start_plastic": self.start_plastic,
+            "widened": int(self.rows.last[0]),
             "most_strained": most_strained_of_all(self.comm, self.history.most_strained),
         }
         return small, {}
@@ -234,7 +236,7 @@ class Simulation(Stepper):
     def restore(self, small: dict, _: dict | None) -> None:
         """Take up the record of an earlier run; the loads stand where it left them."""
         self.n, self.before_dt, self.made = small["step"], small["before_dt"], small["made"]
-        self.stride, self.calm = small["stride"], small["calm"]
+        self.stride, self.calm, self.rows.last[:] = small["stride"], small["calm"], small["widened"]
         self.largest_work = small["largest_work"]
         self.history.most_strained = tuple(small["most_strained"])
         self.start_strain, self.start_plastic = small["start_strain"], small["start_plastic"]
@@ -244,7 +246,7 @@ class Simulation(Stepper):
     def restore_history(self, small: dict, arrays: dict[str, np.ndarray]) -> None:
         """Take up the rows of an earlier run."""
         self.history.restore(small, arrays)
-        self.rows.restore(arrays["time"])
+        self.rows.made[:] = len(arrays["time"]), 0
 
     def advance_to(self, target: int) -> None:
         """Step to number `target`, with the wind moving on where it is due, and rows on the way.

@@ -1,5 +1,7 @@
 """Rows of the history, made within the time loop: several of them, before Python takes them up.
 
+Where rows are far apart, the envelope is widened between them too, or it would depend on their number.
+
 A row has all that is known of its step: what must come from all ranks, and that is left in exact parts (sums
 as limbs), until the rows are taken up (`record.rows`). So its bits do not depend on when that is.
 """
@@ -12,6 +14,7 @@ import numpy as np
 from netfall.ground.apart import Entry, call
 from netfall.ground.compile import inner_kernel, kernel, kernel_apart, part_of_kernel
 from netfall.mechanics.bending import joint_moment
+from netfall.mechanics.elements import element_state
 from netfall.numerics.arithmetic import bits_of, number_of
 from netfall.step.audit import Room, Subject
 
@@ -57,7 +60,9 @@ class Rows(NamedTuple):
     """What rows are made of, and where they go.
 
     due : (rows,) numbers of the steps of all rows of the stage; dt : [s] length of the steps as counted
-    made : (2,) rows made so far, those of them in the table; last : (1,) [s] time of the last one
+    made : (2,) rows made so far, those of them in the table
+    every : steps, as they are counted, after which the envelope is widened where no row is made
+    last : (1,) number of the step at which it was widened last
     tension : (4, m), displacement : (2, n_owned), moment : (m,), as `record.envelope` has them
     joint_at : (m, 2) joints at both ends of elements, as `State` has them; None, as moment: no chain bends
     element_gid : (m,); observe : of `audit`
@@ -66,6 +71,7 @@ class Rows(NamedTuple):
     due: np.ndarray
     dt: float
     made: np.ndarray
+    every: int
     last: np.ndarray
     subject: Subject
     room: Room
@@ -80,43 +86,56 @@ class Rows(NamedTuple):
 
 
 @part_of_kernel
-def is_due(number, rows):
+def has_row(number, rows):
     """Whether a row is due at a step that is not made yet."""
     k = rows.made[0]
     return k < rows.due.shape[0] and rows.due[k] == number
 
 
+@part_of_kernel
+def is_due(number, rows):
+    """Whether a row is due at a step, or the envelope has not been widened for long."""
+    return has_row(number, rows) or number - rows.last[0] >= rows.every
+
+
 @kernel_apart
 def make_row(number, before_dt, dt, zeta, sample_time, sample_dt, rows):
-    """The row of a step, within the time loop: into the table, and taken in by the envelope.
+    """The row of a step, within the time loop: into the table, and taken in by the envelope; or that alone.
 
     Its arguments as of `loop.Interval`.
     """
-    share = (number * rows.dt - sample_time) / sample_dt
-    call(rows.observe, before_dt, dt, zeta, share, rows.subject, rows.room)
+    if has_row(number, rows):
+        share = (number * rows.dt - sample_time) / sample_dt
+        call(rows.observe, before_dt, dt, zeta, share, rows.subject, rows.room)
+        widen(number, rows)
+        add_row(number, before_dt if before_dt > 0.0 else dt, rows)
+    else:
+        element_state(rows.subject.x, rows.subject.elements, rows.subject.law, rows.room.now)
+        widen(number, rows)
+
+
+@inner_kernel
+def add_row(number, step, rows):
+    """What was observed at a step into the table. step : [s] the one before"""
     made, table, k = rows.made, rows.table, rows.made[1]
-    time = number * rows.dt
-    widen(time, time - rows.last[0] if made[0] > 0 else 0.0, rows)
-    if rows.subject.elements.highest is not None:
-        widen_to_extremes(time, rows.subject.elements, rows.tension)
-    if rows.moment is not None:
-        widen_moments(rows.subject.x, rows.subject.joints, rows.joint_at, rows.moment)
     table.number[k], table.slack[k] = number, rows.room.slack[0]
-    table.time_step[k] = before_dt if before_dt > 0.0 else dt
+    table.time_step[k] = step
     for i in range(rows.room.sums.shape[0]):
         for j in range(rows.room.sums.shape[1]):
             table.sums[k, i, j] = rows.room.sums[i, j]
     read_probes(rows, table.probes[k])
     find_fastest(rows, table.size[k], table.who[k])
     find_most_strained(rows, table.size[k], table.who[k])
-    rows.last[0] = time
     made[0] += 1
     made[1] += 1
 
 
 @inner_kernel
-def widen(time, since, rows):
-    """Take in the axial forces and the positions of a row at a time [s], `since` [s] after the one before."""
+def widen(number, rows):
+    """Take in the axial forces, the positions and the moments at a step."""
+    time = number * rows.dt
+    since = time - rows.last[0] * rows.dt
+    rows.last[0] = number
     tension, displacement, N = rows.tension, rows.displacement, rows.room.now.N
     elements, particles = rows.subject.elements, rows.subject.particles
     for e in range(tension.shape[1]):
@@ -131,6 +150,10 @@ def widen(time, since, rows):
         u = math.sqrt(dx * dx + dy * dy + dz * dz)
         if u > displacement[0, p]:
             displacement[0, p], displacement[1, p] = u, time
+    if elements.highest is not None:
+        widen_to_extremes(time, elements, tension)
+    if rows.moment is not None:
+        widen_moments(rows.subject.x, rows.subject.joints, rows.joint_at, rows.moment)
 
 
 @kernel

@@ -26,7 +26,7 @@ from netfall.mechanics.fields import FIELDS
 from netfall.mechanics.state import State
 from netfall.write.h5 import SharedFile, check_seal
 
-FORMAT = 11
+FORMAT = 12
 KEPT = 2
 NAME = re.compile(r"(.+)checkpoint-\d-\d{12,}\.h5")
 
