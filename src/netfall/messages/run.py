@@ -10,11 +10,11 @@ from netfall.job.job import Job
 from netfall.job.values import listed
 from netfall.mechanics.events import EventLog
 from netfall.mechanics.fields import Features
-from netfall.mechanics.material import REACHED, strength_of
+from netfall.mechanics.material import REACHED, stiffening, strength_of
 from netfall.mechanics.stability import Limit
 from netfall.messages.slip import inertia_line, slip_lines
 from netfall.messages.wind import wind_notes
-from netfall.model.layout import features_of
+from netfall.model.layout import band_of, features_of
 from netfall.model.model import Model
 from netfall.model.schedule import step_at
 from netfall.numerics.functions import lengths
@@ -290,12 +290,19 @@ def probe_remarks(model: Model, probes) -> list[str]:
 
 
 def step_remarks(scene: Scene) -> list[str]:
-    """What a user should know of mass that was added, and of a fixed step."""
+    """What a user should know of mass that was added, of a fixed step, and of damping over a band."""
     job, dt, remarks = scene.job, scene.schedule.long_dt, []
     if scene.model.added is not None:
         remarks.append(_added_mass(scene.model))
     if job.slides:
         remarks.append(inertia_line(scene.model, dt))
+    if job.dynamics.damping_ratio:
+        more = stiffening(band_of(job)) - 1.0
+        remarks.append(
+            f"note: damping_ratio = {job.dynamics.damping_ratio:g} holds what vibrates in its band and above "
+            f"by up to {more:.1%} more stiffness of elements; tensions, also beside a strength, are those "
+            "without it, so by up to that share of their swing less than elements carry"
+        )
     end = step_at(job.dynamics.duration, dt) * dt
     if end > (1.0 + MUCH_LONGER) * job.dynamics.duration:
         remarks.append(
