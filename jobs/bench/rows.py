@@ -59,7 +59,7 @@ def measure(N: int) -> dict:
     halo = Halo(MPI.COMM_SELF, subdomain, halo_width(state))
     at, none, envelope = SimpleNamespace(first=1), np.zeros(0, np.int64), Envelope(distribution)
     due = np.arange(1, 10_000_000)
-    rows = RowTable(state, due, net.DT, subdomain, Probes(none, none, none, none), envelope)
+    rows = RowTable(state, due, net.DT, due[-1], subdomain, Probes(none, none, none, none), envelope)
     plan, observed = Plan(state, halo), Plan(state, halo, rows=rows)
     steps = min(MOST_ROWS, max(1, 200_000 // m))
 
