@@ -20,7 +20,7 @@ from PIL import Image
 from netfall.exchange.export import Wanted, export
 from netfall.ground.errors import InputError
 from netfall.plots.canvas import VIEWS, charts
-from netfall.plots.collapse import stage_steps
+from netfall.plots.collapse import collapse, stage_steps
 from netfall.plots.film import Shot, animate, format_of
 from netfall.plots.force import ForceScale, edge_of
 from netfall.plots.labels import add_labels
@@ -299,6 +299,19 @@ def test_scales_end_where_nearly_all_forces_are():
     around = 2.0 * np.pi * np.arange(12) / 12
     feet = np.array([[r * np.cos(a), r * np.sin(a), 0.0] for a, r in zip(around, [8.0, 14.0] * 6)])
     assert edge_of(feet, np.arange(12)).tolist() == []  # masts and anchors in turn
+
+
+def test_what_is_held_in_part_is_no_whole_support_in_pictures(workshop):
+    """A weight on two cables that can move along z alone: two squares, and a triangle that goes with it."""
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z,mass\n1,-4,0,3,1,1,1,,\n2,4,0,3,1,1,1,,\n"
+    nodes += "3,0,0,0,1,1,0,-4e3,400\n"
+    text = STEEL.replace("100e3", "0.0") + "[dynamics]\nduration = 0.5\n[output]\nframes = 4\n"
+    with workshop.run(workshop.job(text, nodes, "start,end\n1,3\n2,3\n")) as f:
+        panel = collapse(f).axes[-1]
+        drawn = {line.get_label(): line.get_data_3d() for line in panel.lines}
+        assert {label for label in drawn if label[0] != "_"} == {"supports, 2", "held in part, 1"}
+        place = f["VTKHDF/Points"][-3:][f["VTKHDF/PointData/node_id"][-3:] == 3][0]
+        assert np.ravel(drawn["held in part, 1"]) == pytest.approx(place, abs=1e-6)
 
 
 def test_info_tells_what_happened(storm):

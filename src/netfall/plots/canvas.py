@@ -32,6 +32,7 @@ STYLE = {
 plt.rcParams.update(STYLE)
 NOTHING = "#b8b8b8"  # what has no value
 BROKEN = "#d62728"  # what is broken, lost or at fault; no group has this red
+GUIDED = "#7a4b00"  # supports that are held along some axes
 LONGEST_TITLE = 90  # characters
 MOST_DRAWN = 60_000  # elements in a picture; of larger nets every k-th is drawn
 ALONE, PANEL, NARROW = (

@@ -34,7 +34,7 @@ def collapse(f):
         _draw_stage(axes, frames, step, window, trace)
         gone = start[elements[lost <= frames.times[step]]]
         add_lines(axes, gone, colors=BROKEN, linewidths=1.1, linestyles="--")
-        add_supports(f, axes, start)
+        add_supports(f, axes, frames.positions(step)[: len(start)])
     handles = [plt.Line2D([], [], color=colour, lw=2, label=name) for name, colour, _ in STYLES]
     handles += axes.get_legend_handles_labels()[0]
     figure.legend(handles=handles, loc="lower center", ncols=6)

@@ -11,7 +11,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.path import Path
 
 from netfall.checks.reactions import held_axes
-from netfall.plots.canvas import MOST_DRAWN, add_coloured, add_lines, unit_of
+from netfall.plots.canvas import GUIDED, MOST_DRAWN, add_coloured, add_lines, unit_of
 
 MOST_SUPPORTS = 2_000  # marked
 PERCENTILES = 1.0, 99.0  # of the forces, between which colours differ
@@ -106,15 +106,22 @@ def beyond(values: np.ndarray, low: float, high: float) -> str:
 
 def add_supports(f, axes, x: np.ndarray, place: str = "") -> None:
     """Mark the supports at x (n, 3) [m], and the edge that they make, if they do; place : of a state."""
-    rows = np.flatnonzero(held_axes(f, place).any(1))
+    held = held_axes(f, place)
+    rows = np.flatnonzero(held.any(1))
     edge = edge_of(x, rows) if not place.startswith("stages/") else ()  # what is held there for a while
     if len(edge):
         dashed = {"color": SUPPORT, "lw": 0.8, "ls": (0, (3, 2)), "clip_on": False}
         axes.plot(*x[edge].T, label="edge through the supports", **dashed)
     size = float(np.clip(20.0 / np.sqrt(max(len(rows), 1)), 1.2, 4.0))
-    shown = rows[:: max(1, len(rows) // MOST_SUPPORTS)]
-    square = {"ls": "", "marker": "s", "color": SUPPORT, "ms": size, "mew": 0, "clip_on": False}
-    axes.plot(*x[shown].T, label=f"supports, {len(rows)}", **square)
+    whole = held[rows].all(1)
+    for each, marker, colour, word in (
+        (rows[whole], "s", SUPPORT, "supports"),
+        (rows[~whole], "^", GUIDED, "held in part"),
+    ):
+        style = {"ls": "", "marker": marker, "color": colour, "mew": 0, "clip_on": False}
+        if len(each):
+            shown = each[:: max(1, len(each) // MOST_SUPPORTS)]
+            axes.plot(*x[shown].T, label=f"{word}, {len(each)}", ms=size, **style)
 
 
 def edge_of(x: np.ndarray, supports: np.ndarray) -> np.ndarray:

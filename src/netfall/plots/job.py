@@ -13,7 +13,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.lines import Line2D
 
 from netfall.net.net import Net
-from netfall.plots.canvas import BROKEN, add_lines, heading, in_space, line_width, save, set_plan
+from netfall.plots.canvas import BROKEN, GUIDED, add_lines, heading, in_space, line_width, save, set_plan
 from netfall.plots.cells import MOST_CELLS, cells_of
 from netfall.plots.net import group_colours, named_groups, whole_cables
 from netfall.roof.faces import Faces
@@ -124,7 +124,7 @@ def _draw_nodes(axes, job: JobNet, x: np.ndarray) -> None:
     )
     for mine, marker, colour, word in (
         (held, "s", "#111111", "supports, {}"),
-        (guided, "^", "#7a4b00", f"held in part, {{}} ({along(fixed, guided)})"),
+        (guided, "^", GUIDED, f"held in part, {{}} ({along(fixed, guided)})"),
         (springs, "D", "#6a0dad", f"springs, {{}} ({along(net.spring, springs)})"),
     ):
         rows = np.flatnonzero(mine)

@@ -34,6 +34,7 @@ BELOW = 0.9  # inches under the panels, for the scales
 SEEN = 0.06  # of the largest extent of the net: about how large the largest deflection is drawn
 STEPS = np.outer(10.0 ** np.arange(-3, 7), (1.0, 2.0, 5.0)).ravel()  # scales of deflections
 MOST_TOLD = 16  # groups with labels
+MARKS = {"supports, ": "squares: supports", "in part": "triangles: in part", "edge": "dashed: their edge"}
 
 
 def form(f):
@@ -94,9 +95,9 @@ def _panels(f, chosen: list[ShownState], words: str):
         add_supports(f, axes, x, state.place)
         axes.set_title(force_words(f, state, "\n" if len(chosen) > IN_TWOS else ": "))
     _add_bars(figure, scale, everything)
-    edge = any(len(axes.get_legend_handles_labels()[0]) > 1 for axes in panels)
-    marks = "squares: supports" + ", dashed: their edge" * edge
-    heading(figure, title_of(f), f": {words}\n{marks}")
+    told = " ".join(label for axes in panels for label in axes.get_legend_handles_labels()[1])
+    marks = [words for part, words in MARKS.items() if part in told]
+    heading(figure, title_of(f), f": {words}\n{', '.join(marks)}")
     return figure
 
 
