@@ -36,7 +36,7 @@ def test_sums_in_blocks_are_exact_beyond_what_three_pieces_hold(lowest):
 
 
 def test_a_stop_between_two_rows_of_a_table_changes_no_bit(workshop, monkeypatch):
-    """Rows every 5 steps, 32 in a table, a look every 233: stopped at step 2097, where 14 rows wait."""
+    """Rows every 5 steps, 128 in a table, a look every 233: stopped at step 2097, where 36 rows wait."""
     text = SLOW.replace("duration = 0.4", "duration = 0.3").replace("checkpoint = 0.1", "checkpoint = 0")
     job = workshop.job(text.replace("history = 0.005", "history = 5e-4").replace("frames = 80", "frames = 1"))
     whole = workshop.run(job, output="whole.vtkhdf")
@@ -101,7 +101,7 @@ def test_divergence_within_a_table_is_told_of_its_first_row(workshop, monkeypatc
     text = "[load]\npressure = [0.0, 0.0, -1e9]\n[dynamics]\nduration = 0.1\ntime_step = 3.1e-3\n"
     text += "[output]\nframes = 1\nhistory = 1e-4\n"
     job, told = workshop.job(ELASTIC + text, nodes, "start,end\n1,2\n2,3\n"), []
-    for room in (32, 1):
+    for room in (128, 1):
         monkeypatch.setattr(rows, "MOST_ROWS", room)
         with pytest.raises(DivergedError) as raised:
             run_job(MPI.COMM_SELF, read_job(job), workshop.folder / "r.vtkhdf", Progress(False, False))

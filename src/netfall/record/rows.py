@@ -11,7 +11,7 @@ from netfall.record.energy import make_room, subject_of
 from netfall.record.envelope import Envelope
 from netfall.step.rows import Local, Rows, Table
 
-MOST_ROWS = 32  # in the table, 100 KB
+MOST_ROWS = 128  # in the table, 400 KB
 
 
 class RowTable:
