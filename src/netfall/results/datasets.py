@@ -208,8 +208,7 @@ GROUPS = (
     ),
     Group(
         "envelope",
-        "extremes over the rows of the history and at least every 50 steps; of forces over all steps, where "
-        "something breaks or is lost",
+        "extremes over rows of the history, at least every 50 steps; of forces all steps if some may break",
         "[dynamics]",
         (
             row("tension_max", "m", "N", "0 once broken off or lost"),
