@@ -19,6 +19,7 @@ from netfall.results.states import (
     yielded_in,
 )
 
+PASSES = "passes"
 ABOVE = 1.0 + 1e-6  # a utilisation of what fails, in comparing
 
 
@@ -40,6 +41,7 @@ class Checked:
         the envelope's it is
     fails : used above 1, or yields, has buckled or broke in these stages: what had been asked of it is not
         known then, since it carries no more
+    bends : (m,), of a chain of bars that bends, whose moments no check knows
     """
 
     checks: list[Check]
@@ -48,6 +50,7 @@ class Checked:
     force: dict[str, np.ndarray]
     of: dict[str, np.ndarray]
     fails: dict[str, np.ndarray]
+    bends: np.ndarray
 
     def decisive(self, check: str) -> np.ndarray:
         """By what elements (m,) are compared in a check: its utilisation, without it the force.
@@ -109,13 +112,14 @@ def check_elements(f, checks: list[Check], resistance: dict, envelope: Envelope)
         at_most = force[each.name] >= REACHED * most[each.compression]
         beyond = (used[each.name] > 1.0) | at_most | (moved & (stages[each.name] & moving).any())
         fails[each.name] = np.isfinite(used[each.name]) & beyond
-    return Checked(checks, resistance, used, force, of, fails)
+    moment = moment_columns(f).get("bending_moment_max", np.full(len(strong), np.nan))
+    return Checked(checks, resistance, used, force, of, fails, np.isfinite(moment))
 
 
 def results_of(checked: Checked, check: str) -> np.ndarray:
-    """Of each element (m,) in a check: passes, FAILS, "": it has no utilisation."""
-    results = np.isnan(checked.utilisation[check]), checked.fails[check]
-    return np.select(results, ["", "FAILS"], "passes").astype(object)
+    """Of each element (m,) in a check: passes, also without its bending, FAILS, "": it has no utilisation."""
+    results = np.isnan(checked.utilisation[check]), checked.fails[check], checked.bends
+    return np.select(results, ["", "FAILS", f"{PASSES} without bending"], PASSES).astype(object)
 
 
 def stage_kinds(f, envelope: Envelope) -> np.ndarray:

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.checks.cables import Checked, counted, groups_of, results_of, stage_kinds, types_of
+from netfall.checks.cables import PASSES, Checked, counted, groups_of, results_of, stage_kinds, types_of
 from netfall.results.cases import EQUILIBRIUM, KINDS, Case
 from netfall.results.states import Envelope, no_equilibrium
 
@@ -27,7 +27,7 @@ def group_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
     """A row for each check and group, those of a check worst first: its member with the largest utilisation.
 
     alike : how many elements of the group and type have the same force, this one included
-    result : passes, FAILS; no equilibrium: what was found passes, but something that counts was not borne
+    result : as of `results_of`, or no equilibrium: it passes, but something that counts was not borne
     """
     rows = [
         (check, e, alike)
@@ -40,6 +40,7 @@ def group_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
     fallen = {check.kind: bool(without_equilibrium(f, envelope, check.kind)) for check in checked.checks}
     fell = np.array([fallen[check.kind] for check, *_ in rows], bool)
     results = of({check.name: results_of(checked, check.name) for check in checked.checks})
+    passed = np.char.startswith(results.astype(str), PASSES)
     return {
         "check": np.array([check.name for check, *_ in rows], object),
         "kind": np.array([check.kind for check, *_ in rows], object),
@@ -52,7 +53,7 @@ def group_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
         "N_Ed": of(checked.force),
         "N_Rd": of(checked.resistance),
         "utilisation": used,
-        "result": np.where(fell & (results == "passes"), "no equilibrium", results),
+        "result": np.where(fell & passed, "no equilibrium", results),
     }
 
 

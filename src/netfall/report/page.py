@@ -172,7 +172,10 @@ def _bending(elements: dict) -> list[str]:
         worst = int(np.nanargmax(np.where(elements["group"] == group, moment, np.nan)))
         rows.append([group or "(none)", elements["element"][worst], f"{moment[worst] / 1e3:.5g} kN m"])
         rows[-1].append(elements["case_moment"][worst])
-    told = "Bending is not part of the checks: add the stress of these moments to that of the axial forces."
+    told = (
+        "Bending is not part of the checks, in which these elements pass without it: add the stress of these "
+        "moments to that of the axial forces."
+    )
     table = as_table(["group", "element", "largest bending moment", "in"], rows)
     return [told, "", *table, *picture("largest bending moments", "moments.png")]
 
