@@ -22,6 +22,7 @@ import numpy as np
 
 from netfall.ground.compile import inner_kernel, kernel, part_of_kernel
 from netfall.numerics.arithmetic import (
+    bits_of,
     exponential,
     exponential_less_one,
     fused,
@@ -365,15 +366,16 @@ def strength_of(EA, fracture_strain, yield_force) -> np.ndarray:
 
 @part_of_kernel
 def force_density(d, s, p, past, slots, law):
-    """N / L [N/m] of the element in slot s of particle p, how far any is past its limits, its plastic strain.
+    """N / L [N/m] of the element in slot s of particle p, whether any is past its limits, its plastic strain.
 
-    Where the slots hold plastic strains, cables yield here. A bar is only pointed at, by more than 0 past its
-    limits, since its heat does not follow from its plastic strain.
+    Where the slots hold plastic strains, cables yield here. A bar is only pointed at, as past its limits,
+    since its heat does not follow from its plastic strain.
 
     `axial_force` over the length, arranged for one inverse root:
     EA (L / L0 - 1 - eps_p) / L = EA (1 / L0 - (1 + eps_p) / L).
 
-    d : three [m], from the particle to the far end; past : 0, or more of elements in other slots
+    d : three [m], from the particle to the far end; past : below 0 if an element in another slot is past
+        its limits
     slots : `Slots`. An empty slot, 1 / L0 = 0, gives zero.
     """
     per_L0 = slots.inv_L0[s, p]
@@ -392,7 +394,7 @@ def force_density(d, s, p, past, slots, law):
     if slots.eps_p is not None:
         yielded = plastic_strain(square * per_length * per_L0, eps_p, s, p, slots, law)
         if slots.bar is not None:
-            past = 1.0 if (yielded != eps_p) & (slots.bar[s, p] != 0) else past
+            past |= -1 if (yielded != eps_p) & (slots.bar[s, p] != 0) else 0
             yielded = eps_p if slots.bar[s, p] else yielded
     if slots.bar is not None:
         lowest = -np.inf if slots.bar[s, p] else 0.0
@@ -400,28 +402,23 @@ def force_density(d, s, p, past, slots, law):
         limit = law.yield_force if slots.yield_force is None else slots.yield_force[s, p]
         highest = limit * per_length
         if slots.eps_p is None and law.near is None:
-            over = fused(-NEARLY, highest, q)
-            past = over if over > past else past
+            past |= bits_of(fused(NEARLY, highest, -q))
         if slots.bar is not None:
             lowest = -highest if slots.bar[s, p] else 0.0
             if slots.eps_p is None:
-                pushed = fused(NEARLY, lowest, -q) if slots.bar[s, p] else 0.0
-                past = pushed if pushed > past else past
+                past |= bits_of(fused(-NEARLY, lowest, q)) if slots.bar[s, p] else 0
         force = highest if q > highest else q
     if slots.eps_p is None and law.near is not None:
-        over = fused(-law.near, per_length, q)
-        past = over if over > past else past
+        past |= bits_of(fused(law.near, per_length, -q))
     elif law.reach is not None:
         reach = law.reach if slots.reach is None else slots.reach[s, p]
-        over = fused(-reach, per_length, per_L0)
-        past = over if over > past else past
+        past |= bits_of(fused(reach, per_length, -per_L0))
     if slots.euler is not None:
         buckled = -slots.euler[s, p] * per_length
         lowest = buckled if buckled > lowest else lowest
         if law.reach is not None:
             reach = law.reach if slots.reach is None else slots.reach[s, p]
-            short = fused(-reach, per_L0, per_length) if slots.bar[s, p] else 0.0
-            past = short if short > past else past
+            past |= bits_of(fused(reach, per_L0, -per_length)) if slots.bar[s, p] else 0
     return force if force > lowest else lowest, past, yielded
 
 

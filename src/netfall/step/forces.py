@@ -18,21 +18,24 @@ from netfall.numerics.arithmetic import dot, fused
 from netfall.step.runs import LANES
 from netfall.step.slots import keep_force
 
+NOTHING = (0.0, 0.0, 0.0, np.int64(0), 0.0, 0.0, 0.0)  # the forces so far, of a particle's first slot
+
 
 @part_of_kernel
-def add_force(p, o, s, so_far, x, slots, law):
-    """Forces [N] on particle p and how far past its limits an element is, with the element in its slot s.
+def add_force(p, o, s, so_far, keeps, x, slots, law):
+    """Forces [N] on particle p and whether an element is past its limits, with the element in its slot s.
 
     Where the slots hold plastic strains, a cable's yield is kept.
 
-    o : its far end; so_far : the same without it, and the forces of the branches alone, three; x : positions
-    [m], three of (n,)
+    o : its far end; so_far : the same without it, and the forces of the branches alone, three; keeps : None
+    if the extremes of its axial force are not kept here; x : positions [m], three of (n,)
     """
     fx, fy, fz, past, bx, by, bz = so_far
     dx, dy, dz = x[0][o] - x[0][p], x[1][o] - x[1][p], x[2][o] - x[2][p]
     q, past, yielded = force_density((dx, dy, dz), s, p, past, slots, law)
-    if slots.highest is not None:
-        keep_force(q, (dx, dy, dz), s, p, slots)
+    if slots.highest is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
+        if keeps is not None:
+            keep_force(q, (dx, dy, dz), s, p, slots)
     if slots.eps_p is not None:
         slots.eps_p[s, p] = yielded
     if slots.branch_a is not None:
@@ -43,16 +46,16 @@ def add_force(p, o, s, so_far, x, slots, law):
 
 
 @part_of_kernel
-def four_forces(p, far, x, slots, law):
+def four_forces(p, far, keeps, x, slots, law):
     """Sum of the forces [N] of the first four slots of particle p, in this order; as `add_force`.
 
     far : their far ends. Numbers have one type each, or all would be compiled for each type that occurs.
+    keeps : of the first two
     """
-    so_far = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    found = add_force(p, far[0], np.int64(0), so_far, x, slots, law)
-    found = add_force(p, far[1], np.int64(1), found, x, slots, law)
-    found = add_force(p, far[2], np.int64(2), found, x, slots, law)
-    return add_force(p, far[3], np.int64(3), found, x, slots, law)
+    found = add_force(p, far[0], np.int64(0), NOTHING, keeps, x, slots, law)
+    found = add_force(p, far[1], np.int64(1), found, keeps, x, slots, law)
+    found = add_force(p, far[2], np.int64(2), found, True, x, slots, law)
+    return add_force(p, far[3], np.int64(3), found, True, x, slots, law)
 
 
 @part_of_kernel
@@ -175,16 +178,14 @@ def kick_owned(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
 
 @part_of_kernel
 def kick_splits(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
-    """`kick_chunk` of particles that have split off: each has one element, in slot 0."""
+    """`kick_chunk` of particles that have split off: each has one element, broken, in slot 0."""
     origin, x, f, other = np.uint64(chunks.low[c]), particles.x, scratch.f, slots.other
     kick = make_kick(kick_dt, zeta, share)
     for p in range(origin, np.uint64(chunks.high[c])):
-        so_far, i = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), p - origin
-        fx, fy, fz, found, bx, by, bz = add_force(
-            p, np.uint64(other[0, p]), np.int64(0), so_far, x, slots, law
-        )
+        i, far = p - origin, np.uint64(other[0, p])
+        fx, fy, fz, found, bx, by, bz = add_force(p, far, np.int64(0), NOTHING, None, x, slots, law)
         if scratch.near is not None:
-            scratch.near[i] = 1 if found > 0.0 else 0
+            scratch.near[i] = 1 if found < 0 else 0
         kick_particle(p, i, (fx, fy, fz), (bx, by, bz), kick, particles, law, f)
 
 
@@ -196,23 +197,23 @@ def kick_gathered(c, kick_dt, zeta, share, chunks, particles, slots, law, scratc
     kick = make_kick(kick_dt, zeta, share)
     for p in range(origin, end):
         i = p - origin
-        f[0][i], f[1][i], f[2][i], found, bx, by, bz = four_forces(p, far_ends(p, other), x, slots, law)
+        f[0][i], f[1][i], f[2][i], found, bx, by, bz = four_forces(p, far_ends(p, other), True, x, slots, law)
         if scratch.near is not None:
-            scratch.near[i] = 1 if found > 0.0 else 0
+            scratch.near[i] = 1 if found < 0 else 0
         if scratch.band is not None:
             scratch.band[0][i], scratch.band[1][i], scratch.band[2][i] = bx, by, bz
     for s in range(SLOTS, chunks.width[c]):
         for p in range(origin, end):
             i = p - origin
             bx, by, bz = row_of(scratch.band, i)
-            so_far = (f[0][i], f[1][i], f[2][i], 0.0, bx, by, bz)
+            so_far = (f[0][i], f[1][i], f[2][i], np.int64(0), bx, by, bz)
             f[0][i], f[1][i], f[2][i], found, bx, by, bz = add_force(
-                p, np.uint64(other[s, p]), np.int64(s), so_far, x, slots, law
+                p, np.uint64(other[s, p]), np.int64(s), so_far, True, x, slots, law
             )
             if scratch.band is not None:
                 scratch.band[0][i], scratch.band[1][i], scratch.band[2][i] = bx, by, bz
             if scratch.near is not None:
-                scratch.near[i] |= 1 if found > 0.0 else 0
+                scratch.near[i] |= 1 if found < 0 else 0
     for p in range(origin, end):
         i = p - origin
         kick_particle(p, i, row_of(f, i), row_of(scratch.band, i), kick, particles, law, f)
@@ -233,6 +234,19 @@ def far_ends(p, other):
 
 
 @part_of_kernel
+def kick_run(r, origin, keeps, kick, whole, particles, slots, law, scratch):
+    """`kick_chunk` of the particles of run r. keeps : as of `four_forces`; whole : of `Runs`"""
+    s0, s1 = np.uint64(whole[r, 2]), np.uint64(whole[r, 3])
+    s2, s3 = np.uint64(whole[r, 4]), np.uint64(whole[r, 5])
+    for p in range(np.uint64(whole[r, 0]), np.uint64(whole[r, 1])):
+        i, far = p - origin, (p + s0, p + s1, p + s2, p + s3)
+        fx, fy, fz, found, bx, by, bz = four_forces(p, far, keeps, particles.x, slots, law)
+        if scratch.near is not None:
+            scratch.near[i] = 1 if found < 0 else 0
+        kick_particle(p, i, (fx, fy, fz), (bx, by, bz), kick, particles, law, scratch.f)
+
+
+@part_of_kernel
 def kick_runs(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
     """`kick_chunk` in runs; `Runs`."""
     origin = np.uint64(chunks.low[c])  # unsigned: no index then counts from the end
@@ -242,18 +256,11 @@ def kick_runs(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
     band, band_rest = scratch.band, scratch.band_rest
     kick = make_kick(kick_dt, zeta, share)
     for r in range(spans[c, 0], spans[c, 1]):
-        s0, s1, s2, s3 = (
-            np.uint64(whole[r, 2]),
-            np.uint64(whole[r, 3]),
-            np.uint64(whole[r, 4]),
-            np.uint64(whole[r, 5]),
-        )
-        for p in range(np.uint64(whole[r, 0]), np.uint64(whole[r, 1])):
-            i = p - origin
-            fx, fy, fz, found, bx, by, bz = four_forces(p, (p + s0, p + s1, p + s2, p + s3), x, slots, law)
-            if scratch.near is not None:
-                scratch.near[i] = 1 if found > 0.0 else 0
-            kick_particle(p, i, (fx, fy, fz), (bx, by, bz), kick, particles, law, f)
+        if slots.highest is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
+            if whole[r, 2 + SLOTS]:
+                kick_run(r, origin, None, kick, whole, particles, slots, law, scratch)
+                continue
+        kick_run(r, origin, True, kick, whole, particles, slots, law, scratch)
     first, last = np.uint64(spans[c, 2]), np.uint64(spans[c, 3])
     filled_up = first + np.uint64((spans[c, 3] - spans[c, 2] + LANES - 1) // LANES * LANES)
     if slots.branch_a is not None:  # whose state goes on once in a step
@@ -261,9 +268,9 @@ def kick_runs(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
     for i in range(first, filled_up):
         p, k = np.uint64(rest[i]), i - first
         f_rest[0][k], f_rest[1][k], f_rest[2][k], found, bx, by, bz = four_forces(
-            p, far_ends(p, other), x, slots, law
+            p, far_ends(p, other), True, x, slots, law
         )
-        near_rest[k] = 1 if found > 0.0 else 0
+        near_rest[k] = 1 if found < 0 else 0
         if scratch.band is not None:
             band_rest[0][k], band_rest[1][k], band_rest[2][k] = bx, by, bz
     for i in range(first, last):

@@ -16,8 +16,8 @@ class Runs(NamedTuple):
 
     gathered : (chunks,) 1 where it goes through all of them one after the other, whatever their far ends
     spans : (chunks, 6) from and up to which row of each of the next three
-    whole : (., 2 + SLOTS) first and last particle of runs, a multiple of LANES apart, and how far away
-        the far ends are
+    whole : (., 3 + SLOTS) first and last particle of runs, a multiple of LANES apart, how far away the far
+        ends are, and 1 where those of the first two slots come before: these keep what is kept of elements
     rest : (.,) particles in no run, the last of a chunk repeated up to a multiple of LANES
     loose : (., 2) first and last particle of stretches outside the runs, whose kick comes after all forces
     """
@@ -34,7 +34,7 @@ def make_runs(chunks: int, particles: int) -> Runs:
     return Runs(
         np.ones(chunks, np.uint8),
         np.zeros((chunks, 6), np.int64),
-        np.zeros((particles // LANES, 2 + SLOTS), np.int64),
+        np.zeros((particles // LANES, 3 + SLOTS), np.int64),
         np.zeros(particles + LANES * chunks, np.uint32),
         np.zeros((particles // LANES + chunks, 2), np.int64),
     )
@@ -90,6 +90,7 @@ def find_runs(chunks, other):
                 whole[wholes, 0], whole[wholes, 1] = p, left
                 for s in range(SLOTS):
                     whole[wholes, 2 + s] = np.int64(other[s, p]) - p
+                whole[wholes, 2 + SLOTS] = other[0, p] < p and other[1, p] < p
                 wholes += 1
                 if covered < p:
                     loose[stretches, 0], loose[stretches, 1] = covered, p

@@ -140,10 +140,14 @@ def slot_of(e, p, slots):
 
 @inner_kernel
 def own_slot(e, n_owned, first_split, elements, slots):
-    """A slot of element e that this rank steps, and its particle: at the start, if that is not the halo's."""
-    p = elements.ends[e, 0]
+    """The slot of element e that keeps its extremes until it breaks, and the particle: the lower in number.
+
+    At the other end if this one is the halo's, as what is left of a broken one may have it.
+    """
+    a, b = elements.ends[e, 0], elements.ends[e, 1]
+    p = min(a, b)
     if n_owned <= p and p < first_split:
-        p = elements.ends[e, 1]
+        p = max(a, b)
     return slot_of(e, p, slots), p
 
 
