@@ -14,7 +14,7 @@ from netfall.parallel.subdomain import cut_net
 from netfall.step.forces import kick_chunk
 from netfall.step.limits import count_near
 from netfall.step.plan import CHUNK, Plan
-from netfall.step.slots import collect_yields
+from netfall.step.slots import collect_extremes, collect_yields
 
 
 class NoHalo:
@@ -167,6 +167,25 @@ def test_runs_give_the_bits_of_the_general_loop(scene):
     assert (whole[:, 1] - whole[:, 0]).sum() > 1300
     outcomes = [[values.tobytes() for values in forces_of(state, in_runs)] for in_runs in (True, False)]
     assert outcomes[0] == outcomes[1]
+
+
+def test_runs_keep_the_extreme_forces_of_each_element():
+    """Where the far ends of the first two slots come before, at those alone; in another order, at both ends.
+
+    The forces of the element law, to rounding.
+    """
+    across = np.abs(np.diff(lattice(40), axis=1).ravel()) > 1
+    x = np.column_stack([np.arange(1600) % 40, np.arange(1600) // 40, np.zeros(1600)])
+    for order, at_one_end in ((np.arange(len(across)), True), (np.argsort(across, kind="stable"), False)):
+        state = make_state(SCENES["01110"], 1600, lattice(40)[order], x, 2)
+        whole = Plan(state, NoHalo()).chunks.runs.whole
+        inside = (whole[:, 1] - whole[:, 0]) @ (whole[:, -1] == at_one_end)
+        assert inside > 1200
+        forces_of(state)
+        collect_extremes(state.n_owned, state.first_split, state.elements, state.slots)
+        N = state.elements_now().N
+        for kept, expected in ((state.highest, np.maximum(N, 0.0)), (state.lowest, np.minimum(N, 0.0))):
+            assert np.abs(kept - expected).max() <= ROUNDING * np.abs(N).max()
 
 
 def test_a_lattice_with_gaps_is_one_run_for_each_chunk():
