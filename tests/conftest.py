@@ -12,7 +12,12 @@ from validation_table import Table
 
 # As it was before any MPI start-up in this process: mpirun fails silently with more.
 # Ranks of two tests share the cores, so they do not wait in busy loops. Warnings are errors, as in the tests.
-ENVIRONMENT = os.environ | {"OMPI_MCA_mpi_yield_when_idle": "1", "PYTHONWARNINGS": "error"}
+# What Python makes of its sources is kept, whatever is asked for: that is a quarter of each start of netfall.
+ENVIRONMENT = os.environ | {
+    "OMPI_MCA_mpi_yield_when_idle": "1",
+    "PYTHONWARNINGS": "error",
+    "PYTHONDONTWRITEBYTECODE": "",
+}
 ROOT = Path(__file__).resolve().parents[1]
 BIN = ROOT / ".venv" / "bin"
 

@@ -20,6 +20,7 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.cpu import CPUTargetOptions
 from numba.core.options import TargetOptions
 from numba.core.registry import CPUDispatcher
+from numba.core.runtime import rtsys
 
 from netfall.ground.handed import handed, whole
 from netfall.ground.passes import ApartPipeline, Pipeline, remember_answers
@@ -108,14 +109,20 @@ class _Cache(FunctionCache):
 
     def load_overload(self, sig, target_context):
         """One version; None if it is this process that has to compile it."""
-        found = super().load_overload(sig, target_context)
+        found = self._load(sig, target_context)
         if found is None and sig not in self._turns:
             name = self._cache_file._name(self._index_key(sig, target_context.codegen()))
             self._turns[sig] = turn(Path(self.cache_path, f"{name}.lock"))
-            found = super().load_overload(sig, target_context)
+            found = self._load(sig, target_context)
             if found is not None:
                 self._end_turn(sig)
         return found
+
+    def _load(self, sig, target_context):
+        """One version; None if there is none. numba loads the compiler first, a sixth of a start."""
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)
 
     def save_overload(self, sig, data):
         """Write one version, for which others may wait."""
