@@ -14,6 +14,7 @@ from netfall.checks.reactions import reaction_columns
 from netfall.ground.errors import Interrupted
 from netfall.ground.progress import Progress
 from netfall.job.read import read_job
+from netfall.model.layout import make_layout
 from netfall.program.run import run_job
 
 EA, L0 = 1e6, 5.0  # N, m: two cables from the middle node to supports 5 m away at either side
@@ -350,6 +351,20 @@ def test_taps_far_outside_the_roof_are_told(workshop, x, told):
     done = run_on_standing_ranks("check", workshop.job(text, nodes(), ELEMENTS))
     line = "[wind] taps: 1 of 2 taps lie far outside the roof, the farthest at x, y = -5000, 0 m by 4995 m"
     assert done.returncode == 0 and (line in done.stdout) == told and ("far outside" in done.stdout) == told
+
+
+@pytest.mark.parametrize("mass, moves, told", [(0, True, True), (500, True, False), (0, False, False)])
+def test_a_weight_without_mass_is_told_where_it_moves(workshop, mass, moves, told):
+    """4905 N at a node are 500 kg; with its mass, or in statics alone, there is nothing to tell."""
+    tables = f"id,x,y,z,fixed,load_z,mass\n1,0,0,0,1,-9,0\n2,0,0,-2,0,-4905,{mass}\n", "start,end\n1,2\n"
+    text = CABLE + ("[dynamics]\nduration = 1.0\n" if moves else "[load]\nsteps = 1\n")
+    found = [
+        note for note in make_layout(read_job(workshop.job(text, *tables)), 1).notes if "without mass" in note
+    ]
+    assert len(found) == told
+    assert all(
+        note.startswith("column load_z of node 2: 4905 N") and "500 kg in all" in note for note in found
+    )
 
 
 @pytest.mark.parametrize("more, told", [("", True), ("[[remove]]\nelements = [1]\ntime = 1.0\n", False)])

@@ -7,7 +7,7 @@ from netfall.job.job import Job
 from netfall.job.values import counted
 from netfall.mechanics.material import exceeds_stiffness, strains
 from netfall.net.bars import euler_load
-from netfall.net.net import Net
+from netfall.net.net import GRAVITY, Net
 from netfall.numerics.functions import lengths
 from netfall.wind.coherence import LOWEST_HEIGHT
 
@@ -38,6 +38,19 @@ def unit_notes(net: Net) -> list[str]:
                 f"{low:g} to {high:g}: {example}".replace("  ", " ")
             )
     return notes
+
+
+def massless_notes(job: Job, net: Net) -> list[str]:
+    """A note on nodes that are pulled down by a load of their own and have no mass of their own."""
+    hung = (net.load[:, 2] < 0.0) & (net.mass == 0.0) & ~net.fixed[:, 2]
+    if job.dynamics is None or not hung.any():
+        return []
+    weight = -float(net.load[hung, 2].sum())
+    return [
+        f"column load_z of {counted('node', net.node_id[hung])}: {weight:.4g} N downward without mass: loads "
+        f"of nodes have no inertia; of weights, column mass has to have theirs, {weight / GRAVITY:.4g} "
+        "kg in all, or periods come out too short"
+    ]
 
 
 def strain_notes(net: Net, eps: np.ndarray) -> list[str]:
