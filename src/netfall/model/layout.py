@@ -86,7 +86,10 @@ def make_layout(
     notes += chain_notes(chains) if chains else []
     measured = read_history(job)
     if measured:
-        notes += measured.notes + far_notes(job, net, measured.places)
+        what = "taps" if job.wind.taps else "points"
+        notes += measured.notes + far_notes(f"[wind] {what}", what, net, measured.places)
+    for name, case in cases.items():
+        notes += far_notes(f"[[case]] {name}: pressure_table", "points", net, case.points)
     return Layout(
         net,
         roofing,

@@ -118,8 +118,8 @@ def low_notes(job: Job, net: Net, x: np.ndarray, wind: np.ndarray) -> list[str]:
     ]
 
 
-def far_notes(job: Job, net: Net, places: np.ndarray | None) -> list[str]:
-    """A note on places (c, 2 or 3) [m] of taps, or of measured speeds, far outside the roof as given."""
+def far_notes(key: str, what: str, net: Net, places: np.ndarray | None) -> list[str]:
+    """A note on places (c, 2 or 3) [m], None: none, far outside the roof as given; what : of key."""
     if places is None:
         return []
     x, y = net.x[:, :2], places[:, :2]
@@ -128,10 +128,9 @@ def far_notes(job: Job, net: Net, places: np.ndarray | None) -> list[str]:
     far = np.flatnonzero(outside > FAR * size)
     if not len(far):
         return []
-    key = "taps" if job.wind.taps else "points"
     k = far[np.argmax(outside[far])]
     return [
-        f"[wind] {key}: {len(far)} of {len(places)} {key} lie far outside the roof, the farthest at x, y = "
+        f"{key}: {len(far)} of {len(places)} {what} lie far outside the roof, the farthest at x, y = "
         f"{y[k, 0]:g}, {y[k, 1]:g} m by {outside[k]:.4g} m, the net from {low[0]:g}, {low[1]:g} to "
         f"{high[0]:g}, {high[1]:g} m: x and y are in metres, in the axes of the net, whatever [net] unit is"
     ]
