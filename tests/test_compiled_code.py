@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+import numba
 import numpy as np
 import pytest
 from conftest import ROOT
@@ -15,8 +16,9 @@ import netfall
 from netfall.ground.apart import Entry, call
 from netfall.ground.compile import FileForEach, allocating_kernel, kernel, kernel_apart, turn
 from netfall.ground.handed import laid
+from netfall.mechanics.fields import Features
 from netfall.program import setup
-from netfall.program.ahead import ahead_of, plan_of, state_with, types_of
+from netfall.program.ahead import Ahead, ahead_of, plan_of, state_with, types_of
 from netfall.step.loop import time_loop
 
 
@@ -93,6 +95,18 @@ def test_the_time_loop_is_compiled_ahead_for_what_the_run_calls_it_with(monkeypa
     netfall.run(ROOT / "jobs" / f"{name}.toml", {"dynamics.duration": 0.02}, quiet=True).close()
     [ahead] = known
     assert types_of(ahead, plan_of(ahead, state_with(ahead))) in time_loop.overloads
+
+
+def test_scenes_that_differ_in_what_the_step_alone_reads_share_the_kernels_of_a_moment():
+    """Losses, several strengths, several yield forces: elements and law have the types of one scene."""
+    scenes = [
+        Features(plastic=True, fracture=True),
+        Features(plastic=True, fracture=True, losses=True, bars=True),
+        Features(plastic=True, fracture=True, strengths=True, sections=True),
+    ]
+    states = [state_with(Ahead(features, False, False)) for features in scenes]
+    assert len({numba.typeof(state.of_a_moment) for state in states}) == 1
+    assert len({numba.typeof((state.elements, state.law)) for state in states}) == 3
 
 
 class Pair(NamedTuple):

@@ -229,7 +229,7 @@ def net_of(state: State, load: np.ndarray, slips=None) -> Net:
         f[:] = 0.0
         if slips is not None:
             slips.forces(x, f)
-        add_element_forces(x, state.elements, state.law, f)
+        add_element_forces(x, *state.of_a_moment, f)
         if state.joints is not None:
             add_bending_forces(x, state.joints, f)
         if state.features.springs:

@@ -22,6 +22,7 @@ from netfall.mechanics.fields import (
 from netfall.mechanics.material import Law, law_of, reaches
 
 FEWEST_SPARE = 64  # rows for particles that may split off, made at once
+STEP_ALONE = ("lost", "highest", "lowest", "yield_strain", "eps_u", "eps_c", "reach", "pending", "breaks")
 
 
 class State:
@@ -95,6 +96,14 @@ class State:
             self.renew_law()
         return self._tuples["law"]
 
+    @property
+    def of_a_moment(self) -> tuple[Elements, Law]:
+        """Elements and law without what the step alone reads: scenes that differ in it share kernels."""
+        if "moment" not in self._tuples:
+            law = Law(self.law.logarithmic, *[None] * 6, self.law.branches)
+            self._tuples["moment"] = self.elements._replace(**dict.fromkeys(STEP_ALONE)), law
+        return self._tuples["moment"]
+
     def renew_law(self) -> Law:
         """The law with what has broken left out."""
         alike = lambda array, slot: (
@@ -115,12 +124,13 @@ class State:
             least,
             self.slot_reach is None,
         )._replace(branches=self.branches)
+        self._tuples.pop("moment", None)
         return self._tuples["law"]
 
     def elements_now(self) -> ElementState:
         """Axial force [N], strain, plastic strain and length [m] (m,) at the present positions."""
         now = ElementState(*(np.empty(self.m) for _ in range(4)))
-        element_state(self.x, self.elements, self.law, now)
+        element_state(self.x, *self.of_a_moment, now)
         return now
 
     def bending_moments(self) -> np.ndarray:

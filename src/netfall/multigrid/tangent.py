@@ -47,7 +47,7 @@ def tangent_of(state: State) -> Tangent:
     """The tangent stiffness of a state's elements and supports at its positions."""
     N, axial, across = np.empty((3, state.m))
     direction = np.empty((state.m, 3))
-    element_tangents(state.x, state.elements, state.law, N, direction, axial, across)
+    element_tangents(state.x, *state.of_a_moment, N, direction, axial, across)
     springs = state.features.springs
     nodal = largest_springs(state.spring, state.turned).astype(float) if springs else np.zeros(state.n_local)
     nodal_stiffness(state.ends, largest_stiffness(state.EA, state.L0) + np.abs(across), nodal)

@@ -125,8 +125,8 @@ def subject_of(state: State) -> Subject:
     s = state
     springs = tuple(map(with_rows, (s.x_start, s.spring, s.spring_rest, s.turned)))
     springs = springs if s.features.springs else None
-    besides = springs, s.joints, s.places
-    return Subject(s.n_owned, s.first_split, s.rows, with_rows(s.x), *besides, s.particles, s.elements, s.law)
+    besides = springs, s.joints, s.places, s.particles._replace(valence=None)
+    return Subject(s.n_owned, s.first_split, s.rows, with_rows(s.x), *besides, *s.of_a_moment)
 
 
 def take_snapshot(

@@ -73,6 +73,9 @@ class RowTable:
             self.local,
             self.table,
             self.snapshot.observe,
+            state.highest,
+            state.lowest,
+            state.eps_u,
         )
 
     def is_due(self, number: int) -> bool:

@@ -65,7 +65,7 @@ class Rows(NamedTuple):
     last : (1,) number of the step at which it was widened last
     tension : (4, m), displacement : (2, n_owned), moment : (m,), as `record.envelope` has them
     joint_at : (m, 2) joints at both ends of elements, as `State` has them; None, as moment: no chain bends
-    element_gid : (m,); observe : of `audit`
+    element_gid : (m,); observe : of `audit`; highest, lowest, eps_u : (m,) of elements, None as in `Elements`
     """
 
     due: np.ndarray
@@ -83,6 +83,9 @@ class Rows(NamedTuple):
     local: Local
     table: Table
     observe: Entry
+    highest: np.ndarray | None
+    lowest: np.ndarray | None
+    eps_u: np.ndarray | None
 
 
 @part_of_kernel
@@ -150,20 +153,20 @@ def widen(number, rows):
         u = math.sqrt(dx * dx + dy * dy + dz * dz)
         if u > displacement[0, p]:
             displacement[0, p], displacement[1, p] = u, time
-    if elements.highest is not None:
-        widen_to_extremes(time, elements, tension)
+    if rows.highest is not None:
+        widen_to_extremes(time, rows.highest, rows.lowest, tension)
     if rows.moment is not None:
         widen_moments(rows.subject.x, rows.subject.joints, rows.joint_at, rows.moment)
 
 
 @kernel
-def widen_to_extremes(time, elements, tension):
-    """Take in the extremes of all steps up to a time [s]. tension : (4, m), as `Rows` has it"""
+def widen_to_extremes(time, highest, lowest, tension):
+    """Take in the extremes of all steps up to a time [s], as `Rows` has them, and tension (4, m)."""
     for e in range(tension.shape[1]):
-        if elements.highest[e] > tension[0, e]:
-            tension[0, e], tension[1, e] = elements.highest[e], time
-        if elements.lowest is not None:
-            tension[2, e] = min(tension[2, e], elements.lowest[e])
+        if highest[e] > tension[0, e]:
+            tension[0, e], tension[1, e] = highest[e], time
+        if lowest is not None:
+            tension[2, e] = min(tension[2, e], lowest[e])
 
 
 @inner_kernel
@@ -242,13 +245,13 @@ def find_most_strained(rows, size, who):
     if at >= 0:
         size[1], who[1] = size_of(best), rows.element_gid[at]
     if size[1] > MOST_STRAIN:
-        at = endless_strain(rows.subject.elements, rows.room.now)
+        at = endless_strain(rows.eps_u, rows.subject.elements.broken, rows.room.now)
         if at >= 0:
             size[2], who[2] = abs(eps[at]), rows.element_gid[at]
 
 
 @inner_kernel
-def endless_strain(elements, now):
+def endless_strain(eps_u, broken, now):
     """The element with the largest strain beyond MOST_STRAIN of those that nothing ever breaks; -1: none.
 
     A slack cable may hang as it likes; what hangs on after a fracture has no limit any more.
@@ -256,9 +259,9 @@ def endless_strain(elements, now):
     largest, at = MOST_STRAIN, -1
     for e in range(now.N.shape[0]):
         limit = math.inf
-        if elements.eps_u is not None:
-            limit = elements.eps_u[e]
-        endless = limit == math.inf and elements.broken[e] == 0 and now.N[e] != 0.0
+        if eps_u is not None:
+            limit = eps_u[e]
+        endless = limit == math.inf and broken[e] == 0 and now.N[e] != 0.0
         if endless and abs(now.eps[e]) > largest:
             largest, at = abs(now.eps[e]), e
     return at
