@@ -51,7 +51,7 @@ JOBS = {
     "compressed bars in motion": (BARS + SHORT, TRIPOD, LEGS),
     "compressed bars with a strength": (BARS.replace("[load]", "breaking_load = 1e6\n[load]"), TRIPOD, LEGS),
     "a history of one row": (SADDLE + FOUND + SHORT.replace("0.02", "0.001"),),
-    "no audit": (SADDLE + FOUND + SHORT + "[output]\nenergy = false\n",),
+    "no audit": (BREAKS + FOUND + WIND + SHORT + "[output]\nenergy = false\n",),
     "probes": (SADDLE + FOUND + SHORT + "[output]\nprobes = [[0.0, 0.0]]\nelements = [3]\nframes = 1\n",),
 }
 ALWAYS = ("olympia", "saddle")  # of the shipped jobs

@@ -16,12 +16,12 @@ from netfall.measure.outcome import Outcome, Outcomes, outcome_of
 from netfall.study.journal import read_journal
 from netfall.write.locks import claim, release
 
+LIMITS = "yield_stress = 1.75e9\nfracture_strain = 0.0404\n"
 JOB = (
     '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n'
     + STEEL
-    + """yield_stress = 1.75e9
-fracture_strain = 0.0404
-[form_finding]
+    + LIMITS
+    + """[form_finding]
 method = "force_density"
 [load]
 dead = 300.0
@@ -44,7 +44,7 @@ def test_scale_measures_one_and_two_ranks(workshop):
     """
     done = run_netfall(
         "scale",
-        workshop.job(JOB),
+        workshop.job(JOB.replace(LIMITS, "")),
         "--ranks",
         "1,2",
         "--repeats",
