@@ -449,6 +449,20 @@ def test_a_piece_of_several_sections_names_them_all(tmp_path):
     assert found["mass"] == pytest.approx(3.0 * lengths[0] + 5.0 * lengths[1], rel=1e-12)
 
 
+def test_no_check_passes_where_an_equilibrium_that_counts_is_not_stable(workshop):
+    """A post of 4 m under 50 kN between cables of 5 m and 1 kN: across it 2 x 1 / 5 - 50 / 4 kN/m hold it."""
+    nodes = "id,x,y,z,fixed,load_z\n1,-5,0,4,1,\n2,5,0,4,1,\n3,0,0,0,1,\n4,0,0,4,0,{}\n"
+    rows = "1,1,4,stay,1e3,240e3\n2,4,2,stay,1e3,240e3\n3,3,4,post,0,\n"
+    text = STATICS + '[cable.post]\nkind = "bar"\narea = 0.01\nsecond_moment = 1e-3\n'
+    for load, result in (("-50e3", "not stable"), ("-1e3", "passes")):
+        workshop.run(workshop.job(text, nodes.format(load), ELEMENTS.format(rows))).close()
+        folder = report_of(workshop.folder)
+        results = {row["result"] for row in rows_of(folder / "checks.csv") if row["utilisation"]}
+        page = (folder / "summary.md").read_text()
+        assert results == {result} and ("**FAILS: statics is not stable.**" in page) == (load == "-50e3")
+        assert ("**statics is not stable: the tangent stiffness is" in page) == (load == "-50e3")
+
+
 def test_what_the_run_noted_is_in_its_result_and_report(workshop):
     """80 kN from above against 60 kN from below: as given 20 kN are left over; with 80 kN none."""
     off = "the net as given is not in equilibrium with its prestress: largest residual 2e+04 N, largest "

@@ -5,7 +5,7 @@ import numpy as np
 from netfall.checks.cables import Checked
 from netfall.checks.cases import largest_displacements, slack_cables
 from netfall.checks.codes import Check
-from netfall.checks.groups import counted_names, limits_of, members, without_equilibrium
+from netfall.checks.groups import counted_names, limits_of, members, without_equilibrium, without_stability
 from netfall.report.markdown import MOST_LISTED, as_table, force, more, picture, share
 from netfall.results.cases import EQUILIBRIUM, KINDS, Case
 from netfall.results.file import job_of
@@ -73,6 +73,9 @@ def checks(f, envelope: Envelope, checked: Checked, table: dict) -> list[str]:
         lines += [f"### {check.title}", "", _counts(names, check), ""]
         failed = without_equilibrium(f, envelope, check.kind)
         lines += [f"**FAILS: {state_words(f, place)} has no equilibrium.**" for place in failed]
+        failed = without_stability(f, envelope, check.kind)
+        lines += [f"**FAILS: {state_words(f, place)} is not stable.**" for place in failed]
+        lines += [""] if lines[-1] else []
         if not len(mine):
             lines += ["Empty: no group has a strength for it.", ""]
             continue

@@ -12,8 +12,8 @@ from netfall.results.cases import cases_of
 from netfall.results.file import lines_of_form, notes_of_run, overloads_of, provenance_text, title_of
 from netfall.results.loss_lines import loss_lines, rises, telling_factor
 from netfall.results.losses import worst_after
-from netfall.results.notes import displacement_notes_of, limit_notes_of
-from netfall.results.states import Envelope, no_equilibrium, state_groups, state_words
+from netfall.results.notes import NOT_STABLE, displacement_notes_of, limit_notes_of
+from netfall.results.states import Envelope, no_equilibrium, not_stable, state_groups, state_words
 
 WORST = 10
 ROUNDING = 1e-10  # of the forces that a sum is of: what rests is not exactly at rest
@@ -87,6 +87,11 @@ def _what_ran(f, result: Path) -> list[str]:
             lines.append(f"**No equilibrium: {f['deviation'].attrs['reason']}.**")
     lines += [
         f"**{state_words(f, place)} has no equilibrium: {f[place].attrs['reason']}.**" for place in failed
+    ]
+    lines += [
+        f"**{state_words(f, place)} is not stable: {NOT_STABLE}.**"
+        for place in state_groups(f)
+        if not_stable(f[place])
     ]
     lines += _sentences(displacement_notes_of(f) + limit_notes_of(f))
     if "history" in f and len(f["events/element"]):

@@ -155,10 +155,14 @@ def no_equilibrium(group) -> bool:
     return group.attrs.get("state") == "no_equilibrium"
 
 
+def not_stable(group) -> bool:
+    """Whether a group holds an equilibrium in which compressed bars buckle."""
+    return group.attrs.get("state") == "unstable"
+
+
 def shown_name(f, state: ShownState) -> str:
     """The name of a state as pictures show it, which says where it is not stable."""
-    unstable = state.place and f[state.place].attrs.get("state") == "unstable"
-    return f"{state.name} (not stable)" if unstable else state.name
+    return f"{state.name} (not stable)" if state.place and not_stable(f[state.place]) else state.name
 
 
 def start_words(f) -> str:
