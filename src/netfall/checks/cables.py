@@ -6,8 +6,8 @@ import numpy as np
 
 from netfall.checks.buckling import bar_columns, moment_columns, strengths_of_bars
 from netfall.checks.codes import IN_TENSION, Check
+from netfall.checks.counted import counted, stage_kinds, unborne_of
 from netfall.mechanics.material import REACHED, stretched_length, warm_length
-from netfall.results.cases import KINDS, cases_of
 from netfall.results.losses import broken_at, largest_factor, lost_at
 from netfall.results.states import (
     MOTION,
@@ -41,6 +41,7 @@ class Checked:
         the envelope's it is
     fails : used above 1, or yields, has buckled or broke in these stages: what had been asked of it is not
         known then, since it carries no more
+    unborne : one of UNBORNE, "": each stage that counts for the check is a stable equilibrium
     bends : (m,), of a chain of bars that bends, whose moments no check knows
     """
 
@@ -50,6 +51,7 @@ class Checked:
     force: dict[str, np.ndarray]
     of: dict[str, np.ndarray]
     fails: dict[str, np.ndarray]
+    unborne: dict[str, str]
     bends: np.ndarray
 
     def decisive(self, check: str) -> np.ndarray:
@@ -113,34 +115,18 @@ def check_elements(f, checks: list[Check], resistance: dict, envelope: Envelope)
         beyond = (used[each.name] > 1.0) | at_most | (moved & (stages[each.name] & moving).any())
         fails[each.name] = np.isfinite(used[each.name]) & beyond
     moment = moment_columns(f).get("bending_moment_max", np.full(len(strong), np.nan))
-    return Checked(checks, resistance, used, force, of, fails, np.isfinite(moment))
+    unborne = {check.name: unborne_of(f, envelope, check.kind) for check in checks}
+    return Checked(checks, resistance, used, force, of, fails, unborne, np.isfinite(moment))
 
 
 def results_of(checked: Checked, check: str) -> np.ndarray:
-    """Of each element (m,) in a check: passes, also without its bending, FAILS, "": it has no utilisation."""
-    results = np.isnan(checked.utilisation[check]), checked.fails[check], checked.bends
-    return np.select(results, ["", "FAILS", f"{PASSES} without bending"], PASSES).astype(object)
+    """Of each element (m,) in a check: passes, also without its bending, FAILS, "": it has no utilisation.
 
-
-def stage_kinds(f, envelope: Envelope) -> np.ndarray:
-    """Of each stage of an envelope the kind of its case or combination (`results.cases.Case`), else ""."""
-    kinds = {case.shown.place: case.kind for case in cases_of(f)}
-    return np.array([kinds.get(place, "") for place in envelope.places], object)
-
-
-def counted(kinds: np.ndarray, kind: str) -> np.ndarray:
-    """Which stages (stages,) count for a check of some kind; kinds : as of `stage_kinds`.
-
-    Where the job has combinations of this kind: these and the first stage, the form; for ultimate checks
-    also losses, dynamics and what else is of no kind, whose loads are those of an accident. Where it has
-    none: all but the combinations of the other kind.
+    One of UNBORNE: it would pass, but something that counts for the check is not borne.
     """
-    own = kinds == kind
-    if not kind or not own.any():
-        return ~np.isin(kinds, KINDS) if kind else np.ones(len(kinds), bool)
-    own |= (kinds == "") & (kind == KINDS[0])
-    own[0] = True
-    return own
+    passes = checked.unborne[check] or PASSES
+    results = np.isnan(checked.utilisation[check]), checked.fails[check], checked.bends & (passes == PASSES)
+    return np.select(results, ["", "FAILS", f"{PASSES} without bending"], passes).astype(object)
 
 
 def only_compressed(f, envelope: Envelope) -> np.ndarray:

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.checks.cables import PASSES, Checked, counted, groups_of, results_of, stage_kinds, types_of
+from netfall.checks.cables import Checked, groups_of, results_of, types_of
 from netfall.results.cases import EQUILIBRIUM, KINDS, Case
-from netfall.results.states import Envelope, no_equilibrium, not_stable
+from netfall.results.states import Envelope
 
 ALIKE = 1e-3  # of the force: members of a group and type with forces as near are one row, by symmetry
 
@@ -27,7 +27,7 @@ def group_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
     """A row for each check and group, those of a check worst first: its member with the largest utilisation.
 
     alike : how many elements of the group and type have the same force, this one included
-    result : as of `results_of`; no equilibrium, not stable: it passes, but something that counts is not borne
+    result : as of `results_of`
     """
     rows = [
         (check, e, alike)
@@ -37,11 +37,6 @@ def group_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
     each = np.array([e for _, e, _ in rows])
     of = lambda table: np.array([table[check.name][e] for check, e, _ in rows])
     used = of(checked.utilisation)
-    fallen = {check.kind: bool(without_equilibrium(f, envelope, check.kind)) for check in checked.checks}
-    shaky = {check.kind: bool(without_stability(f, envelope, check.kind)) for check in checked.checks}
-    fell, leans = (np.array([told[check.kind] for check, *_ in rows], bool) for told in (fallen, shaky))
-    results = of({check.name: results_of(checked, check.name) for check in checked.checks})
-    passed = np.char.startswith(results.astype(str), PASSES)
     return {
         "check": np.array([check.name for check, *_ in rows], object),
         "kind": np.array([check.kind for check, *_ in rows], object),
@@ -54,7 +49,7 @@ def group_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
         "N_Ed": of(checked.force),
         "N_Rd": of(checked.resistance),
         "utilisation": used,
-        "result": np.select([fell & passed, leans & passed], ["no equilibrium", "not stable"], results),
+        "result": of({check.name: results_of(checked, check.name) for check in checked.checks}),
     }
 
 
@@ -89,28 +84,6 @@ def _numbers(*columns: np.ndarray) -> list[int]:
     """A number for each row, the same for equal rows."""
     known: dict[tuple, int] = {}
     return [known.setdefault(row, len(known)) for row in zip(*(column.tolist() for column in columns))]
-
-
-def counted_names(f, envelope: Envelope, kind: str) -> list[str]:
-    """The stages that count for checks of some kind."""
-    which = counted(stage_kinds(f, envelope), kind)
-    return [name for name, counts in zip(envelope.names, which) if counts]
-
-
-def without_equilibrium(f, envelope: Envelope, kind: str) -> list[str]:
-    """The groups of the result that count for checks of some kind and have no equilibrium."""
-    return [place for place in _counted_places(f, envelope, kind) if no_equilibrium(f[place])]
-
-
-def without_stability(f, envelope: Envelope, kind: str) -> list[str]:
-    """The same that are not stable, but stages of erection, whose struts are held until cables are taut."""
-    places = _counted_places(f, envelope, kind)
-    return [place for place in places if not place.startswith("stages/") and not_stable(f[place])]
-
-
-def _counted_places(f, envelope: Envelope, kind: str) -> list[str]:
-    which = counted(stage_kinds(f, envelope), kind)
-    return list(dict.fromkeys(place for place, counts in zip(envelope.places, which) if counts and place))
 
 
 def limits_of(job: dict, cases: list[Case], moved: list[tuple[float, int]], slack: list[int]) -> list[Limit]:

@@ -5,7 +5,8 @@ import numpy as np
 from netfall.checks.cables import Checked
 from netfall.checks.cases import largest_displacements, slack_cables
 from netfall.checks.codes import Check
-from netfall.checks.groups import counted_names, limits_of, members, without_equilibrium, without_stability
+from netfall.checks.counted import counted_names, without_equilibrium, without_stability
+from netfall.checks.groups import limits_of, members
 from netfall.report.markdown import MOST_LISTED, as_table, force, more, picture, share
 from netfall.results.cases import EQUILIBRIUM, KINDS, Case
 from netfall.results.file import job_of

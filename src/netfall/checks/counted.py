@@ -1,0 +1,57 @@
+"""Which stages of a result count for a check, and whether they are equilibria, and stable."""
+
+import numpy as np
+
+from netfall.results.cases import KINDS, cases_of
+from netfall.results.states import Envelope, no_equilibrium, not_stable
+
+UNBORNE = "no equilibrium", "not stable"
+
+
+def stage_kinds(f, envelope: Envelope) -> np.ndarray:
+    """Of each stage of an envelope the kind of its case or combination (`results.cases.Case`), else ""."""
+    kinds = {case.shown.place: case.kind for case in cases_of(f)}
+    return np.array([kinds.get(place, "") for place in envelope.places], object)
+
+
+def counted(kinds: np.ndarray, kind: str) -> np.ndarray:
+    """Which stages (stages,) count for a check of some kind; kinds : as of `stage_kinds`.
+
+    Where the job has combinations of this kind: these and the first stage, the form; for ultimate checks
+    also losses, dynamics and what else is of no kind, whose loads are those of an accident. Where it has
+    none: all but the combinations of the other kind.
+    """
+    own = kinds == kind
+    if not kind or not own.any():
+        return ~np.isin(kinds, KINDS) if kind else np.ones(len(kinds), bool)
+    own |= (kinds == "") & (kind == KINDS[0])
+    own[0] = True
+    return own
+
+
+def counted_names(f, envelope: Envelope, kind: str) -> list[str]:
+    """The stages that count for checks of some kind."""
+    which = counted(stage_kinds(f, envelope), kind)
+    return [name for name, counts in zip(envelope.names, which) if counts]
+
+
+def without_equilibrium(f, envelope: Envelope, kind: str) -> list[str]:
+    """The groups of the result that count for checks of some kind and have no equilibrium."""
+    return [place for place in _counted_places(f, envelope, kind) if no_equilibrium(f[place])]
+
+
+def without_stability(f, envelope: Envelope, kind: str) -> list[str]:
+    """The same that are not stable, but stages of erection, whose struts are held until cables are taut."""
+    places = _counted_places(f, envelope, kind)
+    return [place for place in places if not place.startswith("stages/") and not_stable(f[place])]
+
+
+def _counted_places(f, envelope: Envelope, kind: str) -> list[str]:
+    which = counted(stage_kinds(f, envelope), kind)
+    return list(dict.fromkeys(place for place, counts in zip(envelope.places, which) if counts and place))
+
+
+def unborne_of(f, envelope: Envelope, kind: str) -> str:
+    """One of UNBORNE for checks of some kind, "": what counts for them is borne."""
+    found = without_equilibrium(f, envelope, kind), without_stability(f, envelope, kind)
+    return next((word for word, places in zip(UNBORNE, found) if places), "")
