@@ -2,9 +2,12 @@
 partitions are read, written, and refused when foreign.
 """
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
-from conftest import ROOT, STEEL, assert_same_results, run_netfall, run_on_standing_ranks
+from conftest import ENVIRONMENT, ROOT, STEEL, assert_same_results, run_netfall, run_on_standing_ranks
 
 from netfall.net.generators import generate as generators
 from netfall.parallel.partition import metis_partition, read_partition, write_partition
@@ -246,3 +249,25 @@ def test_partition_files_are_metis_own(tmp_path):
     assert int(lines[0][1]) == net.m == sum(map(len, rows)) // 2
     assert all(p + 1 in rows[q - 1] for p, row in enumerate(rows) for q in row)
     assert len((tmp_path / "x.graph.part.2").read_text().split()) == net.n
+
+
+ALONE = """
+import os, sys
+from netfall.parallel.alone import start_alone
+before = dict(os.environ)
+start_alone()
+assert dict(os.environ) == before, "a process that is started here would find another environment"
+if "mpi4py.MPI" in sys.modules:
+    from mpi4py import MPI
+    print(MPI.COMM_WORLD.size)
+"""
+
+
+@pytest.mark.parametrize("rank, says", [(None, "1\n"), ("0", "")])
+def test_a_process_without_a_launcher_starts_mpi_by_itself(rank, says):
+    """And leaves no setting behind; what a launcher has started is left to it."""
+    there = {"PMI_RANK": rank} if rank else {}
+    done = subprocess.run(
+        [sys.executable, "-c", ALONE], env=ENVIRONMENT | there, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stdout) == (0, says), done.stderr

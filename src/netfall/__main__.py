@@ -9,6 +9,7 @@ from pathlib import Path
 from netfall.cli import commands
 from netfall.cli.parser import VERBS, parser
 from netfall.ground.errors import DivergedError, InputError, Interrupted, OutputError
+from netfall.ground.launch import RANK_NAMES
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # before a command loads numpy and numba: a rank is one thread
@@ -80,8 +81,7 @@ def main() -> None:
 def _rank() -> int:
     """This process's rank; before MPI is in use, what the launcher says; else 0."""
     if "mpi4py.MPI" not in sys.modules:
-        names = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")
-        return next((int(os.environ[name]) for name in names if os.environ.get(name, "").isdigit()), 0)
+        return next((int(os.environ[name]) for name in RANK_NAMES if os.environ.get(name, "").isdigit()), 0)
     from mpi4py import MPI
 
     return MPI.COMM_WORLD.rank

