@@ -6,7 +6,7 @@ import numpy as np
 
 from netfall.checks.buckling import bar_columns, moment_columns, strengths_of_bars
 from netfall.checks.codes import IN_TENSION, Check
-from netfall.checks.counted import counted, stage_kinds, unborne_of
+from netfall.checks.counted import counted, places_of, stage_kinds, unborne_of
 from netfall.mechanics.material import REACHED, stretched_length, warm_length
 from netfall.results.losses import broken_at, largest_factor, lost_at
 from netfall.results.states import (
@@ -115,7 +115,7 @@ def check_elements(f, checks: list[Check], resistance: dict, envelope: Envelope)
         beyond = (used[each.name] > 1.0) | at_most | (moved & (stages[each.name] & moving).any())
         fails[each.name] = np.isfinite(used[each.name]) & beyond
     moment = moment_columns(f).get("bending_moment_max", np.full(len(strong), np.nan))
-    unborne = {check.name: unborne_of(f, envelope, check.kind) for check in checks}
+    unborne = {name: unborne_of(f, places_of(envelope, which)) for name, which in stages.items()}
     return Checked(checks, resistance, used, force, of, fails, unborne, np.isfinite(moment))
 
 

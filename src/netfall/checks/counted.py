@@ -29,29 +29,22 @@ def counted(kinds: np.ndarray, kind: str) -> np.ndarray:
     return own
 
 
-def counted_names(f, envelope: Envelope, kind: str) -> list[str]:
-    """The stages that count for checks of some kind."""
-    which = counted(stage_kinds(f, envelope), kind)
-    return [name for name, counts in zip(envelope.names, which) if counts]
-
-
-def without_equilibrium(f, envelope: Envelope, kind: str) -> list[str]:
-    """The groups of the result that count for checks of some kind and have no equilibrium."""
-    return [place for place in _counted_places(f, envelope, kind) if no_equilibrium(f[place])]
-
-
-def without_stability(f, envelope: Envelope, kind: str) -> list[str]:
-    """The same that are not stable, but stages of erection, whose struts are held until cables are taut."""
-    places = _counted_places(f, envelope, kind)
-    return [place for place in places if not place.startswith("stages/") and not_stable(f[place])]
-
-
-def _counted_places(f, envelope: Envelope, kind: str) -> list[str]:
-    which = counted(stage_kinds(f, envelope), kind)
+def places_of(envelope: Envelope, which: np.ndarray) -> list[str]:
+    """The groups of the result that some stages of an envelope are of. which : (stages,), as of `counted`"""
     return list(dict.fromkeys(place for place, counts in zip(envelope.places, which) if counts and place))
 
 
-def unborne_of(f, envelope: Envelope, kind: str) -> str:
-    """One of UNBORNE for checks of some kind, "": what counts for them is borne."""
-    found = without_equilibrium(f, envelope, kind), without_stability(f, envelope, kind)
-    return next((word for word, places in zip(UNBORNE, found) if places), "")
+def without_equilibrium(f, places: list[str]) -> list[str]:
+    """Those of some groups of the result that have no equilibrium."""
+    return [place for place in places if no_equilibrium(f[place])]
+
+
+def without_stability(f, places: list[str]) -> list[str]:
+    """The same that are not stable, but stages of erection, whose struts are held until cables are taut."""
+    return [place for place in places if not place.startswith("stages/") and not_stable(f[place])]
+
+
+def unborne_of(f, places: list[str]) -> str:
+    """One of UNBORNE for a check that these groups of the result count for, "": all of them are borne."""
+    found = without_equilibrium(f, places), without_stability(f, places)
+    return next((word for word, some in zip(UNBORNE, found) if some), "")

@@ -5,7 +5,7 @@ import numpy as np
 from netfall.checks.cables import Checked
 from netfall.checks.cases import largest_displacements, slack_cables
 from netfall.checks.codes import Check
-from netfall.checks.counted import counted_names, without_equilibrium, without_stability
+from netfall.checks.counted import counted, places_of, stage_kinds, without_equilibrium, without_stability
 from netfall.checks.groups import limits_of, members
 from netfall.report.markdown import MOST_LISTED, as_table, force, more, picture, share
 from netfall.results.cases import EQUILIBRIUM, KINDS, Case
@@ -65,16 +65,18 @@ def cases(f, made: list[Case], table: dict) -> list[str]:
 
 def checks(f, envelope: Envelope, checked: Checked, table: dict) -> list[str]:
     """For each check the worst of each group, and what counts for it; table : as of `group_columns`."""
-    lines = []
+    lines, kinds = [], stage_kinds(f, envelope)
     for check in checked.checks:
-        names = counted_names(f, envelope, check.kind)
+        which = counted(kinds, check.kind)
+        names = [name for name, counts in zip(envelope.names, which) if counts]
+        places = places_of(envelope, which)
         mine = np.flatnonzero(
             (table["check"] == check.name) & np.isfinite(table["utilisation"].astype(float))
         )
         lines += [f"### {check.title}", "", _counts(names, check), ""]
-        failed = without_equilibrium(f, envelope, check.kind)
+        failed = without_equilibrium(f, places)
         lines += [f"**FAILS: {state_words(f, place)} has no equilibrium.**" for place in failed]
-        failed = without_stability(f, envelope, check.kind)
+        failed = without_stability(f, places)
         lines += [f"**FAILS: {state_words(f, place)} is not stable.**" for place in failed]
         lines += [""] if lines[-1] else []
         if not len(mine):
