@@ -141,6 +141,19 @@ def test_info_and_pictures_tell_of_the_year(tmp_path):
     assert (tmp_path / "hazard.png").stat().st_size > 10_000
 
 
+def test_a_picture_tells_where_intervals_go_on(tmp_path):
+    """A bar that is shorter than its interval ends in an arrow, and the axis says so; others do not."""
+    members = drawn_members(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
+    sections = curve_sections(members, (), GUMBEL)
+    write_study(tmp_path / "a.study.h5", members, sections["fragility"], net(), hazard=sections["hazard"])
+    study = read_study(tmp_path / "a.study.h5")
+    for low, arrows in ((study.hazard["interval"][0, 0], 0), (1e-12, 1)):
+        study.hazard["interval"][0, 0] = low
+        axes = pictures_of(study)["hazard"](study).axes[1]
+        assert [line.get_marker() for line in axes.lines].count("<") == arrows
+        assert ("arrows: they go on" in axes.get_xlabel()) == bool(arrows)
+
+
 ASKED = """title = "a roof by the sea"
 [[failure]]
 name = "moves"

@@ -224,7 +224,7 @@ FAULTS = {  # unit, how it is drawn, options, what is told of it (with the place
         "m",
         loose_part,
         {"supports": "outline"},
-        ["1 elements at (20, 0, 1), layer x, without a"],
+        ["without a support: LEFT OUT", "1 elements at (20, 0, 1), layer x"],
     ),
     "a line without length": ("mm", no_length, {}, ["no length: 1", "at (2, 2, 0.075) m"]),
     "a loose end": ("mm", loose_end, {"supports": "marks"}, ["loose end: 1", "at (4, 3.1, 1) m"]),
@@ -390,7 +390,26 @@ def test_the_outline_of_each_roof_of_a_drawing_is_held(tmp_path):
     told = "\n".join(reading.lines)
     assert "supports: 26 of 40 nodes are held (nodes on the outline of each of 2 parts" in told
     assert reading.fixed.sum() == 26 and len(reading.net.x) == 36
-    assert "held by supports of its own" in told and "layer frame, without a support: left out" in told
+    assert "(4 of 59 elements) are not joined to the rest of the net, and without a support: LEFT OUT" in told
+    assert "LEFT OUT\n    4 elements at (-5, -5, 0), layer frame\n" in told
+    assert "(24 of 59 elements) are not joined" in told and "held by supports of their own" in told
+
+
+def test_lines_that_are_left_out_are_told_however_many_parts_are_held(tmp_path):
+    """Six small roofs beside a large one, each held; of two strays, behind all of these, nothing is kept."""
+    sketch = Sketch("m")
+    sketch.net()
+    for k in range(6):
+        square = [(20.0 * (k + 1) + x, y, 0.0) for x, y in ((0, 0), (4, 0), (4, 4), (0, 4))]
+        for a, b in zip(square, square[1:] + square[:1]):
+            sketch.line(a, b, "small")
+            sketch.space.add_point(sketch.at(*a), dxfattribs={"layer": "held"})
+    for y in (0.0, 2.0):
+        sketch.line((200.0, y, 0.0), (203.0, y, 0.0), "stray")
+    sketch.space.add_point(sketch.at(*sketch.corner(0, 0)), dxfattribs={"layer": "held"})
+    told = "\n".join(read_net(sketch.save(tmp_path / "many.dxf"), Options(supports="held")).lines)
+    assert "loose part: 2 parts (2 of 57 elements) are not joined to the rest of the net, and without" in told
+    assert "1 elements at (200, 2, 0), layer stray" in told and "loose part: 6 parts (24 of 57" in told
 
 
 def test_a_largest_part_without_a_support_is_told(tmp_path):

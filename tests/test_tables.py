@@ -171,6 +171,19 @@ def test_the_unit_is_that_of_coordinates_alone(workshop, unit, metre):
     assert net.unstressed_length.tolist() == [0.99, 1.99]
 
 
+@pytest.mark.parametrize(
+    "unit, metre", [("mm", 1000.0), ("cm", 100.0), ("ft", 1 / 0.3048), ("in", 1 / 0.0254)]
+)
+def test_unstressed_lengths_in_the_unit_of_the_coordinates_are_refused(workshop, unit, metre):
+    """They are metres: some 1.5 m as 1500 in a file in mm is an error, if slack by a tenth as well."""
+    nodes = f"id,x,y,z\n1,0,0,0\n2,{1.5 * metre!r},0,0\n3,{3 * metre!r},0,0\n"
+    lengths = lambda per: f"start,end,unstressed_length\n1,2,{1.485 * per!r}\n2,3,{1.65 * per!r}\n"
+    wrong = workshop.job(STEEL, nodes, lengths(metre))
+    with pytest.raises(InputError, match=f"column unstressed_length: .* elements in {unit}; expected metres"):
+        build_net(read_job(wrong, [f"net.unit={unit}"]))
+    assert net_from(workshop, nodes, lengths(1.0), [f"net.unit={unit}"]).unstressed_length[0] == 1.485
+
+
 def test_whole_millimetres_are_exact(workshop):
     """1500 mm are the double nearest to 1.5 m, and 1 mm that nearest to 0.001 m."""
     net = net_from(workshop, NODES.replace("1.5", "1500").replace("3,3", "3,1"), overrides=["net.unit=mm"])

@@ -8,6 +8,7 @@ from netfall.job.table import SEVERAL, Table
 from netfall.job.values import MOST_NAMED, more_of
 from netfall.net.net import Net, pair_key
 from netfall.net.parts import unjoined_pairs
+from netfall.numerics.functions import log
 from netfall.numerics.rotation import from_own
 
 AXES = ("x", "y", "z")
@@ -49,6 +50,7 @@ TO_METRES = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000), 
 LEAST = 1e-12  # of what is to be positive
 UNIT = 4e-16  # rounding of the length of a unit normal
 WHOLE = 1e-9  # rounding of the sum of shares
+AS_LONG = 0.2  # of the logarithm of an unstressed length over the distance of its nodes: one may be the other
 
 
 def read_tables(job: Job) -> tuple[Net, dict[str, np.ndarray]]:
@@ -61,6 +63,7 @@ def read_tables(job: Job) -> tuple[Net, dict[str, np.ndarray]]:
     of_nodes = _node_columns(job, nodes)
     of_elements, names, columns = _element_columns(cables, nodes, of_nodes["node_id"])
     raise_all(nodes, cables)
+    _lengths_in_metres(job, of_nodes["x"], of_elements)
     net = Net(**of_nodes, **of_elements, group_names=names, notes=nodes.notes + cables.notes)
     net.notes += _parallel_elements(net) + _unjoined_nodes(net)
     return net, columns
@@ -202,6 +205,21 @@ def _kinds(cables: Table) -> np.ndarray:
         if word not in ("", "cable", "bar"):
             cables.wrong(f'{cables.at(row)}: kind = {word[:40]!r}: expected "cable" or "bar"')
     return np.array([{"cable": 0.0, "bar": 1.0}.get(word, np.nan) for word in words])
+
+
+def _lengths_in_metres(job: Job, x: np.ndarray, of_elements: dict) -> None:
+    """Refuse unstressed lengths as long as elements are in the unit of the coordinates. x : (n, 3) [m]"""
+    given, (times, by) = of_elements["unstressed_length"], TO_METRES[job.net.unit]
+    distance = np.linalg.norm(np.diff(x[of_elements["elements"]], axis=1)[:, 0], axis=1)
+    known = np.isfinite(given) & (distance > 0.0)
+    if times == by or not known.any():
+        return
+    ratio = float(np.median(log(given[known] / distance[known])))
+    if abs(ratio - float(log(by / times))) < AS_LONG:
+        raise InputError(
+            f"{job.net.elements}: column unstressed_length: these are the lengths of the elements in "
+            f"{job.net.unit}; expected metres: [net] unit is that of the coordinates alone"
+        )
 
 
 def raise_all(*tables: Table) -> None:

@@ -317,15 +317,21 @@ def _drop_loose_parts(reading: Reading) -> None:
             f"layers: {', '.join(drawing.layers)}"
         )
     of_element = part[net.ends[:, 0]]
-    told, places = [], []
     _tell_largest(reading, of_element, held[0])
-    for number in np.unique(of_element[of_element > 0]).tolist():
-        mine = of_element == number
-        where, place = _where(reading, mine)
-        fate = "held by supports of its own" if held[number] else "without a support: left out"
-        told.append(f"{int(mine.sum())} elements {where}, {fate}")
-        places.append(place)
-    reading.tell("loose part", len(told), "parts are not joined to the rest of the net", told, places)
+    others = np.unique(of_element[of_element > 0])
+    for numbers, fate in (
+        (others[~held[others]], "and without a support: LEFT OUT"),
+        (others[held[others]], "and held by supports of their own"),
+    ):
+        told, places = [], []
+        for number in numbers.tolist():
+            mine = of_element == number
+            where, place = _where(reading, mine)
+            told.append(f"{int(mine.sum())} elements {where}")
+            places.append(place)
+        count = int(np.isin(of_element, numbers).sum())
+        what = f"parts ({count} of {len(of_element)} elements) are not joined to the rest of the net, {fate}"
+        reading.tell("loose part", len(told), what, told, places)
     kept = held[of_element]
     nodes = held[part]
     row = np.cumsum(nodes) - 1

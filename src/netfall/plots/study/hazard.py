@@ -41,9 +41,14 @@ def _probabilities(axes, h, rows: np.ndarray) -> None:
     """A line for each measure, largest on top, with the interval and what EN 1990 aims at."""
     place = np.arange(len(rows))[::-1]
     annual, interval = h["annual_probability"][rows], h["interval"][rows]
+    beyond = ""
     for j, (y, p, (low, high)) in enumerate(zip(place, annual, interval)):
         if np.isfinite(low):
-            axes.plot([max(low, FLOOR * annual.min()), high], [y, y], color=f"C{j}", lw=2)
+            end = max(low, FLOOR * annual.min())
+            axes.plot([end, high], [y, y], color=f"C{j}", lw=2)
+            if low < end:
+                axes.plot(end, y, "<", color=f"C{j}", ms=6)
+                beyond = ", arrows: they go on"
         axes.plot(p, y, "o", color=f"C{j}", ms=6)
         text = f"{p:.2g}, beta {h['beta'][rows[j]]:.2f}, tail {h['tail_share'][rows[j]]:.0%}"
         axes.annotate(text, (p, y), (0, 7), textcoords="offset points", fontsize=SMALL, ha="center")
@@ -63,7 +68,7 @@ def _probabilities(axes, h, rows: np.ndarray) -> None:
     axes.set_xlim(low, ROOM * high)
     axes.set_yticks(place, [_name(h, k) for k in rows])
     axes.set_ylim(-0.7, len(rows) - 0.2)
-    axes.set_xlabel("probability in a year [-]; bars: 95 %; dashed: targets of EN 1990, 1 year")
+    axes.set_xlabel(f"probability in a year [-]; bars: 95 %{beyond}; dashed: targets of EN 1990, 1 year")
 
 
 def _name(h, k: int) -> str:

@@ -47,7 +47,7 @@ def plot_study(path: Path, folder: Path) -> list[Path]:
     with whole(written[-1]) as place:
         columns = members_table(study)
         units = ", ".join(map(with_unit, columns))
-        write_table(place, columns, f"{units}; elements are ids of the tables")
+        write_table(place, columns, f"{units}; ..._id: of the tables, beside rows of /net")
     return written
 
 
