@@ -301,6 +301,34 @@ def test_drawing_shows_the_form_and_the_broken_state(broken, tmp_path):
     assert points == [(-10, 0, 2), (10, 0, 2), (0, -10, 0), (0, 10, 0)]
 
 
+ROLLER = {  # a rope from a support to a node that runs along x, and a weight between them
+    "net": {
+        "nodes": np.array([[0, 0, 0], [4, 0, 1], [8, 0, 0]]),
+        "elements": [[1, 2], [2, 3], [1, 3]],
+        "groups": ["up", "up", "strut"],
+        "fixed": np.array([[1, 1, 1], [0, 1, 0], [0, 1, 1]], bool),
+        "node_columns": {"load_z": [0.0, 5.0, 0.0]},
+        "node_id": [1, 2, 3],
+    },
+    "cable": STEEL | {"prestress": 0.0, "strut": {"kind": "bar"}},
+    "load": {"steps": 1},
+}
+
+
+@pytest.mark.parametrize("ending", ["dxf", "json", "vtu"])
+def test_what_is_held_along_some_axes_is_no_support_elsewhere(tmp_path, ending):
+    """It has a layer or axes of its own; an import holds it on no axis, and says so."""
+    netfall.run(ROLLER, output=tmp_path / "r.vtkhdf", quiet=True).close()
+    told = written(tmp_path / "r.vtkhdf", tmp_path / f"r.{ending}")
+    assert ("1 points on layer supports, 2 on layer held in part" in told[0]) == (ending == "dxf")
+    assert ("axes of supports" in told[-1]) == (ending == "dxf")
+    back = read_net(tmp_path / f"r.{ending}", Options(supports="supports" if ending == "dxf" else None))
+    assert back.net.x[back.fixed].tolist() == [[0, 0, 0]]
+    if ending != "dxf":
+        at = [line for line in back.lines if line.startswith("    at (4, 0, 1)") or "held in part: 2" in line]
+        assert len(at) == 2
+
+
 GIVEN_NAMES = ["supports", "Broken", "0", "a/b", "A_B", "", "cables", "Defpoints"]
 
 

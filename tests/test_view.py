@@ -15,6 +15,7 @@ import pytest
 from conftest import STEEL, run_netfall
 from study_files import columns, write_study
 
+from netfall import Net, run
 from netfall.ground.errors import InputError
 from netfall.results.frames import Frames
 from netfall.results.states import start_position
@@ -166,6 +167,35 @@ def test_the_page_draws_and_plays(its_page, broken):
         seen.run("return netfall.then(s => choose(s, 1))")
         assert seen.run("return document.getElementById('foot').style.display") == "none"
         assert seen.run("return performance.getEntriesByType('resource').map(r => r.name)") == []
+        assert seen.faults() == []
+
+
+ROLLER = {  # a strut from a support to a node that runs along x, and ropes over one that is held along y
+    "net": Net(
+        nodes=np.array([[0, 0, 0], [4, 0, 1], [8, 0, 0]]),
+        elements=[[0, 1], [1, 2], [0, 2]],
+        groups=["up", "up", "strut"],
+        fixed=np.array([[1, 1, 1], [0, 1, 0], [0, 1, 1]], bool),
+        node_columns={"load_z": [0.0, 5.0, 0.0]},
+    ),
+    "cable": {"modulus": 1.6e11, "area": 5e-4, "density": 7850.0, "strut": {"kind": "bar"}},
+    "load": {"steps": 1},
+}
+
+
+@needs_k3d
+@needs_browser
+def test_what_is_held_along_some_axes_is_marked_apart(tmp_path):
+    """One support of three nodes; the other two in a colour of their own."""
+    run(ROLLER, output=tmp_path / "r.vtkhdf", quiet=True).close()
+    run_netfall("view", tmp_path / "r.vtkhdf")
+    mark = "const at = s.k3d.getWorld().ObjectsListJson[{}]; return [...at.positions.data, at.color]"
+    with browser.browser() as seen:
+        seen.open(tmp_path / "r.html")
+        marks = [
+            seen.run(f"return netfall.then(s => {{ {mark.format(k)}; }})") for k in ("SUPPORTS", "GUIDED")
+        ]
+        assert marks == [[0, 0, 0, 0x111111], [4, 0, 1, 8, 0, 0, 0x7A4B00]]
         assert seen.faults() == []
 
 

@@ -24,7 +24,7 @@ TYPES |= {
 INFLATE = {"vtkZLibDataCompressor": zlib.decompress, "vtkLZMADataCompressor": lzma.decompress}
 GHOSTS = ("vtkGhostType",)
 GHOST_CELL, HIDDEN_POINT = 1 | 8 | 32, 2  # bits: duplicate, refined, hidden (vtkDataSetAttributes)
-SUPPORTS, GROUPS, IDS = ("fixed", "is_anchor", "is_fixed"), ("group",), ("node_id",)
+SUPPORTS, GROUPS, IDS = ("held", "fixed", "is_anchor", "is_fixed"), ("group",), ("node_id",)
 APPENDED = re.compile(rb"<AppendedData[^>]*>\s*_", re.S)
 
 
@@ -51,11 +51,13 @@ def read_vtu(path: Path, supports: list[str], wanted: list[str] | None) -> Drawi
         kept = np.isin(layer, [k for k, name in enumerate(names) if is_among(name, (*wanted, *supports))])
         ends, layer = ends[kept], layer[kept]
     held, keys = file.first("PointData", SUPPORTS), file.first("PointData", IDS)
+    axes = np.zeros((len(x), 1), bool) if held is None else held.reshape(len(x), -1) != 0
     return Drawing(
         lines=x[ends],
         layer=layer,
         layers=names,
-        held=x[:0] if held is None else x[held.reshape(len(x), -1).any(1)],
+        held=x[axes.all(1)],
+        in_part=x[axes.any(1) & ~axes.all(1)],
         keys=None if keys is None else keys.astype(np.int64)[ends],
         read=[f"{len(x)} points, {len(ends)} lines"],
         left_out=[f"{int((~drawn).sum())} cells, ghosts or hidden"] if not drawn.all() else [],

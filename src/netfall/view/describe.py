@@ -41,7 +41,7 @@ def page_of(f) -> Page:
     rest = sum(not len(states.time) for states in shown)
     thinned = f"; of this result {', '.join(left_out)}" if left_out else ""
     words = f"{len(drawn.rows)} elements, {frames}{rest} states at rest{thinned}"
-    net = net_data(numbers, drawn, title_of(f), f["net/element_id"][:], x[held_axes(f).any(1)])
+    net = net_data(numbers, drawn, title_of(f), f["net/element_id"][:], x, held_axes(f))
     data = net | {
         "net": f"{len(x)} nodes, {len(f['net/elements'])} elements",
         "left_out": left_out,
@@ -56,13 +56,15 @@ def page_of(f) -> Page:
     return Page(data, numbers, drawn, words)
 
 
-def net_data(numbers: Numbers, drawn: Drawn, title: str, ids, supports) -> dict:
-    """What a page has of a net. ids : (m,) of all elements; supports : (h, 3) [m]"""
+def net_data(numbers: Numbers, drawn: Drawn, title: str, ids, x: np.ndarray, held: np.ndarray) -> dict:
+    """What a page has of a net. ids : (m,) of all elements; x : (n, 3) [m]; held : (n, 3) bool, axes"""
+    whole = held.all(1)
     return {
         "title": title,
         "colours": palette(),
         "element": _ids(numbers, ids[drawn.rows]),
-        "supports": numbers.add(supports.astype(np.float32)),
+        "supports": numbers.add(x[whole].astype(np.float32)),
+        "guided": numbers.add(x[held.any(1) & ~whole].astype(np.float32)),
     }
 
 

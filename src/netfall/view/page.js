@@ -5,7 +5,8 @@
 // bytes. NONE is no value. Elements are m pairs of points; each is drawn with two points of its own.
 
 const NONE = -32768;
-const TAUT = 2, SLACK = 3, BROKEN = 4, SUPPORTS = 5, PICKED = 6; // objects of k3d, beside the form, with times
+// objects of k3d, beside the form, with times; guided: supports along some axes alone
+const TAUT = 2, SLACK = 3, BROKEN = 4, SUPPORTS = 5, PICKED = 6, GUIDED = 7;
 const MOST_THICK = 20000; // elements that are drawn as bands; more as lines of one pixel
 const NEAR = 12; // pixels from a click to an element
 const SCALES = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
@@ -62,7 +63,7 @@ function readPage(k3d) {
   };
   const form = Object.values(k3d.getWorld().ObjectsListJson)[0];
   Object.assign(page, { form: form.id, start: form.vertices.data, ends: form.indices.data });
-  for (const name of ["group", "supports"]) page[name] = read(page[name]);
+  for (const name of ["group", "supports", "guided"]) page[name] = read(page[name]);
   if (!Array.isArray(page.element)) page.element = read(page.element);
   for (const each of page.quantities) {
     for (const name of ["per", "values"]) each[name] = each[name] && read(each[name]);
@@ -159,7 +160,7 @@ function lines(scene, id, name, colour, width, vertices) {
 }
 
 function loadObjects(scene) {
-  const { k3d, page } = scene, { colours, ends, start, supports } = page, m = ends.length / 2;
+  const { k3d, page } = scene, { colours, ends, start } = page, m = ends.length / 2;
   for (const [name, value] of Object.entries(colours)) {
     colours[name] = Array.isArray(value) ? value.map(packed) : packed(value);
   }
@@ -175,7 +176,9 @@ function loadObjects(scene) {
     lines(scene, BROKEN, "broken", colours.broken, 0.0032, scene.kinds[BROKEN].vertices.slice()),
     lines(scene, PICKED, "picked", colours.support, 0.006, scene.kinds[PICKED].vertices.slice()),
   ];
-  if (supports.length) objects.push(squares(scene));
+  for (const [id, name, colour] of [[SUPPORTS, "supports", "support"], [GUIDED, "guided", "guided"]]) {
+    if (page[name].length) objects.push(squares(scene, id, name, colours[colour]));
+  }
   return k3d.load({ objects }).then(() => show(scene, page.form, false));
 }
 
@@ -183,13 +186,13 @@ function packed(colour) {
   return parseInt(colour.slice(1), 16);
 }
 
-function squares(scene) {
-  const { supports, colours } = scene.page, n = supports.length / 3;
+function squares(scene, id, name, colour) {
+  const places = scene.page[name], n = places.length / 3;
   const size = scene.extent * Math.min(0.008, 0.06 / Math.sqrt(n));
   return {
-    id: SUPPORTS, name: "supports", type: "Points", visible: true, shader: "flat", point_size: size,
+    id, name, type: "Points", visible: true, shader: "flat", point_size: size,
     opacity: 1,
-    color: colours.support, positions: { data: supports, shape: [n, 3] },
+    color: colour, positions: { data: places, shape: [n, 3] },
     colors: { data: new Uint32Array(0), shape: [0] }, attribute: { data: new Float32Array(0), shape: [0] },
     point_sizes: { data: new Float32Array(0), shape: [0] },
     opacities: { data: new Float32Array(0), shape: [0] },

@@ -7,7 +7,7 @@ from matplotlib.colors import to_hex
 
 from netfall.checks.cables import resistances_of
 from netfall.checks.codes import read_codes
-from netfall.plots.canvas import BROKEN, NOTHING, unit_of
+from netfall.plots.canvas import BROKEN, GUIDED, NOTHING, unit_of
 from netfall.plots.force import COMPRESSION, SLACK, SUPPORT, TENSION, TRACE, limits
 from netfall.view.states import Drawn, States
 
@@ -37,7 +37,7 @@ class Quantity:
 def palette() -> dict:
     """The colours of pictures, as a page takes them."""
     shades = lambda of: [to_hex(colour) for colour in of(np.linspace(0.0, 1.0, SHADES))]
-    plain = {"slack": SLACK, "broken": BROKEN, "none": NOTHING, "support": SUPPORT}
+    plain = {"slack": SLACK, "broken": BROKEN, "none": NOTHING, "support": SUPPORT, "guided": GUIDED}
     return {"tension": shades(TENSION), "compression": shades(COMPRESSION)} | plain
 
 

@@ -36,7 +36,7 @@ def read_json(path: Path, supports: list[str], wanted: list[str] | None) -> Draw
     edges = [edge for edge in edges if not edge["hidden"]]
     edges = [edge for edge in edges if wanted is None or is_among(edge["group"], (*wanted, *supports))]
     names = sorted({edge["group"] for edge in edges})
-    held = [place for data in objects for place in _held(data)]
+    held, in_part = ([place for data in objects for place in _held(data, whole)] for whole in (True, False))
     q = np.array([edge["q"] for edge in edges], float)
     keys = [edge["keys"] for edge in edges]
     one = len(objects) == 1 and all(isinstance(key, int) for pair in keys for key in pair)
@@ -45,6 +45,7 @@ def read_json(path: Path, supports: list[str], wanted: list[str] | None) -> Draw
         layer=np.array([names.index(edge["group"]) for edge in edges], np.int64),
         layers=names,
         held=np.array(held, float).reshape(-1, 3),
+        in_part=np.array(in_part, float).reshape(-1, 3),
         keys=np.array(keys, np.int64) if one else None,
         columns={"force_density": q} if any(edge["q"] is not None for edge in edges) else {},
         unit=next((data["attributes"]["unit"] for data in objects if _says_unit(data)), None),
@@ -131,11 +132,16 @@ def _key(text: str):
         return text
 
 
-def _held(data: dict) -> list:
-    """Places of the nodes that an attribute calls supports."""
+def _held(data: dict, whole: bool) -> list:
+    """Places of the nodes that an attribute calls supports, or not whole: along some axes alone."""
     if "points" in data or "start" in data:
         return []
     places, entity = _places(data), "node" if "node" in data else "vertex"
     default = _default(data, entity)
-    held = lambda values: any(np.any({**default, **values}.get(name, False)) for name in SUPPORTS)
-    return [places[key] for key, values in data[entity].items() if held(values)]
+    said = lambda values: [np.array({**default, **values}.get(name, False), bool) for name in SUPPORTS]
+    held = lambda said: any(axes.size and axes.all() for axes in said)
+    return [
+        places[key]
+        for key, values in data[entity].items()
+        if (held(said(values)) if whole else not held(said(values)) and any(map(np.any, said(values))))
+    ]

@@ -22,7 +22,7 @@ class Drawing:
 
     lines : (k, 2, 3), in the unit of the drawing until `scaled`; layer : (k,) rows of `layers`
     points : (p, 3) that may mark supports; point_layer : (p,) rows of `layers`
-    held : (q, 3) supports that the file itself names
+    held : (q, 3) supports that the file itself names; in_part : (r, 3) those along some axes alone
     keys : (k, 2) ids of nodes at the ends, None: the file has none
     columns : of the elements by name, (k,)
     unit : that of the coordinates; said : what the file says, None: nothing; unit_from : where it says so
@@ -35,6 +35,7 @@ class Drawing:
     points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     point_layer: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
     held: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    in_part: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     keys: np.ndarray = None
     columns: dict[str, np.ndarray] = field(default_factory=dict)
     unit: str | None = None
@@ -47,7 +48,7 @@ class Drawing:
         """Bring all coordinates to metres."""
         factor = METRES[unit]
         times, by = (1.0, round(1.0 / factor)) if factor in (0.1, 0.01, 0.001) else (factor, 1.0)
-        for name in ("lines", "points", "held"):
+        for name in ("lines", "points", "held", "in_part"):
             setattr(self, name, getattr(self, name) * times / by)  # 2200 mm are 2.2 m to the last bit
 
 

@@ -237,6 +237,9 @@ def _supports(reading: Reading) -> np.ndarray:
         why, advice = {None: "as the file says", AT_POINTS: "at points"}.get(asked, f'layer "{asked}"'), ""
         _mark(reading, marks, fixed)
     reading.lines.append(f"supports: {int(fixed.sum())} of {len(fixed)} nodes are held ({why}){advice}")
+    told = [f"at {reading.place(x)}" for x in drawing.in_part]
+    what = "nodes are held along some axes alone, which is not taken over; columns fixed_x, ... can say it"
+    reading.tell("held in part", len(told), what, told, drawing.in_part)
     return fixed
 
 

@@ -1,4 +1,4 @@
-"""A result as a drawing: lines, a layer for each group, for supports, for springs, for what broke."""
+"""A result as a drawing: lines, a layer for each group, for supports of each kind, for what broke."""
 
 from pathlib import Path
 
@@ -13,6 +13,7 @@ HOLDS = ("groups",)
 FOLDER, AT_REST, UNITS = False, False, True
 COLOURS = (5, 3, 30, 6, 4, 140, 40, 200)  # of AutoCAD's table, for groups in turn
 RED = 1
+SUPPORTS, IN_PART, SPRINGS, BROKEN = MARKS = ("supports", "held in part", "springs", "broken")  # layers
 PER_METRE = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 
 
@@ -27,32 +28,31 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     for k, layer in enumerate(layers.values()):
         known = drawing.layers.get(layer) if layer in drawing.layers else drawing.layers.add(layer)
         known.color = COLOURS[k % len(COLOURS)]
-    drawing.layers.add("supports", color=RED)
-    sprung = springs_of(result).nodes
-    if len(sprung):
-        drawing.layers.add("springs", color=RED)
-    torn = int((state.broken & ~state.out()).sum())
-    if torn:
-        drawing.layers.add("broken", color=RED)
     there = ~state.out()
+    some, whole_held = state.fixed.any(1), state.fixed.all(1)
+    marks = {SUPPORTS: np.flatnonzero(whole_held), IN_PART: np.flatnonzero(some & ~whole_held)}
+    marks[SPRINGS] = springs_of(result).nodes
+    counts = {layer: len(nodes) for layer, nodes in marks.items()} | {BROKEN: int(state.broken[there].sum())}
+    for layer, count in counts.items():
+        if count or layer == SUPPORTS:
+            drawing.layers.add(layer, color=RED)
     for (a, b), group, broken in zip(
         (per * state.position)[state.ends][there].tolist(),
         state.group[there].tolist(),
         state.broken[there].tolist(),
         strict=True,
     ):
-        space.add_line(a, b, dxfattribs={"layer": "broken" if broken else layers[group]})
-    held = np.flatnonzero(state.fixed.any(1))
-    for layer, nodes in (("supports", held), ("springs", sprung)):
+        space.add_line(a, b, dxfattribs={"layer": BROKEN if broken else layers[group]})
+    for layer, nodes in marks.items():
         for x in (per * state.position[nodes]).tolist():
             space.add_point(x, dxfattribs={"layer": layer})
     drawing.header.custom_vars.append("made", MARK)
     with whole(path) as place:
         drawing.saveas(place)
     shown = ", ".join(layers.values())
-    broken = f", {torn} on layer broken" if torn else ""
-    points = f"{len(held)} points on layer supports"
-    points += f", {len(sprung)} on layer springs" if len(sprung) else ""
+    broken = f", {counts[BROKEN]} on layer {BROKEN}" if counts[BROKEN] else ""
+    points = f"{counts[SUPPORTS]} points on layer {SUPPORTS}"
+    points += "".join(f", {counts[k]} on layer {k}" for k in (IN_PART, SPRINGS) if counts[k])
     told = [f"{path}: {state.name}, {there.sum()} lines in {unit} on layers {shown}{broken}; {points}"]
     return told + state.told_out("lines")
 
@@ -63,7 +63,7 @@ def _layers(groups: list[str]) -> dict[str, str]:
     DXF makes no difference between upper and lower case.
     """
     found: dict[str, str] = {}
-    taken = {"supports", "springs", "broken", "defpoints"}  # the last one is never printed
+    taken = {*MARKS, "defpoints"}  # the last one is never printed
     for group in groups:
         plain = "".join("_" if letter in '<>/\\":;?*|=`' else letter for letter in group or "cables")
         layer, k = plain, 2

@@ -18,7 +18,7 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     length, there = lengths(state.position, state.ends), ~state.out()
     force_density = np.divide(state.tension, length, out=np.zeros_like(length), where=length > 0)
     node = {
-        str(number): {**dict(zip(AXES, x)), "is_anchor": any(fixed), "fixed": fixed}
+        str(number): {**dict(zip(AXES, x)), "is_anchor": all(fixed), "fixed": fixed}
         for number, x, fixed in zip(
             state.node_id.tolist(), state.position.tolist(), state.fixed.tolist(), strict=True
         )

@@ -9,7 +9,7 @@ from netfall.exchange.vtu import write_vtu
 from netfall.results.result import Result
 from netfall.write.locks import whole
 
-HOLDS = ("groups", "ids", "tensions", "unstressed lengths")
+HOLDS = ("groups", "ids", "tensions", "unstressed lengths", "axes of supports")
 FOLDER, AT_REST, UNITS = False, False, False
 
 
@@ -18,7 +18,8 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     names = sorted(set(state.group.tolist()))
     points = {
         "node_id": state.node_id,
-        "fixed": state.fixed.any(1).astype(np.uint8),
+        "fixed": state.fixed.all(1).astype(np.uint8),
+        "held": state.fixed.astype(np.uint8),
         "displacement": state.displacement,
     }
     cells = {
