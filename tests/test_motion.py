@@ -187,3 +187,53 @@ def test_wrong_motions_are_refused(workshop, entry, message):
     (job.parent / "bad.AT2").write_text("a\nb\nc\nNPTS= 3, DT= .01 SEC\n0.1 0.2\n")
     done = workshop.run(job, code=2)
     assert message in done.stderr and "Traceback" not in done.stderr
+
+
+RIM = """[cable]
+modulus = 1.6e11
+area = 1e-4
+density = 7850.0
+prestress = 1e4
+[[stage]]
+name = "rise"
+move = {1 = [0, 0, 0.05], 2 = [0, 0, 0.05]}
+[[stage]]
+name = "let go"
+release = [2]
+[[case]]
+name = "sunk"
+settlement = {3 = [0, 0, -0.05], 4 = [0, 0, -0.05]}
+[dynamics]
+duration = 0.2
+[output]
+frames = 4
+[[motion]]
+nodes = [3, 4]
+displacement = "course.csv"
+"""
+
+
+@pytest.mark.parametrize("parts", [1, 3])
+def test_a_rim_goes_with_its_supports_in_any_number_of_parts(workshop, parts):
+    """10 m x 10 m around a tent of 2 m: a rim whose ends move alike keeps its 10 kN, one of which one moves
+    by 50 mm has EA (sqrt(100.0025) / L0 - 1) in all its parts, and one of which one end is let go is slack.
+    """
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,10,0,0,1\n3,10,10,0,1\n4,0,10,0,1\n5,5,5,2,0\n"
+    pairs = ((1, 2), (2, 3), (3, 4), (4, 1), (1, 5), (2, 5), (3, 5), (4, 5))
+    elements = "id,start,end\n" + "".join(f"{k},{a},{b}\n" for k, (a, b) in enumerate(pairs))
+    job = workshop.job(RIM, nodes, elements)
+    (workshop.folder / "course.csv").write_text("time,z\n0,0\n0.1,0.02\n")
+    f = workshop.run(job, "--set", f"net.subdivide={parts}")
+    of_rim = lambda place: f[place + "/tension"][:].reshape(-1, parts)[:4]
+    EA, L0 = 1.6e7, 10.0 / (1.0 + 1e4 / 1.6e7)
+    pulled = lambda rise: EA * (np.sqrt(100.0 + rise * rise) / L0 - 1.0)
+    for place, forces in {
+        "stages/rise": (1e4, pulled(0.05), 1e4, pulled(0.05)),
+        "stages/let go": (0.0, 0.0, 1e4, pulled(0.05)),
+        "cases/sunk": (0.0, 0.0, 1e4, pulled(0.1)),
+    }.items():
+        assert of_rim(place) == pytest.approx(np.repeat(forces, parts).reshape(4, parts), rel=1e-6, abs=1e-3)
+    assert f["final/tension"][:].reshape(-1, parts)[2] == pytest.approx([1e4] * parts, rel=1e-9)
+    notes = f["provenance/notes"].asstr()[()]
+    assert ("4 elements (0, 1, 2, 3) between two fixed nodes: new nodes" in notes) == (parts > 1)
+    assert ("element 3 between a fixed node that moves and one that does not" in notes) == (parts > 1)

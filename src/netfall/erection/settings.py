@@ -13,7 +13,7 @@ from netfall.job.schema import defaults
 from netfall.job.values import counted, listed, nearest, shown
 from netfall.model.loads import live_load, of_case
 from netfall.model.model import Model
-from netfall.net.net import Net
+from netfall.net.net import Net, ends_of_inner, with_inner
 from netfall.net.parts import parts_of
 from netfall.net.turned import held_along, settles_along
 
@@ -70,7 +70,9 @@ def after(before: Setting, stage: SimpleNamespace, net: Net) -> Setting:
     groups = None if stage.active is None else [net.group_names.index(name) for name in stage.active]
     active = before.active if groups is None else np.isin(net.group, groups)
     fixed, moved = before.fixed.copy(), np.zeros_like(net.x)
-    fixed[_rows(net, stage.release)] = False
+    released = np.isin(net.node_id, stage.release or [])
+    fixed[released] = False
+    fixed[released[ends_of_inner(net)].any(1) & net.fixed.all(1)] = False  # with an end, what it held between
     fixed[_rows(net, stage.hold)] = True
     for name, by in (stage.move or {}).items():
         moved[_rows(net, [int(name)])] = by
@@ -86,6 +88,7 @@ def after(before: Setting, stage: SimpleNamespace, net: Net) -> Setting:
         else:
             L0 = _lengthened(net, name, what, L0)
     load, clamps = of_case(before.load, stage), stage.clamps or before.clamps
+    moved = with_inner(net, moved, fixed)
     return Setting(L0, fixed, active, moved, load, tuple(pulls), tuple(jacks), clamps)
 
 
@@ -125,7 +128,8 @@ def check_stages(job: Job, model: Model) -> None:
     for name, inputs in model.layout.cases.items():
         if inputs.settlement is None:
             continue
-        loose = np.flatnonzero(((inputs.settlement != 0.0) & free).any(1))
+        settles = (inputs.settlement != 0.0) & free
+        loose = np.flatnonzero(settles.any(1) & (ends_of_inner(net)[:, 0] == np.arange(net.n)))
         if len(loose):
             nodes = counted("node", net.node_id[loose])
             errors.append(

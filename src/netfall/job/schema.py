@@ -208,7 +208,7 @@ SECTIONS: dict[str, tuple[Key, ...]] = {
         count(
             "subdivide",
             1,
-            "elements for each net segment; new nodes between two fixed ones are fixed",
+            "elements for each net segment; new nodes between two fixed ones are fixed, and go with them",
             high=10_000,
         ),
         *DIMENSIONS,

@@ -12,7 +12,7 @@ from netfall.job.schema import defaults
 from netfall.job.table import Table
 from netfall.job.values import listed, shown
 from netfall.model.loads import shape_coefficients
-from netfall.net.net import Net
+from netfall.net.net import Net, with_inner
 from netfall.net.turned import is_turned, settles_along
 from netfall.roof.zones import Zones
 from netfall.wind.sectors import Sectors, origin
@@ -180,4 +180,4 @@ def _settlement_of(job: Job, case: SimpleNamespace, net: Net) -> tuple[np.ndarra
             errors.append(f"{place}: node {int(name)}: {axes}: {why}")
     if errors:
         raise InputError(errors)
-    return (found,)
+    return (with_inner(net, found, net.fixed),)

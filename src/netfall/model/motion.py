@@ -15,8 +15,8 @@ from netfall.ground.errors import InputError
 from netfall.job.job import Job
 from netfall.job.table import Table
 from netfall.job.validate import is_record
-from netfall.job.values import listed
-from netfall.net.net import GRAVITY, Net
+from netfall.job.values import counted, listed
+from netfall.net.net import GRAVITY, Net, ends_of_inner
 from netfall.net.turned import is_turned
 from netfall.numerics.functions import lengths
 
@@ -52,6 +52,7 @@ def motion_of(job: Job, net: Net, x: np.ndarray) -> Motion:
         except InputError as error:
             errors += error.lines
         nodes, wrong = _nodes(net, entry)
+        notes += [f"[[motion]] {number}: {line}" for line in _half_moved(net, nodes)]
         errors += [f"{place} {what}" for what in wrong]
         for p, delay in zip(nodes.tolist(), _delays(x[nodes], entry).tolist()):
             moved.setdefault(p, []).append((number - 1, delay))
@@ -86,7 +87,8 @@ def motion_of(job: Job, net: Net, x: np.ndarray) -> Motion:
 def _nodes(net: Net, entry) -> tuple[np.ndarray, list[str]]:
     """Rows of the supports that an entry moves, and what is wrong with its nodes."""
     held, wrong = net.fixed.any(1), []
-    rows = np.flatnonzero(held if entry.nodes is None else np.isin(net.node_id, entry.nodes))
+    named = held if entry.nodes is None else np.isin(net.node_id, entry.nodes)
+    rows = np.flatnonzero(named | (named[ends_of_inner(net)].all(1) & held))
     unknown = sorted(set(entry.nodes or ()) - set(net.node_id.tolist()))
     if unknown:
         wrong.append(f"nodes: no node {listed(unknown)} in the net")
@@ -105,6 +107,18 @@ def _nodes(net: Net, entry) -> tuple[np.ndarray, list[str]]:
     if not held.any():
         wrong.append("the net has no supports that could be moved")
     return rows, wrong
+
+
+def _half_moved(net: Net, rows: np.ndarray) -> list[str]:
+    """A note on elements between a support that moves, one of `rows`, and one that does not, cut in parts."""
+    moves, ends = np.isin(np.arange(net.n), rows), net.undivided()
+    half = net.fixed[ends].all((1, 2)) & (moves[ends].sum(1) == 1) & (net.parts > 1)
+    if not half.any():
+        return []
+    return [
+        f"{counted('element', net.element_id[:: net.parts][half])} between a fixed node that moves and one "
+        "that does not: the new nodes of [net] subdivide stay, so the part at the end has all of the stretch"
+    ]
 
 
 def _delays(x: np.ndarray, entry) -> np.ndarray:

@@ -37,7 +37,7 @@ def build_net(job: Job) -> Net:
             f"elements; at most {MOST_ELEMENTS:.0e} fit"
         )
     lines, notes = read_lines(job, net.node_id)
-    net.outline, net.notes = np.concatenate([net.outline, lines]), net.notes + notes
+    net.outline, net.notes = np.concatenate([net.outline, lines]), net.notes + notes + _held_whole(job, net)
     net = subdivide(net, job.net.subdivide)
     net.cable, net.cable_names = cables_of(net, job.net.generator in STEEP)
     set_strengths(job, net)
@@ -48,6 +48,18 @@ def build_net(job: Job) -> Net:
         raise InputError(errors)
     net.notes += strength_notes(job, net) + bar_notes(job, net)
     return net
+
+
+def _held_whole(job: Job, net: Net) -> list[str]:
+    """A note on elements of tables whose new nodes `subdivide` holds, for whoever meant them to hang."""
+    between = net.fixed[net.elements].all((1, 2))
+    if job.net.subdivide == 1 or not (job.net.nodes and between.any()):
+        return []
+    return [
+        f"[net] subdivide: {counted('element', net.element_id[between])} between two fixed nodes: new nodes "
+        "there are fixed too, so nothing sags, swings or bends between them, and no load there changes a "
+        "force; what is to hang freely needs a node of nodes.csv between its ends"
+    ]
 
 
 def _from_generator(job: Job) -> Net:

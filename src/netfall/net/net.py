@@ -268,6 +268,26 @@ def spaced(net: Net, x: np.ndarray) -> np.ndarray:
     return np.concatenate([x, ((1 - share) * start + share * end).reshape(-1, 3)])
 
 
+def ends_of_inner(net: Net) -> np.ndarray:
+    """Nodes (n, 2) at the ends of the element that `subdivide` put each particle into; of others itself."""
+    ends = np.column_stack([np.arange(net.n)] * 2)
+    if net.parts > 1:
+        ends[net.inner_particles()] = net.undivided()[:, None]
+    return ends
+
+
+def with_inner(net: Net, moved: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+    """Displacements (n, 3) of supports, and of the fixed particles that `subdivide` put between two of them.
+
+    These stay evenly between their ends. fixed : (n, 3) bool
+    """
+    if net.parts == 1:
+        return moved
+    between = spaced(net, moved[: net.n - net.inner_particles().size])
+    inner = (ends_of_inner(net)[:, 0] != np.arange(net.n)) & fixed.all(1)
+    return np.where((inner & ~moved.any(1))[:, None], between, moved)
+
+
 def _continued(net: Net, column, k: int, parts: int) -> np.ndarray | None:
     """A column of a net with k more nodes, whose elements are each in `parts`; as its row in `Net` says."""
     values, row = getattr(net, column.name), column.metadata
