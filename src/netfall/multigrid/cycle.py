@@ -3,10 +3,11 @@
 Smoothed aggregation (Vanek, Mandel, Brezina 1996): particles are joined to aggregates of a particle and its
 neighbours, these again, until few are left; each level moves its aggregates as wholes, smoothed by one step
 of Jacobi's iteration.
-Between levels Chebyshev's polynomial in the stiffness, scaled by each particle's 3 x 3 block, takes out what
-varies from particle to particle. A cycle through the levels is symmetric, so that conjugate gradients may use
-it. All ranks make the levels, in double precision; a cycle is in single precision. Small levels each rank has
-whole.
+Between the net and the first of them lines of elements, solved whole, take out what varies from line to line
+(`lines`); between the others, and in a net with chains that bend, Chebyshev's polynomial in the stiffness,
+scaled by each particle's 3 x 3 block, what varies from particle to particle. A cycle through the levels is
+symmetric, so that conjugate gradients may use it. All ranks make the levels, in double precision; a cycle is
+in single precision. Small levels each rank has whole.
 """
 
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from mpi4py import MPI
 from netfall.multigrid.distributed import DistributedMatrix, first_step
 from netfall.multigrid.finest import ElementMatrix
 from netfall.multigrid.levels import COARSEST, TOP_OF_JOINTS, levels_of
+from netfall.multigrid.lines import MOST_TOUCHING, Lines, LineSmoother
 from netfall.multigrid.tangent import Tangent, incidence_of, tangent_rows
 from netfall.numerics.linear import factorised, solve_factorised
 from netfall.parallel.halo import Halo
@@ -32,11 +34,19 @@ class Cycle:
     """The approximate inverse, for rows (n_owned, 3) on each rank."""
 
     def __init__(
-        self, comm: MPI.Comm, distribution: Distribution, halo: Halo, net, K: Tangent, inertia: float
+        self,
+        comm: MPI.Comm,
+        distribution: Distribution,
+        halo: Halo,
+        net,
+        K: Tangent,
+        inertia: float,
+        lines: Lines | None,
     ):
         """Of a net's tangent, without what compression takes from it. Collective.
 
         net : `relaxation.Net`; inertia : share of the nodes' stiffness that is added
+        lines : of the net, None: particles alone smooth
         """
         self.comm = comm
         at = incidence_of(net.ends, distribution.subdomain.particle_gid, halo.n_owned)
@@ -53,14 +63,15 @@ class Cycle:
                 factorised(self.factor)
                 break
             self.whole += spread
-            inverse = level.inverse[:, *UPPER].astype(np.float32)
-            matrix = (
-                DistributedMatrix(level.matrix)
-                if self.levels or bends
-                else ElementMatrix(halo, net, K, at, inertia)
-            )
             beside = (DistributedMatrix(level.down), DistributedMatrix(level.up)) if level.up else ()
-            self.levels.append(_DistributedLevel(inverse, level.top, matrix, *beside))
+            if not self.levels and lines and 0 < lines.touching <= MOST_TOUCHING:
+                matrix = ElementMatrix(halo, net, K, at, inertia)
+                smoother = LineSmoother(lines, level.matrix, net, K)
+                self.levels.append(_LineLevel(smoother, matrix, *beside))
+            else:
+                inverse = level.inverse[:, *UPPER].astype(np.float32)
+                matrix = DistributedMatrix(level.matrix)
+                self.levels.append(_PointLevel(inverse, level.top, matrix, *beside))
             del level  # its memory serves the next one
 
     def __call__(self, b: np.ndarray) -> np.ndarray:
@@ -100,10 +111,28 @@ class Cycle:
 
 
 @dataclass
-class _DistributedLevel:
+class _LineLevel:
+    lines: LineSmoother
+    matrix: ElementMatrix
+    down: DistributedMatrix | None = None
+    up: DistributedMatrix | None = None
+
+    def smooth(self, b: np.ndarray, zero: bool) -> None:
+        """One step of the lines towards matrix x = b, on the x in `matrix.own`; as `_PointLevel.smooth`."""
+        x = self.matrix.own
+        if zero:
+            x[:] = 0.0
+            self.lines.add_step(b, x)
+            self.matrix.share()
+        else:
+            self.lines.add_step(b - self.matrix(), x)
+
+
+@dataclass
+class _PointLevel:
     inverse: np.ndarray
     top: float
-    matrix: DistributedMatrix | ElementMatrix
+    matrix: DistributedMatrix
     down: DistributedMatrix | None = None
     up: DistributedMatrix | None = None
 

@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.ground.compile import kernel, part_of_kernel
-from netfall.multigrid.rows import BlockRows
+from netfall.multigrid.rows import BlockRows, Ghosts
 from netfall.numerics.arithmetic import fused
 
 TAG = 31
@@ -90,21 +90,15 @@ def turn(share, z, p):
             p[i, k] = z[i, k] + share * p[i, k]
 
 
-class DistributedMatrix:
-    """The product of a matrix with a vector, rows float32 (rows, 3) of both on each rank."""
+class Shared:
+    """Rows float32 (n, 3) of this rank, `own`, and what it needs of others': `rows`, own ones first."""
 
-    def __init__(self, rows: BlockRows):
-        """Collective."""
-        local, ghosts = rows.local, rows.ghosts
-        self.comm, self.n_columns = rows.comm, len(rows.columns.mine)
-        self.start, self.column = local.indptr, local.indices
-        self.block = local.data.reshape(-1, 9).astype(np.float32, copy=False)
-        self.x = np.zeros((self.n_columns + len(ghosts.number), 3), np.float32)
-        self.own = self.x[: self.n_columns]
-        self.y = np.zeros((len(self.start) - 1, 3), np.float32)
-        ends = self.n_columns + np.cumsum(ghosts.counts)
+    def __init__(self, comm: MPI.Comm, n: int, ghosts: Ghosts):
+        self.comm, self.rows = comm, np.zeros((n + len(ghosts.number), 3), np.float32)
+        self.own = self.rows[:n]
+        ends = n + np.cumsum(ghosts.counts)
         self.receives = [
-            (rank, self.x[end - count : end])
+            (rank, self.rows[end - count : end])
             for rank, (end, count) in enumerate(zip(ends, ghosts.counts))
             if count
         ]
@@ -114,12 +108,39 @@ class DistributedMatrix:
             if len(places)
         ]
 
+    def share(self) -> None:
+        """Let the other ranks know `own`. Collective."""
+        MPI.Request.Waitall(self.begin_to_share(None))
+
+    def begin_to_share(self, step) -> list[MPI.Request]:
+        """Send what `own` will be after a step, (n, 3); None: what it is."""
+        requests = [self.comm.Irecv(rows, rank, TAG) for rank, rows in self.receives]
+        for rank, places, out in self.sends:
+            np.take(self.rows, places, axis=0, out=out)
+            if step is not None:
+                out += step[places]
+            requests.append(self.comm.Isend(out, rank, TAG))
+        return requests
+
+
+class DistributedMatrix:
+    """The product of a matrix with a vector, rows float32 (rows, 3) of both on each rank."""
+
+    def __init__(self, rows: BlockRows):
+        """Collective."""
+        local = rows.local
+        self.shared = Shared(rows.comm, len(rows.columns.mine), rows.ghosts)
+        self.share, self.x, self.own = self.shared.share, self.shared.rows, self.shared.own
+        self.start, self.column = local.indptr, local.indices
+        self.block = local.data.reshape(-1, 9).astype(np.float32, copy=False)
+        self.y = np.zeros((len(self.start) - 1, 3), np.float32)
+
     @cached_property
     def _order(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows that others need or that need others, and the rest; of a square matrix."""
         boundary = np.zeros(len(self.start) - 1, bool)
         row = np.repeat(np.arange(len(boundary), dtype=np.uint32), np.diff(self.start))
-        for rows in (row[self.column >= self.n_columns], *(places for _, places, _ in self.sends)):
+        for rows in (row[self.column >= len(self.own)], *(places for _, places, _ in self.shared.sends)):
             boundary[rows] = True
         return np.flatnonzero(boundary).astype(np.uint32), np.flatnonzero(~boundary).astype(np.uint32)
 
@@ -139,21 +160,7 @@ class DistributedMatrix:
         of_step = self.start, self.column, self.block, inverse, b, self.x, scale, keep, step
         boundary, interior = self._order
         step_rows(boundary, *of_step)
-        requests = self._begin_to_share(step)
+        requests = self.shared.begin_to_share(step)  # what is received is not used by rows of the interior
         step_rows(interior, *of_step)
         self.own += step
         MPI.Request.Waitall(requests)
-
-    def share(self) -> None:
-        """Let the other ranks know `own`. Collective."""
-        MPI.Request.Waitall(self._begin_to_share(None))
-
-    def _begin_to_share(self, step) -> list[MPI.Request]:
-        """Send what `own` will be after a step; what is received is not used by rows of the interior."""
-        requests = [self.comm.Irecv(rows, rank, TAG) for rank, rows in self.receives]
-        for rank, places, out in self.sends:
-            np.take(self.x, places, axis=0, out=out)
-            if step is not None:
-                out += step[places]
-            requests.append(self.comm.Isend(out, rank, TAG))
-        return requests

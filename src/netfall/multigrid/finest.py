@@ -9,11 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.ground.compile import inner_kernel, kernel, part_of_kernel
-from netfall.multigrid.distributed import add_step
+from netfall.ground.compile import kernel
 from netfall.multigrid.tangent import Incidence, Tangent, without_compression
 from netfall.numerics.arithmetic import fused
-from netfall.parallel.halo import Halo, check, receive_rows, send_rows
+from netfall.parallel.halo import Halo
 
 
 class Rows(NamedTuple):
@@ -32,59 +31,32 @@ class Rows(NamedTuple):
     between: np.ndarray | None
 
 
-@part_of_kernel
-def _answer(i, rows, x):
-    """What row i of the matrix makes of x (n, 3), as three numbers. rows : `Rows`"""
-    a = b = c = np.float32(0.0)
-    if rows.support is not None:
-        a, b, c = rows.support[i, 0] * x[i, 0], rows.support[i, 1] * x[i, 1], rows.support[i, 2] * x[i, 2]
-    if rows.between is not None:
-        a, b = a + rows.between[i] * x[i, 1], b + rows.between[i] * x[i, 0]
-    element = rows.element
-    for k in range(np.uint64(rows.start[i]), np.uint64(rows.start[i + 1])):  # unsigned: none is negative
-        j = np.uint64(rows.other[k])
-        u, v, w = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1], x[i, 2] - x[j, 2]
-        dx, dy, dz, across = element[k, 0], element[k, 1], element[k, 2], element[k, 4]
-        along = element[k, 3] * fused(dz, w, fused(dy, v, dx * u))
-        a = fused(across, u, fused(along, dx, a))
-        b = fused(across, v, fused(along, dy, b))
-        c = fused(across, w, fused(along, dz, c))
-    none = np.float32(0.0)
-    return a if rows.free[i, 0] else none, b if rows.free[i, 1] else none, c if rows.free[i, 2] else none
-
-
 @kernel
 def multiply_elements(rows, x, y):
     """y (n_owned, 3) = matrix times x (n, 3). rows : `Rows`"""
+    element = rows.element
     for i in range(np.uint64(y.shape[0])):
-        y[i, 0], y[i, 1], y[i, 2] = _answer(i, rows, x)
-
-
-@inner_kernel
-def step_elements(rows, inverse, b, x, scale, keep, step, first, end):
-    """In some rows step = keep step + scale inverse (b - matrix times x). All (n, 3); rows : `Rows`"""
-    for i in range(np.uint64(first), np.uint64(end)):
-        r, s, t = _answer(i, rows, x)
-        add_step(i, inverse, b[i, 0] - r, b[i, 1] - s, b[i, 2] - t, scale, keep, step)
-
-
-@kernel
-def step_and_share(rows, inverse, b, x, scale, keep, step, boundary, buffers):
-    """Take the step of `step_elements` in all rows of x; MPI's error code, 0 for success.
-
-    boundary : so many rows, the first ones, meet others' particles; what others need of them is on its way
-    while the rest is stepped
-    """
-    n = step.shape[0]
-    step_elements(rows, inverse, b, x, scale, keep, step, 0, boundary)
-    error, place = send_rows(x, step, buffers)
-    if error != 0:
-        return error
-    step_elements(rows, inverse, b, x, scale, keep, step, boundary, n)
-    for i in range(n):
-        for k in range(3):
-            x[i, k] += step[i, k]
-    return receive_rows(x, n, place, buffers)
+        a = b = c = np.float32(0.0)
+        if rows.support is not None:
+            a, b, c = (
+                rows.support[i, 0] * x[i, 0],
+                rows.support[i, 1] * x[i, 1],
+                rows.support[i, 2] * x[i, 2],
+            )
+        if rows.between is not None:
+            a, b = a + rows.between[i] * x[i, 1], b + rows.between[i] * x[i, 0]
+        for k in range(np.uint64(rows.start[i]), np.uint64(rows.start[i + 1])):  # unsigned: none is negative
+            j = np.uint64(rows.other[k])
+            u, v, w = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1], x[i, 2] - x[j, 2]
+            dx, dy, dz, across = element[k, 0], element[k, 1], element[k, 2], element[k, 4]
+            along = element[k, 3] * fused(dz, w, fused(dy, v, dx * u))
+            a = fused(across, u, fused(along, dx, a))
+            b = fused(across, v, fused(along, dy, b))
+            c = fused(across, w, fused(along, dz, c))
+        none = np.float32(0.0)
+        y[i, 0] = a if rows.free[i, 0] else none
+        y[i, 1] = b if rows.free[i, 1] else none
+        y[i, 2] = c if rows.free[i, 2] else none
 
 
 @kernel
@@ -143,8 +115,3 @@ class ElementMatrix:
     def share(self) -> None:
         """Let the other ranks know `own`. Collective."""
         self.halo.update(self.x)
-
-    def take_step(self, b: np.ndarray, inverse: np.ndarray, scale, keep, step: np.ndarray) -> None:
-        """step = keep step + scale inverse (b - product with `own`), added to `own`, shared. Collective."""
-        of_step = self.rows, inverse, b, self.x, scale, keep, step
-        check(step_and_share(*of_step, self.halo.boundary, self.halo.buffers))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.ground.compile import kernel
+from netfall.ground.compile import kernel, part_of_kernel
 from netfall.multigrid.products import coarser, transposed
 from netfall.multigrid.rows import BlockRows, Owners, blocks_of, entries_of
 from netfall.parallel.agree import on_root
@@ -141,16 +141,23 @@ def invert_diagonal(number, begin, column, block, inverse):
             if column[k] == number[p]:
                 a, b, c = block[k, 0, 0], block[k, 0, 1], block[k, 0, 2]
                 d, e, f = block[k, 1, 1], block[k, 1, 2], block[k, 2, 2]
-        more = TINY * (a + d + f)
-        if not more > 0.0:
-            more = 1.0
-        a, d, f = a + more, d + more, f + more
-        A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
-        D, E, F = a * f - c * c, b * c - a * e, a * d - b * b
-        whole = a * A + b * B + c * C
-        inverse[p, 0, 0], inverse[p, 0, 1], inverse[p, 0, 2] = A / whole, B / whole, C / whole
-        inverse[p, 1, 0], inverse[p, 1, 1], inverse[p, 1, 2] = B / whole, D / whole, E / whole
-        inverse[p, 2, 0], inverse[p, 2, 1], inverse[p, 2, 2] = C / whole, E / whole, F / whole
+        a, b, c, d, e, f = invert(a, b, c, d, e, f, a + d + f)
+        inverse[p, 0, 0], inverse[p, 0, 1], inverse[p, 0, 2] = a, b, c
+        inverse[p, 1, 0], inverse[p, 1, 1], inverse[p, 1, 2] = b, d, e
+        inverse[p, 2, 0], inverse[p, 2, 1], inverse[p, 2, 2] = c, e, f
+
+
+@part_of_kernel
+def invert(a, b, c, d, e, f, trace):
+    """Entries 00, 01, 02, 11, 12, 22 of a symmetric block's inverse; a little of a trace is added."""
+    more = TINY * trace
+    if not more > 0.0:
+        more = 1.0
+    a, d, f = a + more, d + more, f + more
+    A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
+    D, E, F = a * f - c * c, b * c - a * e, a * d - b * b
+    whole = a * A + b * B + c * C
+    return A / whole, B / whole, C / whole, D / whole, E / whole, F / whole
 
 
 def largest_eigenvalue(matrix: BlockRows, inverse: np.ndarray) -> float:

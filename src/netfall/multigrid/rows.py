@@ -38,6 +38,10 @@ class Ghosts(NamedTuple):
     counts: np.ndarray
     asked: list[np.ndarray]
 
+    def joined(self, comm: MPI.Comm, own: np.ndarray) -> np.ndarray:
+        """This rank's rows (n, ...), then those that it needs of others. Collective."""
+        return np.concatenate([own, *comm.alltoall([own[places] for places in self.asked])])
+
 
 def ghosts_of(comm: MPI.Comm, wanted: np.ndarray, owners: Owners) -> Ghosts:
     """The ghosts among rows that a rank needs, by global numbers in any order and number. Collective."""
@@ -83,8 +87,11 @@ class BlockRows:
 
     def times_vector(self, x: np.ndarray) -> np.ndarray:
         """The product (rows, 3) with a vector of rows (columns, 3) on each rank. Collective."""
-        got = self.comm.alltoall([x[places] for places in self.ghosts.asked])
-        return (self.local @ np.concatenate([x, *got]).ravel()).reshape(-1, 3)
+        return (self.local @ self.ghosts.joined(self.comm, x).ravel()).reshape(-1, 3)
+
+    def diagonal(self) -> np.ndarray:
+        """The blocks (rows, 3, 3) on the diagonal of a square matrix."""
+        return self.own.data[self.own.indices == self.rows.mine[_row_of_each(self.own)]]
 
     def everywhere(self) -> "BlockRows":
         """A square matrix, all of whose rows each rank has. Collective."""

@@ -155,40 +155,22 @@ def receive_forces(n_owned, particles, place, buffers):
 # --- rows of any kind
 
 
-@inner_kernel
-def send_rows(rows, step, buffers):
-    """Send the boundary particles' rows (n, width), and to these step (n, width), None: nothing, is added.
-
-    MPI's error code, and the place of the buffer.
-    """
+@kernel
+def exchange_rows(rows, n_owned, buffers):
+    """Owners' rows (n, width) to the halo copies; MPI's error code, 0 for success."""
     width, place = rows.shape[1], buffer_in_use(buffers)
     for i in range(buffers.send_index.shape[0]):
         p = buffers.send_index[i]
         for k in range(width):
-            number = rows[p, k]
-            if step is not None:
-                number += step[p, k]
-            buffers.numbers[buffers.send_at + place + i * width + k] = number
-    return send_buffer(buffers), place
-
-
-@inner_kernel
-def receive_rows(rows, n_owned, place, buffers):
-    """Wait for the halo particles' rows; MPI's error code. place : of `send_rows`"""
-    error = wait_for_neighbours(buffers)
-    for i in range(buffers.receive_at.shape[0]):
-        for k in range(rows.shape[1]):
-            rows[n_owned + i, k] = buffers.numbers[buffers.receive_at[i] + place + k]
-    return error
-
-
-@kernel
-def exchange_rows(rows, n_owned, buffers):
-    """Owners' rows (n, width) to the halo copies; MPI's error code, 0 for success."""
-    error, place = send_rows(rows, None, buffers)
+            buffers.numbers[buffers.send_at + place + i * width + k] = rows[p, k]
+    error = send_buffer(buffers)
     if error != 0:
         return error
-    return receive_rows(rows, n_owned, place, buffers)
+    error = wait_for_neighbours(buffers)
+    for i in range(buffers.receive_at.shape[0]):
+        for k in range(width):
+            rows[n_owned + i, k] = buffers.numbers[buffers.receive_at[i] + place + k]
+    return error
 
 
 def _node_of(comm: MPI.Comm) -> MPI.Comm:

@@ -5,6 +5,8 @@ or 0 for constant tension; or by force density, one sparse linear solve (Schek 1
 of the real material follow in closed form.
 """
 
+from functools import cache
+
 import numpy as np
 from mpi4py import MPI
 
@@ -25,6 +27,7 @@ from netfall.ground.stop import NEVER, StopRequest
 from netfall.job.values import counted
 from netfall.mechanics.elements import add_tensions, geometric_stiffness, nodal_stiffness
 from netfall.mechanics.supports import keep_on_guides
+from netfall.multigrid.lines import lines_of
 from netfall.multigrid.tangent import Tangent
 from netfall.net.net import Net
 from netfall.net.turned import held_along, is_guided, turned_column
@@ -310,7 +313,8 @@ def large_form(comm, distribution, halo, net, elements, settings, asked: float, 
         return None
     before = net.x.copy(order="K")
     inverse = lambda newton, tangent: newton.cycle(tangent)
-    newton = Newton(comm, halo, distribution, net, lambda: tangent_of_form(elements, net.x), inverse)
+    lines = cache(lambda: lines_of(distribution, elements.ends, before, net.free))
+    newton = Newton(comm, halo, distribution, net, lambda: tangent_of_form(elements, net.x), inverse, lines)
     try:
         total = _towards_force_density(newton, elements)
         for k in range(MOST_AGAIN):

@@ -1,0 +1,285 @@
+"""Lines of elements that run on over the particles, each solved whole: what is stiff along cables.
+
+Along a cable a net is a thousand times as stiff as across. What varies little along cables and much from one
+to the next, no particle by itself puts right, and no coarser level has it. So the particles of a line move
+together: its part of the stiffness, a chain of 3 x 3 blocks, is solved from one end to the other and back, by
+one rank. What the lines at a particle answer is added up, in ascending order of the lines.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.ground.compile import kernel, part_of_kernel
+from netfall.multigrid.distributed import Shared
+from netfall.multigrid.levels import invert
+from netfall.multigrid.rows import BlockRows, Ghosts, Owners, entries_of, ghosts_of
+from netfall.multigrid.tangent import Tangent, incidence_of, without_compression
+from netfall.numerics.arithmetic import fused
+from netfall.parallel.agree import on_root
+from netfall.parallel.subdomain import Distribution
+
+STRAIGHT = -0.8  # cosine of two elements at a particle, at most: a line turns by no more than 37 degrees
+MOST_ELEMENTS = 16  # at a particle: of more no two are one line
+MOST_TOUCHING = 7  # lines that touch one element: of more the answers, added up, go too far
+
+
+class Lines(NamedTuple):
+    """The lines that a rank solves. A place is a particle in one of them.
+
+    start : (lines + 1,) where the places of each begin
+    node, element : (places,) the particle of each, and the element from there to the next place, -1: none
+    particles, elements : what of others this rank needs for that; own rows come first, then these
+    element_rows : own elements, of this rank's
+    begin, place : the places of each own particle, from begin (n_owned + 1,) on; places : those of others
+    touching : at most so many places stand at one element, the two of a line as one
+    """
+
+    start: np.ndarray
+    node: np.ndarray
+    element: np.ndarray
+    particles: Ghosts
+    elements: Ghosts
+    element_rows: np.ndarray
+    begin: np.ndarray
+    place: np.ndarray
+    places: Ghosts
+    touching: int
+
+
+@kernel
+def pair_elements(at, ends, x, free, other):
+    """At which element a line goes on behind each element's ends: other (m, 2), -1: it ends there.
+
+    at : `Incidence` of all particles; ends : (m, 2); x : (n, 3) [m]; free : (n, 3)
+    Of the elements at a particle the two that are straightest are one line, then the two of the others.
+    """
+    for p in range(x.shape[0]):
+        first, last = at.start[p], at.start[p + 1]
+        if last - first > MOST_ELEMENTS or not (free[p, 0] or free[p, 1] or free[p, 2]):
+            continue
+        for _ in range((last - first) // 2):
+            best, one, two = STRAIGHT, -1, -1
+            for a in range(first, last):
+                e, q = at.element[a], at.far[a]
+                if other[e, 0 if ends[e, 0] == p else 1] >= 0:
+                    continue
+                for b in range(a + 1, last):
+                    f, r = at.element[b], at.far[b]
+                    if other[f, 0 if ends[f, 0] == p else 1] >= 0:
+                        continue
+                    product = square_q = square_r = 0.0
+                    for k in range(3):
+                        to_q, to_r = x[q, k] - x[p, k], x[r, k] - x[p, k]
+                        product += to_q * to_r
+                        square_q += to_q * to_q
+                        square_r += to_r * to_r
+                    if product < best * np.sqrt(square_q * square_r):
+                        best, one, two = product / np.sqrt(square_q * square_r), e, f
+            if one < 0:
+                break
+            other[one, 0 if ends[one, 0] == p else 1] = two
+            other[two, 0 if ends[two, 0] == p else 1] = one
+
+
+@kernel
+def walk_lines(ends, other, seen, start, node, element):
+    """Fill the lines, all of them: start (m + 1,), node, element (2 m,); how many there are.
+
+    other : of `pair_elements`; seen : (m,) of zeros, overwritten
+    A line that closes ends at the particle where it begins, which so has two places in it.
+    """
+    count = k = 0
+    for first in range(ends.shape[0]):
+        if seen[first]:
+            continue
+        e, end = first, 0
+        while other[e, end] >= 0 and other[e, end] != first:
+            p, e = ends[e, end], other[e, end]
+            end = 1 if ends[e, 0] == p else 0
+        start[count] = k
+        while True:
+            seen[e] = 1
+            node[k], element[k] = ends[e, end], e
+            k += 1
+            p, after = ends[e, 1 - end], other[e, 1 - end]
+            if after < 0 or seen[after]:
+                break
+            e, end = after, 0 if ends[after, 0] == p else 1
+        node[k], element[k] = p, -1
+        k, count = k + 1, count + 1
+    start[count] = k
+    return count
+
+
+def all_lines(ends: np.ndarray, x: np.ndarray, free: np.ndarray) -> tuple:
+    """start, node, element of all lines of a net, and `touching`. ends : (m, 2); x, free : (n, 3)"""
+    n, m = len(x), len(ends)
+    other, seen = np.full((m, 2), -1, np.int32), np.zeros(m, np.uint8)
+    start, (node, element) = np.zeros(m + 1, np.int64), np.empty((2, 2 * m), np.int32)
+    pair_elements(incidence_of(ends, np.arange(n), n), ends, x, free, other)
+    count = walk_lines(ends, other, seen, start, node, element)
+    node, element = node[: start[count]], element[: start[count]]
+    moves = free.any(1)
+    at = np.bincount(node, minlength=n) * moves
+    touching = at[ends].sum(1) - moves[ends].all(1)
+    return start[: count + 1], node, element, int(touching.max(initial=0))
+
+
+def lines_of(distribution: Distribution, ends: np.ndarray, x: np.ndarray, free: np.ndarray) -> Lines:
+    """The lines of a net on these ranks: a line goes to the owner of its middle. Collective.
+
+    ends : (m, 2) of this rank's elements; x, free : (n, 3) of its particles
+    """
+    comm, d = distribution.comm, distribution.subdomain
+    ends = distribution.gather_elements(d.particle_gid[ends])
+    x, free = distribution.gather_particles(x), distribution.gather_particles(free)
+    start, node, element, touching = comm.bcast(on_root(comm, lambda: all_lines(ends, x, free != 0)))
+    particles, elements = (
+        Owners(comm, d.particle_gid[: d.n_owned]),
+        Owners(comm, d.element_gid[d.element_owned]),
+    )
+    counts = np.diff(start)
+    mine = np.flatnonzero(particles.rank[node[start[:-1] + counts // 2]] == comm.rank)
+    counts, own = entries_of(counts, mine)
+    places = Owners(comm, own)
+    order = np.argsort(node, kind="stable")
+    number = np.bincount(node, minlength=distribution.n)
+    at, place = entries_of(number, particles.mine)
+    of_node, node = _placed(comm, node[own], particles)
+    element = element[own]
+    goes_on = element >= 0
+    of_element, element[goes_on] = _placed(comm, element[goes_on], elements)
+    of_place, place = _placed(comm, order[place], places)
+    begin = np.concatenate([[0], np.cumsum(at)])
+    start, own_elements = np.concatenate([[0], np.cumsum(counts)]), np.flatnonzero(d.element_owned)
+    return Lines(start, node, element, of_node, of_element, own_elements, begin, place, of_place, touching)
+
+
+def _placed(comm, wanted: np.ndarray, owners: Owners) -> tuple[Ghosts, np.ndarray]:
+    """The ghosts among wanted rows, and where each of these stands: own rows, then ghosts. Collective."""
+    ghosts = ghosts_of(comm, wanted, owners)
+    place = owners.place.copy()
+    place[ghosts.number] = len(owners.mine) + np.arange(len(ghosts.number), dtype=np.int32)
+    return ghosts, place[wanted]
+
+
+@part_of_kernel
+def _coupling(e, axial, across, direction, i, j):
+    """An entry of the stiffness [N/m] of one end of element e against the other."""
+    along = (axial[e] - across[e]) * direction[e, i]
+    return -along * direction[e, j] - (across[e] if i == j else 0.0)
+
+
+@kernel
+def factorise_lines(start, node, element, diagonal, free, direction, axial, across, work, lower, inverse):
+    """The factors of each line, L D L^T by blocks: lower (places, 9), inverse (places, 6) of D.
+
+    start, node, element : of `Lines`; diagonal (n, 3, 3), free (n, 3) : of particles
+    direction (m, 3), axial, across (m,) : of elements; inverse : entries as of `levels.invert`
+    work : (4, 3, 3), overwritten
+    """
+    D, C, L, last = work[0], work[1], work[2], work[3]
+    for line in range(start.shape[0] - 1):
+        for k in range(start[line], start[line + 1]):
+            p, trace = node[k], 0.0
+            for i in range(3):
+                trace += diagonal[p, i, i]
+                for j in range(3):
+                    D[i, j], L[i, j] = diagonal[p, i, j], 0.0
+            if k > start[line]:
+                q, way = node[k - 1], element[k - 1]
+                for i in range(3):
+                    for j in range(3):
+                        moves = free[p, i] and free[q, j]
+                        C[i, j] = _coupling(way, axial, across, direction, i, j) if moves else 0.0
+                for i in range(3):
+                    for j in range(3):
+                        L[i, j] = C[i, 0] * last[0, j] + C[i, 1] * last[1, j] + C[i, 2] * last[2, j]
+                for i in range(3):
+                    for j in range(3):
+                        D[i, j] -= L[i, 0] * C[j, 0] + L[i, 1] * C[j, 1] + L[i, 2] * C[j, 2]
+            a, b, c, d, e, f = invert(D[0, 0], D[0, 1], D[0, 2], D[1, 1], D[1, 2], D[2, 2], trace)
+            last[0, 0], last[0, 1], last[0, 2] = a, b, c
+            last[1, 0], last[1, 1], last[1, 2] = b, d, e
+            last[2, 0], last[2, 1], last[2, 2] = c, e, f
+            for i in range(3):
+                lower[k, 3 * i], lower[k, 3 * i + 1], lower[k, 3 * i + 2] = L[i, 0], L[i, 1], L[i, 2]
+            inverse[k, 0], inverse[k, 1], inverse[k, 2] = a, b, c
+            inverse[k, 3], inverse[k, 4], inverse[k, 5] = d, e, f
+
+
+@kernel
+def solve_lines(start, node, lower, inverse, x, y):
+    """y (places, 3) of each line, of the rows of x (n, 3) at its places. lower, inverse : as above"""
+    for line in range(np.uint64(start.shape[0] - 1)):
+        first, end = np.uint64(start[line]), np.uint64(start[line + 1])
+        a = b = c = 0.0
+        for k in range(first, end):
+            p, m = np.uint64(node[k]), lower[k]
+            u, v, w = np.float64(x[p, 0]), np.float64(x[p, 1]), np.float64(x[p, 2])
+            a, b, c = (
+                fused(-m[2], c, fused(-m[1], b, fused(-m[0], a, u))),
+                fused(-m[5], c, fused(-m[4], b, fused(-m[3], a, v))),
+                fused(-m[8], c, fused(-m[7], b, fused(-m[6], a, w))),
+            )
+            y[k, 0], y[k, 1], y[k, 2] = a, b, c
+        a = b = c = 0.0
+        for back in range(end - first):
+            k = end - np.uint64(1) - back
+            d, u, v, w = inverse[k], np.float64(y[k, 0]), np.float64(y[k, 1]), np.float64(y[k, 2])
+            u, v, w = (
+                fused(d[2], w, fused(d[1], v, d[0] * u)),
+                fused(d[4], w, fused(d[3], v, d[1] * u)),
+                fused(d[5], w, fused(d[4], v, d[2] * u)),
+            )
+            if back > 0:
+                m = lower[k + np.uint64(1)]
+                u, v, w = (
+                    fused(-m[6], c, fused(-m[3], b, fused(-m[0], a, u))),
+                    fused(-m[7], c, fused(-m[4], b, fused(-m[1], a, v))),
+                    fused(-m[8], c, fused(-m[5], b, fused(-m[2], a, w))),
+                )
+            a, b, c = u, v, w
+            y[k, 0], y[k, 1], y[k, 2] = a, b, c
+
+
+@kernel
+def add_places(begin, place, y, scale, x):
+    """Add scale times the places of each particle to x (n_owned, 3). begin, place : of `Lines`; y : (k, 3)"""
+    for i in range(np.uint64(x.shape[0])):
+        a, b, c = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+        for k in range(np.uint64(begin[i]), np.uint64(begin[i + 1])):
+            j = np.uint64(place[k])
+            a, b, c = a + y[j, 0], b + y[j, 1], c + y[j, 2]
+        x[i, 0], x[i, 1] = fused(scale, a, x[i, 0]), fused(scale, b, x[i, 1])
+        x[i, 2] = fused(scale, c, x[i, 2])
+
+
+class LineSmoother:
+    """One step towards matrix x = b by the lines."""
+
+    def __init__(self, lines: Lines, matrix: BlockRows, net, K: Tangent):
+        """Of a tangent as `matrix` has it. Collective. net : `relaxation.Net`"""
+        comm, n, K, mine = matrix.comm, len(matrix.rows.mine), without_compression(K), lines.element_rows
+        of_elements = (each[mine] for each in (K.direction, K.axial, K.across))
+        direction, axial, across = (lines.elements.joined(comm, each) for each in of_elements)
+        diagonal = lines.particles.joined(comm, matrix.diagonal())
+        free = lines.particles.joined(comm, net.free[:n] != 0)
+        self.lines, places = lines, len(lines.node)
+        self.lower, self.inverse = np.empty((places, 9), np.float32), np.empty((places, 6), np.float32)
+        of_lines, factors = (lines.start, lines.node, lines.element), (self.lower, self.inverse)
+        work = np.empty((4, 3, 3))
+        factorise_lines(*of_lines, diagonal, free, direction, axial, across, work, *factors)
+        most = lines.touching  # bounds the eigenvalues; damped from there down to a third of it
+        self.scale = np.float32(2.0 / (most + max(1.0, most / 3.0)))
+        self.x, self.y = Shared(comm, n, lines.particles), Shared(comm, places, lines.places)
+
+    def add_step(self, r: np.ndarray, x: np.ndarray) -> None:
+        """Add the step to x that answers what is left, r. Both (n_owned, 3). Collective."""
+        lines = self.lines
+        self.x.own[:] = r
+        self.x.share()
+        solve_lines(lines.start, lines.node, self.lower, self.inverse, self.x.rows, self.y.own)
+        self.y.share()
+        add_places(lines.begin, lines.place, self.y.rows, self.scale, x)
