@@ -53,6 +53,20 @@ def massless_notes(job: Job, net: Net) -> list[str]:
     ]
 
 
+def weightless_notes(job: Job, net: Net) -> list[str]:
+    """A note on masses of nodes without a weight, where all else has one."""
+    light = (net.mass > 0.0) & (net.load[:, 2] >= 0.0) & ~net.fixed[:, 2]
+    if job.dynamics is None or job.load is None or not light.any():
+        return []
+    if not (job.load.self_weight or job.load.dead):
+        return []
+    mass = float(net.mass[light].sum())
+    return [
+        f"column mass of {counted('node', net.node_id[light])}: {mass:.4g} kg without weight: self_weight is "
+        f"that of elements; if it hangs there, column load_z has to have -{mass * GRAVITY:.4g} N in all"
+    ]
+
+
 def strain_notes(net: Net, eps: np.ndarray) -> list[str]:
     """Notes on strains eps (m,) at the start that no net is built with."""
     notes = []
