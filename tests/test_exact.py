@@ -6,7 +6,7 @@ import math
 import numpy as np
 from mpi4py import MPI
 
-from netfall.parallel.sums import LIMBS, add_exactly, exact_sums, rounded
+from netfall.parallel.sums import ALL, LIMBS, add_exactly, exact_sums, rounded
 
 
 def test_sum_is_correctly_rounded():
@@ -39,8 +39,8 @@ def test_sum_does_not_depend_on_order_or_parts():
     rng = np.random.default_rng(2)
     values = rng.standard_normal(999) * 10.0 ** rng.uniform(-20, 20, 999)
     parts = np.zeros((2, LIMBS), np.int64)
-    add_exactly(values[:400].copy(), parts[0])
-    add_exactly(values[400:].copy(), parts[1])
+    add_exactly(values[:400].copy(), ALL, parts[0])
+    add_exactly(values[400:].copy(), ALL, parts[1])
     assert rounded(parts.sum(0)) == exact_sums(MPI.COMM_SELF, rng.permutation(values))[0]
 
 

@@ -14,7 +14,7 @@ from test_restart import SLOW
 from netfall.ground.errors import DivergedError, Interrupted
 from netfall.ground.progress import Progress
 from netfall.job.read import read_job
-from netfall.parallel.sums import BLOCK, LIMBS, add_where, rounded
+from netfall.parallel.sums import ALL, BLOCK, LIMBS, add_exactly, rounded
 from netfall.program.run import run_job
 from netfall.record import rows
 from netfall.stages import dynamics
@@ -29,8 +29,8 @@ def test_sums_in_blocks_are_exact_beyond_what_three_pieces_hold(lowest):
     there = (rng.random(len(values)) < 0.5).astype(np.uint8)
     there[[5, BLOCK, -1]] = 1
     limbs = np.zeros((2, LIMBS), np.int64)
-    add_where(values, None, limbs[0])
-    add_where(values, there, limbs[1])
+    add_exactly(values, ALL, limbs[0])
+    add_exactly(values, there, limbs[1])
     assert rounded(limbs[0]) == math.fsum(values)
     assert rounded(limbs[1]) == math.fsum(values[there == 1])
 

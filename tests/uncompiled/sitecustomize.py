@@ -13,7 +13,15 @@ import sys
 import time
 import warnings
 
-KERNELS = "kernel", "allocating_kernel", "kernel_apart", "inner_kernel", "part_of_kernel", "vector_kernel"
+KERNELS = (
+    "kernel",
+    "allocating_kernel",
+    "kernel_apart",
+    "kernel_both_ways",
+    "inner_kernel",
+    "part_of_kernel",
+    "vector_kernel",
+)
 
 
 def fused_of(np):

@@ -24,7 +24,7 @@ from netfall.mechanics.state import State
 from netfall.mechanics.supports import add_springs, keep_on_guides, largest_springs
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
-from netfall.parallel.sums import LIMBS, add_exactly, rounded
+from netfall.parallel.sums import ALL, LIMBS, add_exactly, rounded
 
 MARGIN = 1.2  # on the virtual mass: the stiffness grows a little between two peaks
 OF_JOINTS = 1.5  # virtual mass for their size, of three particles, where elements of two have 1
@@ -192,7 +192,7 @@ def relax(
             halo.update(mass)
         relax_step(x, v, f, mass, free, rested, n_owned, kinetic)
         limbs[:] = 0
-        add_exactly(kinetic, limbs)
+        add_exactly(kinetic, ALL, limbs)
         comm.Allreduce(MPI.IN_PLACE, limbs, MPI.SUM)
         energy = rounded(limbs)
         rested = not energy > previous

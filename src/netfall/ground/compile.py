@@ -241,6 +241,8 @@ allocating_kernel = _compiled(**FLAGS)
 kernel = _compiled(**FLAGS, _nrt=False)
 # What kernels call by its address, once in many steps.
 kernel_apart = _compiled(**FLAGS | {"pipeline_class": ApartPipeline}, **INNER, _nrt=False)
+# That, and Python.
+kernel_both_ways = _compiled(**FLAGS | {"pipeline_class": ApartPipeline}, _nrt=False)
 # The other three are for kernels to call.
 inner_kernel = _compiled(**FLAGS, **INNER, _nrt=False)
 # A call within a loop would keep it from being vectorised.

@@ -7,6 +7,7 @@ of the time. Here they are lowered alone, and optimised within the kernels that 
 
 import operator
 
+from llvmlite.binding import Linkage
 from numba import _dynfunc
 from numba.core import base, ir, postproc, types
 from numba.core.codegen import JITCodeLibrary
@@ -14,9 +15,11 @@ from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import FunctionPass, register_pass
 from numba.core.environment import lookup_environment
 from numba.core.ir_utils import build_definitions, get_definition, guard
+from numba.core.postproc import PostProcessor, VariableLifetime
 from numba.core.targetconfig import TargetConfig
+from numba.core.transforms import canonicalize_cfg
 from numba.core.typed_passes import NativeLowering
-from numba.core.untyped_passes import IRProcessing
+from numba.core.untyped_passes import InlineClosureLikes, IRProcessing, WithLifting
 
 from netfall.ground.handed import hand, whole
 
@@ -118,6 +121,14 @@ class HandedArguments(FunctionPass):
 class KernelLibrary(JITCodeLibrary):
     """The code of a kernel, optimised once: numba does so for each function alone, and twice for all."""
 
+    def finalize(self):
+        """Join all parts, and what they are joined with, each once; optimise."""
+        for library in self._linking_libraries:  # it grows meanwhile
+            for other in library._linking_libraries if isinstance(library, PartLibrary) else ():
+                if other not in self._linking_libraries:
+                    self._linking_libraries.append(other)
+        super().finalize()
+
     def _optimize_functions(self, ll_module):
         ll_module.data_layout = self._codegen._data_layout
 
@@ -129,12 +140,16 @@ class KernelLibrary(JITCodeLibrary):
 class PartLibrary(KernelLibrary):
     """The code of a function that only kernels call: joined with them as it is, and never run by itself."""
 
-    def _optimize_final_module(self):
-        pass
-
-    def _finalize_final_module(self):
+    def finalize(self):
+        """No more is to come."""
         self._finalize_dynamic_globals()
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage == Linkage.external:
+                function.linkage = "linkonce_odr"  # it may be left out of a kernel where it has been inlined
         self._finalized = True
+
+    def _get_module_for_linking(self):
+        return self._final_module
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
@@ -174,6 +189,9 @@ class KernelLowering(NativeLowering):
         return True
 
 
+UNUSED = InlineClosureLikes, WithLifting  # no kernel has closures, comprehensions or contexts
+
+
 class Pipeline(CompilerBase):
     """numba's own, with `AbsentFields` before branches are dropped, and the lowering that fits."""
 
@@ -184,6 +202,7 @@ class Pipeline(CompilerBase):
     def define_pipelines(self):
         """The passes in their order."""
         passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.passes = [(one, text) for one, text in passes.passes if one not in UNUSED]
         passes.add_pass_after(HandedArguments, IRProcessing)
         passes.add_pass_after(AbsentFields, IRProcessing)
         lowering = PartLowering if self.is_part() else KernelLowering
@@ -238,6 +257,17 @@ def remember_answers() -> None:
             and (flags._values == others._values or all_values(flags) == all_values(others))
         )
 
+    lifetimes = PostProcessor.run
+
+    def lifetimes_if_asked(processor, emit_dels=False, extend_lifetimes=False):
+        if emit_dels or processor.func_ir.is_generator:
+            lifetimes(processor, emit_dels, extend_lifetimes)
+        else:
+            processor.func_ir.blocks = canonicalize_cfg(processor.func_ir.blocks)
+            processor.func_ir.variable_lifetime = VariableLifetime(processor.func_ir.blocks)
+            processor.func_ir.generator_info = None
+
+    PostProcessor.run = lifetimes_if_asked
     TargetConfig.__hash__ = lambda flags: hash((flags.no_cpython_wrapper, flags.noalias, flags.forceinline))
     TargetConfig.__eq__ = equal
     base.BaseContext.get_abi_sizeof = remembered_size

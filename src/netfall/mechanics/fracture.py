@@ -223,6 +223,13 @@ def lose_wind(p, rules, particles):
         lose_air(p, particles)
 
 
+class Moving(NamedTuple):
+    """x [m], v [m/s] : three of (n,); what `dissipate` reads of particles."""
+
+    x: tuple
+    v: tuple
+
+
 @kernel
 def dissipate(e, dt, elements, particles, law):
     """Count what is stored in element e as dissipated: up to half a drift ago, where its forces worked."""

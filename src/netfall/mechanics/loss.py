@@ -14,9 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.ground.handed import laid
 from netfall.mechanics.air import rooted, squared
-from netfall.mechanics.fracture import dissipate
-from netfall.mechanics.state import State
+from netfall.mechanics.fracture import Moving, dissipate
+from netfall.mechanics.state import State, axes
 from netfall.mechanics.supports import keep_on_guides
 
 
@@ -25,9 +26,11 @@ def lose_elements(state: State, elements: np.ndarray, dt: float) -> None:
 
     Every rank that holds one decides alike.
     """
+    of_all, law = map(laid, state.of_a_moment)
+    moving = laid(Moving(axes(state.x), axes(state.v)))
     for e in elements.tolist():
         if state.EA[e] > 0.0:  # else another rank has kept it when it broke, or it had been taken out
-            dissipate(e, dt, state.elements, state.particles, state.law)
+            dissipate(e, dt, of_all, moving, law)
             _let_go(state, e)
         state.EA[e], state.lost[e], state.broken[e] = 0.0, 1, 1
         if state.eps_u is not None:

@@ -10,10 +10,11 @@ import math
 import numpy as np
 from mpi4py import MPI
 
+from netfall.ground.apart import Entry
 from netfall.ground.compile import (
     allocating_kernel,
     inner_kernel,
-    kernel,
+    kernel_both_ways,
     part_of_kernel,
     vector_kernel,
 )
@@ -21,6 +22,7 @@ from netfall.numerics.arithmetic import bits_of, number_of
 
 LIMBS = 67  # 66 of 32 bits cover 2^-1074 to 2^1024; the last one counts what is not finite
 LOWEST = 1074  # the first limb's unit is 2^-1074
+ALL = np.zeros(0, np.uint8)
 MASK = np.int64(0xFFFFFFFF)
 SIZE = np.int64(0x7FFFFFFFFFFFFFFF)  # all bits of a number but the sign
 BLOCK = 2048  # values whose multiples of a unit add up to less than 2^62
@@ -105,9 +107,18 @@ def cut_in_three(first, last, values, there, large):
     return a, b, c, left != 0
 
 
-@kernel
+@kernel_both_ways
+def add_exactly(values, there, limbs):
+    """Add the values (n,) that are there, (n,) not 0, to the fixed-point number in limbs; `ALL`: all."""
+    if there.shape[0] == 0:
+        add_where(values, None, limbs)
+    else:
+        add_where(values, there, limbs)
+
+
+@inner_kernel
 def add_where(values, there, limbs):
-    """Add the values (n,) that are there, (n,) not 0, to the fixed-point number in limbs; None: all. Exactly.
+    """`add_exactly`; there : None, all.
 
     In blocks, cut in three pieces of 52 bits below the largest, whose sums are integers: in vector registers.
     What has more bits, or does not fit, is added one by one.
@@ -135,12 +146,6 @@ def add_terms(first, last, values, there, limbs):
     for i in range(first, last):
         if there is None or there[i]:
             add_term(values[i], limbs)
-
-
-@kernel
-def add_exactly(values, limbs):
-    """`add_term` of all values (n,)."""
-    add_where(values, None, limbs)
 
 
 @allocating_kernel
@@ -184,11 +189,16 @@ def rounded(limbs):
     return -amount if negative else amount
 
 
+def adding() -> Entry:
+    """`add_exactly` for kernels to call: in one piece with them it would be compiled again for each."""
+    return Entry(add_exactly, np.zeros(0), ALL, np.zeros(0, np.int64))
+
+
 def exact_sums(comm: MPI.Comm, *terms: np.ndarray) -> list[float]:
     """Sums over all ranks of several arrays of terms, correctly rounded. Collective."""
     limbs = np.zeros((len(terms), LIMBS), np.int64)
     for values, own in zip(terms, limbs):
-        add_exactly(np.ascontiguousarray(values, np.float64).ravel(), own)
+        add_exactly(np.ascontiguousarray(values, np.float64).ravel(), ALL, own)
     return rounded_of_all(comm, limbs).tolist()
 
 

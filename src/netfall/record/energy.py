@@ -15,11 +15,11 @@ from mpi4py import MPI
 
 from netfall.ground.apart import Entry
 from netfall.ground.compile import entry_for
-from netfall.ground.handed import laid
+from netfall.ground.handed import laid, whole
 from netfall.mechanics.elements import ElementState
 from netfall.mechanics.fields import OTHER_WORKS
 from netfall.mechanics.state import State
-from netfall.parallel.sums import LIMBS, rounded_of_all
+from netfall.parallel.sums import LIMBS, adding, rounded_of_all
 from netfall.step.audit import Room, Subject, observe, observe_once
 
 
@@ -116,8 +116,8 @@ def make_room(state: State) -> Snapshot:
     more = bool(state.features.springs) + bool(state.features.sliding)
     sums = np.zeros((len(terms) + 2 + more, LIMBS), np.int64)
     f_band = np.empty_like(x) if state.features.band else None
-    room = Room(*arrays, terms, stored, sprung, sums, np.zeros(1, np.int64), f_band)
-    return Snapshot(np.zeros(0, np.int64), room, Entry(observe, *[0.0] * 4, subject_of(state), room))
+    room = Room(*arrays, terms, stored, sprung, sums, np.zeros(1, np.int64), f_band, adding())
+    return Snapshot(np.zeros(0, np.int64), room, Entry(observe, *[0.0] * 4, True, subject_of(state), room))
 
 
 def subject_of(state: State) -> Subject:
@@ -140,7 +140,8 @@ def take_snapshot(
     snapshot = before if before is not None and before.fits(state) else make_room(state)
     if len(snapshot.rows) != state.n_local - state.n_halo:
         snapshot.rows = state.owned_rows()
-    of = laid(subject_of(state)), laid(snapshot.room)
+    subject, room = (whole(kind) for kind in snapshot.observe.kinds[-2:])
+    of = laid(subject_of(state), subject), laid(snapshot.room, room)
     arguments = snapshot.observe, before_dt, dt, zeta, share, *of
     (snapshot.enter or observe_once)(*arguments)
     if snapshot is before and snapshot.enter is None:

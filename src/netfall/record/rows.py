@@ -3,13 +3,14 @@
 import numpy as np
 from mpi4py import MPI
 
+from netfall.ground.apart import Entry
 from netfall.mechanics.state import State
 from netfall.model.probes import Probes
 from netfall.parallel.subdomain import Subdomain
 from netfall.parallel.sums import LIMBS, rounded_of_all
 from netfall.record.energy import make_room, subject_of
 from netfall.record.envelope import Envelope
-from netfall.step.rows import Local, Rows, Table
+from netfall.step.rows import Bending, Local, Rows, Seen, Table, take_row
 
 MOST_ROWS = 128  # in the table, 400 KB
 
@@ -41,7 +42,7 @@ class RowTable:
             number, count = slips
             self.local = self.local._replace(slip=values + number, difference=values + count + number)
             values += 2 * count
-        self.snapshot = make_room(state)
+        self.snapshot, self.take_row = make_room(state), None
         whole, sums = lambda *shape: np.zeros(shape, np.int64), len(self.snapshot.room.sums)
         self.table = Table(
             whole(k),
@@ -56,27 +57,44 @@ class RowTable:
     def of(self, state: State) -> Rows:
         """What the time loop takes, as long as the arrays of the state stay."""
         if not self.snapshot.fits(state):
-            self.snapshot = make_room(state)
-        return Rows(
-            self.due,
+            self.snapshot, self.take_row = make_room(state), None
+        subject, room = subject_of(state), self.snapshot.room
+        particles, elements = subject.particles, subject.elements
+        seen = Seen(
             self.dt,
             self.made,
-            self.every,
             self.last,
-            subject_of(state),
-            self.snapshot.room,
+            subject.n_owned,
+            subject.first_split,
+            subject.rows,
+            room.velocity,
+            room.now,
+            room.slack,
+            room.sums,
+            particles.x,
+            particles.x_start,
+            particles.free,
+            particles.gid,
+            elements.bar,
+            elements.broken,
+            elements.owned,
+            self.gid,
             self.envelope.tension,
             self.envelope.displacement,
             self.envelope.moment,
-            state.joint_at,
-            self.gid,
             self.local,
             self.table,
-            self.snapshot.observe,
             state.highest,
             state.lowest,
             state.eps_u,
+            subject.joints and Bending(subject.x, subject.joints, state.joint_at),
+            subject.places,
+            particles.slip,
         )
+        if self.take_row is None:
+            self.take_row = Entry(take_row, 0, 0.0, True, seen)
+        due = self.due, self.made, self.every, self.last
+        return Rows(*due, subject, room, self.snapshot.observe, seen, self.take_row)
 
     def is_due(self, number: int) -> bool:
         """Whether a row is due at a step that is not made yet."""

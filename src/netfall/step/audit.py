@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.ground.apart import call
+from netfall.ground.apart import Entry, call
 from netfall.ground.compile import inner_kernel, kernel, kernel_apart, part_of_kernel, vector_kernel
 from netfall.mechanics.air import air_work, set_air, with_air
 from netfall.mechanics.bending import Joints, add_bending_forces, joint_energy
@@ -21,7 +21,7 @@ from netfall.mechanics.material import Law, add_branches, set_branches
 from netfall.mechanics.motion import along_x, along_y, along_z, inverse_mass, kicked, make_kick
 from netfall.mechanics.slip.motion import Places, slip_energies
 from netfall.mechanics.supports import add_springs, on_guide
-from netfall.parallel.sums import add_exactly, add_term, add_where
+from netfall.parallel.sums import add_term
 
 
 class Subject(NamedTuple):
@@ -53,6 +53,7 @@ class Room(NamedTuple):
     sums : (k, LIMBS), exact, of this rank: terms, stored, heat, sprung, friction of slips
     slack : (1,) cables of this rank that are whole and slack
     f_band : (n, 3) [N] of the branches alone; None: there are none
+    add_exactly : of `sums`
     """
 
     f_int: np.ndarray
@@ -65,6 +66,7 @@ class Room(NamedTuple):
     sums: np.ndarray
     slack: np.ndarray
     f_band: np.ndarray | None
+    add_exactly: Entry
 
 
 @part_of_kernel
@@ -215,22 +217,24 @@ def count_slack(now, elements):
 @kernel
 def observe_once(entry, before_dt, dt, zeta, share, subject, room):
     """`observe` from Python. entry : where it begins"""
-    call(entry, before_dt, dt, zeta, share, subject, room)
+    call(entry, before_dt, dt, zeta, share, True, subject, room)
 
 
 @kernel_apart
-def observe(before_dt, dt, zeta, share, subject, room):
-    """Fill the room.
+def observe(before_dt, dt, zeta, share, whole, subject, room):
+    """Fill the room; unless it is to be the whole, of elements the state alone.
 
     before_dt, dt : [s] the steps before and after; zeta, share : of `motion.Kick`
     """
+    element_state(subject.x, subject.elements, subject.law, room.now)
+    if not whole:
+        return
     f_int, velocity, now, heat, f_band = room.f_int, room.velocity, room.now, room.heat, room.f_band
     terms, stored, sums = room.terms, room.stored, room.sums
     n_owned, first_split, n_local = subject.n_owned, subject.first_split, subject.rows[0]
     halo, owned = first_split - n_owned, n_owned + n_local - first_split
     part, kick_dt = before_dt / (before_dt + dt), 0.5 * (before_dt + dt)
     clear(f_int)
-    element_state(subject.x, subject.elements, subject.law, now)
     add_tensions(subject.x, subject.elements.ends, now.N, now.L, f_int)
     if subject.law.branches is not None:
         set_branches(before_dt, dt, subject.law)
@@ -249,15 +253,15 @@ def observe(before_dt, dt, zeta, share, subject, room):
     particle_energies(first_split, n_local, halo, part, kick_dt, zeta, share, *of)
     element_energies(subject.elements, now, subject.law, stored, heat)
     sums[:] = 0
-    last = terms.shape[0]
+    last, all_of_them = terms.shape[0], subject.elements.owned[:0]
     for k in range(last):
-        add_exactly(terms[k, :owned], sums[k])
-    add_where(stored, subject.elements.owned, sums[last])
+        call(room.add_exactly, terms[k, :owned], all_of_them, sums[k])
+    call(room.add_exactly, stored, subject.elements.owned, sums[last])
     if subject.joints is not None:
         add_joint_energies(subject.x, subject.joints, sums[last])
-    add_where(heat, subject.elements.owned, sums[last + 1])
+    call(room.add_exactly, heat, subject.elements.owned, sums[last + 1])
     if room.sprung is not None:
-        add_exactly(room.sprung[:owned], sums[last + 2])
+        call(room.add_exactly, room.sprung[:owned], all_of_them, sums[last + 2])
     if subject.places is not None:
         add_slip_energies(part, kick_dt, share, subject, sums)
     room.slack[0] = count_slack(now, subject.elements)

@@ -157,11 +157,13 @@ def kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, unyielded, law
     scratch.f : (rows,) counted from the chunk's first particle, out, total force [N]
     scratch.near : the same, out, 1 where an element of the particle is near its limits; None: all are elastic
     """
-    if chunks.is_split[c]:
-        if slots.eps_p is not None:
-            chunks.has_yielded[c] = 1  # yield is kept in the loop from now on
-        kick_splits(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
-    elif slots.eps_p is None or chunks.has_yielded[c]:
+    if chunks.is_split is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
+        if chunks.is_split[c]:
+            if slots.eps_p is not None:
+                chunks.has_yielded[c] = 1  # yield is kept in the loop from now on
+            kick_splits(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
+            return
+    if slots.eps_p is None or chunks.has_yielded[c]:
         kick_owned(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
     else:
         kick_owned(c, kick_dt, zeta, share, chunks, particles, unyielded, law, scratch)

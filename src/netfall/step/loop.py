@@ -31,7 +31,7 @@ from netfall.parallel.halo import receive_forces, send_forces, wait_for_neighbou
 from netfall.parallel.mpi_symbols import lap
 from netfall.step.forces import kick_chunk
 from netfall.step.limits import anything_over, count_near, yield_and_break
-from netfall.step.rows import Rows, is_due
+from netfall.step.rows import Rows, is_due, make_row
 from netfall.step.slots import collect_branches, collect_extremes, collect_yields, follow_slips
 from netfall.step.tear import has_room
 
@@ -69,13 +69,12 @@ class Beside(NamedTuple):
     """What is done beside forces, kick and drift; None: it is not.
 
     rows : of which those are made that are due before the last step; bends : forces of chains that bend
-    places : at which cables slip; make_row, break_elements : of `rows` and `tear`
+    places : at which cables slip; break_elements : of `tear`
     """
 
     rows: Rows | None
     bends: Bends | None
     places: Places | None
-    make_row: Entry | None = None
     break_elements: Entry | None = None
 
 
@@ -94,6 +93,14 @@ def drift_rows(first, last, dt, x, v):
         x[0][p] += dt * v[0][p]
         x[1][p] += dt * v[1][p]
         x[2][p] += dt * v[2][p]
+
+
+@part_of_kernel
+def is_split(c, chunks):
+    """Whether the particles of chunk c have split off."""
+    if chunks.is_split is None:
+        return False
+    return chunks.is_split[c] != 0
 
 
 @vector_kernel
@@ -172,7 +179,7 @@ def time_loop(
                 mark = lap(seconds, -1, 0.0)
                 collect_slots(chunks, elements, slots, law)
                 sample = interval.sample_time, interval.sample_dt
-                call(beside.make_row, number, before_dt, dt, zeta, sample[0], sample[1], beside.rows)
+                make_row(number, before_dt, dt, zeta, sample[0], sample[1], beside.rows)
                 mark = lap(seconds, ROWS, mark)
         if interval.row:
             break
@@ -203,7 +210,7 @@ def time_loop(
                         c, count, chunks, particles, elements, slots, law, scratch.near, scratch.f
                     )
                     chunks.has_yielded[c] |= yielded
-            if c < chunks.own and not chunks.is_split[c]:  # sent; `yield_and_break` keeps those that count
+            if c < chunks.own and not is_split(c, chunks):  # sent; `yield_and_break` keeps those that count
                 keep_forces(low, high, scratch.f, particles.f)
             mark = lap(seconds, FORCES, mark)
             if c == chunks.own - 1:

@@ -14,7 +14,6 @@ from netfall.mechanics.fracture import FractureRules, Fractures
 from netfall.mechanics.state import State, axes
 from netfall.parallel.halo import Halo, check
 from netfall.step.loop import Beside, Interval, time_loop
-from netfall.step.rows import make_row
 from netfall.step.runs import LANES, Runs, find_runs, make_runs
 from netfall.step.slots import collect_branches, collect_extremes, collect_yields, fill_slots
 from netfall.step.tear import break_elements
@@ -49,7 +48,7 @@ class Chunks(NamedTuple):
     then the owned ones, each behind the split ones whose far ends begin there: these are in the cache.
     n_owned, n_halo : particles; inner : the first one after the boundary chunks; size : of a whole chunk
     own : chunks up to and with the last boundary one; place : (chunks,) of each number
-    is_split : (chunks,) 1 for particles that split off
+    is_split : (chunks,) 1 for particles that split off; None: none ever does
     low, high : (chunks,) particles of each chunk
     width : (chunks,) most elements at one of them
     last_use : (chunks,) the last chunk that reads positions of the chunk, itself if none comes after it
@@ -65,7 +64,7 @@ class Chunks(NamedTuple):
     front: int
     own: int
     place: np.ndarray
-    is_split: np.ndarray
+    is_split: np.ndarray | None
     low: np.ndarray
     high: np.ndarray
     width: np.ndarray
@@ -180,23 +179,21 @@ class Plan:
         )
         self._kinds = kinds((arguments, rows, bends, state.places))
         if self._kinds not in self._apart:
-            self._apart[self._kinds] = self._parts_apart(rows, fractures)
-        self.arguments = *arguments, Beside(rows, bends, state.places, *self._apart[self._kinds])
+            self._apart[self._kinds] = fractures and self._breaking(fractures)
+        self.arguments = *arguments, Beside(rows, bends, state.places, self._apart[self._kinds])
         if self._kinds not in self._types:
             self._types[self._kinds] = types_of(self.arguments)
         self.laid = tuple(map(laid, self.arguments, self._types[self._kinds]))
 
-    def _parts_apart(self, rows, fractures: Fractures | None) -> tuple:
-        """What the time loop calls by its address; None: nothing is due, or breaks."""
-        s, numbers, when = self.state, [0.0] * 5, StepDone(0.0, 0, 0.0)
-        return (
-            rows and Entry(make_row, 0, *numbers, rows),
-            fractures and Entry(break_elements, 0, when, self.chunks, s.elements, s.slots, s.law, fractures),
-        )
+    def _breaking(self, fractures: Fractures) -> Entry:
+        """`break_elements` for the time loop to call."""
+        s, when = self.state, StepDone(0.0, 0, 0.0)
+        return Entry(break_elements, 0, when, self.chunks, s.elements, s.slots, s.law, fractures)
 
     def compile_apart(self) -> None:
         """Have all compiled that the time loop calls by its address."""
-        for entry in self._apart[self._kinds]:
+        rows = self.arguments[-1].rows
+        for entry in (rows and rows.observe, rows and rows.take_row, self._apart[self._kinds]):
             if entry:
                 entry.prepare()
 
@@ -217,7 +214,7 @@ class Plan:
         place = np.empty_like(order)
         place[order] = np.arange(len(order))
         low, high = low[order], high[order]
-        has_yielded = np.zeros(len(low), np.uint8)
+        has_yielded, features = np.zeros(len(low), np.uint8), state.features
         if state.slot_eps_p is not None:
             has_yielded[:] = [state.slot_eps_p[:, a:b].any() for a, b in zip(low, high)]
         return Chunks(
@@ -230,7 +227,7 @@ class Plan:
             int(np.count_nonzero(before < 0.0)),
             int(place[splits + self.boundary - 1]) + 1 if self.boundary else 0,
             place,
-            (order < splits).astype(np.uint8),
+            (order < splits).astype(np.uint8) if features.fracture and features.fragments else None,
             low,
             high,
             np.concatenate([np.full(splits, SLOTS), self._width])[order],
@@ -242,7 +239,8 @@ class Plan:
     def collect_yield(self, state: State) -> None:
         """Bring plastic strains, heat and extremes of the elements up to date: else slots alone change."""
         if self.chunks.has_yielded.any():
-            arrays = laid(state.elements), laid(state.slots), laid(state.law)
+            _, _, elements, slots, _, law, *_ = self._types[self._kinds]
+            arrays = laid(state.elements, elements), laid(state.slots, slots), laid(state.law, law)
             collect_yields(state.n_owned, state.first_split, *arrays)
         if state.highest is not None:
             collect_extremes(state.n_owned, state.first_split, laid(state.elements), laid(state.slots))

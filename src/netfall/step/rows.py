@@ -13,8 +13,9 @@ import numpy as np
 
 from netfall.ground.apart import Entry, call
 from netfall.ground.compile import inner_kernel, kernel, kernel_apart, part_of_kernel
-from netfall.mechanics.bending import joint_moment
-from netfall.mechanics.elements import element_state
+from netfall.mechanics.bending import Joints, joint_moment
+from netfall.mechanics.elements import ElementState
+from netfall.mechanics.slip.motion import Places
 from netfall.numerics.arithmetic import bits_of, number_of
 from netfall.step.audit import Room, Subject
 
@@ -56,36 +57,74 @@ class Local(NamedTuple):
     difference: np.ndarray | None
 
 
-class Rows(NamedTuple):
-    """What rows are made of, and where they go.
+class Bending(NamedTuple):
+    """x : (n, 3) [m]; joint_at : (m, 2) joints at both ends of elements, as `State` has them."""
 
-    due : (rows,) numbers of the steps of all rows of the stage; dt : [s] length of the steps as counted
-    made : (2,) rows made so far, those of them in the table
-    every : steps, as they are counted, after which the envelope is widened where no row is made
-    last : (1,) number of the step at which it was widened last
+    x: np.ndarray
+    joints: Joints
+    joint_at: np.ndarray
+
+
+class Seen(NamedTuple):
+    """What a row reads of what was observed, and where it goes: of few kinds, whatever else a scene has.
+
+    dt : [s] length of the steps as counted; made : (2,) rows made so far, those of them in the table
+    last : (1,) number of the step at which the envelope was widened last
+    n_owned, first_split, rows : as of `Subject`; velocity, now, slack, sums : of `Room`
+    x, x_start, free : three of (n,); particle_gid : (n,); bar, broken, owned, element_gid : (m,)
     tension : (4, m), displacement : (2, n_owned), moment : (m,), as `record.envelope` has them
-    joint_at : (m, 2) joints at both ends of elements, as `State` has them; None, as moment: no chain bends
-    element_gid : (m,); observe : of `audit`; highest, lowest, eps_u : (m,) of elements, None as in `Elements`
+    highest, lowest, eps_u : (m,) of elements, None as in `Elements`
+    bending : None, as moment: no chain bends; places, slip : of `Subject` and its particles, None: none slips
+    """
+
+    dt: float
+    made: np.ndarray
+    last: np.ndarray
+    n_owned: int
+    first_split: int
+    rows: np.ndarray
+    velocity: tuple
+    now: ElementState
+    slack: np.ndarray
+    sums: np.ndarray
+    x: tuple
+    x_start: tuple
+    free: tuple
+    particle_gid: np.ndarray
+    bar: np.ndarray
+    broken: np.ndarray
+    owned: np.ndarray
+    element_gid: np.ndarray
+    tension: np.ndarray
+    displacement: np.ndarray
+    moment: np.ndarray | None
+    local: Local
+    table: Table
+    highest: np.ndarray | None
+    lowest: np.ndarray | None
+    eps_u: np.ndarray | None
+    bending: Bending | None
+    places: Places | None
+    slip: tuple | None
+
+
+class Rows(NamedTuple):
+    """What rows are made of.
+
+    due : (rows,) numbers of the steps of all rows of the stage; made, last : of `Seen`
+    every : steps, as they are counted, after which the envelope is widened where no row is made
+    observe : of `audit`; take_row : for what has been `seen`
     """
 
     due: np.ndarray
-    dt: float
     made: np.ndarray
     every: int
     last: np.ndarray
     subject: Subject
     room: Room
-    tension: np.ndarray
-    displacement: np.ndarray
-    moment: np.ndarray | None
-    joint_at: np.ndarray | None
-    element_gid: np.ndarray
-    local: Local
-    table: Table
     observe: Entry
-    highest: np.ndarray | None
-    lowest: np.ndarray | None
-    eps_u: np.ndarray | None
+    seen: Seen
+    take_row: Entry
 
 
 @part_of_kernel
@@ -101,67 +140,68 @@ def is_due(number, rows):
     return has_row(number, rows) or number - rows.last[0] >= rows.every
 
 
-@kernel_apart
+@inner_kernel
 def make_row(number, before_dt, dt, zeta, sample_time, sample_dt, rows):
     """The row of a step, within the time loop: into the table, and taken in by the envelope; or that alone.
 
     Its arguments as of `loop.Interval`.
     """
-    if has_row(number, rows):
-        share = (number * rows.dt - sample_time) / sample_dt
-        call(rows.observe, before_dt, dt, zeta, share, rows.subject, rows.room)
-        widen(number, rows)
-        add_row(number, before_dt if before_dt > 0.0 else dt, rows)
-    else:
-        element_state(rows.subject.x, rows.subject.elements, rows.subject.law, rows.room.now)
-        widen(number, rows)
+    due = has_row(number, rows)
+    share = (number * rows.seen.dt - sample_time) / sample_dt
+    call(rows.observe, before_dt, dt, zeta, share, due, rows.subject, rows.room)
+    call(rows.take_row, number, before_dt if before_dt > 0.0 else dt, due, rows.seen)
 
 
-@inner_kernel
-def add_row(number, step, rows):
-    """What was observed at a step into the table. step : [s] the one before"""
-    made, table, k = rows.made, rows.table, rows.made[1]
-    table.number[k], table.slack[k] = number, rows.room.slack[0]
+@kernel_apart
+def take_row(number, step, due, seen):
+    """What was observed at a step into the envelope, and if a row is due into the table.
+
+    step : [s] the one before
+    """
+    widen(number, seen)
+    if not due:
+        return
+    made, table, k = seen.made, seen.table, seen.made[1]
+    table.number[k], table.slack[k] = number, seen.slack[0]
     table.time_step[k] = step
-    for i in range(rows.room.sums.shape[0]):
-        for j in range(rows.room.sums.shape[1]):
-            table.sums[k, i, j] = rows.room.sums[i, j]
-    read_probes(rows, table.probes[k])
-    find_fastest(rows, table.size[k], table.who[k])
-    find_most_strained(rows, table.size[k], table.who[k])
+    for i in range(seen.sums.shape[0]):
+        for j in range(seen.sums.shape[1]):
+            table.sums[k, i, j] = seen.sums[i, j]
+    read_probes(seen, table.probes[k])
+    find_fastest(seen, table.size[k], table.who[k])
+    find_most_strained(seen, table.size[k], table.who[k])
     made[0] += 1
     made[1] += 1
 
 
 @inner_kernel
-def widen(number, rows):
+def widen(number, seen):
     """Take in the axial forces, the positions and the moments at a step."""
-    time = number * rows.dt
-    since = time - rows.last[0] * rows.dt
-    rows.last[0] = number
-    tension, displacement, N = rows.tension, rows.displacement, rows.room.now.N
-    elements, particles = rows.subject.elements, rows.subject.particles
+    time = number * seen.dt
+    since = time - seen.last[0] * seen.dt
+    seen.last[0] = number
+    tension, displacement, N = seen.tension, seen.displacement, seen.now.N
     for e in range(tension.shape[1]):
         if N[e] > tension[0, e]:
             tension[0, e], tension[1, e] = N[e], time
         tension[2, e] = min(tension[2, e], N[e])
-        if N[e] == 0.0 and elements.bar[e] == 0 and elements.broken[e] == 0:
+        if N[e] == 0.0 and seen.bar[e] == 0 and seen.broken[e] == 0:
             tension[3, e] += since
-    x, start = particles.x, particles.x_start
+    x, start = seen.x, seen.x_start
     for p in range(displacement.shape[1]):
         dx, dy, dz = x[0][p] - start[0][p], x[1][p] - start[1][p], x[2][p] - start[2][p]
         u = math.sqrt(dx * dx + dy * dy + dz * dz)
         if u > displacement[0, p]:
             displacement[0, p], displacement[1, p] = u, time
-    if rows.highest is not None:
-        widen_to_extremes(time, rows.highest, rows.lowest, tension)
-    if rows.moment is not None:
-        widen_moments(rows.subject.x, rows.subject.joints, rows.joint_at, rows.moment)
+    if seen.highest is not None:
+        widen_to_extremes(time, seen.highest, seen.lowest, tension)
+    if seen.moment is not None:
+        widen_moments(seen.bending, seen.moment)
 
 
 @kernel
 def widen_to_extremes(time, highest, lowest, tension):
-    """Take in the extremes of all steps up to a time [s], as `Rows` has them, and tension (4, m)."""
+    """Take in the extremes of all steps up to a time [s], as `Seen` has them, and tension (4, m)."""
     for e in range(tension.shape[1]):
         if highest[e] > tension[0, e]:
             tension[0, e], tension[1, e] = highest[e], time
@@ -170,8 +210,9 @@ def widen_to_extremes(time, highest, lowest, tension):
 
 
 @inner_kernel
-def widen_moments(x, joints, joint_at, moment):
+def widen_moments(bending, moment):
     """Take in the bending moments [N m] at both ends of each element, 0 at the end of a chain."""
+    x, joints, joint_at = bending.x, bending.joints, bending.joint_at
     for e in range(moment.shape[0]):
         for end in range(2):
             k = joint_at[e, end]
@@ -182,32 +223,31 @@ def widen_moments(x, joints, joint_at, moment):
 
 
 @inner_kernel
-def read_probes(rows, values):
+def read_probes(seen, values):
     """Displacements (p, 3) [m], tensions [N] of what meets there and of what is named, in one row."""
-    local, x, start = rows.local, rows.subject.particles.x, rows.subject.particles.x_start
+    local, x, start = seen.local, seen.x, seen.x_start
     for i in range(local.particle.shape[0]):
         p, place = local.particle[i], local.particle_place[i]
         for k in range(3):
             values[place + k] = x[k][p] - start[k][p] + 0.0  # no negative zeros
     for i in range(local.element.shape[0]):
         e = local.element[i]
-        N = rows.room.now.N[e] + 0.0
-        values[local.element_place[i]] = N if rows.subject.elements.owned[e] else 0.0
+        N = seen.now.N[e] + 0.0
+        values[local.element_place[i]] = N if seen.owned[e] else 0.0
     if local.slip is not None:
-        read_slips(rows, values)
+        read_slips(seen, values)
 
 
 @inner_kernel
-def read_slips(rows, values):
+def read_slips(seen, values):
     """Slips [m], and tensions after less those before their places [N], none of what has broken."""
-    places, particles, broken = rows.subject.places, rows.subject.particles, rows.subject.elements.broken
-    N = rows.room.now.N
+    places, broken, N = seen.places, seen.broken, seen.now.N
     for i in range(places.node.shape[0]):
         before, after = places.before[i], places.after[i]
         T_before = N[before] if broken[before] == 0 else 0.0
         T_after = N[after] if broken[after] == 0 else 0.0
-        values[rows.local.slip[i]] = particles.slip[places.column[i]][places.node[i]] + 0.0
-        values[rows.local.difference[i]] = T_after - T_before + 0.0
+        values[seen.local.slip[i]] = seen.slip[places.column[i]][places.node[i]] + 0.0
+        values[seen.local.difference[i]] = T_after - T_before + 0.0
 
 
 @inner_kernel
@@ -217,37 +257,36 @@ def size_of(bits):
 
 
 @inner_kernel
-def find_fastest(rows, size, who):
+def find_fastest(seen, size, who):
     """The largest speed along an axis of the particles that can move, and its particle, into place 0."""
-    subject, velocity = rows.subject, rows.room.velocity
-    halo, best, at = subject.first_split - subject.n_owned, np.int64(-1), np.int64(-1)
-    x, y, z = velocity
-    free = subject.particles.free
-    for i in range(subject.rows[0] - halo):
-        p = i if i < subject.n_owned else i + halo
+    halo, best, at = seen.first_split - seen.n_owned, np.int64(-1), np.int64(-1)
+    x, y, z = seen.velocity
+    free = seen.free
+    for i in range(seen.rows[0] - halo):
+        p = i if i < seen.n_owned else i + halo
         bits = max(bits_of(x[i]) & SIZE, max(bits_of(y[i]) & SIZE, bits_of(z[i]) & SIZE))
         if bits > best and (free[0][p] or free[1][p] or free[2][p]):
             best, at = bits, p
     size[0], who[0] = -1.0, -1
     if at >= 0:
-        size[0], who[0] = size_of(best), subject.particles.gid[at]
+        size[0], who[0] = size_of(best), seen.particle_gid[at]
 
 
 @inner_kernel
-def find_most_strained(rows, size, who):
+def find_most_strained(seen, size, who):
     """The largest strain and its element into place 1; that where nothing ever breaks into place 2."""
-    eps, best, at = rows.room.now.eps, np.int64(-1), np.int64(-1)
+    eps, best, at = seen.now.eps, np.int64(-1), np.int64(-1)
     for e in range(eps.shape[0]):
         bits = bits_of(eps[e]) & SIZE
         if bits > best:
             best, at = bits, e
     size[1], size[2], who[1], who[2] = -1.0, 0.0, -1, -1
     if at >= 0:
-        size[1], who[1] = size_of(best), rows.element_gid[at]
+        size[1], who[1] = size_of(best), seen.element_gid[at]
     if size[1] > MOST_STRAIN:
-        at = endless_strain(rows.eps_u, rows.subject.elements.broken, rows.room.now)
+        at = endless_strain(seen.eps_u, seen.broken, seen.now)
         if at >= 0:
-            size[2], who[2] = abs(eps[at]), rows.element_gid[at]
+            size[2], who[2] = abs(eps[at]), seen.element_gid[at]
 
 
 @inner_kernel
