@@ -50,15 +50,21 @@ def test_two_branches_hold_the_ratio_over_thirty_times_and_three_over_more(high,
         assert 1 / (2 * np.pi * tau * np.sqrt(1 + alpha)) == pytest.approx([0.4515, 5.980], rel=1e-3)
 
 
+HUNG_NODES, HUNG_ELEMENTS = (
+    "id,x,y,z,fixed,load_z,mass\n4,0,0,0,1,,\n9,0,0,-10,0,-20000,1000\n",
+    "start,end\n4,9\n",
+)
+HUNG = (
+    "[cable]\nmodulus = 1.6e11\narea = 100e-6\ndensity = 0.001\n[dynamics]\nduration = {duration}\n"
+    "time_step = 2e-4\n{keys}[output]\nprobes = [9]\nelements = [0]\nhistory = 2e-4\n"
+)
+
+
 def test_the_step_is_shorter_by_the_stiffness_of_the_branches(workshop):
     """The stable step is that of elements stiffer by 1 + sum alpha: times 0.964."""
-    text, nodes, elements = oscillators([0.1], "", 1e-4, 0.01)
-    limits = [
-        workshop.run(workshop.job(text.replace("[dynamics]", "[dynamics]\n" + keys), nodes, elements))[
-            "provenance"
-        ].attrs["limit_assembled"]
-        for keys in ("", BAND)
-    ]
+    job = [HUNG.format(keys=keys, duration=0.01) for keys in ("", BAND)]
+    results = [workshop.run(workshop.job(text, HUNG_NODES, HUNG_ELEMENTS)) for text in job]
+    limits = [f["provenance"].attrs["limit_assembled"] for f in results]
     assert limits[1] / limits[0] == pytest.approx(
         1 / np.sqrt(stiffening(band_branches(0.01, 0.3, 9.0))), rel=1e-9
     )
@@ -67,14 +73,8 @@ def test_the_step_is_shorter_by_the_stiffness_of_the_branches(workshop):
 
 def test_what_is_written_swings_by_less_than_what_is_carried_and_a_note_says_how_much(workshop):
     """A weight let go on a cable is stopped by more force than is written, by what the note bounds."""
-    nodes = "id,x,y,z,fixed,load_z,mass\n4,0,0,0,1,,\n9,0,0,-10,0,-20000,1000\n"
-    text = (
-        "[cable]\nmodulus = 1.6e11\narea = 100e-6\ndensity = 0.001\n[dynamics]\nduration = 0.2\n"
-        "time_step = 2e-4\ndamping_ratio = 0.02\ndamping_band = [1.0, 20.0]\n"
-        "[output]\nprobes = [9]\nelements = [0]\nhistory = 2e-4\n"
-    )
-    job = workshop.job(text, nodes, "start,end\n4,9\n")
-    f = workshop.run(job)
+    keys = "damping_ratio = 0.02\ndamping_band = [1.0, 20.0]\n"
+    f = workshop.run(workshop.job(HUNG.format(keys=keys, duration=0.2), HUNG_NODES, HUNG_ELEMENTS))
     t, z = f["history/time"][:], f["history/probe_displacement"][:, 0, 2]
     carried = 20e3 + 1000.0 * np.gradient(np.gradient(z, t), t)
     written, carried = f["history/probe_tension"][:, 0].max(), carried[3:-3].max()

@@ -95,7 +95,7 @@ def test_logarithmic_strain_is_the_sum_of_increments():
     )  # 2 % less at 4 %
 
 
-@pytest.mark.parametrize("measure", ["engineering", "logarithmic"])
+@pytest.mark.parametrize("measure", ["engineering", pytest.param("logarithmic", marks=pytest.mark.long)])
 def test_what_never_yields_beside_what_does_dissipates_nothing(measure, tmp_path):
     """Two cables of the tutorial yield, two have no yield stress: the heat is that of the former, with the
     engineering strain N_y L0 eps_p in all, and the audits are there; those two are named.
