@@ -3,7 +3,9 @@
 Along a cable a net is a thousand times as stiff as across. What varies little along cables and much from one
 to the next, no particle by itself puts right, and no coarser level has it. So the particles of a line move
 together: its part of the stiffness, a chain of 3 x 3 blocks, is solved from one end to the other and back, by
-one rank. What the lines at a particle answer is added up, in ascending order of the lines.
+one rank, in double precision: where cables yield, stiffness along a line differs by so much that in single
+precision its inverse is not positive. What the lines at a particle answer is added up, in ascending order of
+the lines.
 """
 
 from typing import NamedTuple
@@ -210,8 +212,11 @@ def factorise_lines(start, node, element, diagonal, free, direction, axial, acro
 
 
 @kernel
-def solve_lines(start, node, lower, inverse, x, y):
-    """y (places, 3) of each line, of the rows of x (n, 3) at its places. lower, inverse : as above"""
+def solve_lines(start, node, lower, inverse, x, work, y):
+    """y (places, 3) of each line, of the rows of x (n, 3) at its places; work : (places, 3), overwritten.
+
+    start, node, lower, inverse : as of `factorise_lines`
+    """
     for line in range(np.uint64(start.shape[0] - 1)):
         first, end = np.uint64(start[line]), np.uint64(start[line + 1])
         a = b = c = 0.0
@@ -223,11 +228,11 @@ def solve_lines(start, node, lower, inverse, x, y):
                 fused(-m[5], c, fused(-m[4], b, fused(-m[3], a, v))),
                 fused(-m[8], c, fused(-m[7], b, fused(-m[6], a, w))),
             )
-            y[k, 0], y[k, 1], y[k, 2] = a, b, c
+            work[k, 0], work[k, 1], work[k, 2] = a, b, c
         a = b = c = 0.0
         for back in range(end - first):
             k = end - np.uint64(1) - back
-            d, u, v, w = inverse[k], np.float64(y[k, 0]), np.float64(y[k, 1]), np.float64(y[k, 2])
+            d, u, v, w = inverse[k], work[k, 0], work[k, 1], work[k, 2]
             u, v, w = (
                 fused(d[2], w, fused(d[1], v, d[0] * u)),
                 fused(d[4], w, fused(d[3], v, d[1] * u)),
@@ -267,7 +272,8 @@ class LineSmoother:
         diagonal = lines.particles.joined(comm, matrix.diagonal())
         free = lines.particles.joined(comm, net.free[:n] != 0)
         self.lines, places = lines, len(lines.node)
-        self.lower, self.inverse = np.empty((places, 9), np.float32), np.empty((places, 6), np.float32)
+        self.work = np.empty((places, 3))
+        self.lower, self.inverse = np.empty((places, 9)), np.empty((places, 6))
         of_lines, factors = (lines.start, lines.node, lines.element), (self.lower, self.inverse)
         work = np.empty((4, 3, 3))
         factorise_lines(*of_lines, diagonal, free, direction, axial, across, work, *factors)
@@ -280,6 +286,6 @@ class LineSmoother:
         lines = self.lines
         self.x.own[:] = r
         self.x.share()
-        solve_lines(lines.start, lines.node, self.lower, self.inverse, self.x.rows, self.y.own)
+        solve_lines(lines.start, lines.node, self.lower, self.inverse, self.x.rows, self.work, self.y.own)
         self.y.share()
         add_places(lines.begin, lines.place, self.y.rows, self.scale, x)
