@@ -12,7 +12,7 @@ from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 
-from netfall.equilibrium import find, interior, newton
+from netfall.equilibrium import find, interior, mixed, newton
 from netfall.equilibrium import increments as path
 from netfall.equilibrium.increments import _Increments
 from netfall.equilibrium.relaxation import Paused
@@ -242,14 +242,11 @@ steps = 1
 SUPPORTS, SIDE, EA_HUNG, YIELD = 10.0, 12.0, 2e8, 1e6
 
 
-@pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
-@pytest.mark.parametrize("yields", [False, True])
-@pytest.mark.parametrize("until", [(1e-9, 0.0), (0.0, 1e-6)])
-def test_slack_cables_are_found_by_way_of_the_interior(workshop, monkeypatch, strain, yields, until):
-    """Two of 12 m, slack at first between supports 20 m apart, with 1.2 MN where they meet, and a slack one.
+def hung(workshop, strain, yields):
+    """Newton's method for two cables of 12 m, slack at first between supports 20 m apart, and a slack one.
 
-    By hand: 2 N sin(slope) = P, at N = N_y if they yield; else with the L that carries N. The gap leaves 1e-9
-    of the energy, which is least at rest: its root, 3e-5, of lengths at most; what is missing is told.
+    1.2 MN act where they meet. And the state, and by hand 2 N sin(slope) = P: how deep that node hangs, at
+    N = N_y if they yield, else with the L that carries N.
     """
     P = 1.2e6
     nodes = f"id,x,y,z,fixed,load_z\n1,-10,0,0,1,0\n2,10,0,0,1,0\n3,1,0,-1,0,{-P}\n4,0,0,-40,1,0\n"
@@ -257,9 +254,6 @@ def test_slack_cables_are_found_by_way_of_the_interior(workshop, monkeypatch, st
     text = HUNG.format(strain=strain, yields="yield_stress = 1e9" if yields else "")
     job = workshop.job(text, nodes, elements)
     scene, _ = prepare(MPI.COMM_SELF, read_job(job), Phases())
-    state, load = scene.state, scene.model.loading.permanent + scene.model.loading.live
-    monkeypatch.setattr(interior, "FEWEST", 0)
-    interior.Interior(scene.finder._newton(load), state, NEVER).narrow(*until)
     low, high = SIDE, 4 * SIDE
     for _ in range(100):
         L = 0.5 * (low + high)
@@ -267,8 +261,37 @@ def test_slack_cables_are_found_by_way_of_the_interior(workshop, monkeypatch, st
         N = EA_HUNG * strain_of if not yields else min(EA_HUNG * strain_of, YIELD)
         carried = 2.0 * N * np.sqrt(L * L - SUPPORTS**2) / L
         low, high = (L, high) if carried < P else (low, L)
-    assert state.x[2] == pytest.approx([0.0, 0.0, -np.sqrt(L * L - SUPPORTS**2)], rel=1e-6, abs=1e-5)
     assert (N == YIELD) == yields
+    load = scene.model.loading.permanent + scene.model.loading.live
+    return scene.finder._newton(load), scene.state, np.sqrt(L * L - SUPPORTS**2)
+
+
+@pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
+@pytest.mark.parametrize("yields", [False, True])
+@pytest.mark.parametrize("until", [(1e-9, 0.0), (0.0, 1e-6)])
+def test_slack_cables_are_found_by_way_of_the_interior(workshop, strain, yields, until):
+    """The gap leaves 1e-9 of the energy, which is least at rest: its root, 3e-5, of lengths at most."""
+    method, state, depth = hung(workshop, strain, yields)
+    interior.Interior(method, state, NEVER).narrow(*until)
+    assert state.x[2] == pytest.approx([0.0, 0.0, -depth], rel=1e-6, abs=1e-5)
+
+
+@pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
+@pytest.mark.parametrize("until", [(1e-5, 0.0), (0.0, 1e-6)])
+def test_slack_cables_are_found_with_tensions_as_unknowns(workshop, strain, until):
+    """As near as the last step, or what is missing, by hand; the tensions are those of the law."""
+    method, state, depth = hung(workshop, strain, False)
+    way = mixed.Mixed(method, state, NEVER)
+    way.narrow(*until)
+    assert state.x[2] == pytest.approx([0.0, 0.0, -depth], rel=1e-6, abs=1e-5)
+    assert max(way.errors()) < 1e-5 and way.now[2, 0] < 1e-5 * way.now[0, 0]
+
+
+def test_cables_that_yield_are_left_to_the_interior(workshop):
+    """An elastic law would hold them higher."""
+    method, state, _ = hung(workshop, "engineering", True)
+    with pytest.raises(newton.Yields):
+        mixed.Mixed(method, state, NEVER).narrow(0.0, 1e-6)
 
 
 GIVEN = """
@@ -287,22 +310,25 @@ self_weight = true
 """
 
 
-def test_what_is_far_from_rest_and_slack_at_last_is_not_relaxed(workshop, monkeypatch):
+@pytest.mark.parametrize("way", [find.MIXED, find.INSIDE])
+def test_what_is_far_from_rest_and_slack_at_last_is_not_relaxed(workshop, monkeypatch, way):
     """A saddle as given, no form of its prestress: it moves by a ninth of its span, a fifth goes slack.
 
-    Its tangent is nearly singular there, so that Newton's method does not end: steps of the interior do, as
+    Its tangent is nearly singular there, so that Newton's method does not end: steps of either way do, as
     near as they say, by a relaxation that leaves a thousandth of that.
     """
     states, errors_told, text = [], [], GIVEN.format(cells=24)
     for few, tolerance in ((0, 1e-6), (10**9, 1e-9)):
-        monkeypatch.setattr(interior, "FEWEST", few)
+        monkeypatch.setattr(find, "FEWEST", few)
         job = read_job(workshop.job(text + f"tolerance = {tolerance}\nmax_iterations = 1000000\n"))
         scene, _ = prepare(MPI.COMM_SELF, job, Phases())
         load = scene.model.loading.permanent
         with monkeypatch.context() as only:
             if few == 0:
                 only.setattr(find, "relax", None)
-            found = scene.finder.find(load, tolerance, 80e3, 1_000_000, "weight")
+            goal = way if few == 0 else None
+            found = scene.finder.find(load, tolerance, 80e3, 1_000_000, "weight", goal=goal)
+        assert few or scene.finder.goal == way
         errors_told.append((found.displacement_error, found.tension_error))
         states.append((scene.state.x.copy(), scene.state.elements_now().N))
     (x, N), (rest, exact) = states
@@ -347,7 +373,7 @@ def test_what_yields_is_not_relaxed(workshop, monkeypatch, large):
     text = SADDLE.format(cells=12, cable="yield_stress = 0.75e9\n", pressure=[0.0, 0.0, 9 * AREA_LOAD])
     found = Statics(workshop.job(text), large, monkeypatch)
     monkeypatch.setattr(find, "relax", None)
-    monkeypatch.setattr(interior, "FEWEST", 0)
+    monkeypatch.setattr(find, "FEWEST", 0)
     found.find()
     assert max(found.off(0.75e9 * 3600e-6)) < 1e-6 and np.abs(found.scene.state.eps_p).max() > 0.1
 

@@ -16,6 +16,7 @@ from netfall.ground.compile import kernel, part_of_kernel
 from netfall.mechanics.state import State
 from netfall.numerics.arithmetic import logarithm
 
+STRETCHED = 1e-4  # strain to begin with, at least, in choosing the gap
 LEAST = 0.1  # of a limit or a force: tension to begin with
 
 
@@ -46,7 +47,7 @@ def cables_of(state: State) -> Cables:
 
 
 @part_of_kernel
-def _trial(e, length, cables):
+def trial(e, length, cables):
     """Force [N] of element e, were it elastic, at a length [m], and its stiffness [N/m]."""
     EA, L0 = cables.EA[e], cables.L0[e]
     if cables.logarithmic:
@@ -86,7 +87,7 @@ def begin_cones(x, cables, gap, now):
             continue
         d = _along(e, x, cables)
         L = np.sqrt(_dot(d, d))
-        a, k = _trial(e, max(L, 1e-3 * cables.L0[e]), cables)
+        a, k = trial(e, max(L, 1e-3 * cables.L0[e]), cables)
         N, limit, flow = 0.5 * (a + np.sqrt(a * a + 4.0 * gap * k)), cables.limit[e], 0.0
         if limit < np.inf:
             half = 0.5 * (limit - N)
@@ -119,7 +120,7 @@ def scale_cones(x, cables, now, at, direction, axial, across):
         for i in range(3):
             direction[e, i] = at[e, 1 + i] / max(np.sqrt(square), 1e-300)
         square = s / z
-        _, k = _trial(e, length, cables)
+        _, k = trial(e, length, cables)
         soft = square * k / (1.0 + now[e, 2] / (cables.limit[e] - N))
         H = 2.0 * at[e, 0] ** 2 - 1.0
         axial[e], across[e] = (H * soft + 1.0) / (soft + H) / square, 1.0 / square
@@ -138,7 +139,7 @@ def aim_cones(x, cables, now, at, gap, more, aimed):
         length, N, flow = now[e, 0], now[e, 1], now[e, 2]
         share = gap / (length * length - _dot(d, d))
         room, square = cables.limit[e] - N, at[e, 4] ** 2
-        a, k = _trial(e, length, cables)
+        a, k = trial(e, length, cables)
         D = 1.0 + flow / room
         rest = (a - N - gap * k / room - more[e, 4]) / D
         H = (2.0 * at[e, 0] ** 2 - 1.0) / square
@@ -180,7 +181,7 @@ def change_cones(x, u, cables, now, at, direction, axial, across, gap, more, aim
         d, w, v = _along(e, x, cables), _along(e, u, cables), (now[e, 3], now[e, 4], now[e, 5])
         length, N, flow = now[e, 0], now[e, 1], now[e, 2]
         room, square = cables.limit[e] - N, at[e, 4] ** 2
-        _, k = _trial(e, length, cables)
+        _, k = trial(e, length, cables)
         soft = k / (1.0 + flow / room)
         H = (2.0 * at[e, 0] ** 2 - 1.0) / square
         turned = 2.0 * at[e, 0] / square * _dot((at[e, 1], at[e, 2], at[e, 3]), w)
@@ -239,5 +240,5 @@ def gaps_of_cones(x, cables, now, out):
         length, N = now[e, 0], now[e, 1]
         out[e, 0] = length * N - _dot(_along(e, x, cables), (now[e, 3], now[e, 4], now[e, 5]))
         if cables.limit[e] < np.inf:
-            _, k = _trial(e, length, cables)
+            _, k = trial(e, length, cables)
             out[e, 1] = now[e, 2] * (cables.limit[e] - N) / k

@@ -16,7 +16,8 @@ from mpi4py import MPI
 
 from netfall.equilibrium.increments import Watch, approach, at_once
 from netfall.equilibrium.interior import Interior
-from netfall.equilibrium.newton import AT_START, Newton, NoConvergence, StartPoint, Stopped, is_large
+from netfall.equilibrium.mixed import Mixed
+from netfall.equilibrium.newton import AT_START, Newton, NoConvergence, StartPoint, Stopped, Yields, is_large
 from netfall.equilibrium.overload import SURELY, UNSTRAINED, GivesWay
 from netfall.equilibrium.relaxation import Paused, Relaxation, net_of, not_begun, relax
 from netfall.equilibrium.slip import Slips
@@ -42,9 +43,13 @@ AGAIN = 1000  # iterations and as many as it has taken so far: what each of thes
 ROUNDING = 1e-13  # of the largest force: residuals below that are rounding
 EXACT = 1e-10  # of the forces out of balance, that a response leaves
 STABLE, UNKNOWN = -1, -2
-INSIDE = -1
+INSIDE, MIXED = -1, -2
+FEWEST = 2000  # particles for these; below that relaxation takes hardly longer
 ROUNDED = 10.0  # times the tolerance: what is then missing is told, where rounding ends the interior's steps
-NARROW = 1e-6, 1e-9, 0.0  # of the mean energy: gaps in the interior from which Newton's is tried
+WAYS = {  # and how near these come before Newton's is tried: steps; gaps, of the mean energy
+    MIXED: (Mixed, (1e-4, 1e-6, 0.0)),
+    INSIDE: (Interior, (1e-6, 1e-9, 0.0)),
+}
 
 
 class Solution(NamedTuple):
@@ -81,7 +86,7 @@ class Finder:
     serving : the inverse, in factors, that serves instead; None: none
     slips : cables that slip over nodes, None: none do
     goal : which of the residuals the last equilibrium was relaxed to before Newton's method went on; 0: none;
-        `INSIDE`: it was brought near by `interior`
+        `INSIDE`, `MIXED`: it was brought near by `interior`, `mixed`
     report(words) : of what is being done
     """
 
@@ -143,9 +148,9 @@ class Finder:
             guessed = guess is not None and self._begin_at(guess, newton)
             self.goal = 0
             try:
-                if goal and goal != INSIDE:
+                if goal and goal not in WAYS:
                     raise NoConvergence("it would not be found")
-                return self._by_newton(newton, tolerance, stop, watch, before, goal == INSIDE)
+                return self._by_newton(newton, tolerance, stop, watch, before, goal)
             except Stopped:
                 state.x[:] = before
                 raise Paused(not_begun(before)) from None
@@ -159,7 +164,7 @@ class Finder:
         asked, found, last, enough = tolerance * reference, None, None, None
         goals = [*(share * reference for share in NEARER if share > tolerance), asked]
         goals += [max(asked / TIGHTER**k, ROUNDING * reference) for k in range(1, MOST_AGAIN)]
-        if goal and goal != INSIDE and resume is None:  # of a finer search there may be more
+        if goal and goal not in WAYS and resume is None:  # of a finer search there may be more
             first = min(goal, len(goals)) - 1
         for stage in range(first, len(goals)):
             self.goal = stage + 1
@@ -249,31 +254,42 @@ class Finder:
         stop: StopRequest,
         watch: Watch | None,
         before: np.ndarray,
-        inside: bool,
+        goal: int | None,
     ) -> Solution:
-        """By Newton's method, from where the net is, or by way of the interior of its cables. Collective.
+        """By Newton's method, from where the net is, or by ways from far away of its cables. Collective.
 
-        before : positions (n, 3) [m] from which these begin; inside : whether they do so at once
+        before : positions (n, 3) [m] from which these begin; goal : of `WAYS`, that which is taken at once
 
         Raises NoConvergence, Stopped, GivesWay, RunsAway.
         """
-        if not inside:
+        first = goal or MIXED
+        if not goal:
             try:
                 return self._corrected(newton, tolerance, AT_START, stop, watch=watch)
+            except Yields:
+                first = INSIDE
+            except NoConvergence:
+                pass
+            self.state.x[:] = before
+        if not self._has_interior():
+            raise NoConvergence("there is more than cables, or the net is small")
+        if first == MIXED:
+            try:
+                return self._from_far(MIXED, newton, tolerance, stop, watch)
             except NoConvergence:
                 self.state.x[:] = before
-        if not self._has_interior():
-            raise NoConvergence("there is more than cables")
-        self.goal = INSIDE
-        return self._inside(newton, tolerance, stop, watch)
+        return self._from_far(INSIDE, newton, tolerance, stop, watch)
 
-    def _inside(self, newton: Newton, tolerance: float, stop: StopRequest, watch: Watch | None) -> Solution:
-        """By way of the interior; from there by Newton's method, as soon as that gets on. Collective.
+    def _from_far(
+        self, goal: int, newton: Newton, tolerance: float, stop: StopRequest, watch: Watch | None
+    ) -> Solution:
+        """By one of `WAYS`; from there by Newton's method, as soon as that gets on. Collective.
 
         Raises as `_by_newton`.
         """
-        interior = Interior(newton, self.state, stop)
-        for gap in NARROW:
+        self.goal, (way, narrow) = goal, WAYS[goal]
+        interior = way(newton, self.state, stop)
+        for gap in narrow:
             try:
                 near = interior.narrow(gap, tolerance)
                 there = watch() if watch else UNSTRAINED
@@ -294,7 +310,7 @@ class Finder:
         return Solution(interior.gradients, *residual, *interior.errors(), False, unstable_at)
 
     def _has_interior(self) -> bool:
-        return self.slips is None and self.state.joints is None
+        return self.distribution.n >= FEWEST and self.slips is None and self.state.joints is None
 
     def _corrected(
         self,

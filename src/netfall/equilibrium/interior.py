@@ -10,6 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.equilibrium.cones import (
+    STRETCHED,
     add_pulls,
     aim_cones,
     begin_cones,
@@ -19,22 +20,19 @@ from netfall.equilibrium.cones import (
     gaps_of_cones,
     scale_cones,
 )
-from netfall.equilibrium.newton import Newton, NoConvergence, StartPoint, Stopped
+from netfall.equilibrium.newton import Newton, NoConvergence, StartPoint, Stopped, still_missing
 from netfall.equilibrium.relaxation import RunsAway
 from netfall.ground.stop import StopRequest
 from netfall.mechanics.state import State
 from netfall.parallel.sums import exact_sums
 
-FEWEST = 2000  # particles; below that relaxation takes hardly longer
 MOST_STEPS = 100
-STRETCHED = 1e-4  # strain to begin with, at least, in choosing the gap
 WIDE = 100.0  # times the energy of an element: the gap to begin with; too narrow a one takes more steps
 FORESEEN, LEFT = 0.3, 0.1  # of the residual, that the first and the second solution of a step leave
 MANY = 8  # iterations for that; another approximate inverse is then cheaper
 LEAST_SHARE = 1e-4  # of the gap: aimed at
 NEARLY = 0.95, 0.999  # of the way until an inequality no longer holds: at least, at most
 LOST = 1e3  # times as far as `overload.run_away` has it: there is no equilibrium
-FASTEST, SLOWEST = 0.5, 0.99  # of the size of the last step, that the next ones are taken to have
 WHOLE = 0.5  # of a step: enough of it has been gone to be near to equilibrium
 
 
@@ -47,8 +45,6 @@ class Interior:
 
     def __init__(self, newton: Newton, state: State, stop: StopRequest):
         """Begin where the net is. Collective. Raises NoConvergence where this is no way for the net."""
-        if newton.distribution.n < FEWEST:
-            raise NoConvergence("the net is small")
         self.newton, self.state, self.stop = newton, state, stop
         self.cables = cables_of(state)
         owned, m = newton.distribution.subdomain.element_owned, state.m
@@ -107,8 +103,7 @@ class Interior:
         if newton.net.away is not None and newton.net.away(newton.comm) > LOST:
             raise RunsAway("what yields stretches without end")
         self.gap = sum(exact_sums(newton.comm, *self.products[self.owned].T.copy())) / self.count
-        rate = min(max(max(sizes) / self.size, FASTEST), SLOWEST)
-        self.missing = tuple(size * (1.0 - far + rate / (1.0 - rate)) for size in sizes)
+        self.missing = still_missing(sizes, far, self.size)
         self.size, self.steps = max(sizes), self.steps + 1
         return far > WHOLE
 

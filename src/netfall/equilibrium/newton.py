@@ -42,6 +42,7 @@ FEW_GRADIENTS = 8  # the same with factors
 CAUTION = 10.0  # times more is taken to be left of the tensions after so many
 LARGE = 10_000  # particles; below that relaxation takes no longer than what serves larger nets
 SHORT = 0.3  # of a correction: if no more than that can be gone, the next gets more inertia
+FASTEST, SLOWEST = 0.5, 0.99  # of the size of the last step, that the next ones are taken to have
 ROUNDING = 1e-14  # of the net's extent: a correction below that is rounding
 NIL = 1e-6  # of the net's extent: a displacement below that counts as so much
 
@@ -83,12 +84,25 @@ class SlowConvergence(NoConvergence):
     """Conjugate gradients did not converge: the tangent is nearly singular."""
 
 
+class Yields(NoConvergence):
+    """Cables yield, and the way is one of elastic cables."""
+
+
 class NotPositiveDefinite(NoConvergence):
     """There are displacements (n_owned, 3), `shape`, against which the tangent has no stiffness."""
 
     def __init__(self, shape: np.ndarray):
         super().__init__("the tangent is not positive")
         self.shape = shape
+
+
+def still_missing(sizes: tuple[float, float], part: float, before: float) -> tuple[float, ...]:
+    """Errors left after a part of a step of such sizes, where steps become smaller at a rate that stays.
+
+    before : the larger size of the step before
+    """
+    rate = min(max(max(sizes) / before, FASTEST), SLOWEST)
+    return tuple(size * (1.0 - part + rate / (1.0 - rate)) for size in sizes)
 
 
 def is_large(distribution: Distribution) -> bool:
