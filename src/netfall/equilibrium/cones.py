@@ -79,6 +79,12 @@ def _scaled(e, at, sign, first, rest):
     return size * (w0 * first + sign * along), scaled
 
 
+@part_of_kernel
+def with_gap(a, k, gap):
+    """The tension N [N] above 0 of which N (N - a) = k gap, for a force a [N] of the elastic law."""
+    return 0.5 * (a + np.sqrt(a * a + 4.0 * gap * k))
+
+
 @kernel
 def begin_cones(x, cables, gap, now):
     """Fill now (m, 6): length [m], tension [N], flow [N], pull, three [N], for positions x (n, 3) [m]."""
@@ -88,7 +94,7 @@ def begin_cones(x, cables, gap, now):
         d = _along(e, x, cables)
         L = np.sqrt(_dot(d, d))
         a, k = trial(e, max(L, 1e-3 * cables.L0[e]), cables)
-        N, limit, flow = 0.5 * (a + np.sqrt(a * a + 4.0 * gap * k)), cables.limit[e], 0.0
+        N, limit, flow = with_gap(a, k, gap), cables.limit[e], 0.0
         if limit < np.inf:
             half = 0.5 * (limit - N)
             N = max(N + half - np.sqrt(half * half + gap * k), LEAST * min(N, limit))

@@ -14,7 +14,7 @@ point method, primal and dual, on tensions alone. Cables that yield are for `equ
 import numpy as np
 from mpi4py import MPI
 
-from netfall.equilibrium.cones import STRETCHED, add_pulls, cables_of, trial
+from netfall.equilibrium.cones import STRETCHED, add_pulls, cables_of, trial, with_gap
 from netfall.equilibrium.newton import Newton, NoConvergence, StartPoint, Stopped, Yields, still_missing
 from netfall.ground.compile import kernel
 from netfall.ground.stop import StopRequest
@@ -110,7 +110,7 @@ def begin_tensions(cables, L, gap, now):
     for e in range(now.shape[0]):
         if cables.carries[e]:
             a, k = trial(e, L[e], cables)
-            now[e, 0] = 0.5 * (a + np.sqrt(a * a + 4.0 * gap * k))
+            now[e, 0] = with_gap(a, k, gap)
             now[e, 1] = gap * k / now[e, 0]
 
 

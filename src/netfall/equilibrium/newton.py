@@ -254,7 +254,7 @@ class Newton:
         if factors:
             return factors
         of_net = self.distribution, self.halo, self.net
-        return Cycle(self.comm, *of_net, K, self.inertia, None if K.joints else self.lines())
+        return Cycle(self.comm, *of_net, K, self.inertia, None if K.joints else self.lines)
 
     def find(
         self,

@@ -10,6 +10,7 @@ symmetric, so that conjugate gradients may use it. All ranks make the levels, in
 in single precision. Small levels each rank has whole.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,12 +42,12 @@ class Cycle:
         net,
         K: Tangent,
         inertia: float,
-        lines: Lines | None,
+        lines: Callable[[], Lines] | None,
     ):
         """Of a net's tangent, without what compression takes from it. Collective.
 
         net : `relaxation.Net`; inertia : share of the nodes' stiffness that is added
-        lines : of the net, None: particles alone smooth
+        lines() : of the net, asked for where they serve. Collective. None: particles alone smooth
         """
         self.comm = comm
         at = incidence_of(net.ends, distribution.subdomain.particle_gid, halo.n_owned)
@@ -64,9 +65,10 @@ class Cycle:
                 break
             self.whole += spread
             beside = (DistributedMatrix(level.down), DistributedMatrix(level.up)) if level.up else ()
-            if not self.levels and lines and 0 < lines.touching <= MOST_TOUCHING:
+            found = lines() if lines and not self.levels else None
+            if found and 0 < found.touching <= MOST_TOUCHING:
                 matrix = ElementMatrix(halo, net, K, at, inertia)
-                smoother = LineSmoother(lines, level.matrix, net, K)
+                smoother = LineSmoother(found, level.matrix, net, K)
                 self.levels.append(_LineLevel(smoother, matrix, *beside))
             else:
                 inverse = level.inverse[:, *UPPER].astype(np.float32)
