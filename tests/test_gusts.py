@@ -180,6 +180,29 @@ def test_direction_is_a_turn_of_the_net():
     assert (along_wind(ROOF, 0.0) == ROOF).all()
 
 
+def test_the_order_of_the_nodes_does_not_matter_to_the_gusts():
+    """A saddle whose edges have an even number of cells, so that nodes of unequal height are as near to
+    control points; and nodes of a layer below it that the wind does not act on.
+    """
+    x, y = (grid.ravel() for grid in np.meshgrid(np.linspace(-20, 20, 11), np.linspace(-20, 20, 11)))
+    roof = np.column_stack([x, y, 0.01 * (x * x - y * y) + 0.05 * x])
+    nodes, area = np.vstack([roof - (0.0, 0.0, 6.0), roof]), np.zeros((2 * len(roof), 3))
+    area[len(roof) :, 2] = 16.0
+    wind = settings(speed=30.0, turbulence=0.2, shape_coefficient=-1.0)
+    one = make_wind_field(nodes, area, wind)
+    order = np.random.default_rng(1).permutation(len(nodes))
+    other = make_wind_field(nodes[order], area[order], wind)
+    assert np.array_equal(one.control_point, other.control_point)
+    assert np.array_equal(one.model.psi, other.model.psi)
+    assert np.array_equal(one.weight[order], other.weight)
+
+    alone = make_wind_field(roof, area[len(roof) :], wind)
+    assert np.array_equal(one.control_point, alone.control_point)
+    mirrored = make_wind_field(roof * (1, -1, 1), area[len(roof) :], wind).control_point
+    places = {tuple(np.round(p, 9) + 0.0) for p in mirrored * (1, -1, 1)}
+    assert places == {tuple(np.round(p, 9) + 0.0) for p in one.control_point}
+
+
 def least_correlation(slow, fast, dt, **given):
     """Of the gusts of one seed over 60 s at two speeds: the least over the points."""
     a, b = (of_steps(model_of(dt, speed=speed, **given)[1], 5, int(60 / dt)) for speed in (slow, fast))

@@ -17,6 +17,7 @@ from netfall.wind.spectra import gust_of
 from netfall.wind.taps import read_taps
 
 CLOSEST = 2.0  # m between control points, at the least
+AS_NEAR = 1e-5  # of the size in plan: nodes that much farther from a control point count as the nearest
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,22 @@ def control_grid(x: np.ndarray, limit: int) -> tuple[np.ndarray, np.ndarray]:
     return line(0, nx), line(1, ny)
 
 
+def control_heights(plan: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Heights z (c,) [m] of control points, in plan (c, 2), over the nodes x (n, 3) that the wind acts on.
+
+    That of the nearest; of several as near the middle between highest and lowest. So the order of the nodes
+    does not matter, and a roof that is mirrored has mirrored points.
+    """
+    slack = AS_NEAR * np.ptp(x[:, :2], axis=0).max()
+
+    def height(place):
+        away = np.sqrt(np.sum((x[:, :2] - place) ** 2, axis=1))
+        z = x[away <= away.min() + slack, 2]
+        return 0.5 * (z.min() + z.max())
+
+    return np.array([height(place) for place in plan])
+
+
 def force_factor(settings) -> np.ndarray | float:
     """Force on an upward vector area of 1 m2, [N s2/m2] at 1 m/s: -u_s rho / 2; of taps at 1 N/m2: -1."""
     if settings.pressures:
@@ -97,8 +114,7 @@ def make_wind_field(
     gx, gy = control_grid(y, settings.control_points)
     X, Y = np.meshgrid(gx, gy, indexing="ij")
     plan = np.column_stack([X.ravel(), Y.ravel()])
-    nearest = np.array([np.argmin(np.sum((y[:, :2] - p) ** 2, axis=1)) for p in plan])
-    points = np.column_stack([plan, x[nearest, 2]])
+    points = np.column_stack([plan, control_heights(plan, y[vector.any(1)] if vector.any() else y)])
     profile = lambda z: mean_speed(z + settings.base_height, settings.speed, settings.profile_exponent)
     corner, weight = _bilinear(y, gx, gy)
     gust, model = gust_of(settings), None
