@@ -21,7 +21,8 @@ import hypothesis.strategies as st
 from mpi4py import MPI
 
 from netfall.__main__ import main as netfall
-from netfall.job.schema import REQUIRED, SECTIONS, Key
+from netfall.job.keys import REQUIRED, Key
+from netfall.job.schema import SECTIONS
 
 JOB = {
     "title": {"title": '"bad input"'},

@@ -106,9 +106,9 @@ def limits(key: Key) -> str:
     if high is None:
         return f"{'>' if key.low_open else '>='} {low:g}"
     if low is None:
-        return f"{'<' if key.high_open else '<='} {high:g}"
+        return f"<= {high:g}"
     above = f"> {low:g}, up to" if key.low_open else f"{low:g} to"
-    return f"{above} {'below ' if key.high_open else ''}{high:g}"
+    return f"{above} {high:g}"
 
 
 def default(key: Key) -> str:

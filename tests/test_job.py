@@ -9,10 +9,10 @@ import pytest
 from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall, run_on_standing_ranks
 
 from netfall.ground.errors import InputError
-from netfall.job.dimensions import GENERATOR_KEYS
 from netfall.job.entries import LISTS
+from netfall.job.keys import REQUIRED
 from netfall.job.read import read_job
-from netfall.job.schema import REQUIRED, SECTIONS
+from netfall.job.schema import GENERATOR_KEYS, SECTIONS
 
 WHOLE = """
 title = "all sections"

@@ -1,67 +1,16 @@
-"""Static cases and combinations: the keys of [[case]], [[combination]] and [limits], and their checks."""
+"""Static cases and combinations: what a case can set, and their checks."""
 
 from collections.abc import Callable
 from types import SimpleNamespace
 
-from netfall.job.keys import ABSENT, REQUIRED, Key, between, choice, count, positive
+from netfall.job.keys import Key
 from netfall.job.values import nearest, shown
 
 OF_LOAD = ("permanent", "prestress", "temperature", "load")  # factors that bear no case's name
-MOST_FACTOR = 1e3
-
-CASE = (
-    Key("name", "name", REQUIRED, "", "name of the static case; not permanent, prestress, temperature, load"),
-    Key(
-        "set",
-        "loads",
-        {},
-        "",
-        "what it sets: keys of [load] (snow, pressure, dead, temperature) and of its zones, and of a mean "
-        "[wind] that acts statically (pressure_factor: of its pressure)",
-    ),
-    Key(
-        "pressure_table",
-        "path",
-        ABSENT,
-        "N/m2",
-        "path of a table x, y, z (optional), pressure or coefficient: points in the axes of the net",
-    ),
-    between(-1e9, 1e9, "factor", "N/m2", ABSENT, "of the table: a pressure for coefficients; a number else"),
-    Key(
-        "settlement",
-        "shifts",
-        {},
-        "m",
-        "of a held axis or of a spring's foot, from the form, by ids; z upwards: [0, 0, -0.05] sinks",
-    ),
-)
-COMBINATION = (
-    Key("name", "name", REQUIRED, "", "name of the combination; no case bears it"),
-    Key(
-        "factors",
-        "factors",
-        REQUIRED,
-        "",
-        "of permanent, prestress (not named: 1), temperature, load, and of cases by name (not named: 0)",
-        low=-MOST_FACTOR,
-        high=MOST_FACTOR,
-    ),
-    choice("kind", ("ultimate", "service"), "ultimate", "which checks apply"),
-)
-LIMITS = (
-    positive(
-        "displacement", "m", ABSENT, "of a node, in combinations for service; absent: no limit", high=1e6
-    ),
-    count(
-        "slack",
-        ABSENT,
-        "cables that may be slack, in combinations for service; absent: no limit",
-        low=0,
-        high=1_000_000_000,
-    ),
-)
 # What a case sets of [wind], as in its section; gusts do not act in it.
-PRESSURE_FACTOR = between(-1e3, 1e3, "pressure_factor", "", 1.0, "of the pressure of a static wind")
+PRESSURE_FACTOR = Key(
+    "pressure_factor", "number", 1.0, "", "of the pressure of a static wind", low=-1e3, high=1e3
+)
 OF_WIND = ("speed", "direction", "shape_coefficient", "sectors", "air_density") + (
     "profile_exponent",
     "base_height",

@@ -1,121 +1,66 @@
 """The keys of lists of tables: zones, cases, combinations, motions, slip, losses, targets, stages."""
 
-from netfall.job.cases import CASE, COMBINATION
-from netfall.job.keys import ABSENT, REQUIRED, Key, between, choice, flag, not_negative, positive
+from netfall.job.keys import keys_of
 
-LISTS: dict[str, tuple[Key, ...]] = {
-    "zone": (
-        Key("name", "name", REQUIRED, "", "name by which [wind.zone.NAME] and [load.zone.NAME] refer to it"),
-        Key(
-            "polygon",
-            "polygon",
-            ABSENT,
-            "m",
-            "corners in plan of the start geometry, in order around it",
-            low=-1e9,
-            high=1e9,
-        ),
-        Key("groups", "words", ABSENT, "", "groups of elements whose nodes belong to it"),
-        flag(
-            "cut",
-            False,
-            "whether a polygon takes of each node's area what lies inside; false: nodes inside whole",
-        ),
-    ),
-    "case": CASE,
-    "combination": COMBINATION,
-    "motion": (
-        Key("nodes", "integers", ABSENT, "", "ids of the supports that move; absent: all"),
-        Key("displacement", "path", ABSENT, "m", "path of a table time, x, y, z, linear between its rows"),
-        Key(
-            "acceleration",
-            "path",
-            ABSENT,
-            "m/s2",
-            "path of a record (.AT2, in g) or of a table time, x, y, z or time, acceleration, likewise",
-        ),
-        Key("direction", "vector", ABSENT, "", "of an acceleration of one component", low=-1e9, high=1e9),
-        between(-1e6, 1e6, "scale", "", 1.0, "by which it is multiplied"),
-        positive("speed", "m/s", ABSENT, "of a wave that travels; absent: all at once", high=1e6),
-        Key("travel", "vector", ABSENT, "", "direction in which it travels", low=-1e9, high=1e9),
-        flag("baseline", True, "baseline correction of a record (.AT2)"),
-    ),
-    "slide": (
-        Key("group", "text", ABSENT, "", "group whose cables may slip over nodes"),
-        Key("cables", "words", ABSENT, "", "or the names of the pieces of cable that may"),
-        Key(
-            "nodes",
-            "integers",
-            ABSENT,
-            "",
-            "ids of the nodes over which they slip; absent: every node inside these cables",
-        ),
-        not_negative("friction", "", 0.0, "coefficient of friction of a saddle", high=10.0),
-        not_negative("resistance", "N", 0.0, "resistance of a clamp to slip", high=1e12),
-    ),
-    "remove": (
-        Key("elements", "integers", ABSENT, "", "ids of the elements that are lost"),
-        Key("group", "text", ABSENT, "", "or the group of elements that is lost"),
-        Key("cables", "words", ABSENT, "", "or the names of the pieces of cable that are lost"),
-        not_negative(
-            "time",
-            "s",
-            REQUIRED,
-            "time in the dynamic stage at which the elements lose their stiffness",
-            high=1e9,
-        ),
-        not_negative(
-            "duration", "s", 0.0, "time over which their tension then falls to zero; 0: at once", high=1e9
-        ),
-    ),
-    "target": (
-        Key("group", "text", ABSENT, "", "group, or piece of cable, whose mean force is wanted"),
-        between(-1e12, 1e12, "force", "N", ABSENT, "that force, tension positive"),
-        Key(
-            "node",
-            "integer",
-            ABSENT,
-            "",
-            "or the id of a node whose height is wanted",
-            low=-(2**63),
-            high=2**63 - 1,
-        ),
-        between(-1e6, 1e6, "height", "m", ABSENT, "z of that node"),
-        Key(
-            "by",
-            "text",
-            REQUIRED,
-            "",
-            "group, or piece of cable, whose unstressed lengths are changed, each cable by one amount",
-        ),
-    ),
-    "stage": (
-        Key("name", "name", REQUIRED, "", "name of the stage of erection"),
-        Key(
-            "lengths",
-            "lengths",
-            ABSENT,
-            "",
-            "unstressed lengths of groups or pieces of cable: changed, set, or pulled to a force",
-        ),
-        Key("active", "words", ABSENT, "", "groups that are there from now on; absent: as before"),
-        Key("release", "integers", ABSENT, "", "ids of nodes that are no longer held"),
-        Key("hold", "integers", ABSENT, "", "ids of nodes that are held from now on, where they are"),
-        Key("move", "shifts", ABSENT, "m", "by how much held nodes are moved, from where they are, by ids"),
-        choice(
-            "clamps",
-            ("open", "closed"),
-            ABSENT,
-            "clamps of [[slide]] from now on: open, without resistance, or closed; absent: as before",
-        ),
-        Key(
-            "set",
-            "loads",
-            {},
-            "",
-            "what it sets from now on: dead, snow, pressure, temperature, as in a case",
-        ),
-    ),
-}
+LISTS = keys_of("""
+[zone]
+name | name | | required | name by which [wind.zone.NAME] and [load.zone.NAME] refer to it
+polygon [m] | polygon | -1e9 to 1e9 | | corners in plan of the start geometry, in order around it
+groups | words | | | groups of elements whose nodes belong to it
+cut | flag | | false | whether a polygon takes of each node's area what lies inside; false: nodes inside whole
+[case]
+name | name | | required | name of the static case; not permanent, prestress, temperature, load
+set | loads | | {} | what it sets: keys of [load] (snow, pressure, dead, temperature) and of its zones, and of
+    a mean [wind] that acts statically (pressure_factor: of its pressure)
+pressure_table [N/m2] | path | | | path of a table x, y, z (optional), pressure or coefficient: points in the
+    axes of the net
+factor [N/m2] | number | -1e9 to 1e9 | | of the table: a pressure for coefficients; a number else
+settlement [m] | shifts | | {} | of a held axis or of a spring's foot, from the form, by ids; z upwards: [0,
+    0, -0.05] sinks
+[combination]
+name | name | | required | name of the combination; no case bears it
+factors | factors | -1e3 to 1e3 | required | of permanent, prestress (not named: 1), temperature, load,
+    and of cases by name (not named: 0)
+kind | choice ultimate service | | ultimate | which checks apply
+[motion]
+nodes | integers | | | ids of the supports that move; absent: all
+displacement [m] | path | | | path of a table time, x, y, z, linear between its rows
+acceleration [m/s2] | path | | | path of a record (.AT2, in g) or of a table time, x, y, z or time,
+    acceleration, likewise
+direction | vector | -1e9 to 1e9 | | of an acceleration of one component
+scale | number | -1e6 to 1e6 | 1.0 | by which it is multiplied
+speed [m/s] | number | > 0 to 1e6 | | of a wave that travels; absent: all at once
+travel | vector | -1e9 to 1e9 | | direction in which it travels
+baseline | flag | | true | baseline correction of a record (.AT2)
+[slide]
+group | text | | | group whose cables may slip over nodes
+cables | words | | | or the names of the pieces of cable that may
+nodes | integers | | | ids of the nodes over which they slip; absent: every node inside these cables
+friction | number | 0 to 10 | 0.0 | coefficient of friction of a saddle
+resistance [N] | number | 0 to 1e12 | 0.0 | resistance of a clamp to slip
+[remove]
+elements | integers | | | ids of the elements that are lost
+group | text | | | or the group of elements that is lost
+cables | words | | | or the names of the pieces of cable that are lost
+time [s] | number | 0 to 1e9 | required | time in the dynamic stage at which the elements lose their stiffness
+duration [s] | number | 0 to 1e9 | 0.0 | time over which their tension then falls to zero; 0: at once
+[target]
+group | text | | | group, or piece of cable, whose mean force is wanted
+force [N] | number | -1e12 to 1e12 | | that force, tension positive
+node | integer | -9223372036854775808 to 9223372036854775807 | | or the id of a node whose height is wanted
+height [m] | number | -1e6 to 1e6 | | z of that node
+by | text | | required | group, or piece of cable, whose unstressed lengths are changed, each cable by one
+    amount
+[stage]
+name | name | | required | name of the stage of erection
+lengths | lengths | | | unstressed lengths of groups or pieces of cable: changed, set, or pulled to a force
+active | words | | | groups that are there from now on; absent: as before
+release | integers | | | ids of nodes that are no longer held
+hold | integers | | | ids of nodes that are held from now on, where they are
+move [m] | shifts | | | by how much held nodes are moved, from where they are, by ids
+clamps | choice open closed | | | clamps of [[slide]] from now on: open, without resistance, or closed;
+    absent: as before
+set | loads | | {} | what it sets from now on: dead, snow, pressure, temperature, as in a case
+""")
 
 LOST = ("elements", "group", "cables")  # keys of [[remove]] that say what is lost: one of them

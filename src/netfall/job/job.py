@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 from netfall.ground.errors import InputError
 from netfall.job.entries import LISTS
+from netfall.job.keys import toml_or_word
 from netfall.job.schema import SECTIONS
 
 PATHS = [(section, key.name) for section, keys in SECTIONS.items() for key in keys if key.kind == "path"]
@@ -127,11 +128,4 @@ def apply_overrides(data: dict, overrides: list[str], errors: list[str]) -> None
                 errors.append(f"--set {override}: {part} is {what}, not a section")
                 break
         else:
-            table[key] = _toml_value(value.strip())
-
-
-def _toml_value(text: str):
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except (tomllib.TOMLDecodeError, KeyError):
-        return text  # a word without quotes
+            table[key] = toml_or_word(value.strip())

@@ -1,9 +1,12 @@
 """What a row of the table of keys says of a key: type, unit, range, default, meaning."""
 
 import math
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
+
+from netfall.ground.text_tables import rows_of
 
 REQUIRED = object()  # the key must stand in the job file if its section does
 ROUNDING = 1e-9  # of what adds to 1
@@ -28,7 +31,7 @@ class Key:
     """One key of a section.
 
     kind : one of KINDS
-    low, high : bounds of a number; low_open, high_open : the bound itself is excluded
+    low, high : bounds of a number; low_open : the lower one itself is excluded
     gone : values that the key once had, each with the reason why it went
     """
 
@@ -40,7 +43,6 @@ class Key:
     low: float | None = None
     high: float | None = None
     low_open: bool = False
-    high_open: bool = False
     choices: tuple[str, ...] = ()
     also: tuple[str, ...] = ()  # words that stand in place of a number ("auto")
     gone: tuple[tuple[str, str], ...] = ()
@@ -68,7 +70,7 @@ class Key:
         if self.low is not None:
             parts.append(f"{'>' if self.low_open else '>='} {self.low:g}")
         if self.high is not None:
-            parts.append(f"{'<' if self.high_open else '<='} {self.high:g}")
+            parts.append(f"<= {self.high:g}")
         return (" " if parts else "") + " and ".join(parts)
 
     def number(self, value) -> bool:
@@ -80,7 +82,7 @@ class Key:
         except OverflowError:
             return False
         above = self.low is None or value > self.low or (value == self.low and not self.low_open)
-        below = self.high is None or value < self.high or (value == self.high and not self.high_open)
+        below = self.high is None or value <= self.high
         return finite and above and below
 
     def numbers(self, value, *counts: int) -> bool:
@@ -137,6 +139,17 @@ def _shifts(_, value) -> bool:
     return all(whole(k) and isinstance(v, list) and len(v) == 3 and all(map(within, v)) for k, v in rows)
 
 
+def _lengths(_, value) -> bool:
+    """A table of tables, of one number each."""
+    rows = {name: Key(name, "number", ABSENT, "", "", low=-1e12, high=1e12) for name in LENGTHS}
+    return isinstance(value, dict) and all(
+        isinstance(what, dict)
+        and len(what) == 1
+        and all(k in rows and rows[k].number(v) for k, v in what.items())
+        for what in value.values()
+    )
+
+
 KINDS = {
     "number": Kind("a number{of}{within}{also}", lambda key, v: v in key.also or key.number(v)),
     "integer": Kind(
@@ -172,58 +185,58 @@ KINDS = {
     "integers": Kind("a list of integers ({meaning})", _some(_whole)),
     "factors": Kind("a table of numbers{within}, {{permanent = 1.35, NAME = 1.5}}", _factors),
     "shifts": Kind("a table of [x, y, z]{of} by ids of nodes, {{17 = [0.0, 0.0, -0.05]}}", _shifts),
+    "lengths": Kind(
+        'a table of lengths by groups or cables, {{"hoop" = {{change = -0.5}}, "e17" = {{force = 2e5}}}}, '
+        "each with one of change [m], length [m], force [N]",
+        _lengths,
+    ),
     "loads": Kind('a table of loads, {{"load.snow" = 750.0, ...}}', lambda _, v: isinstance(v, dict)),
 }
 
 
-def _lengths(_, value) -> bool:
-    """A table of tables, of one number each."""
-    rows = {name: Key(name, "number", ABSENT, "", "", low=-1e12, high=1e12) for name in LENGTHS}
-    return isinstance(value, dict) and all(
-        isinstance(what, dict)
-        and len(what) == 1
-        and all(k in rows and rows[k].number(v) for k, v in what.items())
-        for what in value.values()
+def keys_of(text: str, **gone: tuple[tuple[str, str], ...]) -> dict[str, tuple[Key, ...]]:
+    """The keys of each section of a table, below its name in brackets; gone : as of `Key`, by the key's name.
+
+    The cells of a row: name [unit]; kind, with the words of a choice or in place of a number; range; default,
+    none: absent; meaning.
+    """
+    found, section = {}, ""
+    for name, *cells in rows_of(text):
+        if cells:
+            found[section] = (*found.get(section, ()), _key(name, *cells, gone.get(name, ())))
+        else:
+            section = name.strip("[]")
+    return found
+
+
+def _key(name: str, kind: str, within: str, default: str, meaning: str, gone: tuple) -> Key:
+    name, _, unit = name.rstrip("]").partition(" [")
+    kind, *words = kind.split()
+    low, _, high = within.lstrip(">= ").partition(" to ")
+    number = int if kind in ("integer", "seed") else float
+    return Key(
+        name,
+        kind,
+        REQUIRED if default == "required" else _default(default),
+        unit,
+        meaning,
+        low=number(low) if low else None,
+        high=number(high) if high else None,
+        low_open=within.startswith("> "),
+        choices=tuple(words) if kind == "choice" else (),
+        also=() if kind == "choice" else tuple(words),
+        gone=gone,
     )
 
 
-KINDS["lengths"] = Kind(
-    'a table of lengths by groups or cables, {{"hoop" = {{change = -0.5}}, "e17" = {{force = 2e5}}}}, each '
-    "with one of change [m], length [m], force [N]",
-    _lengths,
-)
+def _default(text: str):
+    value = toml_or_word(text) if text else ABSENT
+    return tuple(value) if isinstance(value, list) else value
 
 
-def between(low, high, name, unit, default, meaning):
-    """Row of a number within what is physically possible; far beyond, products overflow."""
-    return Key(name, "number", default, unit, meaning, low=low, high=high)
-
-
-def positive(name, unit, default, meaning, high=None, also=()):
-    """Row of a number > 0."""
-    return Key(name, "number", default, unit, meaning, low=0.0, low_open=True, high=high, also=also)
-
-
-def not_negative(name, unit, default, meaning, high=None):
-    """Row of a number >= 0."""
-    return Key(name, "number", default, unit, meaning, low=0.0, high=high)
-
-
-def count(name, default, meaning, low=1, high=None):
-    """Row of an integer."""
-    return Key(name, "integer", default, "", meaning, low=low, high=high)
-
-
-def seed(name, meaning):
-    """Row of the seed of a generator."""
-    return Key(name, "seed", 1, "", meaning, low=0, high=2**63 - 1)
-
-
-def choice(name, choices, default, meaning, gone=()):
-    """Row of one of several words."""
-    return Key(name, "choice", default, "", meaning, choices=choices, gone=gone)
-
-
-def flag(name, default, meaning):
-    """Row of true or false."""
-    return Key(name, "flag", default, "", meaning)
+def toml_or_word(text: str):
+    """The value that a text is in TOML; else the text, a word without quotes."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except (tomllib.TOMLDecodeError, KeyError):
+        return text

@@ -6,7 +6,6 @@ from netfall.job import cases
 from netfall.job.entries import LISTS, LOST
 from netfall.job.keys import REQUIRED, Key
 from netfall.job.schema import (
-    CABLE,
     EITHER,
     GENERATOR_KEYS,
     IN_CASES,
@@ -15,6 +14,7 @@ from netfall.job.schema import (
     OVERRIDES,
     SECTIONS,
     defaults,
+    row_of,
 )
 from netfall.job.values import nearest, shown
 
@@ -300,7 +300,7 @@ def _air_damping(wind: dict) -> bool:
 
 def wanted(name: str) -> str:
     """What is said of a key that is missing."""
-    key = next(key for key in CABLE if key.name == name)
+    key = row_of("cable", name)
     instead = next(other for other in NEEDED[name] if other != name)
     return f"{name}: missing; expected {key.expected()}, or {instead}, or a type of the catalogue"
 

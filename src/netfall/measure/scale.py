@@ -15,8 +15,8 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.ground.launch import check_launcher
-from netfall.job.dimensions import GENERATOR_KEYS
 from netfall.job.job import Job
+from netfall.job.schema import GENERATOR_KEYS
 from netfall.measure import tables
 from netfall.measure.series import Series, dynamic_job, place_of_series
 

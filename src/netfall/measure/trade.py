@@ -18,7 +18,7 @@ from netfall.ground.sources import TELLING, program_digest
 from netfall.ground.stop import StopRequest
 from netfall.job.job import Job
 from netfall.job.read import read_job
-from netfall.job.schema import CABLE, may_break
+from netfall.job.schema import may_break, row_of
 from netfall.measure.compare import Row, as_text, compare, draw, mark_best, write_table
 from netfall.measure.outcome import Outcome, Outcomes, end_of_comparison, outcome_of
 from netfall.measure.series import Series, dynamic_job, place_of_series
@@ -201,6 +201,6 @@ def usual_settings(job: Job) -> list[list[str]]:
         ]
     )
     settings.append(["output.energy=false"])
-    measures = next(key.choices for key in CABLE if key.name == "strain")
+    measures = row_of("cable", "strain").choices
     settings += [[f"cable.strain={other}"] for other in measures if other != job.cable.strain]
     return [*settings, [f"net.subdivide={2 * job.net.subdivide}"]]

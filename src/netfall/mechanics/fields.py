@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from netfall.ground.text_tables import rows_of
+
 SLOTS = 4  # elements of a particle in the vector loop; particles with more have layers of their own
 EMPTY = np.uint32(0xFFFFFFFF)  # in place of an element's number
 LIKE_PARENT = "as the particle that it splits off"
@@ -47,254 +49,126 @@ class Field:
         return self.name.removeprefix("slot_")
 
 
-def _particle(name, tail, dtype, unit, meaning, needs="", kept=False, split=0, given=False):
-    return Field(name, "particle", tail, dtype, unit, meaning, needs, kept, split, given=given)
+def _fields(entity: str, text: str) -> tuple[Field, ...]:
+    """Rows of an entity. Their cells: name; dtype, columns; unit; needs; marks; meaning.
+
+    Of the marks, split alone is LIKE_PARENT, and repeats a slot's field of elements of the same name.
+    """
+    found = []
+    for name, numbers, unit, needs, words, meaning in rows_of(text):
+        dtype, *columns = numbers.split()
+        marks = dict(word.partition("=")[::2] for word in words.split())
+        split = marks.get("split", "0") or LIKE_PARENT
+        found.append(
+            Field(
+                name,
+                entity,
+                tuple(map(int, columns)),
+                np.dtype(dtype).type,
+                unit,
+                meaning,
+                needs,
+                "kept" in marks,
+                int(split) if split.isdecimal() else split,
+                name.removeprefix("slot_") if "repeats" in marks else "",
+                "given" in marks,
+            )
+        )
+    return tuple(found)
 
 
-def _element(name, dtype, unit, meaning, needs="", kept=False, tail=(), given=False):
-    return Field(name, "element", tail, dtype, unit, meaning, needs, kept, given=given)
-
-
-def _slot(name, dtype, unit, meaning, needs="", of=""):
-    return Field(name, "slot", (), dtype, unit, meaning, needs, slot_of=of)
-
-
-AXES, ONE = (3,), ()
-BRANCHES = (("a", "band"), ("b", "band"), ("c", "third_branch"))  # of the damping over a band
-FIELDS = (
-    _particle("x", AXES, np.float64, "m", "position", kept=True, split=LIKE_PARENT, given=True),
-    _particle(
-        "v",
-        AXES,
-        np.float64,
-        "m/s",
-        "velocity, half a step behind the position",
-        kept=True,
-        split=LIKE_PARENT,
-    ),
-    _particle(
-        "x_start",
-        AXES,
-        np.float64,
-        "m",
-        "position from which displacements count",
-        kept=True,
-        split=LIKE_PARENT,
-        given=True,
-    ),
-    _particle("free", AXES, np.uint8, "", "1 where the axis can move", kept=True, split=1, given=True),
-    _particle(
-        "mass",
-        ONE,
-        np.float64,
-        "kg",
-        "lumped mass: halves of the elements, and what is carried",
-        kept=True,
-        given=True,
-    ),
-    _particle("per_mass", ONE, np.float64, "1/kg", "1 / mass; 0 without mass, and where every axis is held"),
-    _particle("load", AXES, np.float64, "N", "constant external force", kept=True, given=True),
-    _particle("spring", AXES, np.float64, "N/m", "stiffness of the elastic support", "springs", given=True),
-    _particle(
-        "spring_rest",
-        AXES,
-        np.float64,
-        "m",
-        "displacement at which it carries nothing",
-        "springs",
-        given=True,
-    ),
-    _particle(
-        "turned",
-        AXES,
-        np.float64,
-        "",
-        "of supports in axes of their own: unit vector in plan along which it is held, 0: none; and the "
-        "stiffness [N/m] of its springs between x and y",
-        "turned",
-        given=True,
-    ),
-    _particle("spring_zero", AXES, np.float64, "m", "position at which it carries nothing", "springs"),
-    _particle("load_before", AXES, np.float64, "N", "forces that vary, at the last sample", "varying"),
-    _particle("load_after", AXES, np.float64, "N", "forces that vary, at the next sample", "varying"),
-    _particle("wind", AXES, np.float64, "N s2/m2", "wind force at 1 m/s", "wind", kept=True, given=True),
-    _particle("speed_before", ONE, np.float64, "m/s", "wind speed at the last sample", "wind"),
-    _particle("speed_after", ONE, np.float64, "m/s", "wind speed at the next sample", "wind"),
-    _particle("tapped", ONE, np.uint8, "", "there where these are pressures [N/m2] instead", "tapped"),
-    _particle("air", AXES, np.float64, "(kg/m)^1/2", "c of `mechanics.air`", "air", kept=True, given=True),
-    _particle("air_pull", (2,), np.float64, "m/s", "of `air.set_air`, at both samples", "air"),
-    _particle("air_mass", ONE, np.float64, "kg", "air that moves along", "air_mass", kept=True, given=True),
-    _particle(
-        "slip",
-        AXES,
-        np.float64,
-        "m",
-        "length that has passed, of each cable that slips here",
-        "slip",
-        kept=True,
-    ),
-    _particle("slip_v", AXES, np.float64, "m/s", "its velocity, half a step behind", "sliding", kept=True),
-    _particle(
-        "slip_mass", AXES, np.float64, "kg", "inertia of each, for steps of any length", "sliding", kept=True
-    ),
-    _particle(
-        "slip_load", AXES, np.float64, "N", "constant force on each: of own weight", "sliding", kept=True
-    ),
-    _particle(
-        "slip_locked",
-        AXES,
-        np.float64,
-        "s",
-        "time at which a strand was used up there; 0: none was",
-        "sliding",
-        kept=True,
-    ),
-    _particle(
-        "slip_work",
-        AXES,
-        np.float64,
-        "J",
-        "of external and internal forces on slips, and heat of their friction",
-        "slip_works",
-        kept=True,
-    ),
-    _particle("friction", AXES, np.float64, "", "coefficient of friction of each", "slip", given=True),
-    _particle("resistance", AXES, np.float64, "N", "resistance of the clamp of each", "slip", given=True),
-    _particle("valence", ONE, np.int32, "", "elements attached", "fracture", kept=True, split=1, given=True),
-    _particle(
-        "work", AXES, np.float64, "J", "work of external, internal and damping forces", "energy", kept=True
-    ),
-    _particle(
-        "other_work", AXES, np.float64, "J", "work of what `OTHER_WORKS` names", "other_works", kept=True
-    ),
-    _particle(
-        "ground",
-        AXES,
-        np.float64,
-        "m/s",
-        "velocity of the ground below: of an axis that is held half a step on, else now",
-        "motion",
-    ),
-    _particle("bend", AXES, np.float64, "N", "force of chains that bend, at x(n)", "bending"),
-    _particle(
-        "course",
-        ONE,
-        np.int32,
-        "",
-        "how that moves, a row of `ground.Ground`; -1: not at all",
-        "motion",
-        kept=True,
-        split=LIKE_PARENT,
-        given=True,
-    ),
-    _particle("gid", ONE, np.int64, "", "global number"),
-    _particle(
-        "f", AXES, np.float64, "N", "total force; of all particles if something can break, else of those sent"
-    ),
-    _element("ends", np.uint32, "", "local numbers of the two particles", tail=(2,)),
-    _element("L0", np.float64, "m", "unstressed length", kept=True, given=True),
-    _element(
-        "EA", np.float64, "N", "axial stiffness; 0: out of the net, or kept by another rank", given=True
-    ),
-    _element("bar", np.uint8, "", "1 where compression is carried", given=True),
-    _element("euler", np.float64, "N", "compression at which it buckles; inf: never", "buckling", given=True),
-    _element("half_mass", np.float64, "kg", "half of the element's own mass", given=True),
-    _element("strand", np.float64, "m", "unstressed length without slip", "slip", kept=True, given=True),
-    _element(
-        "slip_place",
-        np.int8,
-        "",
-        "which of the cables at each end it is of, -1: it does not slip there",
-        "slip",
-        tail=(2,),
-        given=True,
-    ),
-    _element("slip_along", np.int8, "", "1, -1: it runs along its cable, against it", "slip", given=True),
-    _element(
-        "hold_before", np.float64, "N", "what is left of a lost tension, at the last sample", "slip_fades"
-    ),
-    _element("hold_after", np.float64, "N", "the same at the next sample", "slip_fades"),
-    _element("owned", np.uint8, "", "1 on the one rank that reports the element"),
-    _element("broken", np.uint8, "", "1 once it has broken, or is lost; `TAKEN_OUT`", kept=True),
-    _element("lost", np.uint8, "", "1 once it is lost", "losses", kept=True),
-    _element(
-        "highest", np.float64, "N", "largest axial force of a step since the last loss", "peaks", kept=True
-    ),
-    _element("lowest", np.float64, "N", "smallest axial force of a step since then", "dips", kept=True),
-    _element("yield_force", np.float64, "N", "axial force at yield", "plastic", given=True),
-    _element("yield_strain", np.float64, "", "strain at yield before any", "plastic_sections"),
-    _element("eps_p", np.float64, "", "plastic strain", "plastic", kept=True),
-    _element(
-        "dissipated",
-        np.float64,
-        "J",
-        "energy lost by yield, and by taking the element out",
-        "dissipating",
-        kept=True,
-    ),
-    _element(
-        "eps_u",
-        np.float64,
-        "",
-        "strain at fracture, and at which what is left grows longer; inf: never",
-        "fracture",
-        kept=True,
-        given=True,
-    ),
-    _element(
-        "eps_c",
-        np.float64,
-        "",
-        "strain at fracture in compression; -inf: never",
-        "crushing",
-        kept=True,
-        given=True,
-    ),
-    _element("reach", np.float64, "", "L / L0 from which it is looked at for fracture", "strengths"),
-    *(
-        _element(f"branch_{k}", np.float64, "N", "H of a branch of the damping over a band", needs, kept=True)
-        for k, needs in BRANCHES
-    ),
-    _element("pending", np.int32, "", "elements that reached eps_u in a step", "fracture"),
-    _element("breaks", np.uint8, "", "where those break, as `fracture.decide` has it", "fracture"),
-    _slot("other", np.uint32, "", "local number of the far end; in an empty slot the particle's own"),
-    _slot("inv_L0", np.float64, "1/m", "1 / unstressed length, 0 in an empty slot"),
-    _slot("slot_element", np.uint32, "", "local number of the element", "numbered"),
-    _slot("slot_EA", np.float64, "N", "axial stiffness, unless it is the same everywhere", "sections", "EA"),
-    _slot("slot_bar", np.uint8, "", "1 where compression is carried", "bars", "bar"),
-    _slot("slot_euler", np.float64, "N", "compression at which it buckles", "buckling", "euler"),
-    _slot(
-        "slot_yield_force",
-        np.float64,
-        "N",
-        "axial force at yield, unless it is the same everywhere",
-        "plastic_sections",
-        "yield_force",
-    ),
-    _slot(
-        "slot_yield_strain",
-        np.float64,
-        "",
-        "strain at yield before any, unless it is the same everywhere",
-        "plastic_sections",
-        "yield_strain",
-    ),
-    _slot("slot_highest", np.float64, "N", "largest axial force of a step since it was filled", "peaks"),
-    _slot("slot_lowest", np.float64, "N", "smallest axial force of a step since then", "dips"),
-    *(
-        _slot(f"slot_branch_{k}", np.float64, "N", "H of a branch", needs, f"branch_{k}")
-        for k, needs in BRANCHES
-    ),
-    _slot("slot_eps_p", np.float64, "", "plastic strain", "plastic", "eps_p"),
-    _slot(
-        "slot_reach",
-        np.float64,
-        "",
-        "L / L0 from which the element is looked at, unless it is the same everywhere",
-        "strengths",
-        "reach",
-    ),
-)
+PARTICLES = """
+x | f8 3 | m | | kept given split | position
+v | f8 3 | m/s | | kept split | velocity, half a step behind the position
+x_start | f8 3 | m | | kept given split | position from which displacements count
+free | u1 3 | | | kept given split=1 | 1 where the axis can move
+mass | f8 | kg | | kept given | lumped mass: halves of the elements, and what is carried
+per_mass | f8 | 1/kg | | | 1 / mass; 0 without mass, and where every axis is held
+load | f8 3 | N | | kept given | constant external force
+spring | f8 3 | N/m | springs | given | stiffness of the elastic support
+spring_rest | f8 3 | m | springs | given | displacement at which it carries nothing
+turned | f8 3 | | turned | given | of supports in axes of their own: unit vector in plan along which it is
+    held, 0: none; and the stiffness [N/m] of its springs between x and y
+spring_zero | f8 3 | m | springs | | position at which it carries nothing
+load_before | f8 3 | N | varying | | forces that vary, at the last sample
+load_after | f8 3 | N | varying | | forces that vary, at the next sample
+wind | f8 3 | N s2/m2 | wind | kept given | wind force at 1 m/s
+speed_before | f8 | m/s | wind | | wind speed at the last sample
+speed_after | f8 | m/s | wind | | wind speed at the next sample
+tapped | u1 | | tapped | | there where these are pressures [N/m2] instead
+air | f8 3 | (kg/m)^1/2 | air | kept given | c of `mechanics.air`
+air_pull | f8 2 | m/s | air | | of `air.set_air`, at both samples
+air_mass | f8 | kg | air_mass | kept given | air that moves along
+slip | f8 3 | m | slip | kept | length that has passed, of each cable that slips here
+slip_v | f8 3 | m/s | sliding | kept | its velocity, half a step behind
+slip_mass | f8 3 | kg | sliding | kept | inertia of each, for steps of any length
+slip_load | f8 3 | N | sliding | kept | constant force on each: of own weight
+slip_locked | f8 3 | s | sliding | kept | time at which a strand was used up there; 0: none was
+slip_work | f8 3 | J | slip_works | kept | of external and internal forces on slips, and heat of their
+    friction
+friction | f8 3 | | slip | given | coefficient of friction of each
+resistance | f8 3 | N | slip | given | resistance of the clamp of each
+valence | i4 | | fracture | kept given split=1 | elements attached
+work | f8 3 | J | energy | kept | work of external, internal and damping forces
+other_work | f8 3 | J | other_works | kept | work of what `OTHER_WORKS` names
+ground | f8 3 | m/s | motion | | velocity of the ground below: of an axis that is held half a step on, else
+    now
+bend | f8 3 | N | bending | | force of chains that bend, at x(n)
+course | i4 | | motion | kept given split | how that moves, a row of `ground.Ground`; -1: not at all
+gid | i8 | | | | global number
+f | f8 3 | N | | | total force; of all particles if something can break, else of those sent
+"""
+ELEMENTS = """
+ends | u4 2 | | | | local numbers of the two particles
+L0 | f8 | m | | kept given | unstressed length
+EA | f8 | N | | given | axial stiffness; 0: out of the net, or kept by another rank
+bar | u1 | | | given | 1 where compression is carried
+euler | f8 | N | buckling | given | compression at which it buckles; inf: never
+half_mass | f8 | kg | | given | half of the element's own mass
+strand | f8 | m | slip | kept given | unstressed length without slip
+slip_place | i1 2 | | slip | given | which of the cables at each end it is of, -1: it does not slip there
+slip_along | i1 | | slip | given | 1, -1: it runs along its cable, against it
+hold_before | f8 | N | slip_fades | | what is left of a lost tension, at the last sample
+hold_after | f8 | N | slip_fades | | the same at the next sample
+owned | u1 | | | | 1 on the one rank that reports the element
+broken | u1 | | | kept | 1 once it has broken, or is lost; `TAKEN_OUT`
+lost | u1 | | losses | kept | 1 once it is lost
+highest | f8 | N | peaks | kept | largest axial force of a step since the last loss
+lowest | f8 | N | dips | kept | smallest axial force of a step since then
+yield_force | f8 | N | plastic | given | axial force at yield
+yield_strain | f8 | | plastic_sections | | strain at yield before any
+eps_p | f8 | | plastic | kept | plastic strain
+dissipated | f8 | J | dissipating | kept | energy lost by yield, and by taking the element out
+eps_u | f8 | | fracture | kept given | strain at fracture, and at which what is left grows longer; inf: never
+eps_c | f8 | | crushing | kept given | strain at fracture in compression; -inf: never
+reach | f8 | | strengths | | L / L0 from which it is looked at for fracture
+branch_a | f8 | N | band | kept | H of a branch of the damping over a band
+branch_b | f8 | N | band | kept | H of a branch of the damping over a band
+branch_c | f8 | N | third_branch | kept | H of a branch of the damping over a band
+pending | i4 | | fracture | | elements that reached eps_u in a step
+breaks | u1 | | fracture | | where those break, as `fracture.decide` has it
+"""
+SLOTS_OF_ELEMENTS = """
+other | u4 | | | | local number of the far end; in an empty slot the particle's own
+inv_L0 | f8 | 1/m | | | 1 / unstressed length, 0 in an empty slot
+slot_element | u4 | | numbered | | local number of the element
+slot_EA | f8 | N | sections | repeats | axial stiffness, unless it is the same everywhere
+slot_bar | u1 | | bars | repeats | 1 where compression is carried
+slot_euler | f8 | N | buckling | repeats | compression at which it buckles
+slot_yield_force | f8 | N | plastic_sections | repeats | axial force at yield, unless it is the same
+    everywhere
+slot_yield_strain | f8 | | plastic_sections | repeats | strain at yield before any, unless it is the
+    same everywhere
+slot_highest | f8 | N | peaks | | largest axial force of a step since it was filled
+slot_lowest | f8 | N | dips | | smallest axial force of a step since then
+slot_branch_a | f8 | N | band | repeats | H of a branch
+slot_branch_b | f8 | N | band | repeats | H of a branch
+slot_branch_c | f8 | N | third_branch | repeats | H of a branch
+slot_eps_p | f8 | | plastic | repeats | plastic strain
+slot_reach | f8 | | strengths | repeats | L / L0 from which the element is looked at, unless it is the same
+    everywhere
+"""
+FIELDS = _fields("particle", PARTICLES) + _fields("element", ELEMENTS) + _fields("slot", SLOTS_OF_ELEMENTS)
 
 
 def fields_of(entity: str) -> tuple[Field, ...]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from netfall.job.dimensions import GENERATOR_KEYS
+from netfall.job.schema import GENERATOR_KEYS
 from netfall.net.generators.dome import dome, wrong_dome
 from netfall.net.generators.ellipse import SNAP, around, cables_in_ellipse, in_order
 from netfall.net.generators.ring import ring
