@@ -18,7 +18,7 @@ from netfall.plots.study.study import pictures_of
 from netfall.results.file import open_result
 from netfall.study.answers import fragility, measures, probit, samples
 from netfall.study.answers.correlation import spearman
-from netfall.study.answers.fragility import curve_sections, fragility_section
+from netfall.study.answers.fragility import curve_sections
 from netfall.study.answers.hazard import Hazard
 from netfall.study.answers.info import print_study
 from netfall.study.answers.intervals import narrower
@@ -38,6 +38,11 @@ def fewer_resamples(monkeypatch):
     """A fifth of them, for time; it moves the ends of an interval by some 2 % of its width."""
     monkeypatch.setattr(fragility, "RESAMPLES", 400)
     monkeypatch.setattr(samples, "RESAMPLES", 400)
+
+
+def fragility_section(members: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """What stands in /fragility, by the names of the datasets; empty unless the wind's speed differs."""
+    return curve_sections(members).get("fragility", {})
 
 
 def lines_of(path) -> str:

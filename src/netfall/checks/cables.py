@@ -8,16 +8,8 @@ from netfall.checks.buckling import bar_columns, moment_columns, strengths_of_ba
 from netfall.checks.codes import IN_TENSION, Check
 from netfall.checks.counted import counted, places_of, stage_kinds, unborne_of
 from netfall.mechanics.material import REACHED, stretched_length, warm_length
+from netfall.results import states
 from netfall.results.losses import broken_at, largest_factor, lost_at
-from netfall.results.states import (
-    MOTION,
-    Envelope,
-    caps_of,
-    start_position,
-    start_tension,
-    strain_measure,
-    yielded_in,
-)
 
 PASSES = "passes"
 ABOVE = 1.0 + 1e-6  # a utilisation of what fails, in comparing
@@ -93,7 +85,7 @@ def applicable(checks: list[Check], resistance: dict) -> tuple[list[Check], dict
     return there or checks, {each.name: resistance[each.name] for each in there or checks}
 
 
-def check_elements(f, checks: list[Check], resistance: dict, envelope: Envelope) -> Checked:
+def check_elements(f, checks: list[Check], resistance: dict, envelope: states.Envelope) -> Checked:
     """The largest force of what counts for each check over its resistance; of bars, if they have any."""
     kinds = stage_kinds(f, envelope)
     stages = {check.name: counted(kinds, check.kind) for check in checks}
@@ -105,10 +97,10 @@ def check_elements(f, checks: list[Check], resistance: dict, envelope: Envelope)
         each.name: np.where(none[each.compression], np.nan, force[each.name] / resistance[each.name])
         for each in checks
     }
-    strong, euler = caps_of(f)
+    strong, euler = states.caps_of(f)
     most = {False: strong, True: np.minimum(strong, euler)}
-    moving = np.array([name == MOTION for name in envelope.names])
-    moved = ~np.isnan(broken_at(f)) | yielded_in(f)  # between rows of the history too
+    moving = np.array([name == states.MOTION for name in envelope.names])
+    moved = ~np.isnan(broken_at(f)) | states.yielded_in(f)  # between rows of the history too
     fails = {}
     for each in checks:
         at_most = force[each.name] >= REACHED * most[each.compression]
@@ -129,7 +121,7 @@ def results_of(checked: Checked, check: str) -> np.ndarray:
     return np.select(results, ["", "FAILS", f"{PASSES} without bending"], passes).astype(object)
 
 
-def only_compressed(f, envelope: Envelope) -> np.ndarray:
+def only_compressed(f, envelope: states.Envelope) -> np.ndarray:
     """Bars (m,) that are in tension in no stage."""
     return f["net/bar"][:].astype(bool) & (envelope.most <= 0.0)
 
@@ -146,7 +138,7 @@ def names_of_elements(f) -> dict[str, np.ndarray]:
     }
 
 
-def element_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarray]:
+def element_columns(f, envelope: states.Envelope, checked: Checked) -> dict[str, np.ndarray]:
     """A row for each element."""
     names = np.array(envelope.names, object)
     columns = names_of_elements(f) | {
@@ -174,7 +166,7 @@ def element_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.nda
     return columns
 
 
-def cable_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarray]:
+def cable_columns(f, envelope: states.Envelope, checked: Checked) -> dict[str, np.ndarray]:
     """A row for each cable; what governs it is its element with the largest utilisation, or tension."""
     cable, count = f["net/cable"][:], len(f["net/cable_names"])
     at = _first_by(
@@ -220,7 +212,7 @@ def cutting_columns(f, cutting: Cutting) -> dict[str, np.ndarray]:
     """
     cable, count = f["net/cable"][:], len(f["net/cable_names"])
     total = lambda values: np.bincount(cable, values, count)
-    x, elements, L0 = start_position(f), f["net/elements"][:], f["net/unstressed_length"][:]
+    x, elements, L0 = states.start_position(f), f["net/elements"][:], f["net/unstressed_length"][:]
     load, warm, stretched = measured_lengths(f, cutting)
     return {
         "cable": f["net/cable_names"].asstr()[:].astype(object),
@@ -242,12 +234,12 @@ def measured_lengths(f, cutting: Cutting) -> tuple[np.ndarray, np.ndarray, np.nd
     cable, count = f["net/cable"][:], len(f["net/cable_names"])
     L0, EA = f["net/unstressed_length"][:], f["net/axial_stiffness"][:]
     if cutting.load is None:
-        load = np.bincount(cable, start_tension(f) * L0, count) / np.bincount(cable, L0, count)
+        load = np.bincount(cable, states.start_tension(f) * L0, count) / np.bincount(cable, L0, count)
     else:
         first = np.unique(cable, return_index=True)[1]
         load = np.where(f["net/bar"][:][first], 0.0, cutting.load)
     warm = warm_length(L0, f["net/expansion"][:], cutting.temperature)
-    return load, warm, stretched_length(warm, load[cable], EA, strain_measure(f))
+    return load, warm, stretched_length(warm, load[cable], EA, states.strain_measure(f))
 
 
 def _by(used: np.ndarray, N: np.ndarray) -> np.ndarray:

@@ -69,15 +69,8 @@ def run(arguments) -> None:
     comm = MPI.COMM_WORLD
     job = comm.bcast(on_root(comm, lambda: read_job(arguments.job, arguments.overrides)))
     progress = Progress(comm.rank == 0 and not arguments.quiet, arguments.verbose)
-    run_job(
-        comm,
-        job,
-        arguments.output or Path(f"{job.name}.vtkhdf"),
-        progress,
-        arguments.restart,
-        stop,
-        arguments.profile,
-    )
+    path = arguments.output or Path(f"{job.name}.vtkhdf")
+    run_job(comm, job, path, progress, arguments.restart, stop, arguments.profile)
 
 
 def info(arguments) -> None:
@@ -176,15 +169,9 @@ def scale(arguments) -> None:
     from netfall.ground.launch import default_launcher
     from netfall.measure.scale import scale as run_scale
 
-    for path in run_scale(
-        arguments.job,
-        arguments.overrides,
-        arguments.ranks,
-        arguments.launcher or default_launcher(),
-        arguments.repeats,
-        _folder(arguments.folder),
-        _say(),
-    ):
+    launcher = arguments.launcher or default_launcher()
+    of_runs = arguments.job, arguments.overrides, arguments.ranks, launcher, arguments.repeats
+    for path in run_scale(*of_runs, _folder(arguments.folder), _say()):
         print(path)
 
 
@@ -201,19 +188,9 @@ def trade(arguments) -> None:
     from netfall.ground.stop import StopRequest
     from netfall.measure.trade import trade as run_trade
 
-    for path in run_trade(
-        arguments.job,
-        arguments.overrides,
-        arguments.vary,
-        arguments.reference,
-        arguments.ranks,
-        arguments.launcher or default_launcher(),
-        arguments.repeats,
-        arguments.tolerance,
-        _folder(arguments.folder),
-        _say(),
-        StopRequest(),
-    ):
+    a, launcher = arguments, arguments.launcher or default_launcher()
+    asked = a.job, a.overrides, a.vary, a.reference, a.ranks, launcher, a.repeats, a.tolerance
+    for path in run_trade(*asked, _folder(a.folder), _say(), StopRequest()):
         print(path)
 
 

@@ -35,7 +35,6 @@ FASTEST = 50  # frames a second that programs show of a GIF
 FARTHEST = 0.6  # of the largest extent of the net: how far beyond it the picture reaches at most
 ZOOM = 1.05
 ALONG = 0.98  # cosine between an axis and the eye, from which on it is seen as a point
-FORMATS = ("mp4", "gif")
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,7 @@ def animate(
 ) -> list[tuple[Path, str]]:
     """Write RESULT_erection.mp4 or .gif and RESULT_collapse; their paths, and lines that say what they are.
 
-    form : of FORMATS, None: MP4 where there is ffmpeg; fps : frames shown in a second, None: as FPS
+    form : mp4 or gif, None: MP4 where there is ffmpeg; fps : frames shown in a second, None: as FPS
     Raises InputError for a wrong file, for one without frames, and where ffmpeg is asked for and missing.
     """
     form, why = format_of(form, ffmpeg())

@@ -4,17 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from netfall.checks.reactions import held_axes
-from netfall.plots.canvas import (
-    MOST_DRAWN,
-    NOTHING,
-    add_coloured,
-    add_lines,
-    dot_supports,
-    heading,
-    in_space,
-    line_width,
-    set_plan,
-)
+from netfall.plots import canvas
 from netfall.results.file import title_of
 
 DRAWN, COLUMNS = 6, 3  # modes, and those beside each other
@@ -32,25 +22,25 @@ RESTS = ("rest/position", "form_finding/position", "net/particles")
 def modes(f):
     """The first modes over the net in grey, below each its plan; by colour how far it moves along an axis."""
     x, elements = _rest(f), f["net/elements"][:]
-    lines = elements[:: max(1, len(elements) // MOST_DRAWN)]
+    lines = elements[:: max(1, len(elements) // canvas.MOST_DRAWN)]
     shape, held = f["modes/shape"][:DRAWN], held_axes(f).any(1)
     swing = SWING * float(np.ptp(x, axis=0).max())
     figure, panels = _panels(x, swing, len(shape))
-    norm, width = plt.Normalize(-1.0, 1.0), line_width(len(lines))
+    norm, width = plt.Normalize(-1.0, 1.0), canvas.line_width(len(lines))
     for k, ((space, plan), u) in enumerate(zip(panels, shape)):
         axis = int((u**2).sum(0).argmax())
         part, moved = u[:, axis][lines].mean(1), (x + swing * u)[lines]
-        add_lines(space, x[lines], colors=NOTHING, linewidths=0.5)
-        add_coloured(space, moved, part, norm, COLOURS, width)
-        add_lines(plan, x[lines][..., :2], colors=NOTHING, linewidths=0.5)
-        add_coloured(plan, moved[..., :2], part, norm, COLOURS, 1.4 * width)
+        canvas.add_lines(space, x[lines], colors=canvas.NOTHING, linewidths=0.5)
+        canvas.add_coloured(space, moved, part, norm, COLOURS, width)
+        canvas.add_lines(plan, x[lines][..., :2], colors=canvas.NOTHING, linewidths=0.5)
+        canvas.add_coloured(plan, moved[..., :2], part, norm, COLOURS, 1.4 * width)
         plan.set_facecolor("0.93")  # what does not move is white
-        dot_supports(plan, x[:, :2], held)
+        canvas.dot_supports(plan, x[:, :2], held)
         space.set_title(_words(f, k, "xyz"[axis]), y=0.98)
     place = figure.add_axes((0.3, 0.55 / figure.get_figheight(), 0.4, 0.13 / figure.get_figheight()))
     bar = figure.colorbar(plt.cm.ScalarMappable(norm, COLOURS), cax=place, orientation="horizontal")
     bar.set_label("displacement along the axis that a title names, of the largest of a node [-]")
-    heading(figure, title_of(f), f": lowest modes, largest displacement drawn as {swing:.3g} m")
+    canvas.heading(figure, title_of(f), f": lowest modes, largest displacement drawn as {swing:.3g} m")
     return figure
 
 
@@ -71,10 +61,10 @@ def _panels(x: np.ndarray, swing: float, count: int):
     for k in range(count):
         row, column = 2 * (k // columns), k % columns
         space, plan = (
-            in_space(figure, (grid[row, column],), window),
+            canvas.in_space(figure, (grid[row, column],), window),
             figure.add_subplot(grid[row + 1, column]),
         )
-        set_plan(plan, x[:, :2], 1.1 * swing)
+        canvas.set_plan(plan, x[:, :2], 1.1 * swing)
         if k + columns < count:  # the one below has a title there
             plan.set_xlabel("")
         panels.append((space, plan))

@@ -8,17 +8,9 @@ rest, the roof in plan, the load-displacement curve (Fig. 6), stages of the coll
 import re
 from pathlib import Path
 
+from netfall.plots import curves
 from netfall.plots.canvas import save
 from netfall.plots.collapse import collapse
-from netfall.plots.curves import (
-    displacements,
-    energies,
-    has_energies,
-    has_load_path,
-    load_displacement,
-    tensions,
-    wind,
-)
 from netfall.plots.modes import modes
 from netfall.plots.roof import has_roof, roof
 from netfall.plots.states import form, has_stages, has_states, named_state, one_state, stages, states
@@ -55,14 +47,14 @@ def plot_all(result: Path, folder: Path) -> list[Path]:
             ("stages", stages, has_stages(f)),
             ("states", states, has_states(f)),
             ("roof", roof, has_roof(f)),
-            ("load_displacement", load_displacement, has_load_path(f)),
+            ("load_displacement", curves.load_displacement, curves.has_load_path(f)),
             ("collapse", collapse, moves),
             ("modes", modes, "modes" in f and len(f["modes/period"])),
             ("slip", slips, "slide" in f),
-            ("energies", energies, moves and has_energies(f)),
-            ("tensions", tensions, moves),
-            ("displacements", displacements, moves and _has_probes(f["history"])),
-            ("wind", wind, "wind" in f),
+            ("energies", curves.energies, moves and curves.has_energies(f)),
+            ("tensions", curves.tensions, moves),
+            ("displacements", curves.displacements, moves and _has_probes(f["history"])),
+            ("wind", curves.wind, "wind" in f),
         ]
         return [
             save(draw(f), folder / f"{result.stem}_{name}.png") for name, draw, there in pictures if there

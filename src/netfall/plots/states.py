@@ -4,16 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.plots.canvas import (
-    IN_TWOS,
-    NOTHING,
-    add_coloured,
-    add_lines,
-    heading,
-    line_width,
-    space_panels,
-    unit_of,
-)
+from netfall.plots import canvas
 from netfall.plots.force import ForceScale, add_by_force, add_supports, force_bars
 from netfall.plots.labels import add_labels
 from netfall.results.file import title_of
@@ -41,13 +32,13 @@ def form(f):
     """The form that was found, its elements coloured by axial force."""
     x, N = f["form_finding/position"][:], f["form_finding/tension"][:]
     scale = ForceScale.of(N)
-    figure, (axes,) = space_panels(x, 1, BELOW)
-    add_by_force(axes, x[f["net/elements"][:]], N, scale, line_width(len(N)))
+    figure, (axes,) = canvas.space_panels(x, 1, BELOW)
+    add_by_force(axes, x[f["net/elements"][:]], N, scale, canvas.line_width(len(N)))
     add_supports(f, axes, x)
     _add_bars(figure, scale, N)
     figure.legend(*axes.get_legend_handles_labels(), loc="upper left", bbox_to_anchor=(0.0, 0.95))
     iterations, residual = f["form_finding/iterations"][()], f["form_finding/residual"][()]
-    heading(
+    canvas.heading(
         figure, title_of(f), f": form, iterations: {iterations}, residual {residual:.1e} of the prestress"
     )
     return figure
@@ -88,23 +79,23 @@ def _panels(f, chosen: list[ShownState], words: str):
     forces, places = [state.tension() for state in chosen], [state.position() for state in chosen]
     everything = np.concatenate(forces)
     scale, elements = ForceScale.of(everything), f["net/elements"][:]
-    figure, panels = space_panels(np.concatenate(places), len(chosen), BELOW)
+    figure, panels = canvas.space_panels(np.concatenate(places), len(chosen), BELOW)
     for axes, state, x, N in zip(panels, chosen, places, forces):
         there = ~absent(f, state.place)
-        add_by_force(axes, x[elements[there]], N[there], scale, line_width(len(N)))
+        add_by_force(axes, x[elements[there]], N[there], scale, canvas.line_width(len(N)))
         add_supports(f, axes, x, state.place)
-        axes.set_title(force_words(f, state, "\n" if len(chosen) > IN_TWOS else ": "))
+        axes.set_title(force_words(f, state, "\n" if len(chosen) > canvas.IN_TWOS else ": "))
     _add_bars(figure, scale, everything)
     told = " ".join(label for axes in panels for label in axes.get_legend_handles_labels()[1])
     marks = [words for part, words in MARKS.items() if part in told]
-    heading(figure, title_of(f), f": {words}\n{', '.join(marks)}")
+    canvas.heading(figure, title_of(f), f": {words}\n{', '.join(marks)}")
     return figure
 
 
 def force_words(f, state: ShownState, then: str = ": ") -> str:
     """A state in words, `then` its smallest and largest force, and how many cables are slack."""
     N, there = state.tension(), ~absent(f, state.place)
-    factor, unit = unit_of(np.abs(N).max(), "N")
+    factor, unit = canvas.unit_of(np.abs(N).max(), "N")
     slack = _slack(f, state)
     words = (
         f"{shown_name(f, state)}{then}{factor * N[there].min():.4g} to {factor * N[there].max():.4g} {unit}"
@@ -152,17 +143,19 @@ def one_state(f, state: ShownState):
     x0, x, N = start_position(f), state.position(), state.tension()
     there, moved = ~absent(f, state.place), x - x0
     elements = f["net/elements"][:][there]
-    figure, (left, right) = space_panels(np.concatenate([x0, x]), 2, BELOW)
+    figure, (left, right) = canvas.space_panels(np.concatenate([x0, x]), 2, BELOW)
     scale = ForceScale.of(N)
     for axes in (left, right):
         add_supports(f, axes, x, state.place)
-    add_by_force(left, x[elements], N[there], scale, line_width(len(N)))
+    add_by_force(left, x[elements], N[there], scale, canvas.line_width(len(N)))
     size = np.linalg.norm(moved, axis=1)
     largest = float(np.nanmax(size, initial=0.0))
     times = deflection_scale(largest, float(np.ptp(x0, axis=0).max()))
-    add_lines(right, x0[elements], colors=NOTHING, linewidths=0.5)
+    canvas.add_lines(right, x0[elements], colors=canvas.NOTHING, linewidths=0.5)
     norm, of_element = plt.Normalize(0.0, 1e3 * largest or 1.0), 1e3 * size[elements].mean(1)
-    add_coloured(right, (x0 + times * moved)[elements], of_element, norm, "viridis", line_width(len(N)))
+    canvas.add_coloured(
+        right, (x0 + times * moved)[elements], of_element, norm, "viridis", canvas.line_width(len(N))
+    )
     _tell_forces(f, left, x, N, there, scale)
     _tell_deflection(f, right, x0 + times * moved, moved, size)
     slack = _slack(f, state)
@@ -173,7 +166,7 @@ def one_state(f, state: ShownState):
     place = figure.add_axes((0.6, 0.6 * BELOW / height, 0.3, 0.14 / height))
     bar = figure.colorbar(plt.cm.ScalarMappable(norm, "viridis"), cax=place, orientation="horizontal")
     bar.set_label("deflection [mm]")
-    heading(figure, title_of(f), f": {shown_name(f, state)}")
+    canvas.heading(figure, title_of(f), f": {shown_name(f, state)}")
     return figure
 
 

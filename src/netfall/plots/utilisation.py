@@ -10,19 +10,7 @@ from matplotlib.colors import LogNorm, Normalize
 from netfall.checks.cables import ABOVE, Checked, only_compressed
 from netfall.checks.reactions import held_axes
 from netfall.checks.slides import slide_columns
-from netfall.plots.canvas import (
-    add_coloured,
-    add_lines,
-    charts,
-    dot_supports,
-    heading,
-    in_space,
-    legend_below,
-    line_width,
-    save,
-    set_plan,
-    unit_of,
-)
+from netfall.plots import canvas
 from netfall.plots.force import add_supports, limits
 from netfall.results.file import carried_in, title_of
 from netfall.results.losses import lost_at
@@ -65,7 +53,7 @@ def utilisation(f, envelope: Envelope, checked: Checked, path: Path) -> None:
     if np.isfinite(values).any():
         label = f"utilisation, {', '.join(names)}; grey: none; magenta: fails"
     else:
-        factor, unit = unit_of(np.abs(envelope.most).max(), "N")
+        factor, unit = canvas.unit_of(np.abs(envelope.most).max(), "N")
         values = factor * np.where(only_compressed(f, envelope), np.nan, envelope.most)
         label = f"largest tension [{unit}]; no element has a strength; grey: only compressed"
         over = plt.get_cmap(COLOURS)(1.0)
@@ -89,7 +77,7 @@ def dynamic_factors(f, factor: np.ndarray, path: Path) -> None:
 
 def moments(f, moment: np.ndarray, path: Path) -> None:
     """Write the picture of the largest bending moments (m,) [N m], nan: no bending."""
-    factor, unit = unit_of(float(np.nanmax(moment)), "N m")
+    factor, unit = canvas.unit_of(float(np.nanmax(moment)), "N m")
     label, over = f"largest bending moment [{unit}]; grey: no bending", plt.get_cmap(COLOURS)(1.0)
     scale = Normalize(0.0, max(factor * float(np.nanmax(moment)), 1e-9))
     _draw(
@@ -101,12 +89,12 @@ def _draw(f, shading: Shading, path: Path) -> None:
     """Write the net in space and in plan, coloured; squares and dots: supports."""
     x, values = start_position(f), shading.values
     figure = plt.figure(figsize=(14, 6.6))
-    space, plan = in_space(figure, (1, 2, 1), x), figure.add_subplot(1, 2, 2)
+    space, plan = canvas.in_space(figure, (1, 2, 1), x), figure.add_subplot(1, 2, 2)
     _add_elements(f, space, x, shading)
     _add_elements(f, plan, x[:, :2], shading)
     add_supports(f, space, x)
-    dot_supports(plan, x[:, :2], held_axes(f).any(1))
-    set_plan(plan, x[:, :2])
+    canvas.dot_supports(plan, x[:, :2], held_axes(f).any(1))
+    canvas.set_plan(plan, x[:, :2])
     space.set_position((0.0, 0.2, 0.44, 0.74))
     plan.set_position((0.55, 0.2, 0.42, 0.74))
     most = float(np.nanmax(values)) if np.isfinite(values).any() else np.nan
@@ -122,16 +110,16 @@ def _draw(f, shading: Shading, path: Path) -> None:
     bar.set_label(
         f"{shading.label}; largest {most:.4g}" if np.isfinite(most) else f"{shading.label}; no values"
     )
-    heading(figure, title_of(f), f": {shading.words}, in space and in plan")
-    save(figure, path)
+    canvas.heading(figure, title_of(f), f": {shading.words}, in space and in plan")
+    canvas.save(figure, path)
 
 
 def _add_elements(f, axes, x: np.ndarray, shading: Shading) -> None:
     """Add the elements between places x (n, 2 or 3) [m]; what was lost, and so has no value, is dashed."""
     lines, lost = x[f["net/elements"][:]], np.isfinite(lost_at(f)) & ~np.isfinite(shading.values)
-    width = line_width(len(lines), 2.0)
-    add_coloured(axes, lines[~lost], shading.values[~lost], shading.scale, _palette(shading), width)
-    add_lines(axes, lines[lost], colors=LOST, linewidths=width, linestyles="--")
+    width = canvas.line_width(len(lines), 2.0)
+    canvas.add_coloured(axes, lines[~lost], shading.values[~lost], shading.scale, _palette(shading), width)
+    canvas.add_lines(axes, lines[lost], colors=LOST, linewidths=width, linestyles="--")
 
 
 def _palette(shading: Shading):
@@ -146,7 +134,7 @@ def slips(f):
     passed, used = of("slip"), of("utilisation")
     cables = sorted(set(cable), key=lambda name: (-passed[:, cable == name].max(), name))[:MOST_CABLES]
     shown = sorted(np.lexsort((-used.max(1), -passed.max(1)))[:MOST_STATES])
-    figure, panels = charts(2, len(cables), 5.5 * len(cables) + 2.0, 6.4, sharex="col", sharey="row")
+    figure, panels = canvas.charts(2, len(cables), 5.5 * len(cables) + 2.0, 6.4, sharex="col", sharey="row")
     for column, name in enumerate(cables):
         places = np.flatnonzero(cable == name)
         along = _along(f, places)
@@ -159,8 +147,8 @@ def slips(f):
         panels[1, column].set_xlabel(f"along it from node {f['slide/node'][places[0]]} [m]")
     panels[0, 0].set_ylabel("slip along the cable [mm]")
     panels[1, 0].set_ylabel("utilisation of what holds [-]")
-    legend_below(figure, panels[0, 0], ncols=3)
-    heading(figure, title_of(f), ": slip over nodes")
+    canvas.legend_below(figure, panels[0, 0], ncols=3)
+    canvas.heading(figure, title_of(f), ": slip over nodes")
     return figure
 
 

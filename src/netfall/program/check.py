@@ -15,16 +15,7 @@ from netfall.job.job import Job
 from netfall.job.memory import Memory
 from netfall.job.values import listed
 from netfall.mechanics.fields import FIELDS
-from netfall.messages.run import (
-    feature_words,
-    form_line,
-    limit_line,
-    moved_lines,
-    net_line,
-    remarks_of,
-    stages,
-    start_notes,
-)
+from netfall.messages import run
 from netfall.messages.wind import wind_lines
 from netfall.model.layout import Layout, make_layout
 from netfall.model.model import Model
@@ -75,13 +66,13 @@ def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) 
     say(f"{job.path}: {job.title or job.name}: valid")
     _describe_net(scene, say)
     if scene.form:
-        say(form_line(scene))
-        for line in moved_lines(scene):
+        say(run.form_line(scene))
+        for line in run.moved_lines(scene):
             say(line)
-    for line in start_notes(scene):
+    for line in run.start_notes(scene):
         say(line)
-    say("stages: " + ", ".join(stages(job)))
-    say(f"the scene has: {feature_words(job, scene.model)}")
+    say("stages: " + ", ".join(run.stages(job)))
+    say(f"the scene has: {run.feature_words(job, scene.model)}")
     for line in wind_lines(job, scene.model):
         say(line)
     if scene.schedule:
@@ -95,7 +86,7 @@ def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) 
 def _describe_net(scene: Scene, say) -> None:
     model, net = scene.model, scene.model.net
     groups = (f"{name or '(none)'} {int((net.group == g).sum())}" for g, name in enumerate(net.group_names))
-    say(f"{net_line(model)} in groups {', '.join(groups)}")
+    say(f"{run.net_line(model)} in groups {', '.join(groups)}")
     L0, N = model.L0, model.N
     say(
         f"elements: unstressed length {L0.min():.4g} to {L0.max():.4g} m, {L0.sum():.6g} m in all; "
@@ -145,9 +136,9 @@ def _describe_sharing(model: Model, say) -> None:
 def _describe_steps(scene: Scene, say) -> None:
     job, schedule = scene.job, scene.schedule
     for limit in scene.limits.values():
-        say(limit_line(limit, scene.model))
+        say(run.limit_line(limit, scene.model))
     say(f"steps: {steps_line(schedule)}" + (" (auto)" if job.dynamics.time_step == "auto" else ""))
-    for remark in remarks_of(scene):
+    for remark in run.remarks_of(scene):
         say(remark)
 
 

@@ -6,31 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from netfall.numerics.functions import lengths
-from netfall.results.file import (
-    element_name,
-    lines_of_form,
-    notes_of_run,
-    overloads_of,
-    provenance_text,
-    reading,
-    title_of,
-)
+from netfall.results import file, notes, states
 from netfall.results.loss_lines import loss_lines
-from netfall.results.notes import (
-    NOT_STABLE,
-    balance_notes,
-    displacement_notes_of,
-    limit_notes,
-    motion_notes_of,
-)
-from netfall.results.states import (
-    form_position,
-    no_equilibrium,
-    start_position,
-    state_groups,
-    state_words,
-    states_of,
-)
 
 FIRST_EVENTS = 8
 ENERGIES = ("external_work", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work")
@@ -47,22 +24,22 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
 
     Raises InputError for a wrong file.
     """
-    with reading(path) as f:
-        say(f"{path}: {title_of(f)}")
+    with file.reading(path) as f:
+        say(f"{path}: {file.title_of(f)}")
         moves = "history" in f
         for tell, there in (
             (_run, True),
-            (notes_of_run, True),
+            (file.notes_of_run, True),
             (_form, "form_finding" in f),
             (_equilibria, True),
-            (displacement_notes_of, True),
+            (notes.displacement_notes_of, True),
             (_dynamics, moves),
             (_wind, "wind" in f),
             (_losses, "removal" in f),
             (_energies, moves),
             (_fractures, moves),
-            (motion_notes_of, moves),
-            (overloads_of, moves),
+            (notes.motion_notes_of, moves),
+            (file.overloads_of, moves),
             (_seconds, True),
         ):
             for line in tell(f) if there else ():
@@ -78,7 +55,7 @@ def _run(f):
     p = f["provenance"].attrs
     ranks = f"{p['ranks']} rank{'s' if p['ranks'] > 1 else ''}"
     yield f"ran: netfall {p['netfall']} on {ranks} ({p['writing']}); {p['exit_state']}"
-    overrides = provenance_text(f, "overrides")
+    overrides = file.provenance_text(f, "overrides")
     if overrides:
         yield "with: " + ", ".join(overrides.split("\n"))
     n, m, fixed = len(f["net/particles"]), len(f["net/elements"]), f["net/fixed"][:].all(1).sum()
@@ -96,39 +73,39 @@ def _form(f):
         f"with the real material {g['residual_real_material'][()]:.2g}; "
         f"tensions {N.min():.4g} to {N.max():.4g} N"
     )
-    yield from lines_of_form(f)
-    if no_equilibrium(g):
+    yield from file.lines_of_form(f)
+    if states.no_equilibrium(g):
         yield f"note: NOT REACHED: {g.attrs['reason']}; the form shown is the nearest that was found"
-    if "deviation" in f and no_equilibrium(f["deviation"]):
+    if "deviation" in f and states.no_equilibrium(f["deviation"]):
         yield f"note: NO EQUILIBRIUM: {f['deviation'].attrs['reason']}"
 
 
 def _equilibria(f):
     """The last equilibrium of each group, and a note where one of them is not stable."""
-    start, node_id = start_position(f), f["net/node_id"][:]
-    for place in state_groups(f):
-        x = form_position(f) if place.startswith("stages/") else start
-        g, last = f[place], list(states_of(f, place))[-1]
+    start, node_id = states.start_position(f), f["net/node_id"][:]
+    for place in states.state_groups(f):
+        x = states.form_position(f) if place.startswith("stages/") else start
+        g, last = f[place], list(states.states_of(f, place))[-1]
         N, moved = last.tension(), lengths(last.position() - x)
         residual = np.fmax.reduce(np.ravel(g["residual"][()]))  # nan where nothing was found
         steps = f"{int((g['load_factor'][:] > 0).sum())} load steps; " if "load_factor" in g else ""
         yield (
-            f"{state_words(f, place)}: {steps}largest displacement {moved.max():.4g} m "
+            f"{states.state_words(f, place)}: {steps}largest displacement {moved.max():.4g} m "
             f"(node {node_id[moved.argmax()]}), tensions {N.min():.4g} to {N.max():.4g} N, "
             f"slack {np.ravel(g['slack'][()])[-1]}, largest residual {residual:.2g} N"
         )
-        if no_equilibrium(g):
+        if states.no_equilibrium(g):
             names = ", ".join(str(name) for name in g.attrs["elements"][:FIRST_EVENTS])
             where = f" (elements {names})" if names else ""
             factor = g.attrs["load_factor"]
             reached = f"load factor reached {factor:.4g}, and the state there is " * int(factor == factor)
             yield (
-                f"note: {state_words(f, place)}: NO EQUILIBRIUM: {g.attrs['reason']}{where}; "
+                f"note: {states.state_words(f, place)}: NO EQUILIBRIUM: {g.attrs['reason']}{where}; "
                 f"{reached or 'the last state on the way is '}what is shown"
             )
         elif not np.all(g["stable"][()]):
-            yield f"note: an equilibrium of /{place} is NOT STABLE: {NOT_STABLE}"
-        yield from limit_notes(state_words(f, place), g.attrs)
+            yield f"note: an equilibrium of /{place} is NOT STABLE: {notes.NOT_STABLE}"
+        yield from notes.limit_notes(states.state_words(f, place), g.attrs)
 
 
 def _dynamics(f):
@@ -141,7 +118,7 @@ def _dynamics(f):
         yield f"  mass scaling: {p['added_mass']:.4g} kg of inertia added"
     for name in [k[6:] for k in p if k.startswith("limit_") and not k.endswith("_element")]:
         e = p[f"limit_{name}_element"]
-        element = f" (element {element_name(f, e)})" if e >= 0 else ""
+        element = f" (element {file.element_name(f, e)})" if e >= 0 else ""
         yield f"  step limit {name.replace('_', ' ')}: {p['limit_' + name]:.4g} s{element}"
 
 
@@ -173,7 +150,7 @@ def _energies(f):
         f"audits: work identity to {identity:.1e}, physical balance to {balance:.1e} "
         "of the energy that took part"
     )
-    yield from balance_notes(h["time"][:], h["balance_error"][:], h["broken"][:])
+    yield from notes.balance_notes(h["time"][:], h["balance_error"][:], h["broken"][:])
 
 
 def _fractures(f):
@@ -183,8 +160,9 @@ def _fractures(f):
     for k in range(min(FIRST_EVENTS, len(e["time"]))):
         split = "" if e["new_particle"][k] >= 0 else ", nothing split"
         yield (
-            f"  t = {e['time'][k]:.5f} s, step {e['step'][k]}: element {element_name(f, e['element'][k])} "
-            f"at node {e['node_id'][k]}{split}, strain {e['strain'][k]:.4f}"
+            f"  t = {e['time'][k]:.5f} s, step {e['step'][k]}: element "
+            f"{file.element_name(f, e['element'][k])} at node {e['node_id'][k]}{split}, "
+            f"strain {e['strain'][k]:.4f}"
         )
     if len(e["time"]) > FIRST_EVENTS:
         yield f"  and {len(e['time']) - FIRST_EVENTS} more fracture events in /events"

@@ -8,18 +8,7 @@ those of the tables, numbers are in SI units, those of the shop list in mm.
 from dataclasses import dataclass
 from pathlib import Path
 
-from netfall.checks.cables import (
-    Checked,
-    Cutting,
-    applicable,
-    cable_columns,
-    check_elements,
-    cutting_columns,
-    element_columns,
-    groups_of,
-    resistances_of,
-    types_of,
-)
+from netfall.checks import cables
 from netfall.checks.cases import case_columns, displacement_columns, force_columns
 from netfall.checks.codes import check_groups, read_codes
 from netfall.checks.groups import group_columns
@@ -38,7 +27,7 @@ from netfall.results.file import reading, title_of
 from netfall.results.states import Envelope, envelope_of
 from netfall.write.locks import whole
 
-NOT_WARMED = Cutting()
+NOT_WARMED = cables.Cutting()
 DIGITS = 12  # of the numbers in tables
 
 
@@ -50,7 +39,7 @@ class Inputs:
     """
 
     codes: Path | None = None
-    cutting: Cutting = NOT_WARMED
+    cutting: cables.Cutting = NOT_WARMED
     deductions: Path | None = None
 
 
@@ -62,9 +51,9 @@ def write_report(result: Path, folder: Path, inputs: Inputs) -> list[Path]:
     checks = read_codes(inputs.codes)
     with reading(result) as f:
         check_groups(inputs.codes, checks, f["net/group_names"].asstr()[:].tolist())
-        checks, resistance = applicable(checks, resistances_of(f, checks))
+        checks, resistance = cables.applicable(checks, cables.resistances_of(f, checks))
         envelope = envelope_of(f, resistance[checks[0].name])
-        checked = check_elements(f, checks, resistance, envelope)
+        checked = cables.check_elements(f, checks, resistance, envelope)
         tables = _tables(f, envelope, checked, inputs)
         text = summary(f, result, tables, envelope, checked, inputs.cutting)
         folder.mkdir(parents=True, exist_ok=True)
@@ -81,25 +70,25 @@ def write_report(result: Path, folder: Path, inputs: Inputs) -> list[Path]:
     return [folder / name for name in (*pages, *tables, *pictures)]
 
 
-def _tables(f, envelope: Envelope, checked: Checked, inputs: Inputs) -> dict[str, dict]:
+def _tables(f, envelope: Envelope, checked: cables.Checked, inputs: Inputs) -> dict[str, dict]:
     """The columns of each table by its name."""
     cases, names = cases_of(f), lambda of: sorted(set(of.tolist()) - {""})
-    deductions = read_deductions(inputs.deductions, names(groups_of(f)), names(types_of(f)))
+    deductions = read_deductions(inputs.deductions, names(cables.groups_of(f)), names(cables.types_of(f)))
     return {
         "cases.csv": case_columns(f, cases),
         "checks.csv": group_columns(f, envelope, checked),
-        "cables.csv": cable_columns(f, envelope, checked),
-        "elements.csv": element_columns(f, envelope, checked),
+        "cables.csv": cables.cable_columns(f, envelope, checked),
+        "elements.csv": cables.element_columns(f, envelope, checked),
         "forces.csv": force_columns(f, cases),
         "displacements.csv": displacement_columns(f, cases),
         "reactions.csv": reaction_columns(f),
         **({"slides.csv": slide_columns(f)} if "slide" in f else {}),
-        "cutting_list.csv": cutting_columns(f, inputs.cutting),
+        "cutting_list.csv": cables.cutting_columns(f, inputs.cutting),
         "shop_list.csv": shop_columns(f, inputs.cutting, deductions),
     }
 
 
-def _pictures(f, envelope: Envelope, checked: Checked, tables: dict, folder: Path) -> list[str]:
+def _pictures(f, envelope: Envelope, checked: cables.Checked, tables: dict, folder: Path) -> list[str]:
     """Draw what the page shows; the names."""
     found = ["utilisation.png"]
     utilisation(f, envelope, checked, folder / "utilisation.png")

@@ -5,15 +5,7 @@ import numpy as np
 from netfall.job.values import counted
 from netfall.mechanics.material import REACHED
 from netfall.numerics.functions import lengths
-from netfall.results.states import (
-    MOTION,
-    caps_of,
-    equilibria,
-    start_position,
-    state_groups,
-    state_words,
-    yielded_in,
-)
+from netfall.results import states
 
 LARGEST_BALANCE = 0.01  # error of the physical balance above which a result is doubtful
 HELD = 0.05  # of the largest bending moment: a hold against tilting above that is told
@@ -80,8 +72,8 @@ NOT_STABLE = "the tangent stiffness is not positive definite, compressed bars bu
 
 def displacement_notes_of(f) -> list[str]:
     """`displacement_notes` on the equilibria of a result."""
-    x, node_id, found = start_position(f), f["net/node_id"][:], []
-    for each in [one for one in list(equilibria(f))[1:] if not one.name.startswith("stage ")]:
+    x, node_id, found = states.start_position(f), f["net/node_id"][:], []
+    for each in [one for one in list(states.equilibria(f))[1:] if not one.name.startswith("stage ")]:
         moved = lengths(each.position() - x)
         found.append((each.name, float(moved.max()), node_id[moved.argmax()]))
     return displacement_notes(found, x)
@@ -106,20 +98,24 @@ def limit_notes(what: str, labels) -> list[str]:
 
 def limit_notes_of(f) -> list[str]:
     """`limit_notes` on the equilibria of a result, and on its motion."""
-    notes = [note for place in state_groups(f) for note in limit_notes(state_words(f, place), f[place].attrs)]
+    notes = [
+        note
+        for place in states.state_groups(f)
+        for note in limit_notes(states.state_words(f, place), f[place].attrs)
+    ]
     return notes + (motion_notes_of(f) if "history" in f else [])
 
 
 def motion_notes(buckled: np.ndarray, yielded: np.ndarray) -> list[str]:
     """Notes on elements, by ids, that buckled in motion, and that have yielded by its end."""
     labels = {"buckled": buckled[:MOST_MARKED], "yielded": yielded[:MOST_MARKED]}
-    return limit_notes(MOTION, {name: ids for name, ids in labels.items() if len(ids)})
+    return limit_notes(states.MOTION, {name: ids for name, ids in labels.items() if len(ids)})
 
 
 def motion_notes_of(f) -> list[str]:
     """`motion_notes` on a result with a motion."""
     ids, lowest = f["net/element_id"][:], f["envelope/tension_min"][:]
-    return motion_notes(ids[-lowest >= REACHED * caps_of(f)[1]], ids[yielded_in(f)])
+    return motion_notes(ids[-lowest >= REACHED * states.caps_of(f)[1]], ids[states.yielded_in(f)])
 
 
 def error_words(moved: float, tension: float) -> str:

@@ -29,14 +29,7 @@ from netfall.mechanics.state import State
 from netfall.numerics.functions import lengths
 from netfall.record.bending import largest_hold
 from netfall.record.reactions import forces_on_supports
-from netfall.results.notes import (
-    NOT_STABLE,
-    displacement_notes,
-    error_words,
-    hold_notes,
-    limit_notes,
-    stop_notes,
-)
+from netfall.results import notes
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import (
     APART,
@@ -332,14 +325,14 @@ def lines(path: StaticPath, scene: Scene) -> list[str]:
         for _, what, each in every
         if each["unstable_at"] != STABLE
     ]
-    lines += hold_notes([(what, each["held"]) for _, what, each in every if "held" in each], node_id)
-    lines += stop_notes(
+    lines += notes.hold_notes([(what, each["held"]) for _, what, each in every if "held" in each], node_id)
+    lines += notes.stop_notes(
         [(what, each["stopped"]) for _, what, each in every if "stopped" in each], scene.model.net.element_id
     )
     for group, what, _ in last:
-        lines += limit_notes(what, by_ids(path.labels[group], scene.model.net.element_id))
+        lines += notes.limit_notes(what, by_ids(path.labels[group], scene.model.net.element_id))
     moved = [(what, each["moved"][0], node_id[each["moved"][1]]) for _, what, each in every]
-    return lines + displacement_notes(moved, scene.model.x)
+    return lines + notes.displacement_notes(moved, scene.model.x)
 
 
 def rest_words(job: Job) -> str:
@@ -383,8 +376,8 @@ def _unstable(what: str, p: int, node_id: np.ndarray) -> str:
         return f"note: {what}: whether compressed bars buckle there could not be decided"
     node = node_id[p]
     return (
-        f"note: {what}: NOT STABLE: {NOT_STABLE}, node {node} moves most; the net does not stay in this "
-        "equilibrium: support the bars across, or tension the net more"
+        f"note: {what}: NOT STABLE: {notes.NOT_STABLE}, node {node} moves most; the net does not stay in "
+        "this equilibrium: support the bars across, or tension the net more"
     )
 
 
@@ -392,7 +385,7 @@ def _in_words(numbers: dict, label: dict, elements: int) -> str:
     if label["state"] == NONE:
         return f"NO EQUILIBRIUM: {label['reason']}; load factor reached {label['load_factor']:.4g}"
     return (
-        f"in equilibrium {error_words(numbers['displacement_error'], numbers['tension_error'])}"
+        f"in equilibrium {notes.error_words(numbers['displacement_error'], numbers['tension_error'])}"
         f"{', by relaxation' if numbers['relaxed'] else ''}, residual {numbers['residual']:.3g} N, "
         f"slack {numbers['slack']} of {elements}"
     )

@@ -16,27 +16,13 @@ from netfall.job.read import read_job, read_toml
 from netfall.job.toml_text import toml_value
 from netfall.job.values import nearest, shown
 from netfall.net.build import build_net
+from netfall.study import sections
 from netfall.study.answers.hazard import Hazard
 from netfall.study.answers.measures import Failure
 from netfall.study.answers.samples import SPEED
 from netfall.study.answers.subset import Rare
 from netfall.study.draws import draw
 from netfall.study.rare import Chains
-from netfall.study.sections import (
-    EACH,
-    LOST,
-    MOST,
-    SAMPLE,
-    TOP,
-    Axis,
-    axis_of,
-    check_sample,
-    failure_sections,
-    hazard_section,
-    loss_section,
-    rare_section,
-    run_section,
-)
 
 # A member leaves no checkpoints, which change nothing in what it finds, and its modes are not asked.
 TRIED = 20  # members of a study of rare failures that are tried before the first run
@@ -74,7 +60,7 @@ class Plan:
     text: str
     title: str
     job: Path
-    axes: list[Axis]
+    axes: list[sections.Axis]
     sampled: list[str]
     whole: set[str]
     draws: np.ndarray | None
@@ -106,11 +92,11 @@ class Plan:
         for axis in reversed(self.axes):
             rest, k = divmod(rest, len(axis.values))
             chosen[axis.name] = axis.values[k]
-        values = {axis.name: chosen[axis.name] for axis in self.axes if axis.name != LOST}
+        values = {axis.name: chosen[axis.name] for axis in self.axes if axis.name != sections.LOST}
         if self.draws is not None:
             drawn = zip(self.sampled, self.draws[row].tolist())
             values |= {name: int(value) if name in self.whole else value for name, value in drawn}
-        removed = chosen.get(LOST)
+        removed = chosen.get(sections.LOST)
         remove = None if removed is None else self._entry(removed)
         return Member(number, values, "" if removed is None else str(removed), remove)
 
@@ -119,7 +105,7 @@ class Plan:
         """The keys of the job that vary or are drawn."""
         if self.chains:
             return [axis.name for axis in self.axes] + self.chains.names
-        return [axis.name for axis in self.axes if axis.name != LOST] + self.sampled
+        return [axis.name for axis in self.axes if axis.name != sections.LOST] + self.sampled
 
     @property
     def depth(self) -> float | None:
@@ -132,7 +118,7 @@ class Plan:
 
     def _entry(self, removed) -> dict:
         rest = {name: value for name, value in self.loss.items() if name in ("time", "duration")}
-        return {EACH[self.loss["each"]]: [removed], **rest}
+        return {sections.EACH[self.loss["each"]]: [removed], **rest}
 
     def read(self, member: Member) -> Job:
         """The job of a member. Raises InputError."""
@@ -158,7 +144,7 @@ class Sections(NamedTuple):
     failures: tuple[Failure, ...]
     hazard: Hazard | None
     rare: Rare | None
-    axes: list[Axis]
+    axes: list[sections.Axis]
     loss: dict | None
     sample: dict
     distributions: dict
@@ -174,13 +160,15 @@ def read_plan(path: Path) -> Plan:
         raise InputError(f"{path}: is a job file; netfall run {path} runs it; a study file names it in job")
     there, job = _sections_of(path, data), path.parent / str(data["job"])
     axes, loss = there.axes, there.loss
-    count = math.prod(len(axis.values) for axis in axes if axis.name != LOST) * there.sample.get("count", 1)
-    if count > MOST:
-        raise InputError(f"{path}: asks for {count} runs; at most {MOST} are possible")
+    count = math.prod(len(axis.values) for axis in axes if axis.name != sections.LOST) * there.sample.get(
+        "count", 1
+    )
+    if count > sections.MOST:
+        raise InputError(f"{path}: asks for {count} runs; at most {sections.MOST} are possible")
     if loss:
-        first = [f"{axis.name}={toml_value(axis.values[0])}" for axis in axes if axis.name != LOST]
+        first = [f"{axis.name}={toml_value(axis.values[0])}" for axis in axes if axis.name != sections.LOST]
         pieces = _pieces_of(read_job(job, first), loss["each"], loss.get("group"), loss.get("ids"))
-        axes = [Axis(LOST, pieces) if axis.name == LOST else axis for axis in axes]
+        axes = [sections.Axis(sections.LOST, pieces) if axis.name == sections.LOST else axis for axis in axes]
     draws, notes = _draws(there)
     own = read_job(job)
     chains = Chains(there.rare, there.distributions, there.hazard, own) if there.rare else None
@@ -211,8 +199,8 @@ def _sections_of(path: Path, data: dict) -> Sections:
     errors: list[str] = []
     wrong = lambda what: errors.append(f"{path}: {what}")
     for name in data:
-        if name not in TOP:
-            wrong(f"{name}: unknown; {nearest(name, TOP)}")
+        if name not in sections.TOP:
+            wrong(f"{name}: unknown; {nearest(name, sections.TOP)}")
     if not isinstance(data.get("title", ""), str):
         wrong(f"title = {shown(data['title'])}: expected a text")
     if not isinstance(data.get("job"), str):
@@ -223,18 +211,18 @@ def _sections_of(path: Path, data: dict) -> Sections:
             wrong(f"{name} = {shown(table)}: expected a section, [{name}]")
             tables[name] = {}
     vary, sample = (_flat(tables[name], wrong) for name in ("vary", "sample"))
-    distributions = {name: each for name, each in sample.items() if name not in SAMPLE}
-    failures = failure_sections(data.get("failure", []), "remove" in vary, wrong)
-    rare = rare_section(tables["rare"], vary, any(each.by for each in failures), wrong)
-    check_sample(sample, distributions, vary, rare is not None, wrong)
+    distributions = {name: each for name, each in sample.items() if name not in sections.SAMPLE}
+    failures = sections.failure_sections(data.get("failure", []), "remove" in vary, wrong)
+    rare = sections.rare_section(tables["rare"], vary, any(each.by for each in failures), wrong)
+    sections.check_sample(sample, distributions, vary, rare is not None, wrong)
     varied = {*vary, *distributions}
     there = Sections(
-        run_section(tables["run"], wrong),
+        sections.run_section(tables["run"], wrong),
         failures,
-        hazard_section(tables["hazard"], SPEED in varied or rare is not None, wrong),
+        sections.hazard_section(tables["hazard"], SPEED in varied or rare is not None, wrong),
         rare,
-        [axis_of(name, value, wrong) for name, value in vary.items()],
-        loss_section(vary["remove"], wrong) if "remove" in vary else None,
+        [sections.axis_of(name, value, wrong) for name, value in vary.items()],
+        sections.loss_section(vary["remove"], wrong) if "remove" in vary else None,
         sample,
         distributions,
     )
@@ -306,12 +294,12 @@ def _try(plan: Plan) -> tuple[list[Path], int]:
 
     The files read, and how many nets there are of those that were tried
     """
-    if len(plan) > MOST:
-        raise InputError(f"{plan.path}: asks for {len(plan)} runs; at most {MOST} are possible")
+    if len(plan) > sections.MOST:
+        raise InputError(f"{plan.path}: asks for {len(plan)} runs; at most {sections.MOST} are possible")
     files, nets = dict.fromkeys(plan.files), set()
     first = plan.member(0).values
     errors = []
-    tried = [(axis.name, value) for axis in plan.axes if axis.name != LOST for value in _few(axis)]
+    tried = [(axis.name, value) for axis in plan.axes if axis.name != sections.LOST for value in _few(axis)]
     for k, name in enumerate(plan.sampled):
         number = int if name in plan.whole else float
         tried += [(name, number(end)) for end in (plan.draws[:, k].min(), plan.draws[:, k].max())]
@@ -354,7 +342,7 @@ def _try(plan: Plan) -> tuple[list[Path], int]:
     return list(files), len(nets)
 
 
-def _few(axis: Axis) -> list:
+def _few(axis: sections.Axis) -> list:
     """The values that are tried: all of a list, and the ends of a long range; all that name files."""
     whole = len(axis.values) <= 100 or tuple(axis.name.split(".")) in PATHS
     return axis.values if whole else [*axis.values[:50], *axis.values[-50:]]

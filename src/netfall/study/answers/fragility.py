@@ -20,11 +20,6 @@ FEW = 30  # below which its intervals are rough, and mostly too narrow
 GRID = 81  # speeds of the band
 
 
-def fragility_section(members: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """What stands in /fragility, by the names of the datasets; empty unless the wind's speed differs."""
-    return curve_sections(members).get("fragility", {})
-
-
 def curve_sections(
     members: dict[str, np.ndarray], own: tuple[Failure, ...] = (), hazard: Hazard | None = None
 ) -> dict[str, dict[str, np.ndarray]]:
