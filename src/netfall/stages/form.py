@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 from mpi4py import MPI
 
-from netfall.equilibrium.newton import Newton, NoConvergence, Stopped, is_large
+from netfall.equilibrium.newton import SHORT, Newton, NoConvergence, Stopped, is_large
 from netfall.equilibrium.relaxation import Net as RelaxedNet
 from netfall.equilibrium.relaxation import (
     Paused,
@@ -44,6 +44,8 @@ LOOKS = 10  # in turn, at which one is: a node may pass close to another on its 
 
 
 NEAR = 1e-2  # of the residual forces, what the start leaves
+SOFTER = (0.1, 0.01, 1e-3, 1e-4)  # of force densities: stiffness along elements of constant tension, then ...
+LEAST = 1e-6  # ... the same at last: nodes of a straight cable may stand anywhere along it
 TIGHTER = 0.1  # times: the tolerance where the residual asks for more
 MOST_AGAIN = 4
 
@@ -136,6 +138,7 @@ class Elements:
     ):
         """load : (n, 3) [N] that the form carries, None: none"""
         self.load = 0.0 if load is None else np.asfortranarray(load)
+        self.along = LEAST if modulus_factor == 0.0 else 0.0
         column = lambda name: distribution.elements(None if net is None else getattr(net, name))
         self.ends = distribution.subdomain.ends
         self.bar = column("bar").astype(np.uint8)
@@ -254,20 +257,21 @@ def find_form(
     forces = elements.forces if turned is None else lambda x, f: _on_guides(elements, turned, x, f)
     moving = RelaxedNet(x, free, elements.ends, forces, elements.bound, turned=turned)
     asked = settings.tolerance * reference
-    found = None
+    by_newton = lambda: newton_form(comm, distribution, halo, moving, elements, settings, asked, stop)
+    found, begun, large = None, x.copy(order="K"), is_large(distribution)
     if resume is None or resume.iteration == 0:
-        found = large_form(comm, distribution, halo, moving, elements, settings, asked, stop)
-        resume = None
+        found, resume = by_newton() if large else None, None
     if found is None:
         most = settings.max_iterations
-        if settings.modulus_factor == 0.0:
+        if elements.along:
             report = Watch(comm, distribution, net, elements, report)
         try:
             found = relax(comm, halo, moving, asked, most, "form finding", report, stop, resume)
         except DivergedError as error:
-            raise DivergedError(
-                f"{error}; {worst_nodes(comm, net, distribution, moving)}; {ADVICE}"
-            ) from None
+            worst, x[:] = worst_nodes(comm, net, distribution, moving), begun
+            found = by_newton() if elements.along and not large else None
+            if found is None:
+                raise DivergedError(f"{error}; {worst}; {ADVICE}") from None
     return Form(x, elements.N, *found, reference)
 
 
@@ -299,7 +303,7 @@ def kept_form(comm: MPI.Comm, net: Net | None, distribution: Distribution, setti
     return Form(x, N, 1, residual, reference, found and found.states)
 
 
-def large_form(comm, distribution, halo, net, elements, settings, asked: float, stop) -> tuple | None:
+def newton_form(comm, distribution, halo, net, elements, settings, asked: float, stop) -> tuple | None:
     """Move net.x to the form; iterations of conjugate gradients and the largest residual [N]. Collective.
 
     net : `relaxation.Net`; elements : `form.Elements`; asked : [N], of the residual
@@ -307,7 +311,7 @@ def large_form(comm, distribution, halo, net, elements, settings, asked: float, 
 
     None where Newton's method is not tried or does not find it; net.x is then as before. Raises Paused.
     """
-    if not is_large(distribution) or settings.modulus_factor == 0.0 or net.turned is not None:
+    if net.turned is not None:
         return None
     if comm.allreduce(bool((elements.T0 < 0.0).any()), MPI.LOR):  # compressed struts
         return None
@@ -317,6 +321,8 @@ def large_form(comm, distribution, halo, net, elements, settings, asked: float, 
     newton = Newton(comm, halo, distribution, net, lambda: tangent_of_form(elements, net.x), inverse, lines)
     try:
         total = _towards_force_density(newton, elements)
+        if elements.along:
+            total += _nearer(newton, elements)
         for k in range(MOST_AGAIN):
             found = newton.find(settings.tolerance * TIGHTER**k, before, stop)
             total += found.gradients
@@ -335,11 +341,12 @@ def large_form(comm, distribution, halo, net, elements, settings, asked: float, 
 
 
 def tangent_of_form(elements, x: np.ndarray) -> Tangent:
-    """The tangent stiffness of form-finding elements at x (n, 3)."""
+    """The tangent stiffness of form-finding elements at x (n, 3), and what is `along` at constant tension."""
     elements.measure(x)
     taut = (elements.N > 0.0) | (elements.bar != 0)
     across = elements.N / np.maximum(elements.L, 1e-300)
-    return _tangent(elements, x, elements.N.copy(), np.where(taut, elements.stiffness, 0.0), across)
+    along = np.where(taut, elements.stiffness + elements.along * across, 0.0)
+    return _tangent(elements, x, elements.N.copy(), along, across)
 
 
 def _tangent(elements, x, N, axial, across) -> Tangent:
@@ -367,3 +374,21 @@ def _towards_force_density(newton: Newton, elements) -> int:
     newton.spread_out(s)
     x += newton.spread
     return count
+
+
+def _nearer(newton: Newton, elements) -> int:
+    """Move nearer to the form at constant tension; the iterations. Collective. Raises NoConvergence.
+
+    The tangent has no stiffness along elements, and far away its corrections let nodes of a cable run
+    together. So it has some, less at each correction.
+    """
+    newton.begin()
+    total = 0
+    for elements.along in SOFTER:
+        r, K = newton.residual(), newton.tangent()
+        s, count = newton.solve(K, newton.cycle(K), r, NEAR)
+        total += count
+        if newton.go(s, r) < SHORT:
+            raise NoConvergence("these tensions hardly have a form")
+    elements.along = LEAST
+    return total
