@@ -106,6 +106,7 @@ def test_no_curve_nearby_is_likelier():
         ([0, 0, 20, 20, 20], "between 34 and 38 m/s", (34, 38)),
         ([0, 0, 5, 20, 20], "between 38 and 42 m/s", (38, 42)),
         ([0, 0, 15, 20, 20], "between 34 and 38 m/s", (34, 38)),
+        ([0, 0, 10, 20, 20], "at 38 m/s, where half failed", (38, 38)),
         ([0, 0, 0, 0, 5], "above 46 m/s", (46, np.inf)),
         ([9, 7, 5, 3, 1], "do not grow", (0, np.inf)),
         ([4, 4, 4, 4, 4], "do not grow", (0, np.inf)),

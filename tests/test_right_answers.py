@@ -160,6 +160,11 @@ def test_an_unstressed_length_beyond_the_limits_is_refused(workshop, limit, says
         ("cable.density=7.85", "density = 7.85 kg/m3 of"),
         ("cable.yield_stress=1.75e17", "yield_stress = 1.75e+17 Pa of"),
         ("cable.fracture_strain=4.04", "fracture_strain = 4.04 of"),
+        ("cable.prestress=100", "prestress of up to 100 N is a strain of"),
+        ("load.dead=0.3", "dead = 0.3 N/m2 is far from"),
+        ("load.pressure=[0, 0, -0.8]", "pressure = [0, 0, -0.8] N/m2 is far from"),
+        ("load.temperature=293", "temperature = 293.0 K is far from"),
+        ("load.snow=0.75", "snow = 0.75 N/m2 is far from"),
     ],
 )
 def test_values_in_other_units_are_noted(workshop, change, says):

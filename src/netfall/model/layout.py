@@ -17,7 +17,7 @@ from netfall.model.idle import idle_zones, without_effect
 from netfall.model.loads import shape_coefficients
 from netfall.model.losses import named_elements
 from netfall.model.probes import Probes, find_probes
-from netfall.model.start import far_notes, massless_notes, unit_notes, weightless_notes
+from netfall.model.start import far_notes, load_notes, massless_notes, unit_notes, weightless_notes
 from netfall.net.build import build_net
 from netfall.net.chains import Chains, chain_notes, chains_of
 from netfall.net.net import Net
@@ -81,7 +81,9 @@ def make_layout(
     notes += (sectors.notes if sectors else []) + idle_zones(
         job, zones, [sectors, *(c.sectors for c in cases.values())]
     )
-    notes += of_cases + unit_notes(net) + massless_notes(job, net) + weightless_notes(job, net)
+    notes += (
+        of_cases + unit_notes(net) + load_notes(job) + massless_notes(job, net) + weightless_notes(job, net)
+    )
     chains = chains_of(net)
     notes += chain_notes(chains) if chains else []
     measured = read_history(job)

@@ -4,7 +4,7 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.job.job import Job
-from netfall.job.values import counted
+from netfall.job.values import counted, shown
 from netfall.mechanics.material import exceeds_stiffness, strains
 from netfall.net.bars import euler_load
 from netfall.net.net import GRAVITY, Net
@@ -19,6 +19,14 @@ PLAUSIBLE = (
     ("yield_stress", "yield_stress", "Pa", 1e6, 1e11, "cable steel has some 1.5e9 Pa; was N/mm2 meant?"),
     ("fracture_strain", "fracture_strain", "", 1e-6, 1.0, "4 percent are 0.04"),
 )
+# Key of [load], zones, cases and stages, unit, least and most of its size that roofs have, and a word.
+LOADS = (
+    ("dead", "N/m2", 5.0, 2e4, "cladding weighs 10 to 3000; is it in kN/m2, or kg/m2?"),
+    ("snow", "N/m2", 20.0, 5e4, "codes have 300 to 10000; is it in kN/m2?"),
+    ("pressure", "N/m2", 5.0, 5e4, "storms press with 300 to 5000; is it in kN/m2?"),
+    ("temperature", "K", 0.0, 150.0, "it is a change from that of form finding, not a temperature"),
+)
+LOOSEST = 3e-6  # no net is built with less strain in its tightest element, if with any
 SLACKEST, TIGHTEST = -0.5, 0.1  # strains between which nets start
 FAR = 3.0  # times the roof's diagonal in plan: taps and points as far outside of it are in another unit
 COLLAPSED = 1e-6  # of the length that is given: an element so short in the form is none any more
@@ -37,6 +45,21 @@ def unit_notes(net: Net) -> list[str]:
                 f"{key} = {values[odd[0]]:g} {unit} of {these} is far from what cables have, "
                 f"{low:g} to {high:g}: {example}".replace("  ", " ")
             )
+    strain = np.abs(net.prestress / net.EA).max()
+    if 0.0 < strain < LOOSEST and not notes:
+        most = np.abs(net.prestress).max()
+        notes.append(f"prestress of up to {most:g} N is a strain of {strain:.2g} at most; was kN meant?")
+    return notes
+
+
+def load_notes(job: Job) -> list[str]:
+    """A note for each kind of load of a size that no roof has."""
+    notes = []
+    for key, unit, low, high, example in LOADS:
+        given = [value for value in job.loads(key) if value is not None and np.any(value)]
+        odd = [value for value in given if not low <= np.abs(value).max() <= high]
+        if odd:
+            notes.append(f"{key} = {shown(odd[0])} {unit} is far from what roofs have: {example}")
     return notes
 
 

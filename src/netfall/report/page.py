@@ -275,7 +275,7 @@ def _gone(cables: dict) -> list[str]:
 def _slack(cables: dict, envelope: Envelope) -> list[str]:
     rows = np.flatnonzero(cables["slack_in"] != "")
     if not len(rows):
-        return ["None, in any of: " + ", ".join(envelope.names) + "."]
+        return ["None that is whole, in any of: " + ", ".join(envelope.names) + "."]
     words = {k: _briefly(cables["slack_in"][k].split("; "), envelope.names) for k in rows}
     rows = sorted(rows, key=lambda k: words[k] == ALWAYS)  # what never carries comes last
     table = [[cables["cable"][k], cables["group"][k], words[k]] for k in rows[:MOST_LISTED]]

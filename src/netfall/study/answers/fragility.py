@@ -141,6 +141,8 @@ def _reason(fit: Fits, speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) 
 def _between(low: float, high: float) -> str:
     if np.isinf(high):
         return f"above {low:g} m/s"
+    if low == high:
+        return f"at {low:g} m/s, where half failed"
     return f"between {low:g} and {high:g} m/s" if low else f"below {high:g} m/s"
 
 
