@@ -417,6 +417,32 @@ def test_shipped_jobs_are_valid_and_described(name):
         assert words in done.stdout, words
 
 
+@pytest.mark.parametrize(
+    "name, changed",
+    [
+        ("quake", ()),
+        ("ring_storm", ()),
+        ("stadium", ("wind.speed=30", "dynamics.duration=2")),
+        ("stadium", ("dynamics.duration=6",)),
+        ("wheel", ()),
+    ],
+)
+def test_the_size_of_the_result_is_told(name, changed, tmp_path):
+    """By a tenth, and where elements break between both sizes."""
+    job, settings = ROOT / "jobs" / f"{name}.toml", [word for each in changed for word in ("--set", each)]
+    told = run_on_standing_ranks("check", job, *settings).stdout
+    least, most = re.search(r"result file about ([0-9.]+) MB(?:, up to ([0-9.]+) MB)?", told).groups()
+    out = tmp_path / "result.vtkhdf"
+    assert run_on_standing_ranks("run", job, "-o", out, *settings).returncode == 0
+    with h5py.File(out) as f:
+        broken = f["history/broken"][-1]
+    size = out.stat().st_size / 1e6
+    if broken:
+        assert 0.9 * float(least) < size < 1.1 * float(most)
+    else:
+        assert 0.9 * float(least) < size < 1.1 * float(least)
+
+
 def test_progress_is_plain_lines_when_nobody_watches(workshop):
     """No carriage returns in a log; quiet prints nothing;
     the lines tell percent, time, rate, slack and broken counts.

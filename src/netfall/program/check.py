@@ -28,6 +28,7 @@ from netfall.stages.modes import mode_lines
 from netfall.stages.scene import Scene
 from netfall.stages.wanted import equilibria, loaded
 from netfall.wind.sectors import bearing
+from netfall.write.h5 import CHUNK_BYTES
 from netfall.write.locks import writing
 
 # For an element and step, and for a step, on one core with all features on (jobs/bench).
@@ -40,7 +41,11 @@ NOT_BORNE = 5  # times as long, until it is told how much of a load is borne
 START_S, NET_S = 0.8, 3e-4  # until Python, MPI and what they load stand; of net and form, for each element
 SMALL = 5_000  # elements below which equilibria on several ranks are no faster
 LARGEST_FORM = 400_000  # elements up to which check also finds the form, in some ten seconds
-FRAME_BYTES = {"particle": 24 + 12 + 12, "element": 4 + 4 + 4 + 1}  # of the result file, for each state
+# Bytes of the result file for each particle and element: of a state in motion, of how they are joined, which
+# is written anew where some broke since the state before, of an equilibrium, of what stands there once.
+FRAME_BYTES, JOINED_BYTES = (24 + 12 + 12, 4 + 4 + 4 + 1), (8 + 8, 16 + 8 + 1 + 8 + 8 + 4)
+STATE_BYTES, ONCE_BYTES = (24 + 24, 8), (190, 150)
+ROW_BYTES, FILE_BYTES = 8 * 15, 2e5  # of a row of the history; of names and what is small
 MUCH_LARGER = 4.0  # times the usual face of the roof: it may be an opening
 EQUILIBRIUM_BYTES = 950  # per element: the tangent and its levels on its own rank, what is written on rank 0
 
@@ -180,18 +185,33 @@ def equilibria_time(scene: Scene) -> tuple[float, str]:
 
 
 def _describe_memory(job: Job, scene: Scene, say) -> None:
-    net, state = scene.model.net, scene.state
-    n, m = net.n, net.m
+    m, state = scene.model.net.m, scene.state
     held = sum(getattr(state, f.name).nbytes for f in FIELDS if getattr(state, f.name) is not None)
-    frames = job.output.frames + 1 if job.dynamics else 1
-    file = frames * (n * FRAME_BYTES["particle"] + m * FRAME_BYTES["element"])
-    file += job.load.steps * (24 * n + 8 * m) if job.load else 0
+    least, anew = result_bytes(scene)
+    up_to = f", up to {(least + anew) / 1e6:.3g} MB where elements break until the end" if anew else ""
     more = f"{EQUILIBRIUM_BYTES * m / 1e6:.3g} MB for its equilibria, " if has_statics(job) else ""
     say(
         f"memory: {held / 1e6:.3g} MB for the state ({held / m:.0f} bytes an element), {more}and some "
         f"{SETUP_BYTES * m / 1e6:.3g} MB on rank 0 at set-up, beside some {RANK_BYTES / 1e6:.0f} MB for "
-        f"Python on each rank; result file about {max(file, 1e5) / 1e6:.3g} MB"
+        f"Python on each rank; result file about {least / 1e6:.3g} MB{up_to}"
     )
+
+
+def result_bytes(scene: Scene) -> tuple[float, float]:
+    """Size of the result file where nothing breaks, and what it has more where some break in every frame."""
+    job, model, net = scene.job, scene.model, scene.model.net
+    size = lambda each: float(net.n * each[0] + net.m * each[1])
+    least = FILE_BYTES + size(ONCE_BYTES) + len(equilibria(scene)) * size(STATE_BYTES)
+    least += CHUNK_BYTES if job.load and job.load.steps else 0
+    frames = job.output.frames if scene.schedule else 0
+    least += size(JOINED_BYTES) + (frames + 1) * size(FRAME_BYTES)
+    if scene.schedule:
+        probes, field = model.layout.probes, model.wind_field
+        row = ROW_BYTES + 24 * len(probes.particles) + 8 * (len(probes.elements) + len(probes.named))
+        least += row * len(scene.schedule.history)
+        if field is not None and field.model is not None:
+            least += 8 * (1 + len(field.control_point)) * job.dynamics.duration / job.wind.time_step
+    return least, frames * size(JOINED_BYTES) if scene.state.features.fracture else 0.0
 
 
 def draw_check(job: Job, layout: Layout, folder: Path) -> Path:
