@@ -11,16 +11,7 @@ from importlib import import_module
 from netfall.ground.errors import DivergedError, InputError, Interrupted, OutputError
 
 __version__ = "0.4.0"
-__all__ = [
-    "DivergedError",
-    "InputError",
-    "Interrupted",
-    "Net",
-    "OutputError",
-    "Result",
-    "open",
-    "run",
-]
+__all__ = ["DivergedError", "InputError", "Interrupted", "Net", "OutputError", "Result", "open", "run"]
 
 
 def open(path):

@@ -10,6 +10,7 @@ from netfall.cli import commands
 from netfall.cli.parser import VERBS, parser
 from netfall.ground.errors import DivergedError, InputError, Interrupted, OutputError
 from netfall.ground.launch import RANK_NAMES
+from netfall.ground.progress import unread
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # before a command loads numpy and numba: a rank is one thread
@@ -26,11 +27,6 @@ def check_verb(words: list[str]) -> None:
     raise InputError(f"netfall {words[0]}: is no command; {advice}")
 
 
-def _command(verb: str):
-    """What does it; a word of Python has a _ after it."""
-    return getattr(commands, f"{verb}_" if verb == "import" else verb)
-
-
 def _open_standard_files() -> None:
     """Have output and errors go to nowhere where they are closed: the next file would be taken for them."""
     for number, name in ((0, "stdin"), (1, "stdout"), (2, "stderr")):
@@ -41,19 +37,12 @@ def _open_standard_files() -> None:
             setattr(sys, name, open(number, "r" if number == 0 else "w", closefd=False))
 
 
-def _unread() -> None:
-    """Nobody reads the output any more: what is left of it goes to nowhere, and this program ends."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, sys.stdout.fileno())
-    sys.exit(1)
-
-
 def _tell(what) -> None:
     """A line on standard error, if anybody reads it."""
     try:
         print(what, file=sys.stderr, flush=True)
     except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
+        unread(sys.stderr)
 
 
 def main() -> None:
@@ -66,14 +55,16 @@ def main() -> None:
         if arguments.verb is None and not arguments.version:
             top.print_help()
             sys.exit(2)
-        commands.version() if arguments.version else _command(arguments.verb)(arguments)
+        verb = {"import": "import_"}.get(arguments.verb, arguments.verb)
+        commands.version() if arguments.version else getattr(commands, verb)(arguments)
         sys.stdout.flush()
     except (InputError, DivergedError, Interrupted) as error:
         if _rank() == 0:
             _tell(error)
         sys.exit(error.exit_code)
     except BrokenPipeError:
-        _unread()
+        unread(sys.stdout)
+        sys.exit(1)
     except BaseException as error:
         abort(error)
 

@@ -72,7 +72,9 @@ def _of_stage(f, stage: ShownState, held, nodes, elements, springs: Springs | bo
         carried = stage.reaction()[nodes] if stage.reaction else springs.force(x[nodes])  # feet may settle
         force = np.where(springs.stiffness > 0.0, to_own(carried, angle), force)
     force = from_own(force, angle)
-    foundation = _on_foundation(stage, force, nodes)
+    foundation = force if stage.unloaded else np.full_like(force, np.nan)  # in motion the file has none
+    if stage.reaction:  # with the loads of the nodes, which the form does not have
+        foundation = stage.reaction()[nodes]
     return {
         "node": f["net/node_id"][:][nodes],
         "stage": np.full(len(nodes), stage.name, object),
@@ -82,13 +84,3 @@ def _of_stage(f, stage: ShownState, held, nodes, elements, springs: Springs | bo
         **{f"foundation_{axis}": foundation[:, k] for k, axis in enumerate("xyz")},
         "foundation": np.linalg.norm(foundation, axis=1),
     }
-
-
-def _on_foundation(stage: ShownState, force: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """Forces (k, 3) [N] on the foundation: with the loads of the nodes, which the form does not have.
-
-    nan where the file does not hold them: in motion.
-    """
-    if stage.reaction:
-        return stage.reaction()[nodes]
-    return force if stage.unloaded else np.full_like(force, np.nan)

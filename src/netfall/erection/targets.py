@@ -52,7 +52,8 @@ def reach_targets(scene: Scene, planned: np.ndarray | None, before: Reached | No
     x = scene.distribution.gather_particles(scene.state.x)
     if model is None:
         return None
-    change = np.array([_change(jack, found.L0 - planned) for jack in jacks])
+    each = lambda jack: float((found.L0 - planned)[jack.rows].sum()) / (1 + int(jack.cable.max()))
+    change = np.array([each(jack) for jack in jacks])  # [m] of each cable
     equilibria = found.equilibria + (before.equilibria if before else 0)
     if not found.outcome.carries:
         more = "what `by` names may not bear on it, or not so far"
@@ -65,11 +66,6 @@ def reach_targets(scene: Scene, planned: np.ndarray | None, before: Reached | No
     ]
     lines.append(f"targets: reached in {equilibria} equilibria")
     return Reached(x, found.L0, change, influence, equilibria, lines)
-
-
-def _change(jack: Jack, change: np.ndarray) -> float:
-    """The amount [m] of each cable of changes (m,) [m] of unstressed length."""
-    return float(change[jack.rows].sum()) / (1 + int(jack.cable.max()))
 
 
 def named_targets(job: Job, net: Net) -> tuple[list[Wanted], list[Jack]]:

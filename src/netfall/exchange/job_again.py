@@ -35,7 +35,9 @@ def job_again(result: Result, state: State, folder: Path, faces: bool) -> list[s
         job["roof"] = {"faces": "faces.csv"}
     _zones(job, _used_zones(result))
     told = _lost_cables(result, job) + _parts(state, job)
-    _probes(result, job)
+    kept = hasattr(result, "history") and "probe_particle" in result.history
+    if kept and "probes" in job.get("output", {}):  # a place may be nearer to another node in the form
+        job["output"]["probes"] = result.nodes["id"][result.history["probe_particle"]].tolist()
     told += _files(job, Path(provenance_text(result.file, "job_folder")), folder, set())
     head = HEAD.format(mark=MARK, title=" ".join(result.title.split()))
     order = {name: job[name] for name in ("title", "net", "cable")} | job
@@ -84,13 +86,6 @@ def _lost_cables(result: Result, job: dict) -> list[str]:
             "note: this run of a study lost a member by the study's own list: add its [[remove]] to job.toml"
         ]
     return []
-
-
-def _probes(result: Result, job: dict) -> None:
-    """Probes by ids: a place may be nearer to another node in the form."""
-    kept = hasattr(result, "history") and "probe_particle" in result.history
-    if kept and "probes" in job.get("output", {}):
-        job["output"]["probes"] = result.nodes["id"][result.history["probe_particle"]].tolist()
 
 
 def _files(table, source: Path, folder: Path, taken: set[str]) -> list[str]:

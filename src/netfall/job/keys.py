@@ -153,8 +153,7 @@ def _lengths(_, value) -> bool:
 KINDS = {
     "number": Kind("a number{of}{within}{also}", lambda key, v: v in key.also or key.number(v)),
     "integer": Kind(
-        "an integer{of}{within}{also}",
-        lambda key, v: v in key.also or (isinstance(v, int) and key.number(v)),
+        "an integer{of}{within}{also}", lambda key, v: v in key.also or (isinstance(v, int) and key.number(v))
     ),
     "seed": Kind(
         "an integer{within}, or pairs [[weight, seed], ...] of different seeds, "
@@ -178,8 +177,7 @@ KINDS = {
     "points": Kind("a list of [x, y] pairs{of}{within}", _points),
     "places": Kind("a list of places [x, y] or [x, y, z]{of}{within}, or of ids of nodes", _places),
     "polygon": Kind(
-        "a list of three or more [x, y] corners{of}{within}",
-        lambda key, v: _points(key, v) and len(v) >= 3,
+        "a list of three or more [x, y] corners{of}{within}", lambda key, v: _points(key, v) and len(v) >= 3
     ),
     "words": Kind("a list of names in quotes ({meaning})", _some(lambda v: isinstance(v, str) and v != "")),
     "integers": Kind("a list of integers ({meaning})", _some(_whole)),

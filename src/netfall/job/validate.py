@@ -166,7 +166,10 @@ class Validation:
                 what = "missing; say what slips" if entry.group is None else "exclude each other"
                 self.wrong(f"[[slide]] {number}:", f"group or cables: {what}; expected one of the two")
         for number, target in enumerate(lists["targets"], 1):
-            self._target(f"[[target]] {number}:", target)
+            given = [key for key in ("group", "force", "node", "height") if getattr(target, key) is not None]
+            if given not in (["group", "force"], ["node", "height"]):
+                what = "expected group and force, or node and height; give one of these pairs"
+                self.wrong(f"[[target]] {number}:", what)
 
     def _losses(self, given: dict, found: dict, lists: dict) -> None:
         for number, entry in enumerate(lists["removes"], 1):
@@ -208,12 +211,6 @@ class Validation:
                     self.wrong(place, f"{name} = [0, 0, 0]: has no direction; expected another")
             if "dynamics" not in given:
                 self.wrong(place, f"{key}: there is no [dynamics] in which supports could move; add it")
-
-    def _target(self, place: str, target: SimpleNamespace) -> None:
-        """What is wanted: a force of a group, or a height of a node."""
-        given = [key for key in ("group", "force", "node", "height") if getattr(target, key) is not None]
-        if given not in (["group", "force"], ["node", "height"]):
-            self.wrong(place, "expected group and force, or node and height; give one of these pairs")
 
     def _source_of_the_net(self, net: dict) -> None:
         tables = "nodes" in net or "elements" in net
@@ -262,8 +259,7 @@ class Validation:
             )
         if "roughness" in wind and "turbulence" in wind:
             self.wrong(
-                "wind",
-                "roughness and turbulence exclude each other (k = I^2 / 6); keep one of the two",
+                "wind", "roughness and turbulence exclude each other (k = I^2 / 6); keep one of the two"
             )
         if "points" in wind and "file" not in wind:
             self.wrong("wind", "points: only with file, whose speeds were measured there; add it")

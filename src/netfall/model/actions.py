@@ -96,15 +96,10 @@ def _pressed(model: Model, case: SimpleNamespace) -> np.ndarray | None:
     if inputs.wind is not None:
         force = inputs.wind.pressure_factor * still_force(model.x, model.roof.vector, inputs.wind)
     if inputs.points is not None:
-        pressure = table_pressure(model.x, inputs.points, inputs.pressure)
+        corner, weight = place_weights(model.x, inputs.points, inputs.points.shape[1])
+        pressure = (weight * inputs.pressure[corner]).sum(1)
         force = (0.0 if force is None else force) - pressure[:, None] * model.roof.vector
     return force
-
-
-def table_pressure(x: np.ndarray, points: np.ndarray, pressure: np.ndarray) -> np.ndarray:
-    """Pressures (n,) [N/m2] at nodes x (n, 3) [m] of those (c,) at points (c, 2 or 3) [m], by distance."""
-    corner, weight = place_weights(x, points, points.shape[1])
-    return (weight * pressure[corner]).sum(1)
 
 
 def _feet(model: Model, rest: np.ndarray, settlement: np.ndarray | None) -> np.ndarray | None:

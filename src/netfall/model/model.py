@@ -4,7 +4,7 @@ What is a constant of a particle or an element is computed here once, and sent t
 the same bits on any number of ranks.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from netfall.job.asks import (
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, Memory, key_of
 from netfall.mechanics.bending import Joints, curvatures
-from netfall.mechanics.material import elastic_forces, unstressed_length, warm_length
+from netfall.mechanics.material import elastic_forces, unstressed_length
 from netfall.mechanics.stability import scaled_mass
 from netfall.model.air import damping_air, kappa_area, moving_air
 from netfall.model.idle import bare_zones
@@ -30,8 +30,6 @@ from netfall.model.motion import Motion, motion_of
 from netfall.model.start import check_start, check_tensions, element_words, low_notes
 from netfall.net.bars import euler_load
 from netfall.net.net import Net
-from netfall.net.sections import ROUNDING
-from netfall.net.turned import held_along, springs_along, turned_column
 from netfall.numerics.functions import lengths
 from netfall.roof.areas import Areas, tributary_areas
 from netfall.roof.panels import Panels, panels_of
@@ -45,7 +43,8 @@ from netfall.wind.measured import TableHistory
 class Model:
     """What rank 0 knows of the whole net in its initial state.
 
-    Attributes that bear the name of a field in `mechanics.fields` are what that field starts with.
+    Attributes that bear the name of a field in `mechanics.fields` are what that field starts with; for others
+    see `model.state`.
 
     x : (n, 3) [m]; N : (m,) [N]; roof : areas there; area_given : [m2], surface in the geometry that is given
     L0 : (m,) [m], unstressed, at the temperature of the loads; cut_length : at that of form finding
@@ -114,29 +113,9 @@ class Model:
         return self.mass if self.air_mass is None else self.mass - self.air_mass
 
     @property
-    def x_start(self) -> np.ndarray:
-        """(n, 3) [m], from which displacements count."""
-        return self.x
-
-    @property
     def load(self) -> np.ndarray:
         """(n, 3) [N], constant in the dynamic stage."""
         return self.loading.permanent + self.loading.live
-
-    @property
-    def free(self) -> np.ndarray:
-        """(n, 3), 1 where the axis can move."""
-        return 1 - held_along(self.net, self.net.fixed).astype(np.uint8)
-
-    @property
-    def spring(self) -> np.ndarray:
-        """(n, 3) [N/m], along x, y and z."""
-        return springs_along(self.net)
-
-    @property
-    def turned(self) -> np.ndarray:
-        """(n, 3) of supports in axes of their own."""
-        return turned_column(self.net, self.net.fixed)
 
     @property
     def wind(self) -> np.ndarray | None:
@@ -146,39 +125,8 @@ class Model:
     @property
     def mean_wind(self) -> np.ndarray | None:
         """(n, 3) [N], force of the mean wind."""
-        return self.wind_field and self.wind_field.mean_force(self.history.mean_gust)
-
-    @property
-    def course(self) -> np.ndarray | None:
-        """(n,) how the ground below moves, a row of the motion; -1: not at all."""
-        return self.motion and self.motion.course
-
-    @property
-    def strand(self) -> np.ndarray:
-        """(m,) [m], unstressed length without slip."""
-        return self.L0
-
-    @property
-    def slip_place(self) -> np.ndarray:
-        """(m, 2) of `net.slides.Slides`."""
-        return self.layout.slides.place
-
-    @property
-    def slip_along(self) -> np.ndarray:
-        """(m,) likewise."""
-        return self.layout.slides.along
-
-    @property
-    def friction(self) -> np.ndarray:
-        """(n, 3) of each cable that slips over a node."""
-        slides = self.layout.slides
-        return slides.at_nodes(slides.friction, self.net.n)
-
-    @property
-    def resistance(self) -> np.ndarray:
-        """(n, 3) [N] of the clamp of each."""
-        slides = self.layout.slides
-        return slides.at_nodes(slides.resistance, self.net.n)
+        field = self.wind_field
+        return field and field.force * field.mean_square(self.history.mean_gust)[:, None]
 
     @property
     def eps_u(self) -> np.ndarray:
@@ -194,20 +142,9 @@ class Model:
         return np.where(load < self.net.yield_force, load, np.inf)
 
     @property
-    def eps_c(self) -> np.ndarray:
-        """(m,), strain at fracture in compression; -inf: never, so where its breaking load is not reached."""
-        net, strain = self.net, self.net.fracture_strain
-        by_load = np.isfinite(net.breaking_load) & (net.breaking_load <= net.EA * strain * (1.0 + ROUNDING))
-        return np.where(net.buckling & ~(by_load & (self.euler < net.breaking_load)), -strain, -np.inf)
-
-    @property
     def notes(self) -> tuple[str, ...]:
         """What is plausible but odd in the net, its tables, its roof and its initial state."""
         return self.layout.notes + self.start_notes
-
-    def column(self, name: str) -> np.ndarray:
-        """What a field of `mechanics.fields` starts with: an attribute here, or a column of the net."""
-        return getattr(self, name) if hasattr(self, name) else getattr(self.net, name)
 
     def id_of(self, e: int) -> int:
         """Id of an element."""
@@ -241,6 +178,7 @@ def make_model(
     _check_normals(job, net, roof)
     half, own = _own_mass(net, L0)
     loading = loading_of(job, roof, own, net.load)
+    carried = loading.permanent if carries_permanent(job) else None  # by the form
     mass, added = _scaled(job, net, L0, own + net.mass + loading.carried)
     field, history = _wind(job, layout, x, roof, memory)
     air_mass = moving_air(job, roof)
@@ -258,7 +196,7 @@ def make_model(
         L0=L0,
         cut_length=L0,
         half_mass=half,
-        spring_rest=_spring_rest(job, net, x, N, L, loading),
+        spring_rest=preload(net, x, N, L, carried) if job.form_finding else net.spring_rest,
         mass=mass if air_mass is None else mass + air_mass,
         added=added,
         air_mass=air_mass,
@@ -294,13 +232,6 @@ def _own_mass(net: Net, L0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Half of each element's own mass (m,) [kg], and what nodes (n,) have of it."""
     half = 0.5 * net.density * net.section * L0
     return half, np.bincount(net.elements[:, 0], half, net.n) + np.bincount(net.elements[:, 1], half, net.n)
-
-
-def _spring_rest(job: Job, net: Net, x, N, L, loading: Loading) -> np.ndarray:
-    """Displacements (n, 3) [m] at which springs carry nothing: as given, or by the reactions of the form."""
-    if not job.form_finding:
-        return net.spring_rest
-    return preload(net, x, N, L, loading.permanent if carries_permanent(job) else None)
 
 
 def _areas(layout: Layout, x: np.ndarray) -> Areas:
@@ -366,11 +297,6 @@ def _panels(job: Job, layout: Layout, shares: Shares, loading: Loading) -> Panel
         pressure=pressure_load(load, roof) if load else np.zeros_like(roof.vector),
         wind=factor[:, None] * roof.vector,
     )
-
-
-def warmed(job: Job, model: Model) -> Model:
-    """The model with unstressed lengths at the temperature of the loads: L0 (1 + expansion temperature)."""
-    return replace(model, L0=warm_length(model.cut_length, model.net.expansion, job.load.temperature))
 
 
 def _check_normals(job: Job, net: Net, roof: Roof) -> None:

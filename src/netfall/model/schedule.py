@@ -114,21 +114,15 @@ def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[
     support, of_net = model.net.support, (elements, EA, L0, mass, model.net.moves, model.net.bar)
     chains = None
     if model.joints is not None:
-        support = support + joint_sizes(model)
+        sizes = np.zeros(model.net.n)  # of joints, of angles that grow too
+        add_joint_bounds(model.x, model.joints, TURNED, sizes)
+        support = support + sizes
         chains = model.joints.particles, model.layout.chains.elements[:, 0]
     limits = any_shape_limits(*of_net, support, chains)
     if features.fracture and features.fragments:
         limits.append(
             after_fracture_limit(
-                elements,
-                EA,
-                L0,
-                model.half_mass,
-                mass,
-                ~model.net.moves,
-                model.eps_u,
-                support,
-                fragment_mass,
+                elements, EA, L0, model.half_mass, mass, ~model.net.moves, model.eps_u, support, fragment_mass
             )
         )
     return {limit.name: limit for limit in limits}
@@ -140,13 +134,6 @@ def with_slips(limits: dict[str, Limit]) -> dict[str, Limit]:
         name: limit if name == "slackening" else replace(limit, dt=STEP * limit.dt)
         for name, limit in limits.items()
     }
-
-
-def joint_sizes(model: Model) -> np.ndarray:
-    """What the joints of chains that bend are at each particle (n,) [N/m], of angles that grow too."""
-    sizes = np.zeros(model.net.n)
-    add_joint_bounds(model.x, model.joints, TURNED, sizes)
-    return sizes
 
 
 def governing(limits: dict[str, Limit], automatic: bool, intact: bool = False) -> Limit:

@@ -7,7 +7,39 @@ from netfall.mechanics.fields import FIELDS, Features
 from netfall.mechanics.slip.motion import places_of
 from netfall.mechanics.state import State
 from netfall.model.model import Model
+from netfall.net.sections import ROUNDING
+from netfall.net.turned import held_along, springs_along, turned_column
 from netfall.parallel.subdomain import Distribution, rows_of
+
+
+def crushing_strain(model: Model) -> np.ndarray:
+    """(m,), strain at fracture in compression; -inf: never, so where its breaking load is not reached."""
+    net, strain = model.net, model.net.fracture_strain
+    by_load = np.isfinite(net.breaking_load) & (net.breaking_load <= net.EA * strain * (1.0 + ROUNDING))
+    return np.where(net.buckling & ~(by_load & (model.euler < net.breaking_load)), -strain, -np.inf)
+
+
+# What fields start with that neither the model nor its net has under their names.
+STARTS = {
+    "x_start": lambda model: model.x,
+    "free": lambda model: 1 - held_along(model.net, model.net.fixed).astype(np.uint8),
+    "spring": lambda model: springs_along(model.net),
+    "turned": lambda model: turned_column(model.net, model.net.fixed),
+    "course": lambda model: model.motion.course,
+    "strand": lambda model: model.L0,
+    "slip_place": lambda model: model.layout.slides.place,
+    "slip_along": lambda model: model.layout.slides.along,
+    "friction": lambda model: model.layout.slides.at_nodes(model.layout.slides.friction, model.net.n),
+    "resistance": lambda model: model.layout.slides.at_nodes(model.layout.slides.resistance, model.net.n),
+    "eps_c": crushing_strain,
+}
+
+
+def start_of(model: Model, name: str) -> np.ndarray:
+    """What a field of `mechanics.fields` starts with, by its name."""
+    if name in STARTS:
+        return STARTS[name](model)
+    return getattr(model if hasattr(model, name) else model.net, name)
 
 
 def make_state(distribution: Distribution, model: Model | None, features: Features) -> State:
@@ -20,7 +52,7 @@ def make_state(distribution: Distribution, model: Model | None, features: Featur
     for row in FIELDS:
         if row.given and features.has(row):
             spread = distribution.particles if row.entity == "particle" else distribution.elements
-            getattr(state, row.name)[:] = spread(None if model is None else model.column(row.name))
+            getattr(state, row.name)[:] = spread(None if model is None else start_of(model, row.name))
     if features.bending:
         _place_joints(distribution, model, state)
     if features.sliding:

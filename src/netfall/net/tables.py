@@ -13,38 +13,13 @@ from netfall.numerics.rotation import from_own
 
 AXES = ("x", "y", "z")
 NODE_COLUMNS = (
-    "id",
-    *AXES,
-    "fixed",
-    *(f"fixed_{k}" for k in AXES),
-    *(f"load_{k}" for k in AXES),
-    "mass",
-    "area",
-    *(f"normal_{k}" for k in AXES),
-    *(f"spring_{k}" for k in AXES),
-    *(f"spring_rest_{k}" for k in AXES),
-    "angle",
-    "zone",
-    "zone_share",
+    *("id", *AXES, "fixed", *(f"fixed_{k}" for k in AXES), *(f"load_{k}" for k in AXES), "mass", "area"),
+    *(f"{name}_{k}" for name in ("normal", "spring", "spring_rest") for k in AXES),
+    *("angle", "zone", "zone_share"),
 )
 ELEMENT_COLUMNS = (
-    "start",
-    "end",
-    "id",
-    "group",
-    "prestress",
-    "force_density",
-    "unstressed_length",
-    "area",
-    "modulus",
-    "cable",
-    "breaking_load",
-    "yield_stress",
-    "fracture_strain",
-    "type",
-    "kind",
-    "density",
-    "expansion",
+    *("start", "end", "id", "group", "prestress", "force_density", "unstressed_length", "area", "modulus"),
+    *("cable", "breaking_load", "yield_stress", "fracture_strain", "type", "kind", "density", "expansion"),
 )
 TO_METRES = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000), "in": (254, 10000)}
 LEAST = 1e-12  # of what is to be positive

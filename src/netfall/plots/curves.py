@@ -93,7 +93,10 @@ def energies(f):
     for (k, column), panel in np.ndenumerate(panels):
         rows = _shown(t, first, column)
         if k:
-            _draw_audits(panel, h, t, rows)
+            for name, label, colour in AUDITS:
+                error = np.maximum(np.abs(h[name][:][rows]), FLOOR)
+                panel.semilogy(t[rows], error, color=colour, lw=1, label=label)
+            panel.set_xlabel("time [s]")
             continue
         scale, named = unit_of(max(np.abs(h[name][:][rows]).max() for name, *_ in names), "J")
         for name, label, colour, style in names:
@@ -106,13 +109,6 @@ def energies(f):
     panels[1, 0].set_ylabel("share of the energy [-]")
     heading(figure, title_of(f), ": energy")
     return figure
-
-
-def _draw_audits(axes, h, t: np.ndarray, rows: np.ndarray) -> None:
-    """The errors of the two audits over the time t (t,) [s], in some rows (t,) bool."""
-    for name, label, colour in AUDITS:
-        axes.semilogy(t[rows], np.maximum(np.abs(h[name][:][rows]), FLOOR), color=colour, lw=1, label=label)
-    axes.set_xlabel("time [s]")
 
 
 def _shown(t: np.ndarray, first: float, column: int) -> np.ndarray:
@@ -227,20 +223,15 @@ def displacements(f):
             axis.plot(t[rows], d[rows, j, k], lw=1, label=name(p))
         if column == 0:
             axis.set_ylabel(f"displacement {'xyz'[k]} [m]")
-        _no_noise(axis, LEAST_SPAN * float(np.abs(d[rows]).max(initial=0.0)))
+        least, (low, high) = LEAST_SPAN * float(np.abs(d[rows]).max(initial=0.0)), axis.get_ylim()
+        if high - low < least:  # what is less is rounding, not motion
+            axis.set_ylim(0.5 * (low + high - least), 0.5 * (low + high + least))
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
     _tell_events(f, axes[0], first)
     legend_below(figure, axes[0, 0], ncols=3)
     heading(figure, title_of(f), ": displacements")
     return figure
-
-
-def _no_noise(axis, least: float) -> None:
-    """Let an axis span `least` at least: what is less is rounding, not motion."""
-    low, high = axis.get_ylim()
-    if high - low < least:
-        axis.set_ylim(0.5 * (low + high - least), 0.5 * (low + high + least))
 
 
 def early_end(f) -> float:

@@ -153,7 +153,8 @@ class Film:
         every = max(1, frames.cells // MOST_LINES)
         looks = np.unique(np.linspace(0, count - 1, MOST_LOOKS).astype(int)).tolist()
         window = view(frames, looks, FARTHEST)
-        N = np.concatenate([_whole_forces(frames, step)[::every] for step in steps])
+        whole = lambda step: np.where(frames.broken(step), 0.0, frames.tension(step))
+        N = np.concatenate([whole(step)[::every] for step in steps])
         scale = ForceScale.of(N)
         figure, axes = _stage(f, reel, window, scale, N, shot)
         done = _bar(reel, figure, frames.times[:count])
@@ -225,11 +226,6 @@ def _erection(f: h5py.File) -> Reel:
     words = lambda step, away: force_words(f, frames.states[step])
     span = lambda step: f"{step + 1} stages of erection"
     return Reel(frames, "erection", STAGE_FPS, "stage of erection", np.zeros(0), supports, words, span)
-
-
-def _whole_forces(frames: Frames | StageFrames, step: int) -> np.ndarray:
-    """Axial forces (m,) [N] at a step, 0 in what is broken."""
-    return np.where(frames.broken(step), 0.0, frames.tension(step))
 
 
 def _stage(f, reel: Reel, window, scale: ForceScale, N, shot: Shot):

@@ -1,5 +1,7 @@
 """Labels in a picture, none on top of another."""
 
+import itertools
+
 import numpy as np
 from mpl_toolkits.mplot3d import proj3d
 
@@ -28,10 +30,13 @@ def add_labels(axes, places: np.ndarray, texts: list[str]) -> list[str]:
         size = (
             points * SMALL * np.array([WIDE * max(map(len, text.split("\n"))), HIGH * (1 + text.count("\n"))])
         )
-        for offset in _offsets(points):
+        for reach, direction in itertools.product(REACHES, DIRECTIONS):  # of a corner, the nearest first
+            offset = points * reach * np.array(direction, float)
             low = at + offset - np.where(offset < 0, size, np.where(offset == 0, 0.5 * size, 0.0))
             box = np.array([low, low + size])
-            if _inside(box, frame) and not any(_cover(box, other) for other in taken):
+            inside = (box[0] >= (frame.x0, frame.y0)).all() and (box[1] <= (frame.x1, frame.y1)).all()
+            covers = ((box[0] < other[1]).all() and (other[0] < box[1]).all() for other in taken)
+            if inside and not any(covers):
                 taken.append(box)
                 added.append(text)
                 axes.annotate(
@@ -53,18 +58,3 @@ def _of_axes(axes) -> list[np.ndarray]:
     each = [getattr(axes, f"{name}axis", None) for name in "xyz"]
     texts = [text for axis in each if axis for text in (axis.label, *axis.get_ticklabels())]
     return [text.get_window_extent().get_points() for text in texts if text.get_text()]
-
-
-def _offsets(points: float):
-    """Where a corner of a label may be [pixels], from its place, the nearest first."""
-    for reach in REACHES:
-        for direction in DIRECTIONS:
-            yield points * reach * np.array(direction, float)
-
-
-def _inside(box: np.ndarray, frame) -> bool:
-    return bool((box[0] >= (frame.x0, frame.y0)).all() and (box[1] <= (frame.x1, frame.y1)).all())
-
-
-def _cover(one: np.ndarray, other: np.ndarray) -> bool:
-    return bool((one[0] < other[1]).all() and (other[0] < one[1]).all())

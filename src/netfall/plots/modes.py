@@ -21,7 +21,9 @@ RESTS = ("rest/position", "form_finding/position", "net/particles")
 
 def modes(f):
     """The first modes over the net in grey, below each its plan; by colour how far it moves along an axis."""
-    x, elements = _rest(f), f["net/elements"][:]
+    x, elements = f[next(name for name in RESTS if name in f)][:], f["net/elements"][:]
+    if "statics" in f and "rest" not in f:  # after static steps without wind they are about where these ended
+        x = x + f["statics/displacement"][-1]
     lines = elements[:: max(1, len(elements) // canvas.MOST_DRAWN)]
     shape, held = f["modes/shape"][:DRAWN], held_axes(f).any(1)
     swing = SWING * float(np.ptp(x, axis=0).max())
@@ -69,12 +71,6 @@ def _panels(x: np.ndarray, swing: float, count: int):
             plan.set_xlabel("")
         panels.append((space, plan))
     return figure, panels
-
-
-def _rest(f) -> np.ndarray:
-    """Positions (n, 3) [m] that the modes are about; after static steps without wind, where these ended."""
-    x = f[next(name for name in RESTS if name in f)][:]
-    return x + f["statics/displacement"][-1] if "statics" in f and "rest" not in f else x
 
 
 def _words(f, k: int, axis: str) -> str:

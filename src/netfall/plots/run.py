@@ -18,10 +18,6 @@ from netfall.plots.utilisation import slips
 from netfall.results.file import reading
 
 
-def _has_probes(history) -> bool:
-    return "probe_displacement" in history and history["probe_displacement"].shape[1] > 0
-
-
 def plot_state(result: Path, folder: Path, name: str) -> Path:
     """Write the page of one equilibrium, by its name; its path.
 
@@ -42,6 +38,8 @@ def plot_all(result: Path, folder: Path) -> list[Path]:
     with reading(result) as f:
         folder.mkdir(parents=True, exist_ok=True)
         moves = "history" in f
+        probed = moves and "probe_displacement" in f["history"]
+        probed = probed and f["history/probe_displacement"].shape[1] > 0
         pictures = [
             ("form", form, "form_finding" in f),
             ("stages", stages, has_stages(f)),
@@ -53,7 +51,7 @@ def plot_all(result: Path, folder: Path) -> list[Path]:
             ("slip", slips, "slide" in f),
             ("energies", curves.energies, moves and curves.has_energies(f)),
             ("tensions", curves.tensions, moves),
-            ("displacements", curves.displacements, moves and _has_probes(f["history"])),
+            ("displacements", curves.displacements, probed),
             ("wind", curves.wind, "wind" in f),
         ]
         return [

@@ -22,7 +22,8 @@ def restore_state(distribution: Distribution, state: State, checkpoint: Checkpoi
     comm, n = distribution.comm, distribution.n
     particles = kept_fields(state, "particle")
     split = comm.bcast({f.name: checkpoint.particles[f.name][n:] for f in particles} if checkpoint else None)
-    gid = comm.bcast(_split_numbers(checkpoint) if checkpoint else None)
+    new = checkpoint and checkpoint.part(LOG)[1]["new_particle"]
+    gid = comm.bcast(np.sort(new[new >= 0]) if checkpoint else None)
     for field in particles:
         rows = distribution.particles(checkpoint.particles[field.name][:n] if checkpoint else None)
         getattr(state, field.name)[: state.n_local] = rows.reshape(len(rows), *field.tail)
@@ -51,11 +52,6 @@ def restore_state(distribution: Distribution, state: State, checkpoint: Checkpoi
                 getattr(state, field.name)[j] = split[field.name][row].reshape(field.tail)
             state.gid[j] = ends[e, end]
             state.ends[e, end] = j
-
-
-def _split_numbers(checkpoint: Checkpoint) -> np.ndarray:
-    new = checkpoint.part(LOG)[1]["new_particle"]
-    return np.sort(new[new >= 0])
 
 
 def register_result(comm: MPI.Comm, result: Result, saver: Saver) -> None:

@@ -121,7 +121,9 @@ def run_stages(scene: Scene, desk: Desk) -> dict[str, Outcome]:
                 if outcomes[stage.NAME].failure:
                     break
         if dynamics.NAME not in outcomes:
-            write_state(scene, desk)
+            snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
+            desk.result.write_frame(0.0, scene.state, snapshot)
+            desk.result.write_final(scene.state, snapshot)
         sections, provenance, labels = {}, provenance_of(scene), {}
         for outcome in outcomes.values():
             sections |= outcome.sections
@@ -159,13 +161,6 @@ def take_up(scene: Scene, desk: Desk) -> None:
     register_result(scene.comm, desk.result, desk.saver)
     if desk.saver.stage not in (None, FORM):
         restore_state(scene.distribution, scene.state, desk.saver.checkpoint)
-
-
-def write_state(scene: Scene, desk: Desk) -> None:
-    """One frame of the state that was reached, in a run without a dynamic stage. Collective."""
-    snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
-    desk.result.write_frame(0.0, scene.state, snapshot)
-    desk.result.write_final(scene.state, snapshot)
 
 
 def of_form(scene: Scene) -> Outcome:

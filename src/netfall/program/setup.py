@@ -16,10 +16,11 @@ from netfall.ground.timings import Phases
 from netfall.job.asks import carries_permanent
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
+from netfall.mechanics.material import warm_length
 from netfall.mechanics.slip.law import set_strands
 from netfall.mechanics.stability import Limit
 from netfall.model.layout import Layout, features_of, layout_digest, make_layout
-from netfall.model.model import Model, make_model, warmed
+from netfall.model.model import Model, make_model
 from netfall.model.schedule import step_limits, with_slips
 from netfall.model.state import make_state
 from netfall.parallel.agree import on_root
@@ -100,7 +101,9 @@ def prepare(
     with phases.phase("state"):
         let_slip(scene)
         if job.load and job.load.temperature:
-            scene = replace(scene, model=on_root(comm, lambda: warmed(job, scene.model)))
+            if model := scene.model:
+                L0 = warm_length(model.cut_length, model.net.expansion, job.load.temperature)
+                scene = replace(scene, model=replace(model, L0=L0))
             set_strands(scene.state, distribution.elements(scene.model and scene.model.L0))
         return replace(scene, limits=_limits(scene)), checkpoint
 

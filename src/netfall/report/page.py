@@ -47,14 +47,14 @@ COLUMNS = {
 
 def summary(f, result: Path, tables: dict, envelope: Envelope, checked: Checked, cutting: Cutting) -> str:
     """The page."""
-    cables, made = tables["cables.csv"], cases_of(f)
+    cables, made, bends = tables["cables.csv"], cases_of(f), "bending_moment_max" in tables["elements.csv"]
     parts = [
-        [f"# {title_of(f) or result.stem}", "", *_what_ran(f, result), *_first_pictures(f)],
+        [f"# {title_of(f) or result.stem}", "", *_what_ran(f, result)],
         *([["## Cases and combinations", "", *cases(f, made, tables["cases.csv"])]] if made else []),
         ["## Checks", "", *checks(f, envelope, checked, tables["checks.csv"])],
         *([["## Limits in service", "", *limits(f, made)]] if made else []),
         ["## Utilisation", "", *_utilisation(f, cables, envelope, checked)],
-        *([["## Bending", "", *_bending(tables["elements.csv"])]] if _bends(tables) else []),
+        *([["## Bending", "", *_bending(tables["elements.csv"])]] if bends else []),
         *([["## Clamps and saddles", "", *_slides(tables["slides.csv"])]] if "slides.csv" in tables else []),
         ["## Factors", "", *_factors(checked)],
         ["## Tensions", "", *_tensions(f, envelope, checked.checks[0].name)],
@@ -102,12 +102,9 @@ def _what_ran(f, result: Path) -> list[str]:
     if "history" in f:
         lines += _sentences(overloads_of(f))
     notes = [f"- {line}" for line in _sentences(notes_of_run(f))]
-    return lines + (["", *notes] if notes else [])
-
-
-def _first_pictures(f) -> list[str]:
-    form = picture("the form, by axial force", "form.png") if "form_finding" in f else []
-    return form + (picture("the stages of erection, by axial force", "stages.png") if "stages" in f else [])
+    lines += ["", *notes] if notes else []
+    lines += picture("the form, by axial force", "form.png") if "form_finding" in f else []
+    return lines + (picture("the stages of erection, by axial force", "stages.png") if "stages" in f else [])
 
 
 def _sentences(lines: list[str]) -> list[str]:
@@ -164,10 +161,6 @@ def _unchecked(cables: dict, checked: Checked) -> list[str]:
             f"{cables['cable'][least]} ({cables['group'][least]}), {cables['case_min'][least]}"
         )
     return lines
-
-
-def _bends(tables: dict) -> bool:
-    return "bending_moment_max" in tables["elements.csv"]
 
 
 def _bending(elements: dict) -> list[str]:

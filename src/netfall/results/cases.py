@@ -31,15 +31,10 @@ class Case(NamedTuple):
 
 def cases_of(f) -> list[Case]:
     """The cases and combinations, in the order of the job."""
-    kinds = kinds_of(f)
+    combinations = job_of(f).get("combination", [])
+    kinds = {each["name"]: each.get("kind", KINDS[0]) for each in combinations}
     places = [place for place in state_groups(f) if place.startswith("cases/")]
     return [_case(f, place, kinds.get(place.removeprefix("cases/"), PLAIN)) for place in places]
-
-
-def kinds_of(f) -> dict[str, str]:
-    """The kind of each combination by its name."""
-    combinations = job_of(f).get("combination", [])
-    return {each["name"]: each.get("kind", KINDS[0]) for each in combinations}
 
 
 def _case(f, place: str, kind: str) -> Case:

@@ -32,12 +32,9 @@ class Columns(Mapping):
         return len(self._names)
 
     def __repr__(self) -> str:
-        told = [f"  {name} {_shape(self[name])} {self.units.get(name, '')}".rstrip() for name in self]
+        shape = lambda name: str(np.shape(self[name])).replace(",)", ")")
+        told = [f"  {name} {shape(name)} {self.units.get(name, '')}".rstrip() for name in self]
         return "\n".join([f"{self._place}:", *told])
-
-
-def _shape(values) -> str:
-    return str(np.shape(values)).replace(",)", ")")
 
 
 def of_group(place: str, group, renamed: dict[str, str] | None = None) -> Columns:

@@ -48,7 +48,9 @@ def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
     desk.progress.say(f"dynamics: {scene.job.dynamics.duration:g} s in {steps_line(schedule)}")
     if desk.saver.stage != NAME and scene.state.features.sliding:
         begin_slipping(scene)
-    start = start_energies(scene) if desk.saver.stage != NAME else None
+    start = None
+    if desk.saver.stage != NAME:
+        start = total_energies(scene.comm, scene.state, take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0))
     if start and scene.state.features.band:
         rest_branches(scene.state)
     simulation = Simulation(scene, desk, loads, removal)
@@ -63,11 +65,6 @@ def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
             raise
     made = {"steps": simulation.made, "time_step": schedule.long_dt, "shortest_time_step": schedule.dt}
     return Outcome(simulation, sections=sections(scene, simulation), attributes=made)
-
-
-def start_energies(scene: Scene) -> Energies:
-    """The energies at the start. Collective."""
-    return total_energies(scene.comm, scene.state, take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0))
 
 
 def begin_slipping(scene: Scene) -> None:
@@ -188,7 +185,8 @@ class Simulation(Stepper):
         """What is due at the present step: a row, a frame, a checkpoint. Collective."""
         snapshot = self.snapshot()
         if framed or saved:
-            self.watch_strains(snapshot)
+            now = most_strained(self.state, self.time, snapshot.eps, snapshot.N, self.subdomain.element_gid)
+            self.history.most_strained = max(self.history.most_strained, now)
         if self.rows.full:
             self.take_up_rows()
         if self.rows.is_due(self.n):
@@ -307,11 +305,6 @@ class Simulation(Stepper):
         start = self.start_strain, self.start_plastic
         count = self.log.broken_before(found.number)
         self.history.add(found.probes, Moment(time, found.time_step, energies, *start, found.slack, count))
-
-    def watch_strains(self, snapshot) -> None:
-        """Keep the largest strain so far, for the end of the run."""
-        now = most_strained(self.state, self.time, snapshot.eps, snapshot.N, self.subdomain.element_gid)
-        self.history.most_strained = max(self.history.most_strained, now)
 
     def report(self) -> None:
         """Progress on rank 0."""

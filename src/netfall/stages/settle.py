@@ -173,13 +173,7 @@ def reference_force(scene: Scene, last: StaticLoad) -> float:
 
 
 def settle(
-    scene: Scene,
-    each: StaticLoad,
-    reference: float,
-    stop: StopRequest,
-    resume=None,
-    most=None,
-    guess=None,
+    scene: Scene, each: StaticLoad, reference: float, stop: StopRequest, resume=None, most=None, guess=None
 ) -> StaticOutcome:
     """Bring the state to one equilibrium, what yields on the way included. Collective.
 

@@ -15,17 +15,13 @@ import numpy as np
 
 from netfall.equilibrium.find import STABLE, UNKNOWN
 from netfall.equilibrium.newton import is_large
-from netfall.equilibrium.relaxation import (
-    Paused,
-    Relaxation,
-)
+from netfall.equilibrium.relaxation import Paused, Relaxation
 from netfall.ground.errors import DivergedError, NoRest
 from netfall.ground.stop import NEVER
 from netfall.job.asks import has_statics, rests_at_loss, rests_in_wind
 from netfall.job.job import Job
 from netfall.job.memory import key_of
 from netfall.mechanics.slip.law import set_strands
-from netfall.mechanics.state import State
 from netfall.numerics.functions import lengths
 from netfall.record.bending import largest_hold
 from netfall.record.reactions import forces_on_supports
@@ -181,7 +177,8 @@ def find_equilibria(
         set_net(state, each)
         guess = None
         if large and each.kind == "step" and path.steps[-1]["load_factor"] > 0.0:
-            guess = carried_on(state, base, each.factor / path.steps[-1]["load_factor"])
+            times = each.factor / path.steps[-1]["load_factor"]  # as many times as far from `base` as now
+            guess = base["x"] + times * (state.x - base["x"])
         outcome = settle(scene, each, path.reference, desk.stop, resume, guess=guess)
         resume = None
         if not outcome.carries and each.kind not in APART:
@@ -230,11 +227,6 @@ def permanent_again(scene: Scene, permanent: StaticLoad, reference: float) -> di
     base = committed(state)
     put_back(state, now)
     return base
-
-
-def carried_on(state: State, base: dict[str, np.ndarray], times: float) -> np.ndarray:
-    """Positions (n, 3) [m] as many times as far from those of `base`, as of `committed`, as now."""
-    return base["x"] + times * (state.x - base["x"])
 
 
 def to_the_start(scene: Scene) -> None:

@@ -76,7 +76,8 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
         j = len(diagonal)
         ended = beside[-1] <= 1e-9 * max(np.abs(diagonal))  # the vectors span all that there is
         if j % EACH == 0 or ended or j == MOST:
-            top, vector = _top(diagonal, beside[1:j])
+            pivot, vector = np.empty((2, j))
+            top = top_of_tridiagonal(np.array(diagonal), np.array([*beside[1:j], 0.0]), pivot, vector)
             missing = 0.0 if ended else beside[-1] * abs(vector[-1])
             if ended or missing <= CLOSE * top or j == MOST:
                 break
@@ -96,12 +97,6 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
     largest = (float(energy.max()), -int(element_gid[np.argmax(energy)])) if len(energy) else (-1.0, 1)
     top = (top + missing) * stiffening(s.features.band)
     return Limit("assembled", 2.0 / float(np.sqrt(top)), -max(comm.allgather(largest))[1])
-
-
-def _top(diagonal: list[float], beside: list[float]) -> tuple[float, np.ndarray]:
-    """The largest eigenvalue of a symmetric tridiagonal matrix, and its vector."""
-    pivot, vector = np.empty((2, len(diagonal)))
-    return top_of_tridiagonal(np.array(diagonal), np.array([*beside, 0.0]), pivot, vector), vector
 
 
 def long_step_allowed(comm: MPI.Comm, state: State, halo: Halo, dt: float, margin: float) -> bool:

@@ -124,8 +124,7 @@ class Stepper:
         first, steps = self.n // self.stride, (stop - self.n) // self.stride
         sample = self.loads.time, self.loads.dt
         return Interval(
-            *(first, steps, self.before_dt, self.dt, self.zeta, *sample, self.stride, trial),
-            self.ground,
+            *(first, steps, self.before_dt, self.dt, self.zeta, *sample, self.stride, trial), self.ground
         )
 
     def advance_to_first_fracture(self, stop: int) -> bool:

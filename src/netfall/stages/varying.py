@@ -60,9 +60,10 @@ class VaryingLoads:
 
     def __init__(self, state: State, loads: list):
         self.loads = loads
-        self._set(state)
+        self.renew(state)
 
-    def _set(self, state: State) -> None:
+    def renew(self, state: State) -> None:
+        """The samples anew, as at the start and after one of the loads has changed."""
         self.time = max((load.before for load in self.loads), default=0.0)
         end = min((load.after for load in self.loads), default=math.inf)
         self.dt = end - self.time
@@ -85,22 +86,18 @@ class VaryingLoads:
         while self.due(step_at) <= step:
             for load in self.loads:
                 load.advance(step, step_at)
-            self._set(state)
+            self.renew(state)
 
     def restart(self, state: State, step: int, step_at: Callable[[float], int]) -> None:
         """The samples around a step, from whichever the loads stand at. Collective."""
         for load in self.loads:
             load.advance(step, step_at)
-        self._set(state)
+        self.renew(state)
 
     def hand_over(self, handed: HandOver, distribution: Distribution) -> None:
         """Give what acts on particles that leave to others; `renew` is due after it. Collective."""
         for load in self.loads:
             load.hand_over(handed, distribution)
-
-    def renew(self, state: State) -> None:
-        """The samples anew, after one of the loads has changed."""
-        self._set(state)
 
 
 class GrowingLoad:

@@ -18,22 +18,10 @@ from netfall.step.runs import LANES, Runs, find_runs, make_runs
 from netfall.step.slots import collect_branches, collect_extremes, collect_yields, fill_slots
 from netfall.step.tear import break_elements
 
-MOVING = (
-    "x",
-    "v",
-    "work",
-    "other_work",
-    "highest",
-    "lowest",
-    "eps_p",
-    "dissipated",
-    "slot_eps_p",
-    "slot_highest",
-    "slot_lowest",
-    "slot_branch_a",
-    "slot_branch_b",
-    "slot_branch_c",
-)  # where nothing breaks
+MOVING = (  # where nothing breaks
+    *("x", "v", "work", "other_work", "highest", "lowest", "eps_p", "dissipated"),
+    *("slot_eps_p", "slot_highest", "slot_lowest", "slot_branch_a", "slot_branch_b", "slot_branch_c"),
+)
 SLIPPING = ("slip", "slip_v", "slip_locked", "slip_work", "L0", "inv_L0")  # where cables slip, besides
 CHUNK = 2048  # particles, 300 KB; fewer end the runs too often, more leave the second cache
 FAR = 16  # chunks: what is farther away in number leaves the third cache before it is needed

@@ -97,7 +97,10 @@ class Plan:
             drawn = zip(self.sampled, self.draws[row].tolist())
             values |= {name: int(value) if name in self.whole else value for name, value in drawn}
         removed = chosen.get(sections.LOST)
-        remove = None if removed is None else self._entry(removed)
+        remove = None
+        if removed is not None:
+            when = {name: value for name, value in self.loss.items() if name in ("time", "duration")}
+            remove = {sections.EACH[self.loss["each"]]: [removed], **when}
         return Member(number, values, "" if removed is None else str(removed), remove)
 
     @property
@@ -115,10 +118,6 @@ class Plan:
     def duration(self, member: Member) -> float:
         """Of a member's dynamic stage [s]."""
         return float(member.values.get("dynamics.duration", self.exposure))
-
-    def _entry(self, removed) -> dict:
-        rest = {name: value for name, value in self.loss.items() if name in ("time", "duration")}
-        return {sections.EACH[self.loss["each"]]: [removed], **rest}
 
     def read(self, member: Member) -> Job:
         """The job of a member. Raises InputError."""
@@ -311,7 +310,8 @@ def _try(plan: Plan) -> tuple[list[Path], int]:
                 f"{plan.path}: {name}: members leave no checkpoints and find no modes; remove the key"
             )
             continue
-        if not _settable(name, value):
+        section, _, key = name.rpartition(".")
+        if not (section and key) or isinstance(value, dict):
             errors.append(f"{plan.path}: {name} = {shown(value)}: expected a key of the job, SECTION.KEY")
             continue
         try:
@@ -346,8 +346,3 @@ def _few(axis: sections.Axis) -> list:
     """The values that are tried: all of a list, and the ends of a long range; all that name files."""
     whole = len(axis.values) <= 100 or tuple(axis.name.split(".")) in PATHS
     return axis.values if whole else [*axis.values[:50], *axis.values[-50:]]
-
-
-def _settable(name: str, value) -> bool:
-    section, dot, key = name.rpartition(".")
-    return bool(dot and section and key) and not isinstance(value, dict)

@@ -40,7 +40,8 @@ class Table:
         if "done" in record:
             self._add_row(record["done"], record)
         if "net" in record:
-            self.net = {name: _unpacked(each) for name, each in record["net"].items()}
+            array = lambda told: np.frombuffer(base64.b64decode(told["bytes"]), told["type"])
+            self.net = {name: array(told).reshape(told["shape"]) for name, told in record["net"].items()}
 
     def _add_row(self, number: int, told: dict) -> None:
         if self.there[number]:
@@ -171,11 +172,6 @@ def text_of(path: Path) -> str:
     """The study file whose runs are in a file of results."""
     with h5py.File(path) as f:
         return f["provenance/study"].asstr()[()]
-
-
-def _unpacked(told: dict) -> np.ndarray:
-    flat = np.frombuffer(base64.b64decode(told["bytes"]), told["type"])
-    return flat.reshape(told["shape"])
 
 
 def _column(values: list) -> np.ndarray:

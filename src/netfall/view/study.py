@@ -110,7 +110,11 @@ def _choices(study: Study, page: Page) -> list[dict]:
         of_element = lambda values: np.where(row >= 0, values[row], np.nan)
         told.append(("largest dynamic factor after its loss", "-", 1.0, of_element(losses.dynamic_factor)))
         told.append(("share of the roof lost after its loss", "%", 100.0, of_element(losses.roof_lost)))
-    found = [_quantity(*row, page.drawn.rows) for row in told if np.isfinite(row[3]).any()]
+    found = []
+    for name, unit, factor, values in told:
+        if np.isfinite(values).any():
+            ends = (0.0, float(np.nanmax(values)) or 1.0)
+            found.append(Quantity(name, name, unit, factor, ends, None, values=values[page.drawn.rows]))
     none = Quantity(
         "no member broke",
         "no member broke",
@@ -121,10 +125,3 @@ def _choices(study: Study, page: Page) -> list[dict]:
         values=np.full(len(page.drawn.rows), np.nan),
     )
     return [choice(page.numbers, each) for each in found or [none]]
-
-
-def _quantity(name: str, unit: str, factor: float, values: np.ndarray, rows: np.ndarray) -> Quantity:
-    """A value of each element, on a scale from 0."""
-    return Quantity(
-        name, name, unit, factor, (0.0, float(np.nanmax(values)) or 1.0), None, values=values[rows]
-    )

@@ -50,10 +50,6 @@ class WindField:
         particle_speeds(self.mean, self.corner, self.weight, mean_gust, speed)
         return speed if self.tapped else speed * speed
 
-    def mean_force(self, mean_gust: np.ndarray) -> np.ndarray:
-        """Force (n, 3) [N] of the mean wind; mean_gust : as in `mean_square`."""
-        return self.force * self.mean_square(mean_gust)[:, None]
-
 
 def control_grid(x: np.ndarray, limit: int) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates along x and y of a grid of at most `limit` control points over the plan of x (n, 3)."""

@@ -86,11 +86,7 @@ def half_stadium(length: float, width: float, arch_rise: float, spacing: float) 
     xy, support, along_x, along_y = cables_in_ellipse(a, b, spacing, whole=False)
     height = arch_rise * (1 - (xy[:, 0] / a) ** 2)
     to_edge = b * np.sqrt(np.maximum(0.0, 1 - (xy[:, 0] / a) ** 2))
-    z = np.where(
-        support & (xy[:, 1] > 0),
-        0.0,
-        height * (1 - xy[:, 1] / np.maximum(to_edge, SNAP * spacing)),
-    )
+    z = np.where(support & (xy[:, 1] > 0), 0.0, height * (1 - xy[:, 1] / np.maximum(to_edge, SNAP * spacing)))
     elements, group = in_order(along_x, along_y)
     n = len(xy)
     arch = np.flatnonzero(support & (xy[:, 1] == 0))

@@ -20,7 +20,8 @@ UPRIGHT = 0.1  # run over rise, up to which an element is a strut between layers
 def roof_panels(study: Study):
     """A figure with two maps of the net, each in plan, and in space too where it has layers."""
     x, held = study.net["particles"], study.net["fixed"].any(1)
-    if not layered(x, study.net["elements"]):
+    run, rise = np.hsplit(np.abs(np.diff(x[study.net["elements"]], axis=1)[:, 0]), [2])
+    if not (np.hypot(*run.T) < UPRIGHT * rise[:, 0]).any():  # nothing stands upright between layers
         figure, panels = plan_panels(x[:, :2], held, 2)
         return figure, [(plan,) for plan in panels]
     figure, panels = plan_panels(x[:, :2], held, 4)
@@ -28,13 +29,6 @@ def roof_panels(study: Study):
     for unused in panels[2:]:
         unused.remove()
     return figure, [(panels[k], in_space(figure, (2, 2, 3 + k), x, IN_MAPS)) for k in range(2)]
-
-
-def layered(x: np.ndarray, elements: np.ndarray) -> bool:
-    """Whether something of a net stands upright between layers. x : (n, 3) [m]"""
-    along = np.abs(x[elements[:, 1]] - x[elements[:, 0]])
-    upright = np.hypot(along[:, 0], along[:, 1]) < UPRIGHT * along[:, 2]
-    return bool(upright.any())
 
 
 def draw_values(

@@ -45,13 +45,9 @@ def plot_study(path: Path, folder: Path) -> list[Path]:
         written.append(save(draw(study), folder / f"{study.name}_{name}.png"))
     written.append(folder / f"{study.name}_members.csv")
     with whole(written[-1]) as place:
-        columns = members_table(study)
+        drawn = [name for name in study.members if name not in BY_NAME]
+        names = *drawn, *(name for name in BY_NAME if name in study.members)  # then what came of it
+        columns = {name: study.members[name] for name in names}
         units = ", ".join(map(with_unit, columns))
         write_table(place, columns, f"{units}; ..._id: of the tables, beside rows of /net")
     return written
-
-
-def members_table(study: Study) -> dict[str, np.ndarray]:
-    """The columns of /members: what was drawn, then what came of it."""
-    drawn = [name for name in study.members if name not in BY_NAME]
-    return {name: study.members[name] for name in (*drawn, *(n for n in BY_NAME if n in study.members))}
