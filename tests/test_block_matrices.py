@@ -1,6 +1,7 @@
 """Sparse matrices whose rows are spread over the ranks: products against dense ones, and bits."""
 
 import hashlib
+import itertools
 import subprocess
 import sys
 from pathlib import Path
@@ -11,8 +12,8 @@ from conftest import ENVIRONMENT, on_ranks
 from mpi4py import MPI
 
 from netfall.multigrid.distributed import DistributedMatrix
-from netfall.multigrid.products import coarser, transposed
-from netfall.multigrid.rows import BlockRows, Owners, blocks_of
+from netfall.multigrid.products import Coarser, Transposed
+from netfall.multigrid.rows import BlockRows, Owners, Pattern
 
 SEEDS = 24
 SINGLE = 1e-6  # of the largest: rounding of a few products in single precision
@@ -33,8 +34,8 @@ class Matrix:
     def spread(self, comm, rows: Owners, columns: Owners) -> BlockRows:
         place, column = np.nonzero(self.there[rows.mine])
         start = np.searchsorted(place, np.arange(len(rows.mine) + 1))
-        own = blocks_of(self.blocks[rows.mine[place], column], column.astype(np.int32), start, columns.n)
-        return BlockRows(comm, own, rows, columns)
+        pattern = Pattern(comm, start, column.astype(np.int32), rows, columns)
+        return BlockRows(pattern, self.blocks[rows.mine[place], column])
 
 
 def owners(comm, rng, n: int) -> Owners:
@@ -53,10 +54,11 @@ def products(comm, seed: int) -> tuple[float, float, str]:
     x, b = rng.normal(size=(2, n, 3)).astype(np.float32)
     rows, columns = owners(comm, rng, n), owners(comm, rng, m)
     matrix, up = A.spread(comm, rows, columns=rows), P.spread(comm, rows, columns)
-    down = transposed(up)
-    coarse = coarser(matrix, up, down)
-    for start, end in zip(coarse.own.indptr[:-1], coarse.own.indptr[1:]):
-        assert (np.diff(coarse.own.indices[start:end]) > 0).all()
+    transposed = Transposed(up.pattern)
+    down = transposed.of(up)
+    coarse = Coarser(matrix.pattern, up.pattern, transposed.pattern).of(matrix, up)
+    for start, end in itertools.pairwise(coarse.pattern.start):
+        assert (np.diff(coarse.pattern.column[start:end]) > 0).all()
 
     product, inverse = DistributedMatrix(matrix), np.tile(np.float32([1, 0, 0, 1, 0, 1]), (len(rows.mine), 1))
     whole = [product(x[rows.mine]).copy()]

@@ -9,6 +9,7 @@ no more.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -26,9 +27,9 @@ from netfall.ground.errors import DivergedError
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.mechanics.elements import add_tensions, axial_forces
 from netfall.mechanics.state import State
-from netfall.multigrid.cycle import Cycle
+from netfall.multigrid.cycle import Cycle, Structure
 from netfall.multigrid.factors import MOST_PRODUCTS, Factors, Pattern, factors_of_tangent
-from netfall.multigrid.lines import Lines, lines_of
+from netfall.multigrid.lines import lines_of
 from netfall.multigrid.tangent import Tangent, tangent_of
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
@@ -100,11 +101,11 @@ class Finder:
     report: Callable[[str], None] = field(default_factory=lambda: _silent, init=False)
     _first: tuple[Tangent, list[float], Cycle] | None = field(default=None, init=False)
     _pattern: Pattern | None = field(default=None, init=False)
-    _lines: Lines | None = field(default=None, init=False)
+    _structure: Structure | None = field(default=None, init=False)
 
     def forget(self) -> None:
         """Of a net whose elements are others from now on."""
-        self._first = self._pattern = self._lines = self.serving = None
+        self._first = self._pattern = self._structure = self.serving = None
 
     def factors(self) -> Factors | None:
         """The inverse where the net is, for `serving`; None: none, or a cycle is quicker. Collective."""
@@ -362,16 +363,12 @@ class Finder:
         return -K.axial * (state.elements_now().L / state.L0) * change
 
     def _newton(self, load: np.ndarray) -> Newton:
-        net = net_of(self.state, load, self.slips)
-        inverses = self._approximate_inverse, self._lines_of_net, self.serving and self._factors
+        net, state = net_of(self.state, load, self.slips), self.state
+        if self._structure is None:  # lines of the net at the start, also in a run that is taken up
+            of_state = lambda: lines_of(self.distribution, state.ends, state.x_start, state.free)
+            self._structure = Structure(cache(of_state))
+        inverses = self._approximate_inverse, self._structure, self.serving and self._factors
         return Newton(self.comm, self.halo, self.distribution, net, self._tangent, *inverses)
-
-    def _lines_of_net(self) -> Lines:
-        """From where the elements were at the start, also in a run that is taken up. Collective at first."""
-        if self._lines is None:
-            state = self.state
-            self._lines = lines_of(self.distribution, state.ends, state.x_start, state.free)
-        return self._lines
 
     def _tangent(self) -> Tangent:
         slip = None if self.slips is None else self.slips.tangent()  # first: lengths follow the positions

@@ -17,10 +17,9 @@ from netfall.ground.stop import NEVER, StopRequest
 from netfall.mechanics.bending import add_joint_stiffness
 from netfall.mechanics.elements import add_stiffness, axial_forces
 from netfall.mechanics.supports import keep_on_guides
-from netfall.multigrid.cycle import Cycle
+from netfall.multigrid.cycle import Cycle, Structure
 from netfall.multigrid.distributed import advance, dot_rows, turn
 from netfall.multigrid.factors import Factors
-from netfall.multigrid.lines import Lines
 from netfall.multigrid.tangent import Tangent, without_compression
 from netfall.numerics.functions import lengths
 from netfall.parallel.halo import Halo
@@ -121,17 +120,17 @@ class Newton:
         net,
         tangent,
         inverse,
-        lines: Callable[[], Lines],
+        structure: Structure,
         factors=None,
     ):
         """net : `relaxation.Net`; tangent() : the `Tangent` at its positions
         inverse(newton, tangent) : the approximate inverse to use. Collective.
-        lines() : those of the net. Collective
+        structure : what the cycles have in common
         factors(tangent, inertia) : one that is made in place of a cycle, or None. Collective. None: none is
         """
         self.comm, self.halo, self.distribution = comm, halo, distribution
         self.net, self.tangent, self.inverse = net, tangent, inverse
-        self.lines, self.factors = lines, factors
+        self.structure, self.factors = structure, factors
         self.owned = slice(halo.n_owned)
         self.moves = np.ascontiguousarray(net.free[self.owned]) != 0
         self.stays = np.nonzero(~self.moves)
@@ -254,7 +253,7 @@ class Newton:
         if factors:
             return factors
         of_net = self.distribution, self.halo, self.net
-        return Cycle(self.comm, *of_net, K, self.inertia, None if K.joints else self.lines)
+        return Cycle(self.comm, *of_net, K, self.inertia, self.structure)
 
     def find(
         self,

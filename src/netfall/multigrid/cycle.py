@@ -11,7 +11,7 @@ in single precision. Small levels each rank has whole.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from mpi4py import MPI
@@ -20,7 +20,8 @@ from netfall.multigrid.distributed import DistributedMatrix, first_step
 from netfall.multigrid.finest import ElementMatrix
 from netfall.multigrid.levels import COARSEST, TOP_OF_JOINTS, levels_of
 from netfall.multigrid.lines import MOST_TOUCHING, Lines, LineSmoother
-from netfall.multigrid.tangent import Tangent, incidence_of, tangent_rows
+from netfall.multigrid.rows import Pattern
+from netfall.multigrid.tangent import Incidence, Tangent, incidence_of, tangent_rows
 from netfall.numerics.linear import factorised, solve_factorised
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
@@ -28,7 +29,20 @@ from netfall.parallel.subdomain import Distribution
 DEGREE = 4  # of the polynomial before and after each coarser level
 RANGE = 20.0  # the polynomial damps eigenvalues from the largest down to this part of it
 DENSE = 4 * COARSEST  # particles of the last level up to which it is solved
-UPPER = ([0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2])  # entries of symmetric blocks that are kept
+
+
+@dataclass
+class Structure:
+    """What the cycles of one net have in common, its elements, axes and joints: found with the first one.
+
+    lines() : of the net, asked for where they serve. Collective
+    at : the elements at each particle; pattern : of the tangent; coarsenings : as of `levels_of`
+    """
+
+    lines: Callable[[], Lines]
+    at: Incidence | None = None
+    pattern: Pattern | None = None
+    coarsenings: list = field(default_factory=list)
 
 
 class Cycle:
@@ -42,20 +56,21 @@ class Cycle:
         net,
         K: Tangent,
         inertia: float,
-        lines: Callable[[], Lines] | None,
+        kept: Structure,
     ):
         """Of a net's tangent, without what compression takes from it. Collective.
 
-        net : `relaxation.Net`; inertia : share of the nodes' stiffness that is added
-        lines() : of the net, asked for where they serve. Collective. None: particles alone smooth
+        net : `relaxation.Net`; inertia : share of the nodes' stiffness that is added; kept : of the net
         """
         self.comm = comm
-        at = incidence_of(net.ends, distribution.subdomain.particle_gid, halo.n_owned)
+        if kept.at is None:
+            kept.at = incidence_of(net.ends, distribution.subdomain.particle_gid, halo.n_owned)
         self.levels, self.factor = [], None
         self.whole = 0  # the first level of which each rank has all rows; `rows` are those of its own ones
-        rows = tangent_rows(distribution, net, K, at, inertia)
-        bends = K.joints is not None
-        for level in levels_of(rows, TOP_OF_JOINTS, DENSE) if bends else levels_of(rows):
+        rows = tangent_rows(distribution, net, K, kept.at, inertia, kept.pattern)
+        kept.pattern, bends = rows.pattern, K.joints is not None
+        of_joints = (TOP_OF_JOINTS, DENSE) if bends else ()
+        for level in levels_of(rows, kept.coarsenings, *of_joints):
             spread = level.matrix.comm is comm
             if spread:
                 self.rows = level.up.columns if level.up else level.matrix.rows
@@ -65,15 +80,13 @@ class Cycle:
                 break
             self.whole += spread
             beside = (DistributedMatrix(level.down), DistributedMatrix(level.up)) if level.up else ()
-            found = lines() if lines and not self.levels else None
+            found = kept.lines() if not bends and not self.levels else None
             if found and 0 < found.touching <= MOST_TOUCHING:
-                matrix = ElementMatrix(halo, net, K, at, inertia)
+                matrix = ElementMatrix(halo, net, K, kept.at, inertia)
                 smoother = LineSmoother(found, level.matrix, net, K)
                 self.levels.append(_LineLevel(smoother, matrix, *beside))
             else:
-                inverse = level.inverse[:, *UPPER].astype(np.float32)
-                matrix = DistributedMatrix(level.matrix)
-                self.levels.append(_PointLevel(inverse, level.top, matrix, *beside))
+                self.levels.append(_PointLevel(level.single, level.top, level.product, *beside))
             del level  # its memory serves the next one
 
     def __call__(self, b: np.ndarray) -> np.ndarray:

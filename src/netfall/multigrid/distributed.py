@@ -129,10 +129,10 @@ class DistributedMatrix:
     def __init__(self, rows: BlockRows):
         """Collective."""
         local = rows.local
-        self.shared = Shared(rows.comm, len(rows.columns.mine), rows.ghosts)
+        self.shared = Shared(rows.comm, len(rows.columns.mine), rows.pattern.ghosts)
         self.share, self.x, self.own = self.shared.share, self.shared.rows, self.shared.own
-        self.start, self.column = local.indptr, local.indices
-        self.block = local.data.reshape(-1, 9).astype(np.float32, copy=False)
+        self.start, self.column = local.start, local.column
+        self.block = local.block.reshape(-1, 9).astype(np.float32, copy=False)
         self.y = np.zeros((len(self.start) - 1, 3), np.float32)
 
     @cached_property

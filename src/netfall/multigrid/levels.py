@@ -3,12 +3,14 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from netfall.ground.compile import kernel, part_of_kernel
-from netfall.multigrid.products import coarser, transposed
-from netfall.multigrid.rows import BlockRows, Owners, blocks_of, entries_of
+from netfall.multigrid.distributed import DistributedMatrix, dot_rows, first_step
+from netfall.multigrid.products import Coarser, Transposed
+from netfall.multigrid.rows import BlockRows, Everywhere, Owners, Pattern, entries_of, starts_of
 from netfall.parallel.agree import on_root
 from netfall.parallel.sums import exact_sums
 
@@ -20,6 +22,7 @@ POWERS = 15  # iterations for the largest eigenvalue of a coarse level
 SAFE = 1.1  # on that
 TOP_OF_NET = 2.0  # bounds the first level: an element's stiffness is at most twice its share of the diagonal
 TOP_OF_JOINTS = 3.0  # the same, of three particles
+UPPER = ([0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2])  # entries of symmetric blocks that are kept
 TINY = 1e-9  # of a block's trace, added to it: what nothing holds would make it singular
 
 
@@ -27,39 +30,84 @@ TINY = 1e-9  # of a block's trace, added to it: what nothing holds would make it
 class Level:
     """One level: `matrix`; `inverse` (rows, 3, 3) of the diagonal blocks of this rank's rows.
 
+    single, product : both in single precision, `inverse` as of `distributed.add_step`
     top : bound of the eigenvalues of inverse times matrix
     down, up : to the next level and from there, if there is one
     """
 
     matrix: BlockRows
     inverse: np.ndarray
-    top: float
+    top: float = 0.0
     down: BlockRows | None = None
     up: BlockRows | None = None
 
+    @cached_property
+    def single(self) -> np.ndarray:
+        return self.inverse[:, *UPPER].astype(np.float32)
 
-def levels_of(matrix: BlockRows, top: float = TOP_OF_NET, coarsest: int = COARSEST) -> Iterator[Level]:
+    @cached_property
+    def product(self) -> DistributedMatrix:
+        return DistributedMatrix(self.matrix)
+
+
+class Coarsening:
+    """How rows go over to those of the next level, by the places of blocks alone: of all tangents of a net.
+
+    number : (n,) of each row's aggregate; own : the same of this rank's; up : pattern of the prolongation
+    transposed, coarser, everywhere : make its transposed, the next matrix, all of that on each rank if it is
+    small
+    """
+
+    def __init__(self, matrix: Pattern, number: np.ndarray, count: int):
+        """number, count : of `aggregates`. Collective."""
+        self.number, self.own = number, number[matrix.rows.mine]
+        start, aggregate = np.empty(len(matrix.start), np.int64), np.empty(len(matrix.column), np.int32)
+        meet_aggregates(matrix.start, matrix.column, number, start, aggregate)
+        owners = _owners(matrix, number, count)
+        self.up = Pattern(matrix.comm, start, aggregate[: start[-1]].copy(), matrix.rows, owners)
+        self.transposed = Transposed(self.up)
+        self.coarser = Coarser(matrix, self.up, self.transposed.pattern)
+        few = matrix.comm.size > 1 and owners.n <= EVERYWHERE
+        self.everywhere = Everywhere(self.coarser.pattern) if few else None
+
+    def matrix(self, matrix: BlockRows, up: BlockRows) -> BlockRows:
+        """The next one. Collective."""
+        coarser = self.coarser.of(matrix, up)
+        return self.everywhere.of(coarser) if self.everywhere else coarser
+
+
+def levels_of(
+    matrix: BlockRows, kept: list[Coarsening | None], top: float = TOP_OF_NET, coarsest: int = COARSEST
+) -> Iterator[Level]:
     """The levels of a tangent stiffness, one after the other. Collective.
 
     All axes of the matrix can move: held ones have a row and column of zeros but for the diagonal. Small
     levels each rank makes for itself. top : bounds the first level; coarsest : rows at which the levels end
+    kept : of each level of the net's tangents, the last one has None; empty before the first
     """
     for k in range(MOST_LEVELS):
-        inverse = inverse_diagonal(matrix)
-        level = Level(matrix, inverse, largest_eigenvalue(matrix, inverse) if k else top)
-        number, count = (None, 0) if matrix.rows.n <= coarsest or k == MOST_LEVELS - 1 else aggregates(matrix)
-        if not 0 < count < MERGED * matrix.rows.n:
+        level = Level(matrix, inverse_diagonal(matrix))
+        level.top = largest_eigenvalue(level.product, matrix.rows.mine, level.single) if k else top
+        if k == len(kept):
+            kept.append(
+                _coarsening(matrix.pattern) if coarsest < matrix.rows.n and k < MOST_LEVELS - 1 else None
+            )
+        over = kept[k]
+        if over is None:
             yield level
             return
-        level.up = prolongation(level, number, _owners(matrix, number, count))
-        level.down = transposed(level.up)
-        matrix = coarser(matrix, level.up, level.down)
-        if matrix.comm.size > 1 and matrix.rows.n <= EVERYWHERE:
-            matrix = matrix.everywhere()
+        level.up = prolongation(level, over)
+        level.down = over.transposed.of(level.up)
+        matrix = over.matrix(matrix, level.up)
         yield level
 
 
-def _owners(matrix: BlockRows, number: np.ndarray, count: int) -> Owners:
+def _coarsening(matrix: Pattern) -> Coarsening | None:
+    number, count = aggregates(matrix)
+    return Coarsening(matrix, number, count) if 0 < count < MERGED * matrix.rows.n else None
+
+
+def _owners(matrix: Pattern, number: np.ndarray, count: int) -> Owners:
     """An aggregate goes to the owner of its first particle. Collective. number, count : of `aggregates`"""
     rank, comm = np.empty(count, np.int32), matrix.comm
     member = np.flatnonzero(number >= 0)[::-1]
@@ -67,31 +115,24 @@ def _owners(matrix: BlockRows, number: np.ndarray, count: int) -> Owners:
     return Owners(comm, np.flatnonzero(rank == comm.rank))
 
 
-def prolongation(level: Level, number: np.ndarray, owners: Owners) -> BlockRows:
-    """How rows move when each of the aggregates moves as a whole, smoothed by one step of Jacobi's iteration.
-
-    number : (n,) of each row's aggregate; owners : of the aggregates
-    """
-    rows, own = level.matrix.rows, level.matrix.own
-    of_rows, factor = number[rows.mine], 4.0 / (3.0 * level.top)
-    start, aggregate = np.empty(len(own.indptr), np.int64), np.empty(len(own.indices), np.int32)
-    block, matrix = np.empty((len(own.indices), 3, 3)), (own.indptr, own.indices, own.data)
-    smooth_rows(*matrix, number, of_rows, level.inverse, factor, start, aggregate, block)
-    up = blocks_of(block[: start[-1]], aggregate[: start[-1]], start, owners.n)
-    return BlockRows(level.matrix.comm, up, rows, owners)
+def prolongation(level: Level, over: Coarsening) -> BlockRows:
+    """How rows move when each aggregate moves as a whole, smoothed by one step of Jacobi's iteration."""
+    matrix, up, factor = level.matrix.pattern, over.up, 4.0 / (3.0 * level.top)
+    block, of_matrix = np.zeros((len(up.column), 3, 3)), (matrix.start, matrix.column, level.matrix.block)
+    smooth_rows(*of_matrix, over.number, over.own, level.inverse, factor, up.start, up.column, block)
+    return BlockRows(up, block)
 
 
 @kernel
-def smooth_rows(begin, column, matrix, number, own, inverse, factor, start, aggregate, block):
-    """Fill the rows of a prolongation: start (rows + 1,), aggregate (k,), block (k, 3, 3); k at most.
+def meet_aggregates(begin, column, number, start, aggregate):
+    """Fill start (rows + 1,), aggregate (k,), k at most: the aggregates that rows meet, ascending in each.
 
-    begin, column, matrix : compressed rows of blocks; number : (n,) of each column's aggregate; own : (rows,)
-    of each row's; inverse : (rows, 3, 3); factor : of the step
+    begin, column : rows of a matrix; number : (n,) of each column's aggregate
     """
     end = 0
-    for p in range(own.shape[0]):
+    for p in range(start.shape[0] - 1):
         start[p], first = end, end
-        for entry in range(begin[p], begin[p + 1]):  # the aggregates that it meets, in ascending order
+        for entry in range(begin[p], begin[p + 1]):
             a, k = number[column[entry]], end
             while k > first and aggregate[k - 1] > a:
                 k -= 1
@@ -101,46 +142,49 @@ def smooth_rows(begin, column, matrix, number, own, inverse, factor, start, aggr
                 aggregate[after] = aggregate[after - 1]
             aggregate[k] = a
             end += 1
-        kept = first
-        for k in range(first, end):
-            a, differs = aggregate[k], False
-            s = block[kept]
+    start[-1] = end
+
+
+@kernel
+def smooth_rows(begin, column, matrix, number, own, inverse, factor, start, aggregate, block):
+    """Fill the blocks (k, 3, 3), zeros, of a prolongation, whose rows are start (rows + 1,), aggregate (k,).
+
+    begin, column, matrix : rows of blocks; number : (n,) of each column's aggregate; own : (rows,) of each
+    row's; inverse : (rows, 3, 3); factor : of the step
+    """
+    for p in range(start.shape[0] - 1):
+        for entry in range(begin[p], begin[p + 1]):
+            a, k = number[column[entry]], start[p]
+            if a < 0:
+                continue
+            while aggregate[k] != a:
+                k += 1
             for i in range(3):
                 for j in range(3):
-                    s[i, j] = 0.0
-            for entry in range(begin[p], begin[p + 1]):
-                if number[column[entry]] == a:
-                    for i in range(3):
-                        for j in range(3):
-                            s[i, j] += matrix[entry, i, j]
+                    block[k, i, j] += matrix[entry, i, j]
+        for k in range(start[p], start[p + 1]):
+            s, here = block[k], 1.0 if aggregate[k] == own[p] else 0.0
             for j in range(3):
                 u, v, w = s[0, j], s[1, j], s[2, j]
                 for i in range(3):
                     moved = inverse[p, i, 0] * u + inverse[p, i, 1] * v + inverse[p, i, 2] * w
-                    s[i, j] = (1.0 if a == own[p] and i == j else 0.0) - factor * moved
-                    differs |= s[i, j] != 0.0
-            aggregate[kept] = a
-            kept += differs
-        end = kept
-    start[-1] = end
+                    s[i, j] = (here if i == j else 0.0) - factor * moved
 
 
 def inverse_diagonal(matrix: BlockRows) -> np.ndarray:
     """Inverses (rows, 3, 3) of the symmetric blocks on the diagonal; a little is added, for singular ones."""
-    own, inverse = matrix.own, np.empty((len(matrix.rows.mine), 3, 3))
-    invert_diagonal(matrix.rows.mine, own.indptr, own.indices, own.data, inverse)
+    inverse = np.empty((len(matrix.rows.mine), 3, 3))
+    invert_diagonal(matrix.pattern.diagonal, matrix.block, inverse)
     return inverse
 
 
 @kernel
-def invert_diagonal(number, begin, column, block, inverse):
-    """Fill inverse (rows, 3, 3) by cofactors; number : (rows,) of the columns that meet the diagonal."""
+def invert_diagonal(diagonal, block, inverse):
+    """Fill inverse (rows, 3, 3) by cofactors; diagonal : (rows,) places of the blocks."""
     for p in range(inverse.shape[0]):
-        a = b = c = d = e = f = 0.0
-        for k in range(begin[p], begin[p + 1]):
-            if column[k] == number[p]:
-                a, b, c = block[k, 0, 0], block[k, 0, 1], block[k, 0, 2]
-                d, e, f = block[k, 1, 1], block[k, 1, 2], block[k, 2, 2]
+        k = diagonal[p]
+        a, b, c = block[k, 0, 0], block[k, 0, 1], block[k, 0, 2]
+        d, e, f = block[k, 1, 1], block[k, 1, 2], block[k, 2, 2]
         a, b, c, d, e, f = invert(a, b, c, d, e, f, a + d + f)
         inverse[p, 0, 0], inverse[p, 0, 1], inverse[p, 0, 2] = a, b, c
         inverse[p, 1, 0], inverse[p, 1, 1], inverse[p, 1, 2] = b, d, e
@@ -160,19 +204,22 @@ def invert(a, b, c, d, e, f, trace):
     return A / whole, B / whole, C / whole, D / whole, E / whole, F / whole
 
 
-def largest_eigenvalue(matrix: BlockRows, inverse: np.ndarray) -> float:
-    """Of inverse times matrix, by powers, a little more to be safe. The sums are exact. Collective."""
-    number = 3 * matrix.rows.mine[:, None] + np.arange(3)
-    v = ((number * 2654435761) % 2**32) / 2.0**32 - 0.5
-    value = 1.0
-    for _ in range(POWERS):
-        w = np.add.reduce(inverse * matrix.times_vector(v)[:, None], axis=2)
-        new, old = exact_sums(matrix.comm, (w * w).ravel(), (v * v).ravel())
-        if new == 0.0:  # all is slack, and nothing resists: any bound will do
-            return TOP_OF_NET
-        value = math.sqrt(new / old)
-        v = w / value
-    return SAFE * value
+def largest_eigenvalue(product: DistributedMatrix, number: np.ndarray, inverse: np.ndarray) -> float:
+    """Of inverse times matrix, by powers, a little more to be safe. The sums are exact. Collective.
+
+    number : (rows,) global ones of this rank's rows; inverse : (rows, 6), as of `distributed.add_step`
+    """
+    number = 3 * number[:, None] + np.arange(3)
+    v = (((number * 2654435761) % 2**32) / 2.0**32 - 0.5).astype(np.float32)
+    squares = np.empty((2, len(v)))
+    for _ in range(POWERS):  # that grow a millionfold at most
+        dot_rows(v, v, squares[0])
+        first_step(inverse, product(v), np.float32(1.0), v)
+    dot_rows(v, v, squares[1])
+    old, new = exact_sums(product.shared.comm, *squares)
+    if new == 0.0:  # all is slack, and nothing resists: any bound will do
+        return TOP_OF_NET
+    return SAFE * math.sqrt(new / old)
 
 
 @kernel
@@ -215,18 +262,18 @@ def aggregates_into(start, column, number):
     return count
 
 
-def aggregates(matrix: BlockRows) -> tuple[np.ndarray, int]:
+def aggregates(matrix: Pattern) -> tuple[np.ndarray, int]:
     """The number (n,) of each row's aggregate, -1 or less: none, and how many there are. Collective.
 
     In the order of the global numbers, one after the other: rank 0 does it.
     """
-    comm, own = matrix.comm, matrix.own
-    parts = comm.gather((matrix.rows.mine, np.diff(own.indptr), own.indices))
+    comm = matrix.comm
+    parts = comm.gather((matrix.rows.mine, np.diff(matrix.start), matrix.column))
 
     def joined():
         row, counts, column = (np.concatenate(each) for each in zip(*parts))
         counts, entries = entries_of(counts, np.argsort(row))
         number = np.empty(len(row), np.int64)
-        return number, aggregates_into(np.concatenate([[0], np.cumsum(counts)]), column[entries], number)
+        return number, aggregates_into(starts_of(counts), column[entries], number)
 
     return comm.bcast(on_root(comm, joined))

@@ -267,7 +267,9 @@ class LineSmoother:
     def __init__(self, lines: Lines, matrix: BlockRows, net, K: Tangent):
         """Of a tangent as `matrix` has it. Collective. net : `relaxation.Net`"""
         comm, n, K, mine = matrix.comm, len(matrix.rows.mine), without_compression(K), lines.element_rows
-        of_elements = (each[mine] for each in (K.direction, K.axial, K.across))
+        of_elements = (
+            each if len(mine) == len(each) else each[mine] for each in (K.direction, K.axial, K.across)
+        )
         direction, axial, across = (lines.elements.joined(comm, each) for each in of_elements)
         diagonal = lines.particles.joined(comm, matrix.diagonal())
         free = lines.particles.joined(comm, net.free[:n] != 0)

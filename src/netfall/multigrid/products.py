@@ -1,137 +1,138 @@
-"""The product of three matrices of `rows` that makes a coarser one.
+"""The product of three matrices of `rows` that makes a coarser one, and transposed matrices.
 
-What is summed is summed in ascending global number of the finer rows, so that each block has the same bits on
-any number of ranks. Rows of the product of the last two matrices are made one at a time and not kept: memory
-that is touched for the first time costs more than the arithmetic.
+Where blocks come to stand depends on the places of the others alone. So it is found once for all tangents of
+a net; blocks are then multiplied and added up in that order: in ascending global number of the finer rows, so
+that each block has the same bits on any number of ranks. Rows of the product of the last two matrices are
+made one at a time and not kept: memory that is touched for the first time costs more than the arithmetic.
 """
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.ground.compile import kernel, part_of_kernel
 from netfall.multigrid.rows import (
     BlockRows,
+    Borrowed,
+    Pattern,
     Rows,
     ascending,
-    blocks_of,
     entries_of,
     place_here,
-    rows_of,
-    to_others,
+    starts_of,
 )
+from netfall.numerics.arithmetic import fused
 
 
-def _from_owners(comm: MPI.Comm, rows: Rows, asked: list[np.ndarray]) -> Rows:
-    """The rows that this rank asked others for. Collective. asked : of each rank the rows that it asks for"""
-    out = []
-    for places in asked:
-        counts, entries = entries_of(np.diff(rows.start), places)
-        out.append((counts, rows.column[entries], rows.block[entries]))
-    counts, column, block = (np.concatenate(each) for each in zip(*comm.alltoall(out)))
-    return Rows(np.concatenate([[0], np.cumsum(counts)]), column, block)
+class Coarser:
+    """Makes down times matrix times up, where down is the transposed of up. `pattern` is that of the product.
 
-
-def coarser(matrix: BlockRows, up: BlockRows, down: BlockRows) -> BlockRows:
-    """down times matrix times up, where down is the transposed of up. Collective."""
-    comm, columns = matrix.comm, up.columns
-    slot, asked = np.full(columns.n, -1, np.int32), down.ghosts.asked
-    parts = (
-        rows_of(matrix.local),
-        rows_of(up.own),
-        _from_owners(comm, rows_of(up.own), matrix.ghosts.asked),
-    )
-    ghosts = _from_owners(comm, parts[1], asked), _products_of_ghosts(comm, parts, asked, slot)
-    own = _pattern(down, parts, ghosts[1], slot)
-    order = np.argsort(np.concatenate([matrix.rows.mine, down.ghosts.number]), kind="stable")
-    product = np.empty(columns.n, np.int32), np.empty((columns.n, 3, 3))
-    add_products(order, parts, ghosts, place_here(comm, columns), slot, *product, own)
-    return BlockRows(comm, blocks_of(own.block, own.column, own.start, columns.n), columns, columns)
-
-
-def _products_of_ghosts(comm: MPI.Comm, parts, asked: list[np.ndarray], slot: np.ndarray) -> Rows:
-    """The rows of matrix times up that this rank asked others for. Collective.
-
-    parts, slot : of `product_row`; asked : of each rank the rows that it asks for
+    order : the finer rows by their number, ascending, ghosts after own ones
+    beyond, others : rows of up that are ghosts of the matrix, of down
+    own, lent : rows of matrix times up of this rank, in that order, and those that others need
+    place : (k,) where each block of a row of up times one of that product is added, -1: nowhere here
     """
-    fine, up, beyond = parts
-    places = np.concatenate(asked)
-    _, entries = entries_of(np.diff(fine.start), places)
-    lengths = np.concatenate([np.diff(up.start), np.diff(beyond.start)])
-    most = lengths[fine.column[entries]].sum()
-    rows = Rows(np.zeros(len(places) + 1, np.int64), np.empty(most, np.int32), np.empty((most, 3, 3)))
-    product_rows(places, parts, slot, rows)
-    ends = np.cumsum([len(each) for each in asked])
-    return _from_owners(comm, rows, np.split(np.arange(len(places)), ends[:-1]))
+
+    def __init__(self, matrix: Pattern, up: Pattern, down: Pattern):
+        """Collective."""
+        self.comm, self.matrix, asked, columns = matrix.comm, matrix, down.ghosts.asked, up.columns
+        self.beyond, self.others = Borrowed(up, matrix.ghosts.asked), Borrowed(up, asked)
+        parts = (matrix.start, matrix.local), (up.start, up.column), (self.beyond.start, self.beyond.column)
+        number, slot = (
+            np.concatenate([matrix.rows.mine, down.ghosts.number]),
+            np.full(columns.n, -1, np.int32),
+        )
+        self.order = np.argsort(number, kind="stable")
+        self.own = _ProductRows(self.order[self.order < len(matrix.rows.mine)], parts, slot)
+        self.lent = _ProductRows(np.concatenate(asked), parts, slot)
+        self.ends = self.lent.start[np.cumsum([len(each) for each in asked])[:-1]]
+        counts = np.split(np.diff(self.lent.start), np.cumsum([len(each) for each in asked])[:-1])
+        counts = np.concatenate(self.comm.alltoall(counts))
+        self.products = starts_of(counts), self._from_others(self.lent.column)
+        others = self.others.start, self.others.column
+        members, ghosts = (down.start, down.local), (others, self.products)
+        start, none = np.zeros(len(down.start), np.int64), np.empty(0, np.int32)
+        coarse_columns(*members, parts, self.products, slot, start, none)
+        column = np.empty(start[-1], np.int32)
+        coarse_columns(*members, parts, self.products, slot, start, column)
+        self.pattern = Pattern(self.comm, *ascending(start, column, columns.n), columns, columns)
+        of_rows = (
+            self.order,
+            parts[1],
+            ghosts,
+            (self.own.start, self.own.column),
+            place_here(self.comm, columns),
+        )
+        self.place = np.empty(count_products(*of_rows[:4]), np.int32)
+        place_products(*of_rows, self.pattern.start, self.pattern.column, self.place)
+
+    def _from_others(self, lent: np.ndarray) -> np.ndarray:
+        """What others lend this rank, of columns or blocks that it lends. Collective."""
+        return np.concatenate(self.comm.alltoall(np.split(lent, self.ends)))
+
+    def of(self, matrix: BlockRows, up: BlockRows) -> BlockRows:
+        """Collective."""
+        parts = tuple(_flat(each) for each in (matrix.local, up.local, self.beyond.of(up)))
+        lent = np.zeros((len(self.lent.column), 9))
+        product_rows(self.lent.places, parts, self.lent.start, self.lent.spot, lent)
+        ghosts = _flat(self.others.of(up)), Rows(*self.products, self._from_others(lent))
+        block, scratch = np.zeros((len(self.pattern.column), 9)), np.empty((self.own.widest, 9))
+        add_products(self.order, parts, ghosts, self.own.start, self.own.spot, self.place, scratch, block)
+        return BlockRows(self.pattern, block.reshape(-1, 3, 3))
 
 
-def _pattern(down: BlockRows, parts, products: Rows, slot: np.ndarray) -> Rows:
-    """The coarser matrix, columns ascending, with zeros for blocks."""
-    below = down.local.indptr, down.local.indices
-    start, none = np.zeros(len(below[0]), np.int64), np.empty(0, np.int32)
-    coarse_columns(*below, parts, products, slot, start, none)
-    column = np.empty(start[-1], np.int32)
-    coarse_columns(*below, parts, products, slot, start, column)
-    slot[:] = -1
-    return Rows(*ascending(start, column, len(slot)), np.zeros((len(column), 3, 3)))
+def _flat(rows: Rows) -> Rows:
+    return rows._replace(block=rows.block.reshape(-1, 9))
 
 
-@part_of_kernel
-def _add_row(matrix, entry, rows, row, slot, column, block, end):
-    """Add an entry of a matrix times a row of another to a row of the product; the new end of this."""
-    for k in range(rows.start[row], rows.start[row + 1]):
-        c = rows.column[k]
-        s = slot[c]
-        if s < 0:
-            s = slot[c] = end
-            column[end] = c
-            for i in range(3):
-                for j in range(3):
-                    block[end, i, j] = 0.0
-            end += 1
-        for i in range(3):
-            for j in range(3):
-                b = block[s, i, j]
-                for m in range(3):
-                    b += matrix[entry, i, m] * rows.block[k, m, j]
-                block[s, i, j] = b
-    return end
+class _ProductRows:
+    """Some rows of matrix times up: start (rows + 1,), column (k,), in no order.
 
-
-@part_of_kernel
-def _product_row(p, parts, slot, column, block, first):
-    """Put row p of matrix times up at column[first:] and block[first:], in no order; its end.
-
-    parts : `Rows` of the matrix, of up and of the latter's ghosts; columns of the matrix count through both
-    slot : (n,) of -1, as it is again afterwards
+    spot : where in its row each block of the matrix times one of up is added
     """
-    fine, up, beyond = parts
-    n, end = up.start.shape[0] - 1, first
-    for entry in range(fine.start[p], fine.start[p + 1]):
-        j = fine.column[entry]
-        if j < n:
-            end = _add_row(fine.block, entry, up, j, slot, column, block, end)
-        else:
-            end = _add_row(fine.block, entry, beyond, j - n, slot, column, block, end)
-    for k in range(first, end):
-        slot[column[k]] = -1
-    return end
+
+    def __init__(self, places: np.ndarray, parts, slot: np.ndarray):
+        """places : of the rows; parts : start, column of the matrix, of up, of the latter's ghosts; columns
+        of the matrix count through both; slot : (n,) of -1, as it is again afterwards
+        """
+        fine, up, beyond = parts
+        lengths = np.concatenate([np.diff(up[0]), np.diff(beyond[0])])
+        _, entries = entries_of(np.diff(fine[0]), places)
+        most = lengths[fine[1][entries]].sum()
+        self.places, self.start = places, np.zeros(len(places) + 1, np.int64)
+        self.spot, column = np.empty((2, most), np.int32)
+        product_columns(places, parts, slot, self.start, column, self.spot)
+        self.column = column[: self.start[-1]].copy()
+        self.widest = int(np.diff(self.start).max(initial=0))
 
 
 @kernel
-def product_rows(places, parts, slot, out):
-    """Fill `Rows` out, long enough, with some rows of matrix times up; parts, slot : of `_product_row`"""
-    end = 0
+def product_columns(places, parts, slot, start, column, spot):
+    """Fill start, column and spot of `_ProductRows`; parts, slot : as there."""
+    (begin, far), up, beyond = parts
+    n, count, end = up[0].shape[0] - 1, 0, 0
     for i in range(places.shape[0]):
-        out.start[i] = end
-        end = _product_row(places[i], parts, slot, out.column, out.block, end)
-    out.start[-1] = end
+        start[i] = end
+        for entry in range(begin[places[i]], begin[places[i] + 1]):
+            j = far[entry]
+            from_start, from_column = up if j < n else beyond
+            j = j if j < n else j - n
+            for k in range(from_start[j], from_start[j + 1]):
+                c = from_column[k]
+                if slot[c] < 0:
+                    slot[c] = end - start[i]
+                    column[end] = c
+                    end += 1
+                spot[count] = slot[c]
+                count += 1
+        for k in range(start[i], end):
+            slot[column[k]] = -1
+    start[-1] = end
 
 
 @part_of_kernel
-def _note_columns(a, rows, j, slot, column, end):
+def _note_columns(a, start, column_of, j, slot, column, end):
     """Add the columns of a row to those of coarse row a, which are marked by its number; the new end."""
-    for k in range(rows.start[j], rows.start[j + 1]):
-        c = rows.column[k]
+    for k in range(start[j], start[j + 1]):
+        c = column_of[k]
         if slot[c] != a:
             slot[c] = a
             if column.shape[0] > 0:
@@ -142,103 +143,194 @@ def _note_columns(a, rows, j, slot, column, end):
 
 @kernel
 def coarse_columns(begin, member, parts, products, slot, start, column):
-    """Fill start (rows + 1,) and, if it is not empty, column (k,) of the coarser matrix.
+    """Fill start (rows + 1,) and, if it is not empty, column (k,) of the coarser matrix, in no order.
 
-    begin, member : compressed rows of down; parts : of `_product_row`; products : those of ghosts
-    slot : (n,) scratch
+    begin, member : rows of down; parts : of `_ProductRows`; products : of ghosts; slot : (n,) scratch
     """
     fine, up, beyond = parts
-    n, ups, end = fine.start.shape[0] - 1, up.start.shape[0] - 1, 0
+    n, ups, end = fine[0].shape[0] - 1, up[0].shape[0] - 1, 0
     for c in range(slot.shape[0]):
         slot[c] = -1
     for a in range(start.shape[0] - 1):
         start[a] = end
-        for place in range(begin[a], begin[a + 1]):
-            p = member[place]
+        for entry in range(begin[a], begin[a + 1]):
+            p = member[entry]
             if p >= n:
-                end = _note_columns(a, products, p - n, slot, column, end)
+                end = _note_columns(a, products[0], products[1], p - n, slot, column, end)
                 continue
-            for entry in range(fine.start[p], fine.start[p + 1]):
-                j = fine.column[entry]
+            for of_fine in range(fine[0][p], fine[0][p + 1]):
+                j = fine[1][of_fine]
                 if j < ups:
-                    end = _note_columns(a, up, j, slot, column, end)
+                    end = _note_columns(a, up[0], up[1], j, slot, column, end)
                 else:
-                    end = _note_columns(a, beyond, j - ups, slot, column, end)
+                    end = _note_columns(a, beyond[0], beyond[1], j - ups, slot, column, end)
     start[-1] = end
 
 
 @kernel
-def add_products(order, parts, ghosts, place, slot, column, block, out):
-    """Add what each finer row brings to the blocks of the coarser matrix, `Rows` out.
-
-    order : the finer rows by their number, ascending, ghosts after own ones; ghosts : `Rows` of up, of matrix
-    times up; place : (n,) of each coarse row here, or -1; parts, slot : of `_product_row`; column (n,), block
-    (n, 3, 3) : scratch
-    """
-    fine, up, _ = parts
+def count_products(order, up, ghosts, own):
+    """The length of `place` of `Coarser`; up, ghosts, own : as of `place_products`."""
     others, products = ghosts
-    n = fine.start.shape[0] - 1
+    n, count, i = up[0].shape[0] - 1, 0, 0
     for r in order:
         if r < n:
-            end = _product_row(r, parts, slot, column, block, 0)
-            for k in range(up.start[r], up.start[r + 1]):
-                _add_member(up, k, place, column, block, 0, end, out)
+            count += (up[0][r + 1] - up[0][r]) * (own[0][i + 1] - own[0][i])
+            i += 1
         else:
             g = r - n
-            first, end = products.start[g], products.start[g + 1]
-            for k in range(others.start[g], others.start[g + 1]):
-                _add_member(others, k, place, products.column, products.block, first, end, out)
+            count += (others[0][g + 1] - others[0][g]) * (products[0][g + 1] - products[0][g])
+    return count
+
+
+@kernel
+def place_products(order, up, ghosts, own, here, start, column, place):
+    """Fill `place` of `Coarser`. up, ghosts (of up, of matrix times up), own (of the latter) : start, column
+
+    order : of `Coarser`; here : (n,) where each coarse row is, or -1; start, column : of the coarser matrix
+    """
+    others, products = ghosts
+    n, count, i = up[0].shape[0] - 1, 0, 0
+    for r in order:
+        if r < n:
+            count = _place_row(up, r, own, i, here, start, column, place, count)
+            i += 1
+        else:
+            count = _place_row(others, r - n, products, r - n, here, start, column, place, count)
 
 
 @part_of_kernel
-def _add_member(up, k, place, column, block, first, end, out):
-    """Add the transposed entry k of up times a row of the product to a row of the coarser matrix."""
-    a = place[up.column[k]]
-    if a < 0:
-        return
-    for m in range(first, end):
-        low, high = out.start[a], out.start[a + 1] - 1
-        while low < high:
-            middle = (low + high) // 2
-            if out.column[middle] < column[m]:
-                low = middle + 1
-            else:
-                high = middle
-        for i in range(3):
-            for j in range(3):
-                b = out.block[low, i, j]
-                for way in range(3):
-                    b += up.block[k, way, i] * block[m, way, j]
-                out.block[low, i, j] = b
+def _place_row(up, r, product, i, here, start, column, place, count):
+    for k in range(up[0][r], up[0][r + 1]):
+        a = here[up[1][k]]
+        for m in range(product[0][i], product[0][i + 1]):
+            low = -1
+            if a >= 0:
+                low, high = start[a], start[a + 1] - 1
+                while low < high:
+                    middle = (low + high) // 2
+                    if column[middle] < product[1][m]:
+                        low = middle + 1
+                    else:
+                        high = middle
+            place[count] = low
+            count += 1
+    return count
 
 
-def transposed(matrix: BlockRows) -> BlockRows:
-    """The transposed matrix, in single precision. Collective."""
-    comm, own, mine = matrix.comm, rows_of(matrix.own), matrix.rows.mine
-    more = _entries_of_others(matrix)
-    number = np.concatenate([mine, more[0]]).astype(np.int32)
-    start = np.zeros(len(matrix.columns.mine) + 1, np.int64)
-    place = place_here(comm, matrix.columns)
-    count_columns(own.column, place, start)
-    count_columns(more[1], place, start)
-    np.cumsum(start, out=start)
-    row, block = np.empty(start[-1], np.int32), np.empty((start[-1], 3, 3), np.float32)
-    order = np.argsort(number, kind="stable")
-    transpose_rows(order, number, own, more[1], more[2], place, start[:-1].copy(), row, block)
-    return BlockRows(comm, blocks_of(block, row, start, matrix.rows.n), matrix.columns, matrix.rows)
+@part_of_kernel
+def _add_product(a, i, b, j, c, k):
+    """c[k] += a[i] b[j], of blocks (9,)."""
+    for row in range(3):
+        u, v, w = a[i, 3 * row], a[i, 3 * row + 1], a[i, 3 * row + 2]
+        for s in range(3):
+            c[k, 3 * row + s] = fused(
+                w, b[j, 6 + s], fused(v, b[j, 3 + s], fused(u, b[j, s], c[k, 3 * row + s]))
+            )
 
 
-def _entries_of_others(matrix: BlockRows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Row, column and block (k, 3, 3), in single precision, of others' entries in this rank's columns."""
-    comm, own = matrix.comm, matrix.own
-    rank = matrix.columns.rank[own.indices] if comm.size > 1 else None
-    parts = []
-    for to in range(comm.size):
-        entries = np.flatnonzero(rank == to) if to != comm.rank else np.zeros(0, int)
-        row = matrix.rows.mine[np.searchsorted(own.indptr, entries, "right") - 1]
-        parts.append((row, own.indices[entries], own.data[entries].astype(np.float32)))
-    row, column, block = (np.concatenate(each) for each in zip(*to_others(comm, parts)))
-    return row, column, block
+@part_of_kernel
+def _add_transposed(a, i, b, j, c, k):
+    """c[k] += a[i]^T b[j]."""
+    for row in range(3):
+        u, v, w = a[i, row], a[i, 3 + row], a[i, 6 + row]
+        for s in range(3):
+            c[k, 3 * row + s] = fused(
+                w, b[j, 6 + s], fused(v, b[j, 3 + s], fused(u, b[j, s], c[k, 3 * row + s]))
+            )
+
+
+@part_of_kernel
+def _add_row(p, parts, spot, count, first, out):
+    """Add row p of matrix times up to out[first:]; how far in spot it got. parts : `Rows`"""
+    fine, up, beyond = parts
+    n = up.start.shape[0] - 1
+    for entry in range(np.uint64(fine.start[p]), np.uint64(fine.start[p + 1])):
+        j = fine.column[entry]
+        if j < n:
+            for k in range(np.uint64(up.start[j]), np.uint64(up.start[j + 1])):
+                _add_product(fine.block, entry, up.block, k, out, np.uint64(first + spot[count]))
+                count += 1
+        else:
+            j -= n
+            for k in range(np.uint64(beyond.start[j]), np.uint64(beyond.start[j + 1])):
+                _add_product(fine.block, entry, beyond.block, k, out, np.uint64(first + spot[count]))
+                count += 1
+    return count
+
+
+@kernel
+def product_rows(places, parts, start, spot, out):
+    """Add some rows of matrix times up to zeros, out (k, 9). parts : `Rows`; others : of `_ProductRows`"""
+    count = 0
+    for i in range(places.shape[0]):
+        count = _add_row(places[i], parts, spot, count, start[i], out)
+
+
+@kernel
+def add_products(order, parts, ghosts, start, spot, place, scratch, out):
+    """Add what each finer row brings to the blocks of the coarser matrix, zeros, out (k, 9).
+
+    parts : `Rows` of the matrix, of up, of ghosts of that; ghosts : of up, of matrix times up
+    start, spot : of own rows, as of `_ProductRows`; order, place : of `Coarser`; scratch : (most, 9)
+    """
+    up, (others, products) = parts[1], ghosts
+    n, at, count, i = up.start.shape[0] - 1, 0, 0, 0
+    for r in order:
+        if r < n:
+            width = start[i + 1] - start[i]
+            i += 1
+            for m in range(width):
+                for s in range(9):
+                    scratch[m, s] = 0.0
+            at = _add_row(r, parts, spot, at, 0, scratch)
+            for k in range(np.uint64(up.start[r]), np.uint64(up.start[r + 1])):
+                for m in range(np.uint64(width)):
+                    if place[count] >= 0:
+                        _add_transposed(up.block, k, scratch, m, out, np.uint64(place[count]))
+                    count += 1
+        else:
+            g = r - n
+            for k in range(np.uint64(others.start[g]), np.uint64(others.start[g + 1])):
+                for m in range(np.uint64(products.start[g]), np.uint64(products.start[g + 1])):
+                    if place[count] >= 0:
+                        _add_transposed(others.block, k, products.block, m, out, np.uint64(place[count]))
+                    count += 1
+
+
+class Transposed:
+    """Makes the transposed of a matrix, in single precision. `pattern` is its.
+
+    entries : of each rank the blocks that it needs; source : which block, own ones first, each one is
+    """
+
+    def __init__(self, matrix: Pattern):
+        """Collective."""
+        self.comm, mine = matrix.comm, matrix.rows.mine
+        rank = matrix.columns.rank[matrix.column]
+        self.entries = [
+            np.flatnonzero(rank == to) if to != self.comm.rank else np.zeros(0, int)
+            for to in range(self.comm.size)
+        ]
+        parts = [(matrix.row[entries], matrix.column[entries]) for entries in self.entries]
+        row, column = (np.concatenate(each) for each in zip(*self.comm.alltoall(parts)))
+        number = np.concatenate([mine, row]).astype(np.int32)
+        start, place = np.zeros(len(matrix.columns.mine) + 1, np.int64), place_here(self.comm, matrix.columns)
+        count_columns(matrix.column, place, start)
+        count_columns(column, place, start)
+        np.cumsum(start, out=start)
+        row, self.source = np.empty((2, start[-1]), np.int32)
+        order = np.argsort(number, kind="stable")
+        transpose_rows(
+            order, number, matrix.start, matrix.column, column, place, start[:-1].copy(), row, self.source
+        )
+        self.pattern = Pattern(self.comm, start, row, matrix.columns, matrix.rows)
+
+    def of(self, matrix: BlockRows) -> BlockRows:
+        """Collective."""
+        more = np.concatenate(self.comm.alltoall([matrix.block[entries] for entries in self.entries]))
+        block = np.empty((len(self.source), 3, 3), np.float32)
+        transpose_blocks(self.source, matrix.block, more, block)
+        return BlockRows(self.pattern, block)
 
 
 @kernel
@@ -251,30 +343,28 @@ def count_columns(column, place, start):
 
 
 @kernel
-def transpose_rows(order, number, own, more_column, more_block, place, free_place, row, block):
-    """Fill row (k,) and block (k, 3, 3) of a transposed matrix.
+def transpose_rows(order, number, begin, column, more_column, place, free_place, row, source):
+    """Fill row (k,) and source (k,) of a transposed matrix.
 
     order : rows by their number, ascending; those after the own ones have one entry each, of `more`
-    number : of the rows; own : `Rows`; place : of each column here, or -1
+    number : of the rows; begin, column : of own ones; place : of each column here, or -1
     free_place : where the entries of each column begin, overwritten
     """
-    n = own.start.shape[0] - 1
+    n = begin.shape[0] - 1
     for r in order:
-        if r < n:
-            for k in range(own.start[r], own.start[r + 1]):
-                _put(number[r], place[own.column[k]], own.block, k, free_place, row, block)
-        else:
-            _put(number[r], place[more_column[r - n]], more_block, r - n, free_place, row, block)
+        first, end = (begin[r], begin[r + 1]) if r < n else (begin[n] + r - n, begin[n] + r - n + 1)
+        for k in range(first, end):
+            c = place[column[k] if r < n else more_column[r - n]]
+            if c >= 0:
+                row[free_place[c]], source[free_place[c]] = number[r], k
+                free_place[c] += 1
 
 
-@part_of_kernel
-def _put(number, c, from_block, k, free_place, row, block):
-    """Entry k of a row goes to column c, if that is here."""
-    if c < 0:
-        return
-    to = free_place[c]
-    row[to] = number
-    for i in range(3):
-        for j in range(3):
-            block[to, j, i] = from_block[k, i, j]
-    free_place[c] = to + 1
+@kernel
+def transpose_blocks(source, own, more, out):
+    """Fill out (k, 3, 3) with transposed blocks, of own ones and, counted on, more."""
+    for k in range(source.shape[0]):
+        e = source[k]
+        for i in range(3):
+            for j in range(3):
+                out[k, i, j] = own[e, j, i] if e < own.shape[0] else more[e - own.shape[0], j, i]

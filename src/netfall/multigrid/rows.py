@@ -40,6 +40,8 @@ class Ghosts(NamedTuple):
 
     def joined(self, comm: MPI.Comm, own: np.ndarray) -> np.ndarray:
         """This rank's rows (n, ...), then those that it needs of others. Collective."""
+        if comm.size == 1:
+            return own
         return np.concatenate([own, *comm.alltoall([own[places] for places in self.asked])])
 
 
@@ -55,61 +57,95 @@ def ghosts_of(comm: MPI.Comm, wanted: np.ndarray, owners: Owners) -> Ghosts:
     return Ghosts(number, counts, asked)
 
 
-def to_others(comm: MPI.Comm, parts: list) -> list:
-    """What each rank has for this one, of parts for each; its own part is not copied. Collective."""
-    own = parts[comm.rank]
-    got = comm.alltoall([None if rank == comm.rank else part for rank, part in enumerate(parts)])
-    got[comm.rank] = own
-    return got
+class Pattern:
+    """Where the rows of a rank have blocks, as all matrices have that are made of the same places."""
 
-
-class BlockRows:
-    """The rows of a matrix that this rank owns."""
-
-    def __init__(self, comm: MPI.Comm, own, rows: Owners, columns: Owners):
-        """own : scipy BSR array (3 rows of this rank, 3 columns of all ranks), columns ascending in a row."""
-        self.comm, self.own, self.rows, self.columns = comm, own, rows, columns
+    def __init__(self, comm: MPI.Comm, start: np.ndarray, column: np.ndarray, rows: Owners, columns: Owners):
+        """start : (rows + 1,) where those of each begin; column : (k,) global numbers, ascending in a row"""
+        self.comm, self.start, self.column, self.rows, self.columns = comm, start, column, rows, columns
 
     @cached_property
     def ghosts(self) -> Ghosts:
         """Columns that others own. Collective at first."""
-        return ghosts_of(self.comm, self.own.indices, self.columns)
+        return ghosts_of(self.comm, self.column, self.columns)
 
     @cached_property
-    def local(self):
-        """The same rows, columns as they stand on this rank, then ghosts. Collective at first."""
+    def local(self) -> np.ndarray:
+        """The columns (k,) as they stand on this rank, then ghosts. Collective at first."""
         place = self.columns.place.copy()
         first = len(self.columns.mine)
         place[self.ghosts.number] = first + np.arange(len(self.ghosts.number), dtype=np.int32)
-        column = place[self.own.indices]
-        n_columns = first + len(self.ghosts.number)
-        return blocks_of(self.own.data, column, self.own.indptr, n_columns)
+        return place[self.column]
 
-    def times_vector(self, x: np.ndarray) -> np.ndarray:
-        """The product (rows, 3) with a vector of rows (columns, 3) on each rank. Collective."""
-        return (self.local @ self.ghosts.joined(self.comm, x).ravel()).reshape(-1, 3)
+    @cached_property
+    def row(self) -> np.ndarray:
+        """The global number (k,) of the row of each block."""
+        return np.repeat(self.rows.mine, np.diff(self.start))
+
+    @cached_property
+    def diagonal(self) -> np.ndarray:
+        """Which blocks (rows,) are those on the diagonal of a square matrix."""
+        return np.flatnonzero(self.column == self.row)
+
+
+class BlockRows:
+    """The rows of a matrix that this rank owns: blocks (k, 3, 3) at the places of a pattern."""
+
+    def __init__(self, pattern: Pattern, block: np.ndarray):
+        self.pattern, self.block = pattern, block
+        self.comm, self.rows, self.columns = pattern.comm, pattern.rows, pattern.columns
+
+    @property
+    def local(self) -> "Rows":
+        """Columns as they stand on this rank, then ghosts. Collective at first."""
+        return Rows(self.pattern.start, self.pattern.local, self.block)
 
     def diagonal(self) -> np.ndarray:
         """The blocks (rows, 3, 3) on the diagonal of a square matrix."""
-        return self.own.data[self.own.indices == self.rows.mine[_row_of_each(self.own)]]
-
-    def everywhere(self) -> "BlockRows":
-        """A square matrix, all of whose rows each rank has. Collective."""
-        own = self.own
-        parts = self.comm.allgather((self.rows.mine, np.diff(own.indptr), own.indices, own.data))
-        row, counts, column, block = (np.concatenate(each) for each in zip(*parts))
-        counts, entries = entries_of(counts, np.argsort(row))
-        start = np.concatenate([[0], np.cumsum(counts)])
-        owners = Owners(MPI.COMM_SELF, np.arange(self.rows.n))
-        whole = blocks_of(block[entries], column[entries], start, self.rows.n)
-        return BlockRows(MPI.COMM_SELF, whole, owners, owners)
+        return self.block[self.pattern.diagonal]
 
     def dense(self) -> np.ndarray:
         """The whole matrix (3 rows, 3 columns of all) on every rank. Collective."""
         whole = np.zeros((self.rows.n, 3, self.columns.n, 3))
-        whole[self.rows.mine[_row_of_each(self.own)], :, self.own.indices] = self.own.data
+        whole[self.pattern.row, :, self.pattern.column] = self.block
         self.comm.Allreduce(MPI.IN_PLACE, whole, MPI.SUM)  # one term that is not zero: no rounding
         return whole.reshape(3 * self.rows.n, -1)
+
+
+class Everywhere:
+    """A square matrix, all of whose rows each rank has."""
+
+    def __init__(self, pattern: Pattern):
+        """Collective."""
+        self.comm = pattern.comm
+        parts = self.comm.allgather((pattern.rows.mine, np.diff(pattern.start), pattern.column))
+        row, counts, column = (np.concatenate(each) for each in zip(*parts))
+        counts, self.entries = entries_of(counts, np.argsort(row))
+        owners = Owners(MPI.COMM_SELF, np.arange(pattern.rows.n))
+        self.pattern = Pattern(MPI.COMM_SELF, starts_of(counts), column[self.entries], owners, owners)
+
+    def of(self, matrix: BlockRows) -> BlockRows:
+        """Collective."""
+        return BlockRows(self.pattern, np.concatenate(self.comm.allgather(matrix.block))[self.entries])
+
+
+class Borrowed:
+    """Rows that a rank needs of others."""
+
+    def __init__(self, pattern: Pattern, asked: list[np.ndarray]):
+        """asked : of each rank the rows that it asks this one for. Collective."""
+        self.comm, self.entries, out = pattern.comm, [], []
+        for places in asked:
+            counts, entries = entries_of(np.diff(pattern.start), places)
+            self.entries.append(entries)
+            out.append((counts, pattern.column[entries]))
+        counts, self.column = (np.concatenate(each) for each in zip(*self.comm.alltoall(out)))
+        self.start = starts_of(counts)
+
+    def of(self, matrix: BlockRows) -> "Rows":
+        """Those of a matrix. Collective."""
+        parts = self.comm.alltoall([matrix.block[entries] for entries in self.entries])
+        return Rows(self.start, self.column, np.concatenate(parts))
 
 
 class Rows(NamedTuple):
@@ -121,11 +157,6 @@ class Rows(NamedTuple):
     start: np.ndarray
     column: np.ndarray
     block: np.ndarray
-
-
-def rows_of(matrix) -> Rows:
-    """Those of a scipy BSR array."""
-    return Rows(matrix.indptr, matrix.indices, matrix.data)
 
 
 def place_here(comm: MPI.Comm, owners: Owners) -> np.ndarray:
@@ -152,8 +183,9 @@ def ascending(start: np.ndarray, column: np.ndarray, n_columns: int) -> tuple[np
     return rows.indptr, rows.indices
 
 
-def _row_of_each(matrix) -> np.ndarray:
-    return np.repeat(np.arange(len(matrix.indptr) - 1), np.diff(matrix.indptr))
+def starts_of(counts: np.ndarray) -> np.ndarray:
+    """Where rows of so many entries begin (rows + 1,)."""
+    return np.concatenate([[0], np.cumsum(counts)])
 
 
 def entries_of(counts: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

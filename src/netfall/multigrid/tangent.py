@@ -11,7 +11,7 @@ from netfall.mechanics.material import largest_stiffness
 from netfall.mechanics.state import State
 from netfall.mechanics.supports import largest_springs
 from netfall.multigrid.joints import joint_tangent, with_joints
-from netfall.multigrid.rows import BlockRows, Owners, blocks_of
+from netfall.multigrid.rows import BlockRows, Owners, Pattern, blocks_of
 from netfall.parallel.subdomain import Distribution
 
 STIFF = 1e4  # times a node's stiffness: of a line on which it is held; single precision bears that
@@ -151,6 +151,21 @@ def add_diagonal(ends, direction, axial, across, out):
 
 
 @kernel
+def hold_diagonal(free, support, inertia, between, out):
+    """Add supports to diagonal blocks (rows, 3, 3), then leave 1 on held axes. Others : of `block_matrix`"""
+    for p in range(out.shape[0]):
+        for i in range(3):
+            out[p, i, i] += inertia[p] + (0.0 if support is None else support[p, i])
+        if between is not None:
+            out[p, 0, 1] += between[p]
+            out[p, 1, 0] += between[p]
+        for i in range(3):
+            for j in range(3):
+                if not (free[p, i] and free[p, j]):
+                    out[p, i, j] = 1.0 if i == j else 0.0
+
+
+@kernel
 def fill_blocks(at, ends, number, free, direction, axial, across, diagonal, start, column, block):
     """Fill the rows of a matrix: start (rows + 1,), column (k,), block (k, 3, 3) of zeros; k at most.
 
@@ -195,32 +210,32 @@ def block_matrix(
     None; inertia : (n,) [N/m]; number : (n,) of a particle's column; columns : how many
     between : (n,) or None, of supports between x and y; at : the rows that are made, of the first particles
     """
-    rows, axis, ends = len(at.start) - 1, np.arange(3), ends.astype(np.uint32, copy=False)
+    rows, ends = len(at.start) - 1, ends.astype(np.uint32, copy=False)
     diagonal = np.zeros((len(free), 3, 3))
     add_diagonal(ends, direction, axial, across, diagonal)
     diagonal = diagonal[:rows]
-    diagonal[:, axis, axis] += inertia[:rows, None] + (0.0 if support is None else support[:rows])
-    if between is not None:
-        diagonal[:, [0, 1], [1, 0]] += between[:rows, None]
-    diagonal *= free[:rows, :, None] & free[:rows, None, :]
-    diagonal[:, axis, axis] += ~free[:rows]
+    hold_diagonal(free, support, inertia, between, diagonal)
     start, most = np.empty(rows + 1, np.int64), rows + len(at.far)
     column, block = np.empty(most, np.int32), np.zeros((most, 3, 3))
     fill_blocks(at, ends, number, free, direction, axial, across, diagonal, start, column, block)
     return blocks_of(block[: start[-1]], column[: start[-1]], start, columns)
 
 
-def tangent_rows(distribution: Distribution, net, K: Tangent, at: Incidence, inertia: float) -> BlockRows:
+def tangent_rows(
+    distribution: Distribution, net, K: Tangent, at: Incidence, inertia: float, pattern: Pattern | None = None
+) -> BlockRows:
     """The tangent as a matrix, compression left out. Collective.
 
     net : `relaxation.Net`; at : of the particles that this rank owns; inertia : share of the nodes' stiffness
-    that is added
+    that is added; pattern : of an earlier one of the same net
     """
     d, K = distribution.subdomain, without_compression(K)
-    owners = Owners(distribution.comm, d.particle_gid[: d.n_owned])
     elements = K.direction, K.axial, K.across
     supports = net.free != 0, K.support, inertia * K.nodal
-    own = block_matrix(net.ends, *elements, *supports, d.particle_gid, at, owners.n, K.between)
+    own = block_matrix(net.ends, *elements, *supports, d.particle_gid, at, distribution.n, K.between)
     if K.joints is not None:
         own = with_joints(own, K.joints, net.free != 0, d.particle_gid)
-    return BlockRows(distribution.comm, own, owners, owners)
+    if pattern is None:
+        owners = Owners(distribution.comm, d.particle_gid[: d.n_owned])
+        pattern = Pattern(distribution.comm, own.indptr, own.indices, owners, owners)
+    return BlockRows(pattern, own.data)

@@ -27,6 +27,7 @@ from netfall.ground.stop import NEVER, StopRequest
 from netfall.job.values import counted
 from netfall.mechanics.elements import add_tensions, geometric_stiffness, nodal_stiffness
 from netfall.mechanics.supports import keep_on_guides
+from netfall.multigrid.cycle import Structure
 from netfall.multigrid.lines import lines_of
 from netfall.multigrid.tangent import Tangent
 from netfall.net.net import Net
@@ -317,8 +318,8 @@ def newton_form(comm, distribution, halo, net, elements, settings, asked: float,
         return None
     before = net.x.copy(order="K")
     inverse = lambda newton, tangent: newton.cycle(tangent)
-    lines = cache(lambda: lines_of(distribution, elements.ends, before, net.free))
-    newton = Newton(comm, halo, distribution, net, lambda: tangent_of_form(elements, net.x), inverse, lines)
+    kept = Structure(cache(lambda: lines_of(distribution, elements.ends, before, net.free)))
+    newton = Newton(comm, halo, distribution, net, lambda: tangent_of_form(elements, net.x), inverse, kept)
     try:
         total = _towards_force_density(newton, elements)
         if elements.along:
