@@ -1,6 +1,7 @@
 """Pictures of the roof coloured by use, dynamic factors, moments; slip along cables, and use of clamps."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -154,5 +155,27 @@ def slips(f):
 
 def _along(f, places: np.ndarray) -> np.ndarray:
     """How far (k,) [m] the places of a cable are from the first of them, along it."""
-    L0 = f["net/unstressed_length"][:][f["slide/before"][:][places]]
-    return np.append(0.0, np.cumsum(L0[1:]))
+    L0, before, after = f["net/unstressed_length"][:], f["slide/before"][:], f["slide/after"][:]
+    apart = [L0[_from_to(f, after[a], before[b])].sum() for a, b in pairwise(places)]
+    return np.append(0.0, np.cumsum(apart))
+
+
+def _from_to(f, first: int, last: int) -> list[int]:
+    """The elements of a cable from one to another, over nodes where two of a group or of a piece meet."""
+    ends, group, piece = f["net/elements"][:], f["net/group"][:], f["net/cable"][:]
+    ways = [_one_way(ends, group, piece, first, last, int(p)) for p in ends[first]]
+    return min((way for way in ways if way[-1] == last), key=len, default=[first, last])
+
+
+def _one_way(ends, group, piece, first: int, last: int, p: int) -> list[int]:
+    """The elements from one on, over its end p, up to another, or to where the cable ends."""
+    way = [first]
+    while way[-1] != last and len(way) < len(ends):
+        e = way[-1]
+        here = np.flatnonzero((ends == p).any(1) & (group == group[e]))
+        here = here if len(here) == 2 else here[piece[here] == piece[e]]
+        if len(here) != 2 or first in here[here != e]:
+            break
+        way.append(int(here[here != e][0]))
+        p = int(ends[way[-1]].sum()) - p
+    return way

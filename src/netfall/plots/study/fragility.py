@@ -74,7 +74,8 @@ def _short(g, k: int) -> str:
     """Median and its interval; there are other curves in the panel."""
     if not np.isfinite(g["median"][k]):
         low, high = g["median_bounds"][k]
-        return f"no curve; median {low:g} to {high:g} m/s".replace(" to inf", " or more")
+        bounds = f"{low:g}" if low == high else f"{low:g} to {high:g}".replace(" to inf", " or more")
+        return f"no curve; median {bounds} m/s"
     return with_interval(g["median"][k], g["median_interval"][k], 4) + " m/s"
 
 
