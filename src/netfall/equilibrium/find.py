@@ -45,7 +45,7 @@ ROUNDING = 1e-13  # of the largest force: residuals below that are rounding
 EXACT = 1e-10  # of the forces out of balance, that a response leaves
 STABLE, UNKNOWN = -1, -2
 INSIDE, MIXED = -1, -2
-FEWEST = 2000  # particles for these; below that relaxation takes hardly longer
+FEWEST = 2000  # particles for these, and for factors of many answers; below that others take hardly longer
 ROUNDED = 10.0  # times the tolerance: what is then missing is told, where rounding ends the interior's steps
 WAYS = {  # and how near these come before Newton's is tried: steps; gaps, of the mean energy
     MIXED: (Mixed, (1e-4, 1e-6, 0.0)),
@@ -336,24 +336,38 @@ class Finder:
         unstable_at = self._unstable_at(newton)
         return Solution(found.gradients, found.residual, found.moved, found.tension, False, unstable_at)
 
-    def response(self, load: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What changes (m,) [m] of unstressed lengths do where the net is: (n, 3) [m] of nodes, (m,) [N].
+    def responses(self, load: np.ndarray, count: int) -> Callable[[np.ndarray], tuple]:
+        """What so many changes (m,) [m] of unstressed lengths do where the net is, each by a call.
 
-        load : (n, 3) [N] that acts. Collective. Raises NoConvergence where the tangent is singular.
+        load : (n, 3) [N] that acts. Collective, and so are the calls: they give (n, 3) [m] of nodes and
+        (m,) [N], and raise NoConvergence where the tangent is singular.
         """
         newton, state = self._newton(load), self.state
         newton.begin()
-        K, fixed = newton.tangent(), self.at_fixed_nodes(change)
-        newton.f[:] = 0.0
-        add_tensions(state.x, state.ends, fixed, state.elements_now().L, newton.f)
-        r = newton.not_held(newton.f[newton.owned])
-        s, _ = newton.solve(K, self._approximate_inverse(newton, K), r, EXACT)
-        newton.spread_out(s)
-        axial = np.empty(len(change))
-        axial_forces(newton.spread, state.ends, K.direction, K.axial, axial)
-        if K.slip is not None:
-            K.slip.add_changes(newton.spread, axial)
-        return newton.spread, fixed + axial
+        K = newton.tangent()
+        inverse = cache(lambda: self._factors_for(K, count) or self._approximate_inverse(newton, K))
+
+        def respond(change):
+            fixed = self.at_fixed_nodes(change)
+            newton.f[:] = 0.0
+            add_tensions(state.x, state.ends, fixed, state.elements_now().L, newton.f)
+            r = newton.not_held(newton.f[newton.owned])
+            s, _ = newton.solve(K, inverse(), r, EXACT)
+            newton.spread_out(s)
+            axial = np.empty(len(change))
+            axial_forces(newton.spread, state.ends, K.direction, K.axial, axial)
+            if K.slip is not None:
+                K.slip.add_changes(newton.spread, axial)
+            return newton.spread, fixed + axial
+
+        return respond
+
+    def _factors_for(self, K: Tangent, count: int) -> Factors | None:
+        """Those of a larger net, where so many answers are worth them. Collective."""
+        if self.distribution.n < FEWEST or self.state.features.bending:
+            return None
+        self._pattern = self._pattern or Pattern(self.distribution, self.state)
+        return self._factors(K, 0.0) if self._pattern.products <= count * MOST_PRODUCTS else None
 
     def at_fixed_nodes(self, change: np.ndarray) -> np.ndarray:
         """Changes of axial forces (m,) [N] with unstressed lengths, changed by (m,) [m], at fixed nodes."""

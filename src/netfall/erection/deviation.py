@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.erection.tension import elastic, of_form, response
+from netfall.erection.tension import elastic, of_form, responses
 from netfall.ground.stop import NEVER
 from netfall.job.values import shown
 from netfall.mechanics.slip.law import set_strands
@@ -76,9 +76,11 @@ def _influence(scene: Scene, load: np.ndarray) -> tuple:
     net = scene.model and scene.model.net
     deviation = scene.comm.bcast(net and _of_pieces(net))
     square, effect = np.zeros(scene.distribution.m), np.zeros(len(deviation))
-    for k in np.flatnonzero(deviation):
+    drawn = np.flatnonzero(deviation)
+    respond = responses(scene, load, len(drawn))
+    for k in drawn:
         change = net and np.where(net.cable == k, shares(net, scene.model.cut_length), 0.0)
-        _, N = response(scene, load, scene.distribution.elements(change))
+        _, N = respond(scene.distribution.elements(change))
         if net:
             square += (deviation[k] * N) ** 2
             effect[k] = deviation[k] * np.abs(N).max()

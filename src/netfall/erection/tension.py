@@ -5,6 +5,7 @@ changes by dN/dL0 = -(dN/dL) L / L0, which holds for both measures of strain; th
 are then out of balance by K^-1, and change all forces once more.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -147,28 +148,35 @@ def influences(
     """Influence (t, k) of each amount on each quantity wanted, [N/m] or [m/m], on rank 0. Collective."""
     rows = []
     count = scene.comm.bcast(scene.model and len(jacks))
+    respond = responses(scene, load, count)
     for k in range(count):
         change = np.zeros(scene.distribution.m)
         if scene.model:
             change[jacks[k].rows] = jacks[k].shares(L0)
-        x, N = response(scene, load, scene.distribution.elements(scene.model and change))
+        x, N = respond(scene.distribution.elements(scene.model and change))
         if scene.model:
             rows.append([each.now(x, N) for each in wanted])
     return np.array(rows).T if scene.model else None
 
 
-def response(scene: Scene, load: np.ndarray, change: np.ndarray) -> tuple:
-    """Changes of positions (n, 3) [m] and axial forces (m,) [N], on rank 0, as unstressed lengths change.
+def responses(scene: Scene, load: np.ndarray, count: int) -> Callable[[np.ndarray], tuple]:
+    """What so many changes (m,) [m] of unstressed lengths of this rank do, each by a call. Collective.
 
-    change : (m,) [m] of this rank's elements; load : (n, 3) [N] that acts. Collective.
-    Where the net is a mechanism nothing is known of the positions, and they count as fixed.
+    load : (n, 3) [N] that acts. Calls are collective too, and give changes of positions (n, 3) [m] and axial
+    forces (m,) [N], on rank 0. Where the net is a mechanism nothing is known of the positions, and they count
+    as fixed.
     """
     state, spread = scene.state, scene.distribution
-    try:
-        u, N = scene.finder.response(load, change)
-    except NoConvergence:
-        u, N = np.zeros_like(state.x), scene.finder.at_fixed_nodes(change)
-    return spread.gather_particles(u), spread.gather_elements(N, state.owned.astype(bool))
+    respond = scene.finder.responses(load, count)
+
+    def gathered(change):
+        try:
+            u, N = respond(change)
+        except NoConvergence:
+            u, N = np.zeros_like(state.x), scene.finder.at_fixed_nodes(change)
+        return spread.gather_particles(u), spread.gather_elements(N, state.owned.astype(bool))
+
+    return gathered
 
 
 def _step(scene: Scene, now: _Now, wanted, jacks: list[Jack], L0, influence: np.ndarray) -> np.ndarray:
