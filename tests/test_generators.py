@@ -9,7 +9,7 @@ from test_wheel import residual
 
 from netfall.net.generators import generate as generators
 from netfall.net.generators.dome import GROUPS, dome
-from netfall.net.generators.ring import ring
+from netfall.net.generators.generate import ring
 from netfall.net.net import pair_key
 from netfall.roof.areas import tributary_areas
 from netfall.roof.faces import find_faces

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.checks.cables import Checked, groups_of, results_of, types_of
+from netfall.checks import cables
 from netfall.results.cases import EQUILIBRIUM, KINDS, Case
 from netfall.results.states import Envelope
 
@@ -23,7 +23,7 @@ class Limit(NamedTuple):
     holds: bool
 
 
-def group_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarray]:
+def group_columns(f, envelope: Envelope, checked: cables.Checked) -> dict[str, np.ndarray]:
     """A row for each check and group, those of a check worst first: its member with the largest utilisation.
 
     alike : how many elements of the group and type have the same force, this one included
@@ -32,7 +32,7 @@ def group_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
     rows = [
         (check, e, alike)
         for check in checked.checks
-        for e, alike in _firsts(groups_of(f), members(f, checked, check.name))
+        for e, alike in _firsts(cables.groups_of(f), members(f, checked, check.name))
     ]
     each = np.array([e for _, e, _ in rows])
     of = lambda table: np.array([table[check.name][e] for check, e, _ in rows])
@@ -40,8 +40,8 @@ def group_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
     return {
         "check": np.array([check.name for check, *_ in rows], object),
         "kind": np.array([check.kind for check, *_ in rows], object),
-        "group": groups_of(f)[each],
-        "type": types_of(f)[each],
+        "group": cables.groups_of(f)[each],
+        "type": cables.types_of(f)[each],
         "cable": f["net/cable_names"].asstr()[:].astype(object)[f["net/cable"][:][each]],
         "element": f["net/element_id"][:][each],
         "alike": np.array([alike for *_, alike in rows]),
@@ -49,17 +49,17 @@ def group_columns(f, envelope: Envelope, checked: Checked) -> dict[str, np.ndarr
         "N_Ed": of(checked.force),
         "N_Rd": of(checked.resistance),
         "utilisation": used,
-        "result": of({check.name: results_of(checked, check.name) for check in checked.checks}),
+        "result": of({check.name: cables.results_of(checked, check.name) for check in checked.checks}),
     }
 
 
-def members(f, checked: Checked, check: str) -> list[tuple[int, int]]:
+def members(f, checked: cables.Checked, check: str) -> list[tuple[int, int]]:
     """The elements by their utilisation in a check, the largest first, and how many each stands for.
 
     Those of one group, type and resistance whose forces are alike are one row, by the first of them.
     """
     N, R, key = checked.force[check], checked.resistance[check], checked.decisive(check)
-    kind = _numbers(groups_of(f), types_of(f), np.nan_to_num(R, nan=-1.0))
+    kind = _numbers(cables.groups_of(f), cables.types_of(f), np.nan_to_num(R, nan=-1.0))
     order = np.lexsort((np.arange(len(N)), -np.round(key, 9)))
     rows: list[list[int]] = []
     last: dict[int, int] = {}  # of each kind the row that it has now

@@ -17,16 +17,8 @@ from netfall.mechanics.slip.law import set_strands
 from netfall.net.turned import held_along, on_held, turned_column
 from netfall.numerics.functions import lengths
 from netfall.results.notes import error_words, limit_notes, stop_notes
+from netfall.stages import settle
 from netfall.stages.scene import Scene, let_slip
-from netfall.stages.settle import (
-    NONE,
-    StaticLoad,
-    StaticOutcome,
-    by_ids,
-    reference_force,
-    settings_of,
-    settle,
-)
 
 MOST_TURNS = 10  # of forces at jacks
 
@@ -92,7 +84,7 @@ def erect(scene: Scene, erection: Erection, stop: StopRequest) -> None:
         setting = model and after(setting, stage, model.net)
         load = _set_up(scene, setting, x)
         words, weights = f"stage {stage.name}", own_weight(scene.job)
-        each = StaticLoad("stage", words, load, 1.0, stage.name, weights=weights)
+        each = settle.StaticLoad("stage", words, load, 1.0, stage.name, weights=weights)
         outcome, setting = _equilibrium(scene, each, setting, stop)
         x = scene.distribution.gather_particles(scene.state.x)
         _note(scene, erection, stage, setting, x, outcome)
@@ -132,33 +124,33 @@ def warm_of(scene: Scene, setting: Setting | None):
     return lambda L0: warm_length(L0, scene.model.net.expansion, setting.load.temperature)
 
 
-def _equilibrium(scene: Scene, each: StaticLoad, setting: Setting | None, stop) -> tuple:
+def _equilibrium(scene: Scene, each: settle.StaticLoad, setting: Setting | None, stop) -> tuple:
     """The equilibrium of a stage, forces pulled to where some are; and the setting with its lengths."""
     if scene.comm.bcast(setting and len(setting.pulls) > 0):
         outcome, setting = _pulled(scene, each, setting, stop)
     else:
-        outcome = settle(scene, each, reference_force(scene, each), stop)
+        outcome = settle.settle(scene, each, settle.reference_force(scene, each), stop)
     return elastic(scene, outcome), _slipped(scene, setting)
 
 
-def _pulled(scene: Scene, each: StaticLoad, setting: Setting | None, stop) -> tuple:
+def _pulled(scene: Scene, each: settle.StaticLoad, setting: Setting | None, stop) -> tuple:
     """The equilibrium with the forces of the jacks, and the setting with the lengths there. Collective.
 
     Weight goes with the lengths, so they are found in turns, until it changes by less than the tolerance.
     """
     of = lambda name: setting and list(getattr(setting, name))
     pulls, jacks, warm = of("pulls"), of("jacks"), warm_of(scene, setting)
-    asked = settings_of(scene.job).tolerance
+    asked = settle.settings_of(scene.job).tolerance
     for _ in range(MOST_TURNS):
         found = tension_to(scene, each, pulls, jacks, setting and setting.L0, warm, stop)
         setting = setting and replace(setting, L0=found.L0, pulls=(), jacks=())
         load = scene.distribution.particles(setting and setting.forces(scene.model))
         change = max(scene.comm.allgather(np.abs(load - each.load).max(initial=0.0)))
-        if not found.outcome.carries or change <= asked * reference_force(scene, each):
+        if not found.outcome.carries or change <= asked * settle.reference_force(scene, each):
             return found.outcome, setting
         each = each._replace(load=load)
     reason = f"not reached in {MOST_TURNS} turns: the weight still changes with lengths, by {change:.3g} N"
-    return found.outcome._replace(state=NONE, reason=reason), setting
+    return found.outcome._replace(state=settle.NONE, reason=reason), setting
 
 
 def _slipped(scene: Scene, setting: Setting | None) -> Setting | None:
@@ -171,7 +163,7 @@ def _slipped(scene: Scene, setting: Setting | None) -> Setting | None:
 
 
 def _note(
-    scene: Scene, erection: Erection, stage, setting: Setting | None, x, outcome: StaticOutcome
+    scene: Scene, erection: Erection, stage, setting: Setting | None, x, outcome: settle.StaticOutcome
 ) -> None:
     """Keep what came of a stage, and what is said of it. Collective."""
     state, found, model = scene.state, outcome.equilibrium, scene.model
@@ -220,7 +212,9 @@ def reactions(model, setting: Setting, x: np.ndarray, N: np.ndarray) -> np.ndarr
     return on_held(net, (setting.fixed | (net.spring > 0)) & setting.there(net)[:, None], force)
 
 
-def _lines(model, erection: Erection, stage, setting: Setting, x, N, outcome: StaticOutcome) -> list[str]:
+def _lines(
+    model, erection: Erection, stage, setting: Setting, x, N, outcome: settle.StaticOutcome
+) -> list[str]:
     """What is said of a stage: its equilibrium, how far nodes went, forces at the jacks."""
     if not outcome.carries:
         return [f"stage {stage.name}: NO EQUILIBRIUM: {outcome.reason}"]
@@ -241,4 +235,4 @@ def _lines(model, erection: Erection, stage, setting: Setting, x, N, outcome: St
             f"{setting.L0[rows].sum():.6g} m in all"
         )
     lines += stop_notes([(f"stage {stage.name}", outcome.equilibrium.stopped)], net.element_id)
-    return lines + limit_notes(f"stage {stage.name}", by_ids(outcome.labels(), net.element_id))
+    return lines + limit_notes(f"stage {stage.name}", settle.by_ids(outcome.labels(), net.element_id))

@@ -17,19 +17,8 @@ from netfall.job.asks import carries_permanent
 from netfall.job.values import counted
 from netfall.mechanics.slip.law import set_strands
 from netfall.numerics.functions import lengths
+from netfall.stages import settle
 from netfall.stages.scene import Scene
-from netfall.stages.settle import (
-    MOST_NAMED,
-    NONE,
-    StaticLoad,
-    StaticOutcome,
-    as_it_began,
-    committed,
-    put_back,
-    reference_force,
-    settle,
-    yielded,
-)
 
 REACHED = 1e-6  # of the value that is wanted, or of the largest force
 MOST_EQUILIBRIA = 40
@@ -46,20 +35,20 @@ class Tensioned(NamedTuple):
 
     L0: np.ndarray | None
     influence: np.ndarray | None
-    outcome: StaticOutcome
+    outcome: settle.StaticOutcome
     equilibria: int
 
 
-def of_form(scene: Scene, kind: str, words: str) -> StaticLoad:
+def of_form(scene: Scene, kind: str, words: str) -> settle.StaticLoad:
     """What the form carries: the permanent load, or nothing; words : for messages."""
     model = scene.model
     load = model and (model.loading.permanent if carries_permanent(scene.job) else np.zeros_like(model.x))
-    return StaticLoad(kind, words, scene.distribution.particles(load), 1.0)
+    return settle.StaticLoad(kind, words, scene.distribution.particles(load), 1.0)
 
 
 def tension_to(
     scene: Scene,
-    each: StaticLoad,
+    each: settle.StaticLoad,
     wanted: list[Wanted],
     jacks: list[Jack],
     L0,
@@ -73,11 +62,11 @@ def tension_to(
     Where that is not reached the state is in the last equilibrium on the way. Raises Paused if asked to stop.
     """
     comm, influence, best, before, tried = scene.comm, None, np.inf, None, np.zeros(0)
-    reference = reference_force(scene, each)
+    reference = settle.reference_force(scene, each)
     for count in range(1, MOST_EQUILIBRIA + 1):
         set_strands(scene.state, scene.distribution.elements(warm(L0) if scene.model else None))
-        outcome = settle(scene, each, reference, stop)
-        if outcome.state == NONE:
+        outcome = settle.settle(scene, each, reference, stop)
+        if outcome.state == settle.NONE:
             size = np.inf
         else:
             now = _measure(scene, wanted)
@@ -87,34 +76,34 @@ def tension_to(
         if size > WORSE * best or size == np.inf:
             if before is None:
                 reason = outcome.reason or "the forces are no numbers"
-                return Tensioned(L0, None, outcome._replace(state=NONE, reason=reason), count)
-            put_back(scene.state, before[0])
+                return Tensioned(L0, None, outcome._replace(state=settle.NONE, reason=reason), count)
+            settle.put_back(scene.state, before[0])
             tried = 0.5 * tried
             L0 = scene.model and _changed(jacks, before[1], tried)
             continue
-        best, before = min(best, size), (committed(scene.state), L0)
+        best, before = min(best, size), (settle.committed(scene.state), L0)
         influence = influences(scene, each.load, wanted, jacks, L0)
         if scene.model:
             tried = _step(scene, now, wanted, jacks, L0, influence)
             L0 = _changed(jacks, L0, tried)
         if comm.bcast(scene.model and not tried.any()):
             break
-    put_back(scene.state, before[0])
+    settle.put_back(scene.state, before[0])
     now = _measure(scene, wanted)
     lines = comm.bcast(now and missed(wanted, now.values))
     reason = f"not reached in {count} equilibria: " + "; ".join(lines)
-    nothing = StaticOutcome(NONE, np.nan, reason, (), as_it_began(scene))
+    nothing = settle.StaticOutcome(settle.NONE, np.nan, reason, (), settle.as_it_began(scene))
     return Tensioned(before[1], influence, nothing, count)
 
 
-def elastic(scene: Scene, outcome: StaticOutcome) -> StaticOutcome:
+def elastic(scene: Scene, outcome: settle.StaticOutcome) -> settle.StaticOutcome:
     """What came of it; no equilibrium where elements yield in it: what is built is elastic. Collective."""
-    over = yielded(scene)
+    over = settle.yielded(scene)
     if not over:
         return outcome
     ids = scene.comm.bcast(scene.model and counted("element", scene.model.net.element_id[list(over)]))
     reason = f"{ids} yield in it; an erection is computed elastically"
-    return StaticOutcome(NONE, np.nan, reason, over[:MOST_NAMED], outcome.equilibrium)
+    return settle.StaticOutcome(settle.NONE, np.nan, reason, over[: settle.MOST_NAMED], outcome.equilibrium)
 
 
 class _Now(NamedTuple):

@@ -89,10 +89,6 @@ class EventLog:
         new = found["new_particle"]
         self.split_gid = np.sort(np.concatenate([self.split_gid, new[new >= 0]]))
 
-    def broken_before(self, steps: np.ndarray) -> np.ndarray:
-        """Elements (k,) that broke before each of some steps (k,)."""
-        return np.searchsorted(self.breaking, steps)
-
     @property
     def points(self) -> int:
         """Particles of the net and those that split off."""

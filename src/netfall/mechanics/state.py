@@ -6,19 +6,9 @@ latter and grow when these are used up. What a scene does not have is None.
 
 import numpy as np
 
+from netfall.mechanics import fields
 from netfall.mechanics.bending import Joints, joint_moments
 from netfall.mechanics.elements import ElementState, element_state
-from netfall.mechanics.fields import (
-    FIELDS,
-    LIKE_PARENT,
-    SLOTS,
-    Elements,
-    Features,
-    Field,
-    Particles,
-    Slots,
-    fields_of,
-)
 from netfall.mechanics.material import Law, law_of, reaches
 
 FEWEST_SPARE = 64  # rows for particles that may split off, made at once
@@ -28,13 +18,15 @@ STEP_ALONE = ("lost", "highest", "lowest", "yield_strain", "eps_u", "eps_c", "re
 class State:
     """Arrays of one rank as attributes, named as in FIELDS; absent ones are None."""
 
-    def __init__(self, features: Features, n_owned: int, n_halo: int, m: int, width: int = SLOTS):
+    def __init__(
+        self, features: fields.Features, n_owned: int, n_halo: int, m: int, width: int = fields.SLOTS
+    ):
         """width : most elements at a particle"""
         self.features = features
-        self.width = max(width, SLOTS)
+        self.width = max(width, fields.SLOTS)
         self.n_owned, self.n_halo, self.m = n_owned, n_halo, m
         self.rows = np.array([n_owned + n_halo])  # of particles, in use; more after splits
-        for field in FIELDS:
+        for field in fields.FIELDS:
             rows = m if field.entity == "element" else self.n_local
             setattr(self, field.name, self._zeros(field, rows) if features.has(field) else None)
         # of chains that bend; (m, 2) rows of these at the ends of elements, see `net.chains`
@@ -56,7 +48,7 @@ class State:
     def n_local(self, rows: int):
         self.rows[0] = rows
 
-    def _zeros(self, field: Field, rows: int) -> np.ndarray:
+    def _zeros(self, field: fields.Field, rows: int) -> np.ndarray:
         """An array of so many elements or particles; a particle's axes stand apart, each contiguous."""
         if field.entity == "slot":
             return np.zeros((self.width, rows), field.dtype)
@@ -65,27 +57,27 @@ class State:
     # --- what kernels take
 
     @property
-    def particles(self) -> Particles:
+    def particles(self) -> fields.Particles:
         """The particles' fields for kernels."""
-        return self._tuple(Particles, "particle")
+        return self._tuple(fields.Particles, "particle")
 
     @property
-    def elements(self) -> Elements:
+    def elements(self) -> fields.Elements:
         """The elements' fields for kernels."""
-        return self._tuple(Elements, "element")
+        return self._tuple(fields.Elements, "element")
 
     @property
-    def slots(self) -> Slots:
+    def slots(self) -> fields.Slots:
         """The slots' fields for kernels."""
-        return self._tuple(Slots, "slot")
+        return self._tuple(fields.Slots, "slot")
 
     def _tuple(self, kind: type, entity: str):
         """A named tuple of arrays, kept until they grow: making it takes some microseconds."""
         if entity not in self._tuples:
-            self._tuples[entity] = kind(*(self._column(field) for field in fields_of(entity)))
+            self._tuples[entity] = kind(*(self._column(field) for field in fields.fields_of(entity)))
         return self._tuples[entity]
 
-    def _column(self, field: Field):
+    def _column(self, field: fields.Field):
         array = getattr(self, field.name)
         return axes(array) if field.entity == "particle" and field.tail else array
 
@@ -97,7 +89,7 @@ class State:
         return self._tuples["law"]
 
     @property
-    def of_a_moment(self) -> tuple[Elements, Law]:
+    def of_a_moment(self) -> tuple[fields.Elements, Law]:
         """Elements and law without what the step alone reads: scenes that differ in it share kernels."""
         if "moment" not in self._tuples:
             law = Law(self.law.logarithmic, *[None] * 6, self.law.branches)
@@ -180,13 +172,13 @@ class State:
         if self.n_local + particles <= capacity:
             return
         spare = max(FEWEST_SPARE, 2 * particles, capacity // 8)
-        for field in FIELDS:
+        for field in fields.FIELDS:
             array = getattr(self, field.name)
             if field.entity != "element" and array is not None:
                 grown = self._zeros(field, self.n_local + spare)
                 used = (slice(None), slice(self.n_local)) if field.entity == "slot" else slice(self.n_local)
                 grown[used] = array[used]
-                if field.entity == "particle" and field.split != LIKE_PARENT:
+                if field.entity == "particle" and field.split != fields.LIKE_PARENT:
                     grown[self.n_local :] = field.split
                 setattr(self, field.name, grown)
         self._tuples = {}
@@ -195,7 +187,7 @@ class State:
         """Order the rows of the particles that split off by their far ends: these are near in memory then."""
         first, rows = self.first_split, slice(self.first_split, self.n_local)
         order = np.argsort(self.other[0, rows], kind="stable")
-        for field in FIELDS:
+        for field in fields.FIELDS:
             array = getattr(self, field.name)
             if field.entity != "element" and array is not None:
                 at = (slice(None), rows) if field.entity == "slot" else rows

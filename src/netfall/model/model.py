@@ -9,14 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.asks import (
-    air_damps,
-    air_moves,
-    along_normals,
-    carries_permanent,
-    loads_the_roof,
-    moves_supports,
-)
+from netfall.job import asks
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, Memory, key_of
 from netfall.mechanics.bending import Joints, curvatures
@@ -174,15 +167,15 @@ def make_model(
     notes = check_start(job, net, N, L, L0)
     areas = _areas(layout, x)
     roof = Roof(areas.surface, areas.plan, areas.vector, layout.zones)
-    notes += bare_zones(layout.zones, roof.area) if loads_the_roof(job) else []
+    notes += bare_zones(layout.zones, roof.area) if asks.loads_the_roof(job) else []
     _check_normals(job, net, roof)
     half, own = _own_mass(net, L0)
     loading = loading_of(job, roof, own, net.load)
-    carried = loading.permanent if carries_permanent(job) else None  # by the form
+    carried = loading.permanent if asks.carries_permanent(job) else None  # by the form
     mass, added = _scaled(job, net, L0, own + net.mass + loading.carried)
     field, history = _wind(job, layout, x, roof, memory)
     air_mass = moving_air(job, roof)
-    motion = motion_of(job, net, x) if moves_supports(job) else None
+    motion = motion_of(job, net, x) if asks.moves_supports(job) else None
     notes += motion.notes if motion else []
     if field:
         notes += low_notes(job, net, x, field.force)
@@ -291,8 +284,8 @@ def _panels(job: Job, layout: Layout, shares: Shares, loading: Loading) -> Panel
     factor = np.broadcast_to(force_factor(by_node(job, layout.shape_coefficient)), net.n)[panels.node]
     still = np.zeros_like(roof.vector)
     return panels._replace(
-        air=kappa_area(job, roof) if air_damps(job) else still,
-        air_mass=moving_air(job, roof) if air_moves(job) else np.zeros_like(roof.area),
+        air=kappa_area(job, roof) if asks.air_damps(job) else still,
+        air_mass=moving_air(job, roof) if asks.air_moves(job) else np.zeros_like(roof.area),
         mass=carried_mass(load, roof) if load else np.zeros_like(roof.area),
         pressure=pressure_load(load, roof) if load else np.zeros_like(roof.vector),
         wind=factor[:, None] * roof.vector,
@@ -302,7 +295,7 @@ def _panels(job: Job, layout: Layout, shares: Shares, loading: Loading) -> Panel
 def _check_normals(job: Job, net: Net, roof: Roof) -> None:
     """Wind and pressure along normals must not vanish silently on particles that meet no face."""
     bare = (roof.area > 0) & ~roof.vector.any(1) & net.moves
-    if along_normals(job) and bare.any():
+    if asks.along_normals(job) and bare.any():
         raise InputError(
             f"{job.path}: {int(bare.sum())} free nodes with a roof area meet no closed face in plan, so wind "
             f"and pressure have no normal to act along (first: node {net.node_id[bare][0]}); close the "

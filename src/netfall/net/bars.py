@@ -18,7 +18,8 @@ KEYS = (*OF_BARS, "buckling_curve", *FLAGS)
 def set_bars(job: Job, net: Net) -> None:
     """Second moments of the bars of a net, and how they buckle, where any has one."""
     tables = [vars(job.cable) | job.groups.get(name, {}) for name in net.group_names]
-    of = {name: _of_bars(net, [table[name] for table in tables]) for name in OF_BARS}
+    given = {name: [np.nan if table[name] is None else table[name] for table in tables] for name in OF_BARS}
+    of = {name: np.where(net.bar, np.array(each, float)[net.group], np.nan) for name, each in given.items()}
     if np.isfinite(of["second_moment"]).any():
         net.second_moment, net.buckling_length = of.values()
         net.buckling_curve = np.array([CURVES.index(t["buckling_curve"]) for t in tables])[net.group]
@@ -26,12 +27,6 @@ def set_bars(job: Job, net: Net) -> None:
         flags = np.array([table[name] for table in tables])[net.group] & net.bar
         if flags.any():
             setattr(net, name, flags)
-
-
-def _of_bars(net: Net, values: list) -> np.ndarray:
-    """Values of the groups, None: none, for their bars (m,); nan elsewhere."""
-    each = np.array([np.nan if value is None else value for value in values], float)[net.group]
-    return np.where(net.bar, each, np.nan)
 
 
 def buckling_lengths(net: Net, L0: np.ndarray) -> np.ndarray:

@@ -6,18 +6,12 @@ from netfall.ground.errors import InputError
 from netfall.job.asks import air_damps, carries_permanent, roof_groups
 from netfall.job.job import Job
 from netfall.job.values import counted, shown
+from netfall.net import sections
 from netfall.net.bars import bar_errors, bar_notes, set_bars
 from netfall.net.cables import cables_of, same_names
 from netfall.net.generators import generate as generators
 from netfall.net.net import Net, nearest_group, subdivide
 from netfall.net.parts import parts_of
-from netfall.net.sections import (
-    set_length_errors,
-    set_sections,
-    set_strengths,
-    strength_errors,
-    strength_notes,
-)
 from netfall.net.tables import read_lines, read_tables
 from netfall.net.turned import is_turned
 
@@ -40,13 +34,13 @@ def build_net(job: Job) -> Net:
     net.outline, net.notes = np.concatenate([net.outline, lines]), net.notes + notes + _held_whole(job, net)
     net = subdivide(net, job.net.subdivide)
     net.cable, net.cable_names = cables_of(net, job.net.generator in STEEP)
-    set_strengths(job, net)
-    set_length_errors(job, net)
+    sections.set_strengths(job, net)
+    sections.set_length_errors(job, net)
     errors = _whole_net_errors(job, net) + _cables_of_one_name(job, net)
-    errors += strength_errors(job, net) + bar_errors(job, net)
+    errors += sections.strength_errors(job, net) + bar_errors(job, net)
     if errors:
         raise InputError(errors)
-    net.notes += strength_notes(job, net) + bar_notes(job, net)
+    net.notes += sections.strength_notes(job, net) + bar_notes(job, net)
     return net
 
 
@@ -84,7 +78,7 @@ def _set_sections(job: Job, net: Net, columns: dict | None = None) -> None:
     """The sections of the elements; unknown groups are reported before what they leave missing."""
     wrong = _wrong_groups(job, net)
     try:
-        set_sections(job, net, columns)
+        sections.set_sections(job, net, columns)
     except InputError as error:
         raise InputError(wrong + error.lines) from None
     if wrong:

@@ -20,7 +20,7 @@ from netfall.mechanics.material import warm_length
 from netfall.mechanics.slip.law import set_strands
 from netfall.mechanics.stability import Limit
 from netfall.model.layout import Layout, features_of, layout_digest, make_layout
-from netfall.model.model import Model, make_model
+from netfall.model.model import make_model
 from netfall.model.schedule import step_limits, with_slips
 from netfall.model.state import make_state
 from netfall.parallel.agree import on_root
@@ -88,7 +88,8 @@ def prepare(
         load = model and model.loading.permanent if carries_permanent(job) else None
         carried = distribution.particles(load) if carries_permanent(job) else np.zeros_like(state.x)
         residual = state_residual(comm, state, carried)
-        reference = comm.bcast(_largest_tension(model) if model else None)
+        can_move = model and model.net.moves[model.net.elements].any(1)
+        reference = comm.bcast(model and float(np.abs(model.N[can_move]).max(initial=0.0)))
         if form is not None and job.form_finding:
             _check_form(job, max(form.reference, reference), residual)
     finder = Finder(comm, halo, distribution, state)
@@ -111,11 +112,6 @@ def prepare(
 def _joints(layout: Layout) -> list[np.ndarray]:
     """Particles (k, 3) of the joints of chains that bend, if there are any."""
     return [layout.chains.particles] if layout.chains else []
-
-
-def _largest_tension(model: Model) -> float:
-    """Of what can move [N]. Rank 0."""
-    return float(np.abs(model.N[model.net.moves[model.net.elements].any(1)]).max(initial=0.0))
 
 
 def _check_form(job: Job, reference: float, residual: float) -> None:

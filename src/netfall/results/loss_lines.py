@@ -44,20 +44,15 @@ def loss_lines(removal, events, element_id: np.ndarray) -> list[str]:
         later = time[time > time[k]].min(initial=np.inf)
         broke = (events["time"][:] >= time[k]) & (events["time"][:] < later)
         others = np.unique(events["element"][:][broke])
+        torn = element_id[removal["breaking_element"][:][removal["breaking_entry"][:] == k]]  # in that rest
         parts = [
             f"loss {k + 1}, t = {time[k]:.4g} s: {counted('element', element_id[lost])}",
-            RESTS[rests[k] or "no_equilibrium"] + _torn(removal, k, element_id),
+            RESTS[rests[k] or "no_equilibrium"] + (f": {counted('element', torn)}" if len(torn) else ""),
             f"{counted('element', element_id[others])} broke then" if len(others) else "nothing broke then",
         ]
         parts += _factors(telling_factor(removal, k), element_id) + _rises(removal, k, element_id)
         lines.append("; ".join(parts))
     return lines
-
-
-def _torn(removal, k: int, element_id: np.ndarray) -> str:
-    """What breaks in the rest after entry k, in words."""
-    rows = removal["breaking_element"][:][removal["breaking_entry"][:] == k]
-    return f": {counted('element', element_id[rows])}" if len(rows) else ""
 
 
 def rises(removal, k: int) -> np.ndarray:

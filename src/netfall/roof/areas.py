@@ -93,7 +93,8 @@ def _unconnected(net: Net, plan: Plan, faces: Faces) -> list[str]:
     outer = rings.first_rings()[rings.face]
     lines = []
     for r in np.flatnonzero(of_ring != of_ring[outer]):
-        around, inside = (_ids_of_ring(net, rings, k) for k in (outer[r], r))
+        corners = (rings.corner[rings.start[k] : rings.start[k + 1]] for k in (outer[r], r))
+        around, inside = (listed(np.sort(net.node_id[each[each < net.n]])) for each in corners)
         lines.append(
             f"the face of the roof between the nodes {around} has inside it a ring with the nodes {inside} "
             "that is connected to it by nothing, so it is not known what lies between; join the two with "
@@ -101,12 +102,6 @@ def _unconnected(net: Net, plan: Plan, faces: Faces) -> list[str]:
             "of [roof] groups"
         )
     return lines
-
-
-def _ids_of_ring(net: Net, rings: Faces, r: int) -> str:
-    """Ids of the nodes of a ring, the first few of them."""
-    corner = rings.corner[rings.start[r] : rings.start[r + 1]]
-    return listed(np.sort(net.node_id[corner[corner < net.n]]))
 
 
 def _faces_but_openings(job: Job, net: Net, plan: Plan) -> Faces:

@@ -125,7 +125,10 @@ def zones_of(job: Job, net: Net, roofing: Roofing) -> Zones:
     if given:
         found = _cut(found, given, [net.zone_share[:, net.zone_names.index(names[k])] for k in given])
     elif cut:
-        found = _cut(found, cut, [cutter.inside(region) for region in _regions(entries, cut)])
+        polygons = [shapely.Polygon(entries[k].polygon) for k in cut]
+        later = [shapely.union_all(polygons[k + 1 :]) for k in range(len(polygons))]  # which take precedence
+        regions = map(shapely.difference, polygons, later)
+        found = _cut(found, cut, [cutter.inside(region) for region in regions])
     notes = [
         f"zone {shown(names[k])}: "
         + ("all of its nodes lie in zones after it too, and belong to these" if inside[k].any() else NOBODY)
@@ -138,12 +141,6 @@ def zones_of(job: Job, net: Net, roofing: Roofing) -> Zones:
         elif zone.cut and not cutter:
             notes.append(f"zone {shown(zone.name)}: cut: no effect: the net has no faces")
     return replace(found, notes=notes)
-
-
-def _regions(entries: list, cut: list[int]) -> list:
-    """The polygons of the zones `cut`, less those after them."""
-    polygons = [shapely.Polygon(entries[k].polygon) for k in cut]
-    return [shapely.difference(p, shapely.union_all(polygons[k + 1 :])) for k, p in enumerate(polygons)]
 
 
 def _cut(whole: Zones, cut: list[int], inside: list[np.ndarray]) -> Zones:

@@ -303,7 +303,7 @@ class Simulation(Stepper):
             strained = float(found.size[k, 2]), float(time[k]), int(found.who[k, 2])
             self.history.most_strained = max(self.history.most_strained, strained)
         start = self.start_strain, self.start_plastic
-        count = self.log.broken_before(found.number)
+        count = np.searchsorted(self.log.breaking, found.number)  # of elements broken before each
         self.history.add(found.probes, Moment(time, found.time_step, energies, *start, found.slack, count))
 
     def report(self) -> None:

@@ -37,7 +37,7 @@ from netfall.mechanics.state import State
 from netfall.parallel.agree import all_of
 from netfall.parallel.subdomain import Distribution
 from netfall.record.energy import Snapshot, take_snapshot
-from netfall.record.limits import at_limit_in
+from netfall.record.rest import at_limit_in
 from netfall.results.notes import AT_LIMIT, MOST_MARKED, NOT_STABLE
 from netfall.stages.scene import Desk, Scene
 from netfall.write.saver import Record, Saver

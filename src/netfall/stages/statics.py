@@ -23,8 +23,7 @@ from netfall.job.job import Job
 from netfall.job.memory import key_of
 from netfall.mechanics.slip.law import set_strands
 from netfall.numerics.functions import lengths
-from netfall.record.bending import largest_hold
-from netfall.record.reactions import forces_on_supports
+from netfall.record.rest import forces_on_supports, largest_hold
 from netfall.results import notes
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import (

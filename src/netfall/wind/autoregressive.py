@@ -77,12 +77,6 @@ def covariances(points, mean, gust: Gust, decay, dt, lags) -> np.ndarray:
     return R
 
 
-def lags_of(gust: Gust, dt: float, order: int) -> np.ndarray:
-    """At most `order` lags [steps] in proportion, from one to the memory of the gust."""
-    memory = max(2.0, gust.memory / (gust.speed * dt))
-    return np.unique(np.round(geometric(1.0, memory, order)).astype(int))
-
-
 def yule_walker(R: np.ndarray, known: np.ndarray, lags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients Psi (p, c, c) at the lags and covariance Sigma (c, c) of the noise.
 
@@ -167,7 +161,8 @@ def fit_gust_model(points, mean, gust: Gust, decay, dt: float, order: int) -> Gu
     points : (c, 3) [m] control points, axes of the wind; mean : (c,) [m/s] their mean speeds
     decay : (Cx, Cy, Cz); dt : [s] time step of the histories; order : number of lags
     """
-    lags = lags_of(gust, dt, order)
+    memory = max(2.0, gust.memory / (gust.speed * dt))  # of the gust, in steps
+    lags = np.unique(np.round(geometric(1.0, memory, order)).astype(int))
     known = np.unique(np.abs(np.append([0, *lags], lags[:, None] - lags)))
     R = covariances(points, mean, gust, decay, dt, known)
     psi, sigma = yule_walker(R, known, lags)

@@ -53,14 +53,10 @@ def join_segments(segments: list[Path], temporary: Path, path: Path, finish) -> 
                     append_rows(part, file, check)
             finish(file)
         publish(temporary, path)
-    for segment in segments_of(path):
-        segment.unlink(missing_ok=True)
-
-
-def segments_of(path: Path) -> list[Path]:
-    """The segments of a result file, of this run and of earlier ones that were killed."""
+    # of this run and of earlier ones that were killed
     name = re.compile(re.escape(f".{path.name}.segment-") + r"[0-9a-f]{8}-(\d{6,}|recovered)")
-    return [segment for segment in path.parent.iterdir() if name.fullmatch(segment.name)]
+    for segment in [each for each in path.parent.iterdir() if name.fullmatch(each.name)]:
+        segment.unlink(missing_ok=True)
 
 
 def find_segments(

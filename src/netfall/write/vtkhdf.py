@@ -61,7 +61,9 @@ class VtkSeries:
         }
         pairs = connectivity.reshape(-1)
         self._mesh["connectivity"] = self.file.append("VTKHDF/Connectivity", pairs, 2 * cells, 2 * low)
-        self._append_offsets(low, len(connectivity), cells)
+        first = 0 if low == 0 and self.file.comm.rank == 0 else 1
+        offsets = 2 * np.arange(low + first, low + len(connectivity) + 1)
+        self.file.append("VTKHDF/Offsets", offsets, cells + 1, low + first)
         self._mesh |= self._append_fields(point_data, cell_data, points, cells)
         self.parts.append((points, cells))
 
@@ -71,11 +73,6 @@ class VtkSeries:
             for group, data, total in (("PointData", point_data, points), ("CellData", cell_data, cells))
             for name, block in data.items()
         }
-
-    def _append_offsets(self, low, count, cells):
-        leading = low == 0 and self.file.comm.rank == 0
-        offsets = 2 * np.arange(low + (0 if leading else 1), low + count + 1)
-        self.file.append("VTKHDF/Offsets", offsets, cells + 1, 0 if leading else low + 1)
 
     def write_step(
         self, time: float, positions: np.ndarray, point_data: dict, cell_data: dict, points: int, cells: int

@@ -88,15 +88,11 @@ def _states(study: Study, say) -> None:
         order = np.argsort(-times, kind="stable")
         for k in order[:MOST_NAMED]:
             row = rows[first[k]]
-            say(f"  {name}, {times[k]} times: {reasons[k] or 'no reason'}; first: {member_name(study, row)}")
+            inputs = values_of(study.members, row, inputs_of(study.members))
+            first_one = f"row {row}" + (f" ({inputs})" if inputs else "")
+            say(f"  {name}, {times[k]} times: {reasons[k] or 'no reason'}; first: {first_one}")
         if len(order) > MOST_NAMED:
             say(f"  {name}: {len(order) - MOST_NAMED} more reasons, in /members/reason")
-
-
-def member_name(study: Study, row: int) -> str:
-    """A member by its row and its inputs."""
-    inputs = values_of(study.members, row, inputs_of(study.members))
-    return f"row {row}" + (f" ({inputs})" if inputs else "")
 
 
 def _time(study: Study, say) -> None:

@@ -1,0 +1,70 @@
+"""What is kept of an equilibrium besides its state: reactions, elements at a limit, how far bending leans."""
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.mechanics.bending import joint_moments
+from netfall.mechanics.material import REACHED
+from netfall.mechanics.state import State
+from netfall.mechanics.supports import keep_on_guides, spring_forces
+from netfall.parallel.agree import all_of
+from netfall.parallel.subdomain import Distribution
+from netfall.record.energy import Snapshot
+
+NIL = 1e-9  # of EI / l: a moment below that is rounding
+
+
+def largest_hold(comm: MPI.Comm, state: State) -> tuple[float, int]:
+    """The largest moment that holds a section against tilting, and the number of its particle. Collective.
+
+    As a share of the largest bending moment.
+    """
+    joints = state.joints
+    moment, hold = np.empty((2, len(joints.stiffness)))
+    joint_moments(state.x, joints, moment, hold)
+    k = int(np.argmax(hold)) if len(hold) else -1
+    here = (float(hold[k]), -int(state.gid[joints.particles[k, 1]])) if k >= 0 else (0.0, 0)
+    mine = float(moment.max(initial=0.0)), NIL * float(joints.stiffness.max(initial=0.0))
+    found = comm.allgather((*mine, here))
+    most, nil, (held, p) = (max(column) for column in zip(*found))
+    return held / most if most > nil else 0.0, -p
+
+
+def at_limit_in(
+    comm: MPI.Comm, distribution: Distribution, state: State, snapshot: Snapshot
+) -> dict[str, tuple[int, ...]]:
+    """Elements, global numbers, by limit; of a limit at which none is nothing. Collective.
+
+    over_strength : beyond their fracture strain; buckled, yielding : at Euler's load, at the yield force
+    """
+    gid, N, there = distribution.subdomain.element_gid, snapshot.N, {}
+    if state.features.fracture:
+        crushed = state.features.crushing and snapshot.eps < state.eps_c
+        there["over_strength"] = (snapshot.eps > state.eps_u) | crushed
+    if state.features.buckling:
+        there["buckled"] = -N >= REACHED * state.euler
+    if state.features.plastic:
+        there["yielding"] = np.abs(N) >= REACHED * state.yield_force
+    whole = state.broken == 0
+    found = {name: all_of(comm, gid[at & whole].tolist()) for name, at in there.items()}
+    return {name: ids for name, ids in found.items() if ids}
+
+
+def forces_on_supports(state: State, snapshot: Snapshot, load: np.ndarray) -> np.ndarray:
+    """Forces (r, 3) [N] on what holds the owned particles: of the elements, and what acts on the node itself.
+
+    load : (n, 3) [N]. Along an axis with a spring what the spring carries, which in equilibrium is the same;
+    0 along an axis that nothing holds.
+    """
+    rows = snapshot.rows
+    total = snapshot.room.f_int[rows] + load[rows]
+    force = np.where(state.free[rows] == 0, total, 0.0)
+    turned = None if state.turned is None else state.turned[rows]
+    if state.features.springs:
+        springs = state.x, state.x_start, state.spring, state.spring_rest
+        force -= spring_forces(*(array[rows] for array in springs), turned)
+    if turned is not None:
+        left = total.copy()
+        keep_on_guides(turned, left)
+        force[:, :2] += (total - left)[:, :2]
+    return force
