@@ -52,8 +52,8 @@ def reach_targets(scene: Scene, planned: np.ndarray | None, before: Reached | No
     x = scene.distribution.gather_particles(scene.state.x)
     if model is None:
         return None
-    each = lambda jack: float((found.L0 - planned)[jack.rows].sum()) / (1 + int(jack.cable.max()))
-    change = np.array([each(jack) for jack in jacks])  # [m] of each cable
+    change_of = lambda jack: float((found.L0 - planned)[jack.rows].sum()) / (1 + int(jack.cable.max()))
+    change = np.array([change_of(jack) for jack in jacks])  # [m] of each cable
     equilibria = found.equilibria + (before.equilibria if before else 0)
     if not found.outcome.carries:
         more = "what `by` names may not bear on it, or not so far"
