@@ -86,6 +86,18 @@ def test_points_of_a_pressure_table_in_another_unit_are_told(workshop):
         assert sum(note.startswith(start + "40000, 40000 m by ") for note in notes) == told
 
 
+def test_nodes_in_the_middle_of_points_are_told(workshop):
+    """Six points around the middle: which four count follows from their order, unless one is there."""
+    around = [(10 * np.cos(k * np.pi / 3), 10 * np.sin(k * np.pi / 3), k) for k in range(6)]
+    start = "[[case]] tunnel: pressure_table: node "
+    for points, told in ((around, 1), ([*around, (0.0, 0.0, 3.0)], 0)):
+        rows = "".join(f"{x:.4f},{y:.4f},{p}\n" for x, y, p in points)
+        (workshop.folder / "cp.csv").write_text("x,y,pressure\n" + rows)
+        text = SADDLE + LOAD + case("tunnel", 'pressure_table = "cp.csv"')
+        notes = make_layout(read_job(workshop.job(text)), 1).notes
+        assert sum(note.startswith(start) and "five or more points" in note for note in notes) == told
+
+
 def test_what_a_combination_takes_of_load_and_case_is_told(workshop):
     """Snow of 250 in [load] and 900 in a case, 1.05 and 1.5 times: 1237.5, where 1350 may be expected.
 

@@ -17,7 +17,14 @@ from netfall.model.idle import idle_zones, without_effect
 from netfall.model.loads import shape_coefficients
 from netfall.model.losses import named_elements
 from netfall.model.probes import Probes, find_probes
-from netfall.model.start import far_notes, load_notes, massless_notes, unit_notes, weightless_notes
+from netfall.model.start import (
+    far_notes,
+    level_notes,
+    load_notes,
+    massless_notes,
+    unit_notes,
+    weightless_notes,
+)
 from netfall.net.build import build_net
 from netfall.net.chains import Chains, chain_notes, chains_of
 from netfall.net.net import Net
@@ -89,9 +96,12 @@ def make_layout(
     measured = read_history(job)
     if measured:
         what = "taps" if job.wind.taps else "points"
-        notes += measured.notes + far_notes(f"[wind] {what}", what, net, measured.places)
+        of_what = f"[wind] {what}", what, net, measured.places
+        notes += measured.notes + far_notes(*of_what) + level_notes(*of_what)
     for name, case in cases.items():
-        notes += far_notes(f"[[case]] {name}: pressure_table", "points", net, case.points)
+        of_what = f"[[case]] {name}: pressure_table", "points", net, case.points
+        axes = 2 if case.points is None else case.points.shape[1]
+        notes += far_notes(*of_what) + level_notes(*of_what, axes)
     return Layout(
         net,
         roofing,

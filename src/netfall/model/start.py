@@ -10,6 +10,7 @@ from netfall.net.bars import euler_load
 from netfall.net.net import GRAVITY, Net
 from netfall.numerics.functions import lengths
 from netfall.wind.coherence import LOWEST_HEIGHT
+from netfall.wind.measured import between_places
 
 # Column of the net, unit, least and most that cables are made of, and an example in the right unit.
 PLAUSIBLE = (
@@ -170,6 +171,20 @@ def far_notes(key: str, what: str, net: Net, places: np.ndarray | None) -> list[
         f"{key}: {len(far)} of {len(places)} {what} lie far outside the roof, the farthest at x, y = "
         f"{y[k, 0]:g}, {y[k, 1]:g} m by {outside[k]:.4g} m, the net from {low[0]:g}, {low[1]:g} to "
         f"{high[0]:g}, {high[1]:g} m: x and y are in metres, in the axes of the net, whatever [net] unit is"
+    ]
+
+
+def level_notes(key: str, what: str, net: Net, places: np.ndarray | None, axes: int = 2) -> list[str]:
+    """A note on free nodes in the middle of more places than count; arguments as of `far_notes`."""
+    free = np.flatnonzero(~net.fixed.all(1))
+    if places is None or not len(free):
+        return []
+    rows = free[between_places(net.x[free], places, axes)]
+    if not len(rows):
+        return []
+    return [
+        f"{key}: {counted('node', net.node_id[rows])}: five or more {what} are as near, of which four count, "
+        "by their order in the table; another one there says what holds"
     ]
 
 

@@ -16,6 +16,7 @@ from netfall.numerics.functions import lengths
 from netfall.wind.coherence import LOWEST_HEIGHT
 
 ROWS = 64  # of a long file that are read at once
+LEVEL = 1e-3  # share of a distance by which others count as the same
 MOST_PAIRS = 1 << 21  # of particles and places whose distances are held at once
 TOGETHER = 1e-3  # m in plan; points as close are one place
 
@@ -39,6 +40,15 @@ def place_weights(x: np.ndarray, places: np.ndarray, axes: int = 2) -> tuple[np.
     weights = np.zeros((len(x), 4))
     corner[:, :few], weights[:, :few] = order[:, :few], weight / weight.sum(1, keepdims=True)
     return corner, weights
+
+
+def between_places(x: np.ndarray, places: np.ndarray, axes: int = 2) -> np.ndarray:
+    """Rows of particles as far from five places or more as from the nearest; arguments of `place_weights`.
+
+    There the order of the places, or rounding, decides which four of them count.
+    """
+    apart = _nearest(x[:, :axes], places[:, :axes])[1]
+    return np.flatnonzero(apart[:, -1] <= (1.0 + LEVEL) * apart[:, 0] if len(places) > 4 else [])
 
 
 def _nearest(x: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
