@@ -16,9 +16,8 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.equilibrium.increments import Watch, approach, at_once
-from netfall.equilibrium.interior import Interior
 from netfall.equilibrium.mixed import Mixed
-from netfall.equilibrium.newton import AT_START, Newton, NoConvergence, StartPoint, Stopped, Yields, is_large
+from netfall.equilibrium.newton import AT_START, Newton, NoConvergence, StartPoint, Stopped, is_large
 from netfall.equilibrium.overload import SURELY, UNSTRAINED, GivesWay
 from netfall.equilibrium.relaxation import Paused, Relaxation, net_of, not_begun, relax
 from netfall.equilibrium.slip import Slips
@@ -44,13 +43,10 @@ AGAIN = 1000  # iterations and as many as it has taken so far: what each of thes
 ROUNDING = 1e-13  # of the largest force: residuals below that are rounding
 EXACT = 1e-10  # of the forces out of balance, that a response leaves
 STABLE, UNKNOWN = -1, -2
-INSIDE, MIXED = -1, -2
-FEWEST = 2000  # particles for these, and for factors of many answers; below that others take hardly longer
-ROUNDED = 10.0  # times the tolerance: what is then missing is told, where rounding ends the interior's steps
-WAYS = {  # and how near these come before Newton's is tried: steps; gaps, of the mean energy
-    MIXED: (Mixed, (1e-4, 1e-6, 0.0)),
-    INSIDE: (Interior, (1e-6, 1e-9, 0.0)),
-}
+MIXED = -1
+FEWEST = 2000  # particles for that, and for factors of many answers; below it others take hardly longer
+NEAR = 1e-4, 1e-6, 0.0  # steps with tensions as unknowns: so near Newton's method is tried again
+ROUNDED = 10.0  # times the tolerance: what is then missing is told, where rounding ends these steps
 
 
 class Solution(NamedTuple):
@@ -87,7 +83,7 @@ class Finder:
     serving : the inverse, in factors, that serves instead; None: none
     slips : cables that slip over nodes, None: none do
     goal : which of the residuals the last equilibrium was relaxed to before Newton's method went on; 0: none;
-        `INSIDE`, `MIXED`: it was brought near by `interior`, `mixed`
+        `MIXED`: it was brought near by `mixed`
     report(words) : of what is being done
     """
 
@@ -149,7 +145,7 @@ class Finder:
             guessed = guess is not None and self._begin_at(guess, newton)
             self.goal = 0
             try:
-                if goal and goal not in WAYS:
+                if goal and goal != MIXED:
                     raise NoConvergence("it would not be found")
                 return self._by_newton(newton, tolerance, stop, watch, before, goal)
             except Stopped:
@@ -165,7 +161,7 @@ class Finder:
         asked, found, last, enough = tolerance * reference, None, None, None
         goals = [*(share * reference for share in NEARER if share > tolerance), asked]
         goals += [max(asked / TIGHTER**k, ROUNDING * reference) for k in range(1, MOST_AGAIN)]
-        if goal and goal not in WAYS and resume is None:  # of a finer search there may be more
+        if goal and goal != MIXED and resume is None:  # of a finer search there may be more
             first = min(goal, len(goals)) - 1
         for stage in range(first, len(goals)):
             self.goal = stage + 1
@@ -257,50 +253,31 @@ class Finder:
         before: np.ndarray,
         goal: int | None,
     ) -> Solution:
-        """By Newton's method, from where the net is, or by ways from far away of its cables. Collective.
+        """By Newton's method, from where the net is, or by way of tensions as unknowns. Collective.
 
-        before : positions (n, 3) [m] from which these begin; goal : of `WAYS`, that which is taken at once
+        before : positions (n, 3) [m] from which that begins; goal : `MIXED`, where it is taken at once
 
         Raises NoConvergence, Stopped, GivesWay, RunsAway.
         """
-        first = goal or MIXED
         if not goal:
             try:
                 return self._corrected(newton, tolerance, AT_START, stop, watch=watch)
-            except Yields:
-                first = INSIDE
-            except NoConvergence:
-                pass
-            self.state.x[:] = before
-        if not self._has_interior():
-            raise NoConvergence("there is more than cables, or the net is small")
-        if first == MIXED:
-            try:
-                return self._from_far(MIXED, newton, tolerance, stop, watch)
             except NoConvergence:
                 self.state.x[:] = before
-        return self._from_far(INSIDE, newton, tolerance, stop, watch)
-
-    def _from_far(
-        self, goal: int, newton: Newton, tolerance: float, stop: StopRequest, watch: Watch | None
-    ) -> Solution:
-        """By one of `WAYS`; from there by Newton's method, as soon as that gets on. Collective.
-
-        Raises as `_by_newton`.
-        """
-        self.goal, (way, narrow) = goal, WAYS[goal]
-        interior = way(newton, self.state, stop)
-        for gap in narrow:
+        if not self._is_mixed():
+            raise NoConvergence("there is more than cables, or the net is small")
+        self.goal, mixed = MIXED, Mixed(newton, self.state, stop)
+        for size in NEAR:
             try:
-                near = interior.narrow(gap, tolerance)
+                near = mixed.narrow(size, tolerance)
                 there = watch() if watch else UNSTRAINED
                 if there.most > SURELY:  # no more is to be known of it
                     raise GivesWay(0.0, 1.0, there)
             except NoConvergence:
-                if max(interior.missing) > ROUNDED * tolerance:
+                if max(mixed.missing) > ROUNDED * tolerance:
                     raise
                 break
-            if gap == 0.0 or max(interior.missing) <= tolerance:
+            if size == 0.0 or max(mixed.missing) <= tolerance:
                 break
             before = self.state.x.copy(order="K")
             try:
@@ -308,9 +285,9 @@ class Finder:
             except NoConvergence:
                 self.state.x[:] = before
         residual, unstable_at = newton.largest(newton.residual()), self._unstable_at(newton)
-        return Solution(interior.gradients, *residual, *interior.errors(), False, unstable_at)
+        return Solution(mixed.gradients, *residual, *mixed.errors(tolerance), False, unstable_at)
 
-    def _has_interior(self) -> bool:
+    def _is_mixed(self) -> bool:
         return self.distribution.n >= FEWEST and self.slips is None and self.state.joints is None
 
     def _corrected(
@@ -330,7 +307,7 @@ class Finder:
         """
         start = self.state.x_start
         if newton.large and not near:
-            direct = watch is None and self._has_interior()
+            direct = self._is_mixed() and (watch is None or self.state.features.plastic)
             begun = at_once(newton, start, stop) if direct else approach(newton, start, stop, watch)
         found = newton.find(tolerance, start, stop, near and patient, begun)
         unstable_at = self._unstable_at(newton)

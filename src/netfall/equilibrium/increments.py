@@ -21,7 +21,6 @@ from netfall.equilibrium.newton import (
     NoConvergence,
     StartPoint,
     Stopped,
-    Yields,
 )
 from netfall.equilibrium.overload import SURELY, UNSTRAINED, GivesWay, Strained
 from netfall.ground.stop import StopRequest
@@ -56,7 +55,7 @@ def approach(newton: Newton, start: np.ndarray, stop: StopRequest, watch: Watch 
     for number in range(MOST_INCREMENTS):
         r, K = newton.residual(), increments.tangent()
         if number > 0 and newton.comm.allreduce(bool(((K.axial == 0.0) & (K.N > 0.0)).any()), MPI.LOR):
-            raise Yields("cables yield: which of them is open until the end")
+            raise NoConvergence("cables yield: which of them is open until the end")
         try:
             s = increments.solve(K, r, rough=number > 0)
         except NoConvergence:

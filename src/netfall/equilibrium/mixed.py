@@ -1,4 +1,4 @@
-"""The equilibrium of elastic cables with tensions as unknowns beside positions, from any start.
+"""The equilibrium of cables with tensions as unknowns beside positions, from any start: slack, yielding.
 
 Newton's method for positions alone turns an element and finds it stretched, by u^2 / 2 L of what it moved
 across: a tension that is wrong by far, where cables are stiff and their tension is small. Here the tension N
@@ -6,34 +6,70 @@ of a cable is an unknown of its own: residual forces and geometric stiffness hav
 correction foresaw (Magisano, Leonetti, Garcea 2017), and the law is linear in it. So a correction may be
 large, and what is left of it is squared by the next one.
 
-A cable's law is N - p = a, a its force were it a bar, N >= 0, p >= 0 and N p = 0. On the way N p = k gap, k
-its stiffness [N/m] and gap an energy [J] that is made smaller, so that no tangent is singular: an interior
-point method, primal and dual, on tensions alone. Cables that yield are for `equilibrium.interior`.
+The complementary energy of a cable that goes slack and yields is that of a bar with a box about its tension:
+0 <= N <= limit, N - p + q = a, the force of a bar that did neither, with p >= 0, N p = 0 and, for the flow,
+q >= 0, q (limit - N) = 0. On the way N p = q (limit - N) = k gap, k its stiffness [N/m] and gap an energy [J]
+that is made smaller, so that no tangent is singular: an interior point method, primal and dual, on tensions
+alone. The energy is convex in the positions for any gap (Kanno and Ohsaki 2003).
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
 
-from netfall.equilibrium.cones import STRETCHED, add_pulls, cables_of, trial, with_gap
-from netfall.equilibrium.newton import Newton, NoConvergence, StartPoint, Stopped, Yields, still_missing
-from netfall.ground.compile import kernel
+from netfall.equilibrium.newton import Newton, NoConvergence, StartPoint, Stopped, still_missing
+from netfall.equilibrium.relaxation import RunsAway
+from netfall.ground.compile import kernel, part_of_kernel
 from netfall.ground.stop import StopRequest
 from netfall.mechanics.state import State
+from netfall.numerics.arithmetic import logarithm
 from netfall.parallel.sums import exact_sums
 
-MOST_STEPS = 40
-WIDE = 0.2  # times the energy of an element: the gap to begin with
-NARROWER = 0.04  # times: the gap after a step that is not `LARGE`, twice if it is `SMALL`
+MOST_STEPS = 60
+STRETCHED = 1e-4  # strain to begin with, at least, in choosing the gap
+ELASTIC, YIELDING = 0.2, 100.0  # times the energy of an element: the gap to begin with; flow is many strains
+BEGUN = 0.1  # of a limit or a tension: tension to begin with, at least
 LARGE, SMALL = 0.3, 0.01  # steps, as shares of the largest displacement and tension
+NARROWER = 0.1  # times: the gap after a step that is not `LARGE`, twice if it is `SMALL`
+NEARLY = 0.5  # of a step that keeps all inequalities: with less the gap stays
+BEYOND = 1.5  # times that part of a step are gone, but what would reach zero is kept
+AT_LEAST = 0.02  # of a step
+KEPT = 0.03  # of what would reach zero
 LEAST = 1e-12  # of that energy: the last gap
-KEPT = 0.03  # of N and p: what a step leaves of them at least
-OFF = 1e-5  # of the largest tension: what tensions may be off by at last
-LEFT = 5e-3  # of the residual, that a correction leaves: what is soft has little of it and moves far
+OFF = 1e-5  # of the largest tension: what tensions may be off by at last, or by the tolerance
+LEFT = 0.02  # of the residual, that a correction leaves
+LOST = 2.0  # times as far as `overload.run_away` has it: there is no equilibrium
+
+
+class Cables(NamedTuple):
+    """Elements (m,) of one rank: EA [N]; L0 [m]; eps_p; limit [N], inf: none.
+
+    carries : 1 for cables in the net, 0 for bars, which stay as they are, and for what has left
+    logarithmic : whether strains are
+    """
+
+    EA: np.ndarray
+    L0: np.ndarray
+    eps_p: np.ndarray
+    limit: np.ndarray
+    carries: np.ndarray
+    logarithmic: bool
+
+
+def cables_of(state: State) -> Cables:
+    """The elements of a state."""
+    plastic, m = state.features.plastic, state.m
+    limit = state.yield_force if plastic else np.full(m, np.inf)
+    eps_p = state.eps_p if plastic else np.zeros(m)
+    carries = ((state.EA > 0.0) & (state.bar == 0)).astype(np.uint8)
+    return Cables(state.EA, state.L0, eps_p, limit, carries, state.features.strain == "logarithmic")
 
 
 class Mixed:
-    """The elements on the way: now (m, 2), N and p [N]; gap [J].
+    """The elements on the way: now (m, 4), N, room for more, p and q [N]; gap [J].
 
+    gradients : iterations until now
     size : of the last step, the larger share as of `NewtonResult`; missing : estimated errors after it
     """
 
@@ -41,37 +77,40 @@ class Mixed:
         """Begin where the net is. Collective. Raises NoConvergence where this is no way for the net."""
         self.newton, self.state, self.stop = newton, state, stop
         self.cables, self.steps, self.gradients = cables_of(state), 0, 0
-        self.owned = np.flatnonzero(newton.distribution.subdomain.element_owned & (self.cables.carries == 1))
-        N = np.maximum(state.elements_now().N, STRETCHED * state.EA)[self.owned]
-        energy = 0.5 * N * N / state.EA[self.owned] * state.L0[self.owned]
-        count = newton.comm.allreduce(len(self.owned))
+        own = newton.distribution.subdomain.element_owned & (self.cables.carries == 1)
+        self.owned = np.flatnonzero(own)
+        there = state.elements_now()
+        N = np.maximum(there.N, STRETCHED * state.EA)[own]
+        yields = int(np.isfinite(self.cables.limit[own]).any())
+        count, yields = newton.comm.allreduce(np.array([len(N), yields]))
         if not count:
             raise NoConvergence("there are no cables")
-        self.energy = exact_sums(newton.comm, energy)[0] / count
-        self.gap, self.size, self.missing = WIDE * self.energy, np.inf, (np.inf, np.inf)
-        self.now, self.aimed = np.zeros((2, state.m, 2))
-        begin_tensions(self.cables, state.elements_now().L, self.gap, self.now)
+        self.energy = exact_sums(newton.comm, 0.5 * N * N / state.EA[own] * state.L0[own])[0] / count
+        self.gap = (YIELDING if yields else ELASTIC) * self.energy
+        self.size, self.missing = np.inf, (np.inf, np.inf)
+        self.now, self.changes = np.zeros((2, state.m, 4))
+        self.aimed = np.zeros(state.m)
+        begin_tensions(self.cables, there.L, self.gap, self.now)
 
     def narrow(self, size: float, tolerance: float) -> StartPoint:
         """Move the net until a step is so small, or what is missing. Collective.
 
-        Raises NoConvergence, Yields where cables do, Stopped.
+        Raises NoConvergence, Stopped, RunsAway.
         """
-        self.newton.begin()
         while self.size > size and max(self.missing) > tolerance:
             if self.steps >= MOST_STEPS:
                 raise NoConvergence(f"{MOST_STEPS} steps were not enough")
             self.step()
         return StartPoint(self.gradients, self.size)
 
-    def errors(self) -> tuple[float, float]:
+    def errors(self, tolerance: float) -> tuple[float, float]:
         """`missing`, or what tensions are off the law at the positions. Collective.
 
-        Raises NoConvergence where that is much.
+        Raises NoConvergence where that is more than a tolerance, and much.
         """
         N, own = self.state.elements_now().N, self.owned
         off, most = self.newton.largest(N[own] - self.now[own, 0], N[own])
-        if not off <= OFF * most:
+        if not off <= max(OFF, tolerance) * most:
             raise NoConvergence("tensions are not those of the law")
         return self.missing[0], max(self.missing[1], off / most if most > 0.0 else 0.0)
 
@@ -80,60 +119,106 @@ class Mixed:
         newton, state = self.newton, self.state
         if newton.comm.allreduce(int(self.stop.wanted), MPI.MAX):
             raise Stopped
-        K = newton.tangent()
-        L = state.elements_now().L
-        aim_tensions(self.cables, L, self.now, self.gap, K.axial, K.across, self.aimed)
+        newton.begin()
+        K, of_law = newton.tangent(), (self.cables, state.elements_now().L, self.gap)
+        aim_tensions(*of_law, self.now, K.axial, K.across, self.aimed)
         newton.net.forces(state.x, newton.f)
-        more = np.where(self.cables.carries == 1, self.aimed[:, 0] - K.N, 0.0)
+        more = np.where(self.cables.carries == 1, self.aimed - K.N, 0.0)
         add_pulls(state.ends, more[:, None] * K.direction, newton.f)
-        r = newton.not_held(newton.f[newton.owned])
-        s, count = newton.solve(K, newton.cycle(K), r, LEFT)
-        self.gradients += count
+        s, count = newton.solve(K, newton.cycle(K), newton.not_held(newton.f[newton.owned]), LEFT)
         moved, changed, change = newton.sizes(K, s, state.x_start)
-        share = newton.most_of(s)
+        part = change_of_tensions(*of_law, self.now, self.aimed, change, self.changes)
+        part = newton.comm.allreduce(float(part), MPI.MIN)
+        share = min(newton.most_of(s), max(BEYOND * part, AT_LEAST))
         state.x[:] += share * newton.spread
-        change_tensions(self.cables, self.gap, self.aimed, change, share, self.now)
+        change_tensions(self.cables, share, self.changes, self.now)
+        if newton.net.away is not None and newton.net.away(newton.comm) > LOST:
+            raise RunsAway("what yields stretches without end")
         size = max(moved, changed)
         self.missing = still_missing((moved, changed), share, self.size)
-        self.size, self.steps = size, self.steps + 1
-        yields = bool((self.now[self.owned, 0] > self.cables.limit[self.owned]).any())
-        if newton.comm.allreduce(yields, MPI.LOR):
-            raise Yields("cables yield")
-        if size < LARGE:
-            self.gap *= NARROWER * (NARROWER if size < SMALL else 1.0)
-            self.gap = max(self.gap, LEAST * self.energy)
+        self.size, self.steps, self.gradients = size, self.steps + 1, self.gradients + count
+        if share == 1.0 and part >= NEARLY and size < LARGE:
+            self.gap = max(NARROWER * (NARROWER if size < SMALL else 1.0) * self.gap, LEAST * self.energy)
+
+
+@part_of_kernel
+def trial(e, length, cables):
+    """Force [N] of element e, were it elastic, at a length [m], and its stiffness [N/m]."""
+    EA, L0 = cables.EA[e], cables.L0[e]
+    if cables.logarithmic:
+        return EA * (logarithm(length / L0) - cables.eps_p[e]), EA / length
+    return EA * ((length - L0) / L0 - cables.eps_p[e]), EA / L0
 
 
 @kernel
 def begin_tensions(cables, L, gap, now):
-    """Fill now (m, 2) for lengths L (m,) [m]."""
+    """Fill now (m, 4) for lengths L (m,) [m]: slack as if nothing yielded, flow as if nothing were slack."""
     for e in range(now.shape[0]):
-        if cables.carries[e]:
-            a, k = trial(e, L[e], cables)
-            now[e, 0] = with_gap(a, k, gap)
-            now[e, 1] = gap * k / now[e, 0]
+        if not cables.carries[e]:
+            continue
+        a, k = trial(e, L[e], cables)
+        N, limit = 0.5 * (a + np.sqrt(a * a + 4.0 * gap * k)), cables.limit[e]
+        if limit < np.inf:
+            half = 0.5 * (limit - N)
+            N = max(N + half - np.sqrt(half * half + gap * k), BEGUN * min(N, limit))
+        now[e, 0], now[e, 1] = N, limit - N
+        now[e, 2], now[e, 3] = gap * k / N, gap * k / (limit - N)
 
 
 @kernel
-def aim_tensions(cables, L, now, gap, axial, across, aimed):
-    """Fill aimed (m, 2): the tension [N] at fixed ends, and N p [N^2]; stiffness in arrays of a `Tangent`."""
+def aim_tensions(cables, L, gap, now, axial, across, aimed):
+    """Fill aimed (m,): the tension [N] at fixed ends; stiffness in arrays of a `Tangent`."""
     for e in range(now.shape[0]):
         if not cables.carries[e]:
             across[e] = max(across[e], 0.0)
             continue
         a, k = trial(e, L[e], cables)
-        N, D = now[e, 0], 1.0 + now[e, 1] / now[e, 0]
-        aimed[e, 0], aimed[e, 1] = N + (a - N + gap * k / N) / D, gap * k
+        N, room = now[e, 0], now[e, 1]
+        D = 1.0 + now[e, 2] / N + now[e, 3] / room
+        aimed[e] = N + (a - N + gap * k / N - gap * k / room) / D
         axial[e], across[e] = k / D, N / L[e]
 
 
 @kernel
-def change_tensions(cables, gap, aimed, change, share, now):
-    """Change now (m, 2) by a share of what is aimed at and the change (m,) [N] by what ends move."""
+def add_pulls(ends, pull, f):
+    """Add pulls (m, 3) [N] on the first ends, and against them on the second ones, to f (n, 3) [N]."""
+    for e in range(ends.shape[0]):
+        for i in range(3):
+            f[ends[e, 0], i] += pull[e, i]
+            f[ends[e, 1], i] -= pull[e, i]
+
+
+@kernel
+def change_of_tensions(cables, L, gap, now, aimed, moved, changes):
+    """Fill changes (m, 4) of `now` to what is aimed at, and by moved (m,) [N], what ends move.
+
+    The part of it until the first of them would be 0; inf: none would.
+    """
+    part = np.inf
     for e in range(now.shape[0]):
         if not cables.carries[e]:
             continue
-        N, p = now[e, 0], now[e, 1]
-        more = aimed[e, 0] - N + change[e]
-        now[e, 0] = max(N + share * more, KEPT * N)
-        now[e, 1] = max(p + share * (aimed[e, 1] / N - p - p / N * more), KEPT * p)
+        _, k = trial(e, L[e], cables)
+        more = aimed[e] - now[e, 0] + moved[e]
+        changes[e, 0], changes[e, 1] = more, -more
+        for i in range(2):
+            value = now[e, i]
+            changes[e, 2 + i] = gap * k / value - now[e, 2 + i] * (1.0 + changes[e, i] / value)
+        for i in range(4):
+            if changes[e, i] < 0.0:
+                part = min(part, -now[e, i] / changes[e, i])
+    return part
+
+
+@kernel
+def change_tensions(cables, share, changes, now):
+    """Change now (m, 4) by a share of its changes; of what would be 0 so much is kept."""
+    for e in range(now.shape[0]):
+        if not cables.carries[e]:
+            continue
+        for i in range(4):
+            now[e, i] = max(now[e, i] + share * changes[e, i], KEPT * now[e, i])
+        if now[e, 0] < now[e, 1]:
+            now[e, 1] = cables.limit[e] - now[e, 0]
+        else:
+            now[e, 0] = cables.limit[e] - now[e, 1]

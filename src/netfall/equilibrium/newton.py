@@ -83,10 +83,6 @@ class SlowConvergence(NoConvergence):
     """Conjugate gradients did not converge: the tangent is nearly singular."""
 
 
-class Yields(NoConvergence):
-    """Cables yield, and the way is one of elastic cables."""
-
-
 class NotPositiveDefinite(NoConvergence):
     """There are displacements (n_owned, 3), `shape`, against which the tangent has no stiffness."""
 
