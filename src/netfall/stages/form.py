@@ -171,6 +171,10 @@ class Elements:
         return self.stiffness + geometric_stiffness(self.N, self.L)
 
 
+class RunTogether(DivergedError):
+    """Nodes have, in a relaxation at constant tension."""
+
+
 class Watch:
     """Looks, where a relaxation at constant tension is reported, whether nodes have run together.
 
@@ -186,7 +190,7 @@ class Watch:
         self.gid, self.looks = distribution.subdomain.element_gid, 0
 
     def __call__(self, iteration: int, residual: float) -> None:
-        """Collective. Raises DivergedError where an element is as good as gone in LOOKS looks in turn."""
+        """Collective. Raises RunTogether where an element is as good as gone in LOOKS looks in turn."""
         self.report(iteration, residual)
         share = self.elements.L / self.elements.L_start
         e = int(np.argmin(share)) if len(share) else -1
@@ -197,7 +201,7 @@ class Watch:
         net = self.net
         ends = net and "-".join(str(net.node_id[p]) for p in net.elements[gid])
         name = net and f"{net.element_id[gid]} ({ends})"
-        raise DivergedError(
+        raise RunTogether(
             f"form finding at constant tension: after {iteration} iterations the nodes of element "
             f"{self.comm.bcast(name)} have run together: nothing holds them apart, and these tensions have "
             'no form; set [form_finding] modulus_factor = 1e-3, or method = "force_density"'
@@ -270,7 +274,7 @@ def find_form(
             found = relax(comm, halo, moving, asked, most, "form finding", report, stop, resume)
         except DivergedError as error:
             worst, x[:] = worst_nodes(comm, net, distribution, moving), begun
-            found = by_newton() if elements.along and not large else None
+            found = by_newton() if isinstance(error, RunTogether) and not large else None
             if found is None:
                 raise DivergedError(f"{error}; {worst}; {ADVICE}") from None
     return Form(x, elements.N, *found, reference)
