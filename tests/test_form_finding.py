@@ -188,6 +188,7 @@ def form_of(monkeypatch):
 
     def find(job, large, *settings, **options):
         monkeypatch.setattr(newton, "LARGE", large)
+        monkeypatch.setattr(form, "MANY", large)
         job = read_job(JOBS / f"{job}.toml", list(settings))
         return prepare(MPI.COMM_SELF, job, Phases(), **options)[0].form
 

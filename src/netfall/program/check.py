@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from netfall.equilibrium.newton import is_large
+from netfall.equilibrium.find import FEWEST
 from netfall.ground.room import RANK_BYTES, SETUP_BYTES
 from netfall.ground.timings import Phases
 from netfall.job.asks import along_normals, has_statics
@@ -34,8 +34,8 @@ from netfall.write.locks import writing
 # For an element and step, and for a step, on one core with all features on (jobs/bench).
 STEP_NS, STEP_US = 8.0, 2.0
 ROW_S = 5e-4  # of a row of the history, and of a frame
-EQUILIBRIUM_S = 2e-4  # for each element of a net of some thousand: slack and compression take more or less
-NEAR_S, FAR_S = 7e-6, 5e-5  # the same of a large net, whose tangent foresees it, or does not (jobs/bench)
+EQUILIBRIUM_S = 1e-4  # for each element of a small net: slack and compression take more or less
+NEAR_S, FAR_S = 4.5e-6, 4e-5  # the same of a larger net, whose tangent foresees it, or does not (jobs/bench)
 UNFORESEEN = "; what the tangent does not foresee takes from a third to five times as long, more if relaxed"
 NOT_BORNE = 5  # times as long, until it is told how much of a load is borne
 START_S, NET_S = 0.8, 3e-4  # until Python, MPI and what they load stand; of net and form, for each element
@@ -168,10 +168,10 @@ def _describe_time(scene: Scene, say) -> None:
 def equilibria_time(scene: Scene) -> tuple[float, str]:
     """What equilibria take on one core [s], and what of that is not known. Collective.
 
-    Of a large net by whether the tangent foresees the last of them, from where the net is, and the first.
+    Of a larger net by whether the tangent foresees the last of them, from where the net is, and the first.
     """
     job, m, wanted = scene.job, scene.distribution.m, equilibria(scene)
-    if not is_large(scene.distribution):
+    if scene.distribution.n < FEWEST:
         return EQUILIBRIUM_S * m * len(wanted), ""
     if job.form_finding and scene.form is None:
         return NEAR_S * m * len(wanted), "; what goes slack or yields takes up to ten times as long at rest"

@@ -47,6 +47,7 @@ LOOKS = 10  # in turn, at which one is: a node may pass close to another on its 
 NEAR = 1e-2  # of the residual forces, what the start leaves
 SOFTER = (0.1, 0.01, 1e-3, 1e-4)  # of force densities: stiffness along elements of constant tension, then ...
 LEAST = 1e-6  # ... the same at last: nodes of a straight cable may stand anywhere along it
+MANY = 100_000  # particles, at constant tension: below that relaxation takes no longer
 TIGHTER = 0.1  # times: the tolerance where the residual asks for more
 MOST_AGAIN = 4
 
@@ -263,7 +264,8 @@ def find_form(
     moving = RelaxedNet(x, free, elements.ends, forces, elements.bound, turned=turned)
     asked = settings.tolerance * reference
     by_newton = lambda: newton_form(comm, distribution, halo, moving, elements, settings, asked, stop)
-    found, begun, large = None, x.copy(order="K"), is_large(distribution)
+    found, begun = None, x.copy(order="K")
+    large = distribution.n >= MANY if elements.along else is_large(distribution)
     if resume is None or resume.iteration == 0:
         found, resume = by_newton() if large else None, None
     if found is None:
