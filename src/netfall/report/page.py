@@ -315,13 +315,12 @@ def _cutting(table: dict, cutting: Cutting) -> list[str]:
 def _shop(table: dict) -> list[str]:
     """The first sorts of pieces."""
     length = lambda name, k: f"{table[name][k]:.1f}"
+    clamps = lambda k: len(table["clamps"][k].split("; ")) if table["clamps"][k] else 0
     lines = [
         [table["mark"][k], table["count"][k], table["type"][k], length("length_pin_to_pin", k)]
-        + [length("cut_length", k), force(table["measuring_load"][k]), table["clamps"][k].count(";")]
+        + [length("cut_length", k), force(table["measuring_load"][k]), clamps(k)]
         for k in range(len(table["mark"]))
     ]
-    for k, line in enumerate(lines):
-        line[-1] = len(table["clamps"][k].split("; ")) if table["clamps"][k] else 0
     told = (
         f"{len(lines)} sorts of pieces, {sum(table['count'])} in all; lengths in mm under the measuring load,"
     )

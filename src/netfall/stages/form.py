@@ -140,7 +140,7 @@ class Elements:
     ):
         """load : (n, 3) [N] that the form carries, None: none"""
         self.load = 0.0 if load is None else np.asfortranarray(load)
-        self.along = LEAST if modulus_factor == 0.0 else 0.0
+        self.constant = modulus_factor == 0.0  # their tensions
         column = lambda name: distribution.elements(None if net is None else getattr(net, name))
         self.ends = distribution.subdomain.ends
         self.bar = column("bar").astype(np.uint8)
@@ -265,12 +265,12 @@ def find_form(
     asked = settings.tolerance * reference
     by_newton = lambda: newton_form(comm, distribution, halo, moving, elements, settings, asked, stop)
     found, begun = None, x.copy(order="K")
-    large = distribution.n >= MANY if elements.along else is_large(distribution)
+    large = distribution.n >= MANY if elements.constant else is_large(distribution)
     if resume is None or resume.iteration == 0:
         found, resume = by_newton() if large else None, None
     if found is None:
         most = settings.max_iterations
-        if elements.along:
+        if elements.constant:
             report = Watch(comm, distribution, net, elements, report)
         try:
             found = relax(comm, halo, moving, asked, most, "form finding", report, stop, resume)
@@ -328,7 +328,7 @@ def newton_form(comm, distribution, halo, net, elements, settings, asked: float,
     newton = Newton(comm, halo, distribution, net, lambda: tangent_of_form(elements, net.x), inverse, kept)
     try:
         total = _towards_force_density(newton, elements)
-        if elements.along:
+        if elements.constant:
             total += _nearer(newton, elements)
         for k in range(MOST_AGAIN):
             found = newton.find(settings.tolerance * TIGHTER**k, before, stop)
@@ -347,13 +347,16 @@ def newton_form(comm, distribution, halo, net, elements, settings, asked: float,
     return None
 
 
-def tangent_of_form(elements, x: np.ndarray) -> Tangent:
-    """The tangent stiffness of form-finding elements at x (n, 3), and what is `along` at constant tension."""
+def tangent_of_form(elements, x: np.ndarray, share: float = LEAST) -> Tangent:
+    """The tangent stiffness of form-finding elements at x (n, 3).
+
+    share : of the force density that counts along elements of constant tension, which have no stiffness there
+    """
     elements.measure(x)
     taut = (elements.N > 0.0) | (elements.bar != 0)
     across = elements.N / np.maximum(elements.L, 1e-300)
-    along = np.where(taut, elements.stiffness + elements.along * across, 0.0)
-    return _tangent(elements, x, elements.N.copy(), along, across)
+    along = share * across if elements.constant else elements.stiffness
+    return _tangent(elements, x, elements.N.copy(), np.where(taut, along, 0.0), across)
 
 
 def _tangent(elements, x, N, axial, across) -> Tangent:
@@ -391,11 +394,10 @@ def _nearer(newton: Newton, elements) -> int:
     """
     newton.begin()
     total = 0
-    for elements.along in SOFTER:
-        r, K = newton.residual(), newton.tangent()
+    for share in SOFTER:
+        r, K = newton.residual(), tangent_of_form(elements, newton.net.x, share)
         s, count = newton.solve(K, newton.cycle(K), r, NEAR)
         total += count
         if newton.go(s, r) < SHORT:
             raise NoConvergence("these tensions hardly have a form")
-    elements.along = LEAST
     return total
