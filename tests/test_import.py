@@ -4,6 +4,7 @@ import csv
 import json
 import time
 
+import ezdxf
 import numpy as np
 import pytest
 from conftest import run_netfall, run_on_standing_ranks
@@ -102,6 +103,45 @@ def test_every_kind_of_line_is_read(tmp_path):
     sketch.document.saveas(tmp_path / "binary.dxf", fmt="bin")
     again = read_net(tmp_path / "binary.dxf", Options(supports="outline"))
     assert (again.net.x == net.x).all() and (again.net.ends == net.ends).all()
+
+
+def test_cables_end_on_curves(tmp_path):
+    """An arc that stands in space, a circle and a rounded polyline have joints where cables end on them,
+    however far these lie from the chords; what ends beside the curve has none.
+    """
+    sketch = Sketch("in")
+    normal, radius = np.array([0.6, 0.0, 0.8]), 25.0
+    axes = ezdxf.math.OCS(tuple(normal))
+    on_arc = lambda angle, r=radius: np.array(axes.to_wcs(ezdxf.math.Vec3.from_deg_angle(angle, r)))
+    middle, on = np.array([3.0, 0.0, -4.0]), dict(layer="edge")
+    sketch.space.add_arc((0, 0), radius / 0.0254, 10, 170, dxfattribs=on | dict(extrusion=tuple(normal)))
+    sketch.space.add_circle(sketch.at(100.0, 0.0, 0.0), radius / 0.0254, dxfattribs={"layer": "rim"})
+    sketch.space.add_point(sketch.at(100.0, 0.0, 0.0), dxfattribs=on)
+    corner = sketch.at(200.0, 0.0)[0]
+    bulge = np.tan(np.radians(22.5))  # of a quarter
+    points = [(corner, 0, bulge), (corner + 1000, 1000, 0), (corner + 1000, 3000, 0)]
+    sketch.space.add_lwpolyline(points, format="xyb", dxfattribs=on)
+    angles = np.linspace(20.0, 160.0, 23)
+    for k, angle in enumerate(angles):
+        sketch.line(middle, on_arc(angle))
+        turned = np.radians(2.3 * angle)
+        sketch.line((100.0, 0.0, 0.0), (100.0 + 25 * np.cos(turned), 25 * np.sin(turned), 0.0), "circle")
+    turn = np.radians(-35.0)  # of the rounded corner, about its middle at (corner, 1000)
+    at = np.array([corner + 1000 * np.cos(turn), 1000 + 1000 * np.sin(turn)]) * 0.0254
+    sketch.line((*at, 0.0), (250.0, 0.0, 3.0), "bend")
+    sketch.line(on_arc(33.3, radius - 0.004), (30.0, 30.0, 5.0), "beside")
+    reading = read_net(sketch.save(tmp_path / "arcs.dxf"), Options(supports="edge"))
+    told, net, drawing = "\n".join(reading.lines), reading.net, reading.drawing
+    group = np.array([drawing.layers[k] for k in drawing.layer[net.line]])
+    degree = np.bincount(net.ends[np.isin(group, ["edge", "rim"])].ravel(), minlength=len(net.x))
+    for name, count in (("x", 23), ("circle", 23), ("bend", 1)):
+        tips = net.ends[group == name]
+        assert len(tips) == count and (degree[tips].max(1) == 2).all()
+        assert name == "circle" or reading.fixed[tips].any(1).all()
+    assert "with joints at 47 ends of lines" in told and "beside" not in group and "layer beside" in told
+    flat = np.linalg.norm(net.x[net.ends[group == "edge"]].mean(1) @ normal[:, None], axis=1) < 1e-9
+    chords = net.x[net.ends[group == "edge"][flat]].mean(1)
+    assert len(chords) == 24 and (np.linalg.norm(chords, axis=1) > radius - 2 * radius / 200).all()
 
 
 def gaps(s):

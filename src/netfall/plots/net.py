@@ -53,9 +53,9 @@ def in_turn(places: np.ndarray) -> np.ndarray:
     return np.argsort(code, kind="stable")
 
 
-def as_read(lines, group: list[str], held, marks, title: str, path) -> None:
-    """Write a picture of a net that was read: lines (m, 2, 3) [m] by group, supports (h, 3), and marks (k, 3)
-    where something is wrong with it.
+def as_read(lines, group: list[str], held, sprung, marks, title: str, path) -> None:
+    """Write a picture of a net that was read: lines (m, 2, 3) [m] by group, supports (h, 3), elastic ones
+    (s, 3), and marks (k, 3) where something is wrong with it.
     """
     names, of = np.unique(group, return_inverse=True)
     every = max(1, len(lines) // MOST_READ)
@@ -65,6 +65,7 @@ def as_read(lines, group: list[str], held, marks, title: str, path) -> None:
         add_lines(axes, lines[::every][of[::every] == k], colors=[colour], linewidths=0.9, label=labels[k])
     for places, marker, colour, label in (
         (held, "s", "#222222", f"supports, {len(held)}"),
+        (sprung, "^", "#222222", f"springs, {len(sprung)}"),
         (np.reshape(marks, (-1, 3)), "x", BROKEN, f"faults, {len(marks)}"),
     ):
         if len(places):

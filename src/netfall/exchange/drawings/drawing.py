@@ -21,6 +21,7 @@ class Drawing:
     """k lines and p points.
 
     lines : (k, 2, 3), in the unit of the drawing until `scaled`; layer : (k,) rows of `layers`
+    curves : with the row of the layer of each; `curves.cut_curves` makes lines of them
     points : (p, 3) that may mark supports; point_layer : (p,) rows of `layers`
     held : (q, 3) supports that the file itself names; in_part : (r, 3) those along some axes alone
     keys : (k, 2) ids of nodes at the ends, None: the file has none
@@ -32,6 +33,7 @@ class Drawing:
     lines: np.ndarray
     layer: np.ndarray
     layers: list[str]
+    curves: list = field(default_factory=list)
     points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     point_layer: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
     held: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))

@@ -13,8 +13,7 @@ from netfall.ground.errors import InputError
 
 CURVES = ("LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE", "HELIX")
 FACES = ("3DFACE", "SOLID", "TRACE", "MESH")
-FLATNESS = 1 / 200  # of a curve's size: how far its segments may be from it
-LEAST_SEGMENTS = 4  # of a curve
+CUBICS = 16  # cubic curves that stand for a circle, an arc, an ellipse: within 7e-8 of the radius
 DEEPEST = 32  # blocks in blocks
 
 
@@ -63,7 +62,7 @@ class _Reader:
         self.lines, self.line_layers, self.points, self.point_layers = [], [], [], []
         self.plain = np.zeros((0, 2, 3))
         self.kinds, self.skipped, self.hidden, self.blocks = Counter(), Counter(), Counter(), Counter()
-        self.others, self.invisible, self.segments = Counter(), Counter(), 0
+        self.others, self.invisible, self.curves = Counter(), Counter(), []
         self.spelled = {layer.dxf.name.lower(): layer.dxf.name for layer in document.layers}
         self.spellings = set()
         off = [layer for layer in document.layers if layer.is_off() or layer.is_frozen()]
@@ -137,17 +136,17 @@ class _Reader:
                 self.add(entity, layer, depth + 1)
 
     def _curve(self, entity, layer: str) -> None:
+        """A polyline by its straight sides and its arcs; whatever is smooth as it is."""
         from ezdxf import path
 
-        way = path.make_path(entity)
+        way = path.make_path(entity, segments=CUBICS)
         if not way.has_curves:
             self._segments(list(way.control_vertices()), layer)
-            return
-        corners = np.array([tuple(point) for point in way.control_vertices()])
-        size = float(np.ptp(corners, axis=0).max())
-        points = list(way.flattening(max(size * FLATNESS, 1e-12), LEAST_SEGMENTS))
-        self.segments += len(points) - 1
-        self._segments(points, layer)
+        elif entity.dxftype() in ("LWPOLYLINE", "POLYLINE"):
+            for part in entity.virtual_entities():
+                self._curve(part, layer)
+        else:
+            self.curves.append((layer, way))
 
     def _segments(self, points, layer: str) -> None:
         places = [tuple(point) for point in points]
@@ -157,13 +156,14 @@ class _Reader:
 
     def drawing(self) -> Drawing:
         """All that was read."""
-        names = sorted({*self.line_layers, *self.point_layers})
+        names = sorted({*self.line_layers, *self.point_layers, *(layer for layer, _ in self.curves)})
         row = {name: k for k, name in enumerate(names)}
         unit, unit_from = _unit(self.document)
         return Drawing(
             lines=np.concatenate([self.plain, np.array(self.lines, float).reshape(-1, 2, 3)]),
             layer=np.array([row[name] for name in self.line_layers], np.int64),
             layers=names,
+            curves=[(row[layer], way) for layer, way in self.curves],
             points=np.array(self.points, float).reshape(-1, 3),
             point_layer=np.array([row[name] for name in self.point_layers], np.int64),
             unit=unit,
@@ -179,8 +179,7 @@ class _Reader:
             told.append(
                 inserts + (f", blocks in blocks to depth {max(self.blocks)}" if max(self.blocks) > 1 else "")
             )
-        told += [f"layers {words}, and are one" for words in alike(self.spellings)]
-        return told + ([f"curves cut into {self.segments} segments"] if self.segments else [])
+        return told + [f"layers {words}, and are one" for words in alike(self.spellings)]
 
     def _left_out(self) -> list[str]:
         told = [f"{count} {kind}, which is no line" for kind, count in sorted(self.skipped.items())]

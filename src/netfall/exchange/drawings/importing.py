@@ -58,7 +58,8 @@ def _write(reading: Reading, folder: Path, place: Path) -> list[str]:
         text = first_job(reading.path.stem, sorted(set(group)), posts)
         told += [f'    group "{name}": upright, taken as kind = "bar" in {job.name}' for name in posts]
         (place / job.name).write_text(text, encoding="utf-8")
-    as_read(x[net.ends], group, x[reading.fixed], reading.marks, reading.path.name, place / "net.png")
+    sprung = x[reading.held & ~reading.fixed]
+    as_read(x[net.ends], group, x[reading.fixed], sprung, reading.marks, reading.path.name, place / "net.png")
     (place / "report.txt").write_text("\n".join([*reading.lines, *told, ""]), encoding="utf-8")
     kept = "" if made else " (that was there, and stays as it is)"
     return [

@@ -7,6 +7,7 @@ import numpy as np
 
 from netfall.exchange.drawings import faults
 from netfall.exchange.drawings.compas import read_json
+from netfall.exchange.drawings.curves import cut_curves
 from netfall.exchange.drawings.drawing import METRES, Drawing, rows_called
 from netfall.exchange.drawings.dxf import read_dxf
 from netfall.exchange.drawings.join import Joined, join, parts_by_size, split
@@ -70,7 +71,7 @@ class Reading:
             return f"({metres})"
         factor = METRES[self.drawing.unit]
         own = ", ".join(f"{value / factor:.6g}" for value in x.tolist())
-        return f"({metres}) m, ({own}) {self.drawing.unit} in the drawing"
+        return f"({metres}) m, ({own}) {self.drawing.unit} as drawn"
 
     def tell(self, kind: str, count: int, what: str, places: list[str], x=()) -> None:
         """A fault: how often, what it means, the first places; x (k, 3) [m]: marks for the picture."""
@@ -110,6 +111,7 @@ def _read(path: Path, options: Options) -> Drawing:
     named = options.supports if options.supports not in (None, AT_POINTS, OUTLINE) else None
     marking = [name for name in (named, options.springs and options.springs[0]) if name]
     drawing = read(path, marking, options.layers)
+    cut_curves(drawing, options.tolerance / METRES[options.unit or drawing.unit or "m"])
     if not len(drawing.lines):
         left = f" ({'; '.join(drawing.left_out)})" if drawing.left_out else ""
         raise InputError(f"{path}: no lines of a net in it{left}")
