@@ -8,6 +8,7 @@ from mpi4py import MPI
 
 from netfall.checks.reactions import reaction_columns
 from netfall.equilibrium import find
+from netfall.exchange.export import Wanted, export
 from netfall.ground.errors import Interrupted
 from netfall.ground.progress import Progress
 from netfall.ground.timings import Phases
@@ -209,6 +210,25 @@ def test_a_table_of_one_pressure_is_that_pressure(workshop):
     f = workshop.run(workshop.job(text))
     for name in ("plan", "space"):
         assert apart(f[f"cases/{name}"], f["cases/plain"]) <= TOLERANCE
+
+
+def test_springs_carry_their_share_of_a_factor_of_the_prestress(workshop):
+    """0.8 of the prestress is 0.8 of what springs carry in the form, also where the tables of the form run
+    again, in which nothing finds it.
+    """
+    nodes = "id,x,y,z,fixed,spring_x,spring_y,spring_z,load_z\n1,-10,0,2,1,0,0,0,0\n2,10,0,2,1,0,0,0,0\n"
+    nodes += "3,0,-10,0,0,2e6,2e6,2e6,0\n4,0,10,0,1,0,0,0,0\n5,0,0,0.6,0,0,0,0,-1e4\n"
+    text = STEEL + "[form_finding]\ntolerance = 1e-9\n" + LOAD.replace("dead = 100.0\n", "")
+    text += combination("low", "prestress = 0.8, load = 1.0")
+    text += combination("none", "permanent = 0, prestress = 0.8")
+    job = workshop.job(text, nodes, "id,start,end\n1,1,5\n2,2,5\n3,3,5\n4,4,5\n")
+    found = workshop.run(job)
+    export(workshop.folder / "result.vtkhdf", workshop.folder / "again.csv", Wanted(), lambda line: None)
+    again = workshop.run(workshop.folder / "again.csv" / "job.toml", output="again.vtkhdf")
+    for name in ("low", "none"):
+        assert apart(again[f"cases/{name}"], found[f"cases/{name}"]) <= 1e-9  # to rounding
+    assert np.abs(again["cases/none/displacement"][:]).max() < 1e-8  # without loads the form stays
+    assert again["cases/none/tension"][:] == pytest.approx(0.8 * found["form_finding/tension"][:], rel=1e-6)
 
 
 def test_reactions_sum_to_the_loads_of_each_combination(workshop):

@@ -65,7 +65,7 @@ def of_combination(job: Job, model: Model, combination: SimpleNamespace) -> Acti
             warm += share * (case.set.get("load.temperature", load.temperature) - load.temperature)
             if inputs.settlement is not None:
                 settlement = share * inputs.settlement + (0.0 if settlement is None else settlement)
-    L0, rest = _prestressed(job, model, factor("prestress"))
+    L0, rest = _prestressed(model, factor("prestress"), job.cable.strain)
     return Actions(force, warm_length(L0, net.expansion, warm), _feet(model, rest, settlement), settlement)
 
 
@@ -111,7 +111,7 @@ def _feet(model: Model, rest: np.ndarray, settlement: np.ndarray | None) -> np.n
     return rest + np.where(model.net.spring > 0.0, settlement, 0.0)
 
 
-def _prestressed(job: Job, model: Model, factor: float) -> tuple[np.ndarray, np.ndarray]:
+def _prestressed(model: Model, factor: float, strain: str) -> tuple[np.ndarray, np.ndarray]:
     """Unstressed lengths (m,) [m], and rests of springs (n, 3) [m], at a factor of the prestress.
 
     An element has so many times its force at its length in the form; what carries none there stays as it is.
@@ -120,6 +120,5 @@ def _prestressed(job: Job, model: Model, factor: float) -> tuple[np.ndarray, np.
         return model.cut_length, model.spring_rest
     net, x = model.net, model.x
     L = lengths(x[net.elements[:, 1]] - x[net.elements[:, 0]])
-    L0 = unstressed_length(L, factor * model.N, net.EA, job.cable.strain)
-    rest = factor * model.spring_rest if job.form_finding else model.spring_rest
-    return np.where(model.N == 0.0, model.cut_length, L0), rest
+    L0 = unstressed_length(L, factor * model.N, net.EA, strain)
+    return np.where(model.N == 0.0, model.cut_length, L0), factor * model.spring_rest
