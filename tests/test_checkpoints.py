@@ -100,3 +100,15 @@ def test_a_name_with_wildcards_takes_nothing_of_another_run(workshop, name):
         job, "--restart", workshop.folder / "r1.checkpoint-5-000000000000.h5", output="r1.vtkhdf"
     ).close()
     assert not list(workshop.folder.glob(".*"))
+
+
+def test_what_a_killed_run_left_of_open_files_goes_with_the_next(workshop):
+    """Locks of Open MPI beside the run's own result, segment and checkpoint; another run's stay."""
+    job = tiny_job(workshop, 0.006, "checkpoint = 0.001\n")
+    own = (".r.vtkhdf", "..r.vtkhdf.segment-0123abcd-000002", ".r.checkpoint-5-000000000036.h5")
+    of_others = (".r.b.vtkhdf", "..r2.vtkhdf.segment-0123abcd-000002", ".r2.checkpoint-5-000000000036.h5")
+    for name in own + of_others:
+        (workshop.folder / f"{name}.part-1310064641-8956.lock").touch()
+    workshop.run(job, output="r.vtkhdf").close()
+    left = {path.name for path in workshop.folder.glob(".*")}
+    assert left == {f"{name}.part-1310064641-8956.lock" for name in of_others}

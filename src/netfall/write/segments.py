@@ -54,9 +54,17 @@ def join_segments(segments: list[Path], temporary: Path, path: Path, finish) -> 
             finish(file)
         publish(temporary, path)
     # of this run and of earlier ones that were killed
-    name = re.compile(re.escape(f".{path.name}.segment-") + r"[0-9a-f]{8}-(\d{6,}|recovered)")
-    for segment in [each for each in path.parent.iterdir() if name.fullmatch(each.name)]:
-        segment.unlink(missing_ok=True)
+    left = _left_by_runs(path)
+    for old in [each for each in path.parent.iterdir() if left.fullmatch(each.name)]:
+        old.unlink(missing_ok=True)
+
+
+def _left_by_runs(path: Path) -> re.Pattern:
+    """Names of the segments of a result, and of what Open MPI leaves beside a file at a kill."""
+    name, stem = re.escape(path.name), re.escape(path.stem)
+    segment = rf"\.{name}\.segment-[0-9a-f]{{8}}-(\d{{6,}}|recovered)"
+    checkpoint = rf"({stem}\.|{name}-)checkpoint-\d-\d{{12,}}\.h5"
+    return re.compile(rf"{segment}|\.({name}|{segment}|{checkpoint})\.part-\d+-\d+\.lock")
 
 
 def find_segments(
