@@ -186,14 +186,26 @@ def test_other_questions_to_the_same_runs_run_nothing(tmp_path):
     [
         (
             '[[failure]]\nname = "a"\nof = "speed"\nabove = 1.0',
-            "expected an outcome of a run: first_fracture",
+            'expected one of "first_fracture"',
         ),
-        ('[[failure]]\nname = "a"\nof = "dynamic_factor_max"\nabove = 1.0', "expected an outcome of a run"),
-        ('[[failure]]\nname = "a"\nof = "broken"', "[[failure]] 1: above: missing; expected a number"),
-        ('[[failure]]\nof = "broken"\nabove = 1', "name: missing; expected how the measure is called"),
+        (
+            '[[failure]]\nname = "a"\nof = "dynamic_factor_max"\nabove = 1.0',
+            'of = "dynamic_factor_max": of losses alone',
+        ),
+        ('[[failure]]\nname = "a"\nof = "broken"', "[[failure]] a: above: missing; expected a number"),
+        (
+            '[[failure]]\nof = "broken"\nabove = 1',
+            "name: missing; expected a text in quotes (how the measure is called)",
+        ),
         ('[hazard]\ndistribution = "normal"', "expected gumbel, weibull, en1991"),
-        ('[hazard]\ndistribution = "gumbel"\nmode = 25.0', "[hazard] scale: missing; expected a number > 0"),
-        ('[hazard]\ndistribution = "en1991"\nbasic_sped = 30', "basic_sped: unknown key of en1991"),
+        (
+            '[hazard]\ndistribution = "gumbel"\nmode = 25.0',
+            "[hazard] scale: missing; expected a number of m/s > 0",
+        ),
+        (
+            '[hazard]\ndistribution = "en1991"\nbasic_sped = 30',
+            'basic_sped: unknown key; did you mean "basic_speed"',
+        ),
         ("title = 3", "title = 3: expected a text"),
     ],
 )

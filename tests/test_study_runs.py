@@ -608,10 +608,10 @@ WRONG = [
         '[vary]\nremove = {each = "cable", time = 1.0, group = "ring"}\n',
         "no element has the group ring; groups: x, y",
     ),
-    ('[vary]\nremove = {each = "cable"}\n', "time: missing; expected the time of the loss"),
+    ('[vary]\nremove = {each = "cable"}\n', "time: missing; expected a number of s >= 0"),
     (
         '[sample]\n"wind.speed" = {distribution = "normal", mean = 1.0, deviation = 1.0}\n',
-        "[sample] count: missing; expected the number",
+        "[sample] count: missing; expected an integer >= 1",
     ),
     (
         '[sample]\ncount = 4\n"wind.speed" = {distribution = "beta"}\n',
@@ -638,7 +638,7 @@ WRONG = [
         '[sample]\ncount = 1000000000000\n"wind.speed" = {distribution = "uniform", from = 1.0, to = 2.0}\n',
         "at most",
     ),
-    ('[vary]\n"wind.seed" = [1]\n[run]\nkeep = "some"\n', 'keep = "some": expected none, broken, all'),
+    ('[vary]\n"wind.seed" = [1]\n[run]\nkeep = "some"\n', 'keep = "some": expected one of "none", "broken"'),
     ('[vary]\n"wind.seed" = [1]\n[run]\nrank = 2\n', '[run] rank: unknown key; did you mean "ranks"?'),
     ('[vary]\n"wind.seed" = [1]\n[varry]\n', 'varry: unknown; did you mean "vary"?'),
 ]

@@ -90,7 +90,8 @@ class Key:
         return isinstance(value, list) and len(value) in counts and all(map(self.number, value))
 
 
-def _whole(value) -> bool:
+def is_whole(value) -> bool:
+    """Whether a value is an integer; true and false are none."""
     return isinstance(value, int) and not isinstance(value, bool)
 
 
@@ -107,7 +108,7 @@ def _points(key: Key, value) -> bool:
 
 
 def _places(key: Key, value) -> bool:
-    return isinstance(value, list) and all(_whole(v) or key.numbers(v, 2, 3) for v in value)
+    return isinstance(value, list) and all(is_whole(v) or key.numbers(v, 2, 3) for v in value)
 
 
 def _some(fits: Callable[[object], bool]) -> Callable[[Key, object], bool]:
@@ -117,9 +118,11 @@ def _some(fits: Callable[[object], bool]) -> Callable[[Key, object], bool]:
 
 def _seed(key: Key, value) -> bool:
     """A seed, or several with weights whose squares add to 1: their mixture is as random as one."""
-    if _whole(value):
+    if is_whole(value):
         return key.number(value)
-    pair = lambda each: isinstance(each, list) and len(each) == 2 and _whole(each[1]) and key.number(each[1])
+    pair = lambda each: (
+        isinstance(each, list) and len(each) == 2 and is_whole(each[1]) and key.number(each[1])
+    )
     if not isinstance(value, list) or not value or not all(map(pair, value)):
         return False
     weights, seeds = zip(*value)
@@ -180,7 +183,7 @@ KINDS = {
         "a list of three or more [x, y] corners{of}{within}", lambda key, v: _points(key, v) and len(v) >= 3
     ),
     "words": Kind("a list of names in quotes ({meaning})", _some(lambda v: isinstance(v, str) and v != "")),
-    "integers": Kind("a list of integers ({meaning})", _some(_whole)),
+    "integers": Kind("a list of integers ({meaning})", _some(is_whole)),
     "factors": Kind("a table of numbers{within}, {{permanent = 1.35, NAME = 1.5}}", _factors),
     "shifts": Kind("a table of [x, y, z]{of} by ids of nodes, {{17 = [0.0, 0.0, -0.05]}}", _shifts),
     "lengths": Kind(

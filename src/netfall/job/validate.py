@@ -1,5 +1,6 @@
 """Checking the tables of a job file against the schema, and against one another."""
 
+from collections.abc import Sequence
 from types import SimpleNamespace
 
 from netfall.job import cases
@@ -41,20 +42,20 @@ class Validation:
         given = {k: v for k, v in data.items() if isinstance(v, dict) and k not in LISTS}
         self._names(data, given)
         loose = {k: v for k, v in data.items() if k not in given and k not in SECTIONS and k not in LISTS}
-        title = self._table("", SECTIONS[""], loose).title
+        title = self.table("", SECTIONS[""], loose).title
         for name in ("net", "cable"):
             if name not in data:
                 self.wrong("", f"[{name}]: the section is missing; a job needs it")
         found, groups = dict.fromkeys(filter(None, SECTIONS)), {}
         for name in filter(found.__contains__, given):
             own, within = self._overrides(name, given[name])
-            found[name] = self._table(name, SECTIONS[name], own)
+            found[name] = self.table(name, SECTIONS[name], own)
             if name == "cable":
                 groups = within
             elif name in OVERRIDES:
                 found[name].zone = within
-        found["output"] = found["output"] or self._table("output", SECTIONS["output"], {})
-        lists = {f"{name}s": self._entries(name, data.get(name, [])) for name in LISTS}
+        found["output"] = found["output"] or self.table("output", SECTIONS["output"], {})
+        lists = {f"{name}s": self.entries(name, keys, data.get(name, [])) for name, keys in LISTS.items()}
         self._combinations(given, found, lists)
         return found | lists | {"title": title, "groups": groups}
 
@@ -83,7 +84,7 @@ class Validation:
             self._check(f"{place}.{called}", keys, values, found[called])
         return own, found
 
-    def _entries(self, name: str, given) -> list[SimpleNamespace]:
+    def entries(self, name: str, keys: Sequence[Key], given) -> list[SimpleNamespace]:
         """The entries of a list of tables, whose names are unique."""
         if not isinstance(given, list) or not all(isinstance(table, dict) for table in given):
             self.wrong("", f"{name} = {shown(given)}: expected entries, [[{name}]], each with its keys")
@@ -92,12 +93,12 @@ class Validation:
         for number, table in enumerate(given, 1):
             called = table.get("name")
             place = f"[[{name}]] {called if isinstance(called, str) and called else number}:"
-            entries.append(self._table(place, LISTS[name], table))
+            entries.append(self.table(place, keys, table))
             if isinstance(called, str) and places.setdefault(called, number) != number:
                 self.wrong(place, f"name: stands in entry {places[called]} already; names are unique")
         return entries
 
-    def _table(self, place: str, keys: tuple[Key, ...], table: dict) -> SimpleNamespace:
+    def table(self, place: str, keys: Sequence[Key], table: dict) -> SimpleNamespace:
         """The values of all keys, given or by default."""
         values = {key.name: key.default for key in keys}
         self._check(place, keys, table, values)
@@ -107,7 +108,7 @@ class Validation:
                 values[key.name] = None
         return SimpleNamespace(**values)
 
-    def _check(self, place: str, keys: tuple[Key, ...], table: dict, values: dict) -> None:
+    def _check(self, place: str, keys: Sequence[Key], table: dict, values: dict) -> None:
         """Put what is given, and right, into `values`."""
         rows = {key.name: key for key in keys}
         for name, value in table.items():

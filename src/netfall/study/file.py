@@ -14,6 +14,7 @@ from netfall.job.asks import has_statics
 from netfall.job.job import PATHS, Job
 from netfall.job.read import read_job, read_toml
 from netfall.job.toml_text import toml_value
+from netfall.job.validate import Validation
 from netfall.job.values import nearest, shown
 from netfall.net.build import build_net
 from netfall.study import sections
@@ -195,42 +196,44 @@ def read_plan(path: Path) -> Plan:
 
 def _sections_of(path: Path, data: dict) -> Sections:
     """What stands in a study file. Raises InputError with a line for each thing that is wrong."""
-    errors: list[str] = []
-    wrong = lambda what: errors.append(f"{path}: {what}")
+    check = Validation(str(path), [])
     for name in data:
         if name not in sections.TOP:
-            wrong(f"{name}: unknown; {nearest(name, sections.TOP)}")
+            check.wrong("", f"{name}: unknown; {nearest(name, sections.TOP)}")
     if not isinstance(data.get("title", ""), str):
-        wrong(f"title = {shown(data['title'])}: expected a text")
+        check.wrong("", f"title = {shown(data['title'])}: expected a text")
     if not isinstance(data.get("job"), str):
-        wrong(f"job = {shown(data.get('job'))}: expected the path of a job file, relative to this one")
+        expected = "expected the path of a job file, relative to this one"
+        check.wrong("", f"job = {shown(data.get('job'))}: {expected}")
     tables = {name: data.get(name, {}) for name in ("vary", "sample", "run", "hazard", "rare")}
     for name, table in tables.items():
         if not isinstance(table, dict):
-            wrong(f"{name} = {shown(table)}: expected a section, [{name}]")
+            check.wrong("", f"{name} = {shown(table)}: expected a section, [{name}]")
             tables[name] = {}
-    vary, sample = (_flat(tables[name], wrong) for name in ("vary", "sample"))
-    distributions = {name: each for name, each in sample.items() if name not in sections.SAMPLE}
-    failures = sections.failure_sections(data.get("failure", []), "remove" in vary, wrong)
-    rare = sections.rare_section(tables["rare"], vary, any(each.by for each in failures), wrong)
-    sections.check_sample(sample, distributions, vary, rare is not None, wrong)
-    varied = {*vary, *distributions}
+    vary, sample = (_flat(tables[name], check) for name in ("vary", "sample"))
+    of_draws = {key.name: sample.pop(key.name) for key in sections.KEYS["sample"] if key.name in sample}
+    sections.check_distributions(sample, vary, check)
+    failures = sections.failure_sections(data.get("failure", []), "remove" in vary, check)
+    rare = sections.rare_section(tables["rare"], vary, any(each.by for each in failures), check)
+    if of_draws and not sample:
+        check.wrong("sample", "names no key of the job to draw")
+    varied = {*vary, *sample}
     there = Sections(
-        sections.run_section(tables["run"], wrong),
+        vars(check.table("run", sections.KEYS["run"], tables["run"])),
         failures,
-        sections.hazard_section(tables["hazard"], SPEED in varied or rare is not None, wrong),
+        sections.hazard_section(tables["hazard"], SPEED in varied or rare is not None, check),
         rare,
-        [sections.axis_of(name, value, wrong) for name, value in vary.items()],
-        sections.loss_section(vary["remove"], wrong) if "remove" in vary else None,
+        [sections.axis_of(name, value, check) for name, value in vary.items()],
+        sections.loss_section(vary["remove"], check) if "remove" in vary else None,
+        sections.sample_section(of_draws, bool(sample), rare is not None, check),
         sample,
-        distributions,
     )
     if rare and tables["hazard"] and SPEED in varied:
-        wrong(f"{SPEED}: is the annual maximum of [hazard] beside [rare]; remove one of the two")
+        check.wrong("", f"{SPEED}: is the annual maximum of [hazard] beside [rare]; remove one of the two")
     if not varied and not rare:
-        wrong("nothing varies; expected [vary] or [sample]")
-    if errors:
-        raise InputError(errors)
+        check.wrong("", "nothing varies; expected [vary] or [sample]")
+    if check.errors:
+        raise InputError(check.errors)
     return there
 
 
@@ -238,11 +241,11 @@ def _draws(there: Sections) -> tuple[np.ndarray | None, list[str]]:
     """The values that are drawn, and what is to be noted of them."""
     if not there.distributions or there.rare:
         return None, []
-    method, count = there.sample.get("method", "sobol"), there.sample["count"]
+    method, count = there.sample["method"], there.sample["count"]
     notes = []
     if method == "sobol" and count & (count - 1):
         notes.append(f"note: [sample] count = {count}: Sobol's points are even for powers of two only")
-    return draw(method, count, there.sample.get("seed", 1), list(there.distributions.values())), notes
+    return draw(method, count, there.sample["seed"], list(there.distributions.values())), notes
 
 
 def _pieces_of(job, each: str, group: str | list[str] | None, ids: list | None) -> list:
@@ -274,16 +277,16 @@ def _net_key(job) -> str:
     return hashlib.sha256(net.elements.tobytes() + net.element_id.tobytes()).hexdigest()
 
 
-def _flat(table: dict, wrong, prefix: str = "") -> dict:
+def _flat(table: dict, check: Validation, prefix: str = "") -> dict:
     """Keys of the job by their whole names, whether written "wind.speed" or wind.speed."""
     found = {}
     for name, value in table.items():
         whole = f"{prefix}{name.strip()}"
         ends = not isinstance(value, dict) or {"from", "distribution"} & set(value)
         ends = ends or whole == "remove" or "." in name
-        for called, one in ({whole: value} if ends else _flat(value, wrong, f"{whole}.")).items():
+        for called, one in ({whole: value} if ends else _flat(value, check, f"{whole}.")).items():
             if called in found:
-                wrong(f"{called}: stands twice")
+                check.wrong("", f"{called}: stands twice")
             found[called] = one
     return found
 

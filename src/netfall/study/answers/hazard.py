@@ -18,12 +18,6 @@ from netfall.numerics.normal import quantile
 from netfall.study.answers import probit
 from netfall.study.answers.probit import Fits
 
-# What each distribution of annual maxima is given by, with what it is by default; None: must be given.
-DISTRIBUTIONS = {
-    "gumbel": {"mode": None, "scale": None},  # m/s
-    "weibull": {"shape": None, "scale": None},  # scale in m/s
-    "en1991": {"basic_speed": None, "K": 0.2, "n": 0.5},  # EN 1991-1-4:2005, eq. 4.2
-}
 FASTEST = 1e4  # m/s, that no wind exceeds
 YEARS = 50
 TARGETS = {"RC1": (4.2, 3.3), "RC2": (4.7, 3.8), "RC3": (5.2, 4.3)}  # EN 1990:2002, table B2: 1, 50 years
@@ -35,7 +29,8 @@ SPEEDS = 121  # of the grid on which the hazard is kept for pictures
 class Hazard(NamedTuple):
     """The distribution of the largest mean wind speed of a year, 10 m above ground.
 
-    parameters : as DISTRIBUTIONS has them; years : over which the probability is told beside that of a year
+    parameters : as `study.sections` has them; years : over which the probability is told beside that of a
+        year
     """
 
     distribution: str
