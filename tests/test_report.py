@@ -68,7 +68,7 @@ def test_resistances_are_those_of_the_codes(tmp_path):
     with pytest.raises(InputError) as raised:
         read_codes(own)
     assert [line.partition("factor g: ")[2] for line in raised.value.lines] == [
-        "use = 'by': expected one of multiply, divide",
+        'use = "by": expected one of "multiply", "divide"',
         "value = -2.0: expected a number > 0",
     ]
 
@@ -90,9 +90,8 @@ def test_an_unknown_key_or_group_of_a_file_of_checks_is_refused(loaded):
     with pytest.raises(InputError) as raised:
         read_codes(own)
     assert raised.value.lines == [
-        f"{own}: factr = 3: unknown key of the file; known: check",
-        f"{own}: [[check]] 1: factor g: group = {{'uper': 4.0}}: unknown key of factor; "
-        'did you mean "groups"?',
+        f"{own}: factr: unknown key; known: check",
+        f'{own}: [[check]] 1: factor g: group: unknown key; did you mean "groups"?',
     ]
 
 

@@ -7,19 +7,33 @@ from pathlib import Path
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.values import nearest, shown
+from netfall.job.keys import keys_of
+from netfall.job.validate import Validation
+from netfall.job.values import nearest
 from netfall.results.cases import KINDS
 
 SHIPPED = Path(__file__).with_name("codes.toml")
 IN_TENSION, IN_COMPRESSION = ("breaking_load", "yield_force"), ("buckling", "euler_load")
 STRENGTHS = IN_TENSION + IN_COMPRESSION
-USES = ("multiply", "divide")
-KEYS = {  # of each kind of table in the file
-    "the file": ("check",),
-    "[[check]]": ("name", "title", "kind", "resistance"),
-    "[[check.resistance]]": ("of", "factor"),
-    "factor": ("name", "use", "value", "edition", "meaning", "groups"),
-}
+KEYS = keys_of(f"""
+[file]
+check | tables | | required | the checks
+[check]
+name | text | | required | of the check
+title | text | | required | what it is, in reports
+kind | choice {" ".join(KINDS)} | | "" | of the combinations that it is of; absent: of every state
+resistance | tables | | required | the least one counts
+[check.resistance]
+of | choice {" ".join(STRENGTHS)} | | required | strength that it begins with
+factor | tables | | [] | on that strength
+[factor]
+name | text | | required | of the factor
+use | choice multiply divide | | required | how it acts
+value | number | > 0 | required | the factor
+edition | text | | required | where it stands
+meaning | text | | "" | in words
+groups | values | > 0 | {{}} | values of groups of elements
+""")
 
 
 @dataclass(frozen=True)
@@ -81,16 +95,15 @@ def read_codes(path: Path | None = None) -> list[Check]:
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         reason = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise InputError(f"{path}: {reason}; expected a file in the form of {SHIPPED}") from None
-    errors: list[str] = []
-    tables = data.get("check")
+    validation, tables = Validation(str(path), []), data.get("check")
     if not isinstance(tables, list) or not tables or not all(isinstance(t, dict) for t in tables):
         raise InputError(f"{path}: no [[check]]; expected a file in the form of {SHIPPED}")
-    _know_keys(data, "the file", f"{path}:", errors)
-    checks = [_check(table, f"{path}: [[check]] {k}:", errors) for k, table in enumerate(tables, 1)]
-    if not errors and len({check.name for check in checks}) < len(checks):
-        errors.append(f"{path}: two checks have one name; names are unique")
-    if errors:
-        raise InputError(errors)
+    validation.table("", KEYS["file"], data)
+    checks = [_check(table, f"[[check]] {k}:", validation) for k, table in enumerate(tables, 1)]
+    if len({check.name for check in checks}) < len(checks):
+        validation.wrong("", "two checks have one name; names are unique")
+    if validation.errors:
+        raise InputError(validation.errors)
     return checks
 
 
@@ -109,57 +122,16 @@ def check_groups(path: Path | None, checks: list[Check], names: list[str]) -> No
         raise InputError(errors)
 
 
-def _know_keys(table: dict, kind: str, place: str, errors: list[str]) -> None:
-    for key in table:
-        if key not in KEYS[kind]:
-            advice = nearest(key, KEYS[kind])
-            errors.append(f"{place} {key} = {shown(table[key])}: unknown key of {kind}; {advice}")
+def _check(table: dict, place: str, validation: Validation) -> Check:
+    own = validation.table(place, KEYS["check"], table)
+    each = [validation.table(place, KEYS["check.resistance"], one) for one in own.resistance or []]
+    if len({one.of in IN_COMPRESSION for one in each if one.of}) > 1:
+        names = " beside ".join(repr(one.of) for one in each)
+        what = "a check is of tension or of compression; make two of it"
+        validation.wrong(place, f"of = {names}: {what}")
+    found = [(one.of, [_factor(factor, place, validation) for factor in one.factor]) for one in each]
+    return Check(own.name, own.title, own.kind, found)
 
 
-def _check(table: dict, place: str, errors: list[str]) -> Check:
-    _know_keys(table, "[[check]]", place, errors)
-    for key in ("name", "title"):
-        if not isinstance(table.get(key), str) or not table[key]:
-            errors.append(f"{place} {key} = {table.get(key)!r}: expected a text")
-    if table.get("kind", "") not in ("", *KINDS):
-        errors.append(f"{place} kind = {table['kind']!r}: expected one of {', '.join(KINDS)}")
-    given = table.get("resistance")
-    if not isinstance(given, list) or not given or not all(isinstance(r, dict) for r in given):
-        errors.append(f"{place} resistance: missing; expected [[check.resistance]]")
-        given = []
-    found = []
-    for one in given:
-        _know_keys(one, "[[check.resistance]]", place, errors)
-        if one.get("of") not in STRENGTHS:
-            errors.append(f"{place} of = {one.get('of')!r}: expected one of {', '.join(STRENGTHS)}")
-        elif (one["of"] in IN_COMPRESSION) != (given[0].get("of") in IN_COMPRESSION):
-            errors.append(
-                f"{place} of = {one['of']!r} beside {given[0].get('of')!r}: a check is of tension or of "
-                "compression; make two of it"
-            )
-        factors = one.get("factor", [])
-        listed = isinstance(factors, list) and all(isinstance(f, dict) for f in factors)
-        if not listed:
-            errors.append(f"{place} factor = {factors!r}: expected a list of tables")
-        found.append((one.get("of"), [_factor(f, place, errors) for f in factors] if listed else []))
-    return Check(table.get("name"), table.get("title"), table.get("kind", ""), found)
-
-
-def _factor(table: dict, place: str, errors: list[str]) -> Factor:
-    place = f"{place} factor {table.get('name')}:"
-    _know_keys(table, "factor", place, errors)
-    if table.get("use") not in USES:
-        errors.append(f"{place} use = {table.get('use')!r}: expected one of {', '.join(USES)}")
-    groups = table.get("groups", {})
-    if not isinstance(groups, dict):
-        errors.append(f"{place} groups = {shown(groups)}: expected a table of values by group")
-        groups = {}
-    given = [("value", table.get("value")), *((f"groups: {name}", value) for name, value in groups.items())]
-    for key, value in given:
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < np.inf:
-            errors.append(f"{place} {key} = {value!r}: expected a number > 0")
-    for key in ("name", "edition"):
-        if not isinstance(table.get(key), str) or not table[key]:
-            errors.append(f"{place} {key} = {table.get(key)!r}: expected a text")
-    rest = (str(table.get("edition", "")), str(table.get("meaning", "")))
-    return Factor(str(table.get("name")), str(table.get("use")), table.get("value"), *rest, groups)
+def _factor(table: dict, place: str, validation: Validation) -> Factor:
+    return Factor(**vars(validation.table(f"{place} factor {table.get('name')}:", KEYS["factor"], table)))

@@ -96,7 +96,7 @@ def is_whole(value) -> bool:
 
 
 def _text(key: Key, value) -> bool:
-    return isinstance(value, str) and (value != "" or key.name == "title") and "\x00" not in value
+    return isinstance(value, str) and (value != "" or key.default == "") and "\x00" not in value
 
 
 def _name(_, value) -> bool:
@@ -128,6 +128,11 @@ def _seed(key: Key, value) -> bool:
     weights, seeds = zip(*value)
     numbers = all(isinstance(w, int | float) and not isinstance(w, bool) and abs(w) <= 1.0 for w in weights)
     return numbers and len(set(seeds)) == len(seeds) and abs(sum(w * w for w in weights) - 1.0) < ROUNDING
+
+
+def _tables(key: Key, value) -> bool:
+    some = isinstance(value, list) and all(isinstance(each, dict) for each in value)
+    return some and (value != [] or key.default is not REQUIRED)
 
 
 def _factors(key: Key, value) -> bool:
@@ -185,6 +190,8 @@ KINDS = {
     "words": Kind("a list of names in quotes ({meaning})", _some(lambda v: isinstance(v, str) and v != "")),
     "integers": Kind("a list of integers ({meaning})", _some(is_whole)),
     "factors": Kind("a table of numbers{within}, {{permanent = 1.35, NAME = 1.5}}", _factors),
+    "values": Kind("a table of numbers{within} ({meaning})", _factors),
+    "tables": Kind("a list of tables ({meaning})", _tables),
     "shifts": Kind("a table of [x, y, z]{of} by ids of nodes, {{17 = [0.0, 0.0, -0.05]}}", _shifts),
     "lengths": Kind(
         'a table of lengths by groups or cables, {{"hoop" = {{change = -0.5}}, "e17" = {{force = 2e5}}}}, '

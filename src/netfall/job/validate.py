@@ -100,12 +100,11 @@ class Validation:
 
     def table(self, place: str, keys: Sequence[Key], table: dict) -> SimpleNamespace:
         """The values of all keys, given or by default."""
-        values = {key.name: key.default for key in keys}
+        values = {key.name: None if key.default is REQUIRED else key.default for key in keys}
         self._check(place, keys, table, values)
         for key in keys:
             if key.default is REQUIRED and key.name not in table:
                 self.wrong(place, f"{key.name}: missing; expected {key.expected()}")
-                values[key.name] = None
         return SimpleNamespace(**values)
 
     def _check(self, place: str, keys: Sequence[Key], table: dict, values: dict) -> None:
