@@ -377,7 +377,9 @@ def test_wind_acts_with_the_coefficient_of_each_zone(workshop):
     """A node with its whole area: the sum of forces on the flat grid by hand, upward."""
     model = model_of(read_job(workshop.job(STEEL + ZONED, *grid())))
     total = model.wind.sum(0) * 20.0**2
-    assert model.area[model.zones.of_node == 0].sum() == pytest.approx(EDGE, rel=1e-14)  # rounding of areas
+    assert model.roof.area[model.roof.zones.of_node == 0].sum() == pytest.approx(
+        EDGE, rel=1e-14
+    )  # rounding of areas
     assert total[2] == pytest.approx(SUCTION * (2.2 * EDGE + 1.0 * REST), rel=1e-14)  # and of the sum
     assert (total[:2] == 0).all()
 
@@ -457,7 +459,7 @@ def sectors_job(workshop, text=BY_SECTORS, table=SECTORS, *overrides):
 def test_sectors_are_linear_in_the_direction_and_around(workshop, direction, roof, edge):
     """By hand, for the roof and a zone with a column; its name in capital letters too."""
     model = model_of(sectors_job(workshop, BY_SECTORS, SECTORS, f"wind.direction={direction}"))
-    expected = np.where(model.zones.of_node == 0, edge, roof)
+    expected = np.where(model.roof.zones.of_node == 0, edge, roof)
     assert model.layout.shape_coefficient == pytest.approx(expected, abs=1e-15)  # rounding of numbers near 1
 
 
@@ -583,9 +585,11 @@ def test_snow_on_half_of_a_roof_is_half_of_the_load(workshop):
             )
             assert [told in note for note in notes] == ([True] if (edge, shape) == (2.0, square) else [])
     assert loads == {(2.5, square): 1250.0, (2.5, cut): 1250.0, (2.0, square): 1250.0, (2.0, cut): 1000.0}
-    assert model.zones.mixed.tolist() == [node(2, y) for y in range(SIDE)]
-    assert model.zones.of_node.tolist() == [0 if x < 3 else -1 for x in range(SIDE) for _ in range(SIDE)]
-    assert (model.loading.live[model.zones.mixed, 2] == -50.0 * model.plan_area[model.zones.mixed]).all()
+    assert model.roof.zones.mixed.tolist() == [node(2, y) for y in range(SIDE)]
+    assert model.roof.zones.of_node.tolist() == [0 if x < 3 else -1 for x in range(SIDE) for _ in range(SIDE)]
+    assert (
+        model.loading.live[model.roof.zones.mixed, 2] == -50.0 * model.roof.plan_area[model.roof.zones.mixed]
+    ).all()
 
 
 def test_half_a_square_net_of_a_generator_carries_half(workshop):
@@ -594,7 +598,7 @@ def test_half_a_square_net_of_a_generator_carries_half(workshop):
     text += "area = 5e-4\ndensity = 7850.0\nprestress = 1e5\n"
     for shape, share in ((square, 0.5625), (cut, 0.5)):
         model = model_of(read_job(workshop.job(text + SNOW + shape("half", -30, -30, 30, 0))))
-        whole = 100.0 * model.plan_area.sum()
+        whole = 100.0 * model.roof.plan_area.sum()
         # the corners of the square, which no particle carries, are as many on either side
         assert -model.loading.live[:, 2].sum() / whole == pytest.approx(
             share, rel=0.012 if shape is square else 1e-14
@@ -685,7 +689,7 @@ def test_panels_take_what_cut_zones_have_of_them(workshop):
     assert at_nodes(panels.mass) == pytest.approx(model.loading.carried, rel=1e-13)
     for axis in range(3):
         assert at_nodes(panels.pressure[:, axis]) == pytest.approx(
-            loading.live[:, axis] + 9.81 * (loading.carried - 8.0 * model.area / 9.81) * (axis == 2),
+            loading.live[:, axis] + 9.81 * (loading.carried - 8.0 * model.roof.area / 9.81) * (axis == 2),
             rel=1e-12,
             abs=1e-12,
         )

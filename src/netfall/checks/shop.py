@@ -135,7 +135,8 @@ def pieces_of(f, cutting: Cutting, deductions: list[Deduction]) -> list[Piece]:
         rigid = _deducted(deductions, group[e[0]], kind[e[0]], chain)
         if rigid[1] >= min(L[e[0]], L[e[-1]]) / (1 + (len(e) == 1)):
             errors.append(_too_much(f["net/cable_names"].asstr()[k], group[e[0]], rigid[1], L[e].sum()))
-        rope = 1.0 - rigid[1] / L[e] * _ends_at(len(e))  # share of each element that is rope
+        ends_at = np.bincount([0, len(e) - 1], minlength=len(e))  # of the cable, at each of its elements
+        rope = 1.0 - rigid[1] / L[e] * ends_at  # share of each element that is rope
         shortened = np.outer(rigid, measured[e[[0, -1]]] / L[e[[0, -1]]])
         system = float(measured[e].sum())
         pins, cut = system - shortened.sum(1)
@@ -145,14 +146,6 @@ def pieces_of(f, cutting: Cutting, deductions: list[Deduction]) -> list[Piece]:
     if errors:
         raise InputError(errors)
     return found
-
-
-def _ends_at(count: int) -> np.ndarray:
-    """How many ends of a cable each of its elements has."""
-    ends = np.zeros(count)
-    ends[0] += 1
-    ends[-1] += 1
-    return ends
 
 
 def _too_much(name: str, group: str, rigid: float, length: float) -> str:

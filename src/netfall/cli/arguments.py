@@ -12,18 +12,16 @@ def file(text: str) -> Path:
     return Path(text)
 
 
-def count(text: str) -> int:
-    """A whole number >= 1."""
-    if not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text}: expected a whole number >= 1")
+def count(text: str, least: int = 1) -> int:
+    """A whole number >= least."""
+    if not text.isdigit() or int(text) < least:
+        raise argparse.ArgumentTypeError(f"{text}: expected a whole number >= {least}")
     return int(text)
 
 
 def number(text: str) -> int:
     """A whole number >= 0."""
-    if not text.isdigit():
-        raise argparse.ArgumentTypeError(f"{text}: expected a whole number >= 0")
-    return int(text)
+    return count(text, 0)
 
 
 def counts(text: str) -> list[int]:

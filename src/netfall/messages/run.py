@@ -39,7 +39,7 @@ def before_run(scene: Scene, progress: Progress) -> None:
     model = scene.model
     if model is None:
         return
-    progress.say(f"{net_line(model)}, roof {model.area.sum():.1f} m2")
+    progress.say(f"{net_line(model)}, roof {model.roof.area.sum():.1f} m2")
     for note in model.notes:
         progress.say(f"note: {note}")
     if scene.comm.size > 1:
@@ -171,7 +171,7 @@ def moved_lines(scene: Scene) -> list[str]:
     model = scene.model
     if scene.form.self_stress is not None:
         return self_stress_lines(scene.form.self_stress, model.net.group, model.net.group_names)
-    area = float(model.area.sum())
+    area = float(model.roof.area.sum())
     return form_lines(model.net.x, model.x, model.net.moves, model.net.node_id, model.area_given, area)
 
 

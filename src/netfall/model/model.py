@@ -27,7 +27,7 @@ from netfall.numerics.functions import lengths
 from netfall.roof.areas import Areas, tributary_areas
 from netfall.roof.panels import Panels, panels_of
 from netfall.roof.shares import Shares
-from netfall.roof.zones import Roof, Zones
+from netfall.roof.zones import Roof
 from netfall.wind.field import GeneratedHistory, WindField, force_factor, make_wind_field
 from netfall.wind.measured import TableHistory
 
@@ -79,26 +79,6 @@ class Model:
     def net(self) -> Net:
         """As it was given."""
         return self.layout.net
-
-    @property
-    def zones(self) -> Zones:
-        """Of the roof."""
-        return self.layout.zones
-
-    @property
-    def area(self) -> np.ndarray:
-        """(n,) [m2] of surface."""
-        return self.roof.area
-
-    @property
-    def plan_area(self) -> np.ndarray:
-        """(n,) [m2] in plan."""
-        return self.roof.plan_area
-
-    @property
-    def vector_area(self) -> np.ndarray:
-        """(n, 3) [m2], upward."""
-        return self.roof.vector
 
     @property
     def own_mass(self) -> np.ndarray:

@@ -7,20 +7,9 @@ four corners too, which loads share by nearest corner.
 import numpy as np
 from matplotlib.collections import PolyCollection
 
-from netfall.roof.faces import Faces, faces_of_rings
+from netfall.roof.faces import Faces, faces_of_rings, quarters
 
 MOST_CELLS = 400_000  # parts of faces; of larger nets each node is a dot
-
-
-def cells_of(faces: Faces, points: np.ndarray) -> np.ndarray:
-    """(c, 4, 2) [m] for each corner of each face the part of the face that is its own. points : (k, 2) [m]"""
-    corner, after, face = points[faces.corner], faces.next_corner(), faces.of_corner()
-    count = np.bincount(face)
-    centre = np.stack([np.bincount(face, values) / count for values in corner.T], -1)[face]
-    side = 0.5 * (corner + corner[after])
-    before = np.empty_like(side)
-    before[after] = side
-    return np.stack([corner, side, centre, before], 1)
 
 
 def node_cells(f, **style) -> tuple[PolyCollection, np.ndarray]:
@@ -32,7 +21,7 @@ def node_cells(f, **style) -> tuple[PolyCollection, np.ndarray]:
     cells, node = np.zeros((0, 4, 2)), np.zeros(0, int)
     if has_faces(f):
         mine = faces.corner < len(x)
-        cells, node = cells_of(faces, points)[mine], faces.corner[mine]
+        cells, node = quarters(points, faces)[mine], faces.corner[mine]
     alone = np.setdiff1d(np.flatnonzero((area > 0) & (f["net/tributary_area"][:] > 0)), node)
     corner = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
     squares = x[alone][:, None] + np.sqrt(area[alone])[:, None, None] * corner

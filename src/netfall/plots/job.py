@@ -14,9 +14,9 @@ from matplotlib.lines import Line2D
 
 from netfall.net.net import Net
 from netfall.plots.canvas import BROKEN, GUIDED, add_lines, heading, in_space, line_width, save, set_plan
-from netfall.plots.cells import MOST_CELLS, cells_of
+from netfall.plots.cells import MOST_CELLS
 from netfall.plots.net import group_colours, named_groups, whole_cables
-from netfall.roof.faces import Faces
+from netfall.roof.faces import Faces, quarters
 
 MOST_DRAWN = 30_000  # elements, that lines stay apart; of larger nets every k-th cable is drawn
 MOST_MARKED = 2_000  # nodes of a kind, or members to be removed
@@ -175,7 +175,7 @@ def _draw_zones(axes, job: JobNet) -> None:
         points = np.concatenate([job.net.x, job.net.corners])[:, :2]
         colours = tints[zone[faces.corner]]
         cells = PolyCollection(
-            cells_of(faces, points), facecolors=colours, edgecolors=colours, lw=0.2, zorder=1
+            quarters(points, faces), facecolors=colours, edgecolors=colours, lw=0.2, zorder=1
         )
         axes.add_collection(cells)
     if not names:

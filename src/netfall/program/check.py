@@ -100,8 +100,9 @@ def _describe_net(scene: Scene, say) -> None:
     own = float((net.density * net.section * L0).sum())
     say(f"masses: elements {own:.4g} kg, all particles {model.mass.sum():.4g} kg")
     say(
-        f"roof: {model.area.sum():.1f} m2 of surface, {model.plan_area.sum():.1f} m2 in plan; closed faces "
-        f"cover {model.layout.roofing.covered:.1%} of the net's outline in plan (its convex hull)"
+        f"roof: {model.roof.area.sum():.1f} m2 of surface, {model.roof.plan_area.sum():.1f} m2 in plan; "
+        f"closed faces cover {model.layout.roofing.covered:.1%} of the net's outline in plan (its convex "
+        "hull)"
     )
     _describe_largest_face(model, say)
     _describe_sharing(model, say)
@@ -111,12 +112,9 @@ def _describe_net(scene: Scene, say) -> None:
 
 def _describe_largest_face(model: Model, say) -> None:
     """A face much larger than the others, which may be an opening."""
-    area, usual, (x, y) = largest_face(model.x, model.net, model.layout.roofing.faces) or (
-        0.0,
-        0.0,
-        (0.0, 0.0),
-    )
-    if area > MUCH_LARGER * usual:
+    found = largest_face(model.x, model.net, model.layout.roofing.faces)
+    if found and found[0] > MUCH_LARGER * found[1]:
+        area, usual, (x, y) = found
         say(
             f"largest face: {area:.4g} m2 in plan around [{x:.4g}, {y:.4g}], the usual one has {usual:.4g} "
             f"m2; if it is an opening, leave it out with [roof] openings = [[{x:.4g}, {y:.4g}]]"
@@ -125,11 +123,11 @@ def _describe_largest_face(model: Model, say) -> None:
 
 def _describe_sharing(model: Model, say) -> None:
     """Nodes whose areas are others than those of earlier versions, which knew no nearest corner."""
-    rows, before = moved_areas(model.x, model.net, model.layout.roofing.faces, model.area)
+    rows, before = moved_areas(model.x, model.net, model.layout.roofing.faces, model.roof.area)
     if len(rows):
         named = [
             f"node {model.net.node_id[p]} {b:.4g} -> {a:.4g} m2"
-            for p, b, a in zip(rows, before, model.area[rows])
+            for p, b, a in zip(rows, before, model.roof.area[rows])
         ]
         say(
             f"areas: faces of more than four corners are shared by nearest corner; from the triangles about "

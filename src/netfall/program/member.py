@@ -104,7 +104,7 @@ def _of_equilibria(scene: Scene, extremes: Extremes, path: statics.StaticPath, d
     """What is told of a run without a dynamic stage, on rank 0; without a rest where a case has none."""
     if scene.model is None:
         return None
-    found = NOTHING | _of_net(scene.model.net, scene.model.area, extremes, depth)
+    found = NOTHING | _of_net(scene.model.net, scene.model.roof.area, extremes, depth)
     groups = path.labels.items()
     failed = [f"{group}: {each['reason']}" for group, each in groups if each["state"] == settle.NONE]
     if failed or path.failed:
@@ -129,7 +129,7 @@ def _of_net(net: Net, area: np.ndarray, extremes: Extremes, depth: float | None)
 
 def _of_motion(model: Model, simulation, extremes: Extremes, depth: float | None) -> dict:
     """What is told of a run that came to its end. depth : [m] of `sunk_area`. Rank 0."""
-    net, log, area = model.net, simulation.log, model.area
+    net, log, area = model.net, simulation.log, model.roof.area
     removal = simulation.removal.columns() if simulation.removal else None
     gone = np.zeros(net.m, bool)
     gone[log.broken] = True
@@ -174,7 +174,7 @@ def net_of(comm: MPI.Comm, read: Callable[[], Job], memory: Memory) -> dict[str,
     scene.halo.free()
     if comm.rank > 0:
         return None
-    net, area = scene.model.net, scene.model.area
+    net, area = scene.model.net, scene.model.roof.area
     return {
         "particles": scene.model.x,
         "elements": net.elements,

@@ -176,7 +176,7 @@ def initial_sections(scene: Scene) -> dict[str, dict]:
     if model is None:
         return {}
     sections = {"net": net_section(model.net, model.roof, model.cut_length)}
-    sections["load"] = load_section(scene.job, model.zones)
+    sections["load"] = load_section(scene.job, model.roof.zones)
     if "temperature" in sections["load"]:
         sections["net"]["unstressed_length_warm"] = model.L0
     if model.layout.slides:

@@ -27,7 +27,15 @@ def form_lines(given, found, free, node_id, area_given: float, area: float) -> l
         )
     span = float(np.ptp(given, axis=0).max())
     far = int((moved > FAR * span).sum())
-    return [line] + _far(far, len(moved), span, node_id[most], moved[most]) if far else [line]
+    if not far:
+        return [line]
+    return [
+        line,
+        f"note: form finding moved {far} of {len(moved)} nodes by more than a twentieth of the span of "
+        f"{span:.4g} m, node {node_id[most]} most, by {moved[most]:.4g} m: the form is not the geometry that "
+        "was given; what is built and loaded is the form: look at it, and at supports, prestress and force "
+        "densities",
+    ]
 
 
 def self_stress_lines(states: np.ndarray, group: np.ndarray, names: list[str]) -> list[str]:
@@ -45,12 +53,3 @@ def self_stress_lines(states: np.ndarray, group: np.ndarray, names: list[str]) -
     spread = [np.ptp(states[:, group == row], axis=1) > NO_PART for row in taking]
     equal = "each ring of each group" if np.any(spread) else "each group"
     return [f"self-stress: {count} with one force in {equal}, of {of(taking)}{without}"]
-
-
-def _far(far: int, n: int, span: float, node: int, moved: float) -> list[str]:
-    """A note on nodes that moved by more than FAR of the span [m]."""
-    return [
-        f"note: form finding moved {far} of {n} nodes by more than a twentieth of the span of {span:.4g} m, "
-        f"node {node} most, by {moved:.4g} m: the form is not the geometry that was given; what is built and "
-        "loaded is the form: look at it, and at supports, prestress and force densities"
-    ]

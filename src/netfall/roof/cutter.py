@@ -4,7 +4,7 @@ import numpy as np
 import shapely
 
 from netfall.net.net import Net
-from netfall.roof.faces import Faces, centroids, double_area
+from netfall.roof.faces import Faces, quarters
 from netfall.roof.nearest import nearest_areas
 from netfall.roof.shares import FEW, Shares
 
@@ -47,14 +47,9 @@ class Cutter:
 
     def _of_few(self, region, crossed) -> np.ndarray:
         """What lies in a region of the corners of crossed faces of three or four, in the order of shares."""
-        faces, xy = self.faces, self.points[:, :2]
-        middle = centroids(xy, faces, double_area)[faces.of_corner()]
-        corner, side = xy[faces.corner], 0.5 * (xy[faces.corner] + xy[faces.corner[faces.next_corner()]])
-        before = np.empty_like(side)
-        before[faces.next_corner()] = side
-        rows = (crossed & self.few)[faces.face_of_corner()]
-        quarters = shapely.polygons(np.stack([corner, side, middle, before], 1)[rows])
-        size, within = shapely.area(quarters), shapely.area(shapely.intersection(quarters, region))
+        rows = (crossed & self.few)[self.faces.face_of_corner()]
+        parts = shapely.polygons(quarters(self.points[:, :2], self.faces)[rows])
+        size, within = shapely.area(parts), shapely.area(shapely.intersection(parts, region))
         return np.divide(within, size, out=np.zeros(len(size)), where=size > 0)
 
     def _of_many(self, region, crossed) -> np.ndarray:

@@ -104,7 +104,8 @@ def find_faces(net: Net, plan: Plan | None = None, openings=()) -> Faces:
         polygons = shapely.get_parts(shapely.polygonize(shapely.linestrings(plan.points[plan.segment])))
         rings, polygon = _rings(polygons, plan.points, used)
         open_rim = _open_rim(rings, plan)
-        rings, polygon = _without(rings, polygon, _open_faces(polygons, openings))
+        kept = ~np.isin(polygon, _open_faces(polygons, openings))
+        rings, polygon = _selected(rings, kept), polygon[kept]
     return replace(
         faces_of_rings(corners_on_sides(rings, plan, net), polygon, plan.points), open_rim=open_rim
     )
@@ -175,12 +176,6 @@ def _open_faces(polygons, openings) -> np.ndarray:
     if len(astray):
         raise ValueError(*(openings[k] for k in astray))
     return np.unique(polygon)
-
-
-def _without(rings: Faces, polygon, left_out) -> tuple[Faces, np.ndarray]:
-    """The rings of all polygons but some, and the polygon of each."""
-    kept = ~np.isin(polygon, left_out)
-    return _selected(rings, kept), polygon[kept]
 
 
 def _selected(faces: Faces, mask) -> Faces:
@@ -254,6 +249,16 @@ def centroids(points, faces: Faces, double) -> np.ndarray:
     cross = 0.5 * double(u, v)
     area = np.bincount(of_corner, cross, len(faces))
     return middle + mean(cross[:, None] * (u + v) / 3, np.where(area == 0, 1, area))
+
+
+def quarters(points, faces: Faces) -> np.ndarray:
+    """(c, 4, 2) [m] what each corner of each cell has of it, up to middles of sides and centroid, in plan."""
+    corner, after = points[faces.corner], faces.next_corner()
+    middle = centroids(points, faces, double_area)[faces.of_corner()]
+    side = 0.5 * (corner + corner[after])
+    before = np.empty_like(side)
+    before[after] = side
+    return np.stack([corner, side, middle, before], 1)
 
 
 def vector_areas(points: np.ndarray, rings: Faces) -> np.ndarray:

@@ -317,7 +317,7 @@ def air_damping(job: Job, model: Model, modes: Modes, kappa: float | None = None
     if not job.wind.pressures:
         field, gust = model.wind_field, model.history.mean_gust
         speed = np.abs(field.mean + np.sum(field.weight * gust[field.corner], axis=1))
-    c = model.air if kappa is None else rooted(kappa * job.wind.air_density * model.vector_area)
+    c = model.air if kappa is None else rooted(kappa * job.wind.air_density * model.roof.vector)
     taken = np.sum(modes.shape * c, axis=2) ** 2 @ speed
     modal = np.sum(modes.shape**2, axis=2) @ model.mass
     return taken / modal * modes.period / (4.0 * np.pi)

@@ -35,7 +35,7 @@ class Removal:
         self.dt, self.done = scene.schedule.dt, 0
         self.rests = after.rests if after else []
         gid, self.log = self.distribution.subdomain.particle_gid, log
-        self.area = self.model and self.model.area.copy()  # m2, (n,) on rank 0, of who has it by now
+        self.area = self.model and self.model.roof.area.copy()  # m2, (n,) on rank 0, of who has it by now
         there = {k for loss in losses for k in loss.entry.tolist()}
         self.fades = {
             k: FadingLoad(gid, scene.job.removes[k].duration)

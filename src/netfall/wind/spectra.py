@@ -21,11 +21,6 @@ KARMAN = 70.78013  # 4 B(1/2, 1/3)^2, usually rounded to 70.8: with it the integ
 TAIL = 1e4  # x from which on every shape is x^(-5/3)
 
 
-def four_thirds(a: np.ndarray) -> np.ndarray:
-    """a^(4/3) of a > 0."""
-    return a * cube_root(a)
-
-
 def five_thirds(a: np.ndarray) -> np.ndarray:
     """a^(5/3) of a > 0."""
     root = cube_root(a)
@@ -34,7 +29,8 @@ def five_thirds(a: np.ndarray) -> np.ndarray:
 
 def davenport(x: np.ndarray) -> np.ndarray:
     """2/3 x / (1 + x^2)^(4/3): S = 4 k U0^2 x^2 / (n (1 + x^2)^(4/3)), Davenport 1961, paper Eq. 5."""
-    return (2.0 / 3.0) * x / four_thirds(1.0 + x * x)
+    square = 1.0 + x * x
+    return (2.0 / 3.0) * x / (square * cube_root(square))
 
 
 def kaimal(x: np.ndarray) -> np.ndarray:

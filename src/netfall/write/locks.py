@@ -3,6 +3,7 @@
 import ctypes
 import errno
 import fcntl
+import io
 import os
 import resource
 import shutil
@@ -176,7 +177,7 @@ def give_back(path: Path) -> None:
     os.truncate(path, path.stat().st_size)
 
 
-class Overflow:
+class Overflow(io.RawIOBase):
     """A file for HDF5 that takes everything: what the disk does not take stays in memory; `check` tells."""
 
     def __init__(self, disk):
@@ -192,20 +193,10 @@ class Overflow:
     # --- what h5py asks of a file
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Go to a place."""
+        """Go to a place, which is returned."""
         end = max([os.fstat(self.disk.fileno()).st_size, *(at + len(data) for at, data in self.kept)])
         self.place = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self.place, os.SEEK_END: end}[whence]
         return self.place
-
-    def tell(self) -> int:
-        """The present place."""
-        return self.place
-
-    def read(self, size: int) -> bytes:
-        """So many bytes."""
-        found = bytearray(size)
-        self.readinto(found)
-        return bytes(found)
 
     def readinto(self, buffer) -> int:
         """Fill a buffer from the disk and from what is kept; zeros where there is nothing."""
@@ -243,9 +234,6 @@ class Overflow:
         except OSError as error:
             self.error = error
         return size
-
-    def flush(self) -> None:
-        """Nothing waits here."""
 
 
 @contextmanager

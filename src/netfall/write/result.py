@@ -125,35 +125,32 @@ class Result:
         self.series.write_mesh(c.pop("ends"), p, c, self.log.points, self.distribution.m)
         self._drawn_events = len(self.log) + self.losses
 
+    def _equilibrium(self, state: State, snapshot, place: str, reaction: np.ndarray):
+        """Name, this rank's block and rows in all, of what is kept; arguments as of `write_equilibrium`."""
+        rows, bends = snapshot.rows, {}
+        if state.joints is not None:
+            bends = {"bending_moment": state.bending_moments()}
+        columns = {place: state.x[rows] - (state.x_start[rows] if place == "displacement" else 0.0)}
+        points = self._points(state, rows, columns | {"reaction": reaction})
+        cells = self._cells(state, {"tension": snapshot.N} | bends)
+        yield from ((name, block, self.distribution.n) for name, block in points.items())
+        yield from ((name, block, self.distribution.m) for name, block in cells.items())
+
     def write_static_step(self, state: State, snapshot, reaction: np.ndarray) -> None:
         """One load step of /statics; reaction : (r, 3) [N], as of `forces_on_supports`."""
-        n, m = self.distribution.n, self.distribution.m
-        if "statics/displacement" not in (self.file.file if self.file.writes else ()):
-            self.file.create("statics/displacement", np.float64, (n, 3))
-            self.file.create("statics/tension", np.float64, (m,))
-            self.file.create("statics/reaction", np.float64, (n, 3))
-            if state.joints is not None:
-                self.file.create("statics/bending_moment", np.float64, (m, 2))
-        rows = snapshot.rows
-        columns = {"displacement": state.x[rows] - state.x_start[rows]}
-        columns["reaction"] = reaction
-        for name, block in self._points(state, rows, columns).items():
-            self.file.append_state(f"statics/{name}", block, n)
-        for name, block in self._cells(state, _of_elements(state, snapshot)).items():
-            self.file.append_state(f"statics/{name}", block, m)
+        for name, block, total in self._equilibrium(state, snapshot, "displacement", reaction):
+            name = f"statics/{name}"
+            if name not in (self.file.file if self.file.writes else ()):
+                self.file.create(name, np.float64, (total, *block.shape[1:]))
+            self.file.append_state(name, block, total)
 
     def write_equilibrium(self, group: str, state: State, snapshot, place: str, reaction: np.ndarray) -> None:
         """One equilibrium, in a group of its own; place : "position" or "displacement" of its nodes.
 
         reaction : (r, 3) [N], as of `forces_on_supports`
         """
-        n, m, rows = self.distribution.n, self.distribution.m, snapshot.rows
-        columns = {place: state.x[rows] - (state.x_start[rows] if place == "displacement" else 0.0)}
-        columns["reaction"] = reaction
-        for name, block in self._points(state, rows, columns).items():
-            self.file.put(f"{group}/{name}", block, n)
-        for name, block in self._cells(state, _of_elements(state, snapshot)).items():
-            self.file.put(f"{group}/{name}", block, m)
+        for name, block, total in self._equilibrium(state, snapshot, place, reaction):
+            self.file.put(f"{group}/{name}", block, total)
 
     def write_whole(self, group: str, datasets: dict[str, np.ndarray] | None) -> None:
         """Datasets that rank 0 gives whole, None elsewhere, kept from now on."""
@@ -218,12 +215,6 @@ class Result:
             return
         self._end_segment()
         on_root(self.comm, lambda: join_segments(self.segments, self.file.temporary, self.path, finish))
-
-
-def _of_elements(state: State, snapshot) -> dict[str, np.ndarray]:
-    """What an equilibrium keeps of elements, by name."""
-    bends = {} if state.joints is None else {"bending_moment": state.bending_moments()}
-    return {"tension": snapshot.N} | bends
 
 
 def _values(fields: tuple[Field, ...], sight: Sight) -> dict[str, np.ndarray]:

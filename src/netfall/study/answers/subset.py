@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.numerics.functions import exp
+from netfall.numerics.functions import exp, log1p
 from netfall.numerics.normal import quantile
 
 RHO = 0.8  # correlation of a candidate with what it comes from
@@ -162,5 +162,5 @@ class Subset:
         if self.ended != "reached":
             before = np.prod([each.passed for each in self.levels[:-1]])
             return 0.0, float(before)
-        width = float(exp(np.array(Z_95 * np.sqrt(np.log1p(variance)))))
+        width = float(exp(np.array(Z_95 * np.sqrt(log1p(variance)))))
         return self.probability / width, min(1.0, self.probability * width)
