@@ -158,6 +158,15 @@ def test_decimal_commas_are_refused_in_words(workshop):
     )
 
 
+def test_an_underscore_is_part_of_no_number(workshop):
+    """Python reads 1_5 as fifteen: in numbers, ids and ends it is refused, with its line and as it stands."""
+    (line,) = errors_from(workshop, NODES.replace("1.5", "1_5"))
+    assert "nodes.csv: line 3: x = '1_5': expected a number of m" in line
+    lines = errors_from(workshop, NODES.replace("\n3,", "\n0_3,"), ELEMENTS.replace("2,3", "2,0_3"))
+    assert "nodes.csv: line 4: id = '0_3': expected an integer" in lines[0]
+    assert any("elements.csv: line 3: end = '0_3': expected an integer" in line for line in lines)
+
+
 @pytest.mark.parametrize(
     "unit, metre", [("m", 1.0), ("mm", 1000.0), ("cm", 100.0), ("ft", 1 / 0.3048), ("in", 1 / 0.0254)]
 )

@@ -160,7 +160,7 @@ def test_a_column_gives_shares_of_zones(workshop):
 @pytest.mark.parametrize(
     "zone, share",
     [("edge/drift", "0.25"), ("edge", "1.5"), ("edge/drift", "0.6/0.5"), ("", "0.5"), ("a/a", "0.1/0.1")]
-    + [("edge", "much"), ("edge", "0"), ("edge", "nan")],
+    + [("edge", "much"), ("edge", "0"), ("edge", "nan"), ("edge", "0.2_5")],
 )
 def test_shares_that_are_none_are_refused(workshop, zone, share):
     """With the line, both cells and what is allowed."""

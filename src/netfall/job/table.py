@@ -88,9 +88,9 @@ class Table:
             return default
         words = self.columns[name]
         try:
-            values = np.array(words, float)
+            values = np.array([_plain(word) for word in words], float)
         except ValueError:
-            values = np.array([_number(word) for word in words])
+            values = np.array([number_in(word) for word in words])
         empty = np.array([word == "" for word in words])
         bad = ~empty & ~((values >= low) & (values <= LARGEST))
         for row in np.flatnonzero(bad)[:MOST_ERRORS]:
@@ -105,7 +105,7 @@ class Table:
         values = np.zeros(len(self), np.int64)
         for row, word in enumerate(self.columns[name]):
             try:
-                values[row] = int(word)
+                values[row] = int(_plain(word))
             except (ValueError, OverflowError):
                 self.wrong(f"{self.at(row)}: {name} = {word[:40]!r}: expected an integer")
         return values
@@ -127,15 +127,21 @@ class Table:
             )
 
 
-def _number(word: str) -> float:
+def number_in(word: str) -> float:
+    """The number that a word of a table is; nan: it is none."""
     try:
-        return float(word)
+        return float(_plain(word))
     except ValueError:
         return np.nan
 
 
+def _plain(word: str) -> str:
+    """A word that Python reads as a number only if others do: to Python 1_0 is ten, in a table a slip."""
+    return word.replace("_", "?")
+
+
 def _has_decimal_comma(word: str) -> bool:
-    return word.count(",") == 1 and np.isfinite(_number(word.replace(",", ".")))
+    return word.count(",") == 1 and np.isfinite(number_in(word.replace(",", ".")))
 
 
 def _rows_of(path: Path) -> tuple[list[tuple[int, list[str]]], str]:

@@ -4,7 +4,7 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.job.job import Job
-from netfall.job.table import SEVERAL, Table
+from netfall.job.table import SEVERAL, Table, number_in
 from netfall.job.values import MOST_NAMED, more_of
 from netfall.net.net import Net, pair_key
 from netfall.net.parts import unjoined_pairs
@@ -126,10 +126,7 @@ def _shared_zones(nodes: Table) -> dict:
 
 def _shares_in(nodes: Table, row: int, cell: str, zone: str) -> list[float]:
     """The shares of a cell, one for each zone of the cell beside it; noted what does not fit."""
-    try:
-        values = [float(word) for word in cell.split(SEVERAL)]
-    except ValueError:
-        values = []
+    values = [number_in(word) for word in cell.split(SEVERAL)]
     names = zone.split(SEVERAL)
     fit = len(values) == len(set(names)) == len(names) and all(names)
     if not (fit and all(0.0 < value <= 1.0 for value in values) and sum(values) <= 1.0 + WHOLE):
