@@ -589,6 +589,17 @@ def test_labels_do_not_cover_one_another():
     plt.close(figure)
 
 
+def test_a_label_too_long_for_either_side_goes_above():
+    """At three quarters of the width a label of half of it fits neither left nor right of its place."""
+    figure, ((axes,),) = charts(1, 1, 4, 4)
+    (text,) = add_labels(axes, np.array([[0.7, 0.5]]), ["node 209: (116.2, 7.3, -578.0) mm, down"])
+    figure.canvas.draw()
+    (label,) = axes.texts
+    box, frame = Text.get_window_extent(label), axes.get_window_extent()
+    assert frame.x0 <= box.x0 and box.x1 <= frame.x1 and text.startswith("node 209")
+    plt.close(figure)
+
+
 def test_animation_without_frames_says_what_to_do(workshop):
     """A job without dynamics has one state: the message names [dynamics]."""
     f = workshop.run(workshop.job('[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\n"))

@@ -133,7 +133,7 @@ def space_panels(points, count: int, below: float):
     figure = plt.figure(figsize=(columns * width, rows * height + head + below))
     high = figure.get_figheight()
     panels = [in_space(figure, (rows, columns, k + 1), points) for k in range(count)]
-    margins = {"top": 1.0 - head / high, "bottom": below / high, "hspace": 0.14, "wspace": 0.02}
+    margins = {"top": 1.0 - head / high, "bottom": below / high, "hspace": 0.2, "wspace": 0.02}
     figure.subplots_adjust(left=0.02, right=0.98 - 0.02 * (columns > 2), **margins)
     return figure, panels
 

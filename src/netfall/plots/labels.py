@@ -18,7 +18,7 @@ def add_labels(axes, places: np.ndarray, texts: list[str]) -> list[str]:
     """Add texts at places (k, 2 or 3) [m], the first ones first; those for which there was room.
 
     Each goes where it covers no other label, nor numbers and names of the axes, near its place and within the
-    axes, with a line to the place.
+    axes, above or below if it is too long for either side, with a line to the place.
     """
     axes.figure.canvas.draw()  # places on the page are known from now on
     if places.shape[1] == 3:
@@ -30,9 +30,13 @@ def add_labels(axes, places: np.ndarray, texts: list[str]) -> list[str]:
         size = (
             points * SMALL * np.array([WIDE * max(map(len, text.split("\n"))), HIGH * (1 + text.count("\n"))])
         )
-        for reach, direction in itertools.product(REACHES, DIRECTIONS):  # of a corner, the nearest first
+        # of a corner, the nearest first; then as far to the side as the axes go
+        free = itertools.product((False,), REACHES, DIRECTIONS)
+        for moved, reach, direction in (*free, *itertools.product((True,), REACHES, ((0, 1), (0, -1)))):
             offset = points * reach * np.array(direction, float)
             low = at + offset - np.where(offset < 0, size, np.where(offset == 0, 0.5 * size, 0.0))
+            if moved:
+                low[0] = min(max(low[0], frame.x0), frame.x1 - size[0])
             box = np.array([low, low + size])
             inside = (box[0] >= (frame.x0, frame.y0)).all() and (box[1] <= (frame.x1, frame.y1)).all()
             covers = ((box[0] < other[1]).all() and (other[0] < box[1]).all() for other in taken)

@@ -50,15 +50,15 @@ def _draw_zones(f, axes) -> None:
     palette = ListedColormap(CYCLE) if len(names) <= len(CYCLE) else plt.get_cmap("tab20")
     colours = [OUTSIDE, *(palette(k % palette.N) for k in range(len(names)))]
     cells, rows = node_cells(f)
-    cells.set_facecolor(np.array([to_rgba(colour) for colour in colours])[zone[rows] + 1])
+    part = np.eye(len(names) + 1)[zone + 1]  # of each node, of nothing first
+    if "net/zone_share" in f:  # a node that is cut has a colour between those of its parts
+        part[:, 1:] = f["net/zone_share"][:]
+        part[:, 0] = np.clip(1.0 - part[:, 1:].sum(1), 0.0, 1.0)
+    cells.set_facecolor(np.clip(part[rows] @ [to_rgba(colour) for colour in colours], 0.0, 1.0))
     axes.add_collection(cells)
     area, shown = f["net/tributary_area"][:], sorted(set(zone[zone < 0])) + list(range(len(names)))
     handles = [plt.Rectangle((0, 0), 1, 1, color=colours[k + 1]) for k in shown]
-    own = lambda k: area[zone == k].sum()
-    if "net/zone_share" in f:
-        part = f["net/zone_share"][:]
-        own = lambda k: (area * (part[:, k] if k >= 0 else 1.0 - part.sum(1))).sum()
-    labels = [f"{names[k] if k >= 0 else '(none)'}: {own(k):.4g} m2" for k in shown]
+    labels = [f"{names[k] if k >= 0 else '(none)'}: {area @ part[:, k + 1]:.4g} m2" for k in shown]
     axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.02, 1.0))
     axes.set_title("zones, with their area of surface")
 
