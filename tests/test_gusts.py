@@ -114,6 +114,12 @@ def test_variance_and_half_octaves_are_the_spectrums(spectrum, dt):
         ratio = np.trapezoid(own_spectrum(model, dt, n), n) / np.trapezoid(gust.spectrum(n), n)
         assert abs(ratio - 1) < 0.15, (lower, ratio)
         assert abs(ratio - 1) < abs(model.losses.misfit) + 0.04, (lower, ratio)  # what it tells; finer bands
+    slowest = model.losses.slow_below
+    assert model.losses.slow_asked == pytest.approx(below(slowest) / share, rel=1e-9)
+    n = (np.arange(2**12) + 0.5) * slowest / 2**12
+    slow = own_spectrum(model, dt, n).mean() * slowest / (gust.deviation**2 * share)
+    assert model.losses.slow == pytest.approx(slow, rel=0.05)  # six of the points there
+    assert (slow > 1.3 * model.losses.slow_asked) == (spectrum == "davenport" and dt < 1.0)
 
 
 @pytest.mark.parametrize("order", [1, 2, 4, 30])

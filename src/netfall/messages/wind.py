@@ -53,8 +53,9 @@ def _gust_lines(job: Job, model: Model, gust: Gust) -> list[str]:
         f"{factor:.3g} at 10 m",
         f"gusts: samples {wind.time_step:g} s apart lack {losses.beyond:.2%} of the variance, which lies "
         f"above {0.5 / wind.time_step:.4g} Hz, and linear interpolation between them takes "
-        f"{losses.between:.2%} of the rest; with {len(field.model.lags)} lags the half octave from "
-        f"{losses.misfit_low:.3g} Hz is the farthest off, by {losses.misfit:+.0%}",
+        f"{losses.between:.2%} of the rest; with {len(field.model.lags)} lags {losses.slow:.1%} of it lie "
+        f"below {losses.slow_below:.3g} Hz, in the spectrum {losses.slow_asked:.1%}; above, the half octave "
+        f"from {losses.misfit_low:.3g} Hz is the farthest off, by {losses.misfit:+.0%}",
     ]
 
 

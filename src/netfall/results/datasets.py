@@ -180,7 +180,7 @@ pressure | t, c | N/m2 | at the taps
 turbulence | | 1 | of generated gusts: intensity at 10 m that was asked for
 variance_beyond | | 1 | share of the variance that the samples lack: above half of 1 / `wind.time_step`
 variance_between | | 1 | share of the rest that linear interpolation between samples takes
-spectrum_misfit | | 1 | of the model's spectrum, in the half octave farthest off
+spectrum_misfit | | 1 | of the model's spectrum, in the half octave farthest off (not of the slowest gusts)
 gust_lengths | | 1 | how many of the spectrum's length pass in the duration
 /load | [load] | the loads of the roof by node; each is there if the job has it
 snow | n | N/m2 | in plan, with the values of zones

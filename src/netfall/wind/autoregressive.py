@@ -130,12 +130,17 @@ class Losses:
     beyond : of the variance, at frequencies that samples dt apart do not carry
     between : of the rest, lost by linear interpolation between samples, mean over time
     misfit : of the spectrum, in the half octave farthest off, from `misfit_low` [Hz] on; signed
+    slow_below : [Hz], where these half octaves begin; slow : of the variance that samples carry, below that;
+        slow_asked : the same of the spectrum. A model of so few lags is level where Davenport's goes to zero
     """
 
     beyond: float
     between: float
     misfit: float
     misfit_low: float
+    slow_below: float
+    slow: float
+    slow_asked: float
 
 
 @dataclass(frozen=True)
@@ -182,19 +187,23 @@ def _judge(R, known, lags, gust: Gust, dt: float) -> tuple[float, Losses]:
     variance = np.trapezoid(ours, n) + ours[0] * n[0]
     gain = R[0, 0, 0] / variance
     between = (R[0, 0, 0] - R[1, 0, 0]) / (3.0 * R[0, 0, 0])
-    low, misfit = _farthest_half_octave(n, gain * ours / gust.spectrum(n), gust)
-    return gain, Losses(gust.share_above(0.5 / dt), between, misfit, low)
+    octaves = _half_octaves(n, gust)
+    off = (gain * ours / gust.spectrum(n))[octaves].mean(1) - 1.0
+    worst, first = int(np.argmax(np.abs(off))), int(octaves[0, 0])
+    slow = (np.trapezoid(ours[: first + 1], n[: first + 1]) + ours[0] * n[0]) / variance
+    low, misfit, below = float(n[octaves[worst, 0]]), float(off[worst]), float(n[first])
+    beyond = gust.share_above(0.5 / dt)
+    asked = (1.0 - gust.share_above(below)) / (1.0 - beyond)
+    return gain, Losses(beyond, between, misfit, low, below, float(slow), asked)
 
 
-def _farthest_half_octave(n, ratio, gust: Gust) -> tuple[float, float]:
-    """Lower end [Hz] of the half octave whose mean ratio is farthest from 1, and by how much it is."""
+def _half_octaves(n, gust: Gust) -> np.ndarray:
+    """Rows (bands, nodes) of n, the half octaves above what is slowest, by which the spectrum is judged."""
     power = n * gust.spectrum(n)
     first = int(np.searchsorted(np.cumsum(power), BELOW_BANDS * power.sum()))  # nodes are in proportion
     per = PER_OCTAVE // 2
     bands = max(1, (len(n) - first) // per)
-    off = ratio[-bands * per :].reshape(bands, -1).mean(1) - 1.0
-    worst = int(np.argmax(np.abs(off)))
-    return float(n[-bands * per :][worst * per]), float(off[worst])
+    return np.arange(len(n))[-bands * per :].reshape(bands, -1)
 
 
 @kernel
