@@ -20,6 +20,20 @@ ENVIRONMENT = os.environ | {
 }
 ROOT = Path(__file__).resolve().parents[1]
 BIN = ROOT / ".venv" / "bin"
+UNCOMPILED = ROOT / "tests" / "uncompiled"
+IN_PLAIN_PYTHON = "uncompiled" in os.environ.get("PYTHONPATH", "")
+# For processes whose kernels run as plain Python.
+PLAIN = {"PYTHONPATH": os.pathsep.join([str(UNCOMPILED), os.environ.get("PYTHONPATH", "")])}
+
+OF_OWN_SCENES = []  # ids of tests
+
+
+def of_own_scene(test):
+    """A test whose scene no other has: it runs in plain Python, sooner than the compiler would be ready."""
+    OF_OWN_SCENES.append(f"{test.__module__}.py::{test.__name__}")
+    reason = "has a scene of its own: test_changes_of_form.py runs it in plain Python"
+    return pytest.mark.skipif(not IN_PLAIN_PYTHON, reason=reason)(test)
+
 
 STEEL = """
 [cable]
@@ -51,7 +65,11 @@ LEFT_OUT = {  # by the mark
 }
 
 # Workers take files from this list in turn, the longest first so that all end together; then the others.
-LONGEST_FIRST = ["handover", "odd_results", "erection", "loads", "removal", "hazard", "study", "bending"]
+LONGEST_FIRST = [
+    *("handover", "loads", "slipping", "erection", "restart", "processors", "random_nets", "removal"),
+    *("odd_results", "fracture", "output", "buckling", "bending", "study", "hazard", "study_runs"),
+    *("changes_of_form", "parallel", "report", "dynamics", "turned_supports", "full_disks", "readme"),
+]
 ANY_TIME = ["kernels"]  # their cases share nothing and fill what is left at the end
 
 
@@ -110,22 +128,26 @@ def run_netfall(*arguments, ranks=1, cwd=None, timeout=300, environment=None):
     )
 
 
-STANDING = {}  # by their number
+STANDING = {}  # by their number, and whether their kernels are plain Python
 
 
-def run_on_standing_ranks(*arguments, ranks=1, cwd=None, timeout=300):
-    """The same without the start of processes, some 2 s of a core for each: by ranks that stay."""
-    if ranks not in STANDING:
-        STANDING[ranks] = StandingRanks([*on_ranks(ranks), BIN / "python"], ENVIRONMENT)
-    return STANDING[ranks].run(*arguments, cwd=cwd, timeout=timeout)
+def run_on_standing_ranks(*arguments, ranks=1, cwd=None, timeout=300, plain=False):
+    """The same without the start of processes, some 2 s of a core for each: by ranks that stay.
+
+    plain : kernels run as plain Python
+    """
+    if (ranks, plain) not in STANDING:
+        environment = ENVIRONMENT | (PLAIN if plain else {})
+        STANDING[ranks, plain] = StandingRanks([*on_ranks(ranks), BIN / "python"], environment)
+    return STANDING[ranks, plain].run(*arguments, cwd=cwd, timeout=timeout)
 
 
 class Workshop:
     """A folder with job files and what came of them."""
 
-    def __init__(self, folder: Path, standing: bool = False):
-        """standing : jobs run on ranks that stay"""
-        self.folder, self.standing = folder, standing
+    def __init__(self, folder: Path, standing: bool = False, plain: bool = False):
+        """standing : jobs run on ranks that stay; plain : whose kernels are plain Python"""
+        self.folder, self.standing, self.plain = folder, standing, plain
 
     def job(self, text: str, nodes: str = "", elements: str = "", name: str = "job") -> Path:
         """Write a job file, and tables where given."""
@@ -141,7 +163,7 @@ class Workshop:
         """Run a job; its result file, open, or the finished process. A code of None is not checked."""
         line = ["run", job, "-o", self.folder / output, *arguments]
         if self.standing and environment is None:
-            done = run_on_standing_ranks(*line, ranks=ranks, cwd=self.folder)
+            done = run_on_standing_ranks(*line, ranks=ranks, cwd=self.folder, plain=self.plain)
         else:
             done = run_netfall(*line, ranks=ranks, cwd=self.folder, environment=environment)
         assert code is None or done.returncode == code, done.stdout + done.stderr
@@ -170,9 +192,14 @@ def may_stand(request) -> bool:
     return request.node.get_closest_marker("processes") is None
 
 
+def is_plain(request) -> bool:
+    """Whether the kernels of a test's jobs run as plain Python."""
+    return request.node.get_closest_marker("plain") is not None
+
+
 @pytest.fixture
 def workshop(tmp_path, request):
-    return Workshop(tmp_path, may_stand(request))
+    return Workshop(tmp_path, may_stand(request), is_plain(request))
 
 
 class BothWays(Workshop):
@@ -188,9 +215,9 @@ class BothWays(Workshop):
 
 
 @pytest.fixture
-def both_ways(tmp_path):
+def both_ways(tmp_path, request):
     """For validation: each job on one rank and on two, where a test does not ask for more."""
-    return BothWays(tmp_path, standing=True)
+    return BothWays(tmp_path, True, is_plain(request))
 
 
 TABLES = {}  # by the file whose tests made the rows

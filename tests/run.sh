@@ -7,4 +7,4 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash jobs/setup.sh test view browser
 .venv/bin/ruff format --check --quiet .
 .venv/bin/ruff check --quiet .
-exec .venv/bin/python -m pytest -n 2 --no-loadscope-reorder "$@"
+exec .venv/bin/python -m pytest -n 3 --no-loadscope-reorder "$@"

@@ -357,7 +357,7 @@ def bicycle(shared_workshop):
         yield f
 
 
-@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("ranks", [pytest.param(2, marks=pytest.mark.long), 3])
 def test_bits_do_not_depend_on_the_ranks(bicycle, workshop, ranks):
     """The ring in snow on one half: every dataset; a chain cut between ranks has particles two bars away."""
     with workshop.run(ROOT / "jobs" / "bicycle.toml", ranks=ranks) as several:
@@ -416,6 +416,7 @@ def test_a_section_that_is_held_is_told(workshop):
     assert done.returncode == 0 and "is held against tilting by" in done.stdout
 
 
+@pytest.mark.plain
 def test_a_beam_vibrates_about_its_sag(workshop):
     """Under a load put on at once: twice the sag and the moment at rest, at the period of a hinged beam."""
     n, span, EI, line, per_length = 12, 6.0, 2.1e11 * 2e-5, 4000.0, 0.005 * 7850.0
@@ -493,7 +494,7 @@ def test_the_report_has_moments_of_the_dynamic_stage(torn, shared_workshop):
     assert {row["case_moment"] for row in rows} == {"dynamics"}
 
 
-@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("ranks", [pytest.param(2, marks=pytest.mark.long), 3])
 def test_bits_of_a_torn_ring(torn, shared_workshop, ranks):
     """On two and three ranks; on these again from a checkpoint of one rank, after the losses."""
     assert_same_bits_on(ranks, *torn, shared_workshop, "torn")

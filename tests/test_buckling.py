@@ -205,6 +205,7 @@ def falls(limit, strain):
     return turned / w + (-v + np.sqrt(v * v + 2.0 * a * (x - first))) / a
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize(
     "keys, limit, strain, heat",
     [
@@ -229,7 +230,7 @@ def test_above_eulers_load_it_does_not_break_by_a_breaking_load_beyond(workshop)
     assert not len(f["events/time"])
 
 
-@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("ranks", [pytest.param(2, marks=pytest.mark.long), 3])
 def test_bits_of_a_post_that_buckles_and_breaks(workshop, ranks):
     """In four parts, on ranks and from a checkpoint."""
     job, one = dropped(workshop, "fracture_strain = 1.5e-3\n", 4, output="one.vtkhdf")

@@ -1,27 +1,34 @@
 """Exact changes of form: what other units, axes, orders and names may not change; single parts."""
 
 import json
-import os
 import subprocess
 from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
-from conftest import BIN, ENVIRONMENT, ROOT, STEEL, assert_same_results
+import test_fracture  # noqa: F401  it has tests of own scenes too
+import test_material  # noqa: F401  likewise
+from conftest import (
+    BIN,
+    ENVIRONMENT,
+    IN_PLAIN_PYTHON,
+    OF_OWN_SCENES,
+    PLAIN,
+    ROOT,
+    STEEL,
+    assert_same_results,
+    of_own_scene,
+)
 from mpi4py import MPI
 from plain_step import Plain
 from scipy.optimize import brentq
 from test_loads import CABLE, CROSS, EA, ELEMENTS, nodes
 from test_manufactured import (
     DT,
-    IN_PLAIN_PYTHON,
     JOB,
-    OF_OWN_SCENES,
     STEPS,
-    UNCOMPILED,
     make_tables,
-    of_own_scene,
     plain_of,
     run_here,
 )
@@ -552,10 +559,7 @@ def test_a_rank_may_be_one_exchange_ahead():
 
 @pytest.mark.skipif(IN_PLAIN_PYTHON, reason="this is what it starts")
 def test_what_has_a_scene_of_its_own_holds_in_plain_python():
-    """The tests here and in test_manufactured.py that would each be compiled for."""
-    path = os.pathsep.join([str(UNCOMPILED), ENVIRONMENT.get("PYTHONPATH", "")])
+    """The tests here and in the files that are imported here that would each be compiled for."""
     line = [BIN / "python", "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *OF_OWN_SCENES]
-    done = subprocess.run(
-        line, cwd=ROOT / "tests", env=ENVIRONMENT | {"PYTHONPATH": path}, capture_output=True, text=True
-    )
+    done = subprocess.run(line, cwd=ROOT / "tests", env=ENVIRONMENT | PLAIN, capture_output=True, text=True)
     assert done.returncode == 0 and "skipped" not in done.stdout, done.stdout + done.stderr

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import STEEL, STILL_AIR
+from conftest import STEEL, STILL_AIR, of_own_scene
 from mpi4py import MPI
 from test_kernels import ALL_FEATURES, lattice, make_state
 
@@ -274,6 +274,7 @@ def slots_of(state: State) -> list:
     return [[tuple(c[s, p] for c in there) for s in np.flatnonzero(full[:, p])] for p in range(state.n_local)]
 
 
+@of_own_scene
 @pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
 def test_what_is_left_of_an_element_that_cannot_yield_has_its_strength(strain):
     """A remnant's light end flies off with four times the energy that it can store: its tension is its

@@ -149,7 +149,7 @@ def test_pictures_and_reports_end_where_the_disk_is_full(disk, workshop):
     result = workshop.folder / "result.vtkhdf"
     workshop.run(workshop.job(LOADED.replace("METHOD", 'method = "force_density"') + STEEL)).close()
     for command in ("plot", "report", "check"):
-        for kilobytes in (0, 20):
+        for kilobytes in (0, 20) if command == "plot" else (20,):
             disk.leave(kilobytes)
             source = workshop.folder / "job.toml" if command == "check" else result
             done = run_netfall(command, source, "-o", disk.folder, timeout=120)
@@ -172,7 +172,7 @@ def test_exports_and_imports_end_where_the_disk_is_full(disk, workshop):
         ("export", result, "-o", disk.folder / f"net{end}") for end in ("", ".dxf", ".tcl", ".json", ".vtu")
     ]
     for command in [*commands, ("import", drawn, "-o", disk.folder / "net", "--unit", "m")]:
-        for kilobytes in (0, 30):
+        for kilobytes in (0, 30) if command is commands[0] else (30,):
             disk.leave(kilobytes)
             refused(run_netfall(*command, timeout=120), str(disk.folder / "net"), CUT)
             assert disk.names() == set()

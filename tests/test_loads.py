@@ -440,7 +440,7 @@ STORM = (
 )
 
 
-@pytest.mark.parametrize("ranks", [2, 3, pytest.param(4, marks=pytest.mark.long)])
+@pytest.mark.parametrize("ranks", [3, *(pytest.param(n, marks=pytest.mark.long) for n in (2, 4))])
 def test_a_storm_from_rest_goes_on_from_its_middle_with_the_same_bits(workshop, ranks):
     """Cases, load steps, rest, gusts and torn panels: from a checkpoint after fractures, on other ranks."""
     job = workshop.job(STORM)

@@ -11,7 +11,15 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from conftest import BIN, ENVIRONMENT, ROOT, assert_same_results, on_ranks
+from conftest import (
+    BIN,
+    ENVIRONMENT,
+    IN_PLAIN_PYTHON,
+    PLAIN,
+    assert_same_results,
+    of_own_scene,
+    on_ranks,
+)
 from mpi4py import MPI
 from plain_step import GRAVITY, Plain
 
@@ -19,18 +27,6 @@ from netfall.ground.progress import Progress
 from netfall.job.read import read_job
 from netfall.parallel.partition import write_partition
 from netfall.program.run import run_job
-
-UNCOMPILED = ROOT / "tests" / "uncompiled"
-IN_PLAIN_PYTHON = "uncompiled" in os.environ.get("PYTHONPATH", "")
-OF_OWN_SCENES = []  # ids of tests
-
-
-def of_own_scene(test):
-    """A test whose scene no other has: it runs in plain Python, sooner than the compiler would be ready."""
-    OF_OWN_SCENES.append(f"{test.__module__}.py::{test.__name__}")
-    reason = "has a scene of its own: test_changes_of_form.py runs it in plain Python"
-    return pytest.mark.skipif(not IN_PLAIN_PYTHON, reason=reason)(test)
-
 
 SIDE, SPACING = 5, 4.0  # nodes, m
 MODULUS, AREA, DENSITY = 1.0e10, 1.0e-4, 7000.0
@@ -259,6 +255,7 @@ def test_two_ranks_and_a_restart_give_its_bits(torn, shared_workshop):
     assert 3 < one["history/broken"][int(MIDDLE / (10 * DT))] < one["history/broken"][-1]
 
 
+@of_own_scene
 def test_air_and_two_branches_have_the_same_bits_on_three_ranks_and_through_a_restart(shared_workshop):
     """The same net in air, with damping over a band, through its fractures. The identity holds."""
     text = JOB.format(after="particle")
@@ -283,9 +280,7 @@ def test_air_and_two_branches_have_the_same_bits_on_three_ranks_and_through_a_re
 def test_compiled_code_gives_the_bits_of_plain_python(torn, shared_workshop):
     """The same functions without the compiler, by Python's own arithmetic and the C library's fma."""
     job, compiled = torn
-    path = os.pathsep.join([str(UNCOMPILED), os.environ.get("PYTHONPATH", "")])
-    environment = {"PYTHONPATH": path}
-    with shared_workshop.run(job, output="plain.vtkhdf", environment=environment) as plain:
+    with shared_workshop.run(job, output="plain.vtkhdf", environment=PLAIN) as plain:
         assert_same_results(compiled, plain)
 
 

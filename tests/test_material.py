@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from conftest import of_own_scene
 from test_python import cross
 
 import netfall
@@ -95,7 +96,8 @@ def test_logarithmic_strain_is_the_sum_of_increments():
     )  # 2 % less at 4 %
 
 
-@pytest.mark.parametrize("measure", ["engineering", pytest.param("logarithmic", marks=pytest.mark.long)])
+@of_own_scene
+@pytest.mark.parametrize("measure", ["engineering", "logarithmic"])
 def test_what_never_yields_beside_what_does_dissipates_nothing(measure, tmp_path):
     """Two cables of the tutorial yield, two have no yield stress: the heat is that of the former, with the
     engineering strain N_y L0 eps_p in all, and the audits are there; those two are named.

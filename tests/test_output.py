@@ -301,6 +301,7 @@ def test_scales_end_where_nearly_all_forces_are():
     assert edge_of(feet, np.arange(12)).tolist() == []  # masts and anchors in turn
 
 
+@pytest.mark.plain
 def test_what_is_held_in_part_is_no_whole_support_in_pictures(workshop):
     """A weight on two cables that can move along z alone: two squares, and a triangle that goes with it."""
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z,mass\n1,-4,0,3,1,1,1,,\n2,4,0,3,1,1,1,,\n"

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 import hypothesis
 import hypothesis.strategies as st
 import pytest
-from conftest import BIN, ENVIRONMENT, ROOT, on_ranks, run_on_standing_ranks
+from conftest import BIN, ENVIRONMENT, PLAIN, on_ranks, run_on_standing_ranks
 from drawn_jobs import FULL, OTHER, jobs
 from same_bits import differences, figures, without_mpirun
 from standing_ranks import StandingRanks
@@ -103,8 +103,7 @@ class InPlainPython:
     """Ranks that stay, whose kernels are not compiled: so each scene costs its steps alone."""
 
     def __init__(self):
-        path = os.pathsep.join([str(ROOT / "tests" / "uncompiled"), os.environ.get("PYTHONPATH", "")])
-        plain = ENVIRONMENT | {"PYTHONPATH": path}
+        plain = ENVIRONMENT | PLAIN
         self.by_number = {n: StandingRanks([*on_ranks(n), BIN / "python"], plain) for n in (1, 3)}
 
     def __call__(self, *arguments, ranks=1, cwd=None):

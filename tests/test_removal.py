@@ -289,6 +289,7 @@ def extremes_are_beyond_all_rows(torn):
         assert (high > rows.max(0) + single)[there].any()
 
 
+@pytest.mark.plain
 def test_what_is_left_of_an_element_that_broke_has_no_part_in_the_extremes(workshop):
     """A weight on four cables loses one: the two beside it break, and come taut again on their light ends.
 
@@ -336,6 +337,7 @@ def test_the_envelope_is_that_of_all_rows(torn):
     assert (envelope["displacement_max_time"][particle] == time[u.argmax(0)]).all()
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize("strut", ["", ",strut"])
 def test_forces_between_rows_are_in_the_envelope_where_elements_break(workshop, strut):
     """Of four cables with a weight one breaks, and the others ring: the same forces by few rows or many.

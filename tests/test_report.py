@@ -478,6 +478,7 @@ def test_what_the_run_noted_is_in_its_result_and_report(workshop):
         assert (f"note: {off}" in said, f"- Note: {off}" in page) == (told, told)
 
 
+@pytest.mark.plain
 def test_what_yields_fails_whatever_its_utilisation(workshop):
     """A cable that yields carries its yield force, here its resistance: 1.000 FAILS. Let go, 6 t at its end
     pull with twice their weight; below the yield force it passes.

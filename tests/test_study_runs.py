@@ -88,7 +88,7 @@ def same_studies(one: Path, other: Path) -> None:
 def whole(tmp_path_factory):
     """The study, run at once by two workers."""
     folder = tmp_path_factory.mktemp("whole")
-    done = run_netfall("study", write(folder), "--workers", 2, cwd=folder)
+    done = run_on_standing_ranks("study", write(folder), "--workers", 2, cwd=folder)
     assert done.returncode == 0, done.stderr
     assert not (folder / "storm.study.journal").exists()
     return folder / "storm.study.h5"
@@ -181,7 +181,7 @@ def test_a_study_of_equilibria_has_the_largest_of_all_cases(tmp_path):
         '"cable.breaking_load" = [1.9e5, 4.9e5]\n'
         '[[failure]]\nname = "moves"\nof = "displacement_max"\nabove = 0.3\n[run]\nkeep = "all"\n'
     )
-    done = run_netfall("study", study, "--workers", 1, cwd=tmp_path)
+    done = run_on_standing_ranks("study", study, "--workers", 1, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     with h5py.File(tmp_path / "cases.study.h5") as f:
         rows = {
@@ -200,7 +200,7 @@ def test_a_study_of_equilibria_has_the_largest_of_all_cases(tmp_path):
         assert rows["displacement_max"][number] == pytest.approx(moved, rel=1e-15)
         assert used[number] == pytest.approx(tension / 4.9e5, rel=1e-12)  # elastic, all of one strength
     assert failed == 2 + (rows["displacement_max"][[1, 3]] > 0.3).sum()
-    told = run_netfall("info", tmp_path / "cases.study.h5", cwd=tmp_path).stdout
+    told = run_on_standing_ranks("info", tmp_path / "cases.study.h5", cwd=tmp_path).stdout
     assert "equilibria without a dynamic stage" in told and "no equilibrium under a load" in told
 
 
@@ -247,17 +247,17 @@ def test_nets_may_differ_between_members(tmp_path):
 
 def test_parts_are_joined_and_what_is_missing_is_run(whole, tmp_path):
     study = write(tmp_path)
-    done = run_netfall("study", study, "--shard", "2/3", "--workers", 1, cwd=tmp_path)
+    done = run_on_standing_ranks("study", study, "--shard", "2/3", "--workers", 1, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     with h5py.File(tmp_path / "storm.2-of-3.study.h5") as part:
         assert part["members/member"][:].tolist() == [2, 3]  # those of one speed, which share a form
-    done = run_netfall("study", study, "--workers", 2, cwd=tmp_path)
+    done = run_on_standing_ranks("study", study, "--workers", 2, cwd=tmp_path)
     assert done.returncode == 0 and "storm.2-of-3.study.h5: 2 of 6 runs are there" in done.stdout, done.stdout
     same_studies(whole, tmp_path / "storm.study.h5")
-    again = run_netfall("study", study, cwd=tmp_path)
+    again = run_on_standing_ranks("study", study, cwd=tmp_path)
     assert again.returncode == 0 and "whole already, 6 runs" in again.stdout
     study.write_text(STUDY.replace("30.0", "31.0"))
-    other = run_netfall("study", study, cwd=tmp_path)
+    other = run_on_standing_ranks("study", study, cwd=tmp_path)
     assert other.returncode == 2
     assert "storm.study.h5: was made before the study file changed" in other.stderr
 
@@ -273,11 +273,11 @@ def test_files_that_are_kept_are_there_and_those_of_other_parts_stay(tmp_path):
     left.touch()
     other.touch()
     part = ("study", study, "--shard", "1/2", "--workers", 1)
-    done = run_netfall(*part, cwd=tmp_path)
+    done = run_on_standing_ranks(*part, cwd=tmp_path)
     assert done.returncode == 1 and "cannot be written (Is a directory)" in done.stderr
     (own / "in the way").rmdir()
     own.rmdir()
-    done = run_netfall(*part, cwd=tmp_path)
+    done = run_on_standing_ranks(*part, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert {path.name for path in own.parent.iterdir()} == {own.name, other.name}
     with h5py.File(own) as kept, h5py.File(tmp_path / "storm.1-of-2.study.h5") as f:
@@ -329,7 +329,7 @@ def test_each_cable_is_lost_in_a_run_of_its_own(tmp_path):
     )
     lost = '[vary]\nremove = {each = "element", time = 0.0}\n[run]\nkeep = "all"\n'
     study = write(tmp_path, f'job = "job.toml"\n{lost}', "lost")
-    done = run_netfall("study", study, "--workers", 1, cwd=tmp_path)
+    done = run_on_standing_ranks("study", study, "--workers", 1, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     with h5py.File(tmp_path / "lost.study.h5") as f:
         assert f["members/removed"].asstr()[:].tolist() == ["7", "9"]
@@ -373,7 +373,7 @@ def test_run_and_study_agree_on_what_has_no_rest(tmp_path):
     (tmp_path / "job.toml").write_text(COLUMN)
     lost = '[vary]\nremove = {each = "cable", group = "stay", time = 0.0}\n'
     study = write(tmp_path, f'job = "job.toml"\n{lost}', "posts")
-    done = run_netfall("study", study, "--workers", 1, cwd=tmp_path)
+    done = run_on_standing_ranks("study", study, "--workers", 1, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     with h5py.File(tmp_path / "posts.study.h5") as f:
         assert f["members/state"].asstr()[:].tolist() == ["finished"] * 2
@@ -464,17 +464,17 @@ def test_workers_that_die_or_take_too_long_are_replaced():
 STAND_IN = ["/bin/sh", "-c", "echo {}; while read line; do echo {}; done"]
 
 
-def test_six_hundred_workers_need_no_more_open_files_than_there_may_be(monkeypatch):
-    """The soft limit of 1024 is raised as far as they need; where the hard one is too low, that is said."""
+def test_many_workers_need_no_more_open_files_than_there_may_be(monkeypatch):
+    """The soft limit of 256 is raised as far as they need; where the hard one is too low, that is said."""
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
-    tasks, done = [("a", number, {}) for number in range(600)], []
+    tasks, done = [("a", number, {}) for number in range(150)], []
     take = lambda _: tasks.pop() if tasks else None
-    resource.setrlimit(resource.RLIMIT_NOFILE, (1024, before[1]))
+    resource.setrlimit(resource.RLIMIT_NOFILE, (256, before[1]))
     try:
-        Pool(STAND_IN, 600, 60.0, take, lambda number, _: done.append(number), None).run(NEVER)
+        Pool(STAND_IN, 150, 60.0, take, lambda number, _: done.append(number), None).run(NEVER)
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, before)
-    assert sorted(done) == list(range(600))
+    assert sorted(done) == list(range(150))
     monkeypatch.setattr(resource, "getrlimit", lambda _: (1024, 1024))
     with pytest.raises(InputError, match=r"600 workers .* the limit is 1024 .* --workers of 320 at most"):
         Pool(STAND_IN, 600, 60.0, take, None, None).run(NEVER)

@@ -109,7 +109,7 @@ def test_the_reactions_of_the_report_turn_with_the_net(wheels):
         assert apart(turned_rows(rows), turned) < SAME, kind
 
 
-@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("ranks", [pytest.param(2, marks=pytest.mark.long), 3])
 def test_ranks_leave_no_trace_in_turned_supports(wheels, ranks):
     """Every dataset has the same bits."""
     folder = Path(wheels[1].filename).parent
@@ -279,7 +279,7 @@ def test_the_motion_turns_with_the_supports(swings):
     )
 
 
-@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("ranks", [pytest.param(2, marks=pytest.mark.long), 3])
 def test_ranks_leave_no_trace_in_the_motion_of_turned_supports(swings, ranks):
     """Halo particles are kept on their lines as their owners keep them."""
     folder = Path(swings[1].filename).parent

@@ -1,6 +1,7 @@
 """The words of the command line: the commands, their options, and what each option takes."""
 
 import argparse
+import functools
 from pathlib import Path
 
 from netfall.cli import arguments as take
@@ -106,6 +107,7 @@ class Parser(argparse.ArgumentParser):
         raise InputError(f"{self.prog}: {message}; {self.prog} --help shows what it takes")
 
 
+@functools.cache
 def parser() -> Parser:
     """The commands and their options."""
     about = "Form finding, load and collapse analysis of cable roofs on MPI ranks."

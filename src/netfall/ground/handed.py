@@ -36,12 +36,16 @@ class Handed(types.Type):
 
     def __init__(self, tuple_type):
         self.tuple_type = tuple_type
-        super().__init__(f"Handed{hashlib.sha256(str(tuple_type).encode()).hexdigest()[:16]}")
+        self.digest = hashlib.sha256(str(tuple_type).encode()).hexdigest()[:16]
+        super().__init__(f"Handed{self.digest}")
 
     @property
     def key(self):
         """What it is told from others by."""
         return self.tuple_type
+
+    def __hash__(self):
+        return int(self.digest, 16)  # numba goes through all fields at each look into a dictionary
 
 
 def handed(kind):
@@ -110,11 +114,11 @@ def _read_field(context, builder, kind, value, name):
 class Laid:
     """A named tuple that kernels are given by its address. Arrays are the same, numbers those of the begin.
 
-    kind : its type, where that is known
+    kind : its type, `handed` on, where that is known
     """
 
     def __init__(self, value, kind=None):
-        self.value, self.kind = value, Handed(kind or numba.typeof(value))
+        self.value, self.kind = value, kind or Handed(numba.typeof(value))
 
     @cached_property
     def memory(self) -> np.ndarray:

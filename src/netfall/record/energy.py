@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 from netfall.ground.apart import Entry
 from netfall.ground.compile import entry_for
-from netfall.ground.handed import laid, whole
+from netfall.ground.handed import Laid, laid
 from netfall.mechanics.elements import ElementState
 from netfall.mechanics.fields import OTHER_WORKS
 from netfall.mechanics.state import State
@@ -53,11 +53,13 @@ class Energies:
 class Snapshot:
     """The state at a step n as it is reported: owned particles (rows) and all elements of a rank.
 
-    observe : what fills the room; enter : the way to it, once its types are known
+    laid_room : the room by its address
+    observe : what fills it; enter : the way there, once its types are known
     """
 
     rows: np.ndarray
     room: Room
+    laid_room: Laid
     observe: Entry
     enter: Callable | None = None
 
@@ -117,7 +119,8 @@ def make_room(state: State) -> Snapshot:
     sums = np.zeros((len(terms) + 2 + more, LIMBS), np.int64)
     f_band = np.empty_like(x) if state.features.band else None
     room = Room(*arrays, terms, stored, sprung, sums, np.zeros(1, np.int64), f_band, adding())
-    return Snapshot(np.zeros(0, np.int64), room, Entry(observe, *[0.0] * 4, True, subject_of(state), room))
+    entry = Entry(observe, *[0.0] * 4, True, subject_of(state), room)
+    return Snapshot(np.zeros(0, np.int64), room, laid(room, entry.kinds[-1]), entry)
 
 
 def subject_of(state: State) -> Subject:
@@ -140,9 +143,8 @@ def take_snapshot(
     snapshot = before if before is not None and before.fits(state) else make_room(state)
     if len(snapshot.rows) != state.n_local - state.n_halo:
         snapshot.rows = state.owned_rows()
-    subject, room = (whole(kind) for kind in snapshot.observe.kinds[-2:])
-    of = laid(subject_of(state), subject), laid(snapshot.room, room)
-    arguments = snapshot.observe, before_dt, dt, zeta, share, *of
+    subject = laid(subject_of(state), snapshot.observe.kinds[-2])
+    arguments = snapshot.observe, before_dt, dt, zeta, share, subject, snapshot.laid_room
     (snapshot.enter or observe_once)(*arguments)
     if snapshot is before and snapshot.enter is None:
         snapshot.enter = entry_for(observe_once, *arguments)

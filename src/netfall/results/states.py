@@ -97,10 +97,11 @@ def absent(f, place: str = "") -> np.ndarray:
 
 def state_groups(f) -> list[str]:
     """The groups that hold equilibria besides the form, in the order in which the run found them."""
-    found: dict[str, int] = {}
-    holds = lambda item: ORDER in item.attrs and "tension" in item  # /cases has an order of names
-    f.visititems(lambda name, item: found.update({name: item.attrs[ORDER]} if holds(item) else {}))
-    return sorted(found, key=found.get)
+    names: list[str] = []
+    f.visit(names.append)  # without opening them all
+    places = [name.removesuffix("/tension") for name in names if name.endswith("/tension")]
+    order = {place: f[place].attrs[ORDER] for place in places if ORDER in f[place].attrs}
+    return sorted(order, key=order.get)
 
 
 def equilibria(f) -> Iterator[ShownState]:

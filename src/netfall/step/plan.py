@@ -6,7 +6,7 @@ import numpy as np
 
 from netfall.ground.apart import Entry
 from netfall.ground.compile import entry_for
-from netfall.ground.handed import laid, types_of
+from netfall.ground.handed import handed, laid, types_of
 from netfall.mechanics.bending import Bends
 from netfall.mechanics.events import StepDone, events_with_room
 from netfall.mechanics.fields import SLOTS, Particles
@@ -170,7 +170,7 @@ class Plan:
             self._apart[self._kinds] = fractures and self._breaking(fractures)
         self.arguments = *arguments, Beside(rows, bends, state.places, self._apart[self._kinds])
         if self._kinds not in self._types:
-            self._types[self._kinds] = types_of(self.arguments)
+            self._types[self._kinds] = tuple(map(handed, types_of(self.arguments)))
         self.laid = tuple(map(laid, self.arguments, self._types[self._kinds]))
 
     def _breaking(self, fractures: Fractures) -> Entry:

@@ -6,6 +6,7 @@ with an empty one included (h5py's own slicing would leave the others waiting fo
 
 import hashlib
 import itertools
+import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,7 +95,7 @@ class SharedFile:
     def create(self, name: str, dtype, tail: tuple[int, ...] = (), rows: int = 1024) -> None:
         """An empty dataset that grows by rows of shape `tail`, some `rows` of them at a time."""
         if self.writes:
-            row = int(np.prod(tail, dtype=np.int64)) * np.dtype(dtype).itemsize
+            row = math.prod(tail) * np.dtype(dtype).itemsize
             if len(tail) == 2:  # whole states (rows of n x 3): chunks of one state
                 chunks = (
                     1,
@@ -162,8 +163,8 @@ class SharedFile:
         chunk = kept.id.get_create_plist().get_chunk()
         cells = [-(-size // part) for size, part in zip((kept.rows, *kept.tail), chunk)]
         before = [-(-size // part) for size, part in zip(kept.id.shape, chunk)]
-        more = int(np.prod(cells, dtype=np.int64)) - int(np.prod(before, dtype=np.int64))
-        chunk_bytes = int(np.prod(chunk, dtype=np.int64)) * kept.dtype.itemsize
+        more = math.prod(cells) - math.prod(before)
+        chunk_bytes = math.prod(chunk) * kept.dtype.itemsize
         self._make_room(more * (chunk_bytes + CHUNK_ENTRY_BYTES))
         kept.id.set_extent((kept.rows, *kept.tail))
 
@@ -189,7 +190,7 @@ class SharedFile:
                 dataset.dtype,
                 dataset.shape[0],
                 tail,
-                dataset.dtype.itemsize * int(np.prod(tail, dtype=np.int64)),
+                dataset.dtype.itemsize * math.prod(tail),
                 [],
             )
         return self._growing[name]

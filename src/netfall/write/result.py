@@ -1,6 +1,7 @@
 """The result file of a run: frames while it goes on, everything small at the end (README.md beside)."""
 
 import itertools
+import math
 import os
 import secrets
 from pathlib import Path
@@ -224,7 +225,7 @@ def _values(fields: tuple[Field, ...], sight: Sight) -> dict[str, np.ndarray]:
 
 def _stacked(columns: dict[str, np.ndarray]):
     """Columns (k,) or (k, w) beside one another, to be moved at once; and what takes them apart again."""
-    wide = [values.reshape(len(values), int(np.prod(values.shape[1:]))) for values in columns.values()]
+    wide = [values.reshape(len(values), math.prod(values.shape[1:])) for values in columns.values()]
     bounds = np.cumsum([0] + [values.shape[1] for values in wide])
     shapes = [values.shape[1:] for values in columns.values()]
 
