@@ -122,7 +122,7 @@ def test_cables_end_on_curves(tmp_path):
     points = [(corner, 0, bulge), (corner + 1000, 1000, 0), (corner + 1000, 3000, 0)]
     sketch.space.add_lwpolyline(points, format="xyb", dxfattribs=on)
     angles = np.linspace(20.0, 160.0, 23)
-    for k, angle in enumerate(angles):
+    for angle in angles:
         sketch.line(middle, on_arc(angle))
         turned = np.radians(2.3 * angle)
         sketch.line((100.0, 0.0, 0.0), (100.0 + 25 * np.cos(turned), 25 * np.sin(turned), 0.0), "circle")
