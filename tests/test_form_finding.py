@@ -64,6 +64,24 @@ def test_how_far_nodes_moved_and_what_became_of_the_roof(workshop, top, far):
         assert (note[1:] in text) == far
 
 
+CROSS = "id,x,y,z,fixed_x,fixed_y,fixed_z\n1,0,0,0,1,1,1\n2,3,0.5,0,0,0,0\n3,5,0,1,0,0,0\n"
+CROSS += "4,7,0,0,{held},0,0\n5,10,0,0,1,1,1\n6,5,-8,0,1,1,1\n7,5,8,0,1,1,1\n8,5,4,0,0,0,0\n"
+
+
+@pytest.mark.parametrize("factor, held", [(0, 0), (0, 1), (1e-3, 0)])
+def test_nodes_that_constant_tension_leaves_free_along_a_cable_are_told(workshop, factor, held):
+    """Nodes 2, 4 and 8 stand on straight cables, 3 where two of them cross; 4 may be held along its cable."""
+    text = f"{STEEL}[form_finding]\nmodulus_factor = {factor}\n"
+    elements = "start,end\n1,2\n2,3\n3,4\n4,5\n6,3\n3,8\n8,7\n"
+    job = workshop.job(text, CROSS.format(held=held), elements)
+    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf")
+    named = "2 nodes (2, 8)" if held else "3 nodes (2, 4, 8)"
+    note = f"at constant tension: nothing holds {named} along the straight cables on which they stand"
+    check = run_on_standing_ranks("check", job).stdout
+    for text in (done.stdout, check, *told(workshop, workshop.folder / "result.vtkhdf")):
+        assert (note in text) == (factor == 0), text
+
+
 def test_densities_that_cancel_are_refused_with_the_nodes(workshop):
     """0.1 + 0.2 - 0.3 is 5.6e-17: the node would stand anywhere; none of its axes is held."""
     elements = "start,end,force_density\n1,5,0.1\n2,5,0.2\n3,5,-0.3\n4,1,1\n"

@@ -20,7 +20,7 @@ from netfall.model.schedule import step_at
 from netfall.numerics.functions import lengths
 from netfall.parallel import partition
 from netfall.record.history import MOST_STRAIN, History, most_strained, most_strained_of_all
-from netfall.results.form_lines import form_lines, self_stress_lines
+from netfall.results.form_lines import form_lines, loose_notes, self_stress_lines
 from netfall.results.loss_lines import loss_lines
 from netfall.results.notes import balance_notes, motion_notes
 from netfall.results.overload_lines import Carried, overload_lines
@@ -171,8 +171,11 @@ def moved_lines(scene: Scene) -> list[str]:
     model = scene.model
     if scene.form.self_stress is not None:
         return self_stress_lines(scene.form.self_stress, model.net.group, model.net.group_names)
-    area = float(model.roof.area.sum())
-    return form_lines(model.net.x, model.x, model.net.moves, model.net.node_id, model.area_given, area)
+    net, area, asked = model.net, float(model.roof.area.sum()), scene.job.form_finding
+    lines = form_lines(net.x, model.x, net.moves, net.node_id, model.area_given, area)
+    if asked.method == "fpm" and asked.modulus_factor == 0.0:
+        lines += loose_notes(model.x, net.elements, model.N, net.held, net.angle, net.node_id)
+    return lines
 
 
 def start_notes(scene: Scene) -> list[str]:

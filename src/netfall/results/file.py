@@ -12,7 +12,7 @@ from netfall.ground.errors import InputError
 from netfall.job.job import tables_of
 from netfall.mechanics.material import strength_of
 from netfall.numerics.functions import lengths
-from netfall.results.form_lines import form_lines, self_stress_lines
+from netfall.results.form_lines import form_lines, loose_notes, self_stress_lines
 from netfall.results.losses import broken_at
 from netfall.results.overload_lines import Carried, overload_lines
 from netfall.results.states import start_position
@@ -103,14 +103,15 @@ def lines_of_form(f: h5py.File) -> list[str]:
         return self_stress_lines(
             f["form_finding/self_stress"][:], net["group"][:], net["group_names"].asstr()[:].tolist()
         )
-    return form_lines(
-        net["particles"][:],
-        f["form_finding/position"][:],
-        ~net["fixed"][:].astype(bool).all(1),
-        net["node_id"][:],
-        float(f["provenance"].attrs["roof_area_given"]),
-        float(net["tributary_area"][:].sum()),
-    )
+    fixed, x, node_id = net["fixed"][:].astype(bool), f["form_finding/position"][:], net["node_id"][:]
+    areas = float(f["provenance"].attrs["roof_area_given"]), float(net["tributary_area"][:].sum())
+    lines = form_lines(net["particles"][:], x, ~fixed.all(1), node_id, *areas)
+    asked = job_of(f)["form_finding"]
+    if asked.get("method", "fpm") == "fpm" and asked.get("modulus_factor") == 0.0:
+        held = fixed | (net["spring"][:] > 0.0) if "spring" in net else fixed
+        angle = net["angle"][:] if "angle" in net else None
+        lines += loose_notes(x, net["elements"][:], f["form_finding/tension"][:], held, angle, node_id)
+    return lines
 
 
 def carried_in(f: h5py.File) -> Carried:

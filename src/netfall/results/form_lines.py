@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from netfall.job.values import counted
 from netfall.numerics.functions import lengths
 
+STRAIGHT = 1e-4  # sine of the angle up to which elements lie on one line
 NO_PART = 1e-9  # of the largest force of a state: an element with less takes no part
 FAR = 0.05  # of the span: a node that moved farther is told
 
@@ -36,6 +38,42 @@ def form_lines(given, found, free, node_id, area_given: float, area: float) -> l
         "was given; what is built and loaded is the form: look at it, and at supports, prestress and force "
         "densities",
     ]
+
+
+def loose_notes(x, ends, N, held, angle, node_id) -> list[str]:
+    """A note on nodes of a form at constant tension that may stand anywhere along a cable.
+
+    x : (n, 3) [m], of the form; ends : (m, 2); N : (m,) [N], constant
+    held : (n, 3) bool, axes with a support; angle : (n,) [degrees], of these axes, None: x and y
+    """
+    if angle is not None:  # what is held along a line of its own is left out
+        held = held | (held.any(1) & (angle != 0.0))[:, None]
+    rows = loose_along(x, ends[N > 0.0], held)
+    if not len(rows):
+        return []
+    one = len(rows) == 1
+    return [
+        f"note: form finding at constant tension: nothing holds {counted('node', node_id[rows])} along the "
+        f"straight {'cable on which it stands' if one else 'cables on which they stand'}: any place there is "
+        f"in equilibrium, and {'it is' if one else 'they are'} about where {'it' if one else 'they'} began; "
+        'with [form_finding] modulus_factor = 1e-3 or method = "force_density" places follow'
+    ]
+
+
+def loose_along(x, ends, held) -> np.ndarray:
+    """Nodes (k,) all of whose elements lie on one line, along which no support holds them.
+
+    x : (n, 3) [m]; ends : (m, 2), of elements that pull; held : (n, 3) bool
+    """
+    along = x[ends[:, 1]] - x[ends[:, 0]]
+    along /= np.maximum(lengths(along), 1e-300)[:, None]
+    line, off = np.zeros_like(x), np.zeros(len(x))
+    for k in range(2):
+        line[ends[:, k]] = along  # of one element of each node
+    for k in range(2):
+        np.maximum.at(off, ends[:, k], lengths(np.cross(line[ends[:, k]], along)))
+    holds = (held & (np.abs(line) > STRAIGHT)).any(1)
+    return np.flatnonzero(line.any(1) & (off < STRAIGHT) & ~holds)
 
 
 def self_stress_lines(states: np.ndarray, group: np.ndarray, names: list[str]) -> list[str]:
