@@ -283,11 +283,13 @@ checkpoint = 0.13
 
 @pytest.mark.parametrize("what_leaves", ["particle", "panels"])
 def test_a_roof_that_breaks_and_loses_cables_has_the_same_bits(workshop, what_leaves):
-    """Among them cables of which a part had broken before; on 1 and 3 ranks and from each checkpoint."""
-    text = ROOF.replace("seed = 3", f'seed = 3\nafter_fracture = "{what_leaves}"')
-    if (
-        what_leaves == "panels"
-    ):  # no load that grows, nor, for the scene is that of the other, one along x or y
+    """Among them cables of which a part had broken before; on 1 and 3 ranks and from each checkpoint.
+
+    With panels from the last alone.
+    """
+    text, later = ROOF.replace("seed = 3", f'seed = 3\nafter_fracture = "{what_leaves}"'), (2, 1)
+    if what_leaves == "panels":  # no load that grows, nor, for the scene is that of the other, along x or y
+        later = (2,)
         text = text.replace("pressure = -100.0\nramp = 0.4", "pressure = [0.0, 0.0, 100.0]")
     job = workshop.job(text)
     with workshop.run(job) as one, workshop.run(job, ranks=3, output="three.vtkhdf") as three:
@@ -298,7 +300,7 @@ def test_a_roof_that_breaks_and_loses_cables_has_the_same_bits(workshop, what_le
         assert np.abs(one["history/identity_error"][:]).max() < 1e-12  # rounding
         kept = sorted(workshop.folder.glob("three.checkpoint*"))
         assert len(kept) == 2
-        for checkpoint, ranks in zip(kept, (2, 1)):
+        for checkpoint, ranks in zip(kept[::-1], later):
             with workshop.run(job, "--restart", checkpoint, ranks=ranks, output="again.vtkhdf") as again:
                 assert_same_results(one, again)
 
