@@ -126,6 +126,7 @@ def dropped(workshop, more="", parts=1, **how):
     return job, workshop.run(job, **how)
 
 
+@pytest.mark.plain
 def test_a_post_that_buckles_carries_eulers_load(both_ways):
     """From there on with one force: P x = N_E x - N_E^2 / 2 k where the mass comes to rest."""
     _, f = dropped(both_ways)
