@@ -329,7 +329,9 @@ def test_losses_and_draws_are_drawn_and_told(tmp_path):
 
 
 def test_the_loss_of_a_cable_is_that_of_its_elements(tmp_path):
-    """Each element by the loss of its cable, if /net names cables; an element that is not lost by none."""
+    """Each element by the loss of its cable, if /net names cables; an element that is not lost by none. That
+    gusts are in dynamic factors is told.
+    """
     roof = net()
     m = len(roof["elements"])
     roof["cable"] = np.where(np.arange(m) < 4, "north", np.where(np.arange(m) < 9, "south", "")).astype(
@@ -339,6 +341,12 @@ def test_the_loss_of_a_cable_is_that_of_its_elements(tmp_path):
     write_study(tmp_path / "cables.study.h5", members, {}, roof)
     study = read_study(tmp_path / "cables.study.h5")
     assert elements_lost(study, losses_of(study)).tolist() == [1] * 4 + [0] * 5 + [-1] * (m - 9)
+    for gusts in (0, 1):
+        told = []
+        gusty = members | {"gusts": np.full(2, gusts)}
+        write_study(tmp_path / "gusty.study.h5", gusty, {}, roof)
+        print_study(tmp_path / "gusty.study.h5", told.append)
+        assert any("gusts blow on after a loss" in line for line in told) == bool(gusts)
 
 
 def test_a_study_is_no_result_and_must_be_whole(storm, tmp_path):

@@ -197,7 +197,8 @@ def test_other_questions_to_the_same_runs_run_nothing(tmp_path):
             '[[failure]]\nof = "broken"\nabove = 1',
             "name: missing; expected a text in quotes (how the measure is called)",
         ),
-        ('[hazard]\ndistribution = "normal"', "expected gumbel, weibull, en1991"),
+        ('[hazard]\ndistribution = "normal"', 'distribution = "normal": expected gumbel, weibull, en1991'),
+        ("[hazard]\nmode = 25.0", "[hazard] distribution: missing; expected gumbel, weibull, en1991"),
         (
             '[hazard]\ndistribution = "gumbel"\nmode = 25.0',
             "[hazard] scale: missing; expected a number of m/s > 0",

@@ -446,6 +446,7 @@ def test_run_and_info_tell_of_losses(workshop):
     for line in lines:
         assert line in done.stdout and line in told, told
     assert "no rest: a part of the net without elements 0, 1 is connected to no support" in done.stdout
+    assert "gusts blow on" not in told
     report_tells_of_losses(workshop.folder)
     with workshop.open() as result:  # the weight falls freely, with the weight and mass that it has
         fallen = result["history/time"][-1] - result["removal/time"][2]
@@ -456,6 +457,12 @@ def test_run_and_info_tell_of_losses(workshop):
 
 RESTED = {"state": np.array(["equilibrium"]), "breaking_element": np.zeros(0, int)}
 RESTED |= {"breaking_entry": np.zeros(0, int)}
+
+
+def test_factors_in_gusts_are_told_to_hold_these_too(torn):
+    """The run's own note stands in its result: the extremes after a loss are those of loss and gusts."""
+    told = run_on_standing_ranks("info", torn.filename).stdout
+    assert "note: [[remove]]: gusts blow on after a loss, so largest tensions and dynamic factors" in told
 
 
 def test_the_parts_of_an_element_are_named_once():

@@ -69,6 +69,16 @@ def _of_cables(net: Net, entry) -> tuple[np.ndarray, str]:
     return np.flatnonzero(np.isin(names, entry.cables)), "; ".join(wrong)
 
 
+def gust_notes(job: Job, varies: bool) -> list[str]:
+    """What dynamic factors hold besides the loss. varies : whether the wind has gusts"""
+    if not job.removes or not varies:
+        return []
+    return [
+        "[[remove]]: gusts blow on after a loss, so largest tensions and dynamic factors are of both; those "
+        "of the loss alone come in the mean wind ([wind] turbulence = 0)"
+    ]
+
+
 def losses_of(job: Job, model, schedule) -> list[Loss]:
     """What is lost in the dynamic stage, step by step; nothing that lies beyond its end. Rank 0.
 

@@ -277,12 +277,13 @@ def farthest(scene: Scene) -> tuple[float, int]:
 
 def _borne(job: Job, share: float) -> str:
     """What share of the mean wind is borne, and what to do; pressures at taps have no speed."""
+    down = lambda part: f"{np.floor(100.0 * part + 1e-9) / 100.0:.2f}"  # 0.997 is not all of it
     found, sudden = (
-        f"an equilibrium was found up to {share:.2f} of its pressure",
+        f"an equilibrium was found up to {down(share)} of its pressure",
         'or set [wind] onset = "sudden"',
     )
     if not job.wind.pressures:
-        found += f", that is {np.sqrt(share):.2f} of its speed"
+        found += f", that is {down(np.sqrt(share))} of its speed"
     return (
         f"{found}; lower the {'pressures' if job.wind.pressures else 'speed'}, {sudden} to let it act at once"
     )

@@ -192,7 +192,8 @@ def hazard_section(table: dict, varies: bool, check: Validation) -> Hazard | Non
         check.wrong("hazard", f"is of the mean wind speed, and that is one; {expected}")
     kind = table.get("distribution")
     if kind not in HAZARDS:
-        check.wrong("hazard", f"distribution = {shown(kind)}: expected {', '.join(HAZARDS)}")
+        given = ": missing;" if kind is None else f" = {shown(kind)}:"
+        check.wrong("hazard", f"distribution{given} expected {', '.join(HAZARDS)}")
         return None
     given = {name: value for name, value in table.items() if name != "distribution"}
     values = vars(check.table("hazard", KEYS[kind] + KEYS["hazard"], given))

@@ -33,7 +33,7 @@ def _curves(axes, h, g, rows: np.ndarray) -> None:
     axes.set_ylim(LEAST, 1.5)
     axes.set_xlabel("mean wind speed [m/s]")
     axes.set_ylabel("probability [-]; colours as on the right")
-    axes.legend(fontsize=SMALL, loc="lower left")
+    axes.legend(fontsize=SMALL, loc="center left")
     axes.set_title(f"hazard: {h['distribution']}")
 
 

@@ -7,24 +7,22 @@ from netfall.study.answers.correlation import drawn_inputs, responses, spearman
 from netfall.study.answers.read import Study, unit_of_column
 
 MOST_INPUTS = 6  # columns of the picture
-SHOWN = ("first_fracture", "tension_max", "utilisation_max", "roof_lost")
 
 
 def inputs(study: Study):
     """A column for each input that was drawn, a row for each response: a dot for each member."""
     names, given = drawn_inputs(study)[:MOST_INPUTS], responses(study)
-    rows = [name for name in SHOWN if name in given]
-    size = 2.2 + 3.2 * len(names), 1.0 + 2.3 * len(rows)
-    figure, panels = charts(len(rows), len(names), *size, sharex="col", sharey="row")
+    size = 2.2 + 3.2 * len(names), 1.0 + 2.3 * len(given)
+    figure, panels = charts(len(given), len(names), *size, sharex="col", sharey="row")
     for j, name in enumerate(names):
-        x, label = _scaled(name, study.members[name].astype(float))
-        for i, what in enumerate(rows):
-            y, of = _scaled(what, given[what])
+        x, label = _scaled(name, study.members[name].astype(float), name)
+        for i, what in enumerate(given):
+            y, of = _scaled(what, given[what], what.replace("_", " "))
             _draw(panels[i, j], x, y)
             if j == 0:
                 panels[i, j].set_ylabel(of)
         panels[-1, j].set_xlabel(label)
-    heading(figure, study.title, ": what was drawn, and what came of it")
+    heading(figure, study.title, ": what was drawn, and what came of it (grey: within what chance gives)")
     return figure
 
 
@@ -38,10 +36,9 @@ def _draw(axes, x: np.ndarray, y: np.ndarray) -> None:
         axes.set_title(text, fontsize=SMALL, color="k" if strong else "0.6", loc="right")
 
 
-def _scaled(name: str, values: np.ndarray) -> tuple[np.ndarray, str]:
-    """Values in a unit that keeps numbers readable, and the name with that unit."""
+def _scaled(name: str, values: np.ndarray, words: str) -> tuple[np.ndarray, str]:
+    """Values of a column in a unit that keeps numbers readable, and words for them with that unit."""
     unit = unit_of_column(name)
-    words = name.replace("_", " ")
     if unit not in ("N", "Pa", "N/m2"):
         return values, f"{words} [{unit}]" if unit else words
     factor, named = unit_of(np.nanmax(np.abs(values)), unit)

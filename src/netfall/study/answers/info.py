@@ -234,6 +234,11 @@ def _losses(study: Study, say) -> None:
             f"  note: factors above {TELLING:g} are of elements whose tension at rest hardly changes, or of "
             "a roof that went on breaking"
         )
+    if np.any(study.members.get("gusts", 0)):
+        say(
+            "  note: gusts blow on after a loss, so dynamic factors are of both; those of the loss alone "
+            "come in the mean wind ([wind] turbulence = 0)"
+        )
     pair = one_draw(study, losses)
     if pair:
         first, other = (f"{losses.broken[k]:.0f} elements (loss of {losses.name[k]})" for k in pair)
