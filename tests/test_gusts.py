@@ -1,5 +1,6 @@
 """The gusts: spectra, variance, coherence, direction, and what a seed means."""
 
+import copy
 import itertools
 import math
 from dataclasses import replace
@@ -298,7 +299,7 @@ def test_a_recursion_goes_on_from_its_record():
         asked = [whole.advance() for _ in range(stop + 80)][stop:]
         for _ in range(stop):
             first.advance()
-        record = {name: np.copy(value) for name, value in first.record().items()}
+        record = copy.deepcopy(first.record())
         later.advance()
-        later.restore(record)
+        later.restore(*record)
         assert (np.array([later.advance() for _ in range(80)]) == np.array(asked)).all()

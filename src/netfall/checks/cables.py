@@ -169,9 +169,8 @@ def element_columns(f, envelope: states.Envelope, checked: Checked) -> dict[str,
 def cable_columns(f, envelope: states.Envelope, checked: Checked) -> dict[str, np.ndarray]:
     """A row for each cable; what governs it is its element with the largest utilisation, or tension."""
     cable, count = f["net/cable"][:], len(f["net/cable_names"])
-    at = _first_by(
-        _by(checked.utilisation[checked.checks[0].name], envelope.most), cable
-    )  # the element that governs each cable
+    governs = _by(checked.utilisation[checked.checks[0].name], envelope.most)
+    at = _first_by(governs, cable)  # the element that governs each cable
     low = _first_by(-envelope.least, cable)
     each = element_columns(f, envelope, checked)
     strengths = {name: np.where(np.isinf(N), np.nan, N)[at] for name, N in strengths_of(f).items()}

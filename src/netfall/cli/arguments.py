@@ -99,11 +99,8 @@ def duration(text: str) -> float:
 def shard(text: str) -> tuple[int, int]:
     """I/N."""
     parts = text.split("/")
-    if (
-        len(parts) != 2
-        or not all(part.isdigit() for part in parts)
-        or not 1 <= int(parts[0]) <= int(parts[1])
-    ):
+    whole = len(parts) == 2 and all(part.isdigit() for part in parts)
+    if not whole or not 1 <= int(parts[0]) <= int(parts[1]):
         raise argparse.ArgumentTypeError(f"{text}: expected I/N, the I-th of N parts, for example 2/8")
     return int(parts[0]), int(parts[1])
 

@@ -11,16 +11,17 @@ OF_LOAD = ("permanent", "prestress", "temperature", "load")  # factors that bear
 PRESSURE_FACTOR = Key(
     "pressure_factor", "number", 1.0, "", "of the pressure of a static wind", low=-1e3, high=1e3
 )
-OF_WIND = ("speed", "direction", "shape_coefficient", "sectors", "air_density") + (
-    "profile_exponent",
-    "base_height",
+OF_WIND = (
+    *("speed", "direction", "shape_coefficient", "sectors", "air_density"),
+    *("profile_exponent", "base_height"),
 )
+LOAD_KEYS = ("dead", "snow", "pressure", "temperature")  # and of [load]
 
 
 def rows_of_set(sections: dict, overrides: dict) -> dict[str, Key]:
     """Rows of what a case can set, by "load.snow", "load.zone.NAME.snow"; arguments : of the schema."""
-    rows = {f"load.{key.name}": key for key in sections["load"] if key.name in ("snow", "pressure", "dead")}
-    rows |= {f"load.{key.name}": key for key in sections["load"] if key.name == "temperature"}
+    of_load = {key.name: key for key in sections["load"]}
+    rows = {f"load.{name}": of_load[name] for name in LOAD_KEYS}
     rows |= {f"wind.{key.name}": key for key in sections["wind"] if key.name in OF_WIND}
     rows["wind.pressure_factor"] = PRESSURE_FACTOR
     for section in ("load", "wind"):
@@ -96,10 +97,8 @@ def wrong_cases(cases: list, wind: SimpleNamespace):
         if not case.set and case.pressure_table is None and not case.settlement:
             yield place, "set, pressure_table or settlement: missing; say what acts in it"
         if case.factor is not None and case.pressure_table is None:
-            yield (
-                place,
-                "factor: only with pressure_table, whose values it multiplies; add it or remove factor",
-            )
+            what = "only with pressure_table, whose values it multiplies; add it or remove factor"
+            yield place, f"factor: {what}"
         if blows(case):
             acting = static_wind(wind, case)
             if acting.speed is None:
@@ -111,12 +110,9 @@ def wrong_cases(cases: list, wind: SimpleNamespace):
 
 def wrong_combinations(combinations: list, cases: list):
     """Place and what is wrong, of the entries of [[combination]]."""
-    names = [case.name for case in cases if isinstance(case.name, str)]
+    names = [case.name for case in cases if case.name is not None]
     for each in combinations:
-        place, factors = (
-            f"[[combination]] {each.name}:",
-            each.factors if isinstance(each.factors, dict) else {},
-        )
+        place, factors = f"[[combination]] {each.name}:", each.factors or {}
         if each.name in names or each.name in OF_LOAD:
             what = "a case" if each.name in names else "a factor"
             yield place, f"name: {shown(each.name)} is the name of {what} already; names are unique"

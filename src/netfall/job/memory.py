@@ -28,31 +28,19 @@ class Memory:
 
         What is returned is shared: nobody may change it.
         """
-        found = self.get(kind, key)
-        if found is None:
+        kept = self._kept.setdefault(kind, OrderedDict())
+        if key not in kept:
             try:
-                found = (find(), None)
+                kept[key] = (find(), None)
             except (InputError, DivergedError) as error:
-                found = (None, error)
-            self.keep(kind, key, found)
-        value, error = found
+                kept[key] = (None, error)
+        kept.move_to_end(key)
+        value, error = kept[key]
+        while len(kept) > self.most:
+            kept.popitem(last=False)  # that which was not asked for longest
         if error is not None:
             raise error.with_traceback(None)
         return value
-
-    def get(self, kind: str, key: Hashable) -> Any:
-        """What is kept for a key, None if nothing is."""
-        kept = self._kept.get(kind, {})
-        if key in kept:
-            kept.move_to_end(key)
-        return kept.get(key)
-
-    def keep(self, kind: str, key: Hashable, value: Any) -> None:
-        """Keep a value for a key, and forget the one that was not asked for longest."""
-        kept = self._kept.setdefault(kind, OrderedDict())
-        kept[key] = value
-        while len(kept) > self.most:
-            kept.popitem(last=False)
 
 
 FORGETFUL = Memory()  # for a run on its own

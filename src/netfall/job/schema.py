@@ -21,9 +21,11 @@ GENERATOR_KEYS = {
 }
 OF_THE_WHOLE = ("strain", "catalogue", "strength_seed", "length_seed")  # no group has its own
 EITHER = (("modulus", "axial_stiffness"), ("density", "mass_per_length"))  # one of the two
-NEEDED = {"modulus": ("modulus", "axial_stiffness"), "area": ("area", "axial_stiffness")} | {
-    "density": ("density", "mass_per_length")
-}  # what each key stands for, unless another of these or a type is given
+NEEDED = {  # what each key stands for, unless another of these or a type is given
+    "modulus": ("modulus", "axial_stiffness"),
+    "area": ("area", "axial_stiffness"),
+    "density": ("density", "mass_per_length"),
+}
 PRECISION = "(jobs/trade/README.md, Precision)"  # where the figures are of what went
 
 KEYS = """

@@ -13,7 +13,7 @@ from netfall.job.cases import factor_of
 from netfall.job.job import Job
 from netfall.job.schema import defaults
 from netfall.mechanics.material import unstressed_length, warm_length
-from netfall.model.loads import live_load, of_case
+from netfall.model.loads import dead_load, live_load, of_case
 from netfall.model.model import Model
 from netfall.numerics.functions import lengths
 from netfall.wind.field import still_force
@@ -38,7 +38,8 @@ def of_case_alone(job: Job, model: Model, case: SimpleNamespace) -> Actions:
     load, roof = job.load or defaults("load"), model.roof
     changed = of_case(load, case)
     force = model.loading.permanent + live_load(changed, roof, model.net.load)
-    force = force + _dead(changed, model) - _dead(load, model) if _sets(case, "dead") else force
+    if _sets(case, "dead"):
+        force = force + dead_load(changed, roof) - dead_load(load, roof)
     pressed = _pressed(model, case)
     inputs = model.layout.cases[case.name]
     warm = changed.temperature if _sets(case, "temperature") else None
@@ -78,16 +79,9 @@ def _added(load: SimpleNamespace, model: Model, case: SimpleNamespace) -> np.nda
     """The forces (n, 3) [N] with which a case enters a combination: what it names, less [load]'s of these."""
     changed, none = of_case(load, case), np.zeros_like(model.net.load)
     force = live_load(changed, model.roof, none) - live_load(load, model.roof, none)
-    force += _dead(changed, model) - _dead(load, model)
+    force += dead_load(changed, model.roof) - dead_load(load, model.roof)
     pressed = _pressed(model, case)
     return force if pressed is None else force + pressed
-
-
-def _dead(load: SimpleNamespace, model: Model) -> np.ndarray:
-    """Weight (n, 3) [N] of the cladding."""
-    force = np.zeros_like(model.roof.vector)
-    force[:, 2] -= model.roof.zones.spread(load, "dead") * model.roof.area
-    return force
 
 
 def _pressed(model: Model, case: SimpleNamespace) -> np.ndarray | None:

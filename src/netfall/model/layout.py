@@ -73,7 +73,8 @@ def make_layout(
     Raises InputError.
     """
     key = ranks, key_of(job, without=OF_SPEED)
-    net, roofing, zones, part, source = memory.once("net", key, lambda: _partitioned(job, ranks, known))
+    kept = memory.once("net", key, lambda: _partitioned(job, ranks, known))
+    net, roofing, zones = kept[:3]
     lost, probes = named_elements(job, net), find_probes(job, net)
     slides, wrong = slides_of(job, net)
     if job.slides and job.dynamics and job.dynamics.damping_ratio:
@@ -102,21 +103,7 @@ def make_layout(
         of_what = f"[[case]] {name}: pressure_table", "points", net, case.points
         axes = 2 if case.points is None else case.points.shape[1]
         notes += far_notes(*of_what) + level_notes(*of_what, axes)
-    return Layout(
-        net,
-        roofing,
-        zones,
-        part,
-        source,
-        lost,
-        probes,
-        slides,
-        coefficient,
-        measured,
-        cases,
-        chains,
-        tuple(notes),
-    )
+    return Layout(*kept, lost, probes, slides, coefficient, measured, cases, chains, tuple(notes))
 
 
 def _partitioned(job: Job, ranks: int, known: Callable) -> tuple:

@@ -39,8 +39,7 @@ def loading_of(job: Job, roof: Roof, own: np.ndarray, nodes: np.ndarray) -> Load
         return Loading(permanent, nodes.copy(), None, np.zeros(len(nodes)))
     if load.self_weight:
         permanent[:, 2] -= GRAVITY * own
-    dead = roof.zones.spread(load, "dead") * roof.area
-    permanent[:, 2] -= dead
+    permanent += dead_load(load, roof)
     carried = carried_mass(load, roof)
     if grows(job):
         return Loading(permanent, nodes + snow_load(load, roof), pressure_load(load, roof), carried)
@@ -69,6 +68,13 @@ def of_case(load: SimpleNamespace, case: SimpleNamespace) -> SimpleNamespace:
         elif section == "load":
             setattr(changed, key, value)
     return changed
+
+
+def dead_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
+    """Weight of the cladding, (n, 3) [N], on the surface."""
+    force = np.zeros_like(roof.vector)
+    force[:, 2] -= roof.zones.spread(load, "dead") * roof.area
+    return force
 
 
 def snow_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:

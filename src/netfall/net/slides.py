@@ -109,11 +109,8 @@ def _crowded(net: Net, pairs: dict, slips: dict) -> list[str]:
     """Elements that would go on in two ways; nodes over which too many cables slip."""
     ways = Counter((pair.node, e) for pair in pairs for e in pair[1:])
     twice = sorted({net.element_id[e] for (_, e), count in ways.items() if count > 1})
-    lines = (
-        [f"element {listed(twice)}: two entries let it go on differently; name cables in both"]
-        if twice
-        else []
-    )
+    way = "two entries let it go on differently; name cables in both"
+    lines = [f"element {listed(twice)}: {way}"] if twice else []
     many = [p for p, count in Counter(pair.node for pair in slips).items() if count > PLACES]
     if many:
         ids = counted("node", net.node_id[many])

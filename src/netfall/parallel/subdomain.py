@@ -199,21 +199,18 @@ class Distribution:
 
     def particles(self, rows: np.ndarray | None) -> np.ndarray:
         """Owned and halo rows of a global array (n, ...) that rank 0 gives. Collective."""
-        return self.comm.scatter(
-            None if self._subdomains is None else [rows[p.particle_gid] for p in self._subdomains]
-        )
+        return self._scatter(rows, "particle_gid")
 
     def elements(self, rows: np.ndarray | None) -> np.ndarray:
         """Rows of a global array (m, ...) that rank 0 gives, for the elements of each rank. Collective."""
-        return self.comm.scatter(
-            None if self._subdomains is None else [rows[p.element_gid] for p in self._subdomains]
-        )
+        return self._scatter(rows, "element_gid")
 
     def joints(self, rows: np.ndarray | None) -> np.ndarray:
         """Rows of a global array (k, ...) that rank 0 gives, for the joints of each rank. Collective."""
-        return self.comm.scatter(
-            None if self._subdomains is None else [rows[p.joint_gid] for p in self._subdomains]
-        )
+        return self._scatter(rows, "joint_gid")
+
+    def _scatter(self, rows: np.ndarray | None, gid: str) -> np.ndarray:
+        return self.comm.scatter(self._subdomains and [rows[getattr(p, gid)] for p in self._subdomains])
 
     def owned(self) -> list[np.ndarray] | None:
         """On rank 0 the global numbers of the particles that each rank owns, in its order."""

@@ -35,16 +35,13 @@ BROKEN = "#d62728"  # what is broken, lost or at fault; no group has this red
 GUIDED = "#7a4b00"  # supports that are held along some axes
 LONGEST_TITLE = 90  # characters
 MOST_DRAWN = 60_000  # elements in a picture; of larger nets every k-th is drawn
-ALONE, PANEL, NARROW = (
-    (9.0, 4.9),
-    (5.5, 3.4),
-    (4.2, 2.9),
-)  # inches of a panel in space: alone, of two, of more
+ALONE, PANEL, NARROW = (9.0, 4.9), (5.5, 3.4), (4.2, 2.9)  # inches of a panel in space: of one, two, more
 IN_TWOS, IN_THREES = 6, 12  # panels in space, up to which two or three stand in a row, else four
 PLAN_WIDTH = 6.0  # inches of a panel in plan
 SHORTEST, LONGEST = 1.6, 6.8  # inches of its height
 HEAD, SECOND_LINE = 0.9, 0.2  # inches for the title, and for titles of two lines of panels
 VIEWS = {"space": (28.0, -60.0), "plan": (90.0, -90.0), "front": (0.0, -90.0), "side": (0.0, 0.0)}  # degrees
+ROUND = np.outer(10.0 ** np.arange(-3, 7), (1.0, 2.0, 5.0)).ravel()  # numbers of scales
 ZOOM = 1.1, 1.2  # of nets in space, and of those that are flat
 FLAT, THIN = 0.12, 0.04  # of the largest extent, up to which an axis has room for two ticks, and for none
 
@@ -87,6 +84,14 @@ def legend_below(figure, *axes, ncols: int = 4) -> None:
     """What the lines of some charts are, below all charts."""
     handles = [handle for each in axes for handle in each.get_legend_handles_labels()[0]]
     figure.legend(handles=handles, loc="outside lower center", ncols=ncols)
+
+
+def add_scale(figure, place, norm, palette, label: str, **more):
+    """A horizontal scale of colours; place : left, bottom, width, height as shares of the figure."""
+    colours = plt.cm.ScalarMappable(norm, palette)
+    bar = figure.colorbar(colours, cax=figure.add_axes(place), orientation="horizontal", **more)
+    bar.set_label(label)
+    return bar
 
 
 def line_width(elements: int, most: float = 1.4) -> float:

@@ -11,7 +11,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.path import Path
 
 from netfall.checks.reactions import held_axes
-from netfall.plots.canvas import GUIDED, MOST_DRAWN, add_coloured, add_lines, unit_of
+from netfall.plots.canvas import GUIDED, MOST_DRAWN, add_coloured, add_lines, add_scale, unit_of
 
 MOST_SUPPORTS = 2_000  # marked
 PERCENTILES = 1.0, 99.0  # of the forces, between which colours differ
@@ -88,14 +88,9 @@ def force_bars(figure, scale: ForceScale, N, bottom: float, height: float, low=0
         place = (low + (high - low) * left, bottom, (high - low) * width, height)
         values = scale.factor * sign * N[sign * N > (0.0 if sign > 0 else scale.trace)]
         least, most = scale.factor * ends[0], scale.factor * ends[1]
-        bar = figure.colorbar(
-            plt.cm.ScalarMappable(plt.Normalize(least, most), palette),
-            cax=figure.add_axes(place),
-            orientation="horizontal",
-            extend=beyond(values, least, most),
-        )
-        bar.locator = plt.MaxNLocator(4)
-        bar.set_label(f"{word} [{scale.unit}], {values.min():.4g} to {values.max():.4g}")
+        label = f"{word} [{scale.unit}], {values.min():.4g} to {values.max():.4g}"
+        norm, extend = plt.Normalize(least, most), beyond(values, least, most)
+        add_scale(figure, place, norm, palette, label, extend=extend).locator = plt.MaxNLocator(4)
 
 
 def beyond(values: np.ndarray, low: float, high: float) -> str:

@@ -9,12 +9,8 @@ from netfall.results.file import title_of
 
 DRAWN, COLUMNS = 6, 3  # modes, and those beside each other
 SWING = 0.06  # of the net's length: the largest displacement drawn
-WIDTH, HIGHEST, HEAD, BELOW = (
-    4.6,
-    3.6,
-    1.2,
-    1.1,
-)  # inches: of a column, of a plan at most, for title and scale
+WIDTH, HIGHEST = 4.6, 3.6  # inches of a column, of a plan at most
+HEAD, BELOW = 1.2, 1.1  # inches for title and scale
 COLOURS = "RdBu_r"
 RESTS = ("rest/position", "form_finding/position", "net/particles")
 
@@ -39,9 +35,9 @@ def modes(f):
         plan.set_facecolor("0.93")  # what does not move is white
         canvas.dot_supports(plan, x[:, :2], held)
         space.set_title(_words(f, k, "xyz"[axis]), y=0.98)
-    place = figure.add_axes((0.3, 0.55 / figure.get_figheight(), 0.4, 0.13 / figure.get_figheight()))
-    bar = figure.colorbar(plt.cm.ScalarMappable(norm, COLOURS), cax=place, orientation="horizontal")
-    bar.set_label("displacement along the axis that a title names, of the largest of a node [-]")
+    place = (0.3, 0.55 / figure.get_figheight(), 0.4, 0.13 / figure.get_figheight())
+    label = "displacement along the axis that a title names, of the largest of a node [-]"
+    canvas.add_scale(figure, place, norm, COLOURS, label)
     canvas.heading(figure, title_of(f), f": lowest modes, largest displacement drawn as {swing:.3g} m")
     return figure
 
@@ -62,10 +58,8 @@ def _panels(x: np.ndarray, swing: float, count: int):
     panels = []
     for k in range(count):
         row, column = 2 * (k // columns), k % columns
-        space, plan = (
-            canvas.in_space(figure, (grid[row, column],), window),
-            figure.add_subplot(grid[row + 1, column]),
-        )
+        space = canvas.in_space(figure, (grid[row, column],), window)
+        plan = figure.add_subplot(grid[row + 1, column])
         canvas.set_plan(plan, x[:, :2], 1.1 * swing)
         if k + columns < count:  # the one below has a title there
             plan.set_xlabel("")

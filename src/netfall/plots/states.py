@@ -23,7 +23,6 @@ from netfall.results.states import (
 MOST_PANELS = 24  # of states; of more stages every k-th, and the last
 BELOW = 0.9  # inches under the panels, for the scales
 SEEN = 0.06  # of the largest extent of the net: about how large the largest deflection is drawn
-STEPS = np.outer(10.0 ** np.arange(-3, 7), (1.0, 2.0, 5.0)).ravel()  # scales of deflections
 MOST_TOLD = 16  # groups with labels
 MARKS = {"supports, ": "squares: supports", "in part": "triangles: in part", "edge": "dashed: their edge"}
 
@@ -163,9 +162,8 @@ def one_state(f, state: ShownState):
     right.set_title(f"deflection from {start_words(f)} (grey), drawn {times:g} times")
     height = figure.get_figheight()
     force_bars(figure, scale, N, 0.6 * BELOW / height, 0.14 / height, 0.0, 0.5)
-    place = figure.add_axes((0.6, 0.6 * BELOW / height, 0.3, 0.14 / height))
-    bar = figure.colorbar(plt.cm.ScalarMappable(norm, "viridis"), cax=place, orientation="horizontal")
-    bar.set_label("deflection [mm]")
+    place = (0.6, 0.6 * BELOW / height, 0.3, 0.14 / height)
+    canvas.add_scale(figure, place, norm, "viridis", "deflection [mm]")
     canvas.heading(figure, title_of(f), f": {shown_name(f, state)}")
     return figure
 
@@ -174,7 +172,8 @@ def deflection_scale(largest: float, extent: float) -> float:
     """How many times deflections are drawn, 1, 2 or 5 times a power of ten: the largest one is [m]."""
     if not largest > 0.0:
         return 1.0
-    return float(STEPS[np.searchsorted(STEPS, max(SEEN * extent / largest, STEPS[0]), side="right") - 1])
+    scales, times = canvas.ROUND, max(SEEN * extent / largest, canvas.ROUND[0])
+    return float(scales[np.searchsorted(scales, times, side="right") - 1])
 
 
 def _tell_forces(f, axes, x: np.ndarray, N: np.ndarray, there: np.ndarray, scale: ForceScale) -> None:

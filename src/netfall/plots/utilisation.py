@@ -1,6 +1,5 @@
 """Pictures of the roof coloured by use, dynamic factors, moments; slip along cables, and use of clamps."""
 
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -20,26 +19,11 @@ from netfall.results.states import Envelope, start_position
 
 OVER = "#e000c0"  # what is used by more than its resistance
 LOST = OVER
-TICKS = 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0  # of a logarithmic scale
 COLOURS = "viridis_r"
 MUCH = 10.0  # a factor from which on the scale is logarithmic
 MOST_CABLES = 2  # those of which most passes
 MOST_STATES = 6  # in which most does
 USED = 1.0  # from where on a clamp slips
-
-
-@dataclass(frozen=True)
-class Shading:
-    """Values (m,) of the elements, nan: none, and their scale.
-
-    over : colour of what is beyond its end; words : what the picture shows; label : of the scale
-    """
-
-    values: np.ndarray
-    scale: Normalize
-    over: str
-    words: str
-    label: str
 
 
 def utilisation(f, envelope: Envelope, checked: Checked, path: Path) -> None:
@@ -57,11 +41,11 @@ def utilisation(f, envelope: Envelope, checked: Checked, path: Path) -> None:
         factor, unit = canvas.unit_of(np.abs(envelope.most).max(), "N")
         values = factor * np.where(only_compressed(f, envelope), np.nan, envelope.most)
         label = f"largest tension [{unit}]; no element has a strength; grey: only compressed"
-        over = plt.get_cmap(COLOURS)(1.0)
+        over = None
         high = (limits(values[values > 0.0]) or (0.0, 1e-9))[1]  # not the largest: that is a fragment's
     if "history" in f and (beyond := int(overloaded(carried_in(f)).sum())):
         label += f"; {beyond} beyond strength after a fracture: of the step"
-    _draw(f, Shading(values, Normalize(0.0, high), over, "how far elements are used", label), path)
+    _draw(f, path, values, Normalize(0.0, high), "how far elements are used", label, over)
 
 
 def dynamic_factors(f, factor: np.ndarray, path: Path) -> None:
@@ -71,60 +55,44 @@ def dynamic_factors(f, factor: np.ndarray, path: Path) -> None:
     low = float(min(1.0, known.min(initial=1.0)))
     scale = LogNorm(low, high) if high > MUCH and low > 0.0 else Normalize(low, high)
     label = "dynamic factor, (peak - before) / (at rest afterwards - before); grey: none; magenta: lost"
-    over = plt.get_cmap(COLOURS)(1.0)
-    words = "dynamic factors after losses, the largest of each element"
-    _draw(f, Shading(factor, scale, over, words, label), path)
+    _draw(f, path, factor, scale, "dynamic factors after losses, the largest of each element", label)
 
 
 def moments(f, moment: np.ndarray, path: Path) -> None:
     """Write the picture of the largest bending moments (m,) [N m], nan: no bending."""
     factor, unit = canvas.unit_of(float(np.nanmax(moment)), "N m")
-    label, over = f"largest bending moment [{unit}]; grey: no bending", plt.get_cmap(COLOURS)(1.0)
+    label = f"largest bending moment [{unit}]; grey: no bending"
     scale = Normalize(0.0, max(factor * float(np.nanmax(moment)), 1e-9))
-    _draw(
-        f, Shading(factor * moment, scale, over, "bending moments, the largest of each element", label), path
-    )
+    _draw(f, path, factor * moment, scale, "bending moments, the largest of each element", label)
 
 
-def _draw(f, shading: Shading, path: Path) -> None:
-    """Write the net in space and in plan, coloured; squares and dots: supports."""
-    x, values = start_position(f), shading.values
+def _draw(f, path: Path, values: np.ndarray, scale, words: str, label: str, over: str | None = None) -> None:
+    """Write the net in space and in plan, coloured; squares and dots: supports.
+
+    values : (m,) of the elements, nan: none; words : what the picture shows; label : of the scale
+    over : colour of what is beyond its end
+    """
+    x, palette = start_position(f), plt.get_cmap(COLOURS).with_extremes(over=over)
     figure = plt.figure(figsize=(14, 6.6))
     space, plan = canvas.in_space(figure, (1, 2, 1), x), figure.add_subplot(1, 2, 2)
-    _add_elements(f, space, x, shading)
-    _add_elements(f, plan, x[:, :2], shading)
+    for axes, at in ((space, x), (plan, x[:, :2])):
+        lines, lost = at[f["net/elements"][:]], np.isfinite(lost_at(f)) & ~np.isfinite(values)
+        width = canvas.line_width(len(lines), 2.0)
+        canvas.add_coloured(axes, lines[~lost], values[~lost], scale, palette, width)
+        canvas.add_lines(axes, lines[lost], colors=LOST, linewidths=width, linestyles="--")
     add_supports(f, space, x)
     canvas.dot_supports(plan, x[:, :2], held_axes(f).any(1))
     canvas.set_plan(plan, x[:, :2])
     space.set_position((0.0, 0.2, 0.44, 0.74))
     plan.set_position((0.55, 0.2, 0.42, 0.74))
     most = float(np.nanmax(values)) if np.isfinite(values).any() else np.nan
-    bar = figure.colorbar(
-        plt.cm.ScalarMappable(shading.scale, _palette(shading)),
-        cax=figure.add_axes((0.3, 0.09, 0.4, 0.028)),
-        orientation="horizontal",
-        extend="max" if most > shading.scale.vmax else "neither",
-        format="{x:g}",
-    )
-    if isinstance(shading.scale, LogNorm):
-        bar.set_ticks([tick for tick in TICKS if shading.scale.vmin <= tick <= shading.scale.vmax])
-    bar.set_label(
-        f"{shading.label}; largest {most:.4g}" if np.isfinite(most) else f"{shading.label}; no values"
-    )
-    canvas.heading(figure, title_of(f), f": {shading.words}, in space and in plan")
+    label += f"; largest {most:.4g}" if np.isfinite(most) else "; no values"
+    more = {"extend": "max" if most > scale.vmax else "neither", "format": "{x:g}"}
+    bar = canvas.add_scale(figure, (0.3, 0.09, 0.4, 0.028), scale, palette, label, **more)
+    if isinstance(scale, LogNorm):
+        bar.set_ticks(canvas.ROUND[(canvas.ROUND >= scale.vmin) & (canvas.ROUND <= scale.vmax)])
+    canvas.heading(figure, title_of(f), f": {words}, in space and in plan")
     canvas.save(figure, path)
-
-
-def _add_elements(f, axes, x: np.ndarray, shading: Shading) -> None:
-    """Add the elements between places x (n, 2 or 3) [m]; what was lost, and so has no value, is dashed."""
-    lines, lost = x[f["net/elements"][:]], np.isfinite(lost_at(f)) & ~np.isfinite(shading.values)
-    width = canvas.line_width(len(lines), 2.0)
-    canvas.add_coloured(axes, lines[~lost], shading.values[~lost], shading.scale, _palette(shading), width)
-    canvas.add_lines(axes, lines[lost], colors=LOST, linewidths=width, linestyles="--")
-
-
-def _palette(shading: Shading):
-    return plt.get_cmap(COLOURS).with_extremes(over=shading.over)
 
 
 def slips(f):

@@ -155,12 +155,12 @@ def _erected(scene: Scene, build_up: BuildUp, erection: Erection) -> Scene:
         after = _rebuilt(scene, lambda: _as_erected(scene.job, scene.model, x, setting))
         active = scene.distribution.elements(setting and setting.active)
         after.state.EA[~active], after.state.broken[~active] = 0.0, TAKEN_OUT
+    ids = scene.model and scene.model.net.element_id
     build_up = replace(
         build_up,
         form=build_up.form or scene.model,
         sections=build_up.sections | erection.sections,
-        labels=scene.model
-        and {group: by_ids(each, scene.model.net.element_id) for group, each in erection.labels.items()},
+        labels=scene.model and {group: by_ids(each, ids) for group, each in erection.labels.items()},
         lines=[*build_up.lines, *erection.lines],
         records=build_up.records | {ERECTION: erection.record()},
         failure=DivergedError(erection.failed) if erection.failed else None,

@@ -94,12 +94,11 @@ def _what_ran(f, result: Path) -> list[str]:
         if not_stable(f[place])
     ]
     lines += _sentences(displacement_notes_of(f) + limit_notes_of(f))
-    if "history" in f and len(f["events/element"]):
-        broken = len(np.unique(f["events/element"][:]))
-        lines.append(f"{broken} elements broke, the first at t = {f['events/time'][0]:.4g} s.")
     if "history" in f:
+        if len(f["events/element"]):
+            broken = len(np.unique(f["events/element"][:]))
+            lines.append(f"{broken} elements broke, the first at t = {f['events/time'][0]:.4g} s.")
         lines.append(f"Largest error of the physical balance: {_worst_balance(f)}.")
-    if "history" in f:
         lines += _sentences(overloads_of(f))
     notes = [f"- {line}" for line in _sentences(notes_of_run(f))]
     lines += ["", *notes] if notes else []
@@ -241,13 +240,8 @@ def _losses(f, checked: Checked) -> list[str]:
         return lines
     header = ["loss", "cable", "element", "before", "largest", "at rest afterwards", "largest / before"]
     header += ["dynamic factor", check]
-    return [
-        *lines,
-        "",
-        "The most used after a loss, by the tensions of every step:",
-        "",
-        *as_table(header, rows),
-    ]
+    told = "The most used after a loss, by the tensions of every step:"
+    return [*lines, "", told, "", *as_table(header, rows)]
 
 
 def _gone(cables: dict) -> list[str]:

@@ -25,13 +25,9 @@ def open_result(path: Path) -> h5py.File:
     try:
         file = h5py.File(path, "r")
     except OSError as error:
-        reason = (
-            "no such file"
-            if not path.exists()
-            else "is a folder"
-            if path.is_dir()
-            else f"not an HDF5 file ({str(error).split('(')[-1].rstrip(')')})"
-        )
+        reason = f"not an HDF5 file ({str(error).split('(')[-1].rstrip(')')})"
+        if path.is_dir() or not path.exists():
+            reason = "is a folder" if path.is_dir() else "no such file"
         raise InputError(f"{path}: {reason}; expected a result file of netfall") from None
     if "provenance" not in file or "net" not in file:
         file.close()

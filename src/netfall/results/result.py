@@ -12,17 +12,10 @@ from netfall.results.file import open_result, provenance_text, title_of
 from netfall.results.frames import Frames
 from netfall.results.states import warm_lengths
 
-EVENT_COLUMNS = {  # column: dataset of /events; numbers of nodes and elements are ids of the tables
-    "time": "time",
-    "step": "step",
-    "element": "element_id",
-    "node": "node_id",
-    "strain": "strain",
-    "mass": "mass",
-    "element_row": "element",
-    "particle": "particle",
-    "new_particle": "new_particle",
-}
+# Column: dataset of /events; numbers of nodes and elements are ids of the tables.
+EVENT_COLUMNS = {"time": "time", "step": "step", "element": "element_id", "node": "node_id"}
+EVENT_COLUMNS |= {"strain": "strain", "mass": "mass", "element_row": "element"}
+EVENT_COLUMNS |= {"particle": "particle", "new_particle": "new_particle"}
 
 
 @dataclass(frozen=True)
@@ -248,9 +241,8 @@ class Result:
             return f"Result {self.path}, closed"
         n, m = len(self.file["net/particles"]), len(self.file["net/elements"])
         broken = f", {self.history['broken'][-1]} broken" if "history" in self.file else ""
-        stages = [
-            top for group in GROUPS if group.lacking and (top := group.name.partition("/")[0]) in self.file
-        ]
+        tops = (group.name.partition("/")[0] for group in GROUPS if group.lacking)
+        stages = [top for top in tops if top in self.file]
         return (
             f"Result {self.path}: {self.title}: {n} nodes, {m} elements, {len(self.time)} frames "
             f"to {self.time[-1]:g} s{broken}; has {', '.join(stages)}"

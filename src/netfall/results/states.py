@@ -168,13 +168,9 @@ def shown_name(f, state: ShownState) -> str:
 
 def start_words(f) -> str:
     """What displacements count from, in words."""
-    return (
-        "the last stage of erection"
-        if last_stage(f)
-        else "the form"
-        if "form_finding" in f
-        else "the net as given"
-    )
+    if last_stage(f):
+        return "the last stage of erection"
+    return "the form" if "form_finding" in f else "the net as given"
 
 
 def state_words(f, name: str) -> str:

@@ -136,10 +136,10 @@ class Elements:
     """The form-finding elements of one rank: tensions by `form_tensions` and the forces that follow."""
 
     def __init__(
-        self, distribution: Distribution, net: Net | None, x: np.ndarray, modulus_factor: float, load=None
+        self, distribution: Distribution, net: Net | None, x, modulus_factor: float, load=None, turned=None
     ):
-        """load : (n, 3) [N] that the form carries, None: none"""
-        self.load = 0.0 if load is None else np.asfortranarray(load)
+        """load : (n, 3) [N] that the form carries, None: none; turned : as in `relaxation.Net`"""
+        self.load, self.turned = 0.0 if load is None else np.asfortranarray(load), turned
         self.constant = modulus_factor == 0.0  # their tensions
         column = lambda name: distribution.elements(None if net is None else getattr(net, name))
         self.ends = distribution.subdomain.ends
@@ -162,10 +162,12 @@ class Elements:
         form_tensions(x, self.ends, self.T0, self.stiffness, self.L_start, self.bar, self.N, self.L)
 
     def forces(self, x, f):
-        """Write the forces f (n, 3) [N] of the elements at x."""
+        """Write the forces f (n, 3) [N] of the elements at x, none along lines on which supports hold."""
         self.measure(x)
         f[:] = self.load
         add_tensions(x, self.ends, self.N, self.L, f)
+        if self.turned is not None:
+            keep_on_guides(self.turned, f)
 
     def bound(self, x):
         """Upper bound (m,) [N/m] of the stiffness, axial and transverse."""
@@ -238,12 +240,12 @@ def find_form(
     turned = particles(net and turned_column(net, net.held)) if guided else None
     if settings.method == "keep":
         return kept_form(comm, net, distribution, settings, x, free, load)
-    given = Elements(distribution, net, x, settings.modulus_factor, carried)
+    given = Elements(distribution, net, x, settings.modulus_factor, carried, turned)
     mine = None if carried is None else carried[: halo.n_owned]
     largest = lambda N: largest_force(comm, N, given.ends, free, mine)
     if settings.method == "force_density" or settings.start == "force_density":
         x = particles(on_root(comm, lambda: force_density_form(net, load)))
-        elements = Elements(distribution, net, x, settings.modulus_factor, carried)
+        elements = Elements(distribution, net, x, settings.modulus_factor, carried, turned)
     else:
         elements = given
     if settings.method == "force_density":
@@ -260,8 +262,7 @@ def find_form(
     reference = largest(elements.T0)
     if start is not None:
         x[:] = start
-    forces = elements.forces if turned is None else lambda x, f: _on_guides(elements, turned, x, f)
-    moving = RelaxedNet(x, free, elements.ends, forces, elements.bound, turned=turned)
+    moving = RelaxedNet(x, free, elements.ends, elements.forces, elements.bound, turned=turned)
     asked = settings.tolerance * reference
     by_newton = lambda: newton_form(comm, distribution, halo, moving, elements, settings, asked, stop)
     found, begun = None, x.copy(order="K")
@@ -280,12 +281,6 @@ def find_form(
             if found is None:
                 raise DivergedError(f"{error}; {worst}; {ADVICE}") from None
     return Form(x, elements.N, *found, reference)
-
-
-def _on_guides(elements: Elements, turned: np.ndarray, x: np.ndarray, f: np.ndarray) -> None:
-    """Write the forces f (n, 3) [N] of the elements at x, with nothing along lines on which supports hold."""
-    elements.forces(x, f)
-    keep_on_guides(turned, f)
 
 
 def worst_nodes(comm: MPI.Comm, net: Net | None, distribution: Distribution, moving: RelaxedNet) -> str:

@@ -273,25 +273,22 @@ def _found(
     settings = settings_of(scene.job)
     most, tolerance = min(most or np.inf, settings.max_iterations), max(settings.tolerance, rough)
     arguments = each.load, tolerance, reference, most, each.words, stop, resume, guess
-    slips = scene.finder.slips is not None
-    solution = _slipped(scene, each, arguments) if slips else scene.finder.find(*arguments, watch, goal)
+    slips = scene.finder.slips
+    if slips is None:
+        solution = scene.finder.find(*arguments, watch, goal)
+    else:
+        slips.weights = each.weights
+        solution = find_slipping(scene.finder, *arguments)
     snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
     slack = scene.comm.allreduce(snapshot.slack)
     at_limit = at_limit_in(scene.comm, scene.distribution, scene.state, snapshot)
-    stopped = scene.finder.slips.stopped() if slips else ()
+    stopped = slips.stopped() if slips is not None else ()
     return Equilibrium(snapshot, slack, solution, at_limit, _slips(scene), stopped)
 
 
 def _slips(scene: Scene) -> list[float] | None:
     """Slips of all places, None: nothing slips."""
     return scene.finder.slips and scene.finder.slips.s.tolist()
-
-
-def _slipped(scene: Scene, each: StaticLoad, arguments: tuple) -> Solution:
-    """The same of a net in which cables slip. Collective."""
-    slips = scene.finder.slips
-    slips.weights = each.weights
-    return find_slipping(scene.finder, *arguments)
 
 
 def as_it_began(scene: Scene) -> Equilibrium:

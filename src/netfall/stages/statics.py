@@ -278,15 +278,10 @@ def farthest(scene: Scene) -> tuple[float, int]:
 def _borne(job: Job, share: float) -> str:
     """What share of the mean wind is borne, and what to do; pressures at taps have no speed."""
     down = lambda part: f"{np.floor(100.0 * part + 1e-9) / 100.0:.2f}"  # 0.997 is not all of it
-    found, sudden = (
-        f"an equilibrium was found up to {down(share)} of its pressure",
-        'or set [wind] onset = "sudden"',
-    )
+    found, what = f"an equilibrium was found up to {down(share)} of its pressure", "pressures"
     if not job.wind.pressures:
-        found += f", that is {down(np.sqrt(share))} of its speed"
-    return (
-        f"{found}; lower the {'pressures' if job.wind.pressures else 'speed'}, {sudden} to let it act at once"
-    )
+        found, what = f"{found}, that is {down(np.sqrt(share))} of its speed", "speed"
+    return f'{found}; lower the {what}, or set [wind] onset = "sudden" to let it act at once'
 
 
 def lines(path: StaticPath, scene: Scene) -> list[str]:
@@ -298,31 +293,26 @@ def lines(path: StaticPath, scene: Scene) -> list[str]:
         last.append(("statics", "statics", path.steps[-1]))
     if path.rest:
         last.append(("rest", rest_words(scene.job), path.rest))
-    lines = [
-        f"{what}: {_in_words(numbers, path.labels[group], scene.distribution.m)}"
-        for group, what, numbers in last
-    ]
+    words = lambda group, each: _in_words(each, path.labels[group], scene.distribution.m)
+    lines = [f"{what}: {words(group, each)}" for group, what, each in last]
     failed = [name for name in path.cases if path.labels[f"cases/{name}"]["state"] == NONE]
     if failed:
         lines.append(f"{len(failed)} of {len(path.cases)} cases have no equilibrium")
     if scene.model is None:
         return lines
     steps = [("statics", f"statics, load factor {step['load_factor']:.4g}", step) for step in path.steps[:-1]]
-    node_id, every = (
-        scene.model.net.node_id,
-        [each for each in steps + last if not math.isnan(each[2]["residual"])],
-    )
+    every = [each for each in steps + last if not math.isnan(each[2]["residual"])]
+    node_id, element_id = scene.model.net.node_id, scene.model.net.element_id
     lines += [
         _unstable(what, each["unstable_at"], node_id)
         for _, what, each in every
         if each["unstable_at"] != STABLE
     ]
     lines += notes.hold_notes([(what, each["held"]) for _, what, each in every if "held" in each], node_id)
-    lines += notes.stop_notes(
-        [(what, each["stopped"]) for _, what, each in every if "stopped" in each], scene.model.net.element_id
-    )
+    stopped = [(what, each["stopped"]) for _, what, each in every if "stopped" in each]
+    lines += notes.stop_notes(stopped, element_id)
     for group, what, _ in last:
-        lines += notes.limit_notes(what, by_ids(path.labels[group], scene.model.net.element_id))
+        lines += notes.limit_notes(what, by_ids(path.labels[group], element_id))
     moved = [(what, each["moved"][0], node_id[each["moved"][1]]) for _, what, each in every]
     return lines + notes.displacement_notes(moved, scene.model.x)
 

@@ -51,7 +51,10 @@ def page_of(f) -> Page:
         "groups": f["net/group_names"].asstr()[:].tolist(),
         "strokes": _strokes(f),
         "quantities": [choice(numbers, each) for each in quantities(f, drawn, shown)],
-        "states": [_states(numbers, f, drawn, states, np.ptp(x, axis=0).max()) for states in shown],
+        "states": [
+            states_data(numbers, each, without_traces(f, drawn, each.tension), np.ptp(x, axis=0).max())
+            for each in shown
+        ],
     }
     return Page(data, numbers, drawn, words)
 
@@ -107,11 +110,6 @@ def choice(numbers: Numbers, quantity: Quantity) -> dict:
         if plain[name] is not None:
             plain[name] = numbers.add(plain[name].astype(np.float32))
     return plain | {"of_file": quantity.name == "strain"}
-
-
-def _states(numbers: Numbers, f, drawn: Drawn, states: States, extent: float) -> dict:
-    """States of a result, for the page."""
-    return states_data(numbers, states, without_traces(f, drawn, states.tension), extent)
 
 
 def states_data(numbers: Numbers, states: States, N: np.ndarray, extent: float) -> dict:

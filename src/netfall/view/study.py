@@ -95,14 +95,10 @@ def _choices(study: Study, page: Page) -> list[dict]:
     """What the study tells of elements: how often they break, and what follows from the loss of each."""
     broke, ran = max(int(study.first_breaks.sum()), 1), max(int(study.finished.sum()), 1)
     share = lambda counts, of: np.where(counts > 0, counts / of, np.nan)
+    first, at_all = share(study.first_breaks, broke), share(study.breaks, ran)
     told = [
-        (
-            f"first to break, share of the {broke} members that broke",
-            "%",
-            100.0,
-            share(study.first_breaks, broke),
-        ),
-        (f"breaks at all, share of the {ran} members that finished", "%", 100.0, share(study.breaks, ran)),
+        (f"first to break, share of the {broke} members that broke", "%", 100.0, first),
+        (f"breaks at all, share of the {ran} members that finished", "%", 100.0, at_all),
     ]
     losses = losses_of(study)
     if losses is not None:
@@ -110,18 +106,10 @@ def _choices(study: Study, page: Page) -> list[dict]:
         of_element = lambda values: np.where(row >= 0, values[row], np.nan)
         told.append(("largest dynamic factor after its loss", "-", 1.0, of_element(losses.dynamic_factor)))
         told.append(("share of the roof lost after its loss", "%", 100.0, of_element(losses.roof_lost)))
+    nothing = ("no member broke", "-", 1.0, np.full(len(study.net["elements"]), np.nan))
     found = []
-    for name, unit, factor, values in told:
-        if np.isfinite(values).any():
-            ends = (0.0, float(np.nanmax(values)) or 1.0)
-            found.append(Quantity(name, name, unit, factor, ends, None, values=values[page.drawn.rows]))
-    none = Quantity(
-        "no member broke",
-        "no member broke",
-        "-",
-        1.0,
-        None,
-        None,
-        values=np.full(len(page.drawn.rows), np.nan),
-    )
-    return [choice(page.numbers, each) for each in found or [none]]
+    for name, unit, factor, values in [row for row in told if np.isfinite(row[3]).any()] or [nothing]:
+        ends = None if np.isnan(values).all() else (0.0, float(np.nanmax(values)) or 1.0)
+        quantity = Quantity(name, name, unit, factor, ends, None, values=values[page.drawn.rows])
+        found.append(choice(page.numbers, quantity))
+    return found

@@ -249,13 +249,13 @@ class GustRecursion:
         while self.step < 0:
             self._take(self.noise(self.step)[: -self.step])
 
-    def record(self) -> dict:
-        """The state that a continuation needs, for `restore`."""
-        return {"past": self.past, "step": self.step}
+    def record(self) -> tuple[dict, dict]:
+        """The state that a continuation needs, for `restore`: numbers and arrays."""
+        return {"step": self.step}, {"past": self.past}
 
-    def restore(self, record: dict) -> None:
+    def restore(self, numbers: dict, arrays: dict) -> None:
         """Take up the record of an earlier run."""
-        self.past[:], self.step = record["past"], int(record["step"])
+        self.past[:], self.step = arrays["past"], int(numbers["step"])
 
     def noise(self, step: int) -> np.ndarray:
         """Independent standard normal numbers (s, c) of a step and of those after it in its block."""

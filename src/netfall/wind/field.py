@@ -115,14 +115,8 @@ def make_wind_field(
     corner, weight = _bilinear(y, gx, gy)
     gust, model = gust_of(settings), None
     if gust:
-        model = fit_gust_model(
-            points,
-            profile(points[:, 2]),
-            gust,
-            settings.coherence_decay,
-            settings.time_step,
-            settings.ar_order,
-        )
+        mean, s = profile(points[:, 2]), settings
+        model = fit_gust_model(points, mean, gust, s.coherence_decay, s.time_step, s.ar_order)
         weight = _keeping_variance(corner, weight, model.covariance / model.covariance[0, 0])
     points = along_wind(points, -settings.direction)  # back to the axes of the net
     return WindField(points, profile(points[:, 2]), model, profile(x[:, 2]), corner, weight, force)
@@ -203,12 +197,9 @@ class GeneratedHistory:
 
     def record(self) -> tuple[dict, dict]:
         """The state that a continuation needs, for `restore`: numbers and arrays."""
-        if not self.recursion:
-            return {}, {}
-        kept = self.recursion.record()
-        return {"step": kept["step"]}, {"past": kept["past"]}
+        return self.recursion.record() if self.recursion else ({}, {})
 
     def restore(self, numbers: dict, arrays: dict) -> None:
         """Take up the record of an earlier run."""
         if self.recursion:
-            self.recursion.restore(numbers | arrays)
+            self.recursion.restore(numbers, arrays)

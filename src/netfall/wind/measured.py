@@ -167,11 +167,10 @@ def _check_apart(table: Table, names: list[str], places: np.ndarray, expected: s
 def _check_heights(job, names: list[str], places: np.ndarray) -> None:
     height = places[:, 2] + job.wind.base_height
     low = np.flatnonzero(height < LOWEST_HEIGHT)
-    if len(low):
-        raise InputError(
-            [
-                f"{job.path.parent / job.wind.points}: name = {names[k]!r}: {height[k]:g} m above ground "
-                f"(z + base_height = {job.wind.base_height:g}); expected at least {LOWEST_HEIGHT:g} m"
-                for k in low
-            ]
-        )
+    errors = [
+        f"{job.path.parent / job.wind.points}: name = {names[k]!r}: {height[k]:g} m above ground "
+        f"(z + base_height = {job.wind.base_height:g}); expected at least {LOWEST_HEIGHT:g} m"
+        for k in low
+    ]
+    if errors:
+        raise InputError(errors)

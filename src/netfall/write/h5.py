@@ -97,11 +97,7 @@ class SharedFile:
         if self.writes:
             row = math.prod(tail) * np.dtype(dtype).itemsize
             if len(tail) == 2:  # whole states (rows of n x 3): chunks of one state
-                chunks = (
-                    1,
-                    min(tail[0], max(1, CHUNK_BYTES // (tail[1] * np.dtype(dtype).itemsize))),
-                    tail[1],
-                )
+                chunks = 1, min(tail[0], max(1, CHUNK_BYTES * tail[0] // row)), tail[1]
             else:
                 chunks = (max(1, min(rows, CHUNK_BYTES // row)),) + tail
             self._make_room(DATASET_BYTES)

@@ -28,11 +28,8 @@ def writing(path: Path):
     except BrokenPipeError:  # of what is told meanwhile, to somebody who has stopped reading
         raise
     except (OSError, RuntimeError) as error:  # h5py raises either
-        reason = (
-            os.strerror(error.errno)
-            if isinstance(error, OSError) and error.errno
-            else str(error).split(", errno")[0].strip()
-        )
+        known = isinstance(error, OSError) and error.errno
+        reason = os.strerror(error.errno) if known else str(error).split(", errno")[0].strip()
         try:
             room = f"{shutil.disk_usage(path.parent).free / 1e6:.0f} MB are free in {path.parent.resolve()}"
         except OSError:

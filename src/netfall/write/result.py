@@ -177,10 +177,10 @@ class Result:
         c = {"element_id": gid, "tension": snapshot.N, "plastic_strain": snapshot.eps_p}
         if state.joints is not None:
             c["bending_moment"] = state.bending_moments()
-        for name, block in self._points(state, rows, p).items():
-            self.file.put(f"final/{name}", block, points, p[name].dtype)
-        for name, block in self._cells(state, c).items():
-            self.file.put(f"final/{name}", block, cells, c[name].dtype)
+        blocks = (self._points(state, rows, p), p, points), (self._cells(state, c), c, cells)
+        for found, columns, total in blocks:
+            for name, block in found.items():
+                self.file.put(f"final/{name}", block, total, columns[name].dtype)
 
     # --- the end
 

@@ -149,10 +149,8 @@ def _zone_columns(result: Result) -> dict[str, np.ndarray]:
     beside = np.full(len(zone), "", object)
     for row in np.flatnonzero(((share > 0) & (share < 1)).any(1)):
         there = share[row] > 0
-        zone[row], beside[row] = (
-            SEVERAL.join(names[there]),
-            SEVERAL.join(map(repr, share[row, there].tolist())),
-        )
+        zone[row] = SEVERAL.join(names[there])
+        beside[row] = SEVERAL.join(map(repr, share[row, there].tolist()))
     return {"zone": zone, "zone_share": beside}
 
 

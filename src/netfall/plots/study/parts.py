@@ -5,11 +5,10 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.ticker import PercentFormatter
 
-from netfall.plots.canvas import add_coloured, in_space, line_width, plan_panels
+from netfall.plots.canvas import ROUND, add_coloured, in_space, line_width, plan_panels
 from netfall.plots.labels import add_labels
 from netfall.study.answers.read import Study
 
-TICKS = np.outer(10.0 ** np.arange(-3, 7), (1.0, 2.0, 5.0)).ravel()  # of a logarithmic scale
 SHORT = 0.015  # share of the picture, of an element that has a dot
 COLOURS = "viridis_r"
 IN_MAPS = 1.0  # zoom of the maps in space, which stand close to the picture's edges
@@ -50,7 +49,7 @@ def draw_values(
     bar = plan.figure.colorbar(colours, ax=plan, orientation="horizontal", shrink=0.8, pad=0.02)
     bar.set_label(label)
     if log:
-        ticks = TICKS[(TICKS >= norm.vmin) & (TICKS <= norm.vmax)]
+        ticks = ROUND[(ROUND >= norm.vmin) & (ROUND <= norm.vmax)]
         bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
         bar.minorticks_off()
     if percent:
