@@ -8,7 +8,7 @@ a spring is in it already; so those of a stage add up to all its loads.
 import numpy as np
 
 from netfall.numerics.rotation import from_own, to_own
-from netfall.results.states import ShownState, equilibria, final, start_position, support_angles
+from netfall.results.states import ShownState, equilibria, final, springs_of, support_angles
 
 
 def held_axes(f, place: str = "") -> np.ndarray:
@@ -33,44 +33,25 @@ def pull_at(x: np.ndarray, ends: np.ndarray, N: np.ndarray) -> np.ndarray:
 
 def reaction_columns(f) -> dict[str, np.ndarray]:
     """A row for each support and stage: the force [N] on it along the axes that it holds."""
-    elements, springs = f["net/elements"][:], "spring" in f["net"]
+    elements = f["net/elements"][:]
     stages = [*equilibria(f), *([last] if (last := final(f)) else [])]
     blocks = []
     for stage in stages:
         held = held_axes(f, stage.place)
         nodes = np.flatnonzero(held.any(1))
-        blocks.append(_of_stage(f, stage, held[nodes], nodes, elements, springs and Springs(f, nodes)))
+        blocks.append(_of_stage(f, stage, held[nodes], nodes, elements))
     return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
 
 
-def _angles(f, nodes: np.ndarray) -> np.ndarray | None:
-    angle = support_angles(f)
-    return None if angle is None else angle[nodes]
-
-
-class Springs:
-    """The springs of the supports: stiffness (k, 3) [N/m], places (k, 3) [m] at which they carry nothing."""
-
-    def __init__(self, f, nodes: np.ndarray):
-        """nodes : (k,) the supports"""
-        start, self.angle = start_position(f), _angles(f, nodes)
-        self.stiffness = f["net/spring"][:][nodes]
-        self.idle = (start + f["provenance/net/spring_rest"][:])[nodes]
-
-    def force(self, x: np.ndarray) -> np.ndarray:
-        """Forces (k, 3) [N] on the supports with their nodes at x (k, 3) [m]."""
-        return from_own(self.stiffness * to_own(x - self.idle, self.angle), self.angle)
-
-
-def _of_stage(f, stage: ShownState, held, nodes, elements, springs: Springs | bool) -> dict[str, np.ndarray]:
+def _of_stage(f, stage: ShownState, held, nodes, elements) -> dict[str, np.ndarray]:
     """held : (k, 3) bool, own axes of the supports, rows (k,) of the net"""
-    x = stage.position()
+    x, angle = stage.position(), support_angles(f)
     pull = pull_at(x, elements if stage.ends is None else stage.ends, stage.tension())
-    angle = _angles(f, nodes)
+    angle = None if angle is None else angle[nodes]
     force = np.where(held, to_own(pull[nodes], angle), 0.0)
-    if springs:
-        carried = stage.reaction()[nodes] if stage.reaction else springs.force(x[nodes])  # feet may settle
-        force = np.where(springs.stiffness > 0.0, to_own(carried, angle), force)
+    if "spring" in f["net"]:
+        carried = stage.reaction() if stage.reaction else -springs_of(f).forces(x)  # feet may settle
+        force = np.where(f["net/spring"][:][nodes] > 0.0, to_own(carried[nodes], angle), force)
     force = from_own(force, angle)
     foundation = force if stage.unloaded else np.full_like(force, np.nan)  # in motion the file has none
     if stage.reaction:  # with the loads of the nodes, which the form does not have

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.job.values import nearest, shown
-from netfall.net.net import Net
+from netfall.net.net import Net, elements_of_cables, elements_of_group
 from netfall.numerics.least_squares import least_squares
 
 WEAK = 1e-9  # of the largest influence of a target: less is none
@@ -58,11 +58,8 @@ class Wanted(NamedTuple):
 
 def rows_named(net: Net, name: str) -> np.ndarray:
     """The elements of a group, or of a piece of cable; none where nothing is called so."""
-    if name in net.group_names:
-        return np.flatnonzero(net.group == net.group_names.index(name))
-    if name in net.cable_names:
-        return np.flatnonzero(net.cable == net.cable_names.index(name))
-    return np.zeros(0, int)
+    rows, wrong = elements_of_group(net, name)
+    return elements_of_cables(net, [name])[0] if wrong else rows
 
 
 def jack_of(net: Net, name: str) -> Jack:

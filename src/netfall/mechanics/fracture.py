@@ -34,9 +34,7 @@ from netfall.mechanics.motion import inverse_mass
 from netfall.mechanics.stability import ROUNDING, fragment_mass
 
 EQUAL_FORCES = 1e-6  # relative: a symmetric net breaks symmetrically in spite of rounding
-LOOSE = (
-    2  # bits of `Elements.breaks`: end 0 and end 1 break, then, so many places on, which of them are loose
-)
+LOOSE = 2  # bits of `Elements.breaks`: ends 0 and 1 break, then, so many places on, which of them are loose
 
 
 class FractureRules(NamedTuple):

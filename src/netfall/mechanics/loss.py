@@ -86,9 +86,8 @@ def join(state: State, particles: np.ndarray, source: np.ndarray, share: np.ndar
             if state.air_mass is not None:
                 state.air_mass[p] += share[k] * given.air_mass[source[k]]
         if state.mass[p] > 0.0:
-            state.v[p] = np.where(
-                state.free[p], momentum / state.mass[p], state.v[p]
-            )  # a support takes the rest
+            after = momentum / state.mass[p]
+            state.v[p] = np.where(state.free[p], after, state.v[p])  # a support takes the rest
             if state.turned is not None:
                 keep_on_guides(state.turned[p : p + 1], state.v[p : p + 1])
         if state.work is not None and state.own(p):

@@ -59,11 +59,8 @@ def any_shape_limits(elements, EA, L0, mass, free, bar, support, chains=None) ->
     limits = []
     for name, phase, of in (("any_shape", 2.0, omega2), ("slackening", 1.0, np.where(bar, 0.0, omega2))):
         worst = int(np.argmax(of))
-        limits.append(
-            Limit(name, phase / float(np.sqrt(of[worst])), worst)
-            if of[worst] > 0
-            else Limit(name, np.inf, -1)
-        )
+        dt = phase / float(np.sqrt(of[worst])) if of[worst] > 0 else np.inf
+        limits.append(Limit(name, dt, worst if of[worst] > 0 else -1))
     if chains is not None and len(chains[1]):
         of = square[chains[0]].sum(1)
         worst = int(np.argmax(of))
@@ -99,10 +96,8 @@ def after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, support, sha
     def lacking(dt: float) -> np.ndarray:
         need = 0.5 * k * dt * dt - half
         need = np.where(breaks, np.maximum(0.0, need), need)
-        lacks = (
-            np.bincount(elements.ravel(), np.repeat(need, 2), len(mass)) + 0.5 * support * dt * dt - carried
-        )
-        return np.where(held, 0.0, lacks)
+        needed = np.bincount(elements.ravel(), np.repeat(need, 2), len(mass)) + 0.5 * support * dt * dt
+        return np.where(held, 0.0, needed - carried)
 
     if lacking(dt).max(initial=0.0) > 0.0:
         low, high = float(np.sqrt(2.0 * half / k).min()), dt  # at low nothing is needed

@@ -7,9 +7,9 @@ import numpy as np
 from netfall.ground.errors import InputError
 from netfall.job.entries import LOST
 from netfall.job.job import Job
-from netfall.job.values import MOST_NAMED, listed, nearest, shown
+from netfall.job.values import MOST_NAMED, listed, shown
 from netfall.model.handover import HandOver, hand_over
-from netfall.net.net import Net, nearest_group
+from netfall.net.net import Net, elements_of_cables, elements_of_group
 from netfall.net.parts import parts_of
 
 
@@ -37,36 +37,28 @@ def named_elements(job: Job, net: Net) -> list[np.ndarray]:
     errors, found = [], []
     for number, entry in enumerate(job.removes, 1):
         key = next(key for key in LOST if getattr(entry, key) is not None)
-        rows, wrong = {"elements": _of_ids, "group": _of_group, "cables": _of_cables}[key](net, entry)
+        named = getattr(entry, key)
+        of = {"elements": _of_ids, "group": elements_of_group, "cables": elements_of_cables}[key]
+        rows, wrong = of(net, named)
         if not wrong and net.bending is not None and net.bending[rows].any():
-            wrong = "bars of a chain that bends, whose loss is not computed; remove others, or bending = true"
+            what = "bars of a chain that bends, whose loss is not computed; remove others, or bending = true"
+            wrong = [what]
         if wrong:
-            errors.append(f"{job.path}: [[remove]] {number}: {key} = {shown(getattr(entry, key))}: {wrong}")
+            what = "; ".join(wrong[:MOST_NAMED])
+            errors.append(f"{job.path}: [[remove]] {number}: {key} = {shown(named)}: {what}")
         found.append(rows)
     if errors:
         raise InputError(errors)
     return found
 
 
-def _of_ids(net: Net, entry) -> tuple[np.ndarray, str]:
+def _of_ids(net: Net, asked: list[int]) -> tuple[np.ndarray, list[str]]:
     """Rows of elements by their ids, and what is wrong with these."""
-    rows = np.flatnonzero(np.isin(net.element_id, entry.elements))
-    unknown = sorted(set(entry.elements) - set(net.element_id[rows].tolist()))
     ids = net.element_id
-    return rows, f"no element {listed(unknown)}; ids are {ids.min()} to {ids.max()}" if unknown else ""
-
-
-def _of_group(net: Net, entry) -> tuple[np.ndarray, str]:
-    names = np.array(net.group_names)[net.group]
-    rows = np.flatnonzero(names == entry.group)
-    return rows, "" if len(rows) else f"no such group of elements; {nearest_group(net, entry.group)}"
-
-
-def _of_cables(net: Net, entry) -> tuple[np.ndarray, str]:
-    names = np.array(net.cable_names)[net.cable]
-    unknown = sorted(set(entry.cables) - set(net.cable_names))
-    wrong = [f"no cable {shown(name)}; {nearest(name, net.cable_names)}" for name in unknown[:MOST_NAMED]]
-    return np.flatnonzero(np.isin(names, entry.cables)), "; ".join(wrong)
+    rows = np.flatnonzero(np.isin(ids, asked))
+    unknown = sorted(set(asked) - set(ids[rows].tolist()))
+    wrong = [f"no element {listed(unknown)}; ids are {ids.min()} to {ids.max()}"] if unknown else []
+    return rows, wrong
 
 
 def gust_notes(job: Job, varies: bool) -> list[str]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from netfall.job.values import nearest
+from netfall.job.values import nearest, shown
 from netfall.numerics.functions import lengths
 
 GRAVITY = 9.81  # m/s2, for self weight and for the mass of the dead load
@@ -203,6 +203,20 @@ def nearest_group(net: Net, name: str) -> str:
     return nearest(name, known) if known else "the net has no groups"
 
 
+def elements_of_group(net: Net, name: str) -> tuple[np.ndarray, list[str]]:
+    """The elements (k,) of a group, and what is wrong with its name."""
+    rows = np.flatnonzero(np.isin(net.group, [g for g, group in enumerate(net.group_names) if group == name]))
+    return rows, [] if len(rows) else [f"no such group of elements; {nearest_group(net, name)}"]
+
+
+def elements_of_cables(net: Net, names: list[str]) -> tuple[np.ndarray, list[str]]:
+    """The elements (k,) of pieces of cable, and what is wrong with their names."""
+    unknown = sorted(set(names) - set(net.cable_names))
+    numbers = [net.cable_names.index(name) for name in names if name not in unknown]
+    wrong = [f"no cable {shown(name)}; {nearest(name, net.cable_names)}" for name in unknown]
+    return np.flatnonzero(np.isin(net.cable, numbers)), wrong
+
+
 def subdivide(net: Net, parts: int) -> Net:
     """The net with each element in `parts` equal ones; new particles follow, without load.
 
@@ -214,9 +228,7 @@ def subdivide(net: Net, parts: int) -> Net:
     n, m = net.n, net.m
     inner = n + np.arange(m * (parts - 1)).reshape(m, parts - 1)
     chain = np.column_stack([net.elements[:, :1], inner, net.elements[:, 1:]])
-    share = (np.arange(1, parts) / parts)[None, :, None]
-    start, end = net.x[net.elements[:, 0], None], net.x[net.elements[:, 1], None]
-    new = ((1 - share) * start + share * end).reshape(-1, 3)
+    new = _evenly(net.x[net.elements], parts)
     k = len(new)
     held = np.repeat(net.fixed[net.elements].all((1, 2)), parts - 1)
     columns = {column.name: _continued(net, column, k, parts) for column in fields(net) if column.metadata}
@@ -263,9 +275,13 @@ def joined(net: Net) -> Net:
 
 def spaced(net: Net, x: np.ndarray) -> np.ndarray:
     """Places (n, 3) [m] of all particles where those that were given are at x; the others evenly between."""
-    start, end = x[net.undivided()].transpose(1, 0, 2)[:, :, None]
-    share = (np.arange(1, net.parts) / net.parts)[None, :, None]
-    return np.concatenate([x, ((1 - share) * start + share * end).reshape(-1, 3)])
+    return np.concatenate([x, _evenly(x[net.undivided()], net.parts)])
+
+
+def _evenly(ends: np.ndarray, parts: int) -> np.ndarray:
+    """Places (m (parts - 1), 3) that part the ways between ends (m, 2, 3) evenly."""
+    share = (np.arange(1, parts) / parts)[None, :, None]
+    return ((1 - share) * ends[:, :1] + share * ends[:, 1:]).reshape(-1, 3)
 
 
 def ends_of_inner(net: Net) -> np.ndarray:

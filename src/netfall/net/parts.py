@@ -48,9 +48,8 @@ def close_pairs(x: np.ndarray, distance: float) -> np.ndarray:
 
     Along any line through space they are no farther apart either: only neighbours along one are compared.
     """
-    along = x @ np.array(
-        [0.57721566, 0.20787958, 0.78970000]
-    )  # some length near 1 along no axis or diagonal of a grid
+    line = np.array([0.57721566, 0.20787958, 0.78970000])  # of length near 1, along no axis or diagonal
+    along = x @ line
     order = np.argsort(along, kind="stable")
     along, found = along[order], [np.zeros((0, 2), np.int64)]
     for k in range(1, len(x)):

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.job.job import Job
-from netfall.job.values import counted, listed, nearest, shown
+from netfall.job.values import counted, listed, shown
 from netfall.net.chains import pairs_meeting, pieces_named
-from netfall.net.net import Net, nearest_group
+from netfall.net.net import Net, elements_of_cables, elements_of_group
 from netfall.net.parts import parts_of
 
 PLACES = 3  # cables that may slip over one node
@@ -121,14 +121,10 @@ def _crowded(net: Net, pairs: dict, slips: dict) -> list[str]:
 def _rows(net: Net, entry) -> tuple[np.ndarray, list[str]]:
     """The elements that an entry names, and what is wrong with the names."""
     if entry.group is not None:
-        if entry.group not in net.group_names:
-            what = nearest_group(net, entry.group)
-            return np.zeros(0, int), [f"group = {shown(entry.group)}: no such group of elements; {what}"]
-        return np.flatnonzero(net.group == net.group_names.index(entry.group)), []
-    unknown = sorted(set(entry.cables) - set(net.cable_names))
-    wrong = [f"cables: no cable {shown(name)}; {nearest(name, net.cable_names)}" for name in unknown]
-    numbers = [net.cable_names.index(name) for name in entry.cables if name in net.cable_names]
-    return np.flatnonzero(np.isin(net.cable, numbers)), wrong
+        rows, wrong = elements_of_group(net, entry.group)
+        return rows, [f"group = {shown(entry.group)}: {line}" for line in wrong]
+    rows, wrong = elements_of_cables(net, entry.cables)
+    return rows, [f"cables: {line}" for line in wrong]
 
 
 def _unfit(net: Net, entry, rows: np.ndarray) -> list[str]:

@@ -11,12 +11,7 @@ from netfall.results.loss_lines import loss_lines
 
 FIRST_EVENTS = 8
 ENERGIES = ("external_work", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work")
-OF_FEW = (
-    "air_work",
-    "band_damping_work",
-    "slip_dissipation",
-    "support_work",
-)  # energies of scenes that have them
+OF_FEW = ("air_work", "band_damping_work", "slip_dissipation", "support_work")  # where a scene has them
 
 
 def print_info(path: Path, say: Callable[[str], None]) -> None:

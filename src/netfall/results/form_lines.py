@@ -24,9 +24,8 @@ def form_lines(given, found, free, node_id, area_given: float, area: float) -> l
         f"{moved[free].mean():.4g} m on the mean"
     )
     if area_given > 0.0:
-        line += (
-            f"; roof {area_given:.1f} m2 as given, {area:.1f} m2 in the form ({area / area_given - 1.0:+.1%})"
-        )
+        change = f"{area / area_given - 1.0:+.1%}"
+        line += f"; roof {area_given:.1f} m2 as given, {area:.1f} m2 in the form ({change})"
     span = float(np.ptp(given, axis=0).max())
     far = int((moved > FAR * span).sum())
     if not far:

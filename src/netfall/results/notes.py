@@ -120,8 +120,5 @@ def motion_notes_of(f) -> list[str]:
 
 def error_words(moved: float, tension: float) -> str:
     """Estimated errors in words, nan: not known."""
-    return (
-        f"to {moved:.0e} of displacements, {tension:.0e} of tensions"
-        if moved == moved
-        else "(error not known)"
-    )
+    known = f"to {moved:.0e} of displacements, {tension:.0e} of tensions"
+    return known if moved == moved else "(error not known)"

@@ -3,11 +3,13 @@
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from netfall.mechanics.material import elastic_forces, warm_length
 from netfall.numerics.functions import lengths
+from netfall.numerics.rotation import from_own, to_own
 from netfall.results.datasets import ORDER
 from netfall.results.losses import broken_at, loss_rows, lost_at
 
@@ -58,6 +60,38 @@ def start_position(f) -> np.ndarray:
 def support_angles(f) -> np.ndarray | None:
     """Angles (n,) [degrees] about z of the axes of supports; None: all stand along x, y and z."""
     return f["net/angle"][:] if "angle" in f["net"] else None
+
+
+class Springs(NamedTuple):
+    """Elastic supports of nodes (k,), rows of the net, out of start (n, 3) [m], where displacements begin.
+
+    stiffness : (k, 3) [N/m]; rest : (k, 3) [m], displacement at which they carry nothing; both in axes at
+        angles (k,) [degrees] about z, None: along x, y and z
+    """
+
+    nodes: np.ndarray
+    stiffness: np.ndarray
+    rest: np.ndarray
+    start: np.ndarray
+    angle: np.ndarray | None = None
+
+    def forces(self, x: np.ndarray) -> np.ndarray:
+        """Forces (p, 3) [N] on the points, of which the nodes come first, at x (p, 3) [m]."""
+        force = np.zeros_like(x)
+        moved = to_own(x[self.nodes] - self.start[self.nodes], self.angle)
+        force[self.nodes] = from_own(self.stiffness * (self.rest - moved), self.angle)
+        return force
+
+
+def springs_of(f) -> Springs:
+    """The springs of a net; none where it has none."""
+    start, none, angle = start_position(f), np.zeros((0, 3)), support_angles(f)
+    if "spring" not in f["net"]:
+        return Springs(np.zeros(0, int), none, none, start)
+    nodes = np.flatnonzero(f["net/spring"][:].any(1))
+    rest = np.broadcast_to(f["provenance/net/spring_rest"][:], start.shape)[nodes]
+    angle = None if angle is None else angle[nodes]
+    return Springs(nodes, f["net/spring"][:][nodes], to_own(rest, angle), start, angle)
 
 
 def strain_measure(f) -> str:

@@ -19,14 +19,10 @@ class Cutter:
         self.net, self.faces, self.shares = net, faces, shares
         self.points = np.concatenate([net.x, net.corners])
         self.few = np.bincount(self.faces.rings.face_of_corner()) <= FEW
-        self.boxes = shapely.STRtree(self._boxes())
-
-    def _boxes(self):
-        """A box around each face in plan."""
-        rings, xy = self.faces.rings, self.points[:, :2]
+        rings, xy = faces.rings, self.points[:, :2]
         first = rings.start[rings.first_rings()]
         low, high = (f.reduceat(xy[rings.corner], first) for f in (np.minimum, np.maximum))
-        return shapely.box(*low.T, *high.T)
+        self.boxes = shapely.STRtree(shapely.box(*low.T, *high.T))  # around each face in plan
 
     def inside(self, region) -> np.ndarray:
         """(n,) the share of each node's area in plan that lies in a polygon, or in several.

@@ -68,9 +68,8 @@ class Faces:
 
     def first_rings(self) -> np.ndarray:
         """(f,) the first ring of each face."""
-        return (
-            np.arange(len(self)) if self.face is None else np.searchsorted(self.face, np.arange(self.count))
-        )
+        number = np.arange(self.count)
+        return number if self.face is None else np.searchsorted(self.face, number)
 
     def of_faces(self, mask: np.ndarray) -> "Faces":
         """The rings of some faces, mask (f,), numbered anew."""
@@ -280,9 +279,7 @@ def _delaunay_cells(points, shapes: list[np.ndarray]) -> Faces:
     used = np.unique(np.concatenate(shapes))
     parts = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
     triangles = _rings(parts, points, used)[0].corner.reshape(-1, 3)
-    a, b, c = (
-        points[np.roll(triangles, -k, axis=1)] for k in range(3)
-    )  # c lies opposite the side from a to b
+    a, b, c = (points[np.roll(triangles, -k, axis=1)] for k in range(3))  # c: opposite the side from a to b
     u, v = (a - c).reshape(-1, 2), (b - c).reshape(-1, 2)
     cotangent = np.sum(u * v, axis=1) / np.maximum(double_area(u, v), 1e-300)
     sides = np.column_stack([triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()])

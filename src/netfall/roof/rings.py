@@ -58,10 +58,8 @@ def leave_free_ends(tail, begin, around, valence):
 @part_of_kernel
 def _before(u, v, other_u, other_v):
     """Whether a direction comes before another one, anticlockwise from x."""
-    below, other_below = (
-        v < 0.0 or (v == 0.0 and u < 0.0),
-        other_v < 0.0 or (other_v == 0.0 and other_u < 0.0),
-    )
+    below = v < 0.0 or (v == 0.0 and u < 0.0)
+    other_below = other_v < 0.0 or (other_v == 0.0 and other_u < 0.0)
     if below != other_below:
         return other_below
     return u * other_v - v * other_u > 0.0

@@ -96,10 +96,8 @@ def modes_at(x, net: Net, N, L0, mass, count: int, strain: str = "engineering", 
     values, vectors, unstable = _lowest(scaled, min(count, len(moves)))
     shape = np.zeros((len(values), 3 * net.n))
     shape[:, moves] = (vectors * root[:, None]).T
-    periods, share = (
-        _periods(values, scaled.diagonal().max()),
-        _effective_mass(vectors, 1.0 / root, unit[moves]),
-    )
+    periods = _periods(values, scaled.diagonal().max())
+    share = _effective_mass(vectors, 1.0 / root, unit[moves])
     shape = np.array([from_own(each, net.angle) for each in shape.reshape(-1, net.n, 3)])
     shape, direction = _scaled(shape), along / L[:, None]
     longer = np.sum((shape[:, net.elements[:, 1]] - shape[:, net.elements[:, 0]]) * direction, axis=2)

@@ -56,9 +56,8 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
         return force[owned] * root[owned]
 
     number = 3 * s.gid[owned, None] + np.arange(3)
-    start = np.where(
-        moves[owned], ((number * 2654435761) % 2**32) / 2.0**32 - 0.5, 0.0
-    )  # any vector that depends on the number alone
+    any_vector = ((number * 2654435761) % 2**32) / 2.0**32 - 0.5  # that depends on the number alone
+    start = np.where(moves[owned], any_vector, 0.0)
     if s.turned is not None:
         keep_on_guides(s.turned, start)
     (size,) = exact_sums(comm, start * start)

@@ -5,10 +5,7 @@ import shapely
 
 from netfall.net.parts import unjoined_pairs
 
-NEAR_SHARE, NEAR_TIMES = (
-    0.01,
-    10.0,
-)  # of the usual length; of the tolerance: what is no more apart was meant as one
+NEAR_SHARE, NEAR_TIMES = 0.01, 10.0  # of the usual length, of the tolerance: so near was meant as one
 AT_ONCE = 4096  # elements whose neighbours are looked for together, for the memory that long ones take
 PARALLEL = 1e-9  # squared sine of an angle below which elements do not cross, but lie on each other
 

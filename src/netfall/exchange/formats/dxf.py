@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.exchange.springs import springs_of
 from netfall.exchange.state import MARK, State
 from netfall.results.result import Result
+from netfall.results.states import springs_of
 from netfall.write.locks import whole
 
 HOLDS = ("groups",)
@@ -31,7 +31,7 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     there = ~state.out()
     some, whole_held = state.fixed.any(1), state.fixed.all(1)
     marks = {SUPPORTS: np.flatnonzero(whole_held), IN_PART: np.flatnonzero(some & ~whole_held)}
-    marks[SPRINGS] = springs_of(result).nodes
+    marks[SPRINGS] = springs_of(result.file).nodes
     counts = {layer: len(nodes) for layer, nodes in marks.items()} | {BROKEN: int(state.broken[there].sum())}
     for layer, count in counts.items():
         if count or layer == SUPPORTS:

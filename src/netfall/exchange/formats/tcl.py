@@ -5,14 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.exchange.springs import Springs, springs_of
 from netfall.exchange.state import State, form_of, lengths
 from netfall.ground.errors import InputError
 from netfall.job.values import counted
 from netfall.mechanics.material import elastic_forces, unstressed_length
 from netfall.numerics.rotation import directions
 from netfall.results.result import Result
-from netfall.results.states import support_angles
+from netfall.results.states import Springs, springs_of, support_angles
 from netfall.write.locks import whole
 
 HOLDS = (
@@ -67,7 +66,7 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     linear = elastic_forces(reached, free, EA, bar.astype(bool), strain="engineering")
     other = np.abs(linear - tension) > SAME * np.abs(tension).max()
     free = np.where(other, unstressed_length(reached, tension, EA, strain="engineering"), free)
-    springs = springs_of(result)
+    springs = springs_of(result.file)
     load = np.where(state.fixed, 0.0, -internal(x, state.ends, tension) - springs.forces(x))
     load[np.abs(load) <= SAME * np.abs(tension).max()] = 0.0
     names = dict(name=path.name, stem=path.stem, steps=LOAD_STEPS, step=repr(1.0 / LOAD_STEPS))

@@ -90,9 +90,7 @@ def half_stadium(length: float, width: float, arch_rise: float, spacing: float) 
     n = len(xy)
     arch = np.flatnonzero(support & (xy[:, 1] == 0))
     edge = around(np.flatnonzero(support & (xy[:, 1] > 0)), xy, a, b)
-    ring = np.concatenate(
-        [[n], arch, [n + 1], edge]
-    )  # corners (-a, 0), (a, 0), then the ellipse from +x to -x
+    ring = np.concatenate([[n], arch, [n + 1], edge])  # from (-a, 0) to (a, 0), then back along the ellipse
     return Net(
         np.column_stack([xy, z]),
         np.repeat(support[:, None], 3, 1),
