@@ -20,10 +20,8 @@ def check_verb(words: list[str]) -> None:
     """Raise InputError for a first word that is no command: a forgotten one, mostly."""
     if not words or words[0].startswith("-") or words[0] in VERBS:
         return
-    meant = {".toml": f"netfall run {words[0]}", ".vtkhdf": f"netfall info {words[0]}"}.get(
-        Path(words[0]).suffix
-    )
-    advice = f"did you mean {meant}?" if meant else f"expected one of {', '.join(VERBS)}"
+    verb = {".toml": "run", ".vtkhdf": "info"}.get(Path(words[0]).suffix)
+    advice = f"did you mean netfall {verb} {words[0]}?" if verb else f"expected one of {', '.join(VERBS)}"
     raise InputError(f"netfall {words[0]}: is no command; {advice}")
 
 

@@ -47,10 +47,8 @@ class Net:
                 "a value for each node"
             )
         fixed = fixed.astype(int)
-        table |= (
-            {"fixed": fixed} if fixed.ndim == 1 else {f"fixed_{k}": fixed[:, i] for i, k in enumerate(AXES)}
-        )
-        return table | _columns("node_columns", self.node_columns, n, OF_NODES)
+        held = {"fixed": fixed} if fixed.ndim == 1 else {f"fixed_{k}": on for k, on in zip(AXES, fixed.T)}
+        return table | held | _columns("node_columns", self.node_columns, n, OF_NODES)
 
     def element_table(self) -> dict[str, np.ndarray]:
         """The columns of elements.csv. Raises InputError for arrays that do not fit each other."""

@@ -256,9 +256,8 @@ def _words_of(words: np.ndarray, cable: np.ndarray, count: int) -> np.ndarray:
     found: list[list[str]] = [[] for _ in range(count)]
     for number, word in dict.fromkeys(zip(cable.tolist(), words.tolist())):
         found[number].append(word)
-    return np.array(
-        [" + ".join(word or "none" for word in each) if each[1:] else each[0] for each in found], object
-    )
+    joined = [" + ".join(word or "none" for word in each) if each[1:] else each[0] for each in found]
+    return np.array(joined, object)
 
 
 def _least_of(values: np.ndarray, cable: np.ndarray, count: int) -> np.ndarray:

@@ -50,7 +50,7 @@ def _of_stage(f, stage: ShownState, held, nodes, elements) -> dict[str, np.ndarr
     angle = None if angle is None else angle[nodes]
     force = np.where(held, to_own(pull[nodes], angle), 0.0)
     if "spring" in f["net"]:
-        carried = stage.reaction() if stage.reaction else -springs_of(f).forces(x)  # feet may settle
+        carried = stage.reaction() if stage.reaction else 0.0 - springs_of(f).forces(x)  # feet may settle
         force = np.where(f["net/spring"][:][nodes] > 0.0, to_own(carried[nodes], angle), force)
     force = from_own(force, angle)
     foundation = force if stage.unloaded else np.full_like(force, np.nan)  # in motion the file has none

@@ -73,6 +73,5 @@ def _turn(f, state: ShownState) -> np.ndarray:
         there = there & (of == node[:, None]).any(1)
         along = x[np.where(of[:, 0] == node, of[:, 1], of[:, 0])] - x[node]
         sides.append(along / np.maximum(np.linalg.norm(along, axis=1), 1e-300)[:, None])
-    return np.where(
-        there, 2.0 * np.arctan2(*(np.linalg.norm(sides[0] + s * sides[1], axis=1) for s in (1, -1))), 0.0
-    )
+    total, apart = (np.linalg.norm(sides[0] + sign * sides[1], axis=1) for sign in (1, -1))
+    return np.where(there, 2.0 * np.arctan2(total, apart), 0.0)

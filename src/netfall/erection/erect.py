@@ -108,9 +108,8 @@ def _set_up(scene: Scene, setting: Setting | None, x: np.ndarray | None) -> np.n
     if state.turned is not None:
         state.turned[:] = spread.particles(on_root(lambda: turned_column(model.net, held)))
     state.EA[:] = spread.elements(on_root(lambda: np.where(setting.active, model.net.EA, 0.0)))
-    state.broken[:] = spread.elements(
-        on_root(lambda: np.where(setting.active, 0, TAKEN_OUT).astype(np.uint8))
-    )
+    out = on_root(lambda: np.where(setting.active, 0, TAKEN_OUT).astype(np.uint8))
+    state.broken[:] = spread.elements(out)
     if scene.finder.slips:
         state.slip[:] = 0.0  # what passed in stages before is in the lengths
         scene.finder.slips.open_clamps(scene.comm.bcast(setting and setting.clamps) == "open")

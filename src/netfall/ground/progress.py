@@ -92,9 +92,8 @@ class Progress:
         if self._bar is None:
             from tqdm import tqdm  # 0.04 s of every start without a terminal
 
-            self._bar = tqdm(
-                total=100, file=self.stream, bar_format="{percentage:3.0f} % |{bar:24}| {desc}", leave=True
-            )
+            how = "{percentage:3.0f} % |{bar:24}| {desc}"
+            self._bar = tqdm(total=100, file=self.stream, bar_format=how, leave=True)
         if now - self._last >= DRAW_EVERY or share >= 1.0:
             self._bar.n = 100 * share
             self._bar.set_description_str(text)

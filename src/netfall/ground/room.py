@@ -24,6 +24,5 @@ def memory_line(workers: int, ranks: int, elements: int) -> str:
         return words
     words += f", {left / 1e9:.3g} GB are free"
     most = max(1, int(left // each))
-    return (
-        words if most >= workers else f"{words}: note: that is enough for {most}; expected --workers {most}"
-    )
+    enough = f": note: that is enough for {most}; expected --workers {most}"
+    return words + enough * (most < workers)

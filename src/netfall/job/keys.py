@@ -120,9 +120,7 @@ def _seed(key: Key, value) -> bool:
     """A seed, or several with weights whose squares add to 1: their mixture is as random as one."""
     if is_whole(value):
         return key.number(value)
-    pair = lambda each: (
-        isinstance(each, list) and len(each) == 2 and is_whole(each[1]) and key.number(each[1])
-    )
+    pair = lambda one: isinstance(one, list) and len(one) == 2 and is_whole(one[1]) and key.number(one[1])
     if not isinstance(value, list) or not value or not all(map(pair, value)):
         return False
     weights, seeds = zip(*value)

@@ -50,12 +50,9 @@ class Table:
             if difflib.get_close_matches(name, known, n=1, cutoff=CLOSE):
                 self.wrong(f"line {line}: {name[:40]!r}: unknown column; {nearest(name, known)}")
         if unknown:
-            names = ", ".join(
-                f'"{name[:40]}"' if name else "one without a name" for name in unknown[:MOST_ERRORS]
-            )
-            self.notes.append(
-                f"{self.path}: columns not known and left alone: {names}; known: {', '.join(known)}"
-            )
+            named = [f'"{name[:40]}"' if name else "one without a name" for name in unknown[:MOST_ERRORS]]
+            left = f"columns not known and left alone: {', '.join(named)}; known: {', '.join(known)}"
+            self.notes.append(f"{self.path}: {left}")
         for name in dict.fromkeys(header):
             if name in known and header.count(name) > 1:
                 self.wrong(f"column {name} stands twice")
@@ -122,9 +119,8 @@ class Table:
         """Raise what was noted."""
         if self.errors:
             more = len(self.errors) - MOST_ERRORS
-            raise InputError(
-                self.errors[:MOST_ERRORS] + ([f"{self.path}: and {more} more errors"] if more > 0 else [])
-            )
+            rest = [f"{self.path}: and {more} more errors"] if more > 0 else []
+            raise InputError(self.errors[:MOST_ERRORS] + rest)
 
 
 def number_in(word: str) -> float:

@@ -67,9 +67,8 @@ def mark_best(rows: list[Row]) -> None:
 
 def cheapest(rows: list[Row], tolerance: float) -> Row | None:
     """The fastest setting within the tolerance."""
-    return min(
-        (row for row in rows if row.error <= tolerance), key=lambda row: row.outcome.seconds, default=None
-    )
+    within = [row for row in rows if row.error <= tolerance]
+    return min(within, key=lambda row: row.outcome.seconds, default=None)
 
 
 def as_text(rows: list[Row], exact: Outcome, tolerance: float) -> list[str]:

@@ -70,15 +70,8 @@ def throughput(
             measured[count].append(measure(plan, numbers[: (RUNS + 1) * count], count, launcher))
     rows = [_row(count, plan.ranks, measured[count], measured[workers[0]]) for count in workers]
     head = ["workers", "runs a minute", "times the first", "a run over its dynamic stage"]
-    shown = {
-        "workers": "d",
-        "runs_a_minute": ".1f",
-        "times_the_first": ".2f",
-        "run_over_dynamic_stage": ".2f",
-    }
-    for line in tables.as_text(
-        head, [[format(row[name], how) for name, how in shown.items()] for row in rows]
-    ):
+    how = {"workers": "d", "runs_a_minute": ".1f", "times_the_first": ".2f", "run_over_dynamic_stage": ".2f"}
+    for line in tables.as_text(head, [[format(row[name], how[name]) for name in how] for row in rows]):
         say(line)
     folder.mkdir(parents=True, exist_ok=True)
     return [tables.write_csv(rows, folder / f"{path.stem}_throughput.csv")]

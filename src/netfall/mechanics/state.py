@@ -98,14 +98,11 @@ class State:
 
     def renew_law(self) -> Law:
         """The law with what has broken left out."""
-        alike = lambda array, slot: (
-            float(array.max(initial=0.0)) if slot is None and array is not None else None
-        )
+        alike = lambda of, slot: float(of.max(initial=0.0)) if slot is None and of is not None else None
         least = None if self.eps_u is None else self.eps_u.min(initial=np.inf)
         if self.yield_strain is not None:
-            self.yield_strain[:] = np.divide(
-                self.yield_force, self.EA, out=np.full(self.m, np.inf), where=self.EA > 0.0
-            )
+            self.yield_strain[:] = np.inf
+            np.divide(self.yield_force, self.EA, out=self.yield_strain, where=self.EA > 0.0)
         if self.reach is not None:
             self.reach[:] = reaches(self.eps_u, self.features.strain)
         self._tuples["law"] = law_of(

@@ -55,9 +55,8 @@ def of_combination(job: Job, model: Model, combination: SimpleNamespace) -> Acti
     """What acts in a combination. Rank 0."""
     load, net = job.load or defaults("load"), model.net
     factor = lambda name: factor_of(combination, name)
-    force = factor("permanent") * model.loading.permanent + factor("load") * live_load(
-        load, model.roof, net.load
-    )
+    live = live_load(load, model.roof, net.load)
+    force = factor("permanent") * model.loading.permanent + factor("load") * live
     warm, settlement = factor("temperature") * load.temperature, None
     for case in job.cases:
         share, inputs = factor(case.name), model.layout.cases[case.name]

@@ -25,9 +25,8 @@ def without_effect(job: Job, net: Net) -> list[str]:
         there = [key for key in keys if f"{section}.{key}" in given]
         if idle and there:
             notes.append(f"[{section}] {', '.join(there)}: no effect: {why}")
-    return (
-        notes + _idle_sections(job, net, given) + _idle_columns(job, net) + _groups_without_section(job, net)
-    )
+    notes += _idle_sections(job, net, given) + _idle_columns(job, net)
+    return notes + _groups_without_section(job, net)
 
 
 def _idle_keys(job: Job, net: Net) -> list[tuple]:
@@ -35,19 +34,11 @@ def _idle_keys(job: Job, net: Net) -> list[tuple]:
     form, load, wind, moves, output = job.form_finding, job.load, job.wind, job.dynamics, job.output
     breaks = bool(np.isfinite(net.fracture_strain).any())
     fixed = moves is not None and moves.time_step != "auto"
+    of_motion = ("frames", "history", "energy", "probes", "elements", "checkpoint")
+    late = moves and output.checkpoint >= moves.duration
     rows = [
-        (
-            "output",
-            ("frames", "history", "energy", "probes", "elements", "checkpoint"),
-            not moves,
-            "there is no [dynamics]",
-        ),
-        (
-            "output",
-            ("checkpoint",),
-            moves and output.checkpoint >= moves.duration,
-            "it is not shorter than the duration",
-        ),
+        ("output", of_motion, not moves, "there is no [dynamics]"),
+        ("output", ("checkpoint",), late, "it is not shorter than the duration"),
     ]
     if job.net.generator in ("wheel", "dome"):
         own = f"the {job.net.generator} has the prestress of its own equilibrium"
@@ -60,9 +51,8 @@ def _idle_keys(job: Job, net: Net) -> list[tuple]:
             ("dynamics", ("fragment_mass",), breaks and whole, "with fragments = false nothing splits off"),
         ]
     if load:
-        rows.append(
-            ("load", ("tolerance", "max_iterations"), moves and not has_statics(job), "steps = 0: no statics")
-        )
+        stepless = moves and not has_statics(job)
+        rows.append(("load", ("tolerance", "max_iterations"), stepless, "steps = 0: no statics"))
         rows.append(("load", ("breaking",), not breaks, "nothing can break"))
         still = not air_moves(job) or not (moves or output.modes)
         rows.append(("load", ("air_mass",), still, "it is inertia, of what moves or has modes"))
@@ -181,9 +171,8 @@ def _idle_columns(job: Job, net: Net) -> list[str]:
     alike = 0 if net.angle is None else np.count_nonzero((net.angle != 0.0) & ~is_turned(net))
     if alike:
         notes.append(f"column angle of {alike} nodes: no effect: they are held alike along all axes in plan")
-    brittle = (
-        ~net.bar & np.isfinite(net.yield_stress) & (net.yield_stress >= net.fracture_strain * net.modulus)
-    )
+    first_breaks = net.yield_stress >= net.fracture_strain * net.modulus
+    brittle = ~net.bar & np.isfinite(net.yield_stress) & first_breaks
     if brittle.any():
         e = int(np.argmax(brittle))
         notes.append(

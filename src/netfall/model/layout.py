@@ -86,12 +86,10 @@ def make_layout(
     coefficient, sectors = shape_coefficients(job, zones)
     cases, of_cases = read_cases(job, net, zones)
     notes = [*net.notes, *roofing.notes, *zones.notes, *without_effect(job, net)]
-    notes += (sectors.notes if sectors else []) + idle_zones(
-        job, zones, [sectors, *(c.sectors for c in cases.values())]
-    )
-    notes += (
-        of_cases + unit_notes(net) + load_notes(job) + massless_notes(job, net) + weightless_notes(job, net)
-    )
+    notes += sectors.notes if sectors else []
+    notes += idle_zones(job, zones, [sectors, *(c.sectors for c in cases.values())])
+    notes += [*of_cases, *unit_notes(net), *load_notes(job)]
+    notes += [*massless_notes(job, net), *weightless_notes(job, net)]
     chains = chains_of(net)
     notes += chain_notes(chains) if chains else []
     measured = read_history(job)

@@ -144,9 +144,8 @@ def _nearest(net: Net, x: np.ndarray, course: np.ndarray) -> np.ndarray:
 
 def _start(net: Net, course: np.ndarray, courses: list, records: list) -> np.ndarray:
     """Velocity (courses, 3) [m/s] before the first step: that at its begin if all supports have the same."""
-    start = np.array(
-        [sum((records[r][1][0, 1] for r, delay in each if delay == 0.0), np.zeros(3)) for each in courses]
-    ).reshape(-1, 3)
+    at_once = lambda parts: sum((records[r][1][0, 1] for r, delay in parts if delay == 0.0), np.zeros(3))
+    start = np.array([at_once(parts) for parts in courses]).reshape(-1, 3)
     all_move = (course[net.fixed.any(1)] >= 0).all()
     return start if all_move and (start == start[:1]).all() else np.zeros_like(start)
 

@@ -120,11 +120,8 @@ def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[
         chains = model.joints.particles, model.layout.chains.elements[:, 0]
     limits = any_shape_limits(*of_net, support, chains)
     if features.fracture and features.fragments:
-        limits.append(
-            after_fracture_limit(
-                elements, EA, L0, model.half_mass, mass, ~model.net.moves, model.eps_u, support, fragment_mass
-            )
-        )
+        of_ends = elements, EA, L0, model.half_mass, mass, ~model.net.moves, model.eps_u
+        limits.append(after_fracture_limit(*of_ends, support, fragment_mass))
     return {limit.name: limit for limit in limits}
 
 
@@ -141,11 +138,8 @@ def governing(limits: dict[str, Limit], automatic: bool, intact: bool = False) -
 
     That for slack cables only where it is chosen here.
     """
-    no = ("assembled", "after_fracture") if intact else ("assembled",)
-    binding = [limit for limit in limits.values() if limit.name not in no]
-    return min(
-        (limit for limit in binding if automatic or limit.name != "slackening"), key=lambda limit: limit.dt
-    )
+    no = ["assembled"] + ["after_fracture"] * intact + ["slackening"] * (not automatic)
+    return min((limit for limit in limits.values() if limit.name not in no), key=lambda limit: limit.dt)
 
 
 def schedule_of(job: Job, limits: dict[str, Limit], model: Model) -> Schedule:

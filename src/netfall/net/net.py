@@ -179,9 +179,8 @@ class Net:
 
     def undivided(self) -> np.ndarray:
         """(m / parts, 2) particles between which the elements were given, before subdivision."""
-        return np.column_stack(
-            [self.elements[:: self.parts, 0], self.elements[self.parts - 1 :: self.parts, 1]]
-        )
+        first, last = self.elements[:: self.parts], self.elements[self.parts - 1 :: self.parts]
+        return np.column_stack([first[:, 0], last[:, 1]])
 
     def inner_particles(self) -> np.ndarray:
         """(m / parts, parts - 1) particles that subdivision put into each of these, from start to end."""

@@ -165,9 +165,8 @@ def order_of_rows(boundary: np.ndarray, ends: np.ndarray) -> np.ndarray:
     n = len(boundary)
     order = np.argsort(~boundary, kind="stable")
     layers = np.empty(n, np.int64)
-    order_by_layers(
-        np.flatnonzero(boundary), ends, np.empty(n + 1, np.int64), np.empty(2 * len(ends), np.int64), layers
-    )
+    room = np.empty(n + 1, np.int64), np.empty(2 * len(ends), np.int64)
+    order_by_layers(np.flatnonzero(boundary), ends, *room, layers)
     return order if apart(order, ends) <= FAR * apart(layers, ends) else layers
 
 

@@ -180,9 +180,8 @@ def dot_supports(axes, x: np.ndarray, held: np.ndarray) -> None:
 def add_lines(axes, lines: np.ndarray, **style):
     """Add lines (k, 2, 2 or 3) [m], none if there is none, to axes in plan or in space."""
     in_plan = lines.shape[-1] == 2
-    kind, add = (
-        (LineCollection, axes.add_collection) if in_plan else (Line3DCollection, axes.add_collection3d)
-    )
+    kind = LineCollection if in_plan else Line3DCollection
+    add = axes.add_collection if in_plan else axes.add_collection3d
     return add(kind(lines, **{"clip_on": False} | style)) if len(lines) else None
 
 

@@ -27,11 +27,9 @@ def has_load_path(f) -> bool:
     """Whether there are steps that carry something: what moves or stresses the net more than the first."""
     if "statics" not in f or len(f["statics/load_factor"]) < 2:
         return False
-    g, last = f["statics"], np.abs(f["statics/displacement"][-1] - f["statics/displacement"][0])
-    N = g["tension"][:]
-    return bool(last.max() > CARRIES * np.ptp(f["net/particles"][:], axis=0).max()) or bool(
-        np.abs(N[-1] - N[0]).max() > CARRIES * np.abs(N).max()
-    )
+    moved, N = f["statics/displacement"], f["statics/tension"][:]
+    moves = np.abs(moved[-1] - moved[0]).max() > CARRIES * np.ptp(f["net/particles"][:], axis=0).max()
+    return bool(moves or np.abs(N[-1] - N[0]).max() > CARRIES * np.abs(N).max())
 
 
 def has_energies(f) -> bool:
@@ -57,10 +55,8 @@ def load_displacement(f):
     factor, unit = unit_of(np.abs(T).max(), "N")
     for j, name in enumerate(names):
         mine = factor * T[:, groups == j]
-        label = f"group {name or '(none)'}"
-        right.fill_between(
-            share, mine.min(1), mine.max(1), alpha=0.5, color=f"C{j % 10}", lw=1.5, label=label
-        )
+        style = {"label": f"group {name or '(none)'}", "alpha": 0.5, "color": f"C{j % 10}", "lw": 1.5}
+        right.fill_between(share, mine.min(1), mine.max(1), **style)
     right.set_xlabel("load factor [-]")
     right.set_ylabel(f"tension, least to largest [{unit}]")
     right.set_ylim(bottom=min(0.0, right.get_ylim()[0]))

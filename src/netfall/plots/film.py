@@ -214,9 +214,8 @@ def _motion(f: h5py.File) -> Reel:
     supports = lambda axes, step: add_supports(f, axes, frames.positions(step)[: len(f["net/fixed"])])
     strokes = np.unique(np.concatenate([f["events/time"][:], lost]))
     span = lambda step: f"{frames.times[step] - frames.times[0]:.4g} s of the roof"
-    return Reel(
-        frames, "collapse", FPS, "time [s]; red: fractures and losses", strokes, supports, words, span
-    )
+    label = "time [s]; red: fractures and losses"
+    return Reel(frames, "collapse", FPS, label, strokes, supports, words, span)
 
 
 def _erection(f: h5py.File) -> Reel:
@@ -232,9 +231,8 @@ def _stage(f, reel: Reel, window, scale: ForceScale, N, shot: Shot):
     """The figure and its axes with what does not move: supports, scales, legend."""
     figure = plt.figure(figsize=(shot.size[0] / DPI, shot.size[1] / DPI), dpi=DPI)
     axes = in_space(figure, (1, 1, 1), window)
-    axes.set_box_aspect(
-        np.ptp([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()], axis=1), zoom=ZOOM * shot.zoom
-    )
+    extent = np.ptp([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()], axis=1)
+    axes.set_box_aspect(extent, zoom=ZOOM * shot.zoom)
     axes.view_init(*shot.view)
     _hide_towards_eye(axes, shot.view)
     if shot.zoom > 1.0:  # what is larger than the picture has its axes below the scales

@@ -172,12 +172,9 @@ def _draw_zones(axes, job: JobNet) -> None:
     if len(faces.corner) > MOST_CELLS:
         axes.scatter(*job.net.x[:, :2].T, s=0.6, c=tints[zone[: job.net.n]], lw=0, zorder=1)
     elif len(faces):
-        points = np.concatenate([job.net.x, job.net.corners])[:, :2]
-        colours = tints[zone[faces.corner]]
-        cells = PolyCollection(
-            quarters(points, faces), facecolors=colours, edgecolors=colours, lw=0.2, zorder=1
-        )
-        axes.add_collection(cells)
+        points, colours = np.concatenate([job.net.x, job.net.corners])[:, :2], tints[zone[faces.corner]]
+        style = {"facecolors": colours, "edgecolors": colours, "lw": 0.2, "zorder": 1}
+        axes.add_collection(PolyCollection(quarters(points, faces), **style))
     if not names:
         label = f"roof, {faces.count} faces, {job.area.sum():.5g} m2 in plan"
         label = label if len(faces) else "no closed faces, so no roof"

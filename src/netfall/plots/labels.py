@@ -27,9 +27,8 @@ def add_labels(axes, places: np.ndarray, texts: list[str]) -> list[str]:
     frame = axes.get_window_extent()
     for place, text in zip(places, texts):
         at = axes.transData.transform(place)
-        size = (
-            points * SMALL * np.array([WIDE * max(map(len, text.split("\n"))), HIGH * (1 + text.count("\n"))])
-        )
+        lines = text.split("\n")
+        size = points * SMALL * np.array([WIDE * max(map(len, lines)), HIGH * len(lines)])
         # of a corner, the nearest first; then as far to the side as the axes go
         free = itertools.product((False,), REACHES, DIRECTIONS)
         for moved, reach, direction in (*free, *itertools.product((True,), REACHES, ((0, 1), (0, -1)))):

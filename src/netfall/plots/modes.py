@@ -51,9 +51,8 @@ def _panels(x: np.ndarray, swing: float, count: int):
     figure = plt.figure(figsize=(columns * WIDTH, sum(heights) + 0.5 * (2 * rows - 1) + BELOW + HEAD))
     whole = figure.get_figheight()
     place = {"top": 1.0 - HEAD / whole, "bottom": BELOW / whole, "left": 0.06, "right": 0.94}
-    grid = figure.add_gridspec(
-        2 * rows, columns, height_ratios=heights, hspace=0.5 * 2 * rows / sum(heights), wspace=0.2, **place
-    )
+    place |= {"hspace": 0.5 * 2 * rows / sum(heights), "wspace": 0.2}
+    grid = figure.add_gridspec(2 * rows, columns, height_ratios=heights, **place)
     window = np.array([x.min(0) - [0, 0, swing], x.max(0) + [0, 0, swing]])
     panels = []
     for k in range(count):

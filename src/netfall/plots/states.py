@@ -37,9 +37,8 @@ def form(f):
     _add_bars(figure, scale, N)
     figure.legend(*axes.get_legend_handles_labels(), loc="upper left", bbox_to_anchor=(0.0, 0.95))
     iterations, residual = f["form_finding/iterations"][()], f["form_finding/residual"][()]
-    canvas.heading(
-        figure, title_of(f), f": form, iterations: {iterations}, residual {residual:.1e} of the prestress"
-    )
+    words = f"iterations: {iterations}, residual {residual:.1e} of the prestress"
+    canvas.heading(figure, title_of(f), f": form, {words}")
     return figure
 
 
@@ -115,9 +114,8 @@ def _add_bars(figure, scale: ForceScale, N: np.ndarray) -> None:
 
 def _loaded(f) -> tuple[list[ShownState], int]:
     """The equilibria to draw, of a load path the first and the last, and how many were left out."""
-    found = [
-        one for one in equilibria(f) if one.name not in ("form", "as given") and not _is_stage(one.place)
-    ]
+    found = [one for one in equilibria(f) if not _is_stage(one.place)]
+    found = [one for one in found if one.name not in ("form", "as given")]
     steps = len(f["statics/load_factor"]) if "statics" in f else 0
     found = found[: min(steps, 1)] + found[max(steps - 1, 1) if steps else 0 :]
     return found[:MOST_PANELS], max(0, len(found) - MOST_PANELS)
@@ -146,15 +144,14 @@ def one_state(f, state: ShownState):
     scale = ForceScale.of(N)
     for axes in (left, right):
         add_supports(f, axes, x, state.place)
-    add_by_force(left, x[elements], N[there], scale, canvas.line_width(len(N)))
+    width = canvas.line_width(len(N))
+    add_by_force(left, x[elements], N[there], scale, width)
     size = np.linalg.norm(moved, axis=1)
     largest = float(np.nanmax(size, initial=0.0))
     times = deflection_scale(largest, float(np.ptp(x0, axis=0).max()))
     canvas.add_lines(right, x0[elements], colors=canvas.NOTHING, linewidths=0.5)
     norm, of_element = plt.Normalize(0.0, 1e3 * largest or 1.0), 1e3 * size[elements].mean(1)
-    canvas.add_coloured(
-        right, (x0 + times * moved)[elements], of_element, norm, "viridis", canvas.line_width(len(N))
-    )
+    canvas.add_coloured(right, (x0 + times * moved)[elements], of_element, norm, "viridis", width)
     _tell_forces(f, left, x, N, there, scale)
     _tell_deflection(f, right, x0 + times * moved, moved, size)
     slack = _slack(f, state)

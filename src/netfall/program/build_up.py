@@ -104,9 +104,8 @@ def _reached(scene: Scene) -> tuple[Scene, Reached | None]:
         left = _residual(there)
         if not left > asked:
             return there, reached
-    return there, reached and reached._replace(
-        lines=[*reached.lines, f"targets: the permanent load changes with lengths: {left:.3g} N are left"]
-    )
+    line = f"targets: the permanent load changes with lengths: {left:.3g} N are left"
+    return there, reached and reached._replace(lines=[*reached.lines, line])
 
 
 def _in_form(scene: Scene, arrays: dict | None) -> Scene:

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.mechanics.state import State
 from netfall.parallel.subdomain import Distribution
 from netfall.stages.scene import Scene
 
@@ -36,35 +37,23 @@ def extremes_of_motion(scene: Scene, simulation) -> Extremes:
 
 
 class Watched:
-    """A result to write to, that takes in each equilibrium on its way."""
+    """What is largest in the equilibria that it has taken in."""
 
-    def __init__(self, result, distribution: Distribution):
-        self._result, self._distribution = result, distribution
+    def __init__(self, distribution: Distribution):
+        self._distribution = distribution
         m, n = len(distribution.subdomain.element_gid), distribution.subdomain.n_owned
         self._tension, self._strain = np.full((2, m), np.nan)  # nothing yet
         self._moved, self._sunk = np.zeros((2, n, 1))
 
-    def __getattr__(self, name):
-        return getattr(self._result, name)
-
-    def write_equilibrium(self, group: str, state, snapshot, *rest) -> None:
-        """As of `Result`."""
-        self._take_in(state, snapshot)
-        self._result.write_equilibrium(group, state, snapshot, *rest)
-
-    def write_static_step(self, state, snapshot, *rest) -> None:
-        """As of `Result`."""
-        self._take_in(state, snapshot)
-        self._result.write_static_step(state, snapshot, *rest)
-
-    def _take_in(self, state, snapshot) -> None:
+    def take_in(self, state: State, snapshot) -> None:
+        """An equilibrium."""
         step = (state.x - state.x_start)[snapshot.rows]
         np.fmax(self._tension, snapshot.N, out=self._tension)
         np.fmax(self._strain, snapshot.N / state.EA + snapshot.eps_p, out=self._strain)
         np.maximum(self._moved, np.sqrt((step * step).sum(1))[:, None], out=self._moved)
         np.maximum(self._sunk, -step[:, 2:], out=self._sunk)
 
-    def extremes(self, state) -> Extremes:
+    def extremes(self, state: State) -> Extremes:
         """Of all equilibria so far. Collective."""
         spread, mine = self._distribution, state.owned.astype(bool)
         of_elements = (spread.gather_elements(rows, mine) for rows in (self._tension, self._strain))

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -78,9 +79,10 @@ def _outcome(
     scene = scheduled(prepare(comm, job, phases, memory=memory)[0])
     log, own = EventLog(scene.distribution.n), scene.model and scene.model.net
     result = Result(comm, path, scene.distribution, own, log) if path else Unwritten(comm)
+    desk, watched = desk_for(scene, result, log, Progress(False), phases, memory=memory), None
     if job.dynamics is None:
-        result = Watched(result, scene.distribution)
-    desk = desk_for(scene, result, log, Progress(False), phases, memory=memory)
+        watched = Watched(scene.distribution)
+        desk = replace(desk, watch=watched.take_in)
     try:
         outcomes = run_stages(scene, desk)
         if job.dynamics or scene.failure:
@@ -89,8 +91,8 @@ def _outcome(
         scene.halo.free()
         raise
     scene.halo.free()
-    if job.dynamics is None:
-        found = _of_equilibria(scene, result.extremes(scene.state), outcomes[statics.NAME].result, depth)
+    if watched:
+        found = _of_equilibria(scene, watched.extremes(scene.state), outcomes[statics.NAME].result, depth)
         return found and found | {"dynamic_seconds": phases.seconds[statics.NAME]}
     simulation = outcomes[dynamics.NAME].result
     extremes = extremes_of_motion(scene, simulation)

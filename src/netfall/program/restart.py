@@ -28,9 +28,8 @@ def restore_state(distribution: Distribution, state: State, checkpoint: Checkpoi
         rows = distribution.particles(checkpoint.particles[field.name][:n] if checkpoint else None)
         getattr(state, field.name)[: state.n_local] = rows.reshape(len(rows), *field.tail)
     for field in kept_fields(state, "element"):
-        getattr(state, field.name)[:] = distribution.elements(
-            checkpoint.elements[field.name] if checkpoint else None
-        )
+        rows = distribution.elements(checkpoint.elements[field.name] if checkpoint else None)
+        getattr(state, field.name)[:] = rows
     if not state.features.fragments:
         state.EA[state.broken != 0] = 0.0
     if state.lost is not None:

@@ -19,22 +19,12 @@ def cases(f, made: list[Case], table: dict) -> list[str]:
     """A row for each case; table : as of `case_columns`."""
     lines = []
     for case, (most, node), count in zip(made, largest_displacements(f, made), slack_cables(f, made)):
-        mine = table["case"] == case.name
-        there = most == most
-        N = (
-            [float(np.min(table["tension_min"][mine])), float(np.max(table["tension_max"][mine]))]
-            if there
-            else []
-        )
+        mine, figures = table["case"] == case.name, [""] * 4
+        if most == most:
+            low, high = np.min(table["tension_min"][mine]), np.max(table["tension_max"][mine])
+            figures = [force(float(low)), force(float(high)), f"{1e3 * most:.1f} mm at node {node}", count]
         reached = "" if case.carries else f", to a load factor of {case.load_factor:.3g}"
-        lines.append(
-            [case.name, case.kind, case.state.replace("_", " ") + reached]
-            + (
-                [force(N[0]), force(N[1]), f"{1e3 * most:.1f} mm at node {node}", count]
-                if there
-                else [""] * 4
-            )
-        )
+        lines.append([case.name, case.kind, case.state.replace("_", " ") + reached, *figures])
     header = [
         "case",
         "kind",
@@ -47,11 +37,8 @@ def cases(f, made: list[Case], table: dict) -> list[str]:
     failed = [case for case in made if case.state != EQUILIBRIUM]
     told = [f"- {case.name}: {case.reason}" for case in failed if case.reason]
     if failed:
-        told = [
-            f"**{len(failed)} of {len(made)} cases have no equilibrium, or none that is stable.**",
-            "",
-            *told,
-        ]
+        none = f"**{len(failed)} of {len(made)} cases have no equilibrium, or none that is stable.**"
+        told = [none, "", *told]
     return [
         f"Each is an equilibrium of its own; displacements count from {start_words(f)}. By groups:",
         "cases.csv.",
@@ -66,13 +53,12 @@ def cases(f, made: list[Case], table: dict) -> list[str]:
 def checks(f, envelope: Envelope, checked: Checked, table: dict) -> list[str]:
     """For each check the worst of each group, and what counts for it; table : as of `group_columns`."""
     lines, kinds = [], stage_kinds(f, envelope)
+    known = np.isfinite(table["utilisation"].astype(float))
     for check in checked.checks:
         which = counted(kinds, check.kind)
         names = [name for name, counts in zip(envelope.names, which) if counts]
         places = places_of(envelope, which)
-        mine = np.flatnonzero(
-            (table["check"] == check.name) & np.isfinite(table["utilisation"].astype(float))
-        )
+        mine = np.flatnonzero(known & (table["check"] == check.name))
         lines += [f"### {check.title}", "", _counts(names, check), ""]
         failed = without_equilibrium(f, places)
         lines += [f"**FAILS: {state_words(f, place)} has no equilibrium.**" for place in failed]

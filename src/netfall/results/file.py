@@ -96,9 +96,8 @@ def lines_of_form(f: h5py.File) -> list[str]:
     """`form_lines` of a result file, or the states of self-stress of a geometry that was kept."""
     net = f["net"]
     if "form_finding/self_stress" in f:
-        return self_stress_lines(
-            f["form_finding/self_stress"][:], net["group"][:], net["group_names"].asstr()[:].tolist()
-        )
+        names = net["group_names"].asstr()[:].tolist()
+        return self_stress_lines(f["form_finding/self_stress"][:], net["group"][:], names)
     fixed, x, node_id = net["fixed"][:].astype(bool), f["form_finding/position"][:], net["node_id"][:]
     areas = float(f["provenance"].attrs["roof_area_given"]), float(net["tributary_area"][:].sum())
     lines = form_lines(net["particles"][:], x, ~fixed.all(1), node_id, *areas)

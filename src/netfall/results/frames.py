@@ -58,9 +58,8 @@ class StageFrames:
     """The stages of erection, seen as frames: `times` are their numbers, from 1."""
 
     def __init__(self, f):
-        self.states = [
-            state for name in state_groups(f) if name.startswith("stages/") for state in states_of(f, name)
-        ]
+        stages = [name for name in state_groups(f) if name.startswith("stages/")]
+        self.states = [state for name in stages for state in states_of(f, name)]
         self.times = np.arange(1.0, len(self.states) + 1.0)
         self.elements, self.absent = f["net/elements"][:], [absent(f, state.place) for state in self.states]
         self.cells = len(self.elements)

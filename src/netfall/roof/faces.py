@@ -105,9 +105,8 @@ def find_faces(net: Net, plan: Plan | None = None, openings=()) -> Faces:
         open_rim = _open_rim(rings, plan)
         kept = ~np.isin(polygon, _open_faces(polygons, openings))
         rings, polygon = _selected(rings, kept), polygon[kept]
-    return replace(
-        faces_of_rings(corners_on_sides(rings, plan, net), polygon, plan.points), open_rim=open_rim
-    )
+    faces = faces_of_rings(corners_on_sides(rings, plan, net), polygon, plan.points)
+    return replace(faces, open_rim=open_rim)
 
 
 def faces_of_rings(rings: Faces, polygon: np.ndarray, points: np.ndarray) -> Faces:
@@ -137,9 +136,8 @@ def _joined(plain: Faces, others: list[Faces]) -> Faces:
     """The rings of faces that have one each, then of those that have several."""
     parts = [plain, *others]
     sizes = np.concatenate([np.diff(part.start) for part in parts])
-    face = np.concatenate(
-        [np.arange(len(plain)), np.repeat(np.arange(len(others)), list(map(len, others))) + len(plain)]
-    )
+    number = np.repeat(np.arange(len(others)), [len(other) for other in others])
+    face = np.concatenate([np.arange(len(plain)), len(plain) + number])
     start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
     return Faces(start, np.concatenate([part.corner for part in parts]), face=face.astype(np.int64))
 

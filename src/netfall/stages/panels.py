@@ -65,12 +65,9 @@ class Tearing:
         panels = panels[~self.torn[panels]]
         self.torn[panels] = True
         corners = np.flatnonzero(np.isin(self.corners.panel, panels))
-        own, stiffness = (
-            np.bincount(
-                state.ends.ravel(), np.repeat(np.where(state.EA > 0.0, values, 0.0), 2), state.n_local
-            )
-            for values in (state.half_mass, largest_stiffness(state.EA, state.L0))
-        )
+        there, ends = state.EA > 0.0, state.ends.ravel()
+        at_nodes = lambda of: np.bincount(ends, np.repeat(np.where(there, of, 0.0), 2), state.n_local)
+        own, stiffness = at_nodes(state.half_mass), at_nodes(largest_stiffness(state.EA, state.L0))
         least = np.maximum(own, 0.5 * self.stable_dt**2 * stiffness)
         for corner in corners.tolist():
             p, of = self.row[corner], self.corners.at(corner)

@@ -1,6 +1,6 @@
 """What every stage of a run is given: the scene that it computes with, and the desk that it reports to."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
@@ -108,6 +108,7 @@ class Desk:
     """Where a stage reports to and what it leaves its results with, on one rank.
 
     stop : a wish to stop early; memory : of runs before in this process
+    watch : takes in each equilibrium, its state and snapshot
     """
 
     log: EventLog
@@ -117,6 +118,7 @@ class Desk:
     phases: Phases
     stop: StopRequest = NEVER
     memory: Memory = FORGETFUL
+    watch: Callable[[State, Any], None] = lambda *_: None
 
 
 class Outcome(NamedTuple):

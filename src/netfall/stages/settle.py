@@ -167,9 +167,8 @@ def paused(
 def reference_force(scene: Scene, last: StaticLoad) -> float:
     """Largest of tensions and nodal loads [N] of what can move, which the tolerance refers to. Collective."""
     state = scene.state
-    return largest_force(
-        scene.comm, state.elements_now().N, state.ends, state.free, last.load[: state.n_owned]
-    )
+    N, load = state.elements_now().N, last.load[: state.n_owned]
+    return largest_force(scene.comm, N, state.ends, state.free, load)
 
 
 def settle(

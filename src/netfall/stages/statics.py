@@ -100,9 +100,8 @@ def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
             else:
                 find_or_recall(scene, desk, path)
         except Paused as pause:
-            raise paused(
-                scene, desk, NAME, equilibria(scene)[path.done].each.words, path.total, pause
-            ) from None
+            words = equilibria(scene)[path.done].each.words
+            raise paused(scene, desk, NAME, words, path.total, pause) from None
     more = {} if not path.failed else {"exit_state": NONE}
     labels = group_labels(path, scene)
     return Outcome(path, lines(path, scene), sections(path), more, labels, failure_of(scene.job, path))
@@ -158,11 +157,10 @@ def find_equilibria(
     """
     state, wanted, base, factors = scene.state, equilibria(scene), None, None
     large = is_large(scene.distribution)
+    from_base = lambda each: each.from_permanent or (large and each.kind == "step")
     if path.reference is None:
         path.reference = reference_force(scene, loaded(scene, wanted[-1]))
-    elif path.done > 0 and any(
-        each.from_permanent or (large and each.kind == "step") for each, _ in wanted[path.done :]
-    ):
+    elif path.done > 0 and any(from_base(each) for each, _ in wanted[path.done :]):
         base = permanent_again(scene, loaded(scene, wanted[0]), path.reference)
     desk.progress.start()
     scene.finder.report = desk.progress.doing
@@ -253,6 +251,7 @@ def keep(scene: Scene, desk: Desk, path: StaticPath, each: StaticLoad, outcome: 
     reaction = forces_on_supports(state, snapshot, each.load)
     if not outcome.carries:  # what the load reached is in balance with less than the load
         reaction[:] = np.nan
+    desk.watch(state, snapshot)
     if each.kind in APART:
         path.cases[each.name] = numbers
         desk.result.write_equilibrium(group, state, snapshot, "displacement", reaction)

@@ -123,9 +123,8 @@ class Stepper:
         """The steps from the present one to number `stop`, with the stride of now."""
         first, steps = self.n // self.stride, (stop - self.n) // self.stride
         sample = self.loads.time, self.loads.dt
-        return Interval(
-            *(first, steps, self.before_dt, self.dt, self.zeta, *sample, self.stride, trial), self.ground
-        )
+        now = first, steps, self.before_dt, self.dt, self.zeta
+        return Interval(*now, *sample, self.stride, trial, self.ground)
 
     def advance_to_first_fracture(self, stop: int) -> bool:
         """Step to number `stop`, or to the step in which something is to break on any rank; whether it is."""

@@ -36,9 +36,8 @@ def equilibria(scene: Scene) -> list[Wanted]:
     weights = own_weight(job)
 
     def want(kind: str, words: str, acts: Callable[[Model], np.ndarray], **more) -> None:
-        wanted.append(
-            Wanted(StaticLoad(kind, words, None, weights=weights, **more), lambda model: Actions(acts(model)))
-        )
+        load = StaticLoad(kind, words, None, weights=weights, **more)
+        wanted.append(Wanted(load, lambda model: Actions(acts(model))))
 
     if apart or steps:
         want("permanent", "the permanent loads", lambda model: model.loading.permanent)

@@ -23,15 +23,12 @@ class Chains:
 
     def __init__(self, rare: Rare, distributions: dict[str, dict], hazard: Hazard | None, job: Job):
         self.rare, self.distributions, self.hazard = rare, distributions, hazard
-        deviations = [
-            job.cable.strength_deviation,
-            *(g.get("strength_deviation") for g in job.groups.values()),
-        ]
-        self.seeds = [GUSTS] * (job.wind is not None) + [STRENGTH] * any(deviations)
+        of_groups = [group.get("strength_deviation") for group in job.groups.values()]
+        scatters = any([job.cable.strength_deviation, *of_groups])
+        self.seeds = [GUSTS] * (job.wind is not None) + [STRENGTH] * scatters
         self.speeds = [SPEED] * (hazard is not None)
-        self.subset = Subset(
-            rare.samples, rare.level, rare.above, rare.seed, len(self.names) - len(self.seeds)
-        )
+        numbers = len(self.names) - len(self.seeds)
+        self.subset = Subset(rare.samples, rare.level, rare.above, rare.seed, numbers)
 
     @property
     def names(self) -> list[str]:

@@ -183,9 +183,8 @@ def write_study(plan: Plan, place: Place, table: Table, header: dict, workers: i
 def task_of(plan: Plan, member: Member, result: Path | None = None, net: bool = False) -> dict:
     """What a worker is told of a member; as `task_for`."""
     overrides = [*member.overrides, *(f"{name}={value}" for name, value in OWN.items())]
-    return task_for(
-        plan.job, overrides, [member.remove] if member.remove else [], result, net=net, depth=plan.depth
-    )
+    removes = [member.remove] if member.remove else []
+    return task_for(plan.job, overrides, removes, result, net=net, depth=plan.depth)
 
 
 def part_of(plan: Plan, part: int, parts: int) -> list[int]:

@@ -47,9 +47,8 @@ def quantities(f, drawn: Drawn, shown: list[States]) -> list[Quantity]:
     check = read_codes()[0]
     resistance = resistances_of(f, [check])[check.name][drawn.rows]
     EA = f["net/axial_stiffness"][:][drawn.rows]
-    strains = [
-        N / EA if s.strain is None else np.where(np.isnan(N), N, s.strain) for s, N in zip(shown, forces)
-    ]
+    strain = lambda s, N: N / EA if s.strain is None else np.where(np.isnan(N), N, s.strain)
+    strains = [strain(*each) for each in zip(shown, forces)]
     ends = _ends(forces)
     largest = max((end[1] for end in ends if end), default=0.0)
     factor, unit = unit_of(largest, "N")

@@ -38,9 +38,8 @@ class Saver:
         self.given, self.checkpoint = given, checkpoint
         self.kept: list[Path] = []  # written by this run
         self.parts: dict[str, Callable[[], Record]] = {}
-        self.stage, self._restored = comm.bcast(
-            (checkpoint.record["stage"], set(checkpoint.record["parts"])) if checkpoint else (None, set())
-        )
+        record = checkpoint.record if checkpoint else {"stage": None, "parts": ()}
+        self.stage, self._restored = comm.bcast((record["stage"], set(record["parts"])))
 
     def is_past(self, stage: str) -> bool:
         """Whether the run that is taken up had finished a stage."""

@@ -24,18 +24,12 @@ def append_rows(source: h5py.File, target: h5py.File, check, limit: dict[str, in
             return
         rows = item.shape[0] if limit is None else limit[name]
         if name not in target:
-            target.create_dataset(
-                name,
-                (0, *item.shape[1:]),
-                maxshape=(None, *item.shape[1:]),
-                chunks=item.chunks,
-                dtype=item.dtype,
-            )
+            of = {"maxshape": (None, *item.shape[1:]), "chunks": item.chunks, "dtype": item.dtype}
+            target.create_dataset(name, (0, *item.shape[1:]), **of)
         out, first = target[name], target[name].shape[0]
         out.resize(first + rows, axis=0)
-        slab = max(
-            1, COPY_BYTES // max(1, item.dtype.itemsize * int(np.prod(item.shape[1:], dtype=np.int64)))
-        )
+        row_bytes = item.dtype.itemsize * int(np.prod(item.shape[1:], dtype=np.int64))
+        slab = max(1, COPY_BYTES // max(1, row_bytes))
         for begin in range(0, rows, slab):
             end = min(begin + slab, rows)
             out[first + begin : first + end] = item[begin:end]

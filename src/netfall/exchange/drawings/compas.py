@@ -81,9 +81,8 @@ def _places(data: dict) -> dict:
     """Coordinates of the nodes or vertices by their keys."""
     entity = "node" if "node" in data else "vertex"
     default = _default(data, entity)
-    return {
-        key: [{**default, **values}.get(axis, 0.0) for axis in "xyz"] for key, values in data[entity].items()
-    }
+    place = lambda values: [(default | values).get(axis, 0.0) for axis in "xyz"]
+    return {key: place(values) for key, values in data[entity].items()}
 
 
 def _edges(data: dict) -> list[dict]:

@@ -176,18 +176,16 @@ class _Reader:
         told = [counted(+self.kinds)]
         if self.blocks:
             inserts = f"{sum(self.blocks.values())} blocks exploded"
-            told.append(
-                inserts + (f", blocks in blocks to depth {max(self.blocks)}" if max(self.blocks) > 1 else "")
-            )
+            deep = f", blocks in blocks to depth {max(self.blocks)}" if max(self.blocks) > 1 else ""
+            told.append(inserts + deep)
         return told + [f"layers {words}, and are one" for words in alike(self.spellings)]
 
     def _left_out(self) -> list[str]:
         told = [f"{count} {kind}, which is no line" for kind, count in sorted(self.skipped.items())]
         told += [f"{n} {kind}, which is invisible" for kind, n in sorted(self.invisible.items())]
         told += [f'{n} on layer "{name}", which is off or frozen' for name, n in sorted(self.hidden.items())]
-        told += [
-            f'{n} on layer "{name}", which --layers does not name' for name, n in sorted(self.others.items())
-        ]
+        others = sorted(self.others.items())
+        told += [f'{n} on layer "{name}", which --layers does not name' for name, n in others]
         paper = sum(len(layout) for layout in self.document.layouts if layout.name != "Model")
         return told + ([f"{paper} in paper space"] if paper else [])
 

@@ -17,11 +17,10 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     """Write the Graph."""
     length, there = lengths(state.position, state.ends), ~state.out()
     force_density = np.divide(state.tension, length, out=np.zeros_like(length), where=length > 0)
+    columns = (column.tolist() for column in (state.node_id, state.position, state.fixed))
     node = {
         str(number): {**dict(zip(AXES, x)), "is_anchor": all(fixed), "fixed": fixed}
-        for number, x, fixed in zip(
-            state.node_id.tolist(), state.position.tolist(), state.fixed.tolist(), strict=True
-        )
+        for number, x, fixed in zip(*columns, strict=True)
     }
     edge: dict[str, dict] = {number: {} for number in node}
     doubled, unstressed = 0, state.unstressed()

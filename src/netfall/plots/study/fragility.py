@@ -53,9 +53,8 @@ def _draw(axes, g, k: int, j: int, curves: int) -> None:
     at, runs, failed = binned(g["speed"], g["runs"][k], g["failed"][k])
     at = at + (j - 0.5 * (curves - 1)) * 0.006 * (speed[-1] - speed[0])  # beside each other, not on top
     share, (low, high) = failed / runs, wilson(runs, failed)
-    axes.errorbar(
-        at, share, [share - low, high - share], fmt="o", color=colour, ms=4, lw=1, capsize=2, alpha=0.9
-    )
+    style = {"fmt": "o", "color": colour, "ms": 4, "lw": 1, "capsize": 2, "alpha": 0.9}
+    axes.errorbar(at, share, [share - low, high - share], **style)
     text = _text(g, k) if curves == 1 else _short(g, k)
     place = {"transform": axes.transAxes, "va": "top", "fontsize": SMALL}
     axes.text(0.02, 0.97 - 0.07 * j, text, color=colour, **place)
@@ -81,9 +80,8 @@ def _short(g, k: int) -> str:
 
 def _handles(g, names: list[str]) -> list:
     """What the marks mean, and which curve has which colour."""
-    colours = [
-        plt.Line2D([], [], color=f"C{j}", lw=2, label=name) for j, name in enumerate(names) if len(names) > 1
-    ]
+    several = names if len(names) > 1 else []
+    colours = [plt.Line2D([], [], color=f"C{j}", lw=2, label=name) for j, name in enumerate(several)]
     k = int(np.argmax(g["samples"]))
     first = "C0" if len(names) == 1 else "0.4"
     resampled = f"{g['samples'][k]} samples, {g['resampled'][k]} resampled"

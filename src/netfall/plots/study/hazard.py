@@ -54,15 +54,9 @@ def _probabilities(axes, h, rows: np.ndarray) -> None:
         axes.annotate(text, (p, y), (0, 7), textcoords="offset points", fontsize=SMALL, ha="center")
     for name, (beta, _) in TARGETS.items():
         axes.axvline(cdf(np.array(-beta)), color="0.5", lw=1, ls="--")
-        axes.annotate(
-            name,
-            (cdf(np.array(-beta)), 1.0),
-            (2, -10),
-            xycoords=("data", "axes fraction"),
-            textcoords="offset points",
-            fontsize=SMALL,
-            color="0.4",
-        )
+        style = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+        at = cdf(np.array(-beta)), 1.0
+        axes.annotate(name, at, (2, -10), fontsize=SMALL, color="0.4", **style)
     axes.set_xscale("log")
     low, high = axes.get_xlim()
     axes.set_xlim(low, ROOM * high)

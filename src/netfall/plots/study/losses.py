@@ -82,8 +82,7 @@ def _draw_lost(axes, losses, shown: np.ndarray) -> None:
     for y, k in enumerate(shown):
         broken = losses.broken[k]
         text = "no rest" if bad[y] else f"{broken:.0f} broke" if broken > 0 else ""
-        axes.text(
-            lost[y] + 0.015 * far, y, text, va="center", fontsize=SMALL, color=BROKEN if bad[y] else "0.3"
-        )
+        colour = BROKEN if bad[y] else "0.3"
+        axes.text(lost[y] + 0.015 * far, y, text, va="center", fontsize=SMALL, color=colour)
     axes.set_xlim(0, far)
     axes.set_xlabel("largest share of the roof lost [%], and what broke besides")

@@ -35,9 +35,8 @@ def curve_sections(
     grid = np.linspace(0.9 * speed[0], 1.05 * speed[-1], GRID)
     curves, pooled = curves_of(members)
     measures = failures(members, own)
-    rows = [
-        row for curve in curves for row in _curve_rows(members, curve, counted, measures, speed, grid, hazard)
-    ]
+    given = counted, measures, speed, grid, hazard
+    rows = [row for curve in curves for row in _curve_rows(members, curve, *given)]
     yearly = [row.pop("of_year") for row in rows]
     shared = {"speed": speed, "band_speed": grid, "level": LEVEL, "resamples": RESAMPLES}
     sections = {"fragility": shared | _columns(rows) | {"pooled": np.array(pooled, str)}}
@@ -78,9 +77,8 @@ def _curve_rows(members, curve: Curve, counted, measures, speed, grid, hazard: H
 
 def _only(curve: Curve, kept: np.ndarray) -> Curve:
     """A curve of fewer of its runs, kept (r,)."""
-    renumbered = {
-        name: np.unique(codes[kept], return_inverse=True)[1] for name, codes in curve.sharing.items()
-    }
+    numbers = lambda codes: np.unique(codes[kept], return_inverse=True)[1]
+    renumbered = {name: numbers(codes) for name, codes in curve.sharing.items()}
     strata = None if curve.strata is None else curve.strata[kept]
     return Curve(curve.name, curve.rows[kept], renumbered, strata)
 

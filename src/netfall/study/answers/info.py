@@ -81,9 +81,8 @@ def _states(study: Study, say) -> None:
     there = [f"{counts[name]} {name}{what.get(name, '')}" for name in known if counts[name]]
     say("members: " + ", ".join(there))
     for name in known[1:]:
-        reasons, first, times = np.unique(
-            reason[state == name].astype(str), return_index=True, return_counts=True
-        )
+        told = reason[state == name].astype(str)
+        reasons, first, times = np.unique(told, return_index=True, return_counts=True)
         rows = np.flatnonzero(state == name)
         order = np.argsort(-times, kind="stable")
         for k in order[:MOST_NAMED]:
