@@ -6,6 +6,8 @@ not count. The sums are exact and each particle's force is summed as in the time
 same bits on any number of ranks.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from mpi4py import MPI
 
@@ -60,9 +62,25 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
     start = np.where(moves[owned], any_vector, 0.0)
     if s.turned is not None:
         keep_on_guides(s.turned, start)
+    top, mode = _highest(comm, apply, start)
+    if not top > 0.0:
+        return Limit("assembled", np.inf, -1)
+    shape[owned] = mode * root[owned]
+    halo.update(shape)
+    energy = axial * np.sum((shape[s.ends[:, 1]] - shape[s.ends[:, 0]]) * direction, axis=1) ** 2
+    largest = (float(energy.max()), -int(element_gid[np.argmax(energy)])) if len(energy) else (-1.0, 1)
+    omega2 = top * stiffening(s.features.band)
+    return Limit("assembled", 2.0 / float(np.sqrt(omega2)), -max(comm.allgather(largest))[1])
+
+
+def _highest(comm: MPI.Comm, apply: Callable, start: np.ndarray) -> tuple[float, np.ndarray]:
+    """The largest eigenvalue of a symmetric map of rows (n_owned, 3), never too small, and its vector.
+
+    0 where the map, or the vector to start from, is zero. Collective.
+    """
     (size,) = exact_sums(comm, start * start)
     if not size > 0.0:
-        return Limit("assembled", np.inf, -1)
+        return 0.0, start
     diagonal, beside = [], [np.sqrt(size)]
     before, v = np.zeros_like(start), start / beside[0]
     while True:
@@ -82,7 +100,7 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
                 break
         before, v = v, w / beside[-1]
     if not top > 0.0:
-        return Limit("assembled", np.inf, -1)
+        return 0.0, start
     mode = np.zeros_like(start)  # the vectors come again, so that they need not be kept
     before, v = np.zeros_like(start), start / beside[0]
     for k in range(j):
@@ -90,12 +108,7 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
         if k < j - 1:
             w = apply(v) - (beside[k] if k else 0.0) * before - diagonal[k] * v
             before, v = v, w / beside[k + 1]
-    shape[owned] = mode * root[owned]
-    halo.update(shape)
-    energy = axial * np.sum((shape[s.ends[:, 1]] - shape[s.ends[:, 0]]) * direction, axis=1) ** 2
-    largest = (float(energy.max()), -int(element_gid[np.argmax(energy)])) if len(energy) else (-1.0, 1)
-    top = (top + missing) * stiffening(s.features.band)
-    return Limit("assembled", 2.0 / float(np.sqrt(top)), -max(comm.allgather(largest))[1])
+    return top + missing, mode
 
 
 def long_step_allowed(comm: MPI.Comm, state: State, halo: Halo, dt: float, margin: float) -> bool:
