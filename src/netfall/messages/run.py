@@ -173,7 +173,7 @@ def moved_lines(scene: Scene) -> list[str]:
         return self_stress_lines(scene.form.self_stress, model.net.group, model.net.group_names)
     net, area, asked = model.net, float(model.roof.area.sum()), scene.job.form_finding
     lines = form_lines(net.x, model.x, net.moves, net.node_id, model.area_given, area)
-    if asked.method == "fpm" and asked.modulus_factor == 0.0:
+    if asked and asked.method == "fpm" and asked.modulus_factor == 0.0:
         lines += loose_notes(model.x, net.elements, model.N, net.held, net.angle, net.node_id)
     return lines
 

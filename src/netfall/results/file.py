@@ -101,7 +101,7 @@ def lines_of_form(f: h5py.File) -> list[str]:
     fixed, x, node_id = net["fixed"][:].astype(bool), f["form_finding/position"][:], net["node_id"][:]
     areas = float(f["provenance"].attrs["roof_area_given"]), float(net["tributary_area"][:].sum())
     lines = form_lines(net["particles"][:], x, ~fixed.all(1), node_id, *areas)
-    asked = job_of(f)["form_finding"]
+    asked = job_of(f).get("form_finding", {})
     if asked.get("method", "fpm") == "fpm" and asked.get("modulus_factor") == 0.0:
         held = fixed | (net["spring"][:] > 0.0) if "spring" in net else fixed
         angle = net["angle"][:] if "angle" in net else None
