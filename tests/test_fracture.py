@@ -16,8 +16,10 @@ from netfall.model.schedule import stride_of
 from netfall.net.net import Net
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import cut_net
+from netfall.step import plan as plan_module
 from netfall.step.loop import Interval
 from netfall.step.plan import Plan
+from netfall.step.runs import end_all_loans
 
 BRITTLE = STEEL.replace("prestress = 100e3\n", "fracture_strain = 1e-3\n")
 DYNAMICS = "[dynamics]\nduration = {}\n[output]\nhistory = 0.001\nframes = {}\n"
@@ -243,9 +245,34 @@ def test_slots_mended_where_elements_break_are_those_filled_anew(fragments):
     """A lattice of all kinds of elements tears: its particles have theirs in order, with all fields."""
     state, plan = torn_lattice(fragments)
     assert (state.n_local > state.n_owned) == fragments
+    end_all_loans(plan.chunks, state.slots)
     mended = slots_of(state)
     plan.attach(state)
     assert mended == slots_of(state)
+
+
+@pytest.mark.parametrize("fragments", [True, False])
+def test_loans_change_no_bit(fragments, monkeypatch):
+    """A lattice tears whose particles borrow elements, also over chunks, and one in which each has its own."""
+    found, loans = [], []
+    find_runs = plan_module.find_runs
+    for lends in (True, False):
+        monkeypatch.setattr(plan_module, "CHUNK", 256 if lends else 2048)
+
+        def find(chunks, *slots, lends=lends):
+            if lends:
+                find_runs(chunks, *slots)
+            loans.append((chunks.runs.whole[:, 1] - chunks.runs.whole[:, 0]) @ chunks.runs.whole[:, -1])
+
+        monkeypatch.setattr(plan_module, "find_runs", find)
+        state, plan = torn_lattice(fragments)
+        plan.collect_yield(state)
+        by_number = np.argsort(state.gid[: state.n_local])
+        found.append([a[by_number].tobytes() for a in (state.gid, state.x, state.v, state.work)])
+        kept = state.broken, state.eps_p, state.dissipated, state.highest
+        found[-1] += [a.tobytes() for a in kept if a is not None]
+        assert (loans[0] > 1000) if lends else (loans[-1] == 0)
+    assert found[0] == found[1]
 
 
 def test_where_fragments_are_stepped_changes_no_bit(monkeypatch):

@@ -18,44 +18,62 @@ from netfall.numerics.arithmetic import dot, fused
 from netfall.step.runs import LANES
 from netfall.step.slots import keep_force
 
-NOTHING = (0.0, 0.0, 0.0, np.int64(0), 0.0, 0.0, 0.0)  # the forces so far, of a particle's first slot
+NO_FORCE = (0.0, 0.0, 0.0)
 
 
 @part_of_kernel
-def add_force(p, o, s, so_far, keeps, x, slots, law):
-    """Forces [N] on particle p and whether an element is past its limits, with the element in its slot s.
+def density(p, o, s, x, slots, law):
+    """N / L [N/m] of the element in slot s of particle p; of its branches alone; past; and its direction.
 
-    Where the slots hold plastic strains, a cable's yield is kept.
-
-    o : its far end; so_far : the same without it, and the forces of the branches alone, three; keeps : None
-    if the extremes of its axial force are not kept here; x : positions [m], three of (n,)
+    Where the slots hold plastic strains, a cable's yield is kept. o : its far end; x : positions [m], three of
+    (n,); past : below 0 where it is past its limits; direction : three [m], from p to o
     """
-    fx, fy, fz, past, bx, by, bz = so_far
-    dx, dy, dz = x[0][o] - x[0][p], x[1][o] - x[1][p], x[2][o] - x[2][p]
-    q, past, yielded = force_density((dx, dy, dz), s, p, past, slots, law)
-    if slots.highest is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
-        if keeps is not None:
-            keep_force(q, (dx, dy, dz), s, p, slots)
+    d = x[0][o] - x[0][p], x[1][o] - x[1][p], x[2][o] - x[2][p]
+    q, past, yielded = force_density(d, s, p, np.int64(0), slots, law)
+    if slots.highest is not None:
+        keep_force(q, d, s, p, slots)
     if slots.eps_p is not None:
         slots.eps_p[s, p] = yielded
+    of_branches = 0.0
     if slots.branch_a is not None:
-        total = density_with_branches(q, (dx, dy, dz), s, p, slots, law)
-        more, q = total - q, total
-        bx, by, bz = fused(more, dx, bx), fused(more, dy, by), fused(more, dz, bz)
-    return fused(q, dx, fx), fused(q, dy, fy), fused(q, dz, fz), past, bx, by, bz
+        total = density_with_branches(q, d, s, p, slots, law)
+        of_branches, q = total - q, total
+    return q, of_branches, past, d
 
 
 @part_of_kernel
-def four_forces(p, far, keeps, x, slots, law):
-    """Sum of the forces [N] of the first four slots of particle p, in this order; as `add_force`.
+def pulled(so_far, q, d):
+    """A force [N], three, and that of an element of density q [N/m] along d [m]."""
+    return fused(q, d[0], so_far[0]), fused(q, d[1], so_far[1]), fused(q, d[2], so_far[2])
 
+
+@part_of_kernel
+def four_forces(p, far, x, slots, law):
+    """Sum of the forces [N] of the first four slots of particle p, in this order; of their branches alone.
+
+    Then whether an element is past its limits, and the density of the fourth: `density` without direction.
     far : their far ends. Numbers have one type each, or all would be compiled for each type that occurs.
-    keeps : of the first two
     """
-    found = add_force(p, far[0], np.int64(0), NOTHING, keeps, x, slots, law)
-    found = add_force(p, far[1], np.int64(1), found, keeps, x, slots, law)
-    found = add_force(p, far[2], np.int64(2), found, True, x, slots, law)
-    return add_force(p, far[3], np.int64(3), found, True, x, slots, law)
+    q0, b0, past0, d0 = density(p, far[0], np.int64(0), x, slots, law)
+    q1, b1, past1, d1 = density(p, far[1], np.int64(1), x, slots, law)
+    q2, b2, past2, d2 = density(p, far[2], np.int64(2), x, slots, law)
+    q3, b3, past3, d3 = density(p, far[3], np.int64(3), x, slots, law)
+    force = pulled(pulled(pulled(pulled(NO_FORCE, q0, d0), q1, d1), q2, d2), q3, d3)
+    band = NO_FORCE
+    if slots.branch_a is not None:
+        band = pulled(pulled(pulled(pulled(NO_FORCE, b0, d0), b1, d1), b2, d2), b3, d3)
+    return force, band, past0 | past1 | past2 | past3, (q3, b3, past3)
+
+
+@part_of_kernel
+def lend(p, fourth, lent):
+    """Have particle p lend the element in its fourth slot; fourth : of `four_forces`"""
+    q, of_branches, past = fourth
+    lent.density[p] = q
+    if lent.band is not None:
+        lent.band[p] = of_branches
+    if lent.near is not None:
+        lent.near[p] = 1 if past < 0 else 0
 
 
 @part_of_kernel
@@ -185,10 +203,11 @@ def kick_splits(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
     kick = make_kick(kick_dt, zeta, share)
     for p in range(origin, np.uint64(chunks.high[c])):
         i, far = p - origin, np.uint64(other[0, p])
-        fx, fy, fz, found, bx, by, bz = add_force(p, far, np.int64(0), NOTHING, None, x, slots, law)
+        q, of_branches, past, d = density(p, far, np.int64(0), x, slots, law)
         if scratch.near is not None:
-            scratch.near[i] = 1 if found < 0 else 0
-        kick_particle(p, i, (fx, fy, fz), (bx, by, bz), kick, particles, law, f)
+            scratch.near[i] = 1 if past < 0 else 0
+        force, band = pulled(NO_FORCE, q, d), pulled(NO_FORCE, of_branches, d)
+        kick_particle(p, i, force, band, kick, particles, law, f)
 
 
 @part_of_kernel
@@ -199,26 +218,30 @@ def kick_gathered(c, kick_dt, zeta, share, chunks, particles, slots, law, scratc
     kick = make_kick(kick_dt, zeta, share)
     for p in range(origin, end):
         i = p - origin
-        f[0][i], f[1][i], f[2][i], found, bx, by, bz = four_forces(p, far_ends(p, other), True, x, slots, law)
+        force, band, past, fourth = four_forces(p, far_ends(p, other), x, slots, law)
+        keep_row(i, force, band, scratch)
+        lend(p, fourth, scratch.lent)
         if scratch.near is not None:
-            scratch.near[i] = 1 if found < 0 else 0
-        if scratch.band is not None:
-            scratch.band[0][i], scratch.band[1][i], scratch.band[2][i] = bx, by, bz
+            scratch.near[i] = 1 if past < 0 else 0
     for s in range(SLOTS, chunks.width[c]):
         for p in range(origin, end):
             i = p - origin
-            bx, by, bz = row_of(scratch.band, i)
-            so_far = (f[0][i], f[1][i], f[2][i], np.int64(0), bx, by, bz)
-            f[0][i], f[1][i], f[2][i], found, bx, by, bz = add_force(
-                p, np.uint64(other[s, p]), np.int64(s), so_far, True, x, slots, law
-            )
-            if scratch.band is not None:
-                scratch.band[0][i], scratch.band[1][i], scratch.band[2][i] = bx, by, bz
+            q, of_branches, past, d = density(p, np.uint64(other[s, p]), np.int64(s), x, slots, law)
+            band = pulled(row_of(scratch.band, i), of_branches, d)
+            keep_row(i, pulled(row_of(f, i), q, d), band, scratch)
             if scratch.near is not None:
-                scratch.near[i] |= 1 if found < 0 else 0
+                scratch.near[i] |= 1 if past < 0 else 0
     for p in range(origin, end):
         i = p - origin
         kick_particle(p, i, row_of(f, i), row_of(scratch.band, i), kick, particles, law, f)
+
+
+@part_of_kernel
+def keep_row(i, force, band, scratch):
+    """Force [N] and that of the branches alone, three each, into row i of the scratch."""
+    scratch.f[0][i], scratch.f[1][i], scratch.f[2][i] = force
+    if scratch.band is not None:
+        scratch.band[0][i], scratch.band[1][i], scratch.band[2][i] = band
 
 
 @part_of_kernel
@@ -236,16 +259,46 @@ def far_ends(p, other):
 
 
 @part_of_kernel
-def kick_run(r, origin, keeps, kick, whole, particles, slots, law, scratch):
-    """`kick_chunk` of the particles of run r. keeps : as of `four_forces`; whole : of `Runs`"""
+def kick_run(r, origin, kick, whole, particles, slots, law, scratch):
+    """`kick_chunk` of the particles of run r, which borrow nothing. whole : of `Runs`"""
     s0, s1 = np.uint64(whole[r, 2]), np.uint64(whole[r, 3])
     s2, s3 = np.uint64(whole[r, 4]), np.uint64(whole[r, 5])
     for p in range(np.uint64(whole[r, 0]), np.uint64(whole[r, 1])):
         i, far = p - origin, (p + s0, p + s1, p + s2, p + s3)
-        fx, fy, fz, found, bx, by, bz = four_forces(p, far, keeps, particles.x, slots, law)
+        force, band, past, fourth = four_forces(p, far, particles.x, slots, law)
+        lend(p, fourth, scratch.lent)
         if scratch.near is not None:
-            scratch.near[i] = 1 if found < 0 else 0
-        kick_particle(p, i, (fx, fy, fz), (bx, by, bz), kick, particles, law, scratch.f)
+            scratch.near[i] = 1 if past < 0 else 0
+        kick_particle(p, i, force, band, kick, particles, law, scratch.f)
+
+
+@part_of_kernel
+def kick_borrowing(r, origin, kick, whole, particles, slots, law, scratch):
+    """`kick_run` where they borrow: the first element from the one before it is of, the second from p - 1.
+
+    The latter goes on from lane to lane in a register. The former was stored before the block began: a block
+    is no longer than the way to the lender, so the compiler finds that loads and stores do not meet.
+    """
+    s0, s3, one = np.uint64(whole[r, 2]), np.uint64(whole[r, 5]), np.uint64(1)
+    x, lent = particles.x, scratch.lent
+    first, last, length = np.uint64(whole[r, 0]), np.uint64(whole[r, 1]), np.uint64(-whole[r, 2] // LANES * LANES)
+    q1, b1, past1, _ = density(first, first - one, np.int64(1), x, slots, law)
+    for begin in range(first, last, length):
+        for p in range(begin, min(begin + length, last)):
+            i, o0, o1 = p - origin, p + s0, p - one
+            d0 = x[0][o0] - x[0][p], x[1][o0] - x[1][p], x[2][o0] - x[2][p]
+            d1 = x[0][o1] - x[0][p], x[1][o1] - x[1][p], x[2][o1] - x[2][p]
+            q2, b2, past2, d2 = density(p, p + one, np.int64(2), x, slots, law)
+            q3, b3, past3, d3 = density(p, p + s3, np.int64(3), x, slots, law)
+            force = pulled(pulled(pulled(pulled(NO_FORCE, lent.density[o0], d0), q1, d1), q2, d2), q3, d3)
+            band = NO_FORCE
+            if lent.band is not None:
+                band = pulled(pulled(pulled(pulled(NO_FORCE, lent.band[o0], d0), b1, d1), b2, d2), b3, d3)
+            if scratch.near is not None:
+                scratch.near[i] = lent.near[o0] | (1 if past1 | past2 | past3 < 0 else 0)
+            lend(p, (q3, b3, past3), lent)
+            q1, b1, past1 = q2, b2, past2
+            kick_particle(p, i, force, band, kick, particles, law, scratch.f)
 
 
 @part_of_kernel
@@ -255,33 +308,34 @@ def kick_runs(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
     runs = chunks.runs
     spans, whole, rest, loose = runs.spans, runs.whole, runs.rest, runs.loose
     x, f, f_rest, near_rest, other = particles.x, scratch.f, scratch.f_rest, scratch.near_rest, slots.other
-    band, band_rest = scratch.band, scratch.band_rest
+    band_rest, lent_rest = scratch.band_rest, scratch.lent_rest
     kick = make_kick(kick_dt, zeta, share)
-    for r in range(spans[c, 0], spans[c, 1]):
-        if slots.highest is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
-            if whole[r, 2 + SLOTS]:
-                kick_run(r, origin, None, kick, whole, particles, slots, law, scratch)
-                continue
-        kick_run(r, origin, True, kick, whole, particles, slots, law, scratch)
     first, last = np.uint64(spans[c, 2]), np.uint64(spans[c, 3])
     filled_up = first + np.uint64((spans[c, 3] - spans[c, 2] + LANES - 1) // LANES * LANES)
     if slots.branch_a is not None:  # whose state goes on once in a step
         filled_up = last
     for i in range(first, filled_up):
         p, k = np.uint64(rest[i]), i - first
-        f_rest[0][k], f_rest[1][k], f_rest[2][k], found, bx, by, bz = four_forces(
-            p, far_ends(p, other), True, x, slots, law
-        )
-        near_rest[k] = 1 if found < 0 else 0
+        force, band, past, fourth = four_forces(p, far_ends(p, other), x, slots, law)
+        f_rest[0][k], f_rest[1][k], f_rest[2][k] = force
+        lend(k, fourth, lent_rest)
+        near_rest[k] = 1 if past < 0 else 0
         if scratch.band is not None:
-            band_rest[0][k], band_rest[1][k], band_rest[2][k] = bx, by, bz
+            band_rest[0][k], band_rest[1][k], band_rest[2][k] = band
     for i in range(first, last):
-        k, row = i - first, rest[i] - origin
-        f[0][row], f[1][row], f[2][row] = f_rest[0][k], f_rest[1][k], f_rest[2][k]
+        k, p = i - first, np.uint64(rest[i])
+        row = p - origin
+        keep_row(row, row_of(f_rest, k), row_of(band_rest, k), scratch)
+        scratch.lent.density[p] = lent_rest.density[k]
+        if lent_rest.band is not None:
+            scratch.lent.band[p] = lent_rest.band[k]
         if scratch.near is not None:
-            scratch.near[row] = near_rest[k]
-        if scratch.band is not None:
-            band[0][row], band[1][row], band[2][row] = band_rest[0][k], band_rest[1][k], band_rest[2][k]
+            scratch.lent.near[p], scratch.near[row] = lent_rest.near[k], near_rest[k]
+    for r in range(spans[c, 0], spans[c, 1]):  # these may borrow from the rest
+        if whole[r, 2 + SLOTS]:
+            kick_borrowing(r, origin, kick, whole, particles, slots, law, scratch)
+        else:
+            kick_run(r, origin, kick, whole, particles, slots, law, scratch)
     for r in range(spans[c, 4], spans[c, 5]):
         for p in range(np.uint64(loose[r, 0]), np.uint64(loose[r, 1])):
             i = p - origin

@@ -38,7 +38,8 @@ def yield_and_break(c, count, chunks, particles, elements, slots, law, near, f):
 
     near, f : of `Scratch`; only particles where near is not 0 are looked at, and their forces kept
 
-    Both ends come to the same plastic strain by themselves; that which `reports` keeps the element's record.
+    The end that `reports` keeps the element's record: the first in number that is not the halo's
+    (`slots.own_slot`), whose slot is up to date where the other end borrows.
     elements.pending : out, elements from place `count` on; the new count, and whether anything yielded
     """
     low, high, first_split = chunks.low[c], chunks.high[c], chunks.n_owned + chunks.n_halo
@@ -62,8 +63,7 @@ def yield_and_break(c, count, chunks, particles, elements, slots, law, near, f):
                         reach = law.reach if slots.reach is None else slots.reach[s, p]
                         if L * slots.inv_L0[s, p] < reach:
                             continue  # far from fracture, which is all that is looked for
-                start = elements.ends[e, 0]
-                reports = start == p or (chunks.n_owned <= start and start < first_split)
+                reports = p < o or (chunks.n_owned <= o and o < first_split)
                 eps = strain(L, elements.L0[e], law)
                 if elements.yield_force is not None:
                     before = slots.eps_p[s, p]

@@ -14,7 +14,7 @@ from netfall.mechanics.fracture import FractureRules, Fractures
 from netfall.mechanics.state import State, axes
 from netfall.parallel.halo import Halo, check
 from netfall.step.loop import Beside, Interval, time_loop
-from netfall.step.runs import LANES, Runs, find_runs, make_runs
+from netfall.step.runs import LANES, Runs, end_all_loans, find_runs, make_runs
 from netfall.step.slots import collect_branches, collect_extremes, collect_yields, fill_slots
 from netfall.step.tear import break_elements
 
@@ -61,8 +61,22 @@ class Chunks(NamedTuple):
     runs: Runs
 
 
+class Lent(NamedTuple):
+    """What each particle lends of the element in its fourth slot, (n_owned,): see `runs`.
+
+    density : [N/m], N / L; band : the same, of the branches alone, None: there are none
+    near : 1 where it is near its limits; None: all is elastic
+    """
+
+    density: np.ndarray
+    band: np.ndarray | None
+    near: np.ndarray | None
+
+
 class Scratch(NamedTuple):
     """What the loop writes for the chunk in hand: forces, and whose elements are near their limits.
+
+    lent : of all particles; lent_rest : of those in no run
 
     band, band_rest : as f, f_rest, of the branches alone, None: there are none
     f, f_rest : three of (rows,) [N]; near : None where all is elastic; f_rest, near_rest : of particles
@@ -75,6 +89,8 @@ class Scratch(NamedTuple):
     near_rest: np.ndarray
     band: tuple | None
     band_rest: tuple | None
+    lent: Lent
+    lent_rest: Lent
 
 
 def halo_width(state: State) -> int:
@@ -106,6 +122,15 @@ def kinds(arguments):
     return arguments.flags.c_contiguous if isinstance(arguments, np.ndarray) else type(arguments)
 
 
+def _lent(n: int, features) -> Lent:
+    """`Lent` of n particles."""
+    return Lent(
+        np.zeros(n),
+        np.zeros(n) if features.band else None,
+        np.zeros(n, np.int32) if features.inelastic else None,
+    )
+
+
 class Plan:
     """The arguments of the time loop for a state, brought up to date when something else changes it."""
 
@@ -122,6 +147,8 @@ class Plan:
             np.zeros(CHUNK + LANES, np.int32),
             tuple(np.zeros((3, CHUNK))) if state.features.band else None,
             tuple(np.zeros((3, CHUNK + LANES))) if state.features.band else None,
+            _lent(state.n_owned, state.features),
+            _lent(CHUNK + LANES, state.features),
         )
         valence = np.bincount(state.ends.ravel(), minlength=state.n_local)[: state.n_owned]
         self._width = np.full(len(self._low), SLOTS, np.int64)
@@ -146,12 +173,14 @@ class Plan:
             self.collect_yield(state)
         self.state = state
         state.renew_law()
-        if not filled:
+        if filled:
+            end_all_loans(self.chunks, state.slots)
+        else:
             fill_slots(state, zip(self._low.tolist(), self._high.tolist()))
         state.invert_masses()
         state.place_springs()
         self.chunks = self._chunks_of(state)
-        find_runs(self.chunks, state.other)
+        find_runs(self.chunks, state.other, state.inv_L0)
         fractures = self.rules and Fractures(self.rules, state.particles, state.rows, self.events)
         bends = None if state.joints is None else Bends(state.x, state.joints, state.bend)
         rows = self.rows and self.rows.of(state)

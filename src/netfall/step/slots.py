@@ -1,8 +1,9 @@
 """Slots: each element stands at both of its ends, so that a particle sums over its own elements.
 
 They stand in ascending global number; so the sum has the same order, and the same bits, on any number of
-ranks. Every element is computed at both ends, from the same bits: twice the arithmetic, but nothing is
-scattered, and the loop over particles runs in vector registers.
+ranks. An element is computed at both ends, from the same bits: twice the arithmetic, but nothing is
+scattered, and the loop over particles runs in vector registers. In long rows one end borrows what the other
+has computed (`runs`); then the first end in number alone has in its slot what changes.
 """
 
 import math

@@ -9,6 +9,7 @@ import numpy as np
 
 from netfall.ground.compile import inner_kernel, kernel_apart
 from netfall.mechanics.fracture import break_element, decide, lengthen, owns
+from netfall.step.runs import end_loans
 from netfall.step.slots import collect_branch, collect_extreme, collect_yield, empty_slot, fill_slot, slot_of
 
 
@@ -73,6 +74,8 @@ def follow_end(e, end, before, chunks, elements, slots, fractures):
     rules = fractures.rules
     there, far = np.int64(elements.ends[e, end]), np.int64(elements.ends[e, 1 - end])
     out = elements.EA[e] == 0.0  # taken out of the net, or kept by another rank
+    if before < rules.n_owned:
+        end_loans(chunk_of(before, chunks), chunks, slots)
     if owns(before, rules) and (out or there != before):
         empty_slot(slot_of(e, before, slots), before, slots)
     elif owns(before, rules):
