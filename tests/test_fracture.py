@@ -253,7 +253,7 @@ def test_slots_mended_where_elements_break_are_those_filled_anew(fragments):
 
 @pytest.mark.parametrize("fragments", [True, False])
 def test_loans_change_no_bit(fragments, monkeypatch):
-    """A lattice tears whose particles borrow elements, also over chunks, and one in which each has its own."""
+    """A lattice tears whose particles borrow elements, also over chunks; and one in which none does."""
     found, loans = [], []
     find_runs = plan_module.find_runs
     for lends in (True, False):

@@ -25,8 +25,8 @@ NO_FORCE = (0.0, 0.0, 0.0)
 def density(p, o, s, x, slots, law):
     """N / L [N/m] of the element in slot s of particle p; of its branches alone; past; and its direction.
 
-    Where the slots hold plastic strains, a cable's yield is kept. o : its far end; x : positions [m], three of
-    (n,); past : below 0 where it is past its limits; direction : three [m], from p to o
+    Where the slots hold plastic strains, a cable's yield is kept. o : its far end; x : positions [m], three
+    of (n,); past : below 0 where it is past its limits; direction : three [m], from p to o
     """
     d = x[0][o] - x[0][p], x[1][o] - x[1][p], x[2][o] - x[2][p]
     q, past, yielded = force_density(d, s, p, np.int64(0), slots, law)
@@ -281,7 +281,8 @@ def kick_borrowing(r, origin, kick, whole, particles, slots, law, scratch):
     """
     s0, s3, one = np.uint64(whole[r, 2]), np.uint64(whole[r, 5]), np.uint64(1)
     x, lent = particles.x, scratch.lent
-    first, last, length = np.uint64(whole[r, 0]), np.uint64(whole[r, 1]), np.uint64(-whole[r, 2] // LANES * LANES)
+    first, last = np.uint64(whole[r, 0]), np.uint64(whole[r, 1])
+    length = np.uint64(-whole[r, 2] // LANES * LANES)
     q1, b1, past1, _ = density(first, first - one, np.int64(1), x, slots, law)
     for begin in range(first, last, length):
         for p in range(begin, min(begin + length, last)):

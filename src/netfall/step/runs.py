@@ -1,7 +1,7 @@
 """Runs: stretches of particles whose far ends are all as far away in number, so they load in one piece.
 
-In most of them particles borrow: of their four elements, in ascending order of the far ends, the first two are
-the others' fourth and third, computed there from the same bits. Those need not be computed twice.
+In most of them particles borrow: of their four elements, in ascending order of the far ends, the first two
+are the others' fourth and third, computed there from the same bits. Those need not be computed twice.
 """
 
 from typing import NamedTuple
