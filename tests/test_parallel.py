@@ -270,3 +270,23 @@ def test_a_process_without_a_launcher_starts_mpi_by_itself(rank, says):
         [sys.executable, "-c", ALONE], env=ENVIRONMENT | there, capture_output=True, text=True
     )
     assert (done.returncode, done.stdout) == (0, says), done.stderr
+
+
+OPENS_LATER = ALONE + """
+print("there", flush=True)
+sys.stdin.readline()
+MPI.File.Open(MPI.COMM_WORLD, sys.argv[1], MPI.MODE_CREATE | MPI.MODE_RDWR).Close()
+"""
+
+
+def test_one_process_that_ends_takes_nothing_from_another(tmp_path):
+    """Two without a launcher, of one user, at once: the second opens a file once the first has ended."""
+    there = ENVIRONMENT | {"TMPDIR": str(tmp_path)}
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    command = [sys.executable, "-c", OPENS_LATER, str(tmp_path / "file")]
+    with subprocess.Popen(command, env=there, text=True, **pipes) as second:
+        assert [second.stdout.readline() for _ in range(2)] == ["1\n", "there\n"]
+        subprocess.run([sys.executable, "-c", ALONE], env=there, capture_output=True, check=True)
+        _, error = second.communicate("go\n")
+    assert (second.returncode, error) == (0, "")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]

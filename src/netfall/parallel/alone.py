@@ -1,11 +1,18 @@
 """The start of MPI in a process that no launcher has started."""
 
+import atexit
 import os
+import shutil
+import tempfile
 
 from netfall.ground.launch import RANK_NAMES
 
 # Open MPI's settings of a process that speaks to no other: no look for networks, no daemon beside it.
 ALONE = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "OMPI_MCA_ess_singleton_isolated": "1"}
+
+# Where it keeps what it shares with nobody. By default all such processes of a user have one place, which
+# each takes away as it ends: files that another one opened then failed.
+PLACE = "OMPI_MCA_orte_tmpdir_base"
 
 
 def start_alone() -> None:
@@ -15,7 +22,9 @@ def start_alone() -> None:
     """
     if any(name in os.environ for name in RANK_NAMES):
         return
-    added = {name: value for name, value in ALONE.items() if name not in os.environ}
+    settings = ALONE | {PLACE: tempfile.mkdtemp(prefix="netfall-")}
+    atexit.register(shutil.rmtree, settings[PLACE], ignore_errors=True)
+    added = {name: value for name, value in settings.items() if name not in os.environ}
     os.environ.update(added)
     from mpi4py import MPI  # noqa: F401 (which starts it)
 
