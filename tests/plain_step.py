@@ -145,7 +145,8 @@ class Plain:
             self.events.append((n, e, p if p < self.n else self.id[p], number, mass))
 
     def lengthen(self, elements):
-        """What is left of elements that cannot yield grows longer, until its strain is that at fracture.
+        """What is left of elements that cannot yield grows longer, until its strain is a hair above that at
+        fracture.
 
         What it stored half a drift ago and then stores less is heat.
         """
@@ -153,7 +154,7 @@ class Plain:
             a, b = self.ends[e]
             d, v = self.x[b] - self.x[a], self.v[b] - self.v[a]
             L, before, worked = np.linalg.norm(d), self.L0[e], np.linalg.norm(d - 0.5 * self.dt * v)
-            self.L0[e] = max(before, L / (1.0 + self.eps_u[e]))
+            self.L0[e] = max(before, L / (1.0 + self.eps_u[e] * (1.0 + 1e-9)))
             stored = [0.5 * self.EA[e] * max(0.0, worked / L0 - 1.0) ** 2 * L0 for L0 in (before, self.L0[e])]
             self.heat[e] += stored[0] - stored[1]
 

@@ -305,7 +305,8 @@ def slots_of(state: State) -> list:
 @pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
 def test_what_is_left_of_an_element_that_cannot_yield_has_its_strength(strain):
     """A remnant's light end flies off with four times the energy that it can store: its tension is its
-    strength and what one step adds, and what it grows longer by takes the rest of the energy.
+    strength, beyond it in one step alone, by what that adds; what it grows longer by takes the rest of the
+    energy.
     """
     EA, eps_u, mass, dt = 1e6, 0.01, 2.0, 2e-6
     strength = EA * eps_u
@@ -321,10 +322,12 @@ def test_what_is_left_of_an_element_that_cannot_yield_has_its_strength(strain):
         FractureRules(2, 2, 2, np.zeros(1, int), 0.0, False, False, False, dt),
     )
     energy, adds = 0.5 * mass * state.v[1, 0] ** 2, EA * state.v[1, 0] * dt
-    most, step = 0.0, 0
+    most, over, step = 0.0, 0, 0
     while state.v[1, 0] > 0.0:
         step += plan.run(Interval(step, 1, dt, dt, 0.0, 0.0, 1.0))
-        most = max(most, state.elements_now().N[0])
+        N = state.elements_now().N[0]
+        most, over = max(most, N), over + (N > strength * (1.0 + 1e-6))
+    assert over == 1
     assert strength < most < strength + adds and not plan.events.count[0]
     grown = (state.L0[0] - 1.0) * (1.0 + eps_u if strain == "engineering" else np.exp(eps_u))
     assert state.dissipated[0] == pytest.approx(strength * grown, rel=0.02)

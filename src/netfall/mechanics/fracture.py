@@ -33,6 +33,7 @@ from netfall.mechanics.material import energies_at, length_at, strain
 from netfall.mechanics.motion import inverse_mass
 from netfall.mechanics.stability import ROUNDING, fragment_mass
 
+HAIR = 1e-9  # of the fracture strain, above the rounding of a strain
 EQUAL_FORCES = 1e-6  # relative: a symmetric net breaks symmetrically in spite of rounding
 LOOSE = 2  # bits of `Elements.breaks`: ends 0 and 1 break, then, so many places on, which of them are loose
 
@@ -181,7 +182,8 @@ def never_again(e, elements):
 def lengthen(e, dt, elements, particles, law):
     """What is left of element e, and was strained beyond its strength, grows longer until it is not.
 
-    What that releases of the energy stored where its forces worked counts as dissipated.
+    What that releases of the energy stored where its forces worked counts as dissipated. A hair of strain
+    beyond stays: so the next step looks again, however eps_u is rounded, and is not beyond the strength.
     dt : [s], of the step
     """
     L, eps_u = length_before(e, 0.0, elements, particles), elements.eps_u[e]
@@ -189,7 +191,7 @@ def lengthen(e, dt, elements, particles, law):
         return
     worked = length_before(e, 0.5 * dt, elements, particles)
     _, _, before = energies_at(elements, e, worked, 0.0, law)
-    elements.L0[e] = length_at(L, eps_u, law)
+    elements.L0[e] = max(elements.L0[e], length_at(L, eps_u * (1.0 + HAIR), law))
     _, _, after = energies_at(elements, e, worked, 0.0, law)
     elements.dissipated[e] += before - after
 
