@@ -276,8 +276,20 @@ def test_slack_cables_are_found_with_tensions_as_unknowns(workshop, strain, yiel
     way = mixed.Mixed(method, state, NEVER)
     way.narrow(*until)
     assert state.x[2] == pytest.approx([0.0, 0.0, -depth], rel=1e-6, abs=1e-5)
-    assert max(way.errors(1e-6)) < 1e-5 and way.now[2, 0] < 1e-5 * way.now[0, 0]
+    assert max(way.missing) < 1e-5 and way.now[2, 0] < 1e-5 * way.now[0, 0]
     assert (state.elements_now().eps_p[:2] > 0.01).all() == yields
+
+
+def test_few_cables_do_not_shorten_a_step(workshop, monkeypatch):
+    """A step goes as far beyond where a cable's tension would be zero as `BEYOND`; but for a few of them."""
+    method, state, _ = hung(workshop, "engineering", False)
+    way = mixed.Mixed(method, state, NEVER)
+    way.part[:] = 0.3, np.inf, 0.4
+    assert way.longest() == (pytest.approx(0.5**1.5), False)  # of the parts below 0.45
+    monkeypatch.setattr(mixed, "FEW", 0.4)  # one of the three cables
+    assert way.longest() == (pytest.approx(0.5), False)  # below 0.6
+    way.part[:] = 0.6, np.inf, 0.7
+    assert way.longest() == (1.0, True)
 
 
 GIVEN = """

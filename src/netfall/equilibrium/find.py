@@ -285,7 +285,7 @@ class Finder:
             except NoConvergence:
                 self.state.x[:] = before
         residual, unstable_at = newton.largest(newton.residual()), self._unstable_at(newton)
-        return Solution(mixed.gradients, *residual, *mixed.errors(tolerance), False, unstable_at)
+        return Solution(mixed.gradients, *residual, *mixed.missing, False, unstable_at)
 
     def _is_mixed(self) -> bool:
         return self.distribution.n >= FEWEST and self.slips is None and self.state.joints is None

@@ -33,11 +33,11 @@ BEGUN = 0.1  # of a limit or a tension: tension to begin with, at least
 LARGE, SMALL = 0.3, 0.01  # steps, as shares of the largest displacement and tension
 NARROWER = 0.1  # times: the gap after a step that is not `LARGE`, twice if it is `SMALL`
 NEARLY = 0.5  # of a step that keeps all inequalities: with less the gap stays
-BEYOND = 1.5  # times that part of a step are gone, but what would reach zero is kept
-AT_LEAST = 0.02  # of a step
+PARTS = np.sqrt(0.5) ** np.arange(12)  # of a step that are tried, the largest first
+FEW = 1e-3  # of all cables: those that a part may take beyond zero, of what would reach it less is kept
+BEYOND = 1.5  # times so far are the others taken
 KEPT = 0.03  # of what would reach zero
 LEAST = 1e-12  # of that energy: the last gap
-OFF = 1e-5  # of the largest tension: what tensions may be off by at last, or by the tolerance
 LEFT = 0.02  # of the residual, that a correction leaves
 LOST = 2.0  # times as far as `overload.run_away` has it: there is no equilibrium
 
@@ -70,7 +70,8 @@ class Mixed:
     """The elements on the way: now (m, 4), N, room for more, p and q [N]; gap [J].
 
     gradients : iterations until now
-    size : of the last step, the larger share as of `NewtonResult`; missing : estimated errors after it
+    size : of the last step, the larger share as of `NewtonResult`; missing : estimated errors after it,
+        or what tensions are off the law
     """
 
     def __init__(self, newton: Newton, state: State, stop: StopRequest):
@@ -82,14 +83,14 @@ class Mixed:
         there = state.elements_now()
         N = np.maximum(there.N, STRETCHED * state.EA)[own]
         yields = int(np.isfinite(self.cables.limit[own]).any())
-        count, yields = newton.comm.allreduce(np.array([len(N), yields]))
-        if not count:
+        self.count, yields = newton.comm.allreduce(np.array([len(N), yields]))
+        if not self.count:
             raise NoConvergence("there are no cables")
-        self.energy = exact_sums(newton.comm, 0.5 * N * N / state.EA[own] * state.L0[own])[0] / count
+        self.energy = exact_sums(newton.comm, 0.5 * N * N / state.EA[own] * state.L0[own])[0] / self.count
         self.gap = (YIELDING if yields else ELASTIC) * self.energy
         self.size, self.missing = np.inf, (np.inf, np.inf)
         self.now, self.changes = np.zeros((2, state.m, 4))
-        self.aimed = np.zeros(state.m)
+        self.aimed, self.part = np.zeros(state.m), np.full(state.m, np.inf)
         begin_tensions(self.cables, there.L, self.gap, self.now)
 
     def narrow(self, size: float, tolerance: float) -> StartPoint:
@@ -103,16 +104,11 @@ class Mixed:
             self.step()
         return StartPoint(self.gradients, self.size)
 
-    def errors(self, tolerance: float) -> tuple[float, float]:
-        """`missing`, or what tensions are off the law at the positions. Collective.
-
-        Raises NoConvergence where that is more than a tolerance, and much.
-        """
+    def off(self) -> float:
+        """How far tensions are off the law at the positions, a share of the largest. Collective."""
         N, own = self.state.elements_now().N, self.owned
         off, most = self.newton.largest(N[own] - self.now[own, 0], N[own])
-        if not off <= max(OFF, tolerance) * most:
-            raise NoConvergence("tensions are not those of the law")
-        return self.missing[0], max(self.missing[1], off / most if most > 0.0 else 0.0)
+        return off / most if most > 0.0 else 0.0
 
     def step(self) -> None:
         """One step. Collective. Raises as `narrow`."""
@@ -127,18 +123,27 @@ class Mixed:
         add_pulls(state.ends, more[:, None] * K.direction, newton.f)
         s, count = newton.solve(K, newton.cycle(K), newton.not_held(newton.f[newton.owned]), LEFT)
         moved, changed, change = newton.sizes(K, s, state.x_start)
-        part = change_of_tensions(*of_law, self.now, self.aimed, change, self.changes)
-        part = newton.comm.allreduce(float(part), MPI.MIN)
-        share = min(newton.most_of(s), max(BEYOND * part, AT_LEAST))
+        change_of_tensions(*of_law, self.now, self.aimed, change, self.changes, self.part)
+        share, kept = self.longest()
+        share = min(newton.most_of(s), share)
         state.x[:] += share * newton.spread
         change_tensions(self.cables, share, self.changes, self.now)
         if newton.net.away is not None and newton.net.away(newton.comm) > LOST:
             raise RunsAway("what yields stretches without end")
         size = max(moved, changed)
-        self.missing = still_missing((moved, changed), share, self.size)
+        in_place, of_tensions = still_missing((moved, changed), share, self.size)
+        self.missing = in_place, max(of_tensions, self.off())
         self.size, self.steps, self.gradients = size, self.steps + 1, self.gradients + count
-        if share == 1.0 and part >= NEARLY and size < LARGE:
+        if share == 1.0 and kept and size < LARGE:
             self.gap = max(NARROWER * (NARROWER if size < SMALL else 1.0) * self.gap, LEAST * self.energy)
+
+    def longest(self) -> tuple[float, bool]:
+        """The part of a step that few cables keep from; whether `NEARLY` of it keeps all. Collective."""
+        until = self.part[self.owned]
+        beyond = [np.count_nonzero(until < part) for part in (NEARLY, *PARTS / BEYOND)]
+        all_beyond = self.newton.comm.allreduce(np.array(beyond))
+        few = PARTS[all_beyond[1:] <= FEW * self.count]
+        return float(few.max(initial=PARTS[-1])), all_beyond[0] == 0
 
 
 @part_of_kernel
@@ -189,16 +194,16 @@ def add_pulls(ends, pull, f):
 
 
 @kernel
-def change_of_tensions(cables, L, gap, now, aimed, moved, changes):
+def change_of_tensions(cables, L, gap, now, aimed, moved, changes, part):
     """Fill changes (m, 4) of `now` to what is aimed at, and by moved (m,) [N], what ends move.
 
-    The part of it until the first of them would be 0; inf: none would.
+    part : (m,), filled with the part of it until the first of the four would be 0; inf: none would
     """
-    part = np.inf
     for e in range(now.shape[0]):
         if not cables.carries[e]:
             continue
         _, k = trial(e, L[e], cables)
+        part[e] = np.inf
         more = aimed[e] - now[e, 0] + moved[e]
         changes[e, 0], changes[e, 1] = more, -more
         for i in range(2):
@@ -206,8 +211,7 @@ def change_of_tensions(cables, L, gap, now, aimed, moved, changes):
             changes[e, 2 + i] = gap * k / value - now[e, 2 + i] * (1.0 + changes[e, i] / value)
         for i in range(4):
             if changes[e, i] < 0.0:
-                part = min(part, -now[e, i] / changes[e, i])
-    return part
+                part[e] = min(part[e], -now[e, i] / changes[e, i])
 
 
 @kernel

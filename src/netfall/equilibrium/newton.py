@@ -31,6 +31,7 @@ FEW_CORRECTIONS = 8  # near the equilibrium
 MOST_GRADIENTS = 200  # iterations of conjugate gradients for one correction; a relaxation is then cheaper
 LEFT = 3e-3  # of the residual, that these leave: two corrections then nearly reach the default tolerance
 ROUGH = 0.1  # of the residual: a correction that leaves so much is rough
+GLANCE = 12  # iterations after which a correction tells whether it goes too far
 LEFT_LAST = 0.1  # the same, where no more is needed to be within the tolerance
 HALVINGS = 10  # of a correction that goes too far
 FARTHEST = 0.1  # of the net's extent: what a correction may move
@@ -210,7 +211,7 @@ class Newton:
     ) -> tuple[np.ndarray, int]:
         """The correction (n_owned, 3) [m] of a residual, and the iterations, at most so many. Collective.
 
-        rough(correction) : called once, as soon as that leaves no more than `ROUGH` of the residual
+        rough(correction) : called each `GLANCE` iterations, until it leaves no more than `ROUGH` of the whole
 
         Raises NoConvergence where the tangent is singular in its direction.
         """
@@ -234,9 +235,10 @@ class Newton:
             size, new, old = self.dots((left, left), (left, z), (before, z))
             if size <= share * share * rr and new <= share * share * first:
                 return s, iteration
-            if rough and size <= ROUGH * ROUGH * rr:
+            near = size <= ROUGH * ROUGH * rr
+            if rough and (near or iteration % GLANCE == 0):
                 rough(s)
-                rough = None
+                rough = None if near else rough
             turn((new - old) / rz, z, p)
             rz = new
             if not 0.0 < rz < np.inf:
