@@ -19,7 +19,7 @@ from netfall.parallel.subdomain import cut_net
 from netfall.step import plan as plan_module
 from netfall.step.loop import Interval
 from netfall.step.plan import Plan
-from netfall.step.runs import end_all_loans
+from netfall.step.runs import BORROWING, end_all_loans
 
 BRITTLE = STEEL.replace("prestress = 100e3\n", "fracture_strain = 1e-3\n")
 DYNAMICS = "[dynamics]\nduration = {}\n[output]\nhistory = 0.001\nframes = {}\n"
@@ -262,7 +262,8 @@ def test_loans_change_no_bit(fragments, monkeypatch):
         def find(chunks, *slots, lends=lends):
             if lends:
                 find_runs(chunks, *slots)
-            loans.append((chunks.runs.whole[:, 1] - chunks.runs.whole[:, 0]) @ chunks.runs.whole[:, -1])
+            whole = chunks.runs.whole
+            loans.append((whole[:, 1] - whole[:, 0]) @ (whole[:, -1] == BORROWING))
 
         monkeypatch.setattr(plan_module, "find_runs", find)
         state, plan = torn_lattice(fragments)

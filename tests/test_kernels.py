@@ -14,7 +14,7 @@ from netfall.parallel.subdomain import cut_net
 from netfall.step.forces import kick_chunk
 from netfall.step.limits import count_near
 from netfall.step.plan import CHUNK, Plan
-from netfall.step.runs import end_all_loans
+from netfall.step.runs import BORROWING, end_all_loans
 from netfall.step.slots import collect_extremes, collect_yields
 
 # Numbers of far ends wrap where kernels run as plain Python, as unsigned ones do.
@@ -169,7 +169,7 @@ def test_runs_give_the_bits_of_the_general_loop(scene):
         2,
     )
     whole = Plan(state, NoHalo()).chunks.runs.whole
-    assert (whole[:, 1] - whole[:, 0]) @ whole[:, -1] > 1300
+    assert (whole[:, 1] - whole[:, 0]) @ (whole[:, -1] == BORROWING) > 1300
     outcomes = []
     for in_runs in (True, False):
         found = *forces_of(state, in_runs), np.zeros(0) if state.slot_eps_p is None else state.slot_eps_p
@@ -184,10 +184,10 @@ def test_runs_keep_the_extreme_forces_of_each_element():
     """
     across = np.abs(np.diff(lattice(40), axis=1).ravel()) > 1
     x = np.column_stack([np.arange(1600) % 40, np.arange(1600) // 40, np.zeros(1600)])
-    for order, borrowed in ((np.arange(len(across)), True), (np.argsort(across, kind="stable"), False)):
+    for order, kind in ((np.arange(len(across)), BORROWING), (np.argsort(across, kind="stable"), 0)):
         state = make_state(SCENES["01110"], 1600, lattice(40)[order], x, 2)
         runs = Plan(state, NoHalo()).chunks.runs
-        inside = (runs.whole[:, 1] - runs.whole[:, 0]) @ (runs.whole[:, -1] == borrowed)
+        inside = (runs.whole[:, 1] - runs.whole[:, 0]) @ (runs.whole[:, -1] == kind)
         assert inside > 1200 and runs.rest.any()
         forces_of(state)
         collect_extremes(state.n_owned, state.first_split, state.elements, state.slots)

@@ -272,11 +272,14 @@ def test_a_process_without_a_launcher_starts_mpi_by_itself(rank, says):
     assert (done.returncode, done.stdout) == (0, says), done.stderr
 
 
-OPENS_LATER = ALONE + """
+OPENS_LATER = (
+    ALONE
+    + """
 print("there", flush=True)
 sys.stdin.readline()
 MPI.File.Open(MPI.COMM_WORLD, sys.argv[1], MPI.MODE_CREATE | MPI.MODE_RDWR).Close()
 """
+)
 
 
 def test_one_process_that_ends_takes_nothing_from_another(tmp_path):

@@ -307,7 +307,6 @@ def test_what_is_left_of_an_element_that_broke_has_no_part_in_the_extremes(works
     assert f["events/element_id"][:].tolist() == [11, 12, 14]
     highest, broke = f["removal/tension_highest"][:], f["events/element"][:]
     assert highest[0, broke] == pytest.approx(2e5 * f["events/strain"][:], rel=1e-9)
-    assert f["envelope/tension_max"][:][broke[0]] > 1.02 * highest[0, broke[0]]  # in later rows
     assert np.isnan(highest[1, broke[0]]) and highest[1, broke[1:]].tolist() == [0.0, 0.0]
 
 

@@ -15,23 +15,25 @@ from netfall.mechanics.material import density_with_branches, force_density
 from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
 from netfall.mechanics.supports import on_guide, spring_force, turned_springs
 from netfall.numerics.arithmetic import dot, fused
-from netfall.step.runs import LANES
+from netfall.step.runs import BORROWING, LANES, ORDERED
 from netfall.step.slots import keep_force
 
 NO_FORCE = (0.0, 0.0, 0.0)
 
 
 @part_of_kernel
-def density(p, o, s, x, slots, law):
+def density(p, o, s, keeps, x, slots, law):
     """N / L [N/m] of the element in slot s of particle p; of its branches alone; past; and its direction.
 
-    Where the slots hold plastic strains, a cable's yield is kept. o : its far end; x : positions [m], three
-    of (n,); past : below 0 where it is past its limits; direction : three [m], from p to o
+    Where the slots hold plastic strains, a cable's yield is kept. o : its far end; keeps : None if the
+    extremes of its axial force are not kept here; x : positions [m], three of (n,); past : below 0 where it
+    is past its limits; direction : three [m], from p to o
     """
     d = x[0][o] - x[0][p], x[1][o] - x[1][p], x[2][o] - x[2][p]
     q, past, yielded = force_density(d, s, p, np.int64(0), slots, law)
-    if slots.highest is not None:
-        keep_force(q, d, s, p, slots)
+    if slots.highest is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
+        if keeps is not None:
+            keep_force(q, d, s, p, slots)
     if slots.eps_p is not None:
         slots.eps_p[s, p] = yielded
     of_branches = 0.0
@@ -48,16 +50,17 @@ def pulled(so_far, q, d):
 
 
 @part_of_kernel
-def four_forces(p, far, x, slots, law):
+def four_forces(p, far, keeps, x, slots, law):
     """Sum of the forces [N] of the first four slots of particle p, in this order; of their branches alone.
 
     Then whether an element is past its limits, and the density of the fourth: `density` without direction.
     far : their far ends. Numbers have one type each, or all would be compiled for each type that occurs.
+    keeps : of the first two
     """
-    q0, b0, past0, d0 = density(p, far[0], np.int64(0), x, slots, law)
-    q1, b1, past1, d1 = density(p, far[1], np.int64(1), x, slots, law)
-    q2, b2, past2, d2 = density(p, far[2], np.int64(2), x, slots, law)
-    q3, b3, past3, d3 = density(p, far[3], np.int64(3), x, slots, law)
+    q0, b0, past0, d0 = density(p, far[0], np.int64(0), keeps, x, slots, law)
+    q1, b1, past1, d1 = density(p, far[1], np.int64(1), keeps, x, slots, law)
+    q2, b2, past2, d2 = density(p, far[2], np.int64(2), True, x, slots, law)
+    q3, b3, past3, d3 = density(p, far[3], np.int64(3), True, x, slots, law)
     force = pulled(pulled(pulled(pulled(NO_FORCE, q0, d0), q1, d1), q2, d2), q3, d3)
     band = NO_FORCE
     if slots.branch_a is not None:
@@ -203,7 +206,7 @@ def kick_splits(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
     kick = make_kick(kick_dt, zeta, share)
     for p in range(origin, np.uint64(chunks.high[c])):
         i, far = p - origin, np.uint64(other[0, p])
-        q, of_branches, past, d = density(p, far, np.int64(0), x, slots, law)
+        q, of_branches, past, d = density(p, far, np.int64(0), None, x, slots, law)
         if scratch.near is not None:
             scratch.near[i] = 1 if past < 0 else 0
         force, band = pulled(NO_FORCE, q, d), pulled(NO_FORCE, of_branches, d)
@@ -218,7 +221,7 @@ def kick_gathered(c, kick_dt, zeta, share, chunks, particles, slots, law, scratc
     kick = make_kick(kick_dt, zeta, share)
     for p in range(origin, end):
         i = p - origin
-        force, band, past, fourth = four_forces(p, far_ends(p, other), x, slots, law)
+        force, band, past, fourth = four_forces(p, far_ends(p, other), True, x, slots, law)
         keep_row(i, force, band, scratch)
         lend(p, fourth, scratch.lent)
         if scratch.near is not None:
@@ -226,7 +229,7 @@ def kick_gathered(c, kick_dt, zeta, share, chunks, particles, slots, law, scratc
     for s in range(SLOTS, chunks.width[c]):
         for p in range(origin, end):
             i = p - origin
-            q, of_branches, past, d = density(p, np.uint64(other[s, p]), np.int64(s), x, slots, law)
+            q, of_branches, past, d = density(p, np.uint64(other[s, p]), np.int64(s), True, x, slots, law)
             band = pulled(row_of(scratch.band, i), of_branches, d)
             keep_row(i, pulled(row_of(f, i), q, d), band, scratch)
             if scratch.near is not None:
@@ -259,13 +262,16 @@ def far_ends(p, other):
 
 
 @part_of_kernel
-def kick_run(r, origin, kick, whole, particles, slots, law, scratch):
-    """`kick_chunk` of the particles of run r, which borrow nothing. whole : of `Runs`"""
+def kick_run(r, origin, keeps, kick, whole, particles, slots, law, scratch):
+    """`kick_chunk` of the particles of run r, which borrow nothing.
+
+    keeps : as of `four_forces`; whole : of `Runs`
+    """
     s0, s1 = np.uint64(whole[r, 2]), np.uint64(whole[r, 3])
     s2, s3 = np.uint64(whole[r, 4]), np.uint64(whole[r, 5])
     for p in range(np.uint64(whole[r, 0]), np.uint64(whole[r, 1])):
         i, far = p - origin, (p + s0, p + s1, p + s2, p + s3)
-        force, band, past, fourth = four_forces(p, far, particles.x, slots, law)
+        force, band, past, fourth = four_forces(p, far, keeps, particles.x, slots, law)
         lend(p, fourth, scratch.lent)
         if scratch.near is not None:
             scratch.near[i] = 1 if past < 0 else 0
@@ -283,14 +289,14 @@ def kick_borrowing(r, origin, kick, whole, particles, slots, law, scratch):
     x, lent = particles.x, scratch.lent
     first, last = np.uint64(whole[r, 0]), np.uint64(whole[r, 1])
     length = np.uint64(-whole[r, 2] // LANES * LANES)
-    q1, b1, past1, _ = density(first, first - one, np.int64(1), x, slots, law)
+    q1, b1, past1, _ = density(first, first - one, np.int64(1), None, x, slots, law)
     for begin in range(first, last, length):
         for p in range(begin, min(begin + length, last)):
             i, o0, o1 = p - origin, p + s0, p - one
             d0 = x[0][o0] - x[0][p], x[1][o0] - x[1][p], x[2][o0] - x[2][p]
             d1 = x[0][o1] - x[0][p], x[1][o1] - x[1][p], x[2][o1] - x[2][p]
-            q2, b2, past2, d2 = density(p, p + one, np.int64(2), x, slots, law)
-            q3, b3, past3, d3 = density(p, p + s3, np.int64(3), x, slots, law)
+            q2, b2, past2, d2 = density(p, p + one, np.int64(2), True, x, slots, law)
+            q3, b3, past3, d3 = density(p, p + s3, np.int64(3), True, x, slots, law)
             force = pulled(pulled(pulled(pulled(NO_FORCE, lent.density[o0], d0), q1, d1), q2, d2), q3, d3)
             band = NO_FORCE
             if lent.band is not None:
@@ -317,7 +323,7 @@ def kick_runs(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
         filled_up = last
     for i in range(first, filled_up):
         p, k = np.uint64(rest[i]), i - first
-        force, band, past, fourth = four_forces(p, far_ends(p, other), x, slots, law)
+        force, band, past, fourth = four_forces(p, far_ends(p, other), True, x, slots, law)
         f_rest[0][k], f_rest[1][k], f_rest[2][k] = force
         lend(k, fourth, lent_rest)
         near_rest[k] = 1 if past < 0 else 0
@@ -333,10 +339,14 @@ def kick_runs(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
         if scratch.near is not None:
             scratch.lent.near[p], scratch.near[row] = lent_rest.near[k], near_rest[k]
     for r in range(spans[c, 0], spans[c, 1]):  # these may borrow from the rest
-        if whole[r, 2 + SLOTS]:
+        if whole[r, 2 + SLOTS] == BORROWING:
             kick_borrowing(r, origin, kick, whole, particles, slots, law, scratch)
-        else:
-            kick_run(r, origin, kick, whole, particles, slots, law, scratch)
+            continue
+        if slots.highest is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
+            if whole[r, 2 + SLOTS] == ORDERED:
+                kick_run(r, origin, None, kick, whole, particles, slots, law, scratch)
+                continue
+        kick_run(r, origin, True, kick, whole, particles, slots, law, scratch)
     for r in range(spans[c, 4], spans[c, 5]):
         for p in range(np.uint64(loose[r, 0]), np.uint64(loose[r, 1])):
             i = p - origin

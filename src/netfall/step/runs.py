@@ -12,7 +12,8 @@ from netfall.ground.compile import inner_kernel, kernel
 from netfall.mechanics.fields import SLOTS
 
 LANES = 8  # numbers of the widest registers: particles that one takes at once
-LEAST_LOAN = 2 * LANES  # how far away in number a particle must be that lends its fourth element
+ORDERED, BORROWING = 1, 2  # runs whose first two far ends come before; those that borrow their elements
+LEAST_LOAN = 5 * LANES  # how far away in number a lender must be; in shorter rows blocks cost what loans save
 MANY_LOOSE = 8  # one particle in so many outside a chunk's runs: then it is gone through without them
 
 
@@ -22,7 +23,7 @@ class Runs(NamedTuple):
     gathered : (chunks,) 1 where it goes through all of them one after the other, whatever their far ends
     spans : (chunks, 6) from and up to which row of each of the next three
     whole : (., 3 + SLOTS) first and last particle of runs, a multiple of LANES apart, how far away the far
-        ends are, and 1 where they borrow the elements in their first two slots
+        ends are, and ORDERED or BORROWING: in these what is kept of the first two elements is at the others
     rest : (.,) particles in no run, the last of a chunk repeated up to a multiple of LANES
     loose : (., 2) first and last particle of stretches outside the runs, whose kick comes after all forces
     """
@@ -110,7 +111,9 @@ def find_runs(chunks, other, inv_L0):
                 whole[wholes, 0], whole[wholes, 1] = p, left
                 for s in range(SLOTS):
                     whole[wholes, 2 + s] = np.int64(other[s, p]) - p
-                whole[wholes, 2 + SLOTS] = borrows(p, other, inv_L0)
+                whole[wholes, 2 + SLOTS] = ORDERED if other[0, p] < p and other[1, p] < p else 0
+                if borrows(p, other, inv_L0):
+                    whole[wholes, 2 + SLOTS] = BORROWING
                 wholes += 1
                 if covered < p:
                     loose[stretches, 0], loose[stretches, 1] = covered, p
@@ -134,9 +137,9 @@ def end_loans(c, chunks, slots):
     """The particles of chunk c borrow no more, as elements of theirs are about to change."""
     spans, whole = chunks.runs.spans, chunks.runs.whole
     for r in range(spans[c, 0], spans[c, 1]):
-        if whole[r, 2 + SLOTS] == 0:
+        if whole[r, 2 + SLOTS] != BORROWING:
             continue
-        whole[r, 2 + SLOTS] = 0
+        whole[r, 2 + SLOTS] = ORDERED
         for p in range(whole[r, 0], whole[r, 1]):
             copy_slot(0, p, 3, p + whole[r, 2], slots)
             copy_slot(1, p, 2, p - 1, slots)
