@@ -76,11 +76,10 @@ class Lent(NamedTuple):
 class Scratch(NamedTuple):
     """What the loop writes for the chunk in hand: forces, and whose elements are near their limits.
 
-    lent : of all particles; lent_rest : of those in no run
-
     band, band_rest : as f, f_rest, of the branches alone, None: there are none
     f, f_rest : three of (rows,) [N]; near : None where all is elastic; f_rest, near_rest : of particles
         in no run
+    lent : of all particles; lent_rest : of those in no run
     """
 
     f: tuple
