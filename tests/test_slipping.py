@@ -51,6 +51,22 @@ def test_two_weights_on_a_rope_over_a_pulley(both_ways, mu, published, heat):
     assert abs(history["balance_error"][:]).max() < 1e-4
 
 
+def test_a_rope_that_runs_breaks_at_its_fracture_strain(workshop):
+    """Two weights let go on a rope without tension, which swings up to twice the mean one, and breaks.
+
+    Strain and stored energy are those of the unstressed length at that time, not of what has run on since.
+    """
+    text, nodes, elements, _, _ = atwood(0.0, 0.02)
+    text = text.replace(f"{DT}", "5e-4").replace("[dynamics]", "fracture_strain = 1e-4\n[dynamics]")
+    text = text.replace("damping = 0.0", "fragments = false").replace("history = 0.1", "history = 5e-4")
+    rows = elements.splitlines()
+    elements = table(rows[0].split(","), (3, 1, "rope", LOW), (1, 2, "rope", HIGH))
+    f = workshop.run(workshop.job(text, nodes, elements))
+    strain, history = f["events/strain"][:], f["history"]
+    assert len(strain) and (strain > 1e-4).all() and (strain < 1.1e-4).all()
+    assert abs(history["balance_error"][-1]) < 1e-2, (strain, history["balance_error"][:])
+
+
 def test_a_rope_that_runs_out_stops(both_ways):
     """The light weight is drawn up to the pulley: at 20 % of its strand a stop holds the rope, for good.
 

@@ -138,7 +138,7 @@ def split_particles(e, when, elements, law, fractures):
     rows, events = fractures.rows, fractures.events
     breaks, gid = np.int64(elements.breaks[e]), rules.element_gid[e]
     a, b = np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1])
-    before = strain(length_before(e, when.dt, elements, particles), elements.L0[e], law)
+    before = strain_before(e, when.dt, elements, particles, law)
     elements.broken[e] = 1
     if elements.eps_c is not None:
         elements.eps_c[e] = -np.inf
@@ -200,7 +200,7 @@ def lengthen(e, dt, elements, particles, law):
 def take_out(e, when, elements, law, fractures):
     """Element e leaves the net; what is stored in it counts as dissipated."""
     rules, particles, events = fractures.rules, fractures.particles, fractures.events
-    before = strain(length_before(e, when.dt, elements, particles), elements.L0[e], law)
+    before = strain_before(e, when.dt, elements, particles, law)
     dissipate(e, when.dt, elements, particles, law)
     elements.broken[e], elements.eps_u[e], elements.EA[e] = 1, np.inf, 0.0
     if elements.eps_c is not None:
@@ -224,10 +224,11 @@ def lose_wind(p, rules, particles):
 
 
 class Moving(NamedTuple):
-    """x [m], v [m/s] : three of (n,); what `dissipate` reads of particles."""
+    """x [m], v, slip_v [m/s] : three of (n,), or None; what `dissipate` reads of particles."""
 
     x: tuple
     v: tuple
+    slip_v: tuple | None
 
 
 @kernel
@@ -237,7 +238,9 @@ def dissipate(e, dt, elements, particles, law):
     eps_p = 0.0
     if elements.eps_p is not None:
         eps_p = elements.eps_p[e]
+    L0, elements.L0[e] = elements.L0[e], unstressed_before(e, 0.5 * dt, elements, particles)
     now, heat, stored = energies_at(elements, e, L, eps_p, law)
+    elements.L0[e] = L0
     if elements.eps_p is not None:
         elements.dissipated[e] += heat
         elements.eps_p[e] = now
@@ -252,6 +255,26 @@ def length_before(e, time, elements, particles):
     dy = (x[1][b] - time * v[1][b]) - (x[1][a] - time * v[1][a])
     dz = (x[2][b] - time * v[2][b]) - (x[2][a] - time * v[2][a])
     return math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@inner_kernel
+def unstressed_before(e, time, elements, particles):
+    """Unstressed length [m] of element e a time [s] ago, on the present velocities of slips at its ends."""
+    L0 = elements.L0[e]
+    if elements.slip_place is not None and particles.slip_v is not None:
+        for end in range(2):
+            c = elements.slip_place[e, end]
+            if c >= 0:
+                into = elements.slip_along[e] * particles.slip_v[c][elements.ends[e, end]]
+                L0 -= time * (into if end == 0 else -into)
+    return L0
+
+
+@inner_kernel
+def strain_before(e, time, elements, particles, law):
+    """Strain of element e a time [s] ago, on the present velocities."""
+    L = length_before(e, time, elements, particles)
+    return strain(L, unstressed_before(e, time, elements, particles), law)
 
 
 @inner_kernel

@@ -27,7 +27,7 @@ def lose_elements(state: State, elements: np.ndarray, dt: float) -> None:
     Every rank that holds one decides alike.
     """
     of_all, law = map(laid, state.of_a_moment)
-    moving = laid(Moving(axes(state.x), axes(state.v)))
+    moving = laid(Moving(axes(state.x), axes(state.v), axes(state.slip_v)))
     for e in elements.tolist():
         if state.EA[e] > 0.0:  # else another rank has kept it when it broke, or it had been taken out
             dissipate(e, dt, of_all, moving, law)
