@@ -23,7 +23,8 @@ from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
 
 from netfall.ground.handed import handed, whole
-from netfall.ground.passes import ApartPipeline, Pipeline, remember_answers
+from netfall.ground.passes import ApartPipeline, Pipeline
+from netfall.ground.quicker import quicken
 
 KEPT_DAYS = 30  # of compiled code that these sources did not make; a run of theirs may still be going on
 PACKAGE = Path(__file__).parents[1]
@@ -219,7 +220,7 @@ def _compiled(**flags):
     return decorate
 
 
-remember_answers()
+quicken()
 FLAGS = {"error_model": "numpy", "fastmath": False, "pipeline_class": Pipeline, "no_cfunc_wrapper": True}
 INNER = {"no_cpython_wrapper": True}  # a third of the time to compile goes into ways in from Python
 

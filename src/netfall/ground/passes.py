@@ -6,20 +6,43 @@ of the time. Here they are lowered alone, and optimised within the kernels that 
 """
 
 import operator
+from functools import cache
 
-from llvmlite.binding import Linkage
+from llvmlite.binding import Linkage, parse_assembly
 from numba import _dynfunc
-from numba.core import base, ir, postproc, types
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, DefaultPassBuilder
-from numba.core.compiler_machinery import FunctionPass, register_pass
+from numba.core import ir, types
+from numba.core.cgutils import normalize_ir_text
+from numba.core.codegen import CodeLibrary, JITCodeLibrary
+from numba.core.compiler import CompilerBase
+from numba.core.compiler_machinery import (
+    FunctionPass,
+    LoweringPass,
+    PassManager,
+    _pass_registry,
+    register_pass,
+)
 from numba.core.environment import lookup_environment
 from numba.core.ir_utils import build_definitions, get_definition, guard
-from numba.core.postproc import PostProcessor, VariableLifetime
-from numba.core.targetconfig import TargetConfig
+from numba.core.postproc import PostProcessor
 from numba.core.transforms import canonicalize_cfg
-from numba.core.typed_passes import NativeLowering
-from numba.core.untyped_passes import InlineClosureLikes, IRProcessing, WithLifting
+from numba.core.typed_passes import (
+    InlineOverloads,
+    IRLegalization,
+    NativeLowering,
+    NoPythonBackend,
+    NopythonRewrites,
+    NopythonTypeInference,
+    PreLowerStripPhis,
+)
+from numba.core.untyped_passes import (
+    DeadBranchPrune,
+    FixupArgs,
+    GenericRewrites,
+    IRProcessing,
+    ReconstructSSA,
+    RewriteSemanticConstants,
+    TranslateByteCode,
+)
 
 from netfall.ground.handed import hand, whole
 
@@ -114,27 +137,50 @@ class HandedArguments(FunctionPass):
                 body.append(assign)
         first.body = body
         state.func_ir._definitions = build_definitions(state.func_ir.blocks)
-        postproc.PostProcessor(state.func_ir).run()
+        PostProcessor(state.func_ir).run()
         return True
+
+
+WAY_IN = "_ZN7cpython"  # how the name of what takes Python's objects begins
 
 
 class KernelLibrary(JITCodeLibrary):
     """The code of a kernel, optimised once: numba does so for each function alone, and twice for all."""
 
+    def __init__(self, codegen, name):
+        CodeLibrary.__init__(self, codegen, name)
+        self._linking_libraries, self._final_module = [], None
+
+    def add_ir_module(self, ir_module):
+        """Take in what a function was lowered to, or the way into it from Python."""
+        module = parse_assembly(normalize_ir_text(str(ir_module)))
+        if self._final_module is None:
+            self._final_module = module
+        else:
+            self._final_module.link_in(module)
+
     def finalize(self):
-        """Join all parts, and what they are joined with, each once; optimise."""
+        """Join all parts, and what they are joined with, each once; optimise; make machine code."""
         for library in self._linking_libraries:  # it grows meanwhile
             for other in library._linking_libraries if isinstance(library, PartLibrary) else ():
                 if other not in self._linking_libraries:
                     self._linking_libraries.append(other)
-        super().finalize()
-
-    def _optimize_functions(self, ll_module):
-        ll_module.data_layout = self._codegen._data_layout
-
-    def _optimize_final_module(self):
+        for library in dict.fromkeys(self._linking_libraries):
+            self._reload_init.update(library._reload_init)
+            self._final_module.link_in(library._get_module_for_linking(), preserve=True)
+        for function in self._final_module.functions:
+            if function.name.startswith(WAY_IN) and not function.is_declaration:
+                function.add_function_attribute("noinline")
+                function.add_function_attribute("optnone")  # it is long, and run once a call
         passes, builder = self._codegen._module_pass_manager()
         passes.run(self._final_module, builder)
+        self._finalize_final_module()
+
+    def serialize_using_object_code(self):
+        """What is kept: machine code and the names in it, without the text that it was made from."""
+        names = [function.name for function in self.get_defined_functions()]
+        stubs = "".join(f'define void @"{name}"() {{ ret void }}\n' for name in names)
+        return self.name, "object", (self._get_compiled_object(), parse_assembly(stubs).as_bitcode())
 
 
 class PartLibrary(KernelLibrary):
@@ -189,28 +235,51 @@ class KernelLowering(NativeLowering):
         return True
 
 
-UNUSED = InlineClosureLikes, WithLifting  # no kernel has closures, comprehensions or contexts
+class Passes(PassManager):
+    """Passes in their order, without numba's clocks, events and looks whether each kept its rules."""
+
+    def run(self, state):
+        """Run all on the function in hand."""
+        for kind, _ in self.passes:
+            one, changes_blocks, _ = _pass_registry.get(kind)
+            one.analysis = self._analysis
+            changed = one.run_pass(state)
+            if changes_blocks and not isinstance(one, LoweringPass):
+                if changed:
+                    PostProcessor(state.func_ir).run()
+                else:
+                    state.func_ir.blocks = canonicalize_cfg(state.func_ir.blocks)
+
+
+@cache
+def passes_of(lowering, owned: bool) -> Passes:
+    """The passes of a kernel: of numba's own those that a kernel needs, and those above.
+
+    owned : whether it makes arrays, whose owners are counted; else nothing has to be let go of
+    """
+    found = Passes("kernel")
+    for one in (
+        *(TranslateByteCode, FixupArgs, IRProcessing, AbsentFields, HandedArguments),
+        *(RewriteSemanticConstants, DeadBranchPrune, GenericRewrites, ReconstructSSA, DeadBranchPrune),
+        *(NopythonTypeInference, PreLowerStripPhis),
+        *((InlineOverloads, NopythonRewrites, IRLegalization) if owned else ()),
+        *(lowering, NoPythonBackend),
+    ):
+        found.add_pass(one, one.__name__)
+    found.finalize()
+    return found
 
 
 class Pipeline(CompilerBase):
-    """numba's own, with `AbsentFields` before branches are dropped, and the lowering that fits."""
+    """How a kernel is compiled."""
 
     def is_part(self):
         """Whether it is a function that only kernels call, joined with them."""
         return self.state.flags.no_cpython_wrapper
 
     def define_pipelines(self):
-        """The passes in their order."""
-        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
-        passes.passes = [(one, text) for one, text in passes.passes if one not in UNUSED]
-        passes.add_pass_after(HandedArguments, IRProcessing)
-        passes.add_pass_after(AbsentFields, IRProcessing)
-        lowering = PartLowering if self.is_part() else KernelLowering
-        passes.passes = [
-            (lowering, text) if one is NativeLowering else (one, text) for one, text in passes.passes
-        ]
-        passes.finalize()
-        return [passes]
+        """The passes, in the one way that there is."""
+        return [passes_of(PartLowering if self.is_part() else KernelLowering, self.state.flags.nrt)]
 
 
 class ApartPipeline(Pipeline):
@@ -219,56 +288,3 @@ class ApartPipeline(Pipeline):
     def is_part(self):
         """It has code of its own."""
         return False
-
-
-def remember_answers() -> None:
-    """Have numba keep what it finds out again and again: a tenth of the time.
-
-    The sizes of types, each of which it asks LLVM for in a module of text; what an operation on plain numbers
-    gives, for which it tries a dozen rules on strings, lists and sets first; and whether flags are equal, for
-    which it makes a dictionary of all of them each time.
-    """
-    sizes: dict = {}
-    size_of = base.BaseContext.get_abi_sizeof
-
-    def remembered_size(context, kind):
-        key = str(kind)
-        if key not in sizes:
-            sizes[key] = size_of(context, kind)
-        return sizes[key]
-
-    signatures: dict = {}
-    resolve = types.BaseFunction.get_call_type
-
-    def remembered_signature(function, context, arguments, named):
-        if named or not all(isinstance(kind, types.Number | types.Boolean) for kind in arguments):
-            return resolve(function, context, arguments, named)
-        key = function, tuple(arguments)
-        if key not in signatures:
-            signatures[key] = resolve(function, context, arguments, named)
-        return signatures[key]
-
-    def all_values(flags):
-        return {name: option.default for name, option in flags.options.items()} | flags._values
-
-    def equal(flags, others):
-        return flags is others or (
-            type(flags) is type(others)
-            and (flags._values == others._values or all_values(flags) == all_values(others))
-        )
-
-    lifetimes = PostProcessor.run
-
-    def lifetimes_if_asked(processor, emit_dels=False, extend_lifetimes=False):
-        if emit_dels or processor.func_ir.is_generator:
-            lifetimes(processor, emit_dels, extend_lifetimes)
-        else:
-            processor.func_ir.blocks = canonicalize_cfg(processor.func_ir.blocks)
-            processor.func_ir.variable_lifetime = VariableLifetime(processor.func_ir.blocks)
-            processor.func_ir.generator_info = None
-
-    PostProcessor.run = lifetimes_if_asked
-    TargetConfig.__hash__ = lambda flags: hash((flags.no_cpython_wrapper, flags.noalias, flags.forceinline))
-    TargetConfig.__eq__ = equal
-    base.BaseContext.get_abi_sizeof = remembered_size
-    types.BaseFunction.get_call_type = remembered_signature
