@@ -25,7 +25,7 @@ from netfall.plots.film import Shot, animate, format_of
 from netfall.plots.force import ForceScale, edge_of
 from netfall.plots.labels import add_labels
 from netfall.plots.run import plot_all, plot_state
-from netfall.plots.states import deflection_scale
+from netfall.plots.states import deflection_scale, states
 from netfall.report.info import print_info
 from netfall.report.report import Inputs, write_report
 
@@ -301,6 +301,14 @@ def test_scales_end_where_nearly_all_forces_are():
     assert edge_of(feet, np.arange(12)).tolist() == []  # masts and anchors in turn
 
 
+def test_scales_are_those_of_what_can_move():
+    """A tie between two supports says nothing of the net, unless there is nothing else."""
+    N, moves = np.array([5e6, 1e3, 2e3, -7e6, -4e3]), np.array([False, True, True, False, True])
+    scale = ForceScale.of(N, moves)
+    assert scale.tension[1] == pytest.approx(2e3, rel=0.01) and scale.compression[1] < 4.1e3
+    assert ForceScale.of(N[:1], moves[:1]).tension[1] > 4.9e6
+
+
 @pytest.mark.plain
 def test_what_is_held_in_part_is_no_whole_support_in_pictures(workshop):
     """A weight on two cables that can move along z alone: two squares, and a triangle that goes with it."""
@@ -313,6 +321,19 @@ def test_what_is_held_in_part_is_no_whole_support_in_pictures(workshop):
         assert {label for label in drawn if label[0] != "_"} == {"supports, 2", "held in part, 1"}
         place = f["VTKHDF/Points"][-3:][f["VTKHDF/PointData/node_id"][-3:] == 3][0]
         assert np.ravel(drawn["held in part, 1"]) == pytest.approx(place, abs=1e-6)
+
+
+@pytest.mark.plain
+def test_springs_are_no_supports_in_pictures(workshop):
+    """A weight on two cables, held along x and y, and by a spring along z."""
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z,spring_z\n1,-4,0,3,1,1,1,,\n2,4,0,3,1,1,1,,\n"
+    nodes += "3,0,0,0,1,1,0,-4e3,1e6\n"
+    text = STEEL.replace("100e3", "0.0") + "[load]\nsteps = 1\n"
+    with workshop.run(workshop.job(text, nodes, "start,end\n1,3\n2,3\n")) as f:
+        figure = states(f)
+        labels = {line.get_label() for line in figure.axes[0].lines}
+        assert {label for label in labels if label[0] != "_"} == {"supports, 2", "springs, 1"}
+        assert "squares: supports, diamonds: springs" in figure.get_suptitle()
 
 
 def test_info_tells_what_happened(storm):
@@ -399,6 +420,12 @@ def test_the_expected_run_time_is_that_of_the_head(name):
     assert 0.5 * float(least) <= expected <= 2.0 * float(most or least)
     assert "compiling at the first run" in told
     assert ("on several ranks, mostly slower" in told) == ("equilibria" in told)
+
+
+def test_the_expected_run_time_counts_checkpoints(workshop):
+    """Of a small net some 26 ms each: 299 within 6 s, one each 20 ms."""
+    told = run_netfall("check", ROOT / "jobs" / "saddle.toml", "--set", "output.checkpoint=0.02").stdout
+    assert float(re.search(r"checkpoints ([0-9.]+) s", told)[1]) == pytest.approx(299 * 0.0264, rel=0.05)
 
 
 @pytest.mark.parametrize("name", ["saddle", "stadium", "olympia", "wheel"])

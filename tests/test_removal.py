@@ -464,6 +464,16 @@ def test_factors_in_gusts_are_told_to_hold_these_too(torn):
     assert "note: [[remove]]: gusts blow on after a loss, so largest tensions and dynamic factors" in told
 
 
+def test_factors_where_supports_move_are_told_to_hold_that_too(workshop):
+    """A loss while a support settles: neither the extremes nor the rest are those of the loss alone."""
+    nodes, elements = weights(2)
+    text = CABLE + dynamics(PERIOD, 100) + entry([2], 0.1) + '[[motion]]\ndisplacement = "move.csv"\n'
+    job = workshop.job(text, nodes, elements)
+    (workshop.folder / "move.csv").write_text("time,z\n0,0\n0.2,-0.01\n")
+    told = run_on_standing_ranks("check", job).stdout
+    assert "note: [[remove]]: supports move, so largest tensions and dynamic factors are of both, and" in told
+
+
 def test_the_parts_of_an_element_are_named_once():
     """In what a loss takes, in its largest factors, and where elements start beyond a limit."""
     rows, of_two = lambda values: np.array([values]), np.array([7, 7, 9, 9])

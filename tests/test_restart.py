@@ -1,6 +1,7 @@
 """A run that was interrupted and taken up again, on another number of ranks, gives the same bits."""
 
 import math
+import os
 import random
 import signal
 import subprocess
@@ -311,3 +312,28 @@ def test_a_pause_in_form_finding_or_statics_changes_no_bit(workshop, after, stag
     assert f"in {stage}" in str(raised.value) and str(checkpoint) in str(raised.value)
     assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))
     assert {p.name for p in workshop.folder.iterdir() if p.name.startswith(".")} == set()
+
+
+STAND_IN = """#!/usr/bin/env bash
+trap 'exit 4' USR1
+sleep 0.3; touch started
+for ((k = 0; k < 300; k++)); do sleep 0.1; done
+"""
+
+
+@pytest.mark.parametrize("name", ["stadium", "saddle", "wheel", "olympia"])
+@pytest.mark.parametrize("number, again", [(signal.SIGUSR1, True), (signal.SIGTERM, False)])
+def test_a_script_of_slurm_is_submitted_again_for_its_time_alone(tmp_path, name, number, again):
+    """USR1 comes a minute before its time is up, TERM from scancel; stand-ins for the run and for sbatch."""
+    tools = tmp_path / ".venv" / "bin"
+    tools.mkdir(parents=True)
+    for tool, text in (("mpirun", STAND_IN), ("sbatch", "#!/usr/bin/env bash\ntouch submitted\n")):
+        (tools / tool).write_text(text)
+        (tools / tool).chmod(0o755)
+    environment = ENVIRONMENT | {"PATH": f"{tools}:{os.environ['PATH']}", "SLURM_NTASKS": "1"}
+    script = subprocess.Popen(["bash", ROOT / "jobs" / f"{name}.slurm"], cwd=tmp_path, env=environment)
+    while not (tmp_path / "started").exists():
+        time.sleep(0.02)
+    script.send_signal(number)
+    assert script.wait(30) == (0 if again else 4)
+    assert (tmp_path / "submitted").exists() == again

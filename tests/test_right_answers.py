@@ -165,13 +165,38 @@ def test_an_unstressed_length_beyond_the_limits_is_refused(workshop, limit, says
         ("load.pressure=[0, 0, -0.8]", "pressure = [0, 0, -0.8] N/m2 is far from"),
         ("load.temperature=293", "temperature = 293.0 K is far from"),
         ("load.snow=0.75", "snow = 0.75 N/m2 is far from"),
+        ("load.air_mass=2000", "air_mass = 2000.0 kg/m2 is far from"),
+        ("wind.speed=150", "speed = 150.0 m/s is far from"),
+        ("wind.shape_coefficient=-800", "shape_coefficient = -800.0 is far from"),
+        ("wind.air_density=1250", "air_density = 1250.0 kg/m3 is far from"),
+        ("dynamics.damping=50", "[dynamics] damping = 50 1/s is far from"),
+        ("cable.breaking_load=6e2;cable.prestress=500", "breaking_load = 600 N of 112 elements"),
+        ("net.side=7e4", "the net is 7e+04 m from end to end"),
     ],
 )
 def test_values_in_other_units_are_noted(workshop, change, says):
     """What may be meant but is far from any cable: one note for each kind of value, none for steel."""
     job = workshop.job(WINDY)
-    (note,) = make_layout(read_job(job, [change]), 1).notes
+    (note,) = make_layout(read_job(job, change.split(";")), 1).notes
     assert note.startswith(says)
+
+
+def test_cases_and_combinations_in_other_units_are_noted(workshop):
+    """A pressure for a coefficient, per cent for a factor."""
+    text = WINDY + '[[case]]\nname = "west"\nset = {"wind.speed" = 30.0, "wind.shape_coefficient" = 900.0}\n'
+    text += '[[combination]]\nname = "U"\nfactors = {permanent = 135.0, west = 1.5}\n'
+    notes = make_layout(read_job(workshop.job(text)), 1).notes
+    assert any(note.startswith("shape_coefficient = 900.0 is far from") for note in notes)
+    assert any(note.startswith('[[combination]] "U": factors: permanent = 135 is far') for note in notes)
+
+
+@pytest.mark.parametrize("load, mass, said", [(-5.0, 510, True), (-5e3, 0.51, True), (-5e3, 510, False)])
+def test_loads_and_masses_of_nodes_in_other_units_are_noted(workshop, load, mass, said):
+    """5 kN and 510 kg as 5 N, or as 0.51 kg."""
+    nodes = f"id,x,y,z,fixed,load_z,mass\n1,0,0,0,1,,\n2,2,0,0,0,{load},{mass}\n3,4,0,0,1,,\n"
+    text = SECTION + "prestress = 1e5\n[dynamics]\nduration = 1.0\n"
+    notes = make_layout(read_job(workshop.job(text, nodes, "start,end\n1,2\n2,3\n")), 1).notes
+    assert any("was kN or t meant?" in note for note in notes) == said
 
 
 def test_an_unstressed_length_in_millimetres_is_noted(workshop):

@@ -268,3 +268,18 @@ def test_further_columns_of_a_wind_table_are_named(workshop):
     )
     done = run_on_standing_ranks("check", workshop.job(STEEL + wind, nodes, ELEMENTS))
     assert done.returncode == 0 and 'left alone: "direction"' in done.stdout, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("word", ["true", "2", "x"])
+def test_what_holds_a_node_is_0_or_1(workshop, word):
+    """Told once, whatever stands there."""
+    lines = errors_from(workshop, NODES.replace("1,0,0,0,1", f"1,0,0,0,{word}"))
+    assert [line.partition(": ")[2] for line in lines] == [f"line 2: fixed = '{word}': expected 0 or 1"]
+
+
+def test_a_table_in_another_encoding_is_told_what_to_be(workshop):
+    """As spreadsheets save them, where names are not in ASCII."""
+    job = workshop.job(STEEL, NODES, ELEMENTS)
+    (workshop.folder / "nodes.csv").write_bytes(("# Stütze\n" + NODES).encode("latin-1"))
+    with pytest.raises(InputError, match="byte 4: not text in UTF-8; save the table as that"):
+        build_net(read_job(job))

@@ -95,10 +95,19 @@ class Job:
 
     def loads(self, key: str) -> list:
         """Every value of a key of [load]: its own, those of zones and cases."""
-        own = [vars(self.load), *self.load.zone.values()] if self.load else []
-        sets = [each.set for each in [*self.cases, *self.stages]]
-        of_cases = [value for one in sets for name, value in one.items() if name.endswith(f".{key}")]
-        return [values[key] for values in own if key in values] + of_cases
+        return self.values("load", key)
+
+    def values(self, name: str, key: str) -> list:
+        """Every value of a key of a section that has zones: its own, those of zones, cases and stages."""
+        section = getattr(self, name)
+        own = [vars(section), *section.zone.values()] if section else []
+        own += [
+            {at.rpartition(".")[2]: value}
+            for each in [*self.cases, *self.stages]
+            for at, value in each.set.items()
+            if at.startswith(f"{name}.")
+        ]
+        return [values[key] for values in own if key in values]
 
     def changes_net(self) -> bool:
         """Whether the command line overrides the net: files made for the job's own net then do not apply."""

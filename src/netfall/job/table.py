@@ -151,7 +151,9 @@ def _rows_of(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
         return [(reader.line_num, row) for row in reader if any(c.strip() for c in row)], delimiter
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}; paths are relative to the job file") from None
-    except (UnicodeDecodeError, csv.Error) as error:
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start}: not text in UTF-8; save the table as that") from None
+    except csv.Error as error:
         raise InputError(f"{path}: not a CSV table ({error})") from None
 
 

@@ -23,6 +23,7 @@ from netfall.model.start import (
     load_notes,
     massless_notes,
     unit_notes,
+    unlike_notes,
     weightless_notes,
 )
 from netfall.net.build import build_net
@@ -89,7 +90,7 @@ def make_layout(
     notes += sectors.notes if sectors else []
     notes += idle_zones(job, zones, [sectors, *(c.sectors for c in cases.values())])
     notes += [*of_cases, *unit_notes(net), *load_notes(job)]
-    notes += [*massless_notes(job, net), *weightless_notes(job, net)]
+    notes += [*massless_notes(job, net), *weightless_notes(job, net), *unlike_notes(job, net)]
     chains = chains_of(net)
     notes += chain_notes(chains) if chains else []
     measured = read_history(job)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netfall.ground.errors import InputError
+from netfall.job.asks import moves_supports
 from netfall.job.entries import LOST
 from netfall.job.job import Job
 from netfall.job.values import MOST_NAMED, listed, shown
@@ -61,14 +62,22 @@ def _of_ids(net: Net, asked: list[int]) -> tuple[np.ndarray, list[str]]:
     return rows, wrong
 
 
-def gust_notes(job: Job, varies: bool) -> list[str]:
+def shaken_notes(job: Job, varies: bool) -> list[str]:
     """What dynamic factors hold besides the loss. varies : whether the wind has gusts"""
-    if not job.removes or not varies:
-        return []
-    return [
-        "[[remove]]: gusts blow on after a loss, so largest tensions and dynamic factors are of both; those "
-        "of the loss alone come in the mean wind ([wind] turbulence = 0)"
-    ]
+    notes, both = [], "so largest tensions and dynamic factors are of both"
+    if job.removes and varies:
+        notes.append(
+            f"[[remove]]: gusts blow on after a loss, {both}; those of the loss alone come in the mean wind "
+            "([wind] turbulence = 0)"
+        )
+    if job.removes and job.wind and job.wind.onset == "sudden":
+        notes.append(f'[[remove]]: the wind came at once, {both} (onset = "static": it does not)')
+    if job.removes and moves_supports(job):
+        notes.append(
+            f"[[remove]]: supports move, {both}, and the rest after a loss is that of supports where they "
+            "were at the start; those of the loss alone come without [[motion]]"
+        )
+    return notes
 
 
 def losses_of(job: Job, model, schedule) -> list[Loss]:

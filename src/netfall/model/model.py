@@ -19,7 +19,7 @@ from netfall.model.air import damping_air, kappa_area, moving_air
 from netfall.model.idle import bare_zones
 from netfall.model.layout import Layout
 from netfall.model.loads import Loading, by_node, carried_mass, loading_of, preload, pressure_load
-from netfall.model.losses import gust_notes
+from netfall.model.losses import shaken_notes
 from netfall.model.motion import Motion, motion_of
 from netfall.model.start import check_start, check_tensions, element_words, low_notes
 from netfall.net.bars import euler_load
@@ -159,7 +159,8 @@ def make_model(
     motion = motion_of(job, net, x) if asks.moves_supports(job) else None
     notes += motion.notes if motion else []
     if field:
-        notes += low_notes(job, net, x, field.force) + gust_notes(job, field.varies)
+        notes += low_notes(job, net, x, field.force)
+    notes += shaken_notes(job, bool(field and field.varies))
     tears = field and job.wind.after_fracture == "panels"
     return Model(
         layout,

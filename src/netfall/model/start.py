@@ -20,13 +20,25 @@ PLAUSIBLE = (
     ("yield_stress", "yield_stress", "Pa", 1e6, 1e11, "cable steel has some 1.5e9 Pa; was N/mm2 meant?"),
     ("fracture_strain", "fracture_strain", "", 1e-6, 1.0, "4 percent are 0.04"),
 )
-# Key of [load], zones, cases and stages, unit, least and most of its size that roofs have, and a word.
+# Section, key there, in zones, cases and stages, unit, least and most of its size for roofs, and a word.
 LOADS = (
-    ("dead", "N/m2", 5.0, 2e4, "cladding weighs 10 to 3000; is it in kN/m2, or kg/m2?"),
-    ("snow", "N/m2", 20.0, 5e4, "codes have 300 to 10000; is it in kN/m2?"),
-    ("pressure", "N/m2", 5.0, 5e4, "storms press with 300 to 5000; is it in kN/m2?"),
-    ("temperature", "K", 0.0, 150.0, "it is a change from that of form finding, not a temperature"),
+    ("load", "dead", "N/m2", 5.0, 2e4, "cladding weighs 10 to 3000; is it in kN/m2, or kg/m2?"),
+    ("load", "snow", "N/m2", 20.0, 5e4, "codes have 300 to 10000; is it in kN/m2?"),
+    ("load", "pressure", "N/m2", 5.0, 5e4, "storms press with 300 to 5000; is it in kN/m2?"),
+    (
+        *("load", "temperature", "K", 0.0, 150.0),
+        "it is a change from that of form finding, not a temperature",
+    ),
+    ("load", "air_mass", "kg/m2", 0.0, 1e3, "air that moves along has 10 to 100"),
+    ("wind", "speed", "m/s", 0.0, 90.0, "storms have a mean of up to 70 at 10 m; is it in km/h?"),
+    ("wind", "shape_coefficient", "", 0.0, 20.0, "codes have -4 to 2; is it a pressure?"),
+    ("wind", "air_density", "kg/m3", 0.5, 2.0, "air has some 1.25"),
 )
+MOST_DAMPING = 20.0  # 1/s: a motion is held back to half in 1 / 29 s
+MOST_FACTOR = 10.0  # of a combination
+WIDEST, SMALLEST = 3e3, 0.3  # m: of nets from end to end
+HEAVIEST = 100.0  # times: the weight of nodes over their mass, or the other way round
+WEAKEST = 1e-4  # no element breaks at less strain by its breaking load
 LOOSEST = 3e-6  # no net is built with less strain in its tightest element, if with any
 SLACKEST, TIGHTEST = -0.5, 0.1  # strains between which nets start
 FAR = 3.0  # times the roof's diagonal in plan: taps and points as far outside of it are in another unit
@@ -46,6 +58,16 @@ def unit_notes(net: Net) -> list[str]:
                 f"{key} = {values[odd[0]]:g} {unit} of {these} is far from what cables have, "
                 f"{low:g} to {high:g}: {example}".replace("  ", " ")
             )
+    weak = np.flatnonzero(net.breaking_load < WEAKEST * net.EA)
+    if len(weak):
+        e, these = weak[0], counted("element", net.element_id[weak])
+        notes.append(
+            f"breaking_load = {net.breaking_load[e]:g} N of {these} is a strain of "
+            f"{net.breaking_load[e] / net.EA[e]:.2g}, at which no cable breaks; was kN meant?"
+        )
+    size = float(np.ptp(net.x, axis=0).max())
+    if not SMALLEST <= size <= WIDEST:
+        notes.append(f"the net is {size:.4g} m from end to end; [net] unit is that of the coordinates")
     strain = np.abs(net.prestress / net.EA).max()
     if 0.0 < strain < LOOSEST and not notes:
         most = np.abs(net.prestress).max()
@@ -54,13 +76,26 @@ def unit_notes(net: Net) -> list[str]:
 
 
 def load_notes(job: Job) -> list[str]:
-    """A note for each kind of load of a size that no roof has."""
+    """A note for each kind of load, wind, factor and damping of a size that no roof has."""
     notes = []
-    for key, unit, low, high, example in LOADS:
-        given = [value for value in job.loads(key) if value is not None and np.any(value)]
+    for section, key, unit, low, high, example in LOADS:
+        given = [value for value in job.values(section, key) if value is not None and np.any(value)]
         odd = [value for value in given if not low <= np.abs(value).max() <= high]
         if odd:
-            notes.append(f"{key} = {shown(odd[0])} {unit} is far from what roofs have: {example}")
+            value = f"{shown(odd[0])} {unit}".strip()
+            notes.append(f"{key} = {value} is far from what roofs have: {example}")
+    for each in job.combinations:
+        for name, factor in each.factors.items():
+            if abs(factor) > MOST_FACTOR:
+                notes.append(
+                    f'[[combination]] "{each.name}": factors: {name} = {factor:g} is far from what codes '
+                    "have, 0 to 2"
+                )
+    if job.dynamics and job.dynamics.damping > MOST_DAMPING:
+        notes.append(
+            f"[dynamics] damping = {job.dynamics.damping:g} 1/s is far from what roofs have: it is damping x "
+            "period / 4 pi of the critical damping; netfall check has it in each mode"
+        )
     return notes
 
 
@@ -88,6 +123,20 @@ def weightless_notes(job: Job, net: Net) -> list[str]:
     return [
         f"column mass of {counted('node', net.node_id[light])}: {mass:.4g} kg without weight: self_weight is "
         f"that of elements; if it hangs there, column load_z has to have -{mass * GRAVITY:.4g} N in all"
+    ]
+
+
+def unlike_notes(job: Job, net: Net) -> list[str]:
+    """A note on nodes whose weight is far from that of their mass: one of them may be in another unit."""
+    hung = (net.load[:, 2] < 0.0) & (net.mass > 0.0) & ~net.fixed[:, 2]
+    weight, mass = -float(net.load[hung, 2].sum()), float(net.mass[hung].sum())
+    if job.dynamics is None or not hung.any():
+        return []
+    if mass * GRAVITY / HEAVIEST <= weight <= mass * GRAVITY * HEAVIEST:
+        return []
+    return [
+        f"columns load_z and mass of {counted('node', net.node_id[hung])}: {weight:.4g} N downward with "
+        f"{mass:.4g} kg, which weigh {mass * GRAVITY:.4g} N; loads are in N, masses in kg: was kN or t meant?"
     ]
 
 

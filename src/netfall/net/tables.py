@@ -215,13 +215,15 @@ def _no_empty_cells(table: Table, name: str) -> None:
 def _fixed(nodes: Table) -> np.ndarray:
     if "fixed" in nodes and any(f"fixed_{k}" in nodes for k in AXES):
         nodes.wrong("columns fixed and fixed_x, fixed_y, fixed_z exclude each other; keep one kind")
-    columns = [nodes.numbers(f"fixed_{k}" if f"fixed_{k}" in nodes else "fixed", 0.0) for k in AXES]
+    held = {}
     for name in ("fixed", *(f"fixed_{k}" for k in AXES)):
         if name in nodes:
-            values = nodes.numbers(name, 0.0)
-            for row in np.flatnonzero((values != 0) & (values != 1) & np.isfinite(values)):
-                nodes.wrong(f"{nodes.at(row)}: {name} = {nodes.words(name)[row]!r}: expected 0 or 1")
-    return np.column_stack(columns) == 1
+            words = nodes.words(name)
+            held[name] = np.array([number_in(word or "0") for word in words])
+            for row in np.flatnonzero((held[name] != 0) & (held[name] != 1)):
+                nodes.wrong(f"{nodes.at(row)}: {name} = {words[row]!r}: expected 0 or 1")
+    whole = held.get("fixed", np.zeros(len(nodes)))
+    return np.column_stack([held.get(f"fixed_{k}", whole) for k in AXES]) == 1
 
 
 def _normals(nodes: Table) -> np.ndarray:

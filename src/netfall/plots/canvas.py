@@ -33,6 +33,7 @@ plt.rcParams.update(STYLE)
 NOTHING = "#b8b8b8"  # what has no value
 BROKEN = "#d62728"  # what is broken, lost or at fault; no group has this red
 GUIDED = "#7a4b00"  # supports that are held along some axes
+SPRING = "#6a0dad"  # supports on springs
 LONGEST_TITLE = 90  # characters
 MOST_DRAWN = 60_000  # elements in a picture; of larger nets every k-th is drawn
 ALONE, PANEL, NARROW = (9.0, 4.9), (5.5, 3.4), (4.2, 2.9)  # inches of a panel in space: of one, two, more

@@ -19,7 +19,7 @@ from PIL import Image
 from netfall.ground.errors import InputError
 from netfall.plots.canvas import BROKEN, VIEWS, add_lines, heading, in_space, line_width
 from netfall.plots.collapse import view, within
-from netfall.plots.force import SLACK, ForceScale, add_by_force, add_supports, force_bars
+from netfall.plots.force import SLACK, ForceScale, add_by_force, add_supports, force_bars, moving_elements
 from netfall.plots.states import force_words
 from netfall.results.file import reading, title_of
 from netfall.results.frames import Frames, StageFrames
@@ -155,7 +155,7 @@ class Film:
         window = view(frames, looks, FARTHEST)
         whole = lambda step: np.where(frames.broken(step), 0.0, frames.tension(step))
         N = np.concatenate([whole(step)[::every] for step in steps])
-        scale = ForceScale.of(N)
+        scale = ForceScale.of(N, np.tile(moving_elements(f)[::every], len(steps)))
         figure, axes = _stage(f, reel, window, scale, N, shot)
         done = _bar(reel, figure, frames.times[:count])
         return Film(reel, title_of(f), steps, every, window, scale, figure, axes, done, [])

@@ -11,7 +11,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.path import Path
 
 from netfall.checks.reactions import held_axes
-from netfall.plots.canvas import GUIDED, MOST_DRAWN, add_coloured, add_lines, add_scale, unit_of
+from netfall.plots.canvas import GUIDED, MOST_DRAWN, SPRING, add_coloured, add_lines, add_scale, unit_of
 
 MOST_SUPPORTS = 2_000  # marked
 PERCENTILES = 1.0, 99.0  # of the forces, between which colours differ
@@ -40,16 +40,21 @@ class ForceScale:
 
     tension: tuple[float, float] | None
     compression: tuple[float, float] | None
-    factor: float
-    unit: str
     trace: float
 
     @staticmethod
-    def of(N: np.ndarray) -> "ForceScale":
-        """The scale for all forces of a picture, N (k,) [N]."""
+    def of(N: np.ndarray, counts: np.ndarray | None = None) -> "ForceScale":
+        """The scale for all forces of a picture, N (k,) [N]; counts : (k,) bool, those that it is for"""
         trace = TRACE * float(np.abs(N).max(initial=0.0))
-        both = [limits(N[N > 0.0]), limits(-N[N < -trace])]
-        return ForceScale(*both, *unit_of(max((ends[1] for ends in both if ends), default=0.0), "N"), trace)
+        taut, pressed = N > 0.0, N < -trace
+        chosen = lambda rows: rows & counts if counts is not None and (rows & counts).any() else rows
+        return ForceScale(limits(N[chosen(taut)]), limits(-N[chosen(pressed)]), trace)
+
+
+def moving_elements(f) -> np.ndarray:
+    """(m,) bool, elements with an end that can move: what others carry says nothing of the net."""
+    rigid = f["net/fixed"][:].astype(bool).all(1)
+    return ~rigid[f["net/elements"][:]].all(1)
 
 
 def limits(sizes: np.ndarray) -> tuple[float, float] | None:
@@ -71,8 +76,7 @@ def add_by_force(axes, lines: np.ndarray, N: np.ndarray, scale: ForceScale, widt
     for sign, ends, palette in ((1, scale.tension, TENSION), (-1, scale.compression, COMPRESSION)):
         rows = np.flatnonzero(sign * N > 0.0)
         if len(rows):
-            norm = plt.Normalize(scale.factor * ends[0], scale.factor * ends[1])
-            add_coloured(axes, lines[rows], scale.factor * sign * N[rows], norm, palette, width)
+            add_coloured(axes, lines[rows], sign * N[rows], plt.Normalize(*ends), palette, width)
 
 
 def force_bars(figure, scale: ForceScale, N, bottom: float, height: float, low=0.0, high=1.0) -> None:
@@ -86,9 +90,10 @@ def force_bars(figure, scale: ForceScale, N, bottom: float, height: float, low=0
     for k, (word, sign, ends, palette) in enumerate(there):
         left = 0.5 - 0.5 * width if len(there) == 1 else 0.1 + 0.46 * k
         place = (low + (high - low) * left, bottom, (high - low) * width, height)
-        values = scale.factor * sign * N[sign * N > (0.0 if sign > 0 else scale.trace)]
-        least, most = scale.factor * ends[0], scale.factor * ends[1]
-        label = f"{word} [{scale.unit}], {values.min():.4g} to {values.max():.4g}"
+        factor, unit = unit_of(ends[1], "N")
+        values = factor * sign * N[sign * N > (0.0 if sign > 0 else scale.trace)]
+        least, most = factor * ends[0], factor * ends[1]
+        label = f"{word} [{unit}], {values.min():.4g} to {values.max():.4g}"
         norm, extend = plt.Normalize(least, most), beyond(values, least, most)
         add_scale(figure, place, norm, palette, label, extend=extend).locator = plt.MaxNLocator(4)
 
@@ -108,15 +113,21 @@ def add_supports(f, axes, x: np.ndarray, place: str = "") -> None:
         dashed = {"color": SUPPORT, "lw": 0.8, "ls": (0, (3, 2)), "clip_on": False}
         axes.plot(*x[edge].T, label="edge through the supports", **dashed)
     size = float(np.clip(20.0 / np.sqrt(max(len(rows), 1)), 1.2, 4.0))
-    whole = held[rows].all(1)
+    sprung = springs_at(f)
     for each, marker, colour, word in (
-        (rows[whole], "s", SUPPORT, "supports"),
-        (rows[~whole], "^", GUIDED, "held in part"),
+        (np.flatnonzero(held.all(1) & ~sprung), "s", SUPPORT, "supports"),
+        (np.flatnonzero(held.any(1) & ~held.all(1) & ~sprung), "^", GUIDED, "held in part"),
+        (np.flatnonzero(sprung), "D", SPRING, "springs"),
     ):
         style = {"ls": "", "marker": marker, "color": colour, "mew": 0, "clip_on": False}
         if len(each):
             shown = each[:: max(1, len(each) // MOST_SUPPORTS)]
             axes.plot(*x[shown].T, label=f"{word}, {len(each)}", ms=size, **style)
+
+
+def springs_at(f) -> np.ndarray:
+    """(n,) bool, nodes on springs, along whatever axes others hold them."""
+    return (f["net/spring"][:] > 0).any(1) if "spring" in f["net"] else np.zeros(len(f["net/fixed"]), bool)
 
 
 def edge_of(x: np.ndarray, supports: np.ndarray) -> np.ndarray:

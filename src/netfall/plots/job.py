@@ -13,7 +13,17 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.lines import Line2D
 
 from netfall.net.net import Net
-from netfall.plots.canvas import BROKEN, GUIDED, add_lines, heading, in_space, line_width, save, set_plan
+from netfall.plots.canvas import (
+    BROKEN,
+    GUIDED,
+    SPRING,
+    add_lines,
+    heading,
+    in_space,
+    line_width,
+    save,
+    set_plan,
+)
 from netfall.plots.cells import MOST_CELLS
 from netfall.plots.net import group_colours, named_groups, whole_cables
 from netfall.roof.faces import Faces, quarters
@@ -125,7 +135,7 @@ def _draw_nodes(axes, job: JobNet, x: np.ndarray) -> None:
     for mine, marker, colour, word in (
         (held, "s", "#111111", "supports, {}"),
         (guided, "^", GUIDED, f"held in part, {{}} ({along(fixed, guided)})"),
-        (springs, "D", "#6a0dad", f"springs, {{}} ({along(net.spring, springs)})"),
+        (springs, "D", SPRING, f"springs, {{}} ({along(net.spring, springs)})"),
     ):
         rows = np.flatnonzero(mine)
         if len(rows):

@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from netfall.plots.canvas import BROKEN, CYCLE, add_lines, heading, save, space_panels
+from netfall.plots.canvas import BROKEN, CYCLE, SPRING, add_lines, heading, save, space_panels
 
 MOST_READ = 20_000  # elements in the picture of a net that was read
 MOST_NAMED = 12  # groups in a legend
@@ -65,7 +65,7 @@ def as_read(lines, group: list[str], held, sprung, marks, title: str, path) -> N
         add_lines(axes, lines[::every][of[::every] == k], colors=[colour], linewidths=0.9, label=labels[k])
     for places, marker, colour, label in (
         (held, "s", "#222222", f"supports, {len(held)}"),
-        (sprung, "^", "#222222", f"springs, {len(sprung)}"),
+        (sprung, "D", SPRING, f"springs, {len(sprung)}"),
         (np.reshape(marks, (-1, 3)), "x", BROKEN, f"faults, {len(marks)}"),
     ):
         if len(places):

@@ -5,7 +5,7 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.plots import canvas
-from netfall.plots.force import ForceScale, add_by_force, add_supports, force_bars
+from netfall.plots.force import ForceScale, add_by_force, add_supports, force_bars, moving_elements
 from netfall.plots.labels import add_labels
 from netfall.results.file import title_of
 from netfall.results.states import (
@@ -24,13 +24,18 @@ MOST_PANELS = 24  # of states; of more stages every k-th, and the last
 BELOW = 0.9  # inches under the panels, for the scales
 SEEN = 0.06  # of the largest extent of the net: about how large the largest deflection is drawn
 MOST_TOLD = 16  # groups with labels
-MARKS = {"supports, ": "squares: supports", "in part": "triangles: in part", "edge": "dashed: their edge"}
+MARKS = {
+    "supports, ": "squares: supports",
+    "in part": "triangles: in part",
+    "springs, ": "diamonds: springs",
+    "edge": "dashed: their edge",
+}
 
 
 def form(f):
     """The form that was found, its elements coloured by axial force."""
     x, N = f["form_finding/position"][:], f["form_finding/tension"][:]
-    scale = ForceScale.of(N)
+    scale = ForceScale.of(N, moving_elements(f))
     figure, (axes,) = canvas.space_panels(x, 1, BELOW)
     add_by_force(axes, x[f["net/elements"][:]], N, scale, canvas.line_width(len(N)))
     add_supports(f, axes, x)
@@ -76,7 +81,8 @@ def _panels(f, chosen: list[ShownState], words: str):
     """Equilibria in space, all on one scale."""
     forces, places = [state.tension() for state in chosen], [state.position() for state in chosen]
     everything = np.concatenate(forces)
-    scale, elements = ForceScale.of(everything), f["net/elements"][:]
+    scale = ForceScale.of(everything, np.tile(moving_elements(f), len(chosen)))
+    elements = f["net/elements"][:]
     figure, panels = canvas.space_panels(np.concatenate(places), len(chosen), BELOW)
     for axes, state, x, N in zip(panels, chosen, places, forces):
         there = ~absent(f, state.place)
@@ -141,7 +147,7 @@ def one_state(f, state: ShownState):
     there, moved = ~absent(f, state.place), x - x0
     elements = f["net/elements"][:][there]
     figure, (left, right) = canvas.space_panels(np.concatenate([x0, x]), 2, BELOW)
-    scale = ForceScale.of(N)
+    scale = ForceScale.of(N, moving_elements(f))
     for axes in (left, right):
         add_supports(f, axes, x, state.place)
     width = canvas.line_width(len(N))
@@ -152,7 +158,7 @@ def one_state(f, state: ShownState):
     canvas.add_lines(right, x0[elements], colors=canvas.NOTHING, linewidths=0.5)
     norm, of_element = plt.Normalize(0.0, 1e3 * largest or 1.0), 1e3 * size[elements].mean(1)
     canvas.add_coloured(right, (x0 + times * moved)[elements], of_element, norm, "viridis", width)
-    _tell_forces(f, left, x, N, there, scale)
+    _tell_forces(f, left, x, N, there)
     _tell_deflection(f, right, x0 + times * moved, moved, size)
     slack = _slack(f, state)
     left.set_title(f"axial forces, {slack} slack (grey)" if slack else "axial forces")
@@ -173,7 +179,7 @@ def deflection_scale(largest: float, extent: float) -> float:
     return float(scales[np.searchsorted(scales, times, side="right") - 1])
 
 
-def _tell_forces(f, axes, x: np.ndarray, N: np.ndarray, there: np.ndarray, scale: ForceScale) -> None:
+def _tell_forces(f, axes, x: np.ndarray, N: np.ndarray, there: np.ndarray) -> None:
     """The largest and the smallest force of each group, at the elements that have them."""
     group, names = f["net/group"][:], f["net/group_names"].asstr()[:]
     middle, texts, rows = x[f["net/elements"][:]].mean(1), [], []
@@ -182,7 +188,8 @@ def _tell_forces(f, axes, x: np.ndarray, N: np.ndarray, there: np.ndarray, scale
         if not len(mine):
             continue
         for e in (mine[np.nanargmax(N[mine])], mine[np.nanargmin(N[mine])]):
-            text = f"{names[g]} {scale.factor * N[e]:.4g} {scale.unit}".strip()
+            factor, unit = canvas.unit_of(abs(N[e]), "N")
+            text = f"{names[g]} {factor * N[e]:.4g} {unit}".strip()
             if text not in texts:  # a group may carry the same throughout
                 rows.append(e)
                 texts.append(text)

@@ -34,6 +34,7 @@ from netfall.write.locks import writing
 # For an element and step, and for a step, on one core with all features on (jobs/bench).
 STEP_NS, STEP_US = 8.0, 2.0
 ROW_S = 5e-4  # of a row of the history, and of a frame
+CHECKPOINT_S, SAVED_S = 0.026, 4e-6  # of a checkpoint, and of each element in it
 EQUILIBRIUM_S = 1e-4  # for each element of a small net: slack and compression take more or less
 NEAR_S, FAR_S = 4.5e-6, 4e-5  # the same of a larger net, whose tangent foresees it, or does not (jobs/bench)
 UNFORESEEN = "; what the tangent does not foresee takes from a third to five times as long, more if relaxed"
@@ -154,6 +155,8 @@ def _describe_time(scene: Scene, say) -> None:
     if schedule:
         parts["steps"] = schedule.steps // schedule.stride * (m * STEP_NS * 1e-9 + STEP_US * 1e-6)
         parts["output"] = ROW_S * (len(schedule.history) + len(schedule.frames))
+        if len(schedule.checkpoints):
+            parts["checkpoints"] = len(schedule.checkpoints) * (CHECKPOINT_S + SAVED_S * m)
     say(
         f"expected run time about {sum(parts.values()):.2g} s on one core ("
         + ", ".join(f"{name} {seconds:.2g} s" for name, seconds in parts.items())

@@ -6,6 +6,7 @@ import numpy as np
 
 from netfall.checks.reactions import held_axes
 from netfall.plots.collapse import view
+from netfall.plots.force import springs_at
 from netfall.results.file import title_of
 from netfall.results.frames import Frames
 from netfall.results.losses import broken_at, lost_at
@@ -41,7 +42,7 @@ def page_of(f) -> Page:
     rest = sum(not len(states.time) for states in shown)
     thinned = f"; of this result {', '.join(left_out)}" if left_out else ""
     words = f"{len(drawn.rows)} elements, {frames}{rest} states at rest{thinned}"
-    net = net_data(numbers, drawn, title_of(f), f["net/element_id"][:], x, held_axes(f))
+    net = net_data(numbers, drawn, title_of(f), f["net/element_id"][:], x, held_axes(f), springs_at(f))
     data = net | {
         "net": f"{len(x)} nodes, {len(f['net/elements'])} elements",
         "left_out": left_out,
@@ -59,9 +60,12 @@ def page_of(f) -> Page:
     return Page(data, numbers, drawn, words)
 
 
-def net_data(numbers: Numbers, drawn: Drawn, title: str, ids, x: np.ndarray, held: np.ndarray) -> dict:
-    """What a page has of a net. ids : (m,) of all elements; x : (n, 3) [m]; held : (n, 3) bool, axes"""
-    whole = held.all(1)
+def net_data(numbers: Numbers, drawn: Drawn, title: str, ids, x: np.ndarray, held, sprung) -> dict:
+    """What a page has of a net.
+
+    ids : (m,) of all elements; x : (n, 3) [m]; held : (n, 3) bool, axes; sprung : (n,) bool, on springs
+    """
+    whole = held.all(1) & ~sprung
     return {
         "title": title,
         "colours": palette(),

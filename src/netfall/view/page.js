@@ -5,7 +5,7 @@
 // bytes. NONE is no value. Elements are m pairs of points; each is drawn with two points of its own.
 
 const NONE = -32768;
-// objects of k3d, beside the form, with times; guided: supports along some axes alone
+// objects of k3d, beside the form, with times; guided: supports along some axes alone, or on springs
 const TAUT = 2, SLACK = 3, BROKEN = 4, SUPPORTS = 5, PICKED = 6, GUIDED = 7;
 const MOST_THICK = 20000; // elements that are drawn as bands; more as lines of one pixel
 const NEAR = 12; // pixels from a click to an element

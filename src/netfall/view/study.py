@@ -75,7 +75,9 @@ def net_page(study: Study) -> Page:
     taut = np.ones((1, len(rows)))
     moved, away = np.zeros((1, *drawn.start.shape)), np.zeros(len(rows), bool)
     still = States("as each member begins", np.zeros(0), moved, taut, None, none, none, away)
-    data = net_data(numbers, drawn, study.title, study.net["element_id"], x, study.net["fixed"])
+    data = net_data(
+        numbers, drawn, study.title, study.net["element_id"], x, study.net["fixed"], np.zeros(len(x), bool)
+    )
     data |= {
         "net": f"{len(x)} nodes, {len(elements)} elements; no member was kept",
         "from": "the net as each member begins",
