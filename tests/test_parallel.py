@@ -293,3 +293,25 @@ def test_one_process_that_ends_takes_nothing_from_another(tmp_path):
         _, error = second.communicate("go\n")
     assert (second.returncode, error) == (0, "")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+TOUCH = """
+import ctypes, resource
+import numpy as np
+from netfall.ground.room import keep_freed
+faults = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+keep_freed()
+for _ in range(3):
+    before = faults()
+    arrays = [np.ones(400_000) for _ in range(40)]  # 31,000 pages
+    del arrays
+print(faults() - before)
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="of glibc")
+def test_memory_that_arrays_leave_stays_for_those_that_follow():
+    """By itself glibc hands it back: pages of levels are then touched anew in each correction."""
+    done = subprocess.run([sys.executable, "-c", TOUCH], env=ENVIRONMENT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) < 1000

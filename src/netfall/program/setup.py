@@ -11,6 +11,7 @@ from netfall.equilibrium.find import Finder
 from netfall.equilibrium.relaxation import state_residual
 from netfall.ground.compile import wake
 from netfall.ground.errors import InputError
+from netfall.ground.room import keep_freed
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.ground.timings import Phases
 from netfall.job.asks import carries_permanent
@@ -58,6 +59,7 @@ def prepare(
     Raises InputError for what is wrong in the job, DivergedError if form finding does not converge,
     Interrupted if `stop` asks for it.
     """
+    keep_freed()
     with phases.phase("net and partition"):
         if comm.rank > 0:
             wake()  # while rank 0 reads the net
