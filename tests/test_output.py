@@ -28,6 +28,7 @@ from netfall.plots.run import plot_all, plot_state
 from netfall.plots.states import deflection_scale, states
 from netfall.report.info import print_info
 from netfall.report.report import Inputs, write_report
+from netfall.results.notes import balance_notes
 
 STORM = """title = "Storm over a saddle"
 [net]
@@ -676,3 +677,11 @@ def test_an_import_whose_output_is_read_no_more_has_written_its_tables(tmp_path)
     )
     assert (done.stdout.strip(), done.stderr) == ("1", "")
     assert {path.name for path in (tmp_path / "roof").iterdir()} >= {"nodes.csv", "report.txt", "roof.toml"}
+
+
+@pytest.mark.parametrize("last, words", [(0.001, "from t = 1 s to 2 s"), (0.02, "from t = 1 s on")])
+def test_a_balance_that_is_off_is_told_with_its_time(last, words):
+    """A sudden start is off by a share of little energy; it need not be later on."""
+    (note,) = balance_notes(np.arange(4.0), np.array([0.0, -0.02, 0.03, last]), np.zeros(4))
+    assert f"off by up to 3.0% of the energy that took part, by more than 1% {words}:" in note
+    assert balance_notes(np.arange(4.0), np.full(4, 0.009), np.zeros(4)) == []

@@ -181,6 +181,19 @@ def test_values_in_other_units_are_noted(workshop, change, says):
     assert note.startswith(says)
 
 
+@pytest.mark.parametrize(
+    "stiffness, mass, said", [(6.4e7, 3.14, False), (6.4e4, 3.14, True), (6.4e7, 3140.0, True)]
+)
+def test_stiffness_and_mass_in_other_units_are_noted(workshop, stiffness, mass, said):
+    """A job in kN, or in g/m: by the speed of waves, for without an area there is no modulus."""
+    text = (
+        f"[cable]\naxial_stiffness = {stiffness}\nmass_per_length = {mass}\nprestress = {1e-3 * stiffness}\n"
+    )
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,2,0,0,0\n3,4,0,0,1\n"
+    notes = make_layout(read_job(workshop.job(text, nodes, "start,end\n1,2\n2,3\n")), 1).notes
+    assert any("waves run along them at 142.8 m/s" in note for note in notes) == said
+
+
 def test_cases_and_combinations_in_other_units_are_noted(workshop):
     """A pressure for a coefficient, per cent for a factor."""
     text = WINDY + '[[case]]\nname = "west"\nset = {"wind.speed" = 30.0, "wind.shape_coefficient" = 900.0}\n'

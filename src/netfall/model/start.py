@@ -39,6 +39,7 @@ MOST_FACTOR = 10.0  # of a combination
 WIDEST, SMALLEST = 3e3, 0.3  # m: of nets from end to end
 HEAVIEST = 100.0  # times: the weight of nodes over their mass, or the other way round
 WEAKEST = 1e-4  # no element breaks at less strain by its breaking load
+SLOWEST, FASTEST = 400.0, 20e3  # m/s: waves along cables, by stiffness and mass; in steel some 5000
 LOOSEST = 3e-6  # no net is built with less strain in its tightest element, if with any
 SLACKEST, TIGHTEST = -0.5, 0.1  # strains between which nets start
 FAR = 3.0  # times the roof's diagonal in plan: taps and points as far outside of it are in another unit
@@ -58,6 +59,14 @@ def unit_notes(net: Net) -> list[str]:
                 f"{key} = {values[odd[0]]:g} {unit} of {these} is far from what cables have, "
                 f"{low:g} to {high:g}: {example}".replace("  ", " ")
             )
+    speed = np.sqrt(net.modulus / net.density)
+    odd = np.flatnonzero((speed < SLOWEST) | (speed > FASTEST))
+    if len(odd) and not notes:
+        notes.append(
+            f"stiffness and mass of {counted('element', net.element_id[odd])}: waves run along them at "
+            f"{speed[odd[0]]:.4g} m/s, in steel at 5000 m/s; stiffness is in N, mass_per_length in kg/m: "
+            "were kN, or g/m, meant?"
+        )
     weak = np.flatnonzero(net.breaking_load < WEAKEST * net.EA)
     if len(weak):
         e, these = weak[0], counted("element", net.element_id[weak])

@@ -101,7 +101,8 @@ def slips(f):
     stages = list(dict.fromkeys(table["stage"]))
     of = lambda name: np.abs(np.nan_to_num(table[name].reshape(len(stages), -1)))
     passed, used = of("slip"), of("utilisation")
-    cables = sorted(set(cable), key=lambda name: (-passed[:, cable == name].max(), name))[:MOST_CABLES]
+    every = sorted(set(cable), key=lambda name: (-passed[:, cable == name].max(), name))
+    cables = every[:MOST_CABLES]
     shown = sorted(np.lexsort((-used.max(1), -passed.max(1)))[:MOST_STATES])
     figure, panels = canvas.charts(2, len(cables), 5.5 * len(cables) + 2.0, 6.4, sharex="col", sharey="row")
     for column, name in enumerate(cables):
@@ -110,14 +111,16 @@ def slips(f):
         for k in shown:
             rows = k * len(cable) + places
             for axes, values in zip(panels[:, column], (1e3 * table["slip"], table["utilisation"])):
-                axes.plot(along, values[rows], ".-", lw=1.2, label=stages[k])
+                label = "dynamics, the largest" if stages[k] == "dynamics" else stages[k]
+                axes.plot(along, values[rows], ".-", lw=1.2, label=label)
         panels[0, column].set_title(f"cable {name}")
         panels[1, column].axhline(USED, color="0.5", lw=0.8, ls="--")
         panels[1, column].set_xlabel(f"along it from node {f['slide/node'][places[0]]} [m]")
     panels[0, 0].set_ylabel("slip along the cable [mm]")
     panels[1, 0].set_ylabel("utilisation of what holds [-]")
     canvas.legend_below(figure, panels[0, 0], ncols=3)
-    canvas.heading(figure, title_of(f), ": slip over nodes")
+    some = f", {len(cables)} of {len(every)} cables" if len(every) > len(cables) else ""
+    canvas.heading(figure, title_of(f), f": slip over nodes{some}")
     return figure
 
 

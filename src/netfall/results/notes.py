@@ -18,11 +18,12 @@ def balance_notes(time: np.ndarray, balance: np.ndarray, broken: np.ndarray) -> 
     off = np.flatnonzero(np.abs(balance) > LARGEST_BALANCE)
     if not len(off):
         return []
+    until = "on" if off[-1] == len(time) - 1 else f"to {time[off[-1]]:.4g} s"
     smaller = "[dynamics] safety or time_step" + (", or fragment_mass" if broken[-1] else "")
     return [
         f"note: the physical balance is off by up to {np.abs(balance).max():.1%} of the energy that took "
-        f"part, by more than {LARGEST_BALANCE:.0%} from t = {time[off[0]]:.4g} s on: the step is too long "
-        f"for some of what happened; compare with a run of half the step (a smaller {smaller})"
+        f"part, by more than {LARGEST_BALANCE:.0%} from t = {time[off[0]]:.4g} s {until}: the step is too "
+        f"long for some of what happened; compare with a run of half the step (a smaller {smaller})"
     ]
 
 
