@@ -11,8 +11,8 @@ from netfall.mechanics.fields import Features
 from netfall.mechanics.state import State
 from netfall.parallel.partition import metis_partition
 from netfall.parallel.subdomain import cut_net
-from netfall.step.forces import kick_chunk
 from netfall.step.limits import count_near
+from netfall.step.loop import kick
 from netfall.step.plan import CHUNK, Plan
 from netfall.step.runs import BORROWING, end_all_loans
 from netfall.step.slots import collect_extremes, collect_yields
@@ -61,9 +61,9 @@ def make_state(scene: Features, n: int, elements: np.ndarray, x: np.ndarray, see
 
 
 @kernel
-def run_chunk(c, chunks, particles, slots, unyielded, law, scratch):
+def run_chunk(c, chunks, particles, slots, unyielded, law, scratch, beside):
     """One chunk from rest, without load; what is near, where that is told."""
-    kick_chunk(c, 0.0, 0.0, 0.0, chunks, particles, slots, unyielded, law, scratch)
+    kick(c, 0.0, 0.0, 0.0, chunks, particles, slots, unyielded, law, scratch, beside)
     return 0 if scratch.near is None else count_near(scratch.near, chunks.high[c] - chunks.low[c])
 
 
@@ -72,7 +72,7 @@ def forces_of(state: State, in_runs: bool = True) -> tuple[np.ndarray, np.ndarra
     and whether a particle has elements near their limits.
     """
     plan, s = Plan(state, NoHalo()), state
-    chunks, particles, _, slots, unyielded, law, scratch, *_ = plan.arguments
+    chunks, particles, _, slots, unyielded, law, scratch, _, beside = plan.arguments
     runs = chunks.runs
     in_some = [runs.rest[slice(*span)] for span in runs.spans[:, 2:4]]
     in_some += [np.arange(*run[:2]) for span in runs.spans for run in runs.whole[slice(*span[:2])]]
@@ -80,10 +80,9 @@ def forces_of(state: State, in_runs: bool = True) -> tuple[np.ndarray, np.ndarra
     assert np.array_equal(np.sort(np.concatenate(in_some)), np.arange(s.n_owned))
     if not in_runs:
         chunks = chunks._replace(runs=runs._replace(gathered=np.ones_like(runs.gathered)))
-    particles = particles._replace(load=(None, None, None), work=None)
     found, near = np.zeros_like(s.x), np.zeros(s.n_owned, bool)
     for c, (low, high) in enumerate(zip(chunks.low, chunks.high)):
-        count = run_chunk(c, chunks, particles, slots, unyielded, law, scratch)
+        count = run_chunk(c, chunks, particles, slots, unyielded, law, scratch, beside)
         found[low:high] = np.column_stack(scratch.f)[: high - low]
         if s.features.inelastic:
             near[low:high] = scratch.near[: high - low]

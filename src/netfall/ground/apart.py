@@ -1,7 +1,8 @@
 """Kernels that other kernels call by their address: compiled by themselves, and kept by themselves.
 
 What a kernel calls is else a part of it, and all of it is compiled in one piece, by one processor. A call by
-address cannot be joined with what is around it, and is for what is done once in many steps.
+address cannot be joined with what is around it, and is for what is done once in many steps, or to many
+particles at once.
 """
 
 import hashlib

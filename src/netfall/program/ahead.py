@@ -2,8 +2,9 @@
 
 It is half of what the first run of a scene compiles, and what it is compiled for follows from what the scene
 has, long before there is a state to step. The process makes a net of one element with the same features and
-compiles what steps it, into the cache in which the run will look; a second one, its child, compiles what the
-loop calls by its address. Where they are late, or were wrong about the scene, the run compiles for itself.
+compiles what steps it, into the cache in which the run will look; a second one, its child, takes turns with
+it at the loop and at what that calls by its address. Where they are late, or were wrong about the scene, the
+run compiles for itself.
 """
 
 import contextlib
@@ -93,17 +94,37 @@ def main() -> None:
     os.sched_setaffinity(0, range(os.cpu_count()))  # ranks may be bound to one processor each
     done, state = once_for(ahead), state_with(ahead)
     plan = plan_of(ahead, state)
-    me, second = os.getpid(), os.fork()
-    threading.Thread(target=_end_with, args=(run if second else me,), daemon=True).start()
-    if not second:
-        take_snapshot(state, 0.0, 1.0, 0.0, 0.0)
-        plan.compile_apart()
-        plan.chunks.has_yielded[:] = state.slot_eps_p is not None
-        plan.collect_yield(state)
-        os._exit(0)
-    time_loop.compile(types_of(ahead, plan))
+    second = _work_through(
+        [
+            *(entry.prepare for entry in plan.apart[:2]),  # what takes longest first
+            lambda: time_loop.compile(types_of(ahead, plan)),
+            *(entry.prepare for entry in plan.apart[2:]),
+            lambda: take_snapshot(state, 0.0, 1.0, 0.0, 0.0),
+            lambda: _collect(plan, state),
+        ],
+        run,
+    )
     os.waitpid(second, 0)
     done.touch()
+
+
+def _work_through(tasks: list, run: int) -> int:
+    """Do tasks in turn with a child of this process, which ends behind them; the child."""
+    to_do, of_tasks = os.pipe()
+    os.write(of_tasks, bytes(range(len(tasks))))
+    os.close(of_tasks)
+    me, second = os.getpid(), os.fork()
+    threading.Thread(target=_end_with, args=(run if second else me,), daemon=True).start()
+    while number := os.read(to_do, 1):
+        tasks[number[0]]()
+    if not second:
+        os._exit(0)
+    return second
+
+
+def _collect(plan: Plan, state: State) -> None:
+    plan.chunks.has_yielded[:] = state.slot_eps_p is not None
+    plan.collect_yield(state)
 
 
 def _end_with(run: int) -> None:

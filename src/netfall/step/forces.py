@@ -6,7 +6,7 @@ it. `Particles` come as the plan prepares them (`plan.stepped_particles`).
 
 import numpy as np
 
-from netfall.ground.compile import part_of_kernel, vector_kernel
+from netfall.ground.compile import kernel_apart, part_of_kernel, vector_kernel
 from netfall.mechanics.air import air_work, damped_mass, with_air
 from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.ground import pull_of_ground, velocity_after, works_of_motion
@@ -169,12 +169,11 @@ def kick_particle(p, i, force, branches, kick, particles, law, f):
             add_works_along(p, vz, nz, ez, kick, z, particles)
 
 
-@vector_kernel
-def kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, unyielded, law, scratch):
+@kernel_apart
+def kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
     """Forces, kick and work of the particles of chunk c; where plastic strains are, yield of cables.
 
     kick_dt, zeta, share : of `motion.Kick`; chunks, scratch : `plan.Chunks`, `plan.Scratch`
-    unyielded : the slots without plastic strains, the same arrays else; of both a call uses one
     scratch.f : (rows,) counted from the chunk's first particle, out, total force [N]
     scratch.near : the same, out, 1 where an element of the particle is near its limits; None: all are elastic
     """
@@ -184,13 +183,16 @@ def kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, unyielded, law
                 chunks.has_yielded[c] = 1  # yield is kept in the loop from now on
             kick_splits(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
             return
-    if slots.eps_p is None or chunks.has_yielded[c]:
-        kick_owned(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
-    else:
-        kick_owned(c, kick_dt, zeta, share, chunks, particles, unyielded, law, scratch)
+    kick_owned(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
 
 
-@part_of_kernel
+@kernel_apart
+def kick_unyielded(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
+    """`kick_chunk` of particles of the net without plastic strains. slots : without them, the same else"""
+    kick_owned(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
+
+
+@vector_kernel
 def kick_owned(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
     """`kick_chunk` of particles of the net, in runs or one after the other."""
     if chunks.runs.gathered[c]:
@@ -199,7 +201,7 @@ def kick_owned(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
         kick_runs(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
 
 
-@part_of_kernel
+@vector_kernel
 def kick_splits(c, kick_dt, zeta, share, chunks, particles, slots, law, scratch):
     """`kick_chunk` of particles that have split off: each has one element, broken, in slot 0."""
     origin, x, f, other = np.uint64(chunks.low[c]), particles.x, scratch.f, slots.other

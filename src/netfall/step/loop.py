@@ -29,7 +29,6 @@ from netfall.mechanics.slip.motion import Places, drift_slips, kick_slips
 from netfall.mechanics.supports import on_guide
 from netfall.parallel.halo import receive_forces, send_forces, wait_for_neighbours
 from netfall.parallel.mpi_symbols import lap
-from netfall.step.forces import kick_chunk
 from netfall.step.limits import anything_over, count_near, yield_and_break
 from netfall.step.rows import Rows, is_due, make_row
 from netfall.step.slots import collect_branches, collect_extremes, collect_yields, follow_slips
@@ -69,13 +68,16 @@ class Beside(NamedTuple):
     """What is done beside forces, kick and drift; None: it is not.
 
     rows : of which those are made that are due before the last step; bends : forces of chains that bend
-    places : at which cables slip; break_elements : of `tear`
+    places : at which cables slip; kick_chunk, kick_unyielded : of `forces`, the latter where something may
+        yield; break_elements : of `tear`
     """
 
     rows: Rows | None
     bends: Bends | None
     places: Places | None
-    break_elements: Entry | None = None
+    kick_chunk: Entry
+    kick_unyielded: Entry | None
+    break_elements: Entry | None
 
 
 @inner_kernel
@@ -101,6 +103,17 @@ def is_split(c, chunks):
     if chunks.is_split is None:
         return False
     return chunks.is_split[c] != 0
+
+
+@inner_kernel
+def kick(c, kick_dt, zeta, share, chunks, particles, slots, unyielded, law, scratch, beside):
+    """`kick_chunk`, without a look at plastic strains where the chunk has none."""
+    if slots.eps_p is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
+        if not chunks.has_yielded[c] and not is_split(c, chunks):
+            apart = beside.kick_unyielded
+            call(apart, c, kick_dt, zeta, share, chunks, particles, unyielded, law, scratch)
+            return
+    call(beside.kick_chunk, c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
 
 
 @vector_kernel
@@ -201,7 +214,7 @@ def time_loop(
         mark = lap(seconds, -1, 0.0)
         for c in range(chunks.low.shape[0]):
             low, high = chunks.low[c], chunks.high[c]
-            kick_chunk(c, kick_dt, zeta, share, chunks, particles, slots, unyielded, law, scratch)
+            kick(c, kick_dt, zeta, share, chunks, particles, slots, unyielded, law, scratch, beside)
             near = 0
             if scratch.near is not None:
                 near = count_near(scratch.near, high - low)

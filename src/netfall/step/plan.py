@@ -13,6 +13,7 @@ from netfall.mechanics.fields import SLOTS, Particles
 from netfall.mechanics.fracture import FractureRules, Fractures
 from netfall.mechanics.state import State, axes
 from netfall.parallel.halo import Halo, check
+from netfall.step.forces import kick_chunk, kick_unyielded
 from netfall.step.loop import Beside, Interval, time_loop
 from netfall.step.runs import LANES, Runs, end_all_loans, find_runs, make_runs
 from netfall.step.slots import collect_branches, collect_extremes, collect_yields, fill_slots
@@ -194,24 +195,33 @@ class Plan:
             fractures,
         )
         self._kinds = kinds((arguments, rows, bends, state.places))
-        if self._kinds not in self._apart:
-            self._apart[self._kinds] = fractures and self._breaking(fractures)
-        self.arguments = *arguments, Beside(rows, bends, state.places, self._apart[self._kinds])
         if self._kinds not in self._types:
-            self._types[self._kinds] = tuple(map(handed, types_of(self.arguments)))
+            found = tuple(map(handed, types_of(arguments)))
+            self._apart[self._kinds] = self._entries_of(map(laid, arguments, found))
+            beside = Beside(rows, bends, state.places, *self._apart[self._kinds])
+            self._types[self._kinds] = *found, *map(handed, types_of([beside]))
+        self.arguments = *arguments, Beside(rows, bends, state.places, *self._apart[self._kinds])
         self.laid = tuple(map(laid, self.arguments, self._types[self._kinds]))
 
-    def _breaking(self, fractures: Fractures) -> Entry:
-        """`break_elements` for the time loop to call."""
-        s, when = self.state, StepDone(0.0, 0, 0.0)
-        return Entry(break_elements, 0, when, self.chunks, s.elements, s.slots, s.law, fractures)
+    def _entries_of(self, arguments) -> tuple:
+        """`kick_chunk`, `kick_unyielded`, `break_elements` for the time loop to call; None: it does not."""
+        chunks, particles, elements, slots, unyielded, law, scratch, fractures = arguments
+        of_chunk, when = (0, 0.0, 0.0, 0.0, chunks, particles), StepDone(0.0, 0, 0.0)
+        broken = 0, when, chunks, elements, slots, law, fractures
+        return (
+            Entry(kick_chunk, *of_chunk, slots, law, scratch),
+            Entry(kick_unyielded, *of_chunk, unyielded, law, scratch)
+            if self.state.features.plastic
+            else None,
+            Entry(break_elements, *broken) if self.rules else None,
+        )
 
-    def compile_apart(self) -> None:
-        """Have all compiled that the time loop calls by its address."""
+    @property
+    def apart(self) -> list[Entry]:
+        """All that the time loop calls by its address."""
         rows = self.arguments[-1].rows
-        for entry in (rows and rows.observe, rows and rows.take_row, self._apart[self._kinds]):
-            if entry:
-                entry.prepare()
+        entries = *self._apart[self._kinds], rows and rows.observe, rows and rows.take_row
+        return [entry for entry in entries if entry]
 
     def _chunks_of(self, state: State) -> Chunks:
         """The chunks, of which those split off come where most of their far ends are."""
