@@ -6,6 +6,7 @@ latter and grow when these are used up. What a scene does not have is None.
 
 import numpy as np
 
+from netfall.ground.columns import columns, vectors
 from netfall.mechanics import fields
 from netfall.mechanics.bending import Joints, joint_moments
 from netfall.mechanics.elements import ElementState, element_state
@@ -49,10 +50,18 @@ class State:
         self.rows[0] = rows
 
     def _zeros(self, field: fields.Field, rows: int) -> np.ndarray:
-        """An array of so many elements or particles; a particle's axes stand apart, each contiguous."""
+        """An array of so many elements or particles; of slots, for some particles more.
+
+        What the step goes through is in columns: a particle's axes, and slots.
+        """
+        place = fields.FIELDS.index(field)
         if field.entity == "slot":
-            return np.zeros((self.width, rows), field.dtype)
-        return np.zeros((rows, *field.tail), field.dtype, order="C" if field.entity == "element" else "F")
+            return columns(self.width, rows, field.dtype, place)
+        if field.entity == "element":
+            return np.zeros((rows, *field.tail), field.dtype)
+        if field.tail:
+            return vectors(rows, field.dtype, place, *field.tail)
+        return columns(1, rows, field.dtype, place)[0, :rows]
 
     # --- what kernels take
 
@@ -198,8 +207,14 @@ class State:
     def copy(self) -> "State":
         """A copy of all arrays."""
         other = object.__new__(State)
-        keep = lambda value: value.copy(order="K") if isinstance(value, np.ndarray) else value
+        keep = lambda value: value.copy() if isinstance(value, np.ndarray) else value
         other.__dict__ = {name: keep(value) for name, value in self.__dict__.items()}
+        for field in fields.FIELDS:
+            array = getattr(self, field.name)
+            if field.entity != "element" and array is not None:
+                mine = self._zeros(field, len(self.x))
+                mine[:] = array
+                setattr(other, field.name, mine)
         other._tuples = {}
         return other
 

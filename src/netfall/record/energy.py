@@ -14,6 +14,7 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.ground.apart import Entry
+from netfall.ground.columns import vectors
 from netfall.ground.compile import entry_for
 from netfall.ground.handed import Laid, laid
 from netfall.mechanics.elements import ElementState
@@ -103,7 +104,7 @@ def with_rows(array: np.ndarray | None) -> np.ndarray | None:
 
     What has no rows has no order either: numba would compile all for it once more.
     """
-    return array if array is None or len(array) else np.zeros((2, 3), order="F")
+    return array if array is None or len(array) else vectors(2)
 
 
 def make_room(state: State) -> Snapshot:

@@ -21,6 +21,7 @@ from netfall.equilibrium.relaxation import (
     relax,
 )
 from netfall.equilibrium.stable import unstable_shape
+from netfall.ground.columns import placed
 from netfall.ground.compile import kernel
 from netfall.ground.errors import DivergedError, InputError
 from netfall.ground.stop import NEVER, StopRequest
@@ -233,7 +234,7 @@ def find_form(
         load = load[: net.n]
     carried = distribution.particles(load) if comm.bcast(load is not None) else None
     # columns stand apart, as in a state: what is compiled for the form then serves for equilibria too
-    particles = lambda rows: np.asfortranarray(distribution.particles(rows))
+    particles = lambda rows: placed(distribution.particles(rows))
     x = particles(None if net is None else net.x)
     free = 1 - particles(None if net is None else held_along(net, net.held)).astype(np.uint8)
     guided = comm.bcast(net is not None and bool(is_guided(net, net.held).any()))
@@ -317,7 +318,7 @@ def newton_form(comm, distribution, halo, net, elements, settings, asked: float,
         return None
     if comm.allreduce(bool((elements.T0 < 0.0).any()), MPI.LOR):  # compressed struts
         return None
-    before = net.x.copy(order="K")
+    before = placed(net.x)
     inverse = lambda newton, tangent: newton.cycle(tangent)
     kept = Structure(cache(lambda: lines_of(distribution, elements.ends, before, net.free)))
     newton = Newton(comm, halo, distribution, net, lambda: tangent_of_form(elements, net.x), inverse, kept)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.ground.apart import Entry
+from netfall.ground.columns import columns
 from netfall.ground.compile import entry_for
 from netfall.ground.handed import handed, laid, types_of
 from netfall.mechanics.bending import Bends
@@ -125,9 +126,9 @@ def kinds(arguments):
 def _lent(n: int, features) -> Lent:
     """`Lent` of n particles."""
     return Lent(
-        np.zeros(n),
-        np.zeros(n) if features.band else None,
-        np.zeros(n, np.int32) if features.inelastic else None,
+        columns(1, n, float)[0],
+        columns(1, n, float, 1)[0] if features.band else None,
+        columns(1, n, np.int32, 2)[0] if features.inelastic else None,
     )
 
 
@@ -141,12 +142,12 @@ class Plan:
         self._low = np.concatenate([before, after])
         self._high = np.append(self._low[1:], state.n_owned)[: len(self._low)]
         self.scratch = Scratch(
-            tuple(np.zeros((3, CHUNK))),
+            tuple(columns(3, CHUNK, float)),
             np.zeros(CHUNK, np.int32) if state.features.inelastic else None,
-            tuple(np.zeros((3, CHUNK + LANES))),
+            tuple(columns(3, CHUNK + LANES, float)),
             np.zeros(CHUNK + LANES, np.int32),
-            tuple(np.zeros((3, CHUNK))) if state.features.band else None,
-            tuple(np.zeros((3, CHUNK + LANES))) if state.features.band else None,
+            tuple(columns(3, CHUNK, float)) if state.features.band else None,
+            tuple(columns(3, CHUNK + LANES, float)) if state.features.band else None,
             _lent(state.n_owned, state.features),
             _lent(CHUNK + LANES, state.features),
         )

@@ -1,0 +1,38 @@
+"""Columns of numbers, placed in memory so that a step can read and write many of them side by side.
+
+Of places that are alike within a page the first cache holds eight. The step goes through some forty columns
+at once. Those of arrays as numpy makes them begin where the number of rows has it: all alike where that is
+near a multiple of 512, and then they push one another out: the step took up to 1.4 times as long.
+"""
+
+import numpy as np
+
+LINE, PAGE = 64, 4096  # bytes
+LINES = PAGE // LINE
+APART = 13  # lines within a page from one column to the next
+SHIFT = 5  # lines within a page from one table to the next
+
+
+def columns(count: int, rows: int, dtype, place: int = 0) -> np.ndarray:
+    """Zeros (count, rows or some more): columns, each contiguous, that begin with a line of the cache.
+
+    place : a number of the table among those that are read beside it
+    """
+    size = np.dtype(dtype).itemsize
+    lines = -(-rows * size // LINE)
+    lines += (APART - lines) % LINES
+    room = np.zeros(count * lines * LINE + 2 * PAGE, np.uint8)
+    begin = -room.ctypes.data % PAGE + SHIFT * place % LINES * LINE
+    return np.ndarray((count, lines * LINE // size), dtype, room.data, begin)
+
+
+def vectors(rows: int, dtype=float, place: int = 0, width: int = 3) -> np.ndarray:
+    """Zeros (rows, width), whose columns are placed so."""
+    return columns(width, rows, dtype, place)[:, :rows].T
+
+
+def placed(array: np.ndarray) -> np.ndarray:
+    """A copy of an array (rows, width), placed so."""
+    copy = vectors(len(array), array.dtype, width=array.shape[1])
+    copy[:] = array
+    return copy
