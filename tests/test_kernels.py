@@ -5,9 +5,10 @@ import itertools
 import numpy as np
 import pytest
 
+from netfall.ground.columns import LINE, PAGE
 from netfall.ground.compile import kernel
 from netfall.mechanics.elements import add_tensions
-from netfall.mechanics.fields import Features
+from netfall.mechanics.fields import FIELDS, Features
 from netfall.mechanics.state import State
 from netfall.parallel.partition import metis_partition
 from netfall.parallel.subdomain import cut_net
@@ -259,3 +260,17 @@ def test_a_cut_leaves_the_rows_of_a_lattice_whole():
         assert (runs.whole[:, 1] - runs.whole[:, 0]).max() > 4 * side and (
             runs.spans[:, 3] - runs.spans[:, 2]
         ).sum() < 0.02 * subdomain.n_owned
+
+
+@pytest.mark.parametrize("n", [512, 4096, 66049])
+def test_columns_of_a_step_begin_apart_within_a_page(n):
+    state = State(Features(plastic=True, fracture=True, wind=True, energy=True, air=True), n, 0, 2 * n)
+    grown = state.copy()
+    grown.reserve(n // 4)
+    for each in (state, state.copy(), grown):
+        arrays = [(f, getattr(each, f.name)) for f in FIELDS if f.entity != "element"]
+        tables = [a if f.entity == "slot" else a.reshape(len(a), -1).T for f, a in arrays if a is not None]
+        begin = np.array([column.ctypes.data for table in tables for column in table])
+        assert (begin % LINE == 0).all()
+        assert len(begin) > 40
+        assert np.bincount(begin % PAGE // LINE).max() <= 3  # the cache has room for eight
