@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from conftest import STEEL
+from conftest import STEEL, run_on_standing_ranks
 
 BARE = STEEL.replace("prestress = 100e3\n", "")
 EA, HALF = 1.95e11 * 683.08e-6, 0.5 * 7850.0 * 683.08e-6  # N; kg for each metre
@@ -113,6 +113,8 @@ def test_the_spectrum_of_a_record_is_that_of_a_direct_integration(workshop):
     lines = "\n".join(" ".join(f"{v:.10E}" for v in a[k : k + 5]) for k in range(0, len(a), 5))
     (job.parent / "quake.AT2").write_text(f"{head}NPTS= {len(a)}, DT= .0100 SEC\n{lines}\n")
     f = workshop.run(job)
+    told = run_on_standing_ranks("check", job).stdout
+    assert f"note: [[motion]] 1: accelerations of up to {9.81 * np.abs(a).max():.3g} m/s2; drift" in told
     most = np.maximum(f["envelope/tension_max"][:], -f["envelope/tension_min"][:]) / (100.0 + 0.5e-6)
     for k, period in enumerate(periods):
         expected = spectral_acceleration(9.81 * a, dt, period, zeta * period / (4 * np.pi))
@@ -135,6 +137,10 @@ def test_a_support_that_settles_ends_as_a_net_built_so(workshop):
     expected = EA * (length / 19.98 - 1.0)
     assert f["final/tension"][:] == pytest.approx(expected, rel=1e-6)
     closes(f, 1e-4)
+    assert "were mm meant?" not in run_on_standing_ranks("check", job).stdout
+    (job.parent / "move.csv").write_text("time,z\n0,0\n0.5,-100\n")
+    told = run_on_standing_ranks("check", job).stdout
+    assert "note: [[motion]] 1: move.csv: displacements of up to 100 m: were mm meant?" in told
 
 
 def test_a_pulse_travels_along_a_string_and_a_wave_over_its_supports(workshop):

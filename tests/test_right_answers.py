@@ -194,6 +194,18 @@ def test_stiffness_and_mass_in_other_units_are_noted(workshop, stiffness, mass, 
     assert any("waves run along them at 142.8 m/s" in note for note in notes) == said
 
 
+@pytest.mark.parametrize(
+    "duration, said",
+    [(1.0, "[wind] ramp = 2: longer than"), (10.0, ""), (600.0, "gusts slower than 71.3 s have")],
+)
+def test_gusts_of_short_and_of_long_runs_are_noted(workshop, duration, said):
+    """Those that never come to their full size; those of minutes, which Davenport's has less of."""
+    text = WINDY.replace("onset = 'sudden'", "turbulence = 0.2").replace("speed = 20", "speed = 46")
+    changes = ["--set", f"dynamics.duration={duration}", "--set", "output.history=0.1"]
+    told = run_on_standing_ranks("check", workshop.job(text), *changes).stdout
+    assert ("[wind] ramp" in told or "slower than" in told) == bool(said) and said in told
+
+
 def test_cases_and_combinations_in_other_units_are_noted(workshop):
     """A pressure for a coefficient, per cent for a factor."""
     text = WINDY + '[[case]]\nname = "west"\nset = {"wind.speed" = 30.0, "wind.shape_coefficient" = 900.0}\n'
@@ -201,6 +213,38 @@ def test_cases_and_combinations_in_other_units_are_noted(workshop):
     notes = make_layout(read_job(workshop.job(text)), 1).notes
     assert any(note.startswith("shape_coefficient = 900.0 is far from") for note in notes)
     assert any(note.startswith('[[combination]] "U": factors: permanent = 135 is far') for note in notes)
+
+
+IN_TIME = '[wind]\nfile = "wind.csv"\nshape_coefficient = -1.0\n'
+AT_TAPS = '[wind]\npressures = "wind.csv"\ntaps = "taps.csv"\n'
+BY_SECTORS = '[wind]\nspeed = 30.0\nsectors = "wind.csv"\n'
+AT_POINTS = '[[case]]\nname = "tunnel"\npressure_table = "wind.csv"\n'
+
+
+@pytest.mark.parametrize(
+    "section, table, said",
+    [
+        (IN_TIME, "time,speed\n0,30\n0.5,90\n2,30\n", ""),
+        (IN_TIME, "time,speed\n0,30\n0.5,110\n2,30\n", "wind.csv: speed of up to 110 m/s is far from"),
+        (IN_TIME, "time,speed\n0,30\n1000,35\n", "wind.csv: no row between 0 and the duration, 1 s"),
+        (AT_TAPS, "time,a\n0,-0.5\n0.5,-0.8\n2,1\n", "wind.csv: pressure of up to 1 N/m2 is far from"),
+        (AT_TAPS, "time,a\n0,1\n0.5,-800\n2,1\n", ""),
+        (
+            BY_SECTORS,
+            "direction,shape_coefficient\n0,-800\n90,2\n",
+            "wind.csv: shape_coefficient of up to 800",
+        ),
+        (AT_POINTS, "x,y,pressure\n0,0,0.8\n", "[[case]] tunnel: pressure_table: pressure of up to 0.8 N/m2"),
+    ],
+)
+def test_tables_in_other_units_are_noted(workshop, section, table, said):
+    """km/h, ms, kN/m2, a pressure for a coefficient; nothing is said of what a storm may have."""
+    job = workshop.job(WINDY[: WINDY.index("[wind]")] + section)
+    (workshop.folder / "wind.csv").write_text(table)
+    (workshop.folder / "taps.csv").write_text("name,x,y\na,0,0\n")
+    notes = make_layout(read_job(job, ["dynamics.duration=1"]), 1).notes
+    notes = [note for note in notes if "far from" in note or "no row" in note]
+    assert [note.startswith(said) for note in notes] == [True] * bool(said), notes
 
 
 @pytest.mark.parametrize("load, mass, said", [(-5.0, 510, True), (-5e3, 0.51, True), (-5e3, 510, False)])

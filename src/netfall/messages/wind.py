@@ -9,6 +9,8 @@ from netfall.wind.spectra import Gust, gust_of, intensity
 MOST_NEGATIVE = 0.01  # share of negative speeds from which on they are noted
 MOST_LOST = 0.05  # of the variance
 MOST_OFF = 0.15  # of the spectrum in a half octave
+SLOW_GUSTS = 3.0  # periods of them in the duration, from which on their share of the variance counts
+MUCH_SLOWER = 1.2  # times that share in the spectrum: more is told
 FEW_LENGTHS = 10.0  # gust lengths in the duration below which one history says little
 
 
@@ -79,6 +81,18 @@ def _gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
         notes.append(
             f"note: [wind] ar_order = {wind.ar_order}: the spectrum is off by {losses.misfit:+.0%} in the "
             f"half octave from {losses.misfit_low:.3g} Hz; more lags fit better"
+        )
+    duration = job.dynamics.duration
+    if duration * losses.slow_below > SLOW_GUSTS and losses.slow > MUCH_SLOWER * losses.slow_asked:
+        notes.append(
+            f'note: [wind] spectrum = "{wind.spectrum}": gusts slower than {1.0 / losses.slow_below:.3g} '
+            f"s have {losses.slow:.1%} of the variance, in the spectrum {losses.slow_asked:.1%}: means of "
+            "minutes scatter more than they should; a larger ar_order comes nearer"
+        )
+    if wind.onset == "static" and wind.ramp > duration:
+        notes.append(
+            f"note: [wind] ramp = {wind.ramp:g}: longer than the duration, {duration:g} s: gusts never have "
+            "their full size"
         )
     return notes
 

@@ -22,6 +22,7 @@ from netfall.model.start import (
     level_notes,
     load_notes,
     massless_notes,
+    table_notes,
     unit_notes,
     unlike_notes,
     weightless_notes,
@@ -98,6 +99,7 @@ def make_layout(
         what = "taps" if job.wind.taps else "points"
         of_what = f"[wind] {what}", what, net, measured.places
         notes += measured.notes + far_notes(*of_what) + level_notes(*of_what)
+    notes += table_notes(job, coefficient, measured, cases)
     for name, case in cases.items():
         of_what = f"[[case]] {name}: pressure_table", "points", net, case.points
         axes = 2 if case.points is None else case.points.shape[1]

@@ -22,6 +22,7 @@ from netfall.numerics.functions import lengths
 
 AXES = ("x", "y", "z")
 AT_ZERO = 1e-9  # m: what a displacement may be at the start
+FARTHEST = 5.0  # m that a support moves; more is told
 NEAR = 256  # particles whose nearest support is looked for at once
 
 
@@ -157,7 +158,9 @@ def _record(job: Job, entry) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Times (r,) [s] from 0 on, coefficients (r, 4, 3) from each on, and notes. Raises InputError."""
     if entry.displacement:
         table, time, x = _table(job.path.parent / entry.displacement, entry)
-        return *_polyline(table, time, entry.scale * x), table.notes
+        rows, most = _polyline(table, time, entry.scale * x), np.abs(entry.scale * x).max()
+        odd = [f"{entry.displacement}: displacements of up to {most:.4g} m: were mm meant?"]
+        return *rows, table.notes + (odd if most > FARTHEST else [])
     path = job.path.parent / entry.acceleration
     if not is_record(entry):
         table, time, a = _table(path, entry)
@@ -251,10 +254,13 @@ def _parabola(time: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def _drift(time: np.ndarray, place: np.ndarray) -> list[str]:
-    """What is left at the end of a record that was integrated."""
+    """The largest acceleration of a record that was integrated, and what is left at its end."""
     x, v = (np.abs(place[-1, k]).max() for k in (0, 1))
-    most = np.abs(place[:, 0]).max()
-    return [f"drift after {time[-1]:g} s: {x:.3g} m, going on at {v:.3g} m/s; {most:.3g} m at most"]
+    most, a = (np.abs(place[:, k]).max() for k in (0, 2))
+    return [
+        f"accelerations of up to {2.0 * a:.3g} m/s2; drift after {time[-1]:g} s: {x:.3g} m, going on at "
+        f"{v:.3g} m/s; {most:.3g} m at most"
+    ]
 
 
 def read_at2(path: Path) -> tuple[np.ndarray, np.ndarray]:

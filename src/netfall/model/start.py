@@ -34,6 +34,7 @@ LOADS = (
     ("wind", "shape_coefficient", "", 0.0, 20.0, "codes have -4 to 2; is it a pressure?"),
     ("wind", "air_density", "kg/m3", 0.5, 2.0, "air has some 1.25"),
 )
+MANY_ROWS = 1000  # of a table in time, which tell of its size
 MOST_DAMPING = 20.0  # 1/s: a motion is held back to half in 1 / 29 s
 MOST_FACTOR = 10.0  # of a combination
 WIDEST, SMALLEST = 3e3, 0.3  # m: of nets from end to end
@@ -106,6 +107,39 @@ def load_notes(job: Job) -> list[str]:
             "period / 4 pi of the critical damping; netfall check has it in each mode"
         )
     return notes
+
+
+def table_notes(job: Job, coefficient: np.ndarray | None, measured, cases: dict) -> list[str]:
+    """Notes on tables of wind and pressure, of a size that no roof has; arguments as of `layout.Layout`."""
+    of = {key: row for row in LOADS if (key := row[1])}
+    largest = lambda values: float(np.abs(values).max())
+    found = []
+    if job.wind and job.wind.sectors:
+        found.append(("shape_coefficient", job.wind.sectors, largest(coefficient)))
+    if measured:
+        key = "pressure" if job.wind.taps else "speed"
+        end = min(job.dynamics.duration, measured.time[min(MANY_ROWS, len(measured.time) - 1)])
+        found.append((key, table_name(job), largest(measured.until(end)[1])))
+    for name, case in cases.items():
+        if case.pressure is not None:
+            found.append(("pressure", f"[[case]] {name}: pressure_table", largest(case.pressure)))
+    notes = []
+    for key, table, value in found:
+        _, _, unit, low, high, example = of[key]
+        if value and not low <= value <= high:
+            told = f"{key} of up to {value:.4g} {unit}".strip()
+            notes.append(f"{table}: {told} is far from what roofs have: {example}")
+    if measured and len(measured.time) > 1 and measured.time[1] >= job.dynamics.duration:
+        notes.append(
+            f"{table_name(job)}: no row between 0 and the duration, {job.dynamics.duration:g} s: time is in "
+            "seconds"
+        )
+    return notes
+
+
+def table_name(job: Job) -> str:
+    """The table that the wind comes from."""
+    return job.wind.pressures or job.wind.file
 
 
 def massless_notes(job: Job, net: Net) -> list[str]:
