@@ -64,6 +64,17 @@ def test_a_post_is_checked_as_by_hand(workshop):
     assert "chi N_y / gamma_M1: largest" in page and "compression, not checked" not in page
 
 
+@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize("more, told", [("", False), ("buckling_length = 8.0\n", True)])
+def test_a_bar_that_bears_more_than_eulers_load_is_told(workshop, more, told, ranks):
+    """200 kN on a post of 648 kN, or of 162 kN; in the line of the run, and in the file."""
+    job = workshop.job(STATICS + POST + more, NODES, ELEMENTS)
+    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf", ranks=ranks)
+    assert ("note: statics: element 7 compressed beyond Euler's load" in done.stdout) == told, done.stdout
+    with workshop.open() as f:
+        assert ("beyond_euler" in f["statics"].attrs) == told
+
+
 def test_parts_of_a_bar_buckle_as_one_and_a_given_length_counts(workshop):
     """A post in parts has the length of all, 8 m a quarter of its load; curves by name."""
     whole = rows_of(workshop, parts=2)

@@ -493,6 +493,25 @@ def test_the_parts_of_an_element_are_named_once():
     assert words_of(job, loss) == "element 7"
 
 
+@pytest.mark.parametrize("later, told", [(1.99, False), (1.5, True)])
+def test_a_loss_in_the_motion_after_another_is_told(later, told):
+    """Factors of a second loss while the roof swings hold what the first has left; at rest they do not."""
+    removal = {
+        "time": np.array([0.3, 0.1]),
+        "entry": np.array([0, 1]),
+        "element": np.array([2, 1]),
+        "tension_before": np.array([[later, np.nan, 1.0], [1.0, 1.0, 1.0]]),
+        "tension_after": np.array([[3.0, np.nan, np.nan], [2.0, np.nan, 1.0]]),
+        "tension_highest": np.array([[4.0, np.nan, np.nan], [3.0, np.nan, 1.2]]),
+        "dynamic_factor": np.array([[1.8, np.nan, np.nan], [2.0, np.nan, np.nan]]),
+    } | RESTED
+    removal["state"] = np.array(["equilibrium", "equilibrium"])
+    none = {"time": np.zeros(0), "element": np.zeros(0, int)}
+    second, first = loss_lines(removal, none, np.array([7, 8, 9]))
+    assert ("the roof still moved from loss 2, with tensions up to 0.0005 kN off" in second) == told
+    assert "still moved" not in first
+
+
 def test_the_tensions_of_a_rest_in_which_something_breaks_are_given(workshop):
     """One of two cables bears W / 2 and not W: its rest would be W, and lines say that it breaks there."""
     text = CABLE.replace("density", f"fracture_strain = {0.9 * WEIGHT / EA}\ndensity")

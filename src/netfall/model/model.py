@@ -116,6 +116,17 @@ class Model:
         return np.where(load < self.net.yield_force, load, np.inf)
 
     @property
+    def euler_of_straight(self) -> np.ndarray:
+        """(m,) [N], Euler's load of bars that bear more; inf: they buckle, bend, or have no second moment."""
+        net, load = self.net, np.full(self.net.m, np.inf)
+        if net.second_moment is not None:
+            straight = np.isfinite(net.second_moment)
+            for other in (net.buckling, net.bending):
+                straight &= True if other is None else ~other
+            load[straight] = euler_load(net, self.cut_length)[straight]
+        return load
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """What is plausible but odd in the net, its tables, its roof and its initial state."""
         return self.layout.notes + self.start_notes

@@ -3,10 +3,12 @@
 import numpy as np
 from mpi4py import MPI
 
+from netfall.job.job import Job
 from netfall.mechanics.bending import joint_moments
 from netfall.mechanics.material import REACHED
 from netfall.mechanics.state import State
 from netfall.mechanics.supports import keep_on_guides, spring_forces
+from netfall.model.model import Model
 from netfall.parallel.agree import all_of
 from netfall.parallel.subdomain import Distribution
 from netfall.record.energy import Snapshot
@@ -48,6 +50,22 @@ def at_limit_in(
     whole = state.broken == 0
     found = {name: all_of(comm, gid[at & whole].tolist()) for name, at in there.items()}
     return {name: ids for name, ids in found.items() if ids}
+
+
+def beyond_euler(
+    comm: MPI.Comm, job: Job, distribution: Distribution, state: State, model: Model | None, N: np.ndarray
+) -> dict[str, tuple[int, ...]]:
+    """Bars compressed beyond Euler's load, which is no law of theirs, as of `at_limit_in`. Collective.
+
+    model : on rank 0; N : [N] of the elements of this rank
+    """
+    if not any(keys.get("second_moment") for keys in (vars(job.cable), *job.groups.values())):
+        return {}
+    N, beyond = distribution.gather_elements(N, state.owned.astype(bool)), []
+    if model is not None:
+        beyond = np.flatnonzero(-N > model.euler_of_straight).tolist()
+    beyond = tuple(comm.bcast(beyond))
+    return {"beyond_euler": beyond} if beyond else {}
 
 
 def forces_on_supports(state: State, snapshot: Snapshot, load: np.ndarray) -> np.ndarray:

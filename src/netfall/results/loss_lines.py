@@ -51,6 +51,7 @@ def loss_lines(removal, events, element_id: np.ndarray) -> list[str]:
             f"{counted('element', element_id[others])} broke then" if len(others) else "nothing broke then",
         ]
         parts += _factors(telling_factor(removal, k), element_id) + _rises(removal, k, element_id)
+        parts += _unrest(removal, k)
         lines.append("; ".join(parts))
     return lines
 
@@ -73,6 +74,23 @@ def _rises(removal, k: int, element_id: np.ndarray) -> list[str]:
         for e in rows[:MOST_RISES]
     ]
     return [f"largest tensions over those before {', '.join(named)}"] if named else []
+
+
+def _unrest(removal, k: int) -> list[str]:
+    """Whether the roof still moved from the loss before entry k: tensions then are not those of its rest."""
+    time = removal["time"][:]
+    earlier = np.flatnonzero(time < time[k])
+    if not len(earlier):
+        return []
+    j = earlier[np.argmax(time[earlier])]
+    before, rest = removal["tension_before"][k], removal["tension_after"][j]
+    off, largest = (np.fmax.reduce(np.abs(N), initial=0.0) for N in (before - rest, rest))
+    if off <= MUCH * largest:
+        return []
+    return [
+        f"the roof still moved from loss {j + 1}, with tensions up to {off / 1e3:.4g} kN off its rest: "
+        "factors and largest tensions are of both"
+    ]
 
 
 def telling_factor(removal, k: int) -> np.ndarray:

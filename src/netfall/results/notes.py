@@ -83,6 +83,7 @@ def displacement_notes_of(f) -> list[str]:
 AT_LIMIT = {  # attributes of an equilibrium: what it means for the elements that they name
     "over_strength": "beyond the strength, which breaks nothing here",
     "buckled": "at Euler's load: buckled, and a bar that is not quite straight carries less",
+    "beyond_euler": "compressed beyond Euler's load, which buckles none without buckling = true",
     "yielding": "at the yield force",
     "yielded": "have yielded by its end",
 }

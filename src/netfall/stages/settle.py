@@ -37,7 +37,7 @@ from netfall.mechanics.state import State
 from netfall.parallel.agree import all_of
 from netfall.parallel.subdomain import Distribution
 from netfall.record.energy import Snapshot, take_snapshot
-from netfall.record.rest import at_limit_in
+from netfall.record.rest import at_limit_in, beyond_euler
 from netfall.results.notes import AT_LIMIT, MOST_MARKED, NOT_STABLE
 from netfall.stages.scene import Desk, Scene
 from netfall.write.saver import Record, Saver
@@ -281,6 +281,7 @@ def _found(
     snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
     slack = scene.comm.allreduce(snapshot.slack)
     at_limit = at_limit_in(scene.comm, scene.distribution, scene.state, snapshot)
+    at_limit |= beyond_euler(scene.comm, scene.job, scene.distribution, scene.state, scene.model, snapshot.N)
     stopped = slips.stopped() if slips is not None else ()
     return Equilibrium(snapshot, slack, solution, at_limit, _slips(scene), stopped)
 
