@@ -27,6 +27,7 @@ def quicken() -> None:
     refresh_if_new()
     base._has_loc = cache(base._has_loc)
     llvm.get_process_triple = cache(llvm.get_process_triple)
+    ir.Loc._get_path = lambda place: place.filename  # else relative, for words that few errors have
     config.reload_config = lambda: None  # a look at files and variables, for each function
     # Else Python's class of abstract ones, of which no type here has any.
     type(types.Type).__instancecheck__ = type.__instancecheck__
