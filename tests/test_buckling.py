@@ -75,6 +75,18 @@ def test_a_bar_that_bears_more_than_eulers_load_is_told(workshop, more, told, ra
         assert ("beyond_euler" in f["statics"].attrs) == told
 
 
+@pytest.mark.parametrize("length, told", [(4.0, False), (6.0, True)])
+def test_a_bar_that_bears_more_than_eulers_load_in_motion_is_told(workshop, length, told):
+    """200 kN that come at once press with up to 400 kN: on a post of 648 kN, or of 288 kN."""
+    text = STEEL.replace("100e3", "0.0") + POST + f"buckling_length = {length}\n[dynamics]\nduration = 0.02\n"
+    job = workshop.job(text, NODES, ELEMENTS)
+    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf")
+    again = run_on_standing_ranks("info", workshop.folder / "result.vtkhdf")
+    for each in (done, again):
+        words = "note: dynamics: element 7 compressed beyond Euler's load"
+        assert (words in each.stdout) == told, each.stdout + each.stderr
+
+
 def test_parts_of_a_bar_buckle_as_one_and_a_given_length_counts(workshop):
     """A post in parts has the length of all, 8 m a quarter of its load; curves by name."""
     whole = rows_of(workshop, parts=2)

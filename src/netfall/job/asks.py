@@ -61,6 +61,11 @@ def air_moves(job: Job) -> bool:
     return any(job.loads("air_mass"))
 
 
+def has_second_moments(job: Job) -> bool:
+    """Whether some bars have a second moment."""
+    return any(keys.get("second_moment") for keys in (vars(job.cable), *job.groups.values()))
+
+
 def moves_supports(job: Job) -> bool:
     """Whether supports move in the dynamic stage."""
     return bool(job.motions and job.dynamics)

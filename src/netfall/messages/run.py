@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.ground.progress import Progress
-from netfall.job.asks import has_statics
+from netfall.job.asks import has_second_moments, has_statics
 from netfall.job.job import Job
 from netfall.job.values import listed
 from netfall.mechanics.events import EventLog
@@ -64,7 +64,7 @@ def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path
     """The last lines of a run, on rank 0. Collective."""
     simulation = outcomes[dynamics.NAME].result if dynamics.NAME in outcomes else None
     strained = _most_strained(scene, simulation and simulation.history)
-    told = simulation and (len(desk.log) or simulation.state.features.buckling)
+    told = simulation and (len(desk.log) or has_second_moments(scene.job))
     envelope = simulation.envelope.record(simulation.state)[1] if told else {}
     plastic = list(yielded(scene)) if simulation else []
     if scene.model is None:
@@ -72,11 +72,13 @@ def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path
     if simulation:
         for line in _dynamics_lines(scene.model, outcomes[dynamics.NAME]):
             desk.progress.say(line)
-    model, notes, buckled = scene.model, [], np.zeros(0, int)
+    model, notes, pressed = scene.model, [], np.full(scene.model.net.m, -np.inf)
     if envelope:
         notes = _overloads(model, desk.log, envelope["tension"])
-        buckled = model.net.element_id[-envelope["tension"][:, 2] >= REACHED * model.euler]
-    for note in motion_notes(buckled, model.net.element_id[plastic]) + notes:
+        pressed = -envelope["tension"][:, 2]
+    ids = model.net.element_id
+    buckled, beyond = pressed >= REACHED * model.euler, pressed > model.euler_of_straight
+    for note in motion_notes(ids[buckled], ids[beyond], ids[plastic]) + notes:
         desk.progress.say(note)
     for note in _strain_notes(scene.model, *strained):
         desk.progress.say(note)

@@ -3,6 +3,7 @@
 import numpy as np
 from mpi4py import MPI
 
+from netfall.job.asks import has_second_moments
 from netfall.job.job import Job
 from netfall.mechanics.bending import joint_moments
 from netfall.mechanics.material import REACHED
@@ -59,7 +60,7 @@ def beyond_euler(
 
     model : on rank 0; N : [N] of the elements of this rank
     """
-    if not any(keys.get("second_moment") for keys in (vars(job.cable), *job.groups.values())):
+    if not has_second_moments(job):
         return {}
     N, beyond = distribution.gather_elements(N, state.owned.astype(bool)), []
     if model is not None:

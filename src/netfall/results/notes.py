@@ -108,16 +108,18 @@ def limit_notes_of(f) -> list[str]:
     return notes + (motion_notes_of(f) if "history" in f else [])
 
 
-def motion_notes(buckled: np.ndarray, yielded: np.ndarray) -> list[str]:
-    """Notes on elements, by ids, that buckled in motion, and that have yielded by its end."""
-    labels = {"buckled": buckled[:MOST_MARKED], "yielded": yielded[:MOST_MARKED]}
-    return limit_notes(states.MOTION, {name: ids for name, ids in labels.items() if len(ids)})
+def motion_notes(buckled: np.ndarray, beyond: np.ndarray, yielded: np.ndarray) -> list[str]:
+    """Notes on elements, by ids, that buckled in motion, bore more than Euler's load, or have yielded."""
+    labels = {"buckled": buckled, "beyond_euler": beyond, "yielded": yielded}
+    return limit_notes(states.MOTION, {name: ids[:MOST_MARKED] for name, ids in labels.items() if len(ids)})
 
 
 def motion_notes_of(f) -> list[str]:
     """`motion_notes` on a result with a motion."""
     ids, lowest = f["net/element_id"][:], f["envelope/tension_min"][:]
-    return motion_notes(ids[-lowest >= REACHED * states.caps_of(f)[1]], ids[states.yielded_in(f)])
+    buckled = -lowest >= REACHED * states.caps_of(f)[1]
+    beyond = -lowest > states.euler_of_straight(f)
+    return motion_notes(ids[buckled], ids[beyond], ids[states.yielded_in(f)])
 
 
 def error_words(moved: float, tension: float) -> str:

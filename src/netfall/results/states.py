@@ -178,6 +178,17 @@ def caps_of(f) -> tuple[np.ndarray, np.ndarray]:
     return strong, np.where(buckles, net["euler_load"][:], np.inf)
 
 
+def euler_of_straight(f) -> np.ndarray:
+    """Euler's load (m,) [N] of bars that bear more; inf: they buckle, bend, or have no second moment."""
+    net, load = f["net"], np.full(len(f["net/elements"]), np.inf)
+    if "euler_load" in net:
+        straight = np.isfinite(net["euler_load"][:])
+        for law in ("buckling", "bending"):
+            straight &= net[law][:] == 0 if law in net else True
+        load[straight] = net["euler_load"][:][straight]
+    return load
+
+
 def yielded_in(f) -> np.ndarray:
     """Which elements (m,) have yielded by the end of the motion."""
     if "final/plastic_strain" not in f:
