@@ -97,6 +97,20 @@ def test_the_time_loop_is_compiled_ahead_for_what_the_run_calls_it_with(monkeypa
     assert types_of(ahead, plan_of(ahead, state_with(ahead))) in time_loop.overloads
 
 
+def test_what_others_compile_works_beside_the_kernels():
+    """Whoever uses numba in the same process has all of it: what is left out is left out of kernels alone."""
+    if not hasattr(time_loop, "overloads"):
+        pytest.skip("kernels run as plain Python")
+
+    @numba.njit
+    def largest(n):
+        return np.sort(np.zeros(n))[-1]
+
+    assert largest(3) == 0.0
+    with pytest.raises(ValueError, match="negative dimensions"):
+        largest(-1)
+
+
 def test_scenes_that_differ_in_what_the_step_alone_reads_share_the_kernels_of_a_moment():
     """Losses, several strengths, several yield forces: elements and law have the types of one scene."""
     scenes = [

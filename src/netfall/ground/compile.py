@@ -23,7 +23,7 @@ from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
 
 from netfall.ground.handed import handed, whole
-from netfall.ground.passes import ApartPipeline, Pipeline, join_numbas_own
+from netfall.ground.passes import ApartPipeline, Pipeline
 from netfall.ground.quicker import quicken
 
 KEPT_DAYS = 30  # of compiled code that these sources did not make; a run of theirs may still be going on
@@ -221,7 +221,6 @@ def _compiled(**flags):
 
 
 quicken()
-join_numbas_own()
 FLAGS = {"error_model": "numpy", "fastmath": False, "pipeline_class": Pipeline, "no_cfunc_wrapper": True}
 INNER = {"no_cpython_wrapper": True}  # a third of the time to compile goes into ways in from Python
 

@@ -13,7 +13,7 @@ from numba import _dynfunc
 from numba.core import ir, types
 from numba.core.cgutils import normalize_ir_text
 from numba.core.codegen import CodeLibrary, JITCodeLibrary
-from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler import CompilerBase
 from numba.core.compiler_machinery import (
     FunctionPass,
     LoweringPass,
@@ -34,7 +34,6 @@ from numba.core.typed_passes import (
     NopythonTypeInference,
     PreLowerStripPhis,
 )
-from numba.core.typing.templates import _OverloadFunctionTemplate
 from numba.core.untyped_passes import (
     DeadBranchPrune,
     FixupArgs,
@@ -289,24 +288,3 @@ class ApartPipeline(Pipeline):
     def is_part(self):
         """It has code of its own."""
         return False
-
-
-class NumbasOwn(CompilerBase):
-    """For what numba has of its own for kernels, `min` or `np.zeros`: joined with them as their parts are."""
-
-    def define_pipelines(self):
-        """All of numba's passes, with the lowering of a part."""
-        found = Passes("numba's own")
-        for one, text in DefaultPassBuilder.define_nopython_pipeline(self.state).passes:
-            found.add_pass(PartLowering if one is NativeLowering else one, text)
-        found.finalize()
-        return [found]
-
-
-def join_numbas_own() -> None:
-    """numba makes machine code of each of them, and ways in, which nobody enters."""
-    decorator_for = _OverloadFunctionTemplate._get_jit_decorator
-    joined = {"pipeline_class": NumbasOwn, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    _OverloadFunctionTemplate._get_jit_decorator = lambda template: (
-        lambda **options: decorator_for(template)(**options | joined)
-    )
