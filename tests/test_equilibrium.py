@@ -292,6 +292,17 @@ def test_few_cables_do_not_shorten_a_step(workshop, monkeypatch):
     assert way.longest() == (1.0, True)
 
 
+def test_tensions_off_the_law_are_missing(workshop, monkeypatch):
+    """With a gap that stays steps become small, and tensions remain those of cables that are never slack."""
+    method, state, _ = hung(workshop, "engineering", False)
+    monkeypatch.setattr(mixed, "LARGE", 0.0)  # no step is so small that the gap becomes smaller
+    way = mixed.Mixed(method, state, NEVER)
+    way.narrow(1e-12, 0.0)
+    N = state.elements_now().N
+    off = np.abs(N - way.now[:, 0]).max() / N.max()
+    assert off > 1e-5 and way.missing[1] == pytest.approx(off)
+
+
 GIVEN = """
 [net]
 generator = "saddle"
