@@ -12,6 +12,7 @@ from conftest import ENVIRONMENT, on_ranks
 from mpi4py import MPI
 
 from netfall.multigrid.distributed import DistributedMatrix
+from netfall.multigrid.levels import aggregates
 from netfall.multigrid.products import Coarser, Transposed
 from netfall.multigrid.rows import BlockRows, Owners, Pattern
 
@@ -107,3 +108,20 @@ def test_products_are_those_of_dense_matrices_with_the_same_bits_on_any_number_o
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == [digest for _, _, digest in alone]
+
+
+def test_particles_of_a_net_of_squares_are_joined_to_blocks():
+    """Of nine, but for those at two edges; a particle without neighbours belongs to none."""
+    there = np.pad(np.ones((8, 8), bool), 2)
+    there[0, 0] = True  # alone
+    number = np.cumsum(there.ravel()).reshape(there.shape) - 1
+    pairs = []
+    for i, j in zip(*np.nonzero(there)):
+        near = ((i, j), (i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1))
+        pairs += [(number[i, j], number[k]) for k in near if min(k) >= 0 and there[k]]
+    row, column = np.array(sorted(pairs), np.int32).T
+    start, rows = np.searchsorted(row, np.arange(66)), Owners(MPI.COMM_SELF, np.arange(65))
+    of, count = aggregates(Pattern(MPI.COMM_SELF, start, column, rows, rows), True)
+    strip = np.array([0, 0, 1, 1, 1, 2, 2, 2])
+    assert of[0] < 0 and count == 9
+    assert (of[1:].reshape(8, 8) == 3 * strip[:, None] + strip).all()

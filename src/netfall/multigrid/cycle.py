@@ -1,8 +1,8 @@
 """An approximate inverse of a net's tangent stiffness, at a cost in proportion to the net.
 
-Smoothed aggregation (Vanek, Mandel, Brezina 1996): particles are joined to aggregates of a particle and its
-neighbours, these again, until few are left; each level moves its aggregates as wholes, smoothed by one step
-of Jacobi's iteration.
+Smoothed aggregation (Vanek, Mandel, Brezina 1996): particles are joined to aggregates of neighbours, these
+again, until few are left; each level moves its aggregates as wholes, smoothed by one step of Jacobi's
+iteration.
 Between the net and the first of them lines of elements, solved whole, take out what varies from line to line
 (`lines`); between the others, and in a net with chains that bend, Chebyshev's polynomial in the stiffness,
 scaled by each particle's 3 x 3 block, what varies from particle to particle. A cycle through the levels is

@@ -1,4 +1,8 @@
-"""The levels of `cycle`: aggregates of particles, and how these move."""
+"""The levels of `cycle`: aggregates of particles, and how these move.
+
+Particles are joined to blocks, with those at the corners: nine in a net of squares. The five of a particle
+and its neighbours leave gaps between them, so that levels are larger, and answer worse.
+"""
 
 import math
 from collections.abc import Iterator
@@ -23,6 +27,7 @@ SAFE = 1.1  # on that
 TOP_OF_NET = 2.0  # bounds the first level: an element's stiffness is at most twice its share of the diagonal
 TOP_OF_JOINTS = 3.0  # the same, of three particles
 UPPER = ([0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2])  # entries of symmetric blocks that are kept
+FREE, ALONE, JOINS = -1, -2, -3  # nodes on the way to an aggregate
 TINY = 1e-9  # of a block's trace, added to it: what nothing holds would make it singular
 
 
@@ -89,9 +94,8 @@ def levels_of(
         level = Level(matrix, inverse_diagonal(matrix))
         level.top = largest_eigenvalue(level.product, matrix.rows.mine, level.single) if k else top
         if k == len(kept):
-            kept.append(
-                _coarsening(matrix.pattern) if coarsest < matrix.rows.n and k < MOST_LEVELS - 1 else None
-            )
+            goes_on = coarsest < matrix.rows.n and k < MOST_LEVELS - 1
+            kept.append(_coarsening(matrix.pattern, k == 0) if goes_on else None)
         over = kept[k]
         if over is None:
             yield level
@@ -102,8 +106,8 @@ def levels_of(
         yield level
 
 
-def _coarsening(matrix: Pattern) -> Coarsening | None:
-    number, count = aggregates(matrix)
+def _coarsening(matrix: Pattern, corners: bool) -> Coarsening | None:
+    number, count = aggregates(matrix, corners)
     return Coarsening(matrix, number, count) if 0 < count < MERGED * matrix.rows.n else None
 
 
@@ -223,46 +227,61 @@ def largest_eigenvalue(product: DistributedMatrix, number: np.ndarray, inverse: 
 
 
 @kernel
-def aggregates_into(start, column, number):
-    """Give each node the number (n,) of its aggregate, -1 where it has no neighbour; how many there are.
+def aggregates_into(start, column, corners, number, mark, block):
+    """Join nodes to aggregates: a node, its neighbours and, with corners, what two of these touch; how many.
 
-    A node all of whose neighbours are free takes them; then what is left joins a neighbour's aggregate of the
-    first pass; what is still left takes its free neighbours.
+    number : (n,) filled with each node's aggregate, -1 or less where it has no neighbour; mark : (n,) of
+    zeros, block : (n,), overwritten
+    First those that find all of that free; then those that find half of it; then what is left joins a
+    neighbour's; what is still left takes what is free.
     """
     n, count = number.shape[0], 0
     for i in range(n):
-        number[i] = -1 if start[i + 1] - start[i] > 1 else -2
-    for i in range(n):
-        if number[i] != -1:
-            continue
-        alone = True
-        for k in range(start[i], start[i + 1]):
-            alone &= number[column[k]] < 0
-        if alone:
+        number[i] = FREE if start[i + 1] - start[i] > 1 else ALONE
+    for least in (1.0, 0.5, 0.0):
+        for i in range(n):
+            if number[i] != FREE:
+                continue
+            size = 0
             for k in range(start[i], start[i + 1]):
-                if number[column[k]] == -1:
-                    number[column[k]] = count
-            count += 1
-    first = count
-    for i in range(n):
-        if number[i] == -1:
-            for k in range(start[i], start[i + 1]):
-                if 0 <= number[column[k]] < first:
-                    number[i] = -3 - number[column[k]]
-                    break
-    for i in range(n):
-        if number[i] <= -3:
-            number[i] = -3 - number[i]
-    for i in range(n):
-        if number[i] == -1:
-            for k in range(start[i], start[i + 1]):
-                if number[column[k]] == -1:
-                    number[column[k]] = count
-            count += 1
+                mark[column[k]], block[size] = 2, column[k]
+                size += 1
+            for a in range(size if corners else 0):
+                near = block[a]
+                for k in range(start[near], start[near + 1]):
+                    q = column[k]
+                    if near == i or mark[q] == 2:
+                        continue
+                    if mark[q] == 0:
+                        block[size] = q
+                        size += 1
+                    mark[q] += 1
+            whole = free = 0
+            for a in range(size):
+                if mark[block[a]] == 2:
+                    whole += 1
+                    free += number[block[a]] == FREE
+            taken = free >= least * whole and (free > 1 or least == 0.0)
+            for a in range(size):
+                q = block[a]
+                if taken and mark[q] == 2 and number[q] == FREE:
+                    number[q] = count
+                mark[q] = 0
+            count += taken
+        if least == 0.5:
+            for i in range(n):
+                if number[i] == FREE:
+                    for k in range(start[i], start[i + 1]):
+                        if number[column[k]] >= 0:
+                            number[i] = JOINS - number[column[k]]
+                            break
+            for i in range(n):
+                if number[i] <= JOINS:
+                    number[i] = JOINS - number[i]
     return count
 
 
-def aggregates(matrix: Pattern) -> tuple[np.ndarray, int]:
+def aggregates(matrix: Pattern, corners: bool) -> tuple[np.ndarray, int]:
     """The number (n,) of each row's aggregate, -1 or less: none, and how many there are. Collective.
 
     In the order of the global numbers, one after the other: rank 0 does it.
@@ -273,7 +292,8 @@ def aggregates(matrix: Pattern) -> tuple[np.ndarray, int]:
     def joined():
         row, counts, column = (np.concatenate(each) for each in zip(*parts))
         counts, entries = entries_of(counts, np.argsort(row))
-        number = np.empty(len(row), np.int64)
-        return number, aggregates_into(starts_of(counts), column[entries], number)
+        number, block = np.empty((2, len(row)), np.int64)
+        of_rows = starts_of(counts), column[entries], corners
+        return number, aggregates_into(*of_rows, number, np.zeros(len(row), np.uint8), block)
 
     return comm.bcast(on_root(comm, joined))
