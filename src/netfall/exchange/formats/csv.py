@@ -50,7 +50,7 @@ def _written(result: Result, state: State, folder: Path) -> list[str]:
         told += job_again(result, state, folder, "faces" in tables)
         told.append(f"digest of the net: {digest(folder)}, of the three tables; the same net has the same")
     else:
-        told.append(f"note: {state.name}, without loads, masses and sections: those are of the form")
+        told.append(f"note: {state.name}, without loads, masses, springs and sections: those are of the form")
     return told
 
 
