@@ -310,13 +310,18 @@ def test_scales_are_those_of_what_can_move():
     assert ForceScale.of(N[:1], moves[:1]).tension[1] > 4.9e6
 
 
+def run_of_a_hung_weight(workshop, column: str, node: str, more: str):
+    """The result of a weight on two cables. column : of the nodes; node : the row of the weight's"""
+    nodes = f"id,x,y,z,fixed_x,fixed_y,fixed_z,load_z,{column}\n1,-4,0,3,1,1,1,,\n2,4,0,3,1,1,1,,\n{node}\n"
+    text = STEEL.replace("100e3", "0.0") + more
+    return workshop.run(workshop.job(text, nodes, "start,end\n1,3\n2,3\n"))
+
+
 @pytest.mark.plain
 def test_what_is_held_in_part_is_no_whole_support_in_pictures(workshop):
     """A weight on two cables that can move along z alone: two squares, and a triangle that goes with it."""
-    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z,mass\n1,-4,0,3,1,1,1,,\n2,4,0,3,1,1,1,,\n"
-    nodes += "3,0,0,0,1,1,0,-4e3,400\n"
-    text = STEEL.replace("100e3", "0.0") + "[dynamics]\nduration = 0.5\n[output]\nframes = 4\n"
-    with workshop.run(workshop.job(text, nodes, "start,end\n1,3\n2,3\n")) as f:
+    more = "[dynamics]\nduration = 0.5\n[output]\nframes = 4\n"
+    with run_of_a_hung_weight(workshop, "mass", "3,0,0,0,1,1,0,-4e3,400", more) as f:
         panel = collapse(f).axes[-1]
         drawn = {line.get_label(): line.get_data_3d() for line in panel.lines}
         assert {label for label in drawn if label[0] != "_"} == {"supports, 2", "held in part, 1"}
@@ -327,10 +332,7 @@ def test_what_is_held_in_part_is_no_whole_support_in_pictures(workshop):
 @pytest.mark.plain
 def test_springs_are_no_supports_in_pictures(workshop):
     """A weight on two cables, held along x and y, and by a spring along z."""
-    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z,spring_z\n1,-4,0,3,1,1,1,,\n2,4,0,3,1,1,1,,\n"
-    nodes += "3,0,0,0,1,1,0,-4e3,1e6\n"
-    text = STEEL.replace("100e3", "0.0") + "[load]\nsteps = 1\n"
-    with workshop.run(workshop.job(text, nodes, "start,end\n1,3\n2,3\n")) as f:
+    with run_of_a_hung_weight(workshop, "spring_z", "3,0,0,0,1,1,0,-4e3,1e6", "[load]\nsteps = 1\n") as f:
         figure = states(f)
         labels = {line.get_label() for line in figure.axes[0].lines}
         assert {label for label in labels if label[0] != "_"} == {"supports, 2", "springs, 1"}

@@ -1,6 +1,6 @@
 """Columns of numbers, placed in memory so that a step can read and write many of them side by side.
 
-Of places that are alike within a page the first cache holds eight. The step goes through some forty columns
+Of places that are alike within a page the first cache holds eight. The step goes through some fifty columns
 at once. Those of arrays as numpy makes them begin where the number of rows has it: all alike where that is
 near a multiple of 512, and then they push one another out: the step took up to 1.4 times as long.
 """

@@ -207,15 +207,14 @@ class State:
     def copy(self) -> "State":
         """A copy of all arrays."""
         other = object.__new__(State)
-        keep = lambda value: value.copy() if isinstance(value, np.ndarray) else value
-        other.__dict__ = {name: keep(value) for name, value in self.__dict__.items()}
-        for field in fields.FIELDS:
-            array = getattr(self, field.name)
-            if field.entity != "element" and array is not None:
-                mine = self._zeros(field, len(self.x))
-                mine[:] = array
-                setattr(other, field.name, mine)
-        other._tuples = {}
+        other.__dict__ = self.__dict__ | {"_tuples": {}}
+        in_columns = {field.name: field for field in fields.FIELDS if field.entity != "element"}
+        for name, value in self.__dict__.items():
+            if isinstance(value, np.ndarray):
+                field = in_columns.get(name)
+                mine = np.empty_like(value) if field is None else self._zeros(field, len(self.x))
+                mine[:] = value
+                setattr(other, name, mine)
         return other
 
 

@@ -111,7 +111,7 @@ def load_notes(job: Job) -> list[str]:
 
 def table_notes(job: Job, coefficient: np.ndarray | None, measured, cases: dict) -> list[str]:
     """Notes on tables of wind and pressure, of a size that no roof has; arguments as of `layout.Layout`."""
-    of = {key: row for row in LOADS if (key := row[1])}
+    of = {row[1]: row for row in LOADS}
     largest = lambda values: float(np.abs(values).max())
     found = []
     if job.wind and job.wind.sectors:
