@@ -12,6 +12,7 @@ PACKAGE = ROOT / "src" / "netfall"
 
 # Room (a folder with all below it) -> what it may import besides the ground, the numerics and itself.
 GROUND = ["ground", "numerics"]
+LAW = ["mechanics.law.limits", "mechanics.law.measures"]  # of arrays, without kernels
 MAY_IMPORT = {
     "ground": [],
     "numerics": [],
@@ -42,15 +43,15 @@ MAY_IMPORT = {
         *("job", "net", "roof", "wind", "mechanics", "parallel", "equilibrium", "model", "record", "write"),
         *("step", "stages", "erection", "messages", "results", "plots.job", "__main__"),
     ],
-    "results": ["job", "mechanics.material", "record.columns"],
-    "checks": ["job", "mechanics.material", "results"],
+    "results": ["job", *LAW, "record.columns"],
+    "checks": ["job", *LAW, "results"],
     "plots": ["job.table", "net", "roof", "write.locks", "results", "checks", "study.answers"],
     "view": ["write.locks", "results", "checks", "plots", "study.answers", "study.files"],
     "report": ["job.table", "roof", "write.locks", "results", "checks", "plots"],
     "study": ["job", "net", "write.locks", "results"],
     "measure": ["job", "write.locks", "results", "study", "plots.canvas"],
     "api": ["job", "parallel.agree", "results", "program.run"],
-    "exchange": ["job", "net.parts", "mechanics.material", "write.locks", "results", "plots"],
+    "exchange": ["job", "net.parts", *LAW, "write.locks", "results", "plots"],
     "cli": [
         *("job", "net", "parallel", "program", "results", "checks", "plots", "report", "study", "measure"),
         *("view", "exchange"),

@@ -10,7 +10,8 @@ from test_python import cross
 
 import netfall
 from netfall.mechanics.fields import Elements
-from netfall.mechanics.material import Law, axial_force, stored_energy, strain, yield_energy
+from netfall.mechanics.law.element import axial_force, stored_energy, strain, yield_energy
+from netfall.mechanics.law.law import Law
 from netfall.results.notes import motion_notes_of
 
 EA, YIELD = 1000.0, 10.0  # N; yield strain 0.01

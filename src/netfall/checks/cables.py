@@ -7,7 +7,8 @@ import numpy as np
 from netfall.checks.buckling import bar_columns, moment_columns, strengths_of_bars
 from netfall.checks.codes import IN_TENSION, Check
 from netfall.checks.counted import counted, places_of, stage_kinds, unborne_of
-from netfall.mechanics.material import REACHED, stretched_length, warm_length
+from netfall.mechanics.law.limits import REACHED
+from netfall.mechanics.law.measures import stretched_length, warm_length
 from netfall.results import states
 from netfall.results.losses import broken_at, largest_factor, lost_at
 
@@ -97,8 +98,8 @@ def check_elements(f, checks: list[Check], resistance: dict, envelope: states.En
         each.name: np.where(none[each.compression], np.nan, force[each.name] / resistance[each.name])
         for each in checks
     }
-    strong, euler = states.caps_of(f)
-    most = {False: strong, True: np.minimum(strong, euler)}
+    caps = states.caps_of(f)
+    most = {False: caps.yielding, True: np.minimum(caps.yielding, caps.buckling)}
     moving = np.array([name == states.MOTION for name in envelope.names])
     moved = ~np.isnan(broken_at(f)) | states.yielded_in(f)  # between rows of the history too
     fails = {}
@@ -106,7 +107,7 @@ def check_elements(f, checks: list[Check], resistance: dict, envelope: states.En
         at_most = force[each.name] >= REACHED * most[each.compression]
         beyond = (used[each.name] > 1.0) | at_most | (moved & (stages[each.name] & moving).any())
         fails[each.name] = np.isfinite(used[each.name]) & beyond
-    moment = moment_columns(f).get("bending_moment_max", np.full(len(strong), np.nan))
+    moment = moment_columns(f).get("bending_moment_max", np.full(len(caps.yielding), np.nan))
     unborne = {name: unborne_of(f, places_of(envelope, which)) for name, which in stages.items()}
     return Checked(checks, resistance, used, force, of, fails, unborne, np.isfinite(moment))
 

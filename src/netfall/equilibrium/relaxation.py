@@ -19,7 +19,7 @@ from netfall.ground.errors import DivergedError
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.mechanics.bending import add_bending_forces, add_joint_bounds
 from netfall.mechanics.elements import add_element_forces, geometric_stiffness, nodal_stiffness
-from netfall.mechanics.material import largest_stiffness
+from netfall.mechanics.law.measures import largest_stiffness
 from netfall.mechanics.state import State
 from netfall.mechanics.supports import add_springs, keep_on_guides, largest_springs
 from netfall.parallel.halo import Halo

@@ -12,7 +12,7 @@ from netfall.ground.stop import StopRequest
 from netfall.job.asks import own_weight
 from netfall.mechanics.bending import add_bending_forces
 from netfall.mechanics.fields import TAKEN_OUT
-from netfall.mechanics.material import warm_length
+from netfall.mechanics.law.measures import warm_length
 from netfall.mechanics.slip.law import set_strands
 from netfall.net.turned import held_along, on_held, turned_column
 from netfall.numerics.functions import lengths

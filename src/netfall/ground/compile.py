@@ -28,6 +28,7 @@ from netfall.ground.quicker import quicken
 
 KEPT_DAYS = 30  # of compiled code that these sources did not make; a run of theirs may still be going on
 PACKAGE = Path(__file__).parents[1]
+MECHANICS = PACKAGE / "mechanics"  # whose files have constants of kernels
 
 
 def _choose_cache() -> str:
@@ -37,7 +38,7 @@ def _choose_cache() -> str:
     change in another file. So the folder's name covers every file that has kernels, or constants of theirs.
     """
     files = [(path, path.read_bytes()) for path in _sources()]
-    compiled = b"".join(text for path, text in files if b"kernel" in text or path.parent.name == "mechanics")
+    compiled = b"".join(text for path, text in files if b"kernel" in text or MECHANICS in path.parents)
     parent = Path(numba.config.CACHE_DIR or PACKAGE / "__pycache__")
     folder = parent / f"netfall-{hashlib.sha256(compiled).hexdigest()[:16]}"
     try:

@@ -9,14 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.ground.compile import inner_kernel, kernel, part_of_kernel
-from netfall.mechanics.material import (
-    TINY,
-    axial_force,
-    stored_energy,
-    strain,
-    tangent_stiffness,
-    yield_energy,
-)
+from netfall.mechanics.law.element import axial_force, stored_energy, strain, tangent_stiffness, yield_energy
+from netfall.mechanics.law.slot import TINY
 
 
 class ElementState(NamedTuple):

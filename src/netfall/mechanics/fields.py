@@ -196,7 +196,7 @@ class Features:
     wind: bool = False
     air: bool = False  # air damping
     air_mass: bool = False
-    band: tuple[float, ...] = ()  # `material.band_branches` of the damping over a band
+    band: tuple[float, ...] = ()  # `law.branches.band_branches` of the damping over a band
     tapped: bool = False  # the wind is given as pressures in time, which are not squared
     varying: bool = False  # forces besides the wind that vary in time
     strain: str = "engineering"  # its measure

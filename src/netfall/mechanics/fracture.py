@@ -29,7 +29,7 @@ from netfall.ground.compile import inner_kernel, kernel
 from netfall.mechanics.air import damped_mass, lose_air
 from netfall.mechanics.events import Events, add_event
 from netfall.mechanics.fields import Particles
-from netfall.mechanics.material import energies_at, length_at, strain
+from netfall.mechanics.law.element import energies_at, length_at, strain
 from netfall.mechanics.motion import inverse_mass
 from netfall.mechanics.stability import ROUNDING, fragment_mass
 

@@ -10,7 +10,7 @@ from netfall.ground.columns import columns, vectors
 from netfall.mechanics import fields
 from netfall.mechanics.bending import Joints, joint_moments
 from netfall.mechanics.elements import ElementState, element_state
-from netfall.mechanics.material import Law, law_of, reaches
+from netfall.mechanics.law.law import Law, law_of, reaches
 
 FEWEST_SPARE = 64  # rows for particles that may split off, made at once
 STEP_ALONE = ("lost", "highest", "lowest", "yield_strain", "eps_u", "eps_c", "reach", "pending", "breaks")

@@ -10,7 +10,8 @@ from netfall.job.job import Job
 from netfall.job.values import listed
 from netfall.mechanics.events import EventLog
 from netfall.mechanics.fields import Features
-from netfall.mechanics.material import REACHED, stiffening, strength_of
+from netfall.mechanics.law.branches import stiffening
+from netfall.mechanics.law.limits import REACHED, strength_of
 from netfall.mechanics.stability import Limit
 from netfall.messages.slip import inertia_line, slip_lines
 from netfall.messages.wind import wind_notes
@@ -77,7 +78,7 @@ def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path
         notes = _overloads(model, desk.log, envelope["tension"])
         pressed = -envelope["tension"][:, 2]
     ids = model.net.element_id
-    buckled, beyond = pressed >= REACHED * model.euler, pressed > model.euler_of_straight
+    buckled, beyond = pressed >= REACHED * model.caps.buckling, pressed > model.caps.straight
     for note in motion_notes(ids[buckled], ids[beyond], ids[plastic]) + notes:
         desk.progress.say(note)
     for note in _strain_notes(scene.model, *strained):

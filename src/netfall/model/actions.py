@@ -12,7 +12,7 @@ import numpy as np
 from netfall.job.cases import factor_of
 from netfall.job.job import Job
 from netfall.job.schema import defaults
-from netfall.mechanics.material import unstressed_length, warm_length
+from netfall.mechanics.law.measures import unstressed_length, warm_length
 from netfall.model.loads import dead_load, live_load, of_case
 from netfall.model.model import Model
 from netfall.numerics.functions import lengths

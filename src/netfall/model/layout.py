@@ -11,7 +11,7 @@ from netfall.job.asks import air_damps, air_moves, moves_supports, varies
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
 from netfall.mechanics.fields import Features
-from netfall.mechanics.material import band_branches
+from netfall.mechanics.law.branches import band_branches
 from netfall.model.cases import Inputs, read_cases
 from netfall.model.idle import idle_zones, without_effect
 from netfall.model.loads import shape_coefficients

@@ -13,7 +13,8 @@ from netfall.job import asks
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, Memory, key_of
 from netfall.mechanics.bending import Joints, curvatures
-from netfall.mechanics.material import elastic_forces, unstressed_length
+from netfall.mechanics.law.limits import Caps, caps_of
+from netfall.mechanics.law.measures import elastic_forces, unstressed_length
 from netfall.mechanics.stability import scaled_mass
 from netfall.model.air import damping_air, kappa_area, moving_air
 from netfall.model.idle import bare_zones
@@ -108,23 +109,15 @@ class Model:
         return self.net.fracture_strain
 
     @property
-    def euler(self) -> np.ndarray:
-        """(m,) [N], compression at which bars buckle, less than their yield force; inf: they do not."""
-        if self.net.buckling is None:
-            return np.full(self.net.m, np.inf)
-        load = np.where(self.net.buckling, euler_load(self.net, self.cut_length), np.inf)
-        return np.where(load < self.net.yield_force, load, np.inf)
+    def caps(self) -> Caps:
+        """Forces at which elements yield and buckle, and beyond which bars should."""
+        net = self.net
+        return caps_of(net.yield_force, euler_load(net, self.cut_length), net.buckling, net.bending)
 
     @property
-    def euler_of_straight(self) -> np.ndarray:
-        """(m,) [N], Euler's load of bars that bear more; inf: they buckle, bend, or have no second moment."""
-        net, load = self.net, np.full(self.net.m, np.inf)
-        if net.second_moment is not None:
-            straight = np.isfinite(net.second_moment)
-            for other in (net.buckling, net.bending):
-                straight &= True if other is None else ~other
-            load[straight] = euler_load(net, self.cut_length)[straight]
-        return load
+    def euler(self) -> np.ndarray:
+        """(m,) [N], compression at which bars buckle; inf: they do not."""
+        return self.caps.buckling
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from netfall.ground.errors import InputError
 from netfall.job.job import Job
 from netfall.mechanics.bending import add_joint_bounds
 from netfall.mechanics.fields import Features
-from netfall.mechanics.material import stiffening
+from netfall.mechanics.law.branches import stiffening
 from netfall.mechanics.slip.motion import STEP
 from netfall.mechanics.stability import Limit, after_fracture_limit, any_shape_limits
 from netfall.model.model import Model

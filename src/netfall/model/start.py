@@ -5,7 +5,8 @@ import numpy as np
 from netfall.ground.errors import InputError
 from netfall.job.job import Job
 from netfall.job.values import counted, shown
-from netfall.mechanics.material import exceeds_stiffness, strains
+from netfall.mechanics.law.limits import caps_of
+from netfall.mechanics.law.measures import exceeds_stiffness, strains
 from netfall.net.bars import euler_load
 from netfall.net.net import GRAVITY, Net
 from netfall.numerics.functions import lengths
@@ -295,7 +296,7 @@ def _buckling(net: Net, N: np.ndarray) -> list[str]:
 def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
     """Axial forces N (m,) [N] at lengths L (m,) [m] that no element can have. Raises InputError."""
     yield_force, EA = net.yield_force, net.EA
-    euler = np.inf if net.buckling is None else np.where(net.buckling, euler_load(net, L), np.inf)
+    euler = caps_of(yield_force, euler_load(net, L), net.buckling, net.bending).buckling
     at_start = lambda e: f"its axial force is {N[e]:.4g} N in the initial state"
     checks = (
         (

@@ -7,7 +7,7 @@ import numpy as np
 from netfall.ground.compile import kernel, part_of_kernel
 from netfall.mechanics.bending import JointTangent
 from netfall.mechanics.elements import element_tangents, nodal_stiffness
-from netfall.mechanics.material import largest_stiffness
+from netfall.mechanics.law.measures import largest_stiffness
 from netfall.mechanics.state import State
 from netfall.mechanics.supports import largest_springs
 from netfall.multigrid.joints import joint_tangent, with_joints

@@ -40,6 +40,8 @@ def buckling_lengths(net: Net, L0: np.ndarray) -> np.ndarray:
 
 def euler_load(net: Net, L0: np.ndarray) -> np.ndarray:
     """Euler's load (m,) [N] of bars of unstressed lengths L0 (m,) [m]; nan: without a second moment."""
+    if net.second_moment is None:
+        return np.full(net.m, np.nan)
     return np.pi**2 * net.modulus * net.second_moment / buckling_lengths(net, L0) ** 2
 
 

@@ -17,7 +17,7 @@ from netfall.ground.timings import Phases
 from netfall.job.asks import carries_permanent
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
-from netfall.mechanics.material import warm_length
+from netfall.mechanics.law.measures import warm_length
 from netfall.mechanics.slip.law import set_strands
 from netfall.mechanics.stability import Limit
 from netfall.model.layout import Layout, features_of, layout_digest, make_layout

@@ -6,7 +6,7 @@ from mpi4py import MPI
 from netfall.job.asks import has_second_moments
 from netfall.job.job import Job
 from netfall.mechanics.bending import joint_moments
-from netfall.mechanics.material import REACHED
+from netfall.mechanics.law.limits import REACHED
 from netfall.mechanics.state import State
 from netfall.mechanics.supports import keep_on_guides, spring_forces
 from netfall.model.model import Model
@@ -64,7 +64,7 @@ def beyond_euler(
         return {}
     N, beyond = distribution.gather_elements(N, state.owned.astype(bool)), []
     if model is not None:
-        beyond = np.flatnonzero(-N > model.euler_of_straight).tolist()
+        beyond = np.flatnonzero(-N > model.caps.straight).tolist()
     beyond = tuple(comm.bcast(beyond))
     return {"beyond_euler": beyond} if beyond else {}
 

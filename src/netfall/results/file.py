@@ -10,7 +10,7 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.job.job import tables_of
-from netfall.mechanics.material import strength_of
+from netfall.mechanics.law.limits import strength_of
 from netfall.numerics.functions import lengths
 from netfall.results.form_lines import form_lines, loose_notes, self_stress_lines
 from netfall.results.losses import broken_at

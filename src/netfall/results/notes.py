@@ -3,7 +3,7 @@
 import numpy as np
 
 from netfall.job.values import counted
-from netfall.mechanics.material import REACHED
+from netfall.mechanics.law.limits import REACHED
 from netfall.numerics.functions import lengths
 from netfall.results import states
 
@@ -117,8 +117,8 @@ def motion_notes(buckled: np.ndarray, beyond: np.ndarray, yielded: np.ndarray) -
 def motion_notes_of(f) -> list[str]:
     """`motion_notes` on a result with a motion."""
     ids, lowest = f["net/element_id"][:], f["envelope/tension_min"][:]
-    buckled = -lowest >= REACHED * states.caps_of(f)[1]
-    beyond = -lowest > states.euler_of_straight(f)
+    caps = states.caps_of(f)
+    buckled, beyond = -lowest >= REACHED * caps.buckling, -lowest > caps.straight
     return motion_notes(ids[buckled], ids[beyond], ids[states.yielded_in(f)])
 
 

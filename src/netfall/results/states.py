@@ -7,7 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.mechanics.material import elastic_forces, warm_length
+from netfall.mechanics.law import limits
+from netfall.mechanics.law.limits import Caps
+from netfall.mechanics.law.measures import elastic_forces, warm_length
 from netfall.numerics.functions import lengths
 from netfall.numerics.rotation import from_own, to_own
 from netfall.results.datasets import ORDER
@@ -167,26 +169,14 @@ def states_of(f, name: str) -> Iterator[ShownState]:
         yield _state(group, f"{words}, {more}{reached}", name, x, row)
 
 
-def caps_of(f) -> tuple[np.ndarray, np.ndarray]:
-    """Forces (m,) [N] at which elements yield, and at which bars buckle, as drawn; inf: never."""
-    net, never = f["net"], np.full(len(f["net/elements"]), np.inf)
+def caps_of(f) -> Caps:
+    """Forces (m,) [N] at which elements yield and buckle, as drawn, and beyond which bars should."""
+    net, m = f["net"], len(f["net/elements"])
     drawn = net["strength"][:] if "strength" in net else 1.0
-    strong = drawn * net["yield_force"][:] if "yield_force" in net else never
-    if "buckling" not in net:
-        return strong, never
-    buckles = (net["buckling"][:] == 1) & (net["euler_load"][:] < strong)
-    return strong, np.where(buckles, net["euler_load"][:], np.inf)
-
-
-def euler_of_straight(f) -> np.ndarray:
-    """Euler's load (m,) [N] of bars that bear more; inf: they buckle, bend, or have no second moment."""
-    net, load = f["net"], np.full(len(f["net/elements"]), np.inf)
-    if "euler_load" in net:
-        straight = np.isfinite(net["euler_load"][:])
-        for law in ("buckling", "bending"):
-            straight &= net[law][:] == 0 if law in net else True
-        load[straight] = net["euler_load"][:][straight]
-    return load
+    strong = drawn * net["yield_force"][:] if "yield_force" in net else np.full(m, np.inf)
+    load = net["euler_load"][:] if "euler_load" in net else np.full(m, np.nan)
+    laws = (net[law][:] == 1 if law in net else None for law in ("buckling", "bending"))
+    return limits.caps_of(strong, load, *laws)
 
 
 def yielded_in(f) -> np.ndarray:

@@ -18,7 +18,8 @@ from netfall.job.asks import air_moves, has_statics, rests_at_loss
 from netfall.job.job import Job
 from netfall.job.values import listed
 from netfall.mechanics.air import rooted
-from netfall.mechanics.material import band_branches, elastic_stiffness
+from netfall.mechanics.law.branches import band_branches
+from netfall.mechanics.law.measures import elastic_stiffness
 from netfall.model.model import Model
 from netfall.multigrid.joints import joint_tangent, with_joints
 from netfall.multigrid.tangent import block_matrix, incidence_of

@@ -12,7 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.mechanics.air import take_air
-from netfall.mechanics.material import largest_stiffness
+from netfall.mechanics.law.measures import largest_stiffness
 from netfall.mechanics.state import State
 from netfall.model.handover import HandOver
 from netfall.net.net import GRAVITY

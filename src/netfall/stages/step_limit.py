@@ -13,7 +13,8 @@ from mpi4py import MPI
 
 from netfall.mechanics.bending import add_joint_bounds, add_joint_stiffness
 from netfall.mechanics.elements import add_stiffness, geometric_stiffness
-from netfall.mechanics.material import largest_stiffness, stiffening
+from netfall.mechanics.law.branches import stiffening
+from netfall.mechanics.law.measures import largest_stiffness
 from netfall.mechanics.stability import Limit
 from netfall.mechanics.state import State
 from netfall.mechanics.supports import add_between, keep_on_guides, largest_springs

@@ -7,7 +7,7 @@ from netfall.job.asks import carries_weight
 from netfall.mechanics.air import lose_all_wind
 from netfall.mechanics.events import COLUMNS
 from netfall.mechanics.fracture import FractureRules
-from netfall.mechanics.material import stiffening
+from netfall.mechanics.law.branches import stiffening
 from netfall.mechanics.slip.motion import STEP
 from netfall.mechanics.state import State
 from netfall.net.net import GRAVITY

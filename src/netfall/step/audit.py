@@ -16,8 +16,9 @@ from netfall.mechanics.bending import Joints, add_bending_forces, joint_energy
 from netfall.mechanics.elements import ElementState, add_tensions, element_energies, element_state
 from netfall.mechanics.fields import Elements, Particles
 from netfall.mechanics.ground import pull_of_ground, velocity_after, works_of_motion
+from netfall.mechanics.law.branches import add_branches, set_branches
+from netfall.mechanics.law.law import Law
 from netfall.mechanics.loads import external_force, squared_speed, wind_speed
-from netfall.mechanics.material import Law, add_branches, set_branches
 from netfall.mechanics.motion import along_x, along_y, along_z, inverse_mass, kicked, make_kick
 from netfall.mechanics.slip.motion import Places, slip_energies
 from netfall.mechanics.supports import add_springs, on_guide

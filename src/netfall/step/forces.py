@@ -10,8 +10,9 @@ from netfall.ground.compile import kernel_apart, part_of_kernel, vector_kernel
 from netfall.mechanics.air import air_work, damped_mass, with_air
 from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.ground import pull_of_ground, velocity_after, works_of_motion
+from netfall.mechanics.law.branches import density_with_branches
+from netfall.mechanics.law.slot import force_density
 from netfall.mechanics.loads import external_force, squared_speed, wind_speed
-from netfall.mechanics.material import density_with_branches, force_density
 from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
 from netfall.mechanics.supports import on_guide, spring_force, turned_springs
 from netfall.numerics.arithmetic import dot, fused

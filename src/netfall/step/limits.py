@@ -9,7 +9,8 @@ import numpy as np
 
 from netfall.ground.compile import inner_kernel, part_of_kernel, vector_kernel
 from netfall.mechanics.fields import SLOTS
-from netfall.mechanics.material import plastic_strain, squared_length, strain, yield_energy
+from netfall.mechanics.law.element import strain, yield_energy
+from netfall.mechanics.law.slot import plastic_strain, squared_length
 from netfall.numerics.arithmetic import inverse_root
 
 BLOCK = 64  # particles that are passed over at once

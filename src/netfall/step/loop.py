@@ -23,7 +23,7 @@ from netfall.mechanics.air import set_air
 from netfall.mechanics.bending import Bends, find_bending_forces
 from netfall.mechanics.events import StepDone
 from netfall.mechanics.ground import Ground, move_ground, velocity_after
-from netfall.mechanics.material import set_branches
+from netfall.mechanics.law.branches import set_branches
 from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
 from netfall.mechanics.slip.motion import Places, drift_slips, kick_slips
 from netfall.mechanics.supports import on_guide

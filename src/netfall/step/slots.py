@@ -12,7 +12,8 @@ import numpy as np
 
 from netfall.ground.compile import allocating_kernel, inner_kernel, kernel, part_of_kernel
 from netfall.mechanics.fields import EMPTY, SLOTS, fields_of
-from netfall.mechanics.material import squared_length, yield_energy
+from netfall.mechanics.law.element import yield_energy
+from netfall.mechanics.law.slot import squared_length
 from netfall.mechanics.slip.law import slipped_length
 from netfall.mechanics.state import State
 from netfall.numerics.arithmetic import inverse_root

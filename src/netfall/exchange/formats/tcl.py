@@ -8,7 +8,7 @@ import numpy as np
 from netfall.exchange.state import State, form_of, lengths
 from netfall.ground.errors import InputError
 from netfall.job.values import counted
-from netfall.mechanics.material import elastic_forces, unstressed_length
+from netfall.mechanics.law.measures import elastic_forces, unstressed_length
 from netfall.numerics.rotation import directions
 from netfall.results.result import Result
 from netfall.results.states import Springs, springs_of, support_angles

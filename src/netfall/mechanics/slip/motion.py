@@ -22,7 +22,9 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.ground.compile import kernel, part_of_kernel
-from netfall.mechanics.material import TINY, axial_force, largest_stiffness, strain
+from netfall.mechanics.law.element import axial_force, strain
+from netfall.mechanics.law.measures import largest_stiffness
+from netfall.mechanics.law.slot import TINY
 from netfall.mechanics.slip.law import LEAST, angle_between, slip_force, slip_limit
 from netfall.numerics.arithmetic import exponential
 
