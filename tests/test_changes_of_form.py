@@ -520,7 +520,7 @@ def test_gusts_keep_their_variance_between_control_points():
         pressures=None, file=None, direction=20.0, control_points=9, base_height=10.0, speed=30.0,
         profile_exponent=0.0, coherence_decay=(8.0, 10.0, 10.0), time_step=0.5, ar_order=4,
         shape_coefficient=-1.0, air_density=1.25, turbulence=0.2, roughness=0.0, spectrum="kaimal",
-        gust_length="auto",
+        gust_length="auto", gusts="points",
     )  # fmt: skip
     field = make_wind_field(x, np.tile([0.0, 0.0, 1.0], (42, 1)), settings)
     pairs = field.model.covariance[field.corner[:, :, None], field.corner[:, None, :]]

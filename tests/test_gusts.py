@@ -11,9 +11,9 @@ import pytest
 
 from netfall.ground.errors import InputError
 from netfall.job.schema import SECTIONS
-from netfall.wind.autoregressive import GustRecursion, fit_gust_model, root_of
+from netfall.wind.autoregressive import AtPoints, GustRecursion, fit_gust_model, root_of
 from netfall.wind.coherence import along_wind, davenport_coherence
-from netfall.wind.field import make_wind_field
+from netfall.wind.field import interpolated_deviation, load_power, make_wind_field
 from netfall.wind.spectra import KARMAN, SHAPES, gust_of
 
 DECAY = (8.0, 16.0, 10.0)
@@ -35,7 +35,8 @@ def model_of(dt, points=POINTS, **given):
     """The gusts at one point, and their model."""
     wind = settings(**({"speed": 40.0, "turbulence": 0.2} | given))
     gust = gust_of(wind)
-    return gust, fit_gust_model(points, np.full(len(points), wind.speed), gust, DECAY, dt, wind.ar_order)
+    gusts = AtPoints(points, np.full(len(points), wind.speed), DECAY)
+    return gust, fit_gust_model(gusts, gust, dt, wind.ar_order)
 
 
 def cross_spectra(model, dt, n):
@@ -172,6 +173,43 @@ def test_coherence_follows_the_direction(direction):
         ours = (S[:, i, j] / np.sqrt(S[:, i, i] * S[:, j, j])).real
         assert np.abs(ours - asked).max() < 0.1, (i, j, ours, asked)  # fit of the default lags: 0.08
     assert seen == {"along", "across"}
+
+
+@pytest.mark.parametrize("direction", [0.0, 30.0])
+def test_means_load_the_roof_as_its_coherence_does(direction):
+    """By Davenport's formula for each pair of 24 x 24 nodes: the roof as a whole, half a wave, a whole one.
+
+    With gusts of points all of them are too strong, and `load_power` tells by how much.
+    """
+    a, b = (grid.ravel() for grid in np.meshgrid(*(2 * [(np.arange(24) + 0.5) / 24]), indexing="ij"))
+    x, up = np.column_stack([88 * a, 66 * b, 0 * a]), np.tile([0.0, 0, 1], (len(a), 1))
+    common = dict(speed=60.0, turbulence=0.2, direction=direction, shape_coefficient=-1.0)
+    means, points = (make_wind_field(x, up, settings(gusts=g, **common)) for g in ("means", "points"))
+    y, gust = along_wind(x, direction), gust_of(settings(**common))
+    delay = np.hypot(8 * (y[:, :1] - y[:, 0]), 16 * (y[:, 1:2] - y[:, 1])) / 60
+    n = np.geomspace(1e-4, 10, 60)
+    some = [35, 43, 47, 49]  # 0.09 to 1.4 Hz
+    for wave in (
+        np.ones(len(a)),
+        np.sin(np.pi * a) * np.sin(np.pi * b),
+        np.sin(2 * np.pi * a) * np.sin(np.pi * b),
+    ):
+        asked = np.array([wave @ np.exp(-f * delay) @ wave for f in n]) * gust.spectrum(n)
+        at, power = [], []
+        for field in (means, points):
+            load = np.bincount(
+                field.corner.ravel(), (wave[:, None] * field.weight).ravel(), len(field.control_point)
+            )
+            at.append(load @ cross_spectra(field.model, 0.05, n[some]).real @ load / asked[some])
+            power.append(load @ field.model.covariance @ load / np.trapezoid(asked, n))
+        assert power[0] == pytest.approx(1.0, abs=0.06 if direction else 0.02)  # corners without a roof
+        assert power[1] > 1.25 and at[1][3] > 2.5
+        assert at[0] == pytest.approx(np.ones(4), abs=0.18)  # lags miss half octaves by 0.1
+        if wave.all() and not np.ptp(wave):
+            told = load_power(x, points, settings(**common), n, np.eye(len(n))[some])
+            assert told == pytest.approx(at[1], rel=0.18)
+    share = interpolated_deviation(means.corner, means.weight, means.model.covariance) / gust.deviation
+    assert 0.7 < share.min() < share.max() < 1.1
 
 
 def test_direction_is_a_turn_of_the_net():

@@ -14,7 +14,9 @@ from netfall.wind.sectors import Sectors, origin
 from netfall.wind.spectra import intensity
 
 ALIKE = 0.8  # share of letters from which two names of groups may have been meant as one
-OF_GUSTS = ("time_step", "ar_order", "seed", "control_points", "coherence_decay", "spectrum", "gust_length")
+OF_GUSTS = (
+    "time_step", "ar_order", "seed", "control_points", "gusts", "coherence_decay", "spectrum", "gust_length",
+)  # fmt: skip
 
 
 def without_effect(job: Job, net: Net) -> list[str]:

@@ -23,6 +23,7 @@ from netfall.job.values import weighted
 from netfall.numerics.functions import cos, geometric, log, sin
 from netfall.numerics.linear import eliminate, factorised, product, solve_columns
 from netfall.wind.coherence import davenport_coherence
+from netfall.wind.means import together
 from netfall.wind.noise import standard_normal
 from netfall.wind.spectra import Gust
 
@@ -59,22 +60,64 @@ def cosine_weights(n: np.ndarray, lags: np.ndarray, dt: float) -> np.ndarray:
     return weight
 
 
-def covariances(points, mean, gust: Gust, decay, dt, lags) -> np.ndarray:
-    """Covariances R(lag dt) (lags, c, c) of the gusts at points (c, 3) [m], axes of the wind.
+@dataclass(frozen=True)
+class AtPoints:
+    """Gusts at points (c, 3) [m], axes of the wind. mean : (c,) [m/s] there; decay : (Cx, Cy, Cz)"""
 
-    mean : (c,) [m/s]; decay : (Cx, Cy, Cz); lags : ascending from 0 [steps]
+    points: np.ndarray
+    mean: np.ndarray
+    decay: tuple
+
+    def covariances(self, n, weight) -> np.ndarray:
+        """Sums (w, c, c) over frequencies n (f,) [Hz] of their coherence, by weights (w, f)."""
+        points, mean = self.points, self.mean
+        i, j = np.triu_indices(len(points))
+        coherence = davenport_coherence(n, points[i] - points[j], self.decay, 0.5 * (mean[i] + mean[j]))
+        found = np.empty((len(weight), len(i)))
+        product(weight, coherence, found)
+        R = np.empty((len(weight), len(points), len(points)))
+        R[:, i, j] = found
+        R[:, j, i] = R[:, i, j]
+        return R
+
+    def kept(self, n, some) -> np.ndarray:
+        """Share (f,) of the spectrum at frequencies n (f,) that some of them have, mean over these."""
+        return np.ones(len(n))
+
+
+@dataclass(frozen=True)
+class OverAreas:
+    """Means of gusts over the plan around the points of a grid, at one height (`means`).
+
+    along, across : separations (s,) [m] and K (s, k k) of both axes; mean : [m/s]; decay : (Cx, Cy, Cz)
     """
-    n = frequency_nodes(gust, dt)
-    weight = cosine_weights(n, lags, dt) * gust.spectrum(n)
-    i, j = np.triu_indices(len(points))
-    coherence = davenport_coherence(n, points[i] - points[j], decay, 0.5 * (mean[i] + mean[j]))
-    found = np.empty((len(lags), len(i)))
-    product(weight, coherence, found)
-    R = np.empty((len(lags), len(points), len(points)))
-    R[:, i, j] = found
-    R[:, j, i] = R[:, i, j]
-    R[0] += NUGGET * R[0, 0, 0] * np.eye(len(points))
-    return R
+
+    along: tuple
+    across: tuple
+    mean: float
+    decay: tuple
+
+    def covariances(self, n, weight) -> np.ndarray:
+        """As of `AtPoints`."""
+        r = np.empty((len(weight), len(self.along[0]) * len(self.across[0])))
+        product(weight, self._coherence(n), r)
+        return together(r, self.along[1], self.across[1])
+
+    def kept(self, n, some) -> np.ndarray:
+        """As of `AtPoints`."""
+        along, across = self.along[1], self.across[1]
+        k, m = round(along.shape[1] ** 0.5), round(across.shape[1] ** 0.5)
+        i, j = np.divmod(some, m)
+        own = (along[:, None, i * (k + 1)] * across[None, :, j * (m + 1)]).reshape(-1, len(some))
+        found = np.empty((len(n), len(some)))
+        product(self._coherence(n), own, found)
+        return found.mean(1)
+
+    def _coherence(self, n) -> np.ndarray:
+        """Of points apart by each pair of separations (f, s t)."""
+        a, b = np.meshgrid(self.along[0], self.across[0], indexing="ij")
+        apart = np.column_stack([a.ravel(), b.ravel(), np.zeros(a.size)])
+        return davenport_coherence(n, apart, self.decay, np.full(a.size, self.mean))
 
 
 def yule_walker(R: np.ndarray, known: np.ndarray, lags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -160,24 +203,31 @@ class GustModel:
     losses: Losses
 
 
-def fit_gust_model(points, mean, gust: Gust, decay, dt: float, order: int) -> GustModel:
+def covariances(gusts: AtPoints | OverAreas, gust: Gust, dt, lags) -> np.ndarray:
+    """Covariances R(lag dt) (lags, c, c) of the gusts. lags : ascending from 0 [steps]"""
+    n = frequency_nodes(gust, dt)
+    R = gusts.covariances(n, cosine_weights(n, lags, dt) * gust.spectrum(n))
+    R[0] += NUGGET * R[0, 0, 0] * np.eye(R.shape[1])
+    return R
+
+
+def fit_gust_model(gusts: AtPoints | OverAreas, gust: Gust, dt: float, order: int) -> GustModel:
     """Yule-Walker fit of the AR model to a spectrum and Davenport's coherence.
 
-    points : (c, 3) [m] control points, axes of the wind; mean : (c,) [m/s] their mean speeds
-    decay : (Cx, Cy, Cz); dt : [s] time step of the histories; order : number of lags
+    dt : [s] time step of the histories; order : number of lags
     """
     memory = max(2.0, gust.memory / (gust.speed * dt))  # of the gust, in steps
     lags = np.unique(np.round(geometric(1.0, memory, order)).astype(int))
     known = np.unique(np.abs(np.append([0, *lags], lags[:, None] - lags)))
-    R = covariances(points, mean, gust, decay, dt, known)
+    R = covariances(gusts, gust, dt, known)
     psi, sigma = yule_walker(R, known, lags)
-    gain, losses = _judge(R, known, lags, gust, dt)
+    gain, losses = _judge(R, known, lags, gusts, gust, dt)
     root = root_of(gain * sigma).T.copy()  # unique and smooth, so neighbouring speeds have the same gusts
     burn_in = int(np.ceil(BURN_IN * gust.memory / (gust.speed * dt)))
     return GustModel(lags, np.vstack(list(psi.transpose(0, 2, 1))), root, R[0], burn_in, losses)
 
 
-def _judge(R, known, lags, gust: Gust, dt: float) -> tuple[float, Losses]:
+def _judge(R, known, lags, gusts, gust: Gust, dt: float) -> tuple[float, Losses]:
     """The factor on Sigma that gives the variance R(0), and what is lost, by a few of the points."""
     few = np.unique(np.linspace(0, R.shape[1] - 1, SOME_POINTS).astype(int))
     R = R[:, few[:, None], few]
@@ -185,16 +235,24 @@ def _judge(R, known, lags, gust: Gust, dt: float) -> tuple[float, Losses]:
     n = frequency_nodes(gust, dt)[1:]
     ours = model_spectrum(n, lags, psi, sigma, dt)
     variance = np.trapezoid(ours, n) + ours[0] * n[0]
-    gain = R[0, 0, 0] / variance
-    between = (R[0, 0, 0] - R[1, 0, 0]) / (3.0 * R[0, 0, 0])
-    octaves = _half_octaves(n, gust)
-    off = (gain * ours / gust.spectrum(n))[octaves].mean(1) - 1.0
+    own = _own(R[0])
+    gain = own / variance
+    between = (own - _own(R[1])) / (3.0 * own)
+    kept, octaves = gusts.kept(n, few), _half_octaves(n, gust)
+    off = (gain * ours / (gust.spectrum(n) * kept))[octaves].mean(1) - 1.0
     worst, first = int(np.argmax(np.abs(off))), int(octaves[0, 0])
     slow = (np.trapezoid(ours[: first + 1], n[: first + 1]) + ours[0] * n[0]) / variance
     low, misfit, below = float(n[octaves[worst, 0]]), float(off[worst]), float(n[first])
     beyond = gust.share_above(0.5 / dt)
-    asked = (1.0 - gust.share_above(below)) / (1.0 - beyond)
+    spectrum = gust.spectrum(n)
+    kept = float(np.trapezoid(spectrum * kept, n) / np.trapezoid(spectrum, n))
+    asked = (1.0 - gust.share_above(below)) / (1.0 - beyond) / kept
     return gain, Losses(beyond, between, misfit, low, below, float(slow), asked)
+
+
+def _own(R: np.ndarray) -> float:
+    """The mean of the diagonal of R (c, c), which has its bits where all of it is the same."""
+    return R[0, 0] * float(np.mean(np.diagonal(R) / R[0, 0]))
 
 
 def _half_octaves(n, gust: Gust) -> np.ndarray:

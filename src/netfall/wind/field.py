@@ -2,7 +2,8 @@
 
 Histories exist at a few control points only, a grid over the roof in plan, along the wind and across it; a
 particle's gust is interpolated between the four around it. Interpolation between partly correlated points
-would weaken the gust, so its weights are scaled to keep the variance.
+would weaken the gust, so its weights are scaled to keep the variance, and gusts of neighbours are more alike
+than their coherence makes them. Means over the roof around each point (`means`) are interpolated as they are.
 """
 
 from dataclasses import dataclass
@@ -10,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from netfall.ground.compile import kernel
-from netfall.wind.autoregressive import GustModel, GustRecursion, fit_gust_model
+from netfall.wind.autoregressive import AtPoints, GustModel, GustRecursion, OverAreas, fit_gust_model
 from netfall.wind.coherence import along_wind, mean_speed
+from netfall.wind.means import alike
 from netfall.wind.measured import TableHistory, place_weights, read_measured
 from netfall.wind.spectra import gust_of
 from netfall.wind.taps import read_taps
@@ -116,8 +118,12 @@ def make_wind_field(
     gust, model = gust_of(settings), None
     if gust:
         mean, s = profile(points[:, 2]), settings
-        model = fit_gust_model(points, mean, gust, s.coherence_decay, s.time_step, s.ar_order)
-        weight = _keeping_variance(corner, weight, model.covariance / model.covariance[0, 0])
+        at_points = s.gusts == "points"
+        gusts = AtPoints(points, mean, s.coherence_decay) if at_points else _over_areas(y, mean, s)
+        model = fit_gust_model(gusts, gust, s.time_step, s.ar_order)
+        if at_points:
+            correlation = model.covariance / model.covariance[0, 0]
+            weight = weight / interpolated_deviation(corner, weight, correlation)[:, None]
     points = along_wind(points, -settings.direction)  # back to the axes of the net
     return WindField(points, profile(points[:, 2]), model, profile(x[:, 2]), corner, weight, force)
 
@@ -139,11 +145,34 @@ def _measured_field(x, force, settings, places) -> WindField:
     return WindField(places, np.zeros(len(places)), None, np.zeros(rows), corner, weight, force)
 
 
-def _keeping_variance(corner, weight, correlation) -> np.ndarray:
-    """Weights (n, 4) scaled so that gusts between control points have the variance of those at them."""
-    pairs = correlation[corner[:, :, None], corner[:, None, :]]
-    spread = np.sum(weight[:, :, None] * weight[:, None, :] * pairs, axis=(1, 2))
-    return weight / np.sqrt(spread)[:, None]
+def _over_areas(y, mean, settings) -> OverAreas:
+    """The means over the roof of nodes y (n, 3), in axes of the wind, around control points of means (c,)."""
+    lines, low, extent = control_grid(y, settings.control_points), y.min(0), np.ptp(y, axis=0)
+    along, across = (alike(line, low[k], extent[k]) for k, line in enumerate(lines))
+    return OverAreas(along, across, float(mean.mean()), settings.coherence_decay)
+
+
+def load_power(x: np.ndarray, field: WindField, settings, n: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Power (w,) of the load on all nodes x (n, 3) over what the coherence makes of it; of gusts at points.
+
+    n : (f,) [Hz] frequencies; weight : (w, f), of each of them in a sum
+    """
+    y, points = (along_wind(place, settings.direction) for place in (x, field.control_point))
+    each = np.sqrt(np.sum(field.force**2, axis=1)) * field.mean
+    plain = field.weight / field.weight.sum(1)[:, None]
+
+    def power(gusts, weights):
+        load = np.bincount(field.corner.ravel(), (each[:, None] * weights).ravel(), len(points))
+        return load @ gusts.covariances(n, weight) @ load
+
+    at_points = AtPoints(points, field.control_mean, settings.coherence_decay)
+    return power(at_points, field.weight) / power(_over_areas(y, field.control_mean, settings), plain)
+
+
+def interpolated_deviation(corner, weight, covariance) -> np.ndarray:
+    """Standard deviation (n,) of what weights (n, 4) make of control points with a covariance (c, c)."""
+    pairs = covariance[corner[:, :, None], corner[:, None, :]]
+    return np.sqrt(np.sum(weight[:, :, None] * weight[:, None, :] * pairs, axis=(1, 2)))
 
 
 def _bilinear(x, gx, gy):
